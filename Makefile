@@ -1,0 +1,81 @@
+# Everything a person does here, one target each; `make` alone lists them.
+.DEFAULT_GOAL := help
+.DELETE_ON_ERROR:
+MAKEFLAGS += --no-print-directory
+
+VENV := .venv
+BIN := $(VENV)/bin
+PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check
+
+# `make app ADDRESS=0.0.0.0` lets other machines in; without PORT the first free one from 8501 on.
+LISTEN = $(if $(ADDRESS),--server.address=$(ADDRESS)) $(if $(PORT),--server.port=$(PORT))
+
+# One test process a core; each keeps its linear algebra to one thread.
+WORKERS ?= 2
+
+.PHONY: help
+help:  ## show this list
+	@echo "accpinn: learn the parameters of adaptive cruise control from recordings"
+	@echo
+	@grep -hE '^[a-z]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | \
+	    awk -F '\t' '{ printf "  make %-9s %s\n", $$1, $$2 }'
+
+.PHONY: app
+app: $(VENV)/app.stamp  ## install what is missing, start the app and print its address
+	@echo "Starting the app; stop it with Ctrl+C."
+	@$(BIN)/python -m streamlit run app.py $(LISTEN)
+
+.PHONY: test
+test: $(VENV)/dev.stamp  ## run all tests (real recordings: set OPENACC_DIR; browser: needs Chromium)
+	@OMP_NUM_THREADS=1 $(BIN)/python -m pytest -q -n $(WORKERS) --dist loadfile --durations=10 $(ARGS)
+
+.PHONY: check
+check: $(VENV)/dev.stamp  ## lint, formatting and types
+	@$(BIN)/ruff check .
+	@$(BIN)/ruff format --check .
+	@$(BIN)/mypy
+
+.PHONY: format
+format: $(VENV)/dev.stamp  ## format the code and mend what the linter can
+	@$(BIN)/ruff check --fix .
+	@$(BIN)/ruff format .
+
+.PHONY: bench
+bench: $(VENV)/app.stamp  ## time the paper's recipe beside ours (needs OPENACC_DIR)
+	@$(BIN)/python -m bench $(ARGS)
+
+.PHONY: samples
+samples: $(VENV)/app.stamp  ## write sample_data again from its published parameters
+	@$(BIN)/python -m accpinn.synthetic sample_data
+
+.PHONY: clean
+clean:  ## remove .venv and everything the tools left behind
+	@rm -rf $(VENV) .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	@find . -name __pycache__ -type d -prune -exec rm -rf {} +
+
+# A stamp is younger than its list of packages exactly when they are installed.
+$(VENV)/app.stamp: requirements.txt | $(BIN)/python
+	@echo "Installing the app's packages into $(VENV) (the first time takes some minutes) ..."
+	@$(PIP) -r requirements.txt
+	@touch $@
+
+$(VENV)/dev.stamp: requirements-dev.txt $(VENV)/app.stamp
+	@echo "Installing the packages for tests and checks into $(VENV) ..."
+	@$(PIP) -r requirements-dev.txt
+	@touch $@
+
+# `python3` first, as it is what the machine's owner chose.
+$(BIN)/python:
+	@for python in $(PYTHON) python3 python3.13 python3.12 python3.11; do \
+	    if $$python -c 'import sys; sys.exit(sys.version_info < (3, 11))' 2>/dev/null; then \
+	        echo "Making $(VENV) with $$($$python --version) ..."; \
+	        $$python -m venv $(VENV) && exit 0; \
+	        rm -rf $(VENV); \
+	        echo "$(VENV): Python could not make it; install Python's venv module" \
+	            "(on Debian and Ubuntu the package python3-venv)." >&2; \
+	        exit 1; \
+	    fi; \
+	done; \
+	echo "Python: 3.11 or newer is needed and was not found; install it, or name it with" \
+	    "'make PYTHON=/path/to/python3.11 $(MAKECMDGOALS)'." >&2; \
+	exit 1

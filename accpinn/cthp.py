@@ -1,0 +1,152 @@
+"""The constant time-headway policy (CTHP), the law every method of this package estimates.
+
+Vehicle i follows vehicle i-1; p_i is the space-gap [m], v_i the speed [m/s], Δv_i = v_{i-1} - v_i:
+
+    dp_i/dt = Δv_i
+    dv_i/dt = α_i (p_i - τ_i v_i) + β_i Δv_i        α [1/s²], β [1/s], τ [s]
+
+It is linear in θ = (α, c, β) with c = ατ: dv/dt = α p - c v + β Δv. The rational driving
+constraints are α ≥ 0, c ≥ 0, β ≥ 0 (Wilson and Ward 2011).
+
+Source: Apostolakis and Ampountolas, IEEE Transactions on Vehicular Technology, 2024, section III.
+"""
+
+from dataclasses import dataclass
+from itertools import combinations
+from typing import Self
+
+import numpy as np
+from scipy.linalg import expm
+
+from accpinn.units import FloatArray, PerSecond, PerSecondSquared, Seconds, frozen
+
+LINEAR_NAMES = ("α", "ατ", "β")
+"""The quantities the law is linear in, in the order every θ of this package has them."""
+
+
+@dataclass(frozen=True)
+class Parameters:
+    """The law's three parameters for one follower."""
+
+    alpha: PerSecondSquared
+    """Gain on the spacing error p - τv."""
+    beta: PerSecond
+    """Gain on the relative speed Δv."""
+    tau: Seconds
+    """Desired time headway; nan where α = 0, as the data then say nothing about it."""
+
+    @classmethod
+    def from_linear(cls, theta: FloatArray) -> Self:
+        """Parameters of θ = (α, ατ, β)."""
+        alpha, alpha_tau, beta = (float(value) for value in theta)
+        return cls(alpha, beta, alpha_tau / alpha if alpha else float("nan"))
+
+    def linear(self) -> FloatArray:
+        """θ = (α, ατ, β), shape (3,)."""
+        return np.array([self.alpha, self.alpha * self.tau, self.beta])
+
+
+def regressors(speeds: FloatArray, gaps: FloatArray) -> FloatArray:
+    """What multiplies θ in dv/dt, per follower.
+
+    Args:
+        speeds: (N, M+1) in m/s, leader first.
+        gaps: (N, M) in m.
+
+    Returns:
+        (M, N, 3): the columns p, -v, Δv of each follower.
+    """
+    follower = speeds[:, 1:]
+    return np.stack([gaps, -follower, speeds[:, :-1] - follower], axis=-1).transpose(1, 0, 2)
+
+
+@dataclass(frozen=True, eq=False)
+class LinearSolution:
+    """The least-squares θ within the rational driving constraints, and without them."""
+
+    theta: FloatArray
+    """(3,): the solution with α, ατ, β ≥ 0."""
+    unconstrained: FloatArray
+    """(3,): the solution that ignores the bounds."""
+    active: tuple[str, ...]
+    """Which of α, ατ, β stand at zero because of the bounds."""
+
+
+def solve_linear(gram: FloatArray, moment: FloatArray) -> LinearSolution:
+    """Minimise θᵀGθ - 2mᵀθ over θ ≥ 0 exactly.
+
+    With three unknowns every active set can be tried, so the answer is the global optimum.
+
+    Args:
+        gram: (3, 3), symmetric positive semi-definite.
+        moment: (3,).
+    """
+    unconstrained = frozen(np.linalg.lstsq(gram, moment, rcond=None)[0])
+    if (unconstrained >= 0).all():
+        return LinearSolution(unconstrained, unconstrained, ())
+    best, best_cost = np.zeros(3), 0.0
+    active: tuple[str, ...] = LINEAR_NAMES
+    for size in (1, 2):
+        for free in combinations(range(3), size):
+            index = list(free)
+            part = np.linalg.lstsq(gram[np.ix_(index, index)], moment[index], rcond=None)[0]
+            cost = float(-part @ moment[index])
+            if (part >= 0).all() and cost < best_cost:
+                best, best_cost = np.zeros(3), cost
+                best[index] = part
+                active = tuple(name for i, name in enumerate(LINEAR_NAMES) if i not in free)
+    return LinearSolution(frozen(best), unconstrained, active)
+
+
+@dataclass(frozen=True, eq=False)
+class Trajectories:
+    """Speeds and space-gaps of a platoon over time."""
+
+    time: FloatArray
+    """(N,) in s."""
+    speeds: FloatArray
+    """(N, M+1) in m/s, leader first."""
+    gaps: FloatArray
+    """(N, M) in m."""
+
+
+def simulate(
+    parameters: tuple[Parameters, ...],
+    time: FloatArray,
+    leader_speed: FloatArray,
+    initial_speeds: FloatArray,
+    initial_gaps: FloatArray,
+) -> Trajectories:
+    """The platoon in closed loop: only the leader's speed is given, all else is integrated.
+
+    The system is linear and the leader's speed is taken as straight between samples, so each
+    step is exact (first-order hold, matrix exponential) and the result has no step-size error.
+
+    Args:
+        parameters: one entry a follower, M of them.
+        time: (N,) in s, evenly spaced.
+        leader_speed: (N,) in m/s.
+        initial_speeds: (M,) in m/s, the followers' speeds at the first instant.
+        initial_gaps: (M,) in m.
+    """
+    step = (time[-1] - time[0]) / (len(time) - 1)
+    ahead = np.asarray(leader_speed, float)
+    speeds, gaps = [ahead], []
+    for law, speed, gap in zip(parameters, initial_speeds, initial_gaps, strict=True):
+        alpha, alpha_tau, beta = law.linear()
+        # State (p, v), input u and its slope: the block exponential gives the exact step.
+        system = np.zeros((4, 4))
+        system[:2, :2] = [[0.0, -1.0], [alpha, -alpha_tau - beta]]
+        system[:2, 2] = [1.0, beta]
+        system[2, 3] = 1.0
+        block = expm(system * step)
+        transition, hold, ramp = block[:2, :2], block[:2, 2], block[:2, 3]
+        forcing = np.outer(ahead[:-1], hold) + np.outer(np.diff(ahead) / step, ramp)
+        state = np.empty((len(time), 2))
+        state[0] = gap, speed
+        for k, force in enumerate(forcing):
+            state[k + 1] = transition @ state[k] + force
+        gaps.append(state[:, 0])
+        ahead = state[:, 1]
+        speeds.append(ahead)
+    return Trajectories(np.asarray(time, float), np.stack(speeds, 1), np.stack(gaps, 1))

@@ -1,0 +1,106 @@
+"""What every estimation method returns: one `Fit`, read by pages, command line and snapshots."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from enum import Enum
+from typing import Any, Literal
+
+import numpy as np
+
+from accpinn.cthp import Parameters, Trajectories
+from accpinn.units import FloatArray, Seconds
+
+Case = Literal["I", "II"]
+"""Case I: one parameter set for the platoon. Case II: one per follower."""
+
+
+class Outcome(Enum):
+    """How an estimation ended, as the sentence the user reads."""
+
+    SOLVED = "Solved: the estimate is the exact optimum of its criterion."
+    SETTLED = "Settled: the parameters no longer move, so training ended early."
+    FINISHED = "Finished: all planned iterations were run."
+    STOPPED = (
+        "Stopped by the user: the parameters are those of the last iteration; continue to go on."
+    )
+    DIVERGED = (
+        "Diverged: the loss is no longer finite; lower the learning rate, or start from other"
+        " initial values."
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class History:
+    """How loss and parameters moved; K kept entries, oldest first."""
+
+    iteration: FloatArray
+    """(K,)"""
+    seconds: FloatArray
+    """(K,) since training began, without pauses."""
+    total: FloatArray
+    """(K,) Ψ, the weighted sum of the terms below."""
+    data: FloatArray
+    """(K,) Ψ_D."""
+    physics: FloatArray
+    """(K,) Ψ_F."""
+    initial: FloatArray
+    """(K,) Ψ_R, zero where the term is not used."""
+    parameters: FloatArray
+    """(K, P, 3): α, β, τ; P = 1 in Case I, M in Case II."""
+
+
+@dataclass(frozen=True, eq=False)
+class Progress:
+    """One moment of a running estimation, handed to whoever watches."""
+
+    phase: str
+    """What runs: "start", "Adam", "L-BFGS", ..."""
+    iteration: int
+    iterations: int
+    """How many are planned at most."""
+    seconds: Seconds
+    total: float
+    data: float
+    physics: float
+    initial: float
+    parameters: FloatArray
+    """(P, 3): α, β, τ."""
+
+
+OnProgress = Callable[[Progress], None]
+ShouldStop = Callable[[], bool]
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """The learned parameters of a segment, and how they came about."""
+
+    method: str
+    case: Case
+    parameters: tuple[Parameters, ...]
+    """One entry a follower, also in Case I, where all are the same."""
+    surrogate: Trajectories | None
+    """What the method takes the true motion to be, on the segment's instants."""
+    outcome: Outcome
+    seconds: Seconds
+    """Time the estimation took; unchanged when the result comes from the cache."""
+    config: dict[str, Any]
+    """Every setting that determined the result, ready for JSON."""
+    loss: dict[str, float] = field(default_factory=dict)
+    """"total", "data", "physics", and for a network also "initial" and what it started from."""
+    unconstrained: tuple[Parameters, ...] = ()
+    """The optimum without the rational driving constraints; as `parameters` when none binds."""
+    active_bounds: tuple[tuple[str, ...], ...] = ()
+    """Per follower, which of α, ατ, β stand at zero only because of the constraints."""
+    history: History | None = None
+    iterations: int = 0
+    network_weights: int = 0
+    cached: bool = False
+    notes: tuple[str, ...] = ()
+    """What the user should know about this result, in plain sentences."""
+    arrays: dict[str, FloatArray] = field(default_factory=dict)
+    """The method's own state by name (a network's weights), enough to continue or to share."""
+
+    def table(self) -> FloatArray:
+        """(M, 3): α, β, τ per follower."""
+        return np.array([[p.alpha, p.beta, p.tau] for p in self.parameters])
