@@ -1,0 +1,17 @@
+"""What went wrong with something the user gave, as one sentence: the place, the fault, the cure."""
+
+
+class AccpinnError(Exception):
+    """Anything wrong with data, files or settings; its message is shown to the user verbatim."""
+
+
+class RecordingError(AccpinnError):
+    """A file that cannot be read as an OpenACC recording."""
+
+
+class SegmentError(AccpinnError):
+    """A choice of window and vehicles that the recording cannot serve."""
+
+
+class ConfigError(AccpinnError):
+    """A training setting outside its range, or settings that contradict each other."""

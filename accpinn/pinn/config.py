@@ -1,0 +1,112 @@
+"""Every setting of the PiNN, and the two presets: `paper` (faithful) and `fast` (default)."""
+
+from dataclasses import asdict, dataclass, replace
+from math import isfinite
+from typing import Any, Literal
+
+from accpinn.errors import ConfigError
+
+METHOD_VERSION = 1
+"""Raised whenever a change of the method changes its numbers; cached results then expire."""
+
+PresetName = Literal["fast", "paper"]
+
+TABLE_I_STARTS = 5
+"""The paper's Table I trains from five initial values of (α, β, τ)."""
+
+
+@dataclass(frozen=True)
+class PinnConfig:
+    """What determines a training, and nothing else: equal configs give equal results."""
+
+    preset: PresetName = "fast"
+    """Which training recipe runs."""
+    iterations: int = 600
+    """Adam iterations at most; `fast` ends earlier once the parameters have settled."""
+    seed: int = 0
+    """Of the network's initial weights, the minibatches and the train/test split."""
+    initial: tuple[float, float, float] = (1.0, 1.0, 1.0)
+    """α [1/s²], β [1/s], τ [s] before the first iteration; the paper's notebooks start at ones."""
+    weight_physics: tuple[float, float] = (1.0, 1.0)
+    """Q: weights of the squared residuals of dp/dt and dv/dt in Ψ_F."""
+    weight_initial: float = 0.0
+    """R: weight of Ψ_R, the squared error at the first instant; the authors' notebooks use 1."""
+    weight_data: tuple[float, float] = (1.0, 1.0)
+    """S: weights of the squared errors of space-gap and speed in Ψ_D."""
+    learning_rate: float = 0.01
+    """Adam's; the paper's is 0.001."""
+    lbfgs_iterations: int = 0
+    """`paper` only: L-BFGS iterations after Adam, which the paper suggests but does not report."""
+    test_share: float = 0.0
+    """`paper` only: share of instants, drawn at random, kept out of training."""
+    highest_frequency: float = 0.1
+    """`fast` only, in Hz: the input features reach from half a cycle per window up to here."""
+    batch: int = 300
+    """`fast` only: random instants per Adam iteration."""
+
+    def __post_init__(self) -> None:
+        """Refuse what cannot be trained.
+
+        Raises:
+            ConfigError: naming the setting, its range and the value given.
+        """
+        _require(self.preset in ("fast", "paper"), "preset", "fast or paper", self.preset)
+        _require(1 <= self.iterations <= 1_000_000, "iterations", "1 to 1,000,000", self.iterations)
+        _require(0 <= self.seed < 2**32, "seed", "0 to 4,294,967,295", self.seed)
+        _require(
+            len(self.initial) == 3 and all(isfinite(v) and 0 <= v <= 100 for v in self.initial),
+            "initial",
+            "three numbers α, β, τ from 0 to 100 (the rational driving constraints)",
+            self.initial,
+        )
+        weights = (*self.weight_physics, self.weight_initial, *self.weight_data)
+        _require(all(isfinite(w) and w >= 0 for w in weights), "weights", "0 or more", weights)
+        _require(min(self.weight_data) > 0, "data weights S", "above 0", self.weight_data)
+        _require(min(self.weight_physics) > 0, "physics weights Q", "above 0", self.weight_physics)
+        _require(0 < self.learning_rate <= 1, "learning rate", "above 0 to 1", self.learning_rate)
+        _require(
+            0 <= self.lbfgs_iterations <= 100_000,
+            "L-BFGS iterations",
+            "0 to 100,000",
+            self.lbfgs_iterations,
+        )
+        _require(0 <= self.test_share <= 0.5, "test share", "0 to 0.5", self.test_share)
+        _require(
+            0.01 <= self.highest_frequency <= 2, "highest frequency", "0.01 to 2 Hz",
+            self.highest_frequency,
+        )
+        _require(10 <= self.batch <= 100_000, "batch", "10 to 100,000", self.batch)
+
+    def to_json(self) -> dict[str, Any]:
+        """All settings, with lists in place of tuples."""
+        return {k: list(v) if isinstance(v, tuple) else v for k, v in asdict(self).items()}
+
+
+def _require(good: bool, setting: str, allowed: str, given: object) -> None:
+    if not good:
+        raise ConfigError(f"{setting}: {given} is not allowed; choose {allowed}.")
+
+
+FAST = PinnConfig()
+"""Fourier input features, exact output layer and parameters, Adam on the hidden layers."""
+
+PAPER = PinnConfig(
+    preset="paper",
+    iterations=20_000,  # the paper: parameters converge in around 20,000 for all tests
+    learning_rate=0.001,
+    test_share=0.2,  # the paper divides the data but does not say how; a fifth is usual
+)
+"""Raw time in, full batch, double precision, everything by Adam, as in the paper's section V.B."""
+
+PRESETS: dict[str, PinnConfig] = {"fast": FAST, "paper": PAPER}
+
+
+def preset(name: str, **changes: Any) -> PinnConfig:
+    """A preset with some settings changed.
+
+    Raises:
+        ConfigError: for an unknown preset, or a setting outside its range.
+    """
+    if name not in PRESETS:
+        raise ConfigError(f"preset: {name} is not known; choose fast or paper.")
+    return replace(PRESETS[name], **changes)

@@ -1,0 +1,152 @@
+"""The exact part of the `fast` preset: output layer and parameters, each at its optimum.
+
+Given the activations Φ (N, K) that feed it, the output layer W (K, 2M+1) is linear and Ψ is
+quadratic in it for fixed parameters, while the parameters are a 3x3 solve for fixed outputs
+(variable projection, Golub and Pereyra 1973). Alternating the two lowers Ψ at every round.
+
+Follower i's residuals involve only its own outputs (v_i, p_i) and v_{i-1}, so the normal matrix
+is a chain: eliminating the last follower first leaves one K x K term on the speed ahead.
+
+    [ B_i   C_i ] [ w_i   ]   [ r_i ]      w_i = (v_i, p_i) weights, 2K;  B_i 2K x 2K
+    [ C_iᵀ  .   ] [ w_i-1 ] = [ .   ]      C_i 2K x K couples to v_{i-1}
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from accpinn.cthp import solve_linear
+from accpinn.fit import Case
+from accpinn.pinn.config import PinnConfig
+from accpinn.pinn.network import output_columns
+from accpinn.units import FloatArray
+
+RIDGE = 1e-10
+"""Share of the mean squared activation added to the diagonal: activations may be collinear."""
+
+
+@dataclass(frozen=True, eq=False)
+class Moments:
+    """Averages over all instants of products of activations Φ, their rates Φ' and the data Y."""
+
+    value_value: Tensor
+    """(K, K) ΦᵀΦ/N, with the ridge on its diagonal."""
+    rate_value: Tensor
+    """(K, K) Φ'ᵀΦ/N."""
+    rate_rate: Tensor
+    """(K, K) Φ'ᵀΦ'/N."""
+    value_data: Tensor
+    """(K, 2M+1) ΦᵀY/N."""
+    first: Tensor
+    """(K,) Φ at the first instant, for Ψ_R."""
+    first_data: Tensor
+    """(2M+1,) the data at the first instant."""
+    instants: int
+
+
+def solve_output(moments: Moments, theta: FloatArray, config: PinnConfig) -> Tensor:
+    """The output layer W (K, 2M+1) that minimises Ψ for the parameters θ (M, 3)."""
+    size, followers = len(moments.value_value), len(theta)
+    speed_columns, gap_columns = output_columns(followers)
+    (s_gap, s_speed), restart = config.weight_data, config.weight_initial
+    at_first = restart * torch.outer(moments.first, moments.first)
+    target = moments.value_data.clone()
+    target[:, gap_columns] *= s_gap
+    target[:, speed_columns] *= s_speed
+    for column in (*gap_columns, *speed_columns[1:]):
+        target[:, column] += restart * moments.first_data[column] * moments.first
+
+    from_behind: tuple[Tensor, Tensor] | None = None
+    eliminated: list[tuple[Tensor, Tensor, Tensor]] = []
+    for follower in reversed(range(followers)):
+        own, coupling, ahead = _follower_blocks(moments, theta[follower], config)
+        own[:size, :size] += s_speed * moments.value_value + at_first
+        own[size:, size:] += s_gap * moments.value_value + at_first
+        right = target[:, [speed_columns[follower + 1], gap_columns[follower]]].T.reshape(-1)
+        if from_behind is not None:
+            own[:size, :size] += from_behind[0]
+            right[:size] += from_behind[1]
+        factor = torch.linalg.cholesky(own)
+        half = torch.linalg.solve_triangular(
+            factor, torch.cat([coupling, right[:, None]], 1), upper=False
+        )
+        reach, half_right = half[:, :-1], half[:, -1]
+        eliminated.append((factor, reach, half_right))
+        from_behind = ahead - reach.T @ reach, -reach.T @ half_right
+    assert from_behind is not None
+
+    leader = s_speed * moments.value_value + from_behind[0]
+    factor = torch.linalg.cholesky(leader)
+    right = target[:, 0] + from_behind[1]
+    weights = torch.empty_like(target)
+    weights[:, 0] = torch.cholesky_solve(right[:, None], factor)[:, 0]
+    for follower, (factor, reach, half_right) in enumerate(reversed(eliminated)):
+        rest = half_right - reach @ weights[:, speed_columns[follower]]
+        both = torch.linalg.solve_triangular(factor.T, rest[:, None], upper=True)[:, 0]
+        weights[:, speed_columns[follower + 1]] = both[:size]
+        weights[:, gap_columns[follower]] = both[size:]
+    return weights
+
+
+def _follower_blocks(
+    moments: Moments, theta: FloatArray, config: PinnConfig
+) -> tuple[Tensor, Tensor, Tensor]:
+    """A follower's residuals squared: on itself (2K, 2K), to the speed ahead (2K, K), on it."""
+    vv, rv, rr = moments.value_value, moments.rate_value, moments.rate_rate
+    alpha, alpha_tau, beta = theta
+    damping = alpha_tau + beta
+    q_gap, q_speed = config.weight_physics
+    # Residuals: g = p' - v_ahead + v  and  a = v' - αp + (ατ+β)v - βv_ahead.
+    speed_speed = q_gap * vv + q_speed * (rr + damping * (rv + rv.T) + damping**2 * vv)
+    gap_gap = q_gap * rr + q_speed * alpha**2 * vv
+    gap_speed = q_gap * rv - q_speed * alpha * (rv.T + damping * vv)
+    own = torch.cat(
+        [torch.cat([speed_speed, gap_speed.T], 1), torch.cat([gap_speed, gap_gap], 1)], 0
+    )
+    speed_ahead = -q_gap * vv - q_speed * beta * (rv + damping * vv)
+    gap_ahead = -q_gap * rv + q_speed * alpha * beta * vv
+    coupling = torch.cat([speed_ahead, gap_ahead], 0)
+    return own, coupling, (q_gap + q_speed * beta**2) * vv
+
+
+@dataclass(frozen=True, eq=False)
+class ExactParameters:
+    """The parameters at their optimum for fixed outputs."""
+
+    theta: FloatArray
+    """(M, 3) α, ατ, β within the rational driving constraints."""
+    unconstrained: FloatArray
+    """(M, 3) the same without them."""
+    active: tuple[tuple[str, ...], ...]
+    """Per follower, the names of those that stand at zero because of the constraints."""
+
+
+def solve_parameters(moments: Moments, weights: Tensor, case: Case) -> ExactParameters:
+    """The parameters that minimise Ψ for the output layer ``weights`` (K, 2M+1)."""
+    followers = weights.shape[1] // 2
+    speed_columns, gap_columns = output_columns(followers)
+    grams, targets = [], []
+    for follower in range(followers):
+        own = weights[:, speed_columns[follower + 1]]
+        relative = weights[:, speed_columns[follower]] - own
+        terms = torch.stack([weights[:, gap_columns[follower]], -own, relative], 1)
+        grams.append((terms.T @ moments.value_value @ terms).numpy())
+        targets.append((terms.T @ (moments.rate_value.T @ own)).numpy())
+    return best_parameters(np.stack(grams), np.stack(targets), case)
+
+
+def best_parameters(grams: FloatArray, targets: FloatArray, case: Case) -> ExactParameters:
+    """Bounded least squares from each follower's normal equations, (M, 3, 3) and (M, 3)."""
+    followers = len(grams)
+    if case == "I":
+        together = solve_linear(grams.sum(0), targets.sum(0))
+        solutions = [together] * followers
+    else:
+        solutions = [solve_linear(g, m) for g, m in zip(grams, targets, strict=True)]
+    return ExactParameters(
+        np.stack([s.theta for s in solutions]),
+        np.stack([s.unconstrained for s in solutions]),
+        tuple(s.active for s in solutions),
+    )

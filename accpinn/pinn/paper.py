@@ -1,0 +1,202 @@
+"""The `paper` recipe: everything by gradient, as Apostolakis and Ampountolas (2024) train.
+
+Raw time in seconds goes in, the full training set is used in every iteration, all in double
+precision; network weights and (α, β, τ) are learned together by Adam, then, if asked for, by
+L-BFGS. The time derivative is the exact tangent of `network`, not nested differentiation: the
+mathematics is the same, an iteration costs less.
+
+After each iteration α, β and τ are clipped at zero, the rational driving constraints.
+"""
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from accpinn.fit import Outcome
+from accpinn.pinn.exact import ExactParameters, best_parameters
+from accpinn.pinn.loss import LossTerms, loss_terms
+from accpinn.pinn.network import PaperNetwork, count_weights, output_columns
+from accpinn.pinn.recipe import (
+    Learned,
+    Problem,
+    State,
+    as_table,
+    from_table,
+    pack_adam,
+    unpack_adam,
+)
+from accpinn.units import FloatArray
+
+CHUNK = 5
+"""Iterations per `advance`: some tens of milliseconds, so that a stop is felt at once."""
+
+
+class PaperTraining:
+    """See the module's head; one `advance` is `CHUNK` iterations."""
+
+    def __init__(self, problem: Problem) -> None:
+        """Build network, parameters and the split into training and test instants."""
+        self.problem = problem
+        config = problem.config
+        self.network = PaperNetwork(problem.followers, config.seed)
+        sets = 1 if problem.case == "I" else problem.followers
+        self.table = torch.tensor([config.initial] * sets, dtype=torch.float64, requires_grad=True)
+        self._learned = [*self.network.parameters(), self.table]
+        self._optimiser = torch.optim.Adam(self._learned, lr=config.learning_rate)
+        self._test = _draw_test(len(problem.time), config.test_share, config.seed)
+        train = np.flatnonzero(~self._test)
+        self._train_time = torch.from_numpy(problem.time[train])
+        self._train_data = torch.from_numpy(problem.measured[train])
+        self._iteration = 0
+        self._planned = config.iterations + config.lbfgs_iterations
+        self.outcome: Outcome | None = None
+        with torch.no_grad():
+            self._look("Adam", self._loss())
+
+    def advance(self) -> None:
+        """`CHUNK` iterations, or as many as are left of the present phase."""
+        config = self.problem.config
+        left = config.iterations - self._iteration
+        if left > 0:
+            terms = self._adam(min(CHUNK, left))
+            self._look("Adam", terms)
+        else:
+            terms = self._lbfgs(min(CHUNK, self._planned - self._iteration))
+            self._look("L-BFGS", terms)
+        if not np.isfinite(self.progress.total):
+            self.outcome = Outcome.DIVERGED
+        elif self._iteration >= self._planned:
+            self.outcome = Outcome.FINISHED
+
+    def _adam(self, iterations: int) -> LossTerms:
+        for _ in range(iterations):
+            self._optimiser.zero_grad()
+            terms = self._loss()
+            terms.total.backward()
+            self._optimiser.step()
+            self._clip()
+        self._iteration += iterations
+        return terms
+
+    def _lbfgs(self, iterations: int) -> LossTerms:
+        if not hasattr(self, "_second"):
+            self._second = torch.optim.LBFGS(
+                self._learned, max_iter=1, history_size=50, line_search_fn="strong_wolfe"
+            )
+
+        def closure() -> Tensor:
+            self._second.zero_grad()
+            total = self._loss().total
+            total.backward()
+            return total
+
+        for _ in range(iterations):
+            self._second.step(closure)
+            self._clip()
+        self._iteration += iterations
+        with torch.no_grad():
+            return self._loss()
+
+    def _clip(self) -> None:
+        with torch.no_grad():
+            self.table.clamp_(min=0.0)
+
+    def _theta(self) -> Tensor:
+        """(M, 3) α, ατ, β of the present parameters."""
+        table = self.table.expand(self.problem.followers, 3)
+        return torch.stack([table[:, 0], table[:, 0] * table[:, 2], table[:, 1]], 1)
+
+    def _loss(self) -> LossTerms:
+        outputs, rates = self.network(self._train_time)
+        return loss_terms(outputs, rates, self._train_data, self._theta(), self.problem.config)
+
+    def _look(self, phase: str, terms: LossTerms) -> None:
+        table = self.table.detach().numpy().copy()
+        self.progress = self.problem.progress(phase, self._iteration, terms, table, self._planned)
+
+    @torch.no_grad()
+    def learned(self) -> Learned:
+        """The surrogate on all instants, the parameters, and the losses on both parts."""
+        problem = self.problem
+        outputs, rates = self.network(torch.from_numpy(problem.time))
+        theta = from_table(np.tile(self.table.detach().numpy(), (problem.followers, 1)))[
+            : problem.followers
+        ]
+        loss = {
+            "total": self.progress.total,
+            "data": self.progress.data,
+            "physics": self.progress.physics,
+            "initial": self.progress.initial,
+        }
+        arrays = {f"network.{k}": v.numpy() for k, v in self.network.state_dict().items()}
+        notes: tuple[str, ...] = ()
+        if self._test.any():
+            arrays["test"] = self._test.astype(float)
+            loss |= self._test_loss(outputs, rates)
+            notes = (
+                f"{self._test.sum()} random instants were kept out of training; neighbouring"
+                " instants are nearly equal, so errors there are too kind to the network.",
+            )
+        exact = self._linear_optimum(outputs.numpy(), rates.numpy())
+        table = as_table(theta)
+        active = tuple(
+            tuple(name for name, value in zip(("α", "β", "τ"), row, strict=True) if value == 0)
+            for row in table
+        )
+        return Learned(
+            outputs=outputs.numpy(),
+            theta=theta,
+            unconstrained=exact.unconstrained if any(active) else theta,
+            active=active,
+            loss=loss,
+            network_weights=count_weights(self.network),
+            arrays=arrays,
+            notes=notes,
+        )
+
+    def _test_loss(self, outputs: Tensor, rates: Tensor) -> dict[str, float]:
+        measured = torch.from_numpy(self.problem.measured)
+        test = torch.from_numpy(self._test)
+        terms = loss_terms(
+            outputs[test], rates[test], measured[test], self._theta(), self.problem.config
+        )
+        return {"test_data": float(terms.data), "test_physics": float(terms.physics)}
+
+    def _linear_optimum(self, outputs: FloatArray, rates: FloatArray) -> ExactParameters:
+        """What least squares on the surrogate gives, with and without the constraints."""
+        speeds, gaps = output_columns(self.problem.followers)
+        own, ahead = outputs[:, speeds[1:]], outputs[:, speeds[:-1]]
+        terms = np.stack([outputs[:, gaps], -own, ahead - own], -1).transpose(1, 0, 2)
+        grams = terms.transpose(0, 2, 1) @ terms
+        targets = np.einsum("mnk,nm->mk", terms, rates[:, speeds[1:]])
+        return best_parameters(grams, targets, self.problem.case)
+
+    def state(self) -> State:
+        """Network, parameters and Adam's moments; L-BFGS begins its curvature anew."""
+        state: State = {f"network.{k}": v.numpy() for k, v in self.network.state_dict().items()}
+        pack_adam(self._optimiser, state)
+        state["table"] = self.table.detach().numpy()
+        state["iteration"] = np.array(self._iteration)
+        return state
+
+    def restore(self, state: State) -> None:
+        """Go on from ``state``."""
+        layers = {k: v for k, v in state.items() if k.startswith("network.")}
+        self.network.load_state_dict(
+            {k.removeprefix("network."): torch.from_numpy(np.array(v)) for k, v in layers.items()}
+        )
+        with torch.no_grad():
+            self.table.copy_(torch.from_numpy(np.array(state["table"])))
+        unpack_adam(self._optimiser, state)
+        self._iteration = int(state["iteration"])
+        with torch.no_grad():
+            adam = self._iteration <= self.problem.config.iterations
+            self._look("Adam" if adam else "L-BFGS", self._loss())
+
+
+def _draw_test(count: int, share: float, seed: int) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
+    """(count,) which instants are kept out; the first one stays in, as Ψ_R looks at it."""
+    test = np.zeros(count, dtype=bool)
+    drawn = np.random.default_rng(seed).permutation(np.arange(1, count))
+    test[drawn[: round(share * count)]] = True
+    return test

@@ -1,0 +1,139 @@
+"""What both training recipes have in common: the data as tensors, and the shape of a training."""
+
+from dataclasses import dataclass, field
+from typing import Protocol
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from accpinn.fit import Case, Outcome, Progress
+from accpinn.pinn.config import PinnConfig
+from accpinn.pinn.loss import LossTerms, loss_terms
+from accpinn.pinn.network import stack_outputs
+from accpinn.segment import Segment
+from accpinn.units import FloatArray
+
+State = dict[str, NDArray[np.generic]]
+"""Everything a training needs to go on, by name, as plain arrays."""
+
+
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """What is to be learned: a segment, the case and the settings."""
+
+    segment: Segment
+    case: Case
+    config: PinnConfig
+    time: FloatArray = field(init=False)
+    """(N,) in s."""
+    measured: FloatArray = field(init=False)
+    """(N, 2M+1) the data in the order of the network's outputs."""
+
+    def __post_init__(self) -> None:
+        """Arrange the data once."""
+        object.__setattr__(self, "time", np.asarray(self.segment.time))
+        stacked = stack_outputs(self.segment.speeds, self.segment.gaps)
+        object.__setattr__(self, "measured", stacked)
+
+    @property
+    def followers(self) -> int:
+        """M."""
+        return self.segment.gaps.shape[1]
+
+    def evaluate(self, outputs: Tensor, rates: Tensor, theta: FloatArray) -> LossTerms:
+        """Ψ over all instants of outputs and rates (N, 2M+1) with parameters θ (M, 3)."""
+        measured = torch.from_numpy(self.measured)
+        return loss_terms(outputs, rates, measured, torch.from_numpy(theta), self.config)
+
+    def progress(
+        self, phase: str, iteration: int, terms: LossTerms, parameters: FloatArray, planned: int
+    ) -> Progress:
+        """A moment of the training; ``parameters`` (M, 3) or (1, 3) as α, β, τ."""
+        return Progress(
+            phase=phase,
+            iteration=iteration,
+            iterations=planned,
+            seconds=0.0,
+            total=float(terms.total.detach()),
+            data=float(terms.data.detach()),
+            physics=float(terms.physics.detach()),
+            initial=float(terms.initial.detach()),
+            parameters=parameters[:1] if self.case == "I" else parameters,
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Learned:
+    """What a training has learned so far."""
+
+    outputs: FloatArray
+    """(N, 2M+1) the surrogate on all instants."""
+    theta: FloatArray
+    """(M, 3) α, ατ, β within the rational driving constraints."""
+    unconstrained: FloatArray
+    """(M, 3) the same without them, for the same surrogate."""
+    active: tuple[tuple[str, ...], ...]
+    """Per follower, which of them stand at zero because of the constraints."""
+    loss: dict[str, float]
+    network_weights: int
+    arrays: dict[str, FloatArray]
+    """The network."""
+    notes: tuple[str, ...]
+
+
+class Training(Protocol):
+    """A recipe at work: `advance` in small steps, look at `progress`, stop at any moment."""
+
+    progress: Progress
+    """The present moment; its seconds are left to whoever drives the training."""
+    outcome: Outcome | None
+    """None while there is more to do."""
+
+    def advance(self) -> None:
+        """Do a fraction of a second's work."""
+
+    def state(self) -> State:
+        """Everything needed to go on from here in another process."""
+
+    def restore(self, state: State) -> None:
+        """Go on from ``state``, which a training of the same problem gave."""
+
+    def learned(self) -> Learned:
+        """The present surrogate and parameters."""
+
+
+def as_table(theta: FloatArray) -> FloatArray:
+    """(M, 3) linear α, ατ, β to α, β, τ; τ is nan where α = 0."""
+    alpha, alpha_tau, beta = theta.T
+    tau = np.divide(alpha_tau, alpha, out=np.full_like(alpha, np.nan), where=alpha > 0)
+    return np.stack([alpha, beta, tau], 1)
+
+
+def from_table(table: FloatArray) -> FloatArray:
+    """(M, 3) α, β, τ to linear α, ατ, β."""
+    alpha, beta, tau = table.T
+    return np.stack([alpha, alpha * tau, beta], 1)
+
+
+def pack_adam(optimiser: torch.optim.Optimizer, state: State) -> None:
+    """Write Adam's moments into ``state``."""
+    for index, entry in enumerate(optimiser.state_dict()["state"].values()):
+        for name, value in entry.items():
+            state[f"adam.{index}.{name}"] = np.asarray(value)
+
+
+def unpack_adam(optimiser: torch.optim.Optimizer, state: State) -> None:
+    """Set Adam's moments from ``state``."""
+    whole = optimiser.state_dict()
+    indices = whole["param_groups"][0]["params"]
+    if f"adam.{indices[0]}.step" in state:
+        whole["state"] = {
+            index: {
+                name: torch.from_numpy(np.array(state[f"adam.{index}.{name}"]))
+                for name in ("step", "exp_avg", "exp_avg_sq")
+            }
+            for index in indices
+        }
+        optimiser.load_state_dict(whole)

@@ -1,0 +1,25 @@
+"""Units in the signatures: SI everywhere inside the package, converted once at the door."""
+
+from typing import Annotated
+
+import numpy as np
+from numpy.typing import NDArray
+
+Seconds = Annotated[float, "s"]
+Metres = Annotated[float, "m"]
+MetresPerSecond = Annotated[float, "m/s"]
+PerSecond = Annotated[float, "1/s"]
+PerSecondSquared = Annotated[float, "1/s²"]
+RadiansPerSecond = Annotated[float, "rad/s"]
+
+FloatArray = NDArray[np.float64]
+SecondsArray = Annotated[FloatArray, "s"]
+MetresArray = Annotated[FloatArray, "m"]
+MetresPerSecondArray = Annotated[FloatArray, "m/s"]
+
+
+def frozen(values: object, *, dtype: type = np.float64) -> FloatArray:
+    """A read-only copy of ``values``: what a value object keeps, nobody changes from outside."""
+    array: FloatArray = np.array(values, dtype=dtype)
+    array.setflags(write=False)
+    return array
