@@ -13,12 +13,15 @@ Source: Apostolakis and Ampountolas, IEEE Transactions on Vehicular Technology, 
 
 from dataclasses import dataclass
 from itertools import combinations
-from typing import Self
+from typing import Literal, Self
 
 import numpy as np
 from scipy.linalg import expm
 
 from accpinn.units import FloatArray, PerSecond, PerSecondSquared, Seconds, frozen
+
+Case = Literal["I", "II"]
+"""Case I: one parameter set for the platoon. Case II: one per follower."""
 
 LINEAR_NAMES = ("α", "ατ", "β")
 """The quantities the law is linear in, in the order every θ of this package has them."""
@@ -96,6 +99,37 @@ def solve_linear(gram: FloatArray, moment: FloatArray) -> LinearSolution:
                 best[index] = part
                 active = tuple(name for i, name in enumerate(LINEAR_NAMES) if i not in free)
     return LinearSolution(frozen(best), unconstrained, active)
+
+
+@dataclass(frozen=True, eq=False)
+class PlatoonSolution:
+    """The least-squares parameters of every follower; in Case I all rows are equal."""
+
+    theta: FloatArray
+    """(M, 3) α, ατ, β within the rational driving constraints."""
+    unconstrained: FloatArray
+    """(M, 3) the same without them."""
+    active: tuple[tuple[str, ...], ...]
+    """Per follower, the names of those that stand at zero because of the constraints."""
+
+
+def solve_platoon(grams: FloatArray, moments: FloatArray, case: Case) -> PlatoonSolution:
+    """`solve_linear` for each follower (Case II) or for all of them together (Case I).
+
+    Args:
+        grams: (M, 3, 3), one normal matrix a follower.
+        moments: (M, 3).
+        case: "I" or "II".
+    """
+    if case == "I":
+        solutions = [solve_linear(grams.sum(0), moments.sum(0))] * len(grams)
+    else:
+        solutions = [solve_linear(g, m) for g, m in zip(grams, moments, strict=True)]
+    return PlatoonSolution(
+        np.stack([s.theta for s in solutions]),
+        np.stack([s.unconstrained for s in solutions]),
+        tuple(s.active for s in solutions),
+    )
 
 
 @dataclass(frozen=True, eq=False)

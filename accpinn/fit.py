@@ -3,15 +3,12 @@
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from enum import Enum
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 
-from accpinn.cthp import Parameters, Trajectories
+from accpinn.cthp import Case, Parameters, PlatoonSolution, Trajectories
 from accpinn.units import FloatArray, Seconds
-
-Case = Literal["I", "II"]
-"""Case I: one parameter set for the platoon. Case II: one per follower."""
 
 
 class Outcome(Enum):
@@ -104,3 +101,23 @@ class Fit:
     def table(self) -> FloatArray:
         """(M, 3): α, β, τ per follower."""
         return np.array([[p.alpha, p.beta, p.tau] for p in self.parameters])
+
+
+def parameters_of(theta: FloatArray) -> tuple[Parameters, ...]:
+    """(M, 3) rows of α, ατ, β as parameters."""
+    return tuple(Parameters.from_linear(row) for row in theta)
+
+
+def bound_notes(vehicles: tuple[int, ...], solution: PlatoonSolution) -> tuple[str, ...]:
+    """A sentence for each follower at a bound; ``vehicles`` (M+1,) has the leader first."""
+    notes = []
+    rows = zip(vehicles[1:], solution.active, solution.unconstrained, strict=True)
+    for vehicle, names, free_theta in rows:
+        if names:
+            free = Parameters.from_linear(free_theta)
+            notes.append(
+                f"Vehicle {vehicle}: the rational driving constraints hold {' and '.join(names)}"
+                f" at zero; without them the estimate is α = {free.alpha:.4f}, β = {free.beta:.4f},"
+                f" τ = {free.tau:.3f}, a hint at a delay or at a law that does not fit."
+            )
+    return tuple(notes)

@@ -17,8 +17,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from accpinn.cthp import solve_linear
-from accpinn.fit import Case
+from accpinn.cthp import Case, PlatoonSolution, solve_platoon
 from accpinn.pinn.config import PinnConfig
 from accpinn.pinn.network import output_columns
 from accpinn.units import FloatArray
@@ -111,19 +110,7 @@ def _follower_blocks(
     return own, coupling, (q_gap + q_speed * beta**2) * vv
 
 
-@dataclass(frozen=True, eq=False)
-class ExactParameters:
-    """The parameters at their optimum for fixed outputs."""
-
-    theta: FloatArray
-    """(M, 3) α, ατ, β within the rational driving constraints."""
-    unconstrained: FloatArray
-    """(M, 3) the same without them."""
-    active: tuple[tuple[str, ...], ...]
-    """Per follower, the names of those that stand at zero because of the constraints."""
-
-
-def solve_parameters(moments: Moments, weights: Tensor, case: Case) -> ExactParameters:
+def solve_parameters(moments: Moments, weights: Tensor, case: Case) -> PlatoonSolution:
     """The parameters that minimise Ψ for the output layer ``weights`` (K, 2M+1)."""
     followers = weights.shape[1] // 2
     speed_columns, gap_columns = output_columns(followers)
@@ -134,19 +121,4 @@ def solve_parameters(moments: Moments, weights: Tensor, case: Case) -> ExactPara
         terms = torch.stack([weights[:, gap_columns[follower]], -own, relative], 1)
         grams.append((terms.T @ moments.value_value @ terms).numpy())
         targets.append((terms.T @ (moments.rate_value.T @ own)).numpy())
-    return best_parameters(np.stack(grams), np.stack(targets), case)
-
-
-def best_parameters(grams: FloatArray, targets: FloatArray, case: Case) -> ExactParameters:
-    """Bounded least squares from each follower's normal equations, (M, 3, 3) and (M, 3)."""
-    followers = len(grams)
-    if case == "I":
-        together = solve_linear(grams.sum(0), targets.sum(0))
-        solutions = [together] * followers
-    else:
-        solutions = [solve_linear(g, m) for g, m in zip(grams, targets, strict=True)]
-    return ExactParameters(
-        np.stack([s.theta for s in solutions]),
-        np.stack([s.unconstrained for s in solutions]),
-        tuple(s.active for s in solutions),
-    )
+    return solve_platoon(np.stack(grams), np.stack(targets), case)

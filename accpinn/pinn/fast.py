@@ -18,14 +18,9 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from accpinn.cthp import PlatoonSolution
 from accpinn.fit import Outcome, Progress
-from accpinn.pinn.exact import (
-    RIDGE,
-    ExactParameters,
-    Moments,
-    solve_output,
-    solve_parameters,
-)
+from accpinn.pinn.exact import RIDGE, Moments, solve_output, solve_parameters
 from accpinn.pinn.features import FourierFeatures
 from accpinn.pinn.loss import loss_terms
 from accpinn.pinn.network import HIDDEN, HiddenLayers, count_weights
@@ -74,7 +69,7 @@ class FastTraining:
         )
         self._generator = torch.Generator().manual_seed(config.seed)
         self._theta = from_table(np.tile(np.array(config.initial), (problem.followers, 1)))
-        self._exact: ExactParameters | None = None
+        self._exact: PlatoonSolution | None = None
         self._starting, self._iteration, self._quiet_cycles = True, 0, 0
         self._start_loss = float("nan")
         self.outcome: Outcome | None = None
@@ -185,9 +180,7 @@ class FastTraining:
         loss |= {"initial": now.initial, "start": self._start_loss}
         return Learned(
             outputs=self._surrogate()[0].numpy(),
-            theta=self._theta,
-            unconstrained=exact.unconstrained,
-            active=exact.active,
+            solution=exact,
             loss=loss,
             network_weights=count_weights(self._hidden) + self._weights.numel(),
             arrays=arrays,

@@ -12,16 +12,14 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from accpinn.cthp import LINEAR_NAMES, PlatoonSolution, regressors, solve_platoon
 from accpinn.fit import Outcome
-from accpinn.pinn.exact import ExactParameters, best_parameters
 from accpinn.pinn.loss import LossTerms, loss_terms
 from accpinn.pinn.network import PaperNetwork, count_weights, output_columns
 from accpinn.pinn.recipe import (
     Learned,
     Problem,
     State,
-    as_table,
-    from_table,
     pack_adam,
     unpack_adam,
 )
@@ -45,6 +43,7 @@ class PaperTraining:
         self._optimiser = torch.optim.Adam(self._learned, lr=config.learning_rate)
         self._test = _draw_test(len(problem.time), config.test_share, config.seed)
         train = np.flatnonzero(~self._test)
+        self._time = torch.tensor(problem.time)
         self._train_time = torch.from_numpy(problem.time[train])
         self._train_data = torch.from_numpy(problem.measured[train])
         self._iteration = 0
@@ -118,10 +117,7 @@ class PaperTraining:
     def learned(self) -> Learned:
         """The surrogate on all instants, the parameters, and the losses on both parts."""
         problem = self.problem
-        outputs, rates = self.network(torch.from_numpy(problem.time))
-        theta = from_table(np.tile(self.table.detach().numpy(), (problem.followers, 1)))[
-            : problem.followers
-        ]
+        outputs, rates = self.network(self._time)
         loss = {
             "total": self.progress.total,
             "data": self.progress.data,
@@ -137,17 +133,9 @@ class PaperTraining:
                 f"{self._test.sum()} random instants were kept out of training; neighbouring"
                 " instants are nearly equal, so errors there are too kind to the network.",
             )
-        exact = self._linear_optimum(outputs.numpy(), rates.numpy())
-        table = as_table(theta)
-        active = tuple(
-            tuple(name for name, value in zip(("α", "β", "τ"), row, strict=True) if value == 0)
-            for row in table
-        )
         return Learned(
             outputs=outputs.numpy(),
-            theta=theta,
-            unconstrained=exact.unconstrained if any(active) else theta,
-            active=active,
+            solution=self._solution(outputs.numpy(), rates.numpy()),
             loss=loss,
             network_weights=count_weights(self.network),
             arrays=arrays,
@@ -162,14 +150,21 @@ class PaperTraining:
         )
         return {"test_data": float(terms.data), "test_physics": float(terms.physics)}
 
-    def _linear_optimum(self, outputs: FloatArray, rates: FloatArray) -> ExactParameters:
-        """What least squares on the surrogate gives, with and without the constraints."""
+    def _solution(self, outputs: FloatArray, rates: FloatArray) -> PlatoonSolution:
+        """The learned parameters; where one was clipped, least squares on the surrogate beside."""
+        theta = self._theta().detach().numpy()
+        active = tuple(
+            tuple(name for name, value in zip(LINEAR_NAMES, row, strict=True) if value == 0)
+            for row in theta
+        )
+        if not any(active):
+            return PlatoonSolution(theta, theta, active)
         speeds, gaps = output_columns(self.problem.followers)
-        own, ahead = outputs[:, speeds[1:]], outputs[:, speeds[:-1]]
-        terms = np.stack([outputs[:, gaps], -own, ahead - own], -1).transpose(1, 0, 2)
+        terms = regressors(outputs[:, speeds], outputs[:, gaps])
         grams = terms.transpose(0, 2, 1) @ terms
-        targets = np.einsum("mnk,nm->mk", terms, rates[:, speeds[1:]])
-        return best_parameters(grams, targets, self.problem.case)
+        moments = np.einsum("mnk,nm->mk", terms, rates[:, speeds[1:]])
+        free = solve_platoon(grams, moments, self.problem.case).unconstrained
+        return PlatoonSolution(theta, free, active)
 
     def state(self) -> State:
         """Network, parameters and Adam's moments; L-BFGS begins its curvature anew."""

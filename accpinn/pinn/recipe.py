@@ -8,7 +8,8 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from accpinn.fit import Case, Outcome, Progress
+from accpinn.cthp import Case, PlatoonSolution
+from accpinn.fit import Outcome, Progress
 from accpinn.pinn.config import PinnConfig
 from accpinn.pinn.loss import LossTerms, loss_terms
 from accpinn.pinn.network import stack_outputs
@@ -70,12 +71,8 @@ class Learned:
 
     outputs: FloatArray
     """(N, 2M+1) the surrogate on all instants."""
-    theta: FloatArray
-    """(M, 3) α, ατ, β within the rational driving constraints."""
-    unconstrained: FloatArray
-    """(M, 3) the same without them, for the same surrogate."""
-    active: tuple[tuple[str, ...], ...]
-    """Per follower, which of them stand at zero because of the constraints."""
+    solution: PlatoonSolution
+    """The parameters within the rational driving constraints, and what they would be without."""
     loss: dict[str, float]
     network_weights: int
     arrays: dict[str, FloatArray]

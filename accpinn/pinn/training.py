@@ -12,17 +12,24 @@ from dataclasses import replace
 import numpy as np
 import torch
 
-from accpinn.cthp import Parameters, Trajectories
-from accpinn.fit import Case, Fit, OnProgress, Outcome, Progress, ShouldStop
+from accpinn.cthp import Case, Trajectories
+from accpinn.fit import (
+    Fit,
+    OnProgress,
+    Outcome,
+    Progress,
+    ShouldStop,
+    bound_notes,
+    parameters_of,
+)
 from accpinn.pinn.config import FAST, METHOD_VERSION, PinnConfig
 from accpinn.pinn.fast import FastTraining
 from accpinn.pinn.history import Recorder
 from accpinn.pinn.network import output_columns
 from accpinn.pinn.paper import PaperTraining
-from accpinn.pinn.recipe import Learned, Problem, State, Training
+from accpinn.pinn.recipe import Learned, Problem, Training
 from accpinn.segment import Segment
 from accpinn.store import Store
-from accpinn.units import FloatArray
 
 CHECKPOINT_EVERY = 5.0
 """Seconds between checkpoints: what a killed process can lose."""
@@ -166,7 +173,7 @@ def _as_fit(
     return Fit(
         method="pinn",
         case=case,
-        parameters=_parameters(learned.theta),
+        parameters=parameters_of(learned.solution.theta),
         surrogate=Trajectories(
             segment.time, learned.outputs[:, speed_columns], learned.outputs[:, gap_columns]
         ),
@@ -174,33 +181,10 @@ def _as_fit(
         seconds=seconds,
         config=config.to_json(),
         loss=learned.loss,
-        unconstrained=_parameters(learned.unconstrained),
-        active_bounds=learned.active,
+        unconstrained=parameters_of(learned.solution.unconstrained),
+        active_bounds=learned.solution.active,
         history=recorder.history(),
         network_weights=learned.network_weights,
-        notes=learned.notes + _bound_notes(segment, learned),
+        notes=learned.notes + bound_notes(segment.vehicles, learned.solution),
         arrays=learned.arrays,
     )
-
-
-def _parameters(theta: FloatArray) -> tuple[Parameters, ...]:
-    return tuple(Parameters.from_linear(row) for row in theta)
-
-
-def _bound_notes(segment: Segment, learned: Learned) -> tuple[str, ...]:
-    notes = []
-    for vehicle, names, row in zip(
-        segment.vehicles[1:], learned.active, learned.unconstrained, strict=True
-    ):
-        if names:
-            free = Parameters.from_linear(row)
-            notes.append(
-                f"Vehicle {vehicle}: {' and '.join(names)} stand at the bound of the rational"
-                f" driving constraints; without it the estimate is α = {free.alpha:.4f},"
-                f" β = {free.beta:.4f}, τ = {free.tau:.3f}, a hint at a delay or at a law that"
-                " does not fit."
-            )
-    return tuple(notes)
-
-
-__all__ = ["CHECKPOINT_EVERY", "State", "request_keys", "train"]
