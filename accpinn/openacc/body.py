@@ -59,6 +59,7 @@ class _Table:
             keep_default_na=False,
             na_values=_MISSING,
             skip_blank_lines=False,
+            skipinitialspace=True,
             low_memory=False,
             **options,
         )
@@ -82,8 +83,7 @@ def read_body(intake: Intake, header: Header) -> Body:
     rows = _count_rows(table, is_complete)
     frame = _parse(table)
     if len(frame) != rows:
-        cure = "remove the quotation marks around cells"
-        raise refusal(intake.name, "a quotation mark is opened and never closed", cure)
+        raise _unreadable(table)
     columns = header.columns
     _require_numbers(table, frame)
     _require_time(table, frame[columns.time].to_numpy())
@@ -119,7 +119,8 @@ def _count_rows(table: _Table, is_complete: bool) -> int:
     if ragged == len(lines) - 1 and not is_complete and cells < expected:
         fault = f"the file is cut short, its last row has {cells} of {expected} cells"
         raise table.refusal(fault, "download it again, or delete that row", ragged)
-    fault = f"the row has {cells} cells where the column names ask for {expected}"
+    found = f"has {cells} cells" if lines[ragged].strip() else "is empty"
+    fault = f"the row {found} where the column names ask for {expected} cells"
     raise table.refusal(fault, "correct or delete it, or download the file again", ragged)
 
 
@@ -135,21 +136,30 @@ def _parse(table: _Table) -> pd.DataFrame:
 
 def _diagnose(table: _Table, numbers: list[int]) -> RecordingError:
     """Why the numbers could not be parsed: the first cell that is none."""
-    unclear = refusal(
-        table.name, "the rows cannot be read as numbers", "download the file again, or re-save it"
-    )
     try:
         cells = table.read(numbers, dtype="str")
     except ValueError:
-        return unclear
+        return _unreadable(table)
     wrong = cells.notna() & cells.apply(pd.to_numeric, errors="coerce").isna()
     if not wrong.to_numpy().any():
-        return unclear
+        return _unreadable(table)
     row = int(wrong.any(axis=1).to_numpy().argmax())
     position = next(at for at in numbers if wrong.at[row, at])
-    fault = f'"{excerpt(str(cells.at[row, position]))}" is not a number'
+    cell = str(cells.at[row, position]).encode("latin-1").decode("utf-8", "replace")
+    fault = f'"{excerpt(cell)}" is not a number'
     cure = "correct it, or leave the cell empty"
     return table.refusal(fault, cure, row, table.column(position))
+
+
+def _unreadable(table: _Table) -> RecordingError:
+    """For rows that are no rows to the parser: almost always a quotation mark too many."""
+    lines = table.text.splitlines()
+    quoted = next((i for i, line in enumerate(lines) if line.count(b'"') % 2), None)
+    if quoted is None:
+        cure = "download the file again, or re-save it"
+        return refusal(table.name, "the rows cannot be read as numbers", cure)
+    fault = "a quotation mark is opened and not closed"
+    return table.refusal(fault, "delete it", quoted)
 
 
 def _require_numbers(table: _Table, frame: pd.DataFrame) -> None:

@@ -30,7 +30,7 @@ BLOCKS_LISTED = 3
 def findings(recording: Recording) -> Iterator[str]:
     """All warnings about the data."""
     for number in recording.present:
-        yield from _missing(recording, SPEED, number, recording.speed_of(number))
+        yield from _missing_speed(recording, number)
     for number in _gaps(recording):
         yield from _missing_gap_alone(recording, number)
     for number in _gaps(recording):
@@ -80,7 +80,8 @@ def _channels(recording: Recording) -> Iterator[tuple[Channel, int, FloatArray]]
 
 
 def _seconds(recording: Recording, run: Run) -> str:
-    return f"{recording.time[run.first]:.1f}-{recording.time[run.last]:.1f} s"
+    first, last = recording.time[run.first], recording.time[run.last]
+    return f"{first:.1f} s" if len(run) == 1 else f"{first:.1f}-{last:.1f} s"
 
 
 def _blocks(recording: Recording, blocks: tuple[Run, ...]) -> str:
@@ -88,16 +89,16 @@ def _blocks(recording: Recording, blocks: tuple[Run, ...]) -> str:
     longest = sorted(sorted(blocks, key=len, reverse=True)[:BLOCKS_LISTED], key=lambda r: r.first)
     listed = ", ".join(_seconds(recording, run) for run in longest)
     more = len(blocks) - len(longest)
-    return f"at {listed}" + (f" and in {more} shorter blocks" if more else "")
+    others = f" and in {more} shorter block{'s' if more > 1 else ''}" if more else ""
+    return f"at {listed}{others}"
 
 
-def _missing(
-    recording: Recording, channel: Channel, number: int, values: FloatArray
-) -> Iterator[str]:
-    absent = np.isnan(values)
+def _missing_speed(recording: Recording, number: int) -> Iterator[str]:
+    absent = np.isnan(recording.speed_of(number))
     if absent.any():
+        name = recording.vehicles[number - 1].name
         yield (
-            f"{channel.of(number)} is missing in {_share(absent)} of the samples,"
+            f"{SPEED.of(number)} ({name}) is missing in {_share(absent)} of the samples,"
             f" {_blocks(recording, runs(absent))}."
         )
 

@@ -165,7 +165,7 @@ def _date(cells: tuple[str, ...], warnings: list[str]) -> date | None:
     try:
         day, month, year = (int(cell) for cell in cells[:3])
         return date(year, month, day)
-    except ValueError:
+    except (ValueError, OverflowError):
         warnings.append(f'The date "{excerpt(", ".join(filter(None, cells)))}" is not a date.')
         return None
 

@@ -9,7 +9,7 @@ from accpinn.errors import RecordingError
 LIMIT_BYTES = 100_000_000
 """Larger files are refused; the largest of the database is well below."""
 
-Source = str | os.PathLike[str] | bytes
+Source = str | os.PathLike[str] | bytes | bytearray | memoryview
 
 _NAME_LENGTH = 100
 _SIGNATURES = (
@@ -56,8 +56,8 @@ def excerpt(text: str, length: int = 30) -> str:
 
 def take(source: Source, name: str | None, limit_bytes: int) -> Intake:
     """The file's bytes, known to be text of a bearable size."""
-    if isinstance(source, bytes):
-        intake = Intake(excerpt(name or "upload", _NAME_LENGTH), None, source)
+    if isinstance(source, bytes | bytearray | memoryview):
+        intake = Intake(excerpt(name or "upload", _NAME_LENGTH), None, bytes(source))
     else:
         intake = _load(Path(source), name, limit_bytes)
     if len(intake.raw) > limit_bytes:

@@ -1,0 +1,613 @@
+"""The loader: one test per oddity of the database, one sentence per unusable file."""
+
+import time
+from datetime import date
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from openacc_files import csv, metadata, platoon
+
+from accpinn.errors import RecordingError
+from accpinn.openacc import Mode, Recording, read
+from accpinn.openacc.checks import agreement
+
+
+def says(recording: Recording, *words: str) -> bool:
+    """Whether one warning has all the words."""
+    return any(all(word in warning for word in words) for warning in recording.warnings)
+
+
+def refusal(raw: bytes, name: str = "run.csv", **options: int) -> str:
+    """The sentence with which a file is refused."""
+    with pytest.raises(RecordingError) as caught:
+        read(raw, name, **options)
+    sentence = str(caught.value)
+    assert sentence.startswith(name)
+    assert sentence.endswith(".")
+    assert "\n" not in sentence
+    return sentence
+
+
+# A sound file
+
+
+def test_values_arrive_exactly(tmp_path: Path) -> None:
+    frame = platoon()
+    path = tmp_path / "run.csv"
+    path.write_bytes(csv(frame))
+    recording = read(path)
+    np.testing.assert_array_equal(recording.speed, frame[["Speed1", "Speed2", "Speed3"]])
+    np.testing.assert_array_equal(recording.gap, frame[["IVS1", "IVS2"]])
+    assert recording.source == "run.csv"
+    assert recording.date == date(2019, 2, 26)
+    assert (recording.acc_flag, recording.distance_setting) == (1, "min")
+    assert [v.name for v in recording.vehicles] == ["Alpha", "Beta", "Gamma"]
+    assert recording.first_time == 100.0
+    assert recording.time[0] == 0.0
+    assert recording.sample_time == 0.1
+    assert recording.duration == 39.9
+    assert recording.warnings == ()
+
+
+def test_a_path_and_its_bytes_give_the_same(tmp_path: Path) -> None:
+    raw = csv(platoon())
+    (tmp_path / "run.csv").write_bytes(raw)
+    from_path, from_bytes = read(str(tmp_path / "run.csv")), read(raw, "run.csv")
+    assert from_path.sha256 == from_bytes.sha256
+    np.testing.assert_array_equal(from_path.gap, from_bytes.gap)
+
+
+def test_arrays_are_read_only() -> None:
+    recording = read(csv(platoon()), "run.csv")
+    for values in (recording.time, recording.speed, recording.gap, recording.mode):
+        with pytest.raises(ValueError, match="read-only"):
+            values[0] = 0
+
+
+# The oddities, numbered as in the notes on the database
+
+
+def test_1_metadata_rows_are_padded_and_a_last_name_is_empty() -> None:
+    """Vicolungo pads every row to the table's width; ZalaZone ends its names with a comma."""
+    rows = metadata(("Alpha", "Beta", "Gamma", ""), number="3")
+    padded = [row + "," * extra for row, extra in zip(rows, (4, 0, 9, 1, 30), strict=True)]
+    recording = read(csv(platoon(), padded), "run.csv")
+    assert [v.name for v in recording.vehicles] == ["Alpha", "Beta", "Gamma"]
+    assert (recording.acc_flag, recording.distance_setting) == (1, "min")
+    assert recording.warnings == ()
+
+
+@pytest.mark.parametrize(
+    ("cell", "flag"), [("0", 0), ("1", 1), (" 1 ", 1), ("2", 2), ("", None), ("1.0", 1)]
+)
+def test_2_the_acc_flag_may_be_mixed_or_blank(cell: str, flag: int | None) -> None:
+    recording = read(csv(platoon(), metadata(acc=cell)), "run.csv")
+    assert recording.acc_flag == flag
+    assert recording.warnings == ()
+
+
+@pytest.mark.parametrize(
+    "setting", ["min", "max", "none", "shortest", "second shortest", "S", "M", "L", "SL", ""]
+)
+def test_2_distance_settings_are_kept_as_written(setting: str) -> None:
+    recording = read(csv(platoon(), metadata(distance=setting)), "run.csv")
+    assert recording.distance_setting == (setting or None)
+    assert recording.warnings == ()
+
+
+def test_2_an_unknown_flag_is_ignored_and_said() -> None:
+    recording = read(csv(platoon(), metadata(acc="7")), "run.csv")
+    assert recording.acc_flag is None
+    assert says(recording, "ACC", '"7"')
+
+
+def test_3_only_driver_columns_give_modes_and_these_change() -> None:
+    """Vehicle 1 is driven by hand in runs with ACC=1, and some vehicles have no Driver column."""
+    frame = platoon()
+    frame["Driver1"] = "Human"
+    frame["Driver3"] = np.where(np.arange(len(frame)) < 150, "ACC", "Human")
+    recording = read(csv(frame, metadata(acc="1")), "run.csv")
+    assert [v.modes for v in recording.vehicles] == [
+        {"ACC": 0, "Human": 400},
+        None,
+        {"ACC": 150, "Human": 250},
+    ]
+    assert recording.mode[149, 2] == Mode.ACC
+    assert recording.mode[150, 2] == Mode.HUMAN
+    assert (recording.mode[:, 1] == Mode.UNKNOWN).all()
+
+
+def test_3_a_blank_or_odd_mode_is_unknown() -> None:
+    frame = platoon()
+    frame["Driver2"] = ["ACC"] * 390 + [""] * 8 + ["Robot", "acc "]
+    recording = read(csv(frame), "run.csv")
+    assert recording.vehicles[1].modes == {"ACC": 391, "Human": 0}
+    assert says(recording, "Driver2", "1 samples", '"Robot"')
+
+
+def test_4_columns_are_chosen_by_name_in_any_order() -> None:
+    """AstaZero has Driver before IVS, Casale's first vehicle lacks Alt, ZalaZone has degrees."""
+    frame = platoon()
+    plain = read(csv(frame), "run.csv")
+    frame["Lat1"], frame["Lon1"], frame["Driver2"] = 46.88, 16.84, "ACC"
+    order = ["Time", "Driver2", "IVS2", "Lon1", "Lat1", "Speed3", "Speed1", "IVS1", "Speed2"]
+    shuffled = read(csv(frame[order]), "run.csv")
+    np.testing.assert_array_equal(shuffled.speed, plain.speed)
+    np.testing.assert_array_equal(shuffled.gap, plain.gap)
+    assert shuffled.warnings == ()
+
+
+def test_5_columns_of_absent_vehicles_leave_holes() -> None:
+    """A ZalaZone run names nine vehicles and has Speed 2, 4-9 with IVS 4-8."""
+    frame = platoon(9).drop(columns=["Speed1", "Speed3", "IVS1", "IVS2", "IVS3"])
+    names = tuple("ABCDEFGHI")
+    recording = read(csv(frame, metadata(names)), "run.csv")
+    assert recording.present == (2, 4, 5, 6, 7, 8, 9)
+    assert recording.vehicles[2].missing_share == 1.0
+    assert np.isnan(recording.speed_of(3)).all()
+    np.testing.assert_array_equal(recording.gap_behind(4), frame["IVS4"])
+    assert np.isnan(recording.gap[:, :3]).all()
+    assert says(recording, "without data", "1 (A), 3 (C)")
+
+
+def test_5_eleven_names_for_six_vehicles() -> None:
+    recording = read(csv(platoon(6), metadata(tuple("ABCDEFGHIJK"), number="6")), "run.csv")
+    assert recording.present == (1, 2, 3, 4, 5, 6)
+    assert len(recording.vehicles) == 11
+    assert says(recording, "names 11 vehicles", "platoon of 6")
+
+
+def test_5_fewer_names_than_vehicles() -> None:
+    recording = read(csv(platoon(), metadata(("Alpha", ""), number="3")), "run.csv")
+    assert [v.name for v in recording.vehicles] == ["Alpha", "Vehicle 2", "Vehicle 3"]
+    assert says(recording, "no name", "2, 3")
+
+
+def test_5_number_of_vehicles_that_fits_nothing() -> None:
+    recording = read(csv(platoon(), metadata(number="5")), "run.csv")
+    assert says(recording, "speaks of 5", "names 3")
+
+
+def test_5_a_gap_beside_an_absent_vehicle_is_said() -> None:
+    recording = read(csv(platoon(4).drop(columns="Speed4"), metadata()), "run.csv")
+    assert says(recording, "IVS3", "no speed column")
+
+
+def test_6_missing_cells_come_in_blocks_with_the_adjacent_gaps() -> None:
+    frame = platoon()
+    frame.loc[100:149, ["Speed2", "IVS1", "IVS2"]] = np.nan
+    recording = read(csv(frame), "run.csv")
+    assert recording.vehicles[1].missing == 50
+    assert recording.vehicles[1].missing_share == pytest.approx(0.125)
+    assert says(recording, "Speed2 (Beta)", "12 %", "10.0-14.9 s")
+    assert len(recording.warnings) == 1
+
+
+def test_6_a_gap_missing_alone_is_said() -> None:
+    frame = platoon()
+    frame.loc[200:203, "IVS2"] = np.nan
+    assert says(read(csv(frame), "run.csv"), "IVS2", "both speeds", "20.0-20.3 s")
+
+
+def test_6_a_column_without_any_value_is_an_absent_vehicle() -> None:
+    frame = platoon()
+    frame[["Speed3", "IVS2"]] = np.nan
+    recording = read(csv(frame), "run.csv")
+    assert recording.present == (1, 2)
+    assert recording.vehicles[2].missing == 400
+
+
+@pytest.mark.parametrize("first", [1.0, 58067.1, 208970.3, 1.6e9])
+def test_7_time_may_start_anywhere(first: float) -> None:
+    """At 2e5 s single precision steps by 0.016 s: time must stay in double precision."""
+    recording = read(csv(platoon(first_time=first)), "run.csv")
+    assert recording.first_time == pytest.approx(first, abs=1e-9)
+    np.testing.assert_allclose(recording.time, 0.1 * np.arange(400), atol=1e-6)
+    assert recording.sample_time == 0.1
+    assert recording.is_even
+
+
+def test_8_negative_gaps_are_counted_and_kept() -> None:
+    frame = platoon()
+    frame.loc[10:12, "IVS1"] = [-0.5, -2.5, -1.0]
+    recording = read(csv(frame), "run.csv")
+    assert recording.gap[11, 0] == -2.5
+    assert says(recording, "IVS1", "3 samples", "-2.5 m")
+
+
+def test_8_negative_doppler_speeds() -> None:
+    frame = platoon()
+    frame.loc[5, "Speed1"] = -0.018
+    assert says(read(csv(frame), "run.csv"), "Speed1", "negative", "-0.018 m/s")
+
+
+def test_8_frozen_samples_in_motion() -> None:
+    frame = platoon()
+    frame.loc[100:125, "Speed2"] = frame.loc[100, "Speed2"]
+    assert says(read(csv(frame), "run.csv"), "Speed2", "26 samples", "10.0-12.5 s")
+
+
+def test_8_a_standing_vehicle_is_not_frozen() -> None:
+    frame = platoon()
+    frame.loc[100:200, ["Speed1", "Speed2", "Speed3"]] = 0.0
+    recording = read(csv(frame), "run.csv")
+    assert not says(recording, "stands still")
+
+
+def test_9_a_gap_that_contradicts_the_speeds() -> None:
+    frame = platoon()
+    rng = np.random.default_rng(1)
+    frame["IVS2"] = 30 + np.cumsum(rng.normal(0, 0.1, len(frame)))
+    recording = read(csv(frame), "run.csv")
+    assert agreement(recording, 1) == pytest.approx(1.0, abs=1e-3)
+    assert abs(agreement(recording, 2)) < 0.5
+    assert says(recording, "IVS2", "contradicts", "vehicles 2 and 3")
+    assert not says(recording, "IVS1")
+
+
+def test_9_vehicles_at_rest_to_each_other_are_not_judged() -> None:
+    frame = platoon()
+    frame["Speed2"] = frame["Speed1"]
+    frame["IVS1"] = 30 + np.random.default_rng(1).normal(0, 0.1, len(frame))
+    recording = read(csv(frame), "run.csv")
+    assert agreement(recording, 1) is None
+
+
+def test_10_names_keep_their_spelling() -> None:
+    """Spelling and white space differ between header and specification: nothing is matched."""
+    names = ("Audi (A8)", "Audi(A6)", "Peugeot  (5008 GT Line)")
+    recording = read(csv(platoon(), metadata(names)), "run.csv")
+    assert [v.name for v in recording.vehicles] == [
+        "Audi (A8)",
+        "Audi(A6)",
+        "Peugeot (5008 GT Line)",
+    ]
+
+
+def test_10_names_in_another_encoding() -> None:
+    rows = metadata(("Citroën", "Škoda", "Gamma"))
+    assert read(csv(platoon(), rows), "run.csv").vehicles[0].name == "Citroën"
+    western = csv(platoon(), rows).decode().replace("Š", "S").encode("cp1252")
+    assert read(western, "run.csv").vehicles[0].name == "Citroën"
+
+
+@pytest.mark.parametrize(
+    ("name", "text"),
+    [
+        ("obd.csv", b"Time,Speed,Engine Speed,Gear\n0,10,2000,3\n"),
+        ("ASta_veh_specifications.csv", b"Vehicle,Power\nAudi(A8),250\n"),
+        ("Long setting vehs in mixed timegap experiment handling.csv", b"File,Vehicles\np1,5\n"),
+        ("registry.csv", b"campaign,file,sha256\nCasale,part7.csv,\n"),
+    ],
+)
+def test_11_tables_that_are_no_runs(name: str, text: bytes) -> None:
+    assert "CSV file of a run" in refusal(text, name)
+
+
+@pytest.mark.parametrize("end", ["\r\n", "\n", "\r"])
+@pytest.mark.parametrize("bom", [b"", b"\xef\xbb\xbf"])
+@pytest.mark.parametrize("tail", [b"", b"\r\n\r\n", b"   \n"])
+def test_12_line_ends_and_marks_of_re_saved_copies(end: str, bom: bytes, tail: bytes) -> None:
+    plain = read(csv(platoon()), "run.csv")
+    copy = read(bom + csv(platoon(), end=end) + tail, "run.csv")
+    np.testing.assert_array_equal(copy.speed, plain.speed)
+    assert copy.date == plain.date
+    assert copy.warnings == ()
+
+
+def test_12_a_spreadsheet_pads_all_rows_to_one_width() -> None:
+    rows = metadata(tuple("ABCDEFGHIJK"), number="3")
+    lines = csv(platoon(), rows, end="\n").decode().splitlines()
+    width = max(line.count(",") for line in lines)
+    padded = "\n".join(line + "," * (width - line.count(",")) for line in lines) + "\n"
+    np.testing.assert_array_equal(
+        read(padded.encode(), "run.csv").gap[:, :2],
+        read(csv(platoon(), rows), "run.csv").gap[:, :2],
+    )
+
+
+def test_12_quoted_cells() -> None:
+    frame = platoon()
+    frame["Driver2"] = '"ACC"'
+    text = csv(frame, [f'"{row.split(",")[0]}"' + row[row.index(",") :] for row in metadata()])
+    recording = read(text.replace(b'"""', b'"'), "run.csv")
+    assert recording.vehicles[1].modes == {"ACC": 400, "Human": 0}
+
+
+# Where a file comes from
+
+
+@pytest.mark.parametrize(
+    ("folder", "name", "day", "campaign"),
+    [
+        ("Casale", "part7.csv", "27,10,2020", "Casale"),
+        ("upload", "part7.csv", "27,10,2020", "Casale"),
+        ("upload", "part12.csv", "30,9,2020", "JRC low speed"),
+        ("upload", "part9_1 (1).csv", "30,9,2020", "JRC low speed"),
+        ("upload", "part7.csv", "", None),
+        ("upload", "ASta_040719_platoon5.csv", "4,7,2019", "AstaZero"),
+        ("upload", "ASta_040719_platoon5.csv", "", "AstaZero"),
+        ("upload", "ASta_040719_platoon5.csv", "27,10,2020", None),
+        ("upload", "JRC-Cher_240918_rec2_highway.csv", "24,9,2018", "Cherasco"),
+        ("upload", "VC-JRC_270219_part1.csv", "27,2,2019", "Vicolungo"),
+        ("upload", "dynamic_part3.csv", "8,10,2019", "ZalaZone"),
+        ("Casale", "part7.csv", "1,1,2024", None),
+        ("upload", "synthetic_astazero.csv", "4,7,2019", None),
+        ("upload", "mine.csv", "27,10,2020", None),
+    ],
+)
+def test_campaign_is_certain_or_none(
+    tmp_path: Path, folder: str, name: str, day: str, campaign: str | None
+) -> None:
+    path = tmp_path / folder / name
+    path.parent.mkdir()
+    path.write_bytes(csv(platoon(), metadata(day=day)))
+    assert read(path).campaign == campaign
+
+
+def test_a_date_that_is_none() -> None:
+    recording = read(csv(platoon(), metadata(day="31,2,2019")), "run.csv")
+    assert recording.date is None
+    assert says(recording, '"31, 2, 2019"')
+
+
+def test_a_missing_metadata_row_is_said() -> None:
+    recording = read(csv(platoon(), metadata()[:4]), "run.csv")
+    assert recording.distance_setting is None
+    assert says(recording, "Distance_setting", "missing")
+
+
+def test_a_leader_that_never_varies_is_said() -> None:
+    frame = platoon()
+    frame["Speed1"] = 20 + 0.001 * frame["Speed1"]
+    assert says(read(csv(frame), "run.csv"), "excitation", "vehicle 1")
+
+
+def test_kilometres_per_hour_are_noticed() -> None:
+    frame = platoon()
+    frame["Speed2"] *= 3.6
+    assert says(read(csv(frame), "run.csv"), "Speed2", "70 m/s", "unit")
+
+
+# What is refused, and how
+
+
+SOUND = csv(platoon())
+LINES = SOUND.split(b"\r\n")
+
+
+def with_cell(row: int, column: int, text: bytes) -> bytes:
+    """The sound file with one cell replaced; row as in the file, column from 0."""
+    lines = list(LINES)
+    cells = lines[row - 1].split(b",")
+    cells[column] = text
+    lines[row - 1] = b",".join(cells)
+    return b"\r\n".join(lines)
+
+
+@pytest.mark.parametrize(
+    ("raw", "words"),
+    [
+        (b"", ["empty"]),
+        (b" \r\n\r\n", ["empty"]),
+        (b"\xef\xbb\xbf", ["empty"]),
+        (SOUND[:-30], ["row 406", "cut short", "5 of 6 cells"]),
+        (SOUND[:5000] + b"\0" * 3000, ["row 56", "NUL", "download"]),
+        (bytes(range(256)) * 40, ["binary"]),
+        (b"PK\x03\x04" + bytes(100), ["Excel", "save the sheet as CSV"]),
+        (b"\x89PNG\r\n\x1a\n" + bytes(100), ["PNG"]),
+        (b"\x1f\x8b\x08" + bytes(100), ["gzip", "unpack"]),
+        (SOUND.decode().encode("utf-16"), ["UTF-16"]),
+        (SOUND[:4000] + b"\x07" + SOUND[4000:], ["row 45", "control characters"]),
+        (b"<!DOCTYPE html><html>404 Not Found</html>", ["web page"]),
+        (SOUND.replace(b",", b";"), ["row 1", "semicolons", "commas"]),
+        (b"a,b,c\n1,2,3\n", ["row 1", '"a"', "Vehicle_order"]),
+        (b"\r\n".join(LINES[:5]), ["Time"]),
+        (b"\r\n".join(LINES[:5] + LINES[6:]), ["row 6", '"100.0"', "Time"]),
+        (b"\r\n".join(LINES[5:]), ["row 1", "metadata"]),
+        (b"\r\n".join([LINES[0], *LINES]), ["row 2", '"Date"', "second time"]),
+        (SOUND.replace(b"IVS", b"Gap"), ["row 6", "IVS1"]),
+        (SOUND.replace(b"Speed", b"V"), ["row 6", "Speed1"]),
+        (SOUND.replace(b"Speed2", b"Speed1"), ["row 6", '"Speed1"', "columns 2 and 3"]),
+        (with_cell(57, 2, b"fast"), ["row 57", "column Speed2", '"fast"']),
+        (with_cell(57, 3, b"-"), ["row 57", "column IVS1", '"-"']),
+        (with_cell(57, 3, "\u00b5\u2028".encode()), ["row 57", "column IVS1"]),
+        (with_cell(57, 2, b"inf"), ["row 57", "column Speed2", "inf"]),
+        (with_cell(57, 2, b"1e300"), ["row 57", "column Speed2", "1e+300"]),
+        (with_cell(57, 0, b""), ["row 57", "column Time", "missing"]),
+        (with_cell(57, 0, b"103.0"), ["row 57", "column Time", "does not increase"]),
+        (with_cell(7, 0, b"90"), ["row 8", "column Time", "pauses for 10.1 s"]),
+        (with_cell(57, 2, b"1,2"), ["row 57", "7 cells", "6"]),
+        (with_cell(57, 2, b'"1'), ["row 57", "quotation mark"]),
+        (b"\r\n".join([*LINES[:10], b"", *LINES[10:]]), ["row 11", "is empty"]),
+        (b"\r\n".join(LINES[:6] + LINES[7:12] + [b""]), ["only 5 rows", "10"]),
+        (csv(platoon().assign(Time=1e-6 * np.arange(400))), ["Time", "apart"]),
+        (csv(platoon(), metadata(["x"] * 500)), ["500 vehicles", "99"]),
+    ],
+)
+def test_refused_in_one_sentence(raw: bytes, words: list[str]) -> None:
+    sentence = refusal(raw)
+    for word in words:
+        assert word in sentence
+
+
+def test_columns_of_nothing_are_refused() -> None:
+    frame = platoon()
+    frame[["IVS1", "IVS2"]] = np.nan
+    assert "space-gap columns are empty" in refusal(csv(frame))
+
+
+def test_a_missing_last_line_end_is_said() -> None:
+    assert says(read(SOUND.rstrip(), "run.csv"), "last row", "cut short")
+
+
+def test_an_upload_over_the_limit_is_refused(tmp_path: Path) -> None:
+    assert "0.0 MB" in refusal(SOUND, limit_bytes=1000)
+    (tmp_path / "run.csv").write_bytes(SOUND)
+    with pytest.raises(RecordingError, match=r"limit is 0\.0 MB"):
+        read(tmp_path / "run.csv", limit_bytes=1000)
+
+
+def test_a_folder_and_a_missing_file(tmp_path: Path) -> None:
+    with pytest.raises(RecordingError, match="folder"):
+        read(tmp_path)
+    with pytest.raises(RecordingError, match=r"nowhere\.csv: there is no such file"):
+        read(tmp_path / "nowhere.csv")
+    with pytest.raises(RecordingError, match="no such file"):
+        read("nul\0byte.csv")
+
+
+def test_a_file_that_may_not_be_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Permissions do not bind the tests' user everywhere, so the refusal is simulated."""
+    path = tmp_path / "run.csv"
+    path.write_bytes(SOUND)
+
+    def refuse(_: Path) -> bytes:
+        raise PermissionError(13, "Permission denied")
+
+    monkeypatch.setattr(Path, "read_bytes", refuse)
+    with pytest.raises(RecordingError, match="permission denied"):
+        read(path)
+
+
+def test_a_name_with_line_breaks_stays_on_one_line() -> None:
+    with pytest.raises(RecordingError) as caught:
+        read(b"", "a\nb\x1b[31m.csv")
+    assert str(caught.value).startswith("a b [31m.csv: ")
+
+
+# Whatever the bytes, a Recording or a sentence
+
+SMALL = csv(platoon(samples=14).assign(Driver2="ACC"))
+NASTY = [b",", b"\n", b'"', b"\0", b"\xff", b"-", b"e", b"nan", b"inf", b"Time", b"Speed99", b";"]
+PIECES = st.one_of(
+    st.binary(max_size=4),
+    st.sampled_from(NASTY),
+    st.text("0123456789.,-e", max_size=4).map(str.encode),
+)
+EDITS = st.lists(
+    st.tuples(st.integers(0, len(SMALL)), st.integers(0, 12), PIECES), min_size=1, max_size=4
+)
+
+
+def outcome_of(source: bytes | Path) -> Recording | str:
+    """What comes of a file: the recording, or the sentence why not."""
+    try:
+        return read(source, "run.csv" if isinstance(source, bytes) else None)
+    except RecordingError as error:
+        return str(error)
+
+
+@settings(max_examples=400, deadline=None, derandomize=True)
+@given(EDITS, st.integers(0, len(SMALL)))
+def test_any_edit_gives_a_recording_or_a_sentence(
+    edits: list[tuple[int, int, bytes]], keep: int
+) -> None:
+    raw = SMALL
+    for at, cut, piece in edits:
+        raw = raw[:at] + piece + raw[at + cut :]
+    for candidate in (raw, raw[:keep]):
+        outcome = outcome_of(candidate)
+        if isinstance(outcome, str):
+            assert outcome.startswith("run.csv")
+            assert outcome.endswith(".")
+            assert "\n" not in outcome
+        else:
+            assert (np.diff(outcome.time) > 0).all()
+            assert not np.isinf(outcome.speed).any()
+            assert len(outcome.vehicles) == outcome.speed.shape[1] == outcome.gap.shape[1] + 1
+
+
+@settings(max_examples=200, deadline=None, derandomize=True)
+@given(st.binary(max_size=400))
+def test_any_bytes_give_a_sentence(raw: bytes) -> None:
+    with pytest.raises(RecordingError):
+        read(raw, "run.csv")
+
+
+# The real recordings
+
+
+RUNS = {
+    "AstaZero/ASta_040719_platoon5.csv": ("AstaZero", 12470, (1, 2, 3, 4, 5)),
+    "Casale/part7.csv": ("Casale", 15230, (1, 2)),
+    "Casale/part8.csv": ("Casale", 1001, (1, 2)),
+    "Vicolungo/JRC-VC_260219_part3.csv": ("Vicolungo", 1455, (1, 2, 3, 4, 5)),
+    "Cherasco/JRC-Cher_300818_rec1_part2.csv": ("Cherasco", 1448, (1, 2)),
+    "JRC low speed/part12.csv": ("JRC low speed", 3766, (1, 2, 3)),
+    "ZalaZone/handling_part10.csv": ("ZalaZone", 2500, (2, 4, 5, 6, 7, 8, 9)),
+}
+
+
+def test_every_file_of_the_folder_loads_or_is_refused(openacc_dir: Path) -> None:
+    loaded = set()
+    for path in sorted(openacc_dir.rglob("*")):
+        if path.is_dir():
+            continue
+        outcome = outcome_of(path)
+        if isinstance(outcome, str):
+            assert outcome.startswith(path.name)
+        else:
+            loaded.add(path.relative_to(openacc_dir).as_posix())
+    assert loaded >= set(RUNS)
+    assert not {name for name in loaded if name.startswith("corrupt/")}
+
+
+@pytest.mark.parametrize("file", RUNS)
+def test_real_recordings(openacc_dir: Path, file: str) -> None:
+    campaign, samples, present = RUNS[file]
+    recording = read(openacc_dir / file)
+    assert (recording.campaign, recording.samples, recording.present) == (
+        campaign,
+        samples,
+        present,
+    )
+    assert recording.is_even
+    assert recording.sample_time == 0.1
+    assert (read((openacc_dir / file).read_bytes(), Path(file).name)).campaign == campaign
+
+
+@pytest.mark.parametrize("file", RUNS)
+def test_only_vicolungo_contradicts_itself(openacc_dir: Path, file: str) -> None:
+    contradicted = [w.split()[0] for w in read(openacc_dir / file).warnings if "contradicts" in w]
+    assert contradicted == (["IVS4"] if file.startswith("Vicolungo") else [])
+
+
+def test_real_modes_blocks_and_holes(openacc_dir: Path) -> None:
+    low = read(openacc_dir / "JRC low speed/part12.csv")
+    assert [v.modes for v in low.vehicles] == [
+        None,
+        {"ACC": 3672, "Human": 94},
+        {"ACC": 3265, "Human": 501},
+    ]
+    assert low.vehicles[1].missing == 2157
+    assert says(low, "Speed2 (Hyundai)", "57 %", "219.2-376.5 s")
+    zala = read(openacc_dir / "ZalaZone/handling_part10.csv")
+    assert says(zala, "1 (SKODA_TARGET), 3 (TOYOTA_RAV4)")
+    assert says(zala, "Speed2", "negative in 5 samples")
+    assert says(read(openacc_dir / "Vicolungo/JRC-VC_260219_part3.csv"), "Speed2", "27 samples")
+
+
+def test_real_corrupt_files(openacc_dir: Path) -> None:
+    cut, empty = sorted((openacc_dir / "corrupt").glob("*.csv"))
+    with pytest.raises(RecordingError, match="row 570: NUL bytes"):
+        read(cut)
+    with pytest.raises(RecordingError, match="empty"):
+        read(empty)
+
+
+def test_the_largest_recording_loads_fast(openacc_dir: Path) -> None:
+    """4 MB took 0.03 s when this was written; the limit leaves room for a busy machine."""
+    path = openacc_dir / "Casale/part7.csv"
+    read(path)
+    best = min(_seconds(path) for _ in range(5))
+    assert best < 0.15
+
+
+def _seconds(path: Path) -> float:
+    begin = time.perf_counter()
+    read(path)
+    return time.perf_counter() - begin
