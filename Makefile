@@ -5,7 +5,7 @@ MAKEFLAGS += --no-print-directory
 
 VENV := .venv
 BIN := $(VENV)/bin
-PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check
+PIP := $(BIN)/python -m pip install -qq --disable-pip-version-check
 
 # `make app ADDRESS=0.0.0.0` lets other machines in; without PORT the first free one from 8501 on.
 LISTEN = $(if $(ADDRESS),--server.address=$(ADDRESS)) $(if $(PORT),--server.port=$(PORT))

@@ -45,8 +45,8 @@ class Parameters:
         return cls(alpha, beta, alpha_tau / alpha if alpha else float("nan"))
 
     def linear(self) -> FloatArray:
-        """θ = (α, ατ, β), shape (3,)."""
-        return np.array([self.alpha, self.alpha * self.tau, self.beta])
+        """θ = (α, ατ, β), shape (3,); ατ = 0 where α = 0."""
+        return np.array([self.alpha, self.alpha * self.tau if self.alpha else 0.0, self.beta])
 
 
 def regressors(speeds: FloatArray, gaps: FloatArray) -> FloatArray:
@@ -154,7 +154,8 @@ def simulate(
     """The platoon in closed loop: only the leader's speed is given, all else is integrated.
 
     The system is linear and the leader's speed is taken as straight between samples, so each
-    step is exact (first-order hold, matrix exponential) and the result has no step-size error.
+    step of the whole platoon is exact (first-order hold, matrix exponential) and the result has
+    no step-size error.
 
     Args:
         parameters: one entry a follower, M of them.
@@ -164,23 +165,32 @@ def simulate(
         initial_gaps: (M,) in m.
     """
     step = (time[-1] - time[0]) / (len(time) - 1)
-    ahead = np.asarray(leader_speed, float)
-    speeds, gaps = [ahead], []
-    for law, speed, gap in zip(parameters, initial_speeds, initial_gaps, strict=True):
+    leader = np.asarray(leader_speed, float)
+    block = expm(_held_system(parameters) * step)
+    transition, hold, ramp = block[:-2, :-2], block[:-2, -2], block[:-2, -1]
+    forcing = np.outer(leader[:-1], hold) + np.outer(np.diff(leader) / step, ramp)
+    state = np.empty((len(time), 2 * len(parameters)))
+    state[0] = np.stack([initial_gaps, initial_speeds], axis=1).ravel()
+    for k, force in enumerate(forcing):
+        state[k + 1] = transition @ state[k] + force
+    return Trajectories(
+        np.asarray(time, float), np.column_stack([leader, state[:, 1::2]]), state[:, 0::2]
+    )
+
+
+def _held_system(parameters: tuple[Parameters, ...]) -> FloatArray:
+    """(2M+2, 2M+2): the rates of (p_1, v_1, .., p_M, v_M), the leader's speed and its slope.
+
+    With speed and slope as states, one matrix exponential gives the exact step.
+    """
+    size = 2 * len(parameters)
+    system = np.zeros((size + 2, size + 2))
+    system[size, size + 1] = 1.0
+    ahead = size
+    for gap, law in zip(range(0, size, 2), parameters, strict=True):
         alpha, alpha_tau, beta = law.linear()
-        # State (p, v), input u and its slope: the block exponential gives the exact step.
-        system = np.zeros((4, 4))
-        system[:2, :2] = [[0.0, -1.0], [alpha, -alpha_tau - beta]]
-        system[:2, 2] = [1.0, beta]
-        system[2, 3] = 1.0
-        block = expm(system * step)
-        transition, hold, ramp = block[:2, :2], block[:2, 2], block[:2, 3]
-        forcing = np.outer(ahead[:-1], hold) + np.outer(np.diff(ahead) / step, ramp)
-        state = np.empty((len(time), 2))
-        state[0] = gap, speed
-        for k, force in enumerate(forcing):
-            state[k + 1] = transition @ state[k] + force
-        gaps.append(state[:, 0])
-        ahead = state[:, 1]
-        speeds.append(ahead)
-    return Trajectories(np.asarray(time, float), np.stack(speeds, 1), np.stack(gaps, 1))
+        speed = gap + 1
+        system[gap, [ahead, speed]] = 1.0, -1.0
+        system[speed, [gap, speed, ahead]] = alpha, -alpha_tau - beta, beta
+        ahead = speed
+    return system

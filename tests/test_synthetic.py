@@ -1,0 +1,267 @@
+"""The sample recordings: reproducible, realistic, and their truth can be recovered."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.signal import savgol_filter
+
+from accpinn import openacc, synthetic
+from accpinn.cthp import Trajectories, regressors, solve_linear
+from accpinn.errors import RecordingError
+from accpinn.synthetic import STUDIES, Noise, Study, Truth
+from accpinn.units import FloatArray
+
+SAMPLE_DATA = Path(__file__).parent.parent / "sample_data"
+LAST_DIGIT = 1e-4
+STUDY_BY_NAME = {study.name: study for study in STUDIES}
+
+every_study = pytest.mark.parametrize("study", STUDIES, ids=STUDY_BY_NAME)
+
+
+@pytest.fixture(scope="module")
+def written(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("samples")
+    for study in STUDIES:
+        synthetic.write(study, folder)
+    return folder
+
+
+def table(path: Path) -> tuple[bytes, list[list[str]]]:
+    """The six header rows as they are, and the cells below."""
+    lines = path.read_bytes().split(b"\r\n")
+    return b"\r\n".join(lines[:6]), [line.decode().split(",") for line in lines[6:-1]]
+
+
+def numbers(rows: list[list[str]], columns: int) -> FloatArray:
+    return np.array([row[:columns] for row in rows], dtype=float)
+
+
+def central_differences(data: Trajectories) -> FloatArray:
+    """(M, 3) α, β, τ by least squares on central differences of the speeds."""
+    return least_squares(data, np.gradient(data.speeds, data.time, axis=0))
+
+
+def savitzky_golay(data: Trajectories) -> FloatArray:
+    """(M, 3) α, β, τ by least squares on cubics fitted to two seconds around each instant."""
+    step = data.time[1] - data.time[0]
+    smooth = Trajectories(
+        data.time,
+        savgol_filter(data.speeds, 21, 3, axis=0),
+        savgol_filter(data.gaps, 21, 3, axis=0),
+    )
+    return least_squares(smooth, savgol_filter(data.speeds, 21, 3, deriv=1, delta=step, axis=0))
+
+
+def least_squares(data: Trajectories, rates: FloatArray) -> FloatArray:
+    inside = slice(10, -10)  # one-sided differences at both ends are poorer
+    found = []
+    for columns, rate in zip(regressors(data.speeds, data.gaps), rates[:, 1:].T, strict=True):
+        x, y = columns[inside], rate[inside]
+        alpha, alpha_tau, beta = solve_linear(x.T @ x, x.T @ y).theta
+        found.append([alpha, beta, alpha_tau / alpha])
+    return np.array(found)
+
+
+def truth_table(study: Study) -> FloatArray:
+    return np.array([[law.alpha, law.beta, law.tau] for law in study.parameters])
+
+
+def read_back(path: Path) -> Trajectories:
+    recording = openacc.read(path)
+    vehicles = recording.present
+    return Trajectories(
+        recording.time - recording.time[0],
+        np.stack([recording.speed_of(number) for number in vehicles], axis=1),
+        np.stack([recording.gap_behind(number) for number in vehicles[:-1]], axis=1),
+    )
+
+
+class TestCommittedFiles:
+    @every_study
+    def test_are_what_the_generator_writes(self, study: Study, written: Path) -> None:
+        name = f"{study.name}.csv"
+        header, rows = table(SAMPLE_DATA / name)
+        new_header, new_rows = table(written / name)
+        assert header == new_header
+        assert len(rows) == len(new_rows)
+        columns = 2 * len(study.vehicles)
+        assert [row[columns:] for row in rows] == [row[columns:] for row in new_rows]
+        # Another machine's sine may differ in the last bit and so turn a rounding.
+        np.testing.assert_allclose(
+            numbers(rows, columns), numbers(new_rows, columns), rtol=0, atol=1.01 * LAST_DIGIT
+        )
+
+    @every_study
+    def test_truth_is_what_the_generator_writes(self, study: Study, written: Path) -> None:
+        name = f"{study.name}.truth.json"
+        assert (SAMPLE_DATA / name).read_bytes() == (written / name).read_bytes()
+
+    def test_are_all_there_and_nothing_else(self) -> None:
+        expected = {f"{s.name}{ending}" for s in STUDIES for ending in (".csv", ".truth.json")}
+        assert {path.name for path in SAMPLE_DATA.iterdir()} == expected
+
+    @every_study
+    def test_say_that_they_are_synthetic(self, study: Study) -> None:
+        assert study.name.startswith("synthetic_")
+        assert all("-like" in name or "Synthetic" in name for name in study.vehicles)
+
+    @every_study
+    def test_stay_small(self, study: Study) -> None:
+        assert (SAMPLE_DATA / f"{study.name}.csv").stat().st_size < 700_000
+
+    @every_study
+    def test_read_as_recordings_without_a_warning(self, study: Study) -> None:
+        recording = openacc.read(SAMPLE_DATA / f"{study.name}.csv")
+        assert recording.warnings == ()
+        assert tuple(vehicle.name for vehicle in recording.vehicles) == study.vehicles
+        assert recording.sample_time == pytest.approx(0.1, abs=1e-9)
+        assert recording.duration == pytest.approx(study.duration)
+
+
+class TestDrive:
+    @every_study
+    def test_leader_is_a_realistic_motorway_driver(self, study: Study) -> None:
+        true = synthetic.drive(study)
+        speed = true.speeds[:, 0]
+        assert 15 < speed.min() < speed.max() < 36
+        assert np.abs(np.gradient(speed, true.time)).max() < 2
+
+    @every_study
+    def test_leader_excites_the_band_that_identifies(self, study: Study) -> None:
+        speed = synthetic.drive(study).speeds[:, 0]
+        spectrum = np.abs(np.fft.rfft((speed - speed.mean()) * np.hanning(len(speed)))) ** 2
+        omega = 2 * np.pi * np.fft.rfftfreq(len(speed), synthetic.SIMULATION_STEP)
+        band = (omega > 0.02) & (omega < 0.5)
+        assert spectrum[band].sum() > 0.5 * spectrum.sum()
+        assert speed.std() > 2
+
+    @every_study
+    def test_followers_neither_touch_nor_race(self, study: Study) -> None:
+        true = synthetic.drive(study)
+        assert true.gaps.min() > 5
+        assert 10 < true.speeds.min() < true.speeds.max() < 40
+        assert np.abs(np.gradient(true.speeds, true.time, axis=0)).max() < 2
+
+    def test_paper_study_starts_where_the_paper_does(self) -> None:
+        true = synthetic.drive(STUDY_BY_NAME["synthetic_paper_study"])
+        assert true.gaps[0, 0] == 20.3
+        assert true.speeds[0, 1] == 21.3
+        assert true.time[-1] == 300
+
+    def test_platoons_start_in_equilibrium(self) -> None:
+        study = STUDY_BY_NAME["synthetic_astazero_like"]
+        true = synthetic.drive(study)
+        taus = [law.tau for law in study.parameters]
+        np.testing.assert_allclose(true.speeds[0], true.speeds[0, 0])
+        np.testing.assert_allclose(true.gaps[0], true.speeds[0, 0] * np.array(taus))
+
+    def test_another_seed_is_another_drive(self) -> None:
+        study = STUDIES[0]
+        other = synthetic.drive(replace(study, seed=study.seed + 1))
+        assert np.abs(other.speeds - synthetic.drive(study).speeds).max() > 1
+
+
+@pytest.fixture(scope="module")
+def errors() -> Trajectories:
+    """Recorded minus true, over an hour."""
+    study = replace(STUDY_BY_NAME["synthetic_vicolungo_like"], duration=3600.0)
+    true = synthetic.drive(study)
+    recorded = synthetic.record(true, study.noise, study.seed)
+    return Trajectories(
+        recorded.time, recorded.speeds - true.speeds[::2], recorded.gaps - true.gaps[::2]
+    )
+
+
+class TestNoise:
+    def test_speed_error_has_the_stated_size(self, errors: Trajectories) -> None:
+        # Cubic splines through white reports keep about nine tenths of their size on average.
+        assert 0.8 * Noise().speed < errors.speeds.std() < Noise().speed
+
+    def test_gap_error_wanders_by_decimetres_over_a_minute(self, errors: Trajectories) -> None:
+        gaps = errors.gaps
+        assert 0.1 < gaps.std() < 0.2
+        lag = 600  # one minute
+        kept = np.mean(gaps[lag:] * gaps[:-lag]) / np.mean(gaps**2)
+        assert 0.15 < kept < 0.6  # 1/e, give or take what an hour can tell
+
+    def test_neighbouring_gaps_share_a_receiver(self, errors: Trajectories) -> None:
+        assert -0.75 < np.corrcoef(errors.gaps.T)[0, 1] < -0.25
+
+    def test_none_records_the_truth(self) -> None:
+        true = synthetic.drive(STUDIES[0])
+        recorded = synthetic.record(true, None, 0)
+        np.testing.assert_array_equal(recorded.gaps, true.gaps[::2])
+        np.testing.assert_allclose(np.diff(recorded.time), 0.1)
+
+
+class TestRecovery:
+    def test_noise_free_study_within_half_a_percent_by_central_differences(self) -> None:
+        study = STUDY_BY_NAME["synthetic_paper_study_noise_free"]
+        found = central_differences(read_back(SAMPLE_DATA / f"{study.name}.csv"))
+        np.testing.assert_allclose(found, truth_table(study), rtol=0.005)
+
+    @every_study
+    def test_all_within_three_percent_by_savitzky_golay(self, study: Study) -> None:
+        found = savitzky_golay(read_back(SAMPLE_DATA / f"{study.name}.csv"))
+        np.testing.assert_allclose(found, truth_table(study), rtol=0.03)
+
+    def test_noisy_study_is_no_lucky_seed(self) -> None:
+        study = STUDY_BY_NAME["synthetic_paper_study"]
+        true = synthetic.drive(study)
+        found = [savitzky_golay(synthetic.record(true, study.noise, 100 + k))[0] for k in range(20)]
+        np.testing.assert_allclose(np.mean(found, axis=0), truth_table(study)[0], rtol=0.01)
+        assert (np.std(found, axis=0) < 0.02 * truth_table(study)[0]).all()
+
+
+class TestTruth:
+    @every_study
+    def test_loads_what_the_study_used(self, study: Study) -> None:
+        recording = SAMPLE_DATA / f"{study.name}.csv"
+        truth = synthetic.load_truth(synthetic.truth_path(recording))
+        assert truth == Truth(
+            study.description,
+            study.parameters,
+            study.noise,
+            study.seed,
+            synthetic.GENERATOR_VERSION,
+        )
+
+    def test_missing_file_is_one_sentence(self, tmp_path: Path) -> None:
+        with pytest.raises(RecordingError, match=r"gone\.truth\.json: there is no such truth"):
+            synthetic.load_truth(tmp_path / "gone.truth.json")
+
+    @pytest.mark.parametrize(
+        "content",
+        [
+            "",
+            "[]",
+            "{}",
+            '{"description": 1',
+            json.dumps({"description": "", "parameters": [{"alpha": 1}], "noise": None}),
+            json.dumps({"description": "", "parameters": 3, "noise": None}),
+        ],
+    )
+    def test_other_content_is_one_sentence(self, tmp_path: Path, content: str) -> None:
+        path = tmp_path / "x.truth.json"
+        path.write_text(content)
+        with pytest.raises(RecordingError, match=r"^x\.truth\.json: not a truth file .*\.$"):
+            synthetic.load_truth(path)
+
+
+class TestMain:
+    def test_writes_everything_into_a_new_folder(
+        self, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    ) -> None:
+        assert synthetic.main([str(tmp_path / "new")]) == 0
+        assert len(list((tmp_path / "new").iterdir())) == 2 * len(STUDIES)
+        assert capsys.readouterr().out.count("\n") == len(STUDIES)
+
+    @pytest.mark.parametrize("arguments", [[], ["a", "b"]])
+    def test_wrong_usage_exits_with_2(
+        self, arguments: list[str], capsys: pytest.CaptureFixture[str]
+    ) -> None:
+        assert synthetic.main(arguments) == 2
+        assert capsys.readouterr().err.startswith("usage:")
