@@ -85,7 +85,7 @@ class Store:
             handle, temporary = tempfile.mkstemp(dir=self.folder, suffix=".part")
             try:
                 with os.fdopen(handle, "wb") as file:
-                    np.savez(file, **marked)  # type: ignore[arg-type]
+                    np.savez(file, **marked)
                     file.flush()
                     os.fsync(file.fileno())
                 os.replace(temporary, self.folder / name)

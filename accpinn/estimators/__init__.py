@@ -1,0 +1,14 @@
+"""Every other way to estimate the law, behind one signature: segment and case in, `Fit` out."""
+
+from collections.abc import Callable
+
+from accpinn.cthp import Case
+from accpinn.estimators import least_squares, splines
+from accpinn.fit import Fit
+from accpinn.segment import Segment
+
+ESTIMATORS: dict[str, Callable[[Segment, Case], Fit]] = {
+    "least-squares": least_squares.fit,
+    "splines": splines.fit,
+}
+"""By the names that the command line and results use."""

@@ -38,8 +38,7 @@ def fit(segment: Segment, case: Case = "II", knots_every: Seconds = KNOTS_EVERY)
     started = time.perf_counter()
     basis = _Basis(segment.time, knots_every)
     solution = _solve_law(segment.speeds, segment.gaps, _slopes(segment), case)
-    rounds = 0
-    for rounds in range(1, ROUNDS + 1):
+    for rounds in range(1, ROUNDS + 1):  # noqa: B007 (used below)
         speeds, gaps, rates = basis.smooth(segment, solution.theta)
         before, solution = solution.theta, _solve_law(speeds, gaps, rates, case)
         if np.abs(solution.theta - before).max() <= TOLERANCE * np.abs(solution.theta).max():
@@ -123,17 +122,21 @@ class _Basis:
         right = (self.value.T @ measured).ravel()
         solved = solveh_banded(self._normal_matrix(theta), right, lower=True, check_finite=False)
         self._coefficients = solved.reshape(self.size, outputs)
-        values = self.value @ self._coefficients
-        rates = self.rate @ self._coefficients
+        values, rates = self._evaluate()
         split = followers + 1
         return values[:, :split], values[:, split:], rates[:, 1:split]
+
+    def _evaluate(self) -> tuple[FloatArray, FloatArray]:
+        values: FloatArray = np.asarray(self.value @ self._coefficients)
+        rates: FloatArray = np.asarray(self.rate @ self._coefficients)
+        return values, rates
 
     def _normal_matrix(self, theta: FloatArray) -> FloatArray:
         """Lower banded form; outputs v_0..v_M, p_1..p_M stand side by side at each knot."""
         rr, rv, vv = _coefficients_of_squares(theta)
         outputs, bands = len(vv), self._bands
         banded = np.zeros(((DEGREE + 1) * outputs, self.size * outputs))
-        for row, column in zip(*np.nonzero((rr != 0) | (rv != 0) | (rv.T != 0) | (vv != 0))):
+        for row, column in np.argwhere((rr != 0) | (rv != 0) | (rv.T != 0) | (vv != 0)):
             for offset in range(DEGREE + 1):
                 below = offset * outputs + row - column
                 if below >= 0:
@@ -148,13 +151,15 @@ class _Basis:
     def loss(self, segment: Segment, theta: FloatArray) -> dict[str, float]:
         """Ψ and its terms at the present coefficients."""
         followers = len(theta)
-        values, rates = self.value @ self._coefficients, self.rate @ self._coefficients
+        values, rates = self._evaluate()
         split = followers + 1
         speeds, gaps = values[:, :split], values[:, split:]
         law = np.einsum("mnk,mk->nm", regressors(speeds, gaps), theta)
         relative = speeds[:, :-1] - speeds[:, 1:]
         scale = 1.0 / (self.count * followers)
-        physics = ((rates[:, split:] - relative) ** 2).sum() + ((rates[:, 1:split] - law) ** 2).sum()
+        physics = ((rates[:, split:] - relative) ** 2).sum() + (
+            (rates[:, 1:split] - law) ** 2
+        ).sum()
         data = ((speeds - segment.speeds) ** 2).sum() + ((gaps - segment.gaps) ** 2).sum()
         return {
             "total": float(scale * (physics + data)),

@@ -1,0 +1,1 @@
+"""The physics-inspired neural network (PiNN): network, loss, two recipes, one training."""

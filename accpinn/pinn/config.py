@@ -72,7 +72,9 @@ class PinnConfig:
         )
         _require(0 <= self.test_share <= 0.5, "test share", "0 to 0.5", self.test_share)
         _require(
-            0.01 <= self.highest_frequency <= 2, "highest frequency", "0.01 to 2 Hz",
+            0.01 <= self.highest_frequency <= 2,
+            "highest frequency",
+            "0.01 to 2 Hz",
             self.highest_frequency,
         )
         _require(10 <= self.batch <= 100_000, "batch", "10 to 100,000", self.batch)

@@ -94,7 +94,7 @@ class FastTraining:
                     if self._round() <= STANDSTILL:
                         break
                 self.progress = self._look("Adam")
-        except torch.linalg.LinAlgError:
+        except torch.linalg.LinAlgError:  # type: ignore[attr-defined]
             self.outcome = Outcome.DIVERGED
             return
         self.outcome = self._judge(before)
@@ -260,8 +260,11 @@ class _StaticMoments:
             return torch.cat([torch.cat([top, right], 1), torch.cat([left, corner], 1)], 0)
 
         value_value = join(self._gram, cross_value, cross_value.T, inner[:width, :width])
-        value_value += RIDGE * value_value.trace() / len(value_value) * torch.eye(
-            len(value_value), dtype=value_value.dtype
+        value_value += (
+            RIDGE
+            * value_value.trace()
+            / len(value_value)
+            * torch.eye(len(value_value), dtype=value_value.dtype)
         )
         rate_value = join(
             slope.T @ self._gram, slope.T @ cross_value, cross_rate.T, inner[width:, :width]

@@ -19,7 +19,7 @@ class FourierFeatures:
         """At least four frequencies, however short the window."""
         count = max(4, round(2 * duration * highest_frequency))
         self.duration = duration
-        self.angular: FloatArray = np.pi * np.arange(1, count + 1) / duration
+        self.angular: FloatArray = np.arange(1, count + 1, dtype=np.float64) * (np.pi / duration)
         """(n,) in rad/s."""
         self.size = 2 + 2 * count
 

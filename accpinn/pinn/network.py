@@ -8,6 +8,8 @@ differentiation: the tangent (h, dh/dt) passes through each layer together,
 so one backward pass serves all 2M+1 outputs.
 """
 
+from itertools import pairwise
+
 import numpy as np
 import torch
 from torch import Tensor, nn
@@ -27,8 +29,7 @@ class HiddenLayers(nn.Module):
         generator = torch.Generator().manual_seed(seed)
         sizes = (inputs, *HIDDEN)
         self.layers = nn.ModuleList(
-            nn.Linear(before, after, dtype=dtype)
-            for before, after in zip(sizes, sizes[1:], strict=False)
+            nn.Linear(before, after, dtype=dtype) for before, after in pairwise(sizes)
         )
         for layer in self.layers:
             xavier(layer, generator)
@@ -36,6 +37,7 @@ class HiddenLayers(nn.Module):
     def forward(self, value: Tensor, rate: Tensor) -> tuple[Tensor, Tensor]:
         """(N, inputs) features and their time derivative to (N, 60) activations and theirs."""
         for layer in self.layers:
+            assert isinstance(layer, nn.Linear)
             value = torch.tanh(layer(value))
             rate = (1 - value * value) * (rate @ layer.weight.T)
         return value, rate

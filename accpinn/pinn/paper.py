@@ -116,7 +116,6 @@ class PaperTraining:
     @torch.no_grad()
     def learned(self) -> Learned:
         """The surrogate on all instants, the parameters, and the losses on both parts."""
-        problem = self.problem
         outputs, rates = self.network(self._time)
         loss = {
             "total": self.progress.total,

@@ -41,7 +41,7 @@ class Problem:
     @property
     def followers(self) -> int:
         """M."""
-        return self.segment.gaps.shape[1]
+        return self.segment.followers
 
     def evaluate(self, outputs: Tensor, rates: Tensor, theta: FloatArray) -> LossTerms:
         """Ψ over all instants of outputs and rates (N, 2M+1) with parameters θ (M, 3)."""
@@ -83,6 +83,7 @@ class Learned:
 class Training(Protocol):
     """A recipe at work: `advance` in small steps, look at `progress`, stop at any moment."""
 
+    problem: Problem
     progress: Progress
     """The present moment; its seconds are left to whoever drives the training."""
     outcome: Outcome | None

@@ -1,0 +1,228 @@
+"""`fit FILE`: learn the parameters of a window of a recording."""
+
+import argparse
+import signal
+import sys
+from dataclasses import replace
+from types import FrameType
+from typing import Any
+
+from tqdm import tqdm
+
+from accpinn.assessment import closed_loop_errors, surrogate_errors
+from accpinn.cli.output import print_json, table
+from accpinn.errors import ConfigError
+from accpinn.estimators import ESTIMATORS
+from accpinn.fit import Fit, Outcome, Progress
+from accpinn.openacc import read
+from accpinn.pinn.config import PinnConfig, preset
+from accpinn.quality import Quality, assess
+from accpinn.segment import DURATION, Segment, cut, parse_vehicles
+from accpinn.store import Store
+
+
+def add_parser(subparsers: Any) -> None:
+    """Declare the command."""
+    parser = subparsers.add_parser("fit", help="learn α, β and τ from a window of a recording")
+    add_segment_options(parser)
+    parser.add_argument("--method", choices=["pinn", *ESTIMATORS], default="pinn")
+    parser.add_argument("--preset", choices=["fast", "paper"], default="fast")
+    parser.add_argument("--initial", metavar="A,B,T", help="α,β,τ to start from (1,1,1)")
+    parser.add_argument("--iterations", type=int, metavar="N", help="at most so many")
+    parser.add_argument("--lbfgs", type=int, metavar="N", help="paper: L-BFGS iterations, last")
+    parser.add_argument("--seed", type=int, default=0, metavar="N")
+    parser.add_argument("--threads", type=int, metavar="N", help="processor threads for training")
+    parser.add_argument("--no-cache", action="store_true", help="neither read nor keep results")
+    parser.add_argument("--json", action="store_true", help="one JSON document")
+    parser.set_defaults(run=run)
+
+
+def add_segment_options(parser: argparse.ArgumentParser) -> None:
+    """The options that choose data, the same for every command that estimates."""
+    parser.add_argument("file", metavar="FILE", help="an OpenACC recording (CSV)")
+    parser.add_argument("--start", type=float, default=0.0, metavar="S", help="window start in s")
+    parser.add_argument(
+        "--duration", type=float, default=DURATION, metavar="S", help="window length in s"
+    )
+    parser.add_argument("--vehicles", metavar="1-5 | 1,2", help="leader first; default: all it can")
+    parser.add_argument("--case", choices=["I", "II"], default="II", help="I: one set for all")
+
+
+def chosen_segment(options: argparse.Namespace) -> Segment:
+    """The segment that the options name."""
+    vehicles = parse_vehicles(options.vehicles) if options.vehicles else None
+    return cut(read(options.file), options.start, options.duration, vehicles)
+
+
+def run(options: argparse.Namespace) -> int:
+    """Learn, and print what was learned."""
+    config = _config(options)
+    segment = chosen_segment(options)
+    if options.method == "pinn":
+        fit = _train(segment, options, config)
+    else:
+        fit = ESTIMATORS[options.method](segment, options.case)
+    quality = assess(segment)
+    if options.json:
+        print_json(describe(segment, fit, quality))
+    else:
+        print(_text(segment, fit, quality))
+    return 130 if fit.outcome is Outcome.STOPPED else 0
+
+
+def _config(options: argparse.Namespace) -> PinnConfig:
+    config = preset(options.preset, seed=options.seed)
+    if options.initial is not None:
+        config = replace(config, initial=_three_numbers(options.initial))
+    if options.iterations is not None:
+        config = replace(config, iterations=options.iterations)
+    if options.lbfgs is not None:
+        config = replace(config, lbfgs_iterations=options.lbfgs)
+    if options.threads is not None and options.threads < 1:
+        raise ConfigError(f"threads: {options.threads} is not allowed; choose 1 or more.")
+    return config
+
+
+def _three_numbers(text: str) -> tuple[float, float, float]:
+    try:
+        alpha, beta, tau = (float(part) for part in text.split(","))
+    except ValueError:
+        raise ConfigError(
+            f'initial: "{text[:40]}" is not α,β,τ; write three numbers as 1,1,1.'
+        ) from None
+    return alpha, beta, tau
+
+
+def _train(segment: Segment, options: argparse.Namespace, config: PinnConfig) -> Fit:
+    from accpinn.pinn.training import train  # torch takes a second to import
+
+    store = None if options.no_cache else Store()
+    with _Interrupt() as interrupted, _ProgressBar() as bar:
+        fit = train(
+            segment,
+            options.case,
+            config,
+            store=store,
+            on_progress=bar.show,
+            should_stop=lambda: interrupted.raised,
+            threads=options.threads,
+        )
+    return replace(fit, notes=fit.notes + tuple(store.messages if store else ()))
+
+
+class _Interrupt:
+    """Ctrl+C asks the training to stop and keep a checkpoint; a second one ends at once."""
+
+    raised = False
+
+    def __enter__(self) -> "_Interrupt":
+        self._before = signal.signal(signal.SIGINT, self._note)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        signal.signal(signal.SIGINT, self._before)
+
+    def _note(self, _signal: int, _frame: FrameType | None) -> None:
+        if self.raised:
+            raise KeyboardInterrupt
+        self.raised = True
+
+
+class _ProgressBar:
+    """On standard error; shows iterations, time left, Ψ and the first follower's parameters."""
+
+    def __init__(self) -> None:
+        self._bar: tqdm[Any] | None = None
+
+    def __enter__(self) -> "_ProgressBar":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self._bar:
+            self._bar.close()
+
+    def show(self, progress: Progress) -> None:
+        if self._bar is None:
+            self._bar = tqdm(
+                total=progress.iterations,
+                initial=progress.iteration,
+                unit="it",
+                file=sys.stderr,
+                mininterval=0.2,
+            )
+        alpha, beta, tau = progress.parameters[0]
+        self._bar.set_postfix_str(
+            f"Ψ={progress.total:.3g} α={alpha:.4f} β={beta:.4f} τ={tau:.3f}", refresh=False
+        )
+        self._bar.update(progress.iteration - self._bar.n)
+
+
+def describe(segment: Segment, fit: Fit, quality: Quality) -> dict[str, Any]:
+    """The result as the command-line contract has it."""
+    surrogate, driven = surrogate_errors(segment, fit), closed_loop_errors(segment, fit)
+    followers = list(zip(segment.vehicles[1:], segment.names[1:], strict=True))
+
+    def rows(parameters: tuple[Any, ...]) -> list[dict[str, Any]]:
+        return [
+            {"vehicle": vehicle, "name": name, "alpha": p.alpha, "beta": p.beta, "tau": p.tau}
+            for (vehicle, name), p in zip(followers, parameters, strict=True)
+        ]
+
+    return {
+        "method": fit.method,
+        "case": fit.case,
+        "preset": fit.config.get("preset"),
+        "seed": fit.config.get("seed"),
+        "segment": {
+            "source": segment.source,
+            "start": segment.start,
+            "duration": segment.duration,
+            "samples": segment.samples,
+            "vehicles": list(segment.vehicles),
+            "names": list(segment.names),
+        },
+        "parameters": rows(fit.parameters),
+        "unconstrained": rows(fit.unconstrained),
+        "active_bounds": [list(names) for names in fit.active_bounds],
+        "mae": None
+        if surrogate is None
+        else {"v": surrogate.speed_mae.tolist(), "p": surrogate.gap_mae.tolist()},
+        "closed_loop_mae": None
+        if driven is None
+        else {"v": driven.speed_mae.tolist(), "p": driven.gap_mae.tolist()},
+        "mean_time_gap": list(quality.mean_time_gap),
+        "loss": fit.loss,
+        "network_weights": fit.network_weights,
+        "iterations": fit.iterations,
+        "seconds": fit.seconds,
+        "cached": fit.cached,
+        "outcome": fit.outcome.name.lower(),
+        "outcome_sentence": fit.outcome.value,
+        "notes": [*segment.notes, *quality.warnings, *fit.notes],
+    }
+
+
+def _text(segment: Segment, fit: Fit, quality: Quality) -> str:
+    surrogate, driven = surrogate_errors(segment, fit), closed_loop_errors(segment, fit)
+    rows = []
+    for k, (label, p) in enumerate(zip(segment.labels[1:], fit.parameters, strict=True)):
+        rows.append(
+            [
+                label,
+                f"{p.alpha:.4f}",
+                f"{p.beta:.4f}",
+                f"{p.tau:.3f}",
+                f"{quality.mean_time_gap[k]:.2f}",
+                f"{surrogate.gap_mae[k]:.3f}" if surrogate else "-",
+                f"{driven.gap_mae[k]:.2f}" if driven else "-",
+            ]
+        )
+    head = ["vehicle", "α (1/s²)", "β (1/s)", "τ (s)", "mean time gap (s)"]
+    head += ["gap MAE, surrogate (m)", "gap MAE, closed loop (m)"]
+    window = f"{segment.start:g} to {segment.start + segment.duration:g} s"
+    about = f"{segment.source}, {window}, {fit.method}, Case {fit.case}"
+    effort = f"{fit.iterations} iterations in {fit.seconds:.1f} s" + (
+        ", answered from the cache" if fit.cached else ""
+    )
+    notes = [f"Note: {note}" for note in (*segment.notes, *quality.warnings, *fit.notes)]
+    return "\n".join([about, "", table(head, rows), "", f"{fit.outcome.value} ({effort})", *notes])
