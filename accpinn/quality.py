@@ -104,9 +104,10 @@ def _warnings(segment: Segment, figures: Quality) -> tuple[str, ...]:
                 f" number {condition:.0f}): α, β and τ cannot be told apart well."
             )
         if figures.car_following[k] < LITTLE_CAR_FOLLOWING:
+            share = 100 * figures.car_following[k]
             warnings.append(
-                f"{label} is in car-following for only {100 * figures.car_following[k]:.0f} % of the time"
-                f" (moving, time gap at most {CAR_FOLLOWING:g} s); elsewhere the law does not hold."
+                f"{label} is in car-following for only {share:.0f} % of the time (moving, time gap"
+                f" at most {CAR_FOLLOWING:g} s); elsewhere the law does not hold."
             )
         negative = int((segment.gaps[:, k] < 0).sum())
         if negative:

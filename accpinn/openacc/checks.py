@@ -58,7 +58,7 @@ def agreement(recording: Recording, number: int) -> float | None:
     known = np.isfinite(rate) & np.isfinite(smooth)
     if known.sum() < AGREEMENT_MINIMUM or smooth[known].std() < RELATIVE_MOTION:
         return None
-    if rate[known].std() == 0:
+    if rate[known].std() < 1e-9:
         return 0.0
     return float(np.corrcoef(rate[known], smooth[known])[0, 1])
 

@@ -1,0 +1,395 @@
+"""Cutting windows: what comes out is even, complete and says what was done to it."""
+
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from openacc_files import csv, metadata, platoon
+
+from accpinn.errors import AccpinnError, SegmentError
+from accpinn.openacc import Recording, read
+from accpinn.runs import Run, runs
+from accpinn.segment import (
+    Segment,
+    Window,
+    complete_windows,
+    cut,
+    default_vehicles,
+    parse_vehicles,
+)
+from accpinn.selection import chains
+
+
+def recording(frame: pd.DataFrame | None = None, names: str = "ABC") -> Recording:
+    return read(csv(platoon() if frame is None else frame, metadata(tuple(names))), "run.csv")
+
+
+def without(block: slice, *columns: str) -> pd.DataFrame:
+    """The sound platoon with a block of samples missing."""
+    frame = platoon()
+    frame.loc[block, list(columns)] = np.nan
+    return frame
+
+
+# The window
+
+
+def test_both_ends_are_in() -> None:
+    segment = cut(recording(), start=5.0, duration=20.0)
+    assert segment.samples == 201
+    assert segment.duration == 20.0
+    assert segment.sample_time == 0.1
+    assert segment.time[0] == 0.0
+    assert segment.start == 5.0
+    rows = platoon().iloc[50:251]
+    np.testing.assert_array_equal(segment.speeds, rows[["Speed1", "Speed2", "Speed3"]])
+    np.testing.assert_array_equal(segment.gaps, rows[["IVS1", "IVS2"]])
+    assert segment.notes == ()
+
+
+def test_a_window_past_the_end_is_shortened_and_said() -> None:
+    segment = cut(recording(), start=20.0)
+    assert segment.duration == 19.9
+    assert len(segment.notes) == 1
+    assert "39.9 s: 19.9 s instead of 300 s" in segment.notes[0]
+
+
+def test_a_start_between_samples_moves_to_the_nearest() -> None:
+    segment = cut(recording(), start=5.04, duration=20.0)
+    assert segment.start == 5.0
+    assert "5 s, the sample nearest to 5.04 s" in segment.notes[0]
+
+
+@pytest.mark.parametrize(
+    ("start", "duration", "words"),
+    [
+        (-1.0, 20.0, "start at 0 s"),
+        (float("nan"), 20.0, "impossible"),
+        (0.0, float("inf"), "impossible"),
+        (0.0, 9.0, "at least 10 s"),
+        (0.0, -5.0, "at least 10 s"),
+        (31.0, 20.0, "start at 29.9 s or earlier"),
+        (1e9, 20.0, "start at 29.9 s or earlier"),
+    ],
+)
+def test_windows_that_are_none(start: float, duration: float, words: str) -> None:
+    with pytest.raises(SegmentError, match=words):
+        cut(recording(), start=start, duration=duration)
+
+
+def test_a_recording_too_short_for_any_window() -> None:
+    with pytest.raises(SegmentError, match="choose a longer one"):
+        cut(recording(platoon(samples=50)))
+
+
+# Uneven time
+
+
+def test_even_steps_are_left_alone() -> None:
+    """Float noise of the time stamps is no reason to interpolate."""
+    frame = platoon()
+    frame["Time"] += 1e-9 * np.random.default_rng(1).normal(size=len(frame))
+    segment = cut(recording(frame), duration=20.0)
+    np.testing.assert_array_equal(segment.speeds, recording().speed[:201])
+    assert segment.notes == ()
+
+
+def test_uneven_steps_are_resampled_and_said() -> None:
+    """Speeds are smooth: linear interpolation within 0.1 s errs by ω²A dt²/8 < 1 mm/s."""
+    full = platoon()
+    rng = np.random.default_rng(2)
+    kept = np.sort(rng.choice(np.arange(1, 399), size=360, replace=False))
+    frame = full.iloc[[0, *kept, 399]]
+    segment = cut(recording(frame), start=2.0, duration=30.0)
+    assert segment.sample_time == 0.1
+    assert segment.samples == 301
+    assert "Resampled" in segment.notes[0]
+    np.testing.assert_allclose(segment.speeds, recording(full).speed[20:321], atol=5e-3)
+
+
+# Missing samples
+
+
+def test_a_short_block_is_bridged_and_said() -> None:
+    frame = without(slice(100, 106), "Speed2", "IVS1", "IVS2")
+    segment = cut(recording(frame), duration=30.0)
+    first = "Bridged 7 samples of Speed2 at 10.0-10.6 s."
+    assert segment.notes[0] == first
+    assert len(segment.notes) == 3
+    ends = platoon()["Speed2"].to_numpy()[[99, 107]]
+    np.testing.assert_allclose(segment.speeds[99:108, 1], np.linspace(*ends, 9))
+    np.testing.assert_allclose(segment.speeds[:, 1], platoon()["Speed2"][:301], atol=0.1)
+
+
+def test_the_limit_of_bridging_is_what_it_says() -> None:
+    ten, eleven = (recording(without(slice(100, last), "Speed2")) for last in (109, 110))
+    assert cut(ten, duration=30.0).notes
+    with pytest.raises(SegmentError, match="too long to bridge"):
+        cut(eleven, duration=30.0)
+    assert cut(eleven, duration=30.0, bridge=1.1).notes
+    with pytest.raises(SegmentError):
+        cut(ten, duration=30.0, bridge=0.0)
+
+
+@pytest.mark.parametrize("bridge", [-1.0, float("nan"), float("inf")])
+def test_impossible_limits(bridge: float) -> None:
+    with pytest.raises(SegmentError, match="bridging"):
+        cut(recording(), bridge=bridge)
+
+
+def test_a_long_block_is_refused_with_the_complete_windows() -> None:
+    missing = recording(without(slice(150, 199), "Speed2", "IVS1", "IVS2"))
+    with pytest.raises(SegmentError) as caught:
+        cut(missing)
+    sentence = str(caught.value)
+    assert "Speed2 is missing at 15.0-19.9 s" in sentence
+    assert "limit 1 s" in sentence
+    assert "0.0-14.9 s, 20.0-39.9 s" in sentence
+
+
+def test_only_the_window_counts() -> None:
+    missing = recording(without(slice(150, 199), "Speed2", "IVS1", "IVS2"))
+    assert cut(missing, start=20.0, duration=19.0).notes == ()
+    assert cut(missing, start=0.0, duration=14.9).notes == ()
+    with pytest.raises(SegmentError):
+        cut(missing, start=0.0, duration=15.0)
+
+
+def test_a_block_at_the_edge_has_nothing_to_be_bridged_from() -> None:
+    missing = recording(without(slice(0, 2), "Speed1"))
+    with pytest.raises(SegmentError, match=r"no earlier sample helps; complete nearby: 0\.3-39\.9"):
+        cut(missing)
+    assert cut(missing, start=0.3).notes
+
+
+def test_vehicles_outside_the_platoon_may_miss_anything() -> None:
+    missing = recording(without(slice(0, 300), "Speed3", "IVS2"))
+    assert cut(missing, vehicles=(1, 2), duration=20.0).notes == ()
+
+
+def test_complete_windows() -> None:
+    missing = recording(without(slice(150, 199), "Speed2", "IVS1", "IVS2"))
+    assert complete_windows(missing, (1, 2)) == (Window(0.0, 14.9), Window(20.0, 39.9))
+    assert complete_windows(missing, (1, 2), minimum=15.0) == (Window(20.0, 39.9),)
+    assert complete_windows(missing, (1, 2), bridge=5.0) == (Window(0.0, 39.9),)
+    for window in complete_windows(missing, (1, 2)):
+        assert cut(missing, window.start, window.duration).notes == ()
+
+
+# The vehicles
+
+
+@pytest.mark.parametrize(
+    ("text", "vehicles"),
+    [
+        ("1-5", (1, 2, 3, 4, 5)),
+        ("1,2", (1, 2)),
+        (" 2 - 4 , 5", (2, 3, 4, 5)),
+        ("7", (7,)),
+        ("3-1", (3, 2, 1)),
+    ],
+)
+def test_parse_vehicles(text: str, vehicles: tuple[int, ...]) -> None:
+    assert parse_vehicles(text) == vehicles
+
+
+@pytest.mark.parametrize("text", ["", "a", "1-", "1--2", "1;2", "-1", "1-999999999", "1,,2", "1.5"])
+def test_vehicles_that_are_none(text: str) -> None:
+    with pytest.raises(SegmentError, match="1-5"):
+        parse_vehicles(text)
+
+
+def test_the_platoon_from_the_first_vehicle_is_the_default() -> None:
+    """ZalaZone: Speed 1, 2, 5-7 with IVS 1, 5, 6."""
+    frame = platoon(7).drop(columns=["Speed3", "Speed4", "IVS2", "IVS3", "IVS4"])
+    holes = recording(frame, "ABCDEFG")
+    assert chains(holes) == ((1, 2), (5, 6, 7))
+    assert default_vehicles(holes) == (1, 2)
+    assert cut(holes, duration=20.0).names == ("A", "B")
+    assert cut(holes, duration=20.0, vehicles=(5, 6, 7)).names == ("E", "F", "G")
+
+
+def test_without_the_first_vehicle_the_longest_platoon_is_the_default() -> None:
+    """ZalaZone: vehicle 1 and 3 absent; and the first of two equals."""
+    frame = platoon(9).drop(columns=["Speed1", "Speed3", "IVS1", "IVS2", "IVS3"])
+    assert default_vehicles(recording(frame, "ABCDEFGHI")) == (4, 5, 6, 7, 8, 9)
+    frame = platoon(6).drop(columns=["Speed1", "Speed4", "IVS1", "IVS3", "IVS4"])
+    assert default_vehicles(recording(frame, "ABCDEF")) == (2, 3)
+
+
+def test_a_platoon_ends_where_a_gap_is_missing() -> None:
+    frame = platoon(4)
+    frame["IVS2"] = np.nan
+    assert chains(recording(frame, "ABCD")) == ((1, 2), (3, 4))
+
+
+def test_at_most_ten_followers() -> None:
+    twelve = recording(platoon(12), "ABCDEFGHIJKL")
+    assert default_vehicles(twelve) == tuple(range(1, 12))
+    assert cut(twelve).followers == 10
+    with pytest.raises(SegmentError, match="11 followers"):
+        cut(twelve, vehicles=range(1, 13))
+
+
+@pytest.mark.parametrize(
+    ("vehicles", "words"),
+    [
+        ((1,), "at least one follower"),
+        ((), "at least one follower"),
+        ((1, 3), "vehicle 3 does not follow vehicle 1"),
+        ((2, 1), "vehicle 1 does not follow vehicle 2"),
+        ((1, 1), "vehicle 1 does not follow vehicle 1"),
+        ((3, 4), "vehicle 4 has no speed"),
+        ((0, 1), "vehicle 0 has no speed"),
+        ((1, 2, 3), "IVS2"),
+    ],
+)
+def test_platoons_that_are_none(vehicles: tuple[int, ...], words: str) -> None:
+    gapless = recording(without(slice(None), "IVS2"))
+    with pytest.raises(SegmentError, match=words) as caught:
+        cut(gapless, vehicles=vehicles)
+    assert str(caught.value).endswith("possible platoons: 1-2.")
+
+
+def test_no_platoon_at_all() -> None:
+    frame = platoon(4)[["Time", "Speed1", "Speed3", "IVS1"]]
+    with pytest.raises(SegmentError, match="no two consecutive vehicles"):
+        cut(recording(frame))
+
+
+# The segment itself
+
+
+def segment(**changes: object) -> Segment:
+    values = {
+        "time": 0.1 * np.arange(4),
+        "speeds": np.ones((4, 2)),
+        "gaps": np.full((4, 1), 5.0),
+        "vehicles": (1, 2),
+        "names": ("A", "Vehicle 2"),
+        "start": 0.0,
+        "source": "made.csv",
+        "sha256": "",
+    }
+    return Segment(**(values | changes))
+
+
+def test_a_segment_copies_and_locks_its_arrays() -> None:
+    speeds = np.ones((4, 2))
+    made = segment(speeds=speeds)
+    speeds[0, 0] = 9.0
+    assert made.speeds[0, 0] == 1.0
+    with pytest.raises(ValueError, match="read-only"):
+        made.speeds[0, 0] = 9.0
+
+
+def test_a_segment_describes_itself() -> None:
+    made = segment()
+    assert (made.followers, made.samples, made.sample_time, made.duration) == (1, 4, 0.1, 0.3)
+    assert made.labels == ("1 A", "Vehicle 2")
+
+
+def test_the_digest_follows_content_only() -> None:
+    same = segment(names=("X", "Y"), source="other.csv", notes=("a",)).digest()
+    assert segment().digest() == same
+    other = [
+        segment(start=1.0),
+        segment(vehicles=(2, 3)),
+        segment(time=0.2 * np.arange(4)),
+        segment(speeds=np.full((4, 2), 1 + 1e-15)),
+        segment(gaps=np.full((4, 1), 5.1)),
+    ]
+    digests = {made.digest() for made in other} | {same}
+    assert len(digests) == 6
+    assert all(len(digest) == 64 for digest in digests)
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"time": np.zeros(1)},
+        {"speeds": np.ones((3, 2))},
+        {"gaps": np.ones((4, 2))},
+        {"gaps": np.full((4, 1), np.nan)},
+        {"speeds": np.full((4, 2), np.inf)},
+        {"names": ("A",)},
+        {"vehicles": (1,), "names": ("A",)},
+    ],
+)
+def test_a_segment_that_no_method_could_use(changes: dict[str, object]) -> None:
+    with pytest.raises(SegmentError, match=r"made\.csv"):
+        segment(**changes)
+
+
+def test_runs() -> None:
+    assert runs([1, 1, 0, 1, 0, 0, 1]) == (Run(0, 1), Run(3, 3), Run(6, 6))
+    assert runs([]) == runs([0, 0]) == ()
+    assert len(Run(3, 5)) == 3
+
+
+HOLES = recording(without(slice(120, 170), "Speed2", "IVS1", "IVS2"))
+ANY = st.floats(allow_nan=True, allow_infinity=True)
+
+
+@settings(max_examples=300, deadline=None, derandomize=True)
+@given(
+    st.one_of(ANY, st.floats(0, 40)),
+    st.one_of(ANY, st.floats(0, 60)),
+    st.one_of(st.none(), st.lists(st.integers(-1, 5), max_size=4)),
+    st.one_of(ANY, st.floats(0, 6)),
+)
+def test_any_choice_gives_a_segment_or_a_sentence(
+    start: float, duration: float, vehicles: list[int] | None, bridge: float
+) -> None:
+    try:
+        made = cut(HOLES, start, duration, vehicles, bridge)
+    except AccpinnError as error:
+        text = str(error)
+        made = None
+    if made is None:
+        assert text.endswith(".")
+        assert "\n" not in text
+    else:
+        assert 9.9 <= made.duration <= duration + 1e-6
+        assert made.start + made.duration <= HOLES.duration + 1e-6
+        np.testing.assert_allclose(np.diff(made.time), 0.1, atol=1e-9)
+
+
+# The real recordings
+
+
+def test_casale(openacc_dir: Path) -> None:
+    made = cut(read(openacc_dir / "Casale/part7.csv"))
+    assert (made.samples, made.followers, made.notes) == (3001, 1, ())
+    assert made.labels == ("1 Rexton", "2 Hyundai")
+
+
+def test_vicolungo_keeps_time_in_double_precision(openacc_dir: Path) -> None:
+    made = cut(read(openacc_dir / "Vicolungo/JRC-VC_260219_part3.csv"))
+    assert made.samples == 1455
+    assert made.sample_time == 0.1
+    assert not any("Resampled" in note for note in made.notes)
+
+
+def test_low_speed_is_refused_with_its_complete_windows(openacc_dir: Path) -> None:
+    low = read(openacc_dir / "JRC low speed/part12.csv")
+    with pytest.raises(SegmentError, match=r"Speed2 is missing .* complete nearby: 76\.0-86\.8 s"):
+        cut(low)
+    windows = complete_windows(low, (1, 2, 3))
+    assert len(windows) == 6
+    for window in windows:
+        assert cut(low, window.start, window.duration).followers == 2
+
+
+def test_zalazone_bridges_and_says_so(openacc_dir: Path) -> None:
+    zala = read(openacc_dir / "ZalaZone/handling_part10.csv")
+    with pytest.raises(SegmentError, match=r"0\.4-249\.9 s"):
+        cut(zala)
+    made = cut(zala, start=1.0)
+    assert made.vehicles == (4, 5, 6, 7, 8, 9)
+    assert "Bridged 6 samples of Speed8 at 32.9-33.4 s." in made.notes
+    with pytest.raises(SegmentError, match=r"vehicle 3 \(TOYOTA_RAV4\).*possible platoons: 4-9"):
+        cut(zala, start=1.0, vehicles=(2, 3))
