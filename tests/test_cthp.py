@@ -76,7 +76,6 @@ class TestRegressors:
 
 class TestSolveLinear:
     @given(problems)
-    @settings(deadline=None)
     def test_reaches_the_optimum_that_scipy_finds(
         self, problem: tuple[FloatArray, FloatArray]
     ) -> None:
@@ -90,7 +89,6 @@ class TestSolveLinear:
         assert cost <= reference.cost * (1 + 1e-8) + 1e-9
 
     @given(problems)
-    @settings(deadline=None)
     def test_names_exactly_the_bounds_that_hold_it(
         self, problem: tuple[FloatArray, FloatArray]
     ) -> None:
@@ -107,7 +105,6 @@ class TestSolveLinear:
         assert (np.abs(slope[free]) <= 1e-6 * scale[free]).all()
 
     @given(problems)
-    @settings(deadline=None)
     def test_keeps_the_unconstrained_optimum(self, problem: tuple[FloatArray, FloatArray]) -> None:
         x, y = problem
         assume(np.linalg.cond(x) < 1e4)
@@ -176,7 +173,7 @@ class TestSimulate:
         np.testing.assert_allclose(found.speeds[:, 1:], reference[:, 1::2], rtol=0, atol=1e-9)
 
     @given(st.lists(laws, min_size=1, max_size=4), st.floats(0.5, 40))
-    @settings(deadline=None, max_examples=25)
+    @settings(max_examples=25)
     def test_equilibrium_stays(self, platoon: list[Parameters], speed: float) -> None:
         time = np.arange(201) * 0.1
         gaps = np.array([law.tau * speed for law in platoon])
