@@ -20,6 +20,7 @@ from torch import Tensor
 
 from accpinn.cthp import PlatoonSolution
 from accpinn.fit import Outcome, Progress
+from accpinn.pinn.adam import Adam
 from accpinn.pinn.exact import RIDGE, Moments, solve_output, solve_parameters
 from accpinn.pinn.features import FourierFeatures
 from accpinn.pinn.loss import loss_terms
@@ -30,8 +31,6 @@ from accpinn.pinn.recipe import (
     State,
     as_table,
     from_table,
-    pack_adam,
-    unpack_adam,
 )
 from accpinn.units import FloatArray
 
@@ -64,9 +63,7 @@ class FastTraining:
         self._features = FourierFeatures(float(problem.time[-1]), config.highest_frequency)
         self._static = _StaticMoments(problem, self._features)
         self._hidden = HiddenLayers(self._features.size - 1, config.seed, torch.float32)
-        self._optimiser = torch.optim.Adam(
-            self._hidden.parameters(), lr=config.learning_rate, betas=(0.9, 0.99)
-        )
+        self._adam = Adam(self._hidden.parameters(), b2=0.99)
         self._generator = torch.Generator().manual_seed(config.seed)
         self._theta = from_table(np.tile(np.array(config.initial), (problem.followers, 1)))
         self._exact: PlatoonSolution | None = None
@@ -129,9 +126,7 @@ class FastTraining:
         measured = self._static.measured_single
         count = len(problem.time)
         batch = min(problem.config.batch, count)
-        for group in self._optimiser.param_groups:
-            halvings = self._iteration / HALF_LIFE
-            group["lr"] = problem.config.learning_rate * 0.5**halvings
+        learning_rate = problem.config.learning_rate * 0.5 ** (self._iteration / HALF_LIFE)
         for _ in range(iterations):
             pick = torch.randint(count, (batch,), generator=self._generator)
             if problem.config.weight_initial:
@@ -141,9 +136,8 @@ class FastTraining:
             )
             outputs = skip[pick] + active @ weights[size:]
             rates = skip_rate[pick] + active_rate @ weights[size:]
-            self._optimiser.zero_grad()
             loss_terms(outputs, rates, measured[pick], theta, problem.config).total.backward()
-            self._optimiser.step()
+            self._adam.step(learning_rate)
         self._iteration += iterations
 
     def _measure(self) -> None:
@@ -205,7 +199,7 @@ class FastTraining:
     def state(self) -> State:
         """Hidden layers, Adam's moments, output layer, parameters and the random generator."""
         state: State = {f"hidden.{k}": v.numpy() for k, v in self._hidden.state_dict().items()}
-        pack_adam(self._optimiser, state)
+        state |= self._adam.state()
         state["generator"] = self._generator.get_state().numpy()
         state["theta"] = self._theta
         state["counters"] = np.array([self._starting, self._iteration, self._quiet_cycles])
@@ -219,7 +213,7 @@ class FastTraining:
         self._hidden.load_state_dict(
             {k.removeprefix("hidden."): torch.from_numpy(np.array(v)) for k, v in layers.items()}
         )
-        unpack_adam(self._optimiser, state)
+        self._adam.restore(state)
         self._generator.set_state(torch.from_numpy(np.array(state["generator"])))
         self._theta = np.array(state["theta"], float)
         self._starting = bool(state["counters"][0])

@@ -14,14 +14,13 @@ from torch import Tensor
 
 from accpinn.cthp import LINEAR_NAMES, PlatoonSolution, regressors, solve_platoon
 from accpinn.fit import Outcome
+from accpinn.pinn.adam import Adam
 from accpinn.pinn.loss import LossTerms, loss_terms
 from accpinn.pinn.network import PaperNetwork, count_weights, output_columns
 from accpinn.pinn.recipe import (
     Learned,
     Problem,
     State,
-    pack_adam,
-    unpack_adam,
 )
 from accpinn.units import FloatArray
 
@@ -40,7 +39,7 @@ class PaperTraining:
         sets = 1 if problem.case == "I" else problem.followers
         self.table = torch.tensor([config.initial] * sets, dtype=torch.float64, requires_grad=True)
         self._learned = [*self.network.parameters(), self.table]
-        self._optimiser = torch.optim.Adam(self._learned, lr=config.learning_rate)
+        self._adam = Adam(self._learned)
         self._test = _draw_test(len(problem.time), config.test_share, config.seed)
         train = np.flatnonzero(~self._test)
         self._time = torch.tensor(problem.time)
@@ -57,7 +56,7 @@ class PaperTraining:
         config = self.problem.config
         left = config.iterations - self._iteration
         if left > 0:
-            terms = self._adam(min(CHUNK, left))
+            terms = self._descend(min(CHUNK, left))
             self._look("Adam", terms)
         else:
             terms = self._lbfgs(min(CHUNK, self._planned - self._iteration))
@@ -67,12 +66,11 @@ class PaperTraining:
         elif self._iteration >= self._planned:
             self.outcome = Outcome.FINISHED
 
-    def _adam(self, iterations: int) -> LossTerms:
+    def _descend(self, iterations: int) -> LossTerms:
         for _ in range(iterations):
-            self._optimiser.zero_grad()
             terms = self._loss()
             terms.total.backward()
-            self._optimiser.step()
+            self._adam.step(self.problem.config.learning_rate)
             self._clip()
         self._iteration += iterations
         return terms
@@ -168,7 +166,7 @@ class PaperTraining:
     def state(self) -> State:
         """Network, parameters and Adam's moments; L-BFGS begins its curvature anew."""
         state: State = {f"network.{k}": v.numpy() for k, v in self.network.state_dict().items()}
-        pack_adam(self._optimiser, state)
+        state |= self._adam.state()
         state["table"] = self.table.detach().numpy()
         state["iteration"] = np.array(self._iteration)
         return state
@@ -181,7 +179,7 @@ class PaperTraining:
         )
         with torch.no_grad():
             self.table.copy_(torch.from_numpy(np.array(state["table"])))
-        unpack_adam(self._optimiser, state)
+        self._adam.restore(state)
         self._iteration = int(state["iteration"])
         with torch.no_grad():
             adam = self._iteration <= self.problem.config.iterations

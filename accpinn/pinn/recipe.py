@@ -113,25 +113,3 @@ def from_table(table: FloatArray) -> FloatArray:
     """(M, 3) α, β, τ to linear α, ατ, β."""
     alpha, beta, tau = table.T
     return np.stack([alpha, alpha * tau, beta], 1)
-
-
-def pack_adam(optimiser: torch.optim.Optimizer, state: State) -> None:
-    """Write Adam's moments into ``state``."""
-    for index, entry in enumerate(optimiser.state_dict()["state"].values()):
-        for name, value in entry.items():
-            state[f"adam.{index}.{name}"] = np.asarray(value)
-
-
-def unpack_adam(optimiser: torch.optim.Optimizer, state: State) -> None:
-    """Set Adam's moments from ``state``."""
-    whole = optimiser.state_dict()
-    indices = whole["param_groups"][0]["params"]
-    if f"adam.{indices[0]}.step" in state:
-        whole["state"] = {
-            index: {
-                name: torch.from_numpy(np.array(state[f"adam.{index}.{name}"]))
-                for name in ("step", "exp_avg", "exp_avg_sq")
-            }
-            for index in indices
-        }
-        optimiser.load_state_dict(whole)
