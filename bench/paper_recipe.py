@@ -1,0 +1,70 @@
+"""One iteration of the paper's recipe as its authors run it, to be timed, not to be used.
+
+Network 1-60-60-60-(2M+1) in double precision on all instants, time derivatives by nested
+automatic differentiation (one gradient call an output), Adam on weights and parameters.
+"""
+
+import time
+
+import torch
+from torch import Tensor, nn
+
+from accpinn.pinn.network import HIDDEN
+from accpinn.segment import Segment
+
+WARM_UP = 3
+
+
+class PaperRecipe:
+    """The training state of the paper's recipe on one segment."""
+
+    def __init__(self, segment: Segment) -> None:
+        """Xavier-uniform weights, parameters from (1, 1, 1)."""
+        torch.manual_seed(0)
+        self.followers = segment.followers
+        self.time = torch.tensor(segment.time)[:, None].requires_grad_()
+        self.speeds = torch.tensor(segment.speeds)
+        self.gaps = torch.tensor(segment.gaps)
+        layers: list[nn.Module] = []
+        sizes = [1, *HIDDEN, 2 * self.followers + 1]
+        for before, after in zip(sizes, sizes[1:], strict=False):
+            layer = nn.Linear(before, after, dtype=torch.float64)
+            nn.init.xavier_uniform_(layer.weight)
+            nn.init.zeros_(layer.bias)
+            layers += [layer, nn.Tanh()]
+        self.network = nn.Sequential(*layers[:-1])
+        self.parameters = torch.ones(self.followers, 3, dtype=torch.float64, requires_grad=True)
+        self.optimiser = torch.optim.Adam([*self.network.parameters(), self.parameters], lr=1e-3)
+
+    def iterate(self) -> None:
+        """One full-batch Adam iteration."""
+        self.optimiser.zero_grad()
+        outputs = self.network(self.time)
+        split = self.followers + 1
+        speeds, gaps = outputs[:, :split], outputs[:, split:]
+        loss = ((speeds - self.speeds) ** 2).mean(0).sum() + ((gaps - self.gaps) ** 2).mean(0).sum()
+        for follower in range(self.followers):
+            gap, speed = gaps[:, follower], speeds[:, follower + 1]
+            relative = speeds[:, follower] - speed
+            alpha, beta, tau = self.parameters[follower]
+            law = alpha * (gap - tau * speed) + beta * relative
+            loss = loss + ((self._rate(gap) - relative) ** 2).mean()
+            loss = loss + ((self._rate(speed) - law) ** 2).mean()
+        (loss / self.followers).backward()
+        self.optimiser.step()
+
+    def _rate(self, output: Tensor) -> Tensor:
+        return torch.autograd.grad(output.sum(), self.time, create_graph=True)[0][:, 0]
+
+
+def seconds_per_iteration(segment: Segment, iterations: int) -> list[float]:
+    """How long each of ``iterations`` takes, after a warm-up."""
+    recipe = PaperRecipe(segment)
+    for _ in range(WARM_UP):
+        recipe.iterate()
+    durations = []
+    for _ in range(iterations):
+        started = time.perf_counter()
+        recipe.iterate()
+        durations.append(time.perf_counter() - started)
+    return durations

@@ -1,0 +1,96 @@
+"""Times one case: the paper's iteration and our training in turn, in one process on one machine.
+
+The paper's recipe is timed per iteration, by the median, and multiplied by the 20,000 iterations
+its authors need; ours runs to its end, from the first call in the process. Peak memory is that of
+the whole process.
+"""
+
+import resource
+import statistics
+import sys
+from dataclasses import dataclass
+
+import numpy as np
+
+from accpinn.assessment import surrogate_errors
+from accpinn.estimators import splines
+from accpinn.fit import Fit
+from accpinn.pinn.config import FAST
+from accpinn.pinn.training import train
+from bench.cases import BenchCase
+from bench.paper_recipe import seconds_per_iteration
+
+PAPER_ITERATIONS = 20_000
+"""The paper: parameter convergence is achieved in around 20,000 iterations for all tests."""
+ROUNDS = 3
+
+
+@dataclass(frozen=True)
+class Timing:
+    """What was measured; plain numbers, ready for JSON."""
+
+    name: str
+    case: str
+    paper_iteration_ms: float
+    paper_seconds: float
+    fast_seconds: list[float]
+    """Each round; the first is the process's first training."""
+    fast_iterations: int
+    outcome: str
+    ratio: float
+    """By the median of the rounds."""
+    ratio_first: float
+    """By the first round."""
+    least_ratio: float | None
+    parameters: list[list[float]]
+    limit: list[list[float]]
+    distance_percent: list[float]
+    """Largest distance from the limit over the followers: α, β, τ."""
+    loss: float
+    loss_start: float
+    loss_limit: float
+    gap_mae: list[float]
+    peak_memory_mb: float
+
+
+def measure(case: BenchCase, paper_iterations: int) -> Timing:
+    """Alternate the two recipes, and compare the result with the limit of the loss."""
+    segment = case.segment()
+    limit = splines.fit(segment, case.case)
+    fits: list[Fit] = []
+    for _ in range(ROUNDS):
+        fits.append(train(segment, case.case, FAST))
+    peak = _peak_memory_mb()
+    paper: list[float] = []
+    for _ in range(ROUNDS):
+        paper += seconds_per_iteration(segment, paper_iterations)
+        fits.append(train(segment, case.case, FAST))
+    iteration, fast = statistics.median(paper), [fit.seconds for fit in fits]
+    table, best = fits[0].table(), limit.table()
+    errors = surrogate_errors(segment, fits[0])
+    assert errors is not None
+    return Timing(
+        name=case.name,
+        case=case.case,
+        paper_iteration_ms=1e3 * iteration,
+        paper_seconds=PAPER_ITERATIONS * iteration,
+        fast_seconds=fast,
+        fast_iterations=fits[0].iterations,
+        outcome=fits[0].outcome.name.lower(),
+        ratio=PAPER_ITERATIONS * iteration / statistics.median(fast),
+        ratio_first=PAPER_ITERATIONS * iteration / fast[0],
+        least_ratio=case.least_ratio,
+        parameters=table.tolist(),
+        limit=best.tolist(),
+        distance_percent=(100 * np.abs(table / best - 1).max(0)).tolist(),
+        loss=fits[0].loss["total"],
+        loss_start=fits[0].loss["start"],
+        loss_limit=limit.loss["total"],
+        gap_mae=errors.gap_mae.tolist(),
+        peak_memory_mb=peak,
+    )
+
+
+def _peak_memory_mb() -> float:
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    return peak / 1e6 if sys.platform == "darwin" else peak / 1e3
