@@ -5,6 +5,7 @@ automatic differentiation (one gradient call an output), Adam on weights and par
 """
 
 import time
+from itertools import pairwise
 
 import torch
 from torch import Tensor, nn
@@ -27,7 +28,7 @@ class PaperRecipe:
         self.gaps = torch.tensor(segment.gaps)
         layers: list[nn.Module] = []
         sizes = [1, *HIDDEN, 2 * self.followers + 1]
-        for before, after in zip(sizes, sizes[1:], strict=False):
+        for before, after in pairwise(sizes):
             layer = nn.Linear(before, after, dtype=torch.float64)
             nn.init.xavier_uniform_(layer.weight)
             nn.init.zeros_(layer.bias)
