@@ -7,8 +7,8 @@ import pytest
 
 from accpinn.cthp import Parameters, simulate
 from accpinn.openacc import read
-from accpinn.quality import assess, time_gaps
 from accpinn.segment import Segment, cut
+from accpinn.segment.quality import assess, time_gaps
 
 
 def made(speeds: np.ndarray, gaps: np.ndarray) -> Segment:

@@ -20,7 +20,7 @@ from accpinn.segment import (
     default_vehicles,
     parse_vehicles,
 )
-from accpinn.selection import chains
+from accpinn.segment.selection import chains
 
 
 def recording(frame: pd.DataFrame | None = None, names: str = "ABC") -> Recording:

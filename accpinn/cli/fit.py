@@ -16,8 +16,8 @@ from accpinn.estimators import ESTIMATORS
 from accpinn.fit import Fit, Outcome, Progress
 from accpinn.openacc import read
 from accpinn.pinn.config import PinnConfig, preset
-from accpinn.quality import Quality, assess
 from accpinn.segment import DURATION, Segment, cut, parse_vehicles
+from accpinn.segment.quality import Quality, assess
 from accpinn.store import Store
 
 

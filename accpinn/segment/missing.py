@@ -10,7 +10,7 @@ from accpinn.channels import GAP, SPEED
 from accpinn.errors import SegmentError
 from accpinn.openacc.recording import Recording
 from accpinn.runs import Run, runs
-from accpinn.selection import check_vehicles
+from accpinn.segment.selection import check_vehicles
 from accpinn.units import FloatArray, Seconds
 
 BRIDGE: Seconds = 1.0

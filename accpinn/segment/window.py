@@ -8,32 +8,18 @@ from dataclasses import dataclass
 import numpy as np
 
 from accpinn.errors import SegmentError
-from accpinn.missing import (
+from accpinn.openacc.recording import Recording
+from accpinn.runs import Run
+from accpinn.segment.missing import (
     BRIDGE,
     MINIMUM_DURATION,
     Platoon,
     Window,
-    complete_windows,
     platoon_data,
     refuse_missing,
 )
-from accpinn.openacc.recording import Recording
-from accpinn.runs import Run
-from accpinn.selection import MAX_FOLLOWERS, check_vehicles, default_vehicles, parse_vehicles
+from accpinn.segment.selection import check_vehicles, default_vehicles
 from accpinn.units import FloatArray, Seconds, frozen
-
-__all__ = [
-    "BRIDGE",
-    "DURATION",
-    "MAX_FOLLOWERS",
-    "MINIMUM_DURATION",
-    "Segment",
-    "Window",
-    "complete_windows",
-    "cut",
-    "default_vehicles",
-    "parse_vehicles",
-]
 
 DURATION: Seconds = 300.0
 """Length of a window unless told otherwise; that of the studies this package follows."""
