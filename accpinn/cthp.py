@@ -169,28 +169,74 @@ def simulate(
     block = expm(_held_system(parameters) * step)
     transition, hold, ramp = block[:-2, :-2], block[:-2, -2], block[:-2, -1]
     forcing = np.outer(leader[:-1], hold) + np.outer(np.diff(leader) / step, ramp)
-    state = np.empty((len(time), 2 * len(parameters)))
+    state = np.empty((len(leader), 2 * len(parameters)))
     state[0] = np.stack([initial_gaps, initial_speeds], axis=1).ravel()
-    for k, force in enumerate(forcing):
-        state[k + 1] = transition @ state[k] + force
+    state[1:] = forcing
+    _accumulate(transition, state)
     return Trajectories(
         np.asarray(time, float), np.column_stack([leader, state[:, 1::2]]), state[:, 0::2]
     )
 
 
+def motion_matrix(parameters: tuple[Parameters, ...]) -> FloatArray:
+    """(2M, 2M+1): d/dt of (p_1, v_1, .., p_M, v_M) from that state and, last, the leader's speed.
+
+    As it is linear, the same matrix moves deviations from an equilibrium.
+    """
+    size = 2 * len(parameters)
+    matrix = np.zeros((size, size + 1))
+    ahead = size
+    for gap, law in zip(range(0, size, 2), parameters, strict=True):
+        alpha, alpha_tau, beta = law.linear()
+        speed = gap + 1
+        matrix[gap, [ahead, speed]] = 1.0, -1.0
+        matrix[speed, [gap, speed, ahead]] = alpha, -alpha_tau - beta, beta
+        ahead = speed
+    return matrix
+
+
+def orbit(transition: FloatArray, start: FloatArray, count: int) -> FloatArray:
+    """The states x, Ex, E²x, .. of a linear system left to itself.
+
+    What is known is doubled in one product with a power of E, so no loop runs over the steps.
+
+    Args:
+        transition: (K, K), E: one step of the system.
+        start: (K,), x.
+        count: how many states to return, the first included.
+
+    Returns:
+        (count, K).
+    """
+    states = np.empty((count, len(start)))
+    states[0] = start
+    known, power = 1, transition.T
+    while known < count:
+        fresh = min(known, count - known)
+        states[known : known + fresh] = states[:fresh] @ power
+        known, power = known + fresh, power @ power
+    return states
+
+
+def _accumulate(transition: FloatArray, states: FloatArray) -> None:
+    """Turn f_0, f_1, .. into x_0 = f_0, x_k = E x_{k-1} + f_k, in place; (N, K).
+
+    Each round lets every sum reach twice as far back, so no loop runs over the N steps: after j
+    rounds row k holds the last 2^j terms of f_k + E f_{k-1} + E² f_{k-2} + ..
+    """
+    reach, power = 1, transition.T
+    while reach < len(states):
+        states[reach:] += states[:-reach] @ power
+        reach, power = 2 * reach, power @ power
+
+
 def _held_system(parameters: tuple[Parameters, ...]) -> FloatArray:
-    """(2M+2, 2M+2): the rates of (p_1, v_1, .., p_M, v_M), the leader's speed and its slope.
+    """(2M+2, 2M+2): the rates of the platoon, the leader's speed and its slope.
 
     With speed and slope as states, one matrix exponential gives the exact step.
     """
     size = 2 * len(parameters)
     system = np.zeros((size + 2, size + 2))
+    system[:size, :-1] = motion_matrix(parameters)
     system[size, size + 1] = 1.0
-    ahead = size
-    for gap, law in zip(range(0, size, 2), parameters, strict=True):
-        alpha, alpha_tau, beta = law.linear()
-        speed = gap + 1
-        system[gap, [ahead, speed]] = 1.0, -1.0
-        system[speed, [gap, speed, ahead]] = alpha, -alpha_tau - beta, beta
-        ahead = speed
     return system
