@@ -36,6 +36,8 @@ ORDER = (
     "platoon",
     "snapshot",
     "report",
+    "jobs",
+    "tables",
     "figures",
     "cli",
     "__main__",

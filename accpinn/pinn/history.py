@@ -1,10 +1,14 @@
 """The course of a training, kept to a bounded length however long it runs."""
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from accpinn.fit import History, Progress
-from accpinn.pinn.recipe import State
 from accpinn.units import FloatArray
+
+if TYPE_CHECKING:  # whoever only watches a training need not load torch
+    from accpinn.pinn.recipe import State
 
 KEPT = 2000
 """When so many moments are stored, every second one is dropped and the spacing doubles."""
@@ -43,7 +47,7 @@ class Recorder:
         tables = np.array(self._tables)
         return History(**dict(zip(_SCALARS, columns, strict=True)), parameters=tables)
 
-    def state(self) -> State:
+    def state(self) -> "State":
         """For a checkpoint."""
         return {
             "history.rows": np.array(self._rows).reshape(-1, len(_SCALARS)),
@@ -51,7 +55,7 @@ class Recorder:
             "history.spacing": np.array([self._spacing, self._skipped, self._latest_is_extra]),
         }
 
-    def restore(self, state: State) -> None:
+    def restore(self, state: "State") -> None:
         """From a checkpoint."""
         self._rows = [tuple(float(v) for v in row) for row in state["history.rows"]]
         self._tables = [np.array(table, float) for table in state["history.tables"]]
