@@ -1,0 +1,118 @@
+"""Results as tables in the manner of the paper's Tables I to III."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+from accpinn.assessment import TrackingErrors
+from accpinn.cthp import Parameters
+from accpinn.fit import Fit
+from accpinn.segment.quality import Quality
+from accpinn.segment import Segment
+from accpinn.typeset import Cell, Column, Table
+
+PARAMETER_COLUMNS = (
+    Column("α", "1/s²", 4),
+    Column("β", "1/s", 4),
+    Column("τ", "s", 3),
+)
+
+
+def parameter_table(
+    segment: Segment,
+    fit: Fit,
+    quality: Quality,
+    surrogate: TrackingErrors | None,
+    closed_loop: TrackingErrors | None,
+) -> Table:
+    """One row a vehicle, leader first: parameters, mean time gap and errors of both kinds."""
+    own, driven = "Surrogate fit, MAE", "Closed-loop simulation, MAE"
+    columns = (
+        Column("Vehicle"),
+        *PARAMETER_COLUMNS,
+        Column("Mean time gap", "s", 2),
+        Column("p", "m", 3, own),
+        Column("v", "m/s", 3, own),
+        Column("p", "m", 3, driven),
+        Column("v", "m/s", 3, driven),
+    )
+    leader_error = float(surrogate.speed_mae[0]) if surrogate else None
+    rows: list[tuple[Cell, ...]] = [
+        # In the simulation the leader's measured speed goes in, so it has no error there.
+        (segment.labels[0], None, None, None, None, None, leader_error, None, None)
+    ]
+    for k, law in enumerate(fit.parameters):
+        rows.append(
+            (
+                segment.labels[k + 1],
+                *_values(law),
+                quality.mean_time_gap[k],
+                *_errors(surrogate, k),
+                *_errors(closed_loop, k),
+            )
+        )
+    return Table(f"{_method(fit)}, {where(segment)}, Case {fit.case}", columns, tuple(rows))
+
+
+def comparison_table(segment: Segment, estimates: Mapping[str, Sequence[Parameters]]) -> Table:
+    """One row a follower; for each parameter, what each method or the truth says of it."""
+    columns = [Column("Vehicle")]
+    columns += [
+        replace(column, title=name, unit="", group=column.heading)
+        for column in PARAMETER_COLUMNS
+        for name in estimates
+    ]
+    rows: list[tuple[Cell, ...]] = []
+    for k, label in enumerate(segment.labels[1:]):
+        triples = [_values(laws[k]) for laws in estimates.values()]
+        rows.append((label, *(triple[i] for i in range(3) for triple in triples)))
+    return Table(f"Estimates side by side, {where(segment)}", tuple(columns), tuple(rows))
+
+
+def quality_table(
+    segment: Segment, quality: Quality, estimate: Fit, truth: Sequence[Parameters] = ()
+) -> Table:
+    """One row a follower: what the window tells, and the least-squares estimate from it."""
+    now, true = "Least squares on this window", "Truth"
+    columns = [
+        Column("Follower"),
+        Column("Mean time gap", "s", 2),
+        Column("Car-following", "%", 0),
+        Column("Δv, std.", "m/s", 2),
+        Column("Condition number", "", 0),
+        *(replace(column, group=now) for column in PARAMETER_COLUMNS),
+    ]
+    if truth:
+        columns += [replace(column, group=true) for column in PARAMETER_COLUMNS]
+    rows: list[tuple[Cell, ...]] = []
+    for k, label in enumerate(segment.labels[1:]):
+        row: tuple[Cell, ...] = (
+            label,
+            quality.mean_time_gap[k],
+            100 * quality.car_following[k],
+            quality.relative_deviation[k],
+            quality.condition[k],
+            *_values(estimate.parameters[k]),
+        )
+        rows.append((*row, *_values(truth[k])) if truth else row)
+    return Table("", tuple(columns), tuple(rows))
+
+
+def where(segment: Segment) -> str:
+    """The segment in a few words: file and seconds."""
+    return f"{segment.source}, {segment.start:g}–{segment.start + segment.duration:g} s"
+
+
+def _method(fit: Fit) -> str:
+    if fit.method != "pinn":
+        return fit.method.capitalize()
+    return f"PiNN ({fit.config.get('preset', '')} preset)"
+
+
+def _values(law: Parameters) -> tuple[float, float, float]:
+    return law.alpha, law.beta, law.tau
+
+
+def _errors(errors: TrackingErrors | None, follower: int) -> tuple[Cell, Cell]:
+    if errors is None:
+        return None, None
+    return float(errors.gap_mae[follower]), float(errors.speed_mae[follower + 1])

@@ -1,0 +1,186 @@
+"""A table as HTML, LaTeX and CSV.
+
+Names come from files and may hold anything: each format escapes what it would interpret.
+"""
+
+import csv
+import html
+import io
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import groupby
+
+Cell = str | float | None
+
+ABSENT = "–"
+"""Stands where a quantity has no meaning, as the leader's α."""
+
+_LATEX = {
+    "\\": r"\textbackslash{}",
+    "~": r"\textasciitilde{}",
+    "^": r"\textasciicircum{}",
+    "<": r"\textless{}",
+    ">": r"\textgreater{}",
+    "|": r"\textbar{}",
+    '"': r"\textquotedbl{}",
+    **{letter: f"\\{letter}" for letter in "{}$&#%_"},
+    "α": r"$\alpha$",
+    "β": r"$\beta$",
+    "τ": r"$\tau$",
+    "Δ": r"$\Delta$",
+    "²": r"$^2$",
+    "–": "--",
+    "…": r"\dots{}",
+}
+
+
+@dataclass(frozen=True)
+class Column:
+    """What stands in a column, and how."""
+
+    title: str
+    unit: str = ""
+    digits: int | None = None
+    """After the point; None for text."""
+    group: str = ""
+    """A heading shared with the neighbouring columns of the same group."""
+
+    @property
+    def heading(self) -> str:
+        """Title and unit."""
+        return f"{self.title} [{self.unit}]" if self.unit else self.title
+
+    def shown(self, cell: Cell) -> str:
+        """A cell as the reader sees it."""
+        if cell is None or (isinstance(cell, float) and not math.isfinite(cell)):
+            return ABSENT
+        return cell if isinstance(cell, str) else f"{cell:.{self.digits or 0}f}"
+
+
+@dataclass(frozen=True)
+class Table:
+    """Columns and rows, ready for any format."""
+
+    caption: str
+    columns: tuple[Column, ...]
+    rows: tuple[tuple[Cell, ...], ...]
+    colours: tuple[str, ...] = ()
+    """A mark before each row's first cell, in HTML."""
+
+    def coloured(self, colours: Sequence[str]) -> "Table":
+        """The same table with a mark for each row."""
+        return replace(self, colours=tuple(colours))
+
+    def to_csv(self) -> str:
+        """Full precision; empty where there is no value."""
+        text = io.StringIO()
+        writer = csv.writer(text, lineterminator="\n")
+        writer.writerow(f"{c.group}: {c.heading}" if c.group else c.heading for c in self.columns)
+        for row in self.rows:
+            absent = (cell is None or cell != cell for cell in row)
+            writer.writerow("" if gone else cell for cell, gone in zip(row, absent, strict=True))
+        return text.getvalue()
+
+    def to_latex(self) -> str:
+        """A table environment; its rules need the package booktabs."""
+        headings = " & ".join(latex(column.heading) for column in self.columns)
+        shape = "".join("l" if column.digits is None else "r" for column in self.columns)
+        lines = [
+            "% in the preamble: \\usepackage{booktabs}",
+            "\\begin{table}[tbp]",
+            "  \\centering",
+            f"  \\caption{{{latex(self.caption)}}}",
+            f"  \\begin{{tabular}}{{{shape}}}",
+            "    \\toprule",
+            *self._latex_groups(),
+            f"    {headings} \\\\",
+            "    \\midrule",
+        ]
+        lines += [f"    {' & '.join(map(latex, cells))} \\\\" for cells in self._shown()]
+        lines += ["    \\bottomrule", "  \\end{tabular}", "\\end{table}"]
+        return "\n".join(lines) + "\n"
+
+    def to_html(self) -> str:
+        """A table element of class "figures"; `STYLE` belongs to it."""
+        body = "".join(
+            f"<tr>{''.join(self._html_cells(index, cells))}</tr>"
+            for index, cells in enumerate(self._shown())
+        )
+        headings = "".join(
+            f'<th scope="col"{_align(column)}>{_heading_html(column)}</th>'
+            for column in self.columns
+        )
+        return (
+            f'<div class="figures-frame"><table class="figures">'
+            f"<caption>{html.escape(self.caption)}</caption>"
+            f"<thead>{self._html_groups()}<tr>{headings}</tr></thead><tbody>{body}</tbody>"
+            "</table></div>"
+        )
+
+    def _shown(self) -> list[list[str]]:
+        return [[c.shown(v) for c, v in zip(self.columns, row, strict=True)] for row in self.rows]
+
+    def _groups(self) -> list[tuple[str, int]]:
+        """Each group's heading and how many columns it spans; empty where there is none."""
+        spans = [(name, len(list(cs))) for name, cs in groupby(self.columns, lambda c: c.group)]
+        return spans if any(name for name, _ in spans) else []
+
+    def _latex_groups(self) -> list[str]:
+        spans = self._groups()
+        if not spans:
+            return []
+        heads, rules, at = [], [], 1
+        for name, width in spans:
+            heads.append(f"\\multicolumn{{{width}}}{{c}}{{{latex(name)}}}")
+            if name:
+                rules.append(f"\\cmidrule(lr){{{at}-{at + width - 1}}}")
+            at += width
+        return [f"    {' & '.join(heads)} \\\\", f"    {' '.join(rules)}"]
+
+    def _html_groups(self) -> str:
+        cells = "".join(
+            f'<th colspan="{width}"{" class=group" if name else ""}>{html.escape(name)}</th>'
+            for name, width in self._groups()
+        )
+        return f"<tr>{cells}</tr>" if cells else ""
+
+    def _html_cells(self, index: int, cells: list[str]) -> list[str]:
+        marked = [html.escape(cell) for cell in cells]
+        if self.colours:
+            marked[0] = f'<i style="background:{html.escape(self.colours[index])}"></i>{marked[0]}'
+        return [
+            f"<td{_align(column)}>{cell}</td>"
+            for column, cell in zip(self.columns, marked, strict=True)
+        ]
+
+
+STYLE = """<style>
+.figures-frame { overflow-x: auto; }
+table.figures { border-collapse: collapse; width: 100%; font-variant-numeric: tabular-nums; }
+table.figures caption { text-align: left; padding: 0 0 .35rem; font-weight: 600; }
+table.figures th, table.figures td { padding: .32rem .7rem; text-align: left; white-space: nowrap;
+  border: 0; }
+table.figures .number { text-align: right; }
+table.figures th { font-weight: 600; vertical-align: bottom; }
+table.figures th small { font-weight: 400; opacity: .75; }
+table.figures th.group { text-align: center; border-bottom: 1px solid rgba(128, 140, 155, .45); }
+table.figures thead tr:last-child th { border-bottom: 1px solid rgba(128, 140, 155, .8); }
+table.figures tbody tr + tr td { border-top: 1px solid rgba(128, 140, 155, .25); }
+table.figures td i { display: inline-block; width: .7em; height: .7em; border-radius: 50%;
+  margin-right: .5em; }
+</style>"""
+
+
+def latex(text: str) -> str:
+    """Text as LaTeX shows it, whatever it holds."""
+    return "".join(_LATEX.get(letter, letter) for letter in text)
+
+
+def _align(column: Column) -> str:
+    return "" if column.digits is None else ' class="number"'
+
+
+def _heading_html(column: Column) -> str:
+    unit = f" <small>[{html.escape(column.unit)}]</small>" if column.unit else ""
+    return html.escape(column.title) + unit
