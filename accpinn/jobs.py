@@ -195,11 +195,11 @@ class Job:
                 " program and not of your data; its log has the details. Try other settings.",
             )
         else:
-            messages = tuple(store.messages[known_messages:]) if store else ()
+            messages = dict.fromkeys(store.messages[known_messages:]) if store else ()
             stopped = fit.outcome is Outcome.STOPPED
             self._end(
                 Status.STOPPED if stopped else Status.DONE,
-                fit=replace(fit, notes=fit.notes + messages),
+                fit=replace(fit, notes=(*fit.notes, *messages)),
             )
 
     def _note(self, progress: Progress) -> None:

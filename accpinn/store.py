@@ -9,7 +9,7 @@ longest time goes first.
 import os
 import tempfile
 import zipfile
-import zlib
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -59,23 +59,27 @@ class Store:
         """Keep a checkpoint in place of the former one."""
         self._write(f"{key}.state.npz", state)
 
+    def reject_state(self, key: str, fault: Exception) -> None:
+        """Set the checkpoint aside: it could be read, but no training can go on from it."""
+        self._set_aside(self.folder / f"{key}.state.npz", fault)
+
     def _read(self, name: str) -> Arrays | None:
         path = self.folder / name
         try:
             if path.stat().st_size > self.cap_bytes:
                 raise ValueError("larger than the whole store may be")
-            with np.load(path, allow_pickle=False) as file:
-                arrays = {key: file[key] for key in file.files}
+            arrays = _arrays_in(path)
             if str(arrays.pop("store.format", "")) != FORMAT:
                 raise ValueError("not written by this version's store")
             if str(arrays.pop("store.name", "")) != name:
                 raise ValueError("it belongs to another request")
         except FileNotFoundError:
             return None
-        except (OSError, ValueError, EOFError, KeyError, zipfile.BadZipFile, zlib.error) as fault:
+        except Exception as fault:  # zip and array parsers raise many kinds for foreign bytes
             self._set_aside(path, fault)
             return None
-        os.utime(path)
+        with suppress(OSError):  # another's folder may be read, but its files not touched
+            os.utime(path)
         return arrays
 
     def _write(self, name: str, arrays: Arrays) -> None:
@@ -115,16 +119,25 @@ class Store:
     def _make_room(self, keep: str) -> None:
         """Delete what was not used for the longest time until the cap holds."""
         files = []
-        for path in self.folder.glob("*.npz*"):
-            try:
-                status = path.stat()
-            except OSError:  # another process was quicker
-                continue
-            files.append((status.st_mtime, status.st_size, path))
+        for pattern in ("*.npz*", "*.part"):  # a killed process leaves a .part
+            for path in self.folder.glob(pattern):
+                with suppress(OSError):  # another process was quicker
+                    status = path.stat()
+                    files.append((status.st_mtime, status.st_size, path))
         total = sum(size for _, size, _ in files)
         for _, size, path in sorted(files):
             if total <= self.cap_bytes:
                 return
             if path.name != keep:
-                path.unlink(missing_ok=True)
-                total -= size
+                with suppress(OSError):
+                    path.unlink()
+                    total -= size
+
+
+def _arrays_in(path: Path) -> Arrays:
+    """All arrays of an `.npz` file; anything that would need unpickling is refused."""
+    with zipfile.ZipFile(path) as archive:
+        if sum(entry.file_size for entry in archive.infolist()) > CAP_BYTES:
+            raise ValueError("it would unpack to more than the whole store may hold")
+    with np.load(path, allow_pickle=False) as file:
+        return {key: file[key] for key in file.files}

@@ -6,7 +6,7 @@ from typing import Any, Literal
 
 from accpinn.errors import ConfigError
 
-METHOD_VERSION = 1
+METHOD_VERSION = 2
 """Raised whenever a change of the method changes its numbers; cached results then expire."""
 
 PresetName = Literal["fast", "paper"]
@@ -78,6 +78,10 @@ class PinnConfig:
             self.highest_frequency,
         )
         _require(10 <= self.batch <= 100_000, "batch", "10 to 100,000", self.batch)
+        if self.preset == "fast":
+            for setting in ("lbfgs_iterations", "test_share"):
+                given = getattr(self, setting)
+                _require(not given, setting, "0, or the paper preset, which has it", given)
 
     def to_json(self) -> dict[str, Any]:
         """All settings, with lists in place of tuples."""

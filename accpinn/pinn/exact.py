@@ -42,7 +42,6 @@ class Moments:
     """(K,) Φ at the first instant, for Ψ_R."""
     first_data: Tensor
     """(2M+1,) the data at the first instant."""
-    instants: int
 
 
 def solve_output(moments: Moments, theta: FloatArray, config: PinnConfig) -> Tensor:

@@ -97,15 +97,20 @@ class FastTraining:
         self.outcome = self._judge(before)
 
     def _judge(self, before: Progress) -> Outcome | None:
+        """Count quiet cycles, the present one against the one ``before``."""
         now = self.progress
-        if not np.isfinite(now.total):
-            return Outcome.DIVERGED
         if now.phase == before.phase == "Adam":
             still = _largest_move(now.parameters, before.parameters) <= SETTLED_PARAMETERS
             still = still and now.total >= (1 - SETTLED_LOSS) * before.total
             self._quiet_cycles = self._quiet_cycles + 1 if still else 0
-            if self._quiet_cycles >= SETTLED_CYCLES:
-                return Outcome.SETTLED
+        return self._end()
+
+    def _end(self) -> Outcome | None:
+        """How the training has ended, if it has."""
+        if not np.isfinite(self.progress.total):
+            return Outcome.DIVERGED
+        if self._quiet_cycles >= SETTLED_CYCLES:
+            return Outcome.SETTLED
         return Outcome.FINISHED if self._iteration >= self.problem.config.iterations else None
 
     def _round(self) -> float:
@@ -188,8 +193,8 @@ class FastTraining:
         gain = 1 - now.total / start
         if gain < LITTLE_GAIN:
             return (
-                f"Training the hidden layers brought little here: Ψ went from {start:.4g} to"
-                f" {now.total:.4g} ({100 * gain:.1f} % lower); the exact solve did the work.",
+                f"Training the hidden layers brought little here: Ψ was {start:.4g} before and is"
+                f" {now.total:.4g} now; the exact solve did the work.",
             )
         return (
             f"Training the hidden layers lowered Ψ from {start:.4g} to {now.total:.4g}"
@@ -202,13 +207,14 @@ class FastTraining:
         state |= self._adam.state()
         state["generator"] = self._generator.get_state().numpy()
         state["theta"] = self._theta
+        state["output.weight"] = self._weights.numpy()
         state["counters"] = np.array([self._starting, self._iteration, self._quiet_cycles])
         state["start_loss"] = np.array(self._start_loss)
         state["phase"] = np.array(self.progress.phase)
         return state
 
     def restore(self, state: State) -> None:
-        """Go on from ``state``; the output layer follows from the rest."""
+        """Go on from ``state``."""
         layers = {k: v for k, v in state.items() if k.startswith("hidden.")}
         self._hidden.load_state_dict(
             {k.removeprefix("hidden."): torch.from_numpy(np.array(v)) for k, v in layers.items()}
@@ -220,9 +226,10 @@ class FastTraining:
         self._iteration, self._quiet_cycles = (int(v) for v in state["counters"][1:])
         self._start_loss = float(state["start_loss"])
         self._measure()
-        self._weights = solve_output(self._moments, self._theta, self.problem.config)
+        self._weights = torch.from_numpy(np.array(state["output.weight"], float))
         self._exact = solve_parameters(self._moments, self._weights, self.problem.case)
         self.progress = self._look(str(state["phase"]))
+        self.outcome = self._end()
 
 
 class _StaticMoments:
@@ -276,7 +283,6 @@ class _StaticMoments:
             value_data=torch.cat([self._data, active.T @ self.measured / self._count], 0),
             first=torch.cat([self.value[0], active[0]]),
             first_data=self.measured[0],
-            instants=self._count,
         )
 
 

@@ -10,6 +10,7 @@ After each iteration α, β and τ are clipped at zero, the rational driving con
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor
 
 from accpinn.cthp import LINEAR_NAMES, PlatoonSolution, regressors, solve_platoon
@@ -23,6 +24,8 @@ from accpinn.pinn.recipe import (
     State,
 )
 from accpinn.units import FloatArray
+
+Mask = NDArray[np.bool_]
 
 CHUNK = 5
 """Iterations per `advance`: some tens of milliseconds, so that a stop is felt at once."""
@@ -38,13 +41,13 @@ class PaperTraining:
         self.network = PaperNetwork(problem.followers, config.seed)
         sets = 1 if problem.case == "I" else problem.followers
         self.table = torch.tensor([config.initial] * sets, dtype=torch.float64, requires_grad=True)
-        self._learned = [*self.network.parameters(), self.table]
-        self._adam = Adam(self._learned)
+        self._unknowns = [*self.network.parameters(), self.table]
+        self._adam = Adam(self._unknowns)
+        self._second_order: torch.optim.LBFGS | None = None
         self._test = _draw_test(len(problem.time), config.test_share, config.seed)
-        train = np.flatnonzero(~self._test)
         self._time = torch.tensor(problem.time)
-        self._train_time = torch.from_numpy(problem.time[train])
-        self._train_data = torch.from_numpy(problem.measured[train])
+        self._train_time = torch.from_numpy(problem.time[~self._test])
+        self._train_data = torch.from_numpy(problem.measured[~self._test])
         self._iteration = 0
         self._planned = config.iterations + config.lbfgs_iterations
         self.outcome: Outcome | None = None
@@ -61,12 +64,16 @@ class PaperTraining:
         else:
             terms = self._lbfgs(min(CHUNK, self._planned - self._iteration))
             self._look("L-BFGS", terms)
+        self.outcome = self._end()
+
+    def _end(self) -> Outcome | None:
+        """How the training has ended, if it has."""
         if not np.isfinite(self.progress.total):
-            self.outcome = Outcome.DIVERGED
-        elif self._iteration >= self._planned:
-            self.outcome = Outcome.FINISHED
+            return Outcome.DIVERGED
+        return Outcome.FINISHED if self._iteration >= self._planned else None
 
     def _descend(self, iterations: int) -> LossTerms:
+        """Adam; the terms are those before the last step, as they come with its gradient."""
         for _ in range(iterations):
             terms = self._loss()
             terms.total.backward()
@@ -76,20 +83,20 @@ class PaperTraining:
         return terms
 
     def _lbfgs(self, iterations: int) -> LossTerms:
-        if not hasattr(self, "_second"):
-            self._second = torch.optim.LBFGS(
-                self._learned, max_iter=1, history_size=50, line_search_fn="strong_wolfe"
-            )
+        optimiser = self._second_order or torch.optim.LBFGS(
+            self._unknowns, max_eval=1000, history_size=50, line_search_fn="strong_wolfe"
+        )
+        optimiser.param_groups[0]["max_iter"] = iterations
+        self._second_order = optimiser
 
         def closure() -> Tensor:
-            self._second.zero_grad()
+            optimiser.zero_grad()
             total = self._loss().total
             total.backward()
             return total
 
-        for _ in range(iterations):
-            self._second.step(closure)
-            self._clip()
+        optimiser.step(closure)
+        self._clip()
         self._iteration += iterations
         with torch.no_grad():
             return self._loss()
@@ -99,8 +106,8 @@ class PaperTraining:
             self.table.clamp_(min=0.0)
 
     def _theta(self) -> Tensor:
-        """(M, 3) α, ατ, β of the present parameters."""
-        table = self.table.expand(self.problem.followers, 3)
+        """(M, 3) α, ατ, β of the present parameters, also where a line search tries some < 0."""
+        table = self.table.clamp(min=0.0).expand(self.problem.followers, 3)
         return torch.stack([table[:, 0], table[:, 0] * table[:, 2], table[:, 1]], 1)
 
     def _loss(self) -> LossTerms:
@@ -115,17 +122,22 @@ class PaperTraining:
     def learned(self) -> Learned:
         """The surrogate on all instants, the parameters, and the losses on both parts."""
         outputs, rates = self.network(self._time)
+        terms = self._loss_at(~self._test, outputs, rates)
         loss = {
-            "total": self.progress.total,
-            "data": self.progress.data,
-            "physics": self.progress.physics,
-            "initial": self.progress.initial,
+            "total": float(terms.total),
+            "data": float(terms.data),
+            "physics": float(terms.physics),
+            "initial": float(terms.initial),
         }
         arrays = {f"network.{k}": v.numpy() for k, v in self.network.state_dict().items()}
         notes: tuple[str, ...] = ()
         if self._test.any():
             arrays["test"] = self._test.astype(float)
-            loss |= self._test_loss(outputs, rates)
+            kept_out = self._loss_at(self._test, outputs, rates)
+            loss |= {
+                "test_data": float(kept_out.data),
+                "test_physics": float(kept_out.physics),
+            }
             notes = (
                 f"{self._test.sum()} random instants were kept out of training; neighbouring"
                 " instants are nearly equal, so errors there are too kind to the network.",
@@ -139,13 +151,10 @@ class PaperTraining:
             notes=notes,
         )
 
-    def _test_loss(self, outputs: Tensor, rates: Tensor) -> dict[str, float]:
-        measured = torch.from_numpy(self.problem.measured)
-        test = torch.from_numpy(self._test)
-        terms = loss_terms(
-            outputs[test], rates[test], measured[test], self._theta(), self.problem.config
-        )
-        return {"test_data": float(terms.data), "test_physics": float(terms.physics)}
+    def _loss_at(self, instants: Mask, outputs: Tensor, rates: Tensor) -> LossTerms:
+        rows = torch.from_numpy(instants)
+        measured = torch.from_numpy(self.problem.measured)[rows]
+        return loss_terms(outputs[rows], rates[rows], measured, self._theta(), self.problem.config)
 
     def _solution(self, outputs: FloatArray, rates: FloatArray) -> PlatoonSolution:
         """The learned parameters; where one was clipped, least squares on the surrogate beside."""
@@ -184,9 +193,10 @@ class PaperTraining:
         with torch.no_grad():
             adam = self._iteration <= self.problem.config.iterations
             self._look("Adam" if adam else "L-BFGS", self._loss())
+        self.outcome = self._end()
 
 
-def _draw_test(count: int, share: float, seed: int) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
+def _draw_test(count: int, share: float, seed: int) -> Mask:
     """(count,) which instants are kept out; the first one stays in, as Ψ_R looks at it."""
     test = np.zeros(count, dtype=bool)
     drawn = np.random.default_rng(seed).permutation(np.arange(1, count))

@@ -7,7 +7,7 @@ that was stopped, or whose process died, goes on from its last checkpoint.
 import hashlib
 import json
 import time
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
@@ -27,9 +27,10 @@ from accpinn.pinn.fast import FastTraining
 from accpinn.pinn.history import Recorder
 from accpinn.pinn.network import output_columns
 from accpinn.pinn.paper import PaperTraining
-from accpinn.pinn.recipe import Learned, Problem, Training
+from accpinn.pinn.recipe import Learned, Problem, State, Training
 from accpinn.segment import Segment
 from accpinn.store import Store
+from accpinn.units import Seconds
 
 CHECKPOINT_EVERY = 5.0
 """Seconds between checkpoints: what a killed process can lose."""
@@ -81,13 +82,12 @@ def _train(
     if store and (known := store.load_fit(result_key)):
         return replace(known, cached=True)
     started = time.perf_counter()
-    training: Training = RECIPES[config.preset](Problem(segment, case, config))
-    recorder = Recorder()
-    earlier, notes = _resume(training, recorder, store, resume_key)
+    run = _begin(Problem(segment, case, config), store, (resume_key, result_key))
+    training, recorder = run.training, run.recorder
     saved = started
 
     def elapsed() -> float:
-        return earlier + time.perf_counter() - started
+        return run.earlier + time.perf_counter() - started
 
     def report() -> Progress:
         now = replace(training.progress, seconds=elapsed())
@@ -99,9 +99,9 @@ def _train(
     def save() -> None:
         if store:
             state = training.state() | recorder.state() | {"seconds": np.array(elapsed())}
-            store.save_state(resume_key, state)
+            store.save_state(run.key, state)
 
-    now = report() if not earlier else replace(training.progress, seconds=elapsed())
+    now = replace(training.progress, seconds=run.earlier) if run.earlier else report()
     outcome = training.outcome
     while outcome is None:
         if should_stop and should_stop():
@@ -109,32 +109,58 @@ def _train(
             break
         training.advance()
         now, outcome = report(), training.outcome
-        if time.perf_counter() - saved > CHECKPOINT_EVERY:
+        if outcome is None and time.perf_counter() - saved > CHECKPOINT_EVERY:
             save()
             saved = time.perf_counter()
     if outcome is not Outcome.DIVERGED:
         save()
     fit = _as_fit(segment, case, config, training.learned(), outcome, recorder, elapsed())
-    fit = replace(fit, iterations=now.iteration, notes=fit.notes + notes)
+    fit = replace(fit, iterations=now.iteration, notes=fit.notes + run.notes)
     if store and outcome in (Outcome.SETTLED, Outcome.FINISHED):
         store.save_fit(result_key, fit)
     return fit
 
 
-def _resume(
-    training: Training, recorder: Recorder, store: Store | None, key: str
-) -> tuple[float, tuple[str, ...]]:
-    """Seconds already spent, and what to tell the user about it."""
-    state = store.load_state(key) if store else None
-    if state is None:
-        return 0.0, ()
-    if int(state["history.rows"][-1][0]) > training.problem.config.iterations:
-        return 0.0, ()
-    seconds = float(state["seconds"])
-    training.restore(state)
-    recorder.restore(state)
-    iteration = training.progress.iteration
-    return seconds, (f"Continued from iteration {iteration:,} of an earlier training.",)
+@dataclass(frozen=True, eq=False)
+class _Run:
+    """A training at its beginning, or where an earlier one left it."""
+
+    training: Training
+    recorder: Recorder
+    key: str
+    """Where its checkpoints are kept."""
+    earlier: Seconds = 0.0
+    """Time already spent."""
+    notes: tuple[str, ...] = ()
+
+
+def _begin(problem: Problem, store: Store | None, keys: tuple[str, str]) -> _Run:
+    """Go on from the checkpoint under the first of ``keys``, if there is one.
+
+    A checkpoint beyond the planned iterations is a longer training's and stays untouched; the
+    shorter one then has its own under the second key.
+    """
+    for key in keys:
+        run = _Run(RECIPES[problem.config.preset](problem), Recorder(), key)
+        state = store.load_state(key) if store else None
+        if store is None or state is None:
+            return run
+        try:
+            if state["history.rows"][-1][0] > run.training.progress.iterations:
+                continue
+            return _resume(run, state)
+        except (KeyError, IndexError, TypeError, ValueError, RuntimeError) as fault:
+            store.reject_state(key, fault)
+            return _Run(RECIPES[problem.config.preset](problem), Recorder(), key)
+    return run
+
+
+def _resume(run: _Run, state: State) -> _Run:
+    run.training.restore(state)
+    run.recorder.restore(state)
+    iteration = run.training.progress.iteration
+    note = f"Continued from iteration {iteration:,} of an earlier training."
+    return replace(run, earlier=float(state["seconds"]), notes=(note,))
 
 
 def request_keys(segment: Segment, case: Case, config: PinnConfig) -> tuple[str, str]:
