@@ -40,6 +40,11 @@ class PaperRecipe:
     def iterate(self) -> None:
         """One full-batch Adam iteration."""
         self.optimiser.zero_grad()
+        self.loss().backward()
+        self.optimiser.step()
+
+    def loss(self) -> Tensor:
+        """Ψ, as `accpinn.pinn.loss` has it with weights 1 (a test compares the two)."""
         outputs = self.network(self.time)
         split = self.followers + 1
         speeds, gaps = outputs[:, :split], outputs[:, split:]
@@ -51,8 +56,7 @@ class PaperRecipe:
             law = alpha * (gap - tau * speed) + beta * relative
             loss = loss + ((self._rate(gap) - relative) ** 2).mean()
             loss = loss + ((self._rate(speed) - law) ** 2).mean()
-        (loss / self.followers).backward()
-        self.optimiser.step()
+        return loss / self.followers
 
     def _rate(self, output: Tensor) -> Tensor:
         return torch.autograd.grad(output.sum(), self.time, create_graph=True)[0][:, 0]

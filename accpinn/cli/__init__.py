@@ -8,10 +8,11 @@ status is 0, 2 for wrong usage, 1 for anything wrong with data or files (one lin
 import argparse
 import sys
 from collections.abc import Sequence
+from io import TextIOWrapper
 
 from accpinn import __version__
 from accpinn.cli import fit, info
-from accpinn.errors import AccpinnError
+from accpinn.errors import AccpinnError, ConfigError
 
 COMMANDS = (info, fit)
 """Modules with `add_parser(subparsers)`, whose parsers set `run` to a function of the options."""
@@ -19,12 +20,15 @@ COMMANDS = (info, fit)
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command; returns the exit status."""
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, TextIOWrapper):  # a pipe on Windows has no α, β, τ otherwise
+            stream.reconfigure(encoding="utf-8")
     options = _parser().parse_args(arguments)
     try:
         status: int = options.run(options)
     except AccpinnError as fault:
         print(f"error: {fault}", file=sys.stderr)
-        return 1
+        return 2 if isinstance(fault, ConfigError) else 1
     except BrokenPipeError:  # the reader, `head` say, has seen enough
         return 0
     except KeyboardInterrupt:

@@ -11,7 +11,7 @@ from tqdm import tqdm
 
 from accpinn.assessment import closed_loop_errors, surrogate_errors
 from accpinn.cli.output import print_json, table
-from accpinn.errors import ConfigError
+from accpinn.errors import ConfigError, SegmentError
 from accpinn.estimators import ESTIMATORS
 from accpinn.fit import Fit, Outcome, Progress
 from accpinn.openacc import read
@@ -44,14 +44,25 @@ def add_segment_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--duration", type=float, default=DURATION, metavar="S", help="window length in s"
     )
-    parser.add_argument("--vehicles", metavar="1-5 | 1,2", help="leader first; default: all it can")
+    parser.add_argument(
+        "--vehicles",
+        type=_vehicles,
+        metavar="1-5 | 1,2",
+        help="leader first; default: all it can",
+    )
     parser.add_argument("--case", choices=["I", "II"], default="II", help="I: one set for all")
 
 
 def chosen_segment(options: argparse.Namespace) -> Segment:
     """The segment that the options name."""
-    vehicles = parse_vehicles(options.vehicles) if options.vehicles else None
-    return cut(read(options.file), options.start, options.duration, vehicles)
+    return cut(read(options.file), options.start, options.duration, options.vehicles)
+
+
+def _vehicles(text: str) -> tuple[int, ...]:
+    try:
+        return parse_vehicles(text)
+    except SegmentError as fault:
+        raise argparse.ArgumentTypeError(str(fault)) from None
 
 
 def run(options: argparse.Namespace) -> int:
@@ -107,7 +118,8 @@ def _train(segment: Segment, options: argparse.Namespace, config: PinnConfig) ->
             should_stop=lambda: interrupted.raised,
             threads=options.threads,
         )
-    return replace(fit, notes=fit.notes + tuple(store.messages if store else ()))
+    messages = dict.fromkeys(store.messages) if store else ()  # one may come at every checkpoint
+    return replace(fit, notes=(*fit.notes, *messages))
 
 
 class _Interrupt:
