@@ -15,3 +15,7 @@ class SegmentError(AccpinnError):
 
 class ConfigError(AccpinnError):
     """A training setting outside its range, or settings that contradict each other."""
+
+
+class ParameterError(AccpinnError):
+    """Parameters of the law, or of a simulation with it, that no vehicle can have."""

@@ -1,0 +1,133 @@
+"""What a vehicle does to a sinusoid: response, peak, crossover, poles, and export to `control`.
+
+With x = ω² and κ, the L2 criterion,
+
+    |H(jω)|² = N / (N + x(x + κ)),   N = α² + β²x
+
+so frequencies below ω_c = √-κ are amplified where κ < 0, and none elsewhere. d|H|²/dx = 0 is
+β²x² + 2α²x + κα² = 0. With q = x/α, its positive root and the largest gain are
+
+    q = -κ' / (1 + √(1 - κ'β²/α)),   κ' = κ/α,      |H|² = 1 / (1 - q²)
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from accpinn.cthp import Parameters
+from accpinn.stability.criteria import Laws, l2_criterion, l2_margin
+from accpinn.units import FloatArray, RadiansPerSecond
+
+if TYPE_CHECKING:
+    from control import TransferFunction
+    from numpy.typing import NDArray
+
+
+@dataclass(frozen=True)
+class Peak:
+    """The frequency that comes out largest; gain 1 at ω = 0 where none is amplified."""
+
+    gain: float
+    """max |H|; infinite for an undamped vehicle, 0 for one that does not react."""
+    db: float
+    """20 log10 of it."""
+    omega: RadiansPerSecond
+
+
+@dataclass(frozen=True, eq=False)
+class Peaks:
+    """`Peak` for many vehicles; arrays of their shape."""
+
+    log_gain: FloatArray
+    """Natural logarithm of max |H|."""
+    omega: FloatArray
+    """In rad/s."""
+
+    @property
+    def gain(self) -> FloatArray:
+        """Largest |H|."""
+        return np.asarray(np.exp(self.log_gain))
+
+    @property
+    def db(self) -> FloatArray:
+        """Largest |H| in decibels."""
+        return np.asarray(self.log_gain * (20.0 / np.log(10.0)))
+
+    def each(self) -> tuple[Peak, ...]:
+        """One `Peak` a vehicle, of arrays of shape (V,)."""
+        columns = self.gain.tolist(), self.db.tolist(), self.omega.tolist()
+        return tuple(map(Peak, *columns))
+
+
+def peaks(laws: Laws) -> Peaks:
+    """The largest gain over all frequencies, and where it is."""
+    beta_squared = laws.beta**2 / laws.spaced
+    reduced = np.where(laws.alpha > 0, np.minimum(2.0 * l2_margin(laws), 0.0), 0.0)
+    root = np.sqrt(1.0 - beta_squared * reduced)
+    q = np.abs(reduced) / (1.0 + root)
+    total = (laws.alpha * laws.tau + laws.beta) ** 2 / laws.spaced
+    rest = total / (1.0 + root + beta_squared)  # 1 - q without cancellation
+    with np.errstate(divide="ignore"):  # an undamped vehicle's gain is infinite
+        log_gain = -0.5 * np.where(q < 0.5, np.log1p(-(np.minimum(q, 0.5) ** 2)), _log_of(rest, q))
+    silent = (laws.alpha == 0) & (laws.beta == 0)
+    return Peaks(np.where(silent, -np.inf, log_gain), np.sqrt(laws.alpha * q))
+
+
+def _log_of(rest: FloatArray, q: FloatArray) -> FloatArray:
+    """log(1 - q²) from 1 - q and q."""
+    return np.asarray(np.log(rest) + np.log1p(q))
+
+
+def crossovers(laws: Laws) -> FloatArray:
+    """ω_c in rad/s, below which frequencies are amplified; nan where none is."""
+    kappa = l2_criterion(laws)
+    return np.sqrt(np.where((kappa < 0) & (laws.alpha > 0), -kappa, np.nan))
+
+
+def response(parameters: Sequence[Parameters], omega: FloatArray) -> "NDArray[np.complex128]":
+    """H(jω) of each vehicle; their product over vehicles is the head-to-tail response.
+
+    Args:
+        parameters: V of them.
+        omega: (K,) in rad/s, zero or more.
+
+    Returns:
+        (V, K), infinite where an undamped vehicle is in resonance.
+    """
+    laws = Laws.of(parameters)
+    alpha, beta = laws.alpha[:, None], laws.beta[:, None]
+    s = 1j * np.asarray(omega, float)[None, :]
+    # Without α the pole and the zero at s = 0 cancel: H = β / (s + β).
+    spaced = alpha > 0
+    upper = np.where(spaced, beta * s + alpha, beta)
+    lower = np.where(spaced, (s + alpha * laws.tau[:, None] + beta) * s + alpha, s + beta)
+    result = np.divide(upper, lower, out=np.full(lower.shape, np.inf + 0j), where=lower != 0)
+    return np.where((alpha == 0) & (beta == 0), 0.0, result)
+
+
+def poles(law: Parameters) -> tuple[complex, complex]:
+    """The slow and the fast pole, or the pair with the positive imaginary part first."""
+    alpha, alpha_tau, beta = (float(value) for value in law.linear())
+    total, root = alpha_tau + beta, 2.0 * alpha**0.5
+    spread = (total - root) * (total + root)
+    if spread < 0:
+        upper = complex(-total, (-spread) ** 0.5) / 2.0
+        return upper, upper.conjugate()
+    fast = (total + spread**0.5) / 2.0
+    return complex(-alpha / fast if fast else 0.0), complex(-fast)
+
+
+def zero(law: Parameters) -> float | None:
+    """The transfer function's zero; None where β = 0."""
+    return -law.alpha / law.beta if law.beta else None
+
+
+def transfer_function(law: Parameters) -> "TransferFunction":
+    """H(s) as an object of python-control, whose analyses and plots then apply."""
+    from control import TransferFunction  # late: it takes two seconds and loads pyplot
+
+    Laws.of([law])
+    alpha, alpha_tau, beta = (float(value) for value in law.linear())
+    return TransferFunction([beta, alpha], [1.0, alpha_tau + beta, alpha])

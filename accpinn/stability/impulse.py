@@ -1,0 +1,96 @@
+"""What a vehicle does to a peak: impulse response, overshoot and the exact peak-to-peak gain.
+
+The largest ratio of the peaks of two consecutive speed deviations is ‖h‖₁ = ∫|h|, the total
+variation of the step response u. In units of 1/√α, with
+
+    ζ = (β + ατ)/2√α,   δ = (β - ατ)/2√α,   ρ² = 1 - βτ = 1 - ζ² + δ²
+
+h changes sign first at t₁, where u overshoots by M = ρ exp(-ζt₁):
+
+    complex poles, ν² = 1 - ζ² > 0    t₁ = [atan2(ν, ζ) + atan2(ν, δ)] / ν, then every π/ν
+    real poles, μ² = ζ² - 1 ≥ 0       t₁ = [asinh μ + asinh(μ/ρ)] / μ where δ > 0 and ρ² > 0, once;
+                                      1 + 1/ρ for a double pole; otherwise never
+
+Each later swing is exp(-πζ/ν) of the one before, so the geometric series gives
+
+    ‖h‖₁ = 1 + 2M / (1 - exp(-πζ/ν)) for complex poles,   1 + 2M for real ones
+
+Nothing is subtracted from its like near a double pole or a zero that cancels a pole.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from accpinn.cthp import Parameters
+from accpinn.stability.criteria import Laws
+from accpinn.stability.frequency import poles
+from accpinn.units import FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class Swings:
+    """How far the step response swings; arrays of the laws' shape."""
+
+    overshoot: FloatArray
+    """M: how far the speed passes a unit step of the speed ahead; 0 where h keeps its sign."""
+    gain: FloatArray
+    """‖h‖₁, the exact L∞ gain; infinite for an undamped vehicle, 0 for one that does not react."""
+
+
+def swings(laws: Laws) -> Swings:
+    """Overshoot and exact peak-to-peak gain."""
+    root = np.sqrt(laws.spaced)
+    zeta = (laws.alpha * laws.tau + laws.beta) / root / 2.0
+    delta = (laws.beta - laws.alpha * laws.tau) / root / 2.0
+    rho = np.sqrt(np.maximum(1.0 - laws.beta * laws.tau, 0.0))
+    below = (1.0 - zeta) * (1.0 + zeta)
+    complex_poles = (below > 0) & (laws.alpha > 0)
+    once = ~complex_poles & (delta > 0) & (rho > 0) & (laws.alpha > 0)
+    nu, mu = np.sqrt(np.maximum(below, 0.0)), np.sqrt(np.maximum(-below, 0.0))
+    exponent = np.where(
+        complex_poles, _complex_exponent(zeta, delta, nu), _real_exponent(zeta, rho, mu)
+    )
+    overshoot = np.where(complex_poles | once, rho * np.exp(-exponent), 0.0)
+    lost = -np.expm1(-np.pi * zeta / np.where(complex_poles, nu, 1.0))
+    with np.errstate(divide="ignore"):  # an undamped vehicle swings for ever
+        gain = 1.0 + 2.0 * overshoot / np.where(complex_poles, lost, 1.0)
+    return Swings(overshoot, np.where((laws.alpha == 0) & (laws.beta == 0), 0.0, gain))
+
+
+def _complex_exponent(zeta: FloatArray, delta: FloatArray, nu: FloatArray) -> FloatArray:
+    """ζt₁ for complex poles; anything elsewhere."""
+    angle = np.arctan2(nu, zeta) + np.arctan2(nu, delta)
+    return np.asarray(zeta * angle / np.where(nu > 0, nu, 1.0))
+
+
+def _real_exponent(zeta: FloatArray, rho: FloatArray, mu: FloatArray) -> FloatArray:
+    """ζt₁ for real poles with ρ > 0; anything elsewhere."""
+    inverse = 1.0 / np.where(rho > 0, rho, 1.0)
+    distinct = np.where(mu > 0, mu, 1.0)
+    apart = (np.arcsinh(distinct) + np.arcsinh(distinct * inverse)) / distinct
+    return np.asarray(zeta * np.where(mu > 0, apart, 1.0 + inverse))
+
+
+def impulse_response(law: Parameters, time: FloatArray) -> FloatArray:
+    """h(t) in 1/s: the speed that follows a unit impulse in the speed ahead.
+
+    Args:
+        law: of the vehicle.
+        time: (N,) in s, zero or more.
+    """
+    Laws.of([law])
+    alpha, alpha_tau, beta = (float(value) for value in law.linear())
+    t = np.asarray(time, float)
+    if not alpha:
+        return np.asarray(beta * np.exp(-beta * t))
+    slow, fast = poles(law)
+    middle, half = (alpha_tau + beta) / 2.0, abs(slow - fast) / 2.0
+    if slow.imag:
+        swing, sine = np.exp(-middle * t) * np.cos(half * t), np.sinc(half * t / np.pi)
+        return np.asarray(beta * swing + (alpha - beta * middle) * t * np.exp(-middle * t) * sine)
+    # (e^{-slow t} - e^{-fast t}) / (fast - slow), kept exact when the poles meet.
+    gap = -2.0 * half * t
+    ratio = np.where(gap < 0, -np.expm1(gap) / np.where(gap < 0, -gap, 1.0), 1.0)
+    mixed = t * np.exp(slow.real * t) * ratio
+    return np.asarray(beta * np.exp(fast.real * t) + (alpha + beta * slow.real) * mixed)

@@ -1,0 +1,93 @@
+"""Where the criteria's boundaries run in the plane of two parameters, the third one kept.
+
+Every criterion holds from some headway on, so each boundary is one curve τ(β) or τ(α): above it
+the vehicle is stable.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from accpinn.cthp import Parameters
+from accpinn.stability.criteria import (
+    Laws,
+    smallest_headway_exact,
+    smallest_headway_l2,
+    smallest_headway_paper,
+)
+from accpinn.stability.frequency import peaks
+from accpinn.stability.impulse import swings
+from accpinn.units import FloatArray, PerSecond, PerSecondSquared, frozen
+
+
+@dataclass(frozen=True, eq=False)
+class Boundaries:
+    """The smallest τ of each criterion along a range of α or β; nan where there is none."""
+
+    along: FloatArray
+    """(K,): β in 1/s, or α in 1/s²."""
+    l2: FloatArray
+    """(K,) in s."""
+    linf_paper: FloatArray
+    """(K,) in s."""
+    linf_exact: FloatArray
+    """(K,) in s."""
+
+
+@dataclass(frozen=True, eq=False)
+class GainMap:
+    """Gains over a plane, for shading: rows follow τ, columns α or β."""
+
+    along: FloatArray
+    """(K,): β in 1/s, or α in 1/s²."""
+    tau: FloatArray
+    """(T,) in s."""
+    peak_db: FloatArray
+    """(T, K): max |H| in dB, 0 where stable."""
+    linf_gain: FloatArray
+    """(T, K): ‖h‖₁, 1 where stable."""
+
+
+def boundaries_over_beta(alpha: PerSecondSquared, beta: FloatArray) -> Boundaries:
+    """In the (τ, β) plane at fixed α; ``beta`` (K,) in 1/s."""
+    return _boundaries(beta, _laws(np.array(alpha), beta, np.array(0.0)))
+
+
+def boundaries_over_alpha(beta: PerSecond, alpha: FloatArray) -> Boundaries:
+    """In the (τ, α) plane at fixed β; ``alpha`` (K,) in 1/s²."""
+    return _boundaries(alpha, _laws(alpha, np.array(beta), np.array(0.0)))
+
+
+def gains_over_beta(alpha: PerSecondSquared, beta: FloatArray, tau: FloatArray) -> GainMap:
+    """In the (τ, β) plane at fixed α; ``beta`` (K,) in 1/s, ``tau`` (T,) in s."""
+    return _gains(beta, tau, _laws(np.array(alpha), beta, tau[:, None]))
+
+
+def gains_over_alpha(beta: PerSecond, alpha: FloatArray, tau: FloatArray) -> GainMap:
+    """In the (τ, α) plane at fixed β; ``alpha`` (K,) in 1/s², ``tau`` (T,) in s."""
+    return _gains(alpha, tau, _laws(alpha, np.array(beta), tau[:, None]))
+
+
+def _laws(alpha: FloatArray, beta: FloatArray, tau: FloatArray) -> Laws:
+    """Checked by their extremes, as all combinations follow from them."""
+    Laws.of(
+        [Parameters(*(float(pick(values)) for values in (alpha, beta, tau))) for pick in _EXTREMES]
+    )
+    return Laws(np.asarray(alpha, float), np.asarray(beta, float), np.asarray(tau, float))
+
+
+_EXTREMES = (np.min, np.max)
+
+
+def _boundaries(along: FloatArray, laws: Laws) -> Boundaries:
+    shape = np.shape(along)
+    return Boundaries(
+        frozen(along),
+        frozen(np.broadcast_to(smallest_headway_l2(laws), shape)),
+        frozen(np.broadcast_to(smallest_headway_paper(laws), shape)),
+        frozen(np.broadcast_to(smallest_headway_exact(laws), shape)),
+    )
+
+
+def _gains(along: FloatArray, tau: FloatArray, laws: Laws) -> GainMap:
+    return GainMap(frozen(along), frozen(tau), frozen(peaks(laws).db), frozen(swings(laws).gain))
