@@ -14,10 +14,10 @@ from plotly.subplots import make_subplots
 from accpinn.channels import GAP, SPEED, TIME, Channel
 from accpinn.cthp import Parameters, Trajectories
 from accpinn.fit import History
-from accpinn.segment.missing import Window
 from accpinn.openacc import Mode, Recording
 from accpinn.runs import runs
 from accpinn.segment import Segment
+from accpinn.segment.missing import Window
 from accpinn.units import FloatArray
 
 LEADER = "#7e8490"

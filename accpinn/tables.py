@@ -6,8 +6,8 @@ from dataclasses import replace
 from accpinn.assessment import TrackingErrors
 from accpinn.cthp import Parameters
 from accpinn.fit import Fit
-from accpinn.segment.quality import Quality
 from accpinn.segment import Segment
+from accpinn.segment.quality import Quality
 from accpinn.typeset import Cell, Column, Table
 
 PARAMETER_COLUMNS = (

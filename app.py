@@ -1,0 +1,72 @@
+"""Home: what this is, one click to a trained sample, and where the session stands."""
+
+import streamlit as st
+
+from accpinn.figures import preview
+from accpinn.pinn.config import FAST
+from accpinn.segment import cut
+from pages.shared import frame
+from pages.shared.sources import FIRST_SAMPLE, open_with, sample
+from pages.shared.workspace import Workspace
+
+STEPS = (
+    ("1. Open a recording", "A car-following run of the OpenACC database, or a sample."),
+    ("2. Choose a window", "Who follows whom, from when to when; one set of parameters or many."),
+    ("3. Train", "Watch α, β and τ settle, then see how well they explain the drive."),
+)
+
+
+def main() -> None:
+    """Draw the page."""
+    workspace = frame.begin("")
+    words, picture = st.columns((1, 1.15), gap="large", vertical_alignment="center")
+    with words:
+        hero(workspace)
+    with picture:
+        show_sample()
+    st.space("small")
+    for column, (title, line) in zip(st.columns(3), STEPS, strict=True):
+        with column.container(border=True, height="stretch"):
+            st.markdown(f"**{title}**")
+            st.caption(line)
+    if workspace.recording:
+        resume(workspace)
+
+
+def hero(workspace: Workspace) -> None:
+    """What this is, and the two ways in."""
+    st.title("What does the adaptive cruise control do?", anchor=False)
+    st.markdown(
+        "accpinn learns the parameters of a car's **adaptive cruise control** from a recorded"
+        " drive: the gains α and β and the time headway τ of the constant time-headway policy."
+        " A physics-inspired neural network does the learning, and every answer comes with the"
+        " errors that say how far to trust it."
+    )
+    if st.button("Train a sample now", type="primary", icon=":material/play_arrow:"):
+        open_with(workspace, lambda: sample(FIRST_SAMPLE))
+        if not workspace.refusal:
+            workspace.train(FAST)
+            frame.go(frame.TRAIN, workspace)
+        st.error(workspace.refusal)
+    frame.link(frame.DATA, "Load your own OpenACC recording", workspace, "upload_file")
+
+
+def show_sample() -> None:
+    """Five cars of the sample, to show what this is about."""
+    recording, _ = sample(FIRST_SAMPLE)
+    segment = cut(recording)
+    frame.vehicle_key(segment)
+    st.plotly_chart(preview(segment), key="home_preview", config={"staticPlot": True})
+
+
+def resume(workspace: Workspace) -> None:
+    """Where the session stands, and the way back to it."""
+    with st.container(border=True):
+        st.markdown("**Where you are**  \n" + "  \n".join(frame.standing(workspace)))
+        if workspace.job:
+            frame.link(frame.TRAIN, "Back to the training", workspace, "arrow_forward")
+        else:
+            frame.link(frame.DATA, "Back to the recording", workspace, "arrow_forward")
+
+
+main()

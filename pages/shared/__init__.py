@@ -1,0 +1,1 @@
+"""What the pages have in common; nothing in here is a page."""

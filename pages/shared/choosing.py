@@ -1,0 +1,132 @@
+"""What is cut from a recording: vehicles, Case and window, by widgets or on the chart."""
+
+from collections.abc import Callable, Mapping
+from itertools import takewhile
+
+import streamlit as st
+
+from accpinn import figures
+from accpinn.openacc import Recording
+from accpinn.segment import MAX_FOLLOWERS, MINIMUM_DURATION, Window, chains
+from pages.shared.frame import show_key
+from pages.shared.workspace import Workspace, hold
+
+CASES = {
+    "I": "Case I: one set of α, β, τ for the whole platoon, as if all followers were the same car.",
+    "II": "Case II: each follower has its own α, β, τ, as different cars do.",
+}
+CHART = "data_overview"
+
+
+def choose_vehicles(workspace: Workspace, recording: Recording) -> None:
+    """Leader and last follower, from the chains the recording has; and the Case."""
+    possible = {
+        leader: chain[position : position + MAX_FOLLOWERS + 1]
+        for chain in chains(recording)
+        for position, leader in enumerate(chain[:-1])
+    }
+    chosen = workspace.vehicles
+
+    def label(number: int) -> str:
+        name = recording.vehicles[number - 1].name
+        return name if name == f"Vehicle {number}" else f"{number} {name}"
+
+    def lead() -> None:
+        leader = st.session_state["data_leader"]
+        last = max(chosen[-1], leader + 1)
+        workspace.choose(vehicles=_up_to(possible[leader], last))
+
+    def follow() -> None:
+        last = st.session_state["data_last"]
+        workspace.choose(vehicles=_up_to(possible[chosen[0]], last))
+
+    left, right = st.columns(2)
+    left.selectbox(
+        "Leader", list(possible), format_func=label, key=hold("data_leader", chosen[0]),
+        on_change=lead,
+    )  # fmt: skip
+    right.selectbox(
+        "Last follower", possible[chosen[0]][1:], format_func=label,
+        key=hold("data_last", chosen[-1]), on_change=follow,
+    )  # fmt: skip
+    if len(chosen) > 2:
+        _choose_case(workspace)
+
+
+def _up_to(chain: tuple[int, ...], last: int) -> tuple[int, ...]:
+    return tuple(takewhile(lambda number: number <= last, chain))
+
+
+def _choose_case(workspace: Workspace) -> None:
+    st.segmented_control(
+        "Case",
+        list(CASES),
+        format_func=lambda case: f"Case {case}",
+        key=hold("data_case", workspace.case),
+        on_change=lambda: workspace.choose(case=st.session_state["data_case"]),
+        required=True,
+        label_visibility="collapsed",
+    )
+    st.caption(CASES[workspace.case])
+
+
+def choose_window(workspace: Workspace, recording: Recording) -> None:
+    """Start and length in seconds."""
+    window = workspace.window
+
+    def moved() -> None:
+        start = st.session_state["data_start"]
+        length = st.session_state["data_length"]
+        if start is not None and length is not None:
+            workspace.choose(window=Window(start, start + length))
+
+    left, right = st.columns(2)
+    shared = {"step": 10.0, "format": "%.1f", "on_change": moved}
+    left.number_input(
+        "Window starts at [s]", 0.0, max(recording.duration, window.start),
+        key=hold("data_start", float(window.start)), **shared,
+    )  # fmt: skip
+    right.number_input(
+        "and lasts [s]", 0.0, max(recording.duration, window.duration),
+        key=hold("data_length", float(window.duration)), **shared,
+    )  # fmt: skip
+
+
+def overview(workspace: Workspace, recording: Recording) -> None:
+    """Speeds and gaps over the whole recording; dragging over them sets the window."""
+    leader = workspace.vehicles[0]
+    entries = []
+    for number in recording.present:
+        name = recording.vehicles[number - 1].name
+        label = name if name == f"Vehicle {number}" else f"{number} {name}"
+        role = " (leader)" if number == leader else ""
+        unused = "" if number in workspace.vehicles else " (not chosen)"
+        entries.append((label + role + unused, figures.vehicle_colour(number, leader)))
+    show_key(entries)
+    st.plotly_chart(
+        figures.overview(recording, workspace.vehicles, workspace.window),
+        key=CHART,
+        on_select=_dragged(workspace, recording),
+        selection_mode="box",
+        config={"displayModeBar": False},
+    )
+
+
+def _dragged(workspace: Workspace, recording: Recording) -> Callable[[], None]:
+    def moved() -> None:
+        window = window_of(st.session_state[CHART], recording)
+        if window:
+            workspace.choose(window=window)
+
+    return moved
+
+
+def window_of(event: Mapping[str, Mapping[str, list[dict[str, list[float]]]]],
+              recording: Recording) -> Window | None:  # fmt: skip
+    """The window that a drag over the chart marks; None for a click or a slip of the hand."""
+    boxes = event["selection"]["box"]
+    if not boxes:
+        return None
+    low, high = (min(max(float(x), 0.0), recording.duration) for x in sorted(boxes[-1]["x"]))
+    start, end = round(low, 1), round(high, 1)
+    return Window(start, end) if end - start >= MINIMUM_DURATION else None

@@ -1,0 +1,129 @@
+"""What every page begins with: its title, the way to the other pages, and where things stand."""
+
+import html
+from collections.abc import Sequence
+from pathlib import Path
+
+import streamlit as st
+
+from accpinn.figures import vehicle_colour
+from accpinn.jobs import Status
+from accpinn.segment import Segment
+from pages.shared.text import plain
+from pages.shared.workspace import SESSION, Workspace, current
+
+HERE = Path(__file__).parent
+ROOT = HERE.parents[1]
+HOME, DATA, TRAIN = "app.py", "pages/1_Data.py", "pages/2_Train.py"
+
+_ICONS = {
+    "Home": "home",
+    "Data": "timeline",
+    "Train": "model_training",
+    "Stability": "vital_signs",
+    "Platoon": "directions_car",
+    "Compare": "compare_arrows",
+    "Snapshots": "inventory_2",
+}
+
+_STYLE = """<style>
+.stMainBlockContainer { padding-top: 4.2rem; padding-bottom: 3rem; max-width: 86rem; }
+.vehicle-key { display: flex; flex-wrap: wrap; gap: .2rem 1.1rem; font-size: .875rem; }
+.vehicle-key span { white-space: nowrap; }
+.vehicle-key i { display: inline-block; width: 1.1em; height: .28em; border-radius: 2px;
+  margin-right: .45em; vertical-align: middle; }
+</style>"""
+
+
+def begin(title: str, lead: str = "") -> Workspace:
+    """Set up a page; everything on it comes after this."""
+    st.set_page_config(
+        page_title=f"{title} · accpinn" if title else "accpinn",
+        page_icon=str(HERE / "icon.svg"),
+        layout="wide",
+    )
+    st.html(_STYLE)
+    workspace = current()
+    _sidebar(workspace)
+    if title:
+        st.title(title, anchor=False)
+    if lead:
+        st.caption(lead)
+    if st.session_state["lost_session"]:
+        st.info(
+            "That session is no longer on this server, so a new one has begun. Finished trainings"
+            " are kept: open the same recording and the answer comes from the cache.",
+            icon=":material/history:",
+        )
+    return workspace
+
+
+def link(page: str, label: str, workspace: Workspace, icon: str = "") -> None:
+    """A link to another page that keeps the session in the address."""
+    st.page_link(
+        page,
+        label=label,
+        icon=f":material/{icon}:" if icon else "",
+        query_params={SESSION: workspace.id},
+    )
+
+
+def go(page: str, workspace: Workspace) -> None:
+    """Turn to another page; nothing after this runs."""
+    st.switch_page(page, query_params={SESSION: workspace.id})
+
+
+def vehicle_key(segment: Segment) -> None:
+    """Which colour is which vehicle, once for all charts below."""
+    vehicles, labels = segment.vehicles, segment.labels
+    show_key([(f"{labels[0]} (leader)", vehicle_colour(vehicles[0], vehicles[0]))]
+             + [(label, vehicle_colour(number, vehicles[0]))
+                for number, label in zip(vehicles[1:], labels[1:], strict=True)])  # fmt: skip
+
+
+def show_key(entries: Sequence[tuple[str, str]]) -> None:
+    """Names beside their colours."""
+    spans = "".join(
+        f'<span><i style="background:{colour}"></i>{html.escape(name)}</span>'
+        for name, colour in entries
+    )
+    st.html(f'<div class="vehicle-key">{spans}</div>')
+
+
+def _sidebar(workspace: Workspace) -> None:
+    st.logo(str(HERE / "logo.svg"), size="large", icon_image=str(HERE / "icon.svg"))
+    with st.sidebar:
+        link(HOME, "Home", workspace, _ICONS["Home"])
+        for path in sorted((ROOT / "pages").glob("[0-9]*_*.py")):
+            name = path.stem.split("_", 1)[1].replace("_", " ")
+            link(f"pages/{path.name}", name, workspace, _ICONS.get(name, "article"))
+        st.divider()
+        st.caption("  \n".join(standing(workspace)))
+
+
+def standing(workspace: Workspace) -> list[str]:
+    """Where the session stands, a line a step."""
+    recording, segment, job = workspace.recording, workspace.segment, workspace.job
+    if recording is None:
+        return ["No recording is open yet."]
+    lines = [f"**Recording** {plain(recording.source)}"]
+    if segment:
+        lines.append(
+            f"**Window** {segment.start:g}–{segment.start + segment.duration:g} s, vehicles"
+            f" {segment.vehicles[0]}–{segment.vehicles[-1]}"
+            + (f", Case {workspace.case}" if segment.followers > 1 else "")
+        )
+    else:
+        lines.append("**Window** cannot be used yet")
+    if job:
+        lines.append(f"**Training** {_STANDING[job.status]}")
+    return lines
+
+
+_STANDING = {
+    Status.QUEUED: "waits for its turn",
+    Status.RUNNING: "is running",
+    Status.DONE: "is done",
+    Status.STOPPED: "was stopped",
+    Status.FAILED: "failed",
+}

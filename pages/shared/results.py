@@ -1,0 +1,112 @@
+"""What a training has learned: outcome, table, curves, downloads."""
+
+from pathlib import Path
+
+import streamlit as st
+
+from accpinn import assessment, figures, tables, typeset
+from accpinn.cthp import Parameters
+from accpinn.estimators import least_squares
+from accpinn.fit import Fit, Outcome
+from accpinn.jobs import Job
+from accpinn.segment import Segment
+from accpinn.segment.quality import assess
+from pages.shared.text import bullets, lasting
+
+
+def show_result(job: Job, truth: tuple[Parameters, ...]) -> None:
+    """Everything about a job that has a fit."""
+    fit, segment = job.fit, job.request.segment
+    if fit is None:
+        return
+    show_outcome(fit)
+    table = parameter_table(segment, fit)
+    colours = [figures.vehicle_colour(n, segment.vehicles[0]) for n in segment.vehicles]
+    st.html(typeset.STYLE + table.coloured(colours).to_html())
+    st.caption(
+        "Surrogate fit: how far the network's own curves are from the data, as the paper's tables"
+        " report it. Closed-loop simulation: how far the learned law drives off when it gets the"
+        " leader's speed only and everything else is its own doing. MAE: mean absolute error of"
+        " space-gap p and speed v."
+    )
+    downloads(table, segment)
+    compare(segment, fit, truth)
+    show_curves(segment, fit)
+
+
+def show_outcome(fit: Fit) -> None:
+    """How it ended, at what cost, and what to know about it."""
+    cost = (
+        f"{fit.iterations:,} iterations in {_duration(fit.seconds)},"
+        f" {fit.network_weights:,} network weights."
+    )
+    cache = " Answered from the cache: this exact request was trained before." if fit.cached else ""
+    sentence = f"{fit.outcome.value} {cost}{cache}"
+    if fit.outcome is Outcome.DIVERGED:
+        st.error(sentence, icon=":material/error:")
+    elif fit.outcome is Outcome.STOPPED:
+        st.warning(sentence, icon=":material/pause_circle:")
+    else:
+        st.success(sentence, icon=":material/check_circle:")
+    if fit.notes:
+        st.info(bullets(fit.notes), icon=":material/info:")
+
+
+def parameter_table(segment: Segment, fit: Fit) -> typeset.Table:
+    """As in the paper, with the simulation's errors beside."""
+    return tables.parameter_table(
+        segment,
+        fit,
+        assess(segment),
+        assessment.surrogate_errors(segment, fit),
+        assessment.closed_loop_errors(segment, fit),
+    )
+
+
+def downloads(table: typeset.Table, segment: Segment) -> None:
+    """The table as files."""
+    name = f"{Path(segment.source).stem}_parameters"
+    with st.container(horizontal=True):
+        st.download_button(
+            "CSV", table.to_csv(), f"{name}.csv", "text/csv",
+            on_click="ignore", icon=":material/download:",
+        )  # fmt: skip
+        st.download_button(
+            "LaTeX", table.to_latex(), f"{name}.tex", "application/x-tex",
+            on_click="ignore", icon=":material/download:",
+        )  # fmt: skip
+
+
+def compare(segment: Segment, fit: Fit, truth: tuple[Parameters, ...]) -> None:
+    """The network's parameters beside those of one least-squares solve, and the truth."""
+    estimates = {
+        "PiNN": fit.parameters,
+        "Least squares": least_squares.fit(segment, fit.case).parameters,
+    }
+    if truth:
+        estimates["Truth"] = truth
+    table = tables.comparison_table(segment, estimates)
+    colours = [figures.vehicle_colour(n, segment.vehicles[0]) for n in segment.vehicles[1:]]
+    st.subheader("Beside other estimates", anchor=False)
+    st.html(typeset.STYLE + table.coloured(colours).to_html())
+
+
+def show_curves(segment: Segment, fit: Fit) -> None:
+    """Network against data, a follower at a time."""
+    st.subheader("Network against data", anchor=False)
+    follower = 0
+    if segment.followers > 1:
+        follower = st.selectbox(
+            "Follower",
+            range(segment.followers),
+            format_func=lambda k: segment.labels[k + 1],
+            key="train_follower",
+            width=320,
+        )
+    driven = assessment.closed_loop(segment, fit)
+    figure = figures.tracking(segment, follower, fit.surrogate, driven)
+    st.plotly_chart(figure, key="train_tracking", config={"displayModeBar": False})
+
+
+def _duration(seconds: float) -> str:
+    return f"{seconds:.1f} s" if seconds < 60 else lasting(seconds)

@@ -1,0 +1,180 @@
+"""What one browser has loaded, chosen and trained, kept on the server and named by the address.
+
+The address carries ``?session=...``; so a reload, a page switch or a bookmark finds everything
+again. Setting an early step drops the later ones.
+"""
+
+import secrets
+import threading
+import time
+from collections import OrderedDict
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import streamlit as st
+
+from accpinn.cthp import Case, Parameters
+from accpinn.errors import SegmentError
+from accpinn.fit import Fit
+from accpinn.jobs import Job, Trainings
+from accpinn.openacc import Recording
+from accpinn.pinn.config import PinnConfig, PresetName
+from accpinn.segment import DURATION, Segment, Window, complete_windows, cut, default_vehicles
+from accpinn.store import Store
+from accpinn.synthetic import Truth
+from accpinn.units import Seconds
+
+KEPT_WORKSPACES = 200
+KEPT_FOR: Seconds = 3 * 24 * 3600.0
+SESSION = "session"
+"""Name of the query parameter, and of the entry in Streamlit's session state."""
+
+
+@dataclass(eq=False)
+class Workspace:
+    """The steps of one user, first to last: recording, segment, training."""
+
+    id: str
+    recording: Recording | None = None
+    truth: Truth | None = None
+    refusal: str = ""
+    """Why the last attempt to open something failed."""
+    vehicles: tuple[int, ...] = ()
+    window: Window = field(default_factory=lambda: Window(0.0, DURATION))
+    case: Case = "II"
+    segment: Segment | None = None
+    fault: str = ""
+    """Why there is no segment."""
+    preset: PresetName = "fast"
+    settings: dict[str, dict[str, Any]] = field(default_factory=dict)
+    """Per preset, the settings that differ from it."""
+    job: Job | None = None
+
+    def open(self, recording: Recording, truth: Truth | None = None) -> None:
+        """Begin with a recording: its longest platoon, and the first window without holes."""
+        vehicles = default_vehicles(recording)
+        self.recording, self.truth, self.refusal = recording, truth, ""
+        self.choose(vehicles=vehicles, window=_first_window(recording, vehicles))
+
+    def choose(
+        self,
+        vehicles: Sequence[int] | None = None,
+        window: Window | None = None,
+        case: Case | None = None,
+    ) -> None:
+        """Change the segment or the case; what was trained before is let go."""
+        self.vehicles = tuple(vehicles or self.vehicles)
+        self.window, self.case = window or self.window, case or self.case
+        self.job = None
+        if self.recording is None:
+            return
+        try:
+            self.segment = cut(
+                self.recording, self.window.start, self.window.duration, self.vehicles
+            )
+            self.fault = ""
+        except SegmentError as fault:
+            self.segment, self.fault = None, str(fault)
+
+    def train(self, config: PinnConfig) -> None:
+        """Queue a training of the segment."""
+        if self.segment:
+            self.job = trainings().submit(self.id, self.segment, self.case, config)
+
+    @property
+    def fit(self) -> Fit | None:
+        """The result of the training, if there is one yet."""
+        return self.job.fit if self.job else None
+
+    @property
+    def true_parameters(self) -> tuple[Parameters, ...]:
+        """One entry a follower of the segment; nothing where the truth is not known."""
+        if self.truth is None:
+            return ()
+        return tuple(self.truth.parameters[number - 2] for number in self.vehicles[1:])
+
+
+def _first_window(recording: Recording, vehicles: tuple[int, ...]) -> Window:
+    """The first complete stretch that is long enough, else the longest one."""
+    complete = complete_windows(recording, vehicles)
+    if not complete:
+        return Window(0.0, min(DURATION, recording.duration))
+    best = max(complete, key=lambda window: (min(window.duration, DURATION), -window.start))
+    return Window(best.start, min(best.end, best.start + DURATION))
+
+
+class Workspaces:
+    """All workspaces of a server, bounded in number and age."""
+
+    def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
+        """None yet."""
+        self._clock = clock
+        self._lock = threading.Lock()
+        self._kept: OrderedDict[str, tuple[float, Workspace]] = OrderedDict()
+
+    def find(self, name: str) -> Workspace | None:
+        """The workspace of that name, which counts as used now; None if it is not known."""
+        with self._lock:
+            self._forget()
+            _, workspace = self._kept.pop(name, (0.0, None))
+            if workspace:
+                self._kept[name] = (self._clock(), workspace)
+            return workspace
+
+    def new(self) -> Workspace:
+        """An empty one, under a name that nobody can guess."""
+        workspace = Workspace(secrets.token_urlsafe(16))
+        with self._lock:
+            self._kept[workspace.id] = (self._clock(), workspace)
+            self._forget()
+        return workspace
+
+    def _forget(self) -> None:
+        oldest = self._clock() - KEPT_FOR
+        while self._kept:
+            name, (used, workspace) = next(iter(self._kept.items()))
+            if used >= oldest and len(self._kept) <= KEPT_WORKSPACES:
+                return
+            if workspace.job:
+                workspace.job.stop()
+            del self._kept[name]
+
+
+@st.cache_resource(show_spinner=False)
+def workspaces() -> Workspaces:
+    """The server's one registry."""
+    return Workspaces()
+
+
+@st.cache_resource(show_spinner=False)
+def trainings() -> Trainings:
+    """The server's one queue of trainings."""
+    return Trainings(store=Store())
+
+
+def current() -> Workspace:
+    """This browser's workspace; its name is put back into the address, which a page switch clears.
+
+    An unknown or expired name begins a new one, and `lost_session` becomes true for this run.
+    """
+    trainings()  # its worker gets ready while the user still reads
+    asked = st.query_params.get(SESSION) or st.session_state.get(SESSION, "")
+    workspace = workspaces().find(asked)
+    st.session_state["lost_session"] = bool(asked) and workspace is None
+    workspace = workspace or workspaces().new()
+    st.session_state[SESSION] = workspace.id
+    if st.query_params.get(SESSION) != workspace.id:
+        st.query_params[SESSION] = workspace.id
+    return workspace
+
+
+def hold(key: str, value: object) -> str:
+    """Let the widget of that key show ``value``, whatever it showed before; returns the key.
+
+    The workspace is the one place where choices live: a widget reports a change through its
+    callback and is told here what to show, so page switches and reloads lose nothing.
+    """
+    if st.session_state.get(key) != value:
+        st.session_state[key] = value
+    return key

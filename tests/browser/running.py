@@ -1,0 +1,96 @@
+"""The app as a process of its own, and a browser that looks at it."""
+
+import os
+import socket
+import subprocess
+import sys
+import urllib.error
+import urllib.request
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from playwright.sync_api import Browser, ConsoleMessage, Page, sync_playwright
+
+ROOT = Path(__file__).parents[2]
+FLAGS = [
+    "--no-sandbox",
+    "--disable-gpu",
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--disable-quic",
+    "--disable-sync",
+    "--no-first-run",
+]
+PATIENCE_MS = 20_000
+"""How long the page may take to show something; the machine may be busy."""
+
+
+@contextmanager
+def served(cache: Path, log: Path, recordings: Path | None = None) -> Iterator[str]:
+    """The address of a running app with an empty cache."""
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        port = free.getsockname()[1]
+    environment = os.environ | {"ACCPINN_CACHE": str(cache), "OMP_NUM_THREADS": "1"}
+    environment.pop("ACCPINN_RECORDINGS", None)
+    if recordings:
+        environment["ACCPINN_RECORDINGS"] = str(recordings)
+    command = [sys.executable, "-m", "streamlit", "run", "app.py", f"--server.port={port}"]
+    with log.open("w") as output:
+        process = subprocess.Popen(
+            [*command, "--server.headless=true", "--server.address=127.0.0.1"],
+            cwd=ROOT, env=environment, stdout=output, stderr=subprocess.STDOUT,
+        )  # fmt: skip
+        try:
+            address = f"http://127.0.0.1:{port}"
+            _await_health(process, address, log)
+            yield address
+        finally:
+            process.terminate()
+            process.wait(10)
+
+
+def _await_health(process: "subprocess.Popen[bytes]", address: str, log: Path) -> None:
+    for _ in range(300):
+        try:
+            with urllib.request.urlopen(f"{address}/_stcore/health", timeout=5):
+                return
+        except (urllib.error.URLError, ConnectionError):
+            pass
+        try:
+            process.wait(0.1)
+        except subprocess.TimeoutExpired:
+            continue
+        break
+    raise AssertionError(f"the app did not start:\n{log.read_text()}")
+
+
+@contextmanager
+def launched(chromium: str) -> Iterator[Browser]:
+    """A browser without a window."""
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=chromium, args=FLAGS)
+        try:
+            yield browser
+        finally:
+            browser.close()
+
+
+def watched(page: Page) -> list[str]:
+    """Whatever goes wrong on the page from now on: console errors and uncaught exceptions."""
+    faults: list[str] = []
+
+    def heard(message: ConsoleMessage) -> None:
+        if message.type == "error":
+            faults.append(f"{message.text} ({message.location.get('url', '')})")
+
+    page.on("console", heard)
+    page.on("pageerror", lambda fault: faults.append(str(fault)))
+    page.set_default_timeout(PATIENCE_MS)
+    return faults
+
+
+def idle(page: Page) -> None:
+    """Wait until the script has run to its end and the page stands."""
+    page.locator('[data-testid="stApp"][data-test-script-state="notRunning"]').wait_for()
