@@ -119,10 +119,10 @@ def loss_course(history: History) -> go.Figure:
     """The loss terms over iterations, on a logarithmic axis."""
     figure = go.Figure()
     terms = (
-        ("Ψ total", history.total, LEADER, 3.0),
+        ("Ψ", history.total, LEADER, 3.0),
         ("Ψ_D data", history.data, FOLLOWERS[0], 1.5),
         ("Ψ_F physics", history.physics, FOLLOWERS[1], 1.5),
-        ("Ψ_R initial", history.initial, FOLLOWERS[2], 1.5),
+        ("Ψ_R start", history.initial, FOLLOWERS[2], 1.5),
     )
     mode = _mode_for(len(history.iteration))
     for name, values, colour, width in terms:
@@ -131,11 +131,11 @@ def loss_course(history: History) -> go.Figure:
                 x=history.iteration, y=np.where(values > 0, values, np.nan), name=name,
                 mode=mode, line={"color": colour, "width": width}, marker={"size": 4},
             )  # fmt: skip
-    figure.update_yaxes(type="log", title_text="Loss", exponentformat="power", dtick=1)
-    figure.update_xaxes(title_text="Iteration")
-    figure = _finished(figure, 300, "loss")
-    legend = {"orientation": "h", "x": 0, "y": 1.02, "yanchor": "bottom"}
-    return figure.update_layout(showlegend=True, legend=legend, margin_t=34)
+    figure.update_yaxes(type="log", title_text="Loss", exponentformat="power")
+    legend = {"x": 1, "xanchor": "right", "y": 1, "yanchor": "top", "bgcolor": "rgba(0,0,0,0)"}
+    return _course(figure, "Loss and its terms", "loss").update_layout(
+        showlegend=True, legend=legend
+    )
 
 
 def parameter_course(
@@ -171,9 +171,7 @@ def parameter_course(
         colour = vehicle_colour(segment.vehicles[k + 1], leader)
         figure.add_hline(y=value, line={"color": colour, "width": 1.5, "dash": "dash"})
     figure.update_yaxes(title_text=f"{name} [{unit}]", range=_settled_range(history, which, true))
-    figure.update_xaxes(title_text="Iteration")
-    figure.update_layout(title={"text": title, "font": {"size": 13}, "x": 0, "y": 0.97})
-    return _finished(figure, 300, f"parameter-{which}").update_layout(margin_t=34)
+    return _course(figure, title, f"parameter-{which}")
 
 
 def tracking(
@@ -212,6 +210,15 @@ def tracking(
     figure = _finished(figure, 460, f"tracking-{number}")
     legend = {"orientation": "h", "x": 0, "y": 1.01, "yanchor": "bottom"}
     return figure.update_layout(showlegend=True, legend=legend, margin_t=34)
+
+
+def _course(figure: go.Figure, title: str, revision: str) -> go.Figure:
+    """The looks of a small panel over iterations."""
+    figure.update_xaxes(title_text="Iteration")
+    figure = _finished(figure, 250, revision)
+    return figure.update_layout(
+        title={"text": title, "font": {"size": 13}, "x": 0, "y": 0.97}, margin_t=34
+    )
 
 
 def _panels(rows: int, heights: list[float]) -> go.Figure:

@@ -68,33 +68,29 @@ def comparison_table(segment: Segment, estimates: Mapping[str, Sequence[Paramete
     return Table(f"Estimates side by side, {where(segment)}", tuple(columns), tuple(rows))
 
 
-def quality_table(
-    segment: Segment, quality: Quality, estimate: Fit, truth: Sequence[Parameters] = ()
-) -> Table:
+def quality_table(segment: Segment, quality: Quality, estimate: Fit) -> Table:
     """One row a follower: what the window tells, and the least-squares estimate from it."""
-    now, true = "Least squares on this window", "Truth"
-    columns = [
+    columns = (
         Column("Follower"),
         Column("Mean time gap", "s", 2),
         Column("Car-following", "%", 0),
         Column("Δv, std.", "m/s", 2),
         Column("Condition number", "", 0),
-        *(replace(column, group=now) for column in PARAMETER_COLUMNS),
-    ]
-    if truth:
-        columns += [replace(column, group=true) for column in PARAMETER_COLUMNS]
+        *(replace(column, group="Least squares estimate") for column in PARAMETER_COLUMNS),
+    )
     rows: list[tuple[Cell, ...]] = []
     for k, label in enumerate(segment.labels[1:]):
-        row: tuple[Cell, ...] = (
-            label,
-            quality.mean_time_gap[k],
-            100 * quality.car_following[k],
-            quality.relative_deviation[k],
-            quality.condition[k],
-            *_values(estimate.parameters[k]),
+        rows.append(
+            (
+                label,
+                quality.mean_time_gap[k],
+                100 * quality.car_following[k],
+                quality.relative_deviation[k],
+                quality.condition[k],
+                *_values(estimate.parameters[k]),
+            )
         )
-        rows.append((*row, *_values(truth[k])) if truth else row)
-    return Table("", tuple(columns), tuple(rows))
+    return Table("", columns, tuple(rows))
 
 
 def where(segment: Segment) -> str:

@@ -113,7 +113,7 @@ class Table:
         )
         return (
             f'<div class="figures-frame"><table class="figures">'
-            f"<caption>{html.escape(self.caption)}</caption>"
+            f"{self._html_caption()}"
             f"<thead>{self._html_groups()}<tr>{headings}</tr></thead><tbody>{body}</tbody>"
             "</table></div>"
         )
@@ -137,6 +137,9 @@ class Table:
                 rules.append(f"\\cmidrule(lr){{{at}-{at + width - 1}}}")
             at += width
         return [f"    {' & '.join(heads)} \\\\", f"    {' '.join(rules)}"]
+
+    def _html_caption(self) -> str:
+        return f"<caption>{html.escape(self.caption)}</caption>" if self.caption else ""
 
     def _html_groups(self) -> str:
         cells = "".join(
@@ -162,8 +165,8 @@ table.figures caption { text-align: left; padding: 0 0 .35rem; font-weight: 600;
 table.figures th, table.figures td { padding: .32rem .7rem; text-align: left; white-space: nowrap;
   border: 0; }
 table.figures .number { text-align: right; }
-table.figures th { font-weight: 600; vertical-align: bottom; }
-table.figures th small { font-weight: 400; opacity: .75; }
+table.figures th { font-weight: 600; vertical-align: bottom; white-space: normal; }
+table.figures th small { font-weight: 400; opacity: .75; white-space: nowrap; }
 table.figures th.group { text-align: center; border-bottom: 1px solid rgba(128, 140, 155, .45); }
 table.figures thead tr:last-child th { border-bottom: 1px solid rgba(128, 140, 155, .8); }
 table.figures tbody tr + tr td { border-top: 1px solid rgba(128, 140, 155, .25); }

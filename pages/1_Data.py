@@ -80,7 +80,7 @@ def show_segment(workspace: Workspace) -> None:
         return
     quality = assess(segment)
     estimate = least_squares.fit(segment, workspace.case)
-    table = quality_table(segment, quality, estimate, workspace.true_parameters)
+    table = quality_table(segment, quality, estimate)
     colours = [vehicle_colour(n, segment.vehicles[0]) for n in segment.vehicles[1:]]
     st.subheader("What this window tells", anchor=False)
     st.html(typeset.STYLE + table.coloured(colours).to_html())

@@ -47,7 +47,7 @@ def controls(workspace: Workspace) -> None:
     with st.container(horizontal=True, vertical_alignment="center"):
         choose_preset(workspace)
         place = st.container(horizontal=True, width="content")
-    st.caption(preset_line(workspace))
+        st.caption(preset_line(workspace), width="stretch")
     with st.expander("Options", icon=":material/tune:"):
         options(workspace)
     config = checked_config(workspace)

@@ -40,12 +40,11 @@ def choose_vehicles(workspace: Workspace, recording: Recording) -> None:
         last = st.session_state["data_last"]
         workspace.choose(vehicles=_up_to(possible[chosen[0]], last))
 
-    left, right = st.columns(2)
-    left.selectbox(
+    st.selectbox(
         "Leader", list(possible), format_func=label, key=hold("data_leader", chosen[0]),
         on_change=lead,
     )  # fmt: skip
-    right.selectbox(
+    st.selectbox(
         "Last follower", possible[chosen[0]][1:], format_func=label,
         key=hold("data_last", chosen[-1]), on_change=follow,
     )  # fmt: skip

@@ -73,21 +73,25 @@ def go(page: str, workspace: Workspace) -> None:
     st.switch_page(page, query_params={SESSION: workspace.id})
 
 
-def vehicle_key(segment: Segment) -> None:
+def vehicle_key(segment: Segment, with_truth: bool = False) -> None:
     """Which colour is which vehicle, once for all charts below."""
-    vehicles, labels = segment.vehicles, segment.labels
-    show_key([(f"{labels[0]} (leader)", vehicle_colour(vehicles[0], vehicles[0]))]
-             + [(label, vehicle_colour(number, vehicles[0]))
-                for number, label in zip(vehicles[1:], labels[1:], strict=True)])  # fmt: skip
+    leader = segment.vehicles[0]
+    entries = [
+        (f"{label} (leader)" if number == leader else label, vehicle_colour(number, leader))
+        for number, label in zip(segment.vehicles, segment.labels, strict=True)
+    ]
+    show_key(entries, dashed="true value" if with_truth else "")
 
 
-def show_key(entries: Sequence[tuple[str, str]]) -> None:
-    """Names beside their colours."""
-    spans = "".join(
+def show_key(entries: Sequence[tuple[str, str]], dashed: str = "") -> None:
+    """Names beside their colours, and what a dashed line means."""
+    spans = [
         f'<span><i style="background:{colour}"></i>{html.escape(name)}</span>'
         for name, colour in entries
-    )
-    st.html(f'<div class="vehicle-key">{spans}</div>')
+    ]
+    if dashed:
+        spans.append(f'<span><b aria-hidden="true">- -</b> {html.escape(dashed)}</span>')
+    st.html(f'<div class="vehicle-key">{"".join(spans)}</div>')
 
 
 def _sidebar(workspace: Workspace) -> None:

@@ -71,7 +71,7 @@ def show_course(job: Job, truth: tuple[Parameters, ...]) -> None:
     history, segment = job.history(), job.request.segment
     if history is None:
         return
-    vehicle_key(segment)
+    vehicle_key(segment, with_truth=bool(truth))
     loss, *parameters = st.columns(4)
     with loss:
         st.plotly_chart(figures.loss_course(history), key="train_loss", config=CHART)
@@ -79,5 +79,3 @@ def show_course(job: Job, truth: tuple[Parameters, ...]) -> None:
         with column:
             figure = figures.parameter_course(history, which, segment, truth)
             st.plotly_chart(figure, key=f"train_parameter_{which}", config=CHART)
-    if truth:
-        st.caption("Dashed: the true values that this synthetic recording was made from.")

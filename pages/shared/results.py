@@ -29,13 +29,15 @@ def show_result(job: Job, truth: tuple[Parameters, ...]) -> None:
         " leader's speed only and everything else is its own doing. MAE: mean absolute error of"
         " space-gap p and speed v."
     )
+    if fit.notes:
+        st.info(bullets(fit.notes), icon=":material/info:")
     downloads(table, segment)
     compare(segment, fit, truth)
     show_curves(segment, fit)
 
 
 def show_outcome(fit: Fit) -> None:
-    """How it ended, at what cost, and what to know about it."""
+    """How it ended, and at what cost."""
     cost = (
         f"{fit.iterations:,} iterations in {_duration(fit.seconds)},"
         f" {fit.network_weights:,} network weights."
@@ -48,8 +50,6 @@ def show_outcome(fit: Fit) -> None:
         st.warning(sentence, icon=":material/pause_circle:")
     else:
         st.success(sentence, icon=":material/check_circle:")
-    if fit.notes:
-        st.info(bullets(fit.notes), icon=":material/info:")
 
 
 def parameter_table(segment: Segment, fit: Fit) -> typeset.Table:
