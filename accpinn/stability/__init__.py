@@ -1,8 +1,15 @@
 """String stability: what a learned controller does to disturbances, from closed forms."""
 
+from accpinn.stability.cascade import Gains
 from accpinn.stability.criteria import MARGINAL, Laws
-from accpinn.stability.frequency import Peak, Peaks, peaks, response, transfer_function
-from accpinn.stability.head_to_tail import Gains, slowest_rate
+from accpinn.stability.frequency import (
+    Peak,
+    Peaks,
+    peaks,
+    response,
+    slowest_rate,
+    transfer_function,
+)
 from accpinn.stability.impulse import Swings, impulse_response, swings
 from accpinn.stability.maps import (
     Boundaries,

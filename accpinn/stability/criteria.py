@@ -37,7 +37,7 @@ Far below what any estimate can resolve and far above what rounding does.
 """
 
 LARGEST = 1e50
-"""Parameters above this or, unless zero, below its inverse are refused, lest products overflow."""
+"""Parameters above this are refused, and those below its inverse are zero; products stay finite."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,16 +53,8 @@ class Laws:
 
     @classmethod
     def of(cls, parameters: Sequence[Parameters]) -> Self:
-        """One entry a vehicle, checked.
-
-        Raises:
-            ParameterError: for values that are missing, negative or beyond all bounds.
-        """
-        if not parameters:
-            raise ParameterError("There is no vehicle; give at least one set of α, β and τ.")
-        for number, law in enumerate(parameters, 1):
-            _check(f"Parameter set {number}", law)
-        rows = [(law.alpha, law.beta, law.tau if law.alpha else 0.0) for law in parameters]
+        """One entry a vehicle; see `checked`."""
+        rows = [(law.alpha, law.beta, law.tau) for law in checked(parameters)]
         alpha, beta, tau = np.array(rows, float).T
         return cls(alpha, beta, tau)
 
@@ -72,21 +64,35 @@ class Laws:
         return np.where(self.alpha > 0, self.alpha, 1.0)
 
 
-def _check(place: str, law: Parameters) -> None:
-    """Refuse what no vehicle can have; τ may be missing where α = 0."""
-    for name, value in (("α", law.alpha), ("β", law.beta), ("τ", law.tau if law.alpha else 0.0)):
-        if isnan(value):
-            raise ParameterError(f"{place}: {name} is missing; give α, β and τ as numbers.")
-        if value > LARGEST or 0 < value < 1.0 / LARGEST:
-            raise ParameterError(
-                f"{place}: {name} = {value:g} is beyond any vehicle; give α in 1/s², β in 1/s and"
-                " τ in s."
-            )
-        if value < 0:
-            raise ParameterError(
-                f"{place}: {name} = {value:g} is negative, which the rational driving constraints"
-                " rule out; give zero or more."
-            )
+def checked(parameters: Sequence[Parameters]) -> tuple[Parameters, ...]:
+    """The same with τ = 0 where α = 0, as it has no effect there.
+
+    Raises:
+        ParameterError: for values that are missing, negative or beyond all bounds.
+    """
+    if not parameters:
+        raise ParameterError("There is no vehicle; give at least one set of α, β and τ.")
+    return tuple(_checked(f"Parameter set {k}", law) for k, law in enumerate(parameters, 1))
+
+
+def _checked(place: str, law: Parameters) -> Parameters:
+    alpha, beta = _value(place, "α", law.alpha), _value(place, "β", law.beta)
+    return Parameters(alpha, beta, _value(place, "τ", law.tau) if alpha else 0.0)
+
+
+def _value(place: str, name: str, value: float) -> float:
+    if isnan(value):
+        raise ParameterError(f"{place}: {name} is missing; give α, β and τ as numbers.")
+    if value < 0:
+        raise ParameterError(
+            f"{place}: {name} = {value:g} is negative, which the rational driving constraints rule"
+            " out; give zero or more."
+        )
+    if value > LARGEST:
+        raise ParameterError(
+            f"{place}: {name} = {value:g} is beyond any vehicle; give α in 1/s², β in 1/s, τ in s."
+        )
+    return float(value) if value * LARGEST >= 1.0 else 0.0
 
 
 def l2_criterion(laws: Laws) -> FloatArray:

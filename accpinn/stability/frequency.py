@@ -17,8 +17,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from accpinn.cthp import Parameters
-from accpinn.stability.criteria import Laws, l2_criterion, l2_margin
-from accpinn.units import FloatArray, RadiansPerSecond
+from accpinn.stability.criteria import Laws, checked, l2_criterion, l2_margin
+from accpinn.units import FloatArray, PerSecond, RadiansPerSecond
 
 if TYPE_CHECKING:
     from control import TransferFunction
@@ -119,6 +119,11 @@ def poles(law: Parameters) -> tuple[complex, complex]:
     return complex(-alpha / fast if fast else 0.0), complex(-fast)
 
 
+def slowest_rate(law: Parameters) -> PerSecond:
+    """How fast the slowest part of a vehicle's transient fades; 0 where it never does."""
+    return -poles(law)[0].real if law.alpha else law.beta
+
+
 def zero(law: Parameters) -> float | None:
     """The transfer function's zero; None where β = 0."""
     return -law.alpha / law.beta if law.beta else None
@@ -128,6 +133,6 @@ def transfer_function(law: Parameters) -> "TransferFunction":
     """H(s) as an object of python-control, whose analyses and plots then apply."""
     from control import TransferFunction  # late: it takes two seconds and loads pyplot
 
-    Laws.of([law])
+    (law,) = checked([law])
     alpha, alpha_tau, beta = (float(value) for value in law.linear())
     return TransferFunction([beta, alpha], [1.0, alpha_tau + beta, alpha])

@@ -23,7 +23,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from accpinn.cthp import Parameters
-from accpinn.stability.criteria import Laws
+from accpinn.stability.criteria import Laws, checked
 from accpinn.stability.frequency import poles
 from accpinn.units import FloatArray
 
@@ -79,7 +79,7 @@ def impulse_response(law: Parameters, time: FloatArray) -> FloatArray:
         law: of the vehicle.
         time: (N,) in s, zero or more.
     """
-    Laws.of([law])
+    (law,) = checked([law])
     alpha, alpha_tau, beta = (float(value) for value in law.linear())
     t = np.asarray(time, float)
     if not alpha:

@@ -5,9 +5,10 @@ from dataclasses import dataclass
 from math import isinf, isnan
 
 from accpinn.cthp import Parameters
+from accpinn.stability.cascade import Gains, head_to_tail_gains
 from accpinn.stability.criteria import MARGINAL
 from accpinn.stability.frequency import Peak
-from accpinn.stability.head_to_tail import Gains, head_to_tail_gains, head_to_tail_peaks
+from accpinn.stability.head_to_tail import head_to_tail_peaks
 from accpinn.stability.vehicle import VehicleNumbers, numbers
 from accpinn.stability.verdicts import (
     Verdict,

@@ -7,6 +7,7 @@ from enum import Enum
 from accpinn.cthp import Parameters
 from accpinn.stability.criteria import (
     Laws,
+    checked,
     exact_margin,
     l2_criterion,
     l2_margin,
@@ -95,6 +96,7 @@ def numbers(parameters: Sequence[Parameters]) -> tuple[VehicleNumbers, ...]:
     swing = swings(laws)
     rows = zip(
         parameters,
+        checked(parameters),
         l2_criterion(laws).tolist(),
         paper_criterion(laws).tolist(),
         swing.gain.tolist(),
@@ -107,7 +109,7 @@ def numbers(parameters: Sequence[Parameters]) -> tuple[VehicleNumbers, ...]:
     )
     return tuple(
         VehicleNumbers(
-            parameters=law,
+            parameters=given,
             behaviour=_behaviour(law, margins),
             l2_criterion=kappa,
             paper_criterion=paper,
@@ -122,7 +124,7 @@ def numbers(parameters: Sequence[Parameters]) -> tuple[VehicleNumbers, ...]:
             smallest_tau=headways if law.alpha else None,
             margins=margins,
         )
-        for law, kappa, paper, gain, overshoot, peak, crossover, headways, margins in rows
+        for given, law, kappa, paper, gain, overshoot, peak, crossover, headways, margins in rows
     )
 
 
