@@ -12,8 +12,7 @@ import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
 from accpinn.channels import GAP, SPEED, TIME, Channel
-from accpinn.cthp import Parameters, Trajectories
-from accpinn.fit import History
+from accpinn.cthp import Trajectories
 from accpinn.openacc import Mode, Recording
 from accpinn.runs import runs
 from accpinn.segment import Segment
@@ -29,6 +28,7 @@ FOLLOWERS = (
 differ most under normal, red-blind and green-blind vision."""
 MODEL = "#c22f4f"
 """What the law drives in closed loop, beside the vehicle's own colour for its data."""
+MISSING = "#c22f4f"
 WINDOW = "rgba(12, 126, 174, 0.16)"
 GRID = "rgba(128, 140, 155, 0.25)"
 FAINT = 0.35
@@ -36,8 +36,6 @@ FAINT = 0.35
 
 POINTS = 1500
 """Kept per trace at most; a screen has no more columns."""
-FEW = 30
-"""So few moments of a training are marked one by one."""
 
 
 def vehicle_colour(number: int, leader: int) -> str:
@@ -88,18 +86,31 @@ def overview(recording: Recording, vehicles: Sequence[int], window: Window) -> g
         figure.add_trace(trace, row=3, col=1)
     if ribbons:
         figure.update_yaxes(
-            row=3, col=1, title_text="Vehicle", type="category", showgrid=False,
-            categoryorder="array", categoryarray=[str(n) for n in reversed(recording.present)],
-        )  # fmt: skip
+            row=3,
+            col=1,
+            title_text="Vehicle",
+            type="category",
+            showgrid=False,
+            categoryorder="array",
+            categoryarray=sorted({t.y[0] for t in ribbons}, reverse=True),
+        )
     figure.add_shape(
-        type="rect", xref="x", yref="paper", x0=window.start, x1=window.end, y0=0, y1=1,
-        fillcolor=WINDOW, line={"color": FOLLOWERS[0], "width": 1.5}, layer="below",
-    )  # fmt: skip
+        type="rect",
+        xref="x",
+        yref="paper",
+        x0=window.start,
+        x1=window.end,
+        y0=0,
+        y1=1,
+        fillcolor=WINDOW,
+        line={"color": FOLLOWERS[0], "width": 1.5},
+        layer="below",
+    )
     _label_axes(figure, (SPEED, GAP))
     figure.update_xaxes(range=[0, recording.duration], title_text="")
     figure.update_xaxes(title_text=TIME.axis, row=len(heights), col=1)
     figure.update_layout(dragmode="select", selectdirection="h")
-    return _finished(figure, 470 if ribbons else 430, f"overview-{recording.sha256}")
+    return finished(figure, 470 if ribbons else 430, f"overview-{recording.sha256}")
 
 
 def preview(segment: Segment) -> go.Figure:
@@ -112,66 +123,7 @@ def preview(segment: Segment) -> go.Figure:
         figure.add_scatter(x=time, y=values, name=label, line={"color": colour, "width": 2})
     figure.update_yaxes(title_text=SPEED.axis)
     figure.update_xaxes(title_text=TIME.axis)
-    return _finished(figure, 330, "preview")
-
-
-def loss_course(history: History) -> go.Figure:
-    """The loss terms over iterations, on a logarithmic axis."""
-    figure = go.Figure()
-    terms = (
-        ("Ψ", history.total, LEADER, 3.0),
-        ("Ψ_D data", history.data, FOLLOWERS[0], 1.5),
-        ("Ψ_F physics", history.physics, FOLLOWERS[1], 1.5),
-        ("Ψ_R start", history.initial, FOLLOWERS[2], 1.5),
-    )
-    mode = _mode_for(len(history.iteration))
-    for name, values, colour, width in terms:
-        if values.any():
-            figure.add_scatter(
-                x=history.iteration, y=np.where(values > 0, values, np.nan), name=name,
-                mode=mode, line={"color": colour, "width": width}, marker={"size": 4},
-            )  # fmt: skip
-    figure.update_yaxes(type="log", title_text="Loss", exponentformat="power")
-    legend = {"x": 1, "xanchor": "right", "y": 1, "yanchor": "top", "bgcolor": "rgba(0,0,0,0)"}
-    return _course(figure, "Loss and its terms", "loss").update_layout(
-        showlegend=True, legend=legend
-    )
-
-
-def parameter_course(
-    history: History,
-    which: int,
-    segment: Segment,
-    truth: Sequence[Parameters] = (),
-) -> go.Figure:
-    """One parameter over iterations, dashed where the truth is known.
-
-    Args:
-        history: parameters (K, P, 3), P = 1 in Case I.
-        which: 0 for α, 1 for β, 2 for τ.
-        segment: whose vehicles they belong to.
-        truth: one entry a follower, or nothing.
-    """
-    name, unit, title = (("α", "1/s²", "Gain on spacing"), ("β", "1/s", "Gain on relative speed"),
-                         ("τ", "s", "Time headway"))[which]  # fmt: skip
-    figure = go.Figure()
-    sets = history.parameters.shape[1]
-    leader = segment.vehicles[0]
-    for k in range(sets):
-        shared = sets == 1 and segment.followers > 1
-        label = "all followers" if shared else html.escape(segment.labels[k + 1])
-        colour = LEADER if shared else vehicle_colour(segment.vehicles[k + 1], leader)
-        figure.add_scatter(
-            x=history.iteration, y=history.parameters[:, k, which], name=label,
-            mode=_mode_for(len(history.iteration)), line={"color": colour, "width": 2},
-            marker={"size": 4},
-        )  # fmt: skip
-    true = [(law.alpha, law.beta, law.tau)[which] for law in truth]
-    for k, value in enumerate(true):
-        colour = vehicle_colour(segment.vehicles[k + 1], leader)
-        figure.add_hline(y=value, line={"color": colour, "width": 1.5, "dash": "dash"})
-    figure.update_yaxes(title_text=f"{name} [{unit}]", range=_settled_range(history, which, true))
-    return _course(figure, title, f"parameter-{which}")
+    return finished(figure, 330, "preview")
 
 
 def tracking(
@@ -202,23 +154,21 @@ def tracking(
         for row, values in ((1, source.gaps[:, follower]), (2, source.speeds[:, follower + 1])):
             time, shown = thinned(segment.time, values)
             figure.add_scatter(
-                x=time, y=shown, name=name, line=line, opacity=opacity, legendgroup=name,
-                showlegend=row == 1, row=row, col=1,
-            )  # fmt: skip
+                x=time,
+                y=shown,
+                name=name,
+                line=line,
+                opacity=opacity,
+                legendgroup=name,
+                showlegend=row == 1,
+                row=row,
+                col=1,
+            )
     _label_axes(figure, (GAP, SPEED))
     figure.update_xaxes(title_text=TIME.axis, row=2, col=1)
-    figure = _finished(figure, 460, f"tracking-{number}")
+    figure = finished(figure, 460, f"tracking-{number}")
     legend = {"orientation": "h", "x": 0, "y": 1.01, "yanchor": "bottom"}
     return figure.update_layout(showlegend=True, legend=legend, margin_t=34)
-
-
-def _course(figure: go.Figure, title: str, revision: str) -> go.Figure:
-    """The looks of a small panel over iterations."""
-    figure.update_xaxes(title_text="Iteration")
-    figure = _finished(figure, 250, revision)
-    return figure.update_layout(
-        title={"text": title, "font": {"size": 13}, "x": 0, "y": 0.97}, margin_t=34
-    )
 
 
 def _panels(rows: int, heights: list[float]) -> go.Figure:
@@ -239,32 +189,46 @@ def _line(
 ) -> None:
     x, y = thinned(time, values)
     figure.add_scatter(
-        x=x, y=y, name=label, mode="lines", connectgaps=False,
-        line={"color": colour, "width": 1.8 if chosen else 1}, opacity=1 if chosen else FAINT,
-        row=row, col=1,
-    )  # fmt: skip
+        x=x,
+        y=y,
+        name=label,
+        mode="lines",
+        connectgaps=False,
+        line={"color": colour, "width": 1.8 if chosen else 1},
+        opacity=1 if chosen else FAINT,
+        row=row,
+        col=1,
+    )
+
+
+def has_ribbons(recording: Recording) -> bool:
+    """Whether `overview` has bars for stretches driven by hand or missing."""
+    return bool(_ribbons(recording))
 
 
 def _ribbons(recording: Recording) -> list[go.Scatter]:
-    """A bar a vehicle for each stretch driven by hand or missing; empty where all is well."""
+    """A bar for each stretch driven by hand or missing; none where all is well."""
+    by_hand = recording.mode == Mode.HUMAN
+    missing = np.isnan(recording.speed)
+    if not (recording.mode == Mode.ACC).any():
+        by_hand = np.zeros_like(missing)  # a recording without ACC is by hand throughout
     traces = []
-    kinds = (
-        ("driven by hand", recording.mode == Mode.HUMAN, FOLLOWERS[1]),
-        ("missing", np.isnan(recording.speed), LEADER),
-    )
-    mixed = (recording.mode == Mode.ACC).any()
-    for name, mask, colour in kinds:
-        if name == "driven by hand" and not mixed:
-            continue
-        x: list[float | None] = []
-        y: list[str | None] = []
-        for number in recording.present:
+    for number in recording.present:
+        colour = vehicle_colour(number, 1)
+        for name, mask, paint in (("by hand", by_hand, colour), ("missing", missing, MISSING)):
+            x: list[float | None] = []
             for run in runs(mask[:, number - 1]):
                 x += [float(recording.time[run.first]), float(recording.time[run.last]), None]
-                y += [str(number), str(number), None]
-        if x:
-            line = {"color": colour, "width": 7}
-            traces.append(go.Scatter(x=x, y=y, name=name, mode="lines", line=line))
+            if x:
+                traces.append(
+                    go.Scatter(
+                        x=x,
+                        y=[str(number)] * len(x),
+                        name=f"{number} {name}",
+                        mode="lines",
+                        line={"color": paint, "width": 7},
+                    )
+                )
     return traces
 
 
@@ -278,22 +242,7 @@ def _label_axes(figure: go.Figure, channels: tuple[Channel, ...]) -> None:
         figure.update_yaxes(title_text=channel.axis, row=row, col=1)
 
 
-def _mode_for(moments: int) -> str:
-    return "lines+markers" if moments <= FEW else "lines"
-
-
-def _settled_range(history: History, which: int, truth: list[float]) -> list[float] | None:
-    """Axis limits that show where the parameters settle, not where they happened to start."""
-    values = history.parameters[len(history.iteration) // 4 :, :, which]
-    values = np.concatenate([values[np.isfinite(values)], truth])
-    if not len(values):
-        return None
-    low, high = float(values.min()), float(values.max())
-    margin = max(0.12 * (high - low), 0.02 * abs(high), 1e-4)
-    return [low - margin, high + margin]
-
-
-def _finished(figure: go.Figure, height: int, revision: str) -> go.Figure:
+def finished(figure: go.Figure, height: int, revision: str) -> go.Figure:
     """Common looks; ``revision`` keeps the user's zoom while data change."""
     figure.update_xaxes(gridcolor=GRID, zeroline=False, showline=False)
     figure.update_yaxes(gridcolor=GRID, zeroline=False, showline=False)
@@ -306,3 +255,6 @@ def _finished(figure: go.Figure, height: int, revision: str) -> go.Figure:
         margin={"l": 8, "r": 8, "t": 10, "b": 8},
         uirevision=revision,
     )
+
+
+_finished = finished

@@ -1,21 +1,22 @@
 """Data: open a recording, choose vehicles and a window, see what it can tell."""
 
+from contextlib import suppress
+
 import streamlit as st
 
 from accpinn import typeset
+from accpinn.errors import ConfigError
 from accpinn.estimators import least_squares
 from accpinn.figures import vehicle_colour
-from accpinn.openacc import Recording
 from accpinn.segment.quality import assess
 from accpinn.tables import quality_table
 from pages.shared import frame
 from pages.shared.choosing import choose_vehicles, choose_window, overview
+from pages.shared.metadata import describe, show_warnings
 from pages.shared.settings import chosen_config
 from pages.shared.sources import choose_source
 from pages.shared.text import bullets, plain
 from pages.shared.workspace import Workspace
-
-SHOWN = 3  # warnings about a recording that are shown without being asked for
 
 
 def main() -> None:
@@ -25,8 +26,10 @@ def main() -> None:
         with st.container(border=True):
             choose_source(workspace)
         return
-    with st.expander(f"Open another recording instead of {plain(recording.source)}",
-                     icon=":material/folder_open:"):  # fmt: skip
+    with st.expander(
+        f"Open another recording instead of {plain(recording.source)}",
+        icon=":material/folder_open:",
+    ):
         choose_source(workspace)
     st.markdown(describe(recording))
     show_warnings(recording.warnings)
@@ -35,41 +38,19 @@ def main() -> None:
         choose_vehicles(workspace, recording)
         choose_window(workspace, recording)
         st.caption("Or drag over the chart to set the window.")
-        if st.button("Train on this window", type="primary", icon=":material/play_arrow:",
-                     width="stretch", disabled=workspace.segment is None):  # fmt: skip
-            workspace.train(chosen_config(workspace))
+        if st.button(
+            "Train on this window",
+            type="primary",
+            icon=":material/play_arrow:",
+            width="stretch",
+            disabled=workspace.segment is None,
+        ):
+            with suppress(ConfigError):  # the Train page says what is wrong with a setting
+                workspace.train(chosen_config(workspace))
             frame.go(frame.TRAIN, workspace)
     with chart:
         overview(workspace, recording)
     show_segment(workspace)
-
-
-def describe(recording: Recording) -> str:
-    """The metadata in one line."""
-    rate = 1 / recording.sample_time
-    parts = [
-        f"**{plain(recording.source)}**",
-        plain(recording.campaign or ""),
-        f"{recording.date.day} {recording.date:%B %Y}" if recording.date else "",
-        f"{len(recording.present)} vehicles",
-        f"{recording.duration:,.0f} s at {rate:.3g} Hz",
-        f"ACC flag {recording.acc_flag}" if recording.acc_flag is not None else "",
-        f"distance setting {plain(recording.distance_setting)}"
-        if recording.distance_setting
-        else "",
-        "" if (recording.mode >= 0).any() else "driver modes not recorded",
-    ]
-    return " · ".join(part for part in parts if part)
-
-
-def show_warnings(warnings: tuple[str, ...]) -> None:
-    """The first few openly, the rest on demand."""
-    if not warnings:
-        return
-    st.warning(bullets(warnings[:SHOWN]), icon=":material/warning:")
-    if warnings[SHOWN:]:
-        with st.expander(f"{len(warnings) - SHOWN} more about this recording"):
-            st.markdown(bullets(warnings[SHOWN:]))
 
 
 def show_segment(workspace: Workspace) -> None:

@@ -59,8 +59,14 @@ def buttons(workspace: Workspace, config: PinnConfig | None) -> None:
     """Start, Stop or Continue: whichever makes sense now."""
     job = workspace.job
     if job and job.is_active:
-        st.button("Stop", icon=":material/stop:", key="train_stop", disabled=job.is_stopping,
-                  on_click=trainings().stop, args=(job,))  # fmt: skip
+        st.button(
+            "Stop training",
+            icon=":material/stop:",
+            key="train_stop",
+            disabled=job.is_stopping,
+            on_click=trainings().stop,
+            args=(job,),
+        )
         return
     continues = job is not None and job.status is Status.STOPPED and job.request.config == config
     label, icon = ("Continue", "resume") if continues else ("Start training", "play_arrow")

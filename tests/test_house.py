@@ -38,6 +38,7 @@ ORDER = (
     "typeset",
     "tables",
     "figures",
+    "figures_training",
     "snapshot",
     "report",
     "cli",

@@ -26,28 +26,36 @@ def choose_vehicles(workspace: Workspace, recording: Recording) -> None:
         for position, leader in enumerate(chain[:-1])
     }
     chosen = workspace.vehicles
+    # Another recording gets widgets of its own: the same ones would show the former names.
+    leader_key, last_key = (f"data_{end}_{recording.sha256[:12]}" for end in ("leader", "last"))
 
     def label(number: int) -> str:
         name = recording.vehicles[number - 1].name
         return name if name == f"Vehicle {number}" else f"{number} {name}"
 
     def lead() -> None:
-        leader = st.session_state["data_leader"]
+        leader = st.session_state[leader_key]
         last = max(chosen[-1], leader + 1)
         workspace.choose(vehicles=_up_to(possible[leader], last))
 
     def follow() -> None:
-        last = st.session_state["data_last"]
+        last = st.session_state[last_key]
         workspace.choose(vehicles=_up_to(possible[chosen[0]], last))
 
     st.selectbox(
-        "Leader", list(possible), format_func=label, key=hold("data_leader", chosen[0]),
+        "Leader",
+        list(possible),
+        format_func=label,
+        key=hold(leader_key, chosen[0]),
         on_change=lead,
-    )  # fmt: skip
+    )
     st.selectbox(
-        "Last follower", possible[chosen[0]][1:], format_func=label,
-        key=hold("data_last", chosen[-1]), on_change=follow,
-    )  # fmt: skip
+        "Last follower",
+        possible[chosen[0]][1:],
+        format_func=label,
+        key=hold(last_key, chosen[-1]),
+        on_change=follow,
+    )
     if len(chosen) > 2:
         _choose_case(workspace)
 
@@ -82,13 +90,19 @@ def choose_window(workspace: Workspace, recording: Recording) -> None:
     left, right = st.columns(2)
     shared = {"step": 10.0, "format": "%.1f", "on_change": moved}
     left.number_input(
-        "Window starts at [s]", 0.0, max(recording.duration, window.start),
-        key=hold("data_start", float(window.start)), **shared,
-    )  # fmt: skip
+        "Window starts at [s]",
+        0.0,
+        max(recording.duration, window.start),
+        key=hold("data_start", float(window.start)),
+        **shared,
+    )
     right.number_input(
-        "and lasts [s]", 0.0, max(recording.duration, window.duration),
-        key=hold("data_length", float(window.duration)), **shared,
-    )  # fmt: skip
+        "and lasts [s]",
+        0.0,
+        max(recording.duration, window.duration),
+        key=hold("data_length", float(window.duration)),
+        **shared,
+    )
 
 
 def overview(workspace: Workspace, recording: Recording) -> None:
@@ -109,6 +123,8 @@ def overview(workspace: Workspace, recording: Recording) -> None:
         selection_mode="box",
         config={"displayModeBar": False},
     )
+    if figures.has_ribbons(recording):
+        st.caption("Bars: driven by hand (in the vehicle's colour) and missing data (red).")
 
 
 def _dragged(workspace: Workspace, recording: Recording) -> Callable[[], None]:
@@ -120,8 +136,9 @@ def _dragged(workspace: Workspace, recording: Recording) -> Callable[[], None]:
     return moved
 
 
-def window_of(event: Mapping[str, Mapping[str, list[dict[str, list[float]]]]],
-              recording: Recording) -> Window | None:  # fmt: skip
+def window_of(
+    event: Mapping[str, Mapping[str, list[dict[str, list[float]]]]], recording: Recording
+) -> Window | None:
     """The window that a drag over the chart marks; None for a click or a slip of the hand."""
     boxes = event["selection"]["box"]
     if not boxes:

@@ -68,13 +68,21 @@ def downloads(table: typeset.Table, segment: Segment) -> None:
     name = f"{Path(segment.source).stem}_parameters"
     with st.container(horizontal=True):
         st.download_button(
-            "CSV", table.to_csv(), f"{name}.csv", "text/csv",
-            on_click="ignore", icon=":material/download:",
-        )  # fmt: skip
+            "CSV",
+            table.to_csv(),
+            f"{name}.csv",
+            "text/csv",
+            on_click="ignore",
+            icon=":material/download:",
+        )
         st.download_button(
-            "LaTeX", table.to_latex(), f"{name}.tex", "application/x-tex",
-            on_click="ignore", icon=":material/download:",
-        )  # fmt: skip
+            "LaTeX",
+            table.to_latex(),
+            f"{name}.tex",
+            "application/x-tex",
+            on_click="ignore",
+            icon=":material/download:",
+        )
 
 
 def compare(segment: Segment, fit: Fit, truth: tuple[Parameters, ...]) -> None:

@@ -24,6 +24,7 @@ from accpinn.segment import DURATION, Segment, Window, complete_windows, cut, de
 from accpinn.store import Store
 from accpinn.synthetic import Truth
 from accpinn.units import Seconds
+from pages.shared.remembered import DriveChoice, LawChoice, MapChoice
 
 KEPT_WORKSPACES = 200
 KEPT_FOR: Seconds = 3 * 24 * 3600.0
@@ -50,6 +51,9 @@ class Workspace:
     settings: dict[str, dict[str, Any]] = field(default_factory=dict)
     """Per preset, the settings that differ from it."""
     job: Job | None = None
+    laws: LawChoice = field(default_factory=LawChoice)
+    map: MapChoice = field(default_factory=MapChoice)
+    drive: DriveChoice = field(default_factory=DriveChoice)
 
     def open(self, recording: Recording, truth: Truth | None = None) -> None:
         """Begin with a recording: its longest platoon, and the first window without holes."""

@@ -1,0 +1,124 @@
+"""The course of a training as figures: loss terms and parameters over iterations."""
+
+import html
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import plotly.graph_objects as go
+
+from accpinn.cthp import Parameters
+from accpinn.figures import FOLLOWERS, LEADER, finished, vehicle_colour
+from accpinn.fit import History
+from accpinn.segment import Segment
+from accpinn.units import FloatArray
+
+FEW = 30
+"""So few moments of a training are marked one by one."""
+PARAMETERS = (
+    ("α", "1/s²", "Gain on spacing"),
+    ("β", "1/s", "Gain on relative speed"),
+    ("τ", "s", "Time headway"),
+)
+"""Symbol, unit and plain name."""
+
+_SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+
+
+def loss_course(history: History) -> go.Figure:
+    """The loss terms over iterations, on a logarithmic axis."""
+    figure = go.Figure()
+    terms = (
+        ("Ψ", history.total, LEADER, 3.0),
+        ("Ψ<sub>D</sub>", history.data, FOLLOWERS[0], 1.5),
+        ("Ψ<sub>F</sub>", history.physics, FOLLOWERS[1], 1.5),
+        ("Ψ<sub>R</sub>", history.initial, FOLLOWERS[2], 1.5),
+    )
+    mode = _mode_for(len(history.iteration))
+    for name, values, colour, width in terms:
+        if values.any():
+            figure.add_scatter(
+                x=history.iteration,
+                y=np.where(values > 0, values, np.nan),
+                name=name,
+                mode=mode,
+                line={"color": colour, "width": width},
+                marker={"size": 4},
+            )
+    figure.update_yaxes(type="log", title_text="Loss", **_decades([v for _, v, _, _ in terms]))
+    legend = {"orientation": "h", "x": 1, "xanchor": "right", "y": 1.0, "yanchor": "bottom"}
+    return _course(figure, "Loss", "loss").update_layout(showlegend=True, legend=legend)
+
+
+def parameter_course(
+    history: History,
+    which: int,
+    segment: Segment,
+    truth: Sequence[Parameters] = (),
+) -> go.Figure:
+    """One parameter over iterations, dashed where the truth is known.
+
+    Args:
+        history: parameters (K, P, 3), P = 1 in Case I.
+        which: 0 for α, 1 for β, 2 for τ.
+        segment: whose vehicles they belong to.
+        truth: one entry a follower, or nothing.
+    """
+    name, unit, title = PARAMETERS[which]
+    figure = go.Figure()
+    sets = history.parameters.shape[1]
+    leader = segment.vehicles[0]
+    for k in range(sets):
+        shared = sets == 1 and segment.followers > 1
+        label = "all followers" if shared else html.escape(segment.labels[k + 1])
+        colour = LEADER if shared else vehicle_colour(segment.vehicles[k + 1], leader)
+        figure.add_scatter(
+            x=history.iteration,
+            y=history.parameters[:, k, which],
+            name=label,
+            mode=_mode_for(len(history.iteration)),
+            line={"color": colour, "width": 2},
+            marker={"size": 4},
+        )
+    true = [(law.alpha, law.beta, law.tau)[which] for law in truth]
+    for k, value in enumerate(true):
+        colour = vehicle_colour(segment.vehicles[k + 1], leader)
+        figure.add_hline(y=value, line={"color": colour, "width": 1.5, "dash": "dash"})
+    figure.update_yaxes(title_text=f"{name} [{unit}]", range=_settled_range(history, which, true))
+    return _course(figure, title, f"parameter-{which}")
+
+
+def _course(figure: go.Figure, title: str, revision: str) -> go.Figure:
+    """The looks of a small panel over iterations."""
+    figure.update_xaxes(title_text="Iteration")
+    figure = finished(figure, 250, revision)
+    return figure.update_layout(
+        title={"text": title, "font": {"size": 13}, "x": 0, "y": 0.97}, margin_t=34
+    )
+
+
+def _decades(series: list[FloatArray]) -> dict[str, Any]:
+    """A logarithmic axis over whole decades, with at most about six of them named."""
+    values = np.concatenate(series)
+    exponents = np.log10(values[np.isfinite(values) & (values > 0)])
+    if not len(exponents):
+        return {}
+    low, high = int(np.floor(exponents.min())), int(np.ceil(exponents.max()))
+    named = range(low, high + 1, 1 + (high - low) // 6)
+    texts = ["10" + str(k).translate(_SUPERSCRIPTS) for k in named]
+    return {"range": [low, high], "tickvals": [10.0**k for k in named], "ticktext": texts}
+
+
+def _settled_range(history: History, which: int, truth: list[float]) -> list[float] | None:
+    """Axis limits that show where the parameters settle, not where they happened to start."""
+    values = history.parameters[len(history.iteration) // 4 :, :, which]
+    values = np.concatenate([values[np.isfinite(values)], truth])
+    if not len(values):
+        return None
+    low, high = float(values.min()), float(values.max())
+    margin = max(0.12 * (high - low), 0.02 * abs(high), 1e-4)
+    return [low - margin, high + margin]
+
+
+def _mode_for(moments: int) -> str:
+    return "lines+markers" if moments <= FEW else "lines"

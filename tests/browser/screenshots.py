@@ -1,0 +1,175 @@
+"""Pictures of every page in its important states, in both themes and two widths, to be looked at.
+
+``python -m tests.browser.screenshots [FOLDER]`` writes them; with OPENACC_DIR also those of real
+recordings.
+"""
+
+import os
+import shutil
+import sys
+import tempfile
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+from playwright.sync_api import Browser, Page
+
+from tests.browser.running import ROOT, idle, launched, served
+
+WIDTHS = {"wide": (1440, 900), "narrow": (420, 900)}
+THEMES = ("light", "dark")
+REAL = Path(os.environ.get("OPENACC_DIR", "")) if os.environ.get("OPENACC_DIR") else None
+REAL_RUNS = (
+    "Vicolungo/JRC-VC_260219_part3",
+    "JRC low speed/part12",
+    "Cherasco/JRC-Cher_300818_rec1_part2",
+    "ZalaZone/handling_part10",
+)
+SETTLE_MS = 700
+"""Charts fade in; nothing on the page tells when they have."""
+
+
+@dataclass(frozen=True)
+class Camera:
+    """Takes the pictures of one theme and width."""
+
+    folder: Path
+    browser: Browser
+    address: str
+    theme: str
+    width: str
+
+    @contextmanager
+    def page(self, path: str = "") -> Iterator[Page]:
+        """A browser of its own, without a session."""
+        width, height = WIDTHS[self.width]
+        context = self.browser.new_context(
+            viewport={"width": width, "height": height}, color_scheme=self.theme
+        )
+        page = context.new_page()
+        page.goto(self.address + path)
+        idle(page)
+        try:
+            yield page
+        finally:
+            context.close()
+
+    def shoot(self, page: Page, name: str, whole: bool = True) -> None:
+        """Keep what the page shows, to its end if ``whole``."""
+        width, height = WIDTHS[self.width]
+        page.wait_for_timeout(SETTLE_MS)
+        if whole:
+            needed = page.locator('[data-testid="stMainBlockContainer"]').bounding_box()
+            page.set_viewport_size({"width": width, "height": int(needed["height"]) + 20})
+            page.wait_for_timeout(SETTLE_MS)
+        page.screenshot(path=self.folder / f"{name}_{self.theme}_{self.width}.png")
+        page.set_viewport_size({"width": width, "height": height})
+
+
+def upload(page: Page, file: Path) -> None:
+    """Open a file on the Data page, whichever state that is in."""
+    expander = page.get_by_text("Open another recording")
+    if expander.count():
+        expander.click()
+    page.get_by_text("Upload", exact=True).click()
+    page.locator('input[type="file"]').set_input_files(file)
+    page.get_by_text("What this window tells").or_(page.get_by_role("alert")).first.wait_for()
+    idle(page)
+
+
+def home(camera: Camera) -> None:
+    with camera.page() as page:
+        page.locator(".js-plotly-plot").wait_for()
+        camera.shoot(page, "home", whole=False)
+        page.get_by_role("button", name="Train a sample now").click()
+        page.locator("table.figures").first.wait_for()
+        idle(page)
+        camera.shoot(page, "train_sample_fold", whole=False)
+        camera.shoot(page, "train_sample")
+
+
+def empty(camera: Camera) -> None:
+    for path in ("/Data", "/Train"):
+        with camera.page(path) as page:
+            camera.shoot(page, f"empty{path.replace('/', '_').lower()}", whole=False)
+
+
+def sample(camera: Camera) -> None:
+    with camera.page("/Data") as page:
+        page.get_by_role("button", name="Open this sample").click()
+        page.get_by_text("What this window tells").wait_for()
+        idle(page)
+        camera.shoot(page, "data_sample_fold", whole=False)
+        camera.shoot(page, "data_sample")
+
+
+def training(camera: Camera) -> None:
+    with camera.page("/Data") as page:
+        page.get_by_role("button", name="Open this sample").click()
+        page.get_by_text("What this window tells").wait_for()
+        page.goto(page.url.replace("/Data", "/Train"))
+        page.get_by_text("Paper", exact=True).click()
+        page.get_by_text("Options", exact=True).click()
+        page.get_by_text("Back to the preset").wait_for()
+        idle(page)
+        camera.shoot(page, "train_options")
+        page.get_by_label("Learning rate").fill("-1")
+        page.get_by_label("Learning rate").press("Enter")
+        page.get_by_role("alert").wait_for()
+        camera.shoot(page, "train_refused")
+        page.get_by_text("Back to the preset").click()
+        page.get_by_text("Options", exact=True).click()
+        page.get_by_role("button", name="Start training").click()
+        page.get_by_text("left at most").wait_for()
+        page.locator(".js-plotly-plot").nth(3).wait_for()
+        camera.shoot(page, "train_live", whole=False)
+        with camera.page("/Data") as other:
+            other.get_by_role("button", name="Open this sample").click()
+            other.get_by_role("button", name="Train on this window").click()
+            other.get_by_text("yours is next").wait_for()
+            camera.shoot(other, "train_queued", whole=False)
+        page.get_by_role("button", name="Stop training").click()
+        page.get_by_role("button", name="Continue").wait_for()
+        idle(page)
+        camera.shoot(page, "train_stopped")
+
+
+def real(camera: Camera) -> None:
+    if REAL is None:
+        return
+    with camera.page("/Data") as page:
+        for name in REAL_RUNS:
+            upload(page, REAL / f"{name}.csv")
+            camera.shoot(page, f"data_{name.split('/')[0].replace(' ', '')}")
+        upload(page, REAL / "corrupt" / "ZalaZone_handling_part12_TRUNCATED_NUL.csv")
+        camera.shoot(page, "data_corrupt")
+        upload(page, REAL / "Casale" / "part7.csv")
+        camera.shoot(page, "data_casale")
+        page.get_by_role("button", name="Train on this window").click()
+        page.locator("table.figures").first.wait_for()
+        idle(page)
+        camera.shoot(page, "train_casale")
+
+
+SCENES: tuple[Callable[[Camera], None], ...] = (home, empty, sample, training, real)
+
+
+def main(arguments: list[str]) -> None:
+    """Take all pictures, or the scenes named after the folder."""
+    folder = Path(arguments[0] if arguments else ROOT / "tests" / "browser" / "shots")
+    folder.mkdir(parents=True, exist_ok=True)
+    chosen = [scene for scene in SCENES if not arguments[1:] or scene.__name__ in arguments[1:]]
+    chromium = os.environ.get("CHROMIUM") or shutil.which("chromium") or "chromium"
+    for theme in THEMES:
+        for width in WIDTHS:
+            with tempfile.TemporaryDirectory() as temporary, launched(chromium) as browser:
+                place = Path(temporary)
+                with served(place / "cache", place / "log") as address:
+                    for scene in chosen:
+                        scene(Camera(folder, browser, address, theme, width))
+    print(f"{len(list(folder.glob('*.png')))} pictures in {folder}")
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])
