@@ -1,0 +1,52 @@
+"""Stability: which vehicles amplify the disturbances of the car ahead, how much, and why."""
+
+import streamlit as st
+
+from accpinn import figures_stability as figures
+from pages.shared import frame
+from pages.shared.laws import checked_report, choose_laws
+from pages.shared.stability_charts import choose_map, show_bode, show_key
+from pages.shared.stability_words import show_answer, show_reasons, show_table
+from pages.shared.text import plain
+
+CHART = {"displayModeBar": False}
+
+
+def main() -> None:
+    workspace = frame.begin(
+        "Stability", "Which of these vehicles amplify the disturbances of the car ahead?"
+    )
+    laws = choose_laws(workspace, "stability")
+    report = checked_report(laws)
+    if laws is None or report is None:
+        return
+    show_answer(laws, report)
+    show_table(laws, report)
+    show_reasons(laws, report)
+    st.subheader("Response over frequency", anchor=False)
+    show_key(laws)
+    show_bode(workspace, laws, report)
+    left, right = st.columns(2, gap="large")
+    with left:
+        st.subheader("Criteria over the platoon", anchor=False)
+        st.caption(
+            "Stable where a criterion is above 0 and a gain is at 1. Dotted: from the leader to"
+            " that follower, through all vehicles before it."
+        )
+        st.plotly_chart(
+            figures.criteria_course(laws, report), key="stability_criteria", config=CHART
+        )
+    with right:
+        st.subheader("What would make it stable", anchor=False)
+        held, plane = choose_map(workspace, laws)
+        st.plotly_chart(
+            figures.stability_map(laws, report, held, plane), key="stability_map", config=CHART
+        )
+        kept = "α" if plane == "beta" else "β"
+        st.caption(
+            f"The boundaries are those at {plain(laws.labels[held])}'s {kept}."
+            + (f" Rings: vehicles with a {kept} of their own." if len(laws) > 1 else "")
+        )
+
+
+main()

@@ -1,0 +1,161 @@
+"""Whose α, β, τ the pages Stability and Platoon speak of: learned, published, or typed in."""
+
+import math
+from collections.abc import Callable
+
+import pandas as pd
+import streamlit as st
+
+from accpinn.cthp import Parameters
+from accpinn.errors import AccpinnError, ParameterError
+from accpinn.fit import Fit
+from accpinn.published import PUBLISHED, LawSet, law_set
+from accpinn.segment import Segment
+from accpinn.stability import StabilityReport, report
+from accpinn.tables import where
+from pages.shared.remembered import Row, Source
+from pages.shared.text import plain
+from pages.shared.workspace import Workspace, hold
+
+SOURCES: dict[Source, str] = {
+    "fit": "Current fit",
+    "published": "Published",
+    "hand": "By hand",
+}
+COLUMNS = ("Vehicle", "α [1/s²]", "β [1/s]", "τ [s]")
+BY_HAND = "By hand"
+MOST = 20
+"""Vehicles typed in at most."""
+
+
+def choose_laws(workspace: Workspace, page: str) -> LawSet | None:
+    """The picker, and what it stands at; None, with a sentence, where that cannot be used."""
+    offered = [source for source in SOURCES if source != "fit" or workspace.fit]
+    now = _source(workspace)
+    with st.container(horizontal=True, vertical_alignment="center"):
+        st.segmented_control(
+            "Parameters of",
+            offered,
+            format_func=SOURCES.__getitem__,
+            key=hold(f"{page}_source", now),
+            on_change=lambda: _turn_to(workspace, st.session_state[f"{page}_source"]),
+            required=True,
+            label_visibility="collapsed",
+        )
+        if now == "published":
+            _choose_example(workspace, page)
+        elif now == "fit" and workspace.segment:
+            st.caption(plain(where(workspace.segment)))
+    if now == "hand":
+        _edit_rows(workspace, page)
+    try:
+        return laws_of(workspace, now)
+    except AccpinnError as fault:
+        st.error(plain(str(fault)), icon=":material/error:")
+        return None
+
+
+def checked_report(laws: LawSet | None) -> StabilityReport | None:
+    """What is to be said about them; None, with a sentence, where they make no sense."""
+    if laws is None:
+        return None
+    try:
+        return report(laws.parameters)
+    except AccpinnError as fault:
+        st.error(plain(str(fault)), icon=":material/error:")
+        return None
+
+
+def laws_of(workspace: Workspace, source: Source) -> LawSet:
+    """The laws that a source holds now.
+
+    Raises:
+        ParameterError: rows that are too few or too many.
+    """
+    if source == "fit" and workspace.fit and workspace.segment:
+        return _learned(workspace.segment, workspace.fit)
+    if source == "hand":
+        return _typed(workspace.laws.rows)
+    return next(laws for laws in PUBLISHED if laws.title == workspace.laws.example)
+
+
+def _source(workspace: Workspace) -> Source:
+    chosen = workspace.laws.source or "fit"
+    return "published" if chosen == "fit" and not workspace.fit else chosen
+
+
+def _turn_to(workspace: Workspace, source: Source) -> None:
+    """Change the source; the first rows by hand are a copy of what was shown."""
+    choice = workspace.laws
+    if source == "hand" and not choice.rows:
+        laws = laws_of(workspace, _source(workspace))
+        choice.rows = tuple(
+            (label, law.alpha, law.beta, law.tau)
+            for label, law in zip(laws.labels, laws.parameters, strict=True)
+        )
+    choice.source = source
+    workspace.drive.forget()
+
+
+def _choose_example(workspace: Workspace, page: str) -> None:
+    key = f"{page}_example"
+
+    def changed() -> None:
+        workspace.laws.example = st.session_state[key]
+        workspace.drive.forget()
+
+    st.selectbox(
+        "Published set",
+        [laws.title for laws in PUBLISHED],
+        key=hold(key, workspace.laws.example),
+        on_change=changed,
+        label_visibility="collapsed",
+        width=320,
+    )
+
+
+def _edit_rows(workspace: Workspace, page: str) -> None:
+    """A table of vehicles to type into; it keeps its own changes while it is on the page."""
+    choice, key = workspace.laws, f"{page}_rows"
+    if key not in st.session_state:
+        choice.base = choice.rows
+    number: Callable[..., object] = st.column_config.NumberColumn
+    edited = st.data_editor(
+        pd.DataFrame(list(choice.base), columns=list(COLUMNS)),
+        key=key,
+        num_rows="dynamic",
+        hide_index=True,
+        width=560,
+        column_config={
+            COLUMNS[0]: st.column_config.TextColumn(max_chars=40),
+            COLUMNS[1]: number(format="%.4f", step=0.0001, help="Gain on the spacing error"),
+            COLUMNS[2]: number(format="%.4f", step=0.0001, help="Gain on the relative speed"),
+            COLUMNS[3]: number(format="%.3f", step=0.001, help="Desired time headway"),
+        },
+    )
+    rows = tuple(_row(*row) for row in edited.itertuples(index=False, name=None))
+    if len(rows) != len(choice.rows):
+        workspace.drive.forget()
+    choice.rows = rows
+
+
+def _row(name: object, *values: float | None) -> Row:
+    alpha, beta, tau = (None if v is None or math.isnan(v) else float(v) for v in values)
+    return (name if isinstance(name, str) else "", alpha, beta, tau)
+
+
+def _typed(rows: tuple[Row, ...]) -> LawSet:
+    if not 0 < len(rows) <= MOST:
+        raise ParameterError(
+            f"The table has {len(rows)} vehicles; give at least one and at most {MOST}."
+        )
+    labels = [name.strip() or f"Vehicle {k}" for k, (name, *_) in enumerate(rows, 1)]
+    laws = [Parameters(*(math.nan if v is None else v for v in values)) for _, *values in rows]
+    return law_set(BY_HAND, labels, laws)
+
+
+def _learned(segment: Segment, fit: Fit) -> LawSet:
+    return LawSet(
+        where(segment), segment.labels[1:], fit.parameters, segment.vehicles[1:],
+        segment.vehicles[0],
+    )  # fmt: skip

@@ -1,0 +1,52 @@
+"""What the pages Stability and Platoon remember: whose laws, and which disturbance."""
+
+from dataclasses import dataclass, field
+from typing import Literal
+
+from accpinn.published import ASTAZERO
+from accpinn.units import RadiansPerSecond
+
+Source = Literal["fit", "published", "hand"]
+Disturbance = Literal["sinusoid", "step", "brake", "recorded"]
+Row = tuple[str, float | None, float | None, float | None]
+"""Name, α, β, τ of a vehicle as typed in; None where a cell is empty."""
+
+
+@dataclass(eq=False)
+class LawChoice:
+    """Where α, β and τ come from."""
+
+    source: Source | None = None
+    """None: from the fit as soon as there is one, until then a published example."""
+    example: str = ASTAZERO.title
+    rows: tuple[Row, ...] = ()
+    """By hand; a copy of what was shown before once that is chosen."""
+    base: tuple[Row, ...] = ()
+    """What the table of rows began with when it came to the page."""
+
+
+@dataclass(eq=False)
+class MapChoice:
+    """Which plane of parameters is drawn."""
+
+    plane: Literal["beta", "alpha"] = "beta"
+    held: int = -1
+    """Index of the vehicle whose third parameter is kept; -1 is the last."""
+
+
+@dataclass(eq=False)
+class DriveChoice:
+    """Which platoon drives, and what its leader does."""
+
+    order: Literal["repeated", "learned", "own"] = "repeated"
+    vehicle: int = 0
+    """Index of the law that is repeated."""
+    followers: int = 8
+    kind: Disturbance = "sinusoid"
+    omega: RadiansPerSecond | None = None
+    """None: the frequency that the chosen platoon amplifies most."""
+    settings: dict[str, float] = field(default_factory=dict)
+
+    def forget(self) -> None:
+        """Other vehicles are spoken of: what was chosen among the former ones means nothing."""
+        self.vehicle, self.omega = 0, None

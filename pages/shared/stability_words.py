@@ -1,0 +1,102 @@
+"""The answer in words, the table with its downloads, and the reasons on demand."""
+
+import re
+
+import streamlit as st
+
+from accpinn import figures_stability as figures
+from accpinn import typeset
+from accpinn.published import LawSet
+from accpinn.stability import StabilityReport, Verdict
+from accpinn.tables_stability import answer, stability_table
+from pages.shared.text import plain
+
+NUMBERS = ("no", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine", "ten")
+
+
+def show_answer(laws: LawSet, report: StabilityReport) -> None:
+    """Who amplifies, what the platoon does, and where the two L∞ criteria disagree."""
+    with st.container(border=True):
+        st.markdown(f"#### {headline(laws, report)}")
+        if len(laws) > 1:
+            st.markdown(platoon_line(report))
+    wrong = [
+        f"**{plain(label)}: stable by the paper's L∞ criterion, not stable in truth.**"
+        f" {plain(vehicle.linf_exact.reason)}"
+        for label, vehicle in zip(laws.labels, report.vehicles, strict=True)
+        if vehicle.linf_paper.stable and not vehicle.linf_exact.stable
+    ]
+    if wrong:
+        st.warning("  \n".join(wrong), icon=":material/warning:")
+
+
+def headline(laws: LawSet, report: StabilityReport) -> str:
+    """One sentence: how many amplify, and which most."""
+    who = [k for k, vehicle in enumerate(report.vehicles) if not vehicle.l2.stable]
+    count, total = len(who), len(laws)
+    if not who:
+        growing = [v for v in report.vehicles if not v.linf_exact.stable]
+        peaks = " But peaks can still grow: see the L∞ gain." if growing else ""
+        subject = "The vehicle does not amplify" if total == 1 else "None of the vehicles amplifies"
+        return f"{subject} any frequency.{peaks}"
+    worst = max(who, key=lambda k: report.vehicles[k].peak.gain)
+    peak = report.vehicles[worst].peak
+    name = plain(laws.labels[worst])
+    most = f"{peak.gain:.3g} times at {peak.omega:.3g} rad/s"
+    if total == 1:
+        return f"{name} amplifies disturbances, up to {most}."
+    if count == 1:
+        return f"One of {_number(total)} vehicles amplifies disturbances: {name}, up to {most}."
+    start = f"All {_number(total)}" if count == total else f"{_number(count)} of {_number(total)}"
+    return f"{start[0].upper()}{start[1:]} vehicles amplify disturbances, {name} the most: {most}."
+
+
+def platoon_line(report: StabilityReport) -> str:
+    """The verdicts on the whole platoon, weak and strict, in one line."""
+    platoon = report.platoon
+    questions = (
+        ("Strictly stable, every pair", platoon.l2_strict, platoon.linf_strict),
+        ("Weakly stable, first to last", platoon.l2_weak, platoon.linf_weak),
+    )
+    parts = [f"{name}: L2 **{answer(l2)}**, L∞ **{answer(linf)}**." for name, l2, linf in questions]
+    return f"The platoon in this order. {' '.join(parts)} {plain(platoon.l2_weak.reason)}"
+
+
+def show_table(laws: LawSet, report: StabilityReport) -> None:
+    """As the paper's Table III, with the exact gain beside its criterion."""
+    table = stability_table(laws, report)
+    st.html(typeset.STYLE + table.coloured(figures.colours(laws)).to_html())
+    name = re.sub(r"\W+", "_", laws.title).strip("_").lower()
+    with st.container(horizontal=True):
+        for label, text, ending, mime in (
+            ("CSV", table.to_csv(), "csv", "text/csv"),
+            ("LaTeX", table.to_latex(), "tex", "application/x-tex"),
+        ):
+            st.download_button(
+                label, text, f"stability_{name}.{ending}", mime, key=f"stability_{ending}",
+                on_click="ignore", icon=":material/download:",
+            )  # fmt: skip
+
+
+def show_reasons(laws: LawSet, report: StabilityReport) -> None:
+    """A sentence for every verdict."""
+    with st.expander("Why: a sentence for every verdict", icon=":material/help:"):
+        for label, vehicle in zip(laws.labels, report.vehicles, strict=True):
+            verdicts = (vehicle.l2, vehicle.linf_paper, vehicle.linf_exact)
+            st.markdown(f"**{plain(label)}.** {vehicle.behaviour.value}\n" + _listed(verdicts))
+        if len(laws) > 1:
+            platoon = report.platoon
+            verdicts = (platoon.l2_strict, platoon.l2_weak,
+                        platoon.linf_strict, platoon.linf_weak)  # fmt: skip
+            st.markdown("**The platoon.**\n" + _listed(verdicts))
+
+
+def _listed(verdicts: tuple[Verdict, ...]) -> str:
+    return "".join(
+        f"\n- {verdict.name}: **{answer(verdict)}**. {plain(verdict.reason)}"
+        for verdict in verdicts
+    )
+
+
+def _number(count: int) -> str:
+    return NUMBERS[count] if count < len(NUMBERS) else str(count)
