@@ -66,13 +66,13 @@ class FastTraining:
         self._adam = Adam(self._hidden.parameters(), b2=0.99)
         self._generator = torch.Generator().manual_seed(config.seed)
         self._theta = from_table(np.tile(np.array(config.initial), (problem.followers, 1)))
-        self._exact: PlatoonSolution | None = None
+        self._exact = PlatoonSolution(self._theta, self._theta, ((),) * problem.followers)
         self._starting, self._iteration, self._quiet_cycles = True, 0, 0
         self._start_loss = float("nan")
-        self.outcome: Outcome | None = None
         self._measure()
         self._weights = solve_output(self._moments, self._theta, config)
         self.progress = self._look("start")
+        self.outcome = self._end()
 
     def advance(self) -> None:
         """One exact round while starting; afterwards one cycle."""
@@ -91,7 +91,7 @@ class FastTraining:
                     if self._round() <= STANDSTILL:
                         break
                 self.progress = self._look("Adam")
-        except torch.linalg.LinAlgError:  # type: ignore[attr-defined]
+        except (np.linalg.LinAlgError, torch.linalg.LinAlgError):  # type: ignore[attr-defined]
             self.outcome = Outcome.DIVERGED
             return
         self.outcome = self._judge(before)
@@ -170,7 +170,6 @@ class FastTraining:
 
     def learned(self) -> Learned:
         """The surrogate, the parameters, and what training the hidden layers brought."""
-        exact = self._exact or solve_parameters(self._moments, self._weights, self.problem.case)
         now = self.progress
         arrays = {f"hidden.{k}": v.numpy() for k, v in self._hidden.state_dict().items()}
         arrays["output.weight"] = self._weights.numpy()
@@ -179,7 +178,7 @@ class FastTraining:
         loss |= {"initial": now.initial, "start": self._start_loss}
         return Learned(
             outputs=self._surrogate()[0].numpy(),
-            solution=exact,
+            solution=self._exact,
             loss=loss,
             network_weights=count_weights(self._hidden) + self._weights.numel(),
             arrays=arrays,
@@ -187,19 +186,23 @@ class FastTraining:
         )
 
     def _notes(self) -> tuple[str, ...]:
+        notes = []
         now, start = self.progress, self._start_loss
-        if now.phase != "Adam" or not start > 0:
-            return ()
-        gain = 1 - now.total / start
-        if gain < LITTLE_GAIN:
-            return (
-                f"Training the hidden layers brought little here: Ψ was {start:.4g} before and is"
-                f" {now.total:.4g} now; the exact solve did the work.",
+        if now.phase == "Adam" and start > 0:
+            gain = 1 - now.total / start
+            notes.append(
+                f"Training the hidden layers lowered Ψ from {start:.4g} to {now.total:.4g}"
+                f" ({100 * gain:.0f} % lower)."
+                if gain >= LITTLE_GAIN
+                else f"Training the hidden layers brought little here: Ψ was {start:.4g} before and"
+                f" is {now.total:.4g} now; the exact solve did the work."
             )
-        return (
-            f"Training the hidden layers lowered Ψ from {start:.4g} to {now.total:.4g}"
-            f" ({100 * gain:.0f} % lower).",
-        )
+        if self.outcome is Outcome.FINISHED:
+            notes.append(
+                f"Ψ or a parameter was still moving when the {self._iteration:,} planned iterations"
+                " ended; more iterations, or other initial values, may bring a better result."
+            )
+        return tuple(notes)
 
     def state(self) -> State:
         """Hidden layers, Adam's moments, output layer, parameters and the random generator."""
@@ -227,7 +230,8 @@ class FastTraining:
         self._start_loss = float(state["start_loss"])
         self._measure()
         self._weights = torch.from_numpy(np.array(state["output.weight"], float))
-        self._exact = solve_parameters(self._moments, self._weights, self.problem.case)
+        if self._iteration:
+            self._exact = solve_parameters(self._moments, self._weights, self.problem.case)
         self.progress = self._look(str(state["phase"]))
         self.outcome = self._end()
 

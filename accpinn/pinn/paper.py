@@ -50,9 +50,9 @@ class PaperTraining:
         self._train_data = torch.from_numpy(problem.measured[~self._test])
         self._iteration = 0
         self._planned = config.iterations + config.lbfgs_iterations
-        self.outcome: Outcome | None = None
         with torch.no_grad():
             self._look("Adam", self._loss())
+        self.outcome = self._end()
 
     def advance(self) -> None:
         """`CHUNK` iterations, or as many as are left of the present phase."""
@@ -163,7 +163,7 @@ class PaperTraining:
             tuple(name for name, value in zip(LINEAR_NAMES, row, strict=True) if value == 0)
             for row in theta
         )
-        if not any(active):
+        if not any(active) or not np.isfinite(rates).all():
             return PlatoonSolution(theta, theta, active)
         speeds, gaps = output_columns(self.problem.followers)
         terms = regressors(outputs[:, speeds], outputs[:, gaps])
