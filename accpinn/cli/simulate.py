@@ -1,0 +1,91 @@
+"""`simulate`: a platoon behind a lead vehicle that drives a sinusoid."""
+
+import argparse
+from typing import Any
+
+from accpinn.cli.laws import add_law_options, chosen_laws
+from accpinn.cli.output import print_json, table
+from accpinn.cthp import Parameters
+from accpinn.errors import ConfigError
+from accpinn.platoon import PlatoonRun, Sinusoid, simulate
+
+MOST_VEHICLES = 100
+
+
+def add_parser(subparsers: Any) -> None:
+    """Declare the command; its defaults are the paper's simulation."""
+    parser = subparsers.add_parser("simulate", help="a platoon behind a sinusoidal leader")
+    add_law_options(parser)
+    parser.add_argument(
+        "--vehicles", type=int, metavar="N", help="followers; one parameter set is repeated (8)"
+    )
+    for name, default, meaning in (
+        ("frequency", 0.25, "of the sinusoid in rad/s"),
+        ("amplitude", 1.0, "of the leader's speed in m/s"),
+        ("speed", 20.0, "of the equilibrium in m/s"),
+        ("settle", 20.0, "steady driving first, in s"),
+        ("duration", 500.0, "of the whole run in s"),
+    ):
+        parser.add_argument(
+            f"--{name}", type=float, default=default, help=f"{meaning} ({default:g})"
+        )
+    parser.add_argument("--json", action="store_true", help="one JSON document")
+    parser.set_defaults(run=run)
+
+
+def run(options: argparse.Namespace) -> int:
+    """Simulate, and print amplitudes and gaps."""
+    leader = Sinusoid(
+        options.frequency, options.amplitude, options.speed, options.settle, options.duration
+    )
+    result = simulate(_platoon(chosen_laws(options), options.vehicles), leader)
+    if options.json:
+        print_json(describe(result))
+    else:
+        print(_text(result))
+    return 0
+
+
+def _platoon(laws: tuple[Parameters, ...], vehicles: int | None) -> tuple[Parameters, ...]:
+    """One set repeated, or the sets in their order."""
+    if vehicles is not None and not 1 <= vehicles <= MOST_VEHICLES:
+        raise ConfigError(f"vehicles: {vehicles} is not allowed; choose 1 to {MOST_VEHICLES}.")
+    if len(laws) == 1:
+        return laws * (8 if vehicles is None else vehicles)
+    if vehicles not in (None, len(laws)):
+        raise ConfigError(
+            f"vehicles: {len(laws)} parameter sets make {len(laws)} followers, not {vehicles};"
+            " leave the option out, or give one set."
+        )
+    return laws
+
+
+def describe(result: PlatoonRun) -> dict[str, Any]:
+    """The run as the command-line contract has it."""
+    waves = result.amplitudes
+    return {
+        "amplitude": waves.measured.tolist() if waves else None,
+        "predicted_amplitude": waves.predicted.tolist() if waves else None,
+        "settled": waves.settled.tolist() if waves else None,
+        "minimum_gap": result.minimum_gap.tolist(),
+        "minimum_gap_time": result.minimum_gap_time.tolist(),
+        "collisions": [{"follower": c.follower, "time": c.time} for c in result.collisions],
+        "warnings": list(result.warnings),
+    }
+
+
+def _text(result: PlatoonRun) -> str:
+    waves = result.amplitudes
+    assert waves is not None
+    rows = []
+    for follower in range(len(waves.measured)):
+        rows.append(
+            [
+                f"follower {follower}" if follower else "leader",
+                f"{waves.measured[follower]:.4f}",
+                f"{waves.predicted[follower]:.4f}",
+                f"{result.minimum_gap[follower - 1]:.2f}" if follower else "-",
+            ]
+        )
+    head = ["vehicle", "amplitude (m/s)", "predicted (m/s)", "smallest gap (m)"]
+    return "\n".join([table(head, rows), *(f"Note: {warning}" for warning in result.warnings)])
