@@ -35,7 +35,7 @@ def main() -> None:
 
 def hero(workspace: Workspace) -> None:
     """What this is, and the two ways in."""
-    st.title("What does the adaptive cruise control do?", anchor=False)
+    st.title("Learn a car's cruise control from a recorded drive", anchor=False)
     st.markdown(
         "accpinn learns the parameters of a car's **adaptive cruise control** from a recorded"
         " drive: the gains α and β and the time headway τ of the constant time-headway policy."
@@ -57,6 +57,10 @@ def show_sample() -> None:
     segment = cut(recording)
     frame.vehicle_key(segment)
     st.plotly_chart(preview(segment), key="home_preview", config={"staticPlot": True})
+    st.caption(
+        "A synthetic sample: every change of the leader's speed grows from car to car, and the"
+        " parameters say why."
+    )
 
 
 def resume(workspace: Workspace) -> None:

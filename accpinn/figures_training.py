@@ -46,8 +46,8 @@ def loss_course(history: History) -> go.Figure:
                 marker={"size": 4},
             )
     figure.update_yaxes(type="log", title_text="Loss", **_decades([v for _, v, _, _ in terms]))
-    legend = {"orientation": "h", "x": 1, "xanchor": "right", "y": 1.0, "yanchor": "bottom"}
-    return _course(figure, "Loss", "loss").update_layout(showlegend=True, legend=legend)
+    names = [f'<span style="color:{colour}">{n}</span>' for n, v, colour, _ in terms if v.any()]
+    return _course(figure, f"Loss: {', '.join(names)}", "loss")
 
 
 def parameter_course(

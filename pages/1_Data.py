@@ -32,7 +32,7 @@ def main() -> None:
     ):
         choose_source(workspace)
     st.markdown(describe(recording))
-    show_warnings(recording.warnings)
+    show_warnings(recording.warnings, "this recording")
     controls, chart = st.columns((1, 2.6), gap="medium")
     with controls:
         choose_vehicles(workspace, recording)
@@ -71,9 +71,10 @@ def show_segment(workspace: Workspace) -> None:
         f" first look. The leader's speed varies by {quality.leader_deviation:.2f} m/s (standard"
         " deviation); car-following means moving with a time gap of at most 2 s."
     )
-    remarks = quality.warnings + segment.notes + estimate.notes
-    if remarks:
-        st.info(bullets(remarks), icon=":material/info:")
+    show_warnings(quality.warnings + estimate.notes, "this window")
+    if segment.notes:
+        with st.expander("What was done to the data", icon=":material/build:"):
+            st.markdown(bullets(segment.notes))
 
 
 main()

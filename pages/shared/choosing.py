@@ -108,14 +108,15 @@ def choose_window(workspace: Workspace, recording: Recording) -> None:
 def overview(workspace: Workspace, recording: Recording) -> None:
     """Speeds and gaps over the whole recording; dragging over them sets the window."""
     leader = workspace.vehicles[0]
-    entries = []
+    entries, faint = [], set()
     for number in recording.present:
         name = recording.vehicles[number - 1].name
         label = name if name == f"Vehicle {number}" else f"{number} {name}"
         role = " (leader)" if number == leader else ""
-        unused = "" if number in workspace.vehicles else " (not chosen)"
-        entries.append((label + role + unused, figures.vehicle_colour(number, leader)))
-    show_key(entries)
+        entries.append((label + role, figures.vehicle_colour(number, leader)))
+        if number not in workspace.vehicles:
+            faint.add(label)
+    show_key(entries, faint)
     st.plotly_chart(
         figures.overview(recording, workspace.vehicles, workspace.window),
         key=CHART,

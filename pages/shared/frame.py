@@ -1,7 +1,7 @@
 """What every page begins with: its title, the way to the other pages, and where things stand."""
 
 import html
-from collections.abc import Sequence
+from collections.abc import Container, Sequence
 from pathlib import Path
 
 import streamlit as st
@@ -30,6 +30,7 @@ _STYLE = """<style>
 .stMainBlockContainer { padding-top: 4.2rem; padding-bottom: 3rem; max-width: 86rem; }
 .vehicle-key { display: flex; flex-wrap: wrap; gap: .2rem 1.1rem; font-size: .875rem; }
 .vehicle-key span { white-space: nowrap; }
+.vehicle-key .faint { opacity: .5; }
 .vehicle-key i { display: inline-block; width: 1.1em; height: .28em; border-radius: 2px;
   margin-right: .45em; vertical-align: middle; }
 </style>"""
@@ -83,10 +84,13 @@ def vehicle_key(segment: Segment, with_truth: bool = False) -> None:
     show_key(entries, dashed="true value" if with_truth else "")
 
 
-def show_key(entries: Sequence[tuple[str, str]], dashed: str = "") -> None:
-    """Names beside their colours, and what a dashed line means."""
+def show_key(
+    entries: Sequence[tuple[str, str]], faint: Container[str] = (), dashed: str = ""
+) -> None:
+    """Names beside their colours, some faint, and what a dashed line means."""
     spans = [
-        f'<span><i style="background:{colour}"></i>{html.escape(name)}</span>'
+        f"<span{' class=faint' if name in faint else ''}>"
+        f'<i style="background:{colour}"></i>{html.escape(name)}</span>'
         for name, colour in entries
     ]
     if dashed:

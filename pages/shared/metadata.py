@@ -6,7 +6,7 @@ from accpinn.openacc import Recording
 from pages.shared.text import bullets, plain
 
 SHOWN = 3
-"""Warnings that are shown without being asked for."""
+"""Sentences that are shown without being asked for."""
 
 
 def describe(recording: Recording) -> str:
@@ -27,11 +27,11 @@ def describe(recording: Recording) -> str:
     return " · ".join(part for part in parts if part)
 
 
-def show_warnings(warnings: tuple[str, ...]) -> None:
+def show_warnings(warnings: tuple[str, ...], about: str) -> None:
     """The first few openly, the rest on demand."""
     if not warnings:
         return
     st.warning(bullets(warnings[:SHOWN]), icon=":material/warning:")
     if warnings[SHOWN:]:
-        with st.expander(f"{len(warnings) - SHOWN} more about this recording"):
+        with st.expander(f"{len(warnings) - SHOWN} more about {about}"):
             st.markdown(bullets(warnings[SHOWN:]))

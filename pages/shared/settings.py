@@ -10,10 +10,8 @@ from pages.shared.text import plain
 from pages.shared.workspace import Workspace, hold
 
 PRESET_LINES = {
-    "fast": "Fast: about a second. The network's output layer and α, β, τ are solved exactly, the"
-    " hidden layers are trained.",
-    "paper": "Paper: as Apostolakis and Ampountolas train, everything by gradient; many minutes."
-    " You can stop and continue at any time.",
+    "fast": "A few seconds: output layer and α, β, τ solved exactly, hidden layers trained.",
+    "paper": "As published, all by gradient: many minutes. Stop and continue at any time.",
 }
 STARTS = (
     (1.0, 1.0, 1.0),
@@ -163,4 +161,4 @@ class _Fields:
 def preset_line(workspace: Workspace) -> str:
     """What the preset is, and whether the user changed it."""
     changed = workspace.settings.get(workspace.preset)
-    return PRESET_LINES[workspace.preset] + (" With your own options." if changed else "")
+    return PRESET_LINES[workspace.preset] + (" With your options." if changed else "")

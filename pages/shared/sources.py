@@ -4,6 +4,7 @@ import hashlib
 import os
 from collections.abc import Callable
 from pathlib import Path
+from typing import Literal
 
 import streamlit as st
 from streamlit import config
@@ -18,6 +19,12 @@ from pages.shared.workspace import Workspace
 SAMPLES = Path(__file__).parents[2] / "sample_data"
 FIRST_SAMPLE = SAMPLES / "synthetic_astazero_like.csv"
 FOLDER_VARIABLE = "ACCPINN_RECORDINGS"
+TITLES = {
+    "synthetic_astazero_like": "AstaZero-like platoon: four followers on a test track",
+    "synthetic_vicolungo_like": "Ispra-Vicolungo-like platoon: three followers on a motorway",
+    "synthetic_paper_study": "The paper's synthetic study: one follower, with receiver noise",
+    "synthetic_paper_study_noise_free": "The paper's synthetic study: the same without noise",
+}
 LISTED = 1000
 """Files of a folder that are offered at most."""
 
@@ -79,7 +86,7 @@ def choose_source(workspace: Workspace) -> None:
     else:
         _choose_file(workspace)
     if workspace.refusal:
-        kept = " What was open before still is." if workspace.recording else ""
+        kept = " The recording opened before is kept." if workspace.recording else ""
         st.error(plain(workspace.refusal + kept), icon=":material/error:")
 
 
@@ -88,7 +95,7 @@ def _choose_sample(workspace: Workspace) -> None:
     path = st.selectbox(
         "Synthetic recording, true parameters known",
         paths,
-        format_func=lambda path: path.stem.replace("_", " ").capitalize(),
+        format_func=lambda path: TITLES.get(path.stem, path.stem),
         key="data_sample",
     )
     if path is None:
@@ -98,7 +105,13 @@ def _choose_sample(workspace: Workspace) -> None:
         st.caption(plain(load_truth(truth_path(path)).description))
     except AccpinnError as fault:
         st.caption(plain(str(fault)))
-    st.button("Open this sample", on_click=open_with, args=(workspace, lambda: sample(path)))
+    _open_button("Open this sample", workspace, lambda: sample(path))
+
+
+def _open_button(label: str, workspace: Workspace, load: Load) -> None:
+    """The next step as long as nothing is open."""
+    kind: Literal["primary", "secondary"] = "secondary" if workspace.recording else "primary"
+    st.button(label, type=kind, on_click=open_with, args=(workspace, load))
 
 
 def _choose_upload(workspace: Workspace) -> None:
@@ -107,11 +120,10 @@ def _choose_upload(workspace: Workspace) -> None:
     def opened() -> None:
         upload = st.session_state["data_upload"]
         if upload is not None:
-            load = lambda: (from_bytes(upload.getvalue(), upload.name), None)  # noqa: E731
-            open_with(workspace, load)
+            open_with(workspace, lambda: (from_bytes(upload.getvalue(), upload.name), None))
 
     st.file_uploader(
-        f"An OpenACC recording: one CSV file, up to {limit} MB. It stays on this server's memory.",
+        f"An OpenACC recording: one CSV file of up to {limit} MB. It is not stored on disk.",
         key="data_upload",
         on_change=opened,
     )
@@ -137,8 +149,7 @@ def _choose_file(workspace: Workspace) -> None:
         key="data_file",
     )
     if path:
-        load = lambda: (from_file(path), None)  # noqa: E731
-        st.button("Open this recording", on_click=open_with, args=(workspace, load))
+        _open_button("Open this recording", workspace, lambda: (from_file(path), None))
 
 
 def _csv_files(root: Path) -> list[Path]:

@@ -69,12 +69,13 @@ class Camera:
 
 def upload(page: Page, file: Path) -> None:
     """Open a file on the Data page, whichever state that is in."""
-    expander = page.get_by_text("Open another recording")
-    if expander.count():
-        expander.click()
-    page.get_by_text("Upload", exact=True).click()
+    choice = page.get_by_text("Upload", exact=True)
+    if not choice.is_visible():
+        page.get_by_text("Open another recording").click()
+    choice.click()
     page.locator('input[type="file"]').set_input_files(file)
-    page.get_by_text("What this window tells").or_(page.get_by_role("alert")).first.wait_for()
+    opened = page.locator("strong").filter(has_text=file.name)
+    opened.or_(page.get_by_role("alert").filter(has_text=file.name)).first.wait_for()
     idle(page)
 
 

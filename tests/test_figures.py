@@ -1,0 +1,292 @@
+"""Figures, as the JSON that the browser gets: what is drawn, in which colour, with which labels."""
+
+import json
+import re
+import tomllib
+from itertools import combinations
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from openacc_files import csv, metadata, platoon
+
+from accpinn import figures, figures_training
+from accpinn.cthp import Parameters, Trajectories
+from accpinn.fit import History
+from accpinn.openacc import Recording, read
+from accpinn.segment import Segment, Window, cut
+
+ROOT = Path(__file__).parent.parent
+
+
+def recording(names: str = "ABC", frame: pd.DataFrame | None = None) -> Recording:
+    return read(csv(platoon() if frame is None else frame, metadata(tuple(names))), "run.csv")
+
+
+@pytest.fixture
+def segment() -> Segment:
+    return cut(recording(), 0.0, 30.0)
+
+
+def history(*, sets: int = 2, moments: int = 40) -> History:
+    """From 1 to the settled values 0.1, 0.2 and 1.2, by half each time."""
+    steps = np.arange(moments, dtype=float)
+    fading = 0.5**steps
+    settled = np.array([0.1, 0.2, 1.2])
+    table = settled + fading[:, None] * (1 - settled)
+    tables = np.repeat(table[:, None, :], sets, axis=1)
+    zeros = np.zeros(moments)
+    return History(steps, steps, fading + 0.01, fading, fading * 0 + 0.01, zeros, tables)
+
+
+def as_json(figure: Any) -> dict[str, Any]:
+    loaded: dict[str, Any] = json.loads(figure.to_json())
+    return loaded
+
+
+# Colours
+
+
+def test_every_vehicle_has_one_colour_and_the_leader_its_own() -> None:
+    colours = [figures.vehicle_colour(number, 1) for number in range(1, 12)]
+    assert colours[0] == figures.LEADER
+    assert len(set(colours)) == 11
+    assert figures.vehicle_colour(3, 3) == figures.LEADER
+    assert figures.vehicle_colour(4, 3) == figures.vehicle_colour(4, 1)
+
+
+@pytest.mark.parametrize("colour", [figures.LEADER, *figures.FOLLOWERS, figures.MODEL])
+def test_colours_are_seen_on_both_themes(colour: str) -> None:
+    config = tomllib.loads((ROOT / ".streamlit" / "config.toml").read_text(encoding="utf-8"))
+    for side in ("light", "dark"):
+        assert contrast(colour, config["theme"][side]["backgroundColor"]) >= 3
+
+
+def test_streamlit_s_own_charts_have_the_same_colours() -> None:
+    config = tomllib.loads((ROOT / ".streamlit" / "config.toml").read_text(encoding="utf-8"))
+    for side in ("light", "dark"):
+        ours = [figures.LEADER, *figures.FOLLOWERS]
+        assert config["theme"][side]["chartCategoricalColors"] == ours
+
+
+@pytest.mark.parametrize("vision", ["normal", "red-blind", "green-blind"])
+def test_a_platoon_of_six_can_be_told_apart(vision: str) -> None:
+    colours = [lab(colour, vision) for colour in (figures.LEADER, *figures.FOLLOWERS[:5])]
+    least = min(float(np.linalg.norm(one - two)) for one, two in combinations(colours, 2))
+    assert least > 11, "a difference of 2.3 is just seen side by side"
+
+
+# Thinning
+
+
+def test_thinning_leaves_short_series_alone() -> None:
+    time, values = np.arange(100.0), np.arange(100.0)
+    assert figures.thinned(time, values)[1] is values
+
+
+def test_thinning_keeps_a_single_peak_and_a_single_hole() -> None:
+    time, values = np.arange(50_000.0), np.zeros(50_000)
+    values[31_234], values[12_345] = 9.0, np.nan
+    x, y = figures.thinned(time, values, 1000)
+    assert len(x) <= 1502
+    assert y[x == 31_234] == 9.0
+    assert np.isnan(y[x == 12_345])
+    assert x[0] == 0
+    assert x[-1] == 49_999
+
+
+@given(
+    st.lists(st.one_of(st.floats(-50, 50), st.just(float("nan"))), min_size=1, max_size=400),
+    st.integers(4, 60),
+)
+def test_thinning_keeps_extremes_order_and_holes(values: list[float], points: int) -> None:
+    time, series = np.arange(float(len(values))), np.array(values)
+    x, y = figures.thinned(time, series, points)
+    assert (np.diff(x) > 0).all()
+    np.testing.assert_array_equal(y, series[x.astype(int)])
+    assert np.isnan(y).any() == np.isnan(series).any()
+    if np.isfinite(series).any():
+        assert np.nanmax(y) == np.nanmax(series)
+        assert np.nanmin(y) == np.nanmin(series)
+    assert len(x) <= max(points, len(values) if len(values) <= points else 1.5 * points + 2)
+
+
+# Overview
+
+
+def test_overview_draws_all_vehicles_and_the_window() -> None:
+    drawn = as_json(figures.overview(recording(), (1, 2), Window(5.0, 25.0)))
+    names = [trace["name"] for trace in drawn["data"]]
+    assert names == ["1 A", "2 B", "2 B", "3 C", "3 C"]
+    assert [trace["opacity"] for trace in drawn["data"]] == [1, 1, 1, 0.35, 0.35]
+    (shape,) = drawn["layout"]["shapes"]
+    assert (shape["x0"], shape["x1"]) == (5.0, 25.0)
+    assert drawn["layout"]["yaxis"]["title"]["text"] == "Speed [m/s]"
+    assert drawn["layout"]["yaxis2"]["title"]["text"] == "Space-gap [m]"
+    assert drawn["layout"]["xaxis2"]["title"]["text"] == "Time [s]"
+    assert drawn["layout"]["dragmode"] == "select"
+    assert drawn["layout"]["selectdirection"] == "h"
+
+
+def test_overview_keeps_its_view_until_another_recording_comes() -> None:
+    one, other = recording(), recording("XYZ")
+    revisions = [
+        as_json(figures.overview(run, vehicles, window))["layout"]["uirevision"]
+        for run, vehicles, window in (
+            (one, (1, 2), Window(0, 20)),
+            (one, (2, 3), Window(5, 25)),
+            (other, (1, 2), Window(0, 20)),
+        )
+    ]
+    assert revisions[0] == revisions[1] != revisions[2]
+
+
+def test_overview_shows_missing_blocks_and_driving_by_hand() -> None:
+    frame = platoon()
+    frame.loc[100:149, ["Speed2", "IVS1", "IVS2"]] = np.nan
+    frame["Driver3"] = ["Human"] * 50 + ["ACC"] * 350
+    run = recording(frame=frame)
+    assert figures.has_ribbons(run)
+    drawn = figures.overview(run, (1, 2, 3), Window(20.0, 35.0))
+    ribbons = {trace.name: trace for trace in drawn.data if trace.yaxis == "y3"}
+    assert set(ribbons) == {"2 missing", "3 by hand"}
+    assert ribbons["2 missing"].x[:2] == pytest.approx((10.0, 14.9))
+    assert ribbons["3 by hand"].x[:2] == pytest.approx((0.0, 4.9))
+    assert drawn.layout.yaxis3.categoryarray == ("3", "2")
+    speed = next(trace for trace in drawn.data if trace.name == "2 B")
+    assert np.isnan(speed.y[100:150]).all(), "a hole stays a hole"
+
+
+def test_a_recording_without_acc_has_no_ribbons_of_driving_by_hand() -> None:
+    frame = platoon()
+    frame["Driver2"] = "Human"
+    assert not figures.has_ribbons(recording(frame=frame))
+
+
+def test_names_from_files_are_not_read_as_html(segment: Segment) -> None:
+    nasty = "<script>alert(1)</script>"
+    run = recording([nasty, "B<b>", "C"])  # type: ignore[arg-type]
+    text = figures.overview(run, (1, 2), Window(0.0, 20.0)).to_json()
+    text += figures.preview(cut(run, 0.0, 30.0)).to_json()
+    text += figures_training.parameter_course(history(), 0, cut(run, 0.0, 30.0)).to_json()
+    assert not re.search(r"<script|\\u003cscript|<b>|\\u003cb\\u003e", text)
+    assert "&lt;" in text or "\\u0026lt;" in text
+
+
+# Training
+
+
+def test_loss_is_drawn_on_whole_decades() -> None:
+    drawn = as_json(figures_training.loss_course(history()))
+    assert len(drawn["data"]) == 3, "Ψ_R is not used, so it is not drawn"
+    axis = drawn["layout"]["yaxis"]
+    assert axis["type"] == "log"
+    assert axis["range"][0] % 1 == 0
+    assert axis["range"][1] == 1, "the loss starts a little above 1"
+    assert "10⁻³" in axis["ticktext"]
+    assert all(text.startswith("10") for text in axis["ticktext"])
+    assert len(axis["ticktext"]) <= 8
+
+
+def test_loss_that_is_zero_or_infinite_is_left_out() -> None:
+    course = history()
+    course.physics[:] = 0.0
+    course.total[-1] = np.inf
+    drawn = as_json(figures_training.loss_course(course))
+    assert len(drawn["data"]) == 2
+    assert all(np.isfinite(drawn["layout"]["yaxis"]["range"]))
+
+
+@pytest.mark.parametrize(("which", "label"), [*enumerate(("α [1/s²]", "β [1/s]", "τ [s]"))])
+def test_parameters_have_units_colours_and_the_truth(
+    segment: Segment, which: int, label: str
+) -> None:
+    truth = (Parameters(0.1, 0.2, 1.2), Parameters(0.11, 0.21, 1.21))
+    drawn = as_json(figures_training.parameter_course(history(), which, segment, truth))
+    assert drawn["layout"]["yaxis"]["title"]["text"] == label
+    assert [trace["name"] for trace in drawn["data"]] == ["2 B", "3 C"]
+    colours = [trace["line"]["color"] for trace in drawn["data"]]
+    assert colours == [figures.vehicle_colour(2, 1), figures.vehicle_colour(3, 1)]
+    lines = drawn["layout"]["shapes"]
+    assert [line["line"]["color"] for line in lines] == colours
+    assert {line["line"]["dash"] for line in lines} == {"dash"}
+    values = [(law.alpha, law.beta, law.tau)[which] for law in truth]
+    assert [line["y0"] for line in lines] == values
+
+
+def test_the_axis_shows_where_parameters_settle(segment: Segment) -> None:
+    drawn = as_json(figures_training.parameter_course(history(), 0, segment))
+    low, high = drawn["layout"]["yaxis"]["range"]
+    assert 0.09 < low < 0.1 < high < 0.2
+
+
+def test_case_one_is_one_line_for_all(segment: Segment) -> None:
+    drawn = as_json(figures_training.parameter_course(history(sets=1), 2, segment))
+    assert [trace["name"] for trace in drawn["data"]] == ["all followers"]
+
+
+def test_undetermined_parameters_do_not_break_the_axis(segment: Segment) -> None:
+    course = history()
+    course.parameters[:] = np.nan
+    drawn = as_json(figures_training.parameter_course(course, 2, segment))
+    assert "range" not in drawn["layout"]["yaxis"]
+
+
+def test_tracking_shows_data_network_and_simulation(segment: Segment) -> None:
+    curves = Trajectories(segment.time, segment.speeds + 1, segment.gaps + 1)
+    drawn = figures.tracking(segment, 1, curves, curves)
+    names = [trace.name for trace in drawn.data]
+    assert names == [n for n in ("data", "network", "closed-loop simulation") for _ in range(2)]
+    np.testing.assert_array_equal(drawn.data[0].y, segment.gaps[:, 1])
+    np.testing.assert_array_equal(drawn.data[1].y, segment.speeds[:, 2])
+    np.testing.assert_array_equal(drawn.data[2].y, segment.gaps[:, 1] + 1)
+    assert len(figures.tracking(segment, 0, None, None).data) == 2
+
+
+@pytest.mark.parametrize("dark", ["paper_bgcolor", "plot_bgcolor"])
+def test_grounds_are_transparent(segment: Segment, dark: str) -> None:
+    for figure in (
+        figures.overview(recording(), (1, 2), Window(0, 20)),
+        figures.preview(segment),
+        figures.tracking(segment, 0, None, None),
+        figures_training.loss_course(history()),
+        figures_training.parameter_course(history(), 0, segment),
+    ):
+        assert figure.layout[dark] == "rgba(0,0,0,0)"
+        assert figure.layout.uirevision
+        assert figure.layout.height
+
+
+def contrast(one: str, other: str) -> float:
+    """Contrast ratio of two #rrggbb colours (WCAG 2)."""
+    dark, light = sorted(float(linear(c) @ [0.2126, 0.7152, 0.0722]) for c in (one, other))
+    return (light + 0.05) / (dark + 0.05)
+
+
+def linear(colour: str) -> np.ndarray:
+    channels = np.array([int(colour[i : i + 2], 16) for i in (1, 3, 5)]) / 255
+    return np.where(channels <= 0.04045, channels / 12.92, ((channels + 0.055) / 1.055) ** 2.4)
+
+
+SEEN = {
+    "normal": np.eye(3),
+    "red-blind": np.array([[0.152, 1.053, -0.205], [0.115, 0.786, 0.099], [-0.004, -0.048, 1.052]]),
+    "green-blind": np.array(
+        [[0.367, 0.861, -0.228], [0.280, 0.673, 0.047], [-0.012, 0.043, 0.969]]
+    ),
+}
+"""What linear RGB becomes without one kind of cone (Machado, Oliveira and Fernandes 2009)."""
+
+
+def lab(colour: str, vision: str) -> np.ndarray:
+    """CIELAB coordinates, in which distance is difference as seen."""
+    seen = np.clip(SEEN[vision] @ linear(colour), 0, 1)
+    to_xyz = np.array(
+        [[0.4124, 0.3576, 0.1805], [0.2126, 0.7152, 0.0722], [0.0193, 0.1192, 0.9505]]
+    )
+    f = np.cbrt(to_xyz @ seen / [0.9505, 1.0, 1.089])
+    return np.array([116 * f[1] - 16, 500 * (f[0] - f[1]), 200 * (f[1] - f[2])])
