@@ -12,7 +12,7 @@ from io import TextIOWrapper
 
 from accpinn import __version__
 from accpinn.cli import fit, info, simulate, stability
-from accpinn.errors import AccpinnError, ConfigError
+from accpinn.errors import AccpinnError, ConfigError, ParameterError
 
 COMMANDS = (info, fit, stability, simulate)
 """Modules with `add_parser(subparsers)`, whose parsers set `run` to a function of the options."""
@@ -28,7 +28,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         status: int = options.run(options)
     except AccpinnError as fault:
         print(f"error: {fault}", file=sys.stderr)
-        return 2 if isinstance(fault, ConfigError) else 1
+        return 2 if isinstance(fault, ConfigError | ParameterError) else 1
     except BrokenPipeError:  # the reader, `head` say, has seen enough
         return 0
     except KeyboardInterrupt:
