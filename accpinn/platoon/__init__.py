@@ -1,0 +1,19 @@
+"""The platoon: learned vehicles in a row behind a leader, simulated exactly."""
+
+from accpinn.platoon.amplitude import SETTLED, Amplitudes
+from accpinn.platoon.leader import Brake, Leader, Phase, Recorded, Sinusoid, SpeedStep
+from accpinn.platoon.run import Collision, PlatoonRun, simulate
+
+__all__ = [
+    "SETTLED",
+    "Amplitudes",
+    "Brake",
+    "Collision",
+    "Leader",
+    "Phase",
+    "PlatoonRun",
+    "Recorded",
+    "Sinusoid",
+    "SpeedStep",
+    "simulate",
+]

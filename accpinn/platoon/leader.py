@@ -1,0 +1,161 @@
+"""What the lead vehicle does: a sinusoid, a step, a brake manoeuvre, or what was recorded.
+
+The first three are pieces on each of which the leader's speed is
+
+    v_0(t) = speed + level + slope (t - start) + amplitude sin(frequency (t - start))
+
+so that the whole platoon is a linear system left to itself, and is integrated exactly.
+"""
+
+from dataclasses import dataclass
+from math import isfinite
+
+import numpy as np
+
+from accpinn.errors import ParameterError
+from accpinn.units import FloatArray, MetresPerSecond, RadiansPerSecond, Seconds, frozen
+
+EVEN = 1e-6
+"""Largest relative difference between the steps of a recorded leader."""
+
+
+@dataclass(frozen=True)
+class Phase:
+    """One piece of the leader's drive, until the next one starts."""
+
+    start: Seconds
+    level: MetresPerSecond = 0.0
+    """Deviation from the speed of the equilibrium when the piece starts."""
+    slope: float = 0.0
+    """In m/s²."""
+    amplitude: MetresPerSecond = 0.0
+    frequency: RadiansPerSecond = 0.0
+
+
+@dataclass(frozen=True)
+class Sinusoid:
+    """The paper's leader: steady, then a sinusoid about the same speed."""
+
+    frequency: RadiansPerSecond = 0.25
+    amplitude: MetresPerSecond = 1.0
+    speed: MetresPerSecond = 20.0
+    settle: Seconds = 20.0
+    """How long the leader drives steadily first."""
+    duration: Seconds = 500.0
+
+    def __post_init__(self) -> None:
+        """Refuse what no leader can drive."""
+        _check(self, positive=("frequency", "duration"))
+
+    @property
+    def period(self) -> Seconds:
+        """Of the sinusoid."""
+        return float(2.0 * np.pi / self.frequency)
+
+    def phases(self) -> tuple[Phase, ...]:
+        """Its pieces."""
+        wave = Phase(self.settle, amplitude=self.amplitude, frequency=self.frequency)
+        return Phase(0.0), wave
+
+
+@dataclass(frozen=True)
+class SpeedStep:
+    """Steady, then at once another speed."""
+
+    change: MetresPerSecond = -2.0
+    speed: MetresPerSecond = 20.0
+    settle: Seconds = 20.0
+    duration: Seconds = 300.0
+
+    def __post_init__(self) -> None:
+        """Refuse what no leader can drive."""
+        _check(self, positive=("duration",), any_sign=("change",))
+
+    def phases(self) -> tuple[Phase, ...]:
+        """Its pieces."""
+        return Phase(0.0), Phase(self.settle, level=self.change)
+
+
+@dataclass(frozen=True)
+class Brake:
+    """Steady, then down to a lower speed, held for a while, and back."""
+
+    drop: MetresPerSecond = 5.0
+    deceleration: float = 1.0
+    """In m/s², positive."""
+    hold: Seconds = 20.0
+    acceleration: float = 0.5
+    """In m/s², positive; of the recovery."""
+    speed: MetresPerSecond = 20.0
+    settle: Seconds = 20.0
+    duration: Seconds = 300.0
+
+    def __post_init__(self) -> None:
+        """Refuse what no leader can drive."""
+        _check(self, positive=("deceleration", "acceleration", "duration"))
+
+    def phases(self) -> tuple[Phase, ...]:
+        """Its pieces."""
+        low = self.settle + self.drop / self.deceleration
+        up = low + self.hold
+        back = up + self.drop / self.acceleration
+        return (
+            Phase(0.0),
+            Phase(self.settle, slope=-self.deceleration),
+            Phase(low, level=-self.drop),
+            Phase(up, level=-self.drop, slope=self.acceleration),
+            Phase(back),
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Recorded:
+    """A measured leader, straight between its samples; the platoon starts in equilibrium."""
+
+    time: FloatArray
+    """(N,) in s, evenly spaced; the run counts from its first instant."""
+    speeds: FloatArray
+    """(N,) in m/s."""
+
+    def __post_init__(self) -> None:
+        """Copy and lock the arrays; refuse what cannot be followed."""
+        object.__setattr__(self, "time", frozen(self.time))
+        object.__setattr__(self, "speeds", frozen(self.speeds))
+        fault = self._fault()
+        if fault:
+            raise ParameterError(f"Recorded leader: {fault}.")
+
+    def _fault(self) -> str:
+        if self.time.ndim != 1 or len(self.time) < 2 or self.time.shape != self.speeds.shape:
+            return "it needs as many speeds as instants, and at least two"
+        if not (np.isfinite(self.time).all() and np.isfinite(self.speeds).all()):
+            return "numbers are missing or infinite; cut a window without gaps first"
+        steps = np.diff(self.time)
+        if steps.min() <= 0 or np.ptp(steps) > EVEN * steps.mean() + 1e-9 * abs(self.time[-1]):
+            return "its instants are not evenly spaced; cut a segment first, which makes them so"
+        return ""
+
+    @property
+    def speed(self) -> MetresPerSecond:
+        """At the first instant, that of the equilibrium."""
+        return float(self.speeds[0])
+
+    @property
+    def duration(self) -> Seconds:
+        """From the first to the last instant."""
+        return float(self.time[-1] - self.time[0])
+
+
+Planned = Sinusoid | SpeedStep | Brake
+Leader = Planned | Recorded
+
+
+def _check(leader: Planned, positive: tuple[str, ...], any_sign: tuple[str, ...] = ()) -> None:
+    """Every setting must be finite; most zero or more, some more than zero."""
+    for name, value in vars(leader).items():
+        if not isfinite(value):
+            raise ParameterError(f"Leader: {name} = {value} is no number; give a finite one.")
+        if name in positive and value <= 0:
+            raise ParameterError(f"Leader: {name} = {value:g}, but it must be above zero.")
+        if name not in any_sign and value < 0:
+            raise ParameterError(f"Leader: {name} = {value:g}, but it must be zero or more.")
