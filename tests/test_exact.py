@@ -1,0 +1,192 @@
+"""The exact solves of output layer and parameters against dense least squares."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+import torch
+from hypothesis import given
+from hypothesis import strategies as st
+
+from accpinn.cthp import Case, regressors
+from accpinn.pinn.config import PinnConfig
+from accpinn.pinn.exact import Moments, solve_output, solve_parameters
+from accpinn.pinn.fast import FastTraining
+from accpinn.pinn.loss import loss_terms
+from accpinn.pinn.network import output_columns
+from accpinn.pinn.recipe import Problem
+from accpinn.units import FloatArray
+from tests.driving import LAW, MIXED, driven
+
+PLAIN = PinnConfig()
+WEIGHTED = PinnConfig(weight_physics=(2.0, 0.5), weight_initial=1.5, weight_data=(3.0, 0.7))
+
+
+@dataclass(frozen=True, eq=False)
+class Drawn:
+    """Random activations (N, K), their rates, data (N, 2M+1) and parameters (M, 3)."""
+
+    value: FloatArray
+    rate: FloatArray
+    data: FloatArray
+    theta: FloatArray
+
+    @property
+    def followers(self) -> int:
+        return len(self.theta)
+
+    def moments(self) -> Moments:
+        value, rate, data = (torch.from_numpy(a) for a in (self.value, self.rate, self.data))
+        count = len(value)
+        return Moments(
+            value_value=value.T @ value / count,
+            rate_value=rate.T @ value / count,
+            rate_rate=rate.T @ rate / count,
+            value_data=value.T @ data / count,
+            first=value[0],
+            first_data=data[0],
+        )
+
+    def loss(self, weights: FloatArray, theta: FloatArray, config: PinnConfig) -> float:
+        """Ψ of the output layer ``weights`` with parameters ``theta``."""
+        arrays = (self.value @ weights, self.rate @ weights, self.data, theta)
+        return float(loss_terms(*(torch.from_numpy(array) for array in arrays), config).total)
+
+
+def draw(followers: int, seed: int = 0, instants: int = 60, width: int = 7) -> Drawn:
+    rng = np.random.default_rng(seed)
+    return Drawn(
+        rng.standard_normal((instants, width)),
+        rng.standard_normal((instants, width)),
+        rng.standard_normal((instants, 2 * followers + 1)),
+        rng.uniform(0, 2, (followers, 3)),
+    )
+
+
+def by_dense_least_squares(drawn: Drawn, config: PinnConfig) -> FloatArray:
+    """(K, 2M+1): all residuals of Ψ stacked as rows over all weights, in one solve."""
+    value, rate, data = drawn.value, drawn.rate, drawn.data
+    instants, width = value.shape
+    followers, outputs = drawn.followers, 2 * drawn.followers + 1
+    (q_gap, q_speed), (s_gap, s_speed) = config.weight_physics, config.weight_data
+    rows, right = [], []
+
+    def add(weight: float, terms: dict[int, FloatArray], goal: FloatArray) -> None:
+        block = np.zeros((len(goal), outputs * width))
+        for output, factor in terms.items():
+            block[:, output * width : (output + 1) * width] = factor
+        rows.append(np.sqrt(weight) * block)
+        right.append(np.sqrt(weight) * goal)
+
+    scale, nothing = 1 / (instants * followers), np.zeros(instants)
+    first = config.weight_initial / followers
+    add(scale * s_speed, {0: value}, data[:, 0])
+    for follower, (alpha, alpha_tau, beta) in enumerate(drawn.theta):
+        ahead = 0 if follower == 0 else 2 * follower - 1
+        own, gap = 2 * follower + 1, 2 * follower + 2
+        add(scale * q_gap, {gap: rate, ahead: -value, own: value}, nothing)
+        law = {own: rate + (alpha_tau + beta) * value, gap: -alpha * value, ahead: -beta * value}
+        add(scale * q_speed, law, nothing)
+        add(scale * s_gap, {gap: value}, data[:, gap])
+        add(scale * s_speed, {own: value}, data[:, own])
+        add(first, {gap: value[:1]}, data[:1, gap])
+        add(first, {own: value[:1]}, data[:1, own])
+    solved = np.linalg.lstsq(np.vstack(rows), np.concatenate(right), rcond=None)[0]
+    return solved.reshape(outputs, width).T
+
+
+class TestOutputLayer:
+    @pytest.mark.parametrize("config", [PLAIN, WEIGHTED], ids=["plain", "weighted"])
+    @pytest.mark.parametrize("followers", [1, 2, 3])
+    def test_is_the_global_minimum(self, followers: int, config: PinnConfig) -> None:
+        drawn = draw(followers, seed=followers)
+        solved = solve_output(drawn.moments(), drawn.theta, config).numpy()
+        expected = by_dense_least_squares(drawn, config)
+        np.testing.assert_allclose(solved, expected, rtol=1e-8, atol=1e-10)
+
+    @given(st.integers(0, 2**32 - 1))
+    def test_no_other_layer_nearby_is_better(self, seed: int) -> None:
+        drawn = draw(2, seed)
+        best = solve_output(drawn.moments(), drawn.theta, WEIGHTED).numpy()
+        lowest = drawn.loss(best, drawn.theta, WEIGHTED)
+        other = best + 1e-2 * np.random.default_rng(seed).standard_normal(best.shape)
+        assert drawn.loss(other, drawn.theta, WEIGHTED) > lowest
+
+    def test_parameters_at_zero_are_no_special_case(self) -> None:
+        drawn = draw(2)
+        drawn.theta[:] = 0.0
+        solved = solve_output(drawn.moments(), drawn.theta, PLAIN).numpy()
+        np.testing.assert_allclose(solved, by_dense_least_squares(drawn, PLAIN), rtol=1e-8)
+
+
+def law_rows(drawn: Drawn, weights: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """(M, N, 3) regressors and (M, N) accelerations of the surrogate."""
+    speeds, gaps = output_columns(drawn.followers)
+    outputs, rates = drawn.value @ weights, drawn.rate @ weights
+    return regressors(outputs[:, speeds], outputs[:, gaps]), rates[:, speeds[1:]].T
+
+
+class TestParameters:
+    def test_are_the_least_squares_solution_for_each_follower(self) -> None:
+        drawn = draw(3)
+        weights = np.random.default_rng(1).standard_normal((7, 7))
+        solution = solve_parameters(drawn.moments(), torch.from_numpy(weights), "II")
+        for row, terms, rate in zip(solution.unconstrained, *law_rows(drawn, weights), strict=True):
+            expected = np.linalg.lstsq(terms, rate, rcond=None)[0]
+            np.testing.assert_allclose(row, expected, rtol=1e-9)
+
+    def test_in_case_i_are_the_pooled_solution(self) -> None:
+        drawn = draw(3)
+        weights = np.random.default_rng(1).standard_normal((7, 7))
+        solution = solve_parameters(drawn.moments(), torch.from_numpy(weights), "I")
+        terms, rates = law_rows(drawn, weights)
+        pooled = np.linalg.lstsq(terms.reshape(-1, 3), rates.reshape(-1), rcond=None)[0]
+        for row in solution.unconstrained:
+            np.testing.assert_allclose(row, pooled, rtol=1e-9)
+        assert len({row.tobytes() for row in solution.theta}) == 1
+
+    @given(st.integers(0, 2**32 - 1), st.sampled_from(["I", "II"]))
+    def test_stay_within_bounds_and_say_what_they_would_be(self, seed: int, case: Case) -> None:
+        drawn = draw(2, seed)
+        weights = np.random.default_rng(seed).standard_normal((7, 5))
+        solution = solve_parameters(drawn.moments(), torch.from_numpy(weights), case)
+        assert (solution.theta >= 0).all()
+        for bounded, free, active in zip(
+            solution.theta, solution.unconstrained, solution.active, strict=True
+        ):
+            names = [name for name, v in zip(("α", "ατ", "β"), bounded, strict=True) if v == 0]
+            assert list(active) == names
+            assert bool(active) == bool((free < 0).any())
+            if not active:
+                np.testing.assert_array_equal(bounded, free)
+
+
+@given(st.integers(0, 2**32 - 1), st.integers(1, 3), st.sampled_from(["I", "II"]))
+def test_rounds_of_both_solves_never_raise_the_loss(seed: int, followers: int, case: Case) -> None:
+    drawn = draw(followers, seed)
+    moments, theta = drawn.moments(), np.tile(drawn.theta[0], (followers, 1))
+    losses = []
+    for _ in range(5):
+        weights = solve_output(moments, theta, WEIGHTED)
+        losses.append(drawn.loss(weights.numpy(), theta, WEIGHTED))
+        theta = solve_parameters(moments, weights, case).theta
+        losses.append(drawn.loss(weights.numpy(), theta, WEIGHTED))
+    assert (np.diff(losses) <= 1e-12 * losses[0]).all()
+    assert losses[-1] < losses[0]
+
+
+@pytest.mark.parametrize("laws", [(LAW,), MIXED], ids=["one follower", "three"])
+def test_the_fast_preset_starts_at_its_output_layers_optimum(laws: tuple) -> None:
+    """Its moments come piecewise; here they are formed from its activations themselves."""
+    config = PinnConfig(initial=(0.2, 0.3, 1.4), weight_initial=1.0)
+    segment = driven(laws, noise=0.05)
+    training = FastTraining(Problem(segment, "II", config))
+    problem, features = training.problem, training._features
+    value = np.hstack([features(problem.time), training._active.numpy()])
+    rate = np.hstack(
+        [features(problem.time) @ features.derivative(), training._active_rate.numpy()]
+    )
+    alone = Drawn(value, rate, problem.measured, np.tile([0.2, 0.28, 0.3], (len(laws), 1)))
+    best = alone.loss(by_dense_least_squares(alone, config), alone.theta, config)
+    # The ridge that tames collinear activations costs a little.
+    assert best <= training.progress.total <= (1 + 1e-4) * best

@@ -1,0 +1,96 @@
+"""The loss Ψ against the formulas written out as loops."""
+
+import numpy as np
+import pytest
+import torch
+
+from accpinn.pinn.config import PinnConfig
+from accpinn.pinn.loss import loss_terms
+from accpinn.pinn.network import stack_outputs
+
+WEIGHTED = PinnConfig(weight_physics=(2.0, 0.5), weight_initial=1.5, weight_data=(3.0, 0.7))
+
+
+def draw(followers: int, seed: int = 0, instants: int = 7) -> list[np.ndarray]:
+    """Surrogate, its rates and the data as speeds and gaps each; parameters α, β, τ at the end."""
+    rng = np.random.default_rng(seed)
+    shapes = [(instants, followers + 1), (instants, followers)] * 3
+    return [*(rng.standard_normal(shape) for shape in shapes), rng.uniform(0, 2, (followers, 3))]
+
+
+def by_loops(drawn: list[np.ndarray], config: PinnConfig) -> tuple[float, float, float]:
+    """Ψ_D, Ψ_F and Ψ_R as METHOD and paper write them."""
+    v, p, dv, dp, v_data, p_data, law = drawn
+    instants, followers = p.shape
+    (q_gap, q_speed), (s_gap, s_speed) = config.weight_physics, config.weight_data
+    data = physics = initial = 0.0
+    for t in range(instants):
+        data += s_speed * (v_data[t, 0] - v[t, 0]) ** 2
+        for i in range(1, followers + 1):
+            alpha, beta, tau = law[i - 1]
+            gap, ahead, own = p[t, i - 1], v[t, i - 1], v[t, i]
+            data += s_gap * (p_data[t, i - 1] - gap) ** 2 + s_speed * (v_data[t, i] - own) ** 2
+            physics += q_gap * (dp[t, i - 1] - ahead + own) ** 2
+            accelerates = alpha * (gap - tau * own) + beta * (ahead - own)
+            physics += q_speed * (dv[t, i] - accelerates) ** 2
+    for i in range(1, followers + 1):
+        initial += (p_data[0, i - 1] - p[0, i - 1]) ** 2 + (v_data[0, i] - v[0, i]) ** 2
+    scale = 1 / (instants * followers)
+    return scale * data, scale * physics, config.weight_initial / followers * initial
+
+
+def evaluate(drawn: list[np.ndarray], config: PinnConfig) -> tuple[float, float, float, float]:
+    v, p, dv, dp, v_data, p_data, law = drawn
+    alpha, beta, tau = law.T
+    tensors = [
+        torch.from_numpy(array)
+        for array in (
+            stack_outputs(v, p),
+            stack_outputs(dv, dp),
+            stack_outputs(v_data, p_data),
+            np.stack([alpha, alpha * tau, beta], 1),
+        )
+    ]
+    terms = loss_terms(*tensors, config)
+    return float(terms.data), float(terms.physics), float(terms.initial), float(terms.total)
+
+
+@pytest.mark.parametrize("followers", [1, 2, 4])
+@pytest.mark.parametrize("config", [PinnConfig(), WEIGHTED], ids=["plain", "weighted"])
+def test_is_what_the_formulas_say(followers: int, config: PinnConfig) -> None:
+    drawn = draw(followers, seed=followers)
+    expected = by_loops(drawn, config)
+    *terms, total = evaluate(drawn, config)
+    np.testing.assert_allclose(terms, expected, rtol=1e-12)
+    assert total == pytest.approx(sum(expected), rel=1e-12)
+
+
+def test_each_weight_scales_its_own_term_only() -> None:
+    drawn = draw(2)
+    data, physics, _, _ = evaluate(drawn, PinnConfig())
+    heavy = PinnConfig(weight_physics=(10.0, 10.0))
+    np.testing.assert_allclose(evaluate(drawn, heavy)[:2], (data, 10 * physics), rtol=1e-12)
+    heavy = PinnConfig(weight_data=(10.0, 10.0))
+    np.testing.assert_allclose(evaluate(drawn, heavy)[:2], (10 * data, physics), rtol=1e-12)
+
+
+def test_motion_that_obeys_the_law_and_meets_the_data_has_no_loss() -> None:
+    v, p, dv, dp, _, _, law = draw(2)
+    dp[:] = v[:, :-1] - v[:, 1:]
+    alpha, beta, tau = law.T
+    dv[:, 1:] = alpha * (p - tau * v[:, 1:]) + beta * dp
+    assert evaluate([v, p, dv, dp, v, p, law], WEIGHTED) == pytest.approx((0, 0, 0, 0), abs=1e-28)
+
+
+def test_the_leaders_acceleration_is_free() -> None:
+    drawn = draw(2)
+    before = evaluate(drawn, WEIGHTED)
+    drawn[2][:, 0] += 5.0
+    assert evaluate(drawn, WEIGHTED) == before
+
+
+def test_the_leader_has_no_part_in_the_initial_condition() -> None:
+    drawn = draw(1)
+    _, _, before, _ = evaluate(drawn, WEIGHTED)
+    drawn[4][0, 0] += 5.0
+    assert evaluate(drawn, WEIGHTED)[2] == before

@@ -1,0 +1,146 @@
+"""The surrogate network: its size, its first weights, and its exact time derivative."""
+
+import numpy as np
+import pytest
+import torch
+
+from accpinn.pinn.features import FourierFeatures
+from accpinn.pinn.network import (
+    HiddenLayers,
+    PaperNetwork,
+    count_weights,
+    output_columns,
+    stack_outputs,
+)
+
+DOUBLE = torch.float64
+
+
+def nested_rates(outputs: torch.Tensor, time: torch.Tensor) -> torch.Tensor:
+    """(N, outputs) time derivatives by one gradient call an output, as the paper's authors do."""
+    columns = [
+        torch.autograd.grad(column.sum(), time, create_graph=True)[0] for column in outputs.T
+    ]
+    return torch.stack(columns, 1)
+
+
+@pytest.mark.parametrize("followers", [1, 4])
+def test_tangent_is_automatic_differentiations_time_derivative(followers: int) -> None:
+    network = PaperNetwork(followers, seed=3)
+    time = torch.linspace(0, 20, 40, dtype=DOUBLE, requires_grad=True)
+    outputs, rates = network(time)
+    expected = nested_rates(outputs, time)
+    assert float(expected.detach().abs().max()) > 0.01
+    torch.testing.assert_close(rates, expected, rtol=1e-12, atol=1e-14)
+
+
+def test_gradient_through_the_tangent_is_that_through_nested_differentiation() -> None:
+    network = PaperNetwork(2, seed=5)
+    time = torch.linspace(0, 20, 40, dtype=DOUBLE, requires_grad=True)
+    (network(time)[1] ** 2).sum().backward()
+    ours = [weight.grad.clone() for weight in network.parameters() if weight.grad is not None]
+    network.zero_grad()
+    (nested_rates(network(time)[0], time) ** 2).sum().backward()
+    theirs = [weight.grad for weight in network.parameters() if weight.grad is not None]
+    # The output layer's bias moves no rate: the tangent leaves it out, nesting says zero.
+    assert len(ours) == 7
+    for mine, nested in zip(ours, theirs, strict=False):
+        torch.testing.assert_close(mine, nested, rtol=1e-9, atol=1e-12)
+
+
+def test_tangent_of_features_follows_the_chain_rule() -> None:
+    features = FourierFeatures(60.0, 0.2)
+    layers = HiddenLayers(features.size, 1, DOUBLE)
+    at, width = np.array([1.0, 17.3, 42.0]), 1e-5
+
+    def activations(time: np.ndarray) -> torch.Tensor:
+        value = torch.from_numpy(features(time))
+        return layers(value, torch.zeros_like(value))[0]
+
+    value = features(at)
+    _, rate = layers(torch.from_numpy(value), torch.from_numpy(value @ features.derivative()))
+    numerical = (activations(at + width) - activations(at - width)) / (2 * width)
+    torch.testing.assert_close(rate, numerical, rtol=1e-6, atol=1e-8)
+
+
+@pytest.mark.parametrize(("followers", "weights"), [(1, 7623), (3, 7867), (4, 7989)])
+def test_has_as_many_weights_as_the_paper_says(followers: int, weights: int) -> None:
+    assert count_weights(PaperNetwork(followers, seed=0)) == weights
+
+
+def test_first_weights_are_xavier_uniform_and_biases_zero() -> None:
+    network = PaperNetwork(4, seed=0)
+    layers = [module for module in network.modules() if isinstance(module, torch.nn.Linear)]
+    assert [(layer.in_features, layer.out_features) for layer in layers] == [
+        (1, 60),
+        (60, 60),
+        (60, 60),
+        (60, 9),
+    ]
+    for layer in layers:
+        bound = (6 / (layer.in_features + layer.out_features)) ** 0.5
+        size = layer.weight.detach().abs()
+        assert bool((size <= bound).all())
+        assert float(size.max()) > 0.9 * bound
+        # A uniform density has its standard deviation at bound/√3.
+        assert float(layer.weight.detach().std()) == pytest.approx(bound / 3**0.5, rel=0.2)
+        assert not layer.bias.any()
+
+
+def test_first_weights_depend_on_the_seed_alone() -> None:
+    def first(seed: int) -> torch.Tensor:
+        torch.rand(seed + 1)  # what the rest of the process draws must not matter
+        return torch.cat([weight.reshape(-1) for weight in PaperNetwork(1, seed).parameters()])
+
+    assert torch.equal(first(0), first(0))
+    assert not torch.equal(first(0), first(1))
+
+
+def test_two_hidden_layers_of_equal_shape_start_differently() -> None:
+    second, third = list(PaperNetwork(1, seed=0).hidden.layers)[1:]
+    assert not torch.equal(second.weight, third.weight)
+
+
+def test_outputs_stand_leader_first_then_speed_and_gap_of_each_follower() -> None:
+    speeds, gaps = np.array([[0.0, 1.0, 2.0]]), np.array([[10.0, 20.0]])
+    assert stack_outputs(speeds, gaps).tolist() == [[0.0, 1.0, 10.0, 2.0, 20.0]]
+
+
+@pytest.mark.parametrize("followers", [1, 2, 10])
+def test_output_order_there_and_back(followers: int) -> None:
+    rng = np.random.default_rng(followers)
+    speeds = rng.standard_normal((5, followers + 1))
+    gaps = rng.standard_normal((5, followers))
+    stacked = stack_outputs(speeds, gaps)
+    speed_columns, gap_columns = output_columns(followers)
+    assert sorted(speed_columns + gap_columns) == list(range(2 * followers + 1))
+    np.testing.assert_array_equal(stacked[:, speed_columns], speeds)
+    np.testing.assert_array_equal(stacked[:, gap_columns], gaps)
+
+
+class TestFeatures:
+    def test_derivative_matrix_is_the_numerical_derivative(self) -> None:
+        features = FourierFeatures(60.0, 0.5)
+        time, width = np.linspace(1, 59, 50), 1e-5
+        numerical = (features(time + width) - features(time - width)) / (2 * width)
+        np.testing.assert_allclose(
+            features(time) @ features.derivative(), numerical, rtol=1e-7, atol=1e-8
+        )
+
+    def test_reach_from_half_a_cycle_per_window_to_the_highest_frequency(self) -> None:
+        features = FourierFeatures(300.0, 0.1)
+        hertz = features.angular / (2 * np.pi)
+        assert hertz[0] * 300 == pytest.approx(0.5)
+        assert hertz[-1] == pytest.approx(0.1)
+        np.testing.assert_allclose(np.diff(hertz), hertz[0], rtol=1e-9)
+
+    def test_a_short_window_still_has_four_frequencies(self) -> None:
+        assert len(FourierFeatures(10.0, 0.01).angular) == 4
+
+    def test_are_all_of_order_one(self) -> None:
+        features = FourierFeatures(300.0, 0.1)
+        values = features(np.linspace(0, 300, 500))
+        assert values.shape == (500, features.size)
+        assert np.abs(values).max() <= 1 + 1e-12
+        assert values[:, 0].tolist() == [1.0] * 500
+        assert values[[0, -1], 1].tolist() == [-1.0, 1.0]
