@@ -1,0 +1,430 @@
+"""Every page, run without a browser: cold links, each step, and what is said when it fails."""
+
+import json
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import streamlit as st
+from openacc_files import csv, metadata, platoon
+from streamlit.testing.v1 import AppTest
+
+from accpinn.jobs import Status, Trainings
+from accpinn.openacc import Recording, read
+from accpinn.segment import Window
+from pages.shared import sources, workspace
+from pages.shared.choosing import window_of
+from pages.shared.sources import FIRST_SAMPLE, sample
+from pages.shared.text import bullets, lasting, plain
+from pages.shared.workspace import KEPT_FOR, KEPT_WORKSPACES, Workspace, Workspaces
+
+ROOT = Path(__file__).parent.parent
+PAGES = ["app.py", *sorted(f"pages/{path.name}" for path in (ROOT / "pages").glob("[0-9]*.py"))]
+DATA, TRAIN = "pages/1_Data.py", "pages/2_Train.py"
+WAIT = 120.0
+"""Seconds a real training may take on a busy machine; it needs about one."""
+
+
+@pytest.fixture(autouse=True)
+def fresh_server(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Iterator[None]:
+    """A server of its own for each test: no sessions, no jobs, an empty store."""
+    monkeypatch.chdir(ROOT)
+    monkeypatch.setenv("ACCPINN_CACHE", str(tmp_path / "cache"))
+    monkeypatch.delenv("ACCPINN_RECORDINGS", raising=False)
+    st.cache_resource.clear()
+    yield
+    workspace.trainings().close()
+    st.cache_resource.clear()
+
+
+def open_page(path: str, session: str = "") -> AppTest:
+    """A page as a direct link opens it: the first page has not run before."""
+    page = AppTest.from_file(str(ROOT / "app.py"), default_timeout=60)
+    if path != "app.py":
+        page.switch_page(path)
+    if session:
+        page.query_params["session"] = session
+    page.run()
+    assert not page.exception, page.exception
+    return page
+
+
+def with_sample() -> Workspace:
+    found = workspace.workspaces().new()
+    found.open(*sample(FIRST_SAMPLE))
+    return found
+
+
+def with_recording(run: Recording) -> Workspace:
+    found = workspace.workspaces().new()
+    found.open(run)
+    return found
+
+
+def made(names: tuple[str, ...] = ("A", "B", "C"), **changes: Any) -> Recording:
+    return read(csv(platoon(vehicles=len(names), **changes), metadata(names)), "made.csv")
+
+
+def texts(page: AppTest) -> str:
+    """All that is written on a page, tables included."""
+    kinds = ("markdown", "caption", "info", "warning", "error", "success", "title", "subheader")
+    written = [element.value for kind in kinds for element in page.get(kind)]
+    written += [element.proto.body for element in page.get("html")]
+    return "\n".join(written)
+
+
+def button(page: AppTest, label: str) -> Any:
+    return next(b for b in page.button if b.label == label)
+
+
+def labels(page: AppTest) -> list[str]:
+    return [b.label for b in page.button]
+
+
+def figures(page: AppTest) -> list[dict[str, Any]]:
+    return [json.loads(chart.proto.spec) for chart in page.get("plotly_chart")]
+
+
+# Every page
+
+
+@pytest.mark.parametrize("path", PAGES)
+def test_a_cold_link_shows_a_next_step(path: str) -> None:
+    page = open_page(path)
+    assert page.query_params["session"]
+    assert page.button or page.get("page_link"), "there must be a way on"
+    assert not page.error
+
+
+@pytest.mark.parametrize("path", PAGES)
+def test_with_a_recording_open(path: str) -> None:
+    page = open_page(path, with_sample().id)
+    assert not page.error
+
+
+@pytest.mark.parametrize("path", PAGES)
+def test_with_a_window_that_cannot_be_used(path: str) -> None:
+    found = with_sample()
+    found.choose(window=Window(395.0, 399.0))
+    assert found.fault
+    open_page(path, found.id)
+
+
+@pytest.mark.parametrize("path", PAGES)
+def test_an_unknown_session_begins_anew_and_says_so(path: str) -> None:
+    page = open_page(path, "long-forgotten")
+    assert "no longer on this server" in texts(page)
+    assert page.query_params["session"] != "long-forgotten"
+    page.run()
+    assert "no longer on this server" not in texts(page)
+
+
+# Home
+
+
+def test_one_click_trains_a_sample() -> None:
+    page = open_page("app.py")
+    button(page, "Train a sample now").click().run()
+    assert not page.exception
+    found = workspace.workspaces().find(page.query_params["session"])
+    assert found is not None
+    assert found.job is not None
+    assert found.job.wait(WAIT)
+    assert found.fit is not None
+    truth = np.array([[law.alpha, law.beta, law.tau] for law in found.true_parameters])
+    np.testing.assert_allclose(found.fit.table(), truth, rtol=0.03)
+
+
+def test_home_says_where_the_session_stands() -> None:
+    page = open_page("app.py", with_sample().id)
+    assert "Where you are" in texts(page)
+    assert "vehicles 1–5" in texts(page)
+    assert "Where you are" not in texts(open_page("app.py"))
+
+
+# Data
+
+
+def test_open_a_sample() -> None:
+    page = open_page(DATA)
+    button(page, "Open this sample").click().run()
+    assert not page.exception
+    written = texts(page)
+    assert "synthetic\\_astazero\\_like\\.csv" in written
+    assert "5 vehicles" in written
+    assert "Least squares" in written
+    assert "Tesla(Model3-like)" in written
+    (overview,) = figures(page)
+    assert overview["layout"]["shapes"][0]["x1"] == 300.0
+
+
+def test_upload_a_recording() -> None:
+    page = open_page(DATA)
+    page.segmented_control(key="data_source").set_value("Upload").run()
+    raw = csv(platoon(vehicles=2), metadata(("A", "B")))
+    page.file_uploader(key="data_upload").upload("mine.csv", raw, "text/csv").run()
+    assert not page.exception
+    assert "mine\\.csv" in texts(page)
+    assert "Case" not in [control.label for control in page.segmented_control], "M = 1 has no cases"
+
+
+def test_a_bad_upload_is_one_sentence_and_loses_nothing() -> None:
+    found = with_sample()
+    page = open_page(DATA, found.id)
+    before = found.recording, found.segment
+    page.segmented_control(key="data_source").set_value("Upload").run()
+    page.file_uploader(key="data_upload").upload("bad.csv", b"\x89PNG not a run", "x").run()
+    assert not page.exception
+    (error,) = page.error
+    assert "this is a PNG image, not a CSV file" in error.value.replace("\\", "")
+    assert (found.recording, found.segment) == before
+    assert "What this window tells" in texts(page)
+
+
+def test_the_folder_on_the_server(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    page = open_page(DATA)
+    page.segmented_control(key="data_source").set_value("Folder on the server").run()
+    assert "ACCPINN_RECORDINGS" in texts(page)
+    root = tmp_path / "runs"
+    (root / "deep").mkdir(parents=True)
+    (root / "deep" / "run.csv").write_bytes(csv(platoon(vehicles=2), metadata(("A", "B"))))
+    (tmp_path / "secret.csv").write_text("secret")
+    (root / "link.csv").symlink_to(tmp_path / "secret.csv")
+    monkeypatch.setenv("ACCPINN_RECORDINGS", str(root))
+    page.run()
+    assert page.selectbox(key="data_file").options == ["deep/run.csv"]
+    button(page, "Open this recording").click().run()
+    assert not page.exception
+    assert "run\\.csv" in texts(page)
+
+
+def test_the_window_moves_and_the_estimate_follows() -> None:
+    found = with_sample()
+    page = open_page(DATA, found.id)
+    before = texts(page)
+    page.number_input(key="data_start").set_value(80.0).run()
+    page.number_input(key="data_length").set_value(120.0).run()
+    assert found.window == Window(80.0, 200.0)
+    assert texts(page) != before
+    assert figures(page)[0]["layout"]["shapes"][0]["x0"] == 80.0
+    page.number_input(key="data_length").set_value(5.0).run()
+    assert "too short" in texts(page)
+    assert button(page, "Train on this window").disabled
+
+
+def test_vehicles_and_case() -> None:
+    found = with_sample()
+    page = open_page(DATA, found.id)
+    leader, last = page.selectbox[-2:]
+    assert leader.label == "Leader"
+    leader.set_value(3).run()
+    assert found.vehicles == (3, 4, 5)
+    page.segmented_control(key="data_case").set_value("I").run()
+    assert found.case == "I"
+    assert "one set of α, β, τ" in texts(page)
+    last = page.selectbox[-1]
+    last.set_value(4).run()
+    assert found.vehicles == (3, 4)
+    assert "one set of α, β, τ" not in texts(page)
+    assert [law.alpha for law in found.true_parameters] == [0.0766]
+
+
+def test_a_new_recording_drops_what_came_after() -> None:
+    found = with_sample()
+    page = open_page(DATA, found.id)
+    button(page, "Train on this window").click().run()
+    assert found.job is not None
+    page = open_page(DATA, found.id)
+    page.number_input(key="data_start").set_value(20.0).run()
+    assert found.job is None
+
+
+def test_names_from_a_file_are_shown_as_they_are() -> None:
+    nasty = "<script>alert(1)</script>"
+    found = with_recording(made((nasty, "*B* $x$ :red[c]", "C")))
+    for path in (DATA, TRAIN):
+        page = open_page(path, found.id)
+        assert nasty not in texts(page)
+        markdown = "".join(element.value for element in (*page.markdown, *page.caption))
+        assert "*B*" not in markdown
+    assert "&lt;script&gt;" in texts(open_page(DATA, found.id))
+
+
+@pytest.mark.parametrize(
+    ("box", "expected"),
+    [
+        ([], None),
+        ([{"x": [10.04, 30.06]}], Window(10.0, 30.1)),
+        ([{"x": [30.06, 10.04]}], Window(10.0, 30.1)),
+        ([{"x": [-20.0, 500.0]}], Window(0.0, 39.9)),
+        ([{"x": [10.0, 12.0]}], None),
+    ],
+)
+def test_dragging_over_the_chart(box: list[Any], expected: Window | None) -> None:
+    assert window_of({"selection": {"box": box}}, made()) == expected
+
+
+def test_the_first_window_avoids_holes() -> None:
+    frame = platoon(samples=4000)
+    frame.loc[500:599, ["Speed2", "IVS1", "IVS2"]] = np.nan
+    run = read(csv(frame), "holes.csv")
+    found = with_recording(run)
+    assert found.window == Window(60.0, 360.0)
+    assert found.segment is not None
+
+
+# Train
+
+
+def test_train_shows_table_curves_and_downloads() -> None:
+    found = with_sample()
+    page = open_page(TRAIN, found.id)
+    button(page, "Start training").click().run()
+    assert found.job is not None
+    assert found.job.wait(WAIT)
+    page.run()
+    assert not page.exception
+    written = texts(page)
+    assert "Settled" in written
+    assert "Surrogate fit, MAE" in written
+    assert "Closed-loop simulation, MAE" in written
+    assert "0.0612" in written, "the truth of the first follower"
+    assert len(figures(page)) == 5
+    assert len(page.get("download_button")) == 2
+    assert "Start training" in labels(page)
+    assert "Stop training" not in labels(page)
+    page.selectbox(key="train_follower").set_value(3).run()
+    assert figures(page)[-1]["layout"]["uirevision"] == "tracking-5"
+
+
+def test_the_second_time_the_answer_comes_from_the_cache() -> None:
+    found = with_sample()
+    for _ in range(2):
+        page = open_page(TRAIN, found.id)
+        button(page, "Start training").click().run()
+        assert found.job is not None
+        assert found.job.wait(WAIT)
+    page.run()
+    assert "Answered from the cache" in texts(page)
+
+
+def test_stop_and_continue() -> None:
+    found = with_sample()
+    page = open_page(TRAIN, found.id)
+    page.segmented_control(key="train_preset").set_value("paper").run()
+    button(page, "Start training").click().run()
+    assert "Stop training" in labels(page)
+    assert "Start training" not in labels(page)
+    job = found.job
+    assert job is not None
+    button(page, "Stop training").click().run()
+    assert job.wait(WAIT)
+    page.run()
+    assert job.status is Status.STOPPED
+    assert "Continue" in labels(page)
+    button(page, "Continue").click().run()
+    assert found.job is not job
+    assert "Stop training" in labels(page)
+
+
+def test_a_second_session_waits_and_is_told() -> None:
+    first, second = with_sample(), with_sample()
+    page = open_page(TRAIN, first.id)
+    page.segmented_control(key="train_preset").set_value("paper").run()
+    button(page, "Start training").click().run()
+    other = open_page(TRAIN, second.id)
+    button(other, "Start training").click().run()
+    assert "yours is next" in texts(other)
+    assert second.job is not None
+    button(other, "Stop training").click().run()
+    assert "Stopped before it began" in texts(other)
+
+
+def test_a_bad_option_is_one_sentence_and_disables_the_button() -> None:
+    page = open_page(TRAIN, with_sample().id)
+    page.number_input(key="train_fast_iterations").set_value(0).run()
+    (error,) = page.error
+    assert "iterations: 0 is not allowed" in error.value.replace("\\", "")
+    assert button(page, "Start training").disabled
+    button(page, "Back to the preset").click().run()
+    assert not page.error
+    assert not button(page, "Start training").disabled
+
+
+def test_options_reach_the_training_and_survive_a_visit_elsewhere() -> None:
+    found = with_sample()
+    page = open_page(TRAIN, found.id)
+    page.number_input(key="train_fast_seed").set_value(7).run()
+    page.number_input(key="train_fast_weight_data_1").set_value(2.0).run()
+    page.selectbox(key="train_fast_start").set_value((0.5, 0.5, 0.5)).run()
+    page = open_page(TRAIN, found.id)  # as after a reload
+    assert page.number_input(key="train_fast_seed").value == 7
+    button(page, "Start training").click().run()
+    assert found.job is not None
+    config = found.job.request.config
+    assert (config.seed, config.weight_data, config.initial) == (7, (1.0, 2.0), (0.5, 0.5, 0.5))
+    assert found.job.wait(WAIT)
+
+
+def test_a_failed_training_says_why(monkeypatch: pytest.MonkeyPatch) -> None:
+    def failing(*args: Any, **options: Any) -> Any:
+        raise RuntimeError("boom")
+
+    broken = Trainings(train=failing)
+    monkeypatch.setattr(workspace, "trainings", lambda: broken)
+    found = with_sample()
+    page = open_page(TRAIN, found.id)
+    button(page, "Start training").click().run()
+    assert found.job is not None
+    assert found.job.wait(WAIT)
+    page.run()
+    broken.close()
+    assert not page.exception
+    assert "ended unexpectedly" in texts(page)
+    assert "boom" not in texts(page)
+    assert "Start training" in labels(page)
+
+
+# What the pages stand on
+
+
+def test_sessions_cannot_be_guessed_and_are_bounded() -> None:
+    now = [0.0]
+    kept = Workspaces(clock=lambda: now[0])
+    first = kept.new()
+    assert len(first.id) >= 20
+    assert kept.find(first.id) is first
+    assert kept.find("") is None
+    for _ in range(KEPT_WORKSPACES):
+        last = kept.new()
+    assert kept.find(first.id) is None
+    now[0] = KEPT_FOR / 2
+    assert kept.find(last.id) is last
+    now[0] = KEPT_FOR * 1.4
+    assert kept.find(last.id) is last, "it was used in between"
+    now[0] = KEPT_FOR * 3
+    assert kept.find(last.id) is None
+
+
+def test_recordings_are_read_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    raw = csv(platoon())
+    one = sources.from_bytes(raw, "a.csv")
+    assert sources.from_bytes(raw, "a.csv") is one
+    assert sources.from_bytes(raw, "b.csv").source == "b.csv"
+    assert sources.from_bytes(csv(platoon(samples=300)), "a.csv") is not one
+
+
+def test_foreign_text_is_made_literal() -> None:
+    assert plain("a*b_[c](d) $x$ :red[e] <i>") == (r"a\*b\_\[c\]\(d\) \$x\$ \:red\[e\] \<i\>")
+    assert bullets(("one.",)) == r"one\."
+    assert bullets(("one", "two")) == "- one\n- two"
+
+
+@pytest.mark.parametrize(
+    ("seconds", "said"),
+    [(0.2, "1 s"), (59.4, "59 s"), (60, "1 min"), (200, "3 min 20 s"), (3900, "1 h 5 min")],
+)
+def test_durations_in_words(seconds: float, said: str) -> None:
+    assert lasting(seconds) == said
