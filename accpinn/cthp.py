@@ -27,6 +27,10 @@ LINEAR_NAMES = ("α", "ατ", "β")
 """The quantities the law is linear in, in the order every θ of this package has them."""
 
 
+BLOCK = 256
+"""Rows of a product that are multiplied at once; see `in_blocks`."""
+
+
 @dataclass(frozen=True)
 class Parameters:
     """The law's three parameters for one follower."""
@@ -213,9 +217,22 @@ def orbit(transition: FloatArray, start: FloatArray, count: int) -> FloatArray:
     known, power = 1, transition.T
     while known < count:
         fresh = min(known, count - known)
-        states[known : known + fresh] = states[:fresh] @ power
+        states[known : known + fresh] = in_blocks(states[:fresh], power)
         known, power = known + fresh, power @ power
     return states
+
+
+def in_blocks(rows: FloatArray, matrix: FloatArray) -> FloatArray:
+    """(N, K) @ (K, L) for small K and L, some rows at a time.
+
+    As a whole the product is large enough for the linear algebra library to share it out, yet so
+    small that waiting for a busy core takes longer than the product.
+    """
+    result = np.empty((len(rows), matrix.shape[1]))
+    for first in range(0, len(rows), BLOCK):
+        part = slice(first, first + BLOCK)
+        np.matmul(rows[part], matrix, out=result[part])
+    return result
 
 
 def _accumulate(transition: FloatArray, states: FloatArray) -> None:
@@ -226,7 +243,7 @@ def _accumulate(transition: FloatArray, states: FloatArray) -> None:
     """
     reach, power = 1, transition.T
     while reach < len(states):
-        states[reach:] += states[:-reach] @ power
+        states[reach:] += in_blocks(states[:-reach], power)
         reach, power = 2 * reach, power @ power
 
 

@@ -16,6 +16,8 @@ from accpinn.cthp import (
     LINEAR_NAMES,
     LinearSolution,
     Parameters,
+    motion_matrix,
+    orbit,
     regressors,
     simulate,
     solve_linear,
@@ -193,6 +195,18 @@ class TestSimulate:
         found = simulate(law, fine, np.interp(fine, coarse, ahead), *start)
         np.testing.assert_allclose(found.gaps[::2], expected.gaps, rtol=1e-12)
 
+    def test_a_long_run_is_that_of_single_steps(self) -> None:
+        platoon = (Parameters(0.0612, 0.12, 1.19), Parameters(0.176, 0.3921, 1.0))
+        time = np.arange(1001) * 0.1
+        ahead = 20 + 3 * np.sin(0.2 * time)
+        found = simulate(platoon, time, ahead, np.array([18.0, 21.0]), np.array([20.0, 25.0]))
+        speeds, gaps = found.speeds[0, 1:], found.gaps[0]
+        for k in range(1000):
+            step = simulate(platoon, time[:2], ahead[k : k + 2], speeds, gaps)
+            speeds, gaps = step.speeds[1, 1:], step.gaps[1]
+        np.testing.assert_allclose(found.speeds[-1, 1:], speeds, rtol=0, atol=1e-10)
+        np.testing.assert_allclose(found.gaps[-1], gaps, rtol=0, atol=1e-10)
+
     def test_shapes_and_the_leader_are_kept(self) -> None:
         time = np.arange(11) * 0.5
         ahead = np.linspace(20, 25, 11)
@@ -212,3 +226,29 @@ class TestSimulate:
                 np.array([20.0]),
                 np.array([20.0]),
             )
+
+
+class TestOrbit:
+    @pytest.mark.parametrize("count", [1, 2, 3, 255, 257, 700])
+    def test_is_the_powers_of_the_step(self, count: int) -> None:
+        transition = np.array([[0.99, 0.1, 0.0], [-0.1, 0.98, 0.02], [0.0, 0.05, 0.9]])
+        start = np.array([1.0, -2.0, 0.5])
+        found = orbit(transition, start, count)
+        assert found.shape == (count, 3)
+        np.testing.assert_array_equal(found[0], start)
+        last = np.linalg.matrix_power(transition, count - 1) @ start
+        np.testing.assert_allclose(found[-1], last, atol=1e-12)
+        np.testing.assert_allclose(found[1:], found[:-1] @ transition.T, atol=1e-13)
+
+
+class TestMotionMatrix:
+    @given(st.lists(laws, min_size=1, max_size=4), st.integers(0, 1000))
+    def test_is_the_law(self, platoon: list[Parameters], seed: int) -> None:
+        rng = np.random.default_rng(seed)
+        speeds, gaps = rng.uniform(0, 40, len(platoon) + 1), rng.uniform(0, 80, len(platoon))
+        state = np.append(np.stack([gaps, speeds[1:]], axis=1).ravel(), speeds[0])
+        rates = motion_matrix(tuple(platoon)) @ state
+        rows = regressors(speeds[None], gaps[None])[:, 0]
+        expected = [law.linear() @ row for law, row in zip(platoon, rows, strict=True)]
+        np.testing.assert_allclose(rates[0::2], -np.diff(speeds), atol=1e-12)
+        np.testing.assert_allclose(rates[1::2], expected, rtol=1e-9, atol=1e-9)

@@ -71,7 +71,8 @@ def _measured(leader: Sinusoid, run: Trajectories, periods: int) -> FloatArray:
     last = run.time > run.time[-1] - periods * leader.period - 1e-9
     angle = leader.frequency * run.time[last]
     design = np.stack([np.ones_like(angle), np.sin(angle), np.cos(angle)], axis=1)
-    fitted = np.linalg.lstsq(design, run.speeds[last] - leader.speed, rcond=None)[0]
+    moved = run.speeds[last] - leader.speed
+    fitted = np.linalg.solve(design.T @ design, design.T @ moved)  # all but orthogonal columns
     return np.asarray(np.hypot(fitted[1], fitted[2]))
 
 

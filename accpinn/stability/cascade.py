@@ -14,7 +14,7 @@ import numpy as np
 from scipy.linalg import expm
 from scipy.special import gammainccinv
 
-from accpinn.cthp import Parameters, motion_matrix, orbit
+from accpinn.cthp import Parameters, in_blocks, motion_matrix, orbit
 from accpinn.stability.criteria import Laws, checked
 from accpinn.stability.frequency import poles, slowest_rate
 from accpinn.stability.head_to_tail import limits
@@ -74,7 +74,7 @@ def _step_variation(parameters: tuple[Parameters, ...]) -> tuple[FloatArray, Flo
     fine, coarse = np.zeros(count), np.zeros(count)
     for stage in stages:
         states = orbit(expm(system * stage.step), state, SAMPLES + 1)
-        speeds, rates = states[:, 1::2], states @ system[1::2].T
+        speeds, rates = states[:, 1::2], in_blocks(states, system[1::2].T)
         fine += _variation(speeds, rates * stage.step)
         coarse += _variation(speeds[::2], rates[::2] * (2.0 * stage.step))
         state = states[-1]
