@@ -1,0 +1,522 @@
+"""Training, from request to result: what it recovers, how it ends, and how it goes on."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from functools import cache
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from accpinn.assessment import closed_loop_errors
+from accpinn.cthp import Case
+from accpinn.errors import ConfigError
+from accpinn.estimators import splines
+from accpinn.fit import Fit, Outcome, Progress
+from accpinn.openacc import read
+from accpinn.pinn import training
+from accpinn.pinn.config import FAST, PAPER, PinnConfig, preset
+from accpinn.pinn.training import request_keys, train
+from accpinn.segment import Segment, cut
+from accpinn.store import Store
+from accpinn.synthetic import load_truth, truth_path
+from tests.driving import LAW, MIXED, driven, segment_of, standing_still
+
+SAMPLES = Path(__file__).parent.parent / "sample_data"
+
+SHORT = replace(PAPER, iterations=20)
+"""A `paper` training of about a tenth of a second on a minute of data."""
+
+
+@cache
+def noisy() -> Segment:
+    return driven(noise=0.05)
+
+
+@cache
+def fitted(case: Case = "II", config: PinnConfig = FAST) -> Fit:
+    """One follower for Case II, three different ones for Case I and II alike."""
+    return train(driven(MIXED, noise=0.05), case, config)
+
+
+def after(count: int) -> Callable[[], bool]:
+    """A user who presses Stop when asked for the ``count``-th time after the first."""
+    asked = iter(range(count))
+    return lambda: next(asked, None) is None
+
+
+def assert_same_result(one: Fit, other: Fit) -> None:
+    """Bit for bit, the time it took aside."""
+    assert one.outcome is other.outcome
+    assert one.iterations == other.iterations
+    assert one.table().tobytes() == other.table().tobytes()
+    assert one.loss == other.loss
+    assert one.surrogate is not None
+    assert other.surrogate is not None
+    np.testing.assert_array_equal(one.surrogate.speeds, other.surrogate.speeds)
+    np.testing.assert_array_equal(one.surrogate.gaps, other.surrogate.gaps)
+    assert one.arrays.keys() == other.arrays.keys()
+    for name, values in one.arrays.items():
+        np.testing.assert_array_equal(values, other.arrays[name])
+    assert one.history is not None
+    assert other.history is not None
+    for name in ("iteration", "total", "data", "physics", "initial", "parameters"):
+        np.testing.assert_array_equal(getattr(one.history, name), getattr(other.history, name))
+
+
+class TestRecoversTheTruth:
+    @pytest.mark.parametrize(
+        ("name", "tolerance"),
+        [
+            ("synthetic_paper_study_noise_free", 0.005),
+            ("synthetic_paper_study", 0.03),
+            ("synthetic_astazero_like", 0.03),
+            ("synthetic_vicolungo_like", 0.03),
+        ],
+    )
+    def test_of_the_sample_recordings(self, name: str, tolerance: float) -> None:
+        path = SAMPLES / f"{name}.csv"
+        truth = np.array(
+            [[p.alpha, p.beta, p.tau] for p in load_truth(truth_path(path)).parameters]
+        )
+        fit = train(cut(read(path)))
+        np.testing.assert_allclose(fit.table(), truth, rtol=tolerance)
+
+    @pytest.mark.parametrize("case", ["I", "II"])
+    def test_as_well_as_the_limit_of_the_loss(self, case: Case) -> None:
+        fit, limit = fitted(case), splines.fit(driven(MIXED, noise=0.05), case)
+        distance = np.abs(fit.table() / limit.table() - 1).max(axis=0)
+        assert (distance <= (0.002, 0.005, 0.002)).all()  # α, β, τ; we see a tenth of it
+        assert fit.loss["total"] == pytest.approx(limit.loss["total"], rel=0.02)
+
+    def test_of_ten_followers(self) -> None:
+        laws = (LAW, (0.11, 0.3, 1.2)) * 5
+        fit = train(driven(laws))
+        np.testing.assert_allclose(fit.table(), laws, rtol=1e-3)
+        assert fit.surrogate is not None
+        assert fit.surrogate.gaps.shape == (601, 10)
+
+    def test_from_every_initial_value(self) -> None:
+        for initial in ((0.0, 0.0, 0.0), (0.01, 0.5, 2.0), (5.0, 5.0, 5.0)):
+            fit = train(noisy(), "II", preset("fast", initial=initial))
+            np.testing.assert_allclose(fit.table()[0], LAW, rtol=0.01)
+
+    def test_in_case_i_all_followers_have_one_law(self) -> None:
+        fit = fitted("I")
+        assert len(set(fit.parameters)) == 1
+        assert len(fit.parameters) == 3
+        assert fit.history is not None
+        assert fit.history.parameters.shape[1:] == (1, 3)
+
+
+class TestResult:
+    def test_loss_is_the_sum_of_its_terms_and_ends_the_history(self) -> None:
+        fit = fitted()
+        terms = fit.loss["data"] + fit.loss["physics"] + fit.loss["initial"]
+        assert fit.loss["total"] == pytest.approx(terms, rel=1e-12)
+        assert fit.history is not None
+        assert fit.history.total[-1] == fit.loss["total"]
+        np.testing.assert_array_equal(fit.history.parameters[-1], fit.table())
+
+    def test_says_what_the_hidden_layers_brought(self) -> None:
+        fit = fitted()
+        assert fit.loss["start"] > 0
+        assert any("hidden layers" in note for note in fit.notes)
+
+    def test_network_weights_are_those_it_holds(self) -> None:
+        fit = fitted()
+        held = [v.size for k, v in fit.arrays.items() if not k.startswith("features.")]
+        assert fit.network_weights == sum(held)
+
+    def test_weights_pull_towards_data_or_law(self) -> None:
+        law_only = train(noisy(), "II", preset("fast", weight_physics=(100.0, 100.0)))
+        data_only = train(noisy(), "II", preset("fast", weight_physics=(0.01, 0.01)))
+        unweighted_physics = law_only.loss["physics"] / 100, data_only.loss["physics"] / 0.01
+        assert unweighted_physics[0] < unweighted_physics[1]
+        assert law_only.loss["data"] > data_only.loss["data"]
+
+    def test_initial_condition_binds_the_first_instant_when_weighted(self) -> None:
+        def first_error(fit: Fit) -> float:
+            assert fit.surrogate is not None
+            return float(abs(fit.surrogate.gaps[0, 0] - noisy().gaps[0, 0]))
+
+        free, bound = train(noisy()), train(noisy(), "II", preset("fast", weight_initial=100.0))
+        assert free.loss["initial"] == 0
+        assert bound.loss["initial"] > 0
+        assert first_error(bound) < 0.1 * first_error(free)
+
+
+class TestDeterminism:
+    @pytest.mark.parametrize("config", [FAST, SHORT], ids=["fast", "paper"])
+    def test_equal_requests_give_equal_bits(self, config: PinnConfig) -> None:
+        assert_same_result(train(noisy(), "II", config), train(noisy(), "II", config))
+
+    @pytest.mark.parametrize("config", [FAST, SHORT], ids=["fast", "paper"])
+    def test_another_seed_is_another_network(self, config: PinnConfig) -> None:
+        one, other = train(noisy(), "II", config), train(noisy(), "II", replace(config, seed=1))
+        assert one.table().tobytes() != other.table().tobytes()
+
+
+class TestProgress:
+    @pytest.mark.parametrize("config", [FAST, SHORT], ids=["fast", "paper"])
+    def test_moves_forward_only(self, config: PinnConfig) -> None:
+        seen: list[Progress] = []
+        fit = train(noisy(), "II", config, on_progress=seen.append)
+        iterations = [moment.iteration for moment in seen]
+        assert iterations[0] == 0
+        assert (np.diff(iterations) > 0).all()
+        assert iterations[-1] == fit.iterations <= config.iterations
+        assert (np.diff([moment.seconds for moment in seen]) >= 0).all()
+        assert {moment.iterations for moment in seen} == {config.iterations}
+        assert all(moment.parameters.shape == (1, 3) for moment in seen)
+
+    def test_of_the_fast_preset_starts_with_exact_rounds_that_lower_the_loss(self) -> None:
+        seen: list[Progress] = []
+        train(noisy(), on_progress=seen.append)
+        start = [moment.total for moment in seen if moment.phase == "start"]
+        assert len(start) > 2
+        assert (np.diff(start) < 0).all()
+        assert [moment.phase for moment in seen[len(start) :]].count("Adam") == len(seen) - len(
+            start
+        )
+
+    def test_begins_at_the_users_initial_values(self) -> None:
+        for config in (FAST, SHORT):
+            seen: list[Progress] = []
+            chosen = replace(config, initial=(0.3, 0.4, 1.1), iterations=1)
+            train(noisy(), "II", chosen, on_progress=seen.append)
+            np.testing.assert_allclose(seen[0].parameters, [[0.3, 0.4, 1.1]], rtol=1e-12)
+
+
+class TestEnds:
+    def test_settles_by_the_rule_it_states(self) -> None:
+        fit = fitted()
+        assert fit.outcome is Outcome.SETTLED
+        history = fit.history
+        assert history is not None
+        cycles = np.flatnonzero(np.diff(history.iteration) == 50) + 1
+        quiet = []
+        for now in cycles[1:]:  # the first cycle has no other to be compared with
+            moved = np.abs(history.parameters[now] / history.parameters[now - 1] - 1).max()
+            quiet.append(moved <= 1e-3 and history.total[now] >= 0.99 * history.total[now - 1])
+        assert quiet[-2:] == [True, True]
+        assert not any(first and second for first, second in pairwise(quiet[:-1]))
+
+    @pytest.mark.parametrize("config", [FAST, SHORT], ids=["fast", "paper"])
+    def test_finishes_after_the_planned_iterations(self, config: PinnConfig) -> None:
+        fit = train(noisy(), "II", replace(config, iterations=13))
+        assert fit.outcome is Outcome.FINISHED
+        assert fit.iterations == 13
+
+    def test_an_unsettled_end_of_the_fast_preset_is_said(self) -> None:
+        fit = train(noisy(), "II", replace(FAST, iterations=13))
+        assert any("still moving" in note for note in fit.notes)
+        assert not any("still moving" in note for note in fitted().notes)
+
+    @pytest.mark.parametrize("config", [FAST, SHORT], ids=["fast", "paper"])
+    def test_stops_when_asked(self, config: PinnConfig) -> None:
+        fit = train(noisy(), "II", config, should_stop=after(2))
+        assert fit.outcome is Outcome.STOPPED
+        assert 0 < fit.iterations < config.iterations
+        assert np.isfinite(fit.table()).all()
+
+    @pytest.mark.parametrize("config", [FAST, SHORT], ids=["fast", "paper"])
+    def test_stopped_before_the_first_iteration_has_the_initial_values(
+        self, config: PinnConfig
+    ) -> None:
+        fit = train(noisy(), "II", config, should_stop=lambda: True)
+        assert fit.outcome is Outcome.STOPPED
+        assert fit.iterations == 0
+        assert fit.table().tolist() == [[1.0, 1.0, 1.0]]
+
+    @pytest.mark.parametrize("name", ["fast", "paper"])
+    def test_a_learning_rate_far_too_high_is_no_exception(self, name: str) -> None:
+        fit = train(noisy(), "II", preset(name, learning_rate=1.0, iterations=100))
+        if fit.outcome is not Outcome.DIVERGED:
+            assert np.isfinite(fit.loss["total"])
+
+    @pytest.mark.parametrize("name", ["fast", "paper"])
+    def test_numbers_beyond_reckoning_end_as_diverged(self, name: str) -> None:
+        sane = noisy()
+        absurd = segment_of(sane.time, sane.speeds, sane.gaps * 1e200)
+        fit = train(absurd, "II", preset(name, iterations=20))
+        assert fit.outcome is Outcome.DIVERGED
+        assert "learning rate" in fit.outcome.value
+
+    def test_a_loss_that_runs_away_ends_as_diverged(self, tmp_path: Path) -> None:
+        """Weights so large that the second gradient step overflows."""
+        config = replace(SHORT, weight_data=(1e307, 1e307), iterations=50)
+        fit = train(noisy(), "II", config, store=Store(tmp_path))
+        assert fit.outcome is Outcome.DIVERGED
+        assert list(tmp_path.iterdir()) == [], "a diverged training is nothing to keep"
+
+    @pytest.mark.parametrize("name", ["fast", "paper"])
+    @pytest.mark.parametrize("speed", [0.0, 20.0])
+    def test_nothing_moves_and_nothing_crashes(self, name: str, speed: float) -> None:
+        fit = train(standing_still(speed), "II", preset(name, iterations=60))
+        assert fit.outcome in Outcome
+        assert np.isfinite(fit.loss["total"])
+
+
+class TestBounds:
+    def test_a_negative_gain_is_held_at_zero_and_said(self) -> None:
+        segment = driven(((0.08, -0.03, 1.5), LAW))
+        fit = train(segment)
+        assert fit.active_bounds == (("β",), ())
+        assert fit.parameters[0].beta == 0
+        free = fit.unconstrained[0]
+        assert (free.alpha, free.beta, free.tau) == pytest.approx((0.08, -0.03, 1.5), rel=0.1)
+        assert fit.unconstrained[1] == fit.parameters[1]
+        np.testing.assert_allclose(fit.table()[1], LAW, rtol=0.01)
+        (note,) = [note for note in fit.notes if "rational driving constraints" in note]
+        assert note.startswith("Vehicle 2: the rational driving constraints hold β at zero")
+        assert f"β = {free.beta:.4f}" in note
+
+    def test_without_a_gain_on_the_gap_there_is_no_headway(self) -> None:
+        segment = driven(((-0.002, 0.5, -5.0),))  # brakes a little, whatever the gap
+        fit = train(segment)
+        assert fit.active_bounds == (("α",),)
+        assert fit.parameters[0].alpha == 0
+        assert np.isnan(fit.parameters[0].tau)
+        assert fit.parameters[0].beta == pytest.approx(0.5, rel=0.01)
+        assert closed_loop_errors(segment, fit) is None
+
+    def test_the_paper_preset_never_leaves_them(self) -> None:
+        seen: list[Progress] = []
+        config = replace(SHORT, initial=(0.0, 0.01, 0.01), learning_rate=0.05, iterations=100)
+        fit = train(driven(((0.08, -0.03, 1.5),)), "II", config, on_progress=seen.append)
+        assert all((moment.parameters >= 0).all() for moment in seen)
+        zero = {"α": fit.parameters[0].alpha == 0, "β": fit.parameters[0].beta == 0}
+        for name, at_zero in zero.items():
+            assert (name in fit.active_bounds[0]) == at_zero
+
+
+class TestPaperPreset:
+    def test_settings_are_the_papers(self) -> None:
+        assert PAPER.learning_rate == 0.001
+        assert PAPER.initial == (1.0, 1.0, 1.0)
+        assert PAPER.iterations == 20_000
+        assert PAPER.weight_physics == PAPER.weight_data == (1.0, 1.0)
+
+    def test_the_test_part_is_kept_out_and_its_errors_are_reported(self) -> None:
+        fit = train(noisy(), "II", SHORT)
+        assert fit.arrays["test"].sum() == round(0.2 * 601)
+        assert fit.arrays["test"][0] == 0, "the first instant stays, as Ψ_R looks at it"
+        assert fit.loss["test_data"] > 0
+        assert fit.loss["test_physics"] >= 0
+        assert any("120 random instants" in note for note in fit.notes)
+
+    def test_what_is_kept_out_changes_nothing(self) -> None:
+        fit = train(noisy(), "II", SHORT)
+        bent = noisy().gaps.copy()
+        bent[fit.arrays["test"] == 1] += 50.0
+        other = train(segment_of(noisy().time, noisy().speeds, bent), "II", SHORT)
+        assert other.table().tobytes() == fit.table().tobytes()
+        assert other.loss["data"] == fit.loss["data"]
+        assert other.loss["test_data"] > fit.loss["test_data"] + 1000
+
+    def test_without_a_test_part_none_is_reported(self) -> None:
+        fit = train(noisy(), "II", replace(SHORT, test_share=0.0))
+        assert "test_data" not in fit.loss
+        assert "test" not in fit.arrays
+
+    def test_lbfgs_goes_on_searching_after_adam(self) -> None:
+        adam = train(noisy(), "II", replace(SHORT, iterations=100))
+        both = train(noisy(), "II", replace(SHORT, iterations=100, lbfgs_iterations=60))
+        assert both.iterations == 160
+        assert both.loss["total"] < 0.2 * adam.loss["total"]
+        history = both.history
+        assert history is not None
+        second = history.total[history.iteration >= 105]
+        assert (np.diff(second) < 0).all(), "each handful of its iterations lowers Ψ"
+
+    def test_cases_train_one_law_or_one_a_follower(self) -> None:
+        one, many = (train(driven(MIXED), case, SHORT) for case in ("I", "II"))
+        assert len(set(one.parameters)) == 1
+        assert len(set(many.parameters)) == 3
+        assert one.network_weights == many.network_weights == 7867
+
+
+class TestStore:
+    @pytest.mark.parametrize("stop_after", [0, 3, 11])
+    def test_stopped_and_continued_is_the_straight_run(
+        self, tmp_path: Path, stop_after: int
+    ) -> None:
+        """For `fast`: before the first round, among the exact rounds, and among the cycles."""
+        store = Store(tmp_path)
+        stopped = train(noisy(), store=store, should_stop=after(stop_after))
+        assert stopped.outcome is Outcome.STOPPED
+        assert (stopped.iterations > 50) == (stop_after == 11)
+        continued = train(noisy(), store=store)
+        assert_same_result(continued, train(noisy()))
+        note = f"Continued from iteration {stopped.iterations} of an earlier training."
+        assert note in continued.notes
+        assert not continued.cached
+
+    def test_stopped_and_continued_is_the_straight_run_for_the_paper_preset(
+        self, tmp_path: Path
+    ) -> None:
+        store = Store(tmp_path)
+        stopped = train(noisy(), "II", SHORT, store=store, should_stop=after(2))
+        assert stopped.iterations == 10
+        continued = train(noisy(), "II", SHORT, store=store)
+        assert_same_result(continued, train(noisy(), "II", SHORT))
+        assert continued.seconds > stopped.seconds
+
+    def test_a_stop_in_the_lbfgs_phase_continues_there(self, tmp_path: Path) -> None:
+        config = replace(SHORT, lbfgs_iterations=40)
+        store = Store(tmp_path)
+        stopped = train(noisy(), "II", config, store=store, should_stop=after(6))
+        assert stopped.iterations == 30
+        continued = train(noisy(), "II", config, store=store)
+        assert "Continued from iteration 30 of an earlier training." in continued.notes
+        assert continued.iterations == 60
+        assert continued.loss["total"] < stopped.loss["total"]
+
+    def test_a_longer_training_goes_on_where_a_shorter_one_ended(self, tmp_path: Path) -> None:
+        store = Store(tmp_path)
+        train(noisy(), "II", SHORT, store=store)
+        longer = replace(SHORT, iterations=40)
+        continued = train(noisy(), "II", longer, store=store)
+        assert "Continued from iteration 20 of an earlier training." in continued.notes
+        assert_same_result(continued, train(noisy(), "II", longer))
+
+    def test_a_shorter_training_leaves_a_longer_ones_checkpoint_alone(self, tmp_path: Path) -> None:
+        store = Store(tmp_path)
+        longer = replace(SHORT, iterations=60)
+        train(noisy(), "II", longer, store=store, should_stop=after(8))
+        shorter = train(noisy(), "II", SHORT, store=store)
+        assert_same_result(shorter, train(noisy(), "II", SHORT))
+        continued = train(noisy(), "II", longer, store=store)
+        assert "Continued from iteration 40 of an earlier training." in continued.notes
+
+    @pytest.mark.parametrize("config", [FAST, SHORT], ids=["fast", "paper"])
+    def test_an_identical_request_is_answered_from_the_cache(
+        self, tmp_path: Path, config: PinnConfig, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        first = train(noisy(), "II", config, store=Store(tmp_path))
+        assert not first.cached
+        monkeypatch.setattr(training, "RECIPES", {})  # nothing can be trained from here on
+        again = train(noisy(), "II", config, store=Store(tmp_path))
+        assert again.cached
+        assert_same_result(again, first)
+        assert again.seconds == first.seconds
+        assert again.notes == first.notes
+
+    @pytest.mark.parametrize("config", [FAST, SHORT], ids=["fast", "paper"])
+    def test_a_finished_training_whose_result_is_lost_is_not_trained_further(
+        self, tmp_path: Path, config: PinnConfig
+    ) -> None:
+        first = train(noisy(), "II", config, store=Store(tmp_path))
+        for path in tmp_path.glob("*.fit.npz"):
+            path.unlink()
+        again = train(noisy(), "II", config, store=Store(tmp_path))
+        assert not again.cached
+        assert_same_result(again, first)
+
+    def test_what_differs_in_any_way_is_another_request(self) -> None:
+        segment = noisy()
+        other_data = segment_of(segment.time, segment.speeds, segment.gaps + 1e-9)
+        requests: list[tuple[Segment, Case, PinnConfig]] = [
+            (segment, "II", FAST),
+            (segment, "I", FAST),
+            (other_data, "II", FAST),
+            (replace(segment, vehicles=(2, 3)), "II", FAST),
+            (segment, "II", PAPER),
+            (segment, "II", replace(FAST, seed=1)),
+            (segment, "II", replace(FAST, initial=(1.0, 1.0, 2.0))),
+            (segment, "II", replace(FAST, weight_data=(1.0, 2.0))),
+            (segment, "II", replace(FAST, iterations=601)),
+        ]
+        addresses = [address for request in requests for address in set(request_keys(*request))]
+        assert len(set(addresses)) == len(addresses)
+
+    def test_another_version_of_the_method_is_another_request(
+        self, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        before = request_keys(noisy(), "II", FAST)
+        monkeypatch.setattr(training, "METHOD_VERSION", training.METHOD_VERSION + 1)
+        assert not set(before) & set(request_keys(noisy(), "II", FAST))
+
+    def test_a_name_or_file_changes_nothing_so_it_is_the_same_request(self) -> None:
+        renamed = replace(noisy(), names=("A", "B"), source="elsewhere.csv")
+        assert request_keys(renamed, "II", FAST) == request_keys(noisy(), "II", FAST)
+
+    @pytest.mark.parametrize("name", ["fast", "paper"])
+    def test_a_checkpoint_no_training_can_use_is_set_aside(self, tmp_path: Path, name: str) -> None:
+        config = preset(name, iterations=20)
+        _, key = request_keys(noisy(), "II", config)
+        store = Store(tmp_path)
+        for foreign in (
+            {"anything": np.arange(3.0)},
+            {"history.rows": np.zeros((1, 6)), "history.tables": np.zeros((1, 1, 3))},
+        ):
+            store.messages.clear()
+            store.save_state(key, foreign)
+            fit = train(noisy(), "II", config, store=store)
+            assert_same_result(fit, train(noisy(), "II", config))
+            (message,) = store.messages
+            assert "set aside" in message
+            for path in tmp_path.glob("*.fit.npz"):
+                path.unlink()
+
+    def test_checkpoints_come_during_training(
+        self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        saved: list[float] = []
+
+        class Watched(Store):
+            def save_state(self, key: str, state: dict[str, Any]) -> None:
+                saved.append(float(state["history.rows"][-1][0]))
+                super().save_state(key, state)
+
+        monkeypatch.setattr(training, "CHECKPOINT_EVERY", 0.0)
+        train(noisy(), "II", SHORT, store=Watched(tmp_path))
+        assert saved == [5, 10, 15, 20]
+
+    def test_a_folder_that_cannot_be_written_costs_a_message_only(self, tmp_path: Path) -> None:
+        occupied = tmp_path / "file"
+        occupied.write_text("not a folder")
+        store = Store(occupied)
+        fit = train(noisy(), "II", SHORT, store=store)
+        assert_same_result(fit, train(noisy(), "II", SHORT))
+        assert any("could not be kept" in message for message in store.messages)
+
+
+class TestSettings:
+    @pytest.mark.parametrize(
+        ("changes", "sentence"),
+        [
+            ({"iterations": 0}, "iterations: 0 is not allowed; choose 1 to 1,000,000."),
+            ({"seed": -1}, "seed"),
+            ({"initial": (1.0, -0.1, 1.0)}, "three numbers"),
+            ({"initial": (1.0, float("nan"), 1.0)}, "three numbers"),
+            ({"initial": (1.0, 1.0)}, "three numbers"),
+            ({"learning_rate": 0.0}, "learning rate"),
+            ({"learning_rate": float("nan")}, "learning rate"),
+            ({"weight_data": (0.0, 1.0)}, "data weights"),
+            ({"weight_physics": (1.0, float("inf"))}, "weights"),
+            ({"weight_initial": -1.0}, "weights"),
+            ({"batch": 1}, "batch"),
+            ({"highest_frequency": 5.0}, "highest frequency"),
+            ({"test_share": 0.2}, "paper preset"),
+            ({"lbfgs_iterations": 10}, "paper preset"),
+        ],
+    )
+    def test_outside_their_range_are_refused_by_name(
+        self, changes: dict[str, Any], sentence: str
+    ) -> None:
+        with pytest.raises(ConfigError, match=sentence):
+            preset("fast", **changes)
+
+    def test_of_the_paper_preset_too(self) -> None:
+        with pytest.raises(ConfigError, match="test share"):
+            preset("paper", test_share=0.6)
+        with pytest.raises(ConfigError, match="L-BFGS iterations"):
+            preset("paper", lbfgs_iterations=-1)
+
+    def test_an_unknown_preset_is_refused(self) -> None:
+        with pytest.raises(ConfigError, match="choose fast or paper"):
+            preset("quick")
