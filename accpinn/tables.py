@@ -72,22 +72,22 @@ def quality_table(segment: Segment, quality: Quality, estimate: Fit) -> Table:
     """One row a follower: what the window tells, and the least-squares estimate from it."""
     columns = (
         Column("Follower"),
+        *(replace(column, group="Least squares estimate") for column in PARAMETER_COLUMNS),
         Column("Mean time gap", "s", 2),
         Column("Car-following", "%", 0),
         Column("Δv, std.", "m/s", 2),
         Column("Condition number", "", 0),
-        *(replace(column, group="Least squares estimate") for column in PARAMETER_COLUMNS),
     )
     rows: list[tuple[Cell, ...]] = []
     for k, label in enumerate(segment.labels[1:]):
         rows.append(
             (
                 label,
+                *_values(estimate.parameters[k]),
                 quality.mean_time_gap[k],
                 100 * quality.car_following[k],
                 quality.relative_deviation[k],
                 quality.condition[k],
-                *_values(estimate.parameters[k]),
             )
         )
     return Table("", columns, tuple(rows))

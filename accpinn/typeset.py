@@ -106,7 +106,7 @@ class Table:
         return "\n".join(lines) + "\n"
 
     def to_html(self) -> str:
-        """A table element of class "figures"; `STYLE` belongs to it."""
+        """A figure with caption and table, both of class "figures"; `STYLE` belongs to it."""
         body = "".join(
             f"<tr>{''.join(self._html_cells(index, cells))}</tr>"
             for index, cells in enumerate(self._shown())
@@ -116,10 +116,9 @@ class Table:
             for column in self.columns
         )
         return (
-            f'<div class="figures-frame"><table class="figures">'
-            f"{self._html_caption()}"
+            f'<figure class="figures">{self._html_caption()}<div><table class="figures">'
             f"<thead>{self._html_groups()}<tr>{headings}</tr></thead><tbody>{body}</tbody>"
-            "</table></div>"
+            "</table></div></figure>"
         )
 
     def _shown(self) -> list[list[str]]:
@@ -143,7 +142,7 @@ class Table:
         return [f"    {' & '.join(heads)} \\\\", f"    {' '.join(rules)}"]
 
     def _html_caption(self) -> str:
-        return f"<caption>{html.escape(self.caption)}</caption>" if self.caption else ""
+        return f"<figcaption>{html.escape(self.caption)}</figcaption>" if self.caption else ""
 
     def _html_groups(self) -> str:
         cells = "".join(
@@ -163,15 +162,17 @@ class Table:
 
 
 STYLE = """<style>
-.figures-frame { overflow-x: auto; }
+figure.figures { margin: 0; }
+figure.figures > div { overflow-x: auto; }
+figure.figures figcaption { padding: 0 0 .35rem; font-weight: 600; }
 table.figures { border-collapse: collapse; width: 100%; font-variant-numeric: tabular-nums; }
-table.figures caption { text-align: left; padding: 0 0 .35rem; font-weight: 600; }
 table.figures th, table.figures td { padding: .32rem .7rem; text-align: left; white-space: nowrap;
   border: 0; }
 table.figures .number { text-align: right; }
 table.figures th { font-weight: 600; vertical-align: bottom; white-space: normal; }
 table.figures th small { font-weight: 400; opacity: .75; white-space: nowrap; }
-table.figures th.group { text-align: center; border-bottom: 1px solid rgba(128, 140, 155, .45); }
+table.figures th.group { text-align: center; white-space: nowrap;
+  border-bottom: 1px solid rgba(128, 140, 155, .45); }
 table.figures thead tr:last-child th { border-bottom: 1px solid rgba(128, 140, 155, .8); }
 table.figures tbody tr + tr td { border-top: 1px solid rgba(128, 140, 155, .25); }
 table.figures td i { display: inline-block; width: .7em; height: .7em; border-radius: 50%;

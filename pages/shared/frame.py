@@ -28,6 +28,7 @@ _ICONS = {
 
 _STYLE = """<style>
 .stMainBlockContainer { padding-top: 4.2rem; padding-bottom: 3rem; max-width: 86rem; }
+[data-testid="stStatusWidget"] { display: none; }
 .vehicle-key { display: flex; flex-wrap: wrap; gap: .2rem 1.1rem; font-size: .875rem; }
 .vehicle-key span { white-space: nowrap; }
 .vehicle-key .faint { opacity: .5; }

@@ -70,8 +70,10 @@ class Camera:
 def upload(page: Page, file: Path) -> None:
     """Open a file on the Data page, whichever state that is in."""
     choice = page.get_by_text("Upload", exact=True)
+    closed = page.get_by_text("Open another recording")
+    choice.or_(closed).first.wait_for()
     if not choice.is_visible():
-        page.get_by_text("Open another recording").click()
+        closed.click()
     choice.click()
     page.locator('input[type="file"]').set_input_files(file)
     opened = page.locator("strong").filter(has_text=file.name)
@@ -84,7 +86,7 @@ def home(camera: Camera) -> None:
         page.locator(".js-plotly-plot").wait_for()
         camera.shoot(page, "home", whole=False)
         page.get_by_role("button", name="Train a sample now").click()
-        page.locator("table.figures").first.wait_for()
+        page.get_by_text("Surrogate fit, MAE").first.wait_for()
         idle(page)
         camera.shoot(page, "train_sample_fold", whole=False)
         camera.shoot(page, "train_sample")
@@ -148,7 +150,7 @@ def real(camera: Camera) -> None:
         upload(page, REAL / "Casale" / "part7.csv")
         camera.shoot(page, "data_casale")
         page.get_by_role("button", name="Train on this window").click()
-        page.locator("table.figures").first.wait_for()
+        page.get_by_text("Surrogate fit, MAE").first.wait_for()
         idle(page)
         camera.shoot(page, "train_casale")
 
