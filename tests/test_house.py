@@ -43,6 +43,7 @@ ORDER = (
     "figures_training",
     "figures_stability",
     "figures_platoon",
+    "figures_wave",
     "snapshot",
     "report",
     "cli",

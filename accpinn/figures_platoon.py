@@ -1,0 +1,228 @@
+"""A simulated platoon as plotly figures: profiles, amplitudes, speeds at a glance, the paper's."""
+
+import colorsys
+import html
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import plotly.graph_objects as go
+from numpy.typing import NDArray
+from plotly.subplots import make_subplots
+
+from accpinn.channels import GAP, SPEED, TIME
+from accpinn.figures import FOLLOWERS, LEADER, finished, thinned
+from accpinn.figures_stability import colours
+from accpinn.platoon import PlatoonRun, Sinusoid, simulate
+from accpinn.published import ASTAZERO, LawSet
+from accpinn.units import FloatArray, Metres
+
+CLOSE: Metres = 5.0
+"""Gaps below this make the figure show where zero is."""
+POINTS = 1000
+"""Drawn per line of a profile."""
+COLUMNS = 240
+"""Instants of the map of speeds."""
+STRIPES = 8
+"""Periods of a sinusoid on it: more would hide how the wave slants."""
+PANEL_POINTS = 500
+"""Drawn per line of the paper's panels."""
+PANEL_FOLLOWERS = 8
+PANELS = ((2, 0.25), (2, 0.3), (3, 0.25), (3, 0.3))
+"""AstaZero vehicle, by its index, and frequency in rad/s; row by row the paper's (a) (c) (b) (d)."""
+MEANINGLESS = "rgba(216, 102, 12, 0.13)"
+SLOWER, FASTER = FOLLOWERS[1], FOLLOWERS[0]
+SPEED_SCALE = [[0.0, SLOWER], [0.5, "rgba(140, 150, 162, 0.25)"], [1.0, FASTER]]
+LIGHTEST, DARKEST = 0.70, 0.33
+"""Lightness of the shades of one colour, between what white and what dark pages swallow."""
+SOFTENED = 0.8
+"""Saturation of the shades, relative to the colour's."""
+
+
+@dataclass(frozen=True)
+class Cast:
+    """Names and colours of a leader and its M followers, M+1 each."""
+
+    names: tuple[str, ...]
+    """Ready for plotly, which reads a little HTML."""
+    colours: tuple[str, ...]
+
+
+def cast_of(laws: LawSet, order: Sequence[int]) -> Cast:
+    """Followers by their indices in ``laws``; who drives more than once gets shades of a colour."""
+    total, seen = Counter(order), Counter[int]()
+    names, paints = ["Leader"], [LEADER]
+    for place, k in enumerate(order, 1):
+        names.append(f"{place} {html.escape(laws.labels[k])}")
+        share = seen[k] / (total[k] - 1) if total[k] > 1 else None
+        paints.append(_shade(colours(laws)[k], share))
+        seen[k] += 1
+    return Cast(tuple(names), tuple(paints))
+
+
+def _shade(colour: str, share: float | None) -> str:
+    """From light to dark as ``share`` goes from 0 to 1; the colour itself without one."""
+    if share is None:
+        return colour
+    red, green, blue = (int(colour[i : i + 2], 16) / 255 for i in (1, 3, 5))
+    hue, _, saturation = colorsys.rgb_to_hls(red, green, blue)
+    lightness = LIGHTEST + share * (DARKEST - LIGHTEST)
+    rgb = colorsys.hls_to_rgb(hue, lightness, SOFTENED * saturation)
+    return "#" + "".join(f"{round(255 * part):02x}" for part in rgb)
+
+
+def profiles(run: PlatoonRun, cast: Cast) -> go.Figure:
+    """Speeds of all vehicles, and the gaps of the followers, over time."""
+    driven = run.trajectories
+    figure = make_subplots(
+        rows=2, cols=1, shared_xaxes=True, row_heights=[0.58, 0.42], vertical_spacing=0.06
+    )
+    for k in _back_to_front(len(cast.names)):
+        _line(figure, driven.time, driven.speeds[:, k], cast, k, 1, 1)
+        if k:
+            _line(figure, driven.time, driven.gaps[:, k - 1], cast, k, 2, 1)
+    if run.minimum_gap.min() < CLOSE:
+        figure.add_hline(y=0, line={"color": SLOWER, "width": 1.5, "dash": "dash"}, row=2, col=1)
+    if run.collisions:
+        _mark_collision(figure, run)
+    figure.update_yaxes(title_text=SPEED.axis, row=1, col=1)
+    figure.update_yaxes(title_text=GAP.axis, row=2, col=1)
+    figure.update_xaxes(title_text=TIME.axis, row=2, col=1)
+    return finished(figure, 540, "platoon-profiles").update_layout(margin_t=26)
+
+
+def _mark_collision(figure: go.Figure, run: PlatoonRun) -> None:
+    """What comes after the first one is shaded."""
+    start, end = run.collisions[0].time, float(run.trajectories.time[-1])
+    figure.add_vrect(x0=start, x1=end, fillcolor=MEANINGLESS, line_width=0, row="all", col=1)
+    figure.add_annotation(
+        text="collision", x=start, y=1, xref="x", yref="y domain", xanchor="left", yanchor="bottom",
+        showarrow=False,
+    )  # fmt: skip
+
+
+def _back_to_front(vehicles: int) -> list[int]:
+    """Who is drawn in which order: the leader last, on top."""
+    return [*range(1, vehicles), 0]
+
+
+def _line(
+    figure: go.Figure, time: FloatArray, values: FloatArray, cast: Cast, k: int, row: int, col: int,
+    points: int = POINTS,
+) -> None:  # fmt: skip
+    x, y = thinned(time, values, points)
+    figure.add_scatter(
+        x=x.astype(np.float32), y=y.astype(np.float32), name=cast.names[k], mode="lines",
+        line={"color": cast.colours[k], "width": 1.5 if k else 2.5},
+        hovertemplate="%{y:.2f}", row=row, col=col,
+    )  # fmt: skip
+
+
+def amplitude_course(run: PlatoonRun, cast: Cast, in_db: bool) -> go.Figure:
+    """How large the disturbance is at each vehicle: simulated, and predicted where H tells."""
+    wave = run.amplitudes
+    measured = wave.measured if wave else run.largest_deviation
+    figure = go.Figure()
+    places = np.arange(len(cast.names))
+    scale = _decibels if in_db else _as_is
+    unit = "dB" if in_db else "m/s"
+    if wave:
+        figure.add_scatter(
+            x=places, y=scale(wave.predicted), name="Predicted by |H(jω)|", mode="lines",
+            line={"color": LEADER, "width": 2.5},
+            hovertemplate=f"predicted %{{y:.3f}} {unit}<extra></extra>",
+        )  # fmt: skip
+    figure.add_scatter(
+        x=places, y=scale(measured), name="Simulated", mode="markers" if wave else "lines+markers",
+        text=cast.names, marker={"size": 10, "color": cast.colours},
+        line={"color": LEADER, "width": 1.5},
+        hovertemplate=f"%{{text}}<br>simulated %{{y:.3f}} {unit}<extra></extra>",
+    )  # fmt: skip
+    what = "Amplitude of speed" if wave else "Largest speed deviation"
+    figure.update_yaxes(title_text=f"{what} [{'dB re leader' if in_db else unit}]",
+                        rangemode="normal" if in_db else "tozero")  # fmt: skip
+    figure.update_xaxes(title_text="Follower (0 = leader)", dtick=1 if len(places) < 14 else 2)
+    figure = finished(figure, 380, "platoon-amplitude")
+    legend = {"orientation": "h", "x": 0, "y": 1.0, "yanchor": "bottom"}
+    return figure.update_layout(
+        hovermode="closest", showlegend=wave is not None, legend=legend, margin_t=40
+    )
+
+
+def _as_is(values: FloatArray) -> FloatArray:
+    return values
+
+
+def _decibels(values: FloatArray) -> FloatArray:
+    """Relative to the leader's; nan where there is nothing to compare."""
+    base = values[0] if values[0] > 0 else np.nan
+    return np.asarray(20 * np.log10(np.maximum(values / base, 1e-12)))
+
+
+def speed_map(run: PlatoonRun, cast: Cast) -> go.Figure:
+    """Who is faster or slower than the platoon's first speed, when: the wave as stripes."""
+    driven = run.trajectories
+    rows = _first_stretch(run)
+    deviation = (driven.speeds[rows] - run.leader.speed).T
+    limit = float(np.abs(deviation).max()) or 1.0
+    figure = go.Figure(
+        go.Heatmap(
+            x=driven.time[rows].astype(np.float32), y=np.arange(len(cast.names)),
+            z=deviation.astype(np.float32), zmin=-limit, zmax=limit, colorscale=SPEED_SCALE,
+            colorbar={"title": {"text": "Δ speed [m/s]", "side": "right"}, "thickness": 12},
+            ygap=1, hovertemplate="vehicle %{y} at %{x:.0f} s: %{z:+.2f} m/s<extra></extra>",
+        )
+    )  # fmt: skip
+    figure.update_xaxes(title_text=TIME.axis)
+    figure.update_yaxes(title_text="Follower (0 = leader)", autorange="reversed",
+                        dtick=1 if len(cast.names) < 14 else 2)  # fmt: skip
+    return finished(figure, 380, "platoon-map").update_layout(hovermode="closest")
+
+
+def _first_stretch(run: PlatoonRun) -> NDArray[np.intp]:
+    """Samples from just before the disturbance on, and of a sinusoid no more than can be told."""
+    time, leader = run.trajectories.time, run.leader
+    start, end = 0.0, float(time[-1])
+    if isinstance(leader, Sinusoid):
+        start = min(max(0.0, leader.settle - leader.period / 2), end)
+        end = min(end, start + STRIPES * leader.period)
+    instants = np.linspace(start, end, COLUMNS)
+    return np.unique(np.clip(np.searchsorted(time, instants - 1e-9), 0, len(time) - 1))
+
+
+def paper_panels() -> go.Figure:
+    """The paper's four panels: eight times one AstaZero vehicle behind a sinusoid of 1 m/s."""
+    runs = [
+        simulate([ASTAZERO.parameters[k]] * PANEL_FOLLOWERS, Sinusoid(frequency))
+        for k, frequency in PANELS
+    ]
+    titles = [
+        f"({letter}) {ASTAZERO.labels[k]} at {frequency:g} rad/s: {_fate(run)}"
+        for letter, (k, frequency), run in zip("acbd", PANELS, runs, strict=True)
+    ]
+    figure = make_subplots(
+        rows=2, cols=2, shared_xaxes=True, shared_yaxes=True, subplot_titles=titles,
+        vertical_spacing=0.11, horizontal_spacing=0.06,
+    )  # fmt: skip
+    for place, ((k, _), run) in enumerate(zip(PANELS, runs, strict=True)):
+        cast, driven = cast_of(ASTAZERO, [k] * PANEL_FOLLOWERS), run.trajectories
+        row, col = place // 2 + 1, place % 2 + 1
+        for who in _back_to_front(PANEL_FOLLOWERS + 1):
+            values = driven.speeds[:, who]
+            _line(figure, driven.time, values, cast, who, row, col, PANEL_POINTS)
+    figure.update_annotations(font_size=13, xanchor="left", x=0)
+    for note, col in zip(figure.layout.annotations, (1, 2, 1, 2), strict=True):
+        note.x = figure.layout["xaxis" if col == 1 else "xaxis2"].domain[0]
+    figure.update_xaxes(title_text=TIME.axis, row=2)
+    figure.update_yaxes(title_text=SPEED.axis, col=1)
+    return finished(figure, 620, "platoon-panels").update_layout(margin_t=34)
+
+
+def _fate(run: PlatoonRun) -> str:
+    """What has become of the wave at the last follower."""
+    size = run.amplitudes
+    if size is None or not size.periods:
+        return "not settled"
+    ratio = size.measured[-1] / size.measured[0]
+    return f"{'grows' if ratio > 1 else 'fades'} to {size.measured[-1]:.2f} m/s"

@@ -1,0 +1,63 @@
+"""Platoon: a row of the vehicles behind a leader, and what becomes of its disturbance."""
+
+import streamlit as st
+
+from accpinn import figures_platoon as figures
+from accpinn import figures_wave
+from pages.shared import frame
+from pages.shared.laws import choose_laws
+from pages.shared.platoon_leader import choose_leader
+from pages.shared.platoon_order import choose_order
+from pages.shared.platoon_words import (
+    choose_panels,
+    choose_scale,
+    driven,
+    show_course,
+    show_panels,
+)
+
+CHART = {"displayModeBar": False}
+
+
+def main() -> None:
+    workspace = frame.begin(
+        "Platoon", "What a row of these vehicles makes of a disturbance of its leader."
+    )
+    if workspace.drive.panels:
+        show_panels(workspace)
+        return
+    laws = choose_laws(workspace, "platoon")
+    if laws is None:
+        return
+    controls, chart = st.columns((1, 2.6), gap="medium")
+    with controls:
+        order = choose_order(workspace, laws)
+        platoon = [laws.parameters[k] for k in order or ()]
+        leader = choose_leader(workspace, platoon) if order else None
+        choose_panels(workspace)
+    with chart:
+        run = driven(platoon, leader)
+        if run is None or order is None:
+            return
+        cast = figures.cast_of(laws, order)
+        show_course(run, laws, order)
+        st.plotly_chart(figures.profiles(run, cast), key="platoon_profiles", config=CHART)
+    left, right = st.columns(2, gap="large")
+    with left:
+        in_db = choose_scale(workspace, run)
+        st.plotly_chart(
+            figures.amplitude_course(run, cast, in_db), key="platoon_amplitude", config=CHART
+        )
+    with right:
+        st.subheader("The wave in time", anchor=False)
+        st.caption("Each vehicle's speed against the speed before the disturbance.")
+        st.plotly_chart(figures.speed_map(run, cast), key="platoon_map", config=CHART)
+    st.subheader("The wave on the road", anchor=False)
+    st.caption(
+        "Seen from the leader: press Play or drag the slider. Cars are drawn"
+        f" {figures_wave.CAR_LENGTH:g} m long; the gaps between them are those simulated."
+    )
+    st.plotly_chart(figures_wave.animation(run, cast), key="platoon_wave", config=CHART)
+
+
+main()

@@ -1,0 +1,116 @@
+"""What a simulated platoon tells in words, and the paper's four panels."""
+
+from collections.abc import Sequence
+
+import streamlit as st
+
+from accpinn import figures_platoon as figures
+from accpinn.cthp import Parameters
+from accpinn.errors import AccpinnError
+from accpinn.platoon import Leader, PlatoonRun, simulate
+from accpinn.published import ASTAZERO, LawSet
+from pages.shared.frame import show_key
+from pages.shared.text import bullets, plain
+from pages.shared.workspace import Workspace, hold
+
+EVEN = 0.005
+"""An amplitude that differs by less is called as large as the leader's."""
+
+
+def driven(platoon: Sequence[Parameters], leader: Leader | None) -> PlatoonRun | None:
+    """The simulation; None, with a sentence, where there can be none."""
+    if not platoon or leader is None:
+        return None
+    try:
+        return simulate(platoon, leader)
+    except AccpinnError as fault:
+        st.error(plain(str(fault)), icon=":material/error:")
+        return None
+
+
+def show_course(run: PlatoonRun, laws: LawSet, order: Sequence[int]) -> None:
+    """The answer, what to beware of, and which colour is whom."""
+    with st.container(border=True):
+        st.markdown(f"#### {headline(run)}")
+        st.markdown(gap_line(run, laws, order))
+    if run.warnings:
+        st.warning(bullets(run.warnings), icon=":material/warning:")
+    cast = figures.cast_of(laws, order)
+    names = ["Leader", *(f"{place} {laws.labels[k]}" for place, k in enumerate(order, 1))]
+    show_key(list(zip(names, cast.colours, strict=True)))
+
+
+def headline(run: PlatoonRun) -> str:
+    """What has become of the disturbance at the last follower."""
+    wave = run.amplitudes
+    sizes = wave.measured if wave and wave.periods else run.largest_deviation
+    what = "oscillation" if wave else "largest speed deviation"
+    if not sizes[0] > 0:
+        return "The leader keeps its speed, so nothing happens."
+    ratio, size = sizes[-1] / sizes[0], f"{sizes[-1]:.3g} m/s against {sizes[0]:.3g} m/s"
+    if abs(ratio - 1) < EVEN:
+        return f"The last follower's {what} is as large as the leader's: {size}."
+    verb = "grows" if ratio > 1 else "fades"
+    return f"The {what} {verb} to {ratio:.3g} times the leader's: {size}."
+
+
+def gap_line(run: PlatoonRun, laws: LawSet, order: Sequence[int]) -> str:
+    """The smallest gap, and for a sinusoid what the response predicts."""
+    k = int(run.minimum_gap.argmin())
+    line = (
+        f"The smallest gap is {run.minimum_gap[k]:.1f} m, follower {k + 1}"
+        f" ({plain(laws.labels[order[k]])}) at {run.minimum_gap_time[k]:.0f} s."
+    )
+    wave = run.amplitudes
+    if wave is None:
+        return line
+    return f"|H| predicts {wave.predicted[-1]:.4g} m/s for the last follower. {line}"
+
+
+def choose_scale(workspace: Workspace, run: PlatoonRun) -> bool:
+    """Whether amplitudes are drawn in dB; with their heading."""
+    drive = workspace.drive
+    st.subheader("Amplitude along the platoon", anchor=False)
+    with st.container(horizontal=True, vertical_alignment="center"):
+        st.toggle(
+            "in dB",
+            key=hold("platoon_db", drive.in_db),
+            on_change=lambda: drive.change(in_db=st.session_state["platoon_db"]),
+        )
+        wave = run.amplitudes
+        if wave and wave.periods:
+            periods = "period" if wave.periods == 1 else f"{wave.periods} periods"
+            st.caption(f"Measured over the last {periods}, after the transient.")
+    return drive.in_db
+
+
+def choose_panels(workspace: Workspace) -> None:
+    """The way to the paper's figure."""
+    st.button(
+        "The paper's four panels",
+        icon=":material/grid_view:",
+        key="platoon_panels",
+        on_click=lambda: workspace.drive.change(panels=True),
+    )
+
+
+def show_panels(workspace: Workspace) -> None:
+    """The paper's figure of eight vehicles behind a sinusoid."""
+    st.button(
+        "Back to my platoon",
+        icon=":material/arrow_back:",
+        key="platoon_back",
+        on_click=lambda: workspace.drive.change(panels=False),
+    )
+    st.subheader("The paper's four panels", anchor=False)
+    st.caption(
+        f"Eight times one vehicle of {ASTAZERO.title} behind a leader that drives 20 m/s for 20 s"
+        " and then a sinusoid of 1 m/s. Neither vehicle is string stable; which disturbances"
+        " grow depends on their frequency."
+    )
+    vehicles = sorted({k for k, _ in figures.PANELS})
+    show_key(
+        [("Leader", figures.LEADER)]
+        + [(ASTAZERO.labels[k], figures.colours(ASTAZERO)[k]) for k in vehicles]
+    )
+    st.plotly_chart(figures.paper_panels(), key="platoon_paper", config={"displayModeBar": False})
