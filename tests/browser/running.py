@@ -1,6 +1,7 @@
 """The app as a process of its own, and a browser that looks at it."""
 
 import os
+import re
 import socket
 import subprocess
 import sys
@@ -22,6 +23,8 @@ FLAGS = [
     "--disable-sync",
     "--no-first-run",
 ]
+PROBE = re.compile(r"/\w+/_stcore/(health|host-config)$")
+"""On a direct link to a page, Streamlit first asks below that page where the server is."""
 PATIENCE_MS = 20_000
 """How long the page may take to show something; the machine may be busy."""
 
@@ -82,8 +85,9 @@ def watched(page: Page) -> list[str]:
     faults: list[str] = []
 
     def heard(message: ConsoleMessage) -> None:
-        if message.type == "error":
-            faults.append(f"{message.text} ({message.location.get('url', '')})")
+        url = message.location.get("url", "")
+        if message.type == "error" and not PROBE.search(url):
+            faults.append(f"{message.text} ({url})")
 
     page.on("console", heard)
     page.on("pageerror", lambda fault: faults.append(str(fault)))
