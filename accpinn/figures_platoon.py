@@ -30,7 +30,7 @@ PANEL_POINTS = 500
 """Drawn per line of the paper's panels."""
 PANEL_FOLLOWERS = 8
 PANELS = ((2, 0.25), (2, 0.3), (3, 0.25), (3, 0.3))
-"""AstaZero vehicle, by its index, and frequency in rad/s; row by row the paper's (a) (c) (b) (d)."""
+"""AstaZero vehicle, by its index, and frequency in rad/s; row by row (a), (c), (b), (d)."""
 MEANINGLESS = "rgba(216, 102, 12, 0.13)"
 SLOWER, FASTER = FOLLOWERS[1], FOLLOWERS[0]
 SPEED_SCALE = [[0.0, SLOWER], [0.5, "rgba(140, 150, 162, 0.25)"], [1.0, FASTER]]

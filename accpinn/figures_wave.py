@@ -52,9 +52,9 @@ def animation(run: PlatoonRun, cast: Cast) -> go.Figure:
         for moment, picture in zip(moments, pictures, strict=True)
     ]
     _ranges(figure, behind, speeds)
-    figure = finished(figure, 430, "platoon-wave")
+    figure = finished(figure, 490, "platoon-wave")
     return figure.update_layout(
-        hovermode="closest", margin_b=96, updatemenus=[_buttons()], sliders=[_slider(moments)]
+        hovermode="closest", margin_b=156, updatemenus=[_buttons()], sliders=[_slider(moments)]
     )
 
 
@@ -101,10 +101,10 @@ def _motion(duration: int) -> dict[str, Any]:
 
 def _buttons() -> dict[str, Any]:
     play = {"label": "▶ Play", "method": "animate", "args": [None, _motion(FRAME_MS)]}
-    pause = {"label": "❚❚ Pause", "method": "animate", "args": [[None], _motion(0)]}
+    pause = {"label": "Pause", "method": "animate", "args": [[None], _motion(0)]}
     return {
         "type": "buttons", "direction": "left", "buttons": [play, pause], "showactive": False,
-        "x": 0, "xanchor": "left", "y": 0, "yanchor": "top", "pad": {"t": 52, "r": 8},
+        "x": 0, "xanchor": "left", "y": 0, "yanchor": "top", "pad": {"t": 112, "r": 8},
         "bgcolor": "rgba(128, 140, 155, 0.18)", "borderwidth": 0,
     }  # fmt: skip
 
@@ -114,8 +114,10 @@ def _slider(moments: Sequence[str]) -> dict[str, Any]:
         {"label": moment, "method": "animate", "args": [[moment], _motion(0)]} for moment in moments
     ]
     return {
-        "steps": steps, "x": 0.2, "len": 0.8, "y": 0, "yanchor": "top", "pad": {"t": 40},
+        "steps": steps, "x": 0, "len": 1, "y": 0, "yanchor": "top", "pad": {"t": 58},
         "ticklen": 0, "minorticklen": 0, "bordercolor": "rgba(0,0,0,0)",
         "bgcolor": "rgba(128, 140, 155, 0.35)", "font": {"color": "rgba(0,0,0,0)"},
-        "currentvalue": {"prefix": "t = ", "suffix": " s", "font": {"color": LEADER}},
+        "currentvalue": {
+            "prefix": "t = ", "suffix": " s", "xanchor": "right", "font": {"color": LEADER},
+        },
     }  # fmt: skip
