@@ -50,6 +50,18 @@ class History:
 
 
 @dataclass(frozen=True, eq=False)
+class Course:
+    """Parameters over time, as an online method followed them; K instants."""
+
+    time: FloatArray
+    """(K,) in s from the segment's start."""
+    parameters: FloatArray
+    """(K, M, 3): α, β, τ per follower; nan where the method cannot tell yet."""
+    deviation: FloatArray | None = None
+    """(K, M, 3): the method's own standard deviations, where it has them."""
+
+
+@dataclass(frozen=True, eq=False)
 class Progress:
     """One moment of a running estimation, handed to whoever watches."""
 
@@ -93,6 +105,8 @@ class Fit:
     active_bounds: tuple[tuple[str, ...], ...] = ()
     """Per follower, which of α, ατ, β stand at zero only because of the constraints."""
     history: History | None = None
+    course: Course | None = None
+    """What an online method estimated at each instant; None for batch methods."""
     iterations: int = 0
     network_weights: int = 0
     cached: bool = False

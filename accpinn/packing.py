@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from accpinn.cthp import Parameters, Trajectories
-from accpinn.fit import Fit, History, Outcome
+from accpinn.fit import Course, Fit, History, Outcome
 
 Arrays = dict[str, NDArray[np.generic]]
 
@@ -32,6 +32,11 @@ def pack_fit(fit: Fit) -> Arrays:
         arrays["surrogate.gaps"] = fit.surrogate.gaps
     if fit.history:
         arrays |= {f"history.{name}": getattr(fit.history, name) for name in _HISTORY}
+    if fit.course:
+        arrays["course.time"] = fit.course.time
+        arrays["course.parameters"] = fit.course.parameters
+        if fit.course.deviation is not None:
+            arrays["course.deviation"] = fit.course.deviation
     return arrays | {f"array.{name}": values for name, values in fit.arrays.items()}
 
 
@@ -50,6 +55,14 @@ def unpack_fit(arrays: Arrays) -> Fit:
     history = None
     if "history.iteration" in arrays:
         history = History(**{n: np.asarray(arrays[f"history.{n}"], float) for n in _HISTORY})
+    course = None
+    if "course.time" in arrays:
+        deviation = arrays.get("course.deviation")
+        course = Course(
+            np.asarray(arrays["course.time"], float),
+            np.asarray(arrays["course.parameters"], float),
+            None if deviation is None else np.asarray(deviation, float),
+        )
     return Fit(
         **{name: text[name] for name in _PLAIN},
         parameters=_parameters(arrays["parameters"]),
@@ -58,6 +71,7 @@ def unpack_fit(arrays: Arrays) -> Fit:
         outcome=Outcome[text["outcome"]],
         active_bounds=tuple(tuple(names) for names in text["active_bounds"]),
         history=history,
+        course=course,
         notes=tuple(text["notes"]),
         arrays={
             name.removeprefix("array."): np.asarray(values)
