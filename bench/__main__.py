@@ -14,6 +14,7 @@ from typing import Any
 
 import torch
 
+from bench import stability
 from bench.cases import CASES, folder
 from bench.speed import PAPER_ITERATIONS, measure
 
@@ -47,11 +48,14 @@ def main() -> int:
         "torch": torch.__version__,
         "python": platform.python_version(),
     }
+    quick = stability.measure()
     if options.json:
-        print(json.dumps({"machine": machine, "speed": rows}, indent=2))
+        document = {"machine": machine, "training": rows, "stability": [asdict(t) for t in quick]}
+        print(json.dumps(document, indent=2))
     else:
-        print(_text(machine, rows))
-    return int(any(row["least_ratio"] and row["ratio"] < row["least_ratio"] for row in rows))
+        print(_text(machine, rows), "", stability.text(quick), sep="\n")
+    slow = any(row["least_ratio"] and row["ratio"] < row["least_ratio"] for row in rows)
+    return int(slow or not all(timing.fast_enough for timing in quick))
 
 
 def _text(machine: dict[str, Any], rows: list[dict[str, Any]]) -> str:
