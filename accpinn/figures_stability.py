@@ -37,7 +37,18 @@ FLOOR, CEILING = -12.0, 40.0
 """Lowest and highest dB in sight."""
 ALONG = 240
 """Points of a boundary."""
-UNDERNEATH = {"orientation": "h", "x": 0, "y": 1.0, "yanchor": "bottom"}
+CRITERIA_KEY = (
+    ("L2: criterion, peak of |H|", L2),
+    ("L∞: the paper's criterion", PAPER),
+    ("L∞: exact gain ‖h‖₁", EXACT),
+)
+"""What the lines of the figures below mean; a page shows it above them."""
+MAP_KEY = (
+    ("L2", L2),
+    ("L∞, the paper's criterion", PAPER),
+    ("L∞, exact", EXACT),
+    ("only peaks grow", "rgba(214, 140, 40, 0.55)"),
+)
 
 
 def colours(laws: LawSet) -> tuple[str, ...]:
@@ -67,10 +78,7 @@ def bode(laws: LawSet, report: StabilityReport) -> go.Figure:
         layer="below",
     )  # fmt: skip
     figure.add_shape(type="line", xref="paper", x0=0, x1=1, y0=0, y1=0, line=EVEN, layer="below")
-    figure.add_annotation(
-        text="amplified", xref="paper", x=0.995, y=top, xanchor="right", yanchor="top",
-        showarrow=False,
-    )  # fmt: skip
+    _say(figure, "amplified", 0.995, 0.995)
     figure.update_xaxes(
         type="log", title_text="Frequency ω [rad/s]", range=np.log10(omega[[0, -1]]).tolist(),
         tickvals=TICKS, ticktext=[f"{tick:g}" for tick in TICKS],
@@ -159,8 +167,7 @@ def criteria_course(laws: LawSet, report: StabilityReport) -> go.Figure:
     places = list(range(1, len(laws) + 1))
     figure.update_xaxes(tickvals=places, range=[0.7, len(laws) + 0.3])
     figure.update_xaxes(title_text="Follower", row=2, col=1)
-    figure = finished(figure, 470, "criteria")
-    return figure.update_layout(showlegend=True, legend=UNDERNEATH, margin_t=60)
+    return finished(figure, 400, "criteria")
 
 
 def _course(
@@ -202,10 +209,17 @@ def stability_map(laws: LawSet, report: StabilityReport, held: int, plane: Plane
     title = "β, gain on relative speed [1/s]" if plane == "beta" else "α, gain on spacing [1/s²]"
     figure.update_xaxes(title_text=title, range=[0, right])
     figure.update_yaxes(title_text="τ, time headway [s]", range=[0, top])
-    figure = finished(figure, 470, f"map-{plane}-{held}")
-    return figure.update_layout(
-        hovermode="closest", showlegend=True, legend=UNDERNEATH, margin_t=60
-    )
+    _say(figure, "something grows", 0.015 if plane == "beta" else 0.985, 0.015)  # beside hatching
+    _say(figure, "nothing grows", 0.985, 0.985)
+    return finished(figure, 400, f"map-{plane}-{held}").update_layout(hovermode="closest")
+
+
+def _say(figure: go.Figure, text: str, x: float, y: float) -> None:
+    """A few words in a corner of the axes."""
+    figure.add_annotation(
+        text=text, xref="x domain", x=x, xanchor="left" if x < 0.5 else "right",
+        yref="y domain", y=y, yanchor="bottom" if y < 0.5 else "top", showarrow=False,
+    )  # fmt: skip
 
 
 def _highest(laws: LawSet, report: StabilityReport, held: int) -> float:
@@ -220,29 +234,25 @@ def _regions(figure: go.Figure, edges: Boundaries, top: float) -> None:
     """Shades from below: something grows, only peaks grow, nothing grows; hatched: disagreement."""
     exact = np.minimum(edges.linf_exact, 2 * top)
     layers = (
-        (np.zeros_like(exact), None, ""),
-        (np.minimum(edges.l2, 2 * top), GROWS, "some frequencies grow"),
-        (exact, PEAKS_GROW, "only peaks grow"),
-        (np.maximum(exact, 2 * top), STABLE, "nothing grows"),
+        (np.zeros_like(exact), None),
+        (np.minimum(edges.l2, 2 * top), GROWS),
+        (exact, PEAKS_GROW),
+        (np.maximum(exact, 2 * top), STABLE),
     )
-    for values, fill, name in layers:
-        _band(figure, edges.along, values, name, fillcolor=fill)
+    for values, fill in layers:
+        _band(figure, edges.along, values, fillcolor=fill, fill="tonexty" if fill else None)
     paper = np.minimum(edges.linf_paper, exact)
     if (paper < exact).any():
-        _band(figure, edges.along, paper, "")
-        pattern = {"shape": "/", "fgcolor": PAPER, "bgcolor": "rgba(0,0,0,0)", "size": 9,
-                   "solidity": 0.12}  # fmt: skip
-        _band(figure, edges.along, exact, "stable to the paper only", fillpattern=pattern,
-              fillcolor="rgba(0,0,0,0)")  # fmt: skip
+        clear = "rgba(0,0,0,0)"
+        pattern = {"shape": "/", "fgcolor": PAPER, "bgcolor": clear, "size": 9, "solidity": 0.12}
+        _band(figure, edges.along, paper)
+        _band(figure, edges.along, exact, fill="tonexty", fillcolor=clear, fillpattern=pattern)
 
 
-def _band(
-    figure: go.Figure, along: FloatArray, values: FloatArray, name: str, **fill: object
-) -> None:
+def _band(figure: go.Figure, along: FloatArray, values: FloatArray, **fill: object) -> None:
     """An unseen line, and what is filled between it and the one before."""
     figure.add_scatter(
-        x=along, y=values, name=name, mode="lines", line={"width": 0}, hoverinfo="skip",
-        fill="tonexty" if name else None, showlegend=bool(name), **fill,
+        x=along, y=values, mode="lines", line={"width": 0}, hoverinfo="skip", **fill
     )  # fmt: skip
 
 
@@ -262,7 +272,7 @@ def _lines(figure: go.Figure, edges: Boundaries) -> None:
 def _dots(figure: go.Figure, laws: LawSet, own: list[float], held: int) -> None:
     """The vehicles; the one whose parameter is held is filled."""
     figure.add_scatter(
-        x=own, y=[law.tau for law in laws.parameters], mode="markers", showlegend=False,
+        x=own, y=[law.tau for law in laws.parameters], mode="markers",
         text=[
             f"{html.escape(label)}<br>α {law.alpha:.4g}, β {law.beta:.4g}, τ {law.tau:.4g}"
             for label, law in zip(laws.labels, laws.parameters, strict=True)

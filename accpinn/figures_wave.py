@@ -62,6 +62,8 @@ def _watched_rows(run: PlatoonRun) -> NDArray[np.intp]:
     """The samples that become frames: the last periods, or what follows the disturbance."""
     time, leader = run.trajectories.time, run.leader
     start, end = 0.0, float(time[-1])
+    if run.collisions:  # what comes after has no meaning
+        end = max(float(time[1]), run.collisions[0].time)
     if isinstance(leader, Sinusoid):
         start = max(0.0, end - PERIODS * leader.period)
     elif not isinstance(leader, Recorded):

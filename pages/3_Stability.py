@@ -33,18 +33,21 @@ def main() -> None:
             "Stable where a criterion is above 0 and a gain is at 1. Dotted: from the leader to"
             " that follower, through all vehicles before it."
         )
+        frame.show_key(figures.CRITERIA_KEY)
         st.plotly_chart(
             figures.criteria_course(laws, report), key="stability_criteria", config=CHART
         )
     with right:
         st.subheader("What would make it stable", anchor=False)
         held, plane = choose_map(workspace, laws)
+        frame.show_key(figures.MAP_KEY)
         st.plotly_chart(
             figures.stability_map(laws, report, held, plane), key="stability_map", config=CHART
         )
         kept = "α" if plane == "beta" else "β"
         st.caption(
-            f"The boundaries are those at {plain(laws.labels[held])}'s {kept}."
+            f"Boundaries at {plain(laws.labels[held])}'s {kept}; above them the vehicle is stable."
+            " Hatched: stable by the paper's L∞ criterion, but peaks grow."
             + (f" Rings: vehicles with a {kept} of their own." if len(laws) > 1 else "")
         )
 

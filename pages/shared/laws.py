@@ -23,7 +23,7 @@ SOURCES: dict[Source, str] = {
     "hand": "By hand",
 }
 COLUMNS = ("Vehicle", "α [1/s²]", "β [1/s]", "τ [s]")
-BY_HAND = "By hand"
+BY_HAND = "parameters by hand"
 MOST = 20
 """Vehicles typed in at most."""
 

@@ -32,7 +32,7 @@ def show_course(run: PlatoonRun, laws: LawSet, order: Sequence[int]) -> None:
     """The answer, what to beware of, and which colour is whom."""
     with st.container(border=True):
         st.markdown(f"#### {headline(run)}")
-        st.markdown(gap_line(run, laws, order))
+        st.markdown(detail(run, laws, order))
     if run.warnings:
         st.warning(bullets(run.warnings), icon=":material/warning:")
     cast = figures.cast_of(laws, order)
@@ -43,8 +43,11 @@ def show_course(run: PlatoonRun, laws: LawSet, order: Sequence[int]) -> None:
 def headline(run: PlatoonRun) -> str:
     """What has become of the disturbance at the last follower."""
     wave = run.amplitudes
-    sizes = wave.measured if wave and wave.periods else run.largest_deviation
     what = "oscillation" if wave else "largest speed deviation"
+    if run.collisions:
+        first = run.collisions[0]
+        return f"The {what} grows until follower {first.follower} collides at {first.time:.0f} s."
+    sizes = wave.measured if wave and wave.periods else run.largest_deviation
     if not sizes[0] > 0:
         return "The leader keeps its speed, so nothing happens."
     ratio, size = sizes[-1] / sizes[0], f"{sizes[-1]:.3g} m/s against {sizes[0]:.3g} m/s"
@@ -54,30 +57,32 @@ def headline(run: PlatoonRun) -> str:
     return f"The {what} {verb} to {ratio:.3g} times the leader's: {size}."
 
 
-def gap_line(run: PlatoonRun, laws: LawSet, order: Sequence[int]) -> str:
-    """The smallest gap, and for a sinusoid what the response predicts."""
-    k = int(run.minimum_gap.argmin())
-    line = (
-        f"The smallest gap is {run.minimum_gap[k]:.1f} m, follower {k + 1}"
-        f" ({plain(laws.labels[order[k]])}) at {run.minimum_gap_time[k]:.0f} s."
-    )
-    wave = run.amplitudes
-    if wave is None:
-        return line
-    return f"|H| predicts {wave.predicted[-1]:.4g} m/s for the last follower. {line}"
+def detail(run: PlatoonRun, laws: LawSet, order: Sequence[int]) -> str:
+    """What the response predicts for a sinusoid, and how close the vehicles get."""
+    wave, parts = run.amplitudes, []
+    if wave:
+        would = "would reach" if run.collisions else "reaches"
+        parts.append(f"By |H| the last follower {would} {wave.predicted[-1]:.4g} m/s.")
+    if not run.collisions:
+        k = int(run.minimum_gap.argmin())
+        parts.append(
+            f"The smallest gap is {run.minimum_gap[k]:.1f} m, follower {k + 1}"
+            f" ({plain(laws.labels[order[k]])}) at {run.minimum_gap_time[k]:.0f} s."
+        )
+    return " ".join(parts)
 
 
 def choose_scale(workspace: Workspace, run: PlatoonRun) -> bool:
     """Whether amplitudes are drawn in dB; with their heading."""
-    drive = workspace.drive
-    st.subheader("Amplitude along the platoon", anchor=False)
+    drive, wave = workspace.drive, run.amplitudes
+    what = "Amplitude" if wave else "Largest deviation"
+    st.subheader(f"{what} along the platoon", anchor=False)
     with st.container(horizontal=True, vertical_alignment="center"):
         st.toggle(
             "in dB",
             key=hold("platoon_db", drive.in_db),
             on_change=lambda: drive.change(in_db=st.session_state["platoon_db"]),
         )
-        wave = run.amplitudes
         if wave and wave.periods:
             periods = "period" if wave.periods == 1 else f"{wave.periods} periods"
             st.caption(f"Measured over the last {periods}, after the transient.")
