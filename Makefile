@@ -18,7 +18,7 @@ help:  ## show this list
 	@echo "accpinn: learn the parameters of adaptive cruise control from recordings"
 	@echo
 	@grep -hE '^[a-z]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | \
-	    awk -F '\t' '{ printf "  make %-9s %s\n", $$1, $$2 }'
+	    awk -F '\t' '{ printf "  make %-12s %s\n", $$1, $$2 }'
 
 .PHONY: app
 app: $(VENV)/app.stamp  ## install what is missing, start the app and print its address
@@ -47,6 +47,10 @@ bench: $(VENV)/app.stamp  ## time the paper's recipe beside ours (needs OPENACC_
 .PHONY: samples
 samples: $(VENV)/app.stamp  ## write sample_data again from its published parameters
 	@$(BIN)/python -m accpinn.synthetic sample_data
+
+.PHONY: screenshots
+screenshots: $(VENV)/dev.stamp  ## picture every page, in tests/browser/shots (needs Chromium)
+	@$(BIN)/python -m tests.browser.screenshots $(ARGS)
 
 .PHONY: clean
 clean:  ## remove .venv and everything the tools left behind

@@ -255,6 +255,3 @@ def finished(figure: go.Figure, height: int, revision: str) -> go.Figure:
         margin={"l": 8, "r": 8, "t": 10, "b": 8},
         uirevision=revision,
     )
-
-
-_finished = finished

@@ -29,24 +29,24 @@ def loss_course(history: History) -> go.Figure:
     """The loss terms over iterations, on a logarithmic axis."""
     figure = go.Figure()
     terms = (
-        ("Ψ", history.total, LEADER, 3.0),
-        ("Ψ<sub>D</sub>", history.data, FOLLOWERS[0], 1.5),
-        ("Ψ<sub>F</sub>", history.physics, FOLLOWERS[1], 1.5),
-        ("Ψ<sub>R</sub>", history.initial, FOLLOWERS[2], 1.5),
+        ("Ψ", "total", history.total, LEADER, 3.0),
+        ("Ψ<sub>D</sub>", "data", history.data, FOLLOWERS[0], 1.5),
+        ("Ψ<sub>F</sub>", "physics", history.physics, FOLLOWERS[1], 1.5),
+        ("Ψ<sub>R</sub>", "start", history.initial, FOLLOWERS[2], 1.5),
     )
     mode = _mode_for(len(history.iteration))
-    for name, values, colour, width in terms:
-        if values.any():
-            figure.add_scatter(
-                x=history.iteration,
-                y=np.where(values > 0, values, np.nan),
-                name=name,
-                mode=mode,
-                line={"color": colour, "width": width},
-                marker={"size": 4},
-            )
-    figure.update_yaxes(type="log", title_text="Loss", **_decades([v for _, v, _, _ in terms]))
-    names = [f'<span style="color:{colour}">{n}</span>' for n, v, colour, _ in terms if v.any()]
+    used = [term for term in terms if term[2].any()]
+    for symbol, name, values, colour, width in used:
+        figure.add_scatter(
+            x=history.iteration,
+            y=np.where(values > 0, values, np.nan),
+            name=f"{symbol} {name}",
+            mode=mode,
+            line={"color": colour, "width": width},
+            marker={"size": 4},
+        )
+    figure.update_yaxes(type="log", title_text="Loss", **_decades([term[2] for term in used]))
+    names = [f'<span style="color:{colour}">{name}</span>' for _, name, _, colour, _ in used]
     return _course(figure, f"Loss: {', '.join(names)}", "loss")
 
 
@@ -99,7 +99,7 @@ def _course(figure: go.Figure, title: str, revision: str) -> go.Figure:
 
 def _decades(series: list[FloatArray]) -> dict[str, Any]:
     """A logarithmic axis over whole decades, with at most about six of them named."""
-    values = np.concatenate(series)
+    values = np.concatenate([*series, []])
     exponents = np.log10(values[np.isfinite(values) & (values > 0)])
     if not len(exponents):
         return {}
@@ -111,7 +111,7 @@ def _decades(series: list[FloatArray]) -> dict[str, Any]:
 
 def _settled_range(history: History, which: int, truth: list[float]) -> list[float] | None:
     """Axis limits that show where the parameters settle, not where they happened to start."""
-    values = history.parameters[len(history.iteration) // 4 :, :, which]
+    values = history.parameters[len(history.iteration) // 2 :, :, which]
     values = np.concatenate([values[np.isfinite(values)], truth])
     if not len(values):
         return None

@@ -50,7 +50,8 @@ def parameter_table(
                 *_errors(closed_loop, k),
             )
         )
-    return Table(f"{_method(fit)}, {where(segment)}, Case {fit.case}", columns, tuple(rows))
+    case = f", Case {fit.case}" if segment.followers > 1 else ""
+    return Table(f"{_method(fit)}, {where(segment)}{case}", columns, tuple(rows))
 
 
 def comparison_table(segment: Segment, estimates: Mapping[str, Sequence[Parameters]]) -> Table:

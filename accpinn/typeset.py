@@ -177,6 +177,7 @@ table.figures thead tr:last-child th { border-bottom: 1px solid rgba(128, 140, 1
 table.figures tbody tr + tr td { border-top: 1px solid rgba(128, 140, 155, .25); }
 table.figures td i { display: inline-block; width: .7em; height: .7em; border-radius: 50%;
   margin-right: .5em; }
+@media (max-width: 640px) { table.figures th { white-space: nowrap; } }
 </style>"""
 
 

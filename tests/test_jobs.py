@@ -17,6 +17,7 @@ from accpinn.fit import Fit, History, Outcome, Progress
 from accpinn.jobs import KEPT_FOR, KEPT_JOBS, Job, Status, Trainings
 from accpinn.openacc import read
 from accpinn.pinn.config import FAST, PAPER, PinnConfig
+from accpinn.pinn.training import request_keys
 from accpinn.segment import Segment, cut
 from accpinn.store import Store
 
@@ -381,6 +382,24 @@ def test_too_many_jobs_are_forgotten(
         finished(job)
     assert trainings.of("user 0") is None
     assert trainings.of(f"user {KEPT_JOBS + 4}") is job
+
+
+def test_a_known_result_does_not_wait_for_its_turn(
+    puppet: Puppet, segment: Segment, tmp_path: Path
+) -> None:
+    store = Store(tmp_path)
+    result_key, _ = request_keys(segment, "II", seed(7))
+    store.save_fit(result_key, result())
+    trainings = Trainings(train=puppet, store=store, threads=1)
+    running = trainings.submit("ann", segment, "II", seed(1))
+    puppet.started.get(timeout=WAIT)
+    known = trainings.submit("ben", segment, "II", seed(7))
+    assert known.status is Status.DONE
+    assert known.fit is not None
+    assert known.fit.cached
+    assert running.status is Status.RUNNING
+    puppet.end()
+    trainings.close()
 
 
 def test_closing_stops_everything(puppet: Puppet, segment: Segment) -> None:

@@ -43,7 +43,7 @@ def show_outcome(fit: Fit) -> None:
         f" {fit.network_weights:,} network weights."
     )
     cache = " Answered from the cache: this exact request was trained before." if fit.cached else ""
-    sentence = f"{fit.outcome.value} {cost}{cache}"
+    sentence = f"{fit.outcome.value}  \n{cost}{cache}"
     if fit.outcome is Outcome.DIVERGED:
         st.error(sentence, icon=":material/error:")
     elif fit.outcome is Outcome.STOPPED:

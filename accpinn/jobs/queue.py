@@ -1,0 +1,141 @@
+"""The queue of trainings and the one thread that works on them."""
+
+import os
+import threading
+import time
+from collections import deque
+from collections.abc import Callable
+from dataclasses import replace
+
+from accpinn.cthp import Case
+from accpinn.fit import Fit
+from accpinn.jobs.job import Job, Request, Status, Train
+from accpinn.pinn.config import PinnConfig
+from accpinn.segment import Segment
+from accpinn.store import Store
+from accpinn.units import Seconds
+
+KEPT_JOBS = 100
+"""Finished jobs beyond this number are forgotten, the oldest first."""
+KEPT_FOR: Seconds = 24 * 3600.0
+"""A finished job is forgotten after this time."""
+
+
+class Trainings:
+    """All jobs of a server, and the one thread that works on them."""
+
+    def __init__(
+        self,
+        train: Train | None = None,
+        store: Store | None = None,
+        threads: int | None = None,
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        """Start the worker; by default it leaves one processor core to others."""
+        self._train, self._store = train, store
+        self._threads = threads or max(1, (os.cpu_count() or 2) - 1)
+        self._clock = clock
+        self._changed = threading.Condition()
+        self._queue: deque[Job] = deque()
+        self._running: Job | None = None
+        self._jobs: list[Job] = []
+        self._closed = False
+        self._worker = threading.Thread(target=self._serve, name="trainings", daemon=True)
+        self._worker.start()
+
+    def submit(self, owner: str, segment: Segment, case: Case, config: PinnConfig) -> Job:
+        """Queue a training; an owner has one at a time, so a different earlier one is stopped."""
+        request = Request(segment, case, config)
+        with self._changed:
+            self._forget()
+            earlier, course = self.of(owner), None
+            if earlier and earlier.request.same_as(request):
+                if earlier.is_active and not earlier.is_stopping:
+                    return earlier
+                course = earlier.history() if earlier.status is not Status.DONE else None
+            elif earlier:
+                self.stop(earlier)
+            job = Job(owner, request, course)
+            self._jobs.append(job)
+            if known := self._recall(request):
+                job.answer(known)
+                job.ended_at = self._clock()
+            else:
+                self._queue.append(job)
+                self._changed.notify_all()
+        return job
+
+    def _recall(self, request: Request) -> Fit | None:
+        """The stored result of an identical request, which need not wait for its turn."""
+        if self._store is None:
+            return None
+        from accpinn.pinn.training import request_keys
+
+        result_key, _ = request_keys(request.segment, request.case, request.config)
+        known = self._store.load_fit(result_key)
+        return replace(known, cached=True) if known else None
+
+    def of(self, owner: str) -> Job | None:
+        """The owner's latest job that is not forgotten."""
+        with self._changed:
+            return next((job for job in reversed(self._jobs) if job.owner == owner), None)
+
+    def ahead_of(self, job: Job) -> tuple[Job, ...]:
+        """What runs or waits before a queued job; nothing once it runs."""
+        with self._changed:
+            if job not in self._queue:
+                return ()
+            waiting = list(self._queue)[: self._queue.index(job)]
+            return (self._running, *waiting) if self._running else tuple(waiting)
+
+    def wait_for(self, job: Job) -> Seconds | None:
+        """Until a queued job starts at the latest; None where that cannot be told."""
+        times = [other.time_left for other in self.ahead_of(job)]
+        known = [seconds for seconds in times if seconds is not None]
+        return sum(known) if len(known) == len(times) else None
+
+    def stop(self, job: Job) -> None:
+        """Stop a job; one that still waits ends at once."""
+        with self._changed:
+            if job in self._queue:
+                self._queue.remove(job)
+                job.cancel()
+                job.ended_at = self._clock()
+            else:
+                job.stop()
+
+    def close(self) -> None:
+        """Stop everything and end the worker."""
+        with self._changed:
+            self._closed = True
+            for job in self._jobs:
+                job.stop()
+            self._changed.notify_all()
+        self._worker.join()
+
+    def _serve(self) -> None:
+        # Loading the network's library takes a second or two: done before the first job comes.
+        train = self._train or _load_train()
+        while True:
+            with self._changed:
+                self._changed.wait_for(lambda: self._queue or self._closed)
+                if not self._queue:
+                    return
+                self._running = job = self._queue.popleft()
+            job.work(train, self._store, self._threads)
+            with self._changed:
+                self._running = None
+                job.ended_at = self._clock()
+
+    def _forget(self) -> None:
+        """Drop what ended long ago, and the oldest of too many."""
+        now = self._clock()
+        finished = [job for job in self._jobs if not job.is_active]
+        kept = [j for j in finished[-KEPT_JOBS:] if now - (j.ended_at or now) <= KEPT_FOR]
+        self._jobs = [job for job in self._jobs if job.is_active or job in kept]
+
+
+def _load_train() -> Train:
+    from accpinn.pinn.training import train
+
+    return train
