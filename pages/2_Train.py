@@ -2,14 +2,12 @@
 
 import streamlit as st
 
-from accpinn.jobs import Job, Status
-from accpinn.pinn.config import PinnConfig
 from pages.shared import frame
+from pages.shared.controls import controls
 from pages.shared.live import watch
 from pages.shared.results import show_result
-from pages.shared.settings import checked_config, choose_preset, options, preset_line
 from pages.shared.text import plain
-from pages.shared.workspace import Workspace, trainings
+from pages.shared.workspace import Workspace
 
 
 def main() -> None:
@@ -40,50 +38,6 @@ def no_segment(workspace: Workspace) -> None:
             f"The window cannot be used yet. {plain(workspace.fault)}", icon=":material/warning:"
         )
     frame.link(frame.DATA, "Go to Data", workspace, "arrow_forward")
-
-
-def controls(workspace: Workspace) -> None:
-    """Preset, options and the buttons."""
-    with st.container(horizontal=True, vertical_alignment="center"):
-        choose_preset(workspace)
-        place = st.container(horizontal=True, width="content")
-        st.caption(preset_line(workspace), width="stretch")
-    with st.expander("Options", icon=":material/tune:"):
-        options(workspace)
-    config = checked_config(workspace)
-    with place:
-        buttons(workspace, config)
-
-
-def buttons(workspace: Workspace, config: PinnConfig | None) -> None:
-    """Start, Stop or Continue: whichever makes sense now."""
-    job = workspace.job
-    if job and job.is_active:
-        st.button(
-            "Stop training",
-            icon=":material/stop:",
-            key="train_stop",
-            disabled=job.is_stopping,
-            on_click=trainings().stop,
-            args=(job,),
-        )
-        return
-    continues = job is not None and job.status is Status.STOPPED and job.request.config == config
-    label, icon = ("Continue", "resume") if continues else ("Start training", "play_arrow")
-    st.button(
-        label,
-        type="primary" if not is_done(job, config) else "secondary",
-        icon=f":material/{icon}:",
-        key="train_start",
-        disabled=config is None,
-        on_click=workspace.train,
-        args=(config,),
-    )
-
-
-def is_done(job: Job | None, config: PinnConfig | None) -> bool:
-    """Whether just this was trained already."""
-    return job is not None and job.status is Status.DONE and job.request.config == config
 
 
 main()

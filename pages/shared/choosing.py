@@ -42,16 +42,19 @@ def choose_vehicles(workspace: Workspace, recording: Recording) -> None:
         last = st.session_state[last_key]
         workspace.choose(vehicles=_up_to(possible[chosen[0]], last))
 
+    leaders, followers = list(possible), possible[chosen[0]][1:]
     st.selectbox(
         "Leader",
-        list(possible),
+        leaders,
+        index=leaders.index(chosen[0]),
         format_func=label,
         key=hold(leader_key, chosen[0]),
         on_change=lead,
     )
     st.selectbox(
         "Last follower",
-        possible[chosen[0]][1:],
+        followers,
+        index=followers.index(chosen[-1]),
         format_func=label,
         key=hold(last_key, chosen[-1]),
         on_change=follow,
@@ -68,6 +71,7 @@ def _choose_case(workspace: Workspace) -> None:
     st.segmented_control(
         "Case",
         list(CASES),
+        default=workspace.case,
         format_func=lambda case: f"Case {case}",
         key=hold("data_case", workspace.case),
         on_change=lambda: workspace.choose(case=st.session_state["data_case"]),
@@ -88,19 +92,22 @@ def choose_window(workspace: Workspace, recording: Recording) -> None:
             workspace.choose(window=Window(start, start + length))
 
     left, right = st.columns(2)
+    start, length = float(window.start), float(window.duration)
     shared = {"step": 10.0, "format": "%.1f", "on_change": moved}
     left.number_input(
         "Window starts at [s]",
         0.0,
-        max(recording.duration, window.start),
-        key=hold("data_start", float(window.start)),
+        max(recording.duration, start),
+        start,
+        key=hold("data_start", start),
         **shared,
     )
     right.number_input(
         "and lasts [s]",
         0.0,
-        max(recording.duration, window.duration),
-        key=hold("data_length", float(window.duration)),
+        max(recording.duration, length),
+        length,
+        key=hold("data_length", length),
         **shared,
     )
 

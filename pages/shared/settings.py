@@ -33,6 +33,7 @@ def choose_preset(workspace: Workspace) -> None:
         "Preset",
         list(PRESETS),
         format_func=str.capitalize,
+        default=workspace.preset,
         key=hold("train_preset", workspace.preset),
         on_change=changed,
         required=True,
@@ -114,7 +115,8 @@ class _Fields:
             if st.session_state[key] is not None:
                 self._changes[name] = st.session_state[key]
 
-        st.number_input(label, key=hold(key, self.value(name)), on_change=changed, **look)
+        now = self.value(name)
+        st.number_input(label, value=now, key=hold(key, now), on_change=changed, **look)
 
     def numbers(self, name: str, labels: tuple[str, ...], columns: Any = None) -> None:
         """A setting of several numbers, or of one that is a float."""
@@ -130,14 +132,21 @@ class _Fields:
                     self._changes[name] = kept[0] if single else tuple(kept)
 
             place = columns[at] if columns else st
+            now = float(kept[at])
             place.number_input(
-                label, key=hold(key, float(kept[at])), on_change=changed, step=0.1, format="%g"
+                label,
+                value=now,
+                key=hold(key, now),
+                on_change=changed,
+                step=0.1,
+                format="%g",
             )
 
     def start(self) -> None:
         """Initial values, each by itself or one of five sets."""
         columns = st.columns(4)
         now = tuple(float(v) for v in self.value("initial"))
+        offered = STARTS if now in STARTS else (*STARTS, now)
         key = self._key("start")
 
         def changed() -> None:
@@ -146,7 +155,8 @@ class _Fields:
 
         columns[0].selectbox(
             "Start from",
-            STARTS if now in STARTS else (*STARTS, now),
+            offered,
+            index=offered.index(now),
             format_func=lambda start: "α {:g}, β {:g}, τ {:g}".format(*start),
             key=hold(key, now),
             on_change=changed,

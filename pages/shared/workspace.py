@@ -177,7 +177,9 @@ def hold(key: str, value: object) -> str:
     """Let the widget of that key show ``value``, whatever it showed before; returns the key.
 
     The workspace is the one place where choices live: a widget reports a change through its
-    callback and is told here what to show, so page switches and reloads lose nothing.
+    callback and is told here what to show, so page switches and reloads lose nothing. Give the
+    widget the same value as its default, too: a browser that is still loading may miss what is
+    told here, and would then report the default as the user's choice.
     """
     if st.session_state.get(key) != value:
         st.session_state[key] = value

@@ -140,7 +140,8 @@ def test_a_second_browser_waits_for_its_turn_and_is_told(opened: Open) -> None:
     first, second = opened("/Data"), opened("/Data")
     for page in (first, second):
         page.get_by_role("button", name="Open this sample").click()
-        expect(page.get_by_text("What this window tells")).to_be_visible()
+        fill(page, "Window starts at", "10")  # nobody trained on this window yet
+        expect(page.get_by_test_id("stSidebar")).to_contain_text("Window 10–310 s")
         page.get_by_test_id("stSidebar").get_by_role("link", name="Train").click()
     first.get_by_text("Paper", exact=True).click()
     first.get_by_role("button", name="Start training").click()
