@@ -30,6 +30,7 @@ from pages.shared.workspace import Workspace
 ROOT = Path(__file__).parent.parent
 STABILITY, PLATOON = "pages/3_Stability.py", "pages/4_Platoon.py"
 CALM, LOUD = Parameters(0.05, 0.6, 1.8), Parameters(0.08, 0.12, 1.5)
+UNDAMPED = Parameters(0.04, 0.0, 0.0)
 
 
 @pytest.fixture(autouse=True)
@@ -109,7 +110,7 @@ def errors(page: AppTest) -> list[str]:
 def test_stability_answers_before_anything_was_trained() -> None:
     page = open_page(STABILITY)
     said = texts(page)
-    assert "All four vehicles amplify disturbances, Audi A6 the most: 1.51 times" in said
+    assert "All four vehicles amplify disturbances, Audi A6 the most: up to 1.51 times" in said
     assert "L2 **NO**, L∞ **NO**" in said
     assert len(page.get("plotly_chart")) == 3
 
@@ -122,7 +123,7 @@ def test_the_papers_yes_and_the_exact_no_catch_the_eye() -> None:
     assert "1\\.095 times" in warning.value
     page = choose(page, "stability_example", CASALE.title)
     assert not page.warning
-    assert "Hyundai amplifies disturbances, up to 1.49 times at 0.0879 rad/s" in texts(page)
+    assert "Hyundai amplifies disturbances up to 1.49 times at 0.0879 rad/s" in texts(page)
 
 
 def test_every_verdict_has_its_sentence() -> None:
@@ -209,9 +210,10 @@ def test_names_by_hand_are_shown_as_they_are() -> None:
 @pytest.mark.parametrize(
     ("laws", "sentence"),
     [
-        ((CALM,), "The vehicle does not amplify any frequency."),
+        ((CALM,), "V1 does not amplify any frequency."),
         ((CALM, CALM), "None of the vehicles amplifies any frequency."),
         ((Parameters(0.05, 0.6, 1.62),) * 2, "peaks can still grow"),
+        ((CALM, UNDAMPED), "One of two vehicles amplifies disturbances: V2, without limit"),
         ((CALM, LOUD), "One of two vehicles amplifies disturbances: V2, up to"),
         ((LOUD, CALM, LOUD), "Two of three vehicles amplify disturbances, V1 the most"),
         ((LOUD,) * 12, "All 12 vehicles amplify disturbances, V1 the most"),

@@ -1,6 +1,7 @@
 """The answer in words, the table with its downloads, and the reasons on demand."""
 
 import re
+from math import isinf
 
 import streamlit as st
 
@@ -37,16 +38,18 @@ def headline(laws: LawSet, report: StabilityReport) -> str:
     if not who:
         growing = [v for v in report.vehicles if not v.linf_exact.stable]
         peaks = " But peaks can still grow: see the L∞ gain." if growing else ""
-        subject = "The vehicle does not amplify" if total == 1 else "None of the vehicles amplifies"
-        return f"{subject} any frequency.{peaks}"
+        if total == 1:
+            return f"{plain(laws.labels[0])} does not amplify any frequency.{peaks}"
+        return f"None of the vehicles amplifies any frequency.{peaks}"
     worst = max(who, key=lambda k: report.vehicles[k].peak.gain)
     peak = report.vehicles[worst].peak
     name = plain(laws.labels[worst])
-    most = f"{peak.gain:.3g} times at {peak.omega:.3g} rad/s"
+    extent = "without limit" if isinf(peak.gain) else f"up to {peak.gain:.3g} times"
+    most = f"{extent} at {peak.omega:.3g} rad/s"
     if total == 1:
-        return f"{name} amplifies disturbances, up to {most}."
+        return f"{name} amplifies disturbances {most}."
     if count == 1:
-        return f"One of {_number(total)} vehicles amplifies disturbances: {name}, up to {most}."
+        return f"One of {_number(total)} vehicles amplifies disturbances: {name}, {most}."
     start = f"All {_number(total)}" if count == total else f"{_number(count)} of {_number(total)}"
     return f"{start[0].upper()}{start[1:]} vehicles amplify disturbances, {name} the most: {most}."
 

@@ -11,7 +11,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from playwright.sync_api import Browser, ConsoleMessage, Page, sync_playwright
+from playwright.sync_api import Browser, ConsoleMessage, Error, Page, sync_playwright
 
 ROOT = Path(__file__).parents[2]
 FLAGS = [
@@ -25,6 +25,8 @@ FLAGS = [
 ]
 PROBE = re.compile(r"/\w+/_stcore/(health|host-config)$")
 """On a direct link to a page, Streamlit first asks below that page where the server is."""
+CUT_OFF = "undefined"
+"""What plotly throws when Pause or the slider ends an animation; nothing is wrong then."""
 PATIENCE_MS = 20_000
 """How long the page may take to show something; the machine may be busy."""
 
@@ -89,8 +91,12 @@ def watched(page: Page) -> list[str]:
         if message.type == "error" and not PROBE.search(url):
             faults.append(f"{message.text} ({url})")
 
+    def caught(fault: Error) -> None:
+        if str(fault) != CUT_OFF:
+            faults.append(str(fault))
+
     page.on("console", heard)
-    page.on("pageerror", lambda fault: faults.append(str(fault)))
+    page.on("pageerror", caught)
     page.set_default_timeout(PATIENCE_MS)
     return faults
 

@@ -1,0 +1,142 @@
+"""From a learned vehicle to a platoon and back, in a real browser."""
+
+import re
+
+import pytest
+from playwright.sync_api import Locator, Page, expect
+
+from tests.browser.conftest import Open
+from tests.browser.running import idle
+
+pytestmark = pytest.mark.browser
+
+CURVE = """
+(chart) => {
+  // Where on the screen the second vehicle's curve has its 200th point.
+  const axes = chart._fullLayout, box = chart.getBoundingClientRect();
+  const point = chart.calcdata[1][200];
+  return [
+    box.left + axes.xaxis._offset + axes.xaxis.c2p(point.x),
+    box.top + axes.yaxis._offset + axes.yaxis.c2p(point.y),
+  ];
+}
+"""
+
+
+def chart(page: Page, key: str) -> Locator:
+    found = page.locator(f".st-key-{key} .js-plotly-plot")
+    expect(found).to_be_visible()
+    return found
+
+
+def frequency(page: Page) -> Locator:
+    return page.get_by_label("Frequency [rad/s]")
+
+
+def choose(page: Page, label: str, option: str) -> None:
+    page.get_by_label(label).click()
+    page.get_by_role("option", name=option).click()
+    idle(page)
+
+
+def test_a_click_on_the_response_carries_its_frequency_to_the_platoon(opened: Open) -> None:
+    page = opened("/Stability")
+    expect(page.get_by_text("All four vehicles amplify disturbances")).to_be_visible()
+    expect(page.get_by_role("alert")).to_contain_text("necessary but not sufficient")
+    bode = chart(page, "stability_bode")
+    bode.scroll_into_view_if_needed()
+    at = bode.evaluate(CURVE)
+    page.mouse.move(*at)
+    label = bode.locator(".hoverlayer")
+    expect(label).to_contain_text("BMW X5")
+    shown = re.search(r"dB at ([\d.]+) rad/s", label.text_content() or "")
+    assert shown
+    page.mouse.click(*at)
+
+    expect(page).to_have_url(re.compile(r"/Platoon\?session="))
+    expect(frequency(page)).to_have_value(re.compile(rf"^{shown[1][:4]}"))
+    carried = frequency(page).input_value()
+    assert float(carried) == pytest.approx(float(shown[1]), abs=6e-4)
+    expect(page.locator(".vehicle-key")).to_contain_text("8 BMW X5")
+    expect(chart(page, "platoon_profiles").locator(".scatterlayer").first).to_be_visible()
+
+    # Back again, it is not carried a second time, and the choice stays.
+    page.get_by_role("link", name="Stability").click()
+    chart(page, "stability_map")
+    idle(page)
+    expect(page).to_have_url(re.compile(r"/Stability\?session="))
+    page.get_by_role("link", name="Platoon").click()
+    expect(frequency(page)).to_have_value(carried)
+    page.reload()
+    expect(frequency(page)).to_have_value(carried)
+
+
+def test_a_peaks_button_leads_to_the_platoon(opened: Open) -> None:
+    page = opened("/Stability")
+    page.get_by_role("button", name="Tesla Model 3 · 0.106 rad/s").click()
+    expect(page).to_have_url(re.compile(r"/Platoon\?session="))
+    expect(frequency(page)).to_have_value("0.1059")
+    expect(page.get_by_text("The oscillation grows to 1.37 times")).to_be_visible()
+
+
+def test_the_wave_plays_pauses_and_can_be_dragged(opened: Open) -> None:
+    page = opened("/Platoon")
+    wave = chart(page, "platoon_wave")
+    wave.scroll_into_view_if_needed()
+    moment = wave.locator(".slider-label").first
+    before = moment.text_content()
+    speeds = "chart => Array.from(chart.data[1].y)"
+    start = wave.evaluate(speeds)
+    wave.get_by_text("Play").click()
+    expect(moment).not_to_have_text(before or "")
+    wave.get_by_text("Pause").click()
+    assert wave.evaluate(speeds) != start
+    rail = wave.locator(".slider-rail-touch-rect")
+    box = rail.bounding_box()
+    assert box
+    rail.click(position={"x": box["width"] - 3, "y": box["height"] / 2})
+    expect(moment).to_have_text("t = 500.0 s")
+
+
+def test_values_by_hand_are_typed_into_the_table(opened: Open) -> None:
+    page = opened("/Stability")
+    choose(page, "Published set", "Ispra-Casale")
+    page.get_by_text("By hand").click()
+    expect(page.get_by_text("Hyundai amplifies disturbances up to 1.49 times")).to_be_visible()
+    table = page.get_by_test_id("stDataFrame").locator("canvas").first
+    expect(table).to_be_visible()
+    box = table.bounding_box()
+    assert box
+    page.mouse.dblclick(box["x"] + 0.68 * box["width"], box["y"] + 52)
+    cell = page.locator(".gdg-input")
+    expect(cell).to_have_value("0.0718")
+    cell.fill("1.5")
+    cell.press("Enter")
+    expect(page.get_by_text("Hyundai does not amplify any frequency")).to_be_visible()
+    # What was typed is there on the other page, too.
+    page.get_by_role("link", name="Platoon").click()
+    expect(page.get_by_text("The oscillation fades to")).to_be_visible()
+
+
+def test_the_papers_panels(opened: Open) -> None:
+    page = opened("/Platoon")
+    page.get_by_role("button", name="The paper's four panels").click()
+    panels = chart(page, "platoon_paper")
+    for title in ("(a) Mercedes A-Class at 0.25 rad/s: grows to 4.23 m/s",
+                  "(d) Tesla Model 3 at 0.3 rad/s: fades to 0.42 m/s"):  # fmt: skip
+        expect(panels.get_by_text(title)).to_be_visible()
+    page.get_by_role("button", name="Back to my platoon").click()
+    chart(page, "platoon_wave")
+
+
+def test_a_trained_sample_is_what_both_pages_speak_of(opened: Open) -> None:
+    page = opened("")
+    page.get_by_role("button", name="Train a sample now").click()
+    expect(page.locator("table.figures").first).to_be_visible(timeout=90_000)
+    page.get_by_role("link", name="Stability").click()
+    expect(page.get_by_text("All four vehicles amplify disturbances")).to_be_visible()
+    expect(page.locator("table.figures")).to_contain_text("Tesla(Model3-like)")
+    page.get_by_role("link", name="Platoon").click()
+    page.get_by_text("Recorded", exact=True).click()
+    expect(page.get_by_text("as recorded")).to_be_visible()
+    expect(page.locator(".vehicle-key")).to_contain_text("4 5 Tesla(Model3-like)")
