@@ -34,7 +34,7 @@ PANELS = ((2, 0.25), (2, 0.3), (3, 0.25), (3, 0.3))
 MEANINGLESS = "rgba(216, 102, 12, 0.13)"
 SLOWER, FASTER = FOLLOWERS[1], FOLLOWERS[0]
 SPEED_SCALE = [[0.0, SLOWER], [0.5, "rgba(140, 150, 162, 0.25)"], [1.0, FASTER]]
-LIGHTEST, DARKEST = 0.70, 0.33
+LIGHTEST, DARKEST = 0.70, 0.42
 """Lightness of the shades of one colour, between what white and what dark pages swallow."""
 SOFTENED = 0.8
 """Saturation of the shades, relative to the colour's."""
@@ -79,9 +79,9 @@ def profiles(run: PlatoonRun, cast: Cast) -> go.Figure:
         rows=2, cols=1, shared_xaxes=True, row_heights=[0.58, 0.42], vertical_spacing=0.06
     )
     for k in _back_to_front(len(cast.names)):
-        _line(figure, driven.time, driven.speeds[:, k], cast, k, 1, 1)
+        _line(figure, driven.time, driven.speeds[:, k], cast, k, 1)
         if k:
-            _line(figure, driven.time, driven.gaps[:, k - 1], cast, k, 2, 1)
+            _line(figure, driven.time, driven.gaps[:, k - 1], cast, k, 2)
     if run.minimum_gap.min() < CLOSE:
         figure.add_hline(y=0, line={"color": SLOWER, "width": 1.5, "dash": "dash"}, row=2, col=1)
     if run.collisions:
@@ -108,14 +108,14 @@ def _back_to_front(vehicles: int) -> list[int]:
 
 
 def _line(
-    figure: go.Figure, time: FloatArray, values: FloatArray, cast: Cast, k: int, row: int, col: int,
+    figure: go.Figure, time: FloatArray, values: FloatArray, cast: Cast, k: int, row: int,
     points: int = POINTS,
 ) -> None:  # fmt: skip
     x, y = thinned(time, values, points)
     figure.add_scatter(
         x=x.astype(np.float32), y=y.astype(np.float32), name=cast.names[k], mode="lines",
         line={"color": cast.colours[k], "width": 1.5 if k else 2.5},
-        hovertemplate="%{y:.2f}", row=row, col=col,
+        hovertemplate="%{y:.2f}", row=row, col=1,
     )  # fmt: skip
 
 
@@ -191,32 +191,45 @@ def _first_stretch(run: PlatoonRun) -> NDArray[np.intp]:
     return np.unique(np.clip(np.searchsorted(time, instants - 1e-9), 0, len(time) - 1))
 
 
-def paper_panels() -> go.Figure:
-    """The paper's four panels: eight times one AstaZero vehicle behind a sinusoid of 1 m/s."""
+@dataclass(frozen=True)
+class Panel:
+    """One of the paper's four."""
+
+    title: str
+    figure: go.Figure
+
+
+def paper_panels() -> tuple[Panel, ...]:
+    """The paper's four panels: eight times one AstaZero vehicle behind a sinusoid of 1 m/s.
+
+    Row by row, two a row; those of a vehicle have the same axis of speed.
+    """
     runs = [
         simulate([ASTAZERO.parameters[k]] * PANEL_FOLLOWERS, Sinusoid(frequency))
         for k, frequency in PANELS
     ]
-    titles = [
-        f"({letter}) {ASTAZERO.labels[k]} at {frequency:g} rad/s: {_fate(run)}"
+    reach = {
+        k: max(r.largest_deviation.max() for (j, _), r in zip(PANELS, runs, strict=True) if j == k)
+        for k, _ in PANELS
+    }
+    return tuple(
+        Panel(
+            f"({letter}) {ASTAZERO.labels[k]} at {frequency:g} rad/s: {_fate(run)}",
+            _panel(run, k, letter, 1.05 * reach[k]),
+        )
         for letter, (k, frequency), run in zip("acbd", PANELS, runs, strict=True)
-    ]
-    figure = make_subplots(
-        rows=2, cols=2, shared_xaxes=True, shared_yaxes=True, subplot_titles=titles,
-        vertical_spacing=0.11, horizontal_spacing=0.06,
-    )  # fmt: skip
-    for place, ((k, _), run) in enumerate(zip(PANELS, runs, strict=True)):
-        cast, driven = cast_of(ASTAZERO, [k] * PANEL_FOLLOWERS), run.trajectories
-        row, col = place // 2 + 1, place % 2 + 1
-        for who in _back_to_front(PANEL_FOLLOWERS + 1):
-            values = driven.speeds[:, who]
-            _line(figure, driven.time, values, cast, who, row, col, PANEL_POINTS)
-    figure.update_annotations(font_size=13, xanchor="left", x=0)
-    for note, col in zip(figure.layout.annotations, (1, 2, 1, 2), strict=True):
-        note.x = figure.layout["xaxis" if col == 1 else "xaxis2"].domain[0]
-    figure.update_xaxes(title_text=TIME.axis, row=2)
-    figure.update_yaxes(title_text=SPEED.axis, col=1)
-    return finished(figure, 620, "platoon-panels").update_layout(margin_t=34)
+    )
+
+
+def _panel(run: PlatoonRun, k: int, letter: str, reach: float) -> go.Figure:
+    figure = make_subplots(rows=1, cols=1)
+    cast, driven = cast_of(ASTAZERO, [k] * PANEL_FOLLOWERS), run.trajectories
+    for who in _back_to_front(PANEL_FOLLOWERS + 1):
+        _line(figure, driven.time, driven.speeds[:, who], cast, who, 1, PANEL_POINTS)
+    speed = run.leader.speed
+    figure.update_xaxes(title_text=TIME.axis)
+    figure.update_yaxes(title_text=SPEED.axis, range=[speed - reach, speed + reach])
+    return finished(figure, 300, f"platoon-panel-{letter}")
 
 
 def _fate(run: PlatoonRun) -> str:

@@ -118,4 +118,10 @@ def show_panels(workspace: Workspace) -> None:
         [("Leader", figures.LEADER)]
         + [(ASTAZERO.labels[k], figures.colours(ASTAZERO)[k]) for k in vehicles]
     )
-    st.plotly_chart(figures.paper_panels(), key="platoon_paper", config={"displayModeBar": False})
+    grid = (*st.columns(2), *st.columns(2))
+    for place, (panel, cell) in enumerate(zip(figures.paper_panels(), grid, strict=True)):
+        with cell:
+            st.markdown(plain(panel.title))
+            st.plotly_chart(
+                panel.figure, key=f"platoon_panel_{place}", config={"displayModeBar": False}
+            )
