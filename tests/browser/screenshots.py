@@ -155,7 +155,37 @@ def real(camera: Camera) -> None:
         camera.shoot(page, "train_casale")
 
 
-SCENES: tuple[Callable[[Camera], None], ...] = (home, empty, sample, training, real)
+def stability(camera: Camera) -> None:
+    with camera.page("/Stability") as page:
+        page.locator(".st-key-stability_map .js-plotly-plot").wait_for()
+        camera.shoot(page, "stability_fold", whole=False)
+        page.get_by_text("Why: a sentence").click()
+        page.get_by_text("α and τ").click()
+        idle(page)
+        camera.shoot(page, "stability")
+        page.get_by_text("By hand").click()
+        page.get_by_test_id("stDataFrame").wait_for()
+        idle(page)
+        camera.shoot(page, "stability_by_hand")
+
+
+def platoon(camera: Camera) -> None:
+    with camera.page("/Platoon") as page:
+        page.locator(".st-key-platoon_wave .js-plotly-plot").wait_for()
+        camera.shoot(page, "platoon_fold", whole=False)
+        camera.shoot(page, "platoon")
+        for option, name in (("One car", "collision"), ("Brake", "brake")):
+            page.get_by_text(option, exact=True).click()
+            idle(page)
+            camera.shoot(page, f"platoon_{name}")
+        page.get_by_role("button", name="The paper's four panels").click()
+        page.get_by_role("button", name="Back to my platoon").wait_for()
+        camera.shoot(page, "platoon_panels")
+
+
+SCENES: tuple[Callable[[Camera], None], ...] = (
+    home, empty, sample, training, real, stability, platoon,
+)  # fmt: skip
 
 
 def main(arguments: list[str]) -> None:
