@@ -2,7 +2,7 @@
 
 import streamlit as st
 
-from accpinn.figures import preview
+from accpinn.figures.recording import preview
 from accpinn.pinn.config import FAST
 from accpinn.segment import cut
 from pages.shared import frame

@@ -4,12 +4,12 @@ from contextlib import suppress
 
 import streamlit as st
 
-from accpinn import typeset
 from accpinn.errors import ConfigError
 from accpinn.estimators import least_squares
-from accpinn.figures import vehicle_colour
+from accpinn.figures.style import vehicle_colour
 from accpinn.segment.quality import assess
-from accpinn.tables import quality_table
+from accpinn.tables import typeset
+from accpinn.tables.results import quality_table
 from pages.shared import frame
 from pages.shared.choosing import choose_vehicles, choose_window, overview
 from pages.shared.metadata import describe, show_warnings

@@ -2,7 +2,7 @@
 
 import streamlit as st
 
-from accpinn import figures_stability as figures
+from accpinn.figures import stability as figures
 from pages.shared import frame
 from pages.shared.laws import checked_report, choose_laws
 from pages.shared.stability_charts import choose_map, show_bode, show_key

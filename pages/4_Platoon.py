@@ -2,8 +2,8 @@
 
 import streamlit as st
 
-from accpinn import figures_platoon as figures
-from accpinn import figures_wave
+from accpinn.figures import platoon as figures
+from accpinn.figures import wave
 from pages.shared import frame
 from pages.shared.laws import choose_laws
 from pages.shared.platoon_leader import choose_leader
@@ -55,9 +55,9 @@ def main() -> None:
     st.subheader("The wave on the road", anchor=False)
     st.caption(
         "Seen from the leader: press Play or drag the slider. Cars are drawn"
-        f" {figures_wave.CAR_LENGTH:g} m long; the gaps between them are those simulated."
+        f" {wave.CAR_LENGTH:g} m long; the gaps between them are those simulated."
     )
-    st.plotly_chart(figures_wave.animation(run, cast), key="platoon_wave", config=CHART)
+    st.plotly_chart(wave.animation(run, cast), key="platoon_wave", config=CHART)
 
 
 main()

@@ -14,8 +14,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from openacc_files import csv, metadata, platoon
 
-from accpinn import figures, figures_training
 from accpinn.cthp import Parameters, Trajectories
+from accpinn.figures import recording as recording_figures
+from accpinn.figures import style, training
 from accpinn.fit import History
 from accpinn.openacc import Recording, read
 from accpinn.segment import Segment, Window, cut
@@ -52,14 +53,14 @@ def as_json(figure: Any) -> dict[str, Any]:
 
 
 def test_every_vehicle_has_one_colour_and_the_leader_its_own() -> None:
-    colours = [figures.vehicle_colour(number, 1) for number in range(1, 12)]
-    assert colours[0] == figures.LEADER
+    colours = [style.vehicle_colour(number, 1) for number in range(1, 12)]
+    assert colours[0] == style.LEADER
     assert len(set(colours)) == 11
-    assert figures.vehicle_colour(3, 3) == figures.LEADER
-    assert figures.vehicle_colour(4, 3) == figures.vehicle_colour(4, 1)
+    assert style.vehicle_colour(3, 3) == style.LEADER
+    assert style.vehicle_colour(4, 3) == style.vehicle_colour(4, 1)
 
 
-@pytest.mark.parametrize("colour", [figures.LEADER, *figures.FOLLOWERS, figures.MODEL])
+@pytest.mark.parametrize("colour", [style.LEADER, *style.FOLLOWERS, style.MODEL])
 def test_colours_are_seen_on_both_themes(colour: str) -> None:
     config = tomllib.loads((ROOT / ".streamlit" / "config.toml").read_text(encoding="utf-8"))
     for side in ("light", "dark"):
@@ -69,13 +70,13 @@ def test_colours_are_seen_on_both_themes(colour: str) -> None:
 def test_streamlit_s_own_charts_have_the_same_colours() -> None:
     config = tomllib.loads((ROOT / ".streamlit" / "config.toml").read_text(encoding="utf-8"))
     for side in ("light", "dark"):
-        ours = [figures.LEADER, *figures.FOLLOWERS]
+        ours = [style.LEADER, *style.FOLLOWERS]
         assert config["theme"][side]["chartCategoricalColors"] == ours
 
 
 @pytest.mark.parametrize("vision", ["normal", "red-blind", "green-blind"])
 def test_a_platoon_of_six_can_be_told_apart(vision: str) -> None:
-    colours = [lab(colour, vision) for colour in (figures.LEADER, *figures.FOLLOWERS[:5])]
+    colours = [lab(colour, vision) for colour in (style.LEADER, *style.FOLLOWERS[:5])]
     least = min(float(np.linalg.norm(one - two)) for one, two in combinations(colours, 2))
     assert least > 11, "a difference of 2.3 is just seen side by side"
 
@@ -85,13 +86,13 @@ def test_a_platoon_of_six_can_be_told_apart(vision: str) -> None:
 
 def test_thinning_leaves_short_series_alone() -> None:
     time, values = np.arange(100.0), np.arange(100.0)
-    assert figures.thinned(time, values)[1] is values
+    assert style.thinned(time, values)[1] is values
 
 
 def test_thinning_keeps_a_single_peak_and_a_single_hole() -> None:
     time, values = np.arange(50_000.0), np.zeros(50_000)
     values[31_234], values[12_345] = 9.0, np.nan
-    x, y = figures.thinned(time, values, 1000)
+    x, y = style.thinned(time, values, 1000)
     assert len(x) <= 1502
     assert y[x == 31_234] == 9.0
     assert np.isnan(y[x == 12_345])
@@ -105,7 +106,7 @@ def test_thinning_keeps_a_single_peak_and_a_single_hole() -> None:
 )
 def test_thinning_keeps_extremes_order_and_holes(values: list[float], points: int) -> None:
     time, series = np.arange(float(len(values))), np.array(values)
-    x, y = figures.thinned(time, series, points)
+    x, y = style.thinned(time, series, points)
     assert (np.diff(x) > 0).all()
     np.testing.assert_array_equal(y, series[x.astype(int)])
     assert np.isnan(y).any() == np.isnan(series).any()
@@ -119,7 +120,7 @@ def test_thinning_keeps_extremes_order_and_holes(values: list[float], points: in
 
 
 def test_overview_draws_all_vehicles_and_the_window() -> None:
-    drawn = as_json(figures.overview(recording(), (1, 2), Window(5.0, 25.0)))
+    drawn = as_json(recording_figures.overview(recording(), (1, 2), Window(5.0, 25.0)))
     names = [trace["name"] for trace in drawn["data"]]
     assert names == ["1 A", "2 B", "2 B", "3 C", "3 C"]
     assert [trace["opacity"] for trace in drawn["data"]] == [1, 1, 1, 0.35, 0.35]
@@ -135,7 +136,7 @@ def test_overview_draws_all_vehicles_and_the_window() -> None:
 def test_overview_keeps_its_view_until_another_recording_comes() -> None:
     one, other = recording(), recording("XYZ")
     revisions = [
-        as_json(figures.overview(run, vehicles, window))["layout"]["uirevision"]
+        as_json(recording_figures.overview(run, vehicles, window))["layout"]["uirevision"]
         for run, vehicles, window in (
             (one, (1, 2), Window(0, 20)),
             (one, (2, 3), Window(5, 25)),
@@ -150,8 +151,8 @@ def test_overview_shows_missing_blocks_and_driving_by_hand() -> None:
     frame.loc[100:149, ["Speed2", "IVS1", "IVS2"]] = np.nan
     frame["Driver3"] = ["Human"] * 50 + ["ACC"] * 350
     run = recording(frame=frame)
-    assert figures.has_ribbons(run)
-    drawn = figures.overview(run, (1, 2, 3), Window(20.0, 35.0))
+    assert recording_figures.has_ribbons(run)
+    drawn = recording_figures.overview(run, (1, 2, 3), Window(20.0, 35.0))
     ribbons = {trace.name: trace for trace in drawn.data if trace.yaxis == "y3"}
     assert set(ribbons) == {"2 missing", "3 by hand"}
     assert ribbons["2 missing"].x[:2] == pytest.approx((10.0, 14.9))
@@ -164,15 +165,15 @@ def test_overview_shows_missing_blocks_and_driving_by_hand() -> None:
 def test_a_recording_without_acc_has_no_ribbons_of_driving_by_hand() -> None:
     frame = platoon()
     frame["Driver2"] = "Human"
-    assert not figures.has_ribbons(recording(frame=frame))
+    assert not recording_figures.has_ribbons(recording(frame=frame))
 
 
 def test_names_from_files_are_not_read_as_html(segment: Segment) -> None:
     nasty = "<script>alert(1)</script>"
     run = recording([nasty, "B<b>", "C"])  # type: ignore[arg-type]
-    text = figures.overview(run, (1, 2), Window(0.0, 20.0)).to_json()
-    text += figures.preview(cut(run, 0.0, 30.0)).to_json()
-    text += figures_training.parameter_course(history(), 0, cut(run, 0.0, 30.0)).to_json()
+    text = recording_figures.overview(run, (1, 2), Window(0.0, 20.0)).to_json()
+    text += recording_figures.preview(cut(run, 0.0, 30.0)).to_json()
+    text += training.parameter_course(history(), 0, cut(run, 0.0, 30.0)).to_json()
     assert not re.search(r"<script|\\u003cscript|<b>|\\u003cb\\u003e", text)
     assert "&lt;" in text or "\\u0026lt;" in text
 
@@ -181,7 +182,7 @@ def test_names_from_files_are_not_read_as_html(segment: Segment) -> None:
 
 
 def test_loss_is_drawn_on_whole_decades() -> None:
-    drawn = as_json(figures_training.loss_course(history()))
+    drawn = as_json(training.loss_course(history()))
     assert len(drawn["data"]) == 3, "Ψ_R is not used, so it is not drawn"
     axis = drawn["layout"]["yaxis"]
     assert axis["type"] == "log"
@@ -196,7 +197,7 @@ def test_loss_that_is_zero_or_infinite_is_left_out() -> None:
     course = history()
     course.physics[:] = 0.0
     course.total[-1] = np.inf
-    drawn = as_json(figures_training.loss_course(course))
+    drawn = as_json(training.loss_course(course))
     assert len(drawn["data"]) == 2
     assert all(np.isfinite(drawn["layout"]["yaxis"]["range"]))
 
@@ -206,11 +207,11 @@ def test_parameters_have_units_colours_and_the_truth(
     segment: Segment, which: int, label: str
 ) -> None:
     truth = (Parameters(0.1, 0.2, 1.2), Parameters(0.11, 0.21, 1.21))
-    drawn = as_json(figures_training.parameter_course(history(), which, segment, truth))
+    drawn = as_json(training.parameter_course(history(), which, segment, truth))
     assert drawn["layout"]["yaxis"]["title"]["text"] == label
     assert [trace["name"] for trace in drawn["data"]] == ["2 B", "3 C"]
     colours = [trace["line"]["color"] for trace in drawn["data"]]
-    assert colours == [figures.vehicle_colour(2, 1), figures.vehicle_colour(3, 1)]
+    assert colours == [style.vehicle_colour(2, 1), style.vehicle_colour(3, 1)]
     lines = drawn["layout"]["shapes"]
     assert [line["line"]["color"] for line in lines] == colours
     assert {line["line"]["dash"] for line in lines} == {"dash"}
@@ -219,42 +220,42 @@ def test_parameters_have_units_colours_and_the_truth(
 
 
 def test_the_axis_shows_where_parameters_settle(segment: Segment) -> None:
-    drawn = as_json(figures_training.parameter_course(history(), 0, segment))
+    drawn = as_json(training.parameter_course(history(), 0, segment))
     low, high = drawn["layout"]["yaxis"]["range"]
     assert 0.09 < low < 0.1 < high < 0.2
 
 
 def test_case_one_is_one_line_for_all(segment: Segment) -> None:
-    drawn = as_json(figures_training.parameter_course(history(sets=1), 2, segment))
+    drawn = as_json(training.parameter_course(history(sets=1), 2, segment))
     assert [trace["name"] for trace in drawn["data"]] == ["all followers"]
 
 
 def test_undetermined_parameters_do_not_break_the_axis(segment: Segment) -> None:
     course = history()
     course.parameters[:] = np.nan
-    drawn = as_json(figures_training.parameter_course(course, 2, segment))
+    drawn = as_json(training.parameter_course(course, 2, segment))
     assert "range" not in drawn["layout"]["yaxis"]
 
 
 def test_tracking_shows_data_network_and_simulation(segment: Segment) -> None:
     curves = Trajectories(segment.time, segment.speeds + 1, segment.gaps + 1)
-    drawn = figures.tracking(segment, 1, curves, curves)
+    drawn = training.tracking(segment, 1, curves, curves)
     names = [trace.name for trace in drawn.data]
     assert names == [n for n in ("data", "network", "closed-loop simulation") for _ in range(2)]
     np.testing.assert_array_equal(drawn.data[0].y, segment.gaps[:, 1])
     np.testing.assert_array_equal(drawn.data[1].y, segment.speeds[:, 2])
     np.testing.assert_array_equal(drawn.data[2].y, segment.gaps[:, 1] + 1)
-    assert len(figures.tracking(segment, 0, None, None).data) == 2
+    assert len(training.tracking(segment, 0, None, None).data) == 2
 
 
 @pytest.mark.parametrize("dark", ["paper_bgcolor", "plot_bgcolor"])
 def test_grounds_are_transparent(segment: Segment, dark: str) -> None:
     for figure in (
-        figures.overview(recording(), (1, 2), Window(0, 20)),
-        figures.preview(segment),
-        figures.tracking(segment, 0, None, None),
-        figures_training.loss_course(history()),
-        figures_training.parameter_course(history(), 0, segment),
+        recording_figures.overview(recording(), (1, 2), Window(0, 20)),
+        recording_figures.preview(segment),
+        training.tracking(segment, 0, None, None),
+        training.loss_course(history()),
+        training.parameter_course(history(), 0, segment),
     ):
         assert figure.layout[dark] == "rgba(0,0,0,0)"
         assert figure.layout.uirevision

@@ -10,14 +10,16 @@ import numpy as np
 import plotly.graph_objects as go
 import pytest
 
-from accpinn import figures_platoon, figures_stability, figures_wave
 from accpinn.cthp import Parameters
 from accpinn.errors import ParameterError
-from accpinn.figures import FOLLOWERS, LEADER
+from accpinn.figures import platoon as figures_platoon
+from accpinn.figures import stability as figures_stability
+from accpinn.figures import wave
+from accpinn.figures.style import FOLLOWERS, LEADER
 from accpinn.platoon import Brake, PlatoonRun, Recorded, Sinusoid, SpeedStep, simulate
 from accpinn.published import ASTAZERO, CASALE, PUBLISHED, VICOLUNGO, LawSet, law_set
 from accpinn.stability import StabilityReport, report, response
-from accpinn.tables_stability import stability_table
+from accpinn.tables.stability import stability_table
 from tests.references_stability import TABLE
 
 CALM = Parameters(0.05, 0.6, 1.8)
@@ -330,7 +332,7 @@ def test_a_leader_that_does_nothing_is_no_division_by_zero() -> None:
     figure = figures_platoon.amplitude_course(run, cast, in_db=True)
     assert np.isnan(figure.data[0].y).all()
     assert figures_platoon.speed_map(run, cast).data[0].zmax > 0
-    figures_wave.animation(run, cast)
+    wave.animation(run, cast)
 
 
 def test_speed_map_has_a_row_a_vehicle_and_is_even_about_zero(sinusoid: PlatoonRun) -> None:
@@ -357,7 +359,7 @@ def test_speed_map_has_a_row_a_vehicle_and_is_even_about_zero(sinusoid: PlatoonR
 )
 def test_animation_moves_the_cars_as_simulated(leader: Any) -> None:
     run = simulate(ASTAZERO.parameters, leader)
-    figure = figures_wave.animation(run, figures_platoon.cast_of(ASTAZERO, [0, 1, 2, 3]))
+    figure = wave.animation(run, figures_platoon.cast_of(ASTAZERO, [0, 1, 2, 3]))
     assert 2 <= len(figure.frames) <= 60
     assert len(figure.layout.sliders[0].steps) == len(figure.frames)
     names = [frame.name for frame in figure.frames]
@@ -365,14 +367,14 @@ def test_animation_moves_the_cars_as_simulated(leader: Any) -> None:
     assert small(figure, 80_000)
     for frame in figure.frames[:: len(figure.frames) // 3]:
         row = int(np.argmin(abs(run.trajectories.time - float(frame.name))))
-        gaps = -np.diff(frame.data[0].x) - figures_wave.CAR_LENGTH
+        gaps = -np.diff(frame.data[0].x) - wave.CAR_LENGTH
         np.testing.assert_allclose(gaps, run.trajectories.gaps[row], atol=0.02)
         np.testing.assert_allclose(frame.data[1].y, run.trajectories.speeds[row], atol=1e-3)
 
 
 def test_animation_ends_at_a_collision() -> None:
     run = simulate([ASTAZERO.parameters[0]] * 8, Sinusoid(0.214))
-    figure = figures_wave.animation(run, figures_platoon.cast_of(ASTAZERO, [0] * 8))
+    figure = wave.animation(run, figures_platoon.cast_of(ASTAZERO, [0] * 8))
     assert float(figure.frames[-1].name) <= run.collisions[0].time + 0.1
 
 

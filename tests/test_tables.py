@@ -18,8 +18,8 @@ from accpinn.fit import Fit, Outcome
 from accpinn.openacc import read
 from accpinn.segment import Segment, cut
 from accpinn.segment.quality import assess
-from accpinn.tables import comparison_table, parameter_table, quality_table
-from accpinn.typeset import ABSENT, Column, Table, latex
+from accpinn.tables.results import comparison_table, parameter_table, quality_table
+from accpinn.tables.typeset import ABSENT, Column, Table, latex
 
 LAWS = (Parameters(0.01037, 0.07235, 1.52034), Parameters(0.1, 0.2, 1.0))
 NASTY = ["<script>alert(1)</script>", "A&B_50%$x$^2", r"\input{secret}~#{}"]

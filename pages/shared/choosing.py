@@ -5,7 +5,9 @@ from itertools import takewhile
 
 import streamlit as st
 
-from accpinn import figures
+from accpinn.figures.recording import has_ribbons
+from accpinn.figures.recording import overview as draw_overview
+from accpinn.figures.style import vehicle_colour
 from accpinn.openacc import Recording
 from accpinn.segment import MAX_FOLLOWERS, MINIMUM_DURATION, Window, chains
 from pages.shared.frame import show_key
@@ -120,18 +122,18 @@ def overview(workspace: Workspace, recording: Recording) -> None:
         name = recording.vehicles[number - 1].name
         label = name if name == f"Vehicle {number}" else f"{number} {name}"
         role = " (leader)" if number == leader else ""
-        entries.append((label + role, figures.vehicle_colour(number, leader)))
+        entries.append((label + role, vehicle_colour(number, leader)))
         if number not in workspace.vehicles:
             faint.add(label)
     show_key(entries, faint)
     st.plotly_chart(
-        figures.overview(recording, workspace.vehicles, workspace.window),
+        draw_overview(recording, workspace.vehicles, workspace.window),
         key=CHART,
         on_select=_dragged(workspace, recording),
         selection_mode="box",
         config={"displayModeBar": False},
     )
-    if figures.has_ribbons(recording):
+    if has_ribbons(recording):
         st.caption("Bars: driven by hand (in the vehicle's colour) and missing data (red).")
 
 

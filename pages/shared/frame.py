@@ -6,7 +6,7 @@ from pathlib import Path
 
 import streamlit as st
 
-from accpinn.figures import vehicle_colour
+from accpinn.figures.style import vehicle_colour
 from accpinn.jobs import Status
 from accpinn.segment import Segment
 from pages.shared.text import plain

@@ -12,7 +12,7 @@ from accpinn.fit import Fit
 from accpinn.published import PUBLISHED, LawSet, law_set
 from accpinn.segment import Segment
 from accpinn.stability import StabilityReport, report
-from accpinn.tables import where
+from accpinn.tables.results import where
 from pages.shared.remembered import Row, Source
 from pages.shared.text import plain
 from pages.shared.workspace import Workspace, hold

@@ -2,8 +2,8 @@
 
 import streamlit as st
 
-from accpinn import figures_training
 from accpinn.cthp import Parameters
+from accpinn.figures import training
 from accpinn.jobs import Job, Status
 from pages.shared.frame import vehicle_key
 from pages.shared.text import lasting, plain
@@ -74,8 +74,8 @@ def show_course(job: Job, truth: tuple[Parameters, ...]) -> None:
     vehicle_key(segment, with_truth=bool(truth))
     loss, *parameters = st.columns(4)
     with loss:
-        st.plotly_chart(figures_training.loss_course(history), key="train_loss", config=CHART)
+        st.plotly_chart(training.loss_course(history), key="train_loss", config=CHART)
     for which, column in enumerate(parameters):
         with column:
-            figure = figures_training.parameter_course(history, which, segment, truth)
+            figure = training.parameter_course(history, which, segment, truth)
             st.plotly_chart(figure, key=f"train_parameter_{which}", config=CHART)

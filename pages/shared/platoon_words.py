@@ -4,9 +4,9 @@ from collections.abc import Sequence
 
 import streamlit as st
 
-from accpinn import figures_platoon as figures
 from accpinn.cthp import Parameters
 from accpinn.errors import AccpinnError
+from accpinn.figures import platoon as figures
 from accpinn.platoon import Leader, PlatoonRun, simulate
 from accpinn.published import ASTAZERO, LawSet
 from pages.shared.frame import show_key

@@ -4,13 +4,17 @@ from pathlib import Path
 
 import streamlit as st
 
-from accpinn import assessment, figures, tables, typeset
+from accpinn import assessment
 from accpinn.cthp import Parameters
 from accpinn.estimators import least_squares
+from accpinn.figures.style import vehicle_colour
+from accpinn.figures.training import tracking
 from accpinn.fit import Fit, Outcome
 from accpinn.jobs import Job
 from accpinn.segment import Segment
 from accpinn.segment.quality import assess
+from accpinn.tables import results as tables
+from accpinn.tables import typeset
 from pages.shared.text import bullets, lasting
 
 
@@ -21,7 +25,7 @@ def show_result(job: Job, truth: tuple[Parameters, ...]) -> None:
         return
     show_outcome(fit)
     table = parameter_table(segment, fit)
-    colours = [figures.vehicle_colour(n, segment.vehicles[0]) for n in segment.vehicles]
+    colours = [vehicle_colour(n, segment.vehicles[0]) for n in segment.vehicles]
     st.html(typeset.STYLE + table.coloured(colours).to_html())
     st.caption(
         "Surrogate fit: how far the network's own curves are from the data, as the paper's tables"
@@ -94,7 +98,7 @@ def compare(segment: Segment, fit: Fit, truth: tuple[Parameters, ...]) -> None:
     if truth:
         estimates["Truth"] = truth
     table = tables.comparison_table(segment, estimates)
-    colours = [figures.vehicle_colour(n, segment.vehicles[0]) for n in segment.vehicles[1:]]
+    colours = [vehicle_colour(n, segment.vehicles[0]) for n in segment.vehicles[1:]]
     st.subheader("Beside other estimates", anchor=False)
     st.html(typeset.STYLE + table.coloured(colours).to_html())
 
@@ -112,7 +116,7 @@ def show_curves(segment: Segment, fit: Fit) -> None:
             width=320,
         )
     driven = assessment.closed_loop(segment, fit)
-    figure = figures.tracking(segment, follower, fit.surrogate, driven)
+    figure = tracking(segment, follower, fit.surrogate, driven)
     st.plotly_chart(figure, key="train_tracking", config={"displayModeBar": False})
 
 

@@ -5,7 +5,7 @@ from typing import Any, Literal
 
 import streamlit as st
 
-from accpinn import figures_stability as figures
+from accpinn.figures import stability as figures
 from accpinn.published import LawSet
 from accpinn.stability import StabilityReport
 from accpinn.units import RadiansPerSecond

@@ -5,11 +5,11 @@ from math import isinf
 
 import streamlit as st
 
-from accpinn import figures_stability as figures
-from accpinn import typeset
+from accpinn.figures import stability as figures
 from accpinn.published import LawSet
 from accpinn.stability import StabilityReport, Verdict
-from accpinn.tables_stability import answer, stability_table
+from accpinn.tables import typeset
+from accpinn.tables.stability import answer, stability_table
 from pages.shared.text import plain
 
 NUMBERS = ("no", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine", "ten")

@@ -7,8 +7,18 @@ from typing import Any
 import numpy as np
 import plotly.graph_objects as go
 
-from accpinn.cthp import Parameters
-from accpinn.figures import FOLLOWERS, LEADER, finished, vehicle_colour
+from accpinn.channels import GAP, SPEED, TIME
+from accpinn.cthp import Parameters, Trajectories
+from accpinn.figures.style import (
+    FOLLOWERS,
+    LEADER,
+    MODEL,
+    finished,
+    label_axes,
+    panels,
+    thinned,
+    vehicle_colour,
+)
 from accpinn.fit import History
 from accpinn.segment import Segment
 from accpinn.units import FloatArray
@@ -122,3 +132,48 @@ def _settled_range(history: History, which: int, truth: list[float]) -> list[flo
 
 def _mode_for(moments: int) -> str:
     return "lines+markers" if moments <= FEW else "lines"
+
+
+def tracking(
+    segment: Segment,
+    follower: int,
+    surrogate: Trajectories | None,
+    closed_loop: Trajectories | None,
+) -> go.Figure:
+    """Gap and speed of one follower: data, the network's curve, and the law in closed loop.
+
+    Args:
+        segment: the data.
+        follower: 0 for the first.
+        surrogate: the method's own trajectories.
+        closed_loop: the law driving behind the measured leader.
+    """
+    figure = panels(2, [0.5, 0.5])
+    number = segment.vehicles[follower + 1]
+    colour = vehicle_colour(number, segment.vehicles[0])
+    sources = (
+        ("data", segment, {"color": colour, "width": 3.5}, 0.45),
+        ("network", surrogate, {"color": colour, "width": 1.5}, 1.0),
+        ("closed-loop simulation", closed_loop, {"color": MODEL, "width": 1.5, "dash": "dot"}, 1.0),
+    )
+    for name, source, line, opacity in sources:
+        if source is None:
+            continue
+        for row, values in ((1, source.gaps[:, follower]), (2, source.speeds[:, follower + 1])):
+            time, shown = thinned(segment.time, values)
+            figure.add_scatter(
+                x=time,
+                y=shown,
+                name=name,
+                line=line,
+                opacity=opacity,
+                legendgroup=name,
+                showlegend=row == 1,
+                row=row,
+                col=1,
+            )
+    label_axes(figure, (GAP, SPEED))
+    figure.update_xaxes(title_text=TIME.axis, row=2, col=1)
+    figure = finished(figure, 460, f"tracking-{number}")
+    legend = {"orientation": "h", "x": 0, "y": 1.01, "yanchor": "bottom"}
+    return figure.update_layout(showlegend=True, legend=legend, margin_t=34)

@@ -7,7 +7,7 @@ import numpy as np
 import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
-from accpinn.figures import LEADER, MODEL, finished, vehicle_colour
+from accpinn.figures.style import LEADER, MODEL, finished, vehicle_colour
 from accpinn.published import LawSet
 from accpinn.stability import (
     Boundaries,

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 from plotly.subplots import make_subplots
 
 from accpinn.channels import SPEED
-from accpinn.figures import LEADER, finished
-from accpinn.figures_platoon import Cast
+from accpinn.figures.platoon import Cast
+from accpinn.figures.style import LEADER, finished
 from accpinn.platoon import PlatoonRun, Recorded, Sinusoid
 from accpinn.units import FloatArray, Metres, Seconds
 

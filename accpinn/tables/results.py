@@ -8,7 +8,7 @@ from accpinn.cthp import Parameters
 from accpinn.fit import Fit
 from accpinn.segment import Segment
 from accpinn.segment.quality import Quality
-from accpinn.typeset import Cell, Column, Table
+from accpinn.tables.typeset import Cell, Column, Table
 
 PARAMETER_COLUMNS = (
     Column("α", "1/s²", 4),

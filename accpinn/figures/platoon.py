@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from plotly.subplots import make_subplots
 
 from accpinn.channels import GAP, SPEED, TIME
-from accpinn.figures import FOLLOWERS, LEADER, finished, thinned
-from accpinn.figures_stability import colours
+from accpinn.figures.stability import colours
+from accpinn.figures.style import FOLLOWERS, LEADER, finished, thinned
 from accpinn.platoon import PlatoonRun, Sinusoid, simulate
 from accpinn.published import ASTAZERO, LawSet
 from accpinn.units import FloatArray, Metres

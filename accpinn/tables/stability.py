@@ -2,8 +2,8 @@
 
 from accpinn.published import LawSet
 from accpinn.stability import StabilityReport, Verdict
-from accpinn.tables import PARAMETER_COLUMNS
-from accpinn.typeset import Cell, Column, Table
+from accpinn.tables.results import PARAMETER_COLUMNS
+from accpinn.tables.typeset import Cell, Column, Table
 
 L2, LINF = "L2: no frequency grows", "L∞: no peak grows"
 HEADWAY = "Smallest stable τ"

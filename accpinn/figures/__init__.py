@@ -1,0 +1,1 @@
+"""Results as plotly figures: pure functions, transparent grounds, one colour per vehicle."""

@@ -1,0 +1,83 @@
+"""The common looks: colours, panels, and no more points than a screen has columns.
+
+Colours and grid are chosen to be read on light and on dark pages alike; texts take the page's
+colour.
+"""
+
+import numpy as np
+import plotly.graph_objects as go
+from plotly.subplots import make_subplots
+
+from accpinn.channels import Channel
+from accpinn.units import FloatArray
+
+LEADER = "#7e8490"
+FOLLOWERS = (
+    "#0c7eae", "#d8660c", "#8a5af0", "#18a070", "#9c4e36",
+    "#e0487a", "#3660ba", "#96862a", "#a83690", "#6090f6",
+)  # fmt: skip
+"""Ten followers; each has a contrast of 3 or more on white and on the dark page, and the first few
+differ most under normal, red-blind and green-blind vision."""
+MODEL = "#c22f4f"
+"""What the law drives in closed loop, beside the vehicle's own colour for its data."""
+GRID = "rgba(128, 140, 155, 0.25)"
+POINTS = 1500
+"""Kept per trace at most; a screen has no more columns."""
+
+
+def vehicle_colour(number: int, leader: int) -> str:
+    """The colour of a vehicle, by its number in the file; the platoon's leader has its own."""
+    return LEADER if number in (leader, 1) else FOLLOWERS[(number - 2) % len(FOLLOWERS)]
+
+
+def thinned(time: FloatArray, values: FloatArray, points: int = POINTS) -> tuple[FloatArray, ...]:
+    """At most about ``points`` of (N,) samples: lowest and highest of each bin, and every hole.
+
+    Unlike plain decimation this keeps peaks, and a missing block still breaks the line.
+    """
+    count = len(values)
+    bins = points // 2
+    if count <= points:
+        return time, values
+    width = -(-count // bins)
+    padded = np.full(bins * width, np.nan)
+    padded[:count] = values
+    table = padded.reshape(bins, width)
+    missing = np.isnan(table)
+    kept = [
+        np.where(missing, np.inf, table).argmin(axis=1),
+        np.where(missing, -np.inf, table).argmax(axis=1),
+        missing.argmax(axis=1),
+    ]
+    offsets = np.arange(bins) * width
+    rows = np.unique(np.concatenate([[0, count - 1], *(offsets + at for at in kept)]))
+    rows = rows[rows < count]
+    return time[rows], values[rows]
+
+
+def panels(rows: int, heights: list[float]) -> go.Figure:
+    """Stacked panels over one time axis."""
+    return make_subplots(
+        rows=rows, cols=1, shared_xaxes=True, row_heights=heights, vertical_spacing=0.05
+    )
+
+
+def label_axes(figure: go.Figure, channels: tuple[Channel, ...]) -> None:
+    """Name and unit of each panel's channel, from the top down."""
+    for row, channel in enumerate(channels, 1):
+        figure.update_yaxes(title_text=channel.axis, row=row, col=1)
+
+
+def finished(figure: go.Figure, height: int, revision: str) -> go.Figure:
+    """Common looks; ``revision`` keeps the user's zoom while data change."""
+    figure.update_xaxes(gridcolor=GRID, zeroline=False, showline=False)
+    figure.update_yaxes(gridcolor=GRID, zeroline=False, showline=False)
+    return figure.update_layout(
+        height=height,
+        showlegend=False,
+        hovermode="x unified",
+        paper_bgcolor="rgba(0,0,0,0)",
+        plot_bgcolor="rgba(0,0,0,0)",
+        margin={"l": 8, "r": 8, "t": 10, "b": 8},
+        uirevision=revision,
+    )

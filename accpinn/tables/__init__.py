@@ -1,0 +1,1 @@
+"""Results as tables for the page, for LaTeX and as CSV."""
