@@ -27,6 +27,9 @@ def main() -> None:
         watch(workspace.job, workspace.true_parameters)
         if not workspace.job.is_active:
             show_result(workspace.job, workspace.true_parameters)
+        if workspace.fit:
+            frame.link(frame.STABILITY, "Next: do these vehicles amplify disturbances?", workspace,
+                       "arrow_forward")  # fmt: skip
 
 
 def no_segment(workspace: Workspace) -> None:

@@ -54,7 +54,7 @@ def _l2_reason(vehicle: VehicleNumbers, margin: float, gain: float) -> str:
         return f"{slow}, but so little that the answer is marginal: by one part in 10⁹ at most."
     return (
         f"{slow}, most at {vehicle.peak.omega:.3g} rad/s, where they come out {factor(gain)} times"
-        f" as large ({vehicle.peak.db:.2g} dB)."
+        f" as large ({vehicle.peak.db:.2f} dB)."
     )
 
 

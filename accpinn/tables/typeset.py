@@ -166,7 +166,7 @@ figure.figures { margin: 0; }
 figure.figures > div { overflow-x: auto; }
 figure.figures figcaption { padding: 0 0 .35rem; font-weight: 600; }
 table.figures { border-collapse: collapse; width: 100%; font-variant-numeric: tabular-nums; }
-table.figures th, table.figures td { padding: .32rem .7rem; text-align: left; white-space: nowrap;
+table.figures th, table.figures td { padding: .32rem .5rem; text-align: left; white-space: nowrap;
   border: 0; }
 table.figures .number { text-align: right; }
 table.figures th { font-weight: 600; vertical-align: bottom; white-space: normal; }

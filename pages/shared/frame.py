@@ -15,6 +15,7 @@ from pages.shared.workspace import SESSION, Workspace, current
 HERE = Path(__file__).parent
 ROOT = HERE.parents[1]
 HOME, DATA, TRAIN = "app.py", "pages/1_Data.py", "pages/2_Train.py"
+STABILITY = "pages/3_Stability.py"
 
 _ICONS = {
     "Home": "home",

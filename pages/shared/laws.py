@@ -36,6 +36,7 @@ def choose_laws(workspace: Workspace, page: str) -> LawSet | None:
         st.segmented_control(
             "Parameters of",
             offered,
+            default=now,
             format_func=SOURCES.__getitem__,
             key=hold(f"{page}_source", now),
             on_change=lambda: _turn_to(workspace, st.session_state[f"{page}_source"]),
@@ -98,7 +99,7 @@ def _turn_to(workspace: Workspace, source: Source) -> None:
 
 
 def _choose_example(workspace: Workspace, page: str) -> None:
-    key = f"{page}_example"
+    key, titles = f"{page}_example", [laws.title for laws in PUBLISHED]
 
     def changed() -> None:
         workspace.laws.example = st.session_state[key]
@@ -106,7 +107,8 @@ def _choose_example(workspace: Workspace, page: str) -> None:
 
     st.selectbox(
         "Published set",
-        [laws.title for laws in PUBLISHED],
+        titles,
+        index=titles.index(workspace.laws.example),
         key=hold(key, workspace.laws.example),
         on_change=changed,
         label_visibility="collapsed",

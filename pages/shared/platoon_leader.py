@@ -49,6 +49,7 @@ def choose_leader(workspace: Workspace, platoon: list[Parameters]) -> Leader | N
     st.segmented_control(
         "Disturbance of the leader",
         offered,
+        default=kind,
         format_func=KINDS.__getitem__,
         key=hold("platoon_kind", kind),
         on_change=lambda: drive.change(kind=st.session_state["platoon_kind"]),
@@ -85,7 +86,7 @@ def _frequency(drive: DriveChoice, peak: float) -> float:
     value = peak if drive.omega is None else drive.omega
     label, step = LABELS["frequency"]
     st.number_input(
-        label, key=hold("platoon_frequency", value), step=step, format="%.4g",
+        label, value=value, key=hold("platoon_frequency", value), step=step, format="%.4g",
         on_change=lambda: drive.change(omega=st.session_state["platoon_frequency"]),
     )  # fmt: skip
     if value == peak:
@@ -109,7 +110,9 @@ def _number(drive: DriveChoice, kind: Disturbance, setting: Field[float]) -> flo
             drive.settings[name] = st.session_state[key]
 
     label, step = LABELS[setting.name]
-    st.number_input(label, key=hold(key, value), step=step, format="%.4g", on_change=changed)
+    st.number_input(
+        label, value=value, key=hold(key, value), step=step, format="%.4g", on_change=changed
+    )
     return value
 
 

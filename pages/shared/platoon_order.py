@@ -20,6 +20,7 @@ def choose_order(workspace: Workspace, laws: LawSet) -> list[int] | None:
         st.segmented_control(
             "Platoon",
             list(ORDERS),
+            default=drive.order,
             format_func=ORDERS.__getitem__,
             key=hold("platoon_order", drive.order),
             on_change=lambda: drive.change(order=st.session_state["platoon_order"]),
@@ -44,26 +45,29 @@ def _repeated(drive: DriveChoice, laws: LawSet) -> list[int]:
     vehicle = min(drive.vehicle, len(laws) - 1)
     left, right = st.columns((3, 2))
     left.selectbox(
-        "Vehicle", range(len(laws)), format_func=lambda k: laws.labels[k],
+        "Vehicle", range(len(laws)), index=vehicle, format_func=lambda k: laws.labels[k],
         key=hold("platoon_vehicle", vehicle),
         on_change=lambda: drive.change(vehicle=st.session_state["platoon_vehicle"]),
     )  # fmt: skip
     right.number_input(
-        "Followers", 1, MOST_FOLLOWERS, key=hold("platoon_followers", drive.followers),
+        "Followers", 1, MOST_FOLLOWERS, drive.followers,
+        key=hold("platoon_followers", drive.followers),
         on_change=lambda: drive.change(followers=st.session_state["platoon_followers"]),
     )  # fmt: skip
     return [vehicle] * drive.followers
 
 
 def _own(drive: DriveChoice, laws: LawSet) -> list[int]:
+    text = drive.own or f"1-{len(laws)}, 1-{len(laws)}"
     st.text_input(
         "Followers, first to last",
-        key=hold("platoon_own", drive.own or f"1-{len(laws)}, 1-{len(laws)}"),
+        value=text,
+        key=hold("platoon_own", text),
         on_change=lambda: drive.change(own=st.session_state["platoon_own"]),
         help="Numbers and ranges: 1-3, 2, 2",
     )
     st.caption(" · ".join(f"{k} {plain(label)}" for k, label in enumerate(laws.labels, 1)))
-    return parse_order(drive.own or f"1-{len(laws)}, 1-{len(laws)}", len(laws))
+    return parse_order(text, len(laws))
 
 
 def parse_order(text: str, count: int) -> list[int]:

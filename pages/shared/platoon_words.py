@@ -80,6 +80,7 @@ def choose_scale(workspace: Workspace, run: PlatoonRun) -> bool:
     with st.container(horizontal=True, vertical_alignment="center"):
         st.toggle(
             "in dB",
+            value=drive.in_db,
             key=hold("platoon_db", drive.in_db),
             on_change=lambda: drive.change(in_db=st.session_state["platoon_db"]),
         )
