@@ -13,6 +13,7 @@ STEPS = (
     ("1. Open a recording", "A car-following run of the OpenACC database, or a sample."),
     ("2. Choose a window", "Who follows whom, from when to when; one set of parameters or many."),
     ("3. Train", "Watch α, β and τ settle, then see how well they explain the drive."),
+    ("4. Judge", "Which of these cars amplify disturbances, and what a platoon of them does."),
 )
 
 
@@ -25,7 +26,7 @@ def main() -> None:
     with picture:
         show_sample()
     st.space("small")
-    for column, (title, line) in zip(st.columns(3), STEPS, strict=True):
+    for column, (title, line) in zip(st.columns(len(STEPS)), STEPS, strict=True):
         with column.container(border=True, height="stretch"):
             st.markdown(f"**{title}**")
             st.caption(line)
