@@ -170,16 +170,37 @@ def simulate(
     """
     step = (time[-1] - time[0]) / (len(time) - 1)
     leader = np.asarray(leader_speed, float)
-    block = expm(_held_system(parameters) * step)
-    transition, hold, ramp = block[:-2, :-2], block[:-2, -2], block[:-2, -1]
-    forcing = np.outer(leader[:-1], hold) + np.outer(np.diff(leader) / step, ramp)
-    state = np.empty((len(leader), 2 * len(parameters)))
-    state[0] = np.stack([initial_gaps, initial_speeds], axis=1).ravel()
-    state[1:] = forcing
-    _accumulate(transition, state)
+    start = np.stack([initial_gaps, initial_speeds], axis=1).ravel()
+    state = respond(motion_matrix(parameters), leader, step, start)
     return Trajectories(
         np.asarray(time, float), np.column_stack([leader, state[:, 1::2]]), state[:, 0::2]
     )
+
+
+def respond(matrix: FloatArray, drive: FloatArray, step: Seconds, start: FloatArray) -> FloatArray:
+    """The states of dx/dt = Ax + bu, with u straight between its samples; exact at each of them.
+
+    Args:
+        matrix: (K, K+1), A and, as last column, b.
+        drive: (N,), u.
+        step: between samples.
+        start: (K,), x at the first of them.
+
+    Returns:
+        (N, K).
+    """
+    size = len(start)
+    # With the drive and its slope as states, one matrix exponential gives the exact step.
+    held = np.zeros((size + 2, size + 2))
+    held[:size, :-1] = matrix
+    held[size, size + 1] = 1.0
+    block = expm(held * step)
+    states = np.empty((len(drive), size))
+    states[0] = start
+    states[1:] = np.outer(drive[:-1], block[:-2, -2])
+    states[1:] += np.outer(np.diff(drive) / step, block[:-2, -1])
+    _accumulate(block[:-2, :-2], states)
+    return states
 
 
 def motion_matrix(parameters: tuple[Parameters, ...]) -> FloatArray:
@@ -245,15 +266,3 @@ def _accumulate(transition: FloatArray, states: FloatArray) -> None:
     while reach < len(states):
         states[reach:] += in_blocks(states[:-reach], power)
         reach, power = 2 * reach, power @ power
-
-
-def _held_system(parameters: tuple[Parameters, ...]) -> FloatArray:
-    """(2M+2, 2M+2): the rates of the platoon, the leader's speed and its slope.
-
-    With speed and slope as states, one matrix exponential gives the exact step.
-    """
-    size = 2 * len(parameters)
-    system = np.zeros((size + 2, size + 2))
-    system[:size, :-1] = motion_matrix(parameters)
-    system[size, size + 1] = 1.0
-    return system

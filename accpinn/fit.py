@@ -15,6 +15,11 @@ class Outcome(Enum):
     """How an estimation ended, as the sentence the user reads."""
 
     SOLVED = "Solved: the estimate is the exact optimum of its criterion."
+    CONVERGED = (
+        "Converged: the best of several starts is kept; no small change of the parameters improves"
+        " it."
+    )
+    FILTERED = "Filtered: every instant was taken in once, in the order of time."
     SETTLED = (
         "Settled: twice in a row, 50 iterations moved no parameter by more than 0.1 % and lowered"
         " Ψ by less than 1 %, so training ended early."
