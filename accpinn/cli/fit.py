@@ -11,6 +11,7 @@ from tqdm import tqdm
 
 from accpinn.assessment import closed_loop_errors, surrogate_errors
 from accpinn.cli.output import print_json, table
+from accpinn.cthp import Parameters
 from accpinn.errors import ConfigError, SegmentError
 from accpinn.estimators import ESTIMATORS
 from accpinn.fit import Fit, Outcome, Progress
@@ -172,13 +173,6 @@ class _ProgressBar:
 def describe(segment: Segment, fit: Fit, quality: Quality) -> dict[str, Any]:
     """The result as the command-line contract has it."""
     surrogate, driven = surrogate_errors(segment, fit), closed_loop_errors(segment, fit)
-    followers = list(zip(segment.vehicles[1:], segment.names[1:], strict=True))
-
-    def rows(parameters: tuple[Any, ...]) -> list[dict[str, Any]]:
-        return [
-            {"vehicle": vehicle, "name": name, "alpha": p.alpha, "beta": p.beta, "tau": p.tau}
-            for (vehicle, name), p in zip(followers, parameters, strict=True)
-        ]
 
     return {
         "method": fit.method,
@@ -193,8 +187,8 @@ def describe(segment: Segment, fit: Fit, quality: Quality) -> dict[str, Any]:
             "vehicles": list(segment.vehicles),
             "names": list(segment.names),
         },
-        "parameters": rows(fit.parameters),
-        "unconstrained": rows(fit.unconstrained),
+        "parameters": parameter_rows(segment, fit.parameters),
+        "unconstrained": parameter_rows(segment, fit.unconstrained),
         "active_bounds": [list(names) for names in fit.active_bounds],
         "mae": None
         if surrogate is None
@@ -212,6 +206,15 @@ def describe(segment: Segment, fit: Fit, quality: Quality) -> dict[str, Any]:
         "outcome_sentence": fit.outcome.value,
         "notes": [*segment.notes, *quality.warnings, *fit.notes],
     }
+
+
+def parameter_rows(segment: Segment, parameters: tuple[Parameters, ...]) -> list[dict[str, Any]]:
+    """One entry a follower."""
+    rows = zip(segment.vehicles[1:], segment.names[1:], parameters, strict=True)
+    return [
+        {"vehicle": vehicle, "name": name, "alpha": p.alpha, "beta": p.beta, "tau": p.tau}
+        for vehicle, name, p in rows
+    ]
 
 
 def _text(segment: Segment, fit: Fit, quality: Quality) -> str:
