@@ -11,6 +11,7 @@ constraints are α ≥ 0, c ≥ 0, β ≥ 0 (Wilson and Ward 2011).
 Source: Apostolakis and Ampountolas, IEEE Transactions on Vehicular Technology, 2024, section III.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import combinations
 from typing import Literal, Self
@@ -116,6 +117,16 @@ class PlatoonSolution:
     active: tuple[tuple[str, ...], ...]
     """Per follower, the names of those that stand at zero because of the constraints."""
 
+    @classmethod
+    def of(cls, solutions: Sequence[LinearSolution], followers: int) -> Self:
+        """One solution a follower, or a single one that all share."""
+        rows = solutions if len(solutions) == followers else [solutions[0]] * followers
+        return cls(
+            np.stack([row.theta for row in rows]),
+            np.stack([row.unconstrained for row in rows]),
+            tuple(row.active for row in rows),
+        )
+
 
 def solve_platoon(grams: FloatArray, moments: FloatArray, case: Case) -> PlatoonSolution:
     """`solve_linear` for each follower (Case II) or for all of them together (Case I).
@@ -125,15 +136,11 @@ def solve_platoon(grams: FloatArray, moments: FloatArray, case: Case) -> Platoon
         moments: (M, 3).
         case: "I" or "II".
     """
+    followers = len(grams)
     if case == "I":
-        solutions = [solve_linear(grams.sum(0), moments.sum(0))] * len(grams)
-    else:
-        solutions = [solve_linear(g, m) for g, m in zip(grams, moments, strict=True)]
-    return PlatoonSolution(
-        np.stack([s.theta for s in solutions]),
-        np.stack([s.unconstrained for s in solutions]),
-        tuple(s.active for s in solutions),
-    )
+        grams, moments = grams.sum(0, keepdims=True), moments.sum(0, keepdims=True)
+    solutions = [solve_linear(g, m) for g, m in zip(grams, moments, strict=True)]
+    return PlatoonSolution.of(solutions, followers)
 
 
 @dataclass(frozen=True, eq=False)

@@ -64,7 +64,7 @@ class TestEvery:
     def test_names_itself_and_its_end(self, estimate: Estimator) -> None:
         fit = estimate(driven(), "II")
         assert ESTIMATORS[fit.method] is estimate
-        assert fit.outcome is Outcome.SOLVED
+        assert fit.outcome in (Outcome.SOLVED, Outcome.CONVERGED, Outcome.FILTERED)
         assert fit.case == "II"
         assert fit.seconds > 0
 

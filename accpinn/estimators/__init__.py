@@ -3,12 +3,21 @@
 from collections.abc import Callable
 
 from accpinn.cthp import Case
-from accpinn.estimators import least_squares, splines
+from accpinn.estimators import (
+    least_squares,
+    recursive,
+    savitzky_golay,
+    simulation,
+    splines,
+)
 from accpinn.fit import Fit
 from accpinn.segment import Segment
 
 ESTIMATORS: dict[str, Callable[[Segment, Case], Fit]] = {
     "least-squares": least_squares.fit,
+    "savitzky-golay": savitzky_golay.fit,
     "splines": splines.fit,
+    "simulation": simulation.fit,
+    "recursive": recursive.fit,
 }
 """By the names that the command line and results use."""
