@@ -14,6 +14,7 @@ from typing import Any
 
 import torch
 
+from accpinn.pinn.training import DEFAULT_THREADS
 from bench import stability
 from bench.cases import CASES, folder
 from bench.speed import PAPER_ITERATIONS, measure
@@ -45,6 +46,7 @@ def main() -> int:
         "processor": platform.processor() or platform.machine(),
         "cores": os.cpu_count(),
         "threads": torch.get_num_threads(),
+        "fast_threads": DEFAULT_THREADS,
         "torch": torch.__version__,
         "python": platform.python_version(),
     }
@@ -60,8 +62,8 @@ def main() -> int:
 
 def _text(machine: dict[str, Any], rows: list[dict[str, Any]]) -> str:
     lines = [
-        f"{machine['cores']} cores, {machine['threads']} threads, torch {machine['torch']},"
-        f" Python {machine['python']}"
+        f"{machine['cores']} cores; {machine['threads']} threads for the paper's recipe,"
+        f" {machine['fast_threads']} for ours; torch {machine['torch']}, Python {machine['python']}"
     ]
     for row in rows:
         fast = sorted(row["fast_seconds"])

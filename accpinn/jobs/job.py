@@ -36,7 +36,7 @@ class Train(Protocol):
         store: Store | None,
         on_progress: OnProgress,
         should_stop: ShouldStop,
-        threads: int,
+        threads: int | None,
     ) -> Fit:
         """Learn the parameters of a segment."""
 
@@ -159,7 +159,7 @@ class Job:
         """End it with a result that was there before."""
         self._end(Status.DONE, fit=fit)
 
-    def work(self, train: Train, store: Store | None, threads: int) -> None:
+    def work(self, train: Train, store: Store | None, threads: int | None) -> None:
         """Run it to its end, whatever that is; only the worker calls this."""
         if self._stop.is_set():
             self.cancel()

@@ -1,6 +1,5 @@
 """The queue of trainings and the one thread that works on them."""
 
-import os
 import threading
 import time
 from collections import deque
@@ -33,7 +32,7 @@ class Trainings:
     ) -> None:
         """Start the worker; by default it leaves one processor core to others."""
         self._train, self._store = train, store
-        self._threads = threads or max(1, (os.cpu_count() or 2) - 1)
+        self._threads = threads
         self._clock = clock
         self._changed = threading.Condition()
         self._queue: deque[Job] = deque()

@@ -6,6 +6,7 @@ that was stopped, or whose process died, goes on from its last checkpoint.
 
 import hashlib
 import json
+import os
 import time
 from dataclasses import dataclass, replace
 
@@ -32,6 +33,9 @@ from accpinn.segment import Segment
 from accpinn.store import Store
 from accpinn.units import Seconds
 
+DEFAULT_THREADS = max(1, min(4, (os.cpu_count() or 2) - 1))
+"""One core is left to others: on matrices this small, threads that wait for a busy core cost far
+more than another thread gains."""
 CHECKPOINT_EVERY = 5.0
 """Seconds between checkpoints: what a killed process can lose."""
 
@@ -60,10 +64,10 @@ def train(
         store: where results and checkpoints are kept; None keeps nothing.
         on_progress: called several times a second with the present moment.
         should_stop: asked several times a second; True ends with `Outcome.STOPPED`.
-        threads: processor threads for torch; None leaves its setting alone.
+        threads: processor threads for torch; by default `DEFAULT_THREADS`.
     """
     before = torch.get_num_threads()
-    torch.set_num_threads(threads or before)
+    torch.set_num_threads(threads or DEFAULT_THREADS)
     try:
         return _train(segment, case, config, store, on_progress, should_stop)
     finally:
