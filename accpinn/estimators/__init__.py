@@ -4,7 +4,9 @@ from collections.abc import Callable
 
 from accpinn.cthp import Case
 from accpinn.estimators import (
+    dual_ukf,
     least_squares,
+    particle,
     recursive,
     savitzky_golay,
     simulation,
@@ -19,5 +21,7 @@ ESTIMATORS: dict[str, Callable[[Segment, Case], Fit]] = {
     "splines": splines.fit,
     "simulation": simulation.fit,
     "recursive": recursive.fit,
+    "particle": particle.fit,
+    "dual-ukf": dual_ukf.fit,
 }
 """By the names that the command line and results use."""

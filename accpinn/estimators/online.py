@@ -9,6 +9,8 @@ from accpinn.units import FloatArray, Seconds, SecondsArray
 
 COURSE_EVERY: Seconds = 0.5
 """Between kept instants; the law changes more slowly than this shows."""
+NEAR_ZERO = 1.5
+"""Deviations from zero that say nothing; a cloud pressed against zero has its mean at 1.3."""
 
 
 def kept_samples(segment: Segment) -> list[int]:
@@ -40,6 +42,22 @@ def course(time: SecondsArray, theta: FloatArray, covariance: FloatArray, follow
         np.broadcast_to(np.stack([alpha, beta, tau], -1), shape),
         np.broadcast_to(np.sqrt(squares), shape),
     )
+
+
+def doubts(segment: Segment, path: Course) -> tuple[str, ...]:
+    """A sentence for each gain that its filter hardly tells from zero at the end."""
+    assert path.deviation is not None
+    notes = []
+    for vehicle, values, deviations in zip(
+        segment.vehicles[1:], path.parameters[-1], path.deviation[-1], strict=True
+    ):
+        for name, value, deviation in zip("αβ", values, deviations, strict=False):
+            if 0 < value < NEAR_ZERO * deviation:
+                notes.append(
+                    f"Vehicle {vehicle}: {name} = {value:.4f} has a standard deviation of"
+                    f" {deviation:.4f} in the filter, so the recording hardly tells it from zero."
+                )
+    return tuple(notes)
 
 
 def nearest_lawful(theta: FloatArray, covariance: FloatArray) -> LinearSolution:

@@ -52,11 +52,20 @@ APART = (
 )
 AT_ZERO = 1e-6
 """In units of `SCALE`: the search comes near to a bound and never stands on it."""
+HIGHEST = np.array([10.0, 10.0, 10.0])
+"""Of α, ατ, β, in the units of SI: a hundred times what cars have. Where nothing but noise moves,
+the best simulation would repeat it with gains beyond all bounds."""
+TELLING = 1e-8
+"""Ratio of the derivatives' singular values below which some change of the law changes nothing."""
 TOLERANCE = 1e-10
 
 
 def fit(segment: Segment, case: Case = "II") -> Fit:
-    """The law of the best closed-loop simulation; the surrogate is that simulation."""
+    """The law of the best closed-loop simulation; the surrogate is that simulation.
+
+    Raises:
+        SegmentError: when there are too few samples for the splines that the search starts from.
+    """
     started = time.perf_counter()
     guesses = [method.fit(segment, case).parameters for method in (least_squares, splines)]
     guesses.append((TYPICAL,) * segment.followers)
@@ -82,7 +91,7 @@ def fit(segment: Segment, case: Case = "II") -> Fit:
         unconstrained=parameters_of(solution.unconstrained),
         active_bounds=solution.active,
         iterations=sum(end.rounds for end in ends),
-        notes=bound_notes(segment.vehicles, solution) + ((APART,) if len(platoon) > 1 else ()),
+        notes=(*bound_notes(segment.vehicles, solution), *_notes(segment, ends)),
     )
 
 
@@ -95,6 +104,8 @@ class _End:
     """(N, 2K) simulated with it."""
     converged: bool
     rounds: int
+    telling: bool
+    """Whether every change of the law changes the simulation."""
 
 
 def _best(chain: Chain, guesses: list[FloatArray]) -> _End:
@@ -118,7 +129,20 @@ def _best(chain: Chain, guesses: list[FloatArray]) -> _End:
         chain.states(theta, search.start(best.x)),
         bool(best.success),
         sum(end.nfev for end in found),
+        search.telling(best),
     )
+
+
+def _notes(segment: Segment, ends: list[_End]) -> list[str]:
+    notes = [] if len(ends) == 1 else [APART]
+    for vehicle, end in zip(segment.vehicles[1:], ends, strict=False):
+        whose = "Case I" if len(ends) < segment.followers else f"Vehicle {vehicle}"
+        if not end.telling or (end.solution.theta >= HIGHEST * (1 - AT_ZERO)).any():
+            notes.append(
+                f"{whose}: the recording does not tell α, β and τ apart, as other laws drive just"
+                " as near to it; the numbers are one possibility of many."
+            )
+    return notes
 
 
 class _Search:
@@ -152,12 +176,19 @@ class _Search:
         kept = [*self._free, *range(3, slopes.shape[2])]
         return np.asarray((slopes[:, :, kept] * self._unit).reshape(-1, len(kept)))
 
+    def telling(self, end: OptimizeResult) -> bool:
+        """Whether no change of the free part of θ leaves the simulation as it is."""
+        values = np.linalg.svd(end.jac[:, : len(self._free)], compute_uv=False)
+        return bool(values.size == 0 or values[-1] > TELLING * values[0])
+
     def run(self, guess: FloatArray, bounded: bool = True) -> OptimizeResult:
         """From a law (3,) and the measured first state to the nearest optimum."""
         laws, states = len(self._free), len(self._first)
         x = np.concatenate([guess[self._free] / SCALE[self._free], np.zeros(states)])
-        lowest = np.repeat([0.0 if bounded else -np.inf, -1.0], [laws, states])
-        highest = np.repeat([np.inf, 1.0], [laws, states])
+        top = HIGHEST[self._free] / SCALE[self._free]
+        lowest = np.concatenate([np.zeros(laws) if bounded else -top, -np.ones(states)])
+        highest = np.concatenate([top, np.ones(states)])
+        x = x.clip(lowest, highest)
         # A trial step may lead to a law whose simulation runs away; the search then turns back.
         with np.errstate(over="ignore", invalid="ignore"):
             return minimise(

@@ -21,6 +21,7 @@ from scipy.linalg import solveh_banded
 from scipy.sparse import csr_array, diags_array
 
 from accpinn.cthp import Case, PlatoonSolution, Trajectories, regressors, solve_platoon
+from accpinn.errors import SegmentError
 from accpinn.fit import Fit, Outcome, bound_notes, parameters_of
 from accpinn.segment import Segment
 from accpinn.units import FloatArray, Seconds
@@ -36,8 +37,17 @@ TOLERANCE = 1e-9
 
 
 def fit(segment: Segment, case: Case = "II", knots_every: Seconds = KNOTS_EVERY) -> Fit:
-    """Trajectories and parameters that minimise Ψ over all splines with these knots."""
+    """Trajectories and parameters that minimise Ψ over all splines with these knots.
+
+    Raises:
+        SegmentError: when there are fewer samples than a single piece of a spline needs.
+    """
     started = time.perf_counter()
+    if segment.samples <= DEGREE:
+        raise SegmentError(
+            f"{segment.source}: {segment.samples} samples are too few for a spline; take a window"
+            f" of at least {DEGREE + 1}."
+        )
     knots_every = max(knots_every, LEAST_SAMPLES * segment.sample_time)
     basis = _Basis(segment.time, knots_every)
     solution = _solve_law(segment.speeds, segment.gaps, _slopes(segment), case)
