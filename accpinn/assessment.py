@@ -6,7 +6,8 @@ drives. *Closed-loop simulation*: only the leader's measured speed goes in, the 
 own state from the first measured instant.
 """
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -64,3 +65,40 @@ def closed_loop_errors(segment: Segment, fit: Fit) -> TrackingErrors | None:
     """Closed-loop simulation; None where τ is undetermined."""
     driven = closed_loop(segment, fit)
     return tracking_errors(segment, driven) if driven else None
+
+
+HELD_OUT = 1 / 3
+"""Share of the window, its end, that is kept for the test."""
+
+
+def held_out_errors(
+    segment: Segment, estimate: Callable[[Segment], Fit], share: float = HELD_OUT
+) -> TrackingErrors | None:
+    """Closed-loop errors on the end of a window, by a law learned from the part before it.
+
+    A block of time is held out, as random instants of a smooth series tell nothing new. The
+    simulation starts from the first measured instant of the part held out.
+
+    Args:
+        segment: the data.
+        estimate: any method, from a segment to a fit.
+        share: of the window that is held out, above 0 and below 1.
+
+    Returns:
+        None where the part before leaves τ undetermined.
+    """
+    border = round((1 - share) * segment.samples)
+    before, after = part(segment, 0, border), part(segment, border, segment.samples)
+    return closed_loop_errors(after, estimate(before))
+
+
+def part(segment: Segment, first: int, end: int) -> Segment:
+    """Samples ``first`` to ``end`` - 1 of a segment, as a segment of its own."""
+    rows = slice(first, end)
+    return replace(
+        segment,
+        time=segment.time[rows] - segment.time[first],
+        speeds=segment.speeds[rows],
+        gaps=segment.gaps[rows],
+        start=segment.start + float(segment.time[first]),
+    )

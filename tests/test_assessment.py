@@ -9,6 +9,8 @@ import pytest
 from accpinn.assessment import (
     closed_loop,
     closed_loop_errors,
+    held_out_errors,
+    part,
     surrogate_errors,
     tracking_errors,
 )
@@ -19,6 +21,7 @@ from accpinn.openacc import read
 from accpinn.segment import Segment, cut
 from tests.driving import LAW, MIXED, driven, segment_of
 
+SAMPLES = Path(__file__).parent.parent / "sample_data"
 TRUTH = tuple(Parameters(*law) for law in MIXED)
 
 
@@ -105,3 +108,32 @@ class TestClosedLoop:
         errors = closed_loop_errors(segment, fit)
         assert errors is not None
         assert errors.gap_mae[0] == pytest.approx(13.6, abs=0.15)
+
+
+class TestHeldOut:
+    def test_the_law_is_learned_before_and_tested_after(self) -> None:
+        """Truth before a border, another vehicle after it: only the second part may show that."""
+        learned: list[Segment] = []
+
+        def estimate(segment: Segment) -> Fit:
+            learned.append(segment)
+            return least_squares.fit(segment)
+
+        segment = cut(read(SAMPLES / "synthetic_paper_study_noise_free.csv"), 0.0, 90.0)
+        errors = held_out_errors(segment, estimate)
+        assert errors is not None
+        assert errors.gap_mae[0] < 0.02
+        assert [piece.duration for piece in learned] == [pytest.approx(60.0, abs=0.2)]
+        assert learned[0].start == 0.0
+        later = replace(segment, gaps=np.where(segment.time[:, None] > 62, 5.0, segment.gaps))
+        spoilt = held_out_errors(later, least_squares.fit)
+        assert spoilt is not None
+        assert spoilt.gap_mae[0] > 1.0
+
+    def test_parts_keep_their_place_in_the_recording(self) -> None:
+        segment = cut(read(SAMPLES / "synthetic_paper_study.csv"), 20.0, 60.0)
+        piece = part(segment, 100, 300)
+        assert piece.start == pytest.approx(30.0)
+        assert piece.time[0] == 0.0
+        assert piece.samples == 200
+        np.testing.assert_array_equal(piece.gaps, segment.gaps[100:300])
