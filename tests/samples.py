@@ -1,0 +1,33 @@
+"""The recordings of `sample_data` as segments, with the parameters they were made from."""
+
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+
+from accpinn.openacc import read
+from accpinn.segment import Segment, cut
+from accpinn.synthetic import load_truth, truth_path
+from accpinn.units import FloatArray
+
+FOLDER = Path(__file__).parent.parent / "sample_data"
+NOISE_FREE = "synthetic_paper_study_noise_free"
+NOISY = "synthetic_paper_study"
+PLATOON = "synthetic_astazero_like"
+
+
+@dataclass(frozen=True, eq=False)
+class Sample:
+    segment: Segment
+    truth: FloatArray
+    """(M, 3) α, β, τ."""
+
+
+@cache
+def sample(name: str) -> Sample:
+    """The first 300 s."""
+    path = FOLDER / f"{name}.csv"
+    laws = load_truth(truth_path(path)).parameters
+    table = np.array([[law.alpha, law.beta, law.tau] for law in laws])
+    return Sample(cut(read(path), 0, 300), table)

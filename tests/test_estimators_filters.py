@@ -1,0 +1,308 @@
+"""Particle filter and dual unscented Kalman filter, and what both are made of.
+
+Tolerances: both filters take what the law leaves out to be as large as on real roads, so on a
+synthetic drive of 300 s they stay less certain than batch methods; see `Tolerance`.
+"""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+
+from accpinn.cthp import Case, Parameters, simulate
+from accpinn.estimators import dual_ukf, filtering, particle, recursive
+from accpinn.estimators.filtering import Platoon, State, move
+from accpinn.estimators.unscented import Unscented
+from accpinn.fit import Fit, Outcome
+from accpinn.openacc import read
+from accpinn.segment import Segment, cut
+from tests.driving import LAW, MIXED, driven, segment_of, standing_still
+from tests.samples import NOISE_FREE, NOISY, PLATOON, sample
+
+both_filters = pytest.mark.parametrize(
+    "estimate", [particle.fit, dual_ukf.fit], ids=["particle", "dual-ukf"]
+)
+Estimator = Callable[[Segment, Case], Fit]
+
+
+class Tolerance(NamedTuple):
+    """Relative, of α, β, τ."""
+
+    alpha: float
+    beta: float
+    tau: float
+
+
+TOLERANCES = {
+    (dual_ukf.fit, NOISE_FREE): Tolerance(0.005, 0.01, 0.001),
+    (dual_ukf.fit, NOISY): Tolerance(0.03, 0.08, 0.01),
+    (dual_ukf.fit, PLATOON): Tolerance(0.03, 0.08, 0.015),
+    (particle.fit, NOISE_FREE): Tolerance(0.05, 0.08, 0.005),
+    (particle.fit, NOISY): Tolerance(0.05, 0.12, 0.01),
+    (particle.fit, PLATOON): Tolerance(0.12, 0.12, 0.015),
+}
+
+
+class TestUnscented:
+    def test_points_have_the_mean_and_covariance_they_stand_for(self) -> None:
+        mean = np.array([[1.0, -2.0, 3.0], [0.0, 1.0, 2.0]])
+        root = np.random.default_rng(0).standard_normal((2, 3, 3))
+        covariance = root @ root.swapaxes(1, 2)
+        transform = Unscented(3)
+        moments = transform.moments(transform.points(mean, covariance))
+        np.testing.assert_allclose(moments.mean, mean, atol=1e-12)
+        np.testing.assert_allclose(moments.covariance, covariance, atol=1e-12)
+
+    def test_is_exact_for_linear_functions(self) -> None:
+        mean, covariance = np.array([1.0, 2.0]), np.array([[2.0, 0.3], [0.3, 1.0]])
+        matrix = np.array([[1.0, 2.0], [0.5, -1.0], [3.0, 0.0]])
+        transform = Unscented(2)
+        moments = transform.moments(transform.points(mean, covariance) @ matrix.T)
+        np.testing.assert_allclose(moments.mean, matrix @ mean, rtol=1e-12)
+        np.testing.assert_allclose(moments.covariance, matrix @ covariance @ matrix.T, rtol=1e-12)
+
+    def test_mean_of_a_product_has_the_covariance_in_it(self) -> None:
+        mean, covariance = np.array([1.0, 2.0]), np.array([[2.0, 0.3], [0.3, 1.0]])
+        transform = Unscented(2)
+        values = transform.points(mean, covariance).prod(axis=-1, keepdims=True)
+        assert transform.moments(values).mean[0] == pytest.approx(1.0 * 2.0 + 0.3)
+
+
+class TestMotion:
+    def test_one_step_is_the_simulators(self) -> None:
+        law, time = Parameters(*LAW), np.array([0.0, 0.1])
+        exact = simulate((law,), time, np.array([20.0, 21.0]), np.array([19.0]), np.array([25.0]))
+        moved = move(
+            tuple(law.linear()),
+            State(np.array(25.0), np.array(19.0)),
+            np.array(20.0),
+            np.array(21.0),
+            0.1,
+        )
+        assert moved.gap == pytest.approx(exact.gaps[1, 0], abs=1e-7)
+        assert moved.speed == pytest.approx(exact.speeds[1, 1], abs=1e-7)
+
+    def test_white_acceleration_is_as_strong_as_lasting_errors(self) -> None:
+        """Errors that last two seconds, summed over five minutes, against the noise's formula."""
+        rng = np.random.default_rng(0)
+        kept = np.exp(-0.1 / filtering.LASTING)
+        shocks = rng.standard_normal((1000, 3000))
+        shocks[:, 1:] *= np.sqrt(1 - kept**2)
+        errors = filtering.UNEXPLAINED * lfilter([1.0], [1.0, -kept], shocks)
+        speeds = 0.1 * errors.sum(axis=1)
+        expected = 3000 * filtering.motion_noise(0.1)[1, 1]
+        assert speeds.var() == pytest.approx(expected, rel=0.1)
+
+    def test_noise_is_that_of_a_double_integrator(self) -> None:
+        """Ten steps of noise are one long step of it."""
+        transition = np.array([[1.0, -0.1], [0.0, 1.0]])
+        spread = np.zeros((2, 2))
+        for _ in range(10):
+            spread = transition @ spread @ transition.T + filtering.motion_noise(0.1)
+        np.testing.assert_allclose(spread, filtering.motion_noise(1.0), rtol=1e-12)
+
+    def test_laws_and_followers_are_grouped_by_case(self) -> None:
+        segment = driven(MIXED)
+        one, each = Platoon.of(segment, "I"), Platoon.of(segment, "II")
+        assert one.gaps.shape == (segment.samples, 1, 3)
+        assert each.gaps.shape == (segment.samples, 3, 1)
+        np.testing.assert_array_equal(one.ahead[:, 0, 2], segment.speeds[:, 2])
+        np.testing.assert_array_equal(each.speeds[:, 2, 0], segment.speeds[:, 3])
+
+
+class TestBoth:
+    @both_filters
+    @pytest.mark.parametrize("name", [NOISE_FREE, NOISY, PLATOON])
+    def test_recovers_the_truth(self, estimate: Estimator, name: str) -> None:
+        study, tolerance = sample(name), TOLERANCES[estimate, name]
+        error = abs(estimate(study.segment, "II").table() / study.truth - 1)
+        assert (error < tolerance).all(), error.round(3)
+
+    @both_filters
+    @pytest.mark.parametrize("name", [NOISE_FREE, NOISY, PLATOON])
+    def test_truth_is_within_its_deviations(self, estimate: Estimator, name: str) -> None:
+        study = sample(name)
+        path = estimate(study.segment, "II").course
+        assert path is not None
+        assert path.deviation is not None
+        late = path.time > 60
+        misses = (path.parameters - study.truth) / path.deviation
+        assert (abs(misses[late]) < 2).all()
+
+    @both_filters
+    def test_case_i_learns_from_all_followers(self, estimate: Estimator) -> None:
+        segment = driven((LAW, LAW, LAW), duration=200.0, noise=0.05)
+        together, apart = estimate(segment, "I"), estimate(segment, "II")
+        assert len(set(together.parameters)) == 1
+        assert together.course is not None
+        assert together.course.deviation is not None
+        assert apart.course is not None
+        assert apart.course.deviation is not None
+        np.testing.assert_allclose(together.table()[0], LAW, rtol=0.08)
+        ratio = together.course.deviation[-1] / apart.course.deviation[-1]
+        assert (ratio.mean(axis=0) < 0.85).all()
+
+    @both_filters
+    def test_follows_a_law_that_changes(self, estimate: Estimator) -> None:
+        time = 0.1 * np.arange(6000)
+        ahead = 22 + 2.5 * np.sin(0.21 * time) + 1.5 * np.sin(0.083 * time + 1)
+        parts = []
+        state = np.array([22.0]), np.array([30.0])
+        for law, rows in ((LAW, slice(0, 3000)), ((0.08, 0.12, 1.2), slice(3000, 6000))):
+            part = simulate((Parameters(*law),), time[rows], ahead[rows], *state)
+            parts.append(part)
+            state = part.speeds[-1, 1:], part.gaps[-1]
+        segment = segment_of(
+            time,
+            np.concatenate([part.speeds for part in parts]),
+            np.concatenate([part.gaps for part in parts]),
+        )
+        path = estimate(segment, "II").course
+        assert path is not None
+        assert path.parameters[path.time < 300][-1, 0, 2] == pytest.approx(1.5, abs=0.02)
+        assert path.parameters[-1, 0, 2] == pytest.approx(1.2, abs=0.12)
+
+    @both_filters
+    def test_parameters_are_the_courses_last(self, estimate: Estimator) -> None:
+        fit = estimate(driven(MIXED, noise=0.05), "II")
+        assert fit.outcome is Outcome.FILTERED
+        assert fit.course is not None
+        assert fit.course.time[-1] == pytest.approx(60.0)
+        np.testing.assert_allclose(fit.table(), fit.course.parameters[-1], rtol=1e-12)
+        assert fit.course.deviation is not None
+        assert (fit.course.deviation > 0).all()
+
+    @both_filters
+    def test_surrogate_stays_with_the_recording(self, estimate: Estimator) -> None:
+        segment = driven(MIXED, noise=0.05)
+        surrogate = estimate(segment, "II").surrogate
+        assert surrogate is not None
+        np.testing.assert_array_equal(surrogate.speeds[:, 0], segment.speeds[:, 0])
+        assert abs(surrogate.gaps - segment.gaps).mean() < 0.05
+        assert abs(surrogate.speeds - segment.speeds).mean() < 0.05
+
+    @both_filters
+    @pytest.mark.parametrize("speed", [0.0, 20.0])
+    def test_says_when_the_recording_hardly_tells(self, estimate: Estimator, speed: float) -> None:
+        fit = estimate(standing_still(speed), "II")
+        assert any("hardly tells it from zero" in note for note in fit.notes)
+
+    @both_filters
+    def test_stays_sure_of_nothing_near_equilibrium(
+        self, estimate: Estimator, openacc_dir: Path
+    ) -> None:
+        """A minute of AstaZero in which the leader's speed varies by less than 0.1 m/s."""
+        recording = read(openacc_dir / "AstaZero" / "ASta_040719_platoon5.csv")
+        fit = estimate(cut(recording, 520, 60, (1, 2)), "II")
+        assert fit.course is not None
+        assert fit.course.deviation is not None
+        alpha, beta, _ = fit.course.deviation[-1, 0]
+        assert alpha > 0.03
+        assert beta > 0.2
+        assert fit.notes != ()
+
+    @both_filters
+    @pytest.mark.parametrize("case", ["I", "II"])
+    def test_astazero_is_near_the_other_methods(
+        self, estimate: Estimator, case: Case, openacc_dir: Path
+    ) -> None:
+        recording = read(openacc_dir / "AstaZero" / "ASta_040719_platoon5.csv")
+        segment = cut(recording, 320, 300)
+        fit, batch = estimate(segment, case), recursive.fit(segment, case, memory=1e6)
+        assert fit.course is not None
+        assert batch.course is not None
+        # The last estimate with endless memory is batch least squares.
+        error = abs(fit.table() / batch.course.parameters[-1] - 1)
+        assert (error < Tolerance(0.2, 0.25, 0.05)).all(), error.round(3)
+        assert fit.seconds < 20  # we see 0.6 s and 1.7 s
+
+
+class TestDualUnscented:
+    def test_motion_is_the_kalman_filters(self) -> None:
+        """Given the law the motion is linear, and its filter the textbook's."""
+        segment = driven((LAW,), noise=0.05)
+        platoon = Platoon.of(segment, "II")
+        measured = np.stack([segment.gaps[:, 0], segment.speeds[:, 1]], axis=1)
+        dual = dual_ukf._Dual(measured[:1, None], segment.sample_time)
+        theta = Parameters(*LAW).linear()
+        dual._drift = np.zeros((3, 3))
+        dual.theta = theta[None]
+        dual.covariance = 1e-24 * np.eye(3)[None]
+        still = np.array(0.0)
+        transition = np.column_stack(
+            [move(tuple(theta), State(*unit), still, still, 0.1) for unit in np.eye(2)]
+        )
+        mean, spread = measured[0], filtering.measurement_noise()
+        for now in range(1, 200):
+            before, after = platoon.ahead[now - 1], platoon.ahead[now]
+            dual.take_in(before, after, measured[now][None, None])
+            mean = np.array(move(tuple(theta), State(*mean), before[0, 0], after[0, 0], 0.1))
+            spread = transition @ spread @ transition.T + filtering.motion_noise(0.1)
+            gain = spread @ np.linalg.inv(spread + filtering.measurement_noise())
+            mean = mean + gain @ (measured[now] - mean)
+            spread = spread - gain @ spread
+            np.testing.assert_allclose(dual.states[0, 0], mean, rtol=1e-10)
+        np.testing.assert_allclose(dual.spread[0, 0], spread, rtol=1e-8)
+
+    def test_takes_the_most_likely_lawful_law(self) -> None:
+        fit = dual_ukf.fit(driven(((0.08, -0.03, 1.5), LAW), duration=200.0))
+        assert fit.active_bounds == (("β",), ())
+        assert fit.parameters[0].beta == 0
+        assert fit.unconstrained[0].beta == pytest.approx(-0.03, abs=0.005)
+        assert any("hold β at zero" in note for note in fit.notes)
+        assert fit.course is not None
+        assert (fit.course.parameters >= 0).all()
+
+    def test_agrees_with_another_implementation(self, openacc_dir: Path) -> None:
+        """The same two filters, built from filterpy 2.0's UnscentedKalmanFilter, ended here."""
+        recording = read(openacc_dir / "AstaZero" / "ASta_040719_platoon5.csv")
+        fit = dual_ukf.fit(cut(recording, 320, 300, (1, 2)))
+        expected = (0.06166485, 0.07337146, 0.11083167)
+        np.testing.assert_allclose(fit.parameters[0].linear(), expected, rtol=1e-5)
+
+
+class TestParticles:
+    def test_seed_decides(self) -> None:
+        segment = driven((LAW,), noise=0.05)
+        first, same, other = (particle.fit(segment, seed=seed).table() for seed in (0, 0, 1))
+        np.testing.assert_array_equal(first, same)
+        assert (first != other).all()
+        np.testing.assert_allclose(first, other, rtol=0.15)
+
+    def test_every_law_stays_lawful(self) -> None:
+        fit = particle.fit(driven(((0.08, -0.03, 1.5), LAW), duration=200.0))
+        assert fit.course is not None
+        assert (fit.course.parameters > 0).all()
+        assert 0 < fit.parameters[0].beta < 0.04
+        assert fit.active_bounds == ((), ())
+        assert any("Vehicle 2: β" in note for note in fit.notes)
+
+    def test_drawing_anew_keeps_mean_and_spread(self) -> None:
+        cloud = particle._Cloud(Platoon.of(driven((LAW,)), "II"), 20_000, seed=0)
+        rng = np.random.default_rng(1)
+        middle = np.array([0.1, 0.2, 0.3])
+        cloud._theta = (middle + 0.01 * rng.standard_normal((1, 20_000, 3))).transpose(2, 0, 1)
+        weights = np.exp(-0.5 * ((cloud._theta[0, 0] - 0.11) / 0.01) ** 2)
+        cloud._weights = (weights / weights.sum())[None]
+        cloud.mean = (cloud._theta @ cloud._weights[0]).T
+        before = cloud.covariance(0)
+        mean = cloud.mean.copy()
+        cloud._redraw(0)
+        after = cloud._theta[:, 0]
+        np.testing.assert_allclose(after.mean(axis=1), mean[0], rtol=2e-3)
+        np.testing.assert_allclose(np.cov(after), before, atol=0.04 * before.max())
+        assert len(np.unique(after[0])) == 20_000
+
+    def test_heavier_particles_have_more_children(self) -> None:
+        """Systematic resampling: each has its weight's share, to within one."""
+        cloud = particle._Cloud(Platoon.of(driven((LAW,)), "II"), 1000, seed=0)
+        weights = np.random.default_rng(2).random(1000)
+        cloud._weights = (weights / weights.sum())[None]
+        tags = np.arange(1000.0)
+        cloud._motion.gap[0, :, 0] = tags
+        cloud._redraw(0)
+        children = np.bincount(cloud._motion.gap[0, :, 0].astype(int), minlength=1000)
+        assert (abs(children - 1000 * cloud._weights[0]) < 1).all()

@@ -1,0 +1,200 @@
+"""Closed-loop simulation least squares: exact derivatives, the optimum of its own criterion."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from accpinn.assessment import closed_loop_errors, tracking_errors
+from accpinn.cthp import Parameters, simulate
+from accpinn.errors import SegmentError
+from accpinn.estimators import least_squares, simulation, splines
+from accpinn.estimators.chain import Chain, chains
+from accpinn.fit import Fit, Outcome
+from accpinn.openacc import read
+from accpinn.segment import Segment, cut
+from tests.driving import LAW, MIXED, driven, segment_of, standing_still
+from tests.samples import NOISE_FREE, NOISY, PLATOON, sample
+
+
+def squares(segment: Segment, fit: Fit) -> float:
+    """The criterion of Case I, with the measured first state."""
+    driven_by_law = simulate(
+        fit.parameters,
+        segment.time,
+        segment.speeds[:, 0],
+        segment.speeds[0, 1:],
+        segment.gaps[0],
+    )
+    gaps = ((driven_by_law.gaps - segment.gaps) ** 2).sum()
+    return float(gaps + ((driven_by_law.speeds - segment.speeds) ** 2).sum())
+
+
+class TestChain:
+    @pytest.fixture
+    def chain(self) -> Chain:
+        (chain,) = chains(driven(MIXED), "I")
+        return chain
+
+    def test_states_are_the_simulators(self, chain: Chain) -> None:
+        segment, law = driven(MIXED), Parameters(*LAW)
+        expected = simulate(
+            (law,) * 3, segment.time, segment.speeds[:, 0], segment.speeds[0, 1:], segment.gaps[0]
+        )
+        states = chain.states(law.linear(), chain.measured[0])
+        np.testing.assert_allclose(states[:, ::2], expected.gaps, atol=1e-9)
+        np.testing.assert_allclose(states[:, 1::2], expected.speeds[:, 1:], atol=1e-9)
+
+    def test_slopes_are_difference_quotients(self, chain: Chain) -> None:
+        theta, start = Parameters(*LAW).linear(), chain.measured[0]
+        slopes = chain.slopes(theta, start)
+        assert slopes.shape == (*chain.measured.shape, 3 + len(start))
+        for column in range(slopes.shape[2]):
+            change = np.zeros(3 + len(start))
+            change[column] = 1e-5
+            up, down = (
+                chain.states(theta + sign * change[:3], start + sign * change[3:])
+                for sign in (1, -1)
+            )
+            exact, quotient = slopes[:, :, column], (up - down) / 2e-5
+            np.testing.assert_allclose(exact, quotient, atol=2e-6 * abs(exact).max())
+
+    def test_case_ii_drives_each_follower_behind_its_measured_predecessor(self) -> None:
+        segment = driven(MIXED, noise=0.05)
+        parts = chains(segment, "II")
+        assert len(parts) == 3
+        for index, chain in enumerate(parts):
+            np.testing.assert_array_equal(chain.ahead, segment.speeds[:, index])
+            np.testing.assert_array_equal(chain.measured[:, 0], segment.gaps[:, index])
+            np.testing.assert_array_equal(chain.measured[:, 1], segment.speeds[:, index + 1])
+
+
+class TestTruth:
+    def test_recovers_the_noise_free_study(self) -> None:
+        study = sample(NOISE_FREE)
+        np.testing.assert_allclose(simulation.fit(study.segment).table(), study.truth, rtol=5e-4)
+
+    @pytest.mark.parametrize(("name", "tolerance"), [(NOISY, 0.02), (PLATOON, 0.02)])
+    def test_recovers_noisy_studies(self, name: str, tolerance: float) -> None:
+        study = sample(name)
+        found = simulation.fit(study.segment).table()
+        np.testing.assert_allclose(found, study.truth, rtol=tolerance)
+
+    def test_recovers_a_first_state_that_was_measured_wrong(self) -> None:
+        exact = driven((LAW,))
+        gaps = exact.gaps.copy()
+        gaps[0] += 0.3
+        fit = simulation.fit(segment_of(exact.time, exact.speeds, gaps))
+        assert fit.surrogate is not None
+        # One sample of 0.3 m among 600 pulls hardly.
+        assert fit.surrogate.gaps[0, 0] == pytest.approx(exact.gaps[0, 0], abs=0.02)
+        np.testing.assert_allclose(fit.table(), [LAW], rtol=2e-3)
+
+    def test_first_state_stays_within_a_receivers_error(self) -> None:
+        exact = driven((LAW,))
+        gaps = exact.gaps.copy()
+        gaps[0] += 10.0
+        fit = simulation.fit(segment_of(exact.time, exact.speeds, gaps))
+        assert fit.surrogate is not None
+        assert fit.surrogate.gaps[0, 0] == pytest.approx(gaps[0, 0] - 0.5, abs=1e-3)
+
+
+class TestCriterion:
+    def test_no_neighbour_drives_better(self) -> None:
+        segment = driven(MIXED, noise=0.1)
+        (chain,) = chains(segment, "I")
+        fit = simulation.fit(segment, "I")
+        assert fit.surrogate is not None
+        start = np.stack([fit.surrogate.gaps[0], fit.surrogate.speeds[0, 1:]], axis=1).ravel()
+        theta = fit.parameters[0].linear()
+
+        def cost(law: np.ndarray) -> float:
+            return float(((chain.states(law, start) - chain.measured) ** 2).sum())
+
+        best = cost(theta)
+        assert fit.loss["total"] == pytest.approx(best / (segment.samples * 3), rel=1e-9)
+        for column in range(3):
+            for factor in (0.98, 1.02):
+                other = theta.copy()
+                other[column] *= factor
+                assert cost(other) > best
+
+    def test_surrogate_is_the_simulation_of_the_law(self) -> None:
+        segment = driven(MIXED, noise=0.05)
+        fit = simulation.fit(segment, "I")
+        assert fit.surrogate is not None
+        again = simulate(
+            fit.parameters,
+            segment.time,
+            segment.speeds[:, 0],
+            fit.surrogate.speeds[0, 1:],
+            fit.surrogate.gaps[0],
+        )
+        np.testing.assert_allclose(fit.surrogate.gaps, again.gaps, atol=1e-8)
+
+    def test_platoon_drives_better_than_with_other_estimates(self) -> None:
+        """Three different cars under one law: no estimate is true, and the criteria part."""
+        segment = driven(MIXED, duration=200.0)
+        ours = squares(segment, simulation.fit(segment, "I"))
+        assert ours < 0.9 * squares(segment, least_squares.fit(segment, "I"))
+        assert ours < 0.9 * squares(segment, splines.fit(segment, "I"))
+
+
+class TestBounds:
+    def test_without_alpha_there_is_no_headway(self) -> None:
+        """A car that only matches speeds, and noise that would make its α negative."""
+        fit = simulation.fit(driven(((0.0, 0.3, 1.2),), noise=0.05))
+        law = fit.parameters[0]
+        assert (law.alpha, law.beta) == pytest.approx((0.0, 0.3), rel=0.01)
+        assert np.isnan(law.tau)
+        assert fit.active_bounds == (("α",),)
+        assert fit.unconstrained[0].alpha < 0
+
+    def test_unconstrained_is_the_truth_where_that_is_out_of_bounds(self) -> None:
+        fit = simulation.fit(driven(((0.08, 0.3, -0.2),)))
+        assert fit.active_bounds == (("ατ",),)
+        free = fit.unconstrained[0]
+        assert (free.alpha, free.beta, free.tau) == pytest.approx((0.08, 0.3, -0.2), rel=1e-3)
+        assert fit.parameters[0].tau == 0
+
+    @pytest.mark.parametrize("speed", [0.0, 20.0])
+    def test_says_when_nothing_tells_the_parameters_apart(self, speed: float) -> None:
+        fit = simulation.fit(standing_still(speed))
+        assert any("does not tell α, β and τ apart" in note for note in fit.notes)
+
+    def test_noise_alone_ends_within_its_limits(self) -> None:
+        rng = np.random.default_rng(0)
+        time = 0.1 * np.arange(601)
+        walk = np.cumsum(rng.standard_normal((601, 3)), axis=0)
+        segment = segment_of(time, 20 + walk[:, :2], 30 + walk[:, 2:])
+        fit = simulation.fit(segment)
+        assert (fit.table()[:, :2] <= 10).all()
+        assert any("one possibility of many" in note for note in fit.notes)
+
+    def test_too_few_samples_are_refused(self) -> None:
+        whole = driven((LAW,))
+        with pytest.raises(SegmentError, match="4 samples are too few for a spline; take a"):
+            simulation.fit(segment_of(whole.time[:4], whole.speeds[:4], whole.gaps[:4]))
+
+
+class TestRealRecordings:
+    def test_casale_drives_better_than_with_the_limit_of_the_loss(self, openacc_dir: Path) -> None:
+        segment = cut(read(openacc_dir / "Casale" / "part7.csv"), 0, 300)
+        fit, limit = simulation.fit(segment), splines.fit(segment)
+        assert fit.outcome is Outcome.CONVERGED
+        ours, theirs = closed_loop_errors(segment, fit), closed_loop_errors(segment, limit)
+        assert ours is not None
+        assert theirs is not None
+        assert theirs.gap_mae[0] == pytest.approx(13.6, abs=0.1)
+        assert ours.gap_mae[0] < 0.85 * theirs.gap_mae[0]
+        assert ours.gap_rmse[0] < theirs.gap_rmse[0]
+
+    @pytest.mark.parametrize("case", ["I", "II"])
+    def test_astazero(self, openacc_dir: Path, case: str) -> None:
+        segment = cut(read(openacc_dir / "AstaZero" / "ASta_040719_platoon5.csv"), 320, 300)
+        fit = simulation.fit(segment, "I" if case == "I" else "II")
+        assert fit.outcome is Outcome.CONVERGED
+        assert fit.surrogate is not None
+        assert (tracking_errors(segment, fit.surrogate).gap_mae < 5).all()
+        assert fit.seconds < 20  # we see 0.4 s
+        assert any("measured predecessor" in note for note in fit.notes) == (case == "II")
