@@ -38,11 +38,11 @@ ORDER = (
     "stability",
     "uncertainty",
     "platoon",
+    "comparison",
     "tables",
     "figures",
     "snapshot",
     "report",
-    "comparison",
     "cli",
     "__main__",
 )

@@ -14,6 +14,7 @@ from typing import Any
 
 import streamlit as st
 
+from accpinn.comparison import Row
 from accpinn.cthp import Case, Parameters
 from accpinn.errors import SegmentError
 from accpinn.fit import Fit
@@ -51,6 +52,8 @@ class Workspace:
     settings: dict[str, dict[str, Any]] = field(default_factory=dict)
     """Per preset, the settings that differ from it."""
     job: Job | None = None
+    compared: tuple[Row, ...] = ()
+    """What all methods say of the segment; empty before they were run."""
     laws: LawChoice = field(default_factory=LawChoice)
     map: MapChoice = field(default_factory=MapChoice)
     drive: DriveChoice = field(default_factory=DriveChoice)
@@ -70,7 +73,7 @@ class Workspace:
         """Change the segment or the case; what was trained before is let go."""
         self.vehicles = tuple(vehicles or self.vehicles)
         self.window, self.case = window or self.window, case or self.case
-        self.job = None
+        self.job, self.compared = None, ()
         if self.recording is None:
             return
         try:
@@ -152,9 +155,15 @@ def workspaces() -> Workspaces:
 
 
 @st.cache_resource(show_spinner=False)
+def store() -> Store:
+    """The server's one store of results."""
+    return Store()
+
+
+@st.cache_resource(show_spinner=False)
 def trainings() -> Trainings:
     """The server's one queue of trainings."""
-    return Trainings(store=Store())
+    return Trainings(store=store())
 
 
 def current() -> Workspace:

@@ -1,0 +1,118 @@
+"""`compare FILE`: all methods on the same window, with intervals and errors of both kinds."""
+
+import argparse
+import sys
+from typing import Any
+
+import numpy as np
+from tqdm import tqdm
+
+from accpinn.assessment import TrackingErrors
+from accpinn.cli.fit import add_segment_options, chosen_segment, parameter_rows
+from accpinn.cli.output import print_json, table
+from accpinn.comparison import Row, compare, parse_methods
+from accpinn.segment import Segment
+from accpinn.store import Store
+
+
+def add_parser(subparsers: Any) -> None:
+    """Declare the command."""
+    parser = subparsers.add_parser("compare", help="all methods on the same window, side by side")
+    add_segment_options(parser)
+    parser.add_argument("--methods", default="all", metavar="all | A,B", help="which (all)")
+    parser.add_argument("--threads", type=int, metavar="N", help="processor threads for the PiNN")
+    parser.add_argument("--no-cache", action="store_true", help="neither read nor keep results")
+    parser.add_argument("--json", action="store_true", help="one JSON document")
+    parser.set_defaults(run=run)
+
+
+def run(options: argparse.Namespace) -> int:
+    """Run the methods, and print a row for each."""
+    methods = parse_methods(options.methods)
+    segment = chosen_segment(options)
+    found = compare(
+        segment,
+        options.case,
+        methods,
+        store=None if options.no_cache else Store(),
+        threads=options.threads,
+    )
+    rows = list(tqdm(found, total=len(methods), unit="method", file=sys.stderr))
+    if options.json:
+        print_json({"rows": [_describe(segment, row) for row in rows]})
+    else:
+        print(_text(segment, rows))
+    return 0
+
+
+def _describe(segment: Segment, row: Row) -> dict[str, Any]:
+    """A row as the command-line contract has it."""
+    fit, doubt = row.fit, row.uncertainty
+    return {
+        "method": fit.method,
+        "case": fit.case,
+        "parameters": parameter_rows(segment, fit.parameters),
+        "intervals": [
+            {
+                "vehicle": vehicle,
+                "alpha": [doubt.lower[k, 0], doubt.upper[k, 0]],
+                "beta": [doubt.lower[k, 1], doubt.upper[k, 1]],
+                "tau": [doubt.lower[k, 2], doubt.upper[k, 2]],
+                "probability_l2": doubt.probability_l2[k],
+                "probability_linf": doubt.probability_linf[k],
+            }
+            for k, vehicle in enumerate(segment.vehicles[1:])
+        ],
+        "level": doubt.level,
+        "surrogate_mae": _errors(row.surrogate),
+        "closed_loop_mae": _errors(row.closed_loop),
+        "holdout_mae": _errors(row.held_out),
+        "seconds": fit.seconds,
+        "cached": fit.cached,
+        "outcome": fit.outcome.name.lower(),
+        "notes": [*fit.notes, *doubt.notes],
+    }
+
+
+def _errors(errors: TrackingErrors | None) -> dict[str, list[float]] | None:
+    if errors is None:
+        return None
+    return {"v": errors.speed_mae.tolist(), "p": errors.gap_mae.tolist()}
+
+
+def _text(segment: Segment, rows: list[Row]) -> str:
+    head = ["method", "vehicle", "α (1/s²)", "β (1/s)", "τ (s)"]
+    head += ["surrogate gap MAE (m)", "closed loop (m)", "held out (m)", "seconds"]
+    lines = []
+    for row in rows:
+        for k, (label, law) in enumerate(zip(segment.labels[1:], row.fit.parameters, strict=True)):
+            lines.append(
+                [
+                    row.fit.method if k == 0 else "",
+                    label,
+                    f"{law.alpha:.4f}",
+                    f"{law.beta:.4f}",
+                    f"{law.tau:.3f}",
+                    _gap(row.surrogate, k, 3),
+                    _gap(row.closed_loop, k, 2),
+                    _gap(row.held_out, k, 2),
+                    f"{row.fit.seconds:.2f}" if k == 0 else "",
+                ]
+            )
+    doubt = rows[0].uncertainty
+    lines_of_doubt = []
+    for k, label in enumerate(segment.labels[1:]):
+        ends = [
+            f"{symbol} {low:.4f} to {high:.4f}" if np.isfinite(high) else f"{symbol} from {low:.4f}"
+            for symbol, low, high in zip("αβτ", doubt.lower[k], doubt.upper[k], strict=True)
+        ]
+        lines_of_doubt.append(
+            f"{label}: {', '.join(ends)} ({100 * doubt.level:.0f} % intervals);"
+            f" P(L2 stable) {doubt.probability_l2[k]:.2f},"
+            f" P(L∞ stable) {doubt.probability_linf[k]:.2f}"
+        )
+    return "\n".join([table(head, lines), "", *lines_of_doubt])
+
+
+def _gap(errors: TrackingErrors | None, follower: int, digits: int) -> str:
+    return "-" if errors is None else f"{errors.gap_mae[follower]:.{digits}f}"

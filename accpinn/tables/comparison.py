@@ -1,0 +1,73 @@
+"""All methods side by side: estimates with errors of each kind, and what the recording allows."""
+
+from collections.abc import Sequence
+
+from accpinn.comparison import Row
+from accpinn.segment import Segment
+from accpinn.tables.results import PARAMETER_COLUMNS, where
+from accpinn.tables.typeset import Cell, Column, Table
+from accpinn.uncertainty import Uncertainty
+
+TITLES = {
+    "pinn": "PiNN",
+    "least-squares": "Least squares",
+    "savitzky-golay": "Savitzky-Golay",
+    "splines": "Splines",
+    "simulation": "Simulation",
+    "recursive": "Recursive",
+    "particle": "Particle filter",
+    "dual-ukf": "Dual UKF",
+}
+GAP = "MAE of the space-gap"
+
+
+def methods_table(segment: Segment, rows: Sequence[Row], follower: int) -> Table:
+    """One row a method, for one follower (0 for the first)."""
+    columns = (
+        Column("Method"),
+        *PARAMETER_COLUMNS,
+        Column("Surrogate fit", "m", 3, GAP),
+        Column("Closed loop", "m", 2, GAP),
+        Column("Held out", "m", 2, GAP),
+        Column("Time", "s", 2),
+    )
+    cells: list[tuple[Cell, ...]] = []
+    for row in rows:
+        law = row.fit.parameters[follower]
+        errors = (row.surrogate, row.closed_loop, row.held_out)
+        cells.append(
+            (
+                TITLES.get(row.fit.method, row.fit.method),
+                law.alpha,
+                law.beta,
+                law.tau,
+                *(float(e.gap_mae[follower]) if e else None for e in errors),
+                row.fit.seconds,
+            )
+        )
+    label = segment.labels[follower + 1]
+    return Table(f"{label}, {where(segment)}", columns, tuple(cells))
+
+
+def intervals_table(segment: Segment, doubt: Uncertainty) -> Table:
+    """One row a follower: intervals, and how probable string stability is."""
+    percent = f"{100 * doubt.level:.0f} % intervals"
+    columns = (
+        Column("Follower"),
+        *(Column(c.heading, group=percent) for c in PARAMETER_COLUMNS),
+        Column("L2", "%", 0, "Probably stable"),
+        Column("L∞", "%", 0, "Probably stable"),
+    )
+    rows: list[tuple[Cell, ...]] = []
+    for k, label in enumerate(segment.labels[1:]):
+        ends = [
+            f"{column.shown(float(low))} to {column.shown(float(high))}"
+            if high < float("inf")
+            else f"{column.shown(float(low))} or more"
+            for column, low, high in zip(
+                PARAMETER_COLUMNS, doubt.lower[k], doubt.upper[k], strict=True
+            )
+        ]
+        stable = (100 * float(doubt.probability_l2[k]), 100 * float(doubt.probability_linf[k]))
+        rows.append((label, *ends, *stable))
+    return Table("What the recording allows", columns, tuple(rows))

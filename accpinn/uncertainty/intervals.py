@@ -1,0 +1,198 @@
+"""Intervals for α, β, τ, for what follows from them, and the probability of string stability.
+
+They say which laws the recording allows, so one set of them serves every method: an estimate is
+judged by whether it lies inside. Least squares, splines and the PiNN minimise the law's residual
+and are pulled by disturbances (see `uncertainty.instruments`), so they may lie outside; the notes
+then say so.
+
+A draw with α = 0 has no τ: it stands for any headway, and counts as 0 at the lower and as infinite
+at the upper end, so that an interval of τ is as wide as the data demand (Fieller 1954).
+"""
+
+import time
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from accpinn.errors import ConfigError
+from accpinn.fit import Fit
+from accpinn.segment import Segment
+from accpinn.stability import Laws, peaks, swings
+from accpinn.stability.criteria import exact_margin, l2_margin
+from accpinn.stability.frequency import crossovers
+from accpinn.uncertainty.instruments import instrumented
+from accpinn.uncertainty.jackknife import FEWEST_BLOCKS, SHORTEST_BLOCK, block_length, spread
+from accpinn.uncertainty.sampling import DRAWS, allowed, as_parameters, draw, limits
+from accpinn.units import FloatArray, Seconds
+
+METHOD = "instrumental variables, blocks of time left out"
+LEVEL = 0.9
+SYMBOLS = ("α", "β", "τ")
+DIGITS = (4, 4, 3)
+
+
+@dataclass(frozen=True, eq=False)
+class Interval:
+    """Ends of an interval for each of M followers."""
+
+    lower: FloatArray
+    """(M,)"""
+    upper: FloatArray
+    """(M,) may be infinite."""
+
+
+@dataclass(frozen=True, eq=False)
+class Uncertainty:
+    """What a recording leaves open about the law of each of M followers."""
+
+    method: str
+    level: float
+    """How often such intervals cover the truth, if the law holds but for lasting disturbances."""
+    centre: FloatArray
+    """(M, 3) α, β, τ free of the disturbances' pull; nan where the data do not determine them."""
+    lower: FloatArray
+    """(M, 3) in 1/s², 1/s, s."""
+    upper: FloatArray
+    """(M, 3) infinite where the data set no limit."""
+    inside: NDArray[np.bool_]
+    """(M, 3) whether the fit's own estimate lies within."""
+    draws: FloatArray
+    """(n, M, 3) α, β, τ; τ is nan where α = 0, all are nan where nothing is determined."""
+    probability_l2: FloatArray
+    """(M,) share of draws that amplify no frequency, 0 to 1; nan where nothing is determined."""
+    probability_linf: FloatArray
+    """(M,) share of draws that let no peak come out larger."""
+    peak_gain: Interval
+    """max |H|; 1 where nothing is amplified."""
+    linf_gain: Interval
+    """‖h‖₁; 1 where no peak comes out larger."""
+    crossover: Interval
+    """ω_c in rad/s, below which frequencies are amplified; 0 where none is."""
+    seconds: Seconds
+    notes: tuple[str, ...]
+
+
+def intervals(
+    segment: Segment, fit: Fit, level: float = LEVEL, seed: int = 0, draws: int = DRAWS
+) -> Uncertainty:
+    """What the segment leaves open about the law; takes well under a second.
+
+    Args:
+        segment: the data.
+        fit: any method's estimate on them; its case counts, and its parameters are judged.
+        level: how often the intervals are to cover the truth, above 0 and below 1.
+        seed: of the draws.
+        draws: how many, an even number.
+    """
+    if not 0.0 < level < 1.0:
+        raise ConfigError(f"level: {level:g} is not allowed; choose above 0 and below 1, as 0.9.")
+    if draws < 2 or draws % 2:
+        raise ConfigError(f"draws: {draws} is not allowed; choose an even number, as {DRAWS}.")
+    started = time.perf_counter()
+    centre, drawn = _sample(segment, fit, draws, np.random.default_rng(seed))
+    table = as_parameters(drawn)
+    lower, upper = limits(table, level)
+    estimate = fit.table()
+    inside = (estimate >= lower) & (estimate <= upper) | np.isnan(estimate) & np.isinf(upper)
+    laws = _laws(table)
+    known = ~np.isnan(table[0, :, 0])
+    spaced = laws.alpha > 0
+    return Uncertainty(
+        method=METHOD,
+        level=level,
+        centre=as_parameters(centre),
+        lower=lower,
+        upper=upper,
+        inside=inside,
+        draws=table,
+        # Without α no disturbance of the speed grows, however little the gap is kept.
+        probability_l2=_share((l2_margin(laws) >= 0) | ~spaced, known),
+        probability_linf=_share(exact_margin(laws) >= 0, known),
+        peak_gain=_interval(peaks(laws).gain, level, known),
+        linf_gain=_interval(swings(laws).gain, level, known),
+        crossover=_interval(np.nan_to_num(crossovers(laws)), level, known),
+        seconds=time.perf_counter() - started,
+        notes=_notes(segment, fit, table, lower, upper, inside),
+    )
+
+
+def _sample(
+    segment: Segment, fit: Fit, count: int, rng: np.random.Generator
+) -> tuple[FloatArray, FloatArray]:
+    """The solution (M, 3) and draws (count, M, 3) as α, ατ, β; equal followers in Case I."""
+    centre = np.full((segment.followers, 3), np.nan)
+    drawn = np.full((count, segment.followers, 3), np.nan)
+    equations = instrumented(segment, fit.case)
+    for k, one in enumerate(equations):
+        of = slice(None) if fit.case == "I" else k
+        scatter = spread(one, segment.sample_time)
+        if scatter:
+            centre[of] = allowed(one.theta[None], scatter.scale)[0]
+            sample = draw(one.theta, scatter, count, rng)
+            drawn[:, of] = sample[:, None] if fit.case == "I" else sample
+    return centre, drawn
+
+
+def _laws(table: FloatArray) -> Laws:
+    """Draws as laws; τ has no effect where α = 0, and what is not determined is masked later."""
+    alpha, beta, tau = np.moveaxis(np.nan_to_num(table), -1, 0)
+    return Laws(alpha, beta, tau)
+
+
+def _share(holds: NDArray[np.bool_], known: NDArray[np.bool_]) -> FloatArray:
+    return np.where(known, holds.mean(axis=0), np.nan)
+
+
+def _interval(values: FloatArray, level: float, known: NDArray[np.bool_]) -> Interval:
+    lower, upper = limits(np.where(known, values, np.nan), level)
+    return Interval(lower, upper)
+
+
+def _notes(
+    segment: Segment,
+    fit: Fit,
+    table: FloatArray,
+    lower: FloatArray,
+    upper: FloatArray,
+    inside: NDArray[np.bool_],
+) -> tuple[str, ...]:
+    notes = []
+    length = block_length(segment.duration)
+    if length < SHORTEST_BLOCK:
+        notes.append(
+            f"The window is only {segment.duration:.0f} s long, so the intervals rest on"
+            f" {FEWEST_BLOCKS} blocks of {length:.0f} s and are rough; take"
+            f" {FEWEST_BLOCKS * SHORTEST_BLOCK:.0f} s or more."
+        )
+    estimate = fit.table()
+    labels = ("All followers",) if fit.case == "I" else segment.labels[1:]
+    for k, label in enumerate(labels):
+        if np.isnan(table[0, k, 0]):
+            notes.append(
+                f"{label}: the vehicle ahead moves too evenly for these data to determine any of"
+                " α, β and τ; choose a window in which it brakes and accelerates."
+            )
+        for p, symbol in enumerate(SYMBOLS):
+            if upper[k, p] == 0.0:
+                notes.append(
+                    f"{label}: the data ask for {symbol} < 0, which the rational driving"
+                    f" constraints rule out, so its interval is 0 alone; rather than {symbol} = 0"
+                    " this says that the law does not fit here."
+                )
+        outside = [
+            f"{symbol} = {estimate[k, p]:.{digits}f} (interval {lower[k, p]:.{digits}f} to"
+            f" {_end(upper[k, p], digits)})"
+            for p, (symbol, digits) in enumerate(zip(SYMBOLS, DIGITS, strict=True))
+            if not inside[k, p]
+        ]
+        if outside:
+            notes.append(
+                f"{label}: the estimate's {' and '.join(outside)} lies outside what the data"
+                " support; disturbances that the vehicle itself answers pull such estimates."
+            )
+    return tuple(notes)
+
+
+def _end(value: float, digits: int) -> str:
+    return f"{value:.{digits}f}" if np.isfinite(value) else "no limit"

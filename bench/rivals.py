@@ -1,0 +1,106 @@
+"""Other ways to put intervals around the same estimate, to be measured, not to be used.
+
+    naive        the textbook's covariance s²(XᵀX)⁻¹, as if residuals were independent
+    blocks       30 s blocks of the estimating equations drawn again with replacement
+    loop blocks  such blocks of the residuals alone, driven through the closed loop so that they
+                 move the vehicle as they did; reflected about the estimate, which corrects what
+                 this shows of its pull
+
+All stand on the spline estimate of one follower and on the smooth trajectories that come with it.
+"""
+
+from collections.abc import Callable
+
+import numpy as np
+from scipy.linalg import expm
+from scipy.stats import norm
+
+from accpinn.cthp import Parameters, motion_matrix, regressors
+from accpinn.fit import Fit
+from accpinn.segment import Segment
+from accpinn.uncertainty.intervals import Interval
+from accpinn.uncertainty.sampling import as_parameters
+from accpinn.units import FloatArray
+
+BLOCK = 30.0
+DRAWS = 200
+
+
+class Smooth:
+    """The regression that the spline estimate of a segment with one follower solves."""
+
+    def __init__(self, segment: Segment, fit: Fit) -> None:
+        """Rows and residuals from the fit's own trajectories."""
+        assert fit.surrogate is not None
+        assert segment.followers == 1
+        self.step = segment.sample_time
+        self.law = fit.parameters[0]
+        self.terms = regressors(fit.surrogate.speeds, fit.surrogate.gaps)[0]
+        self.rates = np.gradient(fit.surrogate.speeds[:, 1], self.step)
+        self.theta = np.linalg.lstsq(self.terms, self.rates, rcond=None)[0]
+        self.residuals = self.rates - self.terms @ self.theta
+
+    def blocks(self, rng: np.random.Generator) -> np.ndarray:
+        """(N, DRAWS) instants: blocks drawn with replacement, running over the end."""
+        count, length = len(self.rates), round(BLOCK / self.step)
+        firsts = rng.integers(0, count, (-(-count // length), 1, DRAWS))
+        instants = (firsts + np.arange(length)[None, :, None]).reshape(-1, DRAWS)
+        return instants[:count] % count
+
+
+def naive(smooth: Smooth, level: float, rng: np.random.Generator) -> Interval:
+    """See the module's head; nothing is drawn."""
+    variance = (smooth.residuals**2).sum() / (len(smooth.rates) - 3)
+    covariance = variance * np.linalg.inv(smooth.terms.T @ smooth.terms)
+    alpha, alpha_tau, _ = smooth.theta
+    slope = np.array([-alpha_tau / alpha**2, 1 / alpha, 0.0])
+    deviation = np.sqrt([covariance[0, 0], covariance[2, 2], slope @ covariance @ slope])
+    centre, reach = as_parameters(smooth.theta), norm.ppf((1 + level) / 2) * deviation
+    return Interval(centre - reach, centre + reach)
+
+
+def blocks(smooth: Smooth, level: float, rng: np.random.Generator) -> Interval:
+    """See the module's head."""
+    products = smooth.terms[:, :, None] * np.c_[smooth.terms, smooth.rates][:, None, :]
+    sums = np.stack([products[instants].sum(axis=0) for instants in smooth.blocks(rng).T])
+    drawn = np.linalg.solve(sums[:, :, :3], sums[:, :, 3:])[..., 0]
+    tail = (1 - level) / 2
+    return Interval(*np.quantile(as_parameters(drawn), [tail, 1 - tail], axis=0))
+
+
+def loop_blocks(smooth: Smooth, level: float, rng: np.random.Generator) -> Interval:
+    """See the module's head."""
+    law = Parameters.from_linear(np.maximum(smooth.theta, 0.0))
+    pushes = smooth.residuals[smooth.blocks(rng)] - smooth.residuals[:, None]
+    moves = _response(law, pushes, smooth.step)
+    gap, speed = moves[:, 0], moves[:, 1]
+    terms = smooth.terms[:, :, None] + np.stack([gap, -speed, -speed], axis=1)
+    alpha, alpha_tau, beta = law.linear()
+    rates = smooth.rates[:, None] + alpha * gap - (alpha_tau + beta) * speed + pushes
+    grams = np.einsum("nik,njk->kij", terms, terms, optimize=True)
+    moments = np.einsum("nik,nk->ki", terms, rates)
+    drawn = np.linalg.solve(grams, moments[..., None])[..., 0]
+    tail = (1 - level) / 2
+    low, high = np.quantile(as_parameters(drawn), [tail, 1 - tail], axis=0)
+    centre = as_parameters(smooth.theta)
+    return Interval(2 * centre - high, 2 * centre - low)
+
+
+def _response(law: Parameters, pushes: FloatArray, step: float) -> FloatArray:
+    """(N, 2, K) gap and speed that accelerations ``pushes`` (N, K) add to the motion."""
+    rates = np.zeros((3, 3))
+    rates[:2, :2], rates[1, 2] = motion_matrix((law,))[:, :2], 1.0
+    held = expm(rates * step)[:2]
+    states = np.empty((len(pushes), 2, pushes.shape[1]))
+    state = np.zeros((2, pushes.shape[1]))
+    for k, push in enumerate(pushes):
+        states[k] = state
+        state = held[:, :2] @ state + np.outer(held[:, 2], push)
+    return states
+
+
+RIVALS: dict[str, Callable[[Smooth, float, np.random.Generator], Interval]] = {
+    "naive": naive,
+    "blocks": blocks,
+    "loop blocks": loop_blocks,
+}

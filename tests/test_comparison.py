@@ -1,0 +1,122 @@
+"""All methods side by side: core, tables and command; and whether intervals hold."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from accpinn.cli import main
+from accpinn.comparison import METHODS, Row, compare, parse_methods
+from accpinn.errors import ConfigError
+from accpinn.estimators import splines
+from accpinn.openacc import read
+from accpinn.segment import Segment, cut
+from accpinn.synthetic import load_truth, truth_path
+from accpinn.tables.comparison import TITLES, intervals_table, methods_table
+from accpinn.uncertainty import intervals
+from bench.coverage import measure
+
+SAMPLE = Path(__file__).parent.parent / "sample_data" / "synthetic_vicolungo_like.csv"
+QUICK = ("least-squares", "splines", "recursive")
+
+
+@pytest.fixture(scope="module")
+def segment() -> Segment:
+    return cut(read(SAMPLE))
+
+
+@pytest.fixture(scope="module")
+def rows(segment: Segment) -> list[Row]:
+    return list(compare(segment, "II", QUICK))
+
+
+def test_methods_are_named_or_all() -> None:
+    assert parse_methods("all") == METHODS
+    assert parse_methods("splines, pinn") == ("splines", "pinn")
+    with pytest.raises(ConfigError, match="guess"):
+        parse_methods("splines,guess")
+
+
+def test_every_method_has_a_title() -> None:
+    assert set(TITLES) == set(METHODS)
+
+
+def test_rows_come_in_order_with_errors_of_every_kind(rows: list[Row]) -> None:
+    assert [row.fit.method for row in rows] == list(QUICK)
+    assert rows[0].surrogate is None
+    assert rows[1].surrogate is not None
+    for row in rows:
+        assert row.closed_loop is not None
+        assert row.held_out is not None
+        assert (row.closed_loop.gap_mae < 0.5).all()
+
+
+def test_intervals_hold_the_truth_of_a_sample(segment: Segment, rows: list[Row]) -> None:
+    """Of α and β; τ is shifted by the receivers' drift, which the data cannot show, by 0.5 %."""
+    laws = load_truth(truth_path(SAMPLE)).parameters
+    truth = np.array([[law.alpha, law.beta, law.tau] for law in laws])
+    doubt = rows[0].uncertainty
+    held = (doubt.lower <= truth) & (truth <= doubt.upper)
+    assert held[:, :2].all()
+    np.testing.assert_allclose(doubt.centre[:, 2], truth[:, 2], rtol=0.005)
+    assert (doubt.probability_l2 < 0.05).all()
+    assert doubt.draws.shape[1:] == (segment.followers, 3)
+
+
+def test_intervals_hold_as_often_as_they_say_and_naive_ones_do_not() -> None:
+    """40 recordings with lasting disturbances; the full study is `python -m bench.coverage`."""
+    study = measure(40)
+    ours, naive = study.rows[0], next(row for row in study.rows if row.method == "naive")
+    assert all(0.75 <= share <= 1.0 for share in ours.covered)
+    assert all(share < 0.5 for share in naive.covered)
+
+
+def test_intervals_are_wide_where_nothing_moves(segment: Segment) -> None:
+    still = Segment(
+        time=segment.time,
+        speeds=20.0 + 1e-3 * np.random.default_rng(0).normal(size=segment.speeds.shape),
+        gaps=np.full_like(segment.gaps, 22.0),
+        vehicles=segment.vehicles,
+        names=segment.names,
+        start=0.0,
+        source="still",
+        sha256="",
+    )
+    doubt = intervals(still, splines.fit(still))
+    moving = intervals(segment, splines.fit(segment))
+    assert doubt.notes
+    known = np.isfinite(doubt.upper) & np.isfinite(doubt.lower)
+    wide = (doubt.upper - doubt.lower)[known]
+    assert not known.all() or (wide > 3 * (moving.upper - moving.lower)[known]).all()
+
+
+def test_tables_name_method_and_interval(segment: Segment, rows: list[Row]) -> None:
+    methods = methods_table(segment, rows, 1)
+    assert [row[0] for row in methods.rows] == ["Least squares", "Splines", "Recursive"]
+    assert methods.rows[1][1] == rows[1].fit.parameters[1].alpha
+    lines = intervals_table(segment, rows[0].uncertainty).rows
+    assert len(lines) == segment.followers
+    low = rows[0].uncertainty.lower[0, 0]
+    assert str(lines[0][1]).startswith(f"{low:.4f} ")
+
+
+def test_command_prints_one_document(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setenv("ACCPINN_CACHE", str(tmp_path))
+    words = ["compare", str(SAMPLE), "--duration", "100", "--methods", "pinn,splines", "--json"]
+    assert main(words) == 0
+    found = json.loads(capsys.readouterr().out)["rows"]
+    assert [row["method"] for row in found] == ["pinn", "splines"]
+    for row in found:
+        assert len(row["parameters"]) == len(row["intervals"]) == 3
+        assert set(row) >= {"surrogate_mae", "closed_loop_mae", "holdout_mae", "seconds"}
+    ours, limit = (row["parameters"][0] for row in found)
+    assert ours["alpha"] == pytest.approx(limit["alpha"], rel=0.01)
+    assert ours["beta"] == pytest.approx(limit["beta"], rel=0.02)
+
+
+def test_command_refuses_an_unknown_method(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["compare", str(SAMPLE), "--methods", "guess"]) == 2
+    assert capsys.readouterr().err.startswith("error: methods:")
