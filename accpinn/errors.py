@@ -17,5 +17,9 @@ class ConfigError(AccpinnError):
     """A training setting outside its range, or settings that contradict each other."""
 
 
+class SnapshotError(AccpinnError):
+    """A snapshot that cannot be read, trusted or written."""
+
+
 class ParameterError(AccpinnError):
     """Parameters of the law, or of a simulation with it, that no vehicle can have."""

@@ -18,6 +18,7 @@ from accpinn.segment.missing import (
     platoon_data,
     refuse_missing,
 )
+from accpinn.segment.outline import Outline, labels
 from accpinn.segment.selection import check_vehicles, default_vehicles
 from accpinn.units import FloatArray, Seconds, frozen
 
@@ -93,10 +94,7 @@ class Segment:
     @property
     def labels(self) -> tuple[str, ...]:
         """(M+1,) number and name of each vehicle, for legends and tables."""
-        return tuple(
-            name if name == f"Vehicle {number}" else f"{number} {name}"
-            for number, name in zip(self.vehicles, self.names, strict=True)
-        )
+        return labels(self.vehicles, self.names)
 
     def digest(self) -> str:
         """SHA-256 of what determines an estimate: instants, speeds, gaps, vehicles, start."""
@@ -105,6 +103,21 @@ class Segment:
             content.update(repr(values.shape).encode())
             content.update(np.ascontiguousarray(values, dtype="<f8").tobytes())
         return content.hexdigest()
+
+    def outline(self) -> Outline:
+        """All but the data."""
+        return Outline(
+            vehicles=self.vehicles,
+            names=self.names,
+            start=self.start,
+            duration=self.duration,
+            samples=self.samples,
+            sample_time=self.sample_time,
+            source=self.source,
+            sha256=self.sha256,
+            notes=self.notes,
+            digest=self.digest(),
+        )
 
 
 def cut(
