@@ -1,0 +1,85 @@
+"""The benchmark's own arithmetic: what it prints is what it measured."""
+
+import json
+from dataclasses import asdict
+
+import numpy as np
+import pytest
+
+from accpinn.cthp import Parameters
+from accpinn.segment import Segment
+from accpinn.uncertainty import LEVEL
+from bench import coverage
+from bench.disturbed import Disturbance, disturbed
+
+FEW = 4
+
+
+@pytest.fixture(scope="module")
+def study() -> coverage.Study:
+    return coverage.measure(FEW, duration=150.0)
+
+
+class TestCoverage:
+    def test_counts_shares_of_recordings(self, study: coverage.Study) -> None:
+        assert study.rows[0].method == coverage.OURS
+        assert "naive" in {row.method for row in study.rows}
+        for row in study.rows:
+            assert row.recordings == FEW
+            assert all((share * FEW).is_integer() for share in row.covered)
+        assert all(width > 0 for width in study.rows[0].width)
+
+    def test_naive_intervals_are_far_narrower(self, study: coverage.Study) -> None:
+        width = {row.method: np.array(row.width) for row in study.rows}
+        assert (width["naive"] < 0.5 * width[coverage.OURS]).all()
+
+    def test_is_the_same_every_time(self, study: coverage.Study) -> None:
+        again = coverage.measure(FEW, duration=150.0)
+        for one, other in zip(again.rows, study.rows, strict=True):
+            np.testing.assert_equal(asdict(one), asdict(other))  # a rival's width may be nan
+        assert again.pull == study.pull
+
+    def test_says_what_it_measured(self, study: coverage.Study) -> None:
+        printed = coverage.text(study)
+        assert f"{FEW} recordings of 150 s" in printed
+        assert f"nominal {100 * LEVEL:.0f} %" in printed
+        for row in study.rows:
+            shares = "".join(f"{100 * share:6.0f}%" for share in row.covered)
+            assert f"{row.method:14}{shares}" in printed
+
+    def test_exit_status_tells_whether_the_coverage_is_as_claimed(
+        self, capsys: pytest.CaptureFixture[str]
+    ) -> None:
+        status = coverage.main(["--recordings", "2", "--duration", "150", "--json"])
+        ours = json.loads(capsys.readouterr().out)["rows"][0]
+        assert status == int(not all(0.85 <= share <= 0.95 for share in ours["covered"]))
+
+    def test_refuses_no_recordings(self, capsys: pytest.CaptureFixture[str]) -> None:
+        with pytest.raises(SystemExit) as ended:
+            coverage.main(["--recordings", "0"])
+        assert ended.value.code == 2
+        assert "at least 1" in capsys.readouterr().err
+
+
+class TestDisturbedRecordings:
+    def test_the_disturbance_is_as_strong_as_stated(self) -> None:
+        """Without noise what the law leaves of the acceleration is the disturbance."""
+        law = coverage.LAWS[0]
+        strong, calm = (
+            disturbed((law,), 3, Disturbance(deviation, 4.0, 0.0), duration=300.0)
+            for deviation in (0.25, 1e-9)
+        )
+        left = [residual(segment, law) for segment in (strong, calm)]
+        added = np.sqrt(max(left[0] ** 2 - left[1] ** 2, 0.0))
+        assert added == pytest.approx(0.25, rel=0.35)
+
+
+def residual(segment: Segment, law: Parameters) -> float:
+    """RMS of dv/dt minus the law, smoothed over a second against the receivers' noise."""
+    speed = segment.speeds[:, 1]
+    acceleration = np.gradient(speed, segment.time)
+    ahead = segment.speeds[:, 0] - speed
+    wanted = law.alpha * (segment.gaps[:, 0] - law.tau * speed) + law.beta * ahead
+    second = round(1 / segment.sample_time)
+    smooth = np.convolve(acceleration - wanted, np.ones(second) / second, mode="valid")
+    return float(np.sqrt((smooth**2).mean()))
