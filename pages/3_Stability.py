@@ -3,7 +3,9 @@
 import streamlit as st
 
 from accpinn.figures import stability as figures
+from accpinn.figures.doubt import add_clouds
 from pages.shared import frame
+from pages.shared.doubt import choose_doubt, show_doubt
 from pages.shared.laws import checked_report, choose_laws
 from pages.shared.stability_charts import choose_map, show_bode, show_key
 from pages.shared.stability_words import show_answer, show_reasons, show_table
@@ -22,10 +24,13 @@ def main() -> None:
         return
     show_answer(laws, report)
     show_table(laws, report)
+    doubt = choose_doubt(workspace, laws)
+    if doubt:
+        show_doubt(laws, doubt)
     show_reasons(laws, report)
     st.subheader("Response over frequency", anchor=False)
     show_key(laws)
-    show_bode(workspace, laws, report)
+    show_bode(workspace, laws, report, doubt)
     left, right = st.columns(2, gap="large")
     with left:
         st.subheader("Criteria over the platoon", anchor=False)
@@ -41,14 +46,16 @@ def main() -> None:
         st.subheader("What would make it stable", anchor=False)
         held, plane = choose_map(workspace, laws)
         frame.show_key(figures.MAP_KEY)
-        st.plotly_chart(
-            figures.stability_map(laws, report, held, plane), key="stability_map", config=CHART
-        )
+        chart = figures.stability_map(laws, report, held, plane)
+        if doubt:
+            chart = add_clouds(chart, laws, doubt, plane)
+        st.plotly_chart(chart, key="stability_map", config=CHART)
         kept = "α" if plane == "beta" else "β"
         st.caption(
             f"Boundaries at {plain(laws.labels[held])}'s {kept}; above them the vehicle is stable."
             " Hatched: stable by the paper's L∞ criterion, but peaks grow."
             + (f" Rings: vehicles with a {kept} of their own." if len(laws) > 1 else "")
+            + (" Clouds: laws that the data allow as well." if doubt else "")
         )
 
 

@@ -33,6 +33,8 @@ class MapChoice:
     plane: Literal["beta", "alpha"] = "beta"
     held: int = -1
     """Index of the vehicle whose third parameter is kept; -1 is the last."""
+    doubt: bool = True
+    """Show what the data leave open."""
 
 
 @dataclass(eq=False)

@@ -6,8 +6,10 @@ from typing import Any, Literal
 import streamlit as st
 
 from accpinn.figures import stability as figures
+from accpinn.figures.doubt import add_bands
 from accpinn.published import LawSet
 from accpinn.stability import StabilityReport
+from accpinn.uncertainty import Uncertainty
 from accpinn.units import RadiansPerSecond
 from pages.shared import frame
 from pages.shared.text import plain
@@ -26,18 +28,22 @@ def show_key(laws: LawSet) -> None:
     frame.show_key(entries)
 
 
-def show_bode(workspace: Workspace, laws: LawSet, report: StabilityReport) -> None:
+def show_bode(
+    workspace: Workspace, laws: LawSet, report: StabilityReport, doubt: Uncertainty | None
+) -> None:
     """The chart, and a button for each peak; either leads to the platoon at that frequency."""
+    figure = figures.bode(laws, report)
     event = st.plotly_chart(
-        figures.bode(laws, report),
+        add_bands(figure, laws, doubt) if doubt else figure,
         key="stability_bode",
         on_select="rerun",
         selection_mode="points",
         config={"displayModeBar": False},
     )
+    band = f" Shaded: {100 * doubt.level:.0f} % bands." if doubt else ""
     st.caption(
         "Diamonds: peaks. Rings: below that frequency the vehicle amplifies. Click on a curve to"
-        " see what a platoon does to that frequency, or take a peak:"
+        f" see what a platoon does to that frequency, or take a peak.{band}"
     )
     _peak_buttons(workspace, laws, report)
     clicked = clicked_point(event["selection"]["points"])

@@ -24,6 +24,7 @@ from accpinn.pinn.config import PinnConfig, PresetName
 from accpinn.segment import DURATION, Segment, Window, complete_windows, cut, default_vehicles
 from accpinn.store import Store
 from accpinn.synthetic import Truth
+from accpinn.uncertainty import Uncertainty
 from accpinn.units import Seconds
 from pages.shared.remembered import DriveChoice, LawChoice, MapChoice
 
@@ -52,6 +53,8 @@ class Workspace:
     settings: dict[str, dict[str, Any]] = field(default_factory=dict)
     """Per preset, the settings that differ from it."""
     job: Job | None = None
+    doubt: tuple[Fit, Uncertainty] | None = None
+    """What the data leave open about a fit, kept with that fit."""
     compared: tuple[Row, ...] = ()
     """What all methods say of the segment; empty before they were run."""
     laws: LawChoice = field(default_factory=LawChoice)

@@ -1,0 +1,49 @@
+"""What the data leave open about string stability, as a table."""
+
+import math
+
+from accpinn.published import LawSet
+from accpinn.tables.typeset import Cell, Column, Table
+from accpinn.uncertainty import Interval, Uncertainty
+
+DB_DIGITS, OMEGA_DIGITS, GAIN_DIGITS = 2, 3, 2
+
+
+def stability_doubt_table(laws: LawSet, doubt: Uncertainty) -> Table:
+    """One row a vehicle: intervals of peak, crossover and exact gain, and how probable both are."""
+    percent = f"{100 * doubt.level:.0f} % interval"
+    columns = (
+        Column("Vehicle"),
+        Column("Peak of |H| [dB]", group=percent),
+        Column("Amplified below [rad/s]", group=percent),
+        Column("‖h‖₁", group=percent),
+        Column("L2", "%", 0, "Probably stable"),
+        Column("L∞", "%", 0, "Probably stable"),
+    )
+    rows: list[tuple[Cell, ...]] = []
+    for k, label in enumerate(laws.labels):
+        low, high = (20 * math.log10(end) for end in _pair(doubt.peak_gain, k))
+        rows.append(
+            (
+                label,
+                between(low, high, DB_DIGITS),
+                between(*_pair(doubt.crossover, k), OMEGA_DIGITS),
+                between(*_pair(doubt.linf_gain, k), GAIN_DIGITS),
+                100 * float(doubt.probability_l2[k]),
+                100 * float(doubt.probability_linf[k]),
+            )
+        )
+    return Table(f"What the data leave open, {laws.title}", columns, tuple(rows))
+
+
+def between(low: float, high: float, digits: int) -> str:
+    """An interval in words; an end may be infinite."""
+    if not math.isfinite(low):
+        return f"up to {high:.{digits}f}" if math.isfinite(high) else "anything"
+    if not math.isfinite(high):
+        return f"{low:.{digits}f} or more"
+    return f"{low:.{digits}f} to {high:.{digits}f}"
+
+
+def _pair(interval: Interval, k: int) -> tuple[float, float]:
+    return float(interval.lower[k]), float(interval.upper[k])

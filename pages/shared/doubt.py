@@ -1,0 +1,54 @@
+"""What the data leave open about the current fit: worked out once, shown where the user wants."""
+
+import streamlit as st
+
+from accpinn.figures import stability as figures
+from accpinn.published import LawSet
+from accpinn.tables import typeset
+from accpinn.tables.doubt import stability_doubt_table
+from accpinn.uncertainty import Uncertainty, intervals
+from pages.shared.text import bullets
+from pages.shared.workspace import Workspace, hold
+
+
+def doubt_of(workspace: Workspace, laws: LawSet) -> Uncertainty | None:
+    """The uncertainty of the fit that ``laws`` are of; None for laws from elsewhere."""
+    fit, segment = workspace.fit, workspace.segment
+    if fit is None or segment is None or fit.parameters != laws.parameters:
+        return None
+    known = workspace.doubt
+    if known is None or known[0] is not fit:
+        workspace.doubt = known = (fit, intervals(segment, fit))
+    return known[1]
+
+
+def choose_doubt(workspace: Workspace, laws: LawSet) -> Uncertainty | None:
+    """A switch, and what it shows; None where it is off or there is nothing to show."""
+    doubt = doubt_of(workspace, laws)
+    if doubt is None:
+        return None
+    key = "stability_doubt"
+
+    def changed() -> None:
+        workspace.map.doubt = st.session_state[key]
+
+    st.toggle(
+        "Show what the data leave open",
+        value=workspace.map.doubt,
+        key=hold(key, workspace.map.doubt),
+        on_change=changed,
+        help="Bands of the response, clouds of laws on the map, and intervals of the figures.",
+    )
+    return doubt if workspace.map.doubt else None
+
+
+def show_doubt(laws: LawSet, doubt: Uncertainty) -> None:
+    """Intervals of the figures of stability, and what they stand on."""
+    table = stability_doubt_table(laws, doubt).coloured(figures.colours(laws))
+    st.html(typeset.STYLE + table.to_html())
+    st.caption(
+        "From laws drawn as the recording allows them, with disturbances that last for seconds."
+        " Probably stable: the share of these laws that is."
+    )
+    if doubt.notes:
+        st.info(bullets(doubt.notes), icon=":material/info:")

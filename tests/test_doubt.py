@@ -1,0 +1,150 @@
+"""What the data leave open about stability: bands, clouds, table and the switch on the page."""
+
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import streamlit as st
+from streamlit.testing.v1 import AppTest
+
+from accpinn.cthp import Parameters
+from accpinn.estimators import splines
+from accpinn.figures import doubt as figures
+from accpinn.figures.stability import bode, stability_map
+from accpinn.openacc import read
+from accpinn.pinn.config import FAST
+from accpinn.published import LawSet
+from accpinn.segment import cut
+from accpinn.stability import report, response
+from accpinn.tables.doubt import between, stability_doubt_table
+from accpinn.uncertainty import Uncertainty, intervals
+from pages.shared import workspace
+from pages.shared.sources import FIRST_SAMPLE, sample
+
+ROOT = Path(__file__).parent.parent
+PAGE = "pages/3_Stability.py"
+SWITCH = "stability_doubt"
+
+
+@pytest.fixture(scope="module")
+def learned() -> tuple[LawSet, Uncertainty]:
+    segment = cut(read(ROOT / "sample_data" / "synthetic_vicolungo_like.csv"))
+    fit = splines.fit(segment)
+    laws = LawSet("Learned", segment.labels[1:], fit.parameters, segment.vehicles[1:])
+    return laws, intervals(segment, fit)
+
+
+def named(figure: Any, name: str) -> Any:
+    (trace,) = [trace for trace in figure.data if trace.name == name]
+    return trace
+
+
+class TestBands:
+    def test_hold_nine_tenths_of_the_laws_drawn(self, learned: tuple[LawSet, Uncertainty]) -> None:
+        laws, doubt = learned
+        figure = figures.add_bands(bode(laws, report(laws.parameters)), laws, doubt)
+        for k in range(len(laws)):
+            band = named(figure, f"band {k}")
+            count = len(band.x) // 2
+            omega = np.asarray(band.x[:count])
+            low, high = np.asarray(band.y[:count]), np.asarray(band.y[count:])[::-1]
+            drawn = 20 * np.log10(np.abs(responses(doubt, k, omega)))
+            share = ((low - 1e-3 <= drawn) & (drawn <= high + 1e-3)).mean(axis=0)
+            assert (share > doubt.level - 0.01).all()
+            wide = high - low > 0.2  # where rounding to 0.001 dB lets no draws in
+            assert wide.any()
+            np.testing.assert_allclose(share[wide], doubt.level, atol=0.02)
+
+    def test_lie_beneath_the_curves(self, learned: tuple[LawSet, Uncertainty]) -> None:
+        laws, doubt = learned
+        before = bode(laws, report(laws.parameters))
+        after = figures.add_bands(before, laws, doubt)
+        assert len(after.data) == len(before.data) + len(laws)
+        assert [trace.fill for trace in after.data[: len(laws)]] == ["toself"] * len(laws)
+        assert after.layout == before.layout
+
+    def test_an_undetermined_vehicle_has_none(self, learned: tuple[LawSet, Uncertainty]) -> None:
+        laws, doubt = learned
+        draws = doubt.draws.copy()
+        draws[:, 0] = np.nan
+        before = bode(laws, report(laws.parameters))
+        after = figures.add_bands(before, laws, replace(doubt, draws=draws))
+        assert len(after.data) == len(before.data) + len(laws) - 1
+
+
+def responses(doubt: Uncertainty, follower: int, omega: np.ndarray) -> np.ndarray:
+    drawn = [Parameters(*row) for row in doubt.draws[:, follower]]
+    return np.asarray(response(drawn, omega))
+
+
+class TestClouds:
+    @pytest.mark.parametrize(("plane", "column"), [("beta", 1), ("alpha", 0)])
+    def test_are_draws(self, learned: tuple[LawSet, Uncertainty], plane: Any, column: int) -> None:
+        laws, doubt = learned
+        chart = stability_map(laws, report(laws.parameters), 0, plane)
+        cloud = named(figures.add_clouds(chart, laws, doubt, plane), "cloud 1")
+        assert len(cloud.x) <= figures.CLOUD
+        drawn = doubt.draws[:, 1][:, [column, 2]]
+        for x, y in zip(cloud.x[:20], cloud.y[:20], strict=True):
+            assert np.abs(drawn - [x, y]).sum(axis=1).min() < 1e-3
+
+
+class TestTable:
+    def test_has_intervals_and_probabilities(self, learned: tuple[LawSet, Uncertainty]) -> None:
+        laws, doubt = learned
+        table = stability_doubt_table(laws, doubt)
+        first = table.rows[0]
+        assert first[0] == laws.labels[0]
+        low = 20 * np.log10(doubt.peak_gain.lower[0])
+        assert str(first[1]).startswith(f"{low:.2f} to ")
+        assert first[4] == pytest.approx(100 * doubt.probability_l2[0])
+        assert "90 % interval" in {column.group for column in table.columns}
+
+    def test_open_ends_are_words(self) -> None:
+        assert between(0.5, 1.25, 2) == "0.50 to 1.25"
+        assert between(0.5, float("inf"), 1) == "0.5 or more"
+        assert between(float("nan"), float("inf"), 1) == "anything"
+
+
+@pytest.fixture
+def fresh_server(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Iterator[None]:
+    monkeypatch.chdir(ROOT)
+    monkeypatch.setenv("ACCPINN_CACHE", str(tmp_path / "cache"))
+    st.cache_resource.clear()
+    yield
+    workspace.trainings().close()
+    st.cache_resource.clear()
+
+
+@pytest.mark.usefixtures("fresh_server")
+class TestPage:
+    def test_the_switch_shows_and_hides_it_for_the_fit_only(self) -> None:
+        made = workspace.workspaces().new()
+        made.open(*sample(FIRST_SAMPLE))
+        page = self.opened(made)
+        assert SWITCH not in {toggle.key for toggle in page.toggle}, "published laws have no data"
+        made.train(FAST)
+        assert made.job is not None
+        assert made.job.wait(60)
+        page = self.opened(made)
+        assert page.toggle(key=SWITCH).value is True
+        assert "Probably stable" in everything(page)
+        page.toggle(key=SWITCH).set_value(False).run()
+        assert not page.exception
+        assert "Probably stable" not in everything(page)
+        assert self.opened(made).toggle(key=SWITCH).value is False, "kept when the page is left"
+
+    def opened(self, made: workspace.Workspace) -> AppTest:
+        page = AppTest.from_file(str(ROOT / "app.py"), default_timeout=60)
+        page.switch_page(PAGE)
+        page.query_params["session"] = made.id
+        page.run()
+        assert not page.exception, page.exception
+        return page
+
+
+def everything(page: AppTest) -> str:
+    return " ".join(str(element.proto) for element in page.main if hasattr(element, "proto"))
