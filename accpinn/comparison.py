@@ -3,17 +3,14 @@
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
+from typing import Any
 
-from accpinn.assessment import (
-    TrackingErrors,
-    closed_loop_errors,
-    held_out_errors,
-    surrogate_errors,
-)
+from accpinn.assessment import Assessment, appraise
 from accpinn.cthp import Case
 from accpinn.errors import ConfigError
 from accpinn.estimators import ESTIMATORS
-from accpinn.fit import Fit
+from accpinn.fit import Fit, ShouldStop
+from accpinn.openacc import Recording
 from accpinn.pinn.config import FAST, PinnConfig
 from accpinn.segment import Segment
 from accpinn.store import Store
@@ -29,12 +26,7 @@ class Row:
 
     fit: Fit
     uncertainty: Uncertainty
-    surrogate: TrackingErrors | None
-    """Of the method's own trajectories against the data; None where it has none."""
-    closed_loop: TrackingErrors | None
-    """Of the law driving behind the measured leader; None where τ is not determined."""
-    held_out: TrackingErrors | None
-    """Closed loop on the last part of the window, learned from the part before."""
+    assessment: Assessment
 
 
 def parse_methods(text: str) -> tuple[str, ...]:
@@ -62,6 +54,8 @@ def compare(
     config: PinnConfig = FAST,
     store: Store | None = None,
     threads: int | None = None,
+    recording: Recording | None = None,
+    should_stop: ShouldStop | None = None,
 ) -> Iterator[Row]:
     """Run the methods one by one; each row comes as soon as it is known.
 
@@ -72,25 +66,33 @@ def compare(
         config: of the PiNN.
         store: where the PiNN's results are kept.
         threads: for the PiNN.
+        recording: the segment's; with it the law is also tested on what lies outside the window.
+        should_stop: asked between methods, and several times a second while the PiNN trains;
+            True ends the iteration, and a method that was not finished has no row.
     """
+    options = {"config": config, "store": store, "threads": threads, "should_stop": should_stop}
     for name in methods:
-        estimate = _estimator(name, case, config, store, threads)
+        estimate = _estimator(name, case, options)
+        if should_stop and should_stop():
+            return
         fit = estimate(segment)
-        yield Row(
-            fit=fit,
-            uncertainty=intervals(segment, fit),
-            surrogate=surrogate_errors(segment, fit),
-            closed_loop=closed_loop_errors(segment, fit),
-            held_out=held_out_errors(segment, estimate),
-        )
+        if should_stop and should_stop():
+            return
+        assessment = appraise(segment, fit, estimate, recording)
+        if should_stop and should_stop():
+            return
+        yield Row(fit, intervals(segment, fit), assessment)
 
 
-def _estimator(
-    name: str, case: Case, config: PinnConfig, store: Store | None, threads: int | None
-) -> Callable[[Segment], Fit]:
+def _estimator(name: str, case: Case, options: dict[str, Any]) -> Callable[[Segment], Fit]:
+    """The method as a function of the segment alone; the options are the PiNN's."""
     if name == "pinn":
-        from accpinn.pinn.training import train  # torch takes a second to import
-
-        return partial(train, case=case, config=config, store=store, threads=threads)
+        return partial(_pinn, case=case, **options)
     method = ESTIMATORS[name]
     return lambda segment: method(segment, case)
+
+
+def _pinn(segment: Segment, **options: Any) -> Fit:
+    from accpinn.pinn.training import train  # torch takes a second to import
+
+    return train(segment, **options)

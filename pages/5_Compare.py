@@ -37,7 +37,10 @@ def main() -> None:
 def run(workspace: Workspace, segment: Segment) -> None:
     """One method after the other, with a bar."""
     bar, rows = st.progress(0.0, f"{TITLES[METHODS[0]]} …"), []
-    for row in compare(segment, workspace.case, store=store(), threads=1):
+    found = compare(
+        segment, workspace.case, store=store(), threads=1, recording=workspace.recording
+    )
+    for row in found:
         rows.append(row)
         left = METHODS[len(rows) :]
         bar.progress(len(rows) / len(METHODS), f"{TITLES[left[0]]} …" if left else "")
@@ -70,8 +73,10 @@ def show(segment: Segment, rows: tuple[Row, ...]) -> None:
     st.html(typeset.STYLE + table.to_html())
     st.caption(
         "Surrogate fit: the method's own curve against the data. Closed loop: the law drives behind"
-        " the measured leader. Held out: learned on the first two thirds of the window, closed loop"
-        " on the last."
+        " the measured leader. Held out: the window's first and last third, each driven by a law"
+        " learned without it. Unseen rest: closed loop on the recording outside the window."
+        " Collides at: when the law would run into the vehicle ahead; it drives on, and the errors"
+        " include what follows."
     )
     downloads(table, segment)
 

@@ -7,18 +7,26 @@ import numpy as np
 import pytest
 
 from accpinn.assessment import (
+    Block,
+    TrackingErrors,
+    appraise,
+    blocks_held_out,
     closed_loop,
     closed_loop_errors,
+    collisions,
     held_out_errors,
+    incidents,
     part,
     surrogate_errors,
     tracking_errors,
+    whiteness,
 )
 from accpinn.cthp import Parameters, Trajectories
 from accpinn.estimators import least_squares, splines
 from accpinn.fit import Fit
 from accpinn.openacc import read
 from accpinn.segment import Segment, cut
+from bench.disturbed import Disturbance, disturbed
 from tests.driving import LAW, MIXED, driven, segment_of
 
 SAMPLES = Path(__file__).parent.parent / "sample_data"
@@ -102,17 +110,65 @@ class TestClosedLoop:
         assert closed_loop_errors(segment, fit) is None
 
     def test_of_the_papers_casale_parameters(self, openacc_dir: Path) -> None:
-        """Table I, experiment 1: 0.47 m for the network's curve, some 13.6 m for the law."""
+        """Table I, experiment 1: 0.47 m for the network's curve, 13.6 m and a crash for the law."""
         segment = cut(read(openacc_dir / "Casale" / "part7.csv"), 0, 300)
         fit = with_parameters(segment, Parameters(0.0104, 0.0718, 1.52))
         errors = closed_loop_errors(segment, fit)
         assert errors is not None
         assert errors.gap_mae[0] == pytest.approx(13.6, abs=0.15)
+        (sentence,) = appraise(segment, fit).incidents
+        assert "runs into the vehicle ahead at 22" in sentence
+
+
+class TestIncidents:
+    def test_a_collision_is_named_with_its_instant_and_the_errors_stay(self) -> None:
+        segment = driven((LAW,), duration=100.0)
+        fit = with_parameters(segment, Parameters(0.05, 0.0, 1.0))  # sways more and more
+        drive = closed_loop(segment, fit)
+        assert drive is not None
+        touched = float(collisions(segment, drive)[0])
+        index = round(touched / segment.sample_time)
+        assert drive.gaps[index, 0] <= 0.0
+        assert (drive.gaps[:index, 0] > 0.0).all()
+        (sentence,) = incidents(segment, drive)
+        assert f"at {touched:.1f} s" in sentence
+        assert f"{drive.gaps.min():.1f} m" in sentence
+        errors = closed_loop_errors(segment, fit)
+        assert errors is not None
+        assert np.isfinite(errors.gap_mae).all()
+
+    def test_the_instant_counts_from_the_recordings_first_sample(self) -> None:
+        segment = driven((LAW,), duration=100.0)
+        fit = with_parameters(segment, Parameters(0.05, 0.0, 1.0))
+        later = replace(segment, start=250.0)
+        one, two = (collisions(s, closed_loop(s, fit))[0] for s in (segment, later))
+        assert two - one == pytest.approx(250.0)
+
+    def test_a_law_that_loses_the_vehicle_ahead_diverges(self) -> None:
+        segment = driven((LAW,), duration=100.0)
+        fit = with_parameters(segment, Parameters(1e-6, 0.0, 1e6))  # brakes for ever
+        said = incidents(segment, closed_loop(segment, fit))
+        assert any("diverges" in sentence for sentence in said)
+
+    def test_the_true_law_has_none(self) -> None:
+        segment = driven(MIXED)
+        drive = closed_loop(segment, with_parameters(segment, *TRUTH))
+        assert incidents(segment, drive) == ()
+        assert np.isnan(collisions(segment, drive)).all()
+
+    def test_without_a_headway_nothing_drives(self) -> None:
+        assert incidents(driven(), None) == ()
+
+    def test_the_papers_casale_law_collides(self, openacc_dir: Path) -> None:
+        """Behind the measured leader it would be in the vehicle ahead after 222 s."""
+        segment = cut(read(openacc_dir / "Casale" / "part7.csv"), 0, 300)
+        fit = with_parameters(segment, Parameters(0.0104, 0.0718, 1.52))
+        assert collisions(segment, closed_loop(segment, fit))[0] == pytest.approx(222.6, abs=1.0)
 
 
 class TestHeldOut:
-    def test_the_law_is_learned_before_and_tested_after(self) -> None:
-        """Truth before a border, another vehicle after it: only the second part may show that."""
+    def test_each_block_is_driven_by_a_law_learned_without_it(self) -> None:
+        """Truth but for the last third: only the law learned elsewhere may be right."""
         learned: list[Segment] = []
 
         def estimate(segment: Segment) -> Fit:
@@ -120,15 +176,25 @@ class TestHeldOut:
             return least_squares.fit(segment)
 
         segment = cut(read(SAMPLES / "synthetic_paper_study_noise_free.csv"), 0.0, 90.0)
-        errors = held_out_errors(segment, estimate)
-        assert errors is not None
-        assert errors.gap_mae[0] < 0.02
-        assert [piece.duration for piece in learned] == [pytest.approx(60.0, abs=0.2)]
-        assert learned[0].start == 0.0
+        blocks = blocks_held_out(segment, estimate)
+        assert [block.start for block in blocks] == [0.0, pytest.approx(60.0, abs=0.2)]
+        assert [piece.start for piece in learned] == [pytest.approx(30.0, abs=0.2), 0.0]
+        assert [piece.duration for piece in learned] == [pytest.approx(60.0, abs=0.2)] * 2
+        for block in blocks:
+            assert block.errors is not None
+            assert block.errors.gap_mae[0] < 0.02
         later = replace(segment, gaps=np.where(segment.time[:, None] > 62, 5.0, segment.gaps))
-        spoilt = held_out_errors(later, least_squares.fit)
+        spoilt = blocks_held_out(later, least_squares.fit)[1].errors
         assert spoilt is not None
         assert spoilt.gap_mae[0] > 1.0
+
+    def test_blocks_are_pooled_by_duration(self) -> None:
+        one, three = (TrackingErrors(*(np.full(n, x) for n in (2, 1, 2, 1))) for x in (1.0, 3.0))
+        both = held_out_errors((Block(0.0, 10.0, one), Block(20.0, 30.0, three)))
+        assert both is not None
+        assert both.gap_mae[0] == pytest.approx(2.5)
+        assert both.gap_rmse[0] == pytest.approx(((10 + 30 * 9) / 40) ** 0.5)
+        assert held_out_errors((Block(0.0, 10.0, one), Block(20.0, 30.0, None))) is None
 
     def test_parts_keep_their_place_in_the_recording(self) -> None:
         segment = cut(read(SAMPLES / "synthetic_paper_study.csv"), 20.0, 60.0)
@@ -137,3 +203,49 @@ class TestHeldOut:
         assert piece.time[0] == 0.0
         assert piece.samples == 200
         np.testing.assert_array_equal(piece.gaps, segment.gaps[100:300])
+
+
+class TestWhiteness:
+    def test_a_law_that_holds_leaves_noise_without_memory(self) -> None:
+        segment = disturbed((Parameters(*LAW),), 1, Disturbance(0.3, 0.02), noise=None)
+        found = whiteness(segment, with_parameters(segment, Parameters(*LAW)))
+        assert found.probability[0] > 0.01
+        assert found.memory[0] < 2.0
+        assert "no memory" in found.sentences[0]
+
+    def test_a_lasting_disturbance_is_measured(self) -> None:
+        """A first-order process with memory T has an integrated autocorrelation time of 2T."""
+        times, deviations = [], []
+        for seed in range(4):
+            segment = disturbed((Parameters(*LAW),), seed, Disturbance(0.25, 4.0), duration=900.0)
+            found = whiteness(segment, with_parameters(segment, Parameters(*LAW)))
+            assert found.probability[0] < 1e-6
+            assert found.independent[0] == pytest.approx(900.0 / found.memory[0], rel=0.01)
+            times.append(found.memory[0])
+            deviations.append(found.deviation[0])
+        assert np.mean(times) == pytest.approx(8.0, rel=0.35)
+        # A second's mean of the process: a little below its own 0.25 m/s².
+        assert np.mean(deviations) == pytest.approx(0.24, rel=0.15)
+
+    def test_a_short_window_cannot_tell(self) -> None:
+        segment = driven((LAW,), duration=20.0)
+        found = whiteness(segment, with_parameters(segment, Parameters(*LAW)))
+        assert np.isnan(found.probability[0])
+        assert "too short" in found.sentences[0]
+
+
+def test_an_appraisal_holds_all_of_it() -> None:
+    recording = read(SAMPLES / "synthetic_paper_study.csv")
+    segment = cut(recording, 0.0, 100.0)
+    fit = splines.fit(segment)
+    bare = appraise(segment, fit)
+    assert bare.blocks == ()
+    assert bare.held_out is None
+    assert bare.unseen is None
+    full = appraise(segment, fit, splines.fit, recording)
+    assert full.surrogate is not None
+    assert full.held_out is not None
+    assert full.unseen is not None
+    assert full.unseen_seconds > 100.0
+    assert len(full.blocks) == 2
+    assert full.incidents == ()

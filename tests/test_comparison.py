@@ -44,12 +44,12 @@ def test_every_method_has_a_title() -> None:
 
 def test_rows_come_in_order_with_errors_of_every_kind(rows: list[Row]) -> None:
     assert [row.fit.method for row in rows] == list(QUICK)
-    assert rows[0].surrogate is None
-    assert rows[1].surrogate is not None
+    assert rows[0].assessment.surrogate is None
+    assert rows[1].assessment.surrogate is not None
     for row in rows:
-        assert row.closed_loop is not None
-        assert row.held_out is not None
-        assert (row.closed_loop.gap_mae < 0.5).all()
+        assert row.assessment.closed_loop is not None
+        assert row.assessment.held_out is not None
+        assert (row.assessment.closed_loop.gap_mae < 0.5).all()
 
 
 def test_intervals_hold_the_truth_of_a_sample(segment: Segment, rows: list[Row]) -> None:

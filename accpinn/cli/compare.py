@@ -29,13 +29,14 @@ def add_parser(subparsers: Any) -> None:
 def run(options: argparse.Namespace) -> int:
     """Run the methods, and print a row for each."""
     methods = parse_methods(options.methods)
-    segment = chosen_segment(options)
+    recording, segment = chosen_segment(options)
     found = compare(
         segment,
         options.case,
         methods,
         store=None if options.no_cache else Store(),
         threads=options.threads,
+        recording=recording,
     )
     rows = list(tqdm(found, total=len(methods), unit="method", file=sys.stderr))
     if options.json:
@@ -47,7 +48,7 @@ def run(options: argparse.Namespace) -> int:
 
 def _describe(segment: Segment, row: Row) -> dict[str, Any]:
     """A row as the command-line contract has it."""
-    fit, doubt = row.fit, row.uncertainty
+    fit, doubt, worth = row.fit, row.uncertainty, row.assessment
     return {
         "method": fit.method,
         "case": fit.case,
@@ -60,13 +61,33 @@ def _describe(segment: Segment, row: Row) -> dict[str, Any]:
                 "tau": [doubt.lower[k, 2], doubt.upper[k, 2]],
                 "probability_l2": doubt.probability_l2[k],
                 "probability_linf": doubt.probability_linf[k],
+                "peak_gain": [doubt.peak_gain.lower[k], doubt.peak_gain.upper[k]],
+                "linf_gain": [doubt.linf_gain.lower[k], doubt.linf_gain.upper[k]],
+                "crossover": [doubt.crossover.lower[k], doubt.crossover.upper[k]],
             }
             for k, vehicle in enumerate(segment.vehicles[1:])
         ],
         "level": doubt.level,
-        "surrogate_mae": _errors(row.surrogate),
-        "closed_loop_mae": _errors(row.closed_loop),
-        "holdout_mae": _errors(row.held_out),
+        "surrogate_mae": _errors(worth.surrogate),
+        "closed_loop_mae": _errors(worth.closed_loop),
+        "collisions": worth.collisions.tolist(),
+        "incidents": list(worth.incidents),
+        "holdout_mae": _errors(worth.held_out),
+        "blocks_mae": [
+            {"start": block.start, "duration": block.duration, "mae": _errors(block.errors)}
+            for block in worth.blocks
+        ],
+        "unseen_mae": _errors(worth.unseen),
+        "unseen_seconds": worth.unseen_seconds,
+        "whiteness": [
+            {
+                "deviation": worth.whiteness.deviation[k],
+                "memory": worth.whiteness.memory[k],
+                "independent_samples": worth.whiteness.independent[k],
+                "probability_white": worth.whiteness.probability[k],
+            }
+            for k in range(segment.followers)
+        ],
         "seconds": fit.seconds,
         "cached": fit.cached,
         "outcome": fit.outcome.name.lower(),
@@ -82,7 +103,8 @@ def _errors(errors: TrackingErrors | None) -> dict[str, list[float]] | None:
 
 def _text(segment: Segment, rows: list[Row]) -> str:
     head = ["method", "vehicle", "α (1/s²)", "β (1/s)", "τ (s)"]
-    head += ["surrogate gap MAE (m)", "closed loop (m)", "held out (m)", "seconds"]
+    head += ["surrogate gap MAE (m)", "closed loop (m)", "held out (m)"]
+    head += ["rest of the recording (m)", "seconds"]
     lines = []
     for row in rows:
         for k, (label, law) in enumerate(zip(segment.labels[1:], row.fit.parameters, strict=True)):
@@ -93,9 +115,10 @@ def _text(segment: Segment, rows: list[Row]) -> str:
                     f"{law.alpha:.4f}",
                     f"{law.beta:.4f}",
                     f"{law.tau:.3f}",
-                    _gap(row.surrogate, k, 3),
-                    _gap(row.closed_loop, k, 2),
-                    _gap(row.held_out, k, 2),
+                    _gap(row.assessment.surrogate, k, 3),
+                    _gap(row.assessment.closed_loop, k, 2),
+                    _gap(row.assessment.held_out, k, 2),
+                    _gap(row.assessment.unseen, k, 2),
                     f"{row.fit.seconds:.2f}" if k == 0 else "",
                 ]
             )
@@ -111,8 +134,16 @@ def _text(segment: Segment, rows: list[Row]) -> str:
             f" P(L2 stable) {doubt.probability_l2[k]:.2f},"
             f" P(L∞ stable) {doubt.probability_linf[k]:.2f}"
         )
-    return "\n".join([table(head, lines), "", *lines_of_doubt])
+    said = [*_incidents(rows), *rows[0].assessment.whiteness.sentences]
+    return "\n".join([table(head, lines), "", *lines_of_doubt, "", *said])
+
+
+def _incidents(rows: list[Row]) -> list[str]:
+    return [
+        f"{row.fit.method}: {incident}" for row in rows for incident in row.assessment.incidents
+    ]
 
 
 def _gap(errors: TrackingErrors | None, follower: int, digits: int) -> str:
-    return "-" if errors is None else f"{errors.gap_mae[follower]:.{digits}f}"
+    known = errors is not None and np.isfinite(errors.gap_mae[follower])
+    return f"{errors.gap_mae[follower]:.{digits}f}" if errors and known else "-"

@@ -15,7 +15,7 @@ from accpinn.cthp import Parameters
 from accpinn.errors import ConfigError, SegmentError
 from accpinn.estimators import ESTIMATORS
 from accpinn.fit import Fit, Outcome, Progress
-from accpinn.openacc import read
+from accpinn.openacc import Recording, read
 from accpinn.pinn.config import PinnConfig, preset
 from accpinn.segment import DURATION, Segment, cut, parse_vehicles
 from accpinn.segment.quality import Quality, assess
@@ -54,9 +54,10 @@ def add_segment_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--case", choices=["I", "II"], default="II", help="I: one set for all")
 
 
-def chosen_segment(options: argparse.Namespace) -> Segment:
-    """The segment that the options name."""
-    return cut(read(options.file), options.start, options.duration, options.vehicles)
+def chosen_segment(options: argparse.Namespace) -> tuple[Recording, Segment]:
+    """The recording and the segment that the options name."""
+    recording = read(options.file)
+    return recording, cut(recording, options.start, options.duration, options.vehicles)
 
 
 def _vehicles(text: str) -> tuple[int, ...]:
@@ -69,7 +70,7 @@ def _vehicles(text: str) -> tuple[int, ...]:
 def run(options: argparse.Namespace) -> int:
     """Learn, and print what was learned."""
     config = _config(options)
-    segment = chosen_segment(options)
+    _, segment = chosen_segment(options)
     if options.method == "pinn":
         fit = _train(segment, options, config)
     else:

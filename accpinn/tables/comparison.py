@@ -29,12 +29,14 @@ def methods_table(segment: Segment, rows: Sequence[Row], follower: int) -> Table
         Column("Surrogate fit", "m", 3, GAP),
         Column("Closed loop", "m", 2, GAP),
         Column("Held out", "m", 2, GAP),
+        Column("Unseen rest", "m", 2, GAP),
+        Column("Collides at", "s", 1),
         Column("Time", "s", 2),
     )
     cells: list[tuple[Cell, ...]] = []
     for row in rows:
-        law = row.fit.parameters[follower]
-        errors = (row.surrogate, row.closed_loop, row.held_out)
+        law, worth = row.fit.parameters[follower], row.assessment
+        errors = (worth.surrogate, worth.closed_loop, worth.held_out, worth.unseen)
         cells.append(
             (
                 TITLES.get(row.fit.method, row.fit.method),
@@ -42,6 +44,7 @@ def methods_table(segment: Segment, rows: Sequence[Row], follower: int) -> Table
                 law.beta,
                 law.tau,
                 *(float(e.gap_mae[follower]) if e else None for e in errors),
+                float(worth.collisions[follower]),
                 row.fit.seconds,
             )
         )
