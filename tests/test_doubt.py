@@ -54,9 +54,9 @@ class TestBands:
             drawn = 20 * np.log10(np.abs(responses(doubt, k, omega)))
             share = ((low - 1e-3 <= drawn) & (drawn <= high + 1e-3)).mean(axis=0)
             assert (share > doubt.level - 0.01).all()
-            wide = high - low > 0.2  # where rounding to 0.001 dB lets no draws in
+            wide = high - low > 0.05  # where rounding to 0.001 dB lets no draws in
             assert wide.any()
-            np.testing.assert_allclose(share[wide], doubt.level, atol=0.02)
+            np.testing.assert_allclose(share[wide], doubt.level, atol=0.03)
 
     def test_lie_beneath_the_curves(self, learned: tuple[LawSet, Uncertainty]) -> None:
         laws, doubt = learned
