@@ -38,6 +38,7 @@ ORDER = (
     "stability",
     "uncertainty",
     "platoon",
+    "identifiability",
     "comparison",
     "tables",
     "figures",

@@ -11,6 +11,7 @@ from accpinn.assessment import TrackingErrors
 from accpinn.cli.fit import add_segment_options, chosen_segment, parameter_rows
 from accpinn.cli.output import print_json, table
 from accpinn.comparison import Row, compare, parse_methods
+from accpinn.identifiability import identifiable
 from accpinn.segment import Segment
 from accpinn.store import Store
 
@@ -40,7 +41,8 @@ def run(options: argparse.Namespace) -> int:
     )
     rows = list(tqdm(found, total=len(methods), unit="method", file=sys.stderr))
     if options.json:
-        print_json({"rows": [_describe(segment, row) for row in rows]})
+        described = [_describe(segment, row) for row in rows]
+        print_json({"rows": described, "warnings": _warnings(segment, rows[0])})
     else:
         print(_text(segment, rows))
     return 0
@@ -134,8 +136,17 @@ def _text(segment: Segment, rows: list[Row]) -> str:
             f" P(L2 stable) {doubt.probability_l2[k]:.2f},"
             f" P(L∞ stable) {doubt.probability_linf[k]:.2f}"
         )
-    said = [*_incidents(rows), *rows[0].assessment.whiteness.sentences]
+    said = [
+        *_warnings(segment, rows[0]),
+        *_incidents(rows),
+        *rows[0].assessment.whiteness.sentences,
+    ]
     return "\n".join([table(head, lines), "", *lines_of_doubt, "", *said])
+
+
+def _warnings(segment: Segment, row: Row) -> list[str]:
+    """What the data cannot tell; the same for all methods."""
+    return list(identifiable(segment, row.uncertainty, row.fit.case))
 
 
 def _incidents(rows: list[Row]) -> list[str]:

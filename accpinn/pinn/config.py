@@ -11,8 +11,14 @@ METHOD_VERSION = 2
 
 PresetName = Literal["fast", "paper"]
 
-TABLE_I_STARTS = 5
-"""The paper's Table I trains from five initial values of (α, β, τ)."""
+STARTS = (
+    (1.0, 1.0, 1.0),
+    (0.5, 0.5, 0.5),
+    (0.1, 0.1, 1.0),
+    (0.01, 0.5, 2.0),
+    (2.0, 2.0, 2.0),
+)
+"""Five initial values of (α, β, τ); the paper trains from five and prints none but these ends."""
 
 
 @dataclass(frozen=True)

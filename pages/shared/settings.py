@@ -5,7 +5,7 @@ from typing import Any
 import streamlit as st
 
 from accpinn.errors import ConfigError
-from accpinn.pinn.config import PRESETS, PinnConfig, preset
+from accpinn.pinn.config import PRESETS, STARTS, PinnConfig, preset
 from pages.shared.text import plain
 from pages.shared.workspace import Workspace, hold
 
@@ -13,14 +13,6 @@ PRESET_LINES = {
     "fast": "A few seconds: output layer and α, β, τ solved exactly, hidden layers trained.",
     "paper": "As published, all by gradient: many minutes. Stop and continue at any time.",
 }
-STARTS = (
-    (1.0, 1.0, 1.0),
-    (0.5, 0.5, 0.5),
-    (0.1, 0.1, 1.0),
-    (0.01, 0.5, 2.0),
-    (2.0, 2.0, 2.0),
-)
-"""Five initial values of (α, β, τ); the paper trains from five and prints none but these ends."""
 
 
 def choose_preset(workspace: Workspace) -> None:

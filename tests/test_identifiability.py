@@ -1,0 +1,163 @@
+"""Profiles against brute force, dispersion over starts, and warnings that come when they should."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.optimize import nnls
+
+from accpinn.cthp import Parameters
+from accpinn.errors import ConfigError
+from accpinn.estimators import least_squares
+from accpinn.fit import Outcome
+from accpinn.identifiability import INCREASE, WIDE, identifiable, profile, profiles, starts
+from accpinn.identifiability.starts import Trial, gather
+from accpinn.openacc import read
+from accpinn.pinn.config import STARTS, preset
+from accpinn.regression import Regression
+from accpinn.segment import Segment, cut
+from accpinn.uncertainty import intervals
+from bench.disturbed import Disturbance, disturbed
+from tests.driving import LAW, MIXED, driven, segment_of, standing_still
+
+TRUTH = Parameters(*LAW)
+SHORT = {"paper": 30, "fast": 40}
+"""Iterations: enough to see what a recipe makes of its start."""
+
+
+def brute_force(segment: Segment, symbol: str, value: float) -> float:
+    """The least sum of squares of the first follower, by another solver on all rows."""
+    regression = Regression.of(segment)
+    terms, rates = regression.terms[0], regression.rates[0]
+    alpha, alpha_tau, beta = terms.T
+    if symbol == "α":
+        return float(nnls(np.column_stack([alpha_tau, beta]), rates - value * alpha)[1] ** 2)
+    if symbol == "β":
+        return float(nnls(np.column_stack([alpha, alpha_tau]), rates - value * beta)[1] ** 2)
+    return float(nnls(np.column_stack([alpha + value * alpha_tau, beta]), rates)[1] ** 2)
+
+
+class TestProfile:
+    @pytest.mark.parametrize(
+        ("symbol", "grid"),
+        [("α", [0.0, 0.05, 0.08, 0.3]), ("β", [0.0, 0.1, 0.9]), ("τ", [0.0, 0.7, 1.5, 4.0])],
+    )
+    def test_every_point_is_the_minimum_over_the_others(
+        self, symbol: str, grid: list[float]
+    ) -> None:
+        segment = driven((LAW,), noise=0.1)
+        theta = Regression.of(segment).solve("II").theta
+        least = float((Regression.of(segment).residuals(theta) ** 2).sum())
+        found = profile(segment, 0, symbol, np.array(grid))  # type: ignore[arg-type]
+        by_hand = [brute_force(segment, symbol, value) / least - 1.0 for value in grid]
+        np.testing.assert_allclose(found.increase, by_hand, rtol=1e-6, atol=1e-8)
+
+    def test_is_least_at_the_estimate_and_rises_to_the_named_increase_at_its_ends(self) -> None:
+        segment = driven(MIXED, noise=0.1)
+        estimate = least_squares.fit(segment).table()
+        for k, row in enumerate(profiles(segment)):
+            for p, one in enumerate(row):
+                assert one.best == pytest.approx(estimate[k, p], rel=1e-6)
+                assert one.lower < one.best < one.upper
+                assert (np.diff(one.values) > 0).all()
+                ends = profile(segment, k, one.parameter, np.array([one.lower, one.upper]))
+                np.testing.assert_allclose(ends.increase, INCREASE, rtol=1e-4)
+
+    def test_a_case_i_platoon_has_one_set(self) -> None:
+        segment = driven((LAW, LAW), noise=0.1)
+        (row,) = profiles(segment, "I")
+        assert row[0].best == pytest.approx(least_squares.fit(segment, "I").parameters[0].alpha)
+
+    def test_is_flat_where_nothing_moves(self) -> None:
+        alpha, beta, tau = profiles(standing_still())[0]
+        assert np.isinf(beta.upper)
+        assert max(beta.increase.max(), 0.0) < INCREASE
+        assert alpha.lower == 0.0
+        assert tau.lower == 0.0
+
+    def test_refuses_what_cannot_be_held(self) -> None:
+        with pytest.raises(ConfigError, match="choose α, β, τ"):
+            profile(driven(), 0, "x")  # type: ignore[arg-type]
+        with pytest.raises(ConfigError, match="zero or more"):
+            profile(driven(), 0, "α", np.array([-0.1]))
+
+
+class TestStarts:
+    def test_the_paper_recipe_depends_on_its_start_and_says_so(self) -> None:
+        config = preset("paper", iterations=SHORT["paper"])
+        found = starts(driven(), config=config, threads=1)
+        assert [trial.initial for trial in found.trials] == list(STARTS)
+        assert found.spread[0, 0] > 50.0
+        assert "had not settled" in found.notes[0]
+        tables = np.array([trial.fit.table()[0] for trial in found.trials])
+        by_hand = 100 * np.ptp(tables[:, 0]) / tables[:, 0].mean()
+        assert found.spread[0, 0] == pytest.approx(by_hand)
+
+    def test_the_fast_recipe_forgets_its_start_but_not_its_seed(self) -> None:
+        config = preset("fast", iterations=SHORT["fast"])
+        segment = driven(noise=0.05)
+        two = starts(segment, config=config, initials=STARTS[1:3], seeds=(0, 1), threads=1)
+        assert [trial.seed for trial in two.trials] == [0, 0, 1, 1]
+        tables = np.array([trial.fit.table()[0] for trial in two.trials])
+        np.testing.assert_allclose(tables[0], tables[1], rtol=1e-3)
+        assert (tables[0] != tables[2]).any()
+        assert (two.spread < 1.0).all()
+        assert two.notes[0].startswith("All 4 trainings end within")
+
+    def test_a_stop_keeps_what_is_finished(self) -> None:
+        asked = iter([False] + [True] * 1000)
+        found = starts(driven(), should_stop=lambda: next(asked), threads=1)
+        assert found.trials == ()
+        assert np.isnan(found.spread).all()
+
+    def test_a_single_training_has_no_spread(self) -> None:
+        segment = driven()
+        trial = Trial(STARTS[0], 0, least_squares.fit(segment), None, None)
+        assert trial.fit.outcome is Outcome.SOLVED
+        assert np.isnan(gather(segment, (trial,)).spread).all()
+
+    def test_there_must_be_a_start(self) -> None:
+        with pytest.raises(ConfigError, match="nothing to train from"):
+            starts(driven(), initials=())
+
+
+class TestIdentifiable:
+    def test_is_silent_where_the_data_tell(self) -> None:
+        segment = disturbed((TRUTH,), 1, Disturbance(0.05, 4.0), duration=600.0)
+        doubt = intervals(segment, least_squares.fit(segment))
+        assert (doubt.upper < WIDE * doubt.lower).all(), "the case needs narrow intervals"
+        assert identifiable(segment, doubt) == ()
+
+    def test_a_steady_drive_is_warned_of(self) -> None:
+        rng = np.random.default_rng(0)
+        time = 0.1 * np.arange(1201)
+        speeds = 20 + 0.05 * rng.standard_normal((1201, 2))
+        segment = segment_of(time, speeds, 30 + 0.05 * rng.standard_normal((1201, 1)))
+        doubt = intervals(segment, least_squares.fit(segment))
+        (sentence,) = identifiable(segment, doubt)
+        assert "leave" in sentence
+        assert "τ" in sentence
+        assert "the leader's speed varies by only 0.05 m/s" in sentence
+
+    @pytest.mark.parametrize("start", [820, 1140])
+    def test_a_constant_speed_window_of_a_recording_is_warned_of(
+        self, openacc_dir: Path, start: float
+    ) -> None:
+        """AstaZero's leader holds its speed within 0.09 m/s there, behind it four followers."""
+        recording = read(openacc_dir / "AstaZero" / "ASta_040719_platoon5.csv")
+        steady = cut(recording, start, 60)
+        assert steady.speeds[:, 0].std() < 0.1
+        doubt = intervals(steady, least_squares.fit(steady))
+        warnings = identifiable(steady, doubt)
+        assert len(warnings) == steady.followers
+        assert all("leave" in sentence for sentence in warnings)
+        moving = cut(recording, 320, 300)
+        told = intervals(moving, least_squares.fit(moving))
+        width, usual = doubt.upper - doubt.lower, told.upper - told.lower
+        assert (width[[0, 3], :2] > 2 * usual[[0, 3], :2]).all()
+
+    def test_case_i_has_one_sentence_for_all(self) -> None:
+        segment = disturbed((TRUTH, TRUTH), 1, Disturbance(0.3, 4.0), duration=60.0)
+        fit = least_squares.fit(segment, "I")
+        (sentence,) = identifiable(segment, intervals(segment, fit), "I")
+        assert sentence.startswith("All followers together")
