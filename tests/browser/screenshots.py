@@ -90,6 +90,11 @@ def home(camera: Camera) -> None:
         idle(page)
         camera.shoot(page, "train_sample_fold", whole=False)
         camera.shoot(page, "train_sample")
+        page.get_by_text("Next: do these vehicles amplify").click()
+        page.get_by_text("Show what the data leave open").wait_for()
+        page.locator(".st-key-stability_map .js-plotly-plot").wait_for()
+        idle(page)
+        camera.shoot(page, "stability_learned")
 
 
 def empty(camera: Camera) -> None:
