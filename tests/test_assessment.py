@@ -150,6 +150,22 @@ class TestIncidents:
         said = incidents(segment, closed_loop(segment, fit))
         assert any("diverges" in sentence for sentence in said)
 
+    def test_a_lost_vehicle_has_no_errors_nor_those_behind_it(self) -> None:
+        segment = driven(MIXED)
+        laws = (TRUTH[0], Parameters(1e-6, 0.0, 1e6), TRUTH[2])
+        errors = closed_loop_errors(segment, with_parameters(segment, *laws))
+        assert errors is not None
+        assert np.isfinite(errors.gap_mae).tolist() == [True, False, False]
+        assert np.isfinite(errors.speed_rmse).tolist() == [True, True, False, False]
+
+    def test_driving_backwards_is_named(self) -> None:
+        segment = driven((LAW,), duration=100.0)
+        fit = with_parameters(segment, Parameters(1.0, 0.0, 0.01))  # sways about the leader
+        drive = closed_loop(segment, fit)
+        assert drive is not None
+        assert drive.speeds.min() < -1.0
+        assert any("drives backwards" in sentence for sentence in incidents(segment, drive))
+
     def test_the_true_law_has_none(self) -> None:
         segment = driven(MIXED)
         drive = closed_loop(segment, with_parameters(segment, *TRUTH))

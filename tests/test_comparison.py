@@ -52,6 +52,12 @@ def test_rows_come_in_order_with_errors_of_every_kind(rows: list[Row]) -> None:
         assert (row.assessment.closed_loop.gap_mae < 0.5).all()
 
 
+def test_a_stop_keeps_the_rows_so_far(segment: Segment) -> None:
+    asked = iter([False, False, False, True])
+    found = list(compare(segment, "II", QUICK, should_stop=lambda: next(asked)))
+    assert [row.fit.method for row in found] == [QUICK[0]]
+
+
 def test_intervals_hold_the_truth_of_a_sample(segment: Segment, rows: list[Row]) -> None:
     """Of α and β; τ is shifted by the receivers' drift, which the data cannot show, by 0.5 %."""
     laws = load_truth(truth_path(SAMPLE)).parameters
@@ -107,11 +113,19 @@ def test_command_prints_one_document(
     monkeypatch.setenv("ACCPINN_CACHE", str(tmp_path))
     words = ["compare", str(SAMPLE), "--duration", "100", "--methods", "pinn,splines", "--json"]
     assert main(words) == 0
-    found = json.loads(capsys.readouterr().out)["rows"]
+    document = json.loads(capsys.readouterr().out, parse_constant=pytest.fail)
+    assert isinstance(document["warnings"], list)
+    found = document["rows"]
     assert [row["method"] for row in found] == ["pinn", "splines"]
     for row in found:
         assert len(row["parameters"]) == len(row["intervals"]) == 3
         assert set(row) >= {"surrogate_mae", "closed_loop_mae", "holdout_mae", "seconds"}
+        assert row["incidents"] == []
+        assert len(row["blocks_mae"]) == 2
+        assert row["unseen_mae"]["p"]
+        assert len(row["whiteness"]) == 3
+        for interval in row["intervals"]:
+            assert set(interval) >= {"peak_gain", "linf_gain", "crossover"}
     ours, limit = (row["parameters"][0] for row in found)
     assert ours["alpha"] == pytest.approx(limit["alpha"], rel=0.01)
     assert ours["beta"] == pytest.approx(limit["beta"], rel=0.02)

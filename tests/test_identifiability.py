@@ -1,11 +1,13 @@
 """Profiles against brute force, dispersion over starts, and warnings that come when they should."""
 
+import json
 from pathlib import Path
 
 import numpy as np
 import pytest
 from scipy.optimize import nnls
 
+from accpinn.cli import main
 from accpinn.cthp import Parameters
 from accpinn.errors import ConfigError
 from accpinn.estimators import least_squares
@@ -20,6 +22,7 @@ from accpinn.uncertainty import intervals
 from bench.disturbed import Disturbance, disturbed
 from tests.driving import LAW, MIXED, driven, segment_of, standing_still
 
+SAMPLE = Path(__file__).parent.parent / "sample_data" / "synthetic_paper_study.csv"
 TRUTH = Parameters(*LAW)
 SHORT = {"paper": 30, "fast": 40}
 """Iterations: enough to see what a recipe makes of its start."""
@@ -161,3 +164,23 @@ class TestIdentifiable:
         fit = least_squares.fit(segment, "I")
         (sentence,) = identifiable(segment, intervals(segment, fit), "I")
         assert sentence.startswith("All followers together")
+
+
+class TestCommand:
+    WORDS = ("starts", str(SAMPLE), "--duration", "20", "--iterations", "20", "--no-cache")
+
+    def test_one_document_holds_every_start(self, capsys: pytest.CaptureFixture[str]) -> None:
+        assert main([*self.WORDS, "--threads", "1", "--json"]) == 0
+        found = json.loads(capsys.readouterr().out)
+        assert [tuple(trial["initial"]) for trial in found["trials"]] == list(STARTS)
+        alphas = [trial["parameters"][0]["alpha"] for trial in found["trials"]]
+        by_hand = 100 * np.ptp(alphas) / np.mean(alphas)
+        assert found["spread_percent"][0]["alpha"] == pytest.approx(by_hand)
+
+    def test_a_table_is_printed_and_nonsense_refused(
+        self, capsys: pytest.CaptureFixture[str]
+    ) -> None:
+        assert main([*self.WORDS, "--threads", "1"]) == 0
+        assert "0.01, 0.5, 2" in capsys.readouterr().out
+        assert main([*self.WORDS, "--seeds", "0"]) == 2
+        assert capsys.readouterr().err.startswith("error: seeds:")
