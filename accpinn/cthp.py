@@ -17,6 +17,7 @@ from itertools import combinations
 from typing import Literal, Self
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.linalg import expm
 
 from accpinn.units import FloatArray, PerSecond, PerSecondSquared, Seconds, frozen
@@ -141,6 +142,23 @@ def solve_platoon(grams: FloatArray, moments: FloatArray, case: Case) -> Platoon
         grams, moments = grams.sum(0, keepdims=True), moments.sum(0, keepdims=True)
     solutions = [solve_linear(g, m) for g, m in zip(grams, moments, strict=True)]
     return PlatoonSolution.of(solutions, followers)
+
+
+def solve_rows(
+    terms: FloatArray, rates: FloatArray, case: Case, left_out: NDArray[np.bool_] | None = None
+) -> PlatoonSolution:
+    """The least-squares θ of dv/dt = Xθ over all instants that count.
+
+    Args:
+        terms: (M, N, 3) X, the `regressors`.
+        rates: (N, M) dv/dt in m/s².
+        case: "I" or "II".
+        left_out: (N, M) rows that do not count; None where all do.
+    """
+    if left_out is not None:
+        terms = np.where(left_out.T[:, :, None], 0.0, terms)
+    grams = terms.transpose(0, 2, 1) @ terms
+    return solve_platoon(grams, np.einsum("mnk,nm->mk", terms, rates), case)
 
 
 @dataclass(frozen=True, eq=False)

@@ -3,7 +3,7 @@
     dv/dt = X θ + r,    X = (p, -v, Δv)
 
 with dv/dt by central differences. Rows can be left out, so that a part of the time can be looked
-at; nothing is left out unless the caller says which.
+at; nothing is left out unless the segment or the caller says which.
 """
 
 from dataclasses import dataclass
@@ -30,9 +30,10 @@ class Regression:
 
     @classmethod
     def of(cls, segment: Segment) -> Self:
-        """All rows of a segment."""
+        """The rows of a segment; those that it leaves out are zero."""
         rates = np.gradient(segment.speeds[:, 1:], segment.sample_time, axis=0)
-        return cls(regressors(segment.speeds, segment.gaps), rates.T)
+        rows = cls(regressors(segment.speeds, segment.gaps), rates.T)
+        return rows if segment.left_out is None else rows.kept(~segment.left_out)
 
     def kept(self, keep: Mask) -> Self:
         """The rows in ``keep`` (N, M) count, the others are zero and so do not."""

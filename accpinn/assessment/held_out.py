@@ -88,6 +88,7 @@ def part(segment: Segment, first: int, end: int) -> Segment:
         time=segment.time[rows] - segment.time[first],
         speeds=segment.speeds[rows],
         gaps=segment.gaps[rows],
+        left_out=None if segment.left_out is None else segment.left_out[rows],
         start=segment.start + float(segment.time[first]),
     )
 

@@ -16,9 +16,11 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.linalg import expm
 
 from accpinn.cthp import Case, Parameters, motion_matrix, orbit, respond
+from accpinn.runs import runs
 from accpinn.segment import Segment
 from accpinn.units import FloatArray, Seconds
 
@@ -32,6 +34,14 @@ class Chain:
     measured: FloatArray
     """(N, 2K) x as recorded."""
     step: Seconds
+    first: int = 0
+    """Where in the segment it begins."""
+
+    def stretches(self, left_out: NDArray[np.bool_], least: Seconds) -> tuple["Chain", ...]:
+        """What is left of it without the instants (N,) left out, in runs of ``least`` or longer."""
+        kept = [run for run in runs(~left_out) if (len(run) - 1) * self.step >= least]
+        rows = [slice(run.first, run.last + 1) for run in kept]
+        return tuple(Chain(self.ahead[r], self.measured[r], self.step, r.start) for r in rows)
 
     @cached_property
     def parts(self) -> FloatArray:

@@ -48,6 +48,9 @@ from accpinn.units import FloatArray, Seconds
 UNCERTAIN = (0.3, 1.0, 1.0)
 """Standard deviations of α, τ, β at first: so large that `TYPICAL` soon counts for nothing."""
 
+NOTHING = 1e12
+"""In m² and m²/s²: variance of a measurement that says nothing of the law."""
+
 
 def fit(segment: Segment, case: Case = "II") -> Fit:
     """The last estimate of the law, its course, and the filtered motion."""
@@ -101,7 +104,7 @@ def _run(platoon: Platoon, kept: list[int]) -> _Filtered:
     thetas, covariances = [], []
     keep = set(kept)
     for now in range(1, len(measured)):
-        dual.take_in(platoon.ahead[now - 1], platoon.ahead[now], measured[now])
+        dual.take_in(platoon.ahead[now - 1], platoon.ahead[now], measured[now], platoon.told[now])
         states[now] = dual.states
         if now in keep:
             thetas.append(dual.theta)
@@ -123,19 +126,33 @@ class _Dual:
         self.theta = np.tile(TYPICAL.linear(), (laws, 1))
         self.covariance = np.tile(law_covariance(UNCERTAIN), (laws, 1, 1))
 
-    def take_in(self, before: FloatArray, after: FloatArray, measured: FloatArray) -> None:
-        """One more sample (G, F, 2), and the predecessors' speeds (G, F) at the step's ends."""
+    def take_in(
+        self, before: FloatArray, after: FloatArray, measured: FloatArray, told: FloatArray
+    ) -> None:
+        """One more sample (G, F, 2).
+
+        Args:
+            before: the predecessors' speeds (G, F) at the step's beginning.
+            after: the same at its end.
+            measured: (G, F, 2) p, v.
+            told: (G, F) whether the step tells of the law.
+        """
         points = self._of_state.points(self.states, self.spread)
         motion = self._of_state.moments(
             self._moved(self.theta[:, None, None], points, before[..., None], after[..., None])
         )
         predicted = motion.covariance + self._motion_noise
         innovation = predicted + self._noise
-        self._learn(before, after, measured, innovation)
+        untold = told == 0
+        said = innovation + NOTHING * untold[..., None, None] * np.eye(2)
+        self._learn(before, after, measured, said)
         gain = predicted @ np.linalg.inv(innovation)
         error = (measured - motion.mean)[..., None]
         self.states = motion.mean + (gain @ error)[..., 0]
         self.spread = symmetric(predicted - gain @ predicted)
+        # What is left out is taken as measured, errors and all.
+        self.states[untold] = measured[untold]
+        self.spread[untold] = self._noise
 
     def _learn(
         self, before: FloatArray, after: FloatArray, measured: FloatArray, innovation: FloatArray

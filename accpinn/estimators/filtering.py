@@ -7,6 +7,9 @@ white acceleration, as strong at low frequencies as errors that last: σ² held 
 either side have the spectral density 2 σ² T. As that is large, a filtered motion stays close to the
 measured one, noise and all; the less a recording moves, the more this noise pulls β up.
 
+Where the segment leaves the law out, a step tells nothing of it: θ stays as it is, and the motion
+is taken as measured, as if the law left any acceleration open.
+
 θ = (α, ατ, β) of a car may drift slowly, as α, τ and β each in a random walk of its own.
 """
 
@@ -53,17 +56,23 @@ class Platoon:
     ahead: FloatArray
     """(N, G, F) in m/s, each predecessor's."""
     step: Seconds
+    told: FloatArray
+    """(N, G, F) 1 where the step that ends there tells of the law, 0 where it is left out."""
 
     @classmethod
     def of(cls, segment: Segment, case: Case) -> Self:
         """Case I: one law, M followers. Case II: M laws, one follower each."""
         laws = 1 if case == "I" else segment.followers
         shape = (segment.samples, laws, segment.followers // laws)
+        told = np.ones(segment.gaps.shape)
+        if segment.left_out is not None:  # a step needs both of its samples
+            told[1:] -= segment.left_out[1:] | segment.left_out[:-1]
         return cls(
             segment.gaps.reshape(shape),
             segment.speeds[:, 1:].reshape(shape),
             segment.speeds[:, :-1].reshape(shape),
             segment.sample_time,
+            told.reshape(shape),
         )
 
 

@@ -1,7 +1,7 @@
 """Batch least squares on finite differences, the simplest honest estimate.
 
 The law is linear in θ = (α, ατ, β), so with dv/dt by central differences of the measured speeds
-one 3x3 solve a follower gives
+one 3x3 solve a follower gives, over the instants that the segment does not leave out,
 
     θ = argmin Σ_t (dv/dt - α p + ατ v - β Δv)²   subject to α, ατ, β ≥ 0.
 
@@ -12,7 +12,7 @@ import time
 
 import numpy as np
 
-from accpinn.cthp import Case, regressors, solve_platoon
+from accpinn.cthp import Case, regressors, solve_rows
 from accpinn.fit import Fit, Outcome, bound_notes, parameters_of
 from accpinn.segment import Segment
 
@@ -22,9 +22,7 @@ def fit(segment: Segment, case: Case = "II") -> Fit:
     started = time.perf_counter()
     terms = regressors(segment.speeds, segment.gaps)
     acceleration = np.gradient(segment.speeds[:, 1:], segment.sample_time, axis=0)
-    grams = terms.transpose(0, 2, 1) @ terms
-    moments = np.einsum("mnk,nm->mk", terms, acceleration)
-    solution = solve_platoon(grams, moments, case)
+    solution = solve_rows(terms, acceleration, case, segment.left_out)
     return Fit(
         method="least-squares",
         case=case,

@@ -106,7 +106,7 @@ def _run(platoon: Platoon, kept: list[int], particles: int, seed: int) -> _Follo
     keep = set(kept)
     for now in range(1, len(platoon.gaps)):
         measured = State(platoon.gaps[now], platoon.speeds[now])
-        cloud.take_in(platoon.ahead[now - 1], platoon.ahead[now], measured)
+        cloud.take_in(platoon.ahead[now - 1], platoon.ahead[now], measured, platoon.told[now])
         motion.gap[now], motion.speed[now] = cloud.mean_motion()
         if now in keep:
             thetas.append(cloud.mean)
@@ -137,8 +137,17 @@ class _Cloud:
         self.mean = self._theta.mean(axis=2).T
         """(G, 3) of θ."""
 
-    def take_in(self, before: FloatArray, after: FloatArray, measured: State) -> None:
-        """One more sample (G, F), and the predecessors' speeds (G, F) at the step's ends."""
+    def take_in(
+        self, before: FloatArray, after: FloatArray, measured: State, told: FloatArray
+    ) -> None:
+        """One more sample (G, F).
+
+        Args:
+            before: the predecessors' speeds (G, F) at the step's beginning.
+            after: the same at its end.
+            measured: (G, F) each.
+            told: (G, F) whether the step tells of the law.
+        """
         precision, gain = self._gains()
         laws = self._theta[..., None]
         moved = move(tuple(laws), self._motion, before[:, None], after[:, None], self._step)
@@ -149,11 +158,21 @@ class _Cloud:
         )
         squares = gap * (precision[0][0] * gap + 2 * precision[0][1] * speed)
         squares += precision[1][1] * speed**2
+        if not told.all():
+            squares *= told[:, None]
+            self._measure_anew(measured, told)
         self._logs -= squares.sum(axis=2) / 2
         self._logs -= self._logs.max(axis=1, keepdims=True)
         self._weights = np.exp(self._logs)
         self._weights /= self._weights.sum(axis=1, keepdims=True)
         self.mean = np.einsum("cgp,gp->gc", self._theta, self._weights)
+
+    def _measure_anew(self, measured: State, told: FloatArray) -> None:
+        """The motion of those whose step is left out is what was measured, errors and all."""
+        untold = told[:, None] == 0
+        for part, known in zip(self._motion, measured, strict=True):
+            np.copyto(part, known[:, None], where=untold)
+        self._spread[untold.any(axis=(1, 2))] = self._noise
 
     def _gains(self) -> tuple[FloatArray, FloatArray]:
         """S⁻¹ and K of the mean law, (2, 2, G, 1, 1) each, and the motion's spread after them."""

@@ -17,7 +17,8 @@ correlated with the difference on the left, which would bias a forward differenc
 The parameters of the fit are the mean of θ_k over the settled part of the window, that is, after
 one memory or half of the window. The last θ_k would speak for the last minute only.
 
-Case I adds up the rows of all followers, one law for the platoon.
+Case I adds up the rows of all followers, one law for the platoon. Rows that the segment leaves out
+add nothing; the memory fades meanwhile.
 
 Source: Wang, Gunter, Nice, Delle Monache and Work, IEEE Transactions on Intelligent Vehicles 6
 (2021) 288-298; forgetting as in Ljung, System Identification, 2nd edition, section 11.2.
@@ -100,6 +101,10 @@ def _accumulate(segment: Segment, case: Case, memory: Seconds) -> _Known:
     rows = (terms[:, 1:] + terms[:, :-1]) / 2
     rates = np.diff(segment.speeds[:, 1:], axis=0).T / step
     kept = kept_samples(segment)
+    weights = np.ones_like(rates)
+    if segment.left_out is not None:  # a row needs both of its samples
+        weights[(segment.left_out[1:] | segment.left_out[:-1]).T] = 0.0
+        rows, rates = rows * weights[..., None], rates * weights
 
     def summed(values: FloatArray, forget: float) -> FloatArray:
         """(M, N-1, ..) to (K, G, ..)."""
@@ -116,7 +121,7 @@ def _accumulate(segment: Segment, case: Case, memory: Seconds) -> _Known:
         summed(rows * rates[..., None], keep),
         summed(rates**2, keep),
         summed(products, keep**2),
-        summed(np.ones_like(rates), keep),
+        summed(weights, keep),
     )
 
 
@@ -145,7 +150,8 @@ def _covariance(known: _Known, theta: FloatArray) -> FloatArray:
     told = np.isfinite(theta[..., :1, None])
     inverse = np.linalg.inv(np.where(told, known.gram, np.eye(3)))
     explained = np.einsum("kgi,kgi->kg", known.moment, theta)
-    variance = np.maximum(known.square - explained, 0.0) / known.weight
+    weight = np.where(known.weight > 0, known.weight, 1.0)
+    variance = np.maximum(known.square - explained, 0.0) / weight
     return np.asarray(variance[..., None, None] * (inverse @ known.gram_of_squares @ inverse))
 
 

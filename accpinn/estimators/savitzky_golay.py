@@ -16,10 +16,9 @@ IEEE Signal Processing Magazine 28 (2011) 111-117.
 import time
 from functools import partial
 
-import numpy as np
 from scipy.signal import savgol_filter
 
-from accpinn.cthp import Case, Trajectories, regressors, solve_platoon
+from accpinn.cthp import Case, Trajectories, regressors, solve_rows
 from accpinn.fit import Fit, Outcome, bound_notes, parameters_of
 from accpinn.segment import Segment
 from accpinn.units import Seconds
@@ -42,10 +41,8 @@ def fit(segment: Segment, case: Case = "II", window: Seconds = WINDOW) -> Fit:
     )
     speeds, gaps = smoothing(segment.speeds), smoothing(segment.gaps)
     acceleration = smoothing(segment.speeds[:, 1:], deriv=1)
-    terms = regressors(speeds, gaps)
-    solution = solve_platoon(
-        terms.transpose(0, 2, 1) @ terms, np.einsum("mnk,nm->mk", terms, acceleration), case
-    )
+    # The window reaches into what is left out, as the signals there are as good as elsewhere.
+    solution = solve_rows(regressors(speeds, gaps), acceleration, case, segment.left_out)
     return Fit(
         method="savitzky-golay",
         case=case,

@@ -10,6 +10,9 @@ its measured leader, with one law. The first states x_0 are estimated too, withi
 leaves open. Unlike the methods that weigh dv/dt against the law, this one never lets the recording
 put the simulated motion right: what the law gets wrong adds up over time and counts in full.
 
+What the segment leaves out of the law is not simulated: the motion starts anew where the law counts
+again, with a first state of its own. In Case I an instant counts if it does for every follower.
+
 The criterion can have several optima, so the search starts from several laws.
 
 Source: Gunter et al., IEEE Transactions on Intelligent Transportation Systems 22 (2021) 6992-7003,
@@ -33,11 +36,12 @@ from accpinn.cthp import (
     PlatoonSolution,
     Trajectories,
 )
+from accpinn.errors import SegmentError
 from accpinn.estimators import least_squares, splines
 from accpinn.estimators.chain import Chain, chains
 from accpinn.fit import Fit, Outcome, bound_notes, parameters_of
 from accpinn.segment import Segment
-from accpinn.units import FloatArray, frozen
+from accpinn.units import FloatArray, Seconds, frozen
 
 SCALE = np.array([0.05, 0.05, 0.2])
 """Of α, ατ, β: what the optimiser counts as one."""
@@ -58,24 +62,31 @@ the best simulation would repeat it with gains beyond all bounds."""
 TELLING = 1e-8
 """Ratio of the derivatives' singular values below which some change of the law changes nothing."""
 TOLERANCE = 1e-10
+LEAST_STRETCH: Seconds = 5.0
+"""Between instants left out: in less time, an unknown first state explains the motion by itself."""
+ANEW = (
+    "What is left out was not simulated while the law was fitted: each stretch between starts anew"
+    f" from its measured state, and stretches shorter than {LEAST_STRETCH:g} s are left out too."
+)
 
 
 def fit(segment: Segment, case: Case = "II") -> Fit:
     """The law of the best closed-loop simulation; the surrogate is that simulation.
 
     Raises:
-        SegmentError: when there are too few samples for the splines that the search starts from.
+        SegmentError: when there are too few samples for the splines that the search starts from,
+            or when no stretch that is not left out is long enough.
     """
     started = time.perf_counter()
     guesses = [method.fit(segment, case).parameters for method in (least_squares, splines)]
     guesses.append((TYPICAL,) * segment.followers)
     platoon = chains(segment, case)
     ends = [
-        _best(chain, [laws[index].linear() for laws in guesses])
+        _best(chain, _stretches(segment, index, chain), [laws[index].linear() for laws in guesses])
         for index, chain in enumerate(platoon)
     ]
     states = np.concatenate([end.states for end in ends], axis=1)
-    errors = states - np.concatenate([chain.measured for chain in platoon], axis=1)
+    errors = np.concatenate([end.errors for end in ends], axis=1)
     solution = PlatoonSolution.of([end.solution for end in ends], segment.followers)
     return Fit(
         method="simulation",
@@ -101,16 +112,33 @@ class _End:
 
     solution: LinearSolution
     states: FloatArray
-    """(N, 2K) simulated with it."""
+    """(N, 2K) simulated with it from the first instant on, also over what is left out."""
+    errors: FloatArray
+    """(N, 2K) of the simulated stretches; zero where nothing was simulated."""
     converged: bool
     rounds: int
     telling: bool
     """Whether every change of the law changes the simulation."""
 
 
-def _best(chain: Chain, guesses: list[FloatArray]) -> _End:
+def _stretches(segment: Segment, index: int, chain: Chain) -> tuple[Chain, ...]:
+    """What is simulated of the chain with that index: all of it, unless something is left out."""
+    if segment.left_out is None:
+        return (chain,)
+    size = chain.measured.shape[1] // 2
+    left_out = segment.left_out[:, index : index + size]
+    stretches = chain.stretches(np.asarray(left_out.any(axis=1)), LEAST_STRETCH)
+    if not stretches:
+        raise SegmentError(
+            f"{segment.source}: what is left of {segment.labels[index + 1]} has no stretch of"
+            f" {LEAST_STRETCH:g} s to simulate; leave out less, or choose another method."
+        )
+    return stretches
+
+
+def _best(chain: Chain, stretches: tuple[Chain, ...], guesses: list[FloatArray]) -> _End:
     """The best law within the bounds, and the one that would be best without them."""
-    search = _Search(chain, (True, True, True))
+    search = _Search(stretches, (True, True, True))
     found = [search.run(guess) for guess in guesses]
     best = min(found, key=lambda end: float(end.cost))
     theta = unconstrained = search.law(best.x)
@@ -120,21 +148,35 @@ def _best(chain: Chain, guesses: list[FloatArray]) -> _End:
         unconstrained = search.law(search.run(theta, bounded=False).x)
         # Without α there is no τ, and so no ατ either.
         positive[1] &= positive[0]
-        search = _Search(chain, positive.tolist())
+        search = _Search(stretches, positive.tolist())
         best = search.run(theta)
         found.append(best)
         theta = search.law(best.x)
+    whole = len(stretches[0].ahead) == len(chain.ahead)
     return _End(
         LinearSolution(frozen(theta), frozen(unconstrained), active),
-        chain.states(theta, search.start(best.x)),
+        chain.states(theta, search.starts(best.x)[0] if whole else chain.measured[0]),
+        _placed(stretches, search.errors(best.x), chain.measured.shape),
         bool(best.success),
         sum(end.nfev for end in found),
         search.telling(best),
     )
 
 
+def _placed(stretches: tuple[Chain, ...], errors: FloatArray, shape: tuple[int, ...]) -> FloatArray:
+    """Errors of one stretch after the other, put where they belong in the segment."""
+    placed, taken = np.zeros(shape), 0
+    for part in stretches:
+        inside = errors[taken : taken + part.measured.size]
+        placed[part.first : part.first + len(part.ahead)] = inside.reshape(part.measured.shape)
+        taken += part.measured.size
+    return placed
+
+
 def _notes(segment: Segment, ends: list[_End]) -> list[str]:
     notes = [] if len(ends) == 1 else [APART]
+    if segment.left_out is not None:
+        notes.append(ANEW)
     for vehicle, end in zip(segment.vehicles[1:], ends, strict=False):
         whose = "Case I" if len(ends) < segment.followers else f"Vehicle {vehicle}"
         if not end.telling or (end.solution.theta >= HIGHEST * (1 - AT_ZERO)).any():
@@ -146,12 +188,12 @@ def _notes(segment: Segment, ends: list[_End]) -> list[str]:
 
 
 class _Search:
-    """The criterion of one chain over some of θ, the others zero, and over the first state."""
+    """The criterion of a chain's stretches over some of θ, the others zero, and first states."""
 
-    def __init__(self, chain: Chain, free: Sequence[bool]) -> None:
-        self._chain = chain
+    def __init__(self, stretches: tuple[Chain, ...], free: Sequence[bool]) -> None:
+        self._stretches = stretches
         self._free = np.flatnonzero(free)
-        self._first = chain.measured[0]
+        self._first = np.concatenate([part.measured[0] for part in stretches])
         self._error = np.tile(START_ERROR, len(self._first) // 2)
         self._unit = np.concatenate([SCALE[self._free], self._error])
 
@@ -161,20 +203,38 @@ class _Search:
         theta[self._free] = SCALE[self._free] * x[: len(self._free)]
         return theta
 
-    def start(self, x: FloatArray) -> FloatArray:
-        """The first state, (2K,)."""
-        return np.asarray(self._first + self._error * x[len(self._free) :])
+    def starts(self, x: FloatArray) -> FloatArray:
+        """The first state of each stretch, (S, 2K)."""
+        firsts = self._first + self._error * x[len(self._free) :]
+        return np.asarray(firsts.reshape(len(self._stretches), -1))
 
     def errors(self, x: FloatArray) -> FloatArray:
         """(2KN,) simulated less measured."""
-        states = self._chain.states(self.law(x), self.start(x))
-        return np.asarray((states - self._chain.measured).ravel())
+        law = self.law(x)
+        return np.concatenate(
+            [
+                (part.states(law, start) - part.measured).ravel()
+                for part, start in zip(self._stretches, self.starts(x), strict=True)
+            ]
+        )
 
     def slopes(self, x: FloatArray) -> FloatArray:
         """(2KN, len(x)) their derivatives."""
-        slopes = self._chain.slopes(self.law(x), self.start(x))
-        kept = [*self._free, *range(3, slopes.shape[2])]
-        return np.asarray((slopes[:, :, kept] * self._unit).reshape(-1, len(kept)))
+        law, laws = self.law(x), len(self._free)
+        starts = self.starts(x)
+        rows, size = [part.measured.size for part in self._stretches], starts.shape[1]
+        slopes = np.zeros((sum(rows), len(x)), order="F")
+        taken = 0
+        for index, (part, start, count) in enumerate(
+            zip(self._stretches, starts, rows, strict=True)
+        ):
+            own = part.slopes(law, start).reshape(count, -1)
+            at = slice(taken, taken + count)
+            slopes[at, :laws] = own[:, self._free]
+            slopes[at, laws + index * size : laws + (index + 1) * size] = own[:, 3:]
+            taken += count
+        slopes *= self._unit
+        return slopes
 
     def telling(self, end: OptimizeResult) -> bool:
         """Whether no change of the free part of θ leaves the simulation as it is."""

@@ -7,20 +7,23 @@ overlap only their neighbours:
 
     A = Σ_residuals (a D + b B)ᵀ(a D + b B) + BᵀB,     bandwidth (degree + 1)(2M + 1) - 1,
 
-and for fixed coefficients the parameters are a 3x3 solve. The two alternate until they stand.
+and for fixed coefficients the parameters are a 3x3 solve. The two alternate until they stand. What
+the segment leaves out of the law has no residual of dv/dt there; all other terms stay.
 
 Source: Ramsay, Hooker, Campbell and Cao, J. R. Statist. Soc. B 69 (2007) 741-796.
 """
 
 import time
 from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.interpolate import BSpline
 from scipy.linalg import solveh_banded
 from scipy.sparse import csr_array, diags_array
 
-from accpinn.cthp import Case, PlatoonSolution, Trajectories, regressors, solve_platoon
+from accpinn.cthp import Case, Trajectories, regressors, solve_rows
 from accpinn.errors import SegmentError
 from accpinn.fit import Fit, Outcome, bound_notes, parameters_of
 from accpinn.segment import Segment
@@ -49,11 +52,13 @@ def fit(segment: Segment, case: Case = "II", knots_every: Seconds = KNOTS_EVERY)
             f" of at least {DEGREE + 1}."
         )
     knots_every = max(knots_every, LEAST_SAMPLES * segment.sample_time)
-    basis = _Basis(segment.time, knots_every)
-    solution = _solve_law(segment.speeds, segment.gaps, _slopes(segment), case)
+    basis, left_out = _Basis(segment.time, knots_every, segment.left_out), segment.left_out
+    terms = regressors(segment.speeds, segment.gaps)
+    solution = solve_rows(terms, _slopes(segment), case, left_out)
     for rounds in range(1, ROUNDS + 1):  # noqa: B007 (used below)
         speeds, gaps, rates = basis.smooth(segment, solution.theta)
-        before, solution = solution.theta, _solve_law(speeds, gaps, rates, case)
+        before = solution.theta
+        solution = solve_rows(regressors(speeds, gaps), rates, case, left_out)
         if np.abs(solution.theta - before).max() <= TOLERANCE * np.abs(solution.theta).max():
             break
     return Fit(
@@ -77,15 +82,6 @@ def _slopes(segment: Segment) -> FloatArray:
     return slopes
 
 
-def _solve_law(
-    speeds: FloatArray, gaps: FloatArray, rates: FloatArray, case: Case
-) -> PlatoonSolution:
-    terms = regressors(speeds, gaps)
-    return solve_platoon(
-        terms.transpose(0, 2, 1) @ terms, np.einsum("mnk,nm->mk", terms, rates), case
-    )
-
-
 @dataclass(frozen=True, eq=False)
 class _Bands:
     """Sub-diagonals of the (K, K) products of basis values B and rates D, offsets 0..degree."""
@@ -95,11 +91,24 @@ class _Bands:
     value_rate: list[FloatArray]
     rate_rate: list[FloatArray]
 
+    @classmethod
+    def of(cls, value: csr_array, rate: csr_array) -> Self:
+        """Of B and D (N, K), or of some of their rows."""
+        pairs = ((value, value), (rate, value), (value, rate), (rate, rate))
+        return cls(
+            *(
+                [(left.T @ right).diagonal(-offset) for offset in range(DEGREE + 1)]
+                for left, right in pairs
+            )
+        )
+
 
 class _Basis:
     """The B-splines on the segment's instants, and the banded solve for their coefficients."""
 
-    def __init__(self, instants: FloatArray, knots_every: Seconds) -> None:
+    def __init__(
+        self, instants: FloatArray, knots_every: Seconds, left_out: NDArray[np.bool_] | None
+    ) -> None:
         duration = float(instants[-1])
         pieces = max(1, round(duration / knots_every))
         inner = np.linspace(0.0, duration, pieces + 1)
@@ -112,16 +121,12 @@ class _Basis:
         difference = diags_array([-span, span], offsets=[0, 1], shape=(size - 1, size))
         self.value, self.rate = csr_array(value), csr_array(lower @ difference)
         self.size, self.count = size, len(instants)
-        self._bands = _Bands(
-            *(
-                [(left.T @ right).diagonal(-offset) for offset in range(DEGREE + 1)]
-                for left, right in (
-                    (self.value, self.value),
-                    (self.rate, self.value),
-                    (self.value, self.rate),
-                    (self.rate, self.rate),
-                )
-            )
+        self._bands = _Bands.of(self.value, self.rate)
+        self._left_out = left_out
+        self._bands_of_law = (
+            []
+            if left_out is None
+            else [_Bands.of(self.value[kept], self.rate[kept]) for kept in ~left_out.T]
         )
         self._coefficients: FloatArray = np.zeros((size, 0))
 
@@ -146,20 +151,35 @@ class _Basis:
 
     def _normal_matrix(self, theta: FloatArray) -> FloatArray:
         """Lower banded form; outputs v_0..v_M, p_1..p_M stand side by side at each knot."""
-        rr, rv, vv = _coefficients_of_squares(theta)
-        outputs, bands = len(vv), self._bands
+        outputs = 2 * len(theta) + 1
         banded = np.zeros(((DEGREE + 1) * outputs, self.size * outputs))
+        data = np.eye(outputs)
+        kinematic, lawful = _residuals(theta)
+        if self._left_out is None:
+            residuals = [one for pair in zip(kinematic, lawful, strict=True) for one in pair]
+            self._add_squares(banded, self._bands, residuals, data)
+            return banded
+        self._add_squares(banded, self._bands, kinematic, data)
+        for bands, law in zip(self._bands_of_law, lawful, strict=True):
+            self._add_squares(banded, bands, [law], np.zeros_like(data))
+        return banded
+
+    def _add_squares(
+        self, banded: FloatArray, bands: _Bands, residuals: list["_Residual"], data: FloatArray
+    ) -> None:
+        """The normal matrix of some residuals, and of ``data`` (2M+1, 2M+1), on the instants."""
+        rr, rv, vv = _coefficients_of_squares(residuals, data)
+        outputs = len(vv)
         for row, column in np.argwhere((rr != 0) | (rv != 0) | (rv.T != 0) | (vv != 0)):
             for offset in range(DEGREE + 1):
                 below = offset * outputs + row - column
                 if below >= 0:
-                    banded[below, column::outputs][: self.size - offset] = (
+                    banded[below, column::outputs][: self.size - offset] += (
                         rr[row, column] * bands.rate_rate[offset]
                         + rv[row, column] * bands.rate_value[offset]
                         + rv[column, row] * bands.value_rate[offset]
                         + vv[row, column] * bands.value_value[offset]
                     )
-        return banded
 
     def loss(self, segment: Segment, theta: FloatArray) -> dict[str, float]:
         """Ψ and its terms at the present coefficients."""
@@ -170,9 +190,10 @@ class _Basis:
         law = np.einsum("mnk,mk->nm", regressors(speeds, gaps), theta)
         relative = speeds[:, :-1] - speeds[:, 1:]
         scale = 1.0 / (self.count * followers)
-        physics = ((rates[:, split:] - relative) ** 2).sum() + (
-            (rates[:, 1:split] - law) ** 2
-        ).sum()
+        disobeyed = rates[:, 1:split] - law
+        if self._left_out is not None:
+            disobeyed = np.where(self._left_out, 0.0, disobeyed)
+        physics = ((rates[:, split:] - relative) ** 2).sum() + (disobeyed**2).sum()
         data = ((speeds - segment.speeds) ** 2).sum() + ((gaps - segment.gaps) ** 2).sum()
         return {
             "total": float(scale * (physics + data)),
@@ -181,27 +202,34 @@ class _Basis:
         }
 
 
+@dataclass(frozen=True, eq=False)
+class _Residual:
+    """Σ_o (rate_o D + value_o B) w_o of one equation; (2M+1,) each."""
+
+    rate: FloatArray
+    value: FloatArray
+
+
+def _residuals(theta: FloatArray) -> tuple[list[_Residual], list[_Residual]]:
+    """Of dp/dt = Δv and of dv/dt = .., each for M followers."""
+    followers = len(theta)
+    unit = np.eye(2 * followers + 1)
+    kinematic, lawful = [], []
+    for follower, (alpha, alpha_tau, beta) in enumerate(theta):
+        ahead, own, gap = unit[follower], unit[follower + 1], unit[followers + 1 + follower]
+        kinematic.append(_Residual(gap, own - ahead))
+        damping = alpha_tau + beta
+        lawful.append(_Residual(own, -alpha * gap + damping * own - beta * ahead))
+    return kinematic, lawful
+
+
 def _coefficients_of_squares(
-    theta: FloatArray,
+    residuals: list[_Residual], data: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """How often D'D, D'B and B'B stand between each pair of outputs, each (2M+1, 2M+1)."""
-    followers = len(theta)
-    outputs = 2 * followers + 1
-    rr, rv = np.zeros((outputs, outputs)), np.zeros((outputs, outputs))
-    vv = np.eye(outputs)
-    for follower, (alpha, alpha_tau, beta) in enumerate(theta):
-        ahead, own, gap = follower, follower + 1, followers + 1 + follower
-        # Each residual is Σ_o (rate_o D + value_o B) w_o.
-        for rate_of, value_of in (
-            ({gap: 1.0}, {ahead: -1.0, own: 1.0}),
-            ({own: 1.0}, {gap: -alpha, own: alpha_tau + beta, ahead: -beta}),
-        ):
-            rate, value = np.zeros(outputs), np.zeros(outputs)
-            for output, factor in rate_of.items():
-                rate[output] = factor
-            for output, factor in value_of.items():
-                value[output] = factor
-            rr += np.outer(rate, rate)
-            rv += np.outer(rate, value)
-            vv += np.outer(value, value)
+    rr, rv, vv = np.zeros_like(data), np.zeros_like(data), data.copy()
+    for one in residuals:
+        rr += np.outer(one.rate, one.rate)
+        rv += np.outer(one.rate, one.value)
+        vv += np.outer(one.value, one.value)
     return rr, rv, vv

@@ -12,6 +12,7 @@ is a chain: eliminating the last follower first leaves one K x K term on the spe
 """
 
 from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 import torch
@@ -27,21 +28,38 @@ RIDGE = 1e-10
 
 
 @dataclass(frozen=True, eq=False)
-class Moments:
-    """Averages over all instants of products of activations Φ, their rates Φ' and the data Y."""
+class Products:
+    """Sums over some instants of products of activations Φ and their rates Φ', divided by N."""
 
     value_value: Tensor
-    """(K, K) ΦᵀΦ/N, with the ridge on its diagonal."""
+    """(K, K) ΦᵀΦ/N."""
     rate_value: Tensor
     """(K, K) Φ'ᵀΦ/N."""
     rate_rate: Tensor
     """(K, K) Φ'ᵀΦ'/N."""
+
+    @classmethod
+    def of(cls, value: Tensor, rate: Tensor, count: int) -> Self:
+        """Of Φ and Φ' at some of the N = ``count`` instants."""
+        return cls(value.T @ value / count, rate.T @ value / count, rate.T @ rate / count)
+
+
+@dataclass(frozen=True, eq=False)
+class Moments(Products):
+    """The same over all instants, with a ridge on ΦᵀΦ, and products with the data Y."""
+
     value_data: Tensor
     """(K, 2M+1) ΦᵀY/N."""
     first: Tensor
     """(K,) Φ at the first instant, for Ψ_R."""
     first_data: Tensor
     """(2M+1,) the data at the first instant."""
+    lawful: tuple[Products, ...] = ()
+    """(M,) over the instants at which a follower's law counts; empty where all do."""
+
+    def of_law(self, follower: int) -> Products:
+        """The products in the residual of a follower's dv/dt."""
+        return self.lawful[follower] if self.lawful else self
 
 
 def solve_output(moments: Moments, theta: FloatArray, config: PinnConfig) -> Tensor:
@@ -59,7 +77,8 @@ def solve_output(moments: Moments, theta: FloatArray, config: PinnConfig) -> Ten
     from_behind: tuple[Tensor, Tensor] | None = None
     eliminated: list[tuple[Tensor, Tensor, Tensor]] = []
     for follower in reversed(range(followers)):
-        own, coupling, ahead = _follower_blocks(moments, theta[follower], config)
+        law = moments.of_law(follower)
+        own, coupling, ahead = _follower_blocks(moments, law, theta[follower], config)
         own[:size, :size] += s_speed * moments.value_value + at_first
         own[size:, size:] += s_gap * moments.value_value + at_first
         right = target[:, [speed_columns[follower + 1], gap_columns[follower]]].T.reshape(-1)
@@ -89,24 +108,30 @@ def solve_output(moments: Moments, theta: FloatArray, config: PinnConfig) -> Ten
 
 
 def _follower_blocks(
-    moments: Moments, theta: FloatArray, config: PinnConfig
+    moments: Moments, law: Products, theta: FloatArray, config: PinnConfig
 ) -> tuple[Tensor, Tensor, Tensor]:
     """A follower's residuals squared: on itself (2K, 2K), to the speed ahead (2K, K), on it."""
     vv, rv, rr = moments.value_value, moments.rate_value, moments.rate_rate
+    vv_law, rv_law, rr_law = law.value_value, law.rate_value, law.rate_rate
     alpha, alpha_tau, beta = theta
     damping = alpha_tau + beta
     q_gap, q_speed = config.weight_physics
     # Residuals: g = p' - v_ahead + v  and  a = v' - αp + (ατ+β)v - βv_ahead.
-    speed_speed = q_gap * vv + q_speed * (rr + damping * (rv + rv.T) + damping**2 * vv)
-    gap_gap = q_gap * rr + q_speed * alpha**2 * vv
-    gap_speed = q_gap * rv - q_speed * alpha * (rv.T + damping * vv)
+    speed_speed = q_gap * vv + q_speed * (
+        rr_law + damping * (rv_law + rv_law.T) + damping**2 * vv_law
+    )
+    gap_gap = q_gap * rr + q_speed * alpha**2 * vv_law
+    gap_speed = q_gap * rv - q_speed * alpha * (rv_law.T + damping * vv_law)
     own = torch.cat(
         [torch.cat([speed_speed, gap_speed.T], 1), torch.cat([gap_speed, gap_gap], 1)], 0
     )
-    speed_ahead = -q_gap * vv - q_speed * beta * (rv + damping * vv)
-    gap_ahead = -q_gap * rv + q_speed * alpha * beta * vv
+    speed_ahead = -q_gap * vv - q_speed * beta * (rv_law + damping * vv_law)
+    gap_ahead = -q_gap * rv + q_speed * alpha * beta * vv_law
     coupling = torch.cat([speed_ahead, gap_ahead], 0)
-    return own, coupling, (q_gap + q_speed * beta**2) * vv
+    ahead = (q_gap + q_speed * beta**2) * vv
+    if law is not moments:
+        ahead = q_gap * vv + q_speed * beta**2 * vv_law
+    return own, coupling, ahead
 
 
 def solve_parameters(moments: Moments, weights: Tensor, case: Case) -> PlatoonSolution:
@@ -118,6 +143,7 @@ def solve_parameters(moments: Moments, weights: Tensor, case: Case) -> PlatoonSo
         own = weights[:, speed_columns[follower + 1]]
         relative = weights[:, speed_columns[follower]] - own
         terms = torch.stack([weights[:, gap_columns[follower]], -own, relative], 1)
-        grams.append((terms.T @ moments.value_value @ terms).numpy())
-        targets.append((terms.T @ (moments.rate_value.T @ own)).numpy())
+        law = moments.of_law(follower)
+        grams.append((terms.T @ law.value_value @ terms).numpy())
+        targets.append((terms.T @ (law.rate_value.T @ own)).numpy())
     return solve_platoon(np.stack(grams), np.stack(targets), case)

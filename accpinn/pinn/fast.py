@@ -21,7 +21,7 @@ from torch import Tensor
 from accpinn.cthp import PlatoonSolution
 from accpinn.fit import Outcome, Progress
 from accpinn.pinn.adam import Adam
-from accpinn.pinn.exact import RIDGE, Moments, solve_output, solve_parameters
+from accpinn.pinn.exact import RIDGE, Moments, Products, solve_output, solve_parameters
 from accpinn.pinn.features import FourierFeatures
 from accpinn.pinn.loss import loss_terms
 from accpinn.pinn.network import HIDDEN, HiddenLayers, count_weights
@@ -128,7 +128,8 @@ class FastTraining:
         skip = (self._static.value @ self._weights[:size]).float()
         skip_rate = (self._static.rate @ self._weights[:size]).float()
         theta = torch.from_numpy(self._theta).float()
-        measured = self._static.measured_single
+        measured, counted = self._static.measured_single, problem.counted
+        counted = None if counted is None else counted.float()
         count = len(problem.time)
         batch = min(problem.config.batch, count)
         learning_rate = problem.config.learning_rate * 0.5 ** (self._iteration / HALF_LIFE)
@@ -141,7 +142,9 @@ class FastTraining:
             )
             outputs = skip[pick] + active @ weights[size:]
             rates = skip_rate[pick] + active_rate @ weights[size:]
-            loss_terms(outputs, rates, measured[pick], theta, problem.config).total.backward()
+            told = None if counted is None else counted[pick]
+            terms = loss_terms(outputs, rates, measured[pick], theta, problem.config, told)
+            terms.total.backward()
             self._adam.step(learning_rate)
         self._iteration += iterations
 
@@ -250,6 +253,7 @@ class _StaticMoments:
         self.measured_single = self.measured.float()
         self._slope = torch.from_numpy(slope)
         self._count = len(value)
+        self._counted = problem.counted
         self._gram = self.value.T @ self.value / self._count
         self._data = self.value.T @ self.measured / self._count
 
@@ -287,7 +291,17 @@ class _StaticMoments:
             value_data=torch.cat([self._data, active.T @ self.measured / self._count], 0),
             first=torch.cat([self.value[0], active[0]]),
             first_data=self.measured[0],
+            lawful=self._lawful(active, active_rate),
         )
+
+    def _lawful(self, active: Tensor, active_rate: Tensor) -> tuple[Products, ...]:
+        """Products over each follower's instants that count; none where all do."""
+        if self._counted is None:
+            return ()
+        value = torch.cat([self.value, active], 1)
+        rate = torch.cat([self.rate, active_rate], 1)
+        rows = [column.nonzero()[:, 0] for column in self._counted.T]
+        return tuple(Products.of(value[at], rate[at], self._count) for at in rows)
 
 
 def _largest_move(now: FloatArray, before: FloatArray) -> float:

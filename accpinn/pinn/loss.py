@@ -5,6 +5,8 @@
     Ψ_D = 1/(|T| M) Σ_t  [ S₂ (v_0 - v̂_0)² + Σ_i S₁ (p_i - p̂_i)² + S₂ (v_i - v̂_i)² ]
     Ψ_R = R/M Σ_i (p_i - p̂_i)² + (v_i - v̂_i)²   at the first instant
 
+Where the segment leaves the law out, the term with Q₂ is zero; |T| counts all instants.
+
 Source: Apostolakis and Ampountolas 2024, section V.B, extended there from M = 1; the leader's
 term stands inside the same average, which reproduces the paper's Tables II and III.
 """
@@ -33,7 +35,12 @@ class LossTerms:
 
 
 def loss_terms(
-    outputs: Tensor, rates: Tensor, measured: Tensor, theta: Tensor, config: PinnConfig
+    outputs: Tensor,
+    rates: Tensor,
+    measured: Tensor,
+    theta: Tensor,
+    config: PinnConfig,
+    counted: Tensor | None = None,
 ) -> LossTerms:
     """Ψ of a surrogate; the first row must be the first instant where Ψ_R is used.
 
@@ -43,6 +50,7 @@ def loss_terms(
         measured: (N, 2M+1) the data, in the same order.
         theta: (M, 3) the law's linear parameters α, ατ, β per follower.
         config: holds the weights Q, R, S.
+        counted: (N, M) 1 where the law's equation counts, else 0; None where it does throughout.
     """
     count, followers = len(outputs), theta.shape[0]
     speed_columns, gap_columns = output_columns(followers)
@@ -54,6 +62,8 @@ def loss_terms(
     gap_residual = rates[:, gap_columns] - relative
     law = alpha * gaps - alpha_tau * own + beta * relative
     speed_residual = rates[:, speed_columns[1:]] - law
+    if counted is not None:
+        speed_residual = speed_residual * counted
     error = outputs - measured
     gap_error, speed_error = error[:, gap_columns], error[:, speed_columns]
 

@@ -13,7 +13,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from accpinn.cthp import LINEAR_NAMES, PlatoonSolution, regressors, solve_platoon
+from accpinn.cthp import LINEAR_NAMES, PlatoonSolution, regressors, solve_rows
 from accpinn.fit import Outcome
 from accpinn.pinn.adam import Adam
 from accpinn.pinn.loss import LossTerms, loss_terms
@@ -48,6 +48,8 @@ class PaperTraining:
         self._time = torch.tensor(problem.time)
         self._train_time = torch.from_numpy(problem.time[~self._test])
         self._train_data = torch.from_numpy(problem.measured[~self._test])
+        counted = problem.counted
+        self._train_counted = None if counted is None else counted[torch.from_numpy(~self._test)]
         self._iteration = 0
         self._planned = config.iterations + config.lbfgs_iterations
         with torch.no_grad():
@@ -112,7 +114,8 @@ class PaperTraining:
 
     def _loss(self) -> LossTerms:
         outputs, rates = self.network(self._train_time)
-        return loss_terms(outputs, rates, self._train_data, self._theta(), self.problem.config)
+        data, counted = self._train_data, self._train_counted
+        return loss_terms(outputs, rates, data, self._theta(), self.problem.config, counted)
 
     def _look(self, phase: str, terms: LossTerms) -> None:
         table = self.table.detach().numpy().copy()
@@ -154,7 +157,9 @@ class PaperTraining:
     def _loss_at(self, instants: Mask, outputs: Tensor, rates: Tensor) -> LossTerms:
         rows = torch.from_numpy(instants)
         measured = torch.from_numpy(self.problem.measured)[rows]
-        return loss_terms(outputs[rows], rates[rows], measured, self._theta(), self.problem.config)
+        counted, config = self.problem.counted, self.problem.config
+        counted = None if counted is None else counted[rows]
+        return loss_terms(outputs[rows], rates[rows], measured, self._theta(), config, counted)
 
     def _solution(self, outputs: FloatArray, rates: FloatArray) -> PlatoonSolution:
         """The learned parameters; where one was clipped, least squares on the surrogate beside."""
@@ -167,9 +172,8 @@ class PaperTraining:
             return PlatoonSolution(theta, theta, active)
         speeds, gaps = output_columns(self.problem.followers)
         terms = regressors(outputs[:, speeds], outputs[:, gaps])
-        grams = terms.transpose(0, 2, 1) @ terms
-        moments = np.einsum("mnk,nm->mk", terms, rates[:, speeds[1:]])
-        free = solve_platoon(grams, moments, self.problem.case).unconstrained
+        problem, slopes = self.problem, rates[:, speeds[1:]]
+        free = solve_rows(terms, slopes, problem.case, problem.segment.left_out).unconstrained
         return PlatoonSolution(theta, free, active)
 
     def state(self) -> State:

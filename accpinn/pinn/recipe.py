@@ -31,12 +31,17 @@ class Problem:
     """(N,) in s."""
     measured: FloatArray = field(init=False)
     """(N, 2M+1) the data in the order of the network's outputs."""
+    counted: Tensor | None = field(init=False)
+    """(N, M) 1 where the law's equation counts, else 0; None where it does throughout."""
 
     def __post_init__(self) -> None:
         """Arrange the data once."""
         object.__setattr__(self, "time", np.asarray(self.segment.time))
         stacked = stack_outputs(self.segment.speeds, self.segment.gaps)
         object.__setattr__(self, "measured", stacked)
+        left_out = self.segment.left_out
+        counted = None if left_out is None else torch.from_numpy(1.0 - left_out)
+        object.__setattr__(self, "counted", counted)
 
     @property
     def followers(self) -> int:
@@ -46,7 +51,8 @@ class Problem:
     def evaluate(self, outputs: Tensor, rates: Tensor, theta: FloatArray) -> LossTerms:
         """Ψ over all instants of outputs and rates (N, 2M+1) with parameters θ (M, 3)."""
         measured = torch.from_numpy(self.measured)
-        return loss_terms(outputs, rates, measured, torch.from_numpy(theta), self.config)
+        law = torch.from_numpy(theta)
+        return loss_terms(outputs, rates, measured, law, self.config, self.counted)
 
     def progress(
         self, phase: str, iteration: int, terms: LossTerms, parameters: FloatArray, planned: int

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from accpinn.errors import SegmentError
 from accpinn.openacc.recording import Recording
@@ -49,12 +50,18 @@ class Segment:
     sha256: str
     """Of the recording's bytes; empty for data made in memory."""
     notes: tuple[str, ...] = ()
-    """What was done to the data (resampled, bridged), in plain sentences."""
+    """What was done to the data (resampled, bridged, left out), in plain sentences."""
+    left_out: NDArray[np.bool_] | None = None
+    """(N, M) where a follower's equation dv/dt = .. does not count; None where all count."""
+    left_out_regimes: tuple[str, ...] = ()
+    """What was left out, by name (see `segment.regimes`)."""
 
     def __post_init__(self) -> None:
         """Copy and lock the arrays; refuse shapes and values no method could work on."""
         for name in ("time", "speeds", "gaps"):
             object.__setattr__(self, name, frozen(getattr(self, name)))
+        if self.left_out is not None:
+            object.__setattr__(self, "left_out", frozen(self.left_out, dtype=np.bool_))
         fault = self._fault()
         if fault:
             raise SegmentError(f"{self.source}: this is no segment, as {fault}.")
@@ -69,6 +76,8 @@ class Segment:
             return "speeds, gaps, instants and vehicles differ in number"
         if not all(np.isfinite(values).all() for values in (self.time, self.speeds, self.gaps)):
             return "numbers are missing or infinite"
+        if self.left_out is not None and self.left_out.shape != self.gaps.shape:
+            return "what is left out and the space-gaps differ in number"
         return ""
 
     @property
@@ -96,12 +105,21 @@ class Segment:
         """(M+1,) number and name of each vehicle, for legends and tables."""
         return labels(self.vehicles, self.names)
 
+    @property
+    def left_out_share(self) -> tuple[float, ...]:
+        """(M,) share of each follower's instants left out, 0 to 1; empty where all count."""
+        if self.left_out is None:
+            return ()
+        return tuple(float(share) for share in self.left_out.mean(axis=0))
+
     def digest(self) -> str:
-        """SHA-256 of what determines an estimate: instants, speeds, gaps, vehicles, start."""
+        """SHA-256 of what determines an estimate: instants, speeds, gaps, vehicles, start, mask."""
         content = hashlib.sha256(repr((self.vehicles, float(self.start))).encode())
         for values in (self.time, self.speeds, self.gaps):
             content.update(repr(values.shape).encode())
             content.update(np.ascontiguousarray(values, dtype="<f8").tobytes())
+        if self.left_out is not None:
+            content.update(b"left out" + np.ascontiguousarray(self.left_out).tobytes())
         return content.hexdigest()
 
     def outline(self) -> Outline:
@@ -117,6 +135,8 @@ class Segment:
             sha256=self.sha256,
             notes=self.notes,
             digest=self.digest(),
+            left_out=self.left_out_regimes,
+            left_out_share=self.left_out_share,
         )
 
 

@@ -71,10 +71,12 @@ def _solve(
     followers: tuple[int, ...],
 ) -> Equations:
     terms, rates = regression.terms[list(followers)], regression.rates[list(followers)]
-    determined = len(time) >= LEAST_SAMPLES
+    counted = terms.any(axis=2)  # what the segment leaves out is zero
+    determined = int(counted.sum(axis=1).max()) >= LEAST_SAMPLES
     for _ in range(ROUNDS):
         law = _tame(theta)
         instruments = np.stack([_drive(law, time, ahead[:, k]) for k in followers])
+        instruments[~counted] = 0.0
         whole = np.einsum("mti,mtj->ij", instruments, terms)
         determined = determined and _is_determined(instruments, terms, whole)
         if not determined:

@@ -1,0 +1,300 @@
+"""Regimes, and instants left out of the law's equations: labels, the mask, and who honours it."""
+
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+import torch
+
+from accpinn.assessment.held_out import part
+from accpinn.cthp import Case, Parameters, simulate
+from accpinn.errors import SegmentError
+from accpinn.estimators import ESTIMATORS
+from accpinn.fit import Fit
+from accpinn.openacc import Mode, Recording, read
+from accpinn.pinn.config import FAST, preset
+from accpinn.pinn.fast import FastTraining
+from accpinn.pinn.paper import PaperTraining
+from accpinn.pinn.recipe import Problem
+from accpinn.pinn.training import train
+from accpinn.segment import Segment, cut
+from accpinn.segment.regimes import (
+    CATCHING_UP,
+    FOLLOWING,
+    MANUAL,
+    REGIMES,
+    STANDSTILL,
+    Regimes,
+    label,
+    leave_out,
+)
+from accpinn.uncertainty import intervals
+from accpinn.units import FloatArray
+from tests.driving import leader_speed
+from tests.openacc_files import STEP, csv, metadata
+
+LAWS = (Parameters(0.08, 0.12, 1.5), Parameters(0.11, 0.30, 1.2))
+ANOTHER = Parameters(0.3, 0.0, 2.5)
+"""What both followers obey for a while."""
+BLOCK = (60.0, 100.0)
+"""When, in s; what is left out is two seconds wider, so that no derivative reaches inside."""
+MARGIN = 2.0
+TOLERANCE = {
+    "least-squares": 5e-4,
+    "savitzky-golay": 5e-4,
+    "splines": 2e-3,
+    "simulation": 1e-4,
+    "recursive": 5e-4,
+    "particle": 0.15,
+    "dual-ukf": 0.01,
+    "pinn": 0.01,
+}
+"""Largest relative error of a parameter, some three times or more what is seen; the particle
+filter's is a matter of its 4000 particles."""
+
+
+def table(laws: tuple[Parameters, ...]) -> FloatArray:
+    return np.array([[law.alpha, law.beta, law.tau] for law in laws])
+
+
+@cache
+def two_laws(laws: tuple[Parameters, ...] = LAWS) -> Segment:
+    """Without noise; within `BLOCK` both followers obey another law. Nothing is left out."""
+    time = 0.1 * np.arange(1801)
+    speeds, gaps = np.zeros((1801, 3)), np.zeros((1801, 2))
+    speed, gap = np.array([22.0, 22.0]), np.array([28.0, 24.0])
+    first, last = (round(10 * at) for at in BLOCK)
+    pieces = ((0, first, laws), (first, last, (ANOTHER,) * 2), (last, 1800, laws))
+    for begin, end, driving in pieces:
+        rows = slice(begin, end + 1)
+        motion = simulate(driving, time[rows], leader_speed(time[rows]), speed, gap)
+        speeds[rows], gaps[rows] = motion.speeds, motion.gaps
+        speed, gap = motion.speeds[-1, 1:], motion.gaps[-1]
+    return Segment(time, speeds, gaps, (1, 2, 3), ("A", "B", "C"), 0.0, "made", "")
+
+
+def without_block(segment: Segment) -> Segment:
+    begin, end = BLOCK
+    inside = (segment.time >= begin - MARGIN) & (segment.time <= end + MARGIN)
+    mask = np.repeat(inside[:, None], segment.followers, axis=1)
+    return replace(segment, left_out=mask, left_out_regimes=("catching up",))
+
+
+def estimate(name: str, segment: Segment, case: Case) -> Fit:
+    if name == "pinn":
+        return train(segment, case, replace(FAST, iterations=150), threads=1)
+    return ESTIMATORS[name](segment, case)
+
+
+class TestLeavingOut:
+    @pytest.mark.parametrize("name", list(TOLERANCE))
+    def test_every_method_learns_from_the_rest_alone(self, name: str) -> None:
+        truth = table(LAWS)
+        kept = estimate(name, without_block(two_laws()), "II").table()
+        assert np.abs(kept / truth - 1).max() < TOLERANCE[name]
+
+    @pytest.mark.parametrize("name", ["least-squares", "splines", "simulation", "dual-ukf"])
+    def test_what_is_left_out_would_have_mattered(self, name: str) -> None:
+        everything = estimate(name, two_laws(), "II").table()
+        assert np.abs(everything / table(LAWS) - 1).max(axis=1).min() > 0.1
+
+    @pytest.mark.parametrize("name", [name for name in TOLERANCE if name != "pinn"])
+    def test_one_law_for_all_as_well(self, name: str) -> None:
+        laws = (LAWS[1],) * 2
+        kept = estimate(name, without_block(two_laws(laws)), "I").table()
+        assert np.abs(kept / table(laws) - 1).max() < TOLERANCE[name]
+
+    def test_no_method_is_missing_here(self) -> None:
+        assert set(TOLERANCE) == {"pinn", *ESTIMATORS}
+
+    def test_followers_are_left_out_one_by_one(self) -> None:
+        segment = without_block(two_laws())
+        mask = np.array(segment.left_out)
+        mask[:, 1] = False
+        estimated = ESTIMATORS["least-squares"](replace(segment, left_out=mask), "II").table()
+        errors = np.abs(estimated / table(LAWS) - 1).max(axis=1)
+        assert errors[0] < TOLERANCE["least-squares"]
+        assert errors[1] > 0.1
+
+    def test_intervals_rest_on_the_rest_alone(self) -> None:
+        segment = without_block(two_laws())
+        fit = ESTIMATORS["least-squares"](segment, "II")
+        assert intervals(segment, fit).centre == pytest.approx(table(LAWS), rel=1e-3)
+        misled = intervals(two_laws(), fit).centre
+        assert np.abs(misled / table(LAWS) - 1).max(axis=1).min() > 0.1
+
+    @pytest.mark.parametrize(("recipe", "kind"), [("paper", PaperTraining), ("fast", FastTraining)])
+    def test_physics_loss_does_not_see_the_law_there(
+        self, recipe: str, kind: type[PaperTraining | FastTraining]
+    ) -> None:
+        segment = without_block(two_laws())
+        config = preset("paper" if recipe == "paper" else "fast", iterations=5)
+        problem = Problem(segment, "II", config)
+        outputs = torch.from_numpy(problem.measured)
+        rates = torch.from_numpy(np.gradient(problem.measured, 0.1, axis=0))
+        masked = problem.evaluate(outputs, rates, FREE)
+        everything = Problem(two_laws(), "II", config).evaluate(outputs, rates, FREE)
+        assert segment.left_out is not None
+        gone = 1 - segment.left_out[:, 0].mean()
+        # With all parameters zero, the residual is dv/dt itself, and dp/dt = Δv stays.
+        slopes = np.gradient(segment.speeds[:, 1:], 0.1, axis=0)[np.asarray(segment.left_out)[:, 0]]
+        lost = (slopes**2).sum() / (segment.samples * 2)
+        assert 0.5 < gone < 0.9
+        assert float(everything.physics - masked.physics) == pytest.approx(lost)
+        assert float(everything.data) == float(masked.data)
+        training = kind(problem)
+        assert training.progress.physics != kind(Problem(two_laws(), "II", config)).progress.physics
+
+
+FREE = np.zeros((2, 3))
+"""α, ατ, β of no law at all."""
+
+
+class TestMask:
+    def test_digest_changes_with_it_and_only_with_it(self) -> None:
+        segment = without_block(two_laws())
+        other = replace(segment, left_out=~np.asarray(segment.left_out))
+        digests = {two_laws().digest(), segment.digest(), other.digest()}
+        assert len(digests) == 3
+        assert replace(segment, left_out=None, left_out_regimes=()).digest() == two_laws().digest()
+
+    def test_digest_without_one_is_that_of_before(self) -> None:
+        segment = Segment(
+            np.arange(3.0), np.ones((3, 2)), np.ones((3, 1)), (1, 2), ("A", "B"), 0.0, "x", ""
+        )
+        assert segment.digest() == DIGEST
+
+    def test_is_locked_and_copied(self) -> None:
+        mask = np.zeros((1801, 2), bool)
+        segment = replace(two_laws(), left_out=mask)
+        mask[:] = True
+        assert segment.left_out is not None
+        assert not segment.left_out.any()
+        assert not segment.left_out.flags.writeable
+
+    def test_of_another_shape_is_refused(self) -> None:
+        with pytest.raises(SegmentError, match="differ in number"):
+            replace(two_laws(), left_out=np.zeros((1801, 1), bool))
+
+    def test_goes_with_a_part(self) -> None:
+        segment = without_block(two_laws())
+        assert segment.left_out is not None
+        piece = part(segment, 500, 1200)
+        assert np.array_equal(piece.left_out, segment.left_out[500:1200])
+
+    def test_outline_says_it(self) -> None:
+        outline = without_block(two_laws()).outline()
+        assert outline.left_out == ("catching up",)
+        assert outline.left_out_share == pytest.approx((441 / 1801,) * 2)
+        assert two_laws().outline().left_out_share == ()
+
+
+DIGEST = "858ecb755161ff79c4fed0a49b1f7faca0934e60549faa52e35d2381b57c12b9"
+"""As computed before segments could leave anything out: cached results stay valid."""
+
+
+@pytest.fixture
+def recording(tmp_path: Path) -> Recording:
+    """Two vehicles over 60 s: 2 s by hand, 3 s still, 20 s far behind, the rest in ACC close by."""
+    time = STEP * np.arange(601)
+    columns = {"Time": time, "Speed1": 20 + np.sin(time), "Speed2": np.full(601, 20.0)}
+    columns["IVS1"] = np.where((time > 9.95) & (time < 29.95), 41.0, 39.0)
+    columns["Speed2"][(time > 39.95) & (time < 42.95)] = 1.0
+    path = tmp_path / "made.csv"
+    path.write_bytes(csv(pd.DataFrame(columns), metadata(("Alpha", "Beta"))))
+    mode = np.full((601, 2), Mode.ACC, np.int8)
+    mode[(time > 37.95) & (time < 39.95), 1] = Mode.HUMAN
+    return replace(read(path), mode=mode)
+
+
+class TestLabels:
+    def test_each_instant_has_the_regime_it_was_made_for(self, recording: Recording) -> None:
+        codes = label(cut(recording, 0, 60), recording).codes[:, 0]
+        counts = [int((codes == code).sum()) for code in range(4)]
+        assert counts == [351, 200, 20, 30]
+        assert set(codes[100:300]) == {CATCHING_UP}
+        assert set(codes[380:400]) == {MANUAL}
+        assert set(codes[400:430]) == {STANDSTILL}
+
+    def test_shares_add_up(self, recording: Recording) -> None:
+        regimes = label(cut(recording, 0, 60), recording)
+        assert regimes.names == REGIMES
+        assert regimes.shares[0] == pytest.approx((351 / 601, 200 / 601, 20 / 601, 30 / 601))
+
+    def test_a_driver_comes_before_standstill_and_time_gap(self, recording: Recording) -> None:
+        by_hand = replace(recording, mode=np.full((601, 2), Mode.HUMAN, np.int8))
+        assert set(label(cut(by_hand, 0, 60), by_hand).codes.ravel()) == {MANUAL}
+
+    def test_a_window_is_mapped_to_its_samples(self, recording: Recording) -> None:
+        codes = label(cut(recording, 35.3, 20), recording).codes[:, 0]
+        assert np.flatnonzero(codes == MANUAL).tolist() == list(range(27, 47))
+
+    def test_an_interpolated_instant_is_manual_if_either_of_its_samples_is(
+        self, recording: Recording
+    ) -> None:
+        uneven = replace(recording, time=np.r_[0.0, recording.time[1:] + 0.04])
+        codes = label(cut(uneven, 0, 60), uneven).codes[:, 0]
+        # Samples 380 to 399 stand at 38.04 to 39.94 s now, next to the instants 38.0 and 40.0 s.
+        assert np.flatnonzero(codes == MANUAL).tolist() == list(range(380, 401))
+
+    @pytest.mark.parametrize("known", [True, False])
+    def test_unknown_modes_are_said(self, recording: Recording, known: bool) -> None:
+        silent = replace(recording, mode=np.full((601, 2), Mode.UNKNOWN, np.int8))
+        segment = cut(silent, 0, 60)
+        regimes = label(segment, silent if known else None)
+        assert regimes.mode_known == (False,)
+        assert MANUAL not in regimes.codes
+        assert label(segment, recording).mode_known == (True,)
+
+    def test_another_recording_is_refused(self, recording: Recording) -> None:
+        with pytest.raises(SegmentError, match="not the recording"):
+            label(cut(recording, 0, 60), replace(recording, sha256="other"))
+
+
+class TestAsking:
+    def test_says_what_is_left_out(self, recording: Recording) -> None:
+        segment = cut(recording, 0, 60)
+        regimes = label(segment, recording)
+        chosen = leave_out(segment, regimes, ["standstill", "catching up"])
+        assert chosen.notes[-1] == (
+            "Left out of the law's equations: catching up and standstill"
+            " (38 % of 2 Beta's instants)."
+        )
+        assert chosen.left_out_regimes == ("catching up", "standstill")
+        expected = np.isin(regimes.codes, [CATCHING_UP, STANDSTILL])
+        assert np.array_equal(chosen.left_out, expected)
+        assert np.array_equal(chosen.gaps, segment.gaps)
+
+    def test_nothing_asked_is_nothing_changed(self, recording: Recording) -> None:
+        segment = cut(recording, 0, 60)
+        assert leave_out(segment, label(segment, recording), ()) is segment
+
+    def test_twice_leaves_out_both(self, recording: Recording) -> None:
+        segment = cut(recording, 0, 60)
+        regimes = label(segment, recording)
+        both = leave_out(leave_out(segment, regimes, ["manual"]), regimes, ["standstill"])
+        assert both.left_out_regimes == ("manual", "standstill")
+        assert both.left_out is not None
+        assert both.left_out.sum() == 50
+
+    @pytest.mark.parametrize("name", ["car-following", "asleep"])
+    def test_other_names_are_refused(self, recording: Recording, name: str) -> None:
+        segment = cut(recording, 0, 60)
+        with pytest.raises(SegmentError, match=f'"{name}" cannot be left out'):
+            leave_out(segment, label(segment, recording), [name])
+
+    def test_too_little_left_is_refused(self) -> None:
+        segment = two_laws()
+        codes = np.full((1801, 2), FOLLOWING, np.uint8)
+        codes[95:, 1] = CATCHING_UP
+        with pytest.raises(SegmentError, match=r"only 9\.5 s are left of 3 C"):
+            leave_out(segment, Regimes(codes, (True, True)), ["catching up"])
+
+    def test_a_simulation_without_a_long_stretch_is_refused(self) -> None:
+        flicker = np.zeros((1801, 2), bool)
+        flicker[::20] = True
+        with pytest.raises(SegmentError, match="no stretch of 5 s"):
+            ESTIMATORS["simulation"](replace(two_laws(), left_out=flicker), "II")
