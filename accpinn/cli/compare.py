@@ -84,6 +84,7 @@ def _describe(segment: Segment, row: Row) -> dict[str, Any]:
         "whiteness": [
             {
                 "deviation": worth.whiteness.deviation[k],
+                "correlation": worth.whiteness.correlation[k],
                 "memory": worth.whiteness.memory[k],
                 "independent_samples": worth.whiteness.independent[k],
                 "probability_white": worth.whiteness.probability[k],
