@@ -238,7 +238,7 @@ class TestDualUnscented:
         mean, spread = measured[0], filtering.measurement_noise()
         for now in range(1, 200):
             before, after = platoon.ahead[now - 1], platoon.ahead[now]
-            dual.take_in(before, after, measured[now][None, None])
+            dual.take_in(before, after, measured[now][None, None], np.ones((1, 1)))
             mean = np.array(move(tuple(theta), State(*mean), before[0, 0], after[0, 0], 0.1))
             spread = transition @ spread @ transition.T + filtering.motion_noise(0.1)
             gain = spread @ np.linalg.inv(spread + filtering.measurement_noise())

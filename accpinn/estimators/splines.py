@@ -107,7 +107,10 @@ class _Basis:
     """The B-splines on the segment's instants, and the banded solve for their coefficients."""
 
     def __init__(
-        self, instants: FloatArray, knots_every: Seconds, left_out: NDArray[np.bool_] | None
+        self,
+        instants: FloatArray,
+        knots_every: Seconds,
+        left_out: NDArray[np.bool_] | None = None,
     ) -> None:
         duration = float(instants[-1])
         pieces = max(1, round(duration / knots_every))
