@@ -5,13 +5,12 @@ import streamlit as st
 from accpinn.figures import stability as figures
 from accpinn.figures.doubt import add_clouds
 from pages.shared import frame
+from pages.shared.charts import show_chart
 from pages.shared.doubt import choose_doubt, show_doubt
 from pages.shared.laws import checked_report, choose_laws
 from pages.shared.stability_charts import choose_map, show_bode, show_key
 from pages.shared.stability_words import show_answer, show_reasons, show_table
 from pages.shared.text import plain
-
-CHART = {"displayModeBar": False}
 
 
 def main() -> None:
@@ -39,9 +38,7 @@ def main() -> None:
             " that follower, through all vehicles before it."
         )
         frame.show_key(figures.CRITERIA_KEY)
-        st.plotly_chart(
-            figures.criteria_course(laws, report), key="stability_criteria", config=CHART
-        )
+        show_chart(figures.criteria_course(laws, report), "stability_criteria")
     with right:
         st.subheader("What would make it stable", anchor=False)
         held, plane = choose_map(workspace, laws)
@@ -49,7 +46,7 @@ def main() -> None:
         chart = figures.stability_map(laws, report, held, plane)
         if doubt:
             chart = add_clouds(chart, laws, doubt, plane)
-        st.plotly_chart(chart, key="stability_map", config=CHART)
+        show_chart(chart, "stability_map")
         kept = "α" if plane == "beta" else "β"
         st.caption(
             f"Boundaries at {plain(laws.labels[held])}'s {kept}; above them the vehicle is stable."

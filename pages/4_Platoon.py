@@ -5,6 +5,7 @@ import streamlit as st
 from accpinn.figures import platoon as figures
 from accpinn.figures import wave
 from pages.shared import frame
+from pages.shared.charts import show_chart
 from pages.shared.laws import choose_laws
 from pages.shared.platoon_leader import choose_leader
 from pages.shared.platoon_order import choose_order
@@ -15,8 +16,6 @@ from pages.shared.platoon_words import (
     show_course,
     show_panels,
 )
-
-CHART = {"displayModeBar": False}
 
 
 def main() -> None:
@@ -41,23 +40,21 @@ def main() -> None:
             return
         cast = figures.cast_of(laws, order)
         show_course(run, laws, order)
-        st.plotly_chart(figures.profiles(run, cast), key="platoon_profiles", config=CHART)
+        show_chart(figures.profiles(run, cast), "platoon_profiles")
     left, right = st.columns(2, gap="large")
     with left:
         in_db = choose_scale(workspace, run)
-        st.plotly_chart(
-            figures.amplitude_course(run, cast, in_db), key="platoon_amplitude", config=CHART
-        )
+        show_chart(figures.amplitude_course(run, cast, in_db), "platoon_amplitude")
     with right:
         st.subheader("The wave in time", anchor=False)
         st.caption("Each vehicle's speed against the speed before the disturbance.")
-        st.plotly_chart(figures.speed_map(run, cast), key="platoon_map", config=CHART)
+        show_chart(figures.speed_map(run, cast), "platoon_map")
     st.subheader("The wave on the road", anchor=False)
     st.caption(
         "Seen from the leader: press Play or drag the slider. Cars are drawn"
         f" {wave.CAR_LENGTH:g} m long; the gaps between them are those simulated."
     )
-    st.plotly_chart(wave.animation(run, cast), key="platoon_wave", config=CHART)
+    show_chart(wave.animation(run, cast), "platoon_wave")
 
 
 main()

@@ -159,7 +159,8 @@ def tracking(
     for name, source, line, opacity in sources:
         if source is None:
             continue
-        for row, values in ((1, source.gaps[:, follower]), (2, source.speeds[:, follower + 1])):
+        channels = ((GAP, source.gaps[:, follower]), (SPEED, source.speeds[:, follower + 1]))
+        for row, (channel, values) in enumerate(channels, 1):
             time, shown = thinned(segment.time, values)
             figure.add_scatter(
                 x=time,
@@ -169,6 +170,7 @@ def tracking(
                 opacity=opacity,
                 legendgroup=name,
                 showlegend=row == 1,
+                hovertemplate=f"%{{y:.2f}} {channel.unit}<extra>{name}</extra>",
                 row=row,
                 col=1,
             )

@@ -10,6 +10,7 @@ from accpinn.figures.recording import overview as draw_overview
 from accpinn.figures.style import vehicle_colour
 from accpinn.openacc import Recording
 from accpinn.segment import MAX_FOLLOWERS, MINIMUM_DURATION, Window, chains
+from pages.shared.charts import show_chart
 from pages.shared.frame import show_key
 from pages.shared.workspace import Workspace, hold
 
@@ -126,12 +127,11 @@ def overview(workspace: Workspace, recording: Recording) -> None:
         if number not in workspace.vehicles:
             faint.add(label)
     show_key(entries, faint)
-    st.plotly_chart(
+    show_chart(
         draw_overview(recording, workspace.vehicles, workspace.window),
-        key=CHART,
+        CHART,
         on_select=_dragged(workspace, recording),
         selection_mode="box",
-        config={"displayModeBar": False},
     )
     if has_ribbons(recording):
         st.caption("Bars: driven by hand (in the vehicle's colour) and missing data (red).")

@@ -9,8 +9,9 @@ import streamlit as st
 from accpinn.figures.style import vehicle_colour
 from accpinn.jobs import Status
 from accpinn.segment import Segment
+from pages.shared import charts
 from pages.shared.text import plain
-from pages.shared.workspace import SESSION, Workspace, current
+from pages.shared.workspace import SESSION, Workspace, current, hold
 
 HERE = Path(__file__).parent
 ROOT = HERE.parents[1]
@@ -109,6 +110,24 @@ def _sidebar(workspace: Workspace) -> None:
             link(f"pages/{path.name}", name, workspace, _ICONS.get(name, "article"))
         st.divider()
         st.caption("  \n".join(standing(workspace)))
+        _choose_pictures(workspace)
+
+
+def _choose_pictures(workspace: Workspace) -> None:
+    """As what a chart's button saves it."""
+
+    def changed() -> None:
+        workspace.pictures = st.session_state[charts.FORMAT]
+
+    st.segmented_control(
+        "Charts are saved as",
+        charts.FORMATS,
+        default=workspace.pictures,
+        key=hold(charts.FORMAT, workspace.pictures),
+        on_change=changed,
+        required=True,
+        help="Point at a chart: the camera in its corner saves it as such a picture.",
+    )
 
 
 def standing(workspace: Workspace) -> list[str]:

@@ -5,6 +5,7 @@ import streamlit as st
 from accpinn.cthp import Parameters
 from accpinn.figures import training
 from accpinn.jobs import Job, Status
+from pages.shared.charts import show_chart
 from pages.shared.frame import vehicle_key
 from pages.shared.text import lasting, plain
 from pages.shared.workspace import trainings
@@ -13,7 +14,6 @@ POLL = 0.5
 """Seconds between two looks."""
 FIRST_DRAWING = 1.0
 """Seconds of training before the first curves: a short one would be slowed by drawing it."""
-CHART = {"displayModeBar": False}
 
 
 def watch(job: Job, truth: tuple[Parameters, ...]) -> None:
@@ -74,8 +74,8 @@ def show_course(job: Job, truth: tuple[Parameters, ...]) -> None:
     vehicle_key(segment, with_truth=bool(truth))
     loss, *parameters = st.columns(4)
     with loss:
-        st.plotly_chart(training.loss_course(history), key="train_loss", config=CHART)
+        show_chart(training.loss_course(history), "train_loss")
     for which, column in enumerate(parameters):
         with column:
             figure = training.parameter_course(history, which, segment, truth)
-            st.plotly_chart(figure, key=f"train_parameter_{which}", config=CHART)
+            show_chart(figure, f"train_parameter_{which}")

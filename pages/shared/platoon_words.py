@@ -9,6 +9,7 @@ from accpinn.errors import AccpinnError
 from accpinn.figures import platoon as figures
 from accpinn.platoon import Leader, PlatoonRun, simulate
 from accpinn.published import ASTAZERO, LawSet
+from pages.shared.charts import show_chart
 from pages.shared.frame import show_key
 from pages.shared.text import bullets, plain
 from pages.shared.workspace import Workspace, hold
@@ -123,6 +124,4 @@ def show_panels(workspace: Workspace) -> None:
     for place, (panel, cell) in enumerate(zip(figures.paper_panels(), grid, strict=True)):
         with cell:
             st.markdown(plain(panel.title))
-            st.plotly_chart(
-                panel.figure, key=f"platoon_panel_{place}", config={"displayModeBar": False}
-            )
+            show_chart(panel.figure, f"platoon_panel_{place}")

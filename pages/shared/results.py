@@ -15,6 +15,7 @@ from accpinn.segment import Segment
 from accpinn.segment.quality import assess
 from accpinn.tables import results as tables
 from accpinn.tables import typeset
+from pages.shared.charts import show_chart
 from pages.shared.text import bullets, lasting
 
 
@@ -117,7 +118,7 @@ def show_curves(segment: Segment, fit: Fit) -> None:
         )
     driven = assessment.closed_loop(segment, fit)
     figure = tracking(segment, follower, fit.surrogate, driven)
-    st.plotly_chart(figure, key="train_tracking", config={"displayModeBar": False})
+    show_chart(figure, "train_tracking")
 
 
 def _duration(seconds: float) -> str:

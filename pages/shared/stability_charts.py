@@ -12,6 +12,7 @@ from accpinn.stability import StabilityReport
 from accpinn.uncertainty import Uncertainty
 from accpinn.units import RadiansPerSecond
 from pages.shared import frame
+from pages.shared.charts import show_chart
 from pages.shared.text import plain
 from pages.shared.workspace import Workspace, hold
 
@@ -33,12 +34,11 @@ def show_bode(
 ) -> None:
     """The chart, and a button for each peak; either leads to the platoon at that frequency."""
     figure = figures.bode(laws, report)
-    event = st.plotly_chart(
+    event = show_chart(
         add_bands(figure, laws, doubt) if doubt else figure,
-        key="stability_bode",
+        "stability_bode",
         on_select="rerun",
         selection_mode="points",
-        config={"displayModeBar": False},
     )
     band = f" Shaded: {100 * doubt.level:.0f} % bands." if doubt else ""
     st.caption(

@@ -58,6 +58,8 @@ class Workspace:
     compared: tuple[Row, ...] = ()
     """What all methods say of the segment; empty before they were run."""
     laws: LawChoice = field(default_factory=LawChoice)
+    pictures: str = "SVG"
+    """The format in which charts are saved."""
     map: MapChoice = field(default_factory=MapChoice)
     drive: DriveChoice = field(default_factory=DriveChoice)
 
