@@ -11,7 +11,6 @@ from tests.browser.running import idle
 def saved(page: Page, chart: str) -> tuple[str, bytes]:
     """Name and content of what the chart's one button saves."""
     drawn = page.locator(f".st-key-{chart} .js-plotly-plot")
-    drawn.scroll_into_view_if_needed()
     drawn.hover()
     with page.expect_download() as download:
         drawn.locator(".modebar-btn").click()
