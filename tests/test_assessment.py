@@ -203,6 +203,7 @@ class TestHeldOut:
         spoilt = blocks_held_out(later, least_squares.fit)[1].errors
         assert spoilt is not None
         assert spoilt.gap_mae[0] > 1.0
+        assert [block.incidents for block in blocks] == [(), ()]
 
     def test_blocks_are_pooled_by_duration(self) -> None:
         one, three = (TrackingErrors(*(np.full(n, x) for n in (2, 1, 2, 1))) for x in (1.0, 3.0))
@@ -242,6 +243,18 @@ class TestWhiteness:
         assert np.mean(times) == pytest.approx(8.0, rel=0.35)
         # A second's mean of the process: a little below its own 0.25 m/s².
         assert np.mean(deviations) == pytest.approx(0.24, rel=0.15)
+
+    def test_seconds_left_out_do_not_count(self) -> None:
+        segment = disturbed((Parameters(*LAW),), 1, Disturbance(0.25, 4.0))
+        late = segment.time[:, None] >= 150.0
+        fit = with_parameters(segment, Parameters(*LAW))
+        spoilt = replace(segment, gaps=segment.gaps + np.where(late, 50.0, 0.0))
+        masked = replace(spoilt, left_out=late, left_out_regimes=("catching up",))
+        early = whiteness(part(segment, 0, 1501), fit)
+        assert whiteness(spoilt, fit).deviation[0] > 5 * early.deviation[0]
+        assert whiteness(masked, fit).deviation[0] == pytest.approx(early.deviation[0], rel=0.02)
+        nothing = replace(masked, left_out=np.ones_like(late))
+        assert np.isnan(whiteness(nothing, fit).deviation[0])
 
     def test_a_short_window_cannot_tell(self) -> None:
         segment = driven((LAW,), duration=20.0)

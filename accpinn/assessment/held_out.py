@@ -29,6 +29,8 @@ class Block:
     duration: Seconds
     errors: TrackingErrors | None
     """Closed loop; None where the rest of the window leaves τ undetermined."""
+    incidents: tuple[str, ...] = ()
+    """Collisions and divergence in it, in plain sentences."""
 
 
 def blocks_held_out(
@@ -94,7 +96,8 @@ def part(segment: Segment, first: int, end: int) -> Segment:
 
 
 def _block(held: Segment, fit: Fit) -> Block:
-    return Block(held.start, held.duration, closed_loop_errors(held, fit))
+    met = incidents(held, closed_loop(held, fit))
+    return Block(held.start, held.duration, closed_loop_errors(held, fit), met)
 
 
 def _outside(segment: Segment, recording: Recording) -> list[Window]:

@@ -46,19 +46,22 @@ class Whiteness:
 
 
 def whiteness(segment: Segment, fit: Fit) -> Whiteness:
-    """Of the law with the fit's parameters; α = 0 with τ undetermined counts as ατ = 0."""
+    """Of the law with the fit's parameters, over the instants that count.
+
+    α = 0 with τ undetermined counts as ατ = 0.
+    """
     residuals = _residuals(segment, fit)
     figures = np.array([_figures(row) for row in residuals])
     sentences = tuple(
-        _sentence(label, segment.samples, row)
-        for label, row in zip(segment.labels[1:], figures, strict=True)
+        _sentence(label, len(residual) * MEAN_OVER / segment.sample_time, row)
+        for label, residual, row in zip(segment.labels[1:], residuals, figures, strict=True)
     )
     deviation, correlation, memory, independent, probability = figures.T
     return Whiteness(deviation, correlation, memory, independent, probability, sentences)
 
 
-def _residuals(segment: Segment, fit: Fit) -> FloatArray:
-    """(M, K) of e, one a second."""
+def _residuals(segment: Segment, fit: Fit) -> list[FloatArray]:
+    """E of each of M followers, one a second, without the seconds left out."""
     step = max(1, round(MEAN_OVER / segment.sample_time))
     count = (segment.samples - 1) // step
     speeds = segment.speeds[: count * step + 1 : step, 1:]
@@ -67,13 +70,19 @@ def _residuals(segment: Segment, fit: Fit) -> FloatArray:
     trapezoid = (terms[:, 1:] + terms[:, :-1]) / 2
     means = trapezoid.reshape(len(terms), count, step, 3).mean(axis=2)
     theta = np.nan_to_num(np.array([law.linear() for law in fit.parameters]))
-    return np.asarray(rates - np.einsum("mkc,mc->mk", means, theta))
+    residuals = rates - np.einsum("mkc,mc->mk", means, theta)
+    if segment.left_out is None:
+        return list(residuals)
+    out = np.any(segment.left_out[: count * step].reshape(count, step, -1), axis=1)
+    return [row[~gone] for row, gone in zip(residuals, np.transpose(out), strict=True)]
 
 
 def _figures(residual: FloatArray) -> list[float]:
     """Deviation, correlation, memory, independent samples, probability."""
-    deviation = float(np.sqrt((residual**2).mean()))
     count = len(residual)
+    if not count:
+        return 5 * [float("nan")]
+    deviation = float(np.sqrt((residual**2).mean()))
     centred = residual - residual.mean()
     if count < FEWEST or not centred.any():
         return [deviation, *4 * [float("nan")]]
@@ -95,7 +104,7 @@ def _integrated(rho: FloatArray) -> float:
     return max(1.0, float(2 * even[:stop].sum() - 1))
 
 
-def _sentence(label: str, samples: int, figures: FloatArray) -> str:
+def _sentence(label: str, samples: float, figures: FloatArray) -> str:
     deviation, _, memory, independent, probability = figures
     if np.isnan(probability):
         return f"{label}: the window is too short to tell whether the law's residual is white."
@@ -106,6 +115,6 @@ def _sentence(label: str, samples: int, figures: FloatArray) -> str:
         )
     return (
         f"{label}: what the law leaves of the acceleration ({deviation:.2f} m/s²) lasts for about"
-        f" {memory:.0f} s, so {samples:,} samples are worth some {independent:.0f} independent"
+        f" {memory:.0f} s, so {samples:,.0f} samples are worth some {independent:.0f} independent"
         " ones."
     )

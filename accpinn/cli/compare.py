@@ -8,7 +8,7 @@ import numpy as np
 from tqdm import tqdm
 
 from accpinn.assessment import TrackingErrors
-from accpinn.cli.fit import add_segment_options, chosen_segment, parameter_rows
+from accpinn.cli.fit import add_segment_options, chosen_segment, describe_segment, parameter_rows
 from accpinn.cli.output import print_json, table
 from accpinn.comparison import Row, compare, parse_methods
 from accpinn.identifiability import identifiable
@@ -42,7 +42,9 @@ def run(options: argparse.Namespace) -> int:
     rows = list(tqdm(found, total=len(methods), unit="method", file=sys.stderr))
     if options.json:
         described = [_describe(segment, row) for row in rows]
-        print_json({"rows": described, "warnings": _warnings(segment, rows[0])})
+        about = describe_segment(segment)
+        warnings = _warnings(segment, rows[0])
+        print_json({"segment": about, "rows": described, "warnings": warnings})
     else:
         print(_text(segment, rows))
     return 0
@@ -76,7 +78,12 @@ def _describe(segment: Segment, row: Row) -> dict[str, Any]:
         "incidents": list(worth.incidents),
         "holdout_mae": _errors(worth.held_out),
         "blocks_mae": [
-            {"start": block.start, "duration": block.duration, "mae": _errors(block.errors)}
+            {
+                "start": block.start,
+                "duration": block.duration,
+                "mae": _errors(block.errors),
+                "incidents": list(block.incidents),
+            }
             for block in worth.blocks
         ],
         "unseen_mae": _errors(worth.unseen),
@@ -138,6 +145,7 @@ def _text(segment: Segment, rows: list[Row]) -> str:
             f" P(L∞ stable) {doubt.probability_linf[k]:.2f}"
         )
     said = [
+        *segment.notes,
         *_warnings(segment, rows[0]),
         *_incidents(rows),
         *rows[0].assessment.whiteness.sentences,
