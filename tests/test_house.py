@@ -40,6 +40,7 @@ ORDER = (
     "platoon",
     "identifiability",
     "comparison",
+    "sensitivity",
     "tables",
     "figures",
     "snapshot",

@@ -19,6 +19,8 @@ from accpinn.openacc import Recording, read
 from accpinn.pinn.config import PinnConfig, preset
 from accpinn.segment import DURATION, Segment, cut, parse_vehicles
 from accpinn.segment.quality import Quality, assess
+from accpinn.segment.regimes import LEFT_OUT_AT_WILL, leave_out
+from accpinn.segment.regimes import label as label_regimes
 from accpinn.store import Store
 
 
@@ -51,13 +53,40 @@ def add_segment_options(parser: argparse.ArgumentParser) -> None:
         metavar="1-5 | 1,2",
         help="leader first; default: all it can",
     )
+    parser.add_argument(
+        "--leave-out",
+        type=_regimes,
+        default=(),
+        metavar="REGIME,..",
+        help=f"instants that do not count for the law: {', '.join(map(_typed, LEFT_OUT_AT_WILL))}",
+    )
     parser.add_argument("--case", choices=["I", "II"], default="II", help="I: one set for all")
 
 
 def chosen_segment(options: argparse.Namespace) -> tuple[Recording, Segment]:
     """The recording and the segment that the options name."""
     recording = read(options.file)
-    return recording, cut(recording, options.start, options.duration, options.vehicles)
+    segment = cut(recording, options.start, options.duration, options.vehicles)
+    if options.leave_out:
+        segment = leave_out(segment, label_regimes(segment, recording), options.leave_out)
+    return recording, segment
+
+
+def _regimes(text: str) -> tuple[str, ...]:
+    """Names of regimes, from "catching-up,standstill"."""
+    known = {_typed(name): name for name in LEFT_OUT_AT_WILL}
+    chosen = [part.strip() for part in text.split(",")]
+    for part in chosen:
+        if part not in known:
+            raise argparse.ArgumentTypeError(
+                f'"{part[:40]}" cannot be left out; choose from {", ".join(known)}'
+            )
+    return tuple(known[part] for part in chosen)
+
+
+def _typed(name: str) -> str:
+    """A regime's name as it is typed."""
+    return name.replace(" ", "-")
 
 
 def _vehicles(text: str) -> tuple[int, ...]:
@@ -180,14 +209,7 @@ def describe(segment: Segment, fit: Fit, quality: Quality) -> dict[str, Any]:
         "case": fit.case,
         "preset": fit.config.get("preset"),
         "seed": fit.config.get("seed"),
-        "segment": {
-            "source": segment.source,
-            "start": segment.start,
-            "duration": segment.duration,
-            "samples": segment.samples,
-            "vehicles": list(segment.vehicles),
-            "names": list(segment.names),
-        },
+        "segment": describe_segment(segment),
         "parameters": parameter_rows(segment, fit.parameters),
         "unconstrained": parameter_rows(segment, fit.unconstrained),
         "active_bounds": [list(names) for names in fit.active_bounds],
@@ -206,6 +228,22 @@ def describe(segment: Segment, fit: Fit, quality: Quality) -> dict[str, Any]:
         "outcome": fit.outcome.name.lower(),
         "outcome_sentence": fit.outcome.value,
         "notes": [*segment.notes, *quality.warnings, *fit.notes],
+    }
+
+
+def describe_segment(segment: Segment) -> dict[str, Any]:
+    """Which data a result rests on."""
+    return {
+        "source": segment.source,
+        "start": segment.start,
+        "duration": segment.duration,
+        "samples": segment.samples,
+        "vehicles": list(segment.vehicles),
+        "names": list(segment.names),
+        "left_out": {
+            "regimes": list(segment.left_out_regimes),
+            "share": list(segment.left_out_share),
+        },
     }
 
 

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from accpinn.cli.fit import add_segment_options, chosen_segment, parameter_rows
+from accpinn.cli.fit import add_segment_options, chosen_segment, describe_segment, parameter_rows
 from accpinn.cli.output import print_json, table
 from accpinn.errors import ConfigError
 from accpinn.identifiability import Dispersion, Trial, starts
@@ -53,6 +53,7 @@ def run(options: argparse.Namespace) -> int:
 
 def _describe(segment: Segment, found: Dispersion) -> dict[str, Any]:
     return {
+        "segment": describe_segment(segment),
         "trials": [
             {
                 "initial": list(trial.initial),
@@ -89,4 +90,4 @@ def _text(segment: Segment, found: Dispersion) -> str:
             lines.append([label, start, str(trial.seed), *ends, f"{gaps[k]:.3f}" if gaps else "-"])
         spread = [f"{value:.2g} %" if np.isfinite(value) else "-" for value in found.spread[k]]
         lines.append(["", "spread", "", *spread, ""])
-    return "\n".join([table(head, lines), "", *found.notes])
+    return "\n".join([table(head, lines), "", *segment.notes, *found.notes])
