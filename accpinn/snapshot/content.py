@@ -1,8 +1,9 @@
 """What a snapshot holds: one result with all that is needed to check it and to go on from it."""
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from accpinn.assessment import Assessment
 from accpinn.comparison import Row
 from accpinn.fit import Fit
 from accpinn.segment import Segment
@@ -10,9 +11,6 @@ from accpinn.segment.outline import Outline
 from accpinn.segment.quality import Quality
 from accpinn.stability import StabilityReport
 from accpinn.uncertainty import Uncertainty
-
-if TYPE_CHECKING:
-    from accpinn.assessment import Assessment
 
 ID_LENGTH = 16
 """Hex digits of the overall digest that make the short name; no two of a server's will meet."""
@@ -59,7 +57,7 @@ class Snapshot:
     fit: Fit
     uncertainty: Uncertainty | None
     """None where it was neither given nor could be computed."""
-    assessment: "Assessment | None"
+    assessment: Assessment | None
     """None where it was neither given nor could be computed."""
     stability: StabilityReport | None
     """As it stood at saving; None where τ is undetermined or the values allow no report."""

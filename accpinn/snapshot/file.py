@@ -1,0 +1,178 @@
+"""Snapshots as bytes and as files, with a digest for every part and one over all."""
+
+import hashlib
+import os
+import tempfile
+from pathlib import Path
+from typing import Any
+
+from accpinn.errors import SnapshotError
+from accpinn.snapshot import arrays, documents
+from accpinn.snapshot.archive import check_packed, contents, pack
+from accpinn.snapshot.content import Snapshot
+from accpinn.snapshot.layout import Parts, assemble, parts
+from accpinn.snapshot.schema import (
+    ATTRIBUTION,
+    ATTRIBUTION_TEXT,
+    FORMAT,
+    LARGEST,
+    MANIFEST,
+    PARTS,
+    SCHEMA,
+    check_schema,
+    migrated,
+)
+
+WHOLE = "The snapshot"
+Content = str | os.PathLike[str] | bytes
+"""A file's path, or what it holds."""
+
+
+def to_bytes(snapshot: Snapshot) -> bytes:
+    """The file's bytes; equal snapshots give equal bytes.
+
+    Raises:
+        SnapshotError: for a snapshot that is too large.
+    """
+    stored = parts(snapshot)
+    written = {ATTRIBUTION: ATTRIBUTION_TEXT.encode()}
+    written |= {name: documents.write(tree) for name, tree in stored.documents.items()}
+    written |= {name: arrays.write(group) for name, group in stored.arrays.items()}
+    ordered = {name: written[name] for name in PARTS if name in written}
+    data = sealed(ordered, SCHEMA)
+    if len(data) > LARGEST or any(len(ordered[name]) > PARTS[name].largest for name in ordered):
+        raise SnapshotError(
+            f"The snapshot would be too large ({len(data) / 1e6:.0f} MB of {LARGEST / 1e6:.0f});"
+            " leave out the data, or take a shorter window."
+        )
+    return data
+
+
+def sealed(entries: dict[str, bytes], schema: int) -> bytes:
+    """Entries as a file, with the manifest in front."""
+    manifest: dict[str, Any] = {
+        "format": FORMAT,
+        "schema": schema,
+        "entries": {name: _fingerprint(content) for name, content in entries.items()},
+    }
+    manifest["digest"] = _digest(manifest)
+    return pack({MANIFEST: documents.write(manifest), **entries})
+
+
+def save(snapshot: Snapshot, path: str | os.PathLike[str]) -> Path:
+    """Write a snapshot in one step: whoever looks sees the old file or the new one, never a part.
+
+    Raises:
+        SnapshotError: when it cannot be written there.
+    """
+    return write_whole(to_bytes(snapshot), Path(path))
+
+
+def write_whole(data: bytes, target: Path) -> Path:
+    """Bytes as a file, in one step.
+
+    Raises:
+        SnapshotError: when it cannot be written there.
+    """
+    try:
+        handle, temporary = tempfile.mkstemp(dir=target.parent, suffix=".part")
+        try:
+            with os.fdopen(handle, "wb") as file:
+                file.write(data)
+                file.flush()
+                os.fsync(file.fileno())
+            os.chmod(temporary, 0o644)  # else only its owner could read it
+            os.replace(temporary, target)
+        except BaseException:
+            Path(temporary).unlink(missing_ok=True)
+            raise
+    except OSError as fault:
+        raise SnapshotError(
+            f"{target}: the snapshot could not be written ({fault.strerror}); choose another place"
+            " or free some space."
+        ) from None
+    return target
+
+
+def load(content: Content) -> Snapshot:
+    """Read a snapshot; nothing in it is executed, and nothing is believed unchecked.
+
+    Args:
+        content: the file's path, or its bytes.
+
+    Raises:
+        SnapshotError: one sentence of what is wrong and which part it is.
+    """
+    data = content if isinstance(content, bytes) else _bytes_of(Path(content))
+    if len(data) > LARGEST:
+        raise SnapshotError(f"{WHOLE} is larger than {LARGEST / 1e6:.0f} MB, so it is refused.")
+    entries = contents(data, WHOLE, len(PARTS))
+    manifest = _manifest(entries)
+    _check_entries(entries, manifest)
+    check_packed(data, entries, WHOLE)
+    stored = Parts(
+        {n: documents.read(c, PARTS[n].title) for n, c in entries.items() if _is_document(n)},
+        {n: arrays.read(c, PARTS[n].title) for n, c in entries.items() if n.endswith(".npz")},
+    )
+    upgraded = migrated(stored.documents, manifest["schema"])
+    return assemble(Parts(upgraded, stored.arrays), manifest["digest"])
+
+
+def _is_document(name: str) -> bool:
+    return name.endswith(".json") and name != MANIFEST
+
+
+def _bytes_of(path: Path) -> bytes:
+    try:
+        with path.open("rb") as file:
+            return file.read(LARGEST + 1)
+    except OSError as fault:
+        raise SnapshotError(f"{path}: cannot be opened ({fault.strerror}).") from None
+
+
+def _manifest(entries: dict[str, bytes]) -> dict[str, Any]:
+    """The manifest, once it is known to be whole and of a schema that can be read."""
+    text = entries.get(MANIFEST, b"")
+    if not text or len(text) > PARTS[MANIFEST].largest:
+        raise SnapshotError(f"{WHOLE} has no manifest; this is no file that accpinn wrote.")
+    manifest = documents.read(text, PARTS[MANIFEST].title)
+    if not isinstance(manifest, dict) or manifest.get("format") != FORMAT:
+        raise SnapshotError(f"{WHOLE} has a foreign manifest; this is no file that accpinn wrote.")
+    rest = {name: value for name, value in manifest.items() if name != "digest"}
+    listed, schema = manifest.get("entries"), manifest.get("schema")
+    if manifest.get("digest") != _digest(rest):
+        raise SnapshotError(f"{WHOLE} is damaged: the manifest is; get the file anew.")
+    if type(schema) is not int or not isinstance(listed, dict):
+        raise SnapshotError(f"{WHOLE} is refused: its manifest is incomplete.")
+    check_schema(schema)
+    return manifest
+
+
+def _check_entries(entries: dict[str, bytes], manifest: dict[str, Any]) -> None:
+    """All that has to be there and nothing else, each part as it was written."""
+    for name, content in entries.items():
+        if name not in PARTS:
+            raise SnapshotError(f'{WHOLE} holds "{name[:60]}", which no snapshot has.')
+        if len(content) > PARTS[name].largest:
+            raise SnapshotError(f"{WHOLE} is refused: {PARTS[name].title} is too large.")
+    listed = manifest["entries"]
+    for name, part in PARTS.items():
+        if name == MANIFEST:
+            continue
+        if name not in entries and (part.required or name in listed):
+            raise SnapshotError(f"{WHOLE} is damaged: {part.title} ({name}) is missing.")
+        if name in entries and listed.get(name) != _fingerprint(entries[name]):
+            raise SnapshotError(
+                f"{WHOLE} is damaged: {part.title} ({name}) differs from what was saved; get the"
+                " file anew."
+            )
+    if len(listed) != len(entries) - 1:
+        raise SnapshotError(f"{WHOLE} is refused: its manifest lists what it does not hold.")
+
+
+def _fingerprint(content: bytes) -> dict[str, Any]:
+    return {"bytes": len(content), "sha256": hashlib.sha256(content).hexdigest()}
+
+
+def _digest(manifest: dict[str, Any]) -> str:
+    return hashlib.sha256(documents.write(manifest)).hexdigest()
