@@ -8,7 +8,6 @@ import math
 from collections.abc import Mapping
 from dataclasses import fields, is_dataclass
 from enum import Enum
-from functools import cache
 from types import NoneType, UnionType
 from typing import (
     Any,
@@ -16,7 +15,6 @@ from typing import (
     NoReturn,
     TypeVar,
     Union,
-    cast,
     get_args,
     get_origin,
     get_type_hints,
@@ -65,7 +63,7 @@ class Decoder:
 
     def read(self, kind: type[T], tree: Any, place: str = "", **given: Any) -> T:
         """An object of the class ``kind``; fields in ``given`` are not looked for in the tree."""
-        hints = _hints(cast("type[Any]", kind))
+        hints = _hints(kind)
         expected = hints.keys() - given.keys()
         if not isinstance(tree, dict) or tree.keys() != expected:
             self._refuse(place or "its outline", f"is not what a {kind.__name__} has")
@@ -165,8 +163,7 @@ def _shape(value: Any) -> tuple[int, ...]:
     return value.shape if isinstance(value, np.ndarray) else (len(value),)
 
 
-@cache
-def _hints(kind: type[Any]) -> dict[str, Any]:
+def _hints(kind: Any) -> dict[str, Any]:
     """Types of an object's fields, without units."""
     hints = get_type_hints(kind)
     return {field.name: hints[field.name] for field in fields(kind)}
