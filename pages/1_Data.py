@@ -13,6 +13,7 @@ from accpinn.tables.results import quality_table
 from pages.shared import frame
 from pages.shared.choosing import choose_vehicles, choose_window, overview
 from pages.shared.metadata import describe, show_warnings
+from pages.shared.regimes import show_regimes
 from pages.shared.settings import chosen_config
 from pages.shared.sources import choose_source
 from pages.shared.text import bullets, plain
@@ -51,6 +52,7 @@ def main() -> None:
     with chart:
         overview(workspace, recording)
     show_segment(workspace)
+    show_regimes(workspace, recording)
 
 
 def show_segment(workspace: Workspace) -> None:

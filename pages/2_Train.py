@@ -6,7 +6,7 @@ from pages.shared import frame
 from pages.shared.controls import controls
 from pages.shared.live import watch
 from pages.shared.results import show_result
-from pages.shared.text import plain
+from pages.shared.text import left_out, plain
 from pages.shared.workspace import Workspace
 
 
@@ -21,6 +21,7 @@ def main() -> None:
     st.caption(
         plain(f"{segment.source} · {segment.start:g}–{segment.start + segment.duration:g} s")
         + f" · {plain(first)} to {plain(last)}{case}"
+        + left_out(segment.left_out_regimes)
     )
     controls(workspace)
     if workspace.job:

@@ -9,7 +9,7 @@ from accpinn.tables import typeset
 from accpinn.tables.comparison import TITLES, intervals_table, methods_table
 from pages.shared import frame
 from pages.shared.results import downloads
-from pages.shared.text import bullets, plain
+from pages.shared.text import bullets, left_out, plain
 from pages.shared.workspace import Workspace, store
 
 
@@ -22,7 +22,7 @@ def main() -> None:
         return
     place = f"{segment.source} · {segment.start:g}–{segment.start + segment.duration:g} s"
     case = f" · Case {workspace.case}" if segment.followers > 1 else ""
-    st.caption(plain(place) + case)
+    st.caption(plain(place) + case + left_out(segment.left_out_regimes))
     if not workspace.compared:
         st.markdown(
             "Eight ways to estimate α, β and τ, with the errors of each, take some seconds."

@@ -23,11 +23,27 @@ FAINT = 0.35
 """Opacity of what is not chosen."""
 
 
-def overview(recording: Recording, vehicles: Sequence[int], window: Window) -> go.Figure:
-    """Speeds and gaps of a whole recording, the window on it, and who drove or is missing."""
-    ribbons = _ribbons(recording)
-    heights = [0.5, 0.36, 0.14] if ribbons else [0.58, 0.42]
-    figure = panels(len(heights), heights)
+def overview(
+    recording: Recording,
+    vehicles: Sequence[int],
+    window: Window,
+    regimes: Sequence[go.Scatter] = (),
+) -> go.Figure:
+    """Speeds and gaps of a whole recording, the window on it, and who drove or is missing.
+
+    Args:
+        recording: all of it is drawn.
+        vehicles: those chosen, leader first; the others are faint.
+        window: the interval chosen.
+        regimes: ribbons of what the followers do in it (see `figures.regimes`).
+    """
+    strips = [
+        (title, traces)
+        for title, traces in (("Vehicle", _ribbons(recording)), ("Regime", list(regimes)))
+        if traces
+    ]
+    heights = [0.5, 0.36] + [max(0.14, 0.03 * len(vehicles))] * len(strips)
+    figure = panels(len(heights), heights if strips else [0.58, 0.42])
     for number in recording.present:
         chosen = number in vehicles
         label = _label(recording, number)
@@ -37,18 +53,8 @@ def overview(recording: Recording, vehicles: Sequence[int], window: Window) -> g
             gap = recording.gap_behind(number - 1)
             followed = chosen and number != vehicles[0]
             _line(figure, recording.time, gap, 2, label, colour, followed)
-    for trace in ribbons:
-        figure.add_trace(trace, row=3, col=1)
-    if ribbons:
-        figure.update_yaxes(
-            row=3,
-            col=1,
-            title_text="Vehicle",
-            type="category",
-            showgrid=False,
-            categoryorder="array",
-            categoryarray=sorted({t.y[0] for t in ribbons}, reverse=True),
-        )
+    for row, (title, traces) in enumerate(strips, 3):
+        _strip(figure, row, title, traces)
     figure.add_shape(
         type="rect",
         xref="x",
@@ -65,7 +71,22 @@ def overview(recording: Recording, vehicles: Sequence[int], window: Window) -> g
     figure.update_xaxes(range=[0, recording.duration], title_text="")
     figure.update_xaxes(title_text=TIME.axis, row=len(heights), col=1)
     figure.update_layout(dragmode="select", selectdirection="h")
-    return finished(figure, 470 if ribbons else 430, f"overview-{recording.sha256}")
+    return finished(figure, 430 + 40 * len(strips), f"overview-{recording.sha256}")
+
+
+def _strip(figure: go.Figure, row: int, title: str, traces: Sequence[go.Scatter]) -> None:
+    """Ribbons of vehicles, by number from the top down."""
+    for trace in traces:
+        figure.add_trace(trace, row=row, col=1)
+    figure.update_yaxes(
+        row=row,
+        col=1,
+        title_text=title,
+        type="category",
+        showgrid=False,
+        categoryorder="array",
+        categoryarray=sorted({trace.y[0] for trace in traces}, key=int, reverse=True),
+    )
 
 
 def preview(segment: Segment) -> go.Figure:

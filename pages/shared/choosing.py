@@ -5,13 +5,16 @@ from itertools import takewhile
 
 import streamlit as st
 
+from accpinn.figures import regimes as regime_figures
 from accpinn.figures.recording import has_ribbons
 from accpinn.figures.recording import overview as draw_overview
 from accpinn.figures.style import vehicle_colour
 from accpinn.openacc import Recording
 from accpinn.segment import MAX_FOLLOWERS, MINIMUM_DURATION, Window, chains
+from accpinn.segment.regimes import label as label_regimes
 from pages.shared.charts import show_chart
 from pages.shared.frame import show_key
+from pages.shared.regimes import whole
 from pages.shared.workspace import Workspace, hold
 
 CASES = {
@@ -127,14 +130,20 @@ def overview(workspace: Workspace, recording: Recording) -> None:
         if number not in workspace.vehicles:
             faint.add(label)
     show_key(entries, faint)
+    segment, ribbons = whole(workspace), []
+    if segment:
+        regimes = label_regimes(segment, recording)
+        ribbons = regime_figures.ribbons(segment, regimes)
     show_chart(
-        draw_overview(recording, workspace.vehicles, workspace.window),
+        draw_overview(recording, workspace.vehicles, workspace.window, ribbons),
         CHART,
         on_select=_dragged(workspace, recording),
         selection_mode="box",
     )
     if has_ribbons(recording):
-        st.caption("Bars: driven by hand (in the vehicle's colour) and missing data (red).")
+        st.caption("Vehicle: driven by hand (in the vehicle's colour) and missing data (red).")
+    if segment:
+        show_key([(f"Regime: {name}", colour) for name, colour in regime_figures.key(regimes)])
 
 
 def _dragged(workspace: Workspace, recording: Recording) -> Callable[[], None]:

@@ -142,6 +142,8 @@ def standing(workspace: Workspace) -> list[str]:
             f" {segment.vehicles[0]}–{segment.vehicles[-1]}"
             + (f", Case {workspace.case}" if segment.followers > 1 else "")
         )
+        if segment.left_out_regimes:
+            lines.append(f"**Left out** of the law: {', '.join(segment.left_out_regimes)}")
     else:
         lines.append("**Window** cannot be used yet")
     if job:

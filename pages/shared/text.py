@@ -19,6 +19,11 @@ def bullets(sentences: tuple[str, ...]) -> str:
     return "\n".join(f"- {plain(sentence)}" for sentence in sentences)
 
 
+def left_out(regimes: tuple[str, ...]) -> str:
+    """What a caption adds where regimes are left out; nothing where all instants count."""
+    return f" · law without {', '.join(regimes)}" if regimes else ""
+
+
 def lasting(seconds: Seconds) -> str:
     """A duration as people say it: 4 s, 3 min 20 s, 1 h 5 min."""
     whole = max(1, round(seconds))

@@ -21,7 +21,15 @@ from accpinn.fit import Fit
 from accpinn.jobs import Job, Trainings
 from accpinn.openacc import Recording
 from accpinn.pinn.config import PinnConfig, PresetName
-from accpinn.segment import DURATION, Segment, Window, complete_windows, cut, default_vehicles
+from accpinn.segment import (
+    DURATION,
+    Segment,
+    Window,
+    complete_windows,
+    cut,
+    default_vehicles,
+    regimes,
+)
 from accpinn.store import Store
 from accpinn.synthetic import Truth
 from accpinn.uncertainty import Uncertainty
@@ -46,6 +54,8 @@ class Workspace:
     vehicles: tuple[int, ...] = ()
     window: Window = field(default_factory=lambda: Window(0.0, DURATION))
     case: Case = "II"
+    leave_out: tuple[str, ...] = ()
+    """Regimes that the user leaves out of the law's equations."""
     segment: Segment | None = None
     fault: str = ""
     """Why there is no segment."""
@@ -67,23 +77,28 @@ class Workspace:
         """Begin with a recording: its longest platoon, and the first window without holes."""
         vehicles = default_vehicles(recording)
         self.recording, self.truth, self.refusal = recording, truth, ""
-        self.choose(vehicles=vehicles, window=_first_window(recording, vehicles))
+        window = _first_window(recording, vehicles)
+        self.choose(vehicles=vehicles, window=window, leave_out=())
 
     def choose(
         self,
         vehicles: Sequence[int] | None = None,
         window: Window | None = None,
         case: Case | None = None,
+        leave_out: tuple[str, ...] | None = None,
     ) -> None:
         """Change the segment or the case; what was trained before is let go."""
         self.vehicles = tuple(vehicles or self.vehicles)
         self.window, self.case = window or self.window, case or self.case
+        self.leave_out = self.leave_out if leave_out is None else leave_out
         self.job, self.compared = None, ()
         if self.recording is None:
             return
         try:
-            self.segment = cut(
-                self.recording, self.window.start, self.window.duration, self.vehicles
+            window = self.window
+            whole = cut(self.recording, window.start, window.duration, self.vehicles)
+            self.segment = regimes.leave_out(
+                whole, regimes.label(whole, self.recording), self.leave_out
             )
             self.fault = ""
         except SegmentError as fault:
