@@ -136,7 +136,7 @@ def test_a_trained_sample_is_what_both_pages_speak_of(opened: Open) -> None:
     expect(page.locator("table.figures").first).to_be_visible(timeout=90_000)
     page.get_by_role("link", name="Stability").click()
     expect(page.get_by_text("All four vehicles amplify disturbances")).to_be_visible()
-    expect(page.locator("table.figures")).to_contain_text("Tesla(Model3-like)")
+    expect(page.locator("table.figures").first).to_contain_text("Tesla(Model3-like)")
     page.get_by_role("link", name="Platoon").click()
     page.get_by_text("Recorded", exact=True).click()
     expect(page.get_by_text("as recorded")).to_be_visible()
