@@ -45,6 +45,7 @@ ORDER = (
     "figures",
     "snapshot",
     "report",
+    "api",
     "cli",
     "__main__",
 )

@@ -11,10 +11,10 @@ from collections.abc import Sequence
 from io import TextIOWrapper
 
 from accpinn import __version__
-from accpinn.cli import compare, fit, info, simulate, stability, starts
+from accpinn.cli import compare, fit, info, simulate, stability, starts, verify
 from accpinn.errors import AccpinnError, ConfigError, ParameterError
 
-COMMANDS = (info, fit, starts, compare, stability, simulate)
+COMMANDS = (info, fit, starts, compare, stability, simulate, verify)
 """Modules with `add_parser(subparsers)`, whose parsers set `run` to a function of the options."""
 
 

@@ -21,6 +21,7 @@ from accpinn.segment import DURATION, Segment, cut, parse_vehicles
 from accpinn.segment.quality import Quality, assess
 from accpinn.segment.regimes import LEFT_OUT_AT_WILL, leave_out
 from accpinn.segment.regimes import label as label_regimes
+from accpinn.snapshot import save, take
 from accpinn.store import Store
 
 
@@ -36,6 +37,10 @@ def add_parser(subparsers: Any) -> None:
     parser.add_argument("--seed", type=int, default=0, metavar="N")
     parser.add_argument("--threads", type=int, metavar="N", help="processor threads for training")
     parser.add_argument("--no-cache", action="store_true", help="neither read nor keep results")
+    parser.add_argument("--out", metavar="SNAPSHOT", help="keep all of it in this file")
+    parser.add_argument("--with-data", action="store_true", help="speeds and gaps in it too")
+    parser.add_argument("--name", default="", help="of the snapshot")
+    parser.add_argument("--note", default="", help="in the snapshot")
     parser.add_argument("--json", action="store_true", help="one JSON document")
     parser.set_defaults(run=run)
 
@@ -99,17 +104,31 @@ def _vehicles(text: str) -> tuple[int, ...]:
 def run(options: argparse.Namespace) -> int:
     """Learn, and print what was learned."""
     config = _config(options)
-    _, segment = chosen_segment(options)
+    recording, segment = chosen_segment(options)
     if options.method == "pinn":
         fit = _train(segment, options, config)
     else:
         fit = ESTIMATORS[options.method](segment, options.case)
     quality = assess(segment)
+    if options.out:
+        _keep(recording, segment, fit, options)
     if options.json:
         print_json(describe(segment, fit, quality))
     else:
         print(_text(segment, fit, quality))
     return 130 if fit.outcome is Outcome.STOPPED else 0
+
+
+def _keep(recording: Recording, segment: Segment, fit: Fit, options: argparse.Namespace) -> None:
+    snapshot = take(
+        segment,
+        fit,
+        recording=recording,
+        name=options.name,
+        note=options.note,
+        with_data=options.with_data,
+    )
+    print(f"Saved as {save(snapshot, options.out)}.", file=sys.stderr)
 
 
 def _config(options: argparse.Namespace) -> PinnConfig:

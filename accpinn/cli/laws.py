@@ -1,35 +1,47 @@
-"""The options that give parameter sets by hand, shared by the commands that judge or simulate."""
+"""The options that give parameter sets, by hand or from a snapshot: to be judged or simulated."""
 
 import argparse
 
 from accpinn.cthp import Parameters
 from accpinn.errors import ConfigError
 
+NAMES = ("alpha", "beta", "tau")
+
 
 def add_law_options(parser: argparse.ArgumentParser) -> None:
-    """`--alpha`, `--beta` and `--tau`, each with one value a vehicle, first follower first."""
-    for name, symbol, unit in (("alpha", "α", "1/s²"), ("beta", "β", "1/s"), ("tau", "τ", "s")):
+    """`--alpha`, `--beta`, `--tau` with one value a vehicle, first follower first; `--snapshot`."""
+    for name, symbol, unit in zip(NAMES, "αβτ", ("1/s²", "1/s", "s"), strict=True):
         parser.add_argument(
             f"--{name}",
             type=float,
             nargs="+",
-            required=True,
             metavar=name[0].upper(),
             help=f"{symbol} in {unit}, one value a vehicle",
         )
+    parser.add_argument(
+        "--snapshot", metavar="FILE", help="take the learned parameters of a snapshot instead"
+    )
 
 
 def chosen_laws(options: argparse.Namespace) -> tuple[Parameters, ...]:
     """The parameter sets that the options give.
 
     Raises:
-        ConfigError: when the three lists differ in length.
+        ConfigError: when they are missing, given twice, or differ in number.
+        SnapshotError: when the snapshot cannot be read.
     """
-    counts = {name: len(getattr(options, name)) for name in ("alpha", "beta", "tau")}
+    given = {name: getattr(options, name) for name in NAMES if getattr(options, name)}
+    if options.snapshot:
+        if given:
+            raise ConfigError(f"parameters: give --{next(iter(given))} or --snapshot, not both.")
+        from accpinn.snapshot import load  # not needed for numbers given by hand
+
+        return load(options.snapshot).fit.parameters
+    if len(given) < len(NAMES):
+        missing = " and ".join(f"--{name}" for name in NAMES if name not in given)
+        raise ConfigError(f"parameters: {missing} missing; give all three, or --snapshot FILE.")
+    counts = {name: len(values) for name, values in given.items()}
     if len(set(counts.values())) > 1:
-        given = ", ".join(f"{count} of --{name}" for name, count in counts.items())
-        raise ConfigError(f"parameters: {given}; give as many of each as there are vehicles.")
-    return tuple(
-        Parameters(alpha, beta, tau)
-        for alpha, beta, tau in zip(options.alpha, options.beta, options.tau, strict=True)
-    )
+        listed = ", ".join(f"{count} of --{name}" for name, count in counts.items())
+        raise ConfigError(f"parameters: {listed}; give as many of each as there are vehicles.")
+    return tuple(Parameters(*values) for values in zip(*given.values(), strict=True))

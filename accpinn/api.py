@@ -1,0 +1,132 @@
+"""The whole way from a recording to a result that can be kept, for scripts and notebooks.
+
+from accpinn import api
+
+study = api.fit("recording.csv", start=0, duration=300)
+study.save("result.accpinn.zip")
+"""
+
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+from accpinn.assessment import Assessment, appraise
+from accpinn.cthp import Case, Parameters
+from accpinn.errors import ConfigError
+from accpinn.estimators import ESTIMATORS
+from accpinn.fit import Fit
+from accpinn.openacc import Recording, read
+from accpinn.segment import DURATION, Segment, cut
+from accpinn.segment.regimes import label, leave_out
+from accpinn.snapshot import Snapshot, load, save, take, verify
+from accpinn.stability import StabilityReport, report
+from accpinn.store import Store
+from accpinn.uncertainty import Uncertainty, intervals
+from accpinn.units import Seconds
+
+__all__ = ["Study", "fit", "load", "verify"]
+
+
+@dataclass(frozen=True, eq=False)
+class Study:
+    """A window of a recording and what one method says of it; the rest is computed when asked."""
+
+    recording: Recording
+    segment: Segment
+    fit: Fit
+
+    @property
+    def parameters(self) -> tuple[Parameters, ...]:
+        """α [1/s²], β [1/s], τ [s] of each follower."""
+        return self.fit.parameters
+
+    @cached_property
+    def uncertainty(self) -> Uncertainty:
+        """What the window leaves open about them."""
+        return intervals(self.segment, self.fit)
+
+    @cached_property
+    def assessment(self) -> Assessment:
+        """Errors of both kinds, on the window and on the rest of the recording."""
+        return appraise(self.segment, self.fit, recording=self.recording)
+
+    @cached_property
+    def stability(self) -> StabilityReport:
+        """Who amplifies disturbances, and why.
+
+        Raises:
+            ParameterError: where the parameters allow no answer.
+        """
+        return report(self.parameters)
+
+    def snapshot(self, name: str = "", note: str = "", with_data: bool = False) -> Snapshot:
+        """All of it, ready to be saved; see `snapshot.take`."""
+        return take(
+            self.segment,
+            self.fit,
+            recording=self.recording,
+            uncertainty=self.uncertainty,
+            assessment=self.assessment,
+            name=name,
+            note=note,
+            with_data=with_data,
+        )
+
+    def save(
+        self,
+        path: str | os.PathLike[str],
+        name: str = "",
+        note: str = "",
+        with_data: bool = False,
+    ) -> Path:
+        """Write a snapshot, in one step."""
+        return save(self.snapshot(name, note, with_data), path)
+
+
+def fit(
+    recording: str | os.PathLike[str] | Recording,
+    start: Seconds = 0.0,
+    duration: Seconds = DURATION,
+    vehicles: Sequence[int] | None = None,
+    *,
+    case: Case = "II",
+    method: str = "pinn",
+    preset: str = "fast",
+    seed: int = 0,
+    leaving_out: Sequence[str] = (),
+    store: Store | None = None,
+    threads: int | None = None,
+) -> Study:
+    """Learn α, β and τ from a window of a recording.
+
+    Args:
+        recording: a CSV file, or what `openacc.read` made of it.
+        start: of the window, in s from the recording's first sample.
+        duration: of the window, in s.
+        vehicles: consecutive numbers, leader first; by default all that can be used.
+        case: "I" for one parameter set, "II" for one per follower.
+        method: "pinn", or a name from `estimators.ESTIMATORS`.
+        preset: of the PiNN, "fast" or "paper".
+        seed: of the PiNN.
+        leaving_out: regimes whose instants do not count for the law, as "catching up".
+        store: where the PiNN's results are kept; None keeps nothing.
+        threads: for the PiNN.
+
+    Raises:
+        AccpinnError: one sentence of what is wrong with file, window or settings.
+    """
+    source = recording if isinstance(recording, Recording) else read(recording)
+    segment = cut(source, start, duration, vehicles)
+    if leaving_out:
+        segment = leave_out(segment, label(segment, source), leaving_out)
+    if method == "pinn":
+        from accpinn.pinn.config import preset as settings
+        from accpinn.pinn.training import train  # torch takes a second to import
+
+        config = settings(preset, seed=seed)
+        return Study(source, segment, train(segment, case, config, store=store, threads=threads))
+    if method not in ESTIMATORS:
+        raise ConfigError(f"method: {method} is not known; choose pinn or {', '.join(ESTIMATORS)}.")
+    return Study(source, segment, ESTIMATORS[method](segment, case))

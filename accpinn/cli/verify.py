@@ -1,0 +1,56 @@
+"""`verify FILE`: is a snapshot whole, and does what it says follow from what is in it?"""
+
+import argparse
+from typing import Any
+
+from accpinn.cli.output import print_json, table
+from accpinn.openacc import read
+from accpinn.snapshot import Snapshot, Verification, check, load
+
+
+def add_parser(subparsers: Any) -> None:
+    """Declare the command."""
+    parser = subparsers.add_parser("verify", help="check a snapshot against its own contents")
+    parser.add_argument("file", metavar="FILE", help="a snapshot (.accpinn.zip)")
+    parser.add_argument(
+        "--recording", metavar="CSV", help="check the errors too, where the data are not in it"
+    )
+    parser.add_argument("--json", action="store_true", help="one JSON document")
+    parser.set_defaults(run=run)
+
+
+def run(options: argparse.Namespace) -> int:
+    """Check, and print stored beside recomputed; 1 when something does not match."""
+    snapshot = load(options.file)
+    result = check(snapshot, read(options.recording) if options.recording else None)
+    if options.json:
+        print_json(describe(snapshot, result))
+    else:
+        print(_text(snapshot, result))
+    return 0 if result.ok else 1
+
+
+def describe(snapshot: Snapshot, result: Verification) -> dict[str, Any]:
+    """The verification as the command-line contract has it."""
+    return {
+        "id": snapshot.id,
+        "name": snapshot.name,
+        "created": snapshot.created,
+        "ok": result.ok,
+        "sentence": result.sentence,
+        "checks": [vars(check) for check in result.checks],
+    }
+
+
+def _text(snapshot: Snapshot, result: Verification) -> str:
+    outline = snapshot.outline
+    window = f"{outline.start:g} to {outline.start + outline.duration:g} s"
+    about = [snapshot.name, f"{outline.source}, {window}, {snapshot.fit.method}", snapshot.created]
+    rows = [
+        [check.name, "yes" if check.ok else "NO", check.stored, check.recomputed]
+        for check in result.checks
+    ]
+    faults = [f"{check.name}: {check.sentence}" for check in result.checks if not check.ok]
+    lines = [", ".join(filter(None, about)), ""]
+    lines += [table(["what", "agrees", "stored", "recomputed"], rows), ""]
+    return "\n".join([*lines, *(faults or [result.sentence])])
