@@ -21,6 +21,7 @@ from accpinn.figures.style import (
 )
 from accpinn.fit import History
 from accpinn.segment import Segment
+from accpinn.segment.outline import Described
 from accpinn.units import FloatArray
 
 FEW = 30
@@ -63,7 +64,7 @@ def loss_course(history: History) -> go.Figure:
 def parameter_course(
     history: History,
     which: int,
-    segment: Segment,
+    segment: Described,
     truth: Sequence[Parameters] = (),
 ) -> go.Figure:
     """One parameter over iterations, dashed where the truth is known.

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 
 from accpinn.comparison import Row
-from accpinn.segment import Segment
+from accpinn.segment.outline import Described
 from accpinn.tables.results import PARAMETER_COLUMNS, where
 from accpinn.tables.typeset import Cell, Column, Table
 from accpinn.uncertainty import Uncertainty
@@ -21,7 +21,7 @@ TITLES = {
 GAP = "MAE of the space-gap"
 
 
-def methods_table(segment: Segment, rows: Sequence[Row], follower: int) -> Table:
+def methods_table(segment: Described, rows: Sequence[Row], follower: int) -> Table:
     """One row a method, for one follower (0 for the first)."""
     columns = (
         Column("Method"),
@@ -52,7 +52,7 @@ def methods_table(segment: Segment, rows: Sequence[Row], follower: int) -> Table
     return Table(f"{label}, {where(segment)}", columns, tuple(cells))
 
 
-def intervals_table(segment: Segment, doubt: Uncertainty) -> Table:
+def intervals_table(segment: Described, doubt: Uncertainty) -> Table:
     """One row a follower: intervals, and how probable string stability is."""
     percent = f"{100 * doubt.level:.0f} % intervals"
     columns = (

@@ -6,7 +6,7 @@ from dataclasses import replace
 from accpinn.assessment import TrackingErrors
 from accpinn.cthp import Parameters
 from accpinn.fit import Fit
-from accpinn.segment import Segment
+from accpinn.segment.outline import Described
 from accpinn.segment.quality import Quality
 from accpinn.tables.typeset import Cell, Column, Table
 
@@ -18,7 +18,7 @@ PARAMETER_COLUMNS = (
 
 
 def parameter_table(
-    segment: Segment,
+    segment: Described,
     fit: Fit,
     quality: Quality,
     surrogate: TrackingErrors | None,
@@ -54,7 +54,7 @@ def parameter_table(
     return Table(f"{_method(fit)}, {where(segment)}{case}", columns, tuple(rows))
 
 
-def comparison_table(segment: Segment, estimates: Mapping[str, Sequence[Parameters]]) -> Table:
+def comparison_table(segment: Described, estimates: Mapping[str, Sequence[Parameters]]) -> Table:
     """One row a follower; for each parameter, what each method or the truth says of it."""
     columns = [Column("Vehicle")]
     columns += [
@@ -69,7 +69,7 @@ def comparison_table(segment: Segment, estimates: Mapping[str, Sequence[Paramete
     return Table(f"Estimates side by side, {where(segment)}", tuple(columns), tuple(rows))
 
 
-def quality_table(segment: Segment, quality: Quality, estimate: Fit) -> Table:
+def quality_table(segment: Described, quality: Quality, estimate: Fit) -> Table:
     """One row a follower: what the window tells, and the least-squares estimate from it."""
     columns = (
         Column("Follower"),
@@ -94,7 +94,7 @@ def quality_table(segment: Segment, quality: Quality, estimate: Fit) -> Table:
     return Table("", columns, tuple(rows))
 
 
-def where(segment: Segment) -> str:
+def where(segment: Described) -> str:
     """The segment in a few words: file and seconds."""
     return f"{segment.source}, {segment.start:g}–{segment.start + segment.duration:g} s"
 
