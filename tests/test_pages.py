@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -158,6 +159,30 @@ def test_open_a_sample() -> None:
     assert "Tesla(Model3-like)" in written
     (overview,) = figures(page)
     assert overview["layout"]["shapes"][0]["x1"] == 300.0
+
+
+def test_regimes_are_left_out_when_ticked_and_said_everywhere() -> None:
+    time = np.arange(400)
+    run = made(("A", "B"))
+    gap = np.where((time < 100)[:, None], 60.0, run.gap)
+    found = with_recording(replace(run, gap=gap))
+    page = open_page(DATA, found.id)
+    assert found.segment is not None
+    assert found.segment.left_out is None
+    assert "Left out" not in texts(page)
+    page.checkbox(key="data_leave_out_catching up").check().run()
+    assert not page.exception
+    assert found.segment.left_out is not None
+    assert found.segment.left_out[:, 0].tolist() == (time < 100).tolist()
+    assert "**Left out** of the law: catching up" in texts(page)
+    assert "(2 B: 25 % of the instants)" in texts(page).replace("\\", "")
+    for path in (TRAIN, "pages/5_Compare.py"):
+        assert "law without catching up" in texts(open_page(path, found.id))
+    page.toggle(key="data_sensitivity").set_value(True).run()
+    assert not page.exception
+    assert "Without catching up" in texts(page)
+    page.checkbox(key="data_leave_out_catching up").uncheck().run()
+    assert found.segment.left_out is None
 
 
 def test_upload_a_recording() -> None:

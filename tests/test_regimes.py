@@ -261,7 +261,7 @@ class TestAsking:
         chosen = leave_out(segment, regimes, ["standstill", "catching up"])
         assert chosen.notes[-1] == (
             "Left out of the law's equations: catching up and standstill"
-            " (38 % of 2 Beta's instants)."
+            " (2 Beta: 38 % of the instants)."
         )
         assert chosen.left_out_regimes == ("catching up", "standstill")
         expected = np.isin(regimes.codes, [CATCHING_UP, STANDSTILL])
@@ -271,6 +271,13 @@ class TestAsking:
     def test_nothing_asked_is_nothing_changed(self, recording: Recording) -> None:
         segment = cut(recording, 0, 60)
         assert leave_out(segment, label(segment, recording), ()) is segment
+
+    def test_what_does_not_occur_leaves_the_data_as_they_are(self) -> None:
+        codes = np.full((1801, 2), FOLLOWING, np.uint8)
+        asked = leave_out(two_laws(), Regimes(codes, (True, True)), ["manual", "catching up"])
+        assert asked.notes == ("Nothing to leave out: no instant is catching up or manual.",)
+        assert asked.left_out is None
+        assert asked.digest() == two_laws().digest()
 
     def test_twice_leaves_out_both(self, recording: Recording) -> None:
         segment = cut(recording, 0, 60)

@@ -92,6 +92,9 @@ def leave_out(segment: Segment, regimes: Regimes, names: Sequence[str]) -> Segme
     if not chosen:
         return segment
     mask = np.isin(regimes.codes, [regimes.names.index(name) for name in chosen])
+    if not mask.any():
+        note = f"Nothing to leave out: no instant is {' or '.join(chosen)}."
+        return replace(segment, notes=(*segment.notes, note))
     if segment.left_out is not None:
         mask |= segment.left_out
     _refuse_too_little(segment, mask, chosen)
@@ -136,8 +139,8 @@ def _refuse_too_little(segment: Segment, mask: NDArray[np.bool_], chosen: tuple[
 
 def _sentence(segment: Segment, mask: NDArray[np.bool_], chosen: tuple[str, ...]) -> str:
     shares = zip(segment.labels[1:], mask.mean(axis=0), strict=True)
-    of = ", ".join(f"{100 * share:.0f} % of {name}'s instants" for name, share in shares)
-    return f"Left out of the law's equations: {_listed(chosen)} ({of})."
+    each = ", ".join(f"{name}: {100 * share:.0f} %" for name, share in shares)
+    return f"Left out of the law's equations: {_listed(chosen)} ({each} of the instants)."
 
 
 def _listed(names: tuple[str, ...]) -> str:

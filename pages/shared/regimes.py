@@ -30,7 +30,7 @@ def show_regimes(workspace: Workspace, recording: Recording) -> None:
     if segment is None:
         return
     regimes = label(segment, recording)
-    with st.expander("Regimes", icon=":material/category:", expanded=bool(workspace.leave_out)):
+    with st.expander("Regimes", icon=":material/category:"):
         st.html(typeset.STYLE + regimes_table(segment, regimes).to_html())
         if not any(regimes.mode_known):
             st.caption("This file does not say who drives, so no instant counts as manual.")

@@ -160,6 +160,24 @@ def real(camera: Camera) -> None:
         camera.shoot(page, "train_casale")
 
 
+def regimes(camera: Camera) -> None:
+    if REAL is None:
+        return
+    with camera.page("/Data") as page:
+        for name in ("Casale/part7", "ZalaZone/handling_part10"):
+            upload(page, REAL / f"{name}.csv")
+            if not page.get_by_text("Leave out of the law's equations").is_visible():
+                page.get_by_text("Regimes", exact=True).click()
+            page.get_by_test_id("stCheckbox").filter(has_text="Standstill").click()
+            page.get_by_test_id("stCheckbox").filter(has_text="Catching up").click()
+            page.get_by_text("Left out of the law").first.wait_for()
+            if not page.get_by_text("Car-following only").first.is_visible():
+                page.get_by_text("Show how much the estimates depend").click()
+            page.get_by_text("Car-following only").first.wait_for()
+            idle(page)
+            camera.shoot(page, f"regimes_{name.split('/')[0].replace(' ', '')}")
+
+
 def stability(camera: Camera) -> None:
     with camera.page("/Stability") as page:
         page.locator(".st-key-stability_map .js-plotly-plot").wait_for()
@@ -189,7 +207,7 @@ def platoon(camera: Camera) -> None:
 
 
 SCENES: tuple[Callable[[Camera], None], ...] = (
-    home, empty, sample, training, real, stability, platoon,
+    home, empty, sample, training, real, regimes, stability, platoon,
 )  # fmt: skip
 
 
