@@ -1,0 +1,45 @@
+"""Snapshots for tests: a small one made fast, and one with all that a snapshot can hold."""
+
+from dataclasses import replace
+from functools import cache
+
+from accpinn.comparison import compare
+from accpinn.estimators import ESTIMATORS
+from accpinn.fit import Fit
+from accpinn.pinn.config import preset
+from accpinn.pinn.training import train
+from accpinn.segment import Segment
+from accpinn.snapshot import Snapshot, take, to_bytes
+from accpinn.uncertainty import intervals
+from tests.driving import driven
+from tests.samples import PLATOON, sample
+
+
+@cache
+def small() -> Snapshot:
+    """A short window with its data, few draws, and least squares."""
+    segment = driven(duration=20.0, step=0.5)
+    fit = ESTIMATORS["least-squares"](segment, "II")
+    doubt = intervals(segment, fit, draws=10)
+    return take(segment, fit, uncertainty=doubt, name="small", with_data=True)
+
+
+@cache
+def small_bytes() -> bytes:
+    return to_bytes(small())
+
+
+@cache
+def trained() -> tuple[Segment, Fit]:
+    """The PiNN's answer for the synthetic platoon."""
+    segment = sample(PLATOON).segment
+    return segment, train(segment, "II", preset("fast", iterations=20), threads=1)
+
+
+@cache
+def whole() -> Snapshot:
+    """Of the synthetic platoon: network, comparison and data."""
+    segment, fit = trained()
+    rows = tuple(compare(segment, "II", ("least-squares", "recursive")))
+    fit = replace(fit, notes=("A note with “quotes”, <tags> and\nlines.",))
+    return take(segment, fit, rows=rows, name="whole", note="α β τ", with_data=True)

@@ -1,0 +1,299 @@
+import json
+import os
+import signal
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from accpinn.cli import main
+from accpinn.errors import SnapshotError
+from accpinn.fit import Outcome
+from accpinn.openacc import read
+from accpinn.pinn.config import preset
+from accpinn.pinn.training import train
+from accpinn.segment import cut
+from accpinn.segment.regimes import label, leave_out
+from accpinn.snapshot import check, documents, load, save, take, to_bytes, verify
+from accpinn.snapshot.archive import contents
+from accpinn.snapshot.codec import encode
+from accpinn.snapshot.file import sealed
+from accpinn.snapshot.schema import MANIFEST, PARTS, SCHEMA
+from tests.samples import FOLDER, NOISY
+from tests.snapshots import small, small_bytes, trained, whole
+
+ROOT = Path(__file__).parent.parent
+
+IN_A_FRESH_PROCESS = """
+import json, sys
+from accpinn.snapshot import check, load
+snapshot = load(sys.argv[1])
+laws = [[p.alpha.hex(), p.beta.hex(), p.tau.hex()] for p in snapshot.fit.parameters]
+result = check(snapshot)
+print(json.dumps([laws, result.ok, len(result.checks), "torch" in sys.modules]))
+"""
+
+
+def reopened(path: Path) -> list[Any]:
+    done = subprocess.run(
+        [sys.executable, "-c", IN_A_FRESH_PROCESS, str(path)],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    found: list[Any] = json.loads(done.stdout)
+    return found
+
+
+class TestRoundTrip:
+    def test_keeps_every_bit(self) -> None:
+        before, after = whole(), load(to_bytes(whole()))
+        assert after.fit.parameters == before.fit.parameters
+        assert encode(replace(after, digest="")) == encode(replace(before, digest=""))
+        for name, values in before.fit.arrays.items():
+            assert values.dtype == after.fit.arrays[name].dtype
+            np.testing.assert_array_equal(values, after.fit.arrays[name])
+
+    def test_written_again_it_is_the_same_file(self) -> None:
+        data = to_bytes(whole())
+        assert to_bytes(load(data)) == data
+
+    def test_has_an_id_once_it_was_packed(self) -> None:
+        assert small().id == ""
+        assert len(load(small_bytes()).id) == 16
+
+    def test_opens_in_a_fresh_process_without_torch(self, tmp_path: Path) -> None:
+        path = save(whole(), tmp_path / "whole.accpinn.zip")
+        laws, ok, checks, torch = reopened(path)
+        assert laws == [[p.alpha.hex(), p.beta.hex(), p.tau.hex()] for p in whole().fit.parameters]
+        assert ok
+        assert checks == 9
+        assert not torch
+
+    def test_keeps_what_was_left_out(self) -> None:
+        recording = read(FOLDER / f"{NOISY}.csv")
+        segment = cut(recording, 0, 60)
+        gaps = segment.gaps / segment.speeds[:, 1:]
+        segment = replace(segment, gaps=np.where(gaps > 1.7, 2.1, 1.5) * segment.speeds[:, 1:])
+        masked = leave_out(segment, label(segment), ("catching up",))
+        snapshot = load(to_bytes(take(masked, small().fit, with_data=True)))
+        assert snapshot.outline.left_out == ("catching up",)
+        assert snapshot.segment is not None
+        np.testing.assert_array_equal(snapshot.segment.left_out, masked.left_out)
+        assert snapshot.outline.left_out_share == masked.left_out_share
+
+    def test_without_data_has_no_data(self) -> None:
+        segment, fit = trained()
+        data = to_bytes(take(segment, fit))
+        assert "data.npz" not in contents(data, "It", len(PARTS))
+        assert load(data).segment is None
+        assert len(data) < 1_000_000
+
+    def test_numpy_reads_the_arrays(self, tmp_path: Path) -> None:
+        parts = contents(to_bytes(whole()), "It", len(PARTS))
+        (tmp_path / "weights.npz").write_bytes(parts["weights.npz"])
+        with np.load(tmp_path / "weights.npz", allow_pickle=False) as weights:
+            assert set(weights.files) == set(whole().fit.arrays)
+
+    def test_names_neither_host_nor_user(self) -> None:
+        text = to_bytes(small())
+        for secret in (os.uname().nodename, str(Path.home())):
+            assert secret.encode() not in text
+
+    def test_attribution_travels_along(self) -> None:
+        text = contents(small_bytes(), "It", len(PARTS))["ATTRIBUTION.txt"].decode()
+        assert "CC BY 4.0" in text
+        assert "Apostolakis" in text
+
+
+def test_casale_round_trip(openacc_dir: Path, tmp_path: Path) -> None:
+    recording = read(openacc_dir / "Casale" / "part7.csv")
+    segment = cut(recording, 0, 300)
+    fit = train(segment, "II", preset("fast", iterations=60), threads=1)
+    target = save(take(segment, fit, recording=recording), tmp_path / "casale.accpinn.zip")
+    assert target.stat().st_size < 1_000_000
+    laws, ok, _, _ = reopened(target)
+    assert laws == [[p.alpha.hex(), p.beta.hex(), p.tau.hex()] for p in fit.parameters]
+    assert ok
+    assert verify(target, recording).ok
+    assert len(verify(target, recording).checks) == 6
+
+
+class TestVerification:
+    def test_all_that_can_be_computed_agrees(self) -> None:
+        result = verify(to_bytes(whole()))
+        assert result.ok
+        assert {c.name for c in result.checks} >= {"Contents", "Surrogate fit", "Data's quality"}
+
+    def test_forged_stability_is_found(self) -> None:
+        other = take(whole().segment or trained()[0], trained()[1]).stability
+        assert other is not None
+        vehicles = (replace(other.vehicles[0], linf_gain=1.0), *other.vehicles[1:])
+        forged = replace(whole(), stability=replace(other, vehicles=vehicles))
+        result = verify(to_bytes(forged))
+        assert not result.ok
+        assert "linf_gain" in result.sentence
+
+    def test_forged_parameters_are_found(self) -> None:
+        laws = small().fit.parameters
+        laws = tuple(replace(law, tau=law.tau * (1 + 1e-7)) for law in laws)
+        result = check(replace(small(), fit=replace(small().fit, parameters=laws)))
+        assert not result.ok
+
+    def test_another_recording_is_refused(self) -> None:
+        recording = read(FOLDER / f"{NOISY}.csv")
+        result = check(replace(whole(), segment=None), recording)
+        assert not result.ok
+        assert "not the recording" in result.sentence
+
+    def test_the_recording_stands_in_for_missing_data(self) -> None:
+        recording = read(FOLDER / f"{whole().outline.source}")
+        result = check(replace(whole(), segment=None), recording)
+        assert result.ok
+        assert "Window" in {c.name for c in result.checks}
+
+    def test_without_data_it_says_what_is_needed(self) -> None:
+        result = check(replace(whole(), segment=None))
+        assert result.ok
+        assert whole().outline.sha256 in result.sentence
+
+
+class TestTaking:
+    def test_a_diverged_training_is_refused(self) -> None:
+        segment, fit = trained()
+        with pytest.raises(SnapshotError, match="diverged"):
+            take(segment, replace(fit, outcome=Outcome.DIVERGED))
+
+    def test_a_long_name_is_refused(self) -> None:
+        segment, fit = trained()
+        with pytest.raises(SnapshotError, match="201 characters"):
+            take(segment, fit, name="x" * 201)
+
+
+def resealed(change: Any, schema: int = SCHEMA) -> bytes:
+    """The small snapshot with its documents changed and everything sealed anew."""
+    parts = contents(small_bytes(), "It", len(PARTS))
+    del parts[MANIFEST]
+    trees = {n: documents.read(c, n) for n, c in parts.items() if n.endswith(".json")}
+    change(trees)
+    return sealed(parts | {n: documents.write(t) for n, t in trees.items()}, schema)
+
+
+class TestVersions:
+    def test_schema_1_is_brought_up(self) -> None:
+        def as_of_1(trees: dict[str, Any]) -> None:
+            for name in ("left_out", "left_out_share"):
+                del trees["snapshot.json"]["outline"][name]
+            for name in ("blocks", "unseen", "unseen_seconds"):
+                del trees["assessment.json"][name]
+
+        snapshot = load(resealed(as_of_1, schema=1))
+        assert snapshot.outline.left_out == ()
+        assert snapshot.assessment is not None
+        assert snapshot.assessment.blocks == ()
+        assert snapshot.fit.parameters == small().fit.parameters
+        assert check(snapshot).ok
+
+    def test_a_newer_one_asks_for_an_update(self) -> None:
+        with pytest.raises(SnapshotError, match=r"newer accpinn.*update"):
+            load(resealed(lambda _: None, schema=SCHEMA + 1))
+
+
+KILLED = """
+import os, signal, sys
+from pathlib import Path
+from accpinn.snapshot import file
+moment = sys.argv[2]
+before = getattr(os, moment)
+def die(*arguments, **options):
+    os.kill(os.getpid(), signal.SIGKILL)
+setattr(file.os, moment, die)
+file.write_whole(b"new" * 100_000, Path(sys.argv[1]))
+"""
+
+
+class TestFile:
+    @pytest.mark.parametrize("moment", ["fsync", "replace"])
+    def test_a_killed_process_leaves_the_old_file(self, tmp_path: Path, moment: str) -> None:
+        target = save(small(), tmp_path / "a.accpinn.zip")
+        done = subprocess.run([sys.executable, "-c", KILLED, target, moment], cwd=ROOT, check=False)
+        assert done.returncode == -signal.SIGKILL
+        assert target.read_bytes() == small_bytes()
+
+    def test_saving_replaces_the_old_file(self, tmp_path: Path) -> None:
+        target = tmp_path / "a.accpinn.zip"
+        target.write_bytes(b"old")
+        save(small(), target)
+        assert verify(target).ok
+        assert [path.name for path in tmp_path.iterdir()] == [target.name]
+
+    def test_concurrent_saves_of_one_name_leave_a_whole_file(self, tmp_path: Path) -> None:
+        target = tmp_path / "a.accpinn.zip"
+        code = (
+            "import sys\nfrom accpinn.snapshot import load, save\n"
+            "snapshot = load(sys.argv[1])\n"
+            "for _ in range(20): save(snapshot, sys.argv[2])\n"
+        )
+        sources = [tmp_path / "one", tmp_path / "two"]
+        for source, name in zip(sources, ("one", "two"), strict=True):
+            save(replace(small(), name=name), source)
+        running = [
+            subprocess.Popen([sys.executable, "-c", code, source, target], cwd=ROOT)
+            for source in sources
+        ]
+        assert [process.wait() for process in running] == [0, 0]
+        assert load(target).name in ("one", "two")
+        assert all(verify(source).ok for source in sources)
+
+    def test_a_place_that_cannot_be_written_is_named(self, tmp_path: Path) -> None:
+        with pytest.raises(SnapshotError, match="could not be written"):
+            save(small(), tmp_path / "missing" / "a.accpinn.zip")
+
+
+class TestCommands:
+    def test_verify_says_yes(self, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+        path = save(small(), tmp_path / "a.accpinn.zip")
+        assert main(["verify", str(path), "--json"]) == 0
+        assert json.loads(capsys.readouterr().out)["ok"] is True
+
+    def test_verify_says_why_not(self, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+        laws = tuple(replace(law, beta=2 * law.beta) for law in small().fit.parameters)
+        forged = replace(small(), fit=replace(small().fit, parameters=laws))
+        path = save(forged, tmp_path / "a.accpinn.zip")
+        assert main(["verify", str(path)]) == 1
+        assert "figures differ" in capsys.readouterr().out
+
+    def test_verify_names_the_damaged_part(
+        self, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    ) -> None:
+        data = bytearray(to_bytes(whole()))
+        data[data.index(b"output.weight.npy") + 300] ^= 1
+        path = tmp_path / "a.accpinn.zip"
+        path.write_bytes(data)
+        assert main(["verify", str(path)]) == 1
+        assert "the network's weights (weights.npz) differs" in capsys.readouterr().err
+
+    def test_fit_keeps_a_snapshot_that_others_read(
+        self, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    ) -> None:
+        path = tmp_path / "a.accpinn.zip"
+        recording = FOLDER / f"{NOISY}.csv"
+        command = ["fit", recording, "--duration", 60, "--method", "splines", "--out", path]
+        assert main([*map(str, command), "--name", "mine", "--json"]) == 0
+        printed = json.loads(capsys.readouterr().out)["parameters"][0]
+        assert main(["stability", "--snapshot", str(path), "--json"]) == 0
+        judged = json.loads(capsys.readouterr().out)["vehicles"][0]
+        assert judged["alpha"] == printed["alpha"]
+        assert main(["simulate", "--snapshot", str(path), "--duration", "60", "--json"]) == 0
+        assert len(json.loads(capsys.readouterr().out)["minimum_gap"]) == 8
+        assert main(["verify", str(path), "--recording", str(recording)]) == 0
+        assert load(path).facts["samples"] == read(recording).samples
+
+    def test_parameters_come_from_one_place(self, capsys: pytest.CaptureFixture[str]) -> None:
+        assert main(["stability", "--snapshot", "x", "--alpha", "1"]) == 2
+        assert "not both" in capsys.readouterr().err
