@@ -30,7 +30,8 @@ def show_regimes(workspace: Workspace, recording: Recording) -> None:
     if segment is None:
         return
     regimes = label(segment, recording)
-    with st.expander("Regimes", icon=":material/category:"):
+    # Its state is the server's, as what stands above it comes and goes.
+    with st.expander("Regimes", icon=":material/category:", key="data_regimes", on_change="rerun"):
         st.html(typeset.STYLE + regimes_table(segment, regimes).to_html())
         if not any(regimes.mode_known):
             st.caption("This file does not say who drives, so no instant counts as manual.")
@@ -64,7 +65,9 @@ def _choose(workspace: Workspace, name: str) -> None:
     chosen = name in workspace.leave_out
 
     def changed() -> None:
-        ticked = set(workspace.leave_out) ^ {name}
+        ticked = set(workspace.leave_out) - {name}
+        if st.session_state[key]:
+            ticked.add(name)
         workspace.choose(leave_out=tuple(n for n in LEFT_OUT_AT_WILL if n in ticked))
 
     st.checkbox(

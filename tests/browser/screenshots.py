@@ -168,8 +168,9 @@ def regimes(camera: Camera) -> None:
             upload(page, REAL / f"{name}.csv")
             if not page.get_by_text("Leave out of the law's equations").is_visible():
                 page.get_by_text("Regimes", exact=True).click()
-            page.get_by_test_id("stCheckbox").filter(has_text="Standstill").click()
-            page.get_by_test_id("stCheckbox").filter(has_text="Catching up").click()
+            for regime in ("Standstill", "Catching up"):
+                idle(page)
+                page.get_by_test_id("stCheckbox").filter(has_text=regime).click()
             page.get_by_text("Left out of the law").first.wait_for()
             if not page.get_by_text("Car-following only").first.is_visible():
                 page.get_by_text("Show how much the estimates depend").click()
