@@ -15,6 +15,8 @@ from accpinn.assessment.held_out import part
 from accpinn.cthp import Case, Parameters, simulate
 from accpinn.errors import SegmentError
 from accpinn.estimators import ESTIMATORS
+from accpinn.figures.recording import overview
+from accpinn.figures.regimes import key, ribbons
 from accpinn.fit import Fit
 from accpinn.openacc import Mode, Recording, read
 from accpinn.pinn.config import FAST, preset
@@ -22,7 +24,7 @@ from accpinn.pinn.fast import FastTraining
 from accpinn.pinn.paper import PaperTraining
 from accpinn.pinn.recipe import Problem
 from accpinn.pinn.training import train
-from accpinn.segment import Segment, cut
+from accpinn.segment import Segment, Window, cut
 from accpinn.segment.regimes import (
     CATCHING_UP,
     FOLLOWING,
@@ -252,6 +254,31 @@ class TestLabels:
     def test_another_recording_is_refused(self, recording: Recording) -> None:
         with pytest.raises(SegmentError, match="not the recording"):
             label(cut(recording, 0, 60), replace(recording, sha256="other"))
+
+
+class TestRibbons:
+    def test_cover_the_window_in_the_recordings_time(self, recording: Recording) -> None:
+        segment = cut(recording, 5.0, 40.0)
+        drawn = ribbons(segment, label(segment, recording))
+        ends = {trace.name: [x for x in trace.x if x is not None] for trace in drawn}
+        assert set(ends) == {f"2 {name}" for name in REGIMES}
+        assert ends["2 catching up"] == pytest.approx([9.95, 29.95])
+        assert ends["2 standstill"] == pytest.approx([39.95, 42.95])
+        covered = sum(b - a for x in ends.values() for a, b in zip(x[::2], x[1::2], strict=True))
+        assert covered == pytest.approx(40.1)
+
+    def test_stand_on_a_strip_of_the_overview(self, recording: Recording) -> None:
+        segment = cut(recording, 5.0, 40.0)
+        drawn = ribbons(segment, label(segment, recording))
+        plain = overview(recording, (1, 2), Window(5.0, 45.0))
+        figure = overview(recording, (1, 2), Window(5.0, 45.0), drawn)
+        assert len(figure.data) - len(plain.data) == len(drawn)
+        assert "Regime" in [axis.title.text for axis in figure.select_yaxes()]
+
+    def test_colours_are_explained_for_what_occurs(self, recording: Recording) -> None:
+        segment = cut(recording, 0, 12.0)
+        names = [name for name, _ in key(label(segment, recording))]
+        assert names == ["car-following", "catching up"]
 
 
 class TestAsking:
