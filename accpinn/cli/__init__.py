@@ -11,10 +11,10 @@ from collections.abc import Sequence
 from io import TextIOWrapper
 
 from accpinn import __version__
-from accpinn.cli import compare, fit, info, simulate, stability, starts, verify
+from accpinn.cli import compare, fit, info, report, simulate, stability, starts, verify
 from accpinn.errors import AccpinnError, ConfigError, ParameterError
 
-COMMANDS = (info, fit, starts, compare, stability, simulate, verify)
+COMMANDS = (info, fit, starts, compare, stability, simulate, verify, report)
 """Modules with `add_parser(subparsers)`, whose parsers set `run` to a function of the options."""
 
 

@@ -21,7 +21,7 @@ from accpinn.figures.style import (
 )
 from accpinn.fit import History
 from accpinn.segment import Segment
-from accpinn.segment.outline import Described
+from accpinn.segment.outline import Described, Outline
 from accpinn.units import FloatArray
 
 FEW = 30
@@ -136,25 +136,28 @@ def _mode_for(moments: int) -> str:
 
 
 def tracking(
-    segment: Segment,
+    segment: Segment | Outline,
     follower: int,
     surrogate: Trajectories | None,
     closed_loop: Trajectories | None,
+    own: str = "network",
 ) -> go.Figure:
     """Gap and speed of one follower: data, the network's curve, and the law in closed loop.
 
     Args:
-        segment: the data.
+        segment: the data, or only what they are of.
         follower: 0 for the first.
         surrogate: the method's own trajectories.
         closed_loop: the law driving behind the measured leader.
+        own: how the method's trajectories are called.
     """
     figure = panels(2, [0.5, 0.5])
+    data = segment if isinstance(segment, Segment) else None
     number = segment.vehicles[follower + 1]
     colour = vehicle_colour(number, segment.vehicles[0])
     sources = (
-        ("data", segment, {"color": colour, "width": 3.5}, 0.45),
-        ("network", surrogate, {"color": colour, "width": 1.5}, 1.0),
+        ("data", data, {"color": colour, "width": 3.5}, 0.45),
+        (own, surrogate, {"color": colour, "width": 1.5}, 1.0),
         ("closed-loop simulation", closed_loop, {"color": MODEL, "width": 1.5, "dash": "dot"}, 1.0),
     )
     for name, source, line, opacity in sources:
@@ -162,7 +165,7 @@ def tracking(
             continue
         channels = ((GAP, source.gaps[:, follower]), (SPEED, source.speeds[:, follower + 1]))
         for row, (channel, values) in enumerate(channels, 1):
-            time, shown = thinned(segment.time, values)
+            time, shown = thinned(source.time, values)
             figure.add_scatter(
                 x=time,
                 y=shown,

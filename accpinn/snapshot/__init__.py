@@ -2,7 +2,7 @@
 
 from accpinn.snapshot.checking import Check, Verification, check, recovered, verify
 from accpinn.snapshot.content import Origin, Snapshot
-from accpinn.snapshot.file import load, save, to_bytes
+from accpinn.snapshot.file import load, save, to_bytes, write_whole
 from accpinn.snapshot.schema import SUFFIX
 from accpinn.snapshot.taking import take
 
@@ -19,4 +19,5 @@ __all__ = [
     "take",
     "to_bytes",
     "verify",
+    "write_whole",
 ]

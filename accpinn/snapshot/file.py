@@ -68,8 +68,8 @@ def save(snapshot: Snapshot, path: str | os.PathLike[str]) -> Path:
     return write_whole(to_bytes(snapshot), Path(path))
 
 
-def write_whole(data: bytes, target: Path) -> Path:
-    """Bytes as a file, in one step.
+def write_whole(data: bytes, target: Path, what: str = "the snapshot") -> Path:
+    """Bytes as a file, in one step; ``what`` they are is for the sentence when that fails.
 
     Raises:
         SnapshotError: when it cannot be written there.
@@ -88,7 +88,7 @@ def write_whole(data: bytes, target: Path) -> Path:
             raise
     except OSError as fault:
         raise SnapshotError(
-            f"{target}: the snapshot could not be written ({fault.strerror}); choose another place"
+            f"{target}: {what} could not be written ({fault.strerror}); choose another place"
             " or free some space."
         ) from None
     return target

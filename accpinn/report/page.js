@@ -1,0 +1,65 @@
+"use strict";
+(() => {
+  const root = document.documentElement;
+  const drawings = JSON.parse(document.getElementById("drawings").textContent);
+  const plots = [...document.querySelectorAll(".plot")];
+  const PRINTED = 690; // pixels: the width between the margins of a printed page
+  const wish = window.matchMedia("(prefers-color-scheme: dark)");
+  let dark = wish.matches;
+
+  const ink = () => (root.classList.contains("dark") ? "#e6ecf1" : "#1b2733");
+  const looks = () => ({
+    "font.color": ink(),
+    "hoverlabel.bgcolor": root.classList.contains("dark") ? "#1b2733" : "#ffffff",
+    "hoverlabel.font.color": ink(),
+    "legend.bgcolor": "rgba(0,0,0,0)",
+  });
+
+  function show(side) {
+    root.classList.toggle("dark", side);
+    button.textContent = side ? "Light" : "Dark";
+    for (const plot of plots) Plotly.relayout(plot, looks());
+  }
+
+  const button = document.getElementById("side");
+  button.hidden = false;
+  root.classList.toggle("dark", dark);
+  for (const plot of plots) {
+    const drawing = drawings[Number(plot.dataset.place)];
+    const layout = Object.assign({ autosize: true }, drawing.layout, {
+      font: { color: ink(), family: getComputedStyle(document.body).fontFamily, size: 12 },
+    });
+    Plotly.newPlot(plot, drawing.data, layout, { displayModeBar: false, responsive: true });
+    Plotly.relayout(plot, looks());
+  }
+  show(dark);
+
+  button.addEventListener("click", () => show((dark = !dark)));
+  wish.addEventListener("change", () => show((dark = wish.matches)));
+  for (const save of document.querySelectorAll("[data-save]")) {
+    const place = Number(save.dataset.save);
+    const plot = plots.find((one) => Number(one.dataset.place) === place);
+    save.addEventListener("click", () =>
+      Plotly.downloadImage(plot, {
+        format: save.dataset.format,
+        filename: "accpinn_" + drawings[place].name,
+        width: plot.clientWidth,
+        height: plot.clientHeight,
+        scale: save.dataset.format === "png" ? 3 : 1,
+      }),
+    );
+  }
+  // Paper is white and has a width of its own.
+  window.addEventListener("beforeprint", () => {
+    show(false);
+    for (const plot of plots) {
+      const half = plot.closest(".halves");
+      Plotly.relayout(plot, { autosize: false, width: half ? PRINTED / 2 - 12 : PRINTED });
+    }
+  });
+  window.addEventListener("afterprint", () => {
+    show(dark);
+    for (const plot of plots) Plotly.relayout(plot, { autosize: true, width: null });
+  });
+  root.dataset.drawn = String(plots.length);
+})();
