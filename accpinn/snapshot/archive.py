@@ -77,7 +77,10 @@ def check_packed(data: bytes, entries: Mapping[str, bytes], what: str) -> None:
 @dataclass(frozen=True)
 class _Entry:
     name: str
+    place: int
+    """Where its own record begins."""
     start: int
+    """Where its content begins."""
     size: int
 
 
@@ -91,14 +94,22 @@ def _listing(data: bytes, what: str, most: int) -> list[_Entry]:
         )
     _, _, _, _, count, length, position, _ = END.unpack_from(data, end)
     if count > most:
-        raise SnapshotError(f"{what} lists {count} entries; a genuine one has {most} at most.")
+        raise SnapshotError(
+            f"{what} lists {count:,} entries; a genuine one never has more than {most}."
+        )
     if position + length != end:
         raise SnapshotError(
             f"{what} is damaged: the list of its contents is incomplete; get the file anew."
         )
     entries: list[_Entry] = []
+    free = 0
     for _ in range(count):
         entry, position = _entry(data, position, end, what)
+        if entry.place != free:
+            raise SnapshotError(
+                f'{what} is damaged: "{entry.name}" is not where it belongs; get the file anew.'
+            )
+        free = entry.start + entry.size
         if any(entry.name == other.name for other in entries):
             raise SnapshotError(f'{what} lists "{entry.name}" twice; a genuine one never does.')
         entries.append(entry)
@@ -127,4 +138,4 @@ def _entry(data: bytes, position: int, end: int, what: str) -> tuple[_Entry, int
     start = at + LOCAL.size + length
     if start + size > end:
         raise damaged
-    return _Entry(name, start, size), position
+    return _Entry(name, at, start, size), position

@@ -66,7 +66,7 @@ class Decoder:
         hints = _hints(kind)
         expected = hints.keys() - given.keys()
         if not isinstance(tree, dict) or tree.keys() != expected:
-            self._refuse(place or "its outline", f"is not what a {kind.__name__} has")
+            self._refuse(place, f"is not what a {kind.__name__} has")
         values: dict[str, Any] = {}
         for name in expected:
             where = f"{place}.{name}" if place else name
@@ -82,7 +82,7 @@ class Decoder:
     def items(self, kind: type[T], tree: Any) -> list[Any]:
         """A list of trees, each to be read with `read`."""
         if not isinstance(tree, list):
-            self._refuse("its outline", f"is no list of {kind.__name__}")
+            self._refuse("", f"is no list of {kind.__name__}")
         return tree
 
     def _value(self, kind: Any, tree: Any, place: str) -> Any:
@@ -109,7 +109,8 @@ class Decoder:
         if kind is complex:
             return complex(*self._tuple((float, float), tree, place))
         if isinstance(kind, type) and issubclass(kind, Enum):
-            return kind[tree] if tree in kind.__members__ else self._refuse(place, "is not known")
+            known = isinstance(tree, str) and tree in kind.__members__
+            return kind[tree] if known else self._refuse(place, "is not known")
         if type(tree) is not kind:
             self._refuse(place, f"is no {kind.__name__}")
         return tree
@@ -156,7 +157,8 @@ class Decoder:
         return self._plain(leaf, tree, place)
 
     def _refuse(self, place: str, fault: str) -> NoReturn:
-        raise SnapshotError(f'The snapshot is refused: in {self.what}, "{place[:80]}" {fault}.')
+        where = f'in {self.what}, "{place[:80]}"' if place else self.what
+        raise SnapshotError(f"The snapshot is refused: {where} {fault}.")
 
 
 def _shape(value: Any) -> tuple[int, ...]:

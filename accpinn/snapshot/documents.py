@@ -11,7 +11,8 @@ DEEPEST = 20
 LONGEST_NUMBER = 40
 """Characters; a double has 24 at most, and 64 bits 20."""
 
-_STRINGS = re.compile(rb'"(?:[^"\\]|\\.)*+"')
+# An unclosed string reaches to the end, so that no byte is looked at twice.
+_STRINGS = re.compile(rb'"(?:[^"\\]|\\.)*+"?', re.DOTALL)
 _OTHERS = re.compile(rb"[^\[\]{}]+")
 _STEP = {ord("["): 1, ord("{"): 1, ord("]"): -1, ord("}"): -1}
 

@@ -17,6 +17,7 @@ from accpinn.snapshot.schema import (
     FORMAT,
     LARGEST,
     MANIFEST,
+    MOST_ENTRIES,
     PARTS,
     SCHEMA,
     check_schema,
@@ -106,7 +107,7 @@ def load(content: Content) -> Snapshot:
     data = content if isinstance(content, bytes) else _bytes_of(Path(content))
     if len(data) > LARGEST:
         raise SnapshotError(f"{WHOLE} is larger than {LARGEST / 1e6:.0f} MB, so it is refused.")
-    entries = contents(data, WHOLE, len(PARTS))
+    entries = contents(data, WHOLE, MOST_ENTRIES)
     manifest = _manifest(entries)
     _check_entries(entries, manifest)
     check_packed(data, entries, WHOLE)

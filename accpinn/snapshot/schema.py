@@ -34,8 +34,10 @@ SUFFIX = ".accpinn.zip"
 LARGEST = 24_000_000
 """Bytes of the whole file; an hour of ten followers with its data stays below."""
 MANIFEST, ATTRIBUTION = "manifest.json", "ATTRIBUTION.txt"
+MOST_ENTRIES = 64
+"""More are not even listed."""
 LONGEST_NAME, LONGEST_NOTE = 200, 10_000
-DOCUMENT, ARRAYS = 2_000_000, LARGEST
+DOCUMENT, ARRAYS = 1_000_000, LARGEST
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,379 @@
+"""Files that nobody should trust: damaged, forged, or made to exhaust whoever opens them."""
+
+import io
+import json
+import re
+import struct
+import subprocess
+import sys
+import zipfile
+from collections.abc import Callable
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import example, given
+from hypothesis import strategies as st
+
+from accpinn.errors import SnapshotError
+from accpinn.snapshot import arrays, documents, verify
+from accpinn.snapshot.archive import contents, pack
+from accpinn.snapshot.file import sealed
+from accpinn.snapshot.schema import MANIFEST, PARTS, SCHEMA
+from tests.snapshots import small_bytes
+
+ROOT = Path(__file__).parent.parent
+SEALED = small_bytes()
+
+
+def refused(data: bytes) -> str:
+    with pytest.raises(SnapshotError) as fault:
+        verify(data)
+    sentence = str(fault.value)
+    assert sentence.endswith(".")
+    assert "\n" not in sentence
+    return sentence
+
+
+def parts() -> dict[str, bytes]:
+    found = contents(SEALED, "It", len(PARTS))
+    del found[MANIFEST]
+    return found
+
+
+def start_of(name: str, content: bytes) -> int:
+    return SEALED.index(name.encode() + content) + len(name)
+
+
+def with_part(name: str, content: bytes) -> bytes:
+    """Sealed anew, so that only its content can give it away."""
+    return sealed(parts() | {name: content}, SCHEMA)
+
+
+def with_text(name: str, change: Callable[[str], str]) -> bytes:
+    before = parts()[name].decode()
+    after = change(before)
+    assert after != before
+    return with_part(name, after.encode())
+
+
+def with_array(name: str, member: str, values: np.ndarray) -> bytes:
+    group = arrays.read(parts()[name], name)
+    assert member in group
+    return with_part(name, arrays.write(group | {member: values}))
+
+
+class TestDamage:
+    @given(st.integers(0, len(SEALED) - 1), st.integers(1, 255))
+    @example(0, 1)
+    @example(len(SEALED) - 1, 128)
+    def test_every_changed_byte_is_found(self, at: int, change: int) -> None:
+        data = bytearray(SEALED)
+        data[at] ^= change
+        refused(bytes(data))
+
+    def test_every_byte_outside_the_contents_counts(self) -> None:
+        """Those of the zip's own records, which no digest covers; one bit of each."""
+        inside = set()
+        for name, content in contents(SEALED, "It", len(PARTS)).items():
+            start = start_of(name, content)
+            inside.update(range(start, start + len(content)))
+        records = [at for at in range(len(SEALED)) if at not in inside]
+        assert 1000 < len(records) < 5000
+        for at in records:
+            data = bytearray(SEALED)
+            data[at] ^= 1 << at % 8
+            refused(bytes(data))
+
+    @given(st.integers(0, len(SEALED) - 1))
+    def test_a_part_of_a_file_is_refused(self, length: int) -> None:
+        refused(SEALED[:length])
+
+    @given(st.binary(min_size=1, max_size=100))
+    def test_appended_bytes_are_refused(self, more: bytes) -> None:
+        refused(SEALED + more)
+        refused(more + SEALED)
+
+    @pytest.mark.parametrize("name", [name for name in PARTS if name in parts()])
+    def test_the_damaged_part_is_named(self, name: str) -> None:
+        data = bytearray(SEALED)
+        content = parts()[name]
+        data[start_of(name, content) + len(content) // 2] ^= 1
+        assert f"{PARTS[name].title} ({name}) differs" in refused(bytes(data))
+
+    def test_a_damaged_manifest_is_named(self) -> None:
+        at = SEALED.index(b'"sha256":"') + 12
+        data = bytearray(SEALED)
+        data[at] = ord("0") if data[at] != ord("0") else ord("1")
+        assert "manifest" in refused(bytes(data))
+
+    @given(st.binary(max_size=300))
+    def test_anything_else_is_refused(self, data: bytes) -> None:
+        refused(data)
+
+    def test_a_recording_is_refused(self) -> None:
+        refused(b"Date,26,2,2019\n" * 1000)
+
+
+def zipped(entries: list[tuple[str, bytes]], method: int = zipfile.ZIP_STORED) -> bytes:
+    buffer = io.BytesIO()
+    with zipfile.ZipFile(buffer, "w", method) as archive:
+        for name, content in entries:
+            archive.writestr(name, content)
+    return buffer.getvalue()
+
+
+def symlink() -> bytes:
+    entry = zipfile.ZipInfo("weights.npz")
+    entry.external_attr = 0o120777 << 16
+    buffer = io.BytesIO()
+    with zipfile.ZipFile(buffer, "w") as archive:
+        archive.writestr(entry, "/etc/passwd")
+    return buffer.getvalue()
+
+
+def bomb() -> bytes:
+    return zipped([("fit.json", b"0" * 200_000_000)], zipfile.ZIP_DEFLATED)
+
+
+def pickled() -> bytes:
+    buffer = io.BytesIO()
+    np.save(buffer, np.array([{"a": 1}], dtype=object), allow_pickle=True)
+    return with_part("weights.npz", pack({"a.npy": buffer.getvalue()}))
+
+
+def huge_claim() -> bytes:
+    buffer = io.BytesIO()
+    np.lib.format.write_array_header_1_0(
+        buffer, {"descr": "<f8", "fortran_order": False, "shape": (10**12, 10**6)}
+    )
+    return with_part("weights.npz", pack({"a.npy": buffer.getvalue()}))
+
+
+def overlong_claim() -> bytes:
+    """Entries that all point at the same bytes, as in overlapping zip bombs."""
+    names = list(PARTS)
+    data = bytearray(
+        pack({name: b"x" * 5_000_000 if k == 0 else b"" for k, name in enumerate(names)})
+    )
+    for match in list(re.finditer(rb"PK\x01\x02", bytes(data)))[1:]:
+        struct.pack_into("<II", data, match.start() + 20, 5_000_000, 5_000_000)
+        struct.pack_into("<I", data, match.start() + 42, 0)
+    return bytes(data)
+
+
+def nested(depth: int, pair: str = "[]") -> bytes:
+    return with_part("quality.json", (pair[0] * depth + pair[1] * depth).encode())
+
+
+HOSTILE: dict[str, Callable[[], bytes]] = {
+    "zip bomb": bomb,
+    "overlapping entries": overlong_claim,
+    "path upwards": lambda: sealed(parts() | {"../evil.json": b"{}"}, SCHEMA),
+    "absolute path": lambda: sealed(parts() | {"/etc/evil.json": b"{}"}, SCHEMA),
+    "Windows path": lambda: sealed(parts() | {"..\\evil.json": b"{}"}, SCHEMA),
+    "folder": lambda: sealed(parts() | {"evil/": b""}, SCHEMA),
+    "unknown part": lambda: sealed(parts() | {"evil.py": b"1"}, SCHEMA),
+    "symlink": symlink,
+    "pickle": pickled,
+    "10,000 entries": lambda: zipped([(f"{k}.json", b"{}") for k in range(10_000)]),
+    "a name twice": lambda: pack({"fit.json": b"{}", "fit.jsoX": b"[]"}).replace(b"jsoX", b"json"),
+    "claimed shape": huge_claim,
+    "deep nesting": lambda: nested(1000),
+    "very deep nesting": lambda: nested(450_000),
+    "unclosed nesting": lambda: with_part("quality.json", b"[" * 950_000),
+    "many brackets in strings": lambda: with_part("quality.json", b'"' + b"[{" * 450_000 + b'"'),
+    "unclosed strings": lambda: with_part("quality.json", b'"\\' * 450_000),
+    "many empty lists": lambda: with_part("quality.json", b"[" + b"[]," * 300_000 + b"[]]"),
+    "a number of a million digits": lambda: with_part("quality.json", b"9" * 900_000),
+    "1e999": lambda: with_text(
+        "fit.json", lambda t: re.sub(r'"alpha":[\d.e-]+', '"alpha":1e999', t)
+    ),
+    "2 to the 70": lambda: with_text(
+        "snapshot.json", lambda t: re.sub(r'"samples":\d+', '"samples":1180591620717411303424', t)
+    ),
+    "too many bytes": lambda: SEALED + bytes(30_000_000),
+    "a huge part": lambda: with_part("quality.json", b" " * 3_000_000),
+    "a huge text": lambda: with_part("ATTRIBUTION.txt", b" " * 23_000_000),
+}
+
+SENTENCES = {
+    "zip bomb": "compressed",
+    "overlapping entries": "not where it belongs",
+    "path upwards": "which no snapshot has",
+    "absolute path": "which no snapshot has",
+    "Windows path": "which no snapshot has",
+    "symlink": "no plain file",
+    "pickle": "no plain array",
+    "10,000 entries": "10,000 entries",
+    "a name twice": "twice",
+    "claimed shape": "claims the shape",
+    "very deep nesting": "levels deep",
+    "1e999": "absurd",
+}
+
+MEASURED = """
+import json, sys, time
+from pathlib import Path
+from accpinn.errors import SnapshotError
+from accpinn.snapshot import verify
+def peak():
+    [line] = [line for line in open("/proc/self/status") if line.startswith("VmHWM")]
+    return int(line.split()[1]) / 1024
+found, before = {}, peak()
+for path in sorted(Path(sys.argv[1]).iterdir()):
+    started = time.perf_counter()
+    try:
+        verify(path)
+        sentence = ""
+    except SnapshotError as fault:
+        sentence = str(fault)
+    found[path.stem] = [sentence, time.perf_counter() - started]
+print(json.dumps([found, peak() - before]))
+"""
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="peaks of memory are read as Linux has them")
+def test_hostile_files_are_refused_quickly_and_cheaply(tmp_path: Path) -> None:
+    for name, make in HOSTILE.items():
+        (tmp_path / f"{name}.zip").write_bytes(make())
+    done = subprocess.run(
+        [sys.executable, "-c", MEASURED, str(tmp_path)],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=True,
+        timeout=60,
+    )
+    found, megabytes = json.loads(done.stdout)
+    assert found.keys() == HOSTILE.keys()
+    for name, (sentence, seconds) in found.items():
+        assert sentence.endswith("."), name
+        assert "\n" not in sentence, name
+        assert len(sentence) < 250, name
+        assert SENTENCES.get(name, "") in sentence
+        assert seconds < 1, (name, seconds)
+    assert megabytes < 200  # beyond what the packages themselves take
+
+
+class TestContents:
+    @pytest.mark.parametrize("number", ["NaN", "Infinity", "-Infinity"])
+    def test_numbers_that_json_does_not_have(self, number: str) -> None:
+        data = with_text("quality.json", lambda t: re.sub(r":[\d.]+", f":{number}", t, count=1))
+        assert "is no number" in refused(data)
+
+    @pytest.mark.parametrize("number", ['"nan"', '"inf"', "-0.1", "null", '"0.1"', "true", "[]"])
+    @pytest.mark.parametrize("name", ["alpha", "beta", "tau"])
+    def test_parameters_no_vehicle_has(self, name: str, number: str) -> None:
+        data = with_text(
+            "fit.json",
+            lambda t: re.sub(rf'("parameters":.*?"{name}":)[\d.e-]+', rf"\g<1>{number}", t),
+        )
+        assert "the estimate" in refused(data)
+
+    def test_a_follower_too_many(self) -> None:
+        data = with_text(
+            "fit.json", lambda t: re.sub(r'"parameters":\[({.*?})\]', r'"parameters":[\1,\1]', t)
+        )
+        assert "another length" in refused(data)
+
+    def test_a_field_too_many(self) -> None:
+        assert "provenance" in refused(with_text("snapshot.json", lambda t: '{"a":1,' + t[1:]))
+
+    def test_a_field_twice(self) -> None:
+        assert "twice" in refused(with_text("snapshot.json", lambda t: '{"name":"",' + t[1:]))
+
+    def test_an_unknown_outcome(self) -> None:
+        data = with_text("fit.json", lambda t: t.replace('"SOLVED"', '"__class__"'))
+        assert "outcome" in refused(data)
+
+    def test_spaces_between(self) -> None:
+        assert "not as it was written" in refused(with_text("fit.json", lambda t: t + " "))
+
+    def test_bytes_that_are_no_text(self) -> None:
+        refused(with_part("fit.json", b'"\xff"'))
+
+    @pytest.mark.parametrize("bad", [np.nan, np.inf])
+    def test_data_with_holes(self, bad: float) -> None:
+        speeds = np.array(arrays.read(parts()["data.npz"], "data")["speeds"])
+        speeds[3, 0] = bad
+        assert "nan or infinite" in refused(with_array("data.npz", "speeds", speeds))
+
+    @pytest.mark.parametrize(
+        "values",
+        [
+            np.zeros((41, 3)),
+            np.zeros((40, 2)),
+            np.zeros(82),
+            np.zeros((41, 2), np.float32),
+            np.zeros((41, 2), np.int64),
+        ],
+        ids=lambda values: f"{values.shape}{values.dtype}",
+    )
+    def test_data_of_another_shape_or_type(self, values: np.ndarray) -> None:
+        assert "do not fit the rest" in refused(with_array("data.npz", "speeds", values))
+
+    @pytest.mark.parametrize(
+        "values",
+        [
+            np.asfortranarray(np.arange(6.0).reshape(2, 3)),
+            np.array(["text"]),
+            np.zeros(2, [("a", "f8")]),
+            np.zeros(2, ">f8"),
+            np.zeros(2, complex),
+        ],
+        ids=["order of columns", "text", "records", "big-endian", "complex"],
+    )
+    def test_arrays_in_other_forms(self, values: np.ndarray) -> None:
+        buffer = io.BytesIO()
+        np.lib.format.write_array(buffer, values, version=(1, 0), allow_pickle=False)
+        data = with_part("weights.npz", pack({"a.npy": buffer.getvalue()}))
+        assert "no plain array" in refused(data)
+
+    def test_data_of_another_window(self) -> None:
+        speeds = np.array(arrays.read(parts()["data.npz"], "data")["speeds"]) + 1.0
+        assert "not the window" in refused(with_array("data.npz", "speeds", speeds))
+
+    def test_draws_that_are_missing(self) -> None:
+        assert "draws" in refused(with_part("draws.npz", arrays.write({})))
+
+    def test_a_part_that_is_missing(self) -> None:
+        kept = {name: content for name, content in parts().items() if name != "weights.npz"}
+        assert "weights.npz) is missing" in refused(sealed(kept, SCHEMA))
+
+    def test_too_few_vehicles(self) -> None:
+        data = with_text(
+            "snapshot.json", lambda t: re.sub(r'"vehicles":\[1,2\]', '"vehicles":[1]', t)
+        )
+        refused(data)
+
+    @given(st.data())
+    def test_any_other_document_is_refused_or_read(self, data: st.DataObject) -> None:
+        """Whatever stands in a field, the answer is one sentence or a snapshot, no other error."""
+        name = data.draw(
+            st.sampled_from([n for n in parts() if n.endswith(".json") and n != "rows.json"])
+        )
+        tree = documents.read(parts()[name], name)
+        holder: Any = tree
+        while True:
+            keys = list(holder) if isinstance(holder, dict) else range(len(holder))
+            key = data.draw(st.sampled_from(keys))
+            if not (isinstance(holder[key], dict | list) and holder[key]) or data.draw(
+                st.booleans()
+            ):
+                break
+            holder = holder[key]
+        values = st.one_of(
+            st.none(),
+            st.booleans(),
+            st.integers(-(2**62), 2**62),
+            st.floats(allow_nan=False, allow_infinity=False),
+            st.text(max_size=5),
+            st.lists(st.integers(), max_size=3),
+            st.just({}),
+        )
+        holder[key] = data.draw(values)
+        with suppress(SnapshotError):
+            verify(with_part(name, documents.write(tree)))
