@@ -26,6 +26,8 @@ from accpinn.tables.stability import stability_table
 from accpinn.tables.typeset import STYLE, Table
 
 HERE = Path(__file__).parent
+WIDE = 9
+"""Columns beyond which a table is set smaller."""
 
 
 def report(snapshot: Snapshot, verification: Verification | None = None) -> str:
@@ -57,6 +59,7 @@ class Sheet:
     """A table on the page, and as files."""
 
     html: Markup
+    wide: bool
     files: tuple[tuple[str, str, str], ...]
     """Label, file name and data address of each."""
 
@@ -73,7 +76,7 @@ def _story(snapshot: Snapshot, checked: Verification, shown: list[Picture]) -> d
         "title": words.title(snapshot),
         "summary": words.summary(snapshot),
         "about": words.about_data(snapshot),
-        "warnings": words.warnings(snapshot),
+        "beware": words.beware(snapshot),
         "motion": _placed([moving] if moving else [], shown),
         "parameters": _sheet(
             parameter_table(
@@ -139,6 +142,7 @@ def _sheet(table: Table, name: str) -> Sheet:
     )
     return Sheet(
         Markup(table.to_html()),
+        len(table.columns) > WIDE,
         tuple((label, file, _address(mime, text)) for label, file, mime, text in files),
     )
 

@@ -45,7 +45,11 @@ class Picture:
     def drawn(self, points: int) -> dict[str, Any]:
         """Data and layout for plotly, rounded, with about so many points a line at most."""
         content = self.figure.to_plotly_json()
-        layout = {key: part for key, part in content["layout"].items() if key != "template"}
+        layout = {
+            key: _roomy(part) if key[1:5] == "axis" else part
+            for key, part in content["layout"].items()
+            if key != "template"
+        }
         traces = [_coarse(_unpacked(trace), points) for trace in content["data"]]
         return {"name": self.name, "data": _plain(traces), "layout": _plain(layout)}
 
@@ -195,6 +199,12 @@ def _plain(part: Any) -> Any:
     if isinstance(part, np.integer):
         return int(part)
     return part
+
+
+def _roomy(axis: dict[str, Any]) -> dict[str, Any]:
+    """An axis that keeps its title clear of its numbers."""
+    titled = {"title": axis["title"] | {"standoff": 8}} if "title" in axis else {}
+    return axis | {"automargin": True} | titled
 
 
 def _unpacked(trace: dict[str, Any]) -> dict[str, Any]:

@@ -66,9 +66,9 @@ def _amplifies(snapshot: Snapshot) -> str:
     worst = max(who, key=lambda k: vehicles[k].peak.gain)
     peak = vehicles[worst].peak
     extent = "without limit" if isinf(peak.gain) else f"up to {peak.gain:.3g} times"
-    count = (
-        "It amplifies" if len(vehicles) == 1 else f"{len(who)} of {len(vehicles)} vehicles amplify"
-    )
+    count = f"{len(who)} of {len(vehicles)} vehicles amplify"
+    if len(who) == len(vehicles):
+        count = "It amplifies" if len(who) == 1 else f"All {len(who)} vehicles amplify"
     most = "" if len(who) == 1 else f"{labels[worst]} the most: "
     return (
         f"{count} the disturbances of the vehicle ahead, {most}{extent} at"
@@ -79,8 +79,7 @@ def _amplifies(snapshot: Snapshot) -> str:
 def _how_sure(snapshot: Snapshot, doubt: Uncertainty) -> str:
     labels = snapshot.outline.labels[1:]
     parts = [
-        f"{label} is string stable with a probability of {100 * float(l2):.0f} % (L2) and"
-        f" {100 * float(linf):.0f} % (L∞)"
+        f"{label} {100 * float(l2):.0f} % (L2) and {100 * float(linf):.0f} % (L∞)"
         for label, l2, linf in zip(
             labels, doubt.probability_l2, doubt.probability_linf, strict=True
         )
@@ -88,7 +87,7 @@ def _how_sure(snapshot: Snapshot, doubt: Uncertainty) -> str:
     ]
     if not parts:
         return "The data do not determine the parameters well enough to say how sure that is."
-    return f"By what the data leave open, {'; '.join(parts)}."
+    return f"How probable is string stability, by what the data leave open? {'; '.join(parts)}."
 
 
 def _worth(snapshot: Snapshot) -> str:
@@ -138,18 +137,19 @@ def _left_out(snapshot: Snapshot) -> str:
     return f"{', '.join(outline.left_out)} from the law's equations: {shares}"
 
 
-def warnings(snapshot: Snapshot) -> tuple[str, ...]:
-    """What to beware of, once each."""
-    fit, worth, doubt = snapshot.fit, snapshot.assessment, snapshot.uncertainty
-    return tuple(
-        dict.fromkeys(
-            (
-                *snapshot.outline.notes,
-                *snapshot.quality.warnings,
-                *fit.notes,
-                *(doubt.notes if doubt else ()),
-                *(worth.incidents if worth else ()),
-                *(worth.whiteness.sentences if worth else ()),
+def beware(snapshot: Snapshot) -> dict[str, tuple[str, ...]]:
+    """What to beware of, by the part of the story that it belongs to."""
+    worth, doubt = snapshot.assessment, snapshot.uncertainty
+    return {
+        "data": (*snapshot.outline.notes, *snapshot.quality.warnings),
+        "parameters": tuple(
+            dict.fromkeys(
+                (
+                    *snapshot.fit.notes,
+                    *(doubt.notes if doubt else ()),
+                    *(worth.whiteness.sentences if worth else ()),
+                )
             )
-        )
-    )
+        ),
+        "driving": worth.incidents if worth else (),
+    }
