@@ -1,5 +1,5 @@
 import json
-import os
+import platform
 import signal
 import subprocess
 import sys
@@ -11,7 +11,9 @@ import numpy as np
 import pytest
 
 from accpinn.cli import main
+from accpinn.cthp import Case, Parameters
 from accpinn.errors import SnapshotError
+from accpinn.estimators import ESTIMATORS
 from accpinn.fit import Outcome
 from accpinn.openacc import read
 from accpinn.pinn.config import preset
@@ -23,6 +25,7 @@ from accpinn.snapshot.archive import contents
 from accpinn.snapshot.codec import encode
 from accpinn.snapshot.file import sealed
 from accpinn.snapshot.schema import MANIFEST, PARTS, SCHEMA
+from tests.driving import MIXED, driven, standing_still
 from tests.samples import FOLDER, NOISY
 from tests.snapshots import small, small_bytes, trained, whole
 
@@ -102,7 +105,7 @@ class TestRoundTrip:
 
     def test_names_neither_host_nor_user(self) -> None:
         text = to_bytes(small())
-        for secret in (os.uname().nodename, str(Path.home())):
+        for secret in (platform.node(), str(Path.home())):
             assert secret.encode() not in text
 
     def test_attribution_travels_along(self) -> None:
@@ -297,3 +300,35 @@ class TestCommands:
     def test_parameters_come_from_one_place(self, capsys: pytest.CaptureFixture[str]) -> None:
         assert main(["stability", "--snapshot", "x", "--alpha", "1"]) == 2
         assert "not both" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("case", ["I", "II"])
+def test_every_method_comes_back_the_same(case: Case) -> None:
+    segment = driven(MIXED[:2], duration=30.0)
+    for name, method in ESTIMATORS.items():
+        before = take(segment, method(segment, case), name=name)
+        assert encode(replace(load(to_bytes(before)), digest="")) == encode(before)
+
+
+@pytest.mark.parametrize("name", ["fast", "paper"])
+def test_every_recipe_comes_back_the_same(name: str) -> None:
+    segment = driven(MIXED[:2], duration=30.0)
+    fit = train(segment, "I", preset(name, iterations=3), threads=1)
+    before = take(segment, fit)
+    assert encode(replace(load(to_bytes(before)), digest="")) == encode(before)
+
+
+def test_a_vehicle_that_keeps_no_gap_has_no_headway() -> None:
+    segment = driven(duration=30.0)
+    fit = ESTIMATORS["least-squares"](segment, "II")
+    free = replace(fit, parameters=(Parameters(0.0, 0.4, float("nan")),))
+    snapshot = load(to_bytes(take(segment, free, with_data=True)))
+    assert snapshot.fit.parameters[0].alpha == 0
+    assert np.isnan(snapshot.fit.parameters[0].tau)
+    assert check(snapshot).ok
+
+
+def test_what_does_not_move_can_be_kept() -> None:
+    segment = standing_still()
+    snapshot = take(segment, ESTIMATORS["least-squares"](segment, "II"), with_data=True)
+    assert check(load(to_bytes(snapshot))).ok
