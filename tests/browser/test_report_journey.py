@@ -1,0 +1,96 @@
+"""The report in a real browser without network: drawn, both themes, harmless, printable."""
+
+import re
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from playwright.sync_api import Browser, Page
+
+from accpinn.report import report
+from accpinn.snapshot import Snapshot
+from tests.browser.running import watched
+from tests.snapshots import whole
+
+Show = Callable[..., Page]
+NAME = "<script>alert(1)</script>"
+
+
+@pytest.fixture
+def shown(browser: Browser, tmp_path: Path) -> Iterator[Show]:
+    """Opens a snapshot's report from disk, with no network at all."""
+    contexts, faults = [], []
+
+    def show(snapshot: Snapshot, theme: str = "light", width: int = 1000) -> Page:
+        place = tmp_path / "report.html"
+        place.write_text(report(snapshot), encoding="utf-8")
+        context = browser.new_context(
+            viewport={"width": width, "height": 800}, color_scheme=theme, offline=True
+        )
+        contexts.append(context)
+        page = context.new_page()
+        faults.append(watched(page))
+        page.on("dialog", lambda dialog: faults.append([f"dialog: {dialog.message}"]))
+        page.on(
+            "request",
+            lambda request: (
+                faults.append([request.url]) if request.url.startswith("http") else None
+            ),
+        )
+        page.goto(place.as_uri())
+        page.locator("html[data-drawn]").wait_for()
+        return page
+
+    yield show
+    for context in contexts:
+        context.close()
+    assert [fault for found in faults for fault in found] == []
+
+
+def test_all_figures_are_drawn_in_both_themes_and_saved(shown: Show) -> None:
+    page = shown(whole(), "dark")
+    plots = page.locator(".plot")
+    count = plots.count()
+    assert count >= 12
+    for k in range(count):
+        assert plots.nth(k).locator(".main-svg path").count() > 3, f"figure {k} is empty"
+    assert background(page) == "rgb(16, 22, 29)"
+    page.get_by_role("button", name="Light").click()
+    assert background(page) == "rgb(255, 255, 255)"
+    ink = page.locator(".plot .xtitle").first.evaluate("text => getComputedStyle(text).fill")
+    assert ink == "rgb(27, 39, 51)"
+    with page.expect_download() as download:
+        page.get_by_role("button", name="SVG").first.click()
+    assert Path(download.value.path()).read_bytes().startswith(b"<svg")
+    with page.expect_download() as download:
+        page.get_by_role("link", name="CSV").first.click()
+    assert "τ [s]" in Path(download.value.path()).read_text(encoding="utf-8")
+
+
+def background(page: Page) -> str:
+    found: str = page.evaluate("getComputedStyle(document.body).backgroundColor")
+    return found
+
+
+def test_a_hostile_name_does_nothing(shown: Show) -> None:
+    outline = replace(whole().outline, names=(NAME,) * 5)
+    page = shown(replace(whole(), name=NAME, note=NAME, outline=outline))
+    assert page.locator("h1").inner_text() == NAME
+    assert page.locator("script:not([type])").count() == 2
+    assert page.locator("dd", has_text=NAME).count() >= 2
+
+
+def test_it_prints_on_several_pages(shown: Show, tmp_path: Path) -> None:
+    page = shown(whole(), "dark")
+    place = tmp_path / "report.pdf"
+    page.pdf(path=place, prefer_css_page_size=True)
+    content = place.read_bytes()
+    assert len(re.findall(rb"/Type\s*/Page\b", content)) >= 5
+    assert re.search(rb"/MediaBox\s*\[\s*0 0 594\.\d+ 841\.\d+", content), "A4"
+
+
+def test_it_fits_a_narrow_screen(shown: Show) -> None:
+    page = shown(whole(), width=400)
+    assert page.locator(".plot .main-svg").first.evaluate("drawn => drawn.clientWidth") < 400
+    assert page.evaluate("document.documentElement.scrollWidth") <= 400
