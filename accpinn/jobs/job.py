@@ -1,10 +1,7 @@
 """One training as seen from outside while a worker is at it."""
 
-import logging
-import threading
 from collections import deque
 from dataclasses import dataclass, replace
-from enum import Enum
 from typing import Protocol
 
 import numpy as np
@@ -12,6 +9,7 @@ import numpy as np
 from accpinn.cthp import Case
 from accpinn.errors import AccpinnError
 from accpinn.fit import Fit, History, OnProgress, Outcome, Progress, ShouldStop
+from accpinn.jobs.task import Status, Task
 from accpinn.pinn.config import PinnConfig
 from accpinn.pinn.history import Recorder
 from accpinn.segment import Segment
@@ -20,8 +18,6 @@ from accpinn.units import Seconds
 
 RATE_WINDOW: Seconds = 3.0
 """The rate of iterations is that of the last seconds, as it can change with the phase."""
-
-_log = logging.getLogger(__name__)
 
 
 class Train(Protocol):
@@ -41,16 +37,6 @@ class Train(Protocol):
         """Learn the parameters of a segment."""
 
 
-class Status(Enum):
-    """Where a job stands."""
-
-    QUEUED = "queued"
-    RUNNING = "running"
-    DONE = "done"
-    STOPPED = "stopped"
-    FAILED = "failed"
-
-
 @dataclass(frozen=True, eq=False)
 class Request:
     """What is to be trained."""
@@ -65,36 +51,29 @@ class Request:
         return alike and self.segment.digest() == other.segment.digest()
 
 
-class Job:
+class Job(Task):
     """One training, from any thread: its status, course, result, and a way to stop it."""
 
-    def __init__(self, owner: str, request: Request, earlier: History | None = None) -> None:
-        """Queued; ``earlier`` is the course of the training that this one continues."""
-        self.owner, self.request = owner, request
-        self._earlier = earlier
-        self._lock = threading.Lock()
-        self._stop, self._ended = threading.Event(), threading.Event()
+    def __init__(
+        self,
+        owner: str,
+        request: Request,
+        train: Train | None = None,
+        earlier: History | None = None,
+    ) -> None:
+        """Queued.
+
+        Args:
+            owner: who asked.
+            request: what is to be trained.
+            train: what does it; by default the network's training.
+            earlier: the course of the training that this one continues.
+        """
+        super().__init__(owner)
+        self.request = request
+        self._train, self._earlier = train, earlier
         self._recorder, self._recent = Recorder(), deque[Progress](maxlen=200)
-        self._status, self._error = Status.QUEUED, ""
         self._fit: Fit | None = None
-        self.ended_at: Seconds | None = None
-        """By the clock of the `Trainings` it belongs to."""
-
-    @property
-    def status(self) -> Status:
-        """Where it stands."""
-        with self._lock:
-            return self._status
-
-    @property
-    def is_active(self) -> bool:
-        """Whether it still waits or runs."""
-        return self.status in (Status.QUEUED, Status.RUNNING)
-
-    @property
-    def is_stopping(self) -> bool:
-        """Whether it was told to stop, and has not ended yet."""
-        return self._stop.is_set() and self.is_active
 
     @property
     def progress(self) -> Progress | None:
@@ -107,12 +86,6 @@ class Job:
         """Its result, also that of a stopped training."""
         with self._lock:
             return self._fit
-
-    @property
-    def error(self) -> str:
-        """Why it failed, as a sentence; empty otherwise."""
-        with self._lock:
-            return self._error
 
     @property
     def rate(self) -> float | None:
@@ -142,33 +115,17 @@ class Job:
             history = self._recorder.history()
         return _joined(self._earlier, history) if self._earlier else history
 
-    def stop(self) -> None:
-        """Ask it to end soon; its result so far is kept."""
-        self._stop.set()
-
-    def cancel(self) -> None:
-        """End it before it has begun."""
-        self.stop()
-        self._end(Status.STOPPED)
-
-    def wait(self, timeout: Seconds | None = None) -> bool:
-        """Wait for its end; False if that did not come in time."""
-        return self._ended.wait(timeout)
-
     def answer(self, fit: Fit) -> None:
         """End it with a result that was there before."""
-        self._end(Status.DONE, fit=fit)
+        self._finish(Status.DONE, fit)
 
-    def work(self, train: Train, store: Store | None, threads: int | None) -> None:
+    def work(self, store: Store | None, threads: int | None) -> None:
         """Run it to its end, whatever that is; only the worker calls this."""
-        if self._stop.is_set():
-            self.cancel()
+        if not self._begin():
             return
-        with self._lock:
-            self._status = Status.RUNNING
         known_messages = len(store.messages) if store else 0
         try:
-            fit = train(
+            fit = (self._train or load_train())(
                 self.request.segment,
                 self.request.case,
                 self.request.config,
@@ -180,18 +137,13 @@ class Job:
         except AccpinnError as fault:
             self._end(Status.FAILED, error=str(fault))
         except Exception as fault:
-            _log.exception("A training ended unexpectedly")
-            self._end(
-                Status.FAILED,
-                error=f"The training ended unexpectedly ({type(fault).__name__}), a fault of this"
-                " program and not of your data; its log has the details. Try other settings.",
-            )
+            self._fail(fault, "training")
         else:
             messages = dict.fromkeys(store.messages[known_messages:]) if store else ()
             stopped = fit.outcome is Outcome.STOPPED
-            self._end(
+            self._finish(
                 Status.STOPPED if stopped else Status.DONE,
-                fit=replace(fit, notes=(*fit.notes, *messages)),
+                replace(fit, notes=(*fit.notes, *messages)),
             )
 
     def _note(self, progress: Progress) -> None:
@@ -199,10 +151,17 @@ class Job:
             self._recorder.add(progress)
             self._recent.append(progress)
 
-    def _end(self, status: Status, fit: Fit | None = None, error: str = "") -> None:
+    def _finish(self, status: Status, fit: Fit) -> None:
         with self._lock:
-            self._status, self._fit, self._error = status, fit, error
-        self._ended.set()
+            self._fit = fit
+        self._end(status)
+
+
+def load_train() -> Train:
+    """The network's training; its library takes a second or two to load."""
+    from accpinn.pinn.training import train
+
+    return train
 
 
 def _joined(before: History, after: History) -> History:

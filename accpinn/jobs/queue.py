@@ -1,4 +1,4 @@
-"""The queue of trainings and the one thread that works on them."""
+"""The queue of trainings and comparisons and the one thread that works on them."""
 
 import threading
 import time
@@ -8,7 +8,9 @@ from dataclasses import replace
 
 from accpinn.cthp import Case
 from accpinn.fit import Fit
-from accpinn.jobs.job import Job, Request, Status, Train
+from accpinn.jobs.job import Job, Request, Train, load_train
+from accpinn.jobs.series import Result, Series
+from accpinn.jobs.task import Status, Task
 from accpinn.pinn.config import PinnConfig
 from accpinn.segment import Segment
 from accpinn.store import Store
@@ -35,9 +37,9 @@ class Trainings:
         self._threads = threads
         self._clock = clock
         self._changed = threading.Condition()
-        self._queue: deque[Job] = deque()
-        self._running: Job | None = None
-        self._jobs: list[Job] = []
+        self._queue: deque[Task] = deque()
+        self._running: Task | None = None
+        self._jobs: list[Task] = []
         self._closed = False
         self._worker = threading.Thread(target=self._serve, name="trainings", daemon=True)
         self._worker.start()
@@ -54,15 +56,33 @@ class Trainings:
                 course = earlier.history() if earlier.status is not Status.DONE else None
             elif earlier:
                 self.stop(earlier)
-            job = Job(owner, request, course)
+            job = Job(owner, request, self._train, course)
             self._jobs.append(job)
             if known := self._recall(request):
                 job.answer(known)
                 job.ended_at = self._clock()
             else:
-                self._queue.append(job)
-                self._changed.notify_all()
+                self._enqueue(job)
         return job
+
+    def run(self, series: Series[Result]) -> Series[Result]:
+        """Queue a series; an earlier one of its owner and kind is stopped."""
+        with self._changed:
+            self._forget()
+            for other in self._jobs:
+                if (
+                    isinstance(other, Series)
+                    and other.is_active
+                    and (other.owner, other.what) == (series.owner, series.what)
+                ):
+                    self.stop(other)
+            self._jobs.append(series)
+            self._enqueue(series)
+        return series
+
+    def _enqueue(self, task: Task) -> None:
+        self._queue.append(task)
+        self._changed.notify_all()
 
     def _recall(self, request: Request) -> Fit | None:
         """The stored result of an identical request, which need not wait for its turn."""
@@ -77,9 +97,10 @@ class Trainings:
     def of(self, owner: str) -> Job | None:
         """The owner's latest job that is not forgotten."""
         with self._changed:
-            return next((job for job in reversed(self._jobs) if job.owner == owner), None)
+            jobs = (job for job in reversed(self._jobs) if isinstance(job, Job))
+            return next((job for job in jobs if job.owner == owner), None)
 
-    def ahead_of(self, job: Job) -> tuple[Job, ...]:
+    def ahead_of(self, job: Task) -> tuple[Task, ...]:
         """What runs or waits before a queued job; nothing once it runs."""
         with self._changed:
             if job not in self._queue:
@@ -87,13 +108,13 @@ class Trainings:
             waiting = list(self._queue)[: self._queue.index(job)]
             return (self._running, *waiting) if self._running else tuple(waiting)
 
-    def wait_for(self, job: Job) -> Seconds | None:
+    def wait_for(self, job: Task) -> Seconds | None:
         """Until a queued job starts at the latest; None where that cannot be told."""
         times = [other.time_left for other in self.ahead_of(job)]
         known = [seconds for seconds in times if seconds is not None]
         return sum(known) if len(known) == len(times) else None
 
-    def stop(self, job: Job) -> None:
+    def stop(self, job: Task) -> None:
         """Stop a job; one that still waits ends at once."""
         with self._changed:
             if job in self._queue:
@@ -114,14 +135,15 @@ class Trainings:
 
     def _serve(self) -> None:
         # Loading the network's library takes a second or two: done before the first job comes.
-        train = self._train or _load_train()
+        if self._train is None:
+            load_train()
         while True:
             with self._changed:
                 self._changed.wait_for(lambda: self._queue or self._closed)
                 if not self._queue:
                     return
                 self._running = job = self._queue.popleft()
-            job.work(train, self._store, self._threads)
+            job.work(self._store, self._threads)
             with self._changed:
                 self._running = None
                 job.ended_at = self._clock()
@@ -132,9 +154,3 @@ class Trainings:
         finished = [job for job in self._jobs if not job.is_active]
         kept = [j for j in finished[-KEPT_JOBS:] if now - (j.ended_at or now) <= KEPT_FOR]
         self._jobs = [job for job in self._jobs if job.is_active or job in kept]
-
-
-def _load_train() -> Train:
-    from accpinn.pinn.training import train
-
-    return train

@@ -1,0 +1,106 @@
+"""Several estimations one after the other as seen from outside: results come one by one."""
+
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Generic, TypeVar
+
+from accpinn.errors import AccpinnError
+from accpinn.fit import OnProgress, Progress, ShouldStop
+from accpinn.jobs.task import Status, Task
+from accpinn.store import Store
+from accpinn.units import Seconds
+
+Result = TypeVar("Result")
+
+
+@dataclass(frozen=True)
+class Means:
+    """What the worker lends to a series."""
+
+    store: Store | None
+    threads: int | None
+    on_progress: OnProgress
+    """To be called while one estimation runs, where that can tell."""
+    should_stop: ShouldStop
+
+
+Steps = Callable[[Means], Iterator[Result]]
+"""Yields each result as soon as it is known, and ends early once it is told to stop."""
+
+
+class Series(Task, Generic[Result]):
+    """Estimations by name; those that ended before a stop or a fault are kept."""
+
+    def __init__(
+        self,
+        owner: str,
+        what: str,
+        names: tuple[str, ...],
+        steps: Steps[Result],
+        even: bool = False,
+    ) -> None:
+        """Queued.
+
+        Args:
+            owner: who asked.
+            what: it is called in sentences, as "comparison".
+            names: of the estimations, in the order in which they run.
+            steps: the work.
+            even: whether all take about the same time, so that the time left can be told.
+        """
+        super().__init__(owner)
+        self.what, self.names = what, names
+        self._steps, self._even = steps, even
+        self._results: tuple[Result, ...] = ()
+        self._now: Progress | None = None
+        self._began: Seconds | None = None
+
+    @property
+    def results(self) -> tuple[Result, ...]:
+        """What is known so far."""
+        with self._lock:
+            return self._results
+
+    @property
+    def current(self) -> str:
+        """The name of what runs; empty where nothing does."""
+        done = len(self.results)
+        return self.names[done] if self.is_active and done < len(self.names) else ""
+
+    @property
+    def share(self) -> float:
+        """How much is done, 0 to 1."""
+        with self._lock:
+            done, now = len(self._results), self._now
+        within = now.iteration / max(1, now.iterations) if now else 0.0
+        return min(1.0, (done + min(within, 1.0)) / len(self.names))
+
+    @property
+    def time_left(self) -> Seconds | None:
+        """Estimated from what is done; None where the estimations differ too much."""
+        share = self.share
+        if not self._even or self._began is None or share <= 0:
+            return None
+        return (time.monotonic() - self._began) * (1 - share) / share
+
+    def work(self, store: Store | None, threads: int | None) -> None:
+        """Run it to its end, whatever that is; only the worker calls this."""
+        if not self._begin():
+            return
+        self._began = time.monotonic()
+        try:
+            for result in self._steps(Means(store, threads, self._note, self._stop.is_set)):
+                with self._lock:
+                    self._results, self._now = (*self._results, result), None
+        except AccpinnError as fault:
+            self._end(Status.FAILED, error=str(fault))
+        except Exception as fault:
+            self._fail(fault, self.what)
+        else:
+            whole = len(self.results) == len(self.names)
+            self._end(Status.DONE if whole else Status.STOPPED)
+
+    def _note(self, progress: Progress) -> None:
+        with self._lock:
+            self._now = progress
