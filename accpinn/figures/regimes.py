@@ -8,12 +8,12 @@ from accpinn.segment.regimes import CATCHING_UP, FOLLOWING, MANUAL, STANDSTILL, 
 
 COLOURS = {
     FOLLOWING: "#8b93a1",
-    CATCHING_UP: "#d8660c",
-    MANUAL: "#8a5af0",
-    STANDSTILL: "#18a070",
+    CATCHING_UP: "#b07d00",
+    MANUAL: "#b04a96",
+    STANDSTILL: "#4f86b5",
 }
 """By regime: a contrast of 3 or more on white and on the dark page; the law's own ground is grey
-and thin, and the others differ also under red-blind and green-blind vision."""
+and thin, and the others differ under red-blind and green-blind vision, and from the first vehicles."""
 THIN, THICK = 3, 8
 
 
