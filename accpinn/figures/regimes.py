@@ -13,7 +13,7 @@ COLOURS = {
     STANDSTILL: "#4f86b5",
 }
 """By regime: a contrast of 3 or more on white and on the dark page; the law's own ground is grey
-and thin, and the others differ under red-blind and green-blind vision, and from the first vehicles."""
+and thin; the others differ under red-blind and green-blind vision, and from the first vehicles."""
 THIN, THICK = 3, 8
 
 
