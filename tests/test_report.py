@@ -20,6 +20,7 @@ from accpinn.report.pictures import fits, motion
 from accpinn.report.words import summary
 from accpinn.snapshot import check, load, save
 from accpinn.snapshot.taking import stability as judged
+from tests.samples import FOLDER, PLATOON
 from tests.snapshots import small, whole
 
 HOSTILE = "</script><script>alert(1)</script>\"'><img src=x onerror=alert(1)>$y$_z_&amp;"
@@ -236,6 +237,16 @@ class TestCommand:
         assert status == 0
         assert out.strip() == str(written)
         assert load(file).id in written.read_text(encoding="utf-8")
+
+    def test_a_recording_brings_the_data_back(
+        self, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    ) -> None:
+        file = save(replace(whole(), segment=None), tmp_path / "no_data.accpinn.zip")
+        words = ["report", str(file), "--recording", str(FOLDER / f"{PLATOON}.csv")]
+        assert runs(words, capsys)[0] == 0
+        text = (tmp_path / "no_data.html").read_text(encoding="utf-8")
+        assert "Measured space-gaps and speeds" in text
+        assert any(cell.startswith("gap MAE") for cell in read(text).within("td"))
 
     def test_writes_where_it_is_told(
         self, file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]

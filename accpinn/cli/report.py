@@ -1,10 +1,12 @@
 """`report FILE`: a snapshot as one web page for people without accpinn."""
 
 import argparse
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from accpinn.snapshot import SUFFIX, load, write_whole
+from accpinn.openacc import read
+from accpinn.snapshot import SUFFIX, check, load, recovered, write_whole
 
 
 def add_parser(subparsers: Any) -> None:
@@ -12,6 +14,9 @@ def add_parser(subparsers: Any) -> None:
     parser = subparsers.add_parser("report", help="a snapshot as one self-contained web page")
     parser.add_argument("file", metavar="FILE", help="a snapshot (.accpinn.zip)")
     parser.add_argument("-o", "--out", metavar="HTML", help="where to (beside the snapshot)")
+    parser.add_argument(
+        "--recording", metavar="CSV", help="draw its data too, where they are not in the snapshot"
+    )
     parser.set_defaults(run=run)
 
 
@@ -19,7 +24,12 @@ def run(options: argparse.Namespace) -> int:
     """Write the page, and say where."""
     from accpinn.report import report  # plotly's script is read from disk
 
-    page = report(load(options.file))
+    snapshot = load(options.file)
+    recording = read(options.recording) if options.recording else None
+    checked = check(snapshot, recording)
+    if recording and snapshot.segment is None:
+        snapshot = replace(snapshot, segment=recovered(snapshot, recording))
+    page = report(snapshot, checked)
     place = Path(options.out or options.file.removesuffix(SUFFIX) + ".html")
     write_whole(page.encode(), place, "the report")
     print(place)
