@@ -279,7 +279,9 @@ class TestCommands:
         path = tmp_path / "a.accpinn.zip"
         path.write_bytes(data)
         assert main(["verify", str(path)]) == 1
-        assert "the network's weights (weights.npz) differs" in capsys.readouterr().err
+        said = capsys.readouterr().err
+        assert "damaged in the network's weights (weights.npz)" in said
+        assert str(path) in said
 
     def test_fit_keeps_a_snapshot_that_others_read(
         self, tmp_path: Path, capsys: pytest.CaptureFixture[str]

@@ -104,7 +104,17 @@ def load(content: Content) -> Snapshot:
     Raises:
         SnapshotError: one sentence of what is wrong and which part it is.
     """
-    data = content if isinstance(content, bytes) else _bytes_of(Path(content))
+    if isinstance(content, bytes):
+        return _read(content)
+    path = Path(content)
+    data = _bytes_of(path)
+    try:
+        return _read(data)
+    except SnapshotError as fault:
+        raise SnapshotError(f"{path}: {fault}") from None
+
+
+def _read(data: bytes) -> Snapshot:
     if len(data) > LARGEST:
         raise SnapshotError(f"{WHOLE} is larger than {LARGEST / 1e6:.0f} MB, so it is refused.")
     entries = contents(data, WHOLE, MOST_ENTRIES)
@@ -164,8 +174,8 @@ def _check_entries(entries: dict[str, bytes], manifest: dict[str, Any]) -> None:
             raise SnapshotError(f"{WHOLE} is damaged: {part.title} ({name}) is missing.")
         if name in entries and listed.get(name) != _fingerprint(entries[name]):
             raise SnapshotError(
-                f"{WHOLE} is damaged: {part.title} ({name}) differs from what was saved; get the"
-                " file anew."
+                f"{WHOLE} is damaged in {part.title} ({name}), which is not as it was saved; get"
+                " the file anew."
             )
     if len(listed) != len(entries) - 1:
         raise SnapshotError(f"{WHOLE} is refused: its manifest lists what it does not hold.")
