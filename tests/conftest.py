@@ -29,3 +29,9 @@ def chromium() -> str:
     if found is None:
         pytest.skip("no Chromium on this machine; install it, or name it in CHROMIUM")
     return found
+
+
+@pytest.fixture(autouse=True)
+def shelf_of_its_own(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """No test sees or changes the snapshots of whoever runs it."""
+    monkeypatch.setenv("ACCPINN_SNAPSHOTS", str(tmp_path / "snapshots"))

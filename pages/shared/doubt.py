@@ -14,10 +14,12 @@ from pages.shared.workspace import Workspace, hold
 def doubt_of(workspace: Workspace, laws: LawSet) -> Uncertainty | None:
     """The uncertainty of the fit that ``laws`` are of; None for laws from elsewhere."""
     fit, segment = workspace.fit, workspace.segment
-    if fit is None or segment is None or fit.parameters != laws.parameters:
+    if fit is None or fit.parameters != laws.parameters:
         return None
     known = workspace.doubt
     if known is None or known[0] is not fit:
+        if segment is None:
+            return None
         workspace.doubt = known = (fit, intervals(segment, fit))
     return known[1]
 

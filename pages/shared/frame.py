@@ -7,8 +7,9 @@ from pathlib import Path
 import streamlit as st
 
 from accpinn.figures.style import vehicle_colour
-from accpinn.jobs import Status
-from accpinn.segment import Segment
+from accpinn.jobs import Job, Status
+from accpinn.segment.outline import Described
+from accpinn.snapshot import Snapshot
 from pages.shared import charts
 from pages.shared.text import plain
 from pages.shared.workspace import SESSION, Workspace, current, hold
@@ -16,7 +17,7 @@ from pages.shared.workspace import SESSION, Workspace, current, hold
 HERE = Path(__file__).parent
 ROOT = HERE.parents[1]
 HOME, DATA, TRAIN = "app.py", "pages/1_Data.py", "pages/2_Train.py"
-STABILITY = "pages/3_Stability.py"
+STABILITY, SNAPSHOTS = "pages/3_Stability.py", "pages/6_Snapshots.py"
 
 _ICONS = {
     "Home": "home",
@@ -59,6 +60,8 @@ def begin(title: str, lead: str = "") -> Workspace:
             " are kept: open the same recording and the answer comes from the cache.",
             icon=":material/history:",
         )
+    if fault := st.session_state["snapshot_fault"]:
+        st.error(plain(fault), icon=":material/link_off:")
     return workspace
 
 
@@ -77,7 +80,7 @@ def go(page: str, workspace: Workspace) -> None:
     st.switch_page(page, query_params={SESSION: workspace.id})
 
 
-def vehicle_key(segment: Segment, with_truth: bool = False) -> None:
+def vehicle_key(segment: Described, with_truth: bool = False) -> None:
     """Which colour is which vehicle, once for all charts below."""
     leader = segment.vehicles[0]
     entries = [
@@ -133,6 +136,8 @@ def _choose_pictures(workspace: Workspace) -> None:
 def standing(workspace: Workspace) -> list[str]:
     """Where the session stands, a line a step."""
     recording, segment, job = workspace.recording, workspace.segment, workspace.job
+    if workspace.snapshot:
+        return snapshot_standing(workspace.snapshot) + _training_line(job)
     if recording is None:
         return ["No recording is open yet."]
     lines = [f"**Recording** {plain(recording.source)}"]
@@ -146,9 +151,22 @@ def standing(workspace: Workspace) -> list[str]:
             lines.append(f"**Left out** of the law: {', '.join(segment.left_out_regimes)}")
     else:
         lines.append("**Window** cannot be used yet")
-    if job:
-        lines.append(f"**Training** {_STANDING[job.status]}")
-    return lines
+    return lines + _training_line(job)
+
+
+def snapshot_standing(snapshot: Snapshot) -> list[str]:
+    """The same of a snapshot."""
+    outline = snapshot.outline
+    return [
+        f"**Snapshot** {plain(snapshot.name[:60] or snapshot.id)}",
+        f"**Recording** {plain(outline.source)}",
+        f"**Window** {outline.start:g}–{outline.start + outline.duration:g} s, vehicles"
+        f" {outline.vehicles[0]}–{outline.vehicles[-1]}",
+    ]
+
+
+def _training_line(job: Job | None) -> list[str]:
+    return [f"**Training** {_STANDING[job.status]}"] if job else []
 
 
 _STANDING = {

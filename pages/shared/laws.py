@@ -10,7 +10,7 @@ from accpinn.cthp import Parameters
 from accpinn.errors import AccpinnError, ParameterError
 from accpinn.fit import Fit
 from accpinn.published import PUBLISHED, LawSet, law_set
-from accpinn.segment import Segment
+from accpinn.segment.outline import Described
 from accpinn.stability import StabilityReport, report
 from accpinn.tables.results import where
 from pages.shared.remembered import Row, Source
@@ -45,8 +45,8 @@ def choose_laws(workspace: Workspace, page: str) -> LawSet | None:
         )
         if now == "published":
             _choose_example(workspace, page)
-        elif now == "fit" and workspace.segment:
-            st.caption(plain(where(workspace.segment)))
+        elif now == "fit" and workspace.described:
+            st.caption(plain(where(workspace.described)))
     if now == "hand":
         _edit_rows(workspace, page)
     try:
@@ -73,8 +73,8 @@ def laws_of(workspace: Workspace, source: Source) -> LawSet:
     Raises:
         ParameterError: rows that are too few or too many.
     """
-    if source == "fit" and workspace.fit and workspace.segment:
-        return _learned(workspace.segment, workspace.fit)
+    if source == "fit" and workspace.fit and workspace.described:
+        return _learned(workspace.described, workspace.fit)
     if source == "hand":
         return _typed(workspace.laws.rows)
     return next(laws for laws in PUBLISHED if laws.title == workspace.laws.example)
@@ -156,7 +156,7 @@ def _typed(rows: tuple[Row, ...]) -> LawSet:
     return law_set(BY_HAND, labels, laws)
 
 
-def _learned(segment: Segment, fit: Fit) -> LawSet:
+def _learned(segment: Described, fit: Fit) -> LawSet:
     return LawSet(
         where(segment), segment.labels[1:], fit.parameters, segment.vehicles[1:],
         segment.vehicles[0],

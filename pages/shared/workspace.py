@@ -16,7 +16,7 @@ import streamlit as st
 
 from accpinn.comparison import Row
 from accpinn.cthp import Case, Parameters
-from accpinn.errors import SegmentError
+from accpinn.errors import SegmentError, SnapshotError
 from accpinn.fit import Fit
 from accpinn.jobs import Job, Trainings
 from accpinn.openacc import Recording
@@ -30,6 +30,9 @@ from accpinn.segment import (
     default_vehicles,
     regimes,
 )
+from accpinn.segment.outline import Described
+from accpinn.snapshot import Snapshot, recovered
+from accpinn.snapshot.shelf import Shelf
 from accpinn.store import Store
 from accpinn.synthetic import Truth
 from accpinn.uncertainty import Uncertainty
@@ -40,6 +43,8 @@ KEPT_WORKSPACES = 200
 KEPT_FOR: Seconds = 3 * 24 * 3600.0
 SESSION = "session"
 """Name of the query parameter, and of the entry in Streamlit's session state."""
+SNAPSHOT = "snapshot"
+"""Name of the query parameter that opens one of the server's snapshots."""
 
 
 @dataclass(eq=False)
@@ -67,6 +72,10 @@ class Workspace:
     """What the data leave open about a fit, kept with that fit."""
     compared: tuple[Row, ...] = ()
     """What all methods say of the segment; empty before they were run."""
+    snapshot: Snapshot | None = None
+    """The result that is shown as it was saved; without its data there may be no segment."""
+    linked: str = ""
+    """The snapshot that the address asked for last, so that it is opened once."""
     laws: LawChoice = field(default_factory=LawChoice)
     pictures: str = "SVG"
     """The format in which charts are saved."""
@@ -74,11 +83,33 @@ class Workspace:
     drive: DriveChoice = field(default_factory=DriveChoice)
 
     def open(self, recording: Recording, truth: Truth | None = None) -> None:
-        """Begin with a recording: its longest platoon, and the first window without holes."""
+        """Begin with a recording: its longest platoon, and the first window without holes.
+
+        If it is the one that the snapshot shown was learned from, it completes that instead.
+        """
+        if self.snapshot and not self.recording and recovered(self.snapshot, recording):
+            self.restore(self.snapshot, recording, truth)
+            return
         vehicles = default_vehicles(recording)
         self.recording, self.truth, self.refusal = recording, truth, ""
         window = _first_window(recording, vehicles)
         self.choose(vehicles=vehicles, window=window, leave_out=())
+
+    def restore(
+        self, snapshot: Snapshot, recording: Recording | None = None, truth: Truth | None = None
+    ) -> None:
+        """Show a snapshot on every page; its recording stays open, or is opened, if it is given."""
+        outline, given = snapshot.outline, recording or self.recording
+        cut_anew = recovered(snapshot, given) if given else None
+        self.recording = given if cut_anew else None
+        self.truth = (truth or self.truth) if cut_anew else None
+        self.segment = cut_anew or snapshot.segment
+        self.vehicles, self.case = outline.vehicles, snapshot.fit.case
+        self.window = Window(outline.start, outline.start + outline.duration)
+        self.leave_out, self.fault, self.refusal = outline.left_out, "", ""
+        self.job, self.compared = None, snapshot.rows
+        self.doubt = (snapshot.fit, snapshot.uncertainty) if snapshot.uncertainty else None
+        self.snapshot, self.linked = snapshot, snapshot.id
 
     def choose(
         self,
@@ -91,7 +122,7 @@ class Workspace:
         self.vehicles = tuple(vehicles or self.vehicles)
         self.window, self.case = window or self.window, case or self.case
         self.leave_out = self.leave_out if leave_out is None else leave_out
-        self.job, self.compared = None, ()
+        self.job, self.snapshot, self.compared = None, None, ()
         if self.recording is None:
             return
         try:
@@ -111,8 +142,15 @@ class Workspace:
 
     @property
     def fit(self) -> Fit | None:
-        """The result of the training, if there is one yet."""
-        return self.job.fit if self.job else None
+        """The result of the training, or else of the snapshot shown, if there is one yet."""
+        if self.job:
+            return self.job.fit
+        return self.snapshot.fit if self.snapshot else None
+
+    @property
+    def described(self) -> Described | None:
+        """What the fit is of; it is known also where the data are not."""
+        return self.segment or (self.snapshot.outline if self.snapshot else None)
 
     @property
     def true_parameters(self) -> tuple[Parameters, ...]:
@@ -181,6 +219,12 @@ def store() -> Store:
 
 
 @st.cache_resource(show_spinner=False)
+def shelf() -> Shelf:
+    """The server's one store of snapshots."""
+    return Shelf()
+
+
+@st.cache_resource(show_spinner=False)
 def trainings() -> Trainings:
     """The server's one queue of trainings."""
     return Trainings(store=store())
@@ -199,7 +243,25 @@ def current() -> Workspace:
     st.session_state[SESSION] = workspace.id
     if st.query_params.get(SESSION) != workspace.id:
         st.query_params[SESSION] = workspace.id
+    _follow_link(workspace)
     return workspace
+
+
+def _follow_link(workspace: Workspace) -> None:
+    """Open the snapshot that the address names; afterwards the address names the one shown."""
+    asked = st.query_params.get(SNAPSHOT, "")
+    st.session_state["snapshot_fault"] = ""
+    if asked and asked != workspace.linked:
+        try:
+            workspace.restore(shelf().open(asked))
+        except SnapshotError as fault:
+            st.session_state["snapshot_fault"] = str(fault)
+            return
+    shown = workspace.snapshot.id if workspace.snapshot else ""
+    if shown and shown != asked:
+        st.query_params[SNAPSHOT] = shown
+    elif asked and not shown:
+        del st.query_params[SNAPSHOT]
 
 
 def hold(key: str, value: object) -> str:

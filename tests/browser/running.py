@@ -38,6 +38,7 @@ def served(cache: Path, log: Path, recordings: Path | None = None) -> Iterator[s
         free.bind(("127.0.0.1", 0))
         port = free.getsockname()[1]
     environment = os.environ | {"ACCPINN_CACHE": str(cache), "OMP_NUM_THREADS": "1"}
+    environment["ACCPINN_SNAPSHOTS"] = str(cache.with_name("snapshots"))
     environment.pop("ACCPINN_RECORDINGS", None)
     if recordings:
         environment["ACCPINN_RECORDINGS"] = str(recordings)

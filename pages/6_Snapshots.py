@@ -1,0 +1,48 @@
+"""Snapshots: keep a result, send it, open a colleague's, and compare two."""
+
+import streamlit as st
+
+from accpinn.errors import SnapshotError
+from accpinn.tables.typeset import STYLE
+from pages.shared import frame
+from pages.shared.snapshots_comparing import show_both
+from pages.shared.snapshots_listing import banner, choose, listing, opened, show_one
+from pages.shared.snapshots_saving import save_form, show_said, upload_form
+from pages.shared.text import plain
+from pages.shared.workspace import shelf
+
+
+def main() -> None:
+    workspace = frame.begin(
+        "Snapshots", "Results as files: keep them, send them, open them again, compare them."
+    )
+    show_said()
+    banner(workspace)
+    left, right = st.columns((1.4, 1), gap="large")
+    with left:
+        save_form(workspace)
+    with right:
+        upload_form()
+    st.subheader("On this server", anchor=False)
+    entries = shelf().entries()
+    if not entries:
+        st.caption("No snapshot is kept here yet.")
+        return
+    st.html(STYLE + listing(entries).to_html())
+    entry = choose("Snapshot", "snapshots_chosen", entries)
+    if entry is None:
+        return
+    try:
+        show_one(workspace, entry)
+    except SnapshotError as fault:  # deleted or damaged since the list was read
+        st.error(plain(str(fault)), icon=":material/error:")
+        return
+    whole = tuple(one for one in entries if not one.fault and one.id != entry.id)
+    if whole and not entry.fault:
+        st.subheader("Compare with another", anchor=False)
+        other = choose("The second snapshot", "snapshots_second", whole)
+        if other and st.toggle("Show both side by side", key="snapshots_compare"):
+            show_both(opened(entry.id), opened(other.id))
+
+
+main()

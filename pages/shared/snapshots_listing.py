@@ -1,0 +1,183 @@
+"""The server's snapshots on a page: the list, one of them in full, and what can be done with it."""
+
+from urllib.parse import urlsplit
+
+import streamlit as st
+
+from accpinn.errors import SnapshotError
+from accpinn.report import report
+from accpinn.snapshot import SUFFIX, Snapshot, check
+from accpinn.snapshot.shelf import Entry
+from accpinn.tables.comparison import TITLES
+from accpinn.tables.typeset import STYLE, Column, Table
+from pages.shared import frame
+from pages.shared.snapshots_saving import say
+from pages.shared.text import plain
+from pages.shared.workspace import SNAPSHOT, Workspace, shelf
+
+LISTED = 50
+"""Snapshots in the table; all can be chosen below it."""
+
+
+def listing(entries: tuple[Entry, ...]) -> Table:
+    """The newest snapshots, a line each."""
+    columns = (
+        Column("Name"), Column("Recording"), Column("Window"), Column("Vehicles"),
+        Column("Method"), Column("α, β, τ of the first follower"), Column("Data"),
+        Column("Saved"),
+    )  # fmt: skip
+    rows = tuple(_line(entry) for entry in entries[:LISTED])
+    return Table("", columns, rows)
+
+
+def _line(entry: Entry) -> tuple[str, ...]:
+    if entry.fault:
+        return (f"{entry.id} (damaged)", *("–",) * 7)
+    first = "{:.4f}, {:.4f}, {:.3f}".format(*entry.parameters[0])
+    return (
+        title(entry), entry.source, entry.window, f"{entry.vehicles[0]} to {entry.vehicles[-1]}",
+        TITLES.get(entry.method, entry.method), first, "yes" if entry.with_data else "no",
+        entry.created.replace("T", " ").replace("Z", " UTC"),
+    )  # fmt: skip
+
+
+def title(entry: Entry) -> str:
+    """What a snapshot is called: its name, or else its short name."""
+    return entry.name.strip() or entry.id
+
+
+def choose(label: str, key: str, entries: tuple[Entry, ...]) -> Entry | None:
+    """One of them, by name."""
+    known = {entry.id: entry for entry in entries}
+    if st.session_state.get(key) not in known:
+        st.session_state.pop(key, None)
+    chosen = st.selectbox(
+        label,
+        list(known),
+        format_func=lambda name: (
+            f"{title(known[name])} · {known[name].source or 'damaged'} · {name[:6]}"
+        ),
+        key=key,
+    )
+    return known.get(chosen or "")
+
+
+@st.cache_resource(max_entries=8, show_spinner=False)
+def opened(name: str) -> Snapshot:
+    """A snapshot of the store; its name is its content, so it never changes."""
+    return shelf().open(name)
+
+
+def show_one(workspace: Workspace, entry: Entry) -> None:
+    """What it is, the buttons, its link, and whether it is what it says."""
+    if entry.fault:
+        st.error(plain(entry.fault), icon=":material/error:")
+        _delete_button(entry)
+        return
+    if entry.note:
+        st.text(entry.note)
+    with st.container(horizontal=True):
+        st.button(
+            "Open", type="primary", icon=":material/folder_open:", key="snapshots_open",
+            on_click=_open, args=(workspace, entry.id),
+        )  # fmt: skip
+        st.download_button(
+            f"Download ({entry.size / 1e6:.1f} MB)",
+            lambda: shelf().raw(entry.id),
+            f"{_file_name(entry)}{SUFFIX}",
+            "application/zip",
+            on_click="ignore",
+            icon=":material/download:",
+        )
+        st.download_button(
+            "Report",
+            lambda: report(opened(entry.id)),
+            f"{_file_name(entry)}.html",
+            "text/html",
+            on_click="ignore",
+            icon=":material/description:",
+            help="One web page that needs nothing but a browser; it can be printed.",
+        )
+        _delete_button(entry)
+    st.caption("Link to this snapshot; it opens on any page of this server.")
+    st.code(link_to(entry.id), language=None)
+    with st.expander("Is it what it says? Stored beside recomputed", icon=":material/fact_check:"):
+        show_verification(workspace, opened(entry.id))
+
+
+def link_to(name: str) -> str:
+    """The address under which this server shows a snapshot."""
+    parts = urlsplit(st.context.url or "")
+    base = f"{parts.scheme}://{parts.netloc}" if parts.netloc else ""
+    return f"{base}/Snapshots?{SNAPSHOT}={name}"
+
+
+def _open(workspace: Workspace, name: str) -> None:
+    try:
+        workspace.restore(opened(name))
+    except SnapshotError as fault:
+        say("error", str(fault))
+        return
+    say("success", "Opened: every page now shows this snapshot.")
+
+
+def _delete_button(entry: Entry) -> None:
+    with st.popover("Delete", icon=":material/delete:"):
+        st.write("Delete it from the server for everyone? Links to it will end here.")
+        st.button("Yes, delete it", key="snapshots_delete", on_click=_delete, args=(entry,))
+
+
+def _delete(entry: Entry) -> None:
+    try:
+        shelf().delete(entry.id)
+    except SnapshotError as fault:
+        say("error", str(fault))
+        return
+    say("success", f"Deleted: {title(entry)}.")
+
+
+def _file_name(entry: Entry) -> str:
+    """The name with nothing in it that a file name cannot have."""
+    kept = "".join(c if c.isalnum() or c in "-_." else "_" for c in title(entry))
+    return kept.strip("._")[:60] or entry.id
+
+
+def show_verification(workspace: Workspace, snapshot: Snapshot) -> None:
+    """Every figure checked, as stored and as computed now from the snapshot's own contents."""
+    recording = workspace.recording
+    same = recording if recording and recording.sha256 == snapshot.outline.sha256 else None
+    found = check(snapshot, same)
+    if found.ok:
+        st.success(plain(found.sentence), icon=":material/verified:")
+    else:
+        st.error(plain(found.sentence), icon=":material/error:")
+    columns = tuple(map(Column, ("Checked", "Stored", "Recomputed", "Result")))
+    rows = tuple((c.name, c.stored, c.recomputed, c.sentence) for c in found.checks)
+    st.html(STYLE + Table("", columns, rows).to_html())
+
+
+def banner(workspace: Workspace) -> None:
+    """On a page that shows a snapshot: which one, and what would complete it."""
+    snapshot = workspace.snapshot
+    if snapshot is None:
+        return
+    name = plain(snapshot.name or snapshot.id)
+    if workspace.recording:
+        state = "its recording is open, so everything is complete."
+    elif workspace.segment:
+        state = "its data came with it."
+    else:
+        state = "it came without its data."
+    st.info(f"From the snapshot **{name}**; {state}", icon=":material/inventory_2:")
+
+
+def recording_needed(workspace: Workspace, snapshot: Snapshot, what: str) -> None:
+    """Why a page cannot show something, and which recording would help."""
+    outline = snapshot.outline
+    st.warning(
+        f"{what} the recording, which is not part of the snapshot. It is"
+        f" **{plain(outline.source)}**, SHA-256 `{outline.sha256 or 'not known'}`. Open that file"
+        " on the Data page, and the window is restored.",
+        icon=":material/database:",
+    )
+    frame.link(frame.DATA, "Open the recording on Data", workspace, "arrow_forward")
