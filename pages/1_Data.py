@@ -15,6 +15,8 @@ from pages.shared.choosing import choose_vehicles, choose_window, overview
 from pages.shared.metadata import describe, show_warnings
 from pages.shared.regimes import show_regimes
 from pages.shared.settings import chosen_config
+from pages.shared.snapshots_listing import banner
+from pages.shared.snapshots_showing import show_data
 from pages.shared.sources import choose_source
 from pages.shared.text import bullets, plain
 from pages.shared.workspace import Workspace
@@ -24,9 +26,13 @@ def main() -> None:
     workspace = frame.begin("Data", "Open a recording, choose who follows whom, and when.")
     recording = workspace.recording
     if recording is None:
+        if workspace.snapshot:
+            show_data(workspace, workspace.snapshot)
         with st.container(border=True):
             choose_source(workspace)
+        show_segment(workspace)
         return
+    banner(workspace)
     with st.expander(
         f"Open another recording instead of {plain(recording.source)}",
         icon=":material/folder_open:",
@@ -59,7 +65,8 @@ def show_segment(workspace: Workspace) -> None:
     """What the window tells, and the estimate that needs no training."""
     segment = workspace.segment
     if segment is None:
-        st.error(plain(workspace.fault), icon=":material/error:")
+        if workspace.fault:
+            st.error(plain(workspace.fault), icon=":material/error:")
         return
     quality = assess(segment)
     estimate = least_squares.fit(segment, workspace.case)

@@ -6,16 +6,23 @@ from pages.shared import frame
 from pages.shared.controls import controls
 from pages.shared.live import watch
 from pages.shared.results import show_result
+from pages.shared.snapshots_listing import banner
+from pages.shared.snapshots_showing import show_result as show_saved
 from pages.shared.text import left_out, plain
 from pages.shared.workspace import Workspace
 
 
 def main() -> None:
     workspace = frame.begin("Train")
-    segment = workspace.segment
+    segment, snapshot = workspace.segment, workspace.snapshot
     if segment is None:
-        no_segment(workspace)
+        if snapshot:
+            banner(workspace)
+            show_saved(workspace, snapshot)
+        else:
+            no_segment(workspace)
         return
+    banner(workspace)
     first, last = segment.labels[0], segment.labels[-1]
     case = f" · Case {workspace.case}" if segment.followers > 1 else ""
     st.caption(
@@ -28,9 +35,11 @@ def main() -> None:
         watch(workspace.job, workspace.true_parameters)
         if not workspace.job.is_active:
             show_result(workspace.job, workspace.true_parameters)
-        if workspace.fit:
-            frame.link(frame.STABILITY, "Next: do these vehicles amplify disturbances?", workspace,
-                       "arrow_forward")  # fmt: skip
+    elif snapshot:
+        show_saved(workspace, snapshot)
+    if workspace.fit:
+        frame.link(frame.STABILITY, "Next: do these vehicles amplify disturbances?", workspace,
+                   "arrow_forward")  # fmt: skip
 
 
 def no_segment(workspace: Workspace) -> None:

@@ -9,6 +9,7 @@ from accpinn.tables import typeset
 from accpinn.tables.comparison import TITLES, intervals_table, methods_table
 from pages.shared import frame
 from pages.shared.results import downloads
+from pages.shared.snapshots_listing import recording_needed
 from pages.shared.text import bullets, left_out, plain
 from pages.shared.workspace import Workspace, store
 
@@ -16,6 +17,9 @@ from pages.shared.workspace import Workspace, store
 def main() -> None:
     workspace = frame.begin("Compare", "Every method on the same data: do they agree?")
     segment = workspace.segment
+    if segment is None and workspace.snapshot:
+        recording_needed(workspace, workspace.snapshot, "To run the methods, the page needs")
+        return
     if segment is None:
         st.info("Nothing to compare on yet: first open a recording.", icon=":material/info:")
         frame.link(frame.DATA, "Go to Data", workspace, "arrow_forward")

@@ -12,6 +12,7 @@ from accpinn.figures.training import tracking
 from accpinn.fit import Fit, Outcome
 from accpinn.jobs import Job
 from accpinn.segment import Segment
+from accpinn.segment.outline import Described
 from accpinn.segment.quality import assess
 from accpinn.tables import results as tables
 from accpinn.tables import typeset
@@ -68,7 +69,7 @@ def parameter_table(segment: Segment, fit: Fit) -> typeset.Table:
     )
 
 
-def downloads(table: typeset.Table, segment: Segment) -> None:
+def downloads(table: typeset.Table, segment: Described) -> None:
     """The table as files."""
     name = f"{Path(segment.source).stem}_parameters"
     with st.container(horizontal=True):

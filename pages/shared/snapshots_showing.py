@@ -1,0 +1,116 @@
+"""What a snapshot holds, on the pages Data and Train, as it was saved."""
+
+import streamlit as st
+
+from accpinn.assessment import closed_loop
+from accpinn.figures import training
+from accpinn.figures.recording import preview
+from accpinn.figures.style import vehicle_colour
+from accpinn.segment.outline import Outline
+from accpinn.snapshot import Snapshot
+from accpinn.tables import results as tables
+from accpinn.tables import typeset
+from accpinn.tables.comparison import intervals_table, methods_table
+from pages.shared import frame
+from pages.shared.charts import show_chart
+from pages.shared.results import downloads, show_outcome
+from pages.shared.snapshots_listing import banner, recording_needed
+from pages.shared.text import bullets
+from pages.shared.workspace import Workspace
+
+
+def show_data(workspace: Workspace, snapshot: Snapshot) -> None:
+    """The window's own curves, if they came along; else which recording has them."""
+    banner(workspace)
+    segment = snapshot.segment
+    if segment is None:
+        recording_needed(workspace, snapshot, "Speeds and gaps are in")
+        return
+    st.caption("These curves are the snapshot's; the whole recording is not part of it.")
+    frame.vehicle_key(segment)
+    show_chart(preview(segment), "snapshots_data")
+
+
+def show_result(workspace: Workspace, snapshot: Snapshot) -> None:
+    """Outcome, table, course and curves of a saved result."""
+    fit, outline, worth = snapshot.fit, snapshot.outline, snapshot.assessment
+    if workspace.segment is None:
+        recording_needed(workspace, snapshot, "To train on, the page needs")
+    show_outcome(fit)
+    table = tables.parameter_table(
+        outline,
+        fit,
+        snapshot.quality,
+        worth.surrogate if worth else None,
+        worth.closed_loop if worth else None,
+    )
+    colours = [vehicle_colour(n, outline.vehicles[0]) for n in outline.vehicles]
+    st.html(typeset.STYLE + table.coloured(colours).to_html())
+    if fit.notes:
+        st.info(bullets(fit.notes), icon=":material/info:")
+    downloads(table, outline)
+    show_history(snapshot)
+    show_curves(workspace, snapshot)
+
+
+def show_history(snapshot: Snapshot) -> None:
+    """How loss and parameters moved."""
+    history, outline = snapshot.fit.history, snapshot.outline
+    if history is None:
+        return
+    frame.vehicle_key(outline)
+    loss, *parameters = st.columns(4)
+    with loss:
+        show_chart(training.loss_course(history), "snapshots_loss")
+    for which, column in enumerate(parameters):
+        with column:
+            figure = training.parameter_course(history, which, outline)
+            show_chart(figure, f"snapshots_parameter_{which}")
+
+
+def show_curves(workspace: Workspace, snapshot: Snapshot) -> None:
+    """The method's curve, with the data and the closed loop where these are known."""
+    fit, segment, outline = snapshot.fit, workspace.segment, snapshot.outline
+    if segment is None and fit.surrogate is None:
+        return
+    st.subheader("The method's curve" + (" against data" if segment else ""), anchor=False)
+    follower = choose_follower(outline, "snapshots_follower")
+    driven = closed_loop(segment, fit) if segment else None
+    own = "network" if fit.method == "pinn" else fit.method
+    figure = training.tracking(segment or outline, follower, fit.surrogate, driven, own)
+    show_chart(figure, "snapshots_tracking")
+
+
+def choose_follower(outline: Outline, key: str) -> int:
+    """Whose curves or rows are shown; no question where there is one."""
+    if outline.followers == 1:
+        return 0
+    chosen = st.selectbox(
+        "Follower",
+        range(outline.followers),
+        format_func=lambda k: outline.labels[k + 1],
+        key=key,
+        width=320,
+    )
+    return chosen or 0
+
+
+def show_rows(workspace: Workspace) -> None:
+    """The methods compared, as they were saved, on a page that has no newer comparison."""
+    snapshot = workspace.snapshot
+    if snapshot is None or workspace.comparison:
+        return
+    banner(workspace)
+    if workspace.segment is None:
+        recording_needed(workspace, snapshot, "To run the methods, the page needs")
+    outline, rows = snapshot.outline, snapshot.rows
+    colours = [vehicle_colour(n, outline.vehicles[0]) for n in outline.vehicles[1:]]
+    doubt = snapshot.uncertainty
+    if doubt:
+        table = intervals_table(outline, doubt).coloured(colours)
+        st.html(typeset.STYLE + table.to_html())
+    if not rows:
+        st.caption("No comparison of the methods was saved with this snapshot.")
+        return
+    follower = choose_follower(outline, "snapshots_row_follower")
+    st.html(typeset.STYLE + methods_table(outline, rows, follower).to_html())

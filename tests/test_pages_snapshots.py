@@ -1,0 +1,247 @@
+"""The page Snapshots and what a snapshot restores on all others, without a browser."""
+
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+import streamlit as st
+from streamlit.testing.v1 import AppTest
+
+from accpinn.jobs import Status
+from accpinn.openacc import Recording
+from accpinn.pinn.config import preset
+from accpinn.snapshot import Snapshot
+from pages.shared import workspace
+from pages.shared.snapshots_comparing import differing_settings, parameter_differences
+from pages.shared.sources import FIRST_SAMPLE, sample
+from pages.shared.workspace import Workspace, shelf
+from tests.snapshots import whole
+
+ROOT = Path(__file__).parent.parent
+SNAPSHOTS, DATA, TRAIN = "pages/6_Snapshots.py", "pages/1_Data.py", "pages/2_Train.py"
+STABILITY, PLATOON, COMPARE = "pages/3_Stability.py", "pages/4_Platoon.py", "pages/5_Compare.py"
+PAGES = ["app.py", *sorted(f"pages/{path.name}" for path in (ROOT / "pages").glob("[0-9]*.py"))]
+
+
+@pytest.fixture(autouse=True)
+def fresh_server(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, shelf_of_its_own: None
+) -> Iterator[None]:
+    """A server of its own for each test."""
+    monkeypatch.chdir(ROOT)
+    monkeypatch.setenv("ACCPINN_CACHE", str(tmp_path / "cache"))
+    st.cache_resource.clear()
+    yield
+    workspace.trainings().close()
+    st.cache_resource.clear()
+
+
+def open_page(path: str, **address: str) -> AppTest:
+    page = AppTest.from_file(str(ROOT / "app.py"), default_timeout=60)
+    if path != "app.py":
+        page.switch_page(path)
+    for name, value in address.items():
+        page.query_params[name] = value
+    page.run()
+    assert not page.exception, page.exception
+    return page
+
+
+def workspace_of(page: AppTest) -> Workspace:
+    name = page.query_params["session"]
+    found = workspace.workspaces().find(name if isinstance(name, str) else name[0])
+    assert found is not None
+    return found
+
+
+def texts(page: AppTest) -> str:
+    kinds = ("markdown", "caption", "info", "warning", "error", "success", "subheader", "text")
+    written = [element.value for kind in kinds for element in page.get(kind)]
+    written += [element.proto.body for element in page.get("html")]
+    return "\n".join(written)
+
+
+def button(page: AppTest, key: str) -> Any:
+    return next(b for b in page.button if b.key == key)
+
+
+def charts(page: AppTest) -> int:
+    return len(page.get("plotly_chart"))
+
+
+def bare() -> Snapshot:
+    """The same without its data."""
+    return replace(whole(), segment=None, name="bare")
+
+
+def recording() -> Recording:
+    return sample(FIRST_SAMPLE)[0]
+
+
+def with_fit() -> Workspace:
+    found = workspace.workspaces().new()
+    found.open(*sample(FIRST_SAMPLE))
+    found.train(preset("fast", iterations=20))
+    assert found.job is not None
+    assert found.job.wait(120)
+    assert found.job.status is Status.DONE
+    return found
+
+
+class TestSaving:
+    def test_a_result_is_kept_and_listed(self) -> None:
+        found = with_fit()
+        page = open_page(SNAPSHOTS, session=found.id)
+        page.text_input(key="snapshots_name").input("<b>mine</b>")
+        page.text_area(key="snapshots_note").input("first try")
+        next(b for b in page.button if b.label == "Save").click().run()
+        assert not page.exception
+        assert "Saved as snapshot" in texts(page)
+        (entry,) = shelf().entries()
+        assert (entry.name, entry.note, entry.with_data) == ("<b>mine</b>", "first try", False)
+        assert "&lt;b&gt;mine&lt;/b&gt;" in texts(page)
+        assert "<b>mine</b>" not in texts(page)
+        kept = shelf().open(entry.id)
+        assert found.fit is not None
+        assert kept.fit.table().tobytes() == found.fit.table().tobytes()
+
+    def test_data_go_in_only_when_asked(self) -> None:
+        page = open_page(SNAPSHOTS, session=with_fit().id)
+        assert not page.checkbox(key="snapshots_with_data").value
+        page.checkbox(key="snapshots_with_data").check()
+        next(b for b in page.button if b.label == "Save").click().run()
+        assert shelf().entries()[0].with_data
+
+    def test_without_a_result_there_is_a_way_to_one(self) -> None:
+        page = open_page(SNAPSHOTS)
+        assert "no result to save yet" in texts(page)
+        assert "No snapshot is kept here yet" in texts(page)
+
+    def test_a_full_store_says_so(self) -> None:
+        found = with_fit()
+        page = open_page(SNAPSHOTS, session=found.id)
+        shelf().cap_count = 0
+        next(b for b in page.button if b.label == "Save").click().run()
+        assert "is full" in texts(page)
+
+
+class TestList:
+    def test_open_delete_and_verify(self) -> None:
+        name = shelf().add(whole())
+        page = open_page(SNAPSHOTS)
+        assert f"/Snapshots?snapshot={name}" in page.code[0].value
+        assert "The snapshot is whole" in texts(page).replace("\\", "")
+        assert "Recomputed" in texts(page)
+        button(page, "snapshots_open").click().run()
+        assert workspace_of(page).snapshot is not None
+        assert "From the snapshot" in texts(page)
+        button(page, "snapshots_delete").click().run()
+        assert not page.exception
+        assert shelf().entries() == ()
+
+    def test_a_damaged_one_is_named_and_can_be_deleted(self) -> None:
+        name = shelf().add(whole())
+        path = shelf().folder / f"{name}.accpinn.zip"
+        path.write_bytes(path.read_bytes()[:-9])
+        page = open_page(SNAPSHOTS)
+        assert "(damaged)" in texts(page)
+        assert page.error
+        button(page, "snapshots_delete").click().run()
+        assert shelf().entries() == ()
+
+    def test_two_side_by_side(self) -> None:
+        shelf().add(whole())
+        fit = replace(whole().fit, config={**whole().fit.config, "seed": 7})
+        shelf().add(replace(whole(), name="other seed", fit=fit))
+        page = open_page(SNAPSHOTS)
+        page.toggle(key="snapshots_compare").set_value(True).run()
+        assert not page.exception
+        assert charts(page) == 1
+        assert "What differs" in texts(page)
+
+
+def test_differences_are_those_of_the_second_against_the_first() -> None:
+    one = whole()
+    laws = (replace(one.fit.parameters[0], alpha=1.5 * one.fit.parameters[0].alpha),)
+    other = replace(one, fit=replace(one.fit, parameters=laws + one.fit.parameters[1:]))
+    table = parameter_differences(one, other)
+    assert table.rows[0][-1] == "+50.0"
+    assert [row[-1] for row in table.rows[1:]] == ["+0.0"] * (3 * one.outline.followers - 1)
+    assert differing_settings(one, one).rows == ()
+
+
+class TestLink:
+    @pytest.mark.parametrize("path", PAGES)
+    def test_opens_on_every_page_with_its_data(self, path: str) -> None:
+        name = shelf().add(whole())
+        page = open_page(path, snapshot=name)
+        assert not page.error
+        assert workspace_of(page).snapshot is not None
+        assert workspace_of(page).segment is not None
+
+    @pytest.mark.parametrize("path", PAGES)
+    def test_opens_on_every_page_without_its_data(self, path: str) -> None:
+        name = shelf().add(bare())
+        page = open_page(path, snapshot=name)
+        assert not page.error
+        assert workspace_of(page).fit is not None
+
+    @pytest.mark.parametrize("name", ["0" * 16, "../../etc"])
+    def test_to_nothing_says_so(self, name: str) -> None:
+        page = open_page(TRAIN, snapshot=name)
+        assert "There is no snapshot" in texts(page)
+
+    def test_in_a_session_that_exists(self) -> None:
+        found, name = with_fit(), shelf().add(bare())
+        page = open_page(TRAIN, session=found.id, snapshot=name)
+        assert workspace_of(page) is found
+        assert found.snapshot is not None
+        assert found.snapshot.id == name
+
+
+class TestRestoring:
+    def test_with_data_all_pages_have_their_figures(self) -> None:
+        name = shelf().add(whole())
+        assert charts(open_page(DATA, snapshot=name)) >= 1
+        assert charts(open_page(TRAIN, snapshot=name)) == 5
+        assert charts(open_page(STABILITY, snapshot=name)) == 3
+        assert "Least squares" in texts(open_page(COMPARE, snapshot=name))
+        page = open_page(TRAIN, snapshot=name)
+        (table, *_) = [e.proto.body for e in page.get("html") if "<table" in e.proto.body]
+        assert f"{whole().fit.parameters[0].alpha:.4f}" in table
+
+    def test_without_data_the_recording_is_named(self) -> None:
+        name, outline = shelf().add(bare()), whole().outline
+        for path in (DATA, COMPARE, TRAIN):
+            assert outline.sha256 in texts(open_page(path, snapshot=name)), path
+        page = open_page(TRAIN, snapshot=name)
+        assert charts(page) == 5, "history and the network's curves are in the snapshot"
+        assert charts(open_page(STABILITY, snapshot=name)) == 3
+
+    def test_the_recording_completes_it(self) -> None:
+        found = workspace.workspaces().new()
+        found.restore(shelf().open(shelf().add(bare())))
+        assert found.segment is None
+        found.open(*sample(FIRST_SAMPLE))
+        assert found.snapshot is not None
+        assert found.segment is not None
+        assert found.segment.digest() == whole().outline.digest
+        assert found.fit is found.snapshot.fit
+
+    def test_another_recording_takes_its_place(self) -> None:
+        found = workspace.workspaces().new()
+        found.restore(shelf().open(shelf().add(bare())))
+        found.open(replace(recording(), sha256="0" * 64))
+        assert found.snapshot is None
+        assert found.fit is None
+
+    def test_a_choice_lets_it_go_for_good(self) -> None:
+        name = shelf().add(whole())
+        page = open_page(TRAIN, snapshot=name)
+        found = workspace_of(page)
+        found.open(replace(recording(), sha256="0" * 64))
+        page.run()
+        assert found.snapshot is None
+        assert "snapshot" not in page.query_params
