@@ -5,7 +5,9 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
-from accpinn.assessment import Assessment, appraise
+import numpy as np
+
+from accpinn.assessment import Assessment, appraise, closed_loop_errors
 from accpinn.cthp import Case
 from accpinn.errors import ConfigError
 from accpinn.estimators import ESTIMATORS
@@ -13,8 +15,10 @@ from accpinn.fit import Fit, ShouldStop
 from accpinn.openacc import Recording
 from accpinn.pinn.config import FAST, PinnConfig
 from accpinn.segment import Segment
+from accpinn.segment.outline import Outline
 from accpinn.store import Store
 from accpinn.uncertainty import Uncertainty, intervals
+from accpinn.units import FloatArray
 
 METHODS = ("pinn", *ESTIMATORS)
 """In the order they are shown."""
@@ -27,6 +31,67 @@ class Row:
     fit: Fit
     uncertainty: Uncertainty
     assessment: Assessment
+
+
+@dataclass(frozen=True, eq=False)
+class Earlier:
+    """A fit that is no longer current, without its data: enough to be held against another."""
+
+    outline: Outline
+    method: str
+    case: Case
+    config: dict[str, Any]
+    parameters: FloatArray
+    """(M, 3) α, β, τ."""
+    closed_loop: FloatArray
+    """(M,) MAE of the space-gap in closed loop, in m; nan where it has no meaning."""
+
+    @classmethod
+    def of(cls, segment: Segment, fit: Fit) -> "Earlier":
+        """What is kept of a fit."""
+        errors = closed_loop_errors(segment, fit)
+        gaps = errors.gap_mae if errors else np.full(segment.followers, np.nan)
+        return cls(segment.outline(), fit.method, fit.case, fit.config, fit.table(), gaps)
+
+    def same_as(self, other: "Earlier") -> bool:
+        """Whether both come from the same request."""
+        return self.outline.digest == other.outline.digest and (
+            (self.method, self.case, self.config) == (other.method, other.case, other.config)
+        )
+
+    def of_vehicle(self, number: int) -> FloatArray | None:
+        """(3,) α, β, τ of the follower with that number in the file; None if it has none."""
+        followers = self.outline.vehicles[1:]
+        return self.parameters[followers.index(number)] if number in followers else None
+
+
+def differences(one: Earlier, other: Earlier) -> tuple[str, ...]:
+    """What was asked differently in the two, a few words each; empty where nothing was."""
+    return tuple(
+        f"{name}: {before} → {after}"
+        for name, before, after in (
+            *_pairs(_asked(one), _asked(other)),
+            *(_pairs(one.config, other.config) if one.method == other.method else ()),
+        )
+        if before != after
+    )
+
+
+def _asked(run: Earlier) -> dict[str, str]:
+    outline = run.outline
+    return {
+        "recording": outline.source,
+        "window": f"{outline.start:g}–{outline.start + outline.duration:g} s",
+        "vehicles": ", ".join(map(str, outline.vehicles)),
+        "left out": ", ".join(outline.left_out) or "nothing",
+        "case": run.case,
+        "method": run.method,
+    }
+
+
+def _pairs(one: dict[str, Any], other: dict[str, Any]) -> Iterator[tuple[str, Any, Any]]:
+    for name in dict.fromkeys([*one, *other]):
+        yield name, one.get(name, "–"), other.get(name, "–")
 
 
 def parse_methods(text: str) -> tuple[str, ...]:

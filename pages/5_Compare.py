@@ -2,23 +2,22 @@
 
 import streamlit as st
 
-from accpinn.comparison import METHODS, Row, compare
-from accpinn.figures.style import vehicle_colour
-from accpinn.segment import Segment
-from accpinn.tables import typeset
-from accpinn.tables.comparison import TITLES, intervals_table, methods_table
 from pages.shared import frame
-from pages.shared.results import downloads
-from pages.shared.snapshots_listing import recording_needed
-from pages.shared.text import bullets, left_out, plain
-from pages.shared.workspace import Workspace, store
+from pages.shared.compare_charts import choose_follower, show_courses, show_curves, show_estimates
+from pages.shared.compare_earlier import choose_earlier, show_earlier
+from pages.shared.compare_telling import show_telling
+from pages.shared.compare_watch import watch
+from pages.shared.compare_words import show_answer, show_intervals, show_methods
+from pages.shared.snapshots_showing import show_rows
+from pages.shared.text import left_out, plain
+from pages.shared.workspace import Workspace, trainings
 
 
 def main() -> None:
     workspace = frame.begin("Compare", "Every method on the same data: do they agree?")
     segment = workspace.segment
+    show_rows(workspace)
     if segment is None and workspace.snapshot:
-        recording_needed(workspace, workspace.snapshot, "To run the methods, the page needs")
         return
     if segment is None:
         st.info("Nothing to compare on yet: first open a recording.", icon=":material/info:")
@@ -27,62 +26,54 @@ def main() -> None:
     place = f"{segment.source} · {segment.start:g}–{segment.start + segment.duration:g} s"
     case = f" · Case {workspace.case}" if segment.followers > 1 else ""
     st.caption(plain(place) + case + left_out(segment.left_out_regimes))
-    if not workspace.compared:
+    controls(workspace)
+    if workspace.comparison:
+        watch(workspace.comparison, lambda: show(workspace))
+    elif workspace.runs:
+        st.caption(f"Kept from earlier in this session: {len(workspace.runs)} fits.")
+
+
+def controls(workspace: Workspace) -> None:
+    """Run, or stop what runs."""
+    series = workspace.comparison
+    if series and series.is_active:
+        if st.button("Stop", icon=":material/stop:", disabled=series.is_stopping):
+            trainings().stop(series)
+            st.rerun()
+        return
+    if series is None:
         st.markdown(
             "Eight ways to estimate α, β and τ, with the errors of each, take some seconds."
         )
-        if st.button("Run all methods", type="primary", icon=":material/play_arrow:"):
-            run(workspace, segment)
-            st.rerun()
+    whole = series is not None and len(series.results) == len(series.names)
+    if not whole and st.button(
+        "Run all methods", type="primary", icon=":material/play_arrow:", key="compare_run"
+    ):
+        workspace.compare()
+        st.rerun()
+
+
+def show(workspace: Workspace) -> None:
+    """The rows so far; what takes a choice or a while only comes once all have ended."""
+    segment, rows, series = workspace.segment, workspace.compared, workspace.comparison
+    if segment is None or series is None or not rows:
         return
-    show(segment, workspace.compared)
-
-
-def run(workspace: Workspace, segment: Segment) -> None:
-    """One method after the other, with a bar."""
-    bar, rows = st.progress(0.0, f"{TITLES[METHODS[0]]} …"), []
-    found = compare(
-        segment, workspace.case, store=store(), threads=1, recording=workspace.recording
-    )
-    for row in found:
-        rows.append(row)
-        left = METHODS[len(rows) :]
-        bar.progress(len(rows) / len(METHODS), f"{TITLES[left[0]]} …" if left else "")
-    workspace.compared = tuple(rows)
-
-
-def show(segment: Segment, rows: tuple[Row, ...]) -> None:
-    """What the recording allows, then each method's estimates and errors."""
-    doubt = rows[0].uncertainty
-    colours = [vehicle_colour(n, segment.vehicles[0]) for n in segment.vehicles[1:]]
-    intervals = intervals_table(segment, doubt)
-    st.html(typeset.STYLE + intervals.coloured(colours).to_html())
-    st.caption(
-        "Which parameters the data support where disturbances last for seconds, as on a road. A"
-        " method's estimate may lie outside: disturbances that the vehicle itself answers pull it."
-        " A lasting error of the measured gap shifts τ unseen: 0.1 m in 30 m by 0.3 %."
-    )
-    if doubt.notes:
-        st.info(bullets(doubt.notes), icon=":material/info:")
-    follower = 0
-    if segment.followers > 1:
-        follower = st.selectbox(
-            "Follower",
-            range(segment.followers),
-            format_func=lambda k: segment.labels[k + 1],
-            key="compare_follower",
-            width=320,
-        )
-    table = methods_table(segment, rows, follower)
-    st.html(typeset.STYLE + table.to_html())
-    st.caption(
-        "Surrogate fit: the method's own curve against the data. Closed loop: the law drives behind"
-        " the measured leader. Held out: the window's first and last third, each driven by a law"
-        " learned without it. Unseen rest: closed loop on the recording outside the window."
-        " Collides at: when the law would run into the vehicle ahead; it drives on, and the errors"
-        " include what follows."
-    )
-    downloads(table, segment)
+    running = series.is_active
+    if running:
+        show_methods(segment, rows, 0, running=True)
+        return
+    show_answer(segment, rows)
+    show_intervals(segment, rows[0].uncertainty)
+    follower = choose_follower(segment)
+    show_methods(segment, rows, follower)
+    earlier = choose_earlier(workspace, segment, follower)
+    truth = workspace.true_parameters
+    true = truth[follower] if truth else None
+    chosen = show_estimates(segment, rows, follower, true, earlier)
+    show_curves(segment, chosen, follower)
+    show_courses(segment, rows, follower, true)
+    show_telling(workspace, segment, rows, follower)
+    show_earlier(workspace, segment, rows, follower)
 
 
 main()

@@ -460,8 +460,10 @@ def test_compare_runs_every_method_and_keeps_the_result() -> None:
     found.choose(window=Window(0.0, 60.0))
     page = open_page("pages/5_Compare.py", found.id)
     next(button for button in page.button if button.label == "Run all methods").click()
-    page.run(timeout=WAIT)
-    assert not page.exception
+    page.run()
+    assert found.comparison is not None
+    assert found.comparison.wait(WAIT)
+    page = open_page("pages/5_Compare.py", found.id)
     assert [row.fit.method for row in found.compared][:2] == ["pinn", "least-squares"]
     shown = " ".join(str(block.proto) for block in page.get("html"))
     assert "Dual UKF" in shown

@@ -8,19 +8,20 @@ import secrets
 import threading
 import time
 from collections import OrderedDict
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
 import streamlit as st
 
-from accpinn.comparison import Row
+from accpinn.comparison import METHODS, Earlier, Row, compare
 from accpinn.cthp import Case, Parameters
 from accpinn.errors import SegmentError, SnapshotError
 from accpinn.fit import Fit
-from accpinn.jobs import Job, Trainings
+from accpinn.identifiability import Trial, starts
+from accpinn.jobs import Job, Means, Series, Trainings
 from accpinn.openacc import Recording
-from accpinn.pinn.config import PinnConfig, PresetName
+from accpinn.pinn.config import STARTS, PinnConfig, PresetName
 from accpinn.segment import (
     DURATION,
     Segment,
@@ -40,6 +41,8 @@ from accpinn.units import Seconds
 from pages.shared.remembered import DriveChoice, LawChoice, MapChoice
 
 KEPT_WORKSPACES = 200
+KEPT_RUNS = 24
+"""Three comparisons of eight methods."""
 KEPT_FOR: Seconds = 3 * 24 * 3600.0
 SESSION = "session"
 """Name of the query parameter, and of the entry in Streamlit's session state."""
@@ -70,8 +73,12 @@ class Workspace:
     job: Job | None = None
     doubt: tuple[Fit, Uncertainty] | None = None
     """What the data leave open about a fit, kept with that fit."""
-    compared: tuple[Row, ...] = ()
-    """What all methods say of the segment; empty before they were run."""
+    comparison: Series[Row] | None = None
+    """All methods on the segment, while they run and when they are done."""
+    starts: Series[Trial] | None = None
+    """Trainings of the segment from several initial values."""
+    runs: tuple[Earlier, ...] = ()
+    """Fits that are no longer current, oldest first."""
     snapshot: Snapshot | None = None
     """The result that is shown as it was saved; without its data there may be no segment."""
     linked: str = ""
@@ -99,6 +106,7 @@ class Workspace:
         self, snapshot: Snapshot, recording: Recording | None = None, truth: Truth | None = None
     ) -> None:
         """Show a snapshot on every page; its recording stays open, or is opened, if it is given."""
+        self.let_go()
         outline, given = snapshot.outline, recording or self.recording
         cut_anew = recovered(snapshot, given) if given else None
         self.recording = given if cut_anew else None
@@ -107,7 +115,6 @@ class Workspace:
         self.vehicles, self.case = outline.vehicles, snapshot.fit.case
         self.window = Window(outline.start, outline.start + outline.duration)
         self.leave_out, self.fault, self.refusal = outline.left_out, "", ""
-        self.job, self.compared = None, snapshot.rows
         self.doubt = (snapshot.fit, snapshot.uncertainty) if snapshot.uncertainty else None
         self.snapshot, self.linked = snapshot, snapshot.id
 
@@ -119,10 +126,11 @@ class Workspace:
         leave_out: tuple[str, ...] | None = None,
     ) -> None:
         """Change the segment or the case; what was trained before is let go."""
+        self.let_go()
+        self.snapshot = None
         self.vehicles = tuple(vehicles or self.vehicles)
         self.window, self.case = window or self.window, case or self.case
         self.leave_out = self.leave_out if leave_out is None else leave_out
-        self.job, self.snapshot, self.compared = None, None, ()
         if self.recording is None:
             return
         try:
@@ -138,7 +146,62 @@ class Workspace:
     def train(self, config: PinnConfig) -> None:
         """Queue a training of the segment."""
         if self.segment:
+            self._remember([self.fit] if self.fit else [])
             self.job = trainings().submit(self.id, self.segment, self.case, config)
+
+    def compare(self) -> None:
+        """Queue all methods on the segment."""
+        segment, case, recording = self.segment, self.case, self.recording
+        if segment is None:
+            return
+
+        def rows(means: Means) -> Iterator[Row]:
+            yield from compare(
+                segment, case, store=means.store, threads=means.threads, recording=recording,
+                should_stop=means.should_stop,
+            )  # fmt: skip
+
+        self._remember([row.fit for row in self.compared])
+        self.comparison = trainings().run(Series(self.id, "comparison", METHODS, rows))
+
+    def train_starts(self, config: PinnConfig) -> None:
+        """Queue a training of the segment from each of five initial values."""
+        segment, case = self.segment, self.case
+        if segment is None:
+            return
+
+        def trials(means: Means) -> Iterator[Trial]:
+            for initial in STARTS:
+                yield from starts(
+                    segment, case, config, initials=(initial,), store=means.store,
+                    threads=means.threads, on_progress=means.on_progress,
+                    should_stop=means.should_stop,
+                ).trials  # fmt: skip
+
+        names = tuple(f"start {k} of {len(STARTS)}" for k in range(1, len(STARTS) + 1))
+        series = Series(self.id, "series of starts", names, trials, even=True)
+        self.starts = trainings().run(series)
+
+    def let_go(self) -> None:
+        """Keep what the present fits say among the earlier runs, and end what still runs."""
+        self._remember([row.fit for row in self.compared] + ([self.fit] if self.fit else []))
+        for series in (self.comparison, self.starts):
+            if series:
+                trainings().stop(series)
+        self.job = self.comparison = self.starts = None
+
+    def _remember(self, fits: Sequence[Fit]) -> None:
+        for fit in fits if self.segment else ():
+            run = Earlier.of(self.segment, fit)
+            others = [other for other in self.runs if not other.same_as(run)]
+            self.runs = (*others, run)[-KEPT_RUNS:]
+
+    @property
+    def compared(self) -> tuple[Row, ...]:
+        """What the methods say of the segment, as far as they were run."""
+        if self.comparison:
+            return self.comparison.results
+        return self.snapshot.rows if self.snapshot else ()
 
     @property
     def fit(self) -> Fit | None:
@@ -201,8 +264,9 @@ class Workspaces:
             name, (used, workspace) = next(iter(self._kept.items()))
             if used >= oldest and len(self._kept) <= KEPT_WORKSPACES:
                 return
-            if workspace.job:
-                workspace.job.stop()
+            for task in (workspace.job, workspace.comparison, workspace.starts):
+                if task:
+                    task.stop()
             del self._kept[name]
 
 

@@ -1,0 +1,256 @@
+"""Methods side by side as figures: estimates, curves against data, parameters over time."""
+
+import html
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import plotly.graph_objects as go
+from plotly.colors import hex_to_rgb
+from plotly.subplots import make_subplots
+
+from accpinn.channels import GAP, SPEED, TIME
+from accpinn.cthp import Parameters, Trajectories
+from accpinn.figures.style import (
+    FOLLOWERS,
+    GRID,
+    LEADER,
+    MODEL,
+    finished,
+    label_axes,
+    thinned,
+    vehicle_colour,
+)
+from accpinn.figures.training import PARAMETERS, tracking
+from accpinn.fit import Course
+from accpinn.identifiability import INCREASE, Profile
+from accpinn.segment import Segment
+from accpinn.uncertainty import Uncertainty
+from accpinn.units import FloatArray
+
+BAND = "rgba(128, 140, 155, 0.20)"
+SETTLED = 0.25
+"""The first quarter of an online method's course does not set the axis: it still finds its way."""
+
+
+@dataclass(frozen=True, eq=False)
+class Estimate:
+    """One row of the chart."""
+
+    name: str
+    values: FloatArray
+    """(3,) α, β, τ; nan where undetermined."""
+    earlier: bool = False
+    """From an earlier run, drawn as a ring."""
+
+
+def estimates(
+    rows: Sequence[Estimate],
+    colour: str,
+    doubt: Uncertainty,
+    follower: int,
+    truth: Parameters | None = None,
+    chosen: str = "",
+) -> go.Figure:
+    """A dot a method for each of α, β, τ, over the interval that the data support.
+
+    Args:
+        rows: from the top down.
+        colour: of the vehicle.
+        doubt: the segment's intervals.
+        follower: 0 for the first.
+        truth: dashed, where it is known.
+        chosen: the name of the row that is drawn larger.
+    """
+    figure = make_subplots(rows=1, cols=3, shared_yaxes=True, horizontal_spacing=0.03)
+    true = (truth.alpha, truth.beta, truth.tau) if truth else ()
+    names = [html.escape(row.name) for row in rows]
+    for which, (symbol, unit, title) in enumerate(PARAMETERS):
+        column = which + 1
+        values = np.array([row.values[which] for row in rows])
+        ends = float(doubt.lower[follower, which]), float(doubt.upper[follower, which])
+        shown = _range(np.concatenate([values, ends, true[which : which + 1]]))
+        if np.isfinite(ends[0]):
+            figure.add_vrect(
+                x0=ends[0], x1=min(ends[1], shown[1]), fillcolor=BAND, line_width=0, layer="below",
+                row=1, col=column,
+            )  # fmt: skip
+        figure.add_scatter(
+            x=values,
+            y=names,
+            mode="markers",
+            customdata=[row.name for row in rows],
+            marker={
+                "size": [15 if row.name == chosen else 10 for row in rows],
+                "color": colour,
+                "symbol": ["circle-open" if row.earlier else "circle" for row in rows],
+                "line": {"width": 2, "color": colour},
+            },
+            selected={"marker": {"opacity": 1}},
+            unselected={"marker": {"opacity": 1}},
+            hovertemplate=f"%{{y}}<br>{symbol} = %{{x:.4f}} {unit}<extra></extra>",
+            row=1,
+            col=column,
+        )
+        if true:
+            figure.add_vline(
+                x=true[which], line={"color": LEADER, "width": 2, "dash": "dash"}, row=1, col=column
+            )
+        figure.update_xaxes(
+            title_text=f"{title} {symbol} [{unit}]", range=shown, nticks=5, row=1, col=column
+        )
+    figure = finished(figure, 110 + 30 * len(rows), "compare-estimates")
+    figure.update_yaxes(
+        categoryorder="array", categoryarray=names[::-1], showgrid=True, automargin=True
+    )
+    figure.update_layout(hovermode="closest", dragmode=False, clickmode="event+select")
+    return figure
+
+
+def curves(
+    segment: Segment,
+    follower: int,
+    surrogate: Trajectories | None,
+    closed_loop: Trajectories | None,
+    own: str,
+) -> go.Figure:
+    """Gap, speed and the error of the gap of one method over one axis of time.
+
+    Args:
+        segment: the data.
+        follower: 0 for the first.
+        surrogate: the method's own trajectories.
+        closed_loop: its law driving behind the measured leader.
+        own: how its trajectories are called.
+    """
+    upper = tracking(segment, follower, surrogate, closed_loop, own)
+    figure = make_subplots(
+        rows=3, cols=1, shared_xaxes=True, vertical_spacing=0.05, row_heights=[0.36, 0.32, 0.32]
+    )
+    for trace in upper.data:
+        row = 1 if trace.yaxis in (None, "y") else 2
+        figure.add_trace(trace, row=row, col=1)
+    colour = vehicle_colour(segment.vehicles[follower + 1], segment.vehicles[0])
+    lines = (
+        (own, surrogate, {"color": colour, "width": 1.5}),
+        ("closed-loop simulation", closed_loop, {"color": MODEL, "width": 1.5, "dash": "dot"}),
+    )
+    for name, source, line in lines:
+        if source is None:
+            continue
+        time, error = thinned(source.time, (source.gaps - segment.gaps)[:, follower])
+        figure.add_scatter(
+            x=time,
+            y=error,
+            name=name,
+            line=line,
+            legendgroup=name,
+            showlegend=False,
+            hovertemplate=f"%{{y:.2f}} {GAP.unit}<extra>{name}, error</extra>",
+            row=3,
+            col=1,
+        )
+    label_axes(figure, (GAP, SPEED))
+    figure.update_yaxes(title_text=f"Error of gap [{GAP.unit}]", row=3, col=1)
+    figure.add_hline(y=0, line={"color": GRID, "width": 1.5}, row=3, col=1)
+    figure.update_xaxes(title_text=TIME.axis, row=3, col=1)
+    figure = finished(figure, 620, "compare-curves")
+    legend = {"orientation": "h", "x": 0, "y": 1.01, "yanchor": "bottom"}
+    return figure.update_layout(showlegend=True, legend=legend, margin_t=34)
+
+
+def courses(
+    followed: Sequence[tuple[str, Course]],
+    follower: int,
+    truth: Parameters | None = None,
+) -> go.Figure:
+    """α, β and τ over time as online methods followed them, one standard deviation around each.
+
+    Args:
+        followed: name and course of each method.
+        follower: 0 for the first.
+        truth: dashed, where it is known.
+    """
+    figure = make_subplots(rows=3, cols=1, shared_xaxes=True, vertical_spacing=0.05)
+    true = (truth.alpha, truth.beta, truth.tau) if truth else ()
+    for which, (symbol, unit, _) in enumerate(PARAMETERS):
+        late = [np.array(true[which : which + 1])]
+        for (name, course), colour in zip(followed, FOLLOWERS, strict=False):
+            values = course.parameters[:, follower, which]
+            late.append(values[int(SETTLED * len(values)) :])
+            time, shown = thinned(course.time, values)
+            if course.deviation is not None:
+                around = course.deviation[:, follower, which]
+                figure.add_trace(_ribbon(course.time, values, around, colour), which + 1, 1)
+            figure.add_scatter(
+                x=time,
+                y=shown,
+                name=name,
+                line={"color": colour, "width": 2},
+                legendgroup=name,
+                showlegend=which == 0,
+                hovertemplate=f"{symbol} = %{{y:.4f}} {unit}<extra>{name}</extra>",
+                row=which + 1,
+                col=1,
+            )
+        if true:
+            line = {"color": LEADER, "width": 1.5, "dash": "dash"}
+            figure.add_hline(y=true[which], line=line, row=which + 1, col=1)
+        figure.update_yaxes(
+            title_text=f"{symbol} [{unit}]", range=_range(np.concatenate(late)), row=which + 1,
+            col=1,
+        )  # fmt: skip
+    figure.update_xaxes(title_text=TIME.axis, row=3, col=1)
+    figure = finished(figure, 560, "compare-courses")
+    legend = {"orientation": "h", "x": 0, "y": 1.01, "yanchor": "bottom"}
+    return figure.update_layout(showlegend=True, legend=legend, margin_t=34)
+
+
+def profiles(found: Sequence[Profile], colour: str) -> go.Figure:
+    """How much worse the law explains the data with one parameter held, in percent."""
+    figure = make_subplots(rows=1, cols=3, shared_yaxes=True, horizontal_spacing=0.03)
+    for column, (one, (symbol, unit, title)) in enumerate(zip(found, PARAMETERS, strict=True), 1):
+        figure.add_scatter(
+            x=one.values,
+            y=100 * one.increase,
+            mode="lines",
+            line={"color": colour, "width": 2.5},
+            hovertemplate=f"{symbol} = %{{x:.4f}} {unit}: %{{y:.2f}} % worse<extra></extra>",
+            row=1,
+            col=column,
+        )
+        figure.add_hline(
+            y=100 * INCREASE, line={"color": LEADER, "width": 1, "dash": "dash"}, row=1, col=column
+        )
+        figure.update_xaxes(title_text=f"{title} {symbol} [{unit}]", nticks=5, row=1, col=column)
+    figure.update_yaxes(range=[0, 400 * INCREASE])
+    figure.update_yaxes(title_text="Worse by [%]", row=1, col=1)
+    figure = finished(figure, 240, "compare-profiles")
+    return figure.update_layout(hovermode="closest")
+
+
+def _ribbon(time: FloatArray, values: FloatArray, around: FloatArray, colour: str) -> go.Scatter:
+    """The area of one deviation on either side, where both are known."""
+    known = np.flatnonzero(np.isfinite(values) & np.isfinite(around))
+    known = known[:: max(1, len(known) // 400)]
+    t, middle, width = time[known], values[known], around[known]
+    red, green, blue = hex_to_rgb(colour)
+    return go.Scatter(
+        x=np.concatenate([t, t[::-1]]),
+        y=np.concatenate([middle - width, (middle + width)[::-1]]),
+        mode="none",
+        fill="toself",
+        fillcolor=f"rgba({red}, {green}, {blue}, 0.15)",
+        hoverinfo="skip",
+        showlegend=False,
+    )
+
+
+def _range(values: FloatArray) -> list[float]:
+    """Axis limits around what is finite."""
+    values = values[np.isfinite(values)]
+    if not len(values):
+        return [0.0, 1.0]
+    low, high = float(values.min()), float(values.max())
+    margin = max(0.08 * (high - low), 0.02 * abs(high), 1e-4)
+    return [low - margin, high + margin]

@@ -1,0 +1,46 @@
+"""Earlier runs of the session: laid over the chart, and held against the present one."""
+
+import streamlit as st
+
+from accpinn.comparison import Earlier, Row
+from accpinn.figures.comparison import Estimate
+from accpinn.segment import Segment
+from accpinn.tables import typeset
+from accpinn.tables.earlier import earlier_table, title
+from pages.shared.workspace import Workspace
+
+MOST = 8
+"""Earlier runs over the chart at once."""
+
+
+def choose_earlier(workspace: Workspace, segment: Segment, follower: int) -> list[Estimate]:
+    """What the user lays over the chart."""
+    number = segment.vehicles[follower + 1]
+    known = [run for run in reversed(workspace.runs) if run.of_vehicle(number) is not None]
+    if not known:
+        return []
+    names = {f"{k}. {title(run)}": run for k, run in enumerate(known, 1)}
+    chosen = st.multiselect(
+        "Earlier runs to lay over the chart",
+        list(names),
+        key="compare_earlier",
+        max_selections=MOST,
+        placeholder=f"{len(known)} are kept",
+    )
+    values = [(name, names[name].of_vehicle(number)) for name in chosen if name in names]
+    return [Estimate(name, value, earlier=True) for name, value in values if value is not None]
+
+
+def show_earlier(
+    workspace: Workspace, segment: Segment, rows: tuple[Row, ...], follower: int
+) -> None:
+    """All earlier runs against the same method now: what was asked, what came out."""
+    if not workspace.runs:
+        return
+    st.subheader("Earlier runs", anchor=False)
+    now = {row.fit.method: Earlier.of(segment, row.fit) for row in rows}
+    table = earlier_table(tuple(reversed(workspace.runs)), now, segment.vehicles[follower + 1])
+    if table.rows:
+        st.html(typeset.STYLE + table.to_html())
+    else:
+        st.caption("None of the runs that are kept has this vehicle as a follower.")

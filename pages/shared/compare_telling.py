@@ -1,0 +1,85 @@
+"""Can the data tell: warnings, profiles of the loss, and five starts of the network."""
+
+import streamlit as st
+
+from accpinn.comparison import Row
+from accpinn.figures.comparison import profiles as profiles_chart
+from accpinn.figures.style import vehicle_colour
+from accpinn.identifiability import INCREASE, Dispersion, identifiable, profiles
+from accpinn.identifiability.starts import gather
+from accpinn.pinn.config import FAST, PAPER
+from accpinn.segment import Segment
+from accpinn.segment.quality import assess
+from accpinn.tables import typeset
+from accpinn.tables.starts import starts_table
+from pages.shared.charts import show_chart
+from pages.shared.compare_watch import watch
+from pages.shared.text import bullets
+from pages.shared.workspace import Workspace, trainings
+
+RECIPES = {"fast": FAST, "paper": PAPER}
+
+
+def show_telling(
+    workspace: Workspace, segment: Segment, rows: tuple[Row, ...], follower: int
+) -> None:
+    """What the data can tell, whichever method is asked."""
+    st.subheader("Can the data tell?", anchor=False)
+    warnings = identifiable(segment, rows[0].uncertainty, workspace.case)
+    if warnings:
+        st.warning(bullets(warnings), icon=":material/warning:")
+    else:
+        st.success(
+            "The data tell α, β and τ apart: no interval spans more than a factor of five.",
+            icon=":material/check_circle:",
+        )
+    quality = assess(segment)
+    st.caption(
+        f"Condition number {quality.condition[follower]:.0f} · excitation: the leader's speed"
+        f" varies by {quality.leader_deviation:.2f} m/s, Δv by"
+        f" {quality.relative_deviation[follower]:.2f} m/s, the acceleration by"
+        f" {quality.acceleration_deviation[follower]:.2f} m/s² (standard deviations)."
+    )
+    found = profiles(segment, workspace.case)
+    number = segment.vehicles[follower + 1]
+    show_chart(
+        profiles_chart(found[follower % len(found)], vehicle_colour(number, segment.vehicles[0])),
+        "compare_profiles",
+    )
+    st.caption(
+        "How much worse the law explains the accelerations when one parameter is held there and"
+        f" the others are at their best. Dashed: {INCREASE:.0%} worse, hardly to be seen in any"
+        " plot."
+    )
+    show_starts(workspace, segment, follower)
+
+
+def show_starts(workspace: Workspace, segment: Segment, follower: int) -> None:
+    """The paper's Table I for this window."""
+    series = workspace.starts
+    if series and series.is_active:
+        if st.button("Stop the starts", icon=":material/stop:", disabled=series.is_stopping):
+            trainings().stop(series)
+            st.rerun()
+    else:
+        with st.container(horizontal=True, vertical_alignment="center"):
+            preset = st.segmented_control(
+                "Preset of the starts", list(RECIPES), default="fast", key="compare_preset",
+                required=True, label_visibility="collapsed",
+            )  # fmt: skip
+            if st.button("Five starts", icon=":material/casino:", key="compare_starts"):
+                workspace.train_starts(RECIPES[preset or "fast"])
+                st.rerun()
+        st.caption(
+            "Trains the network from five initial values of α, β and τ, as the paper's Table I."
+            " The paper preset takes minutes a start."
+        )
+    if series:
+        watch(series, lambda: _show_table(segment, gather(segment, series.results), follower))
+
+
+def _show_table(segment: Segment, found: Dispersion, follower: int) -> None:
+    if found.trials:
+        st.html(typeset.STYLE + starts_table(segment, found, follower).to_html())
+    if found.notes:
+        st.info(bullets(found.notes), icon=":material/info:")

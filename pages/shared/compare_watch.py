@@ -1,0 +1,49 @@
+"""A comparison or a series of starts as it runs: one fragment looks at it twice a second."""
+
+from collections.abc import Callable
+from typing import Any
+
+import streamlit as st
+
+from accpinn.jobs import Series, Status
+from accpinn.tables.comparison import TITLES
+from pages.shared.live import POLL
+from pages.shared.text import lasting, plain
+from pages.shared.workspace import trainings
+
+
+def watch(series: Series[Any], show: Callable[[], None]) -> None:
+    """Its status and what is known so far, again and again; at its end the whole page."""
+    if not series.is_active:
+        show_status(series)
+        show()
+        return
+
+    def look() -> None:
+        if not series.is_active:
+            st.rerun()
+        show_status(series)
+        show()
+
+    st.fragment(look, run_every=POLL)()
+
+
+def show_status(series: Series[Any]) -> None:
+    """One line, and a bar while it runs."""
+    done, whole = len(series.results), len(series.names)
+    if series.status is Status.QUEUED:
+        ahead = len(trainings().ahead_of(series))
+        st.info(
+            f"Waits for {ahead} other task{'s' if ahead != 1 else ''} and starts by itself.",
+            icon=":material/hourglass_top:",
+        )
+    elif series.status is Status.RUNNING:
+        name = TITLES.get(series.current, series.current)
+        left = f" · about {lasting(series.time_left)} left" if series.time_left else ""
+        said = "Stopping" if series.is_stopping else name
+        st.progress(series.share, f"{said} … · {done} of {whole} done{left}")
+    elif series.status is Status.FAILED:
+        st.error(plain(series.error), icon=":material/error:")
+    elif series.status is Status.STOPPED:
+        kept = f"the {done} of {whole} that had ended are kept" if done else "none had ended yet"
+        st.info(f"Stopped: {kept}.", icon=":material/stop_circle:")
