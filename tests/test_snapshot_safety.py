@@ -101,7 +101,7 @@ class TestDamage:
         data = bytearray(SEALED)
         content = parts()[name]
         data[start_of(name, content) + len(content) // 2] ^= 1
-        assert f"{PARTS[name].title} ({name}) differs" in refused(bytes(data))
+        assert f"damaged in {PARTS[name].title} ({name})" in refused(bytes(data))
 
     def test_a_damaged_manifest_is_named(self) -> None:
         at = SEALED.index(b'"sha256":"') + 12
