@@ -14,7 +14,7 @@ from openacc_files import csv, platoon
 from accpinn.cthp import Parameters
 from accpinn.errors import ConfigError
 from accpinn.fit import Fit, History, Outcome, Progress
-from accpinn.jobs import KEPT_FOR, KEPT_JOBS, Job, Status, Trainings
+from accpinn.jobs import KEPT_FOR, KEPT_JOBS, Job, Means, Series, Status, Trainings
 from accpinn.openacc import read
 from accpinn.pinn.config import FAST, PAPER, PinnConfig
 from accpinn.pinn.training import request_keys
@@ -424,3 +424,89 @@ def test_the_real_training_is_the_default(segment: Segment, tmp_path: Path) -> N
     assert again.fit is not None
     assert again.fit.cached
     np.testing.assert_array_equal(again.fit.table(), job.fit.table())
+
+
+class TestSeries:
+    """Results one by one, each when the test lets it come."""
+
+    def series(self, owner: str, gate: "Queue[Any]", **options: Any) -> Series[Any]:
+        def steps(means: Means) -> Iterator[Any]:
+            while not means.should_stop():
+                item = gate.get(timeout=WAIT)
+                if isinstance(item, Exception):
+                    raise item
+                if isinstance(item, Progress):
+                    means.on_progress(item)
+                elif item is None:
+                    return
+                else:
+                    yield item
+                gate.task_done()
+
+        return Series(owner, "comparison", ("one", "two"), steps, **options)
+
+    def test_results_come_one_by_one(self, trainings: Trainings) -> None:
+        gate: Queue[Any] = Queue()
+        series = trainings.run(self.series("ann", gate, even=True))
+        assert series.current == "one"
+        gate.put("first")
+        gate.put(moment(50, 1.0))
+        gate.join()
+        assert series.results == ("first",)
+        assert series.current == "two"
+        assert series.share == pytest.approx(0.75)
+        assert series.time_left is not None
+        gate.put("second")
+        gate.put(None)
+        assert series.wait(WAIT)
+        assert series.status is Status.DONE
+        assert series.results == ("first", "second")
+        assert series.share == 1.0
+
+    def test_a_stop_keeps_what_is_known(self, trainings: Trainings) -> None:
+        gate: Queue[Any] = Queue()
+        series = trainings.run(self.series("ann", gate))
+        gate.put("first")
+        gate.join()
+        trainings.stop(series)
+        gate.put(None)
+        assert series.wait(WAIT)
+        assert series.status is Status.STOPPED
+        assert series.results == ("first",)
+        assert series.time_left is None
+
+    @pytest.mark.parametrize(
+        ("fault", "said"),
+        [(ConfigError("methods: none."), "methods: none."), (ZeroDivisionError(), "comparison")],
+    )
+    def test_a_fault_keeps_what_is_known(
+        self, trainings: Trainings, fault: Exception, said: str
+    ) -> None:
+        gate: Queue[Any] = Queue()
+        series = trainings.run(self.series("ann", gate))
+        gate.put("first")
+        gate.put(fault)
+        assert series.wait(WAIT)
+        assert series.status is Status.FAILED
+        assert said in series.error
+        assert series.results == ("first",)
+
+    def test_waits_for_trainings_and_replaces_its_owner_s_earlier_one(
+        self, trainings: Trainings, puppet: Puppet, segment: Segment
+    ) -> None:
+        job = trainings.submit("ann", segment, "II", FAST)
+        puppet.started.get(timeout=WAIT)
+        gate: Queue[Any] = Queue()
+        old = trainings.run(self.series("ann", gate))
+        bens = trainings.run(self.series("ben", gate))
+        new = trainings.run(self.series("ann", gate))
+        assert old.status is Status.STOPPED
+        assert trainings.ahead_of(new) == (job, bens)
+        assert trainings.of("ann") is job, "a comparison does not end a training"
+        puppet.end()
+        for _ in range(2):
+            gate.put("result")
+            gate.put(None)
+        assert bens.wait(WAIT)
+        assert new.wait(WAIT)
+        assert job.status is Status.DONE

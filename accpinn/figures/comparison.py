@@ -65,16 +65,11 @@ def estimates(
     figure = make_subplots(rows=1, cols=3, shared_yaxes=True, horizontal_spacing=0.03)
     true = (truth.alpha, truth.beta, truth.tau) if truth else ()
     names = [html.escape(row.name) for row in rows]
-    for which, (symbol, unit, title) in enumerate(PARAMETERS):
+    for which, (symbol, unit, _) in enumerate(PARAMETERS):
         column = which + 1
         values = np.array([row.values[which] for row in rows])
         ends = float(doubt.lower[follower, which]), float(doubt.upper[follower, which])
         shown = _range(np.concatenate([values, ends, true[which : which + 1]]))
-        if np.isfinite(ends[0]):
-            figure.add_vrect(
-                x0=ends[0], x1=min(ends[1], shown[1]), fillcolor=BAND, line_width=0, layer="below",
-                row=1, col=column,
-            )  # fmt: skip
         figure.add_scatter(
             x=values,
             y=names,
@@ -83,6 +78,7 @@ def estimates(
             marker={
                 "size": [15 if row.name == chosen else 10 for row in rows],
                 "color": colour,
+                "opacity": 1,
                 "symbol": ["circle-open" if row.earlier else "circle" for row in rows],
                 "line": {"width": 2, "color": colour},
             },
@@ -92,12 +88,17 @@ def estimates(
             row=1,
             col=column,
         )
+        if np.isfinite(ends[0]):  # after the dots: plotly draws no shape on an empty panel
+            figure.add_vrect(
+                x0=ends[0], x1=min(ends[1], shown[1]), fillcolor=BAND, line_width=0, layer="below",
+                row=1, col=column,
+            )  # fmt: skip
         if true:
             figure.add_vline(
                 x=true[which], line={"color": LEADER, "width": 2, "dash": "dash"}, row=1, col=column
             )
         figure.update_xaxes(
-            title_text=f"{title} {symbol} [{unit}]", range=shown, nticks=5, row=1, col=column
+            title_text=f"{symbol} [{unit}]", range=shown, nticks=4, tickangle=0, row=1, col=column
         )
     figure = finished(figure, 110 + 30 * len(rows), "compare-estimates")
     figure.update_yaxes(
@@ -178,6 +179,8 @@ def courses(
         for (name, course), colour in zip(followed, FOLLOWERS, strict=False):
             values = course.parameters[:, follower, which]
             late.append(values[int(SETTLED * len(values)) :])
+            if course.deviation is not None:
+                late.append(values[-1] + course.deviation[-1, follower, which] * np.array([-1, 1]))
             time, shown = thinned(course.time, values)
             if course.deviation is not None:
                 around = course.deviation[:, follower, which]
@@ -209,7 +212,7 @@ def courses(
 def profiles(found: Sequence[Profile], colour: str) -> go.Figure:
     """How much worse the law explains the data with one parameter held, in percent."""
     figure = make_subplots(rows=1, cols=3, shared_yaxes=True, horizontal_spacing=0.03)
-    for column, (one, (symbol, unit, title)) in enumerate(zip(found, PARAMETERS, strict=True), 1):
+    for column, (one, (symbol, unit, _)) in enumerate(zip(found, PARAMETERS, strict=True), 1):
         figure.add_scatter(
             x=one.values,
             y=100 * one.increase,
@@ -222,7 +225,9 @@ def profiles(found: Sequence[Profile], colour: str) -> go.Figure:
         figure.add_hline(
             y=100 * INCREASE, line={"color": LEADER, "width": 1, "dash": "dash"}, row=1, col=column
         )
-        figure.update_xaxes(title_text=f"{title} {symbol} [{unit}]", nticks=5, row=1, col=column)
+        figure.update_xaxes(
+            title_text=f"{symbol} [{unit}]", nticks=4, tickangle=0, row=1, col=column
+        )
     figure.update_yaxes(range=[0, 400 * INCREASE])
     figure.update_yaxes(title_text="Worse by [%]", row=1, col=1)
     figure = finished(figure, 240, "compare-profiles")
@@ -240,7 +245,7 @@ def _ribbon(time: FloatArray, values: FloatArray, around: FloatArray, colour: st
         y=np.concatenate([middle - width, (middle + width)[::-1]]),
         mode="none",
         fill="toself",
-        fillcolor=f"rgba({red}, {green}, {blue}, 0.15)",
+        fillcolor=f"rgba({red}, {green}, {blue}, 0.10)",
         hoverinfo="skip",
         showlegend=False,
     )

@@ -34,6 +34,6 @@ def starts_table(segment: Described, found: Dispersion, follower: int) -> Table:
             )
         )
     if len(found.trials) > 1:
-        spread = [f"{value:.2g} %" for value in found.spread[follower]]
+        spread = [f"{value:.2f} %" for value in found.spread[follower]]
         rows.append(("Spread", *spread, None, None, None, None))
     return Table(f"{segment.labels[follower + 1]}, {where(segment)}", columns, tuple(rows))

@@ -100,6 +100,6 @@ def show_courses(
     st.subheader("Parameters over time, by the online methods", anchor=False)
     show_chart(figures.courses(followed, follower, truth), "compare_courses")
     st.caption(
-        "Shaded: one standard deviation as the method itself states it; its model knows no lasting"
-        " disturbances, so it is too narrow." + (" Dashed: true value." if truth else "")
+        "Shaded: one standard deviation, as the method itself states it."
+        + (" Dashed: true value." if truth else "")
     )

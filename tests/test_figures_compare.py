@@ -1,0 +1,129 @@
+"""Figures and tables of the Compare page: what they draw is what was estimated."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from samples import NOISY, PLATOON, sample
+
+from accpinn.assessment import closed_loop
+from accpinn.comparison import Earlier, differences
+from accpinn.cthp import Parameters
+from accpinn.estimators import least_squares, recursive, splines
+from accpinn.figures import comparison as figures
+from accpinn.fit import Fit
+from accpinn.identifiability import INCREASE, profiles
+from accpinn.segment import Segment
+from accpinn.tables.earlier import earlier_table, title
+from accpinn.uncertainty import Uncertainty, intervals
+
+
+@pytest.fixture(scope="module")
+def segment() -> Segment:
+    return sample(NOISY).segment
+
+
+@pytest.fixture(scope="module")
+def fit(segment: Segment) -> Fit:
+    return splines.fit(segment)
+
+
+@pytest.fixture(scope="module")
+def doubt(segment: Segment, fit: Fit) -> Uncertainty:
+    return intervals(segment, fit)
+
+
+class TestEstimates:
+    def test_dots_bands_and_truth_stand_where_they_belong(
+        self, segment: Segment, fit: Fit, doubt: Uncertainty
+    ) -> None:
+        row = figures.Estimate("Splines", fit.table()[0])
+        old = figures.Estimate("Before <b>", 1.1 * fit.table()[0], earlier=True)
+        truth = Parameters(*sample(NOISY).truth[0])
+        figure = figures.estimates([row, old], "#0c7eae", doubt, 0, truth, "Splines")
+        for which, trace in enumerate(figure.data):
+            np.testing.assert_allclose(trace.x, [row.values[which], old.values[which]])
+            assert list(trace.marker.symbol) == ["circle", "circle-open"]
+            assert trace.marker.size[0] > trace.marker.size[1]
+        assert figure.data[0].y[1] == "Before &lt;b&gt;"
+        bands = [shape for shape in figure.layout.shapes if shape.type == "rect"]
+        np.testing.assert_allclose([band.x0 for band in bands], doubt.lower[0])
+        np.testing.assert_allclose([band.x1 for band in bands], doubt.upper[0])
+        dashed = [shape.x0 for shape in figure.layout.shapes if shape.type == "line"]
+        np.testing.assert_allclose(dashed, sample(NOISY).truth[0])
+
+    def test_an_open_end_and_an_unknown_tau_can_be_drawn(
+        self, fit: Fit, doubt: Uncertainty
+    ) -> None:
+        upper = doubt.upper.copy()
+        upper[0, 2] = np.inf
+        row = figures.Estimate("Least squares", np.array([0.0, 0.2, np.nan]))
+        figure = figures.estimates([row], "#0c7eae", replace(doubt, upper=upper), 0)
+        ends = [shape.x1 for shape in figure.layout.shapes]
+        assert np.isfinite(ends).all()
+
+
+class TestCurves:
+    def test_share_one_axis_of_time_and_show_the_error(self, segment: Segment, fit: Fit) -> None:
+        driven = closed_loop(segment, fit)
+        assert driven is not None
+        figure = figures.curves(segment, 0, fit.surrogate, driven, "Splines")
+        assert {figure.layout.xaxis.matches, figure.layout.xaxis2.matches} == {"x3"}
+        errors = [trace for trace in figure.data if trace.yaxis == "y3"]
+        assert [trace.name for trace in errors] == ["Splines", "closed-loop simulation"]
+        worst = np.abs(driven.gaps - segment.gaps).max()
+        assert np.abs(errors[1].y).max() == pytest.approx(worst)
+
+    def test_a_law_without_headway_has_no_simulation(self, segment: Segment) -> None:
+        figure = figures.curves(segment, 0, None, None, "Least squares")
+        assert {trace.name for trace in figure.data} == {"data"}
+
+    def test_courses_end_at_the_estimate(self, segment: Segment) -> None:
+        online = recursive.fit(segment)
+        assert online.course is not None
+        figure = figures.courses([("Recursive", online.course)], 0)
+        lines = [trace for trace in figure.data if trace.name == "Recursive"]
+        assert len(lines) == 3
+        last = [trace.y[-1] for trace in lines]
+        np.testing.assert_allclose(last, online.course.parameters[-1, 0])
+
+
+def test_profiles_touch_zero_at_the_estimate_and_the_line_at_the_ends(segment: Segment) -> None:
+    (found,) = profiles(segment)
+    figure = figures.profiles(found, "#0c7eae")
+    for one, trace in zip(found, figure.data, strict=True):
+        assert min(trace.y) < 10 * INCREASE
+        at_end = np.interp(one.upper, trace.x, trace.y)
+        assert at_end == pytest.approx(100 * INCREASE, rel=0.05)
+
+
+@pytest.fixture(scope="module")
+def four() -> Segment:
+    return sample(PLATOON).segment
+
+
+class TestEarlier:
+    def test_what_was_asked_differently_is_named(self, four: Segment) -> None:
+        fit = least_squares.fit(four)
+        one = Earlier.of(four, fit)
+        assert differences(one, Earlier.of(four, fit)) == ()
+        assert one.same_as(Earlier.of(four, fit))
+        shared = Earlier.of(four, least_squares.fit(four, "I"))
+        assert "case: II → I" in differences(one, shared)
+        assert not one.same_as(shared)
+        moved = replace(one, outline=replace(one.outline, start=40.0, left_out=("manual",)))
+        said = differences(one, moved)
+        assert "window: 0–300 s → 40–340 s" in said
+        assert "left out: nothing → manual" in said
+
+    def test_the_table_says_what_changed(self, four: Segment) -> None:
+        then = Earlier.of(four, least_squares.fit(four))
+        now = replace(then, parameters=then.parameters + 0.5, case="I")
+        table = earlier_table([then], {"least-squares": now}, vehicle=3)
+        (row,) = table.rows
+        assert row[0] == title(then)
+        assert row[1] == pytest.approx(then.parameters[1, 0])
+        np.testing.assert_allclose(row[5:8], 0.5)
+        assert row[8] == "case: II → I"
+        assert earlier_table([then], {}, vehicle=3).rows[0][5:] == (None,) * 4
+        assert earlier_table([then], {}, vehicle=1).rows == (), "the leader has no law"
