@@ -2,7 +2,7 @@
 
 from collections import deque
 from dataclasses import dataclass, replace
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
@@ -15,6 +15,9 @@ from accpinn.pinn.history import Recorder
 from accpinn.segment import Segment
 from accpinn.store import Store
 from accpinn.units import Seconds
+
+if TYPE_CHECKING:  # whoever only watches a training need not load torch
+    from accpinn.pinn.warm import Warm
 
 RATE_WINDOW: Seconds = 3.0
 """The rate of iterations is that of the last seconds, as it can change with the phase."""
@@ -33,6 +36,7 @@ class Train(Protocol):
         on_progress: OnProgress,
         should_stop: ShouldStop,
         threads: int | None,
+        warm: "Warm | None" = None,
     ) -> Fit:
         """Learn the parameters of a segment."""
 
@@ -44,10 +48,14 @@ class Request:
     segment: Segment
     case: Case
     config: PinnConfig
+    warm: "Warm | None" = None
+    """What it begins with in place of random weights."""
 
     def same_as(self, other: "Request") -> bool:
         """Whether both ask for the same result."""
         alike = self.case == other.case and self.config == other.config
+        begins = [request.warm.digest() if request.warm else "" for request in (self, other)]
+        alike = alike and begins[0] == begins[1]
         return alike and self.segment.digest() == other.segment.digest()
 
 
@@ -125,6 +133,7 @@ class Job(Task):
             return
         known_messages = len(store.messages) if store else 0
         try:
+            warm = {"warm": self.request.warm} if self.request.warm else {}
             fit = (self._train or load_train())(
                 self.request.segment,
                 self.request.case,
@@ -133,6 +142,7 @@ class Job(Task):
                 on_progress=self._note,
                 should_stop=self._stop.is_set,
                 threads=threads,
+                **warm,
             )
         except AccpinnError as fault:
             self._end(Status.FAILED, error=str(fault))

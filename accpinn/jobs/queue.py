@@ -5,6 +5,7 @@ import time
 from collections import deque
 from collections.abc import Callable
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 from accpinn.cthp import Case
 from accpinn.fit import Fit
@@ -15,6 +16,9 @@ from accpinn.pinn.config import PinnConfig
 from accpinn.segment import Segment
 from accpinn.store import Store
 from accpinn.units import Seconds
+
+if TYPE_CHECKING:  # whoever only watches a training need not load torch
+    from accpinn.pinn.warm import Warm
 
 KEPT_JOBS = 100
 """Finished jobs beyond this number are forgotten, the oldest first."""
@@ -44,9 +48,16 @@ class Trainings:
         self._worker = threading.Thread(target=self._serve, name="trainings", daemon=True)
         self._worker.start()
 
-    def submit(self, owner: str, segment: Segment, case: Case, config: PinnConfig) -> Job:
+    def submit(
+        self,
+        owner: str,
+        segment: Segment,
+        case: Case,
+        config: PinnConfig,
+        warm: "Warm | None" = None,
+    ) -> Job:
         """Queue a training; an owner has one at a time, so a different earlier one is stopped."""
-        request = Request(segment, case, config)
+        request = Request(segment, case, config, warm)
         with self._changed:
             self._forget()
             earlier, course = self.of(owner), None
@@ -90,7 +101,7 @@ class Trainings:
             return None
         from accpinn.pinn.training import request_keys
 
-        result_key, _ = request_keys(request.segment, request.case, request.config)
+        result_key, _ = request_keys(request.segment, request.case, request.config, request.warm)
         known = self._store.load_fit(result_key)
         return replace(known, cached=True) if known else None
 

@@ -32,6 +32,7 @@ from accpinn.pinn.recipe import (
     as_table,
     from_table,
 )
+from accpinn.pinn.warm import Warm
 from accpinn.units import FloatArray
 
 CYCLE = 50
@@ -71,6 +72,22 @@ class FastTraining:
         self._start_loss = float("nan")
         self._measure()
         self._weights = solve_output(self._moments, self._theta, config)
+        self.progress = self._look("start")
+        self.outcome = self._end()
+
+    def begin_from(self, warm: Warm) -> None:
+        """Begin anew, from what an earlier training has learned."""
+        problem, angular = self.problem, warm.arrays.get("features.angular")
+        table = warm.parameters(problem.case, problem.followers)
+        weights = warm.arrays.get("output.weight")
+        fits = weights is not None and weights.shape == tuple(self._weights.shape)
+        if not fits or angular is None or not np.array_equal(angular, self._features.angular):
+            raise warm.misfit()
+        warm.load_into(self._hidden, "hidden.")
+        self._theta = from_table(np.broadcast_to(table, (problem.followers, 3)))
+        self._exact = PlatoonSolution(self._theta, self._theta, ((),) * problem.followers)
+        self._measure()
+        self._weights = torch.from_numpy(np.array(weights, float))
         self.progress = self._look("start")
         self.outcome = self._end()
 

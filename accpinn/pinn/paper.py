@@ -23,6 +23,7 @@ from accpinn.pinn.recipe import (
     Problem,
     State,
 )
+from accpinn.pinn.warm import Warm
 from accpinn.units import FloatArray
 
 Mask = NDArray[np.bool_]
@@ -53,6 +54,15 @@ class PaperTraining:
         self._iteration = 0
         self._planned = config.iterations + config.lbfgs_iterations
         with torch.no_grad():
+            self._look("Adam", self._loss())
+        self.outcome = self._end()
+
+    def begin_from(self, warm: Warm) -> None:
+        """Begin anew, from what an earlier training has learned."""
+        table = warm.parameters(self.problem.case, self.problem.followers)
+        warm.load_into(self.network, "network.")
+        with torch.no_grad():
+            self.table.copy_(torch.from_numpy(np.array(table)))
             self._look("Adam", self._loss())
         self.outcome = self._end()
 

@@ -13,6 +13,7 @@ from accpinn.fit import Outcome, Progress
 from accpinn.pinn.config import PinnConfig
 from accpinn.pinn.loss import LossTerms, loss_terms
 from accpinn.pinn.network import stack_outputs
+from accpinn.pinn.warm import Warm
 from accpinn.segment import Segment
 from accpinn.units import FloatArray
 
@@ -94,6 +95,13 @@ class Training(Protocol):
     """The present moment; its seconds are left to whoever drives the training."""
     outcome: Outcome | None
     """None while there is more to do."""
+
+    def begin_from(self, warm: Warm) -> None:
+        """Begin at an earlier fit's weights and parameters; called before anything else.
+
+        Raises:
+            ConfigError: when they are another network's.
+        """
 
     def advance(self) -> None:
         """Do a fraction of a second's work."""

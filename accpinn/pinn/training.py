@@ -29,6 +29,7 @@ from accpinn.pinn.history import Recorder
 from accpinn.pinn.network import output_columns
 from accpinn.pinn.paper import PaperTraining
 from accpinn.pinn.recipe import Learned, Problem, State, Training
+from accpinn.pinn.warm import Warm
 from accpinn.segment import Segment
 from accpinn.store import Store
 from accpinn.units import Seconds
@@ -54,6 +55,7 @@ def train(
     on_progress: OnProgress | None = None,
     should_stop: ShouldStop | None = None,
     threads: int | None = None,
+    warm: Warm | None = None,
 ) -> Fit:
     """Learn the parameters of a segment with the physics-inspired neural network.
 
@@ -65,28 +67,33 @@ def train(
         on_progress: called several times a second with the present moment.
         should_stop: asked several times a second; True ends with `Outcome.STOPPED`.
         threads: processor threads for torch; by default `DEFAULT_THREADS`.
+        warm: an earlier fit's weights and parameters to begin with, in place of random weights and
+            the initial values.
+
+    Raises:
+        ConfigError: when ``warm`` is another network's.
     """
     before = torch.get_num_threads()
     torch.set_num_threads(threads or DEFAULT_THREADS)
     try:
-        return _train(segment, case, config, store, on_progress, should_stop)
+        return _train(Problem(segment, case, config), warm, store, on_progress, should_stop)
     finally:
         torch.set_num_threads(before)
 
 
 def _train(
-    segment: Segment,
-    case: Case,
-    config: PinnConfig,
+    problem: Problem,
+    warm: Warm | None,
     store: Store | None,
     on_progress: OnProgress | None,
     should_stop: ShouldStop | None,
 ) -> Fit:
-    result_key, resume_key = request_keys(segment, case, config)
+    segment, case, config = problem.segment, problem.case, problem.config
+    result_key, resume_key = request_keys(segment, case, config, warm)
     if store and (known := store.load_fit(result_key)):
         return replace(known, cached=True)
     started = time.perf_counter()
-    run = _begin(Problem(segment, case, config), store, (resume_key, result_key))
+    run = _begin(problem, warm, store, (resume_key, result_key))
     training, recorder = run.training, run.recorder
     saved = started
 
@@ -120,6 +127,9 @@ def _train(
         save()
     fit = _as_fit(segment, case, config, training.learned(), outcome, recorder, elapsed())
     fit = replace(fit, iterations=now.iteration, notes=fit.notes + run.notes)
+    if warm:
+        beginning = {"started_from": warm.digest()}
+        fit = replace(fit, config=fit.config | beginning, notes=(warm.note, *fit.notes))
     if store and outcome in (Outcome.SETTLED, Outcome.FINISHED):
         store.save_fit(result_key, fit)
     return fit
@@ -138,14 +148,14 @@ class _Run:
     notes: tuple[str, ...] = ()
 
 
-def _begin(problem: Problem, store: Store | None, keys: tuple[str, str]) -> _Run:
+def _begin(problem: Problem, warm: Warm | None, store: Store | None, keys: tuple[str, str]) -> _Run:
     """Go on from the checkpoint under the first of ``keys``, if there is one.
 
     A checkpoint beyond the planned iterations is a longer training's and stays untouched; the
     shorter one then has its own under the second key.
     """
     for key in keys:
-        run = _Run(RECIPES[problem.config.preset](problem), Recorder(), key)
+        run = _new(problem, warm, key)
         state = store.load_state(key) if store else None
         if store is None or state is None:
             return run
@@ -155,8 +165,16 @@ def _begin(problem: Problem, store: Store | None, keys: tuple[str, str]) -> _Run
             return _resume(run, state)
         except (KeyError, IndexError, TypeError, ValueError, RuntimeError) as fault:
             store.reject_state(key, fault)
-            return _Run(RECIPES[problem.config.preset](problem), Recorder(), key)
+            return _new(problem, warm, key)
     return run
+
+
+def _new(problem: Problem, warm: Warm | None, key: str) -> _Run:
+    """A training at its beginning."""
+    training = RECIPES[problem.config.preset](problem)
+    if warm:
+        training.begin_from(warm)
+    return _Run(training, Recorder(), key)
 
 
 def _resume(run: _Run, state: State) -> _Run:
@@ -167,13 +185,17 @@ def _resume(run: _Run, state: State) -> _Run:
     return replace(run, earlier=float(state["seconds"]), notes=(note,))
 
 
-def request_keys(segment: Segment, case: Case, config: PinnConfig) -> tuple[str, str]:
+def request_keys(
+    segment: Segment, case: Case, config: PinnConfig, warm: Warm | None = None
+) -> tuple[str, str]:
     """Content addresses of a request's result and of its checkpoint.
 
     Equal addresses mean equal data, settings and method. Where a longer training only goes on
     where a shorter one ends (`paper` without L-BFGS), both share a checkpoint.
     """
-    settings = config.to_json()
+    settings: dict[str, object] = config.to_json()
+    if warm:
+        settings["started_from"] = warm.digest()
     resumable = settings.copy()
     if config.preset == "paper" and not config.lbfgs_iterations:
         del resumable["iterations"]
