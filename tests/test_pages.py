@@ -453,20 +453,3 @@ def test_foreign_text_is_made_literal() -> None:
 )
 def test_durations_in_words(seconds: float, said: str) -> None:
     assert lasting(seconds) == said
-
-
-def test_compare_runs_every_method_and_keeps_the_result() -> None:
-    found = with_sample()
-    found.choose(window=Window(0.0, 60.0))
-    page = open_page("pages/5_Compare.py", found.id)
-    next(button for button in page.button if button.label == "Run all methods").click()
-    page.run()
-    assert found.comparison is not None
-    assert found.comparison.wait(WAIT)
-    page = open_page("pages/5_Compare.py", found.id)
-    assert [row.fit.method for row in found.compared][:2] == ["pinn", "least-squares"]
-    shown = " ".join(str(block.proto) for block in page.get("html"))
-    assert "Dual UKF" in shown
-    assert "90 % intervals" in shown
-    found.choose(window=Window(10.0, 60.0))
-    assert found.compared == ()

@@ -207,8 +207,26 @@ def platoon(camera: Camera) -> None:
         camera.shoot(page, "platoon_panels")
 
 
+def compare(camera: Camera) -> None:
+    with camera.page("/Data") as page:
+        page.get_by_role("button", name="Open this sample").click()
+        page.get_by_text("What this window tells").wait_for()
+        idle(page)
+        page.goto(page.url.replace("/Data", "/Compare"))
+        page.get_by_role("button", name="Run all methods").click()
+        page.locator("table.figures tbody tr").first.wait_for()
+        camera.shoot(page, "compare_running", whole=False)
+        page.get_by_text("Can the data tell?").wait_for()
+        idle(page)
+        page.get_by_role("button", name="Five starts").click()
+        page.get_by_text("Spread", exact=True).wait_for()
+        idle(page)
+        camera.shoot(page, "compare")
+
+
 SCENES: tuple[Callable[[Camera], None], ...] = (
     home, empty, sample, training, real, regimes, stability, platoon,
+    compare,
 )  # fmt: skip
 
 

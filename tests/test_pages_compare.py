@@ -1,0 +1,126 @@
+"""The Compare page without a browser: rows, a stop, five starts, and the session's earlier runs."""
+
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+import streamlit as st
+from streamlit.testing.v1 import AppTest
+
+from accpinn.estimators import least_squares
+from accpinn.jobs import Status
+from accpinn.pinn.config import FAST
+from accpinn.segment import Window
+from pages.shared import workspace
+from pages.shared.compare_charts import picked_name
+from pages.shared.sources import FIRST_SAMPLE, sample
+from pages.shared.workspace import KEPT_RUNS, Workspace
+
+ROOT = Path(__file__).parent.parent
+PAGE = "pages/5_Compare.py"
+WAIT = 120.0
+
+
+@pytest.fixture(autouse=True)
+def fresh_server(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Iterator[None]:
+    monkeypatch.chdir(ROOT)
+    monkeypatch.setenv("ACCPINN_CACHE", str(tmp_path / "cache"))
+    st.cache_resource.clear()
+    yield
+    workspace.trainings().close()
+    st.cache_resource.clear()
+
+
+@pytest.fixture
+def found() -> Workspace:
+    made = workspace.workspaces().new()
+    made.open(*sample(FIRST_SAMPLE))
+    made.choose(window=Window(0.0, 60.0), vehicles=(1, 2))
+    return made
+
+
+def opened(found: Workspace) -> AppTest:
+    page = AppTest.from_file(str(ROOT / "app.py"), default_timeout=60)
+    page.switch_page(PAGE)
+    page.query_params["session"] = found.id
+    page.run()
+    assert not page.exception, page.exception
+    return page
+
+
+def everything(page: AppTest) -> str:
+    return " ".join(str(element.proto) for element in page.main if hasattr(element, "proto"))
+
+
+def test_rows_pictures_warnings_starts_and_earlier_runs(found: Workspace) -> None:
+    page = opened(found)
+    page.button(key="compare_run").click().run()
+    assert found.comparison is not None
+    assert found.comparison.wait(WAIT)
+    assert found.comparison.status is Status.DONE
+    page = opened(found)
+    shown = everything(page)
+    assert "eight methods, α from" in shown
+    assert "string stable" in shown
+    for part in ("Do the methods agree?", "Can the data tell?", "Condition number"):
+        assert part in shown
+    assert "Earlier runs" not in shown
+    page.selectbox(key="compare_method").set_value("Splines").run()
+    assert "Splines against the data" in everything(page)
+
+    found.train_starts(FAST)
+    assert found.starts is not None
+    assert found.starts.wait(WAIT)
+    assert "Spread" in everything(opened(found))
+
+    before = found.compared[0].fit
+    found.choose(window=Window(10.0, 60.0))
+    assert found.compared == ()
+    assert found.starts is None
+    assert [run.method for run in found.runs] == [
+        "pinn", "least-squares", "savitzky-golay", "splines",
+        "simulation", "recursive", "particle", "dual-ukf",
+    ]  # fmt: skip
+    assert found.runs[0].parameters[0] == pytest.approx(before.table()[0])
+
+    found.compare()
+    assert found.comparison.wait(WAIT)
+    page = opened(found)
+    assert "0–60 s → 10–60 s" in everything(page)
+    page.multiselect(key="compare_earlier").set_value(
+        [page.multiselect(key="compare_earlier").options[0]]
+    ).run()
+    assert not page.exception
+    assert "Rings: earlier runs." in everything(page)
+
+
+def test_a_stop_keeps_the_rows_and_offers_to_run_again(found: Workspace) -> None:
+    found.compare()
+    series = found.comparison
+    assert series is not None
+    workspace.trainings().stop(series)
+    assert series.wait(WAIT)
+    assert series.status is Status.STOPPED
+    page = opened(found)
+    assert "Stopped: " in everything(page)
+    assert page.button(key="compare_run").label == "Run all methods"
+
+
+def test_earlier_runs_are_bounded_and_none_is_kept_twice(found: Workspace) -> None:
+    assert found.segment is not None
+    fit = least_squares.fit(found.segment)
+    found._remember([fit, fit])
+    assert len(found.runs) == 1
+    for seed in range(KEPT_RUNS + 3):
+        found._remember([replace(fit, config={"seed": seed})])
+    assert len(found.runs) == KEPT_RUNS
+    assert found.runs[-1].config == {"seed": KEPT_RUNS + 2}
+    found.open(*sample(FIRST_SAMPLE))
+    assert len(found.runs) == KEPT_RUNS, "an early step does not drop them"
+
+
+def test_a_click_names_its_row() -> None:
+    assert picked_name([]) == ""
+    assert picked_name([{"customdata": "PiNN"}]) == "PiNN"
+    assert picked_name([{"customdata": ["Splines"]}]) == "Splines"
