@@ -3,7 +3,7 @@
 import streamlit as st
 
 from pages.shared import frame
-from pages.shared.controls import controls
+from pages.shared.controls import continue_button, controls
 from pages.shared.live import watch
 from pages.shared.results import show_result
 from pages.shared.snapshots_listing import banner
@@ -31,6 +31,7 @@ def main() -> None:
         + left_out(segment.left_out_regimes)
     )
     controls(workspace)
+    continue_button(workspace)
     if workspace.job:
         watch(workspace.job, workspace.true_parameters)
         if not workspace.job.is_active:

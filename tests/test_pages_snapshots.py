@@ -14,6 +14,7 @@ from accpinn.openacc import Recording
 from accpinn.pinn.config import preset
 from accpinn.snapshot import Snapshot
 from pages.shared import workspace
+from pages.shared.laws import laws_of
 from pages.shared.snapshots_comparing import differing_settings, parameter_differences
 from pages.shared.sources import FIRST_SAMPLE, sample
 from pages.shared.workspace import Workspace, shelf
@@ -245,3 +246,41 @@ class TestRestoring:
         page.run()
         assert found.snapshot is None
         assert "snapshot" not in page.query_params
+
+    def test_training_goes_on_from_its_weights(self) -> None:
+        name = shelf().add(whole())
+        page = open_page(TRAIN, snapshot=name)
+        button(page, "train_warm").click().run()
+        job = workspace_of(page).job
+        assert job is not None
+        assert job.wait(120)
+        assert job.fit is not None
+        assert job.fit.history is not None
+        assert f"Started from the weights of snapshot {name}." in job.fit.notes
+        assert job.fit.history.total[0] == pytest.approx(whole().fit.loss["total"], rel=1e-6)
+
+    def test_without_the_data_no_training_is_offered(self) -> None:
+        page = open_page(TRAIN, snapshot=shelf().add(bare()))
+        assert not [b for b in page.button if b.key in ("train_warm", "train_start")]
+
+
+class TestLaws:
+    @pytest.mark.parametrize("path", [STABILITY, PLATOON])
+    def test_a_snapshot_is_a_source(self, path: str) -> None:
+        found = workspace.workspaces().new()
+        found.laws.source = "snapshot"
+        laws = tuple(replace(law, alpha=0.05) for law in whole().fit.parameters)
+        other = replace(whole(), name="other", fit=replace(whole().fit, parameters=laws))
+        name, _ = shelf().add(other), shelf().add(whole())
+        found.laws.snapshot = name
+        page = open_page(path, session=found.id)
+        assert not page.error
+        assert laws_of(found, "snapshot").parameters == laws
+
+    def test_one_deleted_meanwhile_gives_way_to_another_source(self) -> None:
+        found = workspace.workspaces().new()
+        found.laws.source, found.laws.snapshot = "snapshot", shelf().add(whole())
+        shelf().delete(found.laws.snapshot)
+        page = open_page(STABILITY, session=found.id)
+        assert not page.error
+        assert page.get("plotly_chart")

@@ -56,10 +56,26 @@ def buttons(workspace: Workspace, config: PinnConfig | None) -> None:
     )
 
 
-def start(workspace: Workspace) -> None:
+def continue_button(workspace: Workspace) -> None:
+    """Train on from the weights of the snapshot shown, where it has some and the data are here."""
+    snapshot, job = workspace.snapshot, workspace.job
+    if snapshot is None or not snapshot.fit.arrays or (job and job.is_active):
+        return
+    st.button(
+        "Continue from these weights",
+        icon=":material/resume:",
+        key="train_warm",
+        on_click=start,
+        args=(workspace, True),
+        help="Trains this window with the preset above; in place of random weights it begins with"
+        " those of the snapshot.",
+    )
+
+
+def start(workspace: Workspace, from_snapshot: bool = False) -> None:
     """Train with what is chosen at the moment of the click, also when that was not drawn yet."""
     with suppress(ConfigError):  # the page says what is wrong with a setting
-        workspace.train(chosen_config(workspace))
+        workspace.train(chosen_config(workspace), from_snapshot)
 
 
 def is_done(job: Job | None, config: PinnConfig | None) -> bool:

@@ -11,15 +11,17 @@ from accpinn.errors import AccpinnError, ParameterError
 from accpinn.fit import Fit
 from accpinn.published import PUBLISHED, LawSet, law_set
 from accpinn.segment.outline import Described
+from accpinn.snapshot.shelf import Entry
 from accpinn.stability import StabilityReport, report
 from accpinn.tables.results import where
 from pages.shared.remembered import Row, Source
 from pages.shared.text import plain
-from pages.shared.workspace import Workspace, hold
+from pages.shared.workspace import Workspace, hold, shelf
 
 SOURCES: dict[Source, str] = {
     "fit": "Current fit",
     "published": "Published",
+    "snapshot": "Snapshot",
     "hand": "By hand",
 }
 COLUMNS = ("Vehicle", "α [1/s²]", "β [1/s]", "τ [s]")
@@ -30,7 +32,8 @@ MOST = 20
 
 def choose_laws(workspace: Workspace, page: str) -> LawSet | None:
     """The picker, and what it stands at; None, with a sentence, where that cannot be used."""
-    offered = [source for source in SOURCES if source != "fit" or workspace.fit]
+    there = {"fit": bool(workspace.fit), "snapshot": bool(whole_entries())}
+    offered = [source for source in SOURCES if there.get(source, True)]
     now = _source(workspace)
     with st.container(horizontal=True, vertical_alignment="center"):
         st.segmented_control(
@@ -45,6 +48,8 @@ def choose_laws(workspace: Workspace, page: str) -> LawSet | None:
         )
         if now == "published":
             _choose_example(workspace, page)
+        elif now == "snapshot":
+            _choose_snapshot(workspace, page)
         elif now == "fit" and workspace.described:
             st.caption(plain(where(workspace.described)))
     if now == "hand":
@@ -75,6 +80,9 @@ def laws_of(workspace: Workspace, source: Source) -> LawSet:
     """
     if source == "fit" and workspace.fit and workspace.described:
         return _learned(workspace.described, workspace.fit)
+    if source == "snapshot":
+        saved = shelf().open(_chosen_snapshot(workspace))
+        return _learned(saved.outline, saved.fit)
     if source == "hand":
         return _typed(workspace.laws.rows)
     return next(laws for laws in PUBLISHED if laws.title == workspace.laws.example)
@@ -82,7 +90,39 @@ def laws_of(workspace: Workspace, source: Source) -> LawSet:
 
 def _source(workspace: Workspace) -> Source:
     chosen = workspace.laws.source or "fit"
-    return "published" if chosen == "fit" and not workspace.fit else chosen
+    gone = (chosen == "fit" and not workspace.fit) or (chosen == "snapshot" and not whole_entries())
+    return "published" if gone else chosen
+
+
+def whole_entries() -> tuple[Entry, ...]:
+    """The server's snapshots that can be read, the newest first."""
+    return tuple(entry for entry in shelf().entries() if not entry.fault)
+
+
+def _chosen_snapshot(workspace: Workspace) -> str:
+    """The one chosen, or the newest where that was deleted meanwhile."""
+    names = [entry.id for entry in whole_entries()]
+    return workspace.laws.snapshot if workspace.laws.snapshot in names else names[0]
+
+
+def _choose_snapshot(workspace: Workspace, page: str) -> None:
+    key, now = f"{page}_snapshot", _chosen_snapshot(workspace)
+    titles = {e.id: f"{e.name.strip() or e.id} · {e.source}" for e in whole_entries()}
+
+    def changed() -> None:
+        workspace.laws.snapshot = st.session_state[key]
+        workspace.drive.forget()
+
+    st.selectbox(
+        "Snapshot",
+        list(titles),
+        index=list(titles).index(now),
+        format_func=lambda name: titles.get(name, name),
+        key=hold(key, now),
+        on_change=changed,
+        label_visibility="collapsed",
+        width=420,
+    )
 
 
 def _turn_to(workspace: Workspace, source: Source) -> None:

@@ -6,7 +6,7 @@ from typing import Any, Literal
 from accpinn.published import ASTAZERO
 from accpinn.units import RadiansPerSecond
 
-Source = Literal["fit", "published", "hand"]
+Source = Literal["fit", "published", "snapshot", "hand"]
 Disturbance = Literal["sinusoid", "step", "brake", "recorded"]
 MOST_FOLLOWERS = 20
 Row = tuple[str, float | None, float | None, float | None]
@@ -20,6 +20,8 @@ class LawChoice:
     source: Source | None = None
     """None: from the fit as soon as there is one, until then a published example."""
     example: str = ASTAZERO.title
+    snapshot: str = ""
+    """Short name of the snapshot; empty: the newest."""
     rows: tuple[Row, ...] = ()
     """By hand; a copy of what was shown before once that is chosen."""
     base: tuple[Row, ...] = ()

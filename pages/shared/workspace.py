@@ -10,7 +10,7 @@ import time
 from collections import OrderedDict
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import streamlit as st
 
@@ -39,6 +39,9 @@ from accpinn.synthetic import Truth
 from accpinn.uncertainty import Uncertainty
 from accpinn.units import Seconds
 from pages.shared.remembered import DriveChoice, LawChoice, MapChoice
+
+if TYPE_CHECKING:
+    from accpinn.pinn.warm import Warm
 
 KEPT_WORKSPACES = 200
 KEPT_RUNS = 24
@@ -116,6 +119,7 @@ class Workspace:
         self.window = Window(outline.start, outline.start + outline.duration)
         self.leave_out, self.fault, self.refusal = outline.left_out, "", ""
         self.doubt = (snapshot.fit, snapshot.uncertainty) if snapshot.uncertainty else None
+        self.preset = "paper" if snapshot.fit.config.get("preset") == "paper" else "fast"
         self.snapshot, self.linked = snapshot, snapshot.id
 
     def choose(
@@ -143,11 +147,23 @@ class Workspace:
         except SegmentError as fault:
             self.segment, self.fault = None, str(fault)
 
-    def train(self, config: PinnConfig) -> None:
-        """Queue a training of the segment."""
+    def train(self, config: PinnConfig, from_snapshot: bool = False) -> None:
+        """Queue a training of the segment, which may begin with the weights of the snapshot."""
         if self.segment:
             self._remember([self.fit] if self.fit else [])
-            self.job = trainings().submit(self.id, self.segment, self.case, config)
+            self.job = trainings().submit(
+                self.id, self.segment, self.case, config, self.warm if from_snapshot else None
+            )
+
+    @property
+    def warm(self) -> "Warm | None":
+        """The network of the snapshot shown, if it has one."""
+        snapshot = self.snapshot
+        if snapshot is None or not snapshot.fit.arrays:
+            return None
+        from accpinn.pinn.warm import Warm  # torch takes a second to import
+
+        return Warm.of(snapshot.fit, f"snapshot {snapshot.id}")
 
     def compare(self) -> None:
         """Queue all methods on the segment."""
