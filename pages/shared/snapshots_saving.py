@@ -1,27 +1,33 @@
 """How a snapshot comes to the server's store: saved from the current result, or brought along."""
 
+import time
+
 import streamlit as st
 
 from accpinn.errors import SnapshotError
 from accpinn.fit import Outcome
 from accpinn.snapshot import take
 from accpinn.snapshot.schema import LARGEST, LONGEST_NAME, LONGEST_NOTE
+from accpinn.units import Seconds
 from pages.shared import frame
 from pages.shared.text import plain
 from pages.shared.workspace import Workspace, shelf
 
 SAID = "snapshots_said"
-"""The entry in Streamlit's session state that holds what a click came to: kind and sentence."""
+"""The entry in Streamlit's session state that holds what a click came to: kind, sentence, and when."""
+SAID_FOR: Seconds = 20.0
 
 
 def say(kind: str, sentence: str) -> None:
-    """Show a sentence on the next run."""
-    st.session_state[SAID] = (kind, sentence)
+    """Show a sentence on this page for a while."""
+    st.session_state[SAID] = (kind, sentence, time.monotonic())
 
 
 def show_said() -> None:
-    """What the last click came to, once."""
-    kind, sentence = st.session_state.pop(SAID, ("", ""))
+    """What the last click came to; a second run right after the first must not swallow it."""
+    kind, sentence, said = st.session_state.get(SAID, ("", "", 0.0))
+    if time.monotonic() - said > SAID_FOR:
+        return
     if kind == "error":
         st.error(plain(sentence), icon=":material/error:")
     elif kind:
