@@ -14,7 +14,7 @@ from pages.shared.text import plain
 from pages.shared.workspace import Workspace, shelf
 
 SAID = "snapshots_said"
-"""The entry in Streamlit's session state that holds what a click came to: kind, sentence, and when."""
+"""The entry in Streamlit's session state with what a click came to: kind, sentence, and when."""
 SAID_FOR: Seconds = 20.0
 
 
