@@ -1,0 +1,156 @@
+"""Results that travel, in real browsers: saved, opened by link, compared, sent, and harmless."""
+
+import re
+from pathlib import Path
+
+import pytest
+from openacc_files import csv, metadata, platoon
+from playwright.sync_api import Download, Locator, Page, expect
+
+from tests.browser.conftest import Open
+from tests.browser.running import idle
+
+pytestmark = pytest.mark.browser
+
+TRAINING_MS = 90_000
+"""How long a fast training may take on a machine that has more to do."""
+NASTY = "<script>alert(1)</script>"
+
+
+def trained(page: Page) -> None:
+    """The first sample's result, from Home at one click."""
+    page.get_by_role("button", name="Train a sample now").click()
+    expect(table(page, "Surrogate fit")).to_be_visible(timeout=TRAINING_MS)
+    idle(page)
+
+
+def go(page: Page, title: str) -> None:
+    page.get_by_test_id("stSidebar").get_by_role("link", name=title).click()
+    idle(page)
+
+
+def table(page: Page, containing: str) -> Locator:
+    return page.locator("table.figures").filter(has_text=containing).first
+
+
+def save(page: Page, name: str, note: str = "", with_data: bool = False) -> str:
+    """Save the current result from the page Snapshots; its short name."""
+    page.get_by_label("Name", exact=True).fill(name)
+    page.get_by_label("Note", exact=True).fill(note)
+    if with_data:
+        page.get_by_text("Include the data slice").click()
+    page.get_by_role("button", name="Save", exact=True).click()
+    said = page.get_by_text(re.compile("Saved as snapshot [0-9a-f]{16}"))
+    expect(said).to_be_visible()
+    idle(page)
+    return re.search("[0-9a-f]{16}", said.inner_text())[0]  # type: ignore[index]
+
+
+def downloaded(page: Page, button: str | re.Pattern[str]) -> Download:
+    with page.expect_download(timeout=TRAINING_MS) as download:
+        page.get_by_role("button", name=button).click()
+    return download.value
+
+
+def test_saved_opened_by_link_elsewhere_and_sent_back(opened: Open) -> None:
+    first = opened("")
+    trained(first)
+    parameters = table(first, "Surrogate fit").locator("tbody tr").nth(1).inner_text().split("\t")
+    go(first, "Snapshots")
+    name = save(first, "For Anna", "look at τ", with_data=True)
+    expect(first.locator("code").filter(has_text=f"?snapshot={name}")).to_be_visible()
+
+    second = opened(f"/Train?snapshot={name}")
+    expect(second.get_by_text("its data came with it")).to_be_visible()
+    row = table(second, "Surrogate fit").locator("tbody tr").nth(1)
+    assert row.inner_text().split("\t")[1:4] == parameters[1:4]
+    expect(second.locator(".js-plotly-plot")).to_have_count(5)
+    for title in ("Data", "Stability", "Platoon", "Compare"):
+        go(second, title)
+        expect(second).to_have_url(re.compile(f"snapshot={name}"))
+        expect(second.get_by_text("For Anna").first).to_be_visible()
+
+    go(second, "Snapshots")
+    expect(second.get_by_text("look at τ")).to_be_visible()
+    page = Path(downloaded(second, "Report").path()).read_text(encoding="utf-8")
+    assert "For Anna" in page
+    file = downloaded(second, re.compile("Download"))
+    assert file.suggested_filename == "For_Anna.accpinn.zip"
+    content = Path(file.path()).read_bytes()
+
+    second.get_by_role("button", name="Delete").click()
+    second.get_by_role("button", name="Yes, delete it").click()
+    expect(second.get_by_text("Deleted: For Anna")).to_be_visible()
+    damaged = content[:-40] + bytes(40)
+    for buffer, said in ((damaged, "get the file anew"), (content, "is whole and now in the list")):
+        upload = {"name": "sent.accpinn.zip", "mimeType": "application/zip", "buffer": buffer}
+        second.locator('input[type="file"]').set_input_files(upload)  # type: ignore[arg-type]
+        expect(second.get_by_text(re.compile(said)).first).to_be_visible()
+        idle(second)
+
+
+def test_two_are_compared(opened: Open) -> None:
+    page = opened("")
+    trained(page)
+    go(page, "Snapshots")
+    save(page, "the default")
+    go(page, "Train")
+    page.get_by_text("Options").click()
+    page.get_by_label("Iterations, at most").fill("60")
+    page.get_by_label("Iterations, at most").press("Enter")
+    expect(page.get_by_text("With your options")).to_be_visible()
+    page.get_by_role("button", name="Start training").click()
+    expect(page.get_by_text("60 iterations in")).to_be_visible(timeout=TRAINING_MS)
+    expect(table(page, "Surrogate fit")).to_be_visible(timeout=TRAINING_MS)
+    go(page, "Snapshots")
+    save(page, "few iterations")
+    page.get_by_text("Show both side by side").click()
+    expect(table(page, "Setting")).to_contain_text("60")
+    expect(page.locator(".js-plotly-plot .main-svg path").first).to_be_attached()
+    page.reload()
+    idle(page)
+
+
+def test_a_hostile_name_does_nothing_on_any_page_or_in_the_report(
+    opened: Open, tmp_path: Path
+) -> None:
+    page = opened("/Data")
+    page.on("dialog", lambda dialog: pytest.fail("a script ran"))
+    raw = csv(platoon(vehicles=2), metadata((NASTY, "Follower")))
+    page.get_by_text("Upload", exact=True).click()
+    page.locator('input[type="file"]').set_input_files(
+        {"name": f"{NASTY.replace('/', '')}.csv", "mimeType": "text/csv", "buffer": raw}
+    )
+    expect(page.get_by_text("What this window tells")).to_be_visible()
+    page.get_by_role("button", name="Train on this window").click()
+    expect(table(page, "Surrogate fit")).to_contain_text(NASTY, timeout=TRAINING_MS)
+    go(page, "Snapshots")
+    name = save(page, NASTY, NASTY, with_data=True)
+    expect(table(page, "Recording")).to_contain_text(NASTY)
+    page.locator(".st-key-snapshots_open button").click()
+    expect(page.get_by_text("Opened: every page now shows this snapshot")).to_be_visible()
+    for title in ("Home", "Data", "Train", "Stability", "Platoon", "Compare", "Snapshots"):
+        go(page, title)
+    assert page.locator(".stApp script").count() == 0
+    report = tmp_path / "report.html"
+    report.write_bytes(Path(downloaded(page, "Report").path()).read_bytes())
+    page.goto(report.as_uri())
+    expect(page.locator("h1")).to_have_text(NASTY)
+    assert name
+
+
+def test_two_browsers_saving_at_once_lose_nothing(opened: Open) -> None:
+    pages = {f"browser {k}": opened("") for k in (1, 2)}
+    for page in pages.values():
+        trained(page)
+        go(page, "Snapshots")
+    for name, page in pages.items():
+        page.get_by_label("Name", exact=True).fill(name)
+    for page in pages.values():
+        page.get_by_role("button", name="Save", exact=True).click(no_wait_after=True)
+    for page in pages.values():
+        expect(page.get_by_text("Saved as snapshot")).to_be_visible()
+        page.reload()
+        idle(page)
+        for name in pages:
+            expect(table(page, "Recording")).to_contain_text(name)
