@@ -17,14 +17,15 @@ from pages.shared.workspace import SNAPSHOT, Workspace, shelf
 
 LISTED = 50
 """Snapshots in the table; all can be chosen below it."""
+WIDEST = 28
+"""Characters of a name or file name in that table."""
 
 
 def listing(entries: tuple[Entry, ...]) -> Table:
     """The newest snapshots, a line each."""
     columns = (
         Column("Name"), Column("Recording"), Column("Window"), Column("Vehicles"),
-        Column("Method"), Column("α, β, τ of the first follower"), Column("Data"),
-        Column("Saved"),
+        Column("Method"), Column("First α, β, τ"), Column("Data"), Column("Saved (UTC)"),
     )  # fmt: skip
     rows = tuple(_line(entry) for entry in entries[:LISTED])
     return Table("", columns, rows)
@@ -35,10 +36,20 @@ def _line(entry: Entry) -> tuple[str, ...]:
         return (f"{entry.id} (damaged)", *("–",) * 7)
     first = "{:.4f}, {:.4f}, {:.3f}".format(*entry.parameters[0])
     return (
-        title(entry), entry.source, entry.window, f"{entry.vehicles[0]} to {entry.vehicles[-1]}",
+        _short(title(entry)), _short(entry.source), entry.window, _numbers(entry.vehicles),
         TITLES.get(entry.method, entry.method), first, "yes" if entry.with_data else "no",
-        entry.created.replace("T", " ").replace("Z", " UTC"),
+        entry.created[:16].replace("T", " "),
     )  # fmt: skip
+
+
+def _short(text: str) -> str:
+    """Room for the other columns; the whole text stands with the one that is chosen."""
+    return text if len(text) <= WIDEST else f"{text[: WIDEST - 1]}…"
+
+
+def _numbers(labels: tuple[str, ...]) -> str:
+    """The first and the last vehicle, as "1 to 5"."""
+    return " to ".join(label.partition(" ")[0] for label in (labels[0], labels[-1]))
 
 
 def title(entry: Entry) -> str:
@@ -172,12 +183,20 @@ def banner(workspace: Workspace) -> None:
 
 
 def recording_needed(workspace: Workspace, snapshot: Snapshot, what: str) -> None:
-    """Why a page cannot show something, and which recording would help."""
+    """Why a page cannot show something, which recording would help, and the way to open it."""
+    _name_recording(snapshot, what, "Open that file on the Data page, and the window is restored.")
+    frame.link(frame.DATA, "Open the recording on Data", workspace, "arrow_forward")
+
+
+def recording_needed_here(snapshot: Snapshot, what: str) -> None:
+    """The same on the page Data itself, which opens it."""
+    _name_recording(snapshot, what, "Open that file below, and the window is restored.")
+
+
+def _name_recording(snapshot: Snapshot, what: str, cure: str) -> None:
     outline = snapshot.outline
     st.warning(
         f"{what} the recording, which is not part of the snapshot. It is"
-        f" **{plain(outline.source)}**, SHA-256 `{outline.sha256 or 'not known'}`. Open that file"
-        " on the Data page, and the window is restored.",
+        f" **{plain(outline.source)}**, SHA-256 `{outline.sha256 or 'not known'}`. {cure}",
         icon=":material/database:",
     )
-    frame.link(frame.DATA, "Open the recording on Data", workspace, "arrow_forward")

@@ -14,7 +14,7 @@ from accpinn.tables.comparison import intervals_table, methods_table
 from pages.shared import frame
 from pages.shared.charts import show_chart
 from pages.shared.results import downloads, show_outcome
-from pages.shared.snapshots_listing import banner, recording_needed
+from pages.shared.snapshots_listing import banner, recording_needed, recording_needed_here
 from pages.shared.text import bullets
 from pages.shared.workspace import Workspace
 
@@ -24,7 +24,7 @@ def show_data(workspace: Workspace, snapshot: Snapshot) -> None:
     banner(workspace)
     segment = snapshot.segment
     if segment is None:
-        recording_needed(workspace, snapshot, "Speeds and gaps are in")
+        recording_needed_here(snapshot, "Speeds and gaps are in")
         return
     st.caption("These curves are the snapshot's; the whole recording is not part of it.")
     frame.vehicle_key(segment)
