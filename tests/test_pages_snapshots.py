@@ -15,6 +15,7 @@ from accpinn.pinn.config import preset
 from accpinn.snapshot import Snapshot
 from pages.shared import workspace
 from pages.shared.laws import laws_of
+from pages.shared.settings import chosen_config
 from pages.shared.snapshots_comparing import differing_settings, parameter_differences
 from pages.shared.sources import FIRST_SAMPLE, sample
 from pages.shared.workspace import Workspace, shelf
@@ -258,6 +259,15 @@ class TestRestoring:
         assert job.fit.history is not None
         assert f"Started from the weights of snapshot {name}." in job.fit.notes
         assert job.fit.history.total[0] == pytest.approx(whole().fit.loss["total"], rel=1e-6)
+
+    def test_goes_on_with_the_settings_it_was_trained_with(self) -> None:
+        page = open_page(TRAIN, snapshot=shelf().add(whole()))
+        found = workspace_of(page)
+        assert chosen_config(found).to_json() == whole().fit.config
+        button(page, "train_warm").click().run()
+        assert found.job is not None
+        assert found.job.request.config.iterations == 20
+        assert "the training is new" in texts(page)
 
     def test_without_the_data_no_training_is_offered(self) -> None:
         page = open_page(TRAIN, snapshot=shelf().add(bare()))

@@ -1,5 +1,6 @@
 """Training, from request to result: what it recovers, how it ends, and how it goes on."""
 
+import json
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
@@ -510,6 +511,30 @@ class TestSettings:
     ) -> None:
         with pytest.raises(ConfigError, match=sentence):
             preset("fast", **changes)
+
+    @pytest.mark.parametrize("config", [preset("fast", initial=(0.5, 1, 2)), PAPER, SHORT])
+    def test_come_back_from_json(self, config: PinnConfig) -> None:
+        back = PinnConfig.from_json(json.loads(json.dumps(config.to_json())))
+        assert back == config
+        assert preset(config.preset, **back.changes()) == config
+        assert not PinnConfig.from_json(PAPER.to_json()).changes()
+
+    @pytest.mark.parametrize(
+        "bent",
+        [
+            {"iterations": 1.5},
+            {"iterations": True},
+            {"initial": [1, 2]},
+            {"initial": 1},
+            {"batch": "many"},
+            {"learning_rate": None},
+            {"preset": "slow"},
+            {"more": 1},
+        ],
+    )
+    def test_from_a_foreign_file_are_checked(self, bent: dict[str, Any]) -> None:
+        with pytest.raises(ConfigError):
+            PinnConfig.from_json(FAST.to_json() | bent)
 
     def test_of_the_paper_preset_too(self) -> None:
         with pytest.raises(ConfigError, match="test share"):

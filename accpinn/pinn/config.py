@@ -93,6 +93,36 @@ class PinnConfig:
         """All settings, with lists in place of tuples."""
         return {k: list(v) if isinstance(v, tuple) else v for k, v in asdict(self).items()}
 
+    @classmethod
+    def from_json(cls, settings: dict[str, Any]) -> "PinnConfig":
+        """The settings that `to_json` gave, also where they come from someone else's file.
+
+        Raises:
+            ConfigError: when they are another method's, or outside their ranges.
+        """
+        if settings.keys() != FAST.to_json().keys():
+            raise ConfigError("settings: these are not the PiNN's; choose a preset instead.")
+        try:
+            return cls(**{name: _like(getattr(FAST, name), v) for name, v in settings.items()})
+        except (TypeError, ValueError):
+            raise ConfigError("settings: not all are numbers; choose a preset instead.") from None
+
+    def changes(self) -> dict[str, Any]:
+        """The settings that differ from the preset."""
+        usual = asdict(PRESETS[self.preset])
+        return {name: value for name, value in asdict(self).items() if value != usual[name]}
+
+
+def _like(example: object, value: Any) -> Any:
+    """A value read from JSON as the type that ``example`` has."""
+    if isinstance(example, tuple):
+        return tuple(float(v) for v in value)
+    if isinstance(example, float):
+        return float(value)
+    if type(value) is not type(example):
+        raise TypeError(value)
+    return value
+
 
 def _require(good: bool, setting: str, allowed: str, given: object) -> None:
     if not good:

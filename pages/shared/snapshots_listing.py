@@ -173,7 +173,9 @@ def banner(workspace: Workspace) -> None:
     if snapshot is None:
         return
     name = plain(snapshot.name or snapshot.id)
-    if workspace.recording:
+    if workspace.job:
+        state = "the training is new, on the same window."
+    elif workspace.recording:
         state = "its recording is open, so everything is complete."
     elif workspace.segment:
         state = "its data came with it."

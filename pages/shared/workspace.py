@@ -9,6 +9,7 @@ import threading
 import time
 from collections import OrderedDict
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
@@ -16,7 +17,7 @@ import streamlit as st
 
 from accpinn.comparison import METHODS, Earlier, Row, compare
 from accpinn.cthp import Case, Parameters
-from accpinn.errors import SegmentError, SnapshotError
+from accpinn.errors import ConfigError, SegmentError, SnapshotError
 from accpinn.fit import Fit
 from accpinn.identifiability import Trial, starts
 from accpinn.jobs import Job, Means, Series, Trainings
@@ -119,8 +120,10 @@ class Workspace:
         self.window = Window(outline.start, outline.start + outline.duration)
         self.leave_out, self.fault, self.refusal = outline.left_out, "", ""
         self.doubt = (snapshot.fit, snapshot.uncertainty) if snapshot.uncertainty else None
-        self.preset = "paper" if snapshot.fit.config.get("preset") == "paper" else "fast"
         self.snapshot, self.linked = snapshot, snapshot.id
+        with suppress(ConfigError):  # another method's result leaves the preset as it is
+            config = PinnConfig.from_json(snapshot.fit.config)
+            self.preset, self.settings[config.preset] = config.preset, config.changes()
 
     def choose(
         self,
