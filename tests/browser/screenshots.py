@@ -224,9 +224,32 @@ def compare(camera: Camera) -> None:
         camera.shoot(page, "compare")
 
 
+def snapshots(camera: Camera) -> None:
+    with camera.page() as page:
+        page.get_by_role("button", name="Train a sample now").click()
+        page.get_by_text("Surrogate fit, MAE").first.wait_for()
+        idle(page)
+        page.goto(page.url.replace("/Train", "/Snapshots"))
+        for name in ("Before the update", "After the update"):
+            page.get_by_label("Name", exact=True).fill(name)
+            page.get_by_role("button", name="Save", exact=True).click()
+            page.locator("td").filter(has_text=name).wait_for()
+            idle(page)
+        page.get_by_text("Show both side by side").click()
+        page.get_by_text("Stored beside recomputed").click()
+        page.locator(".js-plotly-plot").wait_for()
+        idle(page)
+        camera.shoot(page, "snapshots")
+        address = page.locator("code").filter(has_text="?snapshot=").inner_text()
+    for path in ("Data", "Train", "Compare"):
+        with camera.page(address.removeprefix(camera.address).replace("Snapshots", path)) as page:
+            page.get_by_text("it came without its data").wait_for()
+            camera.shoot(page, f"snapshot_{path.lower()}")
+
+
 SCENES: tuple[Callable[[Camera], None], ...] = (
     home, empty, sample, training, real, regimes, stability, platoon,
-    compare,
+    compare, snapshots,
 )  # fmt: skip
 
 
