@@ -29,7 +29,8 @@ def main() -> None:
         st.caption("No snapshot is kept here yet.")
         return
     st.html(STYLE + listing(entries).to_html())
-    entry = choose("Snapshot", "snapshots_chosen", entries)
+    shown = workspace.snapshot.id if workspace.snapshot else ""
+    entry = choose("Snapshot", "snapshots_chosen", entries, first=shown)
     if entry is None:
         return
     try:

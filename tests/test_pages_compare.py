@@ -14,6 +14,7 @@ from accpinn.pinn.config import FAST
 from accpinn.segment import Window
 from pages.shared import workspace
 from pages.shared.compare_charts import picked_name
+from pages.shared.compare_words import collision_line
 from pages.shared.sources import FIRST_SAMPLE, sample
 from pages.shared.workspace import KEPT_RUNS, Workspace
 
@@ -124,3 +125,12 @@ def test_a_click_names_its_row() -> None:
     assert picked_name([]) == ""
     assert picked_name([{"customdata": "PiNN"}]) == "PiNN"
     assert picked_name([{"customdata": ["Splines"]}]) == "Splines"
+
+
+def test_collisions_are_told_before_anything_else() -> None:
+    assert collision_line(["PiNN"], 1) == (
+        "Driving by itself behind the measured leader, the law runs into the vehicle ahead on this"
+        " window: PiNN."
+    )
+    assert "2 of 8 methods have a law that runs" in collision_line(["PiNN", "Splines"], 8)
+    assert "the laws of all methods run" in collision_line(["PiNN", "Splines"], 2)

@@ -21,14 +21,32 @@ def show_answer(segment: Segment, rows: tuple[Row, ...]) -> None:
     doubt = rows[0].uncertainty
     lines = [answer(segment, rows, doubt, k) for k in range(segment.followers)]
     st.markdown("\n".join(f"- {line}" for line in lines) if len(lines) > 1 else lines[0])
+    colliding = [_title(row) for row in rows if np.isfinite(row.assessment.collisions).any()]
+    if colliding:
+        st.warning(collision_line(colliding, len(rows)), icon=":material/warning:")
     flagged = [
-        f"{TITLES.get(row.fit.method, row.fit.method)}: {sentence}"
-        for row in rows
-        for sentence in row.assessment.incidents
+        f"{_title(row)}: {sentence}" for row in rows for sentence in row.assessment.incidents
     ]
     if flagged:
-        with st.expander(f"Incidents in closed loop ({len(flagged)})", icon=":material/warning:"):
+        told = f"Every incident in closed loop, here and on the rest ({len(flagged)})"
+        with st.expander(told, icon=":material/car_crash:"):
             st.markdown(bullets(tuple(flagged)))
+
+
+def collision_line(methods: list[str], total: int) -> str:
+    """Whose laws would not have driven this window without a collision."""
+    if len(methods) == total:
+        who = "the laws of all methods run" if total > 1 else "the law runs"
+    else:
+        who = f"{len(methods)} of {total} methods have a law that runs"
+    return (
+        f"Driving by itself behind the measured leader, {who} into the vehicle ahead on this"
+        f" window: {', '.join(methods)}."
+    )
+
+
+def _title(row: Row) -> str:
+    return TITLES.get(row.fit.method, row.fit.method)
 
 
 def answer(segment: Segment, rows: tuple[Row, ...], doubt: Uncertainty, k: int) -> str:

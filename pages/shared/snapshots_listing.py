@@ -57,14 +57,15 @@ def title(entry: Entry) -> str:
     return entry.name.strip() or entry.id
 
 
-def choose(label: str, key: str, entries: tuple[Entry, ...]) -> Entry | None:
-    """One of them, by name."""
+def choose(label: str, key: str, entries: tuple[Entry, ...], first: str = "") -> Entry | None:
+    """One of them, by name; at first the one of that id, else the newest."""
     known = {entry.id: entry for entry in entries}
     if st.session_state.get(key) not in known:
         st.session_state.pop(key, None)
     chosen = st.selectbox(
         label,
         list(known),
+        index=list(known).index(first) if first in known else 0,
         format_func=lambda name: (
             f"{title(known[name])} · {known[name].source or 'damaged'} · {name[:6]}"
         ),
@@ -162,8 +163,8 @@ def show_verification(workspace: Workspace, snapshot: Snapshot) -> None:
         st.success(plain(found.sentence), icon=":material/verified:")
     else:
         st.error(plain(found.sentence), icon=":material/error:")
-    columns = tuple(map(Column, ("Checked", "Stored", "Recomputed", "Result")))
-    rows = tuple((c.name, c.stored, c.recomputed, c.sentence) for c in found.checks)
+    columns = tuple(map(Column, ("Checked", "Result", "Stored", "Recomputed")))
+    rows = tuple((c.name, c.sentence, c.stored, c.recomputed) for c in found.checks)
     st.html(STYLE + Table("", columns, rows).to_html())
 
 
