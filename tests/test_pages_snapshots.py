@@ -143,6 +143,16 @@ class TestList:
         assert not page.exception
         assert shelf().entries() == ()
 
+    def test_stands_at_the_one_that_is_open_then_at_the_one_just_saved(self) -> None:
+        name = shelf().add(replace(whole(), name="old", created="2026-01-01T00:00:00Z"))
+        shelf().add(whole())
+        page = open_page(SNAPSHOTS, snapshot=name)
+        assert page.selectbox(key="snapshots_chosen").value == name
+        next(b for b in page.button if b.label == "Save").click().run()
+        kept = page.selectbox(key="snapshots_chosen").value
+        assert f"Saved as snapshot {kept}" in texts(page)
+        assert not page.warning
+
     def test_a_damaged_one_is_named_and_can_be_deleted(self) -> None:
         name = shelf().add(whole())
         path = shelf().folder / f"{name}.accpinn.zip"

@@ -1,5 +1,6 @@
 """The server's store of snapshots: nothing is lost, nothing escapes, nothing breaks the list."""
 
+import os
 import subprocess
 import sys
 from dataclasses import replace
@@ -44,6 +45,13 @@ def test_the_newest_comes_first(shelf: Shelf) -> None:
     shelf.add(replace(small(), name="old", created="2026-01-01T00:00:00Z"))
     shelf.add(replace(small(), name="new", created="2026-02-01T00:00:00Z"))
     assert [entry.name for entry in shelf.entries()] == ["new", "old"]
+
+
+def test_of_two_of_one_second_the_one_written_last_comes_first(shelf: Shelf) -> None:
+    for name, written in (("last", 2), ("first", 1)):
+        path = shelf.folder / f"{shelf.add(named(name))}.accpinn.zip"
+        os.utime(path, (written, written))
+    assert [entry.name for entry in shelf.entries()] == ["last", "first"]
 
 
 def test_a_list_reads_only_what_changed(shelf: Shelf, monkeypatch: pytest.MonkeyPatch) -> None:

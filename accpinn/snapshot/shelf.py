@@ -93,8 +93,9 @@ class Shelf:
         found = []
         for path in self._files():
             with suppress(OSError):  # deleted by another process just now
-                found.append(self._entry(path))
-        return tuple(sorted(found, key=lambda entry: entry.created, reverse=True))
+                entry = self._entry(path)
+                found.append((entry.created, path.stat().st_mtime_ns, entry.id, entry))
+        return tuple(entry for *_, entry in sorted(found, reverse=True))
 
     def open(self, name: str) -> Snapshot:
         """The snapshot of that short name.

@@ -9,6 +9,7 @@ import plotly.graph_objects as go
 import streamlit as st
 
 from accpinn.figures.stability import bode
+from accpinn.figures.style import vehicle_colour
 from accpinn.published import LawSet
 from accpinn.snapshot import Snapshot
 from accpinn.snapshot.taking import stability
@@ -21,10 +22,18 @@ PARAMETERS = (("α", "1/s²", 4), ("β", "1/s", 4), ("τ", "s", 3))
 
 def show_both(one: Snapshot, other: Snapshot) -> None:
     """Everything about two."""
-    st.html(STYLE + parameter_differences(one, other).to_html())
+    table = parameter_differences(one, other)
+    longer = max(one.outline, other.outline, key=lambda outline: outline.followers)
+    colours = [
+        vehicle_colour(n, longer.vehicles[0]) for n in longer.vehicles[1:] for _ in PARAMETERS
+    ]
+    st.html(STYLE + table.coloured(colours).to_html())
     chart = responses(one, other)
     if chart:
-        st.caption("Response over frequency. Full lines: the first snapshot; dashed: the second.")
+        st.caption(
+            "Response over frequency. Full lines: the first snapshot; dotted: the second. Dashed:"
+            " the first one's whole platoon."
+        )
         show_chart(chart, "snapshots_bode")
     changes = differing_settings(one, other)
     if not changes.rows:
@@ -97,10 +106,10 @@ def responses(one: Snapshot, other: Snapshot) -> go.Figure | None:
     for trace in charts[1].data:
         if trace.mode == "lines+markers" and (trace.customdata is None or trace.customdata[0] >= 0):
             name = f"{trace.name}, {html.escape(other.name or other.id)}"
-            # The whole platoon's line is dashed, so it is left to the first alone.
+            # The whole platoon's line is left to the first alone: the chart stays readable.
             whole.add_scatter(
                 x=trace.x, y=trace.y, mode="lines", name=name,
-                line={**trace.line.to_plotly_json(), "dash": "dash"},
+                line={**trace.line.to_plotly_json(), "dash": "dot"},
                 hovertemplate="%{y:.2f} dB at %{x:.3f} rad/s",
             )  # fmt: skip
     return whole

@@ -61,11 +61,10 @@ def choose(label: str, key: str, entries: tuple[Entry, ...], first: str = "") ->
     """One of them, by name; at first the one of that id, else the newest."""
     known = {entry.id: entry for entry in entries}
     if st.session_state.get(key) not in known:
-        st.session_state.pop(key, None)
+        st.session_state[key] = first if first in known else next(iter(known))
     chosen = st.selectbox(
         label,
         list(known),
-        index=list(known).index(first) if first in known else 0,
         format_func=lambda name: (
             f"{title(known[name])} · {known[name].source or 'damaged'} · {name[:6]}"
         ),
