@@ -19,6 +19,10 @@ def test_methods_run_stop_survive_a_reload_and_are_held_against_earlier_ones(ope
     page.get_by_role("button", name="Open this sample").click()
     expect(page.get_by_text("What this window tells")).to_be_visible()
     idle(page)
+    page.get_by_label("and lasts").fill("60")  # enough to see, and soon done
+    page.get_by_label("and lasts").press("Enter")
+    expect(page.get_by_test_id("stSidebar")).to_contain_text("Window 0–60 s")
+    idle(page)
 
     page.get_by_role("link", name="Compare").click()
     page.get_by_role("button", name="Run all methods").click()

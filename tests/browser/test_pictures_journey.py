@@ -25,7 +25,10 @@ def test_a_chart_is_saved_as_svg_and_as_png(opened: Open) -> None:
     assert content.startswith(b"<svg")
     assert "time headway" in content.decode()
     page.get_by_test_id("stSidebar").get_by_text("PNG", exact=True).click()
-    idle(page)
-    name, content = saved(page, "stability_map")
+    for _ in range(10):  # nothing tells when the chart has heard of the choice
+        idle(page)
+        name, content = saved(page, "stability_map")
+        if name.endswith("png"):
+            break
     assert name == "accpinn_stability_map.png"
     assert content.startswith(b"\x89PNG")
