@@ -98,7 +98,7 @@ def estimates(
                 x=true[which], line={"color": LEADER, "width": 2, "dash": "dash"}, row=1, col=column
             )
         figure.update_xaxes(
-            title_text=f"{symbol} [{unit}]", range=shown, nticks=4, tickangle=0, row=1, col=column
+            title_text=f"{symbol} [{unit}]", range=shown, nticks=3, tickangle=0, row=1, col=column
         )
     figure = finished(figure, 110 + 30 * len(rows), "compare-estimates")
     figure.update_yaxes(
@@ -226,7 +226,7 @@ def profiles(found: Sequence[Profile], colour: str) -> go.Figure:
             y=100 * INCREASE, line={"color": LEADER, "width": 1, "dash": "dash"}, row=1, col=column
         )
         figure.update_xaxes(
-            title_text=f"{symbol} [{unit}]", nticks=4, tickangle=0, row=1, col=column
+            title_text=f"{symbol} [{unit}]", nticks=3, tickangle=0, row=1, col=column
         )
     figure.update_yaxes(range=[0, 400 * INCREASE])
     figure.update_yaxes(title_text="Worse by [%]", row=1, col=1)

@@ -112,7 +112,7 @@ def _notes(trials: tuple[Trial, ...], spread: FloatArray) -> tuple[str, ...]:
     known = spread[np.isfinite(spread)]
     widest = float(known.max()) if known.size else float("nan")
     if not widest > NOTICED:
-        return (f"All {len(trials)} trainings end within {widest:.2g} % of each other.",)
+        return (f"All {len(trials)} trainings end within {max(widest, 0.01):.2g} % of each other.",)
     unsettled = sum(trial.fit.outcome is Outcome.FINISHED for trial in trials)
     why = (
         f"; {unsettled} of them had not settled when their iterations were over, so more"

@@ -221,7 +221,7 @@ def compare(camera: Camera) -> None:
         page.get_by_text("Can the data tell?").wait_for(timeout=SLOW_MS)
         idle(page)
         page.get_by_role("button", name="Five starts").click()
-        page.get_by_text("Spread", exact=True).wait_for(timeout=SLOW_MS)
+        page.get_by_text("All 5 trainings").wait_for(timeout=SLOW_MS)
         idle(page)
         camera.shoot(page, "compare")
 
