@@ -8,9 +8,10 @@ from pages.shared.compare_earlier import choose_earlier, show_earlier
 from pages.shared.compare_telling import show_telling
 from pages.shared.compare_watch import watch
 from pages.shared.compare_words import show_answer, show_intervals, show_methods
+from pages.shared.server import trainings
 from pages.shared.snapshots_showing import show_rows
 from pages.shared.text import left_out, plain
-from pages.shared.workspace import Workspace, trainings
+from pages.shared.workspace import Workspace
 
 
 def main() -> None:

@@ -21,7 +21,7 @@ from accpinn.segment import cut
 from accpinn.stability import report, response
 from accpinn.tables.doubt import between, stability_doubt_table
 from accpinn.uncertainty import Uncertainty, intervals
-from pages.shared import workspace
+from pages.shared import server, sessions, workspace
 from pages.shared.sources import FIRST_SAMPLE, sample
 
 ROOT = Path(__file__).parent.parent
@@ -115,14 +115,14 @@ def fresh_server(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Iterator[No
     monkeypatch.setenv("ACCPINN_CACHE", str(tmp_path / "cache"))
     st.cache_resource.clear()
     yield
-    workspace.trainings().close()
+    server.trainings().close()
     st.cache_resource.clear()
 
 
 @pytest.mark.usefixtures("fresh_server")
 class TestPage:
     def test_the_switch_shows_and_hides_it_for_the_fit_only(self) -> None:
-        made = workspace.workspaces().new()
+        made = sessions.workspaces().new()
         made.open(*sample(FIRST_SAMPLE))
         page = self.opened(made)
         assert SWITCH not in {toggle.key for toggle in page.toggle}, "published laws have no data"

@@ -15,11 +15,12 @@ from streamlit.testing.v1 import AppTest
 from accpinn.jobs import Status, Trainings
 from accpinn.openacc import Recording, read
 from accpinn.segment import Window
-from pages.shared import sources, workspace
+from pages.shared import server, sessions, sources, workspace
 from pages.shared.choosing import window_of
+from pages.shared.sessions import KEPT_FOR, KEPT_WORKSPACES, Workspaces
 from pages.shared.sources import FIRST_SAMPLE, sample
 from pages.shared.text import bullets, lasting, plain
-from pages.shared.workspace import KEPT_FOR, KEPT_WORKSPACES, Workspace, Workspaces
+from pages.shared.workspace import Workspace
 
 ROOT = Path(__file__).parent.parent
 PAGES = ["app.py", *sorted(f"pages/{path.name}" for path in (ROOT / "pages").glob("[0-9]*.py"))]
@@ -36,7 +37,7 @@ def fresh_server(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Iterator[No
     monkeypatch.delenv("ACCPINN_RECORDINGS", raising=False)
     st.cache_resource.clear()
     yield
-    workspace.trainings().close()
+    server.trainings().close()
     st.cache_resource.clear()
 
 
@@ -53,13 +54,13 @@ def open_page(path: str, session: str = "") -> AppTest:
 
 
 def with_sample() -> Workspace:
-    found = workspace.workspaces().new()
+    found = sessions.workspaces().new()
     found.open(*sample(FIRST_SAMPLE))
     return found
 
 
 def with_recording(run: Recording) -> Workspace:
-    found = workspace.workspaces().new()
+    found = sessions.workspaces().new()
     found.open(run)
     return found
 
@@ -129,7 +130,7 @@ def test_one_click_trains_a_sample() -> None:
     page = open_page("app.py")
     button(page, "Train a sample now").click().run()
     assert not page.exception
-    found = workspace.workspaces().find(page.query_params["session"])
+    found = sessions.workspaces().find(page.query_params["session"])
     assert found is not None
     assert found.job is not None
     assert found.job.wait(WAIT)

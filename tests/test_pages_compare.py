@@ -12,7 +12,7 @@ from accpinn.estimators import least_squares
 from accpinn.jobs import Status
 from accpinn.pinn.config import FAST
 from accpinn.segment import Window
-from pages.shared import workspace
+from pages.shared import server, sessions
 from pages.shared.compare_charts import picked_name
 from pages.shared.compare_words import collision_line
 from pages.shared.sources import FIRST_SAMPLE, sample
@@ -29,13 +29,13 @@ def fresh_server(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Iterator[No
     monkeypatch.setenv("ACCPINN_CACHE", str(tmp_path / "cache"))
     st.cache_resource.clear()
     yield
-    workspace.trainings().close()
+    server.trainings().close()
     st.cache_resource.clear()
 
 
 @pytest.fixture
 def found() -> Workspace:
-    made = workspace.workspaces().new()
+    made = sessions.workspaces().new()
     made.open(*sample(FIRST_SAMPLE))
     made.choose(window=Window(0.0, 60.0), vehicles=(1, 2))
     return made
@@ -100,7 +100,7 @@ def test_a_stop_keeps_the_rows_and_offers_to_run_again(found: Workspace) -> None
     found.compare()
     series = found.comparison
     assert series is not None
-    workspace.trainings().stop(series)
+    server.trainings().stop(series)
     assert series.wait(WAIT)
     assert series.status is Status.STOPPED
     page = opened(found)

@@ -13,12 +13,13 @@ from accpinn.jobs import Status
 from accpinn.openacc import Recording
 from accpinn.pinn.config import preset
 from accpinn.snapshot import Snapshot
-from pages.shared import workspace
+from pages.shared import server, sessions
 from pages.shared.laws import laws_of
+from pages.shared.server import shelf
 from pages.shared.settings import chosen_config
 from pages.shared.snapshots_comparing import differing_settings, parameter_differences
 from pages.shared.sources import FIRST_SAMPLE, sample
-from pages.shared.workspace import Workspace, shelf
+from pages.shared.workspace import Workspace
 from tests.snapshots import whole
 
 ROOT = Path(__file__).parent.parent
@@ -36,7 +37,7 @@ def fresh_server(
     monkeypatch.setenv("ACCPINN_CACHE", str(tmp_path / "cache"))
     st.cache_resource.clear()
     yield
-    workspace.trainings().close()
+    server.trainings().close()
     st.cache_resource.clear()
 
 
@@ -53,7 +54,7 @@ def open_page(path: str, **address: str) -> AppTest:
 
 def workspace_of(page: AppTest) -> Workspace:
     name = page.query_params["session"]
-    found = workspace.workspaces().find(name if isinstance(name, str) else name[0])
+    found = sessions.workspaces().find(name if isinstance(name, str) else name[0])
     assert found is not None
     return found
 
@@ -83,7 +84,7 @@ def recording() -> Recording:
 
 
 def with_fit() -> Workspace:
-    found = workspace.workspaces().new()
+    found = sessions.workspaces().new()
     found.open(*sample(FIRST_SAMPLE))
     found.train(preset("fast", iterations=20))
     assert found.job is not None
@@ -233,7 +234,7 @@ class TestRestoring:
         assert charts(open_page(STABILITY, snapshot=name)) == 3
 
     def test_the_recording_completes_it(self) -> None:
-        found = workspace.workspaces().new()
+        found = sessions.workspaces().new()
         found.restore(shelf().open(shelf().add(bare())))
         assert found.segment is None
         found.open(*sample(FIRST_SAMPLE))
@@ -243,7 +244,7 @@ class TestRestoring:
         assert found.fit is found.snapshot.fit
 
     def test_another_recording_takes_its_place(self) -> None:
-        found = workspace.workspaces().new()
+        found = sessions.workspaces().new()
         found.restore(shelf().open(shelf().add(bare())))
         found.open(replace(recording(), sha256="0" * 64))
         assert found.snapshot is None
@@ -287,7 +288,7 @@ class TestRestoring:
 class TestLaws:
     @pytest.mark.parametrize("path", [STABILITY, PLATOON])
     def test_a_snapshot_is_a_source(self, path: str) -> None:
-        found = workspace.workspaces().new()
+        found = sessions.workspaces().new()
         found.laws.source = "snapshot"
         laws = tuple(replace(law, alpha=0.05) for law in whole().fit.parameters)
         other = replace(whole(), name="other", fit=replace(whole().fit, parameters=laws))
@@ -298,7 +299,7 @@ class TestLaws:
         assert laws_of(found, "snapshot").parameters == laws
 
     def test_one_deleted_meanwhile_gives_way_to_another_source(self) -> None:
-        found = workspace.workspaces().new()
+        found = sessions.workspaces().new()
         found.laws.source, found.laws.snapshot = "snapshot", shelf().add(whole())
         shelf().delete(found.laws.snapshot)
         page = open_page(STABILITY, session=found.id)

@@ -20,7 +20,7 @@ from accpinn.jobs import Status
 from accpinn.published import ASTAZERO, CASALE, law_set
 from accpinn.segment import Window
 from accpinn.stability import report
-from pages.shared import workspace
+from pages.shared import server, sessions
 from pages.shared.platoon_order import parse_order
 from pages.shared.sources import FIRST_SAMPLE, sample
 from pages.shared.stability_charts import clicked_point
@@ -40,7 +40,7 @@ def fresh_server(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Iterator[No
     monkeypatch.setenv("ACCPINN_CACHE", str(tmp_path / "cache"))
     st.cache_resource.clear()
     yield
-    workspace.trainings().close()
+    server.trainings().close()
     st.cache_resource.clear()
 
 
@@ -55,14 +55,14 @@ def open_page(path: str, found: Workspace | None = None) -> AppTest:
 
 
 def workspace_of(page: AppTest) -> Workspace:
-    found = workspace.workspaces().find(page.query_params["session"])
+    found = sessions.workspaces().find(page.query_params["session"])
     assert found is not None
     return found
 
 
 def fitted(window: Window | None = None) -> Workspace:
     """A session whose training is done; its fit stands in for a network's."""
-    found = workspace.workspaces().new()
+    found = sessions.workspaces().new()
     found.open(*sample(FIRST_SAMPLE))
     found.choose(window=window, vehicles=(2, 3, 4, 5))
     assert found.segment

@@ -14,8 +14,9 @@ from accpinn.tables import typeset
 from accpinn.tables.starts import starts_table
 from pages.shared.charts import show_chart
 from pages.shared.compare_watch import watch
+from pages.shared.server import trainings
 from pages.shared.text import bullets
-from pages.shared.workspace import Workspace, trainings
+from pages.shared.workspace import Workspace
 
 RECIPES = {"fast": FAST, "paper": PAPER}
 

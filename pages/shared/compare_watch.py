@@ -8,8 +8,8 @@ import streamlit as st
 from accpinn.jobs import Series, Status
 from accpinn.tables.comparison import TITLES
 from pages.shared.live import POLL
+from pages.shared.server import trainings
 from pages.shared.text import lasting, plain
-from pages.shared.workspace import trainings
 
 
 def watch(series: Series[Any], show: Callable[[], None]) -> None:

@@ -7,6 +7,7 @@ import streamlit as st
 from accpinn.errors import ConfigError
 from accpinn.jobs import Job, Status
 from accpinn.pinn.config import PinnConfig
+from pages.shared.server import trainings
 from pages.shared.settings import (
     checked_config,
     choose_preset,
@@ -14,7 +15,7 @@ from pages.shared.settings import (
     options,
     preset_line,
 )
-from pages.shared.workspace import Workspace, trainings
+from pages.shared.workspace import Workspace
 
 
 def controls(workspace: Workspace) -> None:

@@ -11,8 +11,9 @@ from accpinn.jobs import Job, Status
 from accpinn.segment.outline import Described
 from accpinn.snapshot import Snapshot
 from pages.shared import charts
+from pages.shared.sessions import SESSION, current
 from pages.shared.text import plain
-from pages.shared.workspace import SESSION, Workspace, current, hold
+from pages.shared.workspace import Workspace, hold
 
 HERE = Path(__file__).parent
 ROOT = HERE.parents[1]

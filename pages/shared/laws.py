@@ -15,8 +15,9 @@ from accpinn.snapshot.shelf import Entry
 from accpinn.stability import StabilityReport, report
 from accpinn.tables.results import where
 from pages.shared.remembered import Row, Source
+from pages.shared.server import shelf
 from pages.shared.text import plain
-from pages.shared.workspace import Workspace, hold, shelf
+from pages.shared.workspace import Workspace, hold
 
 SOURCES: dict[Source, str] = {
     "fit": "Current fit",

@@ -7,8 +7,8 @@ from accpinn.figures import training
 from accpinn.jobs import Job, Status
 from pages.shared.charts import show_chart
 from pages.shared.frame import vehicle_key
+from pages.shared.server import trainings
 from pages.shared.text import lasting, plain
-from pages.shared.workspace import trainings
 
 POLL = 0.5
 """Seconds between two looks."""

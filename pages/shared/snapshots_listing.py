@@ -11,9 +11,11 @@ from accpinn.snapshot.shelf import Entry
 from accpinn.tables.comparison import TITLES
 from accpinn.tables.typeset import STYLE, Column, Table
 from pages.shared import frame
+from pages.shared.server import shelf
+from pages.shared.sessions import SNAPSHOT
 from pages.shared.snapshots_saving import say
 from pages.shared.text import plain
-from pages.shared.workspace import SNAPSHOT, Workspace, shelf
+from pages.shared.workspace import Workspace
 
 LISTED = 50
 """Snapshots in the table; all can be chosen below it."""

@@ -10,8 +10,9 @@ from accpinn.snapshot import take
 from accpinn.snapshot.schema import LARGEST, LONGEST_NAME, LONGEST_NOTE
 from accpinn.units import Seconds
 from pages.shared import frame
+from pages.shared.server import shelf
 from pages.shared.text import plain
-from pages.shared.workspace import Workspace, shelf
+from pages.shared.workspace import Workspace
 
 SAID = "snapshots_said"
 """The entry in Streamlit's session state with what a click came to: kind, sentence, and when."""

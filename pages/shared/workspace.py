@@ -1,14 +1,6 @@
-"""What one browser has loaded, chosen and trained, kept on the server and named by the address.
+"""What one browser has loaded, chosen and trained; setting an early step drops the later ones."""
 
-The address carries ``?session=...``; so a reload, a page switch or a bookmark finds everything
-again. Setting an early step drops the later ones.
-"""
-
-import secrets
-import threading
-import time
-from collections import OrderedDict
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
@@ -17,10 +9,10 @@ import streamlit as st
 
 from accpinn.comparison import METHODS, Earlier, Row, compare
 from accpinn.cthp import Case, Parameters
-from accpinn.errors import ConfigError, SegmentError, SnapshotError
+from accpinn.errors import ConfigError, SegmentError
 from accpinn.fit import Fit
 from accpinn.identifiability import Trial, starts
-from accpinn.jobs import Job, Means, Series, Trainings
+from accpinn.jobs import Job, Means, Series
 from accpinn.openacc import Recording
 from accpinn.pinn.config import STARTS, PinnConfig, PresetName
 from accpinn.segment import (
@@ -34,24 +26,16 @@ from accpinn.segment import (
 )
 from accpinn.segment.outline import Described
 from accpinn.snapshot import Snapshot, recovered
-from accpinn.snapshot.shelf import Shelf
-from accpinn.store import Store
 from accpinn.synthetic import Truth
 from accpinn.uncertainty import Uncertainty
-from accpinn.units import Seconds
 from pages.shared.remembered import DriveChoice, LawChoice, MapChoice
+from pages.shared.server import trainings
 
 if TYPE_CHECKING:
     from accpinn.pinn.warm import Warm
 
-KEPT_WORKSPACES = 200
 KEPT_RUNS = 24
 """Three comparisons of eight methods."""
-KEPT_FOR: Seconds = 3 * 24 * 3600.0
-SESSION = "session"
-"""Name of the query parameter, and of the entry in Streamlit's session state."""
-SNAPSHOT = "snapshot"
-"""Name of the query parameter that opens one of the server's snapshots."""
 
 
 @dataclass(eq=False)
@@ -249,102 +233,6 @@ def _first_window(recording: Recording, vehicles: tuple[int, ...]) -> Window:
         return Window(0.0, min(DURATION, recording.duration))
     best = max(complete, key=lambda window: (min(window.duration, DURATION), -window.start))
     return Window(best.start, min(best.end, best.start + DURATION))
-
-
-class Workspaces:
-    """All workspaces of a server, bounded in number and age."""
-
-    def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
-        """None yet."""
-        self._clock = clock
-        self._lock = threading.Lock()
-        self._kept: OrderedDict[str, tuple[float, Workspace]] = OrderedDict()
-
-    def find(self, name: str) -> Workspace | None:
-        """The workspace of that name, which counts as used now; None if it is not known."""
-        with self._lock:
-            self._forget()
-            _, workspace = self._kept.pop(name, (0.0, None))
-            if workspace:
-                self._kept[name] = (self._clock(), workspace)
-            return workspace
-
-    def new(self) -> Workspace:
-        """An empty one, under a name that nobody can guess."""
-        workspace = Workspace(secrets.token_urlsafe(16))
-        with self._lock:
-            self._kept[workspace.id] = (self._clock(), workspace)
-            self._forget()
-        return workspace
-
-    def _forget(self) -> None:
-        oldest = self._clock() - KEPT_FOR
-        while self._kept:
-            name, (used, workspace) = next(iter(self._kept.items()))
-            if used >= oldest and len(self._kept) <= KEPT_WORKSPACES:
-                return
-            for task in (workspace.job, workspace.comparison, workspace.starts):
-                if task:
-                    task.stop()
-            del self._kept[name]
-
-
-@st.cache_resource(show_spinner=False)
-def workspaces() -> Workspaces:
-    """The server's one registry."""
-    return Workspaces()
-
-
-@st.cache_resource(show_spinner=False)
-def store() -> Store:
-    """The server's one store of results."""
-    return Store()
-
-
-@st.cache_resource(show_spinner=False)
-def shelf() -> Shelf:
-    """The server's one store of snapshots."""
-    return Shelf()
-
-
-@st.cache_resource(show_spinner=False)
-def trainings() -> Trainings:
-    """The server's one queue of trainings."""
-    return Trainings(store=store())
-
-
-def current() -> Workspace:
-    """This browser's workspace; its name is put back into the address, which a page switch clears.
-
-    An unknown or expired name begins a new one, and `lost_session` becomes true for this run.
-    """
-    trainings()  # its worker gets ready while the user still reads
-    asked = st.query_params.get(SESSION) or st.session_state.get(SESSION, "")
-    workspace = workspaces().find(asked)
-    st.session_state["lost_session"] = bool(asked) and workspace is None
-    workspace = workspace or workspaces().new()
-    st.session_state[SESSION] = workspace.id
-    if st.query_params.get(SESSION) != workspace.id:
-        st.query_params[SESSION] = workspace.id
-    _follow_link(workspace)
-    return workspace
-
-
-def _follow_link(workspace: Workspace) -> None:
-    """Open the snapshot that the address names; afterwards the address names the one shown."""
-    asked = st.query_params.get(SNAPSHOT, "")
-    st.session_state["snapshot_fault"] = ""
-    if asked and asked != workspace.linked:
-        try:
-            workspace.restore(shelf().open(asked))
-        except SnapshotError as fault:
-            st.session_state["snapshot_fault"] = str(fault)
-            return
-    shown = workspace.snapshot.id if workspace.snapshot else ""
-    if shown and shown != asked:
-        st.query_params[SNAPSHOT] = shown
-    elif asked and not shown:
-        del st.query_params[SNAPSHOT]
 
 
 def hold(key: str, value: object) -> str:

@@ -1,0 +1,25 @@
+"""What all browsers share: the stores of results and of snapshots, and the queue of trainings."""
+
+import streamlit as st
+
+from accpinn.jobs import Trainings
+from accpinn.snapshot.shelf import Shelf
+from accpinn.store import Store
+
+
+@st.cache_resource(show_spinner=False)
+def store() -> Store:
+    """The server's one store of results."""
+    return Store()
+
+
+@st.cache_resource(show_spinner=False)
+def shelf() -> Shelf:
+    """The server's one store of snapshots."""
+    return Shelf()
+
+
+@st.cache_resource(show_spinner=False)
+def trainings() -> Trainings:
+    """The server's one queue of trainings."""
+    return Trainings(store=store())
