@@ -447,14 +447,14 @@ class TestSeries:
 
     def test_results_come_one_by_one(self, trainings: Trainings) -> None:
         gate: Queue[Any] = Queue()
-        series = trainings.run(self.series("ann", gate, even=True))
+        series = trainings.run(self.series("ann", gate, efforts=(1.0, 3.0)))
         assert series.current == "one"
         gate.put("first")
         gate.put(moment(50, 1.0))
         gate.join()
         assert series.results == ("first",)
         assert series.current == "two"
-        assert series.share == pytest.approx(0.75)
+        assert series.share == pytest.approx(0.625)
         assert series.time_left is not None
         gate.put("second")
         gate.put(None)

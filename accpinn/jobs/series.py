@@ -1,7 +1,7 @@
 """Several estimations one after the other as seen from outside: results come one by one."""
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Generic, TypeVar
 
@@ -38,7 +38,7 @@ class Series(Task, Generic[Result]):
         what: str,
         names: tuple[str, ...],
         steps: Steps[Result],
-        even: bool = False,
+        efforts: Sequence[float] = (),
     ) -> None:
         """Queued.
 
@@ -47,11 +47,12 @@ class Series(Task, Generic[Result]):
             what: it is called in sentences, as "comparison".
             names: of the estimations, in the order in which they run.
             steps: the work.
-            even: whether all take about the same time, so that the time left can be told.
+            efforts: how long each takes compared with the others, so that the time left can be
+                told; empty where nobody knows.
         """
         super().__init__(owner)
         self.what, self.names = what, names
-        self._steps, self._even = steps, even
+        self._steps, self._efforts = steps, tuple(efforts)
         self._results: tuple[Result, ...] = ()
         self._now: Progress | None = None
         self._began: Seconds | None = None
@@ -73,14 +74,16 @@ class Series(Task, Generic[Result]):
         """How much is done, 0 to 1."""
         with self._lock:
             done, now = len(self._results), self._now
-        within = now.iteration / max(1, now.iterations) if now else 0.0
-        return min(1.0, (done + min(within, 1.0)) / len(self.names))
+        efforts = self._efforts or (1.0,) * len(self.names)
+        within = min(1.0, now.iteration / max(1, now.iterations)) if now else 0.0
+        partly = within * efforts[done] if done < len(efforts) else 0.0
+        return min(1.0, (sum(efforts[:done]) + partly) / sum(efforts))
 
     @property
     def time_left(self) -> Seconds | None:
-        """Estimated from what is done; None where the estimations differ too much."""
+        """Estimated from what is done; None where nobody knows what the rest takes."""
         share = self.share
-        if not self._even or self._began is None or share <= 0:
+        if not self._efforts or self._began is None or share <= 0:
             return None
         return (time.monotonic() - self._began) * (1 - share) / share
 

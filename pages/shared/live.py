@@ -59,9 +59,9 @@ def waiting_line(job: Job) -> str:
     """Who is ahead, and for how long."""
     ahead, seconds = trainings().ahead_of(job), trainings().wait_for(job)
     if len(ahead) <= 1:
-        who = "Another training runs; yours is next"
+        who = "Another estimation runs; yours is next"
     else:
-        who = f"{len(ahead)} trainings are ahead of yours"
+        who = f"{len(ahead)} estimations are ahead of yours"
     when = f"starts in about {lasting(seconds)}" if seconds else "starts by itself"
     return f"{who} and {when}."
 

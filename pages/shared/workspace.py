@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import streamlit as st
 
-from accpinn.comparison import METHODS, Earlier, Row, compare
+from accpinn.comparison import EFFORTS, METHODS, Earlier, Row, compare
 from accpinn.cthp import Case, Parameters
 from accpinn.errors import ConfigError, SegmentError
 from accpinn.fit import Fit
@@ -165,7 +165,7 @@ class Workspace:
             )  # fmt: skip
 
         self._remember([row.fit for row in self.compared])
-        self.comparison = trainings().run(Series(self.id, "comparison", METHODS, rows))
+        self.comparison = trainings().run(Series(self.id, "comparison", METHODS, rows, EFFORTS))
 
     def train_starts(self, config: PinnConfig) -> None:
         """Queue a training of the segment from each of five initial values."""
@@ -182,7 +182,7 @@ class Workspace:
                 ).trials  # fmt: skip
 
         names = tuple(f"start {k} of {len(STARTS)}" for k in range(1, len(STARTS) + 1))
-        series = Series(self.id, "series of starts", names, trials, even=True)
+        series = Series(self.id, "series of starts", names, trials, (1.0,) * len(names))
         self.starts = trainings().run(series)
 
     def let_go(self) -> None:
