@@ -2,6 +2,7 @@
 
 import os
 import shutil
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -35,3 +36,21 @@ def chromium() -> str:
 def shelf_of_its_own(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """No test sees or changes the snapshots of whoever runs it."""
     monkeypatch.setenv("ACCPINN_SNAPSHOTS", str(tmp_path / "snapshots"))
+
+
+@pytest.fixture
+def fresh_server(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, shelf_of_its_own: None
+) -> Iterator[None]:
+    """A server of its own for a page's test: no sessions, no jobs, an empty store."""
+    import streamlit as st  # takes a second, which most tests need not wait
+
+    from pages.shared import server
+
+    monkeypatch.chdir(Path(__file__).parent.parent)
+    monkeypatch.setenv("ACCPINN_CACHE", str(tmp_path / "cache"))
+    monkeypatch.delenv("ACCPINN_RECORDINGS", raising=False)
+    st.cache_resource.clear()
+    yield
+    server.trainings().close()
+    st.cache_resource.clear()

@@ -1,14 +1,11 @@
 """What the data leave open about stability: bands, clouds, table and the switch on the page."""
 
-from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-import streamlit as st
-from streamlit.testing.v1 import AppTest
 
 from accpinn.cthp import Parameters
 from accpinn.estimators import splines
@@ -21,8 +18,7 @@ from accpinn.segment import cut
 from accpinn.stability import report, response
 from accpinn.tables.doubt import between, stability_doubt_table
 from accpinn.uncertainty import Uncertainty, intervals
-from pages.shared import server, sessions, workspace
-from pages.shared.sources import FIRST_SAMPLE, sample
+from tests.apptest import STABILITY, everything, open_page, with_sample
 
 ROOT = Path(__file__).parent.parent
 PAGE = "pages/3_Stability.py"
@@ -109,42 +105,21 @@ class TestTable:
         assert between(float("nan"), float("inf"), 1) == "anything"
 
 
-@pytest.fixture
-def fresh_server(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Iterator[None]:
-    monkeypatch.chdir(ROOT)
-    monkeypatch.setenv("ACCPINN_CACHE", str(tmp_path / "cache"))
-    st.cache_resource.clear()
-    yield
-    server.trainings().close()
-    st.cache_resource.clear()
-
-
 @pytest.mark.usefixtures("fresh_server")
 class TestPage:
     def test_the_switch_shows_and_hides_it_for_the_fit_only(self) -> None:
-        made = sessions.workspaces().new()
-        made.open(*sample(FIRST_SAMPLE))
-        page = self.opened(made)
+        made = with_sample()
+        page = open_page(STABILITY, made)
         assert SWITCH not in {toggle.key for toggle in page.toggle}, "published laws have no data"
         made.train(FAST)
         assert made.job is not None
         assert made.job.wait(60)
-        page = self.opened(made)
+        page = open_page(STABILITY, made)
         assert page.toggle(key=SWITCH).value is True
         assert "Probably stable" in everything(page)
         page.toggle(key=SWITCH).set_value(False).run()
         assert not page.exception
         assert "Probably stable" not in everything(page)
-        assert self.opened(made).toggle(key=SWITCH).value is False, "kept when the page is left"
-
-    def opened(self, made: workspace.Workspace) -> AppTest:
-        page = AppTest.from_file(str(ROOT / "app.py"), default_timeout=60)
-        page.switch_page(PAGE)
-        page.query_params["session"] = made.id
-        page.run()
-        assert not page.exception, page.exception
-        return page
-
-
-def everything(page: AppTest) -> str:
-    return " ".join(str(element.proto) for element in page.main if hasattr(element, "proto"))
+        assert open_page(STABILITY, made).toggle(key=SWITCH).value is False, (
+            "kept when the page is left"
+        )

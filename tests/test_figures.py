@@ -12,7 +12,6 @@ import pandas as pd
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from openacc_files import csv, metadata, platoon
 
 from accpinn.cthp import Parameters, Trajectories
 from accpinn.figures import recording as recording_figures
@@ -20,6 +19,7 @@ from accpinn.figures import style, training
 from accpinn.fit import History
 from accpinn.openacc import Recording, read
 from accpinn.segment import Segment, Window, cut
+from tests.openacc_files import csv, metadata, platoon
 
 ROOT = Path(__file__).parent.parent
 

@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from samples import NOISY, PLATOON, sample
 
 from accpinn.assessment import closed_loop
 from accpinn.comparison import Earlier, differences
@@ -16,6 +15,7 @@ from accpinn.identifiability import INCREASE, profiles
 from accpinn.segment import Segment
 from accpinn.tables.earlier import earlier_table, title
 from accpinn.uncertainty import Uncertainty, intervals
+from tests.samples import NOISY, PLATOON, sample
 
 
 @pytest.fixture(scope="module")

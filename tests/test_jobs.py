@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from openacc_files import csv, platoon
 
 from accpinn.cthp import Parameters
 from accpinn.errors import ConfigError
@@ -20,6 +19,7 @@ from accpinn.pinn.config import FAST, PAPER, PinnConfig
 from accpinn.pinn.training import request_keys
 from accpinn.segment import Segment, cut
 from accpinn.store import Store
+from tests.openacc_files import csv, platoon
 
 WAIT = 20.0
 """Seconds after which a test gives up; a sound queue needs none of them."""

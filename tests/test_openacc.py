@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from openacc_files import csv, metadata, platoon
 
 from accpinn.errors import RecordingError
 from accpinn.openacc import Mode, Recording, read
 from accpinn.openacc.checks import agreement
+from tests.openacc_files import csv, metadata, platoon
 
 
 def says(recording: Recording, *words: str) -> bool:

@@ -1,62 +1,25 @@
 """Every page, run without a browser: cold links, each step, and what is said when it fails."""
 
-import json
-from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-import streamlit as st
-from openacc_files import csv, metadata, platoon
 from streamlit.testing.v1 import AppTest
 
 from accpinn.jobs import Status, Trainings
 from accpinn.openacc import Recording, read
 from accpinn.segment import Window
-from pages.shared import server, sessions, sources, workspace
+from pages.shared import sessions, sources, workspace
 from pages.shared.choosing import window_of
 from pages.shared.sessions import KEPT_FOR, KEPT_WORKSPACES, Workspaces
-from pages.shared.sources import FIRST_SAMPLE, sample
 from pages.shared.text import bullets, lasting, plain
 from pages.shared.workspace import Workspace
+from tests.apptest import DATA, PAGES, TRAIN, WAIT, figures, open_page, texts, with_sample
+from tests.openacc_files import csv, metadata, platoon
 
-ROOT = Path(__file__).parent.parent
-PAGES = ["app.py", *sorted(f"pages/{path.name}" for path in (ROOT / "pages").glob("[0-9]*.py"))]
-DATA, TRAIN = "pages/1_Data.py", "pages/2_Train.py"
-WAIT = 120.0
-"""Seconds a real training may take on a busy machine; it needs about one."""
-
-
-@pytest.fixture(autouse=True)
-def fresh_server(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Iterator[None]:
-    """A server of its own for each test: no sessions, no jobs, an empty store."""
-    monkeypatch.chdir(ROOT)
-    monkeypatch.setenv("ACCPINN_CACHE", str(tmp_path / "cache"))
-    monkeypatch.delenv("ACCPINN_RECORDINGS", raising=False)
-    st.cache_resource.clear()
-    yield
-    server.trainings().close()
-    st.cache_resource.clear()
-
-
-def open_page(path: str, session: str = "") -> AppTest:
-    """A page as a direct link opens it: the first page has not run before."""
-    page = AppTest.from_file(str(ROOT / "app.py"), default_timeout=60)
-    if path != "app.py":
-        page.switch_page(path)
-    if session:
-        page.query_params["session"] = session
-    page.run()
-    assert not page.exception, page.exception
-    return page
-
-
-def with_sample() -> Workspace:
-    found = sessions.workspaces().new()
-    found.open(*sample(FIRST_SAMPLE))
-    return found
+pytestmark = pytest.mark.usefixtures("fresh_server")
 
 
 def with_recording(run: Recording) -> Workspace:
@@ -69,24 +32,12 @@ def made(names: tuple[str, ...] = ("A", "B", "C"), **changes: Any) -> Recording:
     return read(csv(platoon(vehicles=len(names), **changes), metadata(names)), "made.csv")
 
 
-def texts(page: AppTest) -> str:
-    """All that is written on a page, tables included."""
-    kinds = ("markdown", "caption", "info", "warning", "error", "success", "title", "subheader")
-    written = [element.value for kind in kinds for element in page.get(kind)]
-    written += [element.proto.body for element in page.get("html")]
-    return "\n".join(written)
-
-
 def button(page: AppTest, label: str) -> Any:
     return next(b for b in page.button if b.label == label)
 
 
 def labels(page: AppTest) -> list[str]:
     return [b.label for b in page.button]
-
-
-def figures(page: AppTest) -> list[dict[str, Any]]:
-    return [json.loads(chart.proto.spec) for chart in page.get("plotly_chart")]
 
 
 # Every page
@@ -102,7 +53,7 @@ def test_a_cold_link_shows_a_next_step(path: str) -> None:
 
 @pytest.mark.parametrize("path", PAGES)
 def test_with_a_recording_open(path: str) -> None:
-    page = open_page(path, with_sample().id)
+    page = open_page(path, with_sample())
     assert not page.error
 
 
@@ -111,12 +62,12 @@ def test_with_a_window_that_cannot_be_used(path: str) -> None:
     found = with_sample()
     found.choose(window=Window(395.0, 399.0))
     assert found.fault
-    open_page(path, found.id)
+    open_page(path, found)
 
 
 @pytest.mark.parametrize("path", PAGES)
 def test_an_unknown_session_begins_anew_and_says_so(path: str) -> None:
-    page = open_page(path, "long-forgotten")
+    page = open_page(path, session="long-forgotten")
     assert "no longer on this server" in texts(page)
     assert page.query_params["session"] != "long-forgotten"
     page.run()
@@ -140,7 +91,7 @@ def test_one_click_trains_a_sample() -> None:
 
 
 def test_home_says_where_the_session_stands() -> None:
-    page = open_page("app.py", with_sample().id)
+    page = open_page("app.py", with_sample())
     assert "Where you are" in texts(page)
     assert "vehicles 1–5" in texts(page)
     assert "Where you are" not in texts(open_page("app.py"))
@@ -167,7 +118,7 @@ def test_regimes_are_left_out_when_ticked_and_said_everywhere() -> None:
     run = made(("A", "B"))
     gap = np.where((time < 100)[:, None], 60.0, run.gap)
     found = with_recording(replace(run, gap=gap))
-    page = open_page(DATA, found.id)
+    page = open_page(DATA, found)
     assert found.segment is not None
     assert found.segment.left_out is None
     assert "Left out" not in texts(page)
@@ -178,7 +129,7 @@ def test_regimes_are_left_out_when_ticked_and_said_everywhere() -> None:
     assert "**Left out** of the law: catching up" in texts(page)
     assert "(2 B: 25 % of the instants)" in texts(page).replace("\\", "")
     for path in (TRAIN, "pages/5_Compare.py"):
-        assert "law without catching up" in texts(open_page(path, found.id))
+        assert "law without catching up" in texts(open_page(path, found))
     page.toggle(key="data_sensitivity").set_value(True).run()
     assert not page.exception
     assert "Without catching up" in texts(page)
@@ -198,7 +149,7 @@ def test_upload_a_recording() -> None:
 
 def test_a_bad_upload_is_one_sentence_and_loses_nothing() -> None:
     found = with_sample()
-    page = open_page(DATA, found.id)
+    page = open_page(DATA, found)
     before = found.recording, found.segment
     page.segmented_control(key="data_source").set_value("Upload").run()
     page.file_uploader(key="data_upload").upload("bad.csv", b"\x89PNG not a run", "x").run()
@@ -228,7 +179,7 @@ def test_the_folder_on_the_server(monkeypatch: pytest.MonkeyPatch, tmp_path: Pat
 
 def test_the_window_moves_and_the_estimate_follows() -> None:
     found = with_sample()
-    page = open_page(DATA, found.id)
+    page = open_page(DATA, found)
     before = texts(page)
     page.number_input(key="data_start").set_value(80.0).run()
     page.number_input(key="data_length").set_value(120.0).run()
@@ -242,7 +193,7 @@ def test_the_window_moves_and_the_estimate_follows() -> None:
 
 def test_vehicles_and_case() -> None:
     found = with_sample()
-    page = open_page(DATA, found.id)
+    page = open_page(DATA, found)
     leader, last = page.selectbox[-2:]
     assert leader.label == "Leader"
     leader.set_value(3).run()
@@ -259,10 +210,10 @@ def test_vehicles_and_case() -> None:
 
 def test_a_new_recording_drops_what_came_after() -> None:
     found = with_sample()
-    page = open_page(DATA, found.id)
+    page = open_page(DATA, found)
     button(page, "Train on this window").click().run()
     assert found.job is not None
-    page = open_page(DATA, found.id)
+    page = open_page(DATA, found)
     page.number_input(key="data_start").set_value(20.0).run()
     assert found.job is None
 
@@ -271,11 +222,11 @@ def test_names_from_a_file_are_shown_as_they_are() -> None:
     nasty = "<script>alert(1)</script>"
     found = with_recording(made((nasty, "*B* $x$ :red[c]", "C")))
     for path in (DATA, TRAIN):
-        page = open_page(path, found.id)
+        page = open_page(path, found)
         assert nasty not in texts(page)
         markdown = "".join(element.value for element in (*page.markdown, *page.caption))
         assert "*B*" not in markdown
-    assert "&lt;script&gt;" in texts(open_page(DATA, found.id))
+    assert "&lt;script&gt;" in texts(open_page(DATA, found))
 
 
 @pytest.mark.parametrize(
@@ -306,7 +257,7 @@ def test_the_first_window_avoids_holes() -> None:
 
 def test_train_shows_table_curves_and_downloads() -> None:
     found = with_sample()
-    page = open_page(TRAIN, found.id)
+    page = open_page(TRAIN, found)
     button(page, "Start training").click().run()
     assert found.job is not None
     assert found.job.wait(WAIT)
@@ -328,7 +279,7 @@ def test_train_shows_table_curves_and_downloads() -> None:
 def test_the_second_time_the_answer_comes_from_the_cache() -> None:
     found = with_sample()
     for _ in range(2):
-        page = open_page(TRAIN, found.id)
+        page = open_page(TRAIN, found)
         button(page, "Start training").click().run()
         assert found.job is not None
         assert found.job.wait(WAIT)
@@ -338,7 +289,7 @@ def test_the_second_time_the_answer_comes_from_the_cache() -> None:
 
 def test_stop_and_continue() -> None:
     found = with_sample()
-    page = open_page(TRAIN, found.id)
+    page = open_page(TRAIN, found)
     page.segmented_control(key="train_preset").set_value("paper").run()
     button(page, "Start training").click().run()
     assert "Stop training" in labels(page)
@@ -357,10 +308,10 @@ def test_stop_and_continue() -> None:
 
 def test_a_second_session_waits_and_is_told() -> None:
     first, second = with_sample(), with_sample()
-    page = open_page(TRAIN, first.id)
+    page = open_page(TRAIN, first)
     page.segmented_control(key="train_preset").set_value("paper").run()
     button(page, "Start training").click().run()
-    other = open_page(TRAIN, second.id)
+    other = open_page(TRAIN, second)
     button(other, "Start training").click().run()
     assert "yours is next" in texts(other)
     assert second.job is not None
@@ -369,7 +320,7 @@ def test_a_second_session_waits_and_is_told() -> None:
 
 
 def test_a_bad_option_is_one_sentence_and_disables_the_button() -> None:
-    page = open_page(TRAIN, with_sample().id)
+    page = open_page(TRAIN, with_sample())
     page.number_input(key="train_fast_iterations").set_value(0).run()
     (error,) = page.error
     assert "iterations: 0 is not allowed" in error.value.replace("\\", "")
@@ -381,11 +332,11 @@ def test_a_bad_option_is_one_sentence_and_disables_the_button() -> None:
 
 def test_options_reach_the_training_and_survive_a_visit_elsewhere() -> None:
     found = with_sample()
-    page = open_page(TRAIN, found.id)
+    page = open_page(TRAIN, found)
     page.number_input(key="train_fast_seed").set_value(7).run()
     page.number_input(key="train_fast_weight_data_1").set_value(2.0).run()
     page.selectbox(key="train_fast_start").set_value((0.5, 0.5, 0.5)).run()
-    page = open_page(TRAIN, found.id)  # as after a reload
+    page = open_page(TRAIN, found)  # as after a reload
     assert page.number_input(key="train_fast_seed").value == 7
     button(page, "Start training").click().run()
     assert found.job is not None
@@ -401,7 +352,7 @@ def test_a_failed_training_says_why(monkeypatch: pytest.MonkeyPatch) -> None:
     broken = Trainings(train=failing)
     monkeypatch.setattr(workspace, "trainings", lambda: broken)
     found = with_sample()
-    page = open_page(TRAIN, found.id)
+    page = open_page(TRAIN, found)
     button(page, "Start training").click().run()
     assert found.job is not None
     assert found.job.wait(WAIT)

@@ -1,66 +1,37 @@
 """The Compare page without a browser: rows, a stop, five starts, and the session's earlier runs."""
 
-from collections.abc import Iterator
 from dataclasses import replace
-from pathlib import Path
 
 import pytest
-import streamlit as st
-from streamlit.testing.v1 import AppTest
 
 from accpinn.estimators import least_squares
 from accpinn.jobs import Status
 from accpinn.pinn.config import FAST
 from accpinn.segment import Window
-from pages.shared import server, sessions
+from pages.shared import server
 from pages.shared.compare_charts import picked_name
 from pages.shared.compare_words import collision_line
 from pages.shared.sources import FIRST_SAMPLE, sample
 from pages.shared.workspace import KEPT_RUNS, Workspace
+from tests.apptest import COMPARE, WAIT, everything, open_page, with_sample
 
-ROOT = Path(__file__).parent.parent
-PAGE = "pages/5_Compare.py"
-WAIT = 120.0
-
-
-@pytest.fixture(autouse=True)
-def fresh_server(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Iterator[None]:
-    monkeypatch.chdir(ROOT)
-    monkeypatch.setenv("ACCPINN_CACHE", str(tmp_path / "cache"))
-    st.cache_resource.clear()
-    yield
-    server.trainings().close()
-    st.cache_resource.clear()
+pytestmark = pytest.mark.usefixtures("fresh_server")
 
 
 @pytest.fixture
-def found() -> Workspace:
-    made = sessions.workspaces().new()
-    made.open(*sample(FIRST_SAMPLE))
+def found(fresh_server: None) -> Workspace:
+    made = with_sample()
     made.choose(window=Window(0.0, 60.0), vehicles=(1, 2))
     return made
 
 
-def opened(found: Workspace) -> AppTest:
-    page = AppTest.from_file(str(ROOT / "app.py"), default_timeout=60)
-    page.switch_page(PAGE)
-    page.query_params["session"] = found.id
-    page.run()
-    assert not page.exception, page.exception
-    return page
-
-
-def everything(page: AppTest) -> str:
-    return " ".join(str(element.proto) for element in page.main if hasattr(element, "proto"))
-
-
 def test_rows_pictures_warnings_starts_and_earlier_runs(found: Workspace) -> None:
-    page = opened(found)
+    page = open_page(COMPARE, found)
     page.button(key="compare_run").click().run()
     assert found.comparison is not None
     assert found.comparison.wait(WAIT)
     assert found.comparison.status is Status.DONE
-    page = opened(found)
+    page = open_page(COMPARE, found)
     shown = everything(page)
     assert "eight methods, α from" in shown
     assert "string stable" in shown
@@ -73,7 +44,7 @@ def test_rows_pictures_warnings_starts_and_earlier_runs(found: Workspace) -> Non
     found.train_starts(FAST)
     assert found.starts is not None
     assert found.starts.wait(WAIT)
-    assert "Spread" in everything(opened(found))
+    assert "Spread" in everything(open_page(COMPARE, found))
 
     before = found.compared[0].fit
     found.choose(window=Window(10.0, 60.0))
@@ -87,7 +58,7 @@ def test_rows_pictures_warnings_starts_and_earlier_runs(found: Workspace) -> Non
 
     found.compare()
     assert found.comparison.wait(WAIT)
-    page = opened(found)
+    page = open_page(COMPARE, found)
     assert "0–60 s → 10–60 s" in everything(page)
     page.multiselect(key="compare_earlier").set_value(
         [page.multiselect(key="compare_earlier").options[0]]
@@ -103,7 +74,7 @@ def test_a_stop_keeps_the_rows_and_offers_to_run_again(found: Workspace) -> None
     server.trainings().stop(series)
     assert series.wait(WAIT)
     assert series.status is Status.STOPPED
-    page = opened(found)
+    page = open_page(COMPARE, found)
     assert "Stopped: " in everything(page)
     assert page.button(key="compare_run").label == "Run all methods"
 

@@ -1,77 +1,43 @@
 """The page Snapshots and what a snapshot restores on all others, without a browser."""
 
-from collections.abc import Iterator
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import pytest
-import streamlit as st
 from streamlit.testing.v1 import AppTest
 
 from accpinn.jobs import Status
 from accpinn.openacc import Recording
 from accpinn.pinn.config import preset
 from accpinn.snapshot import Snapshot
-from pages.shared import server, sessions
+from pages.shared import sessions
 from pages.shared.laws import laws_of
 from pages.shared.server import shelf
 from pages.shared.settings import chosen_config
 from pages.shared.snapshots_comparing import differing_settings, parameter_differences
 from pages.shared.sources import FIRST_SAMPLE, sample
 from pages.shared.workspace import Workspace
+from tests.apptest import (
+    COMPARE,
+    DATA,
+    PAGES,
+    PLATOON,
+    SNAPSHOTS,
+    STABILITY,
+    TRAIN,
+    figures,
+    open_page,
+    texts,
+    with_sample,
+    workspace_of,
+)
 from tests.snapshots import whole
 
-ROOT = Path(__file__).parent.parent
-SNAPSHOTS, DATA, TRAIN = "pages/6_Snapshots.py", "pages/1_Data.py", "pages/2_Train.py"
-STABILITY, PLATOON, COMPARE = "pages/3_Stability.py", "pages/4_Platoon.py", "pages/5_Compare.py"
-PAGES = ["app.py", *sorted(f"pages/{path.name}" for path in (ROOT / "pages").glob("[0-9]*.py"))]
-
-
-@pytest.fixture(autouse=True)
-def fresh_server(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, shelf_of_its_own: None
-) -> Iterator[None]:
-    """A server of its own for each test."""
-    monkeypatch.chdir(ROOT)
-    monkeypatch.setenv("ACCPINN_CACHE", str(tmp_path / "cache"))
-    st.cache_resource.clear()
-    yield
-    server.trainings().close()
-    st.cache_resource.clear()
-
-
-def open_page(path: str, **address: str) -> AppTest:
-    page = AppTest.from_file(str(ROOT / "app.py"), default_timeout=60)
-    if path != "app.py":
-        page.switch_page(path)
-    for name, value in address.items():
-        page.query_params[name] = value
-    page.run()
-    assert not page.exception, page.exception
-    return page
-
-
-def workspace_of(page: AppTest) -> Workspace:
-    name = page.query_params["session"]
-    found = sessions.workspaces().find(name if isinstance(name, str) else name[0])
-    assert found is not None
-    return found
-
-
-def texts(page: AppTest) -> str:
-    kinds = ("markdown", "caption", "info", "warning", "error", "success", "subheader", "text")
-    written = [element.value for kind in kinds for element in page.get(kind)]
-    written += [element.proto.body for element in page.get("html")]
-    return "\n".join(written)
+pytestmark = pytest.mark.usefixtures("fresh_server")
 
 
 def button(page: AppTest, key: str) -> Any:
     return next(b for b in page.button if b.key == key)
-
-
-def charts(page: AppTest) -> int:
-    return len(page.get("plotly_chart"))
 
 
 def bare() -> Snapshot:
@@ -84,8 +50,7 @@ def recording() -> Recording:
 
 
 def with_fit() -> Workspace:
-    found = sessions.workspaces().new()
-    found.open(*sample(FIRST_SAMPLE))
+    found = with_sample()
     found.train(preset("fast", iterations=20))
     assert found.job is not None
     assert found.job.wait(120)
@@ -96,7 +61,7 @@ def with_fit() -> Workspace:
 class TestSaving:
     def test_a_result_is_kept_and_listed(self) -> None:
         found = with_fit()
-        page = open_page(SNAPSHOTS, session=found.id)
+        page = open_page(SNAPSHOTS, found)
         page.text_input(key="snapshots_name").input("<b>mine</b>")
         page.text_area(key="snapshots_note").input("first try")
         next(b for b in page.button if b.label == "Save").click().run()
@@ -111,7 +76,7 @@ class TestSaving:
         assert kept.fit.table().tobytes() == found.fit.table().tobytes()
 
     def test_data_go_in_only_when_asked(self) -> None:
-        page = open_page(SNAPSHOTS, session=with_fit().id)
+        page = open_page(SNAPSHOTS, with_fit())
         assert not page.checkbox(key="snapshots_with_data").value
         page.checkbox(key="snapshots_with_data").check()
         next(b for b in page.button if b.label == "Save").click().run()
@@ -124,7 +89,7 @@ class TestSaving:
 
     def test_a_full_store_says_so(self) -> None:
         found = with_fit()
-        page = open_page(SNAPSHOTS, session=found.id)
+        page = open_page(SNAPSHOTS, found)
         shelf().cap_count = 0
         next(b for b in page.button if b.label == "Save").click().run()
         assert "is full" in texts(page)
@@ -171,7 +136,7 @@ class TestList:
         page = open_page(SNAPSHOTS)
         page.toggle(key="snapshots_compare").set_value(True).run()
         assert not page.exception
-        assert charts(page) == 1
+        assert len(figures(page)) == 1
         assert "What differs" in texts(page)
 
 
@@ -208,7 +173,7 @@ class TestLink:
 
     def test_in_a_session_that_exists(self) -> None:
         found, name = with_fit(), shelf().add(bare())
-        page = open_page(TRAIN, session=found.id, snapshot=name)
+        page = open_page(TRAIN, found, snapshot=name)
         assert workspace_of(page) is found
         assert found.snapshot is not None
         assert found.snapshot.id == name
@@ -217,9 +182,9 @@ class TestLink:
 class TestRestoring:
     def test_with_data_all_pages_have_their_figures(self) -> None:
         name = shelf().add(whole())
-        assert charts(open_page(DATA, snapshot=name)) >= 1
-        assert charts(open_page(TRAIN, snapshot=name)) == 5
-        assert charts(open_page(STABILITY, snapshot=name)) == 3
+        assert len(figures(open_page(DATA, snapshot=name))) >= 1
+        assert len(figures(open_page(TRAIN, snapshot=name))) == 5
+        assert len(figures(open_page(STABILITY, snapshot=name))) == 3
         assert "Least squares" in texts(open_page(COMPARE, snapshot=name))
         page = open_page(TRAIN, snapshot=name)
         (table, *_) = [e.proto.body for e in page.get("html") if "<table" in e.proto.body]
@@ -230,8 +195,8 @@ class TestRestoring:
         for path in (DATA, COMPARE, TRAIN):
             assert outline.sha256 in texts(open_page(path, snapshot=name)), path
         page = open_page(TRAIN, snapshot=name)
-        assert charts(page) == 5, "history and the network's curves are in the snapshot"
-        assert charts(open_page(STABILITY, snapshot=name)) == 3
+        assert len(figures(page)) == 5, "history and the network's curves are in the snapshot"
+        assert len(figures(open_page(STABILITY, snapshot=name))) == 3
 
     def test_the_recording_completes_it(self) -> None:
         found = sessions.workspaces().new()
@@ -294,7 +259,7 @@ class TestLaws:
         other = replace(whole(), name="other", fit=replace(whole().fit, parameters=laws))
         name, _ = shelf().add(other), shelf().add(whole())
         found.laws.snapshot = name
-        page = open_page(path, session=found.id)
+        page = open_page(path, found)
         assert not page.error
         assert laws_of(found, "snapshot").parameters == laws
 
@@ -302,6 +267,6 @@ class TestLaws:
         found = sessions.workspaces().new()
         found.laws.source, found.laws.snapshot = "snapshot", shelf().add(whole())
         shelf().delete(found.laws.snapshot)
-        page = open_page(STABILITY, session=found.id)
+        page = open_page(STABILITY, found)
         assert not page.error
         assert page.get("plotly_chart")

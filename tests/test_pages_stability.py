@@ -1,14 +1,10 @@
 """The pages Stability and Platoon without a browser: answers, sources, controls, refusals."""
 
-import json
-from collections.abc import Iterator
 from contextlib import suppress
-from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
 import pytest
-import streamlit as st
 from hypothesis import given
 from hypothesis import strategies as some
 from streamlit.testing.v1 import AppTest
@@ -20,67 +16,27 @@ from accpinn.jobs import Status
 from accpinn.published import ASTAZERO, CASALE, law_set
 from accpinn.segment import Window
 from accpinn.stability import report
-from pages.shared import server, sessions
 from pages.shared.platoon_order import parse_order
-from pages.shared.sources import FIRST_SAMPLE, sample
 from pages.shared.stability_charts import clicked_point
 from pages.shared.stability_words import headline
 from pages.shared.workspace import Workspace
+from tests.apptest import PLATOON, STABILITY, figures, open_page, texts, with_sample, workspace_of
 
-ROOT = Path(__file__).parent.parent
-STABILITY, PLATOON = "pages/3_Stability.py", "pages/4_Platoon.py"
+pytestmark = pytest.mark.usefixtures("fresh_server")
+
 CALM, LOUD = Parameters(0.05, 0.6, 1.8), Parameters(0.08, 0.12, 1.5)
 UNDAMPED = Parameters(0.04, 0.0, 0.0)
 
 
-@pytest.fixture(autouse=True)
-def fresh_server(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Iterator[None]:
-    """A server of its own for each test: no sessions, no jobs, an empty store."""
-    monkeypatch.chdir(ROOT)
-    monkeypatch.setenv("ACCPINN_CACHE", str(tmp_path / "cache"))
-    st.cache_resource.clear()
-    yield
-    server.trainings().close()
-    st.cache_resource.clear()
-
-
-def open_page(path: str, found: Workspace | None = None) -> AppTest:
-    page = AppTest.from_file(str(ROOT / "app.py"), default_timeout=60)
-    page.switch_page(path)
-    if found:
-        page.query_params["session"] = found.id
-    page.run()
-    assert not page.exception, page.exception
-    return page
-
-
-def workspace_of(page: AppTest) -> Workspace:
-    found = sessions.workspaces().find(page.query_params["session"])
-    assert found is not None
-    return found
-
-
 def fitted(window: Window | None = None) -> Workspace:
     """A session whose training is done; its fit stands in for a network's."""
-    found = sessions.workspaces().new()
-    found.open(*sample(FIRST_SAMPLE))
+    found = with_sample()
     found.choose(window=window, vehicles=(2, 3, 4, 5))
     assert found.segment
     fit = least_squares.fit(found.segment, "II")
     job: Any = SimpleNamespace(fit=fit, status=Status.DONE, is_active=False, stop=lambda: None)
     found.job = job
     return found
-
-
-def texts(page: AppTest) -> str:
-    kinds = ("markdown", "caption", "info", "warning", "error", "subheader")
-    written = [element.value for kind in kinds for element in page.get(kind)]
-    return "\n".join([*written, *(element.proto.body for element in page.get("html"))])
-
-
-def spec(page: AppTest, index: int) -> dict[str, Any]:
-    loaded: dict[str, Any] = json.loads(page.get("plotly_chart")[index].proto.spec)
-    return loaded
 
 
 def choose(page: AppTest, key: str, value: object) -> AppTest:
@@ -142,7 +98,7 @@ def test_stability_speaks_of_the_fit_once_there_is_one() -> None:
     for label in found.segment.labels[1:]:
         assert label in html
     # Vehicle 3 keeps the colour it has on the other pages.
-    curves = [trace for trace in spec(page, 0)["data"] if "line" in trace]
+    curves = [trace for trace in figures(page)[0]["data"] if "line" in trace]
     assert curves[0]["line"]["color"] == "#d8660c"
     choose(page, "stability_source", "published")
     assert "Audi A6" in texts(page)
@@ -227,10 +183,10 @@ def test_the_headline_counts(laws: tuple[Parameters, ...], sentence: str) -> Non
 
 def test_the_map_can_be_turned() -> None:
     page = open_page(STABILITY)
-    assert spec(page, 2)["layout"]["xaxis"]["title"]["text"].startswith("β")
+    assert figures(page)[2]["layout"]["xaxis"]["title"]["text"].startswith("β")
     choose(page, "stability_plane", "alpha")
     choose(page, "stability_held", 1)
-    assert spec(page, 2)["layout"]["xaxis"]["title"]["text"].startswith("α")
+    assert figures(page)[2]["layout"]["xaxis"]["title"]["text"].startswith("α")
     assert "BMW X5's β" in texts(page)
     choose(page, "stability_example", CASALE.title)
     assert "Hyundai's β" in texts(page)
@@ -377,9 +333,9 @@ def test_the_recorded_leader_is_offered_with_a_recording_only() -> None:
 
 def test_amplitudes_in_db() -> None:
     page = open_page(PLATOON)
-    assert "[m/s]" in spec(page, 1)["layout"]["yaxis"]["title"]["text"]
+    assert "[m/s]" in figures(page)[1]["layout"]["yaxis"]["title"]["text"]
     choose(page, "platoon_db", True)
-    assert "[dB re leader]" in spec(page, 1)["layout"]["yaxis"]["title"]["text"]
+    assert "[dB re leader]" in figures(page)[1]["layout"]["yaxis"]["title"]["text"]
 
 
 def test_the_papers_panels_and_back() -> None:

@@ -8,8 +8,6 @@ import numpy as np
 import pandas as pd
 import pytest
 import torch
-from driving import leader_speed
-from openacc_files import STEP, csv, metadata
 
 from accpinn.assessment.held_out import part
 from accpinn.cthp import Case, Parameters, simulate
@@ -37,6 +35,8 @@ from accpinn.segment.regimes import (
 )
 from accpinn.uncertainty import intervals
 from accpinn.units import FloatArray
+from tests.driving import leader_speed
+from tests.openacc_files import STEP, csv, metadata
 
 LAWS = (Parameters(0.08, 0.12, 1.5), Parameters(0.11, 0.30, 1.2))
 ANOTHER = Parameters(0.3, 0.0, 2.5)

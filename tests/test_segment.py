@@ -7,7 +7,6 @@ import pandas as pd
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from openacc_files import csv, metadata, platoon
 
 from accpinn.errors import AccpinnError, SegmentError
 from accpinn.openacc import Recording, read
@@ -21,6 +20,7 @@ from accpinn.segment import (
     parse_vehicles,
 )
 from accpinn.segment.selection import chains
+from tests.openacc_files import csv, metadata, platoon
 
 
 def recording(frame: pd.DataFrame | None = None, names: str = "ABC") -> Recording:

@@ -6,7 +6,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from driving import LAW, driven
 
 from accpinn.cli import main
 from accpinn.openacc import read
@@ -14,6 +13,7 @@ from accpinn.segment import cut
 from accpinn.segment.regimes import label
 from accpinn.sensitivity import CHOICES, METHODS, Row, sensitivity
 from accpinn.tables.regimes import regimes_table, sensitivity_table
+from tests.driving import LAW, driven
 
 STUDY = Path(__file__).parent.parent / "sample_data" / "synthetic_paper_study.csv"
 

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
-from references_stability import TABLE, Reference, impulse, integral_of_magnitude, row
 from scipy.linalg import expm
 
 from accpinn.cthp import Parameters
@@ -28,6 +27,7 @@ from accpinn.stability import (
     swings,
     transfer_function,
 )
+from tests.references_stability import TABLE, Reference, impulse, integral_of_magnitude, row
 
 TESLA = Parameters(0.0409, 0.4450, 1.16)
 AUDI = Parameters(0.0612, 0.1200, 1.19)

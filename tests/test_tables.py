@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from openacc_files import csv, metadata, platoon
 
 from accpinn.assessment import TrackingErrors
 from accpinn.cthp import Parameters
@@ -20,6 +19,7 @@ from accpinn.segment import Segment, cut
 from accpinn.segment.quality import assess
 from accpinn.tables.results import comparison_table, parameter_table, quality_table
 from accpinn.tables.typeset import ABSENT, Column, Table, latex
+from tests.openacc_files import csv, metadata, platoon
 
 LAWS = (Parameters(0.01037, 0.07235, 1.52034), Parameters(0.1, 0.2, 1.0))
 NASTY = ["<script>alert(1)</script>", "A&B_50%$x$^2", r"\input{secret}~#{}"]

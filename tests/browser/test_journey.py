@@ -4,11 +4,11 @@ import re
 from pathlib import Path
 
 import pytest
-from openacc_files import csv, metadata, platoon
 from playwright.sync_api import Locator, Page, expect
 
 from tests.browser.conftest import Open
 from tests.browser.running import idle
+from tests.openacc_files import csv, metadata, platoon
 
 pytestmark = pytest.mark.browser
 

@@ -5,12 +5,12 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from openacc_files import csv, metadata, platoon
 from playwright.sync_api import Download, Locator, Page, expect
 
 from accpinn.snapshot import Snapshot, load, to_bytes
 from tests.browser.conftest import Open
 from tests.browser.running import idle
+from tests.openacc_files import csv, metadata, platoon
 from tests.snapshots import whole
 
 pytestmark = pytest.mark.browser
