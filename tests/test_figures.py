@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+import plotly.graph_objects as go
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -16,9 +17,14 @@ from hypothesis import strategies as st
 from accpinn.cthp import Parameters, Trajectories
 from accpinn.figures import recording as recording_figures
 from accpinn.figures import style, training
+from accpinn.figures.platoon import cast_of, profiles
+from accpinn.figures.stability import bode, stability_map
 from accpinn.fit import History
 from accpinn.openacc import Recording, read
+from accpinn.platoon import Sinusoid, simulate
+from accpinn.published import CASALE
 from accpinn.segment import Segment, Window, cut
+from accpinn.stability import report as stability_report
 from tests.openacc_files import csv, metadata, platoon
 
 ROOT = Path(__file__).parent.parent
@@ -291,3 +297,30 @@ def lab(colour: str, vision: str) -> np.ndarray:
     )
     f = np.cbrt(to_xyz @ seen / [0.9505, 1.0, 1.089])
     return np.array([116 * f[1] - 16, 500 * (f[0] - f[1]), 200 * (f[1] - f[2])])
+
+
+class TestLegends:
+    """A figure saved as a picture has no page around it that says which line is which."""
+
+    def entries(self, figure: go.Figure) -> list[str]:
+        shown = style.with_legend(figure)
+        assert shown.layout.showlegend
+        return [trace.name for trace in shown.data if trace.showlegend is not False]
+
+    def test_each_vehicle_once(self, segment: Segment) -> None:
+        names = list(segment.labels)
+        whole = recording_figures.overview(recording(), (1, 2, 3), Window(0, 30))
+        assert self.entries(whole) == names
+        assert self.entries(recording_figures.preview(segment)) == names
+        course = training.parameter_course(history(), 0, segment)
+        assert self.entries(course) == names[1:]
+
+    def test_stability_and_platoon(self) -> None:
+        report = stability_report(CASALE.parameters)
+        assert self.entries(bode(CASALE, report)) == list(CASALE.labels)
+        assert len(self.entries(stability_map(CASALE, report, 0, "beta"))) == 3
+        run = simulate([*CASALE.parameters] * 3, Sinusoid(0.1))
+        assert len(self.entries(profiles(run, cast_of(CASALE, [0, 0, 0])))) == 4
+
+    def test_a_figure_without_names_has_none(self) -> None:
+        assert not style.with_legend(go.Figure(go.Scatter(x=[0, 1], y=[0, 1]))).layout.showlegend

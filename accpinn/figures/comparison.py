@@ -20,6 +20,7 @@ from accpinn.figures.style import (
     label_axes,
     thinned,
     vehicle_colour,
+    with_legend,
 )
 from accpinn.figures.training import PARAMETERS, tracking
 from accpinn.fit import Course
@@ -155,9 +156,7 @@ def curves(
     figure.update_yaxes(title_text=f"Error of gap [{GAP.unit}]", row=3, col=1)
     figure.add_hline(y=0, line={"color": GRID, "width": 1.5}, row=3, col=1)
     figure.update_xaxes(title_text=TIME.axis, row=3, col=1)
-    figure = finished(figure, 620, "compare-curves")
-    legend = {"orientation": "h", "x": 0, "y": 1.01, "yanchor": "bottom"}
-    return figure.update_layout(showlegend=True, legend=legend, margin_t=34)
+    return with_legend(finished(figure, 620, "compare-curves"))
 
 
 def courses(
@@ -204,9 +203,7 @@ def courses(
             col=1,
         )  # fmt: skip
     figure.update_xaxes(title_text=TIME.axis, row=3, col=1)
-    figure = finished(figure, 560, "compare-courses")
-    legend = {"orientation": "h", "x": 0, "y": 1.01, "yanchor": "bottom"}
-    return figure.update_layout(showlegend=True, legend=legend, margin_t=34)
+    return with_legend(finished(figure, 560, "compare-courses"))
 
 
 def profiles(found: Sequence[Profile], colour: str) -> go.Figure:

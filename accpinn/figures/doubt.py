@@ -34,7 +34,7 @@ def add_bands(figure: go.Figure, laws: LawSet, doubt: Uncertainty) -> go.Figure:
                 go.Scatter(
                     x=np.concatenate([omega, omega[::-1]]), y=around, mode="none",
                     fill="toself", fillcolor=_pale(colour, BAND_OPACITY), hoverinfo="skip",
-                    name=f"band {k}",
+                    name=f"band {k}", showlegend=False,
                 )
             )  # fmt: skip
     return _beneath(figure, bands)
@@ -55,7 +55,7 @@ def add_clouds(figure: go.Figure, laws: LawSet, doubt: Uncertainty, plane: Plane
             go.Scatter(
                 x=draws[:, across].round(5), y=draws[:, 2].round(4), mode="markers",
                 marker={"size": 3.5, "color": _pale(colour, DOT_OPACITY)}, hoverinfo="skip",
-                name=f"cloud {k}",
+                name=f"cloud {k}", showlegend=False,
             )
         )  # fmt: skip
     return _beneath(figure, clouds)

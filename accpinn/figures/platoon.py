@@ -115,7 +115,7 @@ def _line(
     figure.add_scatter(
         x=x.astype(np.float32), y=y.astype(np.float32), name=cast.names[k], mode="lines",
         line={"color": cast.colours[k], "width": 1.5 if k else 2.5},
-        hovertemplate="%{y:.2f}", row=row, col=1,
+        hovertemplate="%{y:.2f}", showlegend=row == 1, legendrank=k, row=row, col=1,
     )  # fmt: skip
 
 

@@ -77,7 +77,7 @@ def overview(
 def _strip(figure: go.Figure, row: int, title: str, traces: Sequence[go.Scatter]) -> None:
     """Ribbons of vehicles, by number from the top down."""
     for trace in traces:
-        figure.add_trace(trace, row=row, col=1)
+        figure.add_trace(trace.update(showlegend=False), row=row, col=1)
     figure.update_yaxes(
         row=row,
         col=1,
@@ -120,6 +120,8 @@ def _line(
         connectgaps=False,
         line={"color": colour, "width": 1.8 if chosen else 1},
         opacity=1 if chosen else FAINT,
+        legendgroup=label,
+        showlegend=row == 1,
         row=row,
         col=1,
     )

@@ -131,12 +131,14 @@ def _marks(figure: go.Figure, laws: LawSet, report: StabilityReport) -> None:
     figure.add_scatter(
         x=[peak.omega for peak in peaks], y=[min(peak.db, CEILING) for peak in peaks],
         name="peak", mode="markers", customdata=shown, text=[names[k] for k in shown],
+        showlegend=False,
         marker={"symbol": "diamond", "size": 10, "color": paints}, **kept,
         hovertemplate="Peak %{y:.2f} dB at %{x:.3f} rad/s<extra>%{text}</extra>",
     )  # fmt: skip
     figure.add_scatter(
         x=[report.vehicles[k].crossover for k in shown], y=[0.0] * len(shown),
         name="crossover", mode="markers", customdata=shown, text=[names[k] for k in shown],
+        showlegend=False,
         marker={"symbol": "circle-open", "size": 9, "color": paints, "line": {"width": 2}}, **kept,
         hovertemplate="Amplified below %{x:.3f} rad/s<extra>%{text}</extra>",
     )  # fmt: skip
@@ -252,7 +254,8 @@ def _regions(figure: go.Figure, edges: Boundaries, top: float) -> None:
 def _band(figure: go.Figure, along: FloatArray, values: FloatArray, **fill: object) -> None:
     """An unseen line, and what is filled between it and the one before."""
     figure.add_scatter(
-        x=along, y=values, mode="lines", line={"width": 0}, hoverinfo="skip", **fill
+        x=along, y=values, mode="lines", line={"width": 0}, hoverinfo="skip", showlegend=False,
+        **fill,
     )  # fmt: skip
 
 
@@ -272,7 +275,7 @@ def _lines(figure: go.Figure, edges: Boundaries) -> None:
 def _dots(figure: go.Figure, laws: LawSet, own: list[float], held: int) -> None:
     """The vehicles; the one whose parameter is held is filled."""
     figure.add_scatter(
-        x=own, y=[law.tau for law in laws.parameters], mode="markers",
+        x=own, y=[law.tau for law in laws.parameters], mode="markers", showlegend=False,
         text=[
             f"{html.escape(label)}<br>α {law.alpha:.4g}, β {law.beta:.4g}, τ {law.tau:.4g}"
             for label, law in zip(laws.labels, laws.parameters, strict=True)

@@ -21,6 +21,8 @@ differ most under normal, red-blind and green-blind vision."""
 MODEL = "#c22f4f"
 """What the law drives in closed loop, beside the vehicle's own colour for its data."""
 GRID = "rgba(128, 140, 155, 0.25)"
+LINE = 20
+"""Pixels of a line of a legend."""
 POINTS = 1500
 """Kept per trace at most; a screen has no more columns."""
 
@@ -66,6 +68,25 @@ def label_axes(figure: go.Figure, channels: tuple[Channel, ...]) -> None:
     """Name and unit of each panel's channel, from the top down."""
     for row, channel in enumerate(channels, 1):
         figure.update_yaxes(title_text=channel.axis, row=row, col=1)
+
+
+def with_legend(figure: go.Figure) -> go.Figure:
+    """The figure with a legend, for where no key stands beside it, as in a file of its own.
+
+    Every figure knows which of its traces a legend names: those that have a name and do not refuse.
+    It stands above the figure, or below where a title is in the way.
+    """
+    figure.for_each_trace(lambda trace: trace.update(showlegend=False), lambda one: not one.name)
+    entries = sum(trace.showlegend is not False for trace in figure.data)
+    if not entries:
+        return figure
+    if figure.layout.title.text:
+        legend = {"orientation": "h", "x": 0, "y": 0, "yref": "container", "yanchor": "bottom"}
+        height = figure.layout.height + LINE * entries
+        return figure.update_layout(showlegend=True, legend=legend, height=height)
+    legend = {"orientation": "h", "x": 0, "y": 1.01, "yanchor": "bottom"}
+    margin = max(figure.layout.margin.t or 0, 34)
+    return figure.update_layout(showlegend=True, legend=legend, margin_t=margin)
 
 
 def finished(figure: go.Figure, height: int, revision: str) -> go.Figure:

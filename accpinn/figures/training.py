@@ -18,6 +18,7 @@ from accpinn.figures.style import (
     panels,
     thinned,
     vehicle_colour,
+    with_legend,
 )
 from accpinn.fit import History
 from accpinn.segment import Segment
@@ -52,6 +53,7 @@ def loss_course(history: History) -> go.Figure:
             x=history.iteration,
             y=np.where(values > 0, values, np.nan),
             name=f"{symbol} {name}",
+            showlegend=False,  # the title names them, each in its colour
             mode=mode,
             line={"color": colour, "width": width},
             marker={"size": 4},
@@ -180,6 +182,4 @@ def tracking(
             )
     label_axes(figure, (GAP, SPEED))
     figure.update_xaxes(title_text=TIME.axis, row=2, col=1)
-    figure = finished(figure, 460, f"tracking-{number}")
-    legend = {"orientation": "h", "x": 0, "y": 1.01, "yanchor": "bottom"}
-    return figure.update_layout(showlegend=True, legend=legend, margin_t=34)
+    return with_legend(finished(figure, 460, f"tracking-{number}"))

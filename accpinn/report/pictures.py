@@ -2,7 +2,7 @@
 
 import html
 from base64 import b64decode
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -16,7 +16,15 @@ from accpinn.errors import ParameterError
 from accpinn.figures import platoon as platoon_figures
 from accpinn.figures import stability as stability_figures
 from accpinn.figures.doubt import add_bands, add_clouds
-from accpinn.figures.style import POINTS, finished, label_axes, panels, thinned, vehicle_colour
+from accpinn.figures.style import (
+    POINTS,
+    finished,
+    label_axes,
+    panels,
+    thinned,
+    vehicle_colour,
+    with_legend,
+)
 from accpinn.figures.training import loss_course, parameter_course, tracking
 from accpinn.platoon import PlatoonRun, Sinusoid, simulate
 from accpinn.published import LawSet
@@ -92,7 +100,7 @@ def motion(snapshot: Snapshot) -> Picture | None:
         else "The data are not part of this report: these are the curves that the method takes the"
         " true motion to be."
     )
-    return Picture("motion", _legend(finished(figure, 460, "motion")), words)
+    return Picture("motion", with_legend(finished(figure, 460, "motion")), words)
 
 
 def fits(snapshot: Snapshot) -> Iterator[Picture]:
@@ -124,9 +132,7 @@ def stability(snapshot: Snapshot) -> Iterator[Picture]:
         return
     laws = learned_laws(snapshot)
     bode = stability_figures.bode(laws, report)
-    names = [html.escape(label) for label in laws.labels]
-    kept = [*names, "Leader to last follower"]
-    bode = _legend(add_bands(bode, laws, doubt) if doubt else bode, kept)
+    bode = with_legend(add_bands(bode, laws, doubt) if doubt else bode)
     band = f" Shaded: {100 * doubt.level:.0f} % bands of what the data leave open." if doubt else ""
     yield Picture(
         "response", bode,
@@ -134,7 +140,7 @@ def stability(snapshot: Snapshot) -> Iterator[Picture]:
         f" the vehicle amplifies.{band}",
     )  # fmt: skip
     if len(laws) > 1:
-        criteria = _legend(stability_figures.criteria_course(laws, report))
+        criteria = with_legend(stability_figures.criteria_course(laws, report))
         words = (
             "Criteria (stable above 0) and gains (stable at 1) along the platoon; dotted: from the"
             " leader to that follower."
@@ -148,7 +154,7 @@ def stability(snapshot: Snapshot) -> Iterator[Picture]:
         " criterion. Hatched: stable by the paper's L∞ criterion, but peaks grow."
         + (" Clouds: laws that the data allow as well." if doubt else "")
     )
-    yield Picture("map", _legend(chart, ["L2", "L∞, exact", "L∞, paper"]), words)
+    yield Picture("map", with_legend(chart), words)
 
 
 def platoon(snapshot: Snapshot) -> tuple[PlatoonRun, tuple[Picture, Picture], str] | None:
@@ -164,7 +170,7 @@ def platoon(snapshot: Snapshot) -> tuple[PlatoonRun, tuple[Picture, Picture], st
     except ParameterError:
         return None
     cast = platoon_figures.cast_of(laws, [worst] * FOLLOWERS)
-    speeds = _legend(platoon_figures.profiles(run, cast), [cast.names[0], cast.names[-1]])
+    speeds = with_legend(platoon_figures.profiles(run, cast))
     sizes = platoon_figures.amplitude_course(run, cast, False)
     pictures = (
         Picture("platoon", speeds, "Speeds and gaps; light to dark: first to last follower."),
@@ -175,15 +181,6 @@ def platoon(snapshot: Snapshot) -> tuple[PlatoonRun, tuple[Picture, Picture], st
 
 def _colour(outline: Outline, column: int) -> str:
     return vehicle_colour(outline.vehicles[column], outline.vehicles[0])
-
-
-def _legend(figure: go.Figure, names: Collection[str] | None = None) -> go.Figure:
-    """A legend above the figure, of the traces named, or of all that say what they are."""
-    if names is not None:
-        for trace in figure.data:
-            trace.showlegend = trace.name in names
-    legend = {"orientation": "h", "x": 0, "y": 1.01, "yanchor": "bottom"}
-    return figure.update_layout(showlegend=True, legend=legend, margin_t=44)
 
 
 def _plain(part: Any) -> Any:

@@ -122,6 +122,7 @@ def _choose_pictures(workspace: Workspace) -> None:
 
     def changed() -> None:
         workspace.pictures = st.session_state[charts.FORMAT]
+        workspace.legends = st.session_state[charts.LEGEND]
 
     st.segmented_control(
         "Charts are saved as",
@@ -131,6 +132,13 @@ def _choose_pictures(workspace: Workspace) -> None:
         on_change=changed,
         required=True,
         help="Point at a chart: the camera in its corner saves it as such a picture.",
+    )
+    st.toggle(
+        "Legend in every chart",
+        value=workspace.legends,
+        key=hold(charts.LEGEND, workspace.legends),
+        on_change=changed,
+        help="A saved picture then says by itself which colour is which vehicle.",
     )
 
 

@@ -74,6 +74,8 @@ class Workspace:
     laws: LawChoice = field(default_factory=LawChoice)
     pictures: str = "SVG"
     """The format in which charts are saved."""
+    legends: bool = False
+    """Whether each chart has one of its own, beside the key that serves a whole page."""
     map: MapChoice = field(default_factory=MapChoice)
     drive: DriveChoice = field(default_factory=DriveChoice)
 
