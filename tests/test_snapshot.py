@@ -75,7 +75,7 @@ class TestRoundTrip:
         laws, ok, checks, torch = reopened(path)
         assert laws == [[p.alpha.hex(), p.beta.hex(), p.tau.hex()] for p in whole().fit.parameters]
         assert ok
-        assert checks == 9
+        assert checks == 16
         assert not torch
 
     def test_keeps_what_was_left_out(self) -> None:
@@ -124,7 +124,7 @@ def test_casale_round_trip(openacc_dir: Path, tmp_path: Path) -> None:
     assert laws == [[p.alpha.hex(), p.beta.hex(), p.tau.hex()] for p in fit.parameters]
     assert ok
     assert verify(target, recording).ok
-    assert len(verify(target, recording).checks) == 6
+    assert len(verify(target, recording).checks) == 10
 
 
 class TestVerification:
@@ -147,6 +147,45 @@ class TestVerification:
         laws = tuple(replace(law, tau=law.tau * (1 + 1e-7)) for law in laws)
         result = check(replace(small(), fit=replace(small().fit, parameters=laws)))
         assert not result.ok
+
+    @pytest.mark.parametrize("figure", ["lower", "draws", "probability_l2"])
+    def test_forged_intervals_are_found(self, figure: str) -> None:
+        doubt = small().uncertainty
+        assert doubt is not None
+        forged = replace(doubt, **{figure: getattr(doubt, figure) * 1.001 + 0.001})
+        result = check(replace(small(), uncertainty=forged))
+        assert not result.ok
+        assert result.sentence.startswith("Intervals: ")
+        assert figure in result.sentence
+
+    def test_intervals_of_another_method_are_not_called_wrong(self) -> None:
+        assert small().uncertainty is not None
+        older = replace(small().uncertainty, method="an older one", lower=np.zeros((1, 3)))
+        result = check(replace(small(), uncertainty=older))
+        assert result.ok
+        assert any("an older one" in one.sentence for one in result.checks)
+
+    def test_forged_errors_of_a_method_compared_are_found(self) -> None:
+        first, *others = whole().rows
+        errors = first.assessment.closed_loop
+        assert errors is not None
+        better = replace(first.assessment, closed_loop=replace(errors, gap_mae=errors.gap_mae / 2))
+        forged = replace(whole(), rows=(replace(first, assessment=better), *others))
+        result = check(forged)
+        assert not result.ok
+        assert "least-squares" in result.sentence
+
+    def test_forged_errors_on_the_rest_are_found_with_the_recording(self) -> None:
+        recording = read(FOLDER / f"{whole().outline.source}")
+        segment, fit = trained()
+        honest = take(segment, fit, recording=recording)
+        assert check(honest, recording).ok
+        assert honest.assessment is not None
+        errors = honest.assessment.unseen
+        assert errors is not None
+        better = replace(errors, gap_mae=errors.gap_mae / 2)
+        forged = replace(honest, assessment=replace(honest.assessment, unseen=better))
+        assert not check(forged, recording).ok
 
     def test_another_recording_is_refused(self) -> None:
         recording = read(FOLDER / f"{NOISY}.csv")

@@ -1,6 +1,7 @@
 """Results that travel: one file that says what was found, from what, and can be checked."""
 
-from accpinn.snapshot.checking import Check, Verification, check, recovered, verify
+from accpinn.snapshot.agreement import Check
+from accpinn.snapshot.checking import Verification, check, recovered, verify
 from accpinn.snapshot.content import Origin, Snapshot
 from accpinn.snapshot.file import load, save, to_bytes, write_whole
 from accpinn.snapshot.schema import SUFFIX

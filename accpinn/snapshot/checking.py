@@ -1,36 +1,27 @@
 """What a snapshot says, held against what its own contents give when computed anew."""
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
-from accpinn.assessment import TrackingErrors, closed_loop_errors, surrogate_errors
-from accpinn.errors import AccpinnError
+from accpinn.assessment import Assessment, TrackingErrors, appraise, closed_loop_errors
+from accpinn.errors import AccpinnError, ConfigError
+from accpinn.fit import Fit
 from accpinn.openacc import Recording
 from accpinn.segment import Segment, cut
 from accpinn.segment.quality import assess
 from accpinn.segment.regimes import label, leave_out
-from accpinn.snapshot.codec import NOT_FINITE, encode
+from accpinn.snapshot.agreement import Check, compared
 from accpinn.snapshot.content import ID_LENGTH, Snapshot
 from accpinn.snapshot.file import Content, load
 from accpinn.snapshot.taking import stability
 from accpinn.stability import VehicleStability
+from accpinn.uncertainty import Uncertainty, intervals
 
-RELATIVE, ABSOLUTE = 1e-9, 1e-11
-"""Figures closer than this are the same; other processors round differently."""
-
-
-@dataclass(frozen=True)
-class Check:
-    """One figure, or group of figures, as stored and as recomputed."""
-
-    name: str
-    stored: str
-    recomputed: str
-    ok: bool
-    sentence: str
+INTERVALS = 1e-6
+"""The same for intervals, whose draws follow from solutions of nearly singular equations."""
 
 
 @dataclass(frozen=True)
@@ -52,8 +43,8 @@ def verify(content: Content, recording: Recording | None = None) -> Verification
 
     Args:
         content: the file's path, or its bytes.
-        recording: what it was learned from; with it errors are checked too where the snapshot has
-            no data.
+        recording: what it was learned from; with it errors and intervals are checked too where the
+            snapshot has no data, and so are errors on the rest of the recording.
 
     Raises:
         SnapshotError: when it cannot be read, naming the damaged part.
@@ -70,7 +61,8 @@ def check(snapshot: Snapshot, recording: Recording | None = None) -> Verificatio
         checks.append(found.check)
         segment = segment or found.segment
     if segment is not None:
-        checks += _errors(snapshot, segment)
+        same = recording if recording and recording.sha256 == snapshot.outline.sha256 else None
+        checks += _learned(snapshot, segment, same)
     return Verification(tuple(checks), _sentence(snapshot, checks, segment))
 
 
@@ -94,10 +86,10 @@ def _stability(snapshot: Snapshot) -> Iterator[Check]:
     for text, one, other in zip(
         snapshot.outline.labels[1:], old.vehicles, new.vehicles, strict=True
     ):
-        yield _compared(f"Stability of {text}", (_verdicts(one), _verdicts(other)), one, other)
+        yield compared(f"Stability of {text}", (_verdicts(one), _verdicts(other)), one, other)
     if len(old.vehicles) > 1:
         last = [f"‖h‖₁ {float(report.platoon.linf.gain[-1]):.6g}" for report in (old, new)]
-        yield _compared("Stability of the platoon", last, old.platoon, new.platoon)
+        yield compared("Stability of the platoon", last, old.platoon, new.platoon)
 
 
 _DIFFERS = "Only one of both has a report."
@@ -150,21 +142,52 @@ def _found(snapshot: Snapshot, recording: Recording) -> _Found:
     return _Found(window, segment if same else None)
 
 
-def _errors(snapshot: Snapshot, segment: Segment) -> Iterator[Check]:
+def _learned(snapshot: Snapshot, segment: Segment, recording: Recording | None) -> Iterator[Check]:
+    """What follows from the data: their quality, errors, intervals, and the methods compared."""
     quality, fit = assess(segment), snapshot.fit
     conditions = [f"condition {_few(figures.condition)}" for figures in (snapshot.quality, quality)]
-    yield _compared("Data's quality", conditions, snapshot.quality, quality)
-    if snapshot.assessment is None:
-        return
-    for name, stored, computed in (
-        ("Surrogate fit", snapshot.assessment.surrogate, surrogate_errors(segment, fit)),
-        (
-            "Closed-loop simulation",
-            snapshot.assessment.closed_loop,
-            closed_loop_errors(segment, fit),
-        ),
-    ):
-        yield _compared(name, (_mae(stored), _mae(computed)), stored, computed)
+    yield compared("Data's quality", conditions, snapshot.quality, quality)
+    if snapshot.assessment is not None:
+        yield from _errors(snapshot.assessment, appraise(segment, fit, recording=recording))
+    if snapshot.uncertainty is not None:
+        yield _intervals("Intervals", snapshot.uncertainty, segment, fit)
+    for row in snapshot.rows:
+        stored, computed = row.assessment.closed_loop, closed_loop_errors(segment, row.fit)
+        title = f"Closed-loop simulation, {row.fit.method}"
+        yield compared(title, (_mae(stored), _mae(computed)), stored, computed)
+        yield _intervals(f"Intervals, {row.fit.method}", row.uncertainty, segment, row.fit)
+
+
+def _errors(old: Assessment, new: Assessment) -> Iterator[Check]:
+    pairs = [
+        ("Surrogate fit", old.surrogate, new.surrogate),
+        ("Closed-loop simulation", old.closed_loop, new.closed_loop),
+    ]
+    if old.unseen is not None and new.unseen is not None:
+        pairs.append(("Rest of the recording", old.unseen, new.unseen))
+    for name, stored, computed in pairs:
+        yield compared(name, (_mae(stored), _mae(computed)), stored, computed)
+    lasting = [f"lasts {_few(one.whiteness.memory)} s" for one in (old, new)]
+    yield compared("Residual", lasting, old.whiteness, new.whiteness)
+    touches = [f"at {_few(one.collisions)} s" for one in (old, new)]
+    yield compared("Collisions", touches, old.collisions, new.collisions)
+
+
+def _intervals(name: str, stored: Uncertainty, segment: Segment, fit: Fit) -> Check:
+    try:
+        computed = intervals(segment, fit, stored.level, draws=len(stored.draws))
+    except ConfigError as fault:
+        return Check(name, "not possible", "none", False, str(fault))
+    texts = _ends(stored), _ends(computed)
+    if stored.method != computed.method:
+        sentence = f"Not compared, as another method was used then: {stored.method}."
+        return Check(name, *texts, True, sentence)
+    one, other = (replace(doubt, seconds=0.0, notes=()) for doubt in (stored, computed))
+    return compared(name, texts, one, other, INTERVALS)
+
+
+def _ends(doubt: Uncertainty) -> str:
+    return f"α {_few(doubt.lower[:, 0])} to {_few(doubt.upper[:, 0])}"
 
 
 def _mae(errors: TrackingErrors | None) -> str:
@@ -172,43 +195,7 @@ def _mae(errors: TrackingErrors | None) -> str:
 
 
 def _few(values: Any) -> str:
-    return ", ".join(f"{float(value):.6g}" for value in values)
-
-
-def _compared(name: str, texts: Sequence[str], one: Any, other: Any) -> Check:
-    """Two objects of the same kind, number by number."""
-    stored, recomputed = texts
-    old, new = dict(_numbers(encode(one))), dict(_numbers(encode(other)))
-    differing = [place for place in sorted(old.keys() | new.keys()) if not _same(place, old, new)]
-    if not differing:
-        figures = "1 figure agrees" if len(old) == 1 else f"All {len(old)} figures agree"
-        return Check(name, stored, recomputed, True, f"{figures}.")
-    place = differing[0]
-    sentence = (
-        f"{len(differing)} of {len(old)} figures differ; {place}: stored {old.get(place)},"
-        f" recomputed {new.get(place)}."
-    )
-    return Check(name, stored, recomputed, False, sentence)
-
-
-def _same(place: str, old: dict[str, float], new: dict[str, float]) -> bool:
-    if place not in old or place not in new:
-        return False
-    return bool(np.isclose(new[place], old[place], rtol=RELATIVE, atol=ABSOLUTE, equal_nan=True))
-
-
-def _numbers(tree: Any, place: str = "") -> Iterator[tuple[str, float]]:
-    """All numbers and answers of a tree by place; wording may change between versions."""
-    if isinstance(tree, dict):
-        for name, item in tree.items():
-            yield from _numbers(item, f"{place}.{name}" if place else name)
-    elif isinstance(tree, list):
-        for k, item in enumerate(tree):
-            yield from _numbers(item, f"{place}.{k}")
-    elif isinstance(tree, bool | int | float):
-        yield place, float(tree)
-    elif isinstance(tree, str) and tree in NOT_FINITE:
-        yield place, NOT_FINITE[tree]
+    return ", ".join("–" if np.isnan(value) else f"{float(value):.6g}" for value in values)
 
 
 def _sentence(snapshot: Snapshot, checks: list[Check], segment: Segment | None) -> str:
@@ -219,6 +206,9 @@ def _sentence(snapshot: Snapshot, checks: list[Check], segment: Segment | None) 
         origin = f" with the SHA-256 {snapshot.outline.sha256}" if snapshot.outline.sha256 else ""
         return (
             "The snapshot is whole and its stability follows from its parameters; the data are not"
-            f" in it, so its errors can only be checked with {snapshot.outline.source}{origin}."
+            " in it, so its errors and intervals can only be checked with"
+            f" {snapshot.outline.source}{origin}."
         )
-    return "The snapshot is whole, and its stability and errors follow from its contents."
+    return (
+        "The snapshot is whole, and its stability, errors and intervals follow from its contents."
+    )

@@ -74,6 +74,8 @@ def _costs(distance: FloatArray, metric: FloatArray) -> FloatArray:
 def _square_root(scale: FloatArray) -> FloatArray:
     """B with BBᵀ = scale, which may be singular."""
     values, vectors = np.linalg.eigh(scale)
+    # An eigenvector's sign is the library's choice; the draws are to be the same everywhere.
+    vectors *= np.sign(vectors[np.abs(vectors).argmax(axis=0), range(len(values))])
     return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0)))
 
 
