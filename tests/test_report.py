@@ -110,7 +110,7 @@ class TestThePage:
         policy = next(a["content"] for t, a in reader.tags if a.get("http-equiv"))
         assert policy is not None
         assert "default-src 'none'" in policy
-        scripts = re.findall(r"<script>(.*?)</script>", page(), re.DOTALL)
+        scripts = re.findall(r"<script(?: id=\"plotly\")?>(.*?)</script>", page(), re.DOTALL)
         assert len(scripts) == 2
         for script in scripts:
             digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()

@@ -39,16 +39,43 @@
   for (const save of document.querySelectorAll("[data-save]")) {
     const place = Number(save.dataset.save);
     const plot = plots.find((one) => Number(one.dataset.place) === place);
+    const kind = save.dataset.format;
     save.addEventListener("click", () =>
-      Plotly.downloadImage(plot, {
-        format: save.dataset.format,
-        filename: "accpinn_" + drawings[place].name,
-        width: plot.clientWidth,
-        height: plot.clientHeight,
-        scale: save.dataset.format === "png" ? 3 : 1,
-      }),
+      kind === "html" ? saveAlone(drawings[place]) : savePicture(plot, drawings[place].name, kind),
     );
   }
+
+  function savePicture(plot, name, format) {
+    Plotly.downloadImage(plot, {
+      format,
+      filename: "accpinn_" + name,
+      width: plot.clientWidth,
+      height: plot.clientHeight,
+      scale: format === "png" ? 3 : 1,
+    });
+  }
+
+  // One figure as a page of its own, which can be zoomed and needs no network either.
+  function saveAlone(drawing) {
+    const library = document.getElementById("plotly").textContent;
+    const layout = Object.assign({ autosize: true }, drawing.layout);
+    // In a script element, this one included, only "<" could end it early.
+    const figure = JSON.stringify([drawing.data, layout]).replaceAll("<", "\\u003c");
+    const parts = [
+      '<!doctype html><meta charset="utf-8"><title>accpinn_' + drawing.name + "</title>",
+      '<div id="plot"></div><script>',
+      library,
+      "<\/script><script>const [data, layout] = ",
+      figure,
+      ';Plotly.newPlot("plot", data, layout, { responsive: true });<\/script>',
+    ];
+    const link = document.createElement("a");
+    link.href = URL.createObjectURL(new Blob(parts, { type: "text/html" }));
+    link.download = "accpinn_" + drawing.name + ".html";
+    link.click();
+    URL.revokeObjectURL(link.href);
+  }
+
   // Paper is white and has a width of its own.
   window.addEventListener("beforeprint", () => {
     show(false);

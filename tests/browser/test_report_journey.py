@@ -68,6 +68,18 @@ def test_all_figures_are_drawn_in_both_themes_and_saved(shown: Show) -> None:
     assert "τ [s]" in Path(download.value.path()).read_text(encoding="utf-8")
 
 
+def test_a_figure_saved_as_a_page_stands_alone(shown: Show, tmp_path: Path) -> None:
+    outline = replace(whole().outline, names=("</script><script>alert(1)</script>",) * 5)
+    page = shown(replace(whole(), outline=outline))
+    with page.expect_download() as download:
+        page.get_by_role("button", name="HTML").first.click()
+    place = tmp_path / download.value.suggested_filename
+    download.value.save_as(place)
+    page.goto(place.as_uri())
+    assert page.locator(".main-svg path").count() > 3
+    assert page.locator("script").count() == 2
+
+
 def background(page: Page) -> str:
     found: str = page.evaluate("getComputedStyle(document.body).backgroundColor")
     return found
