@@ -10,6 +10,7 @@ from streamlit.testing.v1 import AppTest
 
 from accpinn.jobs import Status, Trainings
 from accpinn.openacc import Recording, read
+from accpinn.pinn.config import preset
 from accpinn.segment import Window
 from pages.shared import sessions, sources, workspace
 from pages.shared.choosing import window_of
@@ -405,3 +406,23 @@ def test_foreign_text_is_made_literal() -> None:
 )
 def test_durations_in_words(seconds: float, said: str) -> None:
     assert lasting(seconds) == said
+
+
+def test_another_window_ends_a_training_that_nobody_could_stop_any_more() -> None:
+    found = with_sample()
+    found.train(preset("paper", iterations=20_000))
+    job = found.job
+    found.choose(window=Window(10.0, 200.0))
+    assert job is not None
+    assert job.wait(WAIT)
+    assert job.status is Status.STOPPED
+
+
+def test_another_window_forgets_what_was_chosen_among_the_former_vehicles() -> None:
+    found = with_sample()
+    found.drive.own, found.drive.omega, found.map.held = "1-4", 0.3, 3
+    found.choose(vehicles=(1, 2))
+    assert (found.drive.own, found.drive.omega, found.map.held) == ("", None, -1)
+    found.laws.source, found.drive.own = "published", "1-4"
+    found.choose(vehicles=(1, 2, 3))
+    assert found.drive.own == "1-4", "the published laws stay the same"

@@ -178,6 +178,32 @@ class TestLink:
         assert found.snapshot is not None
         assert found.snapshot.id == name
 
+    def test_gives_way_to_what_is_opened_later(self) -> None:
+        first, second = shelf().add(bare()), shelf().add(replace(bare(), name="second"))
+        page = open_page(TRAIN, snapshot=first)
+        found = workspace_of(page)
+        found.restore(shelf().open(second))
+        for stale in (second, first):  # the browser may send the old address once more
+            page.query_params["snapshot"] = stale
+            page.run()
+            assert found.snapshot is not None
+            assert found.snapshot.name == "second"
+            assert page.query_params["snapshot"] in (second, [second])
+
+    def test_opened_again_after_other_work_it_is_shown_again(self) -> None:
+        found, name = with_fit(), shelf().add(bare())
+        open_page(TRAIN, found, snapshot=name)
+        found.open(replace(recording(), sha256="0" * 64))
+        open_page(TRAIN, found, snapshot=name)
+        assert found.snapshot is not None
+
+    def test_a_reload_leaves_a_training_from_its_weights_alone(self) -> None:
+        found, name = with_sample(), shelf().add(whole())
+        open_page(TRAIN, found, snapshot=name)
+        found.train(preset("fast", iterations=20), from_snapshot=True)
+        open_page(TRAIN, found, snapshot=name)
+        assert found.job is not None
+
 
 class TestRestoring:
     def test_with_data_all_pages_have_their_figures(self) -> None:

@@ -24,6 +24,9 @@ SESSION = "session"
 SNAPSHOT = "snapshot"
 """Name of the query parameter that opens one of the server's snapshots."""
 
+FOLLOWED = "snapshot_followed"
+"""The entry that holds the snapshots which this browser was shown already."""
+
 
 class Workspaces:
     """All workspaces of a server, bounded in number and age."""
@@ -87,16 +90,23 @@ def current() -> Workspace:
 
 
 def _follow_link(workspace: Workspace) -> None:
-    """Open the snapshot that the address names; afterwards the address names the one shown."""
+    """Open the snapshot that the address names; afterwards the address names the one shown.
+
+    Each browser follows an address once: what is opened by other means comes after it, and the
+    browser may still send the old address a moment later.
+    """
     asked = st.query_params.get(SNAPSHOT, "")
     st.session_state["snapshot_fault"] = ""
-    if asked and asked != workspace.linked:
+    followed: set[str] = st.session_state.setdefault(FOLLOWED, set())
+    shown = workspace.snapshot.id if workspace.snapshot else ""
+    if asked and asked != shown and asked not in followed:
         try:
             workspace.restore(shelf().open(asked))
         except SnapshotError as fault:
             st.session_state["snapshot_fault"] = str(fault)
             return
-    shown = workspace.snapshot.id if workspace.snapshot else ""
+        shown = asked
+    followed.add(shown)
     if shown and shown != asked:
         st.query_params[SNAPSHOT] = shown
     elif asked and not shown:

@@ -69,8 +69,6 @@ class Workspace:
     """Fits that are no longer current, oldest first."""
     snapshot: Snapshot | None = None
     """The result that is shown as it was saved; without its data there may be no segment."""
-    linked: str = ""
-    """The snapshot that the address asked for last, so that it is opened once."""
     laws: LawChoice = field(default_factory=LawChoice)
     pictures: str = "SVG"
     """The format in which charts are saved."""
@@ -106,7 +104,7 @@ class Workspace:
         self.window = Window(outline.start, outline.start + outline.duration)
         self.leave_out, self.fault, self.refusal = outline.left_out, "", ""
         self.doubt = (snapshot.fit, snapshot.uncertainty) if snapshot.uncertainty else None
-        self.snapshot, self.linked = snapshot, snapshot.id
+        self.snapshot = snapshot
         with suppress(ConfigError):  # another method's result leaves the preset as it is
             config = PinnConfig.from_json(snapshot.fit.config)
             self.preset, self.settings[config.preset] = config.preset, config.changes()
@@ -188,12 +186,18 @@ class Workspace:
         self.starts = trainings().run(series)
 
     def let_go(self) -> None:
-        """Keep what the present fits say among the earlier runs, and end what still runs."""
+        """Keep what the present fits say among the earlier runs, and end what still runs.
+
+        A training that is stopped leaves its checkpoint, from which the same request goes on.
+        """
         self._remember([row.fit for row in self.compared] + ([self.fit] if self.fit else []))
-        for series in (self.comparison, self.starts):
-            if series:
-                trainings().stop(series)
+        for task in (self.job, self.comparison, self.starts):
+            if task:
+                trainings().stop(task)
         self.job = self.comparison = self.starts = None
+        if self.laws.source in (None, "fit"):
+            self.drive.forget()
+            self.map.held = -1
 
     def _remember(self, fits: Sequence[Fit]) -> None:
         for fit in fits if self.segment else ():
