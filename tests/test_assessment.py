@@ -230,6 +230,19 @@ class TestWhiteness:
         assert found.memory[0] < 2.0
         assert "no memory" in found.sentences[0]
 
+    @pytest.mark.parametrize("noise", [0.02, 0.1])
+    def test_receivers_noise_is_not_taken_for_a_disturbance(self, noise: float) -> None:
+        """Differences of a noisy speed alternate: they are correlated, but nothing lasts."""
+        clean = disturbed((Parameters(*LAW),), 1, Disturbance(1e-9, 4.0), noise=None)
+        speeds = clean.speeds + noise * np.random.default_rng(1).standard_normal(clean.speeds.shape)
+        segment = replace(clean, speeds=speeds)
+        found = whiteness(segment, with_parameters(segment, Parameters(*LAW)))
+        assert found.correlation[0] < -0.3
+        assert found.probability[0] > 0.01
+        assert "no memory" in found.sentences[0]
+        exact = whiteness(clean, with_parameters(clean, Parameters(*LAW)))
+        assert "noise and rounding" in exact.sentences[0]
+
     def test_a_lasting_disturbance_is_measured(self) -> None:
         """A first-order process with memory T has an integrated autocorrelation time of 2T."""
         times, deviations = [], []
@@ -253,6 +266,12 @@ class TestWhiteness:
         early = whiteness(part(segment, 0, 1501), fit)
         assert whiteness(spoilt, fit).deviation[0] > 5 * early.deviation[0]
         assert whiteness(masked, fit).deviation[0] == pytest.approx(early.deviation[0], rel=0.02)
+        # Seconds on either side of what is left out are no neighbours.
+        gaps = segment.time[:, None] % 15.0 >= 12.0
+        sparse = whiteness(replace(masked, gaps=segment.gaps, left_out=gaps), fit)
+        whole = whiteness(segment, fit)
+        assert sparse.memory[0] == pytest.approx(whole.memory[0], rel=0.35)
+        assert sparse.correlation[0] == pytest.approx(whole.correlation[0], abs=0.1)
         nothing = replace(masked, left_out=np.ones_like(late))
         assert np.isnan(whiteness(nothing, fit).deviation[0])
 

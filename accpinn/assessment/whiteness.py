@@ -3,15 +3,23 @@
     e(t) = (v(t + T) - v(t)) / T - mean over [t, t + T] of α(p - τv) + βΔv,    T = 1 s
 
 Means over a second quieten the receivers' noise, which differences between samples would consist
-of. Were the law all there is, e would be independent from second to second. Its integrated
-autocorrelation time (Geyer's initial positive sequence, Statistical Science 7, 1992) says how many
-independent samples the window is worth; Ljung and Box (Biometrika 65, 1978) test for any at all.
+of. What is left of it alternates: neighbouring seconds share a speed, with opposite signs, so their
+correlation lies between -0.5 (noise alone) and 0. Were the law all there is besides, seconds that
+are not neighbours would be independent. Whether they are is told from
+
+    z = √N (ρ₂ + .. + ρ₆) / √(Σ Σ c(j - k)),    c(0) = 1 + 2ρ₁², c(±1) = 2ρ₁, c(±2) = ρ₁²,
+
+which is standard normal then (Bartlett, JRSS Suppl. 8, 1946), and large where something lasts. The
+integrated autocorrelation time (Geyer's initial positive sequence, Statistical Science 7, 1992)
+says for how long.
 """
 
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import chi2
+from numpy.typing import NDArray
+from scipy.linalg import toeplitz
+from scipy.stats import norm
 
 from accpinn.cthp import regressors
 from accpinn.fit import Fit
@@ -19,12 +27,14 @@ from accpinn.segment import Segment
 from accpinn.units import FloatArray, Seconds
 
 MEAN_OVER: Seconds = 1.0
-LAGS = 10
+LAGS = np.arange(2, 7)
 """Seconds that the test looks back."""
-FEWEST = 3 * LAGS
+FEWEST = 30
 """Seconds below which nothing is said."""
 CORRELATED = 0.01
 """A smaller probability of so much correlation by chance is called lasting."""
+NEGLIGIBLE = 0.02
+"""m/s²; as much comes from receivers' noise of 0.015 m/s, and from taking samples."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,9 +48,9 @@ class Whiteness:
     memory: FloatArray
     """(M,) in s, the integrated autocorrelation time: 1 s where seconds are independent."""
     independent: FloatArray
-    """(M,) how many independent samples the window is worth."""
+    """(M,) how many independent samples the window is worth, as far as the residual's mean goes."""
     probability: FloatArray
-    """(M,) of so much correlation by chance, were the residual white (Ljung-Box)."""
+    """(M,) of so much correlation by chance, were all but neighbouring seconds independent."""
     sentences: tuple[str, ...]
     """(M,) the same in words."""
 
@@ -50,50 +60,69 @@ def whiteness(segment: Segment, fit: Fit) -> Whiteness:
 
     α = 0 with τ undetermined counts as ατ = 0.
     """
-    residuals = _residuals(segment, fit)
-    figures = np.array([_figures(row) for row in residuals])
+    second = max(1, round(MEAN_OVER / segment.sample_time))
+    residuals = _residuals(segment, fit, second)
+    length = second * segment.sample_time
+    figures = np.array([_figures(row, length) for row in residuals])
     sentences = tuple(
-        _sentence(label, len(residual) * MEAN_OVER / segment.sample_time, row)
+        _sentence(label, int(np.isfinite(residual).sum()) * second, row)
         for label, residual, row in zip(segment.labels[1:], residuals, figures, strict=True)
     )
     deviation, correlation, memory, independent, probability = figures.T
     return Whiteness(deviation, correlation, memory, independent, probability, sentences)
 
 
-def _residuals(segment: Segment, fit: Fit) -> list[FloatArray]:
-    """E of each of M followers, one a second, without the seconds left out."""
-    step = max(1, round(MEAN_OVER / segment.sample_time))
-    count = (segment.samples - 1) // step
-    speeds = segment.speeds[: count * step + 1 : step, 1:]
-    rates = np.diff(speeds, axis=0).T / (step * segment.sample_time)
-    terms = regressors(segment.speeds, segment.gaps)[:, : count * step + 1]
+def _residuals(segment: Segment, fit: Fit, second: int) -> FloatArray:
+    """(M, K) e of each follower over steps of ``second`` samples; nan where one is left out."""
+    count = (segment.samples - 1) // second
+    speeds = segment.speeds[: count * second + 1 : second, 1:]
+    rates = np.diff(speeds, axis=0).T / (second * segment.sample_time)
+    terms = regressors(segment.speeds, segment.gaps)[:, : count * second + 1]
     trapezoid = (terms[:, 1:] + terms[:, :-1]) / 2
-    means = trapezoid.reshape(len(terms), count, step, 3).mean(axis=2)
+    means = trapezoid.reshape(len(terms), count, second, 3).mean(axis=2)
     theta = np.nan_to_num(np.array([law.linear() for law in fit.parameters]))
     residuals = rates - np.einsum("mkc,mc->mk", means, theta)
-    if segment.left_out is None:
-        return list(residuals)
-    out = np.any(segment.left_out[: count * step].reshape(count, step, -1), axis=1)
-    return [row[~gone] for row, gone in zip(residuals, np.transpose(out), strict=True)]
+    if segment.left_out is not None:
+        # A second has both its ends in it.
+        ends = segment.left_out[1 : count * second + 1] | segment.left_out[: count * second]
+        out = ends.reshape(count, second, -1).any(axis=1)
+        residuals[out.T] = np.nan
+    return np.asarray(residuals)
 
 
-def _figures(residual: FloatArray) -> list[float]:
+def _figures(residual: FloatArray, second: Seconds) -> list[float]:
     """Deviation, correlation, memory, independent samples, probability."""
-    count = len(residual)
+    known = np.isfinite(residual)
+    count = int(known.sum())
     if not count:
         return 5 * [float("nan")]
-    deviation = float(np.sqrt((residual**2).mean()))
-    centred = residual - residual.mean()
+    deviation = float(np.sqrt((residual[known] ** 2).mean()))
+    centred = np.where(known, residual - residual[known].mean(), 0.0)
     if count < FEWEST or not centred.any():
         return [deviation, *4 * [float("nan")]]
-    spectrum = np.abs(np.fft.rfft(centred, 2 * count)) ** 2
-    covariance = np.fft.irfft(spectrum)[:count]
-    rho = covariance / covariance[0]
-    memory = MEAN_OVER * _integrated(rho)
-    lags = np.arange(1, LAGS + 1)
-    statistic = count * (count + 2) * float((rho[lags] ** 2 / (count - lags)).sum())
-    independent = min(count * MEAN_OVER / memory, float(count))
-    return [deviation, float(rho[1]), memory, independent, float(chi2.sf(statistic, LAGS))]
+    rho = _correlations(centred, known)
+    memory = second * _integrated(rho)
+    independent = min(count * second / memory, float(count))
+    return [deviation, float(rho[1]), memory, independent, _by_chance(rho, count)]
+
+
+def _correlations(centred: FloatArray, known: NDArray[np.bool_]) -> FloatArray:
+    """ρ_k over the pairs of seconds that are both known, with far lags damped as usual."""
+    count = len(centred)
+    products, pairs = (
+        np.fft.irfft(np.abs(np.fft.rfft(series, 2 * count)) ** 2)[:count]
+        for series in (centred, known.astype(float))
+    )
+    covariance = products * (count - np.arange(count)) / np.maximum(pairs.round(), 1.0)
+    return np.asarray(covariance / covariance[0])
+
+
+def _by_chance(rho: FloatArray, count: int) -> float:
+    """The probability of so large a sum of ρ at `LAGS`; see the module's head."""
+    neighbours = float(np.clip(rho[1], -0.5, 0.0))
+    around = [1.0 + 2.0 * neighbours**2, 2.0 * neighbours, neighbours**2]
+    covariance = toeplitz(np.pad(around, (0, len(LAGS) - len(around))))
+    return float(norm.sf(np.sqrt(count / covariance.sum()) * rho[LAGS].sum()))
 
 
 def _integrated(rho: FloatArray) -> float:
@@ -104,17 +133,16 @@ def _integrated(rho: FloatArray) -> float:
     return max(1.0, float(2 * even[:stop].sum() - 1))
 
 
-def _sentence(label: str, samples: float, figures: FloatArray) -> str:
+def _sentence(label: str, samples: int, figures: FloatArray) -> str:
     deviation, _, memory, independent, probability = figures
     if np.isnan(probability):
         return f"{label}: the window is too short to tell whether the law's residual is white."
-    if probability >= CORRELATED:
-        return (
-            f"{label}: what the law leaves of the acceleration ({deviation:.2f} m/s²) shows no"
-            " memory from second to second."
-        )
+    left = f"{label}: what the law leaves of the acceleration ({deviation:.2f} m/s²)"
+    if deviation < NEGLIGIBLE:
+        return f"{left} is no more than noise and rounding make."
+    if probability >= CORRELATED or memory < 2.0 * MEAN_OVER:
+        return f"{left} shows no memory beyond a second."
     return (
-        f"{label}: what the law leaves of the acceleration ({deviation:.2f} m/s²) lasts for about"
-        f" {memory:.0f} s, so {samples:,.0f} samples are worth some {independent:.0f} independent"
-        " ones."
+        f"{left} lasts for about {memory:.0f} s, so for its mean {samples:,} samples are worth some"
+        f" {independent:.0f} independent ones."
     )
