@@ -4,7 +4,8 @@
 
 On the real recordings that this package was made for, the residual of the law after smoothing has
 a standard deviation of 0.15 to 0.39 m/s² in car-following with ACC, and its correlation falls to
-1/e within three to six seconds. An actuator that follows the law's command with a lag can be added.
+1/e within three to six seconds. What the law does not know can be added: an actuator that follows
+its command with a lag, a distance kept at standstill, p - s₀ in place of p, and a slope.
 Leaders, and what the receivers make of it all, come from `accpinn.synthetic`.
 """
 
@@ -17,7 +18,7 @@ from scipy.signal import lfilter
 from accpinn.cthp import Parameters, Trajectories
 from accpinn.segment import Segment
 from accpinn.synthetic import SIMULATION_STEP, Driving, Noise, leader_speed, record
-from accpinn.units import FloatArray, Seconds
+from accpinn.units import FloatArray, Metres, Seconds
 
 MOTORWAY = Driving(28.0, 20.0, 34.0, (8.0, 25.0), (0.4, 1.2), 0.15)
 
@@ -32,6 +33,10 @@ class Disturbance:
     """After which the correlation of w has fallen to 1/e."""
     lag: Seconds = 0.0
     """Time constant of the actuator; 0 for none."""
+    standstill: Metres = 0.0
+    """s₀, kept on top of τv."""
+    slope: float = 0.0
+    """Mean of w in m/s²; uphill is negative, 1 % are 0.1 m/s²."""
 
 
 def disturbed(
@@ -49,7 +54,8 @@ def disturbed(
     rng = np.random.default_rng([seed, 2])
     speeds, gaps = [ahead], []
     for law in laws:
-        gap, ahead = _follow(law, ahead, _wander(disturbance, count, rng), disturbance.lag)
+        wander = disturbance.slope + _wander(disturbance, count, rng)
+        gap, ahead = _follow(law, ahead, wander, disturbance.lag, disturbance.standstill)
         speeds.append(ahead)
         gaps.append(gap)
     true = Trajectories(time, np.column_stack(speeds), np.column_stack(gaps))
@@ -76,11 +82,11 @@ def _wander(disturbance: Disturbance, count: int, rng: np.random.Generator) -> F
 
 
 def _follow(
-    law: Parameters, ahead: FloatArray, wander: FloatArray, lag: Seconds
+    law: Parameters, ahead: FloatArray, wander: FloatArray, lag: Seconds, standstill: Metres
 ) -> tuple[FloatArray, FloatArray]:
     """Gap and speed from equilibrium on, with inputs held over each small step."""
     alpha, alpha_tau, beta = law.linear()
-    # States gap, speed and acceleration by the actuator; inputs speed ahead and w.
+    # States gap above s₀, speed and acceleration by the actuator; inputs speed ahead and w.
     rates = np.zeros((5, 5))
     rates[0, [1, 3]] = -1.0, 1.0
     command = [alpha, -alpha_tau - beta, beta]
@@ -100,4 +106,4 @@ def _follow(
     for k, push in enumerate(inputs):
         states[k] = state
         state = transition @ state + push
-    return states[:, 0], states[:, 1]
+    return states[:, 0] + standstill, states[:, 1]

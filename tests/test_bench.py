@@ -2,14 +2,16 @@
 
 import json
 from dataclasses import asdict
+from typing import Any
 
 import numpy as np
 import pytest
 
 from accpinn.cthp import Parameters
 from accpinn.segment import Segment
+from accpinn.synthetic import Driving
 from accpinn.uncertainty import LEVEL
-from bench import coverage
+from bench import coverage, departures
 from bench.disturbed import Disturbance, disturbed
 
 FEW = 4
@@ -61,7 +63,32 @@ class TestCoverage:
         assert "at least 1" in capsys.readouterr().err
 
 
+class TestDepartures:
+    def test_every_line_is_a_study_of_its_own(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        asked = []
+
+        def measured(recordings: int, disturbance: Disturbance, **rest: Any) -> coverage.Study:
+            asked.append((disturbance, rest["laws"]))
+            return coverage.measure(1, disturbance, duration=60.0, **rest)
+
+        monkeypatch.setattr(departures, "measure", measured)
+        lines = departures.table(1).splitlines()
+        assert len(lines) == 2 + len(departures.DEPARTURES)
+        assert asked == [(one.disturbance, one.laws) for one in departures.DEPARTURES]
+        assert all(line.count(" %") >= 4 for line in lines[2:])
+
+
 class TestDisturbedRecordings:
+    def test_what_the_law_lacks_is_in_them(self) -> None:
+        """A constant speed ahead: the gap is τv, more by s₀, more uphill."""
+        law = Parameters(0.2, 0.4, 1.2)
+        calm = Driving(20.0, 10.0, 30.0, (500.0, 600.0), (0.4, 1.2), 0.0)
+        for standstill, slope in ((0.0, 0.0), (4.0, 0.0), (0.0, -0.1)):
+            what = Disturbance(1e-9, 4.0, standstill=standstill, slope=slope)
+            segment = disturbed((law,), 1, what, calm, 120.0, noise=None)
+            gap = 1.2 * 20.0 + standstill - slope / 0.2
+            assert segment.gaps[-1, 0] == pytest.approx(gap, abs=1e-6)
+
     def test_the_disturbance_is_as_strong_as_stated(self) -> None:
         """Without noise what the law leaves of the acceleration is the disturbance."""
         law = coverage.LAWS[0]
