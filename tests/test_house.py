@@ -26,6 +26,7 @@ ORDER = (
     "cthp",
     "segment",
     "regression",
+    "seconds",
     "synthetic",
     "published",
     "fit",

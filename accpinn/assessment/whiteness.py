@@ -21,12 +21,11 @@ from numpy.typing import NDArray
 from scipy.linalg import toeplitz
 from scipy.stats import norm
 
-from accpinn.cthp import regressors
 from accpinn.fit import Fit
+from accpinn.seconds import STEP, per_second
 from accpinn.segment import Segment
 from accpinn.units import FloatArray, Seconds
 
-MEAN_OVER: Seconds = 1.0
 LAGS = np.arange(2, 7)
 """Seconds that the test looks back."""
 FEWEST = 30
@@ -60,39 +59,21 @@ def whiteness(segment: Segment, fit: Fit) -> Whiteness:
 
     α = 0 with τ undetermined counts as ατ = 0.
     """
-    second = max(1, round(MEAN_OVER / segment.sample_time))
-    residuals = _residuals(segment, fit, second)
-    length = second * segment.sample_time
-    figures = np.array([_figures(row, length) for row in residuals])
+    steps = per_second(segment)
+    theta = np.nan_to_num(np.array([law.linear() for law in fit.parameters]))
+    residuals = steps.rates - np.einsum("mkc,mc->mk", steps.terms, theta)
+    pairs = list(zip(residuals, steps.known, strict=True))
+    figures = np.array([_figures(row, known, steps.length) for row, known in pairs])
     sentences = tuple(
-        _sentence(label, int(np.isfinite(residual).sum()) * second, row)
-        for label, residual, row in zip(segment.labels[1:], residuals, figures, strict=True)
+        _sentence(label, int(known.sum()) * steps.samples, row)
+        for label, known, row in zip(segment.labels[1:], steps.known, figures, strict=True)
     )
     deviation, correlation, memory, independent, probability = figures.T
     return Whiteness(deviation, correlation, memory, independent, probability, sentences)
 
 
-def _residuals(segment: Segment, fit: Fit, second: int) -> FloatArray:
-    """(M, K) e of each follower over steps of ``second`` samples; nan where one is left out."""
-    count = (segment.samples - 1) // second
-    speeds = segment.speeds[: count * second + 1 : second, 1:]
-    rates = np.diff(speeds, axis=0).T / (second * segment.sample_time)
-    terms = regressors(segment.speeds, segment.gaps)[:, : count * second + 1]
-    trapezoid = (terms[:, 1:] + terms[:, :-1]) / 2
-    means = trapezoid.reshape(len(terms), count, second, 3).mean(axis=2)
-    theta = np.nan_to_num(np.array([law.linear() for law in fit.parameters]))
-    residuals = rates - np.einsum("mkc,mc->mk", means, theta)
-    if segment.left_out is not None:
-        # A second has both its ends in it.
-        ends = segment.left_out[1 : count * second + 1] | segment.left_out[: count * second]
-        out = ends.reshape(count, second, -1).any(axis=1)
-        residuals[out.T] = np.nan
-    return np.asarray(residuals)
-
-
-def _figures(residual: FloatArray, second: Seconds) -> list[float]:
+def _figures(residual: FloatArray, known: NDArray[np.bool_], second: Seconds) -> list[float]:
     """Deviation, correlation, memory, independent samples, probability."""
-    known = np.isfinite(residual)
     count = int(known.sum())
     if not count:
         return 5 * [float("nan")]
@@ -140,7 +121,7 @@ def _sentence(label: str, samples: int, figures: FloatArray) -> str:
     left = f"{label}: what the law leaves of the acceleration ({deviation:.2f} m/s²)"
     if deviation < NEGLIGIBLE:
         return f"{left} is no more than noise and rounding make."
-    if probability >= CORRELATED or memory < 2.0 * MEAN_OVER:
+    if probability >= CORRELATED or memory < 2.0 * STEP:
         return f"{left} shows no memory beyond a second."
     return (
         f"{left} lasts for about {memory:.0f} s, so for its mean {samples:,} samples are worth some"
