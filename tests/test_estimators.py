@@ -79,7 +79,7 @@ class TestEvery:
     @pytest.mark.parametrize("speed", [0.0, 20.0])
     def test_survives_data_without_motion(self, estimate: Estimator, speed: float) -> None:
         fit = estimate(standing_still(speed), "II")
-        assert fit.outcome in Outcome
+        assert fit.outcome is not Outcome.DIVERGED
         assert (fit.table()[:, :2] >= 0).all()
 
     @every_method

@@ -133,7 +133,8 @@ def test_pages_are_short(path: Path) -> None:
     assert length(path) <= LONGEST_PAGE
 
 
-def test_no_file_names_a_place_on_one_machine() -> None:
+def project_files() -> list[str]:
+    """All files of the project, relative to its root; new ones too."""
     listed = subprocess.run(
         ["git", "ls-files", "--cached", "--others", "--exclude-standard", "-z"],
         cwd=ROOT,
@@ -143,13 +144,17 @@ def test_no_file_names_a_place_on_one_machine() -> None:
     )
     if listed.returncode:
         pytest.skip("not a git checkout, so there is no list of the project's files")
+    return [name for name in listed.stdout.split("\0") if name and (ROOT / name).is_file()]
+
+
+def test_no_file_names_a_place_on_one_machine() -> None:
     folders = "|".join(("work", "tmp", "home", "root", "Users", "opt"))
     hosts = "|".join(("pypi", "pythonhosted", "npmjs"))
     forbidden = re.compile(rf"(?<![\w.\-/*])/({folders})/\w|\b({hosts})\.(org|com)\b")
     found = [
         f"{name}:{number}: {line.strip()[:80]}"
-        for name in listed.stdout.split("\0")
-        if name and (ROOT / name).is_file() and not name.startswith("sample_data/")
+        for name in project_files()
+        if not name.startswith("sample_data/")
         for number, line in enumerate(
             (ROOT / name).read_text(encoding="utf-8", errors="replace").splitlines(), 1
         )
@@ -196,3 +201,11 @@ def luminance(colour: str) -> float:
     channels = [int(colour[i : i + 2], 16) / 255 for i in (1, 3, 5)]
     linear = [c / 12.92 if c <= 0.04045 else ((c + 0.055) / 1.055) ** 2.4 for c in channels]
     return 0.2126 * linear[0] + 0.7152 * linear[1] + 0.0722 * linear[2]
+
+
+def test_an_installed_package_has_every_file_it_reads() -> None:
+    settings = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+    patterns = settings["tool"]["setuptools"]["package-data"]["accpinn"]
+    declared = {path for pattern in patterns for path in (ROOT / "accpinn").glob(pattern)}
+    tracked = [ROOT / name for name in project_files() if name.startswith("accpinn/")]
+    assert {path for path in tracked if path.suffix != ".py"} == declared

@@ -235,8 +235,8 @@ class TestEnds:
     @pytest.mark.parametrize("name", ["fast", "paper"])
     def test_a_learning_rate_far_too_high_is_no_exception(self, name: str) -> None:
         fit = train(noisy(), "II", preset(name, learning_rate=1.0, iterations=100))
-        if fit.outcome is not Outcome.DIVERGED:
-            assert np.isfinite(fit.loss["total"])
+        assert fit.outcome in (Outcome.DIVERGED, Outcome.SETTLED, Outcome.FINISHED)
+        assert np.isfinite(fit.loss["total"]) == (fit.outcome is not Outcome.DIVERGED)
 
     @pytest.mark.parametrize("name", ["fast", "paper"])
     def test_numbers_beyond_reckoning_end_as_diverged(self, name: str) -> None:
