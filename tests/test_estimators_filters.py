@@ -5,6 +5,7 @@ synthetic drive of 300 s they stay less certain than batch methods; see `Toleran
 """
 
 from collections.abc import Callable
+from functools import cache
 from pathlib import Path
 from typing import NamedTuple
 
@@ -44,6 +45,12 @@ TOLERANCES = {
     (particle.fit, NOISY): Tolerance(0.05, 0.12, 0.01),
     (particle.fit, PLATOON): Tolerance(0.12, 0.12, 0.015),
 }
+
+
+@cache
+def learned(estimate: Estimator, name: str) -> Fit:
+    """What a filter makes of a sample; several tests look at it."""
+    return estimate(sample(name).segment, "II")
 
 
 class TestUnscented:
@@ -118,14 +125,14 @@ class TestBoth:
     @pytest.mark.parametrize("name", [NOISE_FREE, NOISY, PLATOON])
     def test_recovers_the_truth(self, estimate: Estimator, name: str) -> None:
         study, tolerance = sample(name), TOLERANCES[estimate, name]
-        error = abs(estimate(study.segment, "II").table() / study.truth - 1)
+        error = abs(learned(estimate, name).table() / study.truth - 1)
         assert (error < tolerance).all(), error.round(3)
 
     @both_filters
     @pytest.mark.parametrize("name", [NOISE_FREE, NOISY, PLATOON])
     def test_truth_is_within_its_deviations(self, estimate: Estimator, name: str) -> None:
         study = sample(name)
-        path = estimate(study.segment, "II").course
+        path = learned(estimate, name).course
         assert path is not None
         assert path.deviation is not None
         late = path.time > 60
