@@ -5,6 +5,7 @@ import streamlit as st
 from pages.shared import frame
 from pages.shared.controls import continue_button, controls
 from pages.shared.live import watch
+from pages.shared.missing import show_missing
 from pages.shared.results import show_result
 from pages.shared.snapshots_listing import banner
 from pages.shared.snapshots_showing import show_result as show_saved
@@ -20,7 +21,7 @@ def main() -> None:
             banner(workspace)
             show_saved(workspace, snapshot)
         else:
-            no_segment(workspace)
+            show_missing(workspace, "Nothing to train on")
         return
     banner(workspace)
     first, last = segment.labels[0], segment.labels[-1]
@@ -41,17 +42,6 @@ def main() -> None:
     if workspace.fit:
         frame.link(frame.STABILITY, "Next: do these vehicles amplify disturbances?", workspace,
                    "arrow_forward")  # fmt: skip
-
-
-def no_segment(workspace: Workspace) -> None:
-    """The way to something that can be trained."""
-    if workspace.recording is None:
-        st.info("Nothing to train on yet: first open a recording.", icon=":material/info:")
-    else:
-        st.warning(
-            f"The window cannot be used yet. {plain(workspace.fault)}", icon=":material/warning:"
-        )
-    frame.link(frame.DATA, "Go to Data", workspace, "arrow_forward")
 
 
 main()

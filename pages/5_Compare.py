@@ -8,6 +8,7 @@ from pages.shared.compare_earlier import choose_earlier, show_earlier
 from pages.shared.compare_telling import show_telling
 from pages.shared.compare_watch import watch
 from pages.shared.compare_words import show_answer, show_intervals, show_methods
+from pages.shared.missing import show_missing
 from pages.shared.server import trainings
 from pages.shared.snapshots_showing import show_rows
 from pages.shared.text import left_out, plain
@@ -21,8 +22,7 @@ def main() -> None:
     if segment is None and workspace.snapshot:
         return
     if segment is None:
-        st.info("Nothing to compare on yet: first open a recording.", icon=":material/info:")
-        frame.link(frame.DATA, "Go to Data", workspace, "arrow_forward")
+        show_missing(workspace, "Nothing to compare on")
         return
     place = f"{segment.source} · {segment.start:g}–{segment.start + segment.duration:g} s"
     case = f" · Case {workspace.case}" if segment.followers > 1 else ""

@@ -8,7 +8,7 @@ import pytest
 from scipy.optimize import nnls
 
 from accpinn.cli import main
-from accpinn.cthp import Parameters
+from accpinn.cthp import Case, Parameters
 from accpinn.errors import ConfigError
 from accpinn.estimators import least_squares
 from accpinn.fit import Outcome
@@ -141,6 +141,16 @@ class TestIdentifiable:
         assert "leave" in sentence
         assert "τ" in sentence
         assert "the leader's speed varies by only 0.05 m/s" in sentence
+        assert sentence.endswith("brakes and accelerates more.")
+
+    @pytest.mark.parametrize("case", ["I", "II"])
+    def test_where_there_is_motion_more_time_is_advised(self, case: Case) -> None:
+        segment = disturbed((TRUTH,), 1, Disturbance(0.3, 4.0), duration=60.0)
+        assert segment.speeds[:, 0].std() > 0.5
+        (sentence,) = identifiable(
+            segment, intervals(segment, least_squares.fit(segment, case)), case
+        )
+        assert sentence.endswith("moves enough here, so take a longer window if there is one.")
 
     @pytest.mark.parametrize("start", [820, 1140])
     def test_a_constant_speed_window_of_a_recording_is_warned_of(

@@ -17,7 +17,17 @@ from pages.shared.choosing import window_of
 from pages.shared.sessions import KEPT_FOR, KEPT_WORKSPACES, Workspaces
 from pages.shared.text import bullets, lasting, plain
 from pages.shared.workspace import Workspace
-from tests.apptest import DATA, PAGES, TRAIN, WAIT, figures, open_page, texts, with_sample
+from tests.apptest import (
+    COMPARE,
+    DATA,
+    PAGES,
+    TRAIN,
+    WAIT,
+    figures,
+    open_page,
+    texts,
+    with_sample,
+)
 from tests.openacc_files import csv, metadata, platoon
 
 pytestmark = pytest.mark.usefixtures("fresh_server")
@@ -63,7 +73,9 @@ def test_with_a_window_that_cannot_be_used(path: str) -> None:
     found = with_sample()
     found.choose(window=Window(395.0, 399.0))
     assert found.fault
-    open_page(path, found)
+    page = open_page(path, found)
+    if path in (DATA, TRAIN, COMPARE):
+        assert plain(found.fault) in texts(page)
 
 
 @pytest.mark.parametrize("path", PAGES)

@@ -2,7 +2,7 @@
 
 from accpinn.identifiability.profile import INCREASE, Profile, profile, profiles
 from accpinn.identifiability.starts import Dispersion, Trial, starts
-from accpinn.identifiability.telling import WIDE, identifiable
+from accpinn.identifiability.telling import WIDE, identifiable, left_open
 
 __all__ = [
     "INCREASE",
@@ -11,6 +11,7 @@ __all__ = [
     "Profile",
     "Trial",
     "identifiable",
+    "left_open",
     "profile",
     "profiles",
     "starts",

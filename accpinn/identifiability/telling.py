@@ -18,6 +18,8 @@ DIGITS = (4, 4, 2)
 WIDE = 5.0
 """An interval whose upper end is more than so many times its lower one says little more than the
 order of magnitude."""
+MORE_MOTION = "take a window in which the vehicle ahead brakes and accelerates more"
+MORE_TIME = "the vehicle ahead moves enough here, so take a longer window if there is one"
 
 
 def identifiable(segment: Segment, uncertainty: Uncertainty, case: Case = "II") -> tuple[str, ...]:
@@ -29,38 +31,53 @@ def identifiable(segment: Segment, uncertainty: Uncertainty, case: Case = "II") 
         case: "II"; in Case I all followers share one sentence.
     """
     quality = assess(segment)
-    labels = ("All followers together",) if case == "I" else segment.labels[1:]
+    if case == "I":
+        labels, reasons = ("All followers together",), [_leader_reasons(quality)]
+    else:
+        labels = segment.labels[1:]
+        reasons = [_reasons(quality, k) for k in range(segment.followers)]
     sentences = []
-    for k, label in enumerate(labels):
+    for k, (label, why) in enumerate(zip(labels, reasons, strict=True)):
         open_ends = _open(uncertainty, k)
-        reasons = [] if case == "I" else _reasons(quality, k)
+        because = f", as {' and '.join(why)}" if why else ""
         if open_ends:
-            because = f", as {' and '.join(reasons)}" if reasons else ""
             sentences.append(
                 f"{label}: these data leave {_listed(open_ends)} open by more than a factor of"
-                f" {WIDE:g}{because}; take a longer window, or one in which the vehicle ahead"
-                " brakes and accelerates more."
+                f" {WIDE:g}{because}; {MORE_MOTION if why else MORE_TIME}."
             )
-        elif reasons:
-            sentences.append(f"{label}: take the intervals with care, as {' and '.join(reasons)}.")
+        elif why:
+            sentences.append(f"{label}: take the intervals with care{because}.")
     return tuple(sentences)
+
+
+def left_open(uncertainty: Uncertainty, follower: int) -> tuple[str, ...]:
+    """Those of α, β, τ whose interval says little more than the order of magnitude."""
+    ends = zip(uncertainty.lower[follower], uncertainty.upper[follower], strict=True)
+    # An interval that is 0 alone is narrow: `Uncertainty.notes` says what it means.
+    return tuple(
+        symbol for symbol, (low, high) in zip(SYMBOLS, ends, strict=True) if high > WIDE * low
+    )
 
 
 def _open(uncertainty: Uncertainty, follower: int) -> list[str]:
     """The parameters with wide intervals, each with its ends."""
-    ends = zip(uncertainty.lower[follower], uncertainty.upper[follower], strict=True)
-    return [
-        f"{symbol} ({low:.{digits}f} {f'to {high:.{digits}f}' if np.isfinite(high) else 'or more'})"
-        for symbol, digits, (low, high) in zip(SYMBOLS, DIGITS, ends, strict=True)
-        # An interval that is 0 alone is narrow: `Uncertainty.notes` says what it means.
-        if high > WIDE * low
-    ]
+    found = []
+    for symbol in left_open(uncertainty, follower):
+        which = SYMBOLS.index(symbol)
+        low, high = (ends[follower, which] for ends in (uncertainty.lower, uncertainty.upper))
+        to = f"to {high:.{DIGITS[which]}f}" if np.isfinite(high) else "or more"
+        found.append(f"{symbol} ({low:.{DIGITS[which]}f} {to})")
+    return found
+
+
+def _leader_reasons(quality: Quality) -> list[str]:
+    if quality.leader_deviation >= LITTLE_LEADER_MOTION:
+        return []
+    return [f"the leader's speed varies by only {quality.leader_deviation:.2f} m/s"]
 
 
 def _reasons(quality: Quality, follower: int) -> list[str]:
-    reasons = []
-    if quality.leader_deviation < LITTLE_LEADER_MOTION:
-        reasons.append(f"the leader's speed varies by only {quality.leader_deviation:.2f} m/s")
+    reasons = _leader_reasons(quality)
     if quality.relative_deviation[follower] < LITTLE_RELATIVE_MOTION:
         reasons.append(f"Δv varies by only {quality.relative_deviation[follower]:.2f} m/s")
     if quality.condition[follower] > LARGE_CONDITION:
