@@ -10,7 +10,6 @@ from pages.shared.results import show_result
 from pages.shared.snapshots_listing import banner
 from pages.shared.snapshots_showing import show_result as show_saved
 from pages.shared.text import left_out, plain
-from pages.shared.workspace import Workspace
 
 
 def main() -> None:

@@ -66,7 +66,7 @@ def test_every_vehicle_has_one_colour_and_the_leader_its_own() -> None:
     assert style.vehicle_colour(4, 3) == style.vehicle_colour(4, 1)
 
 
-@pytest.mark.parametrize("colour", [style.LEADER, *style.FOLLOWERS, style.MODEL])
+@pytest.mark.parametrize("colour", [style.LEADER, *style.FOLLOWERS, *style.SERIES, style.MODEL])
 def test_colours_are_seen_on_both_themes(colour: str) -> None:
     config = tomllib.loads((ROOT / ".streamlit" / "config.toml").read_text(encoding="utf-8"))
     for side in ("light", "dark"):
@@ -85,6 +85,29 @@ def test_a_platoon_of_six_can_be_told_apart(vision: str) -> None:
     colours = [lab(colour, vision) for colour in (style.LEADER, *style.FOLLOWERS[:5])]
     least = min(float(np.linalg.norm(one - two)) for one, two in combinations(colours, 2))
     assert least > 11, "a difference of 2.3 is just seen side by side"
+
+
+def test_lines_of_no_vehicle_look_like_none() -> None:
+    vehicles = [style.LEADER, *style.FOLLOWERS, style.MODEL]
+    for colour in style.SERIES:
+        apart = [np.linalg.norm(lab(colour, "normal") - lab(one, "normal")) for one in vehicles]
+        assert min(apart) > 20
+    assert {trace.line.color for trace in training.loss_course(history()).data} <= {
+        style.LEADER,
+        *style.SERIES,
+    }
+
+
+@pytest.mark.parametrize(
+    "ends",
+    [(0.0588, 0.0972), (0.0, 0.2), (-0.002, 0.031), (1.149, 1.181), (0.0, 10.0), (0.9999, 1.0001)],
+)
+def test_short_axes_have_two_or_three_round_ticks(ends: tuple[float, float]) -> None:
+    found = style.ticks(ends)
+    values, shown = found["tickvals"], found["ticktext"]
+    assert 2 <= len(values) <= 3
+    assert ends[0] <= min(values) < max(values) <= ends[1]
+    np.testing.assert_allclose([float(text) for text in shown], values, atol=1e-12)
 
 
 # Thinning

@@ -10,6 +10,7 @@ from accpinn.comparison import Earlier, differences
 from accpinn.cthp import Parameters
 from accpinn.estimators import least_squares, recursive, splines
 from accpinn.figures import comparison as figures
+from accpinn.figures.style import FOLLOWERS
 from accpinn.fit import Fit
 from accpinn.identifiability import INCREASE, profiles
 from accpinn.segment import Segment
@@ -90,11 +91,25 @@ class TestCurves:
 
 def test_profiles_touch_zero_at_the_estimate_and_the_line_at_the_ends(segment: Segment) -> None:
     (found,) = profiles(segment)
-    figure = figures.profiles(found, "#0c7eae")
+    lower, upper = np.array([0.0, 0.02, np.nan]), np.array([0.3, np.inf, np.nan])
+    figure = figures.profiles(found, "#0c7eae", lower, upper)
     for one, trace in zip(found, figure.data, strict=True):
         assert min(trace.y) < 10 * INCREASE
         at_end = np.interp(one.upper, trace.x, trace.y)
         assert at_end == pytest.approx(100 * INCREASE, rel=0.05)
+    bands = [shape for shape in figure.layout.shapes if shape.type == "rect"]
+    assert [band.x0 for band in bands] == [0.0, 0.02], "the third has no interval"
+    assert bands[0].x1 == 0.3 < figure.layout.xaxis.range[1]
+    assert bands[1].x1 == figure.layout.xaxis2.range[1], "it has no end"
+
+
+def test_online_methods_do_not_look_like_vehicles(segment: Segment) -> None:
+    online = recursive.fit(segment)
+    assert online.course is not None
+    figure = figures.courses([("A", online.course), ("B", online.course)], 0)
+    lines = {trace.line.color for trace in figure.data if trace.name}
+    assert len(lines) == 2
+    assert lines.isdisjoint(FOLLOWERS)
 
 
 @pytest.fixture(scope="module")

@@ -3,6 +3,7 @@
 import html
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import cycle
 
 import numpy as np
 import plotly.graph_objects as go
@@ -12,13 +13,14 @@ from plotly.subplots import make_subplots
 from accpinn.channels import GAP, SPEED, TIME
 from accpinn.cthp import Parameters, Trajectories
 from accpinn.figures.style import (
-    FOLLOWERS,
     GRID,
     LEADER,
     MODEL,
+    SERIES,
     finished,
     label_axes,
     thinned,
+    ticks,
     vehicle_colour,
     with_legend,
 )
@@ -89,18 +91,12 @@ def estimates(
             row=1,
             col=column,
         )
-        if np.isfinite(ends[0]):  # after the dots: plotly draws no shape on an empty panel
-            figure.add_vrect(
-                x0=ends[0], x1=min(ends[1], shown[1]), fillcolor=BAND, line_width=0, layer="below",
-                row=1, col=column,
-            )  # fmt: skip
+        _add_interval(figure, column, ends, shown)
         if true:
             figure.add_vline(
                 x=true[which], line={"color": LEADER, "width": 2, "dash": "dash"}, row=1, col=column
             )
-        figure.update_xaxes(
-            title_text=f"{symbol} [{unit}]", range=shown, nticks=3, tickangle=0, row=1, col=column
-        )
+        _name_axis(figure, column, shown)
     figure = finished(figure, 110 + 30 * len(rows), "compare-estimates")
     figure.update_yaxes(
         categoryorder="array", categoryarray=names[::-1], showgrid=True, automargin=True
@@ -175,7 +171,7 @@ def courses(
     true = (truth.alpha, truth.beta, truth.tau) if truth else ()
     for which, (symbol, unit, _) in enumerate(PARAMETERS):
         late = [np.array(true[which : which + 1])]
-        for (name, course), colour in zip(followed, FOLLOWERS, strict=False):
+        for (name, course), colour in zip(followed, cycle(SERIES)):
             values = course.parameters[:, follower, which]
             late.append(values[int(SETTLED * len(values)) :])
             if course.deviation is not None:
@@ -206,10 +202,21 @@ def courses(
     return with_legend(finished(figure, 560, "compare-courses"))
 
 
-def profiles(found: Sequence[Profile], colour: str) -> go.Figure:
-    """How much worse the law explains the data with one parameter held, in percent."""
+def profiles(
+    found: Sequence[Profile], colour: str, lower: FloatArray, upper: FloatArray
+) -> go.Figure:
+    """How much worse the law explains the data with one parameter held, in percent.
+
+    Args:
+        found: of α, β, τ.
+        colour: of the vehicle.
+        lower: (3,) ends of the intervals behind the profiles; nan where there is none.
+        upper: (3,) may be infinite.
+    """
     figure = make_subplots(rows=1, cols=3, shared_yaxes=True, horizontal_spacing=0.03)
-    for column, (one, (symbol, unit, _)) in enumerate(zip(found, PARAMETERS, strict=True), 1):
+    for which, (one, (symbol, unit, _)) in enumerate(zip(found, PARAMETERS, strict=True)):
+        column, ends = which + 1, (float(lower[which]), float(upper[which]))
+        shown = _range(np.array([*ends, one.values[0], one.values[-1]]))
         figure.add_scatter(
             x=one.values,
             y=100 * one.increase,
@@ -219,16 +226,34 @@ def profiles(found: Sequence[Profile], colour: str) -> go.Figure:
             row=1,
             col=column,
         )
+        _add_interval(figure, column, ends, shown)
         figure.add_hline(
             y=100 * INCREASE, line={"color": LEADER, "width": 1, "dash": "dash"}, row=1, col=column
         )
-        figure.update_xaxes(
-            title_text=f"{symbol} [{unit}]", nticks=3, tickangle=0, row=1, col=column
-        )
-    figure.update_yaxes(range=[0, 400 * INCREASE])
+        _name_axis(figure, column, shown)
+    figure.update_yaxes(range=[0, 200 * INCREASE])
     figure.update_yaxes(title_text="Worse by [%]", row=1, col=1)
     figure = finished(figure, 240, "compare-profiles")
-    return figure.update_layout(hovermode="closest")
+    return figure.update_layout(hovermode="closest", dragmode=False)
+
+
+def _add_interval(
+    figure: go.Figure, column: int, ends: tuple[float, float], shown: Sequence[float]
+) -> None:
+    """An interval behind one panel; to be added after its lines, as plotly draws none without."""
+    if np.isfinite(ends[0]):
+        figure.add_vrect(
+            x0=ends[0], x1=min(ends[1], shown[1]), fillcolor=BAND, line_width=0, layer="below",
+            row=1, col=column,
+        )  # fmt: skip
+
+
+def _name_axis(figure: go.Figure, column: int, shown: Sequence[float]) -> None:
+    symbol, unit, _ = PARAMETERS[column - 1]
+    title = f"{symbol} [{unit}]"
+    figure.update_xaxes(
+        title_text=title, range=shown, tickangle=0, **ticks(shown), row=1, col=column
+    )
 
 
 def _ribbon(time: FloatArray, values: FloatArray, around: FloatArray, colour: str) -> go.Scatter:

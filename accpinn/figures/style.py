@@ -4,6 +4,9 @@ Colours and grid are chosen to be read on light and on dark pages alike; texts t
 colour.
 """
 
+from collections.abc import Sequence
+from typing import Any
+
 import numpy as np
 import plotly.graph_objects as go
 from plotly.subplots import make_subplots
@@ -18,6 +21,9 @@ FOLLOWERS = (
 )  # fmt: skip
 """Ten followers; each has a contrast of 3 or more on white and on the dark page, and the first few
 differ most under normal, red-blind and green-blind vision."""
+SERIES = ("#55900f", "#0c94a4", "#b455cc")
+"""Lines that are of no vehicle, as methods or terms of a loss; unlike every vehicle's colour, with
+the same contrast."""
 MODEL = "#c22f4f"
 """What the law drives in closed loop, beside the vehicle's own colour for its data."""
 GRID = "rgba(128, 140, 155, 0.25)"
@@ -55,6 +61,20 @@ def thinned(time: FloatArray, values: FloatArray, points: int = POINTS) -> tuple
     rows = np.unique(np.concatenate([[0, count - 1], *(offsets + at for at in kept)]))
     rows = rows[rows < count]
     return time[rows], values[rows]
+
+
+def ticks(ends: Sequence[float]) -> dict[str, Any]:
+    """Two or three round values on an axis too short for more, where plotly may name only one."""
+    low, high = ends
+    decade = 10.0 ** np.floor(np.log10(high - low))
+    for factor in (5.0, 2.0, 1.0, 0.5, 0.2):
+        step = factor * decade
+        first, last = np.ceil(low / step), np.floor(high / step)
+        if last > first:
+            break
+    values = step * np.arange(first, last + 1)
+    digits = max(0, -int(np.floor(np.log10(step) + 1e-9)))
+    return {"tickvals": values, "ticktext": [f"{v + 0.0:.{digits}f}" for v in values]}
 
 
 def panels(rows: int, heights: list[float]) -> go.Figure:

@@ -10,9 +10,9 @@ import plotly.graph_objects as go
 from accpinn.channels import GAP, SPEED, TIME
 from accpinn.cthp import Parameters, Trajectories
 from accpinn.figures.style import (
-    FOLLOWERS,
     LEADER,
     MODEL,
+    SERIES,
     finished,
     label_axes,
     panels,
@@ -42,9 +42,9 @@ def loss_course(history: History) -> go.Figure:
     figure = go.Figure()
     terms = (
         ("Ψ", "total", history.total, LEADER, 3.0),
-        ("Ψ<sub>D</sub>", "data", history.data, FOLLOWERS[0], 1.5),
-        ("Ψ<sub>F</sub>", "physics", history.physics, FOLLOWERS[1], 1.5),
-        ("Ψ<sub>R</sub>", "start", history.initial, FOLLOWERS[2], 1.5),
+        ("Ψ<sub>D</sub>", "data", history.data, SERIES[0], 1.5),
+        ("Ψ<sub>F</sub>", "physics", history.physics, SERIES[1], 1.5),
+        ("Ψ<sub>R</sub>", "start", history.initial, SERIES[2], 1.5),
     )
     mode = _mode_for(len(history.iteration))
     used = [term for term in terms if term[2].any()]

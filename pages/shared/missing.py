@@ -8,7 +8,7 @@ from pages.shared.workspace import Workspace
 
 
 def show_missing(workspace: Workspace, nothing: str) -> None:
-    """Why the page can do nothing yet; ``nothing`` begins the sentence, as "Nothing to train on"."""
+    """Why the page can do nothing yet; ``nothing`` is as "Nothing to train on"."""
     if workspace.recording is None:
         st.info(f"{nothing} yet: first open a recording.", icon=":material/info:")
     else:
