@@ -11,7 +11,7 @@ from accpinn.assessment import Assessment, appraise, closed_loop_errors
 from accpinn.cthp import Case
 from accpinn.errors import ConfigError
 from accpinn.estimators import ESTIMATORS
-from accpinn.fit import Fit, ShouldStop
+from accpinn.fit import Fit, Outcome, ShouldStop
 from accpinn.openacc import Recording
 from accpinn.pinn.config import FAST, PinnConfig
 from accpinn.segment import Segment
@@ -37,6 +37,11 @@ class Row:
     assessment: Assessment
 
 
+def row_of(segment: Segment, fit: Fit, recording: Recording | None = None) -> Row:
+    """A fit that is there already; no block is held out, as that would mean to train it anew."""
+    return Row(fit, intervals(segment, fit), appraise(segment, fit, recording=recording))
+
+
 @dataclass(frozen=True, eq=False)
 class Earlier:
     """A fit that is no longer current, without its data: enough to be held against another."""
@@ -45,6 +50,7 @@ class Earlier:
     method: str
     case: Case
     config: dict[str, Any]
+    outcome: Outcome
     parameters: FloatArray
     """(M, 3) α, β, τ."""
     closed_loop: FloatArray
@@ -55,7 +61,9 @@ class Earlier:
         """What is kept of a fit."""
         errors = closed_loop_errors(segment, fit)
         gaps = errors.gap_mae if errors else np.full(segment.followers, np.nan)
-        return cls(segment.outline(), fit.method, fit.case, fit.config, fit.table(), gaps)
+        return cls(
+            segment.outline(), fit.method, fit.case, fit.config, fit.outcome, fit.table(), gaps
+        )
 
     def same_as(self, other: "Earlier") -> bool:
         """Whether both come from the same request."""

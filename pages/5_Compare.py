@@ -5,9 +5,12 @@ import streamlit as st
 from pages.shared import frame
 from pages.shared.compare_charts import choose_follower, show_courses, show_curves, show_estimates
 from pages.shared.compare_earlier import choose_earlier, show_earlier
+from pages.shared.compare_own import rows_of
 from pages.shared.compare_telling import show_telling
+from pages.shared.compare_verdict import show_verdict
+from pages.shared.compare_waiting import show_busy
 from pages.shared.compare_watch import watch
-from pages.shared.compare_words import show_answer, show_intervals, show_methods
+from pages.shared.compare_words import show_intervals, show_methods
 from pages.shared.missing import show_missing
 from pages.shared.server import trainings
 from pages.shared.snapshots_showing import show_rows
@@ -29,9 +32,9 @@ def main() -> None:
     st.caption(plain(place) + case + left_out(segment.left_out_regimes))
     controls(workspace)
     if workspace.comparison:
-        watch(workspace.comparison, lambda: show(workspace))
-    elif workspace.runs:
-        st.caption(f"Kept from earlier in this session: {len(workspace.runs)} fits.")
+        watch(workspace, workspace.comparison, lambda: show(workspace))
+    elif workspace.runs and not workspace.snapshot:
+        show_earlier(workspace, segment, (), choose_follower(segment))
 
 
 def controls(workspace: Workspace) -> None:
@@ -46,6 +49,7 @@ def controls(workspace: Workspace) -> None:
         st.markdown(
             "Eight ways to estimate α, β and τ, with the errors of each, take some seconds."
         )
+        show_busy(workspace)
     whole = series is not None and len(series.results) == len(series.names)
     if not whole and st.button(
         "Run all methods", type="primary", icon=":material/play_arrow:", key="compare_run"
@@ -56,14 +60,14 @@ def controls(workspace: Workspace) -> None:
 
 def show(workspace: Workspace) -> None:
     """The rows so far; what takes a choice or a while only comes once all have ended."""
-    segment, rows, series = workspace.segment, workspace.compared, workspace.comparison
-    if segment is None or series is None or not rows:
+    segment, series = workspace.segment, workspace.comparison
+    if segment is None or series is None or not series.results:
         return
-    running = series.is_active
-    if running:
-        show_methods(segment, rows, 0, running=True)
+    if series.is_active:
+        show_methods(segment, series.results, 0, running=True)
         return
-    show_answer(segment, rows)
+    rows = rows_of(workspace)
+    show_verdict(segment, rows)
     show_intervals(segment, rows[0].uncertainty)
     follower = choose_follower(segment)
     show_methods(segment, rows, follower)

@@ -10,10 +10,13 @@ from accpinn.cli import main
 from accpinn.comparison import METHODS, Row, compare, parse_methods
 from accpinn.errors import ConfigError
 from accpinn.estimators import splines
+from accpinn.fit import Outcome
 from accpinn.openacc import read
+from accpinn.pinn.config import FAST, PAPER
 from accpinn.segment import Segment, cut
 from accpinn.synthetic import load_truth, truth_path
-from accpinn.tables.comparison import TITLES, intervals_table, methods_table
+from accpinn.tables.comparison import TITLES, intervals_table, method_name, methods_table
+from accpinn.tables.results import where
 from accpinn.uncertainty import intervals
 from bench.coverage import measure
 
@@ -40,6 +43,15 @@ def test_methods_are_named_or_all() -> None:
 
 def test_every_method_has_a_title() -> None:
     assert set(TITLES) == set(METHODS)
+
+
+def test_a_pinn_is_called_by_what_it_was_trained_with() -> None:
+    fast, done = FAST.to_json(), Outcome.SETTLED
+    assert method_name("pinn", fast, done) == "PiNN (fast preset)"
+    assert method_name("pinn", fast | {"seed": 3}, done) == "PiNN (fast preset, own options)"
+    stopped = method_name("pinn", PAPER.to_json(), Outcome.STOPPED)
+    assert stopped == "PiNN (paper preset, stopped)"
+    assert method_name("splines", {}, Outcome.SOLVED) == "Splines"
 
 
 def test_rows_come_in_order_with_errors_of_every_kind(rows: list[Row]) -> None:
@@ -104,6 +116,10 @@ def test_tables_name_method_and_interval(segment: Segment, rows: list[Row]) -> N
     assert len(lines) == segment.followers
     low = rows[0].uncertainty.lower[0, 0]
     assert str(lines[0][1]).startswith(f"{low:.4f} ")
+    assert where(segment) in intervals_table(segment, rows[0].uncertainty).caption
+    time = methods.columns[-1]
+    assert time.shown(0.0004) == "< 0.01"
+    assert [time.shown(seconds) for seconds in (0.0, 0.006, 1.284)] == ["0.00", "0.01", "1.28"]
 
 
 def test_command_prints_one_document(

@@ -140,5 +140,6 @@ class TestEarlier:
         assert row[1] == pytest.approx(then.parameters[1, 0])
         np.testing.assert_allclose(row[5:8], 0.5)
         assert row[8] == "case: II → I"
-        assert earlier_table([then], {}, vehicle=3).rows[0][5:] == (None,) * 4
+        assert earlier_table([then], {"splines": now}, vehicle=3).rows[0][5:] == (None,) * 4
+        assert earlier_table([then], {}, vehicle=3).rows[0][5:] == (), "nothing to hold it against"
         assert earlier_table([then], {}, vehicle=1).rows == (), "the leader has no law"

@@ -2,18 +2,24 @@
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
+from accpinn.comparison import Row, compare
 from accpinn.estimators import least_squares
-from accpinn.jobs import Status
-from accpinn.pinn.config import FAST
-from accpinn.segment import Window
+from accpinn.fit import Outcome
+from accpinn.jobs import Series, Status
+from accpinn.pinn.config import FAST, PAPER
+from accpinn.segment import Segment, Window
 from pages.shared import server
 from pages.shared.compare_charts import picked_name
-from pages.shared.compare_words import collision_line
+from pages.shared.compare_own import rows_of
+from pages.shared.compare_verdict import collision_lines, incidents, verdict
 from pages.shared.sources import FIRST_SAMPLE, sample
+from pages.shared.text import plain
 from pages.shared.workspace import KEPT_RUNS, Workspace
-from tests.apptest import COMPARE, WAIT, everything, open_page, with_sample
+from tests.apptest import COMPARE, WAIT, everything, open_page, texts, with_sample
+from tests.driving import MIXED, driven
 
 pytestmark = pytest.mark.usefixtures("fresh_server")
 
@@ -33,8 +39,8 @@ def test_rows_pictures_warnings_starts_and_earlier_runs(found: Workspace) -> Non
     assert found.comparison.status is Status.DONE
     page = open_page(COMPARE, found)
     shown = everything(page)
-    assert "eight methods, α from" in shown
-    assert "string stable" in shown
+    assert "**2 Audi\\(A6\\-like\\)**: " in texts(page)
+    assert "They are most apart in" in shown
     for part in ("Do the methods agree?", "Can the data tell?", "Condition number"):
         assert part in shown
     assert "Earlier runs" not in shown
@@ -98,10 +104,111 @@ def test_a_click_names_its_row() -> None:
     assert picked_name([{"customdata": ["Splines"]}]) == "Splines"
 
 
-def test_collisions_are_told_before_anything_else() -> None:
-    assert collision_line(["PiNN"], 1) == (
-        "Driving by itself behind the measured leader, the law runs into the vehicle ahead on this"
-        " window: PiNN."
-    )
-    assert "2 of 8 methods have a law that runs" in collision_line(["PiNN", "Splines"], 8)
-    assert "the laws of all methods run" in collision_line(["PiNN", "Splines"], 2)
+@pytest.fixture(scope="module")
+def two() -> tuple[Segment, list[Row]]:
+    segment = driven(MIXED[:2], noise=0.1)
+    return segment, list(compare(segment, "II", ("least-squares", "splines", "recursive")))
+
+
+class TestVerdict:
+    def test_agreement_is_judged_by_the_interval_of_each_parameter(
+        self, two: tuple[Segment, list[Row]]
+    ) -> None:
+        segment, rows = two
+        doubt = rows[0].uncertainty
+        table = rows[0].fit.table()
+
+        def around(lower: float, upper: float) -> list[Row]:
+            ends = {"lower": lower * table, "upper": upper * table}
+            return [replace(row, uncertainty=replace(doubt, **ends)) for row in rows]
+
+        said = verdict(segment, around(0.5, 1.5), 0)
+        assert "yes, all methods lie within the 90 % intervals of the data. They are" in said
+        said = verdict(segment, around(0.1, 9.0), 0)
+        assert "but those of α, β and τ would allow nearly anything" in said
+        said = verdict(segment, around(1.5, 2.0), 0)
+        assert "no, not within the 90 % intervals of the data: α lies below it for every" in said
+
+    def test_those_outside_are_named_the_shorter_way(self, two: tuple[Segment, list[Row]]) -> None:
+        segment, rows = two
+        doubt = rows[0].uncertainty
+        between = np.sort([row.fit.parameters[0].beta for row in rows])
+        lower, upper = 0.0 * doubt.lower, np.full_like(doubt.upper, np.inf)
+        upper[0, 1] = between[:2].mean()
+        judged = [replace(rows[0], uncertainty=replace(doubt, lower=lower, upper=upper))]
+        assert "β lies above it for all but " in verdict(segment, [*judged, *rows[1:]], 0)
+
+    def test_data_that_determine_nothing_are_no_measure(
+        self, two: tuple[Segment, list[Row]]
+    ) -> None:
+        segment, rows = two
+        nothing = np.full_like(rows[0].uncertainty.lower, np.nan)
+        judged = replace(rows[0], uncertainty=replace(rows[0].uncertainty, lower=nothing))
+        assert "determine nothing" in verdict(segment, [judged, *rows[1:]], 0)
+
+
+def test_collisions_name_follower_and_method_before_anything_else(
+    two: tuple[Segment, list[Row]],
+) -> None:
+    segment, rows = two
+    first, second = segment.labels[1:3]
+    assert collision_lines(segment, rows) == []
+
+    def touching(row: Row, *times: float, said: tuple[str, ...] = ()) -> Row:
+        worth = replace(row.assessment, collisions=np.array(times), incidents=said)
+        return replace(row, assessment=worth)
+
+    never = float("nan")
+    some = [
+        touching(rows[0], 5.0, never, said=(f"{first} runs.", f"{second} diverges.")),
+        touching(rows[1], 5.0, 7.0, said=(f"{first} runs.",)),
+        touching(rows[2], 5.0, never),
+    ]
+    assert collision_lines(segment, some) == [
+        f"{plain(first)}, learned by every method",
+        f"{plain(second)}, learned by Splines",
+    ]
+    told = incidents(segment, some)
+    assert told.index(plain(first)) < told.index("Splines: runs") < told.index(plain(second))
+    assert told.endswith("Least squares: diverges\\.")
+
+
+def test_a_training_with_other_settings_has_a_row_of_its_own(found: Workspace) -> None:
+    found.comparison = Series(found.id, "comparison", ("least-squares",), lambda means: iter(()))
+    assert found.segment is not None
+    least = compare(found.segment, "II", ("least-squares",))
+    found.comparison._results = tuple(least)
+    assert len(rows_of(found)) == 1
+    found.train(replace(FAST, iterations=60))
+    assert found.job is not None
+    assert found.job.wait(WAIT)
+    _, own = rows_of(found)
+    assert own.fit is found.fit
+    assert own.assessment.held_out is None
+    assert rows_of(found)[1] is own, "it is worked out once"
+    found.comparison._results = (own,)
+    assert rows_of(found) == (own,), "the same settings need no second row"
+    found.job._fit = replace(own.fit, outcome=Outcome.STOPPED)
+    assert rows_of(found) == (own,), "an unfinished training is no result"
+
+
+def test_a_comparison_names_one_s_own_training_that_it_waits_for(found: Workspace) -> None:
+    found.train(PAPER)
+    page = open_page(COMPARE, found)
+    assert "Your own training with the paper preset comes first" in texts(page)
+    page.button(key="compare_run").click().run()
+    said = "Your own training with the paper preset comes first"
+    assert said in texts(page)
+    assert "The comparison then starts by itself." in texts(page)
+    assert "Go to Train to stop it" in everything(page)
+
+
+def test_earlier_runs_are_shown_without_a_comparison(found: Workspace) -> None:
+    assert found.segment is not None
+    fit = replace(least_squares.fit(found.segment), method="pinn", config=PAPER.to_json())
+    found._remember([replace(fit, outcome=Outcome.STOPPED)])
+    page = open_page(COMPARE, found)
+    assert "Kept from earlier in this session: 1 fit." in texts(page)
+    assert "PiNN (paper preset, stopped), " in texts(page)
+    assert "synthetic_astazero_like.csv 0–60 s" in texts(page)
+    assert "Differs now in" not in texts(page)

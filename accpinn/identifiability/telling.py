@@ -32,12 +32,11 @@ def identifiable(segment: Segment, uncertainty: Uncertainty, case: Case = "II") 
     """
     quality = assess(segment)
     if case == "I":
-        labels, reasons = ("All followers together",), [_leader_reasons(quality)]
+        told = [("All followers together", _leader_reasons(quality))]
     else:
-        labels = segment.labels[1:]
-        reasons = [_reasons(quality, k) for k in range(segment.followers)]
+        told = [(label, _reasons(quality, k)) for k, label in enumerate(segment.labels[1:])]
     sentences = []
-    for k, (label, why) in enumerate(zip(labels, reasons, strict=True)):
+    for k, (label, why) in enumerate(told):
         open_ends = _open(uncertainty, k)
         because = f", as {' and '.join(why)}" if why else ""
         if open_ends:

@@ -1,8 +1,11 @@
 """All methods side by side: estimates with errors of each kind, and what the recording allows."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 from accpinn.comparison import Row
+from accpinn.fit import Fit, Outcome
+from accpinn.pinn.config import PRESETS
 from accpinn.segment.outline import Described
 from accpinn.tables.results import PARAMETER_COLUMNS, where
 from accpinn.tables.typeset import Cell, Column, Table
@@ -21,6 +24,22 @@ TITLES = {
 GAP = "MAE of the space-gap"
 
 
+def method_name(method: str, config: Mapping[str, Any], outcome: Outcome) -> str:
+    """What a fit is called beside others; a PiNN also by its preset and by what was changed."""
+    if method != "pinn":
+        return TITLES.get(method, method)
+    name = str(config.get("preset", ""))
+    usual = PRESETS[name].to_json() if name in PRESETS else {}
+    said = [f"{name} preset", *(["own options"] if dict(config) != usual else [])]
+    said += ["stopped"] if outcome is Outcome.STOPPED else []
+    return f"{TITLES[method]} ({', '.join(said)})"
+
+
+def name_of(fit: Fit) -> str:
+    """The same of a fit."""
+    return method_name(fit.method, fit.config, fit.outcome)
+
+
 def methods_table(segment: Described, rows: Sequence[Row], follower: int) -> Table:
     """One row a method, for one follower (0 for the first)."""
     columns = (
@@ -31,7 +50,7 @@ def methods_table(segment: Described, rows: Sequence[Row], follower: int) -> Tab
         Column("Held out", "m", 2, GAP),
         Column("Unseen rest", "m", 2, GAP),
         Column("Collides at", "s", 1),
-        Column("Time", "s", 2),
+        Column("Time", "s", 2, least=True),
     )
     cells: list[tuple[Cell, ...]] = []
     for row in rows:
@@ -39,7 +58,7 @@ def methods_table(segment: Described, rows: Sequence[Row], follower: int) -> Tab
         errors = (worth.surrogate, worth.closed_loop, worth.held_out, worth.unseen)
         cells.append(
             (
-                TITLES.get(row.fit.method, row.fit.method),
+                name_of(row.fit),
                 law.alpha,
                 law.beta,
                 law.tau,
@@ -73,4 +92,4 @@ def intervals_table(segment: Described, doubt: Uncertainty) -> Table:
         ]
         stable = (100 * float(doubt.probability_l2[k]), 100 * float(doubt.probability_linf[k]))
         rows.append((label, *ends, *stable))
-    return Table("What the recording allows", columns, tuple(rows))
+    return Table(f"What the recording allows, {where(segment)}", columns, tuple(rows))

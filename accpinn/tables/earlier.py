@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 from accpinn.comparison import Earlier, differences
-from accpinn.tables.comparison import GAP, TITLES
+from accpinn.tables.comparison import GAP, method_name
 from accpinn.tables.results import PARAMETER_COLUMNS
 from accpinn.tables.typeset import Cell, Column, Table
 
@@ -16,7 +16,7 @@ def earlier_table(runs: Sequence[Earlier], now: Mapping[str, Earlier], vehicle: 
 
     Args:
         runs: in the order of the rows.
-        now: the present run of each method.
+        now: the present run of each method; where there is none, what changed is not asked.
         vehicle: its number in the file.
     """
     delta = "Δ, now minus then"
@@ -24,22 +24,27 @@ def earlier_table(runs: Sequence[Earlier], now: Mapping[str, Earlier], vehicle: 
         Column("Earlier run"),
         *PARAMETER_COLUMNS,
         Column("Closed loop", "m", 2, GAP),
-        *(replace(column, group=delta) for column in PARAMETER_COLUMNS),
-        Column("Differs now in"),
+        *(replace(column, group=delta) for column in PARAMETER_COLUMNS if now),
+        *([Column("Differs now in")] if now else []),
     )
     rows: list[tuple[Cell, ...]] = []
     for run in runs:
-        then, present = run.of_vehicle(vehicle), now.get(run.method)
+        then = run.of_vehicle(vehicle)
         if then is None:
             continue
-        value = present.of_vehicle(vehicle) if present else None
-        change: list[Cell] = [None] * 3
-        if value is not None:
-            change = [float(x) for x in value - then]
-        differs = "; ".join(differences(run, present)) or SAME if present else None
         gap = float(run.closed_loop[run.outline.vehicles[1:].index(vehicle)])
-        rows.append((title(run), *map(float, then), gap, *change, differs))
+        changed = _changed(run, now.get(run.method), vehicle) if now else ()
+        rows.append((title(run), *map(float, then), gap, *changed))
     return Table("", columns, tuple(rows))
+
+
+def _changed(run: Earlier, present: Earlier | None, vehicle: int) -> tuple[Cell, ...]:
+    """Δ of the three parameters, and what was asked differently."""
+    then, value = run.of_vehicle(vehicle), present.of_vehicle(vehicle) if present else None
+    if present is None or then is None or value is None:
+        return (None,) * 4
+    differs = "; ".join(differences(run, present)) or SAME
+    return (*(float(x) for x in value - then), differs)
 
 
 def title(run: Earlier) -> str:
@@ -48,4 +53,5 @@ def title(run: Earlier) -> str:
     window = f"{outline.start:g}–{outline.start + outline.duration:g} s"
     left = f", without {', '.join(outline.left_out)}" if outline.left_out else ""
     case = f", Case {run.case}" if outline.followers > 1 else ""
-    return f"{TITLES.get(run.method, run.method)}, {outline.source} {window}{case}{left}"
+    name = method_name(run.method, run.config, run.outcome)
+    return f"{name}, {outline.source} {window}{case}{left}"

@@ -49,6 +49,8 @@ class Column:
     """After the point; None for text."""
     group: str = ""
     """A heading shared with the neighbouring columns of the same group."""
+    least: bool = False
+    """Whether a cell above zero that the digits would show as zero says "< 0.01" instead."""
 
     @property
     def heading(self) -> str:
@@ -59,7 +61,13 @@ class Column:
         """A cell as the reader sees it."""
         if cell is None or (isinstance(cell, float) and not math.isfinite(cell)):
             return ABSENT
-        return cell if isinstance(cell, str) else f"{cell:.{self.digits or 0}f}"
+        if isinstance(cell, str):
+            return cell
+        digits = self.digits or 0
+        shown = f"{cell:.{digits}f}"
+        if self.least and cell > 0 and float(shown) == 0:
+            return f"< {10.0**-digits:.{digits}f}"
+        return shown
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ from accpinn.cthp import Parameters
 from accpinn.figures import comparison as figures
 from accpinn.figures.style import vehicle_colour
 from accpinn.segment import Segment
-from accpinn.tables.comparison import TITLES
+from accpinn.tables.comparison import name_of
 from pages.shared.charts import show_chart
 
 
@@ -37,7 +37,7 @@ def show_estimates(
 ) -> Row:
     """Dots over the interval of the data; returns the method that the user looks at."""
     st.subheader("Do the methods agree?", anchor=False)
-    by_name = {TITLES.get(row.fit.method, row.fit.method): row for row in rows}
+    by_name = {name_of(row.fit): row for row in rows}
     chart = st.container()
     name = st.selectbox(
         "Look at", list(by_name), key="compare_method", width=320, help="Or click on its dot above."
@@ -78,7 +78,7 @@ def picked_name(points: Sequence[Mapping[str, Any]]) -> str:
 
 def show_curves(segment: Segment, row: Row, follower: int) -> None:
     """Gap, speed and the gap's error of one method."""
-    title = TITLES.get(row.fit.method, row.fit.method)
+    title = name_of(row.fit)
     st.subheader(f"{title} against the data", anchor=False)
     figure = figures.curves(
         segment, follower, row.fit.surrogate, closed_loop(segment, row.fit), title
@@ -90,11 +90,7 @@ def show_courses(
     segment: Segment, rows: tuple[Row, ...], follower: int, truth: Parameters | None
 ) -> None:
     """What the online methods thought at each instant."""
-    followed = [
-        (TITLES.get(row.fit.method, row.fit.method), row.fit.course)
-        for row in rows
-        if row.fit.course
-    ]
+    followed = [(name_of(row.fit), row.fit.course) for row in rows if row.fit.course]
     if not followed:
         return
     st.subheader("Parameters over time, by the online methods", anchor=False)

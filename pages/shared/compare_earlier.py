@@ -1,5 +1,7 @@
 """Earlier runs of the session: laid over the chart, and held against the present one."""
 
+from collections.abc import Sequence
+
 import streamlit as st
 
 from accpinn.comparison import Earlier, Row
@@ -32,15 +34,18 @@ def choose_earlier(workspace: Workspace, segment: Segment, follower: int) -> lis
 
 
 def show_earlier(
-    workspace: Workspace, segment: Segment, rows: tuple[Row, ...], follower: int
+    workspace: Workspace, segment: Segment, rows: Sequence[Row], follower: int
 ) -> None:
-    """All earlier runs against the same method now: what was asked, what came out."""
+    """All earlier runs: what came out, and where there are rows what they say and ask now."""
     if not workspace.runs:
         return
     st.subheader("Earlier runs", anchor=False)
-    now = {row.fit.method: Earlier.of(segment, row.fit) for row in rows}
+    count = len(workspace.runs)
+    st.caption(f"Kept from earlier in this session: {count} fit{'s' if count != 1 else ''}.")
+    # Of two fits by one method the first counts: the second is the session's own training.
+    now = {row.fit.method: Earlier.of(segment, row.fit) for row in reversed(rows)}
     table = earlier_table(tuple(reversed(workspace.runs)), now, segment.vehicles[follower + 1])
     if table.rows:
         st.html(typeset.STYLE + table.to_html())
     else:
-        st.caption("None of the runs that are kept has this vehicle as a follower.")
+        st.caption("None of them has this vehicle as a follower.")

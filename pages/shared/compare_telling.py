@@ -9,7 +9,7 @@ from accpinn.identifiability import INCREASE, Dispersion, identifiable, profiles
 from accpinn.identifiability.starts import gather
 from accpinn.pinn.config import FAST, PAPER
 from accpinn.segment import Segment
-from accpinn.segment.quality import assess
+from accpinn.segment.quality import LARGE_CONDITION, assess
 from accpinn.tables import typeset
 from accpinn.tables.starts import starts_table
 from pages.shared.charts import show_chart
@@ -36,21 +36,28 @@ def show_telling(
         )
     quality = assess(segment)
     st.caption(
-        f"Condition number {quality.condition[follower]:.0f} · excitation: the leader's speed"
+        f"Condition number {quality.condition[follower]:.0f} (above {LARGE_CONDITION:.0f} the law's"
+        " terms are nearly proportional) · excitation: the leader's speed"
         f" varies by {quality.leader_deviation:.2f} m/s, Δv by"
         f" {quality.relative_deviation[follower]:.2f} m/s, the acceleration by"
         f" {quality.acceleration_deviation[follower]:.2f} m/s² (standard deviations)."
     )
     found = profiles(segment, workspace.case)
     number = segment.vehicles[follower + 1]
-    show_chart(
-        profiles_chart(found[follower % len(found)], vehicle_colour(number, segment.vehicles[0])),
-        "compare_profiles",
+    doubt = rows[0].uncertainty
+    figure = profiles_chart(
+        found[follower % len(found)],
+        vehicle_colour(number, segment.vehicles[0]),
+        doubt.lower[follower],
+        doubt.upper[follower],
     )
+    show_chart(figure, "compare_profiles")
     st.caption(
         "How much worse the law explains the accelerations when one parameter is held there and"
         f" the others are at their best. Dashed: {INCREASE:.0%} worse, hardly to be seen in any"
-        " plot."
+        f" plot. Grey: the {100 * doubt.level:.0f} % interval of the table above. It is wider than"
+        " the curve and may lie beside it: the curve takes each sample as independent of the last,"
+        " while the interval knows that disturbances last for seconds and pull the estimate."
     )
     show_starts(workspace, segment, follower)
 
@@ -76,7 +83,11 @@ def show_starts(workspace: Workspace, segment: Segment, follower: int) -> None:
             " The paper preset takes minutes a start."
         )
     if series:
-        watch(series, lambda: _show_table(segment, gather(segment, series.results), follower))
+        watch(
+            workspace,
+            series,
+            lambda: _show_table(segment, gather(segment, series.results), follower),
+        )
 
 
 def _show_table(segment: Segment, found: Dispersion, follower: int) -> None:

@@ -7,36 +7,33 @@ import streamlit as st
 
 from accpinn.jobs import Series, Status
 from accpinn.tables.comparison import TITLES
+from pages.shared.compare_waiting import show_waiting
 from pages.shared.live import POLL
-from pages.shared.server import trainings
 from pages.shared.text import lasting, plain
+from pages.shared.workspace import Workspace
 
 
-def watch(series: Series[Any], show: Callable[[], None]) -> None:
+def watch(workspace: Workspace, series: Series[Any], show: Callable[[], None]) -> None:
     """Its status and what is known so far, again and again; at its end the whole page."""
     if not series.is_active:
-        show_status(series)
+        show_status(workspace, series)
         show()
         return
 
     def look() -> None:
         if not series.is_active:
             st.rerun()
-        show_status(series)
+        show_status(workspace, series)
         show()
 
     st.fragment(look, run_every=POLL)()
 
 
-def show_status(series: Series[Any]) -> None:
+def show_status(workspace: Workspace, series: Series[Any]) -> None:
     """One line, and a bar while it runs."""
     done, whole = len(series.results), len(series.names)
     if series.status is Status.QUEUED:
-        ahead = len(trainings().ahead_of(series))
-        st.info(
-            f"Waits for {ahead} other task{'s' if ahead != 1 else ''} and starts by itself.",
-            icon=":material/hourglass_top:",
-        )
+        show_waiting(workspace, series, series.what)
     elif series.status is Status.RUNNING:
         name = TITLES.get(series.current, series.current)
         left = f" · about {lasting(series.time_left)} left" if series.time_left else ""

@@ -4,7 +4,7 @@ import streamlit as st
 
 from accpinn.cthp import Parameters
 from accpinn.figures import training
-from accpinn.jobs import Job, Status
+from accpinn.jobs import Job, Status, Task
 from pages.shared.charts import show_chart
 from pages.shared.frame import vehicle_key
 from pages.shared.server import trainings
@@ -55,7 +55,7 @@ def show_status(job: Job) -> None:
         st.info("Stopped before it began.", icon=":material/stop_circle:")
 
 
-def waiting_line(job: Job) -> str:
+def waiting_line(job: Task) -> str:
     """Who is ahead, and for how long."""
     ahead, seconds = trainings().ahead_of(job), trainings().wait_for(job)
     if len(ahead) <= 1:

@@ -63,6 +63,8 @@ class Workspace:
     """What the data leave open about a fit, kept with that fit."""
     comparison: Series[Row] | None = None
     """All methods on the segment, while they run and when they are done."""
+    own: Row | None = None
+    """What the training is worth beside the methods, kept with its fit."""
     starts: Series[Trial] | None = None
     """Trainings of the segment from several initial values."""
     runs: tuple[Earlier, ...] = ()
