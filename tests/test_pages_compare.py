@@ -127,7 +127,7 @@ class TestVerdict:
         said = verdict(segment, around(0.1, 9.0), 0)
         assert "but those of α, β and τ would allow nearly anything" in said
         said = verdict(segment, around(1.5, 2.0), 0)
-        assert "no, not within the 90 % intervals of the data: α lies below it for every" in said
+        assert ": no, α lies below its 90 % interval for every method; " in said
 
     def test_those_outside_are_named_the_shorter_way(self, two: tuple[Segment, list[Row]]) -> None:
         segment, rows = two
@@ -136,7 +136,9 @@ class TestVerdict:
         lower, upper = 0.0 * doubt.lower, np.full_like(doubt.upper, np.inf)
         upper[0, 1] = between[:2].mean()
         judged = [replace(rows[0], uncertainty=replace(doubt, lower=lower, upper=upper))]
-        assert "β lies above it for all but " in verdict(segment, [*judged, *rows[1:]], 0)
+        assert "β lies above its 90 % interval for all but " in verdict(
+            segment, [*judged, *rows[1:]], 0
+        )
 
     def test_data_that_determine_nothing_are_no_measure(
         self, two: tuple[Segment, list[Row]]
@@ -165,8 +167,8 @@ def test_collisions_name_follower_and_method_before_anything_else(
         touching(rows[2], 5.0, never),
     ]
     assert collision_lines(segment, some) == [
-        f"{plain(first)}, learned by every method",
-        f"{plain(second)}, learned by Splines",
+        f"{plain(first)}, learned by every method.",
+        f"{plain(second)}, learned by Splines.",
     ]
     told = incidents(segment, some)
     assert told.index(plain(first)) < told.index("Splines: runs") < told.index(plain(second))

@@ -32,6 +32,7 @@ from accpinn.uncertainty import Uncertainty
 from accpinn.units import FloatArray
 
 BAND = "rgba(128, 140, 155, 0.20)"
+DASHES = ("solid", "dash", "dot")
 SETTLED = 0.25
 """The first quarter of an online method's course does not set the axis: it still finds its way."""
 
@@ -171,7 +172,7 @@ def courses(
     true = (truth.alpha, truth.beta, truth.tau) if truth else ()
     for which, (symbol, unit, _) in enumerate(PARAMETERS):
         late = [np.array(true[which : which + 1])]
-        for (name, course), colour in zip(followed, cycle(SERIES)):
+        for (name, course), colour, dash in zip(followed, cycle(SERIES), cycle(DASHES)):
             values = course.parameters[:, follower, which]
             late.append(values[int(SETTLED * len(values)) :])
             if course.deviation is not None:
@@ -184,7 +185,7 @@ def courses(
                 x=time,
                 y=shown,
                 name=name,
-                line={"color": colour, "width": 2},
+                line={"color": colour, "width": 2, "dash": dash},
                 legendgroup=name,
                 showlegend=which == 0,
                 hovertemplate=f"{symbol} = %{{y:.4f}} {unit}<extra>{name}</extra>",

@@ -21,7 +21,7 @@ FOLLOWERS = (
 )  # fmt: skip
 """Ten followers; each has a contrast of 3 or more on white and on the dark page, and the first few
 differ most under normal, red-blind and green-blind vision."""
-SERIES = ("#55900f", "#0c94a4", "#b455cc")
+SERIES = ("#55900f", "#d01cb4", "#84549c")
 """Lines that are of no vehicle, as methods or terms of a loss; unlike every vehicle's colour, with
 the same contrast."""
 MODEL = "#c22f4f"

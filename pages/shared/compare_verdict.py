@@ -19,11 +19,12 @@ def show_verdict(segment: Segment, rows: tuple[Row, ...]) -> None:
     st.markdown(_listed([verdict(segment, rows, k) for k in range(segment.followers)]))
     touching = collision_lines(segment, rows)
     if touching:
-        st.warning(
-            "Driving by itself behind the measured leader, the law runs into the vehicle ahead on"
-            f" this window for\n\n{_bulleted(touching)}",
-            icon=":material/warning:",
+        said = (
+            "Driving by themselves behind the measured leader, these laws run into the vehicle"
+            " ahead on this window:"
         )
+        ahead = " " if len(touching) == 1 else "\n\n"
+        st.warning(f"{said}{ahead}{_listed(touching)}", icon=":material/warning:")
     told = incidents(segment, rows)
     if told:
         count = sum(len(row.assessment.incidents) for row in rows)
@@ -45,9 +46,10 @@ def verdict(segment: Segment, rows: Sequence[Row], k: int) -> str:
     for column, values, low, high in zip(PARAMETER_COLUMNS, tables.T, lower, upper, strict=True):
         for found, side in ((values < low, "below"), (values > high, "above")):
             if found.any():
-                outside.append(f"{column.title} lies {side} it for {_who(names, found.tolist())}")
+                who = _who(names, found.tolist())
+                outside.append(f"{column.title} lies {side} its {level} interval for {who}")
     if outside:
-        said = f"no, not within the {level} intervals of the data: {'; '.join(outside)}."
+        said = f"no, {'; '.join(outside)}."
     else:
         said = f"yes, all methods lie within the {level} intervals of the data"
         wide = left_open(doubt, k)
@@ -78,7 +80,7 @@ def collision_lines(segment: Segment, rows: Sequence[Row]) -> list[str]:
     names = [name_of(row.fit) for row in rows]
     touching = np.array([np.isfinite(row.assessment.collisions) for row in rows])
     return [
-        f"{plain(label)}, learned by {_who(names, by.tolist())}"
+        f"{plain(label)}, learned by {_who(names, by.tolist())}."
         for label, by in zip(segment.labels[1:], touching.T, strict=True)
         if by.any()
     ]
