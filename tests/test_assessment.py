@@ -20,9 +20,10 @@ from accpinn.assessment import (
     surrogate_errors,
     tracking_errors,
     whiteness,
+    without,
 )
 from accpinn.cthp import Parameters, Trajectories
-from accpinn.estimators import least_squares, splines
+from accpinn.estimators import ESTIMATORS, least_squares, splines
 from accpinn.fit import Fit
 from accpinn.openacc import read
 from accpinn.segment import Segment, cut
@@ -193,17 +194,48 @@ class TestHeldOut:
 
         segment = cut(read(SAMPLES / "synthetic_paper_study_noise_free.csv"), 0.0, 90.0)
         blocks = blocks_held_out(segment, estimate)
-        assert [block.start for block in blocks] == [0.0, pytest.approx(60.0, abs=0.2)]
-        assert [piece.start for piece in learned] == [pytest.approx(30.0, abs=0.2), 0.0]
-        assert [piece.duration for piece in learned] == [pytest.approx(60.0, abs=0.2)] * 2
+        starts = [pytest.approx(start, abs=0.2) for start in (0.0, 30.0, 60.0)]
+        assert [block.start for block in blocks] == starts
+        assert [piece.start for piece in learned] == [starts[1], 0.0, 0.0]
+        durations = [pytest.approx(duration, abs=0.2) for duration in (60.0, 90.0, 60.0)]
+        assert [piece.duration for piece in learned] == durations
         for block in blocks:
             assert block.errors is not None
             assert block.errors.gap_mae[0] < 0.02
         later = replace(segment, gaps=np.where(segment.time[:, None] > 62, 5.0, segment.gaps))
-        spoilt = blocks_held_out(later, least_squares.fit)[1].errors
+        spoilt = blocks_held_out(later, least_squares.fit)[2].errors
         assert spoilt is not None
         assert spoilt.gap_mae[0] > 1.0
-        assert [block.incidents for block in blocks] == [(), ()]
+        assert [block.incidents for block in blocks] == [()] * 3
+
+    @pytest.mark.parametrize("method", ["least-squares", "savitzky-golay", "splines", "simulation"])
+    def test_the_middle_third_leaves_no_trace_and_what_stands_for_it_none_either(
+        self, method: str
+    ) -> None:
+        segment = driven(MIXED[:2], noise=0.05)
+        spoilt = np.where(np.abs(segment.time[:, None] - 30.0) < 9.9, 77.0, segment.gaps)
+        masked = np.zeros(segment.gaps.shape, dtype=bool)
+        masked[200:400] = True
+        estimate = ESTIMATORS[method]
+        hidden = without(segment, 200, 400)
+        assert hidden.digest() == without(replace(segment, gaps=spoilt), 200, 400).digest()
+        np.testing.assert_array_equal(hidden.gaps[~masked], segment.gaps[~masked])
+        merely_left_out = estimate(replace(segment, left_out=masked), "II").table()
+        np.testing.assert_allclose(estimate(hidden, "II").table(), merely_left_out, rtol=0.02)
+
+    def test_the_bridge_is_continuous_and_obeys_the_gap_s_equation(self) -> None:
+        segment = driven(MIXED)
+        hidden = without(segment, 200, 400)
+        relative = hidden.speeds[:, :-1] - hidden.speeds[:, 1:]
+        trapezoid = (relative[1:] + relative[:-1]) * segment.sample_time / 2
+        np.testing.assert_allclose(np.diff(hidden.gaps, axis=0), trapezoid, atol=2e-3)
+        assert np.abs(np.diff(hidden.speeds, axis=0)).max() < 0.5
+
+    def test_too_little_for_a_method_is_no_error(self) -> None:
+        short = driven(duration=12.0)
+        blocks = blocks_held_out(short, lambda piece: ESTIMATORS["simulation"](piece, "II"))
+        assert blocks[1].errors is None, "no stretch of 5 s is left beside the middle"
+        assert held_out_errors(blocks) is None
 
     def test_blocks_are_pooled_by_duration(self) -> None:
         one, three = (TrackingErrors(*(np.full(n, x) for n in (2, 1, 2, 1))) for x in (1.0, 3.0))
@@ -295,5 +327,5 @@ def test_an_appraisal_holds_all_of_it() -> None:
     assert full.held_out is not None
     assert full.unseen is not None
     assert full.unseen_seconds > 100.0
-    assert len(full.blocks) == 2
+    assert len(full.blocks) == 3
     assert full.incidents == ()

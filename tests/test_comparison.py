@@ -136,7 +136,7 @@ def test_command_prints_one_document(
         assert len(row["parameters"]) == len(row["intervals"]) == 3
         assert set(row) >= {"surrogate_mae", "closed_loop_mae", "holdout_mae", "seconds"}
         assert row["incidents"] == []
-        assert len(row["blocks_mae"]) == 2
+        assert len(row["blocks_mae"]) == 3
         assert row["unseen_mae"]["p"]
         assert len(row["whiteness"]) == 3
         for interval in row["intervals"]:

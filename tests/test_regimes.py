@@ -9,7 +9,7 @@ import pandas as pd
 import pytest
 import torch
 
-from accpinn.assessment.held_out import part
+from accpinn.assessment.hidden import part
 from accpinn.cthp import Case, Parameters, simulate
 from accpinn.errors import SegmentError
 from accpinn.estimators import ESTIMATORS

@@ -10,18 +10,18 @@ from accpinn.assessment.appraisal import Assessment, appraise
 from accpinn.assessment.driving import closed_loop, closed_loop_errors, collisions, incidents
 from accpinn.assessment.errors import TrackingErrors, surrogate_errors, tracking_errors
 from accpinn.assessment.held_out import (
-    HELD_OUT,
+    BLOCKS,
     Block,
     Unseen,
     blocks_held_out,
     drive_unseen,
     held_out_errors,
-    part,
 )
+from accpinn.assessment.hidden import part, without
 from accpinn.assessment.whiteness import Whiteness, whiteness
 
 __all__ = [
-    "HELD_OUT",
+    "BLOCKS",
     "Assessment",
     "Block",
     "TrackingErrors",
@@ -39,4 +39,5 @@ __all__ = [
     "surrogate_errors",
     "tracking_errors",
     "whiteness",
+    "without",
 ]

@@ -1,23 +1,27 @@
 """Errors on time that the law was not learned from, in closed loop.
 
-Blocks of time are held out, as random instants of a smooth series tell nothing new. The window's
-first third is driven by the law of the last two thirds, its last third by that of the first two.
-The middle cannot be held out without splicing what lies around it. Each simulation starts from the
-first measured instant of its block.
+Blocks of time are held out, as random instants of a smooth series tell nothing new. Each third of
+the window is driven by the law of the other two (see `assessment.hidden`), from its own first
+measured instant on.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
 
 from accpinn.assessment.driving import closed_loop, closed_loop_errors, incidents
 from accpinn.assessment.errors import TrackingErrors, pooled
+from accpinn.assessment.hidden import part, without
+from accpinn.errors import SegmentError
 from accpinn.fit import Fit
 from accpinn.openacc import Recording
 from accpinn.segment import MINIMUM_DURATION, Segment, Window, complete_windows, cut
 from accpinn.units import Seconds
 
-HELD_OUT = 1 / 3
-"""Share of the window in each block held out."""
+BLOCKS = 3
+"""So many, of the same length, make up the window."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,26 +32,23 @@ class Block:
     """In s from the recording's first sample."""
     duration: Seconds
     errors: TrackingErrors | None
-    """Closed loop; None where the rest of the window leaves τ undetermined."""
+    """Closed loop; None where the rest of the window is too little or leaves τ undetermined."""
     incidents: tuple[str, ...] = ()
     """Collisions and divergence in it, in plain sentences."""
 
 
 def blocks_held_out(
-    segment: Segment, estimate: Callable[[Segment], Fit], share: float = HELD_OUT
-) -> tuple[Block, Block]:
-    """The window's first and last part, each driven by a law learned without it.
+    segment: Segment, estimate: Callable[[Segment], Fit], blocks: int = BLOCKS
+) -> tuple[Block, ...]:
+    """Each block of the window, driven by a law learned without it.
 
     Args:
         segment: the data.
         estimate: any method, from a segment to a fit.
-        share: of the window in each block, above 0 and below 1.
+        blocks: how many, 2 or more.
     """
-    count = segment.samples
-    length = round(share * count)
-    first, after = part(segment, 0, length), part(segment, length, count)
-    before, last = part(segment, 0, count - length), part(segment, count - length, count)
-    return _block(first, estimate(after)), _block(last, estimate(before))
+    ends = [round(end) for end in np.linspace(0, segment.samples, blocks + 1)]
+    return tuple(_block(segment, first, end, estimate) for first, end in pairwise(ends))
 
 
 def held_out_errors(blocks: tuple[Block, ...]) -> TrackingErrors | None:
@@ -82,20 +83,12 @@ def drive_unseen(segment: Segment, fit: Fit, recording: Recording) -> Unseen:
     return Unseen(pooled(parts), float(sum(seconds for seconds, _ in parts)), tuple(said))
 
 
-def part(segment: Segment, first: int, end: int) -> Segment:
-    """Samples ``first`` to ``end`` - 1 of a segment, as a segment of its own."""
-    rows = slice(first, end)
-    return replace(
-        segment,
-        time=segment.time[rows] - segment.time[first],
-        speeds=segment.speeds[rows],
-        gaps=segment.gaps[rows],
-        left_out=None if segment.left_out is None else segment.left_out[rows],
-        start=segment.start + float(segment.time[first]),
-    )
-
-
-def _block(held: Segment, fit: Fit) -> Block:
+def _block(segment: Segment, first: int, end: int, estimate: Callable[[Segment], Fit]) -> Block:
+    held = part(segment, first, end)
+    try:
+        fit = estimate(without(segment, first, end))
+    except SegmentError:  # too little is left for this method
+        return Block(held.start, held.duration, None)
     met = incidents(held, closed_loop(held, fit))
     return Block(held.start, held.duration, closed_loop_errors(held, fit), met)
 

@@ -36,8 +36,8 @@ def show_methods(
     st.caption(
         "MAE: mean absolute error. Surrogate fit: how far the smooth curve that the method itself"
         " draws through the motion is from the data (a dash where it draws none). Closed loop: the"
-        " law drives by itself behind the measured leader. Held out: the window's first and last"
-        " third, each driven by a law learned without it. Unseen rest: closed loop on the recording"
+        " law drives by itself behind the measured leader. Held out: each third of the window,"
+        " driven by a law learned from the other two. Unseen rest: closed loop on the recording"
         " outside the window. Collides at: when the law would run into the vehicle ahead; it drives"
         " on, and the errors include what follows."
     )
