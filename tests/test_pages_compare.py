@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from accpinn.assessment.driving import ALONE
 from accpinn.comparison import Row, compare
 from accpinn.estimators import least_squares
 from accpinn.fit import Outcome
@@ -125,7 +126,7 @@ class TestVerdict:
         said = verdict(segment, around(0.5, 1.5), 0)
         assert "yes, all methods lie within the 90 % intervals of the data. They are" in said
         said = verdict(segment, around(0.1, 9.0), 0)
-        assert "but those of α, β and τ would allow nearly anything" in said
+        assert "but those of α, β and τ are too wide for that to say much" in said
         said = verdict(segment, around(1.5, 2.0), 0)
         assert ": no, α lies below its 90 % interval for every method; " in said
 
@@ -162,17 +163,23 @@ def test_collisions_name_follower_and_method_before_anything_else(
 
     never = float("nan")
     some = [
-        touching(rows[0], 5.0, never, said=(f"{first} runs.", f"{second} diverges.")),
+        touching(
+            rows[0],
+            5.0,
+            never,
+            said=(f"{first} runs{ALONE}; so.", f"{first} turns.", f"{second} diverges."),
+        ),
         touching(rows[1], 5.0, 7.0, said=(f"{first} runs.",)),
         touching(rows[2], 5.0, never),
     ]
     assert collision_lines(segment, some) == [
-        f"{plain(first)}, learned by every method.",
-        f"{plain(second)}, learned by Splines.",
+        f"{plain(first)}, as learned by every method.",
+        f"{plain(second)}, as learned by Splines.",
     ]
     told = incidents(segment, some)
     assert told.index(plain(first)) < told.index("Splines: runs") < told.index(plain(second))
-    assert told.endswith("Least squares: diverges\\.")
+    assert "Least squares: runs\\; so · turns\n" in told
+    assert told.endswith("Least squares: diverges")
 
 
 def test_a_training_with_other_settings_has_a_row_of_its_own(found: Workspace) -> None:

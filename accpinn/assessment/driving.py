@@ -18,6 +18,8 @@ LOST: Metres = 1000.0
 """A follower this far behind follows no longer; measured gaps stay below 200 m."""
 BACKWARDS: MetresPerSecond = -0.5
 """The law knows no standstill; a slower creep backwards is its way to stop."""
+ALONE = " when its law drives by itself"
+"""Stands in every sentence about an incident; a heading that says so can do without."""
 
 
 def closed_loop(segment: Segment, fit: Fit) -> Trajectories | None:
@@ -81,18 +83,17 @@ def incidents(segment: Segment, driven: Trajectories | None) -> tuple[str, ...]:
     for k, label in enumerate(segment.labels[1:]):
         if np.isfinite(touched[k]):
             said.append(
-                f"{label} runs into the vehicle ahead at {touched[k]:.1f} s when its law drives by"
-                f" itself; its gap then falls to {np.nanmin(driven.gaps[:, k]):.1f} m."
+                f"{label} runs into the vehicle ahead at {touched[k]:.1f} s{ALONE}; its gap then"
+                f" falls to {np.nanmin(driven.gaps[:, k]):z.1f} m."
             )
         if backwards[:, k].any():
             said.append(
-                f"{label} drives backwards at {_first(segment, backwards)[k]:.1f} s when its law"
-                f" drives by itself, at up to {-driven.speeds[backwards[:, k], k + 1].min():.1f}"
-                " m/s."
+                f"{label} drives backwards at {_first(segment, backwards)[k]:.1f} s{ALONE}, at up"
+                f" to {-driven.speeds[backwards[:, k], k + 1].min():.1f} m/s."
             )
         if lost[:, k].any():
             said.append(
-                f"{label} diverges when its law drives by itself: its gap leaves ±{LOST:.0f} m at"
+                f"{label} diverges{ALONE}: its gap leaves ±{LOST:.0f} m at"
                 f" {_first(segment, lost)[k]:.1f} s, so it and those behind it have no closed-loop"
                 " errors."
             )

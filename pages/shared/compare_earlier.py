@@ -27,7 +27,7 @@ def choose_earlier(workspace: Workspace, segment: Segment, follower: int) -> lis
         list(names),
         key="compare_earlier",
         max_selections=MOST,
-        placeholder=f"{len(known)} are kept",
+        placeholder=f"{len(known)} kept",
     )
     values = [(name, names[name].of_vehicle(number)) for name in chosen if name in names]
     return [Estimate(name, value, earlier=True) for name, value in values if value is not None]

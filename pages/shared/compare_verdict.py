@@ -5,6 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 import streamlit as st
 
+from accpinn.assessment.driving import ALONE
 from accpinn.comparison import Row
 from accpinn.identifiability import left_open
 from accpinn.segment import Segment
@@ -53,8 +54,9 @@ def verdict(segment: Segment, rows: Sequence[Row], k: int) -> str:
     else:
         said = f"yes, all methods lie within the {level} intervals of the data"
         wide = left_open(doubt, k)
-        which = "that of" if len(wide) == 1 else "those of"
-        said += f", but {which} {_joined(wide)} would allow nearly anything." if wide else "."
+        which, are = ("that of", "is") if len(wide) == 1 else ("those of", "are")
+        reserve = f", but {which} {_joined(wide)} {are} too wide for that to say much"
+        said += f"{reserve if wide else ''}."
     return f"{label}: {said} {_most_apart(tables)}".rstrip()
 
 
@@ -80,7 +82,7 @@ def collision_lines(segment: Segment, rows: Sequence[Row]) -> list[str]:
     names = [name_of(row.fit) for row in rows]
     touching = np.array([np.isfinite(row.assessment.collisions) for row in rows])
     return [
-        f"{plain(label)}, learned by {_who(names, by.tolist())}."
+        f"{plain(label)}, as learned by {_who(names, by.tolist())}."
         for label, by in zip(segment.labels[1:], touching.T, strict=True)
         if by.any()
     ]
@@ -94,8 +96,8 @@ def incidents(segment: Segment, rows: Sequence[Row]) -> str:
         for row in rows:
             said = [s for s in row.assessment.incidents if s.startswith(f"{label} ")]
             if said:
-                told = " ".join(sentence.removeprefix(f"{label} ") for sentence in said)
-                lines.append(f"{name_of(row.fit)}: {plain(told)}")
+                told = (s.removeprefix(f"{label} ").replace(ALONE, "").rstrip(".") for s in said)
+                lines.append(f"{name_of(row.fit)}: {plain(' · '.join(told))}")
         if lines:
             parts.append(f"**{plain(label)}**\n\n{_bulleted(lines)}")
     return "\n\n".join(parts)
