@@ -33,6 +33,7 @@ def show_methods(
     st.html(typeset.STYLE + table.to_html())
     if running:
         return
+    own = not all(row.assessment.blocks for row in rows)
     st.caption(
         "MAE: mean absolute error. Surrogate fit: how far the smooth curve that the method itself"
         " draws through the motion is from the data (a dash where it draws none). Closed loop: the"
@@ -40,5 +41,6 @@ def show_methods(
         " driven by a law learned from the other two. Unseen rest: closed loop on the recording"
         " outside the window. Collides at: when the law would run into the vehicle ahead; it drives"
         " on, and the errors include what follows."
+        + (" Your own training has no part held out: that would be three trainings more." * own)
     )
     downloads(table, segment)
