@@ -141,6 +141,11 @@ class TestVerdict:
             segment, [*judged, *rows[1:]], 0
         )
 
+    def test_one_law_for_all_has_one_sentence(self, two: tuple[Segment, list[Row]]) -> None:
+        segment, rows = two
+        shared = [replace(row, fit=replace(row.fit, case="I")) for row in rows]
+        assert verdict(segment, shared, 0).startswith("**All followers together**: ")
+
     def test_data_that_determine_nothing_are_no_measure(
         self, two: tuple[Segment, list[Row]]
     ) -> None:

@@ -16,8 +16,9 @@ from pages.shared.text import plain
 
 
 def show_verdict(segment: Segment, rows: tuple[Row, ...]) -> None:
-    """A sentence or two a follower, then whatever runs into the vehicle ahead."""
-    st.markdown(_listed([verdict(segment, rows, k) for k in range(segment.followers)]))
+    """A sentence or two for each set of parameters, then whatever runs into the vehicle ahead."""
+    sets = 1 if rows[0].fit.case == "I" else segment.followers
+    st.markdown(_listed([verdict(segment, rows, k) for k in range(sets)]))
     touching = collision_lines(segment, rows)
     if touching:
         said = (
@@ -35,8 +36,16 @@ def show_verdict(segment: Segment, rows: tuple[Row, ...]) -> None:
 
 
 def verdict(segment: Segment, rows: Sequence[Row], k: int) -> str:
-    """Whether the estimates of one follower lie within what the data allow, as markdown."""
-    label, doubt = f"**{plain(segment.labels[k + 1])}**", rows[0].uncertainty
+    """Whether the estimates lie within what the data allow, as markdown.
+
+    Args:
+        segment: the data.
+        rows: the methods'.
+        k: 0 for the first follower; in Case I, where all share one law, without effect.
+    """
+    shared = rows[0].fit.case == "I" and segment.followers > 1
+    name = "All followers together" if shared else segment.labels[k + 1]
+    label, doubt = f"**{plain(name)}**", rows[0].uncertainty
     names = [name_of(row.fit) for row in rows]
     tables = np.array([row.fit.table()[k] for row in rows])
     lower, upper = doubt.lower[k], doubt.upper[k]
