@@ -100,7 +100,16 @@ def test_lines_of_no_vehicle_look_like_none() -> None:
 
 @pytest.mark.parametrize(
     "ends",
-    [(0.0588, 0.0972), (0.0, 0.2), (-0.002, 0.031), (1.149, 1.181), (0.0, 10.0), (0.9999, 1.0001)],
+    [
+        (0.0588, 0.0972),
+        (0.0, 0.2),
+        (-0.002, 0.031),
+        (1.149, 1.181),
+        (1.15, 1.23),
+        (0.78, 1.47),
+        (0.0, 10.0),
+        (0.9999, 1.0001),
+    ],
 )
 def test_short_axes_have_two_or_three_round_ticks(ends: tuple[float, float]) -> None:
     found = style.ticks(ends)

@@ -38,15 +38,16 @@ class TestEstimates:
     def test_dots_bands_and_truth_stand_where_they_belong(
         self, segment: Segment, fit: Fit, doubt: Uncertainty
     ) -> None:
-        row = figures.Estimate("Splines", fit.table()[0])
+        row = figures.Estimate("PiNN (fast preset)", fit.table()[0])
         old = figures.Estimate("Before <b>", 1.1 * fit.table()[0], earlier=True)
         truth = Parameters(*sample(NOISY).truth[0])
-        figure = figures.estimates([row, old], "#0c7eae", doubt, 0, truth, "Splines")
+        figure = figures.estimates([row, old], "#0c7eae", doubt, 0, truth, "PiNN (fast preset)")
         for which, trace in enumerate(figure.data):
             np.testing.assert_allclose(trace.x, [row.values[which], old.values[which]])
             assert list(trace.marker.symbol) == ["circle", "circle-open"]
             assert trace.marker.size[0] > trace.marker.size[1]
-        assert figure.data[0].y[1] == "Before &lt;b&gt;"
+        assert list(figure.data[0].y) == ["PiNN<br>(fast preset)", "Before &lt;b&gt;"]
+        assert figure.data[0].customdata[0] == "PiNN (fast preset)"
         bands = [shape for shape in figure.layout.shapes if shape.type == "rect"]
         np.testing.assert_allclose([band.x0 for band in bands], doubt.lower[0])
         np.testing.assert_allclose([band.x1 for band in bands], doubt.upper[0])

@@ -128,7 +128,7 @@ class TestVerdict:
         said = verdict(segment, around(0.1, 9.0), 0)
         assert "but those of α, β and τ are too wide for that to say much" in said
         said = verdict(segment, around(1.5, 2.0), 0)
-        assert ": no, α lies below its 90 % interval for every method; " in said
+        assert "no, by the 90 % intervals of the data α is too low for every method; " in said
 
     def test_those_outside_are_named_the_shorter_way(self, two: tuple[Segment, list[Row]]) -> None:
         segment, rows = two
@@ -137,9 +137,7 @@ class TestVerdict:
         lower, upper = 0.0 * doubt.lower, np.full_like(doubt.upper, np.inf)
         upper[0, 1] = between[:2].mean()
         judged = [replace(rows[0], uncertainty=replace(doubt, lower=lower, upper=upper))]
-        assert "β lies above its 90 % interval for all but " in verdict(
-            segment, [*judged, *rows[1:]], 0
-        )
+        assert "β is too high for all but " in verdict(segment, [*judged, *rows[1:]], 0)
 
     def test_one_law_for_all_has_one_sentence(self, two: tuple[Segment, list[Row]]) -> None:
         segment, rows = two

@@ -68,7 +68,8 @@ def estimates(
     """
     figure = make_subplots(rows=1, cols=3, shared_yaxes=True, horizontal_spacing=0.03)
     true = (truth.alpha, truth.beta, truth.tau) if truth else ()
-    names = [html.escape(row.name) for row in rows]
+    # What stands in brackets takes a line of its own, which leaves narrow windows room for dots.
+    names = [html.escape(row.name).replace(" (", "<br>(", 1) for row in rows]
     for which, (symbol, unit, _) in enumerate(PARAMETERS):
         column = which + 1
         values = np.array([row.values[which] for row in rows])

@@ -72,7 +72,7 @@ def ticks(ends: Sequence[float]) -> dict[str, Any]:
         first, last = np.ceil(low / step), np.floor(high / step)
         if last > first:
             break
-    values = step * np.arange(first, last + 1)
+    values = step * np.arange(first, last + 1, 2 if last - first > 2 else 1)
     digits = max(0, -int(np.floor(np.log10(step) + 1e-9)))
     return {"tickvals": values, "ticktext": [f"{v + 0.0:.{digits}f}" for v in values]}
 

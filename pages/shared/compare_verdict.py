@@ -54,12 +54,14 @@ def verdict(segment: Segment, rows: Sequence[Row], k: int) -> str:
     level = f"{100 * doubt.level:.0f} %"
     outside = []
     for column, values, low, high in zip(PARAMETER_COLUMNS, tables.T, lower, upper, strict=True):
-        for found, side in ((values < low, "below"), (values > high, "above")):
-            if found.any():
-                who = _who(names, found.tolist())
-                outside.append(f"{column.title} lies {side} its {level} interval for {who}")
+        beyond = [
+            f"too {side} for {_who(names, found.tolist())}"
+            for found, side in ((values < low, "low"), (values > high, "high"))
+            if found.any()
+        ]
+        outside += [f"{column.title} is {' and '.join(beyond)}"] if beyond else []
     if outside:
-        said = f"no, {'; '.join(outside)}."
+        said = f"no, by the {level} intervals of the data {'; '.join(outside)}."
     else:
         said = f"yes, all methods lie within the {level} intervals of the data"
         wide = left_open(doubt, k)
