@@ -7,10 +7,11 @@ import numpy as np
 import pytest
 
 from accpinn.cthp import Parameters
-from accpinn.identifiability.extensions import Extension, better, extensions
+from accpinn.identifiability import Extension, better, extensions
 from accpinn.openacc import read
 from accpinn.seconds import per_second
 from accpinn.segment import Segment, cut
+from accpinn.tables.extensions import NAMES, extensions_table
 from bench.disturbed import Disturbance, disturbed
 
 LAW = Parameters(0.1, 0.3, 1.2)
@@ -73,3 +74,12 @@ def test_the_delay_of_the_real_hyundai_matters(openacc_dir: Path) -> None:
     assert found["as it is"].parameters[0] == pytest.approx([0.0104, 0.071, 1.52], rel=0.02)
     assert found["delay"].unseen[0] > found["as it is"].unseen[0] + 0.05
     assert better(segment.labels[1:], extensions(segment))
+
+
+def test_the_table_has_a_row_a_form() -> None:
+    segment = recorded(standstill=6.0)
+    table = extensions_table(segment, extensions(segment), 0)
+    assert [row[0] for row in table.rows] == list(NAMES.values())
+    assert table.rows[1][4] == pytest.approx(6.0, abs=0.5)
+    assert table.rows[0][4:6] == (None, None)
+    assert "s₀" in table.to_html()

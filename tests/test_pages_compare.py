@@ -42,7 +42,7 @@ def test_rows_pictures_warnings_starts_and_earlier_runs(found: Workspace) -> Non
     shown = everything(page)
     assert "**2 Audi\\(A6\\-like\\)**: " in texts(page)
     assert "They are most apart in" in shown
-    for part in ("Do the methods agree?", "Can the data tell?", "Condition number"):
+    for part in ("Do the methods agree?", "Can the data tell?", "Is the law all there is?"):
         assert part in shown
     assert "Earlier runs" not in shown
     page.selectbox(key="compare_method").set_value("Splines").run()

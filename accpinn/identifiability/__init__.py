@@ -1,5 +1,6 @@
 """Can the data tell the parameters apart: profiles, dispersion over starts, plain warnings."""
 
+from accpinn.identifiability.extensions import Extension, better, extensions
 from accpinn.identifiability.profile import INCREASE, Profile, profile, profiles
 from accpinn.identifiability.starts import Dispersion, Trial, starts
 from accpinn.identifiability.telling import WIDE, identifiable, left_open
@@ -8,8 +9,11 @@ __all__ = [
     "INCREASE",
     "WIDE",
     "Dispersion",
+    "Extension",
     "Profile",
     "Trial",
+    "better",
+    "extensions",
     "identifiable",
     "left_open",
     "profile",

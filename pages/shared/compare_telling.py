@@ -1,16 +1,24 @@
-"""Can the data tell: warnings, profiles of the loss, and five starts of the network."""
+"""Can the data tell: warnings, profiles of the loss, other forms of the law, and five starts."""
 
 import streamlit as st
 
 from accpinn.comparison import Row
 from accpinn.figures.comparison import profiles as profiles_chart
 from accpinn.figures.style import vehicle_colour
-from accpinn.identifiability import INCREASE, Dispersion, identifiable, profiles
+from accpinn.identifiability import (
+    INCREASE,
+    Dispersion,
+    better,
+    extensions,
+    identifiable,
+    profiles,
+)
 from accpinn.identifiability.starts import gather
 from accpinn.pinn.config import FAST, PAPER
 from accpinn.segment import Segment
 from accpinn.segment.quality import LARGE_CONDITION, assess
 from accpinn.tables import typeset
+from accpinn.tables.extensions import extensions_table
 from accpinn.tables.starts import starts_table
 from pages.shared.charts import show_chart
 from pages.shared.compare_watch import watch
@@ -31,7 +39,8 @@ def show_telling(
         st.warning(bullets(warnings), icon=":material/warning:")
     else:
         st.success(
-            "The data tell α, β and τ apart: no interval spans more than a factor of five.",
+            "The data tell α, β and τ apart: no interval spans more than a factor of five."
+            " That is, if the law holds: see below.",
             icon=":material/check_circle:",
         )
     quality = assess(segment)
@@ -59,7 +68,24 @@ def show_telling(
         " the curve and may lie beside it: the curve takes each sample as independent of the last,"
         " while the interval knows that disturbances last for seconds and pull the estimate."
     )
+    show_extensions(segment, follower)
     show_starts(workspace, segment, follower)
+
+
+def show_extensions(segment: Segment, follower: int) -> None:
+    """Whether the law with one term more would say something else."""
+    st.subheader("Is the law all there is?", anchor=False)
+    found = extensions(segment)
+    if sentences := better(segment.labels[1:], found):
+        st.info(bullets(sentences), icon=":material/lightbulb:")
+    st.html(typeset.STYLE + extensions_table(segment, found, follower).to_html())
+    st.caption(
+        "Intervals say what noise and disturbances leave open if the law holds. Real controllers"
+        " keep a distance at standstill and act with a delay; a law without these puts them into α,"
+        " β and τ. Unseen: the last third, explained by the form learned from the first two. A form"
+        " that explains it clearly better deserves belief; where none does, the forms show how"
+        " much α, β and τ depend on what is assumed."
+    )
 
 
 def show_starts(workspace: Workspace, segment: Segment, follower: int) -> None:
