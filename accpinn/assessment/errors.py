@@ -10,6 +10,9 @@ from accpinn.fit import Fit
 from accpinn.segment import Segment
 from accpinn.units import FloatArray
 
+DRIVES = "simulation"
+"""The method that learns in closed loop: what it draws is no surrogate."""
+
 
 @dataclass(frozen=True, eq=False)
 class TrackingErrors:
@@ -38,8 +41,10 @@ def tracking_errors(segment: Segment, trajectories: Trajectories) -> TrackingErr
 
 
 def surrogate_errors(segment: Segment, fit: Fit) -> TrackingErrors | None:
-    """Surrogate fit; None for a method that has no trajectories of its own."""
-    return tracking_errors(segment, fit.surrogate) if fit.surrogate else None
+    """Surrogate fit; None for a method whose trajectories are none or are its law's simulation."""
+    if fit.surrogate is None or fit.method == DRIVES:
+        return None
+    return tracking_errors(segment, fit.surrogate)
 
 
 def pooled(parts: Sequence[tuple[float, TrackingErrors]]) -> TrackingErrors | None:

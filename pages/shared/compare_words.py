@@ -34,13 +34,15 @@ def show_methods(
     if running:
         return
     own = not all(row.assessment.blocks for row in rows)
+    gap = segment.gaps[:, follower]
     st.caption(
         "MAE: mean absolute error. Surrogate fit: how far the smooth curve that the method itself"
         " draws through the motion is from the data (a dash where it draws none). Closed loop: the"
         " law drives by itself behind the measured leader. Held out: each third of the window,"
         " driven by a law learned from the other two. Unseen rest: closed loop on the recording"
         " outside the window. Collides at: when the law would run into the vehicle ahead; it drives"
-        " on, and the errors include what follows."
+        " on, and the errors include what follows. For scale: the measured space-gap itself is"
+        f" {abs(gap - gap.mean()).mean():.2f} m from its mean."
         + (" Your own training has no part held out: that would be three trainings more." * own)
     )
     downloads(table, segment)
