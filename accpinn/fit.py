@@ -125,6 +125,18 @@ class Fit:
         return np.array([[p.alpha, p.beta, p.tau] for p in self.parameters])
 
 
+def unfinished(fit: Fit) -> str:
+    """What to say wherever the parameters of a stopped training are used; empty for others."""
+    if fit.outcome is not Outcome.STOPPED:
+        return ""
+    planned = fit.config.get("iterations")
+    of = f" of {planned:,}" if isinstance(planned, int) else ""
+    return (
+        f"Training was stopped at {fit.iterations:,}{of} iterations; these are not yet the"
+        " vehicle's parameters."
+    )
+
+
 def parameters_of(theta: FloatArray) -> tuple[Parameters, ...]:
     """(M, 3) rows of α, ατ, β as parameters."""
     return tuple(Parameters.from_linear(row) for row in theta)
