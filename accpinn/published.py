@@ -27,6 +27,27 @@ class LawSet:
         """How many followers."""
         return len(self.parameters)
 
+    @property
+    def numbered(self) -> bool:
+        """Whether the followers go by their numbers in a recording."""
+        return any(label != name for label, name in zip(self.labels, self.names, strict=True))
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The labels without the numbers, for where other numbers stand beside them."""
+        return tuple(
+            label.removeprefix(f"{number} ")
+            for number, label in zip(self.numbers, self.labels, strict=True)
+        )
+
+    @property
+    def spoken(self) -> tuple[str, ...]:
+        """The labels as a sentence names them: a number alone would count vehicles."""
+        return tuple(
+            label if label == name else f"vehicle {label}"
+            for label, name in zip(self.labels, self.names, strict=True)
+        )
+
 
 def law_set(title: str, labels: Sequence[str], parameters: Sequence[Parameters]) -> LawSet:
     """Followers numbered 2, 3, .. behind a leader.

@@ -264,8 +264,10 @@ def mixed() -> PlatoonRun:
 def test_a_mixed_platoon_has_the_vehicles_colours_and_a_repeated_one_shades() -> None:
     mixed = figures_platoon.cast_of(ASTAZERO, [0, 1, 2, 3])
     assert mixed.colours == (LEADER, *FOLLOWERS[:4])
-    assert mixed.names == ("Leader", "1 Audi A6", "2 BMW X5", "3 Mercedes A-Class",
-                           "4 Tesla Model 3")  # fmt: skip
+    assert mixed.names == (
+        "Leader", "Follower 1: Audi A6", "Follower 2: BMW X5", "Follower 3: Mercedes A-Class",
+        "Follower 4: Tesla Model 3",
+    )  # fmt: skip
     repeated = figures_platoon.cast_of(ASTAZERO, [2] * 8)
     assert len(set(repeated.colours)) == 9
     assert all(one != other for one, other in combinations(repeated.colours, 2))
@@ -278,7 +280,20 @@ def test_a_mixed_platoon_has_the_vehicles_colours_and_a_repeated_one_shades() ->
 
 def test_a_set_from_a_recording_keeps_its_colours() -> None:
     laws = LawSet("run", ("4 X",), (CALM,), (4,), leader=3)
-    assert figures_platoon.cast_of(laws, [0]).colours == (LEADER, FOLLOWERS[2])
+    cast = figures_platoon.cast_of(laws, [0])
+    assert cast.colours == (LEADER, FOLLOWERS[2])
+    assert cast.names == ("Leader", "Follower 1: X"), "one number, that of its place"
+
+
+def test_a_recordings_followers_go_by_its_numbers() -> None:
+    ours = LawSet("run", ("4 X", "5 Y"), (CALM, CALM), (4, 5), leader=3)
+    axis = figures_stability.criteria_course(ours, report(ours.parameters)).layout.xaxis2
+    assert (axis.title.text, axis.ticktext) == ("Vehicle", ("4", "5"))
+    theirs = figures_stability.criteria_course(ASTAZERO, report(ASTAZERO.parameters))
+    assert theirs.layout.xaxis2.title.text == "Follower"
+    assert theirs.layout.xaxis2.ticktext == ("1", "2", "3", "4")
+    assert ours.spoken == ("vehicle 4 X", "vehicle 5 Y")
+    assert ASTAZERO.spoken == ASTAZERO.names == ASTAZERO.labels
 
 
 def test_profiles_draw_every_speed_and_gap_within_few_points(sinusoid: PlatoonRun) -> None:
@@ -301,7 +316,10 @@ def test_a_collision_is_marked_and_what_follows_shaded() -> None:
     assert run.collisions
     figure = figures_platoon.profiles(run, figures_platoon.cast_of(ASTAZERO, [0] * 8))
     bands = [shape for shape in figure.layout.shapes if shape.type == "rect"]
-    assert [band.x0 for band in bands] == [run.collisions[0].time] * 2
+    first = run.collisions[0].time
+    assert [band.x0 for band in bands] == [first] * 2
+    for trace in figure.data:
+        assert max(trace.x) <= (500.0 if trace.name == "Leader" else first)
     assert "collision" in [note.text for note in figure.layout.annotations]
 
 
@@ -324,6 +342,16 @@ def test_other_disturbances_show_their_largest_deviation(mixed: PlatoonRun) -> N
     )
     (trace,) = figure.data
     np.testing.assert_allclose(trace.y, mixed.largest_deviation)
+
+
+def test_nothing_is_drawn_of_what_comes_after_a_collision() -> None:
+    run = simulate([ASTAZERO.parameters[0]] * 8, Sinusoid(0.214))
+    cast = figures_platoon.cast_of(ASTAZERO, [0] * 8)
+    (stripes,) = figures_platoon.speed_map(run, cast).data
+    assert max(stripes.x) <= run.collisions[0].time
+    chart = figures_platoon.amplitude_course(run, cast, in_db=False)
+    measured = named(chart, "Largest deviation before the collision")
+    np.testing.assert_allclose(measured.y, run.largest_deviation)
 
 
 def test_a_leader_that_does_nothing_is_no_division_by_zero() -> None:
@@ -386,7 +414,7 @@ def test_the_papers_panels_grow_and_fade_as_the_response_says() -> None:
         assert ("grows" in panel.title) == (last > 1)
         assert float(panel.title.split(" to ")[1].split()[0]) == pytest.approx(last, rel=0.01)
         assert len(panel.figure.data) == 9
-        settled = next(t for t in panel.figure.data if t.name.startswith("8 "))
+        settled = next(t for t in panel.figure.data if t.name.startswith("Follower 8:"))
         late = np.asarray(settled.y)[np.asarray(settled.x) > 400]
         assert np.ptp(late) / 2 == pytest.approx(last, rel=0.03)
         assert small(panel.figure, 80_000)

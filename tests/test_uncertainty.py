@@ -8,10 +8,13 @@ import pytest
 from accpinn.cthp import Parameters
 from accpinn.errors import ConfigError
 from accpinn.estimators import least_squares
+from accpinn.fit import Outcome
 from accpinn.segment import Segment
+from accpinn.stability.vehicle import numbers
 from accpinn.uncertainty import intervals
 from accpinn.uncertainty.instruments import Equations, instrumented
 from accpinn.uncertainty.jackknife import block_length, spread
+from accpinn.uncertainty.intervals import within
 from accpinn.uncertainty.sampling import allowed, as_parameters, limits
 from bench.disturbed import Disturbance, disturbed
 from tests.driving import LAW, driven, standing_still
@@ -121,10 +124,46 @@ class TestIntervals:
         assert not doubt.inside[0, 1]
         assert any("β = 9.0000" in note and "outside" in note for note in doubt.notes)
 
+    @pytest.mark.parametrize(
+        ("outcome", "cause"),
+        [
+            (Outcome.SOLVED, "can pull such estimates"),
+            (Outcome.FINISHED, "more iterations may change it"),
+            (Outcome.STOPPED, "training was stopped before its end"),
+        ],
+    )
+    def test_why_one_is_outside_depends_on_how_it_ended(
+        self, segment: Segment, outcome: Outcome, cause: str
+    ) -> None:
+        beside = (Parameters(LAW[0], 9.0, 9.0), TRUTH)
+        fit = replace(least_squares.fit(segment), parameters=beside, outcome=outcome)
+        (note,) = (n for n in intervals(segment, fit).notes if "outside" in n)
+        assert cause in note
+        assert " lie outside" in note, "β and τ are two"
+
+    def test_an_end_is_no_sharper_than_the_draws(self) -> None:
+        lower, upper = np.array([0.44, 1.0]), np.array([0.4441, np.inf])
+        width = 0.0041
+        just = within(np.array([0.4441 + 0.03 * width, 0.99]), lower - [width, 0.0], upper)
+        assert just.tolist() == [True, False]
+        assert not within(np.array([0.4441 + 0.1 * width]), lower[:1] - width, upper[:1]).any()
+
+    def test_laws_that_keep_no_gap_are_counted_apart(self) -> None:
+        lame = disturbed((Parameters(0.002, 0.3, 1.5),), 3, Disturbance(0.25, 4.0))
+        doubt = intervals(lame, least_squares.fit(lame))
+        alpha = doubt.draws[..., 0]
+        assert 0.05 < doubt.gapless[0] < 0.95
+        assert doubt.gapless[0] == (alpha == 0).mean()
+        assert doubt.probability_linf[0] <= doubt.probability_l2[0]
+        laws = [Parameters(*row) for row in doubt.draws[:, 0] if row[0] > 0]
+        stable = sum(found.l2_criterion >= 0 for found in numbers(laws)) / len(alpha)
+        assert doubt.probability_l2[0] == pytest.approx(stable)
+
     def test_where_nothing_moves_nothing_is_claimed(self) -> None:
         still = standing_still(samples=1201)
         doubt = intervals(still, least_squares.fit(still))
         assert np.isnan(doubt.probability_l2).all()
+        assert np.isnan(doubt.gapless).all()
         assert np.isnan(doubt.centre).all()
         assert np.isinf(doubt.upper).all()
         assert (doubt.lower == 0).all()

@@ -54,11 +54,16 @@ def cast_of(laws: LawSet, order: Sequence[int]) -> Cast:
     total, seen = Counter(order), Counter[int]()
     names, paints = ["Leader"], [LEADER]
     for place, k in enumerate(order, 1):
-        names.append(f"{place} {html.escape(laws.labels[k])}")
+        names.append(follower_name(laws, k, place))
         share = seen[k] / (total[k] - 1) if total[k] > 1 else None
         paints.append(_shade(colours(laws)[k], share))
         seen[k] += 1
-    return Cast(tuple(names), tuple(paints))
+    return Cast(tuple(html.escape(name) for name in names), tuple(paints))
+
+
+def follower_name(laws: LawSet, k: int, place: int) -> str:
+    """Who drives at that place behind the leader; the recording's numbers would not fit here."""
+    return f"Follower {place}: {laws.names[k]}"
 
 
 def _shade(colour: str, share: float | None) -> str:
@@ -79,9 +84,10 @@ def profiles(run: PlatoonRun, cast: Cast) -> go.Figure:
         rows=2, cols=1, shared_xaxes=True, row_heights=[0.58, 0.42], vertical_spacing=0.06
     )
     for k in _back_to_front(len(cast.names)):
-        _line(figure, driven.time, driven.speeds[:, k], cast, k, 1)
+        kept = slice(run.meaningful if k else None)  # the leader's drive is given
+        _line(figure, driven.time[kept], driven.speeds[kept, k], cast, k, 1)
         if k:
-            _line(figure, driven.time, driven.gaps[:, k - 1], cast, k, 2)
+            _line(figure, driven.time[kept], driven.gaps[kept, k - 1], cast, k, 2)
     if run.minimum_gap.min() < CLOSE:
         figure.add_hline(y=0, line={"color": SLOWER, "width": 1.5, "dash": "dash"}, row=2, col=1)
     if run.collisions:
@@ -93,7 +99,7 @@ def profiles(run: PlatoonRun, cast: Cast) -> go.Figure:
 
 
 def _mark_collision(figure: go.Figure, run: PlatoonRun) -> None:
-    """What comes after the first one is shaded."""
+    """What comes after the first one has no meaning: it is shaded, and not drawn."""
     start, end = run.collisions[0].time, float(run.trajectories.time[-1])
     figure.add_vrect(x0=start, x1=end, fillcolor=MEANINGLESS, line_width=0, row="all", col=1)
     figure.add_annotation(
@@ -122,7 +128,11 @@ def _line(
 def amplitude_course(run: PlatoonRun, cast: Cast, in_db: bool) -> go.Figure:
     """How large the disturbance is at each vehicle: simulated, and predicted where H tells."""
     wave = run.amplitudes
-    measured = wave.measured if wave else run.largest_deviation
+    # A sinusoid is measured at the end of the run, which a collision leaves without meaning.
+    measured = wave.measured if wave and not run.collisions else run.largest_deviation
+    simulated = "Simulated"
+    if wave and run.collisions:
+        simulated = "Largest deviation before the collision"
     figure = go.Figure()
     places = np.arange(len(cast.names))
     scale = _decibels if in_db else _as_is
@@ -134,10 +144,10 @@ def amplitude_course(run: PlatoonRun, cast: Cast, in_db: bool) -> go.Figure:
             hovertemplate=f"predicted %{{y:.3f}} {unit}<extra></extra>",
         )  # fmt: skip
     figure.add_scatter(
-        x=places, y=scale(measured), name="Simulated", mode="markers" if wave else "lines+markers",
+        x=places, y=scale(measured), name=simulated, mode="markers" if wave else "lines+markers",
         text=cast.names, marker={"size": 10, "color": cast.colours},
         line={"color": LEADER, "width": 1.5},
-        hovertemplate=f"%{{text}}<br>simulated %{{y:.3f}} {unit}<extra></extra>",
+        hovertemplate=f"%{{text}}<br>{simulated.lower()} %{{y:.3f}} {unit}<extra></extra>",
     )  # fmt: skip
     what = "Amplitude of speed" if wave else "Largest speed deviation"
     figure.update_yaxes(title_text=f"{what} [{'dB re leader' if in_db else unit}]",
@@ -163,7 +173,7 @@ def _decibels(values: FloatArray) -> FloatArray:
 def speed_map(run: PlatoonRun, cast: Cast) -> go.Figure:
     """Who is faster or slower than the platoon's first speed, when: the wave as stripes."""
     driven = run.trajectories
-    rows = _first_stretch(run)
+    rows = stretch(run)
     deviation = (driven.speeds[rows] - run.leader.speed).T
     limit = float(np.abs(deviation).max()) or 1.0
     figure = go.Figure(
@@ -180,9 +190,12 @@ def speed_map(run: PlatoonRun, cast: Cast) -> go.Figure:
     return finished(figure, 380, "platoon-map").update_layout(hovermode="closest")
 
 
-def _first_stretch(run: PlatoonRun) -> NDArray[np.intp]:
-    """Samples from just before the disturbance on, and of a sinusoid no more than can be told."""
-    time, leader = run.trajectories.time, run.leader
+def stretch(run: PlatoonRun) -> NDArray[np.intp]:
+    """Samples from just before the disturbance on, and of a sinusoid no more than can be told.
+
+    Those after a collision have no meaning.
+    """
+    time, leader = run.trajectories.time[: run.meaningful], run.leader
     start, end = 0.0, float(time[-1])
     if isinstance(leader, Sinusoid):
         start = min(max(0.0, leader.settle - leader.period / 2), end)

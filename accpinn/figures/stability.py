@@ -21,11 +21,11 @@ from accpinn.units import FloatArray
 Plane = Literal["beta", "alpha"]
 """What runs along a map's horizontal axis; τ runs along the vertical one."""
 
-L2, PAPER, EXACT = "#2f8f83", LEADER, MODEL
+L2, PAPER, EXACT = "#55900f", LEADER, MODEL
 """Colours of the three criteria; vehicles have others."""
 GROWS = "rgba(194, 47, 79, 0.10)"
 PEAKS_GROW = "rgba(214, 140, 40, 0.14)"
-STABLE = "rgba(47, 143, 131, 0.12)"
+STABLE = "rgba(85, 144, 15, 0.12)"
 EVEN = {"color": LEADER, "width": 1.2}
 """The line between growing and fading."""
 
@@ -167,8 +167,10 @@ def criteria_course(laws: LawSet, report: StabilityReport) -> go.Figure:
     figure.update_yaxes(title_text="Criterion [1/s²]", row=1, col=1)
     figure.update_yaxes(title_text="Gain", row=2, col=1)
     places = list(range(1, len(laws) + 1))
-    figure.update_xaxes(tickvals=places, range=[0.7, len(laws) + 0.3])
-    figure.update_xaxes(title_text="Follower", row=2, col=1)
+    numbers = laws.numbers if laws.numbered else places
+    figure.update_xaxes(tickvals=places, ticktext=[str(number) for number in numbers],
+                        range=[0.7, len(laws) + 0.3])  # fmt: skip
+    figure.update_xaxes(title_text="Vehicle" if laws.numbered else "Follower", row=2, col=1)
     return finished(figure, 400, "criteria")
 
 

@@ -15,7 +15,7 @@ from accpinn.platoon import PlatoonRun, Recorded, Sinusoid
 from accpinn.units import FloatArray, Metres, Seconds
 
 CAR_LENGTH: Metres = 4.5
-"""Of the cars that are drawn; the law knows gaps only."""
+"""Between the fronts of two cars lie the gap and this; the law knows gaps only."""
 FRAMES = 60
 FRAME_MS = 90
 PERIODS = 2
@@ -27,7 +27,7 @@ WATCHED: Seconds = 120.0
 def animation(run: PlatoonRun, cast: Cast) -> go.Figure:
     """The cars on the road, seen from the leader, and their speeds: an animation with a slider."""
     driven = run.trajectories
-    rows = _watched_rows(run)
+    rows = watched(run)
     behind = np.zeros((len(rows), len(cast.names)))
     behind[:, 1:] = -np.cumsum(driven.gaps[rows] + CAR_LENGTH, axis=1)
     speeds = driven.speeds[rows]
@@ -58,12 +58,13 @@ def animation(run: PlatoonRun, cast: Cast) -> go.Figure:
     )
 
 
-def _watched_rows(run: PlatoonRun) -> NDArray[np.intp]:
-    """The samples that become frames: the last periods, or what follows the disturbance."""
-    time, leader = run.trajectories.time, run.leader
+def watched(run: PlatoonRun) -> NDArray[np.intp]:
+    """The samples that become frames: the last periods, or what follows the disturbance.
+
+    Those after a collision have no meaning.
+    """
+    time, leader = run.trajectories.time[: run.meaningful], run.leader
     start, end = 0.0, float(time[-1])
-    if run.collisions:  # what comes after has no meaning
-        end = max(float(time[1]), run.collisions[0].time)
     if isinstance(leader, Sinusoid):
         start = max(0.0, end - PERIODS * leader.period)
     elif not isinstance(leader, Recorded):

@@ -49,13 +49,18 @@ class PlatoonRun:
     minimum_gap_time: FloatArray
     """(M,) in s."""
     largest_deviation: FloatArray
-    """(M+1,) in m/s: the peak of |v - speed|, leader first."""
+    """(M+1,) in m/s: the peak of |v - speed| until the first collision, leader first."""
     collisions: tuple[Collision, ...]
     """The first of each follower that has one, in order of time."""
     amplitudes: Amplitudes | None
     """Behind a sinusoid only."""
     warnings: tuple[str, ...]
     """Where the run leaves what cars can do or what can be measured; one sentence each."""
+
+    @property
+    def meaningful(self) -> int:
+        """How many samples there are until the first collision; two at least, all without one."""
+        return _until(self.trajectories.time, self.collisions)
 
 
 def simulate(
@@ -78,13 +83,14 @@ def simulate(
         driven = _behind_planned(laws, leader, _instants(leader, sample_time))
     wave = amplitudes(laws, leader, driven) if isinstance(leader, Sinusoid) else None
     collisions = _collisions(driven)
+    count = _until(driven.time, collisions)
     return PlatoonRun(
         laws,
         leader,
         driven,
         frozen(driven.gaps.min(axis=0)),
         frozen(driven.time[driven.gaps.argmin(axis=0)]),
-        frozen(np.abs(driven.speeds - leader.speed).max(axis=0)),
+        frozen(np.abs(driven.speeds[:count] - leader.speed).max(axis=0)),
         collisions,
         wave,
         tuple(_warnings(driven, collisions, leader, wave)),
@@ -162,6 +168,13 @@ def _collisions(driven: Trajectories) -> tuple[Collision, ...]:
     return tuple(sorted(found, key=lambda collision: collision.time))
 
 
+def _until(time: FloatArray, collisions: tuple[Collision, ...]) -> int:
+    """Samples until the first collision."""
+    if not collisions:
+        return len(time)
+    return max(2, int(np.searchsorted(time, collisions[0].time, side="right")))
+
+
 def _warnings(
     driven: Trajectories,
     collisions: tuple[Collision, ...],
@@ -175,7 +188,7 @@ def _warnings(
             f"Follower {first.follower} runs into the vehicle ahead at {first.time:.1f} s; what"
             " comes after has no meaning, as the law knows no collision."
         )
-    backwards = np.argwhere(driven.speeds < 0)
+    backwards = np.argwhere(driven.speeds[: _until(driven.time, collisions)] < 0)
     if len(backwards):
         row, vehicle = backwards[0].tolist()
         who = f"Follower {vehicle}" if vehicle else "The leader"

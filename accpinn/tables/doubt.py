@@ -10,7 +10,7 @@ DB_DIGITS, OMEGA_DIGITS, GAIN_DIGITS = 2, 3, 2
 
 
 def stability_doubt_table(laws: LawSet, doubt: Uncertainty) -> Table:
-    """One row a vehicle: intervals of peak, crossover and exact gain, and how probable both are."""
+    """One row a vehicle: intervals of peak, crossover and exact gain, and shares of laws."""
     percent = f"{100 * doubt.level:.0f} % interval"
     columns = (
         Column("Vehicle"),
@@ -19,6 +19,7 @@ def stability_doubt_table(laws: LawSet, doubt: Uncertainty) -> Table:
         Column("‖h‖₁", group=percent),
         Column("L2", "%", 0, "Probably stable"),
         Column("L∞", "%", 0, "Probably stable"),
+        Column("Keeps no gap (α = 0)", "%", 0),
     )
     rows: list[tuple[Cell, ...]] = []
     for k, label in enumerate(laws.labels):
@@ -31,6 +32,7 @@ def stability_doubt_table(laws: LawSet, doubt: Uncertainty) -> Table:
                 between(*_pair(doubt.linf_gain, k), GAIN_DIGITS),
                 100 * float(doubt.probability_l2[k]),
                 100 * float(doubt.probability_linf[k]),
+                100 * float(doubt.gapless[k]),
             )
         )
     return Table(f"What the data leave open, {laws.title}", columns, tuple(rows))

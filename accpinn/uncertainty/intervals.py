@@ -5,6 +5,10 @@ judged by whether it lies inside. Least squares, splines and the PiNN minimise t
 and are pulled by disturbances (see `uncertainty.instruments`), so they may lie outside; the notes
 then say so.
 
+A law with α = 0 follows the speed ahead and keeps no gap. It amplifies nothing, but to call it
+stable would hide that it is no time-headway law at all, so such draws are counted apart: stable,
+amplifying and gapless laws add up to one.
+
 A draw with α = 0 has no τ: it stands for any headway, and counts as 0 at the lower and as infinite
 at the upper end, so that an interval of τ is as wide as the data demand (Fieller 1954).
 """
@@ -16,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from accpinn.errors import ConfigError
-from accpinn.fit import Fit
+from accpinn.fit import Fit, Outcome
 from accpinn.segment import Segment
 from accpinn.stability import Laws, peaks, swings
 from accpinn.stability.criteria import exact_margin, l2_margin
@@ -30,6 +34,15 @@ METHOD = "instrumental variables, blocks of time left out"
 LEVEL = 0.9
 SYMBOLS = ("α", "β", "τ")
 DIGITS = (4, 4, 3)
+SLACK = 0.04
+"""Of an interval's width: its ends are drawn, and move by half as much from seed to seed."""
+PULLED = "disturbances that the vehicle itself answers can pull such estimates"
+CAUSES = {
+    Outcome.STOPPED: "training was stopped before its end",
+    Outcome.DIVERGED: "training diverged",
+    Outcome.FINISHED: f"more iterations may change it, or {PULLED}",
+}
+"""Why an estimate may lie outside its interval, where it is no settled one."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,13 +69,14 @@ class Uncertainty:
     upper: FloatArray
     """(M, 3) infinite where the data set no limit."""
     inside: NDArray[np.bool_]
-    """(M, 3) whether the fit's own estimate lies within."""
+    """(M, 3) whether the fit's own estimate lies within, or no further outside than `SLACK`."""
     draws: FloatArray
     """(n, M, 3) α, β, τ; τ is nan where α = 0, all are nan where nothing is determined."""
     probability_l2: FloatArray
-    """(M,) share of draws that amplify no frequency, 0 to 1; nan where nothing is determined."""
+    """(M,) share of draws that keep a gap (α > 0) and amplify no frequency, 0 to 1; nan where
+    nothing is determined."""
     probability_linf: FloatArray
-    """(M,) share of draws that let no peak come out larger."""
+    """(M,) share of draws that keep a gap and let no peak come out larger."""
     peak_gain: Interval
     """max |H|; 1 where nothing is amplified."""
     linf_gain: Interval
@@ -71,6 +85,12 @@ class Uncertainty:
     """ω_c in rad/s, below which frequencies are amplified; 0 where none is."""
     seconds: Seconds
     notes: tuple[str, ...]
+
+    @property
+    def gapless(self) -> FloatArray:
+        """(M,) share of draws that keep no gap (α = 0); nan where nothing is determined."""
+        alpha = self.draws[..., 0]
+        return _share(alpha == 0, ~np.isnan(alpha[0]))
 
 
 def intervals(
@@ -93,8 +113,7 @@ def intervals(
     centre, drawn = _sample(segment, fit, draws, np.random.default_rng(seed))
     table = as_parameters(drawn)
     lower, upper = limits(table, level)
-    estimate = fit.table()
-    inside = (estimate >= lower) & (estimate <= upper) | np.isnan(estimate) & np.isinf(upper)
+    inside = within(fit.table(), lower, upper)
     laws = _laws(table)
     known = ~np.isnan(table[0, :, 0])
     spaced = laws.alpha > 0
@@ -106,15 +125,22 @@ def intervals(
         upper=upper,
         inside=inside,
         draws=table,
-        # Without α no disturbance of the speed grows, however little the gap is kept.
-        probability_l2=_share((l2_margin(laws) >= 0) | ~spaced, known),
-        probability_linf=_share(exact_margin(laws) >= 0, known),
+        probability_l2=_share((l2_margin(laws) >= 0) & spaced, known),
+        probability_linf=_share((exact_margin(laws) >= 0) & spaced, known),
         peak_gain=_interval(peaks(laws).gain, level, known),
         linf_gain=_interval(swings(laws).gain, level, known),
         crossover=_interval(np.nan_to_num(crossovers(laws)), level, known),
         seconds=time.perf_counter() - started,
         notes=_notes(segment, fit, table, lower, upper, inside),
     )
+
+
+def within(estimate: FloatArray, lower: FloatArray, upper: FloatArray) -> NDArray[np.bool_]:
+    """Whether estimates lie in their intervals, up to what the drawn ends leave open."""
+    width = upper - lower
+    slack = SLACK * np.where(np.isfinite(width), width, 0.0)
+    inside = (estimate >= lower - slack) & (estimate <= upper + slack)
+    return np.asarray(inside | np.isnan(estimate) & np.isinf(upper))
 
 
 def _sample(
@@ -187,9 +213,10 @@ def _notes(
             if not inside[k, p]
         ]
         if outside:
+            lies = "lies" if len(outside) == 1 else "lie"
             notes.append(
-                f"{label}: the estimate's {' and '.join(outside)} lies outside what the data"
-                " support; disturbances that the vehicle itself answers pull such estimates."
+                f"{label}: the estimate's {' and '.join(outside)} {lies} outside what the data"
+                f" support; {CAUSES.get(fit.outcome, PULLED)}."
             )
     return tuple(notes)
 
