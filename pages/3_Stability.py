@@ -3,10 +3,10 @@
 import streamlit as st
 
 from accpinn.figures import stability as figures
-from accpinn.figures.doubt import add_clouds
+from accpinn.figures.doubt import add_clouds, cloud_words
 from pages.shared import frame
 from pages.shared.charts import show_chart
-from pages.shared.doubt import choose_doubt, show_doubt
+from pages.shared.doubt import choose_doubt, doubt_of, show_doubt
 from pages.shared.laws import checked_report, choose_laws
 from pages.shared.stability_charts import choose_map, show_bode, show_key
 from pages.shared.stability_words import show_answer, show_reasons, show_table
@@ -21,7 +21,7 @@ def main() -> None:
     report = checked_report(laws)
     if laws is None or report is None:
         return
-    show_answer(laws, report)
+    show_answer(laws, report, doubt_of(workspace, laws))
     show_table(laws, report)
     doubt = choose_doubt(workspace, laws)
     if doubt:
@@ -52,7 +52,7 @@ def main() -> None:
             f"Boundaries at {plain(laws.labels[held])}'s {kept}; above them the vehicle is stable."
             " Hatched: stable by the paper's L∞ criterion, but peaks grow."
             + (f" Rings: vehicles with a {kept} of their own." if len(laws) > 1 else "")
-            + (" Clouds: laws that the data allow as well." if doubt else "")
+            + (f" {cloud_words(chart, doubt, plane)}" if doubt else "")
         )
 
 

@@ -13,6 +13,7 @@ from pages.shared.platoon_words import (
     choose_panels,
     choose_scale,
     driven,
+    seconds_shown,
     show_course,
     show_panels,
 )
@@ -47,12 +48,16 @@ def main() -> None:
         show_chart(figures.amplitude_course(run, cast, in_db), "platoon_amplitude")
     with right:
         st.subheader("The wave in time", anchor=False)
-        st.caption("Each vehicle's speed against the speed before the disturbance.")
+        st.caption(
+            "Each vehicle's speed against the speed before the disturbance."
+            f" {seconds_shown(run, figures.stretch(run))}"
+        )
         show_chart(figures.speed_map(run, cast), "platoon_map")
     st.subheader("The wave on the road", anchor=False)
     st.caption(
-        "Seen from the leader: press Play or drag the slider. Cars are drawn"
-        f" {wave.CAR_LENGTH:g} m long; the gaps between them are those simulated."
+        "Seen from the leader: press Play or drag the slider."
+        f" {seconds_shown(run, wave.watched(run))} Squares mark the cars, not to scale: from one to"
+        f" the next it is the space-gap simulated and {wave.CAR_LENGTH:g} m of car."
     )
     show_chart(wave.animation(run, cast), "platoon_wave")
 

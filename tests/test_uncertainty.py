@@ -13,8 +13,8 @@ from accpinn.segment import Segment
 from accpinn.stability.vehicle import numbers
 from accpinn.uncertainty import intervals
 from accpinn.uncertainty.instruments import Equations, instrumented
-from accpinn.uncertainty.jackknife import block_length, spread
 from accpinn.uncertainty.intervals import within
+from accpinn.uncertainty.jackknife import block_length, spread
 from accpinn.uncertainty.sampling import allowed, as_parameters, limits
 from bench.disturbed import Disturbance, disturbed
 from tests.driving import LAW, driven, standing_still

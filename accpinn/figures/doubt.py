@@ -61,6 +61,25 @@ def add_clouds(figure: go.Figure, laws: LawSet, doubt: Uncertainty, plane: Plane
     return _beneath(figure, clouds)
 
 
+def cloud_words(figure: go.Figure, doubt: Uncertainty, plane: Plane) -> str:
+    """What the clouds are, and how many of the laws have no place in sight of the map."""
+    known = doubt.draws[:, ~np.isnan(doubt.draws[0, :, 0])]
+    across = known[..., {"alpha": 0, "beta": 1}[plane]]
+    right, top = figure.layout.xaxis.range[1], figure.layout.yaxis.range[1]
+    gapless = np.isnan(known[..., 2])
+    beyond = ~gapless & ((across > right) | (known[..., 2] > top))
+    parts = [
+        f"{share:.0%} {what}"
+        for share, what in (
+            (gapless.mean() if known.size else 0.0, "keep no gap (α = 0) and have no τ"),
+            (beyond.mean() if known.size else 0.0, "lie beyond its edges"),
+        )
+        if share >= 0.005
+    ]
+    missing = f"; not on the map: {', '.join(parts)}" if parts else ""
+    return f"Clouds: laws that the data allow as well{missing}."
+
+
 def _beneath(figure: go.Figure, traces: list[go.Scatter]) -> go.Figure:
     """The traces first, so that everything else is drawn over them."""
     return go.Figure(data=[*traces, *figure.data], layout=figure.layout)

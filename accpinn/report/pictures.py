@@ -15,7 +15,7 @@ from accpinn.cthp import Trajectories
 from accpinn.errors import ParameterError
 from accpinn.figures import platoon as platoon_figures
 from accpinn.figures import stability as stability_figures
-from accpinn.figures.doubt import add_bands, add_clouds
+from accpinn.figures.doubt import add_bands, add_clouds, cloud_words
 from accpinn.figures.style import (
     POINTS,
     finished,
@@ -152,7 +152,7 @@ def stability(snapshot: Snapshot) -> Iterator[Picture]:
     words = (
         f"Boundaries at the α of {laws.labels[held]}; above a line the vehicle is stable by that"
         " criterion. Hatched: stable by the paper's L∞ criterion, but peaks grow."
-        + (" Clouds: laws that the data allow as well." if doubt else "")
+        + (f" {cloud_words(chart, doubt, 'beta')}" if doubt else "")
     )
     yield Picture("map", with_legend(chart), words)
 

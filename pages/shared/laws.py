@@ -14,6 +14,12 @@ from accpinn.segment.outline import Described
 from accpinn.snapshot.shelf import Entry
 from accpinn.stability import StabilityReport, report
 from accpinn.tables.results import where
+from pages.shared.laws_origin import (
+    say_not_ones_own,
+    say_where,
+    warn_unfinished,
+    where_learned,
+)
 from pages.shared.remembered import Row, Source
 from pages.shared.server import shelf
 from pages.shared.text import plain
@@ -51,15 +57,27 @@ def choose_laws(workspace: Workspace, page: str) -> LawSet | None:
             _choose_example(workspace, page)
         elif now == "snapshot":
             _choose_snapshot(workspace, page)
-        elif now == "fit" and workspace.described:
-            st.caption(plain(where(workspace.described)))
+        elif now == "fit":
+            say_where(workspace)
+    say_not_ones_own(workspace, now)
     if now == "hand":
         _edit_rows(workspace, page)
     try:
+        _say_of_learned(workspace, now)
         return laws_of(workspace, now)
     except AccpinnError as fault:
         st.error(plain(str(fault)), icon=":material/error:")
         return None
+
+
+def _say_of_learned(workspace: Workspace, source: Source) -> None:
+    if source == "fit" and workspace.fit:
+        warn_unfinished(workspace.fit)
+    elif source == "snapshot":
+        saved = shelf().open(_chosen_snapshot(workspace))
+        if saved.outline.left_out:
+            st.caption(where_learned(saved.outline, saved.outline.left_out))
+        warn_unfinished(saved.fit)
 
 
 def checked_report(laws: LawSet | None) -> StabilityReport | None:

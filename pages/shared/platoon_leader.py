@@ -17,7 +17,7 @@ KINDS: dict[Disturbance, str] = {
     "sinusoid": "Sinusoid",
     "step": "Step",
     "brake": "Brake",
-    "recorded": "Recorded",
+    "recorded": "As recorded",
 }
 PLANNED: dict[Disturbance, type[Sinusoid] | type[SpeedStep] | type[Brake]] = {
     "sinusoid": Sinusoid,
@@ -46,14 +46,13 @@ def choose_leader(workspace: Workspace, platoon: list[Parameters]) -> Leader | N
     drive = workspace.drive
     offered = [kind for kind in KINDS if kind != "recorded" or workspace.segment]
     kind = drive.kind if drive.kind in offered else "sinusoid"
-    st.segmented_control(
+    st.selectbox(
         "Disturbance of the leader",
         offered,
-        default=kind,
+        index=offered.index(kind),
         format_func=KINDS.__getitem__,
         key=hold("platoon_kind", kind),
         on_change=lambda: drive.change(kind=st.session_state["platoon_kind"]),
-        required=True,
     )
     try:
         if kind == "recorded" and workspace.segment:

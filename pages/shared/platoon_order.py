@@ -66,7 +66,7 @@ def _own(drive: DriveChoice, laws: LawSet) -> list[int]:
         on_change=lambda: drive.change(own=st.session_state["platoon_own"]),
         help="Numbers and ranges: 1-3, 2, 2",
     )
-    st.caption(" · ".join(f"{k} {plain(label)}" for k, label in enumerate(laws.labels, 1)))
+    st.caption(" · ".join(f"{k} = {plain(name)}" for k, name in enumerate(laws.names, 1)))
     return parse_order(text, len(laws))
 
 

@@ -2,7 +2,9 @@
 
 from collections.abc import Sequence
 
+import numpy as np
 import streamlit as st
+from numpy.typing import NDArray
 
 from accpinn.cthp import Parameters
 from accpinn.errors import AccpinnError
@@ -14,6 +16,8 @@ from pages.shared.frame import show_key
 from pages.shared.text import bullets, plain
 from pages.shared.workspace import Workspace, hold
 
+SHOWN_WHOLE = 0.99
+"""A part of a run longer than this share of it is the run."""
 EVEN = 0.005
 """An amplitude that differs by less is called as large as the leader's."""
 
@@ -37,7 +41,7 @@ def show_course(run: PlatoonRun, laws: LawSet, order: Sequence[int]) -> None:
     if run.warnings:
         st.warning(bullets(run.warnings), icon=":material/warning:")
     cast = figures.cast_of(laws, order)
-    names = ["Leader", *(f"{place} {laws.labels[k]}" for place, k in enumerate(order, 1))]
+    names = ["Leader", *(figures.follower_name(laws, k, p) for p, k in enumerate(order, 1))]
     show_key(list(zip(names, cast.colours, strict=True)))
 
 
@@ -47,7 +51,7 @@ def headline(run: PlatoonRun) -> str:
     what = "oscillation" if wave else "largest speed deviation"
     if run.collisions:
         first = run.collisions[0]
-        return f"The {what} grows until follower {first.follower} collides at {first.time:.0f} s."
+        return f"Follower {first.follower} runs into the vehicle ahead at {first.time:.0f} s."
     sizes = wave.measured if wave and wave.periods else run.largest_deviation
     if not sizes[0] > 0:
         return "The leader keeps its speed, so nothing happens."
@@ -63,12 +67,12 @@ def detail(run: PlatoonRun, laws: LawSet, order: Sequence[int]) -> str:
     wave, parts = run.amplitudes, []
     if wave:
         would = "would reach" if run.collisions else "reaches"
-        parts.append(f"By |H| the last follower {would} {wave.predicted[-1]:.4g} m/s.")
+        parts.append(f"By |H| the last follower {would} {wave.predicted[-1]:.3g} m/s.")
     if not run.collisions:
         k = int(run.minimum_gap.argmin())
         parts.append(
             f"The smallest gap is {run.minimum_gap[k]:.1f} m, follower {k + 1}"
-            f" ({plain(laws.labels[order[k]])}) at {run.minimum_gap_time[k]:.0f} s."
+            f" ({plain(laws.names[order[k]])}) at {run.minimum_gap_time[k]:.0f} s."
         )
     return " ".join(parts)
 
@@ -76,7 +80,7 @@ def detail(run: PlatoonRun, laws: LawSet, order: Sequence[int]) -> str:
 def choose_scale(workspace: Workspace, run: PlatoonRun) -> bool:
     """Whether amplitudes are drawn in dB; with their heading."""
     drive, wave = workspace.drive, run.amplitudes
-    what = "Amplitude" if wave else "Largest deviation"
+    what = "Amplitude" if wave and not run.collisions else "Largest deviation"
     st.subheader(f"{what} along the platoon", anchor=False)
     with st.container(horizontal=True, vertical_alignment="center"):
         st.toggle(
@@ -85,10 +89,22 @@ def choose_scale(workspace: Workspace, run: PlatoonRun) -> bool:
             key=hold("platoon_db", drive.in_db),
             on_change=lambda: drive.change(in_db=st.session_state["platoon_db"]),
         )
-        if wave and wave.periods:
+        if run.collisions:
+            st.caption("Only what comes before the collision.")
+        elif wave and wave.periods:
             periods = "period" if wave.periods == 1 else f"{wave.periods} periods"
             st.caption(f"Measured over the last {periods}, after the transient.")
     return drive.in_db
+
+
+def seconds_shown(run: PlatoonRun, rows: NDArray[np.intp]) -> str:
+    """Which part of the run these samples are, for a caption."""
+    time = run.trajectories.time
+    first, last, end = float(time[rows[0]]), float(time[rows[-1]]), float(time[-1])
+    if last - first > SHOWN_WHOLE * (end - float(time[0])):
+        return f"All {end:.0f} s."
+    cut = run.collisions and rows[-1] >= run.meaningful - 2
+    return f"From {first:.0f} to {last:.0f} s of {end:.0f} s{', the collision' if cut else ''}."
 
 
 def choose_panels(workspace: Workspace) -> None:

@@ -55,14 +55,14 @@ def _peak_buttons(workspace: Workspace, laws: LawSet, report: StabilityReport) -
     whole = report.platoon.peaks[-1]
     entries = [
         (k, label, vehicle.peak)
-        for k, (label, vehicle) in enumerate(zip(laws.labels, report.vehicles, strict=True))
+        for k, (label, vehicle) in enumerate(zip(laws.spoken, report.vehicles, strict=True))
     ]
     if len(laws) > 1:
-        entries.append((WHOLE, "Platoon in order", whole))
+        entries.append((WHOLE, "the platoon in order", whole))
     with st.container(horizontal=True):
         for k, label, peak in entries:
             if peak.omega and st.button(
-                f"{plain(label)} · {peak.omega:.3f} rad/s",
+                f"Simulate {plain(label)} at {peak.omega:.3f} rad/s",
                 key=f"stability_peak_{k}",
                 icon=":material/directions_car:",
             ):

@@ -10,15 +10,19 @@ from accpinn.published import LawSet
 from accpinn.stability import StabilityReport, Verdict
 from accpinn.tables import typeset
 from accpinn.tables.stability import answer, stability_table
+from accpinn.uncertainty import Uncertainty
+from pages.shared.stability_certainty import certainty
 from pages.shared.text import plain
 
 NUMBERS = ("no", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine", "ten")
 
 
-def show_answer(laws: LawSet, report: StabilityReport) -> None:
-    """Who amplifies, what the platoon does, and where the two L∞ criteria disagree."""
+def show_answer(laws: LawSet, report: StabilityReport, doubt: Uncertainty | None) -> None:
+    """Who amplifies, how sure that is, the platoon, and where the two L∞ criteria disagree."""
     with st.container(border=True):
         st.markdown(f"#### {headline(laws, report)}")
+        if doubt:
+            st.markdown(certainty(laws, report, doubt))
         if len(laws) > 1:
             st.markdown(platoon_line(report))
     wrong = [
@@ -39,27 +43,27 @@ def headline(laws: LawSet, report: StabilityReport) -> str:
         growing = [v for v in report.vehicles if not v.linf_exact.stable]
         peaks = " But peaks can still grow: see the L∞ gain." if growing else ""
         if total == 1:
-            return f"{plain(laws.labels[0])} does not amplify any frequency.{peaks}"
+            return f"{_first(plain(laws.spoken[0]))} does not amplify any frequency.{peaks}"
         return f"None of the vehicles amplifies any frequency.{peaks}"
     worst = max(who, key=lambda k: report.vehicles[k].peak.gain)
     peak = report.vehicles[worst].peak
-    name = plain(laws.labels[worst])
+    name = plain(laws.spoken[worst])
     extent = "without limit" if isinf(peak.gain) else f"up to {peak.gain:.3g} times"
     most = f"{extent} at {peak.omega:.3g} rad/s"
     if total == 1:
-        return f"{name} amplifies disturbances {most}."
+        return f"{_first(name)} amplifies disturbances {most}."
     if count == 1:
         return f"One of {_number(total)} vehicles amplifies disturbances: {name}, {most}."
     start = f"All {_number(total)}" if count == total else f"{_number(count)} of {_number(total)}"
-    return f"{start[0].upper()}{start[1:]} vehicles amplify disturbances, {name} the most: {most}."
+    return f"{_first(start)} vehicles amplify disturbances, {name} the most: {most}."
 
 
 def platoon_line(report: StabilityReport) -> str:
     """The verdicts on the whole platoon, weak and strict, in one line."""
     platoon = report.platoon
     questions = (
-        ("Strictly stable, every pair", platoon.l2_strict, platoon.linf_strict),
-        ("Weakly stable, first to last", platoon.l2_weak, platoon.linf_weak),
+        ("Strictly stable (nothing grows at any vehicle)", platoon.l2_strict, platoon.linf_strict),
+        ("Weakly stable (nothing has grown at the last one)", platoon.l2_weak, platoon.linf_weak),
     )
     parts = [f"{name}: L2 **{answer(l2)}**, L∞ **{answer(linf)}**." for name, l2, linf in questions]
     return f"The platoon in this order. {' '.join(parts)} {plain(platoon.l2_weak.reason)}"
@@ -69,6 +73,11 @@ def show_table(laws: LawSet, report: StabilityReport) -> None:
     """As the paper's Table III, with the exact gain beside its criterion."""
     table = stability_table(laws, report)
     st.html(typeset.STYLE + table.coloured(figures.colours(laws)).to_html())
+    st.caption(
+        "‖h‖₁: how many times larger a peak of the speed deviation can come out than it came in."
+        " Stable from τ: the smallest time headway at which this vehicle, with its α and β, would"
+        " be stable."
+    )
     name = re.sub(r"\W+", "_", laws.title).strip("_").lower()
     with st.container(horizontal=True):
         for label, text, ending, mime in (
@@ -91,7 +100,9 @@ def show_reasons(laws: LawSet, report: StabilityReport) -> None:
             platoon = report.platoon
             verdicts = (platoon.l2_strict, platoon.l2_weak,
                         platoon.linf_strict, platoon.linf_weak)  # fmt: skip
-            st.markdown("**The platoon.**\n" + _listed(verdicts))
+            followers = ", ".join(f"{k} {name}" for k, name in enumerate(laws.names, 1))
+            counted = f"Followers are counted from the leader on: {plain(followers)}."
+            st.markdown(f"**The platoon.** {counted}\n" + _listed(verdicts))
 
 
 def _listed(verdicts: tuple[Verdict, ...]) -> str:
@@ -99,6 +110,11 @@ def _listed(verdicts: tuple[Verdict, ...]) -> str:
         f"\n- {verdict.name}: **{answer(verdict)}**. {plain(verdict.reason)}"
         for verdict in verdicts
     )
+
+
+def _first(words: str) -> str:
+    """The beginning of a sentence."""
+    return words[:1].upper() + words[1:]
 
 
 def _number(count: int) -> str:
