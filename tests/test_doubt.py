@@ -87,6 +87,22 @@ class TestClouds:
         for x, y in zip(cloud.x[:20], cloud.y[:20], strict=True):
             assert np.abs(drawn - [x, y]).sum(axis=1).min() < 1e-3
 
+    def test_what_has_no_place_on_the_map_is_counted(
+        self, learned: tuple[LawSet, Uncertainty]
+    ) -> None:
+        laws, doubt = learned
+        chart = stability_map(laws, report(laws.parameters), 0, "beta")
+        draws = doubt.draws.copy()
+        draws[..., 2] = 1.0
+        whole = replace(doubt, draws=draws)
+        assert figures.cloud_words(chart, whole, "beta") == (
+            "Clouds: laws that the data allow as well."
+        )
+        draws[:100, :, 0], draws[:100, :, 2] = 0.0, np.nan
+        draws[100:300, 0, 2] = 99.0
+        said = figures.cloud_words(chart, replace(doubt, draws=draws), "beta")
+        assert "not on the map: 5% keep no gap (α = 0) and have no τ, 3% lie beyond" in said
+
 
 class TestTable:
     def test_has_intervals_and_probabilities(self, learned: tuple[LawSet, Uncertainty]) -> None:
@@ -97,6 +113,7 @@ class TestTable:
         low = 20 * np.log10(doubt.peak_gain.lower[0])
         assert str(first[1]).startswith(f"{low:.2f} to ")
         assert first[4] == pytest.approx(100 * doubt.probability_l2[0])
+        assert first[6] == pytest.approx(100 * doubt.gapless[0])
         assert "90 % interval" in {column.group for column in table.columns}
 
     def test_open_ends_are_words(self) -> None:

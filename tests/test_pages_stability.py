@@ -1,9 +1,12 @@
 """The pages Stability and Platoon without a browser: answers, sources, controls, refusals."""
 
+import math
 from contextlib import suppress
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as some
@@ -12,11 +15,16 @@ from streamlit.testing.v1 import AppTest
 from accpinn.cthp import Parameters
 from accpinn.errors import ParameterError
 from accpinn.estimators import least_squares
+from accpinn.fit import Outcome
 from accpinn.jobs import Status
 from accpinn.published import ASTAZERO, CASALE, law_set
 from accpinn.segment import Window
+from accpinn.snapshot import take
 from accpinn.stability import report
+from accpinn.uncertainty import Interval
 from pages.shared.platoon_order import parse_order
+from pages.shared.server import shelf
+from pages.shared.stability_certainty import certainty
 from pages.shared.stability_charts import clicked_point
 from pages.shared.stability_words import headline
 from pages.shared.workspace import Workspace
@@ -28,12 +36,12 @@ CALM, LOUD = Parameters(0.05, 0.6, 1.8), Parameters(0.08, 0.12, 1.5)
 UNDAMPED = Parameters(0.04, 0.0, 0.0)
 
 
-def fitted(window: Window | None = None) -> Workspace:
+def fitted(window: Window | None = None, **changes: Any) -> Workspace:
     """A session whose training is done; its fit stands in for a network's."""
     found = with_sample()
     found.choose(window=window, vehicles=(2, 3, 4, 5))
     assert found.segment
-    fit = least_squares.fit(found.segment, "II")
+    fit = replace(least_squares.fit(found.segment, "II"), **changes)
     job: Any = SimpleNamespace(fit=fit, status=Status.DONE, is_active=False, stop=lambda: None)
     found.job = job
     return found
@@ -104,6 +112,82 @@ def test_stability_speaks_of_the_fit_once_there_is_one() -> None:
     assert "Audi A6" in texts(page)
     choose(page, "stability_source", "fit")
     assert "Audi A6 " not in texts(page)
+
+
+@pytest.mark.parametrize("path", [STABILITY, PLATOON])
+def test_a_stopped_training_is_no_result(path: str) -> None:
+    stopped = {"outcome": Outcome.STOPPED, "iterations": 930, "config": {"iterations": 20_000}}
+    page = open_page(path, fitted(**stopped))
+    assert "stopped at 930 of 20,000 iterations; these are not yet" in page.warning[0].value
+    choose(page, f"{path[8:].lower()[:-3]}_source", "published")
+    assert "stopped at" not in texts(page)
+
+
+def test_a_stopped_training_is_no_result_in_a_snapshot_either() -> None:
+    found = fitted(outcome=Outcome.STOPPED, iterations=930)
+    assert found.segment
+    assert found.fit
+    shelf().add(take(found.segment, found.fit, name="early"))
+    page = choose(open_page(STABILITY), "stability_source", "snapshot")
+    assert "stopped at 930 iterations" in page.warning[0].value
+
+
+@pytest.mark.parametrize("path", [STABILITY, PLATOON])
+def test_what_the_law_leaves_out_is_said(path: str) -> None:
+    found = fitted()
+    assert found.segment
+    assert "law without" not in texts(open_page(path, found))
+    found.segment = replace(found.segment, left_out_regimes=("catching up",))
+    assert "law without catching up" in texts(open_page(path, found))
+
+
+def test_published_laws_do_not_pass_for_ones_own_while_training_runs() -> None:
+    found = fitted()
+    assert found.job
+    running: Any = found.job
+    running.fit, running.status, running.is_active = None, Status.RUNNING, True
+    page = open_page(STABILITY, found)
+    assert any("your own training is not finished" in info.value for info in page.info)
+    found.laws.source = "published"
+    assert not open_page(STABILITY, found).info, "then they were asked for"
+
+
+def test_the_answer_says_how_sure_it_is_with_and_without_the_bands() -> None:
+    page = open_page(STABILITY, fitted())
+    for _ in range(2):
+        assert "the data allow" in texts(page)
+        assert "certain" in texts(page)
+        if page.toggle(key="stability_doubt").value:
+            choose(page, "stability_doubt", False)
+    assert "vehicle 3" in headline_of(page), "two Hyundai are not “2 Hyundai”"
+    choose(page, "stability_source", "published")
+    assert "the data allow" not in texts(page)
+
+
+def headline_of(page: AppTest) -> str:
+    return next(m.value for m in page.markdown if m.value.startswith("####"))
+
+
+@pytest.mark.parametrize(
+    ("stable", "gapless", "said"),
+    [
+        (0.01, 0.0, "verdict is certain: at least 95% of the laws that the data allow agree"),
+        (0.01, 0.09, "90% amplify, 1% do not, 9% keep no gap (α = 0)"),
+        (0.60, 0.0, "40% amplify, 60% do not."),
+        (math.nan, math.nan, "do not determine what V1 does"),
+    ],
+)
+def test_certainty_counts_the_laws_that_the_data_allow(
+    stable: float, gapless: float, said: str
+) -> None:
+    laws = law_set("Mine", ("V1",), (LOUD,))
+    ends = Interval(np.array([1.0]), np.array([1.53]))
+    doubt: Any = SimpleNamespace(
+        level=0.9, probability_l2=np.array([stable]), gapless=np.array([gapless]), peak_gain=ends
+    )
+    sentence = certainty(laws, report(laws.parameters), doubt).replace("\\", "")
+    assert said in sentence
+    assert ("the data allow 1.00 to 1.53 (90 % interval)" in sentence) == (stable == stable)
 
 
 def test_a_lost_fit_gives_way_to_the_example() -> None:
@@ -329,6 +413,15 @@ def test_the_recorded_leader_is_offered_with_a_recording_only() -> None:
     assert "largest speed deviation" in texts(page)
     alone = open_page(PLATOON)
     assert alone.selectbox(key="platoon_kind").options == ["Sinusoid", "Step", "Brake"]
+
+
+def test_captions_say_which_part_of_the_run_is_shown() -> None:
+    said = texts(open_page(PLATOON))
+    assert "From 6 to 235 s of 500 s." in said
+    assert "From 443 to 500 s of 500 s." in said
+    assert "All 500 s." not in said
+    brief = texts(choose(open_page(PLATOON), "platoon_sinusoid_duration", 30.0))
+    assert "From 6 to 30 s of 30 s." in brief
 
 
 def test_amplitudes_in_db() -> None:

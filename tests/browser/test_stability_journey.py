@@ -57,7 +57,7 @@ def test_a_click_on_the_response_carries_its_frequency_to_the_platoon(opened: Op
     expect(frequency(page)).to_have_value(re.compile(rf"^{shown[1][:4]}"))
     carried = frequency(page).input_value()
     assert float(carried) == pytest.approx(float(shown[1]), abs=6e-4)
-    expect(page.locator(".vehicle-key")).to_contain_text("8 BMW X5")
+    expect(page.locator(".vehicle-key")).to_contain_text("Follower 8: BMW X5")
     expect(chart(page, "platoon_profiles").locator(".scatterlayer").first).to_be_visible()
 
     # Back again, it is not carried a second time, and the choice stays.
@@ -73,7 +73,7 @@ def test_a_click_on_the_response_carries_its_frequency_to_the_platoon(opened: Op
 
 def test_a_peaks_button_leads_to_the_platoon(opened: Open) -> None:
     page = opened("/Stability")
-    page.get_by_role("button", name="Tesla Model 3 · 0.106 rad/s").click()
+    page.get_by_role("button", name="Simulate Tesla Model 3 at 0.106 rad/s").click()
     expect(page).to_have_url(re.compile(r"/Platoon\?session="))
     expect(frequency(page)).to_have_value("0.1059")
     expect(page.get_by_text("The oscillation grows to 1.37 times")).to_be_visible()
@@ -138,6 +138,6 @@ def test_a_trained_sample_is_what_both_pages_speak_of(opened: Open) -> None:
     expect(page.get_by_text("All four vehicles amplify disturbances")).to_be_visible()
     expect(page.locator("table.figures").first).to_contain_text("Tesla(Model3-like)")
     page.get_by_role("link", name="Platoon").click()
-    page.get_by_text("Recorded", exact=True).click()
+    choose(page, "Disturbance of the leader", "As recorded")
     expect(page.get_by_text("as recorded")).to_be_visible()
-    expect(page.locator(".vehicle-key")).to_contain_text("4 5 Tesla(Model3-like)")
+    expect(page.locator(".vehicle-key")).to_contain_text("Follower 4: Tesla(Model3-like)")
