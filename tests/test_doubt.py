@@ -101,7 +101,7 @@ class TestClouds:
         draws[:100, :, 0], draws[:100, :, 2] = 0.0, np.nan
         draws[100:300, 0, 2] = 99.0
         said = figures.cloud_words(chart, replace(doubt, draws=draws), "beta")
-        assert "not on the map: 5% keep no gap (α = 0) and have no τ, 3% lie beyond" in said
+        assert "not on the map: 5 % keep no gap (α = 0) and have no τ, 3 % lie beyond" in said
 
 
 class TestTable:

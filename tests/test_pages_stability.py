@@ -171,9 +171,9 @@ def headline_of(page: AppTest) -> str:
 @pytest.mark.parametrize(
     ("stable", "gapless", "said"),
     [
-        (0.01, 0.0, "verdict is certain: at least 95% of the laws that the data allow agree"),
-        (0.01, 0.09, "90% amplify, 1% do not, 9% keep no gap (α = 0)"),
-        (0.60, 0.0, "40% amplify, 60% do not."),
+        (0.01, 0.0, "verdict is certain: at least 95 % of the laws that the data allow agree"),
+        (0.01, 0.09, "90 % amplify, 1 % do not, 9 % keep no gap (α = 0)"),
+        (0.60, 0.0, "40 % amplify, 60 % do not."),
         (math.nan, math.nan, "do not determine what V1 does"),
     ],
 )
@@ -183,10 +183,15 @@ def test_certainty_counts_the_laws_that_the_data_allow(
     laws = law_set("Mine", ("V1",), (LOUD,))
     ends = Interval(np.array([1.0]), np.array([1.53]))
     doubt: Any = SimpleNamespace(
-        level=0.9, probability_l2=np.array([stable]), gapless=np.array([gapless]), peak_gain=ends
+        level=0.9,
+        probability_l2=np.array([stable]),
+        gapless=np.array([gapless]),
+        peak_gain=ends,
+        inside=np.array([[True, False, True]]),
     )
     sentence = certainty(laws, report(laws.parameters), doubt).replace("\\", "")
     assert said in sentence
+    assert "the estimate's β." in sentence
     assert ("the data allow 1.00 to 1.53 (90 % interval)" in sentence) == (stable == stable)
 
 
@@ -384,7 +389,7 @@ def test_steps_and_brakes(kind: str, plenty: str) -> None:
     assert "The smallest gap is" in texts(page)
     choose(page, f"platoon_{plenty}", 20.0 if kind == "brake" else -20.0)
     assert any("runs into the vehicle ahead" in w.value for w in page.warning)
-    assert "runs into the vehicle ahead at" in texts(page)
+    assert "times as much as the leader's, until follower 1 collides at" in texts(page)
     assert "Only what comes before the collision." in texts(page)
 
 

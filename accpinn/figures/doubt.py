@@ -69,7 +69,7 @@ def cloud_words(figure: go.Figure, doubt: Uncertainty, plane: Plane) -> str:
     gapless = np.isnan(known[..., 2])
     beyond = ~gapless & ((across > right) | (known[..., 2] > top))
     parts = [
-        f"{share:.0%} {what}"
+        f"{100 * share:.0f} % {what}"
         for share, what in (
             (gapless.mean() if known.size else 0.0, "keep no gap (α = 0) and have no τ"),
             (beyond.mean() if known.size else 0.0, "lie beyond its edges"),

@@ -125,5 +125,8 @@ def _against(margin: float, gain: float) -> tuple[bool, bool]:
 
 
 def factor(gain: float) -> str:
-    """A gain for a sentence: four digits, or more where those would read 1."""
-    return f"{gain:.4g}" if abs(gain - 1.0) >= 5e-4 else f"1 + {gain - 1.0:.2g}"
+    """A gain for a sentence: three digits, and more the closer it is to 1."""
+    excess = abs(gain - 1.0)
+    if excess >= 0.2:
+        return f"{gain:.3g}"
+    return f"{gain:.4g}" if excess >= 5e-4 else f"1 + {gain - 1.0:.2g}"

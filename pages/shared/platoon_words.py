@@ -37,7 +37,8 @@ def show_course(run: PlatoonRun, laws: LawSet, order: Sequence[int]) -> None:
     """The answer, what to beware of, and which colour is whom."""
     with st.container(border=True):
         st.markdown(f"#### {headline(run)}")
-        st.markdown(detail(run, laws, order))
+        if told := detail(run, laws, order):
+            st.markdown(told)
     if run.warnings:
         st.warning(bullets(run.warnings), icon=":material/warning:")
     cast = figures.cast_of(laws, order)
@@ -47,12 +48,16 @@ def show_course(run: PlatoonRun, laws: LawSet, order: Sequence[int]) -> None:
 
 def headline(run: PlatoonRun) -> str:
     """What has become of the disturbance at the last follower."""
-    wave = run.amplitudes
+    wave, moved = run.amplitudes, run.largest_deviation
     what = "oscillation" if wave else "largest speed deviation"
     if run.collisions:
         first = run.collisions[0]
-        return f"Follower {first.follower} runs into the vehicle ahead at {first.time:.0f} s."
-    sizes = wave.measured if wave and wave.periods else run.largest_deviation
+        fate = f"follower {first.follower} collides at {first.time:.0f} s"
+        if not moved[0] > 0:
+            return f"{fate[0].upper()}{fate[1:]}."
+        ratio = moved.max() / moved[0]
+        return f"Speeds deviate up to {ratio:.3g} times as much as the leader's, until {fate}."
+    sizes = wave.measured if wave and wave.periods else moved
     if not sizes[0] > 0:
         return "The leader keeps its speed, so nothing happens."
     ratio, size = sizes[-1] / sizes[0], f"{sizes[-1]:.3g} m/s against {sizes[0]:.3g} m/s"

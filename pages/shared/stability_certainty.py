@@ -5,7 +5,7 @@ from math import isnan
 from accpinn.published import LawSet
 from accpinn.stability import StabilityReport
 from accpinn.tables.doubt import between
-from accpinn.uncertainty import Uncertainty
+from accpinn.uncertainty import SYMBOLS, Uncertainty
 from pages.shared.text import plain
 
 SURE = 0.95
@@ -16,7 +16,11 @@ def certainty(laws: LawSet, report: StabilityReport, doubt: Uncertainty) -> str:
     """The interval of the largest peak, and which verdicts are not certain, as markdown."""
     worst = max(range(len(laws)), key=lambda k: report.vehicles[k].peak.gain)
     unsure = [k for k in range(len(laws)) if not _sure(report, doubt, k)]
-    parts = [_extent(laws, report, doubt, worst), _verdicts(laws, doubt, unsure)]
+    parts = [
+        _extent(laws, report, doubt, worst),
+        _outside(laws, doubt),
+        _verdicts(laws, doubt, unsure),
+    ]
     return " ".join(part for part in parts if part)
 
 
@@ -37,11 +41,24 @@ def _extent(laws: LawSet, report: StabilityReport, doubt: Uncertainty, k: int) -
     )
 
 
+def _outside(laws: LawSet, doubt: Uncertainty) -> str:
+    """Which estimates the data do not support."""
+    parts = []
+    for name, row in zip(laws.spoken, doubt.inside, strict=True):
+        symbols = [symbol for symbol, inside in zip(SYMBOLS, row, strict=True) if not inside]
+        if symbols:
+            whose = f" of {plain(name)}" if len(laws) > 1 else ""
+            parts.append(f"{' and '.join(symbols)}{whose}")
+    if not parts:
+        return ""
+    return f"Outside what the data support: the estimate's {'; '.join(parts)}."
+
+
 def _verdicts(laws: LawSet, doubt: Uncertainty, unsure: list[int]) -> str:
     known = [k for k in unsure if not isnan(doubt.probability_l2[k])]
     if not unsure:
         which = "This verdict is" if len(laws) == 1 else "Each vehicle's verdict is"
-        return f"{which} certain: at least {SURE:.0%} of the laws that the data allow agree."
+        return f"{which} certain: at least {_percent(SURE)} of the laws that the data allow agree."
     if not known:
         return ""
     shares = "; ".join(
@@ -54,5 +71,12 @@ def _shares(doubt: Uncertainty, k: int) -> str:
     """What the laws that the data allow do, as adds up to all of them."""
     stable, gapless = float(doubt.probability_l2[k]), float(doubt.gapless[k])
     rest = max(0.0, 1.0 - stable - gapless)
-    said = f"{rest:.0%} amplify, {stable:.0%} do not"
-    return f"{said}, {gapless:.0%} keep no gap (α = 0)" if gapless else said
+    said = f"{_percent(rest)} amplify, {_percent(stable)} do not"
+    return f"{said}, {_percent(gapless)} keep no gap (α = 0)" if gapless else said
+
+
+def _percent(share: float) -> str:
+    """As the pages print it; no share is called nothing or all that is not."""
+    if 0.0 < share < 0.005:
+        return "under 1 %"
+    return f"{100 * share:.0f} %"
