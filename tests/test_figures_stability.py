@@ -320,7 +320,8 @@ def test_a_collision_is_marked_and_what_follows_shaded() -> None:
     assert [band.x0 for band in bands] == [first] * 2
     for trace in figure.data:
         assert max(trace.x) <= (500.0 if trace.name == "Leader" else first)
-    assert "collision" in [note.text for note in figure.layout.annotations]
+    (note,) = figure.layout.annotations
+    assert (note.text, note.yanchor) == ("collision", "top"), "a legend stands above the axes"
 
 
 def test_amplitudes_stand_on_the_predicted_line(sinusoid: PlatoonRun) -> None:

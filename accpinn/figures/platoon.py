@@ -95,15 +95,16 @@ def profiles(run: PlatoonRun, cast: Cast) -> go.Figure:
     figure.update_yaxes(title_text=SPEED.axis, row=1, col=1)
     figure.update_yaxes(title_text=GAP.axis, row=2, col=1)
     figure.update_xaxes(title_text=TIME.axis, row=2, col=1)
-    return finished(figure, 540, "platoon-profiles").update_layout(margin_t=26)
+    return finished(figure, 540, "platoon-profiles")
 
 
 def _mark_collision(figure: go.Figure, run: PlatoonRun) -> None:
     """What comes after the first one has no meaning: it is shaded, and not drawn."""
     start, end = run.collisions[0].time, float(run.trajectories.time[-1])
     figure.add_vrect(x0=start, x1=end, fillcolor=MEANINGLESS, line_width=0, row="all", col=1)
-    figure.add_annotation(
-        text="collision", x=start, y=1, xref="x", yref="y domain", xanchor="left", yanchor="bottom",
+    side = "left" if start < 0.8 * end else "right"
+    figure.add_annotation(  # within the axes, where no legend above them can be in the way
+        text="collision", x=start, y=1, xref="x", yref="y domain", xanchor=side, yanchor="top",
         showarrow=False,
     )  # fmt: skip
 

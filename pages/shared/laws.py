@@ -8,17 +8,15 @@ import streamlit as st
 
 from accpinn.cthp import Parameters
 from accpinn.errors import AccpinnError, ParameterError
-from accpinn.fit import Fit
 from accpinn.published import PUBLISHED, LawSet, law_set
-from accpinn.segment.outline import Described
 from accpinn.snapshot.shelf import Entry
 from accpinn.stability import StabilityReport, report
-from accpinn.tables.results import where
 from pages.shared.laws_origin import (
+    Learned,
+    current,
+    saved,
     say_not_ones_own,
-    say_where,
     warn_unfinished,
-    where_learned,
 )
 from pages.shared.remembered import Row, Source
 from pages.shared.server import shelf
@@ -57,27 +55,21 @@ def choose_laws(workspace: Workspace, page: str) -> LawSet | None:
             _choose_example(workspace, page)
         elif now == "snapshot":
             _choose_snapshot(workspace, page)
-        elif now == "fit":
-            say_where(workspace)
+        elif learned := current(workspace) if now == "fit" else None:
+            st.caption(plain(learned.title))
     say_not_ones_own(workspace, now)
     if now == "hand":
         _edit_rows(workspace, page)
     try:
-        _say_of_learned(workspace, now)
-        return laws_of(workspace, now)
+        learned = _learned(workspace, now)
+        if learned:
+            if now == "snapshot" and learned.left_out:
+                st.caption(plain(learned.title))
+            warn_unfinished(learned, now)
+        return _laws(workspace, now, learned)
     except AccpinnError as fault:
         st.error(plain(str(fault)), icon=":material/error:")
         return None
-
-
-def _say_of_learned(workspace: Workspace, source: Source) -> None:
-    if source == "fit" and workspace.fit:
-        warn_unfinished(workspace.fit)
-    elif source == "snapshot":
-        saved = shelf().open(_chosen_snapshot(workspace))
-        if saved.outline.left_out:
-            st.caption(where_learned(saved.outline, saved.outline.left_out))
-        warn_unfinished(saved.fit)
 
 
 def checked_report(laws: LawSet | None) -> StabilityReport | None:
@@ -97,11 +89,23 @@ def laws_of(workspace: Workspace, source: Source) -> LawSet:
     Raises:
         ParameterError: rows that are too few or too many.
     """
-    if source == "fit" and workspace.fit and workspace.described:
-        return _learned(workspace.described, workspace.fit)
+    return _laws(workspace, source, _learned(workspace, source))
+
+
+def _learned(workspace: Workspace, source: Source) -> Learned | None:
+    """The fit that the source holds; None for one that holds laws alone."""
     if source == "snapshot":
-        saved = shelf().open(_chosen_snapshot(workspace))
-        return _learned(saved.outline, saved.fit)
+        return saved(shelf().open(_chosen_snapshot(workspace)))
+    return current(workspace) if source == "fit" else None
+
+
+def _laws(workspace: Workspace, source: Source, learned: Learned | None) -> LawSet:
+    if learned:
+        seen = learned.described
+        return LawSet(
+            learned.title, seen.labels[1:], learned.fit.parameters, seen.vehicles[1:],
+            seen.vehicles[0],
+        )  # fmt: skip
     if source == "hand":
         return _typed(workspace.laws.rows)
     return next(laws for laws in PUBLISHED if laws.title == workspace.laws.example)
@@ -213,10 +217,3 @@ def _typed(rows: tuple[Row, ...]) -> LawSet:
     labels = [name.strip() or f"Vehicle {k}" for k, (name, *_) in enumerate(rows, 1)]
     laws = [Parameters(*(math.nan if v is None else v for v in values)) for _, *values in rows]
     return law_set(BY_HAND, labels, laws)
-
-
-def _learned(segment: Described, fit: Fit) -> LawSet:
-    return LawSet(
-        where(segment), segment.labels[1:], fit.parameters, segment.vehicles[1:],
-        segment.vehicles[0],
-    )  # fmt: skip

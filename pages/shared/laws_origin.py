@@ -1,32 +1,52 @@
 """Where the laws shown come from, and what to beware of in that."""
 
+from dataclasses import dataclass
+
 import streamlit as st
 
 from accpinn.fit import Fit, unfinished
 from accpinn.segment.outline import Described
+from accpinn.snapshot import Snapshot
 from accpinn.tables.results import where
 from pages.shared.remembered import Source
-from pages.shared.text import left_out, plain
+from pages.shared.text import plain
 from pages.shared.workspace import Workspace
 
 
-def say_where(workspace: Workspace) -> None:
-    """The window of the current fit, and the regimes that its law leaves out."""
-    described, segment = workspace.described, workspace.segment
-    if described:
-        regimes = segment.left_out_regimes if segment else workspace.leave_out
-        st.caption(where_learned(described, regimes))
+@dataclass(frozen=True, eq=False)
+class Learned:
+    """A fit and what it was learned from."""
+
+    described: Described
+    fit: Fit
+    left_out: tuple[str, ...]
+    """Names of the regimes that the law leaves out."""
+
+    @property
+    def title(self) -> str:
+        """File, seconds and regimes left out, for tables and the files made of them."""
+        without = f", law without {', '.join(self.left_out)}" if self.left_out else ""
+        return where(self.described) + without
 
 
-def where_learned(described: Described, regimes: tuple[str, ...]) -> str:
-    """File, seconds and regimes left out, as markdown."""
-    return plain(where(described)) + left_out(regimes)
+def current(workspace: Workspace) -> Learned | None:
+    """The session's own; None before there is one."""
+    fit, described, segment = workspace.fit, workspace.described, workspace.segment
+    if fit is None or described is None:
+        return None
+    return Learned(described, fit, segment.left_out_regimes if segment else workspace.leave_out)
 
 
-def warn_unfinished(fit: Fit) -> None:
+def saved(snapshot: Snapshot) -> Learned:
+    """That of a snapshot."""
+    return Learned(snapshot.outline, snapshot.fit, snapshot.outline.left_out)
+
+
+def warn_unfinished(learned: Learned, source: Source) -> None:
     """Say that these are not yet the parameters, where that is so."""
-    if sentence := unfinished(fit):
-        st.warning(f"{sentence} Continue it on page Train.", icon=":material/pause_circle:")
+    if sentence := unfinished(learned.fit):
+        cure = " Continue it on page Train." if source == "fit" else ""
+        st.warning(sentence + cure, icon=":material/pause_circle:")
 
 
 def say_not_ones_own(workspace: Workspace, source: Source) -> None:
