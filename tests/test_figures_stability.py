@@ -15,7 +15,7 @@ from accpinn.errors import ParameterError
 from accpinn.figures import platoon as figures_platoon
 from accpinn.figures import stability as figures_stability
 from accpinn.figures import wave
-from accpinn.figures.style import FOLLOWERS, LEADER
+from accpinn.figures.style import FOLLOWERS, LEADER, with_legend
 from accpinn.platoon import Brake, PlatoonRun, Recorded, Sinusoid, SpeedStep, simulate
 from accpinn.published import ASTAZERO, CASALE, PUBLISHED, VICOLUNGO, LawSet, law_set
 from accpinn.stability import StabilityReport, report, response
@@ -399,6 +399,14 @@ def test_animation_moves_the_cars_as_simulated(leader: Any) -> None:
         gaps = -np.diff(frame.data[0].x) - wave.CAR_LENGTH
         np.testing.assert_allclose(gaps, run.trajectories.gaps[row], atol=0.02)
         np.testing.assert_allclose(frame.data[1].y, run.trajectories.speeds[row], atol=1e-3)
+
+
+def test_the_animations_legend_names_every_vehicle() -> None:
+    cast = figures_platoon.cast_of(ASTAZERO, [0, 1, 2, 3])
+    figure = with_legend(wave.animation(simulate(ASTAZERO.parameters, Brake()), cast))
+    entries = [trace for trace in figure.data if trace.showlegend is not False]
+    assert tuple(trace.name for trace in entries) == cast.names
+    assert tuple(trace.marker.color for trace in entries) == cast.colours
 
 
 def test_animation_ends_at_a_collision() -> None:

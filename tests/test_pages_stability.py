@@ -394,6 +394,7 @@ def test_steps_and_brakes(kind: str, plenty: str) -> None:
     assert any("runs into the vehicle ahead" in w.value for w in page.warning)
     assert "times as much as the leader's, until follower 1 collides at" in texts(page)
     assert "Only what comes before the collision." in texts(page)
+    assert ", until the collision." in texts(page)
 
 
 def test_settings_that_make_no_sense_are_refused_and_kept_for_mending() -> None:

@@ -47,6 +47,11 @@ def animation(run: PlatoonRun, cast: Cast) -> go.Figure:
         marker={**look, "size": 10}, hovertemplate="%{text}<br>%{y:.2f} m/s<extra></extra>",
         row=2, col=1,
     )  # fmt: skip
+    for name, colour in zip(cast.names, cast.colours, strict=True):  # for `with_legend`
+        figure.add_scatter(
+            x=[None], y=[None], mode="markers", name=name, hoverinfo="skip",
+            marker={"symbol": "square", "size": 13, "color": colour}, row=1, col=1,
+        )  # fmt: skip
     figure.frames = [
         go.Frame(name=moment, data=list(picture), traces=[0, 1])
         for moment, picture in zip(moments, pictures, strict=True)

@@ -109,7 +109,9 @@ def seconds_shown(run: PlatoonRun, rows: NDArray[np.intp]) -> str:
     if last - first > SHOWN_WHOLE * (end - float(time[0])):
         return f"All {end:.0f} s."
     cut = run.collisions and rows[-1] >= run.meaningful - 2
-    return f"From {first:.0f} to {last:.0f} s of {end:.0f} s{', the collision' if cut else ''}."
+    return (
+        f"From {first:.0f} to {last:.0f} s of {end:.0f} s{', until the collision' if cut else ''}."
+    )
 
 
 def choose_panels(workspace: Workspace) -> None:

@@ -51,7 +51,7 @@ def _outside(laws: LawSet, doubt: Uncertainty) -> str:
             parts.append(f"{' and '.join(symbols)}{whose}")
     if not parts:
         return ""
-    return f"Outside what the data support: the estimate's {'; '.join(parts)}."
+    return f"The data do not support the estimate's {'; '.join(parts)}."
 
 
 def _verdicts(laws: LawSet, doubt: Uncertainty, unsure: list[int]) -> str:
