@@ -15,7 +15,7 @@ from accpinn.errors import ParameterError
 from accpinn.figures import platoon as figures_platoon
 from accpinn.figures import stability as figures_stability
 from accpinn.figures import wave
-from accpinn.figures.style import FOLLOWERS, LEADER, with_legend
+from accpinn.figures.style import FOLLOWERS, LEADER, SERIES, with_legend
 from accpinn.platoon import Brake, PlatoonRun, Recorded, Sinusoid, SpeedStep, simulate
 from accpinn.published import ASTAZERO, CASALE, PUBLISHED, VICOLUNGO, LawSet, law_set
 from accpinn.stability import StabilityReport, report, response
@@ -206,6 +206,12 @@ def test_criteria_course_has_each_vehicles_criteria_and_gains(astazero: Stabilit
         assert int(np.argmin(expected[name])) == 1
     levels = [shape.y0 for shape in figure.layout.shapes]
     assert levels == [0, 1], "one line a panel between stable and not"
+
+
+def test_criteria_have_colours_of_no_vehicle() -> None:
+    keys = (*figures_stability.CRITERIA_KEY, *figures_stability.MAP_KEY)
+    assert {colour for _, colour in keys}.isdisjoint(FOLLOWERS)
+    assert figures_stability.L2 in SERIES, "whose contrast and likeness to vehicles are tested"
 
 
 # The map

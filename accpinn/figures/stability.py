@@ -7,7 +7,7 @@ import numpy as np
 import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
-from accpinn.figures.style import LEADER, MODEL, finished, vehicle_colour
+from accpinn.figures.style import LEADER, MODEL, SERIES, finished, vehicle_colour
 from accpinn.published import LawSet
 from accpinn.stability import (
     Boundaries,
@@ -21,7 +21,7 @@ from accpinn.units import FloatArray
 Plane = Literal["beta", "alpha"]
 """What runs along a map's horizontal axis; τ runs along the vertical one."""
 
-L2, PAPER, EXACT = "#55900f", LEADER, MODEL
+L2, PAPER, EXACT = SERIES[0], LEADER, MODEL
 """Colours of the three criteria; vehicles have others."""
 GROWS = "rgba(194, 47, 79, 0.10)"
 PEAKS_GROW = "rgba(214, 140, 40, 0.14)"
