@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from functools import cache
+from typing import Any
 
 from accpinn.comparison import compare
 from accpinn.estimators import ESTIMATORS
@@ -9,7 +10,10 @@ from accpinn.fit import Fit
 from accpinn.pinn.config import preset
 from accpinn.pinn.training import train
 from accpinn.segment import Segment
-from accpinn.snapshot import Snapshot, take, to_bytes
+from accpinn.snapshot import Snapshot, documents, take, to_bytes
+from accpinn.snapshot.archive import contents
+from accpinn.snapshot.file import sealed
+from accpinn.snapshot.schema import MANIFEST, PARTS, SCHEMA
 from accpinn.uncertainty import intervals
 from tests.driving import driven
 from tests.samples import PLATOON, sample
@@ -43,3 +47,12 @@ def whole() -> Snapshot:
     rows = tuple(compare(segment, "II", ("least-squares", "recursive")))
     fit = replace(fit, notes=("A note with “quotes”, <tags> and\nlines.",))
     return take(segment, fit, rows=rows, name="whole", note="α β τ", with_data=True)
+
+
+def resealed(change: Any, schema: int = SCHEMA) -> bytes:
+    """The small snapshot with its documents changed and everything sealed anew."""
+    parts = contents(small_bytes(), "It", len(PARTS))
+    del parts[MANIFEST]
+    trees = {n: documents.read(c, n) for n, c in parts.items() if n.endswith(".json")}
+    change(trees)
+    return sealed(parts | {n: documents.write(t) for n, t in trees.items()}, schema)

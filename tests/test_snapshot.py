@@ -20,14 +20,13 @@ from accpinn.pinn.config import preset
 from accpinn.pinn.training import train
 from accpinn.segment import cut
 from accpinn.segment.regimes import label, leave_out
-from accpinn.snapshot import check, documents, load, save, take, to_bytes, verify
+from accpinn.snapshot import check, load, save, take, to_bytes, verify
 from accpinn.snapshot.archive import contents
 from accpinn.snapshot.codec import encode
-from accpinn.snapshot.file import sealed
-from accpinn.snapshot.schema import MANIFEST, PARTS, SCHEMA
+from accpinn.snapshot.schema import PARTS, SCHEMA
 from tests.driving import MIXED, driven, standing_still
 from tests.samples import FOLDER, NOISY
-from tests.snapshots import small, small_bytes, trained, whole
+from tests.snapshots import resealed, small, small_bytes, trained, whole
 
 ROOT = Path(__file__).parent.parent
 
@@ -217,16 +216,11 @@ class TestTaking:
             take(segment, fit, name="x" * 201)
 
 
-def resealed(change: Any, schema: int = SCHEMA) -> bytes:
-    """The small snapshot with its documents changed and everything sealed anew."""
-    parts = contents(small_bytes(), "It", len(PARTS))
-    del parts[MANIFEST]
-    trees = {n: documents.read(c, n) for n, c in parts.items() if n.endswith(".json")}
-    change(trees)
-    return sealed(parts | {n: documents.write(t) for n, t in trees.items()}, schema)
-
-
 class TestVersions:
+    def test_a_later_one_relabelled_as_schema_1_keeps_what_it_says(self) -> None:
+        with pytest.raises(SnapshotError, match="does not keep to schema 1"):
+            load(resealed(lambda _: None, schema=1))
+
     def test_schema_1_is_brought_up(self) -> None:
         def as_of_1(trees: dict[str, Any]) -> None:
             for name in ("left_out", "left_out_share"):

@@ -24,9 +24,11 @@ SUFFIX = ".npy"
 MAGIC = b"\x93NUMPY\x01\x00"
 _HEADER = re.compile(
     rb"\{'descr': '(<f8|<f4|<i8|\|b1)', 'fortran_order': False,"
-    rb" 'shape': \(([0-9, ]{0,60})\), \} *\n"
+    rb" 'shape': \(((?:\d{1,19},)?|\d{1,19}(?:, \d{1,19}){1,7})\), \} *\n"
 )
 _PREFIX = len(MAGIC) + 2
+_NAME = re.compile(r"[A-Za-z0-9_]+(\.[A-Za-z0-9_]+)*\.npy")
+"""Of a member, as "hidden.layers.0.weight.npy": nothing that could be a path."""
 
 
 class Sizes:
@@ -86,6 +88,9 @@ def read(data: bytes, what: str) -> Arrays:
     whole = f"{what[0].upper()}{what[1:]}"
     members = contents(data, whole, MOST_ARRAYS)
     check_packed(data, members, whole)
+    for name in members:
+        if not _NAME.fullmatch(name):
+            raise SnapshotError(f'The snapshot is refused: in {what}, "{name[:60]}" is no name.')
     return {
         name.removesuffix(SUFFIX): _array(member, f"{what}, {name}")
         for name, member in members.items()
@@ -108,7 +113,10 @@ def _array(member: bytes, place: str) -> NDArray[Any]:
             f"The snapshot is refused: {place} claims the shape {shape}, but has"
             f" {len(payload):,} bytes."
         )
-    values: NDArray[Any] = np.frombuffer(payload, dtype).reshape(shape).copy()
+    try:
+        values: NDArray[Any] = np.frombuffer(payload, dtype).reshape(shape).copy()
+    except (ValueError, OverflowError):  # empty, but of lengths beyond all memory
+        raise SnapshotError(f"The snapshot is refused: {place} has an absurd shape.") from None
     if _member(values) != member:
         raise SnapshotError(f"The snapshot is refused: the header of {place} is not numpy's own.")
     return values

@@ -5,6 +5,7 @@ import re
 from typing import Any, NoReturn
 
 from accpinn.errors import SnapshotError
+from accpinn.snapshot.printable import plainly_printable, printable
 
 DEEPEST = 20
 """Brackets within brackets."""
@@ -26,7 +27,7 @@ def write(tree: Any) -> bytes:
 
 
 def read(data: bytes, what: str) -> Any:
-    """The tree of a text that `write` wrote.
+    """The tree of a text that `write` wrote; characters that cannot be shown are replaced.
 
     Args:
         data: its bytes; who calls has bounded their number.
@@ -40,8 +41,9 @@ def read(data: bytes, what: str) -> Any:
             f"The snapshot is refused: {what} is nested more than {DEEPEST} levels deep."
         )
     try:
+        text = data.decode("utf-8")
         tree = json.loads(
-            data.decode("utf-8"),
+            text,
             parse_int=_integer,
             parse_float=_real,
             parse_constant=_no_number,
@@ -54,7 +56,7 @@ def read(data: bytes, what: str) -> Any:
         ) from None
     if not same:
         raise SnapshotError(f"The snapshot is damaged: {what} is not as it was written.")
-    return tree
+    return tree if plainly_printable(text) else printable(tree)
 
 
 def _depth(data: bytes) -> int:

@@ -17,6 +17,7 @@ from accpinn.segment.quality import Quality
 from accpinn.snapshot.arrays import Arrays, Shape, Sizes, check, check_finite
 from accpinn.snapshot.codec import Decoder, encode
 from accpinn.snapshot.content import Origin, Snapshot
+from accpinn.snapshot.plausible import check_outline, check_plausible
 from accpinn.snapshot.schema import (
     COURSE,
     DATA,
@@ -144,7 +145,7 @@ class _Assembly:
         outline = about["outline"]
         self.draws = self._draws()
         fit = self._fit()
-        return Snapshot(
+        found = Snapshot(
             **about,
             quality=self._decoder("quality.json").read(Quality, self.documents["quality.json"]),
             fit=fit,
@@ -155,6 +156,8 @@ class _Assembly:
             segment=self._segment(outline),
             digest=digest,
         )
+        check_plausible(found)
+        return found
 
     def _about(self) -> dict[str, Any]:
         tree = self.documents["snapshot.json"]
@@ -163,6 +166,7 @@ class _Assembly:
         count = len(head.outline.vehicles)
         if count < 2 or head.outline.samples < 2:
             raise SnapshotError("The snapshot is refused: its window has no followers or no data.")
+        check_outline(head.outline)
         self.counts = {"M": count - 1, "V": count, "N": head.outline.samples}
         self.sizes = Sizes(**self.counts)
         decoder = self._decoder("snapshot.json")
@@ -180,7 +184,7 @@ class _Assembly:
         weights = self.arrays["weights.npz"]
         for name, values in weights.items():
             check_finite(values, f'{PARTS["weights.npz"].title}, "{name}"')
-        fit = self._decoder("fit.json").read(
+        return self._decoder("fit.json").read(
             Fit,
             self.documents["fit.json"],
             surrogate=Trajectories(**groups["surrogate"]) if groups["surrogate"] else None,
@@ -189,8 +193,6 @@ class _Assembly:
             arrays=weights,
             cached=False,
         )
-        _check_parameters(fit, PARTS["fit.json"].title)
-        return fit
 
     def _check(
         self, arrays: Arrays, shapes: Mapping[str, Shape], what: str, sizes: Sizes | None = None
@@ -243,7 +245,6 @@ class _Assembly:
             arrays={},
             cached=False,
         )
-        _check_parameters(fit, PARTS["rows.json"].title)
         return Row(
             fit,
             self._doubt(tree.uncertainty, decoder),
@@ -306,14 +307,3 @@ class _Row:
     fit: Any
     uncertainty: Any
     assessment: Any
-
-
-def _check_parameters(fit: Fit, what: str) -> None:
-    """α and β as numbers of zero or more; τ too, but where α = 0."""
-    for k, law in enumerate(fit.parameters):
-        tau = law.tau if law.alpha else 0.0
-        if not (0 <= law.alpha < np.inf and 0 <= law.beta < np.inf and 0 <= tau < np.inf):
-            raise SnapshotError(
-                f"The snapshot is refused: in {what}, the parameters of follower {k + 1} are"
-                f" α = {law.alpha:g}, β = {law.beta:g}, τ = {law.tau:g}, which no vehicle has."
-            )

@@ -150,13 +150,19 @@ def _from_1(documents: Documents) -> Documents:
     """Schema 1 knew no regimes left out, no blocks held out, and nothing beyond the window."""
     try:
         outline = documents["snapshot.json"]["outline"]
-        outline |= {"left_out": [], "left_out_share": []}
+        later: list[tuple[Documents, Documents]] = [
+            (outline, {"left_out": [], "left_out_share": []})
+        ]
         assessments = [row["assessment"] for row in documents["rows.json"]]
         if "assessment.json" in documents:
             assessments.append(documents["assessment.json"])
         for assessment in assessments:
-            assessment |= {"blocks": [], "unseen": None, "unseen_seconds": 0.0}
-    except (KeyError, TypeError):
+            later.append((assessment, {"blocks": [], "unseen": None, "unseen_seconds": 0.0}))
+        for tree, fields in later:
+            if tree.keys() & fields.keys():  # a later schema's, relabelled to lose these
+                raise KeyError
+            tree |= fields
+    except (KeyError, TypeError, AttributeError):
         raise SnapshotError("The snapshot is refused: it does not keep to schema 1.") from None
     return documents
 

@@ -20,6 +20,7 @@ from accpinn.openacc import Recording
 from accpinn.segment import Segment
 from accpinn.segment.quality import assess
 from accpinn.snapshot.content import Origin, Snapshot
+from accpinn.snapshot.plausible import check_length
 from accpinn.snapshot.schema import LONGEST_NAME, LONGEST_NOTE
 from accpinn.stability import StabilityReport, report
 from accpinn.uncertainty import Uncertainty, intervals
@@ -59,11 +60,8 @@ def take(
     """
     if fit.outcome is Outcome.DIVERGED:
         raise SnapshotError("A training that diverged has no result to keep; train again first.")
-    for text, what, most in ((name, "name", LONGEST_NAME), (note, "note", LONGEST_NOTE)):
-        if len(text) > most:
-            raise SnapshotError(
-                f"The {what} is {len(text):,} characters long; choose one of {most:,} at most."
-            )
+    check_length(name, "name", LONGEST_NAME)
+    check_length(note, "note", LONGEST_NOTE)
     return Snapshot(
         name=name,
         note=note,

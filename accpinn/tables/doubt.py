@@ -23,7 +23,7 @@ def stability_doubt_table(laws: LawSet, doubt: Uncertainty) -> Table:
     )
     rows: list[tuple[Cell, ...]] = []
     for k, label in enumerate(laws.labels):
-        low, high = (20 * math.log10(end) for end in _pair(doubt.peak_gain, k))
+        low, high = map(_decibels, _pair(doubt.peak_gain, k))
         rows.append(
             (
                 label,
@@ -45,6 +45,11 @@ def between(low: float, high: float, digits: int) -> str:
     if not math.isfinite(high):
         return f"{low:.{digits}f} or more"
     return f"{low:.{digits}f} to {high:.{digits}f}"
+
+
+def _decibels(gain: float) -> float:
+    """Of a gain; minus infinity where nothing passes."""
+    return 20 * math.log10(gain) if gain > 0 else -math.inf
 
 
 def _pair(interval: Interval, k: int) -> tuple[float, float]:

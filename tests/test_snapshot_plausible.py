@@ -1,0 +1,107 @@
+"""Snapshots whole to the last digest that say what none does: refused in one sentence, no crash."""
+
+from functools import reduce
+from typing import Any
+
+import pytest
+
+from accpinn.errors import SnapshotError
+from accpinn.snapshot import arrays, load
+from accpinn.snapshot.archive import contents, pack
+from accpinn.snapshot.file import sealed
+from accpinn.snapshot.schema import MANIFEST, PARTS, SCHEMA
+from tests.snapshots import resealed, small_bytes
+
+LONG = "x" * 500_000
+
+FORGED: list[tuple[str, Any, str]] = [
+    ("snapshot.json/name", LONG, "500,000 characters"),
+    ("snapshot.json/note", LONG, "500,000 characters"),
+    ("snapshot.json/created", "today", "no time"),
+    ("snapshot.json/outline/source", LONG, "500,000 characters"),
+    ("snapshot.json/outline/names/0", LONG, "500,000 characters"),
+    ("snapshot.json/outline/vehicles", [1, 3], "consecutive"),
+    ("snapshot.json/outline/vehicles", [0, 1], "consecutive"),
+    ("snapshot.json/outline/sha256", "abc", "SHA-256"),
+    ("snapshot.json/outline/duration", "inf", "no length"),
+    ("snapshot.json/outline/left_out_share", [2.0], "share"),
+    ("snapshot.json/facts", {"acc_flag": []}, "acc_flag"),
+    ("snapshot.json/facts", {"acc_flag": {}}, "acc_flag"),
+    ("snapshot.json/facts", {"campaign": 5}, "campaign"),
+    ("snapshot.json/facts", {"host": "a"}, "host"),
+    ("fit.json/method", "magic", "not known"),
+    ("fit.json/iterations", -1, "negative"),
+    ("fit.json/parameters/0/alpha", 1e308, "beyond any vehicle"),
+    ("fit.json/parameters/0/tau", 1e308, "beyond any vehicle"),
+    ("stability.json/vehicles/0/peak/gain", -1.0, "peak"),
+    ("stability.json/vehicles/0/peak/gain", "nan", "peak"),
+    ("stability.json/vehicles/0/peak/omega", "inf", "peak"),
+    ("stability.json/vehicles/0/linf_gain", -1.0, "negative"),
+    ("stability.json/vehicles/0/crossover", -1.0, "crossover"),
+    ("uncertainty.json/figures/level", 1.5, "level"),
+    ("uncertainty.json/figures/probability_l2/0", 1.5, "probability"),
+    ("uncertainty.json/figures/peak_gain/lower/0", -1.0, "negative"),
+    ("uncertainty.json/figures/linf_gain/lower/0", 1e9, "upside down"),
+    ("uncertainty.json/figures/lower/0/0", 1e9, "upside down"),
+]
+
+
+def step(tree: Any, name: str) -> Any:
+    return tree[int(name) if isinstance(tree, list) else name]
+
+
+def forged(place: str, value: Any) -> bytes:
+    """The small snapshot with another value at a place, sealed anew."""
+    *way, last = place.replace(".json/", ".json\0").replace("/", "\0").split("\0")
+
+    def change(trees: dict[str, Any]) -> None:
+        tree = reduce(step, way, trees)
+        tree[int(last) if isinstance(tree, list) else last] = value
+
+    return resealed(change)
+
+
+@pytest.mark.parametrize(("place", "value", "said"), FORGED)
+def test_what_no_snapshot_says_is_refused(place: str, value: Any, said: str) -> None:
+    with pytest.raises(SnapshotError, match=said) as fault:
+        load(forged(place, value))
+    assert str(fault.value).endswith(".")
+    assert len(str(fault.value)) < 300
+
+
+def with_member(name: str, header: str) -> bytes:
+    """The small snapshot with an empty array of that name and header among the weights."""
+    text = f"{header:<117}\n".encode()
+    member = arrays.MAGIC + len(text).to_bytes(2, "little") + text
+    parts = contents(small_bytes(), "It", len(PARTS))
+    del parts[MANIFEST]
+    return sealed(parts | {"weights.npz": pack({name: member})}, SCHEMA)
+
+
+@pytest.mark.parametrize(
+    "shape",
+    [
+        "(1 2)", "(,)", "(0,, 1)", "(0, 99999999999999999999)", "(4611686018427387904, 4, 0)",
+        "(0, 9223372036854775807)", "(0, 9999999999999999999)", "(00,)",
+    ],
+)  # fmt: skip
+def test_a_shape_that_numpy_would_not_write_is_refused(shape: str) -> None:
+    header = f"{{'descr': '<f8', 'fortran_order': False, 'shape': {shape}, }}"
+    with pytest.raises(SnapshotError, match="the network's weights"):
+        load(with_member("a.npy", header))
+
+
+@pytest.mark.parametrize(
+    "name", ["a", "../a.npy", "/a.npy", ".npy", "a b.npy", "a\x1b[2J.npy", "a..npy"]
+)
+def test_a_member_whose_name_could_be_a_path_or_a_command_is_refused(name: str) -> None:
+    with pytest.raises(SnapshotError, match="is no name"):
+        load(with_member(name, "{'descr': '<f8', 'fortran_order': False, 'shape': (0,), }"))
+
+
+def test_what_a_terminal_would_obey_is_not_kept() -> None:
+    evil = "a\x1b[2J\u202eb\nc"
+    assert load(forged("snapshot.json/name", evil)).name == "a\ufffd[2J\ufffdb c"
+    assert load(forged("snapshot.json/note", evil)).note == "a\ufffd[2J\ufffdb\nc"
+    names = load(forged("snapshot.json/outline/names/1", evil)).outline.names
+    assert names[1] == "a\ufffd[2J\ufffdb c"
