@@ -15,9 +15,10 @@ import pytest
 
 from accpinn.cli import main
 from accpinn.cthp import Parameters
+from accpinn.fit import Outcome
 from accpinn.report import report
 from accpinn.report.pictures import fits, motion
-from accpinn.report.words import summary
+from accpinn.report.words import about_data, summary
 from accpinn.snapshot import check, load, save
 from accpinn.snapshot.taking import stability as judged
 from tests.samples import FOLDER, PLATOON
@@ -156,6 +157,33 @@ class TestItIsTrue:
         assert "All 4 vehicles amplify" in text
         assert "How probable" in text
 
+    def test_the_summary_says_how_sure_the_headway_is_and_who_collides(self) -> None:
+        doubt, worth = whole().uncertainty, whole().assessment
+        assert doubt is not None
+        assert worth is not None
+        text = " ".join(summary(whole()))
+        assert f"(90 % interval: {doubt.lower[0, 2]:.2f} to {doubt.upper[0, 2]:.2f} s)" in text
+        assert "runs into" not in text
+        touched = replace(worth, collisions=np.array([np.nan, 12.34, np.nan, np.nan]))
+        text = " ".join(summary(replace(whole(), assessment=touched)))
+        assert "1 of 4 laws runs into the vehicle ahead: 3 " in text
+        assert "at 12.3 s." in text
+        alone = small().assessment
+        assert alone is not None
+        touched = replace(alone, collisions=np.array([222.6]))
+        text = " ".join(summary(replace(small(), assessment=touched)))
+        assert "the law runs into the vehicle ahead at 222.6 s." in text
+
+    def test_a_stopped_training_is_called_so_first(self) -> None:
+        fit = replace(whole().fit, outcome=Outcome.STOPPED, iterations=12)
+        first = summary(replace(whole(), fit=fit))[0]
+        assert first.startswith("Training was stopped at 12 of 20 iterations; these are not yet")
+
+    def test_the_files_flag_is_not_called_a_vehicles_mode(self) -> None:
+        rows = dict(about_data(replace(whole(), facts={"acc_flag": 1})))
+        assert rows["ACC flag of the file"].startswith("1 (ACC), for the recording as a whole")
+        assert "Driven by" not in rows
+
     def test_one_quiet_vehicle_is_called_so(self) -> None:
         fit = replace(small().fit, parameters=(Parameters(0.05, 0.6, 3.0),))
         calm = replace(small(), fit=fit, stability=judged(fit))
@@ -169,6 +197,9 @@ class TestItIsTrue:
             assert one.recomputed in cells
         assert "yes" in cells
 
+    def test_an_honest_snapshot_comes_without_a_warning(self) -> None:
+        assert not any(attributes.get("class") == "wrong" for _, attributes in read(page()).tags)
+
     def test_a_mismatch_is_shown(self) -> None:
         stability = whole().stability
         assert stability is not None
@@ -176,7 +207,10 @@ class TestItIsTrue:
         wrong = replace(
             whole(), stability=replace(stability, vehicles=(first, *stability.vehicles[1:]))
         )
-        assert any(cell.startswith("NO: ") for cell in read(report(wrong)).within("td"))
+        reader = read(report(wrong))
+        assert any(cell.startswith("NO: ") for cell in reader.within("td"))
+        assert any(attributes.get("class") == "wrong" for _, attributes in reader.tags)
+        assert "9.000" not in reader.within("td"), "stability is shown as it was recomputed"
 
     def test_curves_are_those_of_the_snapshot(self) -> None:
         made = motion(whole())
@@ -237,6 +271,18 @@ class TestCommand:
         assert status == 0
         assert out.strip() == str(written)
         assert load(file).id in written.read_text(encoding="utf-8")
+
+    def test_what_does_not_agree_is_written_and_said(
+        self, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    ) -> None:
+        laws = tuple(replace(law, beta=2 * law.beta) for law in small().fit.parameters)
+        forged = replace(small(), fit=replace(small().fit, parameters=laws))
+        file = save(forged, tmp_path / "forged.accpinn.zip")
+        status, out, err = runs(["report", str(file)], capsys)
+        assert status == 1
+        assert Path(out.strip()).exists()
+        assert "figures differ" in err
+        assert err.endswith("with a warning at its top.\n")
 
     def test_a_recording_brings_the_data_back(
         self, tmp_path: Path, capsys: pytest.CaptureFixture[str]

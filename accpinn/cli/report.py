@@ -1,6 +1,7 @@
 """`report FILE`: a snapshot as one web page for people without accpinn."""
 
 import argparse
+import sys
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -21,7 +22,7 @@ def add_parser(subparsers: Any) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Write the page, and say where."""
+    """Write the page, and say where; 1 when the snapshot does not agree with itself."""
     from accpinn.report import report  # plotly's script is read from disk
 
     snapshot = load(options.file)
@@ -33,4 +34,11 @@ def run(options: argparse.Namespace) -> int:
     place = Path(options.out or options.file.removesuffix(SUFFIX) + ".html")
     write_whole(page.encode(), place, "the report")
     print(place)
-    return 0
+    if checked.ok:
+        return 0
+    print(
+        f"error: what the snapshot says does not follow from its contents. {checked.sentence} The"
+        " report was written, with a warning at its top.",
+        file=sys.stderr,
+    )
+    return 1

@@ -4,7 +4,7 @@ import base64
 import hashlib
 import json
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -19,6 +19,7 @@ from accpinn.figures.style import vehicle_colour
 from accpinn.report import pictures, words
 from accpinn.report.pictures import Picture
 from accpinn.snapshot import Snapshot, Verification, check
+from accpinn.snapshot.taking import stability
 from accpinn.tables.comparison import intervals_table, methods_table
 from accpinn.tables.doubt import stability_doubt_table
 from accpinn.tables.results import parameter_table
@@ -39,7 +40,7 @@ def report(snapshot: Snapshot, verification: Verification | None = None) -> str:
     """
     script = (HERE / "page.js").read_text(encoding="utf-8")
     shown = list[Picture]()
-    story = _story(snapshot, verification or check(snapshot), shown)
+    story = _story(_as_computed(snapshot), verification or check(snapshot), shown)
     document = json.dumps(pictures.all_drawn(shown), ensure_ascii=False, separators=(",", ":"))
     return _template().render(
         story,
@@ -51,6 +52,15 @@ def report(snapshot: Snapshot, verification: Verification | None = None) -> str:
         drawings=Markup(document.replace("<", "\\u003c")),
         policy=_policy(get_plotlyjs(), script),
         version=__version__,
+    )
+
+
+def _as_computed(snapshot: Snapshot) -> Snapshot:
+    """With its stability as it follows from its parameters, whatever was stored."""
+    return (
+        snapshot
+        if snapshot.stability is None
+        else replace(snapshot, stability=stability(snapshot.fit))
     )
 
 

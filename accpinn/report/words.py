@@ -1,12 +1,15 @@
 """The report's sentences: what was found, in plain words with its numbers."""
 
-from math import isfinite, isinf
+from math import isfinite, isinf, isnan, pi
 
 from accpinn.cthp import Parameters
+from accpinn.fit import unfinished
 from accpinn.snapshot import Snapshot
+from accpinn.tables.doubt import between
 from accpinn.uncertainty import Uncertainty
 
-FLAGS = {0: "human drivers", 1: "ACC", 2: "ACC and human drivers in turn"}
+FLAGS = {0: "human drivers", 1: "ACC", 2: "mixed"}
+"""Of the whole recording; which vehicle was driven by whom it does not tell."""
 METHOD_TITLES = {"pinn": "a physics-inspired neural network (PiNN)"}
 
 
@@ -17,26 +20,43 @@ def title(snapshot: Snapshot) -> str:
 
 def summary(snapshot: Snapshot) -> tuple[str, ...]:
     """The answer first: headway and gains, what they do to disturbances, how sure that is."""
-    fit, outline = snapshot.fit, snapshot.outline
+    fit, outline, doubt = snapshot.fit, snapshot.outline, snapshot.uncertainty
     method = METHOD_TITLES.get(fit.method, fit.method)
     opening = (
         f"From {outline.duration:g} s of {outline.source}, {method} learned the constant"
         " time-headway law of"
     )
     if fit.case == "I" and outline.followers > 1:
-        first = f"{opening} {_followers(snapshot)} as one set: {law_words(fit.parameters[0])}."
-        return (first, *_consequences(snapshot))
-    laws = "; ".join(
-        f"{label}: {law_words(law)}"
-        for label, law in zip(outline.labels[1:], fit.parameters, strict=True)
-    )
-    return (f"{opening} {_followers(snapshot)}. {laws}.", *_consequences(snapshot))
+        law = law_words(fit.parameters[0], headway_words(doubt, 0))
+        first = f"{opening} {_followers(snapshot)} as one set: {law}."
+    else:
+        laws = "; ".join(
+            f"{label}: {law_words(law, headway_words(doubt, k))}"
+            for k, (label, law) in enumerate(zip(outline.labels[1:], fit.parameters, strict=True))
+        )
+        first = f"{opening} {_followers(snapshot)}. {laws}."
+    stopped = unfinished(fit)
+    return (*((stopped,) if stopped else ()), first, *_consequences(snapshot))
 
 
-def law_words(law: Parameters) -> str:
-    """Headway first, as drivers know it."""
+def law_words(law: Parameters, headway: str = "") -> str:
+    """Headway first, as drivers know it, with what stands in brackets behind it."""
     tau = f"{law.tau:.2f} s" if isfinite(law.tau) else "not determined"
-    return f"time headway τ {tau}, gains α {law.alpha:.4f} 1/s² and β {law.beta:.4f} 1/s"
+    behind = f" ({headway})" if headway else ""
+    return f"time headway τ {tau}{behind}, gains α {law.alpha:.4f} 1/s² and β {law.beta:.4f} 1/s"
+
+
+def headway_words(doubt: Uncertainty | None, follower: int) -> str:
+    """The interval of τ; empty where there is none."""
+    if doubt is None:
+        return ""
+    low, high = float(doubt.lower[follower, 2]), float(doubt.upper[follower, 2])
+    if isnan(low) or isnan(high):
+        return ""
+    percent = f"{100 * doubt.level:.0f} % interval"
+    if isinf(high):
+        return f"{percent}: {low:.2f} s or more"
+    return f"{percent}: {between(low, high, 2)} s"
 
 
 def _followers(snapshot: Snapshot) -> str:
@@ -50,7 +70,7 @@ def _consequences(snapshot: Snapshot) -> tuple[str, ...]:
         sentences.append(_amplifies(snapshot))
     if snapshot.uncertainty:
         sentences.append(_how_sure(snapshot, snapshot.uncertainty))
-    sentences.append(_worth(snapshot))
+    sentences += [_worth(snapshot), _collisions(snapshot)]
     return tuple(sentence for sentence in sentences if sentence)
 
 
@@ -70,10 +90,12 @@ def _amplifies(snapshot: Snapshot) -> str:
     if len(who) == len(vehicles):
         count = "It amplifies" if len(who) == 1 else f"All {len(who)} vehicles amplify"
     most = "" if len(who) == 1 else f"{labels[worst]} the most: "
-    return (
-        f"{count} the disturbances of the vehicle ahead, {most}{extent} at"
-        f" {peak.omega:.3g} rad/s (a period of {6.283185307 / peak.omega:.0f} s)."
-    )
+    return f"{count} the disturbances of the vehicle ahead, {most}{extent}{_at(peak.omega)}."
+
+
+def _at(omega: float) -> str:
+    """A frequency; nothing for a disturbance that lasts."""
+    return f" at {omega:.3g} rad/s (a period of {2 * pi / omega:.0f} s)" if omega > 0 else ""
 
 
 def _how_sure(snapshot: Snapshot, doubt: Uncertainty) -> str:
@@ -105,6 +127,20 @@ def _worth(snapshot: Snapshot) -> str:
     return f"{sentence}; the method's own curve misses it by {drawn} m (surrogate fit)."
 
 
+def _collisions(snapshot: Snapshot) -> str:
+    worth, labels = snapshot.assessment, snapshot.outline.labels[1:]
+    if worth is None:
+        return ""
+    when = [(k, float(time)) for k, time in enumerate(worth.collisions) if isfinite(time)]
+    if not when:
+        return ""
+    if len(labels) == 1:
+        return f"Left to itself so, the law runs into the vehicle ahead at {when[0][1]:.1f} s."
+    times = "; ".join(f"{labels[k]} at {time:.1f} s" for k, time in when)
+    who = f"{len(when)} of {len(labels)} laws {'runs' if len(when) == 1 else 'run'}"
+    return f"Left to themselves so, {who} into the vehicle ahead: {times}."
+
+
 def about_data(snapshot: Snapshot) -> tuple[tuple[str, str], ...]:
     """What is known of the recording and the window, as terms and descriptions."""
     outline, facts = snapshot.outline, snapshot.facts
@@ -112,7 +148,7 @@ def about_data(snapshot: Snapshot) -> tuple[tuple[str, str], ...]:
         ("Recording", outline.source),
         ("Campaign", facts.get("campaign")),
         ("Date", facts.get("date")),
-        ("Driven by", FLAGS.get(facts.get("acc_flag", -1))),
+        ("ACC flag of the file", _flag(facts.get("acc_flag"))),
         ("Distance setting", facts.get("distance_setting")),
         (
             "Window",
@@ -124,6 +160,14 @@ def about_data(snapshot: Snapshot) -> tuple[tuple[str, str], ...]:
         ("Left out", _left_out(snapshot)),
     ]
     return tuple((term, str(value)) for term, value in rows if value)
+
+
+def _flag(flag: int | None) -> str:
+    """As the file's header has it."""
+    if flag is None:
+        return ""
+    meaning = f" ({FLAGS[flag]})" if flag in FLAGS else ""
+    return f"{flag}{meaning}, for the recording as a whole; not every vehicle need be driven so"
 
 
 def _left_out(snapshot: Snapshot) -> str:
