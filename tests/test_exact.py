@@ -9,11 +9,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from accpinn.cthp import Case, regressors
+from accpinn.pinn.columns import output_columns
 from accpinn.pinn.config import PinnConfig
 from accpinn.pinn.exact import Moments, solve_output, solve_parameters
 from accpinn.pinn.fast import FastTraining
 from accpinn.pinn.loss import loss_terms
-from accpinn.pinn.network import output_columns
 from accpinn.pinn.recipe import Problem
 from accpinn.units import FloatArray
 from tests.driving import LAW, MIXED, driven

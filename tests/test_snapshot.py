@@ -3,6 +3,7 @@ import platform
 import signal
 import subprocess
 import sys
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -20,10 +21,12 @@ from accpinn.pinn.config import preset
 from accpinn.pinn.training import train
 from accpinn.segment import cut
 from accpinn.segment.regimes import label, leave_out
-from accpinn.snapshot import check, load, save, take, to_bytes, verify
+from accpinn.snapshot import Snapshot, check, load, save, take, to_bytes, verify
 from accpinn.snapshot.archive import contents
+from accpinn.snapshot.checking import REFIT
 from accpinn.snapshot.codec import encode
-from accpinn.snapshot.schema import PARTS, SCHEMA
+from accpinn.snapshot.file import sealed
+from accpinn.snapshot.schema import ATTRIBUTION, MANIFEST, PARTS, SCHEMA
 from tests.driving import MIXED, driven, standing_still
 from tests.samples import FOLDER, NOISY
 from tests.snapshots import resealed, small, small_bytes, trained, whole
@@ -74,7 +77,7 @@ class TestRoundTrip:
         laws, ok, checks, torch = reopened(path)
         assert laws == [[p.alpha.hex(), p.beta.hex(), p.tau.hex()] for p in whole().fit.parameters]
         assert ok
-        assert checks == 16
+        assert checks == 20
         assert not torch
 
     def test_keeps_what_was_left_out(self) -> None:
@@ -123,7 +126,7 @@ def test_casale_round_trip(openacc_dir: Path, tmp_path: Path) -> None:
     assert laws == [[p.alpha.hex(), p.beta.hex(), p.tau.hex()] for p in fit.parameters]
     assert ok
     assert verify(target, recording).ok
-    assert len(verify(target, recording).checks) == 10
+    assert len(verify(target, recording).checks) == 13
 
 
 class TestVerification:
@@ -202,6 +205,72 @@ class TestVerification:
         result = check(replace(whole(), segment=None))
         assert result.ok
         assert whole().outline.sha256 in result.sentence
+
+    def test_a_removed_part_is_found(self) -> None:
+        for name in ("assessment", "uncertainty"):
+            result = check(replace(small(), **{name: None}))
+            assert not result.ok
+            assert "missing" in result.sentence
+
+    def test_a_removed_error_on_blocks_held_out_is_found(self) -> None:
+        first, *others = whole().rows
+        bare = replace(first, assessment=replace(first.assessment, held_out=None))
+        result = check(replace(whole(), rows=(bare, *others)))
+        assert result.sentence.startswith("Held out, least-squares: ")
+
+    def test_weights_that_give_other_curves_are_found(self) -> None:
+        fit = whole().fit
+        zero = {name: np.zeros_like(values) for name, values in fit.arrays.items()}
+        for arrays in (zero, {}):
+            result = check(replace(whole(), fit=replace(fit, arrays=arrays), segment=None))
+            assert result.sentence.startswith("Network's curves: ")
+
+    def test_replaced_sentences_are_found_but_not_those_of_other_versions(self) -> None:
+        quality = replace(small().quality, warnings=("All is well.",))
+        stability = small().stability
+        assert stability is not None
+        [vehicle] = stability.vehicles
+        calm = replace(vehicle, l2=replace(vehicle.l2, reason="All is well."))
+        for change in ({"quality": quality}, {"stability": replace(stability, vehicles=(calm,))}):
+            forged = replace(small(), **change)
+            assert "All is well." in check(forged).sentence
+            older = check(replace(forged, origin=replace(small().origin, accpinn="0.0.9")))
+            assert older.ok
+            assert "its sentences, as accpinn 0.0.9 wrote them" in older.sentence
+
+    def test_a_replaced_attribution_is_found(self) -> None:
+        entries = contents(small_bytes(), "It", len(PARTS))
+        del entries[MANIFEST]
+        forged = verify(sealed(entries | {ATTRIBUTION: b"All mine."}, SCHEMA))
+        assert forged.sentence.startswith("Attribution: ")
+
+    def test_names_that_the_recording_does_not_have_are_found(self) -> None:
+        recording = read(FOLDER / f"{whole().outline.source}")
+        outline = replace(whole().outline, names=("Lada",) * 5)
+        result = check(replace(whole(), outline=outline, segment=None), recording)
+        assert result.sentence.startswith("Names and notes: ")
+
+    @pytest.mark.parametrize("honest", [small, whole])
+    def test_parameters_no_method_found_are_found_by_running_it_again(
+        self, honest: Callable[[], Snapshot]
+    ) -> None:
+        snapshot = honest()
+        before = check(snapshot, again=True)
+        assert before.ok, before.sentence
+        assert not any(one.cure == REFIT for one in before.unchecked)
+        assert snapshot.segment is not None
+        laws = tuple(replace(law, beta=2 * law.beta) for law in snapshot.fit.parameters)
+        forged = take(snapshot.segment, replace(snapshot.fit, parameters=laws), with_data=True)
+        result = check(forged)
+        assert result.ok
+        assert any(one.cure == REFIT for one in result.unchecked)
+        assert check(forged, again=True).sentence.startswith("Method run again: ")
+
+    def test_a_stopped_training_cannot_be_run_again(self) -> None:
+        fit = replace(whole().fit, outcome=Outcome.STOPPED)
+        result = check(replace(whole(), fit=fit), again=True)
+        assert result.ok
+        assert "as its training was stopped by hand" in result.sentence
 
 
 class TestTaking:

@@ -15,6 +15,11 @@ def add_parser(subparsers: Any) -> None:
     parser.add_argument(
         "--recording", metavar="CSV", help="check the errors too, where the data are not in it"
     )
+    parser.add_argument(
+        "--refit",
+        action="store_true",
+        help="run every method again on the data, as long as that took the first time",
+    )
     parser.add_argument("--json", action="store_true", help="one JSON document")
     parser.set_defaults(run=run)
 
@@ -22,7 +27,8 @@ def add_parser(subparsers: Any) -> None:
 def run(options: argparse.Namespace) -> int:
     """Check, and print stored beside recomputed; 1 when something does not match."""
     snapshot = load(options.file)
-    result = check(snapshot, read(options.recording) if options.recording else None)
+    recording = read(options.recording) if options.recording else None
+    result = check(snapshot, recording, again=options.refit)
     if options.json:
         print_json(describe(snapshot, result))
     else:
@@ -39,6 +45,7 @@ def describe(snapshot: Snapshot, result: Verification) -> dict[str, Any]:
         "ok": result.ok,
         "sentence": result.sentence,
         "checks": [vars(check) for check in result.checks],
+        "not_checked": [vars(one) for one in result.unchecked],
     }
 
 
@@ -53,4 +60,5 @@ def _text(snapshot: Snapshot, result: Verification) -> str:
     faults = [f"{check.name}: {check.sentence}" for check in result.checks if not check.ok]
     lines = [", ".join(filter(None, about)), ""]
     lines += [table(["what", "agrees", "stored", "recomputed"], rows), ""]
-    return "\n".join([*lines, *(faults or [result.sentence])])
+    cures = [f"{one.cure} checks {one.what}." for one in result.unchecked if one.cure]
+    return "\n".join([*lines, *(faults or [result.sentence, *cures])])

@@ -19,8 +19,8 @@ import torch
 from torch import Tensor
 
 from accpinn.cthp import Case, PlatoonSolution, solve_platoon
+from accpinn.pinn.columns import output_columns
 from accpinn.pinn.config import PinnConfig
-from accpinn.pinn.network import output_columns
 from accpinn.units import FloatArray
 
 RIDGE = 1e-10

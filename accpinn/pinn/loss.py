@@ -16,8 +16,8 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
+from accpinn.pinn.columns import output_columns
 from accpinn.pinn.config import PinnConfig
-from accpinn.pinn.network import output_columns
 
 
 @dataclass(frozen=True)

@@ -10,11 +10,8 @@ so one backward pass serves all 2M+1 outputs.
 
 from itertools import pairwise
 
-import numpy as np
 import torch
 from torch import Tensor, nn
-
-from accpinn.units import FloatArray
 
 HIDDEN = (60, 60, 60)
 """Neurons of the hidden layers, as in the paper."""
@@ -65,20 +62,6 @@ def xavier(layer: nn.Module, generator: torch.Generator) -> None:
     assert isinstance(layer, nn.Linear)
     nn.init.xavier_uniform_(layer.weight, generator=generator)
     nn.init.zeros_(layer.bias)
-
-
-def output_columns(followers: int) -> tuple[list[int], list[int]]:
-    """Where speeds (M+1) and space-gaps (M) stand among the outputs v_0, v_1, p_1, v_2, p_2, ..."""
-    return [0, *range(1, 2 * followers, 2)], list(range(2, 2 * followers + 1, 2))
-
-
-def stack_outputs(speeds: FloatArray, gaps: FloatArray) -> FloatArray:
-    """(N, M+1) speeds and (N, M) gaps as (N, 2M+1) in the order of `output_columns`."""
-    followers = gaps.shape[1]
-    stacked = np.empty((len(gaps), 2 * followers + 1))
-    speed_columns, gap_columns = output_columns(followers)
-    stacked[:, speed_columns], stacked[:, gap_columns] = speeds, gaps
-    return stacked
 
 
 def count_weights(module: nn.Module) -> int:

@@ -16,8 +16,9 @@ from torch import Tensor
 from accpinn.cthp import LINEAR_NAMES, PlatoonSolution, regressors, solve_rows
 from accpinn.fit import Outcome
 from accpinn.pinn.adam import Adam
+from accpinn.pinn.columns import output_columns
 from accpinn.pinn.loss import LossTerms, loss_terms
-from accpinn.pinn.network import PaperNetwork, count_weights, output_columns
+from accpinn.pinn.network import PaperNetwork, count_weights
 from accpinn.pinn.recipe import (
     Learned,
     Problem,

@@ -10,9 +10,9 @@ from torch import Tensor
 
 from accpinn.cthp import Case, PlatoonSolution
 from accpinn.fit import Outcome, Progress
+from accpinn.pinn.columns import stack_outputs
 from accpinn.pinn.config import PinnConfig
 from accpinn.pinn.loss import LossTerms, loss_terms
-from accpinn.pinn.network import stack_outputs
 from accpinn.pinn.warm import Warm
 from accpinn.segment import Segment
 from accpinn.units import FloatArray

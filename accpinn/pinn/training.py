@@ -23,10 +23,10 @@ from accpinn.fit import (
     bound_notes,
     parameters_of,
 )
+from accpinn.pinn.columns import output_columns
 from accpinn.pinn.config import FAST, METHOD_VERSION, PinnConfig
 from accpinn.pinn.fast import FastTraining
 from accpinn.pinn.history import Recorder
-from accpinn.pinn.network import output_columns
 from accpinn.pinn.paper import PaperTraining
 from accpinn.pinn.recipe import Learned, Problem, State, Training
 from accpinn.pinn.warm import Warm

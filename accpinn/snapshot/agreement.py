@@ -2,14 +2,15 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from math import isnan
 from typing import Any
-
-import numpy as np
 
 from accpinn.snapshot.codec import NOT_FINITE, encode
 
 RELATIVE, ABSOLUTE = 1e-9, 1e-11
 """Figures closer than this are the same; other processors round differently."""
+LONGEST = 120
+"""Characters of a sentence that is quoted."""
 
 
 @dataclass(frozen=True)
@@ -24,11 +25,28 @@ class Check:
 
 
 def compared(
-    name: str, texts: Sequence[str], one: Any, other: Any, relative: float = RELATIVE
+    name: str,
+    texts: Sequence[str],
+    one: Any,
+    other: Any,
+    relative: float = RELATIVE,
+    wording: bool = False,
 ) -> Check:
-    """Two objects of the same kind, number by number; ``texts`` say both in short."""
+    """Two objects of the same kind, number by number.
+
+    Args:
+        name: of the check.
+        texts: both in short.
+        one: as stored.
+        other: as recomputed.
+        relative: differences up to this share are none.
+        wording: whether sentences count as well, as between objects of one version.
+    """
     stored, recomputed = texts
-    old, new = dict(_numbers(encode(one))), dict(_numbers(encode(other)))
+    trees = encode(one), encode(other)
+    old, new = (dict(_numbers(tree)) for tree in trees)
+    if wording and (said := _differing_sentence(*trees)):
+        return Check(name, stored, recomputed, False, said)
     differing = [
         place for place in sorted(old.keys() | new.keys()) if not _same(place, old, new, relative)
     ]
@@ -46,7 +64,34 @@ def compared(
 def _same(place: str, old: dict[str, float], new: dict[str, float], relative: float) -> bool:
     if place not in old or place not in new:
         return False
-    return bool(np.isclose(new[place], old[place], rtol=relative, atol=ABSOLUTE, equal_nan=True))
+    before, now = old[place], new[place]
+    if before == now or (isnan(before) and isnan(now)):
+        return True
+    return abs(before - now) <= ABSOLUTE + relative * min(abs(before), abs(now))
+
+
+def _differing_sentence(one: Any, other: Any) -> str:
+    """What the first sentence that differs says in both; empty where all are the same."""
+    old, new = (dict(_sentences(tree)) for tree in (one, other))
+    for place in sorted(old.keys() | new.keys()):
+        before, now = old.get(place, ""), new.get(place, "")
+        if before != now:
+            return f"{place} says “{_short(before)}”, but the contents give “{_short(now)}”."
+    return ""
+
+
+def _short(sentence: str) -> str:
+    return sentence if len(sentence) <= LONGEST else f"{sentence[: LONGEST - 1]}…"
+
+
+def _sentences(tree: Any, place: str = "") -> Iterator[tuple[str, str]]:
+    """All texts of a tree by place, but those that stand for numbers."""
+    if isinstance(tree, dict | list):
+        pairs = tree.items() if isinstance(tree, dict) else enumerate(tree)
+        for name, item in pairs:
+            yield from _sentences(item, f"{place}.{name}" if place else str(name))
+    elif isinstance(tree, str) and tree not in NOT_FINITE:
+        yield place, tree
 
 
 def _numbers(tree: Any, place: str = "") -> Iterator[tuple[str, float]]:

@@ -1,27 +1,37 @@
 """What a snapshot says, held against what its own contents give when computed anew."""
 
-from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
-
-from accpinn.assessment import Assessment, TrackingErrors, appraise, closed_loop_errors
-from accpinn.errors import AccpinnError, ConfigError
-from accpinn.fit import Fit
+from accpinn import __version__
+from accpinn.errors import AccpinnError
 from accpinn.openacc import Recording
 from accpinn.segment import Segment, cut
-from accpinn.segment.quality import assess
 from accpinn.segment.regimes import label, leave_out
 from accpinn.snapshot.agreement import Check, compared
+from accpinn.snapshot.codec import encode
 from accpinn.snapshot.content import ID_LENGTH, Snapshot
 from accpinn.snapshot.file import Content, load
-from accpinn.snapshot.taking import stability
+from accpinn.snapshot.learned import from_data
+from accpinn.snapshot.printable import printable
+from accpinn.snapshot.refitting import network_curve, refitted, repeatable
+from accpinn.snapshot.schema import ATTRIBUTION_TEXT
+from accpinn.snapshot.taking import facts_of, stability
 from accpinn.stability import VehicleStability
-from accpinn.uncertainty import Uncertainty, intervals
+from accpinn.tables.comparison import TITLES
 
-INTERVALS = 1e-6
-"""The same for intervals, whose draws follow from solutions of nearly singular equations."""
+RECORDING, REFIT = "--recording", "--refit"
+"""What checks more, as the command line has it."""
+
+
+@dataclass(frozen=True)
+class Unchecked:
+    """Something a snapshot says that was believed."""
+
+    what: str
+    cure: str = ""
+    """`RECORDING` or `REFIT`; empty where nothing can check it."""
 
 
 @dataclass(frozen=True)
@@ -30,7 +40,8 @@ class Verification:
 
     checks: tuple[Check, ...]
     sentence: str
-    """The whole in one sentence."""
+    """The whole, and what was not checked."""
+    unchecked: tuple[Unchecked, ...] = ()
 
     @property
     def ok(self) -> bool:
@@ -38,32 +49,44 @@ class Verification:
         return all(check.ok for check in self.checks)
 
 
-def verify(content: Content, recording: Recording | None = None) -> Verification:
+def verify(
+    content: Content, recording: Recording | None = None, *, again: bool = False
+) -> Verification:
     """Read a snapshot, then compute its figures anew.
 
     Args:
         content: the file's path, or its bytes.
         recording: what it was learned from; with it errors and intervals are checked too where the
             snapshot has no data, and so are errors on the rest of the recording.
+        again: whether every method is run again where the data are at hand.
 
     Raises:
         SnapshotError: when it cannot be read, naming the damaged part.
     """
-    return check(load(content), recording)
+    return check(load(content), recording, again=again)
 
 
-def check(snapshot: Snapshot, recording: Recording | None = None) -> Verification:
+def check(
+    snapshot: Snapshot, recording: Recording | None = None, *, again: bool = False
+) -> Verification:
     """The same for a snapshot that was read already."""
-    checks = [_whole(snapshot), *_stability(snapshot)]
-    segment = snapshot.segment
+    ours = snapshot.origin.accpinn == __version__
+    checks = [_whole(snapshot), *_stability(snapshot, ours), *network_curve(snapshot.fit)]
+    if ours:
+        checks.append(_attribution(snapshot))
+    segment, same = snapshot.segment, None
     if recording is not None:
         found = _found(snapshot, recording)
         checks.append(found.check)
         segment = segment or found.segment
+        if found.segment is not None:
+            same = recording
+            checks.append(_provenance(snapshot, found.segment, recording, ours))
     if segment is not None:
-        same = recording if recording and recording.sha256 == snapshot.outline.sha256 else None
-        checks += _learned(snapshot, segment, same)
-    return Verification(tuple(checks), _sentence(snapshot, checks, segment))
+        checks += from_data(snapshot, segment, same, ours)
+        checks += refitted(snapshot, segment) if again else ()
+    unchecked = tuple(_unchecked(snapshot, segment, same, again))
+    return Verification(tuple(checks), _sentence(checks, segment, unchecked), unchecked)
 
 
 def recovered(snapshot: Snapshot, recording: Recording) -> Segment | None:
@@ -76,7 +99,19 @@ def _whole(snapshot: Snapshot) -> Check:
     return Check("Contents", known, known, True, "Every part is as it was written.")
 
 
-def _stability(snapshot: Snapshot) -> Iterator[Check]:
+def _provenance(snapshot: Snapshot, segment: Segment, recording: Recording, wording: bool) -> Check:
+    """Names, notes and facts as the recording has them; the file itself may be called otherwise."""
+    known, found = snapshot.outline, segment.outline()
+    stored: list[Any] = [known.names, known.notes, known.left_out_share]
+    given: list[Any] = [found.names, found.notes, found.left_out_share]
+    if snapshot.facts:  # else it was taken without its recording
+        stored.append(snapshot.facts)
+        given.append(facts_of(recording))
+    texts = [f"{outline.followers + 1} vehicles" for outline in (known, found)]
+    return compared("Names and notes", texts, stored, printable(encode(given)), wording=wording)
+
+
+def _stability(snapshot: Snapshot, wording: bool) -> Iterator[Check]:
     old, new = snapshot.stability, stability(snapshot.fit)
     if old is None or new is None:
         same = old is new
@@ -86,10 +121,11 @@ def _stability(snapshot: Snapshot) -> Iterator[Check]:
     for text, one, other in zip(
         snapshot.outline.labels[1:], old.vehicles, new.vehicles, strict=True
     ):
-        yield compared(f"Stability of {text}", (_verdicts(one), _verdicts(other)), one, other)
+        verdicts = _verdicts(one), _verdicts(other)
+        yield compared(f"Stability of {text}", verdicts, one, other, wording=wording)
     if len(old.vehicles) > 1:
         last = [f"‖h‖₁ {float(report.platoon.linf.gain[-1]):.6g}" for report in (old, new)]
-        yield compared("Stability of the platoon", last, old.platoon, new.platoon)
+        yield compared("Stability of the platoon", last, old.platoon, new.platoon, wording=wording)
 
 
 _DIFFERS = "Only one of both has a report."
@@ -142,73 +178,42 @@ def _found(snapshot: Snapshot, recording: Recording) -> _Found:
     return _Found(window, segment if same else None)
 
 
-def _learned(snapshot: Snapshot, segment: Segment, recording: Recording | None) -> Iterator[Check]:
-    """What follows from the data: their quality, errors, intervals, and the methods compared."""
-    quality, fit = assess(segment), snapshot.fit
-    conditions = [f"condition {_few(figures.condition)}" for figures in (snapshot.quality, quality)]
-    yield compared("Data's quality", conditions, snapshot.quality, quality)
-    if snapshot.assessment is not None:
-        yield from _errors(snapshot.assessment, appraise(segment, fit, recording=recording))
-    if snapshot.uncertainty is not None:
-        yield _intervals("Intervals", snapshot.uncertainty, segment, fit)
-    for row in snapshot.rows:
-        stored, computed = row.assessment.closed_loop, closed_loop_errors(segment, row.fit)
-        title = f"Closed-loop simulation, {row.fit.method}"
-        yield compared(title, (_mae(stored), _mae(computed)), stored, computed)
-        yield _intervals(f"Intervals, {row.fit.method}", row.uncertainty, segment, row.fit)
+def _attribution(snapshot: Snapshot) -> Check:
+    same = snapshot.attribution == ATTRIBUTION_TEXT
+    sentence = "It names the authors of data and method." if same else "It is not accpinn's text."
+    return Check("Attribution", "as stored", "as accpinn writes it", same, sentence)
 
 
-def _errors(old: Assessment, new: Assessment) -> Iterator[Check]:
-    pairs = [
-        ("Surrogate fit", old.surrogate, new.surrogate),
-        ("Closed-loop simulation", old.closed_loop, new.closed_loop),
-    ]
-    if old.unseen is not None and new.unseen is not None:
-        pairs.append(("Rest of the recording", old.unseen, new.unseen))
-    for name, stored, computed in pairs:
-        yield compared(name, (_mae(stored), _mae(computed)), stored, computed)
-    lasting = [f"lasts {_few(one.whiteness.memory)} s" for one in (old, new)]
-    yield compared("Residual", lasting, old.whiteness, new.whiteness)
-    touches = [f"at {_few(one.collisions)} s" for one in (old, new)]
-    yield compared("Collisions", touches, old.collisions, new.collisions)
+def _unchecked(
+    snapshot: Snapshot, segment: Segment | None, same: Recording | None, again: bool
+) -> Iterator[Unchecked]:
+    """What a reader must not take for granted."""
+    outline, fit = snapshot.outline, snapshot.fit
+    if segment is None:
+        yield Unchecked("its errors and intervals, as the data are not in it", RECORDING)
+    method = TITLES.get(fit.method, fit.method)
+    reason = repeatable(fit)
+    if reason:
+        yield Unchecked(f"that {method} finds these parameters, as {reason}")
+    elif segment is None or not again:
+        yield Unchecked(f"that {method} finds these parameters", REFIT)
+    if same is None and outline.sha256:
+        yield Unchecked(
+            f"that the data are those of {outline.source} (SHA-256 {outline.sha256})", RECORDING
+        )
+    if snapshot.origin.accpinn != __version__:
+        yield Unchecked(f"its sentences, as accpinn {snapshot.origin.accpinn} wrote them")
+    yield Unchecked("name, note, date, machine and the method's remarks, which anyone can write")
 
 
-def _intervals(name: str, stored: Uncertainty, segment: Segment, fit: Fit) -> Check:
-    try:
-        computed = intervals(segment, fit, stored.level, draws=len(stored.draws))
-    except ConfigError as fault:
-        return Check(name, "not possible", "none", False, str(fault))
-    texts = _ends(stored), _ends(computed)
-    if stored.method != computed.method:
-        sentence = f"Not compared, as another method was used then: {stored.method}."
-        return Check(name, *texts, True, sentence)
-    one, other = (replace(doubt, seconds=0.0, notes=()) for doubt in (stored, computed))
-    return compared(name, texts, one, other, INTERVALS)
-
-
-def _ends(doubt: Uncertainty) -> str:
-    return f"α {_few(doubt.lower[:, 0])} to {_few(doubt.upper[:, 0])}"
-
-
-def _mae(errors: TrackingErrors | None) -> str:
-    return "none" if errors is None else f"gap MAE {_few(errors.gap_mae)} m"
-
-
-def _few(values: Any) -> str:
-    return ", ".join("–" if np.isnan(value) else f"{float(value):.6g}" for value in values)
-
-
-def _sentence(snapshot: Snapshot, checks: list[Check], segment: Segment | None) -> str:
+def _sentence(checks: list[Check], segment: Segment | None, open_: Sequence[Unchecked]) -> str:
     wrong = [check for check in checks if not check.ok]
     if wrong:
         return f"{wrong[0].name}: {wrong[0].sentence}"
-    if segment is None:
-        origin = f" with the SHA-256 {snapshot.outline.sha256}" if snapshot.outline.sha256 else ""
-        return (
-            "The snapshot is whole and its stability follows from its parameters; the data are not"
-            " in it, so its errors and intervals can only be checked with"
-            f" {snapshot.outline.source}{origin}."
-        )
+    what = "stability follows from its parameters"
+    if segment is not None:
+        what = "stability, errors and intervals follow from its contents"
     return (
-        "The snapshot is whole, and its stability, errors and intervals follow from its contents."
+        f"The snapshot is whole, and its {what}. Not checked:"
+        f" {'; '.join(one.what for one in open_)}."
     )

@@ -9,6 +9,7 @@ from accpinn.fit import Fit
 from accpinn.segment import Segment
 from accpinn.segment.outline import Outline
 from accpinn.segment.quality import Quality
+from accpinn.snapshot.schema import ATTRIBUTION_TEXT
 from accpinn.stability import StabilityReport
 from accpinn.uncertainty import Uncertainty
 
@@ -65,6 +66,8 @@ class Snapshot:
     """The methods compared; without trajectories, courses thinned to 500 instants at most."""
     segment: Segment | None = None
     """The speeds and space-gaps of the window; only if the user asked for them."""
+    attribution: str = ATTRIBUTION_TEXT
+    """Whose data and whose method, as the file says."""
     digest: str = ""
     """SHA-256 over all of the file this was read from; empty before it was packed."""
 

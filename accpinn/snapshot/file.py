@@ -3,6 +3,7 @@
 import hashlib
 import os
 import tempfile
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -126,7 +127,9 @@ def _read(data: bytes) -> Snapshot:
         {n: arrays.read(c, PARTS[n].title) for n, c in entries.items() if n.endswith(".npz")},
     )
     upgraded = migrated(stored.documents, manifest["schema"])
-    return assemble(Parts(upgraded, stored.arrays), manifest["digest"])
+    found = assemble(Parts(upgraded, stored.arrays), manifest["digest"])
+    attribution = entries[ATTRIBUTION].decode("utf-8", "replace")
+    return replace(found, attribution=attribution)
 
 
 def _is_document(name: str) -> bool:

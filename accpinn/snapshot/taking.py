@@ -68,13 +68,13 @@ def take(
         created=datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ"),
         origin=origin(),
         outline=segment.outline(),
-        facts=_facts(recording),
+        facts=facts_of(recording),
         quality=assess(segment),
         fit=fit,
         uncertainty=uncertainty or intervals(segment, fit),
         assessment=assessment or appraise(segment, fit, recording=recording),
         stability=stability(fit),
-        rows=tuple(_light(row) for row in rows),
+        rows=tuple(replace(row, fit=light(row.fit)) for row in rows),
         segment=segment if with_data else None,
     )
 
@@ -105,7 +105,8 @@ def _version(package: str) -> str:
         return "not installed"
 
 
-def _facts(recording: Recording | None) -> dict[str, Any]:
+def facts_of(recording: Recording | None) -> dict[str, Any]:
+    """What a snapshot says of its recording; see `Snapshot.facts`."""
     if recording is None:
         return {}
     return {
@@ -119,10 +120,9 @@ def _facts(recording: Recording | None) -> dict[str, Any]:
     }
 
 
-def _light(row: Row) -> Row:
-    """A row without curves and weights, its course at few instants."""
-    fit = replace(row.fit, surrogate=None, history=None, arrays={}, course=_thinned(row.fit.course))
-    return replace(row, fit=fit)
+def light(fit: Fit) -> Fit:
+    """A compared method's fit, without curves and weights, its course at few instants."""
+    return replace(fit, surrogate=None, history=None, arrays={}, course=_thinned(fit.course))
 
 
 def _thinned(course: Course | None) -> Course | None:

@@ -1,0 +1,109 @@
+"""What a snapshot says of its data and its fit, held against what the data give."""
+
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from accpinn.assessment import (
+    Assessment,
+    TrackingErrors,
+    appraise,
+    closed_loop_errors,
+    held_out_errors,
+)
+from accpinn.errors import ConfigError
+from accpinn.fit import Fit
+from accpinn.openacc import Recording
+from accpinn.segment import Segment
+from accpinn.segment.quality import assess
+from accpinn.snapshot.agreement import Check, compared
+from accpinn.snapshot.content import Snapshot
+from accpinn.uncertainty import Uncertainty, intervals
+
+INTERVALS = 1e-6
+"""Intervals closer than this share are the same: their draws follow from solutions of nearly
+singular equations."""
+
+
+def from_data(
+    snapshot: Snapshot, segment: Segment, recording: Recording | None, wording: bool
+) -> Iterator[Check]:
+    """Quality, errors, intervals, and the methods compared; ``wording``: sentences count too."""
+    quality, fit = assess(segment), snapshot.fit
+    conditions = [f"condition {few(figures.condition)}" for figures in (snapshot.quality, quality)]
+    yield compared("Data's quality", conditions, snapshot.quality, quality, wording=wording)
+    if snapshot.assessment is None:
+        yield _missing("Errors")
+    else:
+        computed = appraise(segment, fit, recording=recording)
+        yield from _errors(snapshot, snapshot.assessment, computed, wording)
+    if snapshot.uncertainty is None:
+        yield _missing("Intervals")
+    else:
+        yield _intervals("Intervals", snapshot.uncertainty, segment, fit)
+    for row in snapshot.rows:
+        stored, driven = row.assessment.closed_loop, closed_loop_errors(segment, row.fit)
+        title = f"Closed-loop simulation, {row.fit.method}"
+        yield compared(title, (mae(stored), mae(driven)), stored, driven)
+        yield _intervals(f"Intervals, {row.fit.method}", row.uncertainty, segment, row.fit)
+        yield from pooled(f"Held out, {row.fit.method}", row.assessment)
+
+
+def _missing(name: str) -> Check:
+    return Check(name, "missing", "computed", False, "They are missing, though the data give them.")
+
+
+def _errors(snapshot: Snapshot, old: Assessment, new: Assessment, wording: bool) -> Iterator[Check]:
+    pairs = [
+        ("Surrogate fit", old.surrogate, new.surrogate),
+        ("Closed-loop simulation", old.closed_loop, new.closed_loop),
+    ]
+    # Without facts the snapshot was taken without its recording, and there was no rest.
+    if new.unseen is not None and (old.unseen is not None or snapshot.facts):
+        pairs.append(("Rest of the recording", old.unseen, new.unseen))
+    for name, stored, computed in pairs:
+        yield compared(name, (mae(stored), mae(computed)), stored, computed)
+    lasting = [f"lasts {few(one.whiteness.memory)} s" for one in (old, new)]
+    yield compared("Residual", lasting, old.whiteness, new.whiteness, wording=wording)
+    touches = [f"at {few(one.collisions)} s" for one in (old, new)]
+    # Those on the rest of the recording come last, and need it.
+    said = [list(one.incidents[: len(new.incidents)]) for one in (old, new)]
+    met = [[one.collisions, texts] for one, texts in zip((old, new), said, strict=True)]
+    yield compared("Collisions", touches, met[0], met[1], wording=wording)
+    yield from pooled("Held out", old)
+
+
+def pooled(name: str, worth: Assessment) -> Iterator[Check]:
+    """Whether the error over all blocks held out is that of the blocks."""
+    if worth.blocks or worth.held_out:
+        whole = held_out_errors(worth.blocks) if worth.blocks else None
+        yield compared(name, (mae(worth.held_out), mae(whole)), worth.held_out, whole)
+
+
+def _intervals(name: str, stored: Uncertainty, segment: Segment, fit: Fit) -> Check:
+    try:
+        computed = intervals(segment, fit, stored.level, draws=len(stored.draws))
+    except ConfigError as fault:
+        return Check(name, "not possible", "none", False, str(fault))
+    texts = _ends(stored), _ends(computed)
+    if stored.method != computed.method:
+        sentence = f"Not compared, as another method was used then: {stored.method}."
+        return Check(name, *texts, True, sentence)
+    one, other = (replace(doubt, seconds=0.0, notes=()) for doubt in (stored, computed))
+    return compared(name, texts, one, other, INTERVALS)
+
+
+def _ends(doubt: Uncertainty) -> str:
+    return f"α {few(doubt.lower[:, 0])} to {few(doubt.upper[:, 0])}"
+
+
+def mae(errors: TrackingErrors | None) -> str:
+    """Errors in short."""
+    return "none" if errors is None else f"gap MAE {few(errors.gap_mae)} m"
+
+
+def few(values: Any) -> str:
+    """Numbers in short."""
+    return ", ".join("–" if np.isnan(value) else f"{float(value):.6g}" for value in values)

@@ -1,0 +1,132 @@
+"""Whether a method finds what a snapshot says it found: its weights' curves, and the method anew.
+
+On one machine a method gives the same to the last digit. Another processor rounds otherwise, and
+the network's training carries that on, so there its parameters count and no more.
+"""
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from accpinn.assessment import Assessment, blocks_held_out
+from accpinn.cthp import Trajectories
+from accpinn.errors import AccpinnError, ConfigError
+from accpinn.estimators import ESTIMATORS
+from accpinn.fit import Fit, Outcome
+from accpinn.pinn.config import PinnConfig
+from accpinn.pinn.curve import curve
+from accpinn.segment import Segment
+from accpinn.snapshot.agreement import Check, compared
+from accpinn.snapshot.content import Snapshot
+from accpinn.snapshot.learned import mae
+from accpinn.snapshot.taking import light
+
+SAME = 1e-6
+"""Methods that solve or filter agree to this share on any machine."""
+TRAINED = 1e-3
+"""So do the parameters of a network trained on another machine."""
+INSTANTS = 300
+"""At which the network's curves are computed."""
+DRAWN = 1e-4
+"""m and m/s by which they may differ."""
+
+
+def network_curve(fit: Fit) -> Iterator[Check]:
+    """Whether the network's stored curves are what its weights give; nothing for other methods."""
+    if fit.method != "pinn":
+        return
+    name = "Network's curves"
+    if fit.surrogate is None:
+        yield Check(name, "missing", "from the weights", False, "The curves are missing.")
+        return
+    time = fit.surrogate.time
+    some = np.unique(np.linspace(0, len(time) - 1, INSTANTS).round().astype(int))
+    try:
+        drawn = curve(fit, time[some], float(time[-1]))
+    except ConfigError as fault:
+        yield Check(name, "stored", "not possible", False, str(fault))
+        return
+    apart = _apart(fit.surrogate, drawn, some)
+    ok = apart <= DRAWN
+    sentence = "They are what the weights give." if ok else f"They differ by up to {apart:.3g}."
+    ends = [f"last gap {curves.gaps[-1, -1]:.3f} m" for curves in (fit.surrogate, drawn)]
+    yield Check(name, ends[0], ends[1], ok, sentence)
+
+
+def _apart(stored: Trajectories, drawn: Trajectories, some: NDArray[np.int_]) -> float:
+    with np.errstate(invalid="ignore", over="ignore"):
+        speeds = np.abs(stored.speeds[some] - drawn.speeds).max()
+        return float(max(speeds, np.abs(stored.gaps[some] - drawn.gaps).max()))
+
+
+def repeatable(fit: Fit) -> str:
+    """Why a method cannot be run again; empty where it can."""
+    if fit.outcome is Outcome.STOPPED:
+        return "its training was stopped by hand"
+    if "started_from" in fit.config:
+        return "its training began from weights that are not in the snapshot"
+    return ""
+
+
+def refitted(snapshot: Snapshot, segment: Segment) -> Iterator[Check]:
+    """Every method of the snapshot run again on the data, also without the blocks held out."""
+    fit, worth = snapshot.fit, snapshot.assessment
+    if not repeatable(fit):
+        yield from _again("", fit, worth, segment)
+    for row in snapshot.rows:
+        if not repeatable(row.fit):
+            yield from _again(f", {row.fit.method}", row.fit, row.assessment, segment)
+
+
+def _again(ending: str, fit: Fit, worth: Assessment | None, segment: Segment) -> Iterator[Check]:
+    name = f"Method run again{ending}"
+    try:
+        found = _estimate(segment, fit)
+        yield _same_fit(name, fit, light(found) if ending else found)
+        if worth and worth.blocks:
+            blocks = blocks_held_out(segment, lambda part: _estimate(part, fit))
+            for k, (old, new) in enumerate(zip(worth.blocks, blocks, strict=True), start=1):
+                title, texts = f"Block {k} held out{ending}", (mae(old.errors), mae(new.errors))
+                yield compared(title, texts, old.errors, new.errors, _tolerance(fit))
+    except (AccpinnError, ValueError) as fault:
+        yield Check(name, _law(fit), "not possible", False, str(fault))
+
+
+def _estimate(segment: Segment, fit: Fit) -> Fit:
+    """The same method with the same settings, on a segment."""
+    if fit.method == "pinn":
+        from accpinn.pinn.training import train  # torch takes a second to import
+
+        return train(segment, fit.case, PinnConfig.from_json(fit.config))
+    return ESTIMATORS[fit.method](segment, fit.case)
+
+
+def _same_fit(name: str, old: Fit, new: Fit) -> Check:
+    texts = _law(old), _law(new)
+    whole = compared(name, texts, _bare(old), _bare(new), SAME)
+    if whole.ok or old.method != "pinn":
+        return whole
+    parameters = compared(name, texts, old.parameters, new.parameters, TRAINED)
+    if not parameters.ok:
+        return parameters
+    sentence = "The parameters agree; other figures of the training differ, as between processors."
+    return replace(parameters, sentence=sentence)
+
+
+def _bare(fit: Fit) -> Fit:
+    """Without what differs from run to run."""
+    history = fit.history
+    if history is not None:
+        history = replace(history, seconds=np.zeros_like(history.seconds))
+    return replace(fit, seconds=0.0, cached=False, notes=(), history=history)
+
+
+def _tolerance(fit: Fit) -> float:
+    return TRAINED if fit.method == "pinn" else SAME
+
+
+def _law(fit: Fit) -> str:
+    law = fit.parameters[0]
+    return f"α {law.alpha:.6g}, β {law.beta:.6g}, τ {law.tau:.6g}"
