@@ -176,7 +176,37 @@ def test_any_name_survives_html_and_csv(name: str) -> None:
     assert read_html(table.to_html()).elements == {
         "figure", "div", "table", "thead", "tr", "th", "tbody", "td",
     }  # fmt: skip
-    assert list(csv_format.reader(io.StringIO(table.to_csv())))[1][0] == name
+    assert list(csv_format.reader(io.StringIO(table.to_csv())))[1][0].removeprefix("'") == (
+        name.removeprefix("'")
+    )
+
+
+@pytest.mark.parametrize("text", ["=1+1", "+1+cmd|' /C calc'!A0", "-2+3", "@SUM(A1)", "\t=1", "-x"])
+def test_no_text_is_a_formula_to_a_spreadsheet(text: str) -> None:
+    table = Table("", (Column("Vehicle"), Column("τ", digits=2)), ((text, -1.5),))
+    assert list(csv_format.reader(io.StringIO(table.to_csv())))[1] == [f"'{text}", "-1.5"]
+
+
+@pytest.mark.parametrize("text", ["-0.12", "+1.2", "-0.10 to 0.20", "-1.0 or more", "2 Tesla"])
+def test_numbers_in_words_stay_as_they_are(text: str) -> None:
+    table = Table("", (Column("Vehicle"),), ((text,),))
+    assert list(csv_format.reader(io.StringIO(table.to_csv())))[1] == [text]
+
+
+def test_a_long_name_is_whole_in_the_cells_title() -> None:
+    name = 'A "very" long name of a vehicle'
+    table = Table("", (Column("Vehicle"),), ((name,), ("2 Tesla",)))
+    assert table.to_html().count(" title=") == 1
+    assert 'title="A &quot;very&quot; long name of a vehicle"' in table.to_html()
+
+
+@pytest.mark.parametrize(
+    ("text", "shown"),
+    [("a\n\nb", "a  b"), ("[x]", "{}[x]"), ("\u202ea", "(U+202E)a"), ("😀", "(U+1F600)"),
+     ("Škoda é", "Škoda é")],
+)  # fmt: skip
+def test_latex_is_stopped_by_no_name(text: str, shown: str) -> None:
+    assert latex(text) == shown
 
 
 @pytest.mark.parametrize("name", NASTY)

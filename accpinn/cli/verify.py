@@ -60,5 +60,6 @@ def _text(snapshot: Snapshot, result: Verification) -> str:
     faults = [f"{check.name}: {check.sentence}" for check in result.checks if not check.ok]
     lines = [", ".join(filter(None, about)), ""]
     lines += [table(["what", "agrees", "stored", "recomputed"], rows), ""]
-    cures = [f"{one.cure} checks {one.what}." for one in result.unchecked if one.cure]
-    return "\n".join([*lines, *(faults or [result.sentence, *cures])])
+    options = dict.fromkeys(one.cure for one in result.unchecked if one.cure)
+    more = [f"More is checked with {' and '.join(options)}."] if options else []
+    return "\n".join([*lines, *(faults or [result.sentence, *more])])

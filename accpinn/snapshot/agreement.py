@@ -45,11 +45,11 @@ def compared(
     stored, recomputed = texts
     trees = encode(one), encode(other)
     old, new = (dict(_numbers(tree)) for tree in trees)
-    if wording and (said := _differing_sentence(*trees)):
-        return Check(name, stored, recomputed, False, said)
     differing = [
         place for place in sorted(old.keys() | new.keys()) if not _same(place, old, new, relative)
     ]
+    if not differing and wording and (said := _differing_sentence(*trees)):
+        return Check(name, stored, recomputed, False, said)
     if not differing:
         figures = "1 figure agrees" if len(old) == 1 else f"All {len(old):,} figures agree"
         return Check(name, stored, recomputed, True, f"{figures}.")

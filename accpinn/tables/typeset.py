@@ -7,6 +7,7 @@ import csv
 import html
 import io
 import math
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import groupby
@@ -36,7 +37,16 @@ _LATEX = {
     "²": r"$^2$",
     "–": "--",
     "…": r"\dots{}",
+    "\n": " ",
+    "\t": " ",
 }
+_LATIN = 0x24F
+"""Letters up to here LaTeX knows; of others it shows the number."""
+_EVALUATED = re.compile(r"[=@+\-\t\r]")
+"""A text that begins so is a formula to a spreadsheet."""
+_NUMBERS = re.compile(r"[+-]?[\d.e]+( or more| to [+-]?[\d.e]+)?")
+LONG = 16
+"""Characters of a row's name beyond which a narrow window may cut it."""
 
 
 @dataclass(frozen=True)
@@ -51,6 +61,8 @@ class Column:
     """A heading shared with the neighbouring columns of the same group."""
     least: bool = False
     """Whether a cell above zero that the digits would show as zero says "< 0.01" instead."""
+    prose: bool = False
+    """Whether its texts may go on in further lines."""
 
     @property
     def heading(self) -> str:
@@ -85,13 +97,12 @@ class Table:
         return replace(self, colours=tuple(colours))
 
     def to_csv(self) -> str:
-        """Full precision; empty where there is no value."""
+        """Full precision; empty where there is no value; no text that a spreadsheet evaluates."""
         text = io.StringIO()
         writer = csv.writer(text, lineterminator="\n")
         writer.writerow(f"{c.group}: {c.heading}" if c.group else c.heading for c in self.columns)
         for row in self.rows:
-            absent = (cell is None or cell != cell for cell in row)
-            writer.writerow("" if gone else cell for cell, gone in zip(row, absent, strict=True))
+            writer.writerow(map(_csv_cell, row))
         return text.getvalue()
 
     def to_latex(self) -> str:
@@ -161,22 +172,29 @@ class Table:
 
     def _html_cells(self, index: int, cells: list[str]) -> list[str]:
         marked = [html.escape(cell) for cell in cells]
+        whole = f' title="{marked[0]}"' if len(cells[0]) > LONG else ""
         if self.colours:
             marked[0] = f'<i style="background:{html.escape(self.colours[index])}"></i>{marked[0]}'
         return [
-            f"<td{_align(column)}>{cell}</td>"
-            for column, cell in zip(self.columns, marked, strict=True)
+            f"<td{_align(column)}{'' if k else whole}>{cell}</td>"
+            for k, (column, cell) in enumerate(zip(self.columns, marked, strict=True))
         ]
 
 
 STYLE = """<style>
-figure.figures { margin: 0; }
-figure.figures > div { overflow-x: auto; }
+figure.figures { margin: 0; --page: var(--paper, light-dark(#ffffff, #11161c));
+  --shade: light-dark(rgba(27, 39, 51, .22), rgba(0, 0, 0, .65)); }
+figure.figures > div { overflow-x: auto; background:
+  linear-gradient(to left, var(--page) 45%, transparent) right / 3rem 100% no-repeat local,
+  linear-gradient(to left, var(--shade), transparent) right / 1rem 100% no-repeat scroll; }
 figure.figures figcaption { padding: 0 0 .35rem; font-weight: 600; }
 table.figures { border-collapse: collapse; width: 100%; font-variant-numeric: tabular-nums; }
 table.figures th, table.figures td { padding: .32rem .5rem; text-align: left; white-space: nowrap;
   border: 0; }
 table.figures .number { text-align: right; }
+table.figures td.prose { white-space: normal; min-width: 12rem; overflow-wrap: anywhere; }
+table.figures tr > :first-child { position: sticky; left: 0; background: var(--page); z-index: 1; }
+table.figures tbody td:first-child { max-width: 22rem; overflow: hidden; text-overflow: ellipsis; }
 table.figures th { font-weight: 600; vertical-align: bottom; white-space: normal; }
 table.figures th small { font-weight: 400; opacity: .75; white-space: nowrap; }
 table.figures th.group { text-align: center; white-space: nowrap;
@@ -185,16 +203,39 @@ table.figures thead tr:last-child th { border-bottom: 1px solid rgba(128, 140, 1
 table.figures tbody tr + tr td { border-top: 1px solid rgba(128, 140, 155, .25); }
 table.figures td i { display: inline-block; width: .7em; height: .7em; border-radius: 50%;
   margin-right: .5em; }
-@media (max-width: 640px) { table.figures th { white-space: nowrap; } }
+@media (max-width: 640px) {
+  table.figures th { white-space: nowrap; }
+  table.figures tbody td:first-child { max-width: 8.5rem; }
+}
+@media print { table.figures tr > :first-child { position: static; } }
 </style>"""
 
 
 def latex(text: str) -> str:
     """Text as LaTeX shows it, whatever it holds."""
-    return "".join(_LATEX.get(letter, letter) for letter in text)
+    shown = "".join(map(_latex_letter, text))
+    # After the end of a row a bracket would be read as its option.
+    return f"{{}}{shown}" if shown.startswith("[") else shown
+
+
+def _latex_letter(letter: str) -> str:
+    if letter in _LATEX:
+        return _LATEX[letter]
+    known = letter.isprintable() and ord(letter) <= _LATIN
+    return letter if known else f"(U+{ord(letter):04X})"
+
+
+def _csv_cell(cell: Cell) -> Cell:
+    if cell is None or cell != cell:
+        return ""
+    if isinstance(cell, str) and _EVALUATED.match(cell) and not _NUMBERS.fullmatch(cell):
+        return f"'{cell}"
+    return cell
 
 
 def _align(column: Column) -> str:
+    if column.prose:
+        return ' class="prose"'
     return "" if column.digits is None else ' class="number"'
 
 
