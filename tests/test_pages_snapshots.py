@@ -6,6 +6,7 @@ from typing import Any
 import pytest
 from streamlit.testing.v1 import AppTest
 
+from accpinn.fit import Outcome
 from accpinn.jobs import Status
 from accpinn.openacc import Recording
 from accpinn.pinn.config import preset
@@ -14,7 +15,11 @@ from pages.shared import sessions
 from pages.shared.laws import laws_of
 from pages.shared.server import shelf
 from pages.shared.settings import chosen_config
-from pages.shared.snapshots_comparing import differing_settings, parameter_differences
+from pages.shared.snapshots_comparing import (
+    differing_settings,
+    other_vehicles,
+    parameter_differences,
+)
 from pages.shared.sources import FIRST_SAMPLE, sample
 from pages.shared.workspace import Workspace
 from tests.apptest import (
@@ -66,7 +71,8 @@ class TestSaving:
         page.text_area(key="snapshots_note").input("first try")
         next(b for b in page.button if b.label == "Save").click().run()
         assert not page.exception
-        assert "Saved as snapshot" in texts(page)
+        assert "Saved as" in texts(page)
+        assert "“\\<b\\>mine" in texts(page)
         (entry,) = shelf().entries()
         assert (entry.name, entry.note, entry.with_data) == ("<b>mine</b>", "first try", False)
         assert "&lt;b&gt;mine&lt;/b&gt;" in texts(page)
@@ -86,6 +92,11 @@ class TestSaving:
         page = open_page(SNAPSHOTS)
         assert "no result to save yet" in texts(page)
         assert "No snapshot is kept here yet" in texts(page)
+
+    def test_a_stopped_training_is_called_so(self) -> None:
+        fit = replace(whole().fit, outcome=Outcome.STOPPED, iterations=7)
+        page = open_page(SNAPSHOTS, snapshot=shelf().add(replace(whole(), fit=fit)))
+        assert "stopped at 7 of 20 iterations" in texts(page)
 
     def test_a_full_store_says_so(self) -> None:
         found = with_fit()
@@ -119,6 +130,25 @@ class TestList:
         assert f"Saved as snapshot {kept}" in texts(page)
         assert not page.warning
 
+    def test_one_deleted_elsewhere_can_be_kept_again(self) -> None:
+        name = shelf().add(whole())
+        page = open_page(TRAIN, snapshot=name)
+        assert "deleted from the server" not in texts(page)
+        shelf().delete(name)
+        page.run()
+        assert "deleted from the server" in texts(page)
+        button(page, "snapshots_keep").click().run()
+        assert "deleted from the server" not in texts(page)
+        assert shelf().has(name)
+
+    def test_the_methods_are_run_again_on_demand(self) -> None:
+        shelf().add(whole())
+        page = open_page(SNAPSHOTS)
+        assert "that PiNN finds these parameters" in texts(page)
+        page.toggle(key="snapshots_again").set_value(True).run()
+        assert "that PiNN finds these parameters" not in texts(page)
+        assert "Method run again, recursive" in texts(page)
+
     def test_a_damaged_one_is_named_and_can_be_deleted(self) -> None:
         name = shelf().add(whole())
         path = shelf().folder / f"{name}.accpinn.zip"
@@ -148,6 +178,15 @@ def test_differences_are_those_of_the_second_against_the_first() -> None:
     assert table.rows[0][-1] == "+50.0"
     assert [row[-1] for row in table.rows[1:]] == ["+0.0"] * (3 * one.outline.followers - 1)
     assert differing_settings(one, one).rows == ()
+
+
+def test_unlike_vehicles_are_not_compared_without_a_word() -> None:
+    one = whole()
+    assert other_vehicles(one, one) == ""
+    names = (one.outline.names[0], "Lada", *one.outline.names[2:])
+    said = other_vehicles(one, replace(one, outline=replace(one.outline, names=names)))
+    assert f"{one.outline.labels[1]} stands beside 2 Lada." in said
+    assert said.count("stands beside") == 1
 
 
 class TestLink:

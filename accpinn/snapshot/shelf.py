@@ -110,6 +110,10 @@ class Shelf:
             )
         return found
 
+    def has(self, name: str) -> bool:
+        """Whether a file of that short name is there, damaged or not."""
+        return bool(_ID.fullmatch(name)) and self._path(name).exists()
+
     def raw(self, name: str) -> bytes:
         """The file of that short name, to be downloaded.
 

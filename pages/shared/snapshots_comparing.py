@@ -16,12 +16,16 @@ from accpinn.snapshot.taking import stability
 from accpinn.tables.doubt import between
 from accpinn.tables.typeset import ABSENT, STYLE, Cell, Column, Table
 from pages.shared.charts import show_chart
+from pages.shared.text import plain
 
 PARAMETERS = (("α", "1/s²", 4), ("β", "1/s", 4), ("τ", "s", 3))
 
 
 def show_both(one: Snapshot, other: Snapshot) -> None:
     """Everything about two."""
+    unlike = other_vehicles(one, other)
+    if unlike:
+        st.warning(plain(unlike), icon=":material/compare_arrows:")
     table = parameter_differences(one, other)
     longer = max(one.outline, other.outline, key=lambda outline: outline.followers)
     colours = [
@@ -30,9 +34,9 @@ def show_both(one: Snapshot, other: Snapshot) -> None:
     st.html(STYLE + table.coloured(colours).to_html())
     chart = responses(one, other)
     if chart:
+        whole = " Dashed: the first one's whole platoon." if one.outline.followers > 1 else ""
         st.caption(
-            "Response over frequency. Full lines: the first snapshot; dotted: the second. Dashed:"
-            " the first one's whole platoon."
+            f"Response over frequency. Full lines: the first snapshot; dotted: the second.{whole}"
         )
         show_chart(chart, "snapshots_bode")
     changes = differing_settings(one, other)
@@ -40,6 +44,18 @@ def show_both(one: Snapshot, other: Snapshot) -> None:
         st.caption("Both were made with the same settings, from the same window of one recording.")
         return
     st.html(STYLE + changes.to_html())
+
+
+def other_vehicles(one: Snapshot, other: Snapshot) -> str:
+    """What to beware of where followers in the same place are not the same; else empty."""
+    pairs = zip_longest(one.outline.labels[1:], other.outline.labels[1:], fillvalue="no vehicle")
+    unlike = [f"{first} stands beside {second}" for first, second in pairs if first != second]
+    if not unlike:
+        return ""
+    return (
+        f"The followers are not the same: {'; '.join(unlike)}. The differences below are then"
+        " between vehicles, not between two results for one."
+    )
 
 
 def parameter_differences(one: Snapshot, other: Snapshot) -> Table:
@@ -124,7 +140,7 @@ def differing_settings(one: Snapshot, other: Snapshot) -> Table:
         for name in names
         if first.get(name) != second.get(name)
     )
-    columns = tuple(map(Column, ("Setting", "First", "Second")))
+    columns = (Column("Setting"), Column("First", prose=True), Column("Second", prose=True))
     return Table("What differs", columns, rows)
 
 

@@ -7,9 +7,11 @@ import streamlit as st
 from accpinn.errors import SnapshotError
 from accpinn.report import report
 from accpinn.snapshot import SUFFIX, Snapshot, check
+from accpinn.snapshot.refitting import repeatable
 from accpinn.snapshot.shelf import Entry
 from accpinn.tables.comparison import TITLES
 from accpinn.tables.typeset import STYLE, Column, Table
+from accpinn.units import Seconds
 from pages.shared import frame
 from pages.shared.server import shelf
 from pages.shared.sessions import SNAPSHOT
@@ -21,6 +23,8 @@ LISTED = 50
 """Snapshots in the table; all can be chosen below it."""
 WIDEST = 28
 """Characters of a name or file name in that table."""
+QUICK: Seconds = 20.0
+"""A method that took longer is not run again while the page waits."""
 
 
 def listing(entries: tuple[Entry, ...]) -> Table:
@@ -159,12 +163,20 @@ def show_verification(workspace: Workspace, snapshot: Snapshot) -> None:
     """Every figure checked, as stored and as computed now from the snapshot's own contents."""
     recording = workspace.recording
     same = recording if recording and recording.sha256 == snapshot.outline.sha256 else None
-    found = check(snapshot, same)
+    again = False
+    if snapshot.fit.seconds < QUICK and (snapshot.segment or same) and not repeatable(snapshot.fit):
+        again = st.toggle(
+            "Run the methods again, too", key="snapshots_again",
+            help="Every method of the snapshot is run anew on its data, with its settings.",
+        )  # fmt: skip
+    with st.spinner("Computing all of it anew"):
+        found = check(snapshot, same, again=again)
     if found.ok:
         st.success(plain(found.sentence), icon=":material/verified:")
     else:
         st.error(plain(found.sentence), icon=":material/error:")
-    columns = tuple(map(Column, ("Checked", "Result", "Stored", "Recomputed")))
+    texts = (Column(title, prose=True) for title in ("Result", "Stored", "Recomputed"))
+    columns = (Column("Checked"), *texts)
     rows = tuple((c.name, c.sentence, c.stored, c.recomputed) for c in found.checks)
     st.html(STYLE + Table("", columns, rows).to_html())
 
@@ -184,6 +196,20 @@ def banner(workspace: Workspace) -> None:
     else:
         state = "it came without its data."
     st.info(f"From the snapshot **{name}**; {state}", icon=":material/inventory_2:")
+    if snapshot.id and not shelf().has(snapshot.id):
+        st.warning(
+            "This snapshot was deleted from the server and lasts only as long as this session;"
+            " keep it again, and its link works again.",
+            icon=":material/delete:",
+        )
+        st.button("Keep it again", key="snapshots_keep", on_click=_keep, args=(snapshot,))
+
+
+def _keep(snapshot: Snapshot) -> None:
+    try:
+        shelf().add(snapshot)
+    except SnapshotError as fault:
+        say("error", str(fault))
 
 
 def recording_needed(workspace: Workspace, snapshot: Snapshot, what: str) -> None:

@@ -5,7 +5,7 @@ import time
 import streamlit as st
 
 from accpinn.errors import SnapshotError
-from accpinn.fit import Outcome
+from accpinn.fit import Outcome, unfinished
 from accpinn.snapshot import take
 from accpinn.snapshot.schema import LARGEST, LONGEST_NAME, LONGEST_NOTE
 from accpinn.units import Seconds
@@ -46,6 +46,9 @@ def save_form(workspace: Workspace) -> None:
     if segment is None:
         st.caption("The result shown is a snapshot already, and its data are not open.")
         return
+    stopped = unfinished(fit)
+    if stopped:
+        st.warning(plain(stopped), icon=":material/pause_circle:")
     with st.form("snapshots_form", border=False):
         st.text_input("Name", key="snapshots_name", max_chars=LONGEST_NAME)
         st.text_area("Note", key="snapshots_note", max_chars=LONGEST_NOTE, height=80)
@@ -85,7 +88,7 @@ def save(workspace: Workspace) -> None:
         say("error", str(fault))
         return
     st.session_state["snapshots_chosen"] = kept
-    say("success", f"Saved as snapshot {kept}.")
+    say("success", f"Saved as “{found.name}”." if found.name else f"Saved as snapshot {kept}.")
 
 
 def upload_form() -> None:
