@@ -1,4 +1,5 @@
 import json
+import os
 import platform
 import signal
 import subprocess
@@ -336,6 +337,16 @@ class TestFile:
         save(small(), target)
         assert verify(target).ok
         assert [path.name for path in tmp_path.iterdir()] == [target.name]
+
+    @pytest.mark.skipif(sys.platform == "win32", reason="there is no umask")
+    @pytest.mark.parametrize(("mask", "mode"), [(0o077, 0o600), (0o022, 0o644)])
+    def test_who_may_read_follows_the_umask(self, tmp_path: Path, mask: int, mode: int) -> None:
+        before = os.umask(mask)
+        try:
+            target = save(small(), tmp_path / "a.accpinn.zip")
+        finally:
+            os.umask(before)
+        assert target.stat().st_mode & 0o777 == mode
 
     def test_concurrent_saves_of_one_name_leave_a_whole_file(self, tmp_path: Path) -> None:
         target = tmp_path / "a.accpinn.zip"

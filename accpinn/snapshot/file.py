@@ -2,7 +2,7 @@
 
 import hashlib
 import os
-import tempfile
+import secrets
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -26,6 +26,8 @@ from accpinn.snapshot.schema import (
 )
 
 WHOLE = "The snapshot"
+UNFINISHED = ".part"
+"""Ending of a file that is being written."""
 Content = str | os.PathLike[str] | bytes
 """A file's path, or what it holds."""
 
@@ -77,16 +79,15 @@ def write_whole(data: bytes, target: Path, what: str = "the snapshot") -> Path:
         SnapshotError: when it cannot be written there.
     """
     try:
-        handle, temporary = tempfile.mkstemp(dir=target.parent, suffix=".part")
+        temporary = target.with_name(f"{secrets.token_hex(8)}{UNFINISHED}")
         try:
-            with os.fdopen(handle, "wb") as file:
+            with temporary.open("xb") as file:  # so who may read it follows the user's umask
                 file.write(data)
                 file.flush()
                 os.fsync(file.fileno())
-            os.chmod(temporary, 0o644)  # else only its owner could read it
             os.replace(temporary, target)
         except BaseException:
-            Path(temporary).unlink(missing_ok=True)
+            temporary.unlink(missing_ok=True)
             raise
     except OSError as fault:
         raise SnapshotError(
