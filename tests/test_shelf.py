@@ -120,6 +120,34 @@ def test_a_file_under_another_s_name_is_damaged(shelf: Shelf) -> None:
     assert "its file holds" in entry.fault
 
 
+def test_another_of_the_same_short_name_is_not_written_over(
+    shelf: Shelf, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    name = shelf.add(small())
+    monkeypatch.setattr(Snapshot, "id", name)
+    with pytest.raises(SnapshotError, match="Another snapshot has the short name"):
+        shelf.add(named("another"))
+    assert shelf.raw(name) == small_bytes()
+
+
+def test_what_a_killed_process_left_is_swept(shelf: Shelf) -> None:
+    shelf.add(small())
+    old, new = (shelf.folder / f"{name}.part" for name in ("old", "new"))
+    for path in (old, new):
+        path.write_bytes(b"half")
+    os.utime(old, (1, 1))
+    shelf.add(named("another"))
+    assert not old.exists()
+    assert new.exists(), "it may still be written to"
+
+
+def test_a_damaged_one_is_mended_by_saving_it_again(shelf: Shelf) -> None:
+    path = shelf.folder / f"{shelf.add(small())}.accpinn.zip"
+    path.write_bytes(b"half")
+    shelf.add(small())
+    assert path.read_bytes() == small_bytes()
+
+
 def test_a_saving_that_fails_half_way_leaves_the_old_file(
     shelf: Shelf, monkeypatch: pytest.MonkeyPatch
 ) -> None:

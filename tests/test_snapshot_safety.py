@@ -2,6 +2,7 @@
 
 import io
 import json
+import os
 import re
 import struct
 import subprocess
@@ -114,7 +115,17 @@ class TestDamage:
         refused(data)
 
     def test_a_recording_is_refused(self) -> None:
-        refused(b"Date,26,2,2019\n" * 1000)
+        assert "not an accpinn snapshot" in refused(b"Date,26,2,2019\n" * 1000)
+
+    @pytest.mark.skipif(sys.platform == "win32", reason="there are no pipes by name")
+    def test_a_pipe_is_refused_and_not_waited_for(self, tmp_path: Path) -> None:
+        os.mkfifo(tmp_path / "pipe")
+        with pytest.raises(SnapshotError, match="this is no file"):
+            verify(tmp_path / "pipe")
+
+    def test_a_part_that_is_no_archive_is_named_as_a_part(self) -> None:
+        said = refused(with_part("weights.npz", b"x"))
+        assert said.startswith("The part with the network's weights is damaged")
 
 
 def zipped(entries: list[tuple[str, bytes]], method: int = zipfile.ZIP_STORED) -> bytes:

@@ -89,8 +89,7 @@ def _listing(data: bytes, what: str, most: int) -> list[_Entry]:
     end = len(data) - END.size
     if end < 0 or data[end : end + 4] != END_MARK:
         raise SnapshotError(
-            f"{what} is no snapshot, or only a part of one: the list of its contents at the end is"
-            " missing; get the file anew."
+            f"{what} is damaged: the list of its contents at the end is missing; get the file anew."
         )
     _, _, _, _, count, length, position, _ = END.unpack_from(data, end)
     if count > most:

@@ -85,7 +85,7 @@ def read(data: bytes, what: str) -> Arrays:
     Raises:
         SnapshotError: for anything that `write` would not have written.
     """
-    whole = f"{what[0].upper()}{what[1:]}"
+    whole = f"The part with {what}"
     members = contents(data, whole, MOST_ARRAYS)
     check_packed(data, members, whole)
     for name in members:

@@ -9,7 +9,7 @@ from typing import Any
 
 from accpinn.errors import SnapshotError
 from accpinn.snapshot import arrays, documents
-from accpinn.snapshot.archive import check_packed, contents, pack
+from accpinn.snapshot.archive import LOCAL_MARK, check_packed, contents, pack
 from accpinn.snapshot.content import Snapshot
 from accpinn.snapshot.layout import Parts, assemble, parts
 from accpinn.snapshot.schema import (
@@ -119,6 +119,10 @@ def load(content: Content) -> Snapshot:
 def _read(data: bytes) -> Snapshot:
     if len(data) > LARGEST:
         raise SnapshotError(f"{WHOLE} is larger than {LARGEST / 1e6:.0f} MB, so it is refused.")
+    if not data.startswith(LOCAL_MARK):
+        raise SnapshotError(
+            "This is not an accpinn snapshot; choose a file that ends in .accpinn.zip."
+        )
     entries = contents(data, WHOLE, MOST_ENTRIES)
     manifest = _manifest(entries)
     _check_entries(entries, manifest)
@@ -138,11 +142,15 @@ def _is_document(name: str) -> bool:
 
 
 def _bytes_of(path: Path) -> bytes:
+    if path.exists() and not path.is_file():  # a pipe would be waited for without end
+        raise SnapshotError(f"{path}: this is no file; name a file that ends in .accpinn.zip.")
     try:
         with path.open("rb") as file:
             return file.read(LARGEST + 1)
     except OSError as fault:
-        raise SnapshotError(f"{path}: cannot be opened ({fault.strerror}).") from None
+        raise SnapshotError(
+            f"{path}: cannot be opened ({fault.strerror}); check its name and that you may read it."
+        ) from None
 
 
 def _manifest(entries: dict[str, bytes]) -> dict[str, Any]:

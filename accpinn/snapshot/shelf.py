@@ -7,6 +7,8 @@ with the reason.
 
 import os
 import re
+import threading
+import time
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,12 +17,15 @@ from platformdirs import user_data_path
 
 from accpinn.errors import SnapshotError
 from accpinn.snapshot.content import ID_LENGTH, Snapshot
-from accpinn.snapshot.file import load, to_bytes, write_whole
+from accpinn.snapshot.file import UNFINISHED, load, to_bytes, write_whole
 from accpinn.snapshot.schema import SUFFIX
+from accpinn.units import Seconds
 
 CAP_BYTES = 2_000_000_000
 """Of the whole shelf; a result of 300 s without its data takes well below 1 MB."""
 CAP_COUNT = 1000
+ABANDONED: Seconds = 3600.0
+"""A file that was begun so long ago is nobody's any more."""
 FOLDER_VARIABLE = "ACCPINN_SNAPSHOTS"
 """Environment variable that names another folder than the one among the user's data."""
 
@@ -64,6 +69,8 @@ class Shelf:
         standard = Path(named) if named else user_data_path("accpinn") / "snapshots"
         self.folder = folder or standard
         self.cap_bytes, self.cap_count = cap_bytes, cap_count
+        self._writing = threading.Lock()
+        """So that room found for one is not taken by another session's."""
         self._known: dict[str, tuple[tuple[int, int], Entry]] = {}
 
     def add(self, content: Snapshot | bytes) -> str:
@@ -74,9 +81,17 @@ class Shelf:
         """
         data = content if isinstance(content, bytes) else to_bytes(content)
         name = load(data).id
+        with self._writing:
+            self._put(name, data)
+        return name
+
+    def _put(self, name: str, data: bytes) -> None:
         path = self._path(name)
-        if path.exists() and path.read_bytes() == data:
-            return name
+        if path.exists():
+            if path.read_bytes() == data:
+                return
+            self._check_other(name)
+        self._sweep()
         self._check_room(len(data))
         try:
             self.folder.mkdir(parents=True, exist_ok=True)
@@ -86,7 +101,24 @@ class Shelf:
                 f" folder in {FOLDER_VARIABLE}."
             ) from None
         write_whole(data, path)
-        return name
+
+    def _check_other(self, name: str) -> None:
+        """Refuse to write over another snapshot that is whole; a damaged one is mended."""
+        try:
+            self.open(name)
+        except SnapshotError:
+            return
+        raise SnapshotError(
+            f"Another snapshot has the short name {name}; change the name or note of this one, and"
+            " save it again."
+        )
+
+    def _sweep(self) -> None:
+        """Remove what processes that were killed while writing have left behind."""
+        for path in self.folder.glob(f"*{UNFINISHED}"):
+            with suppress(OSError):  # another process swept it just now
+                if time.time() - path.stat().st_mtime > ABANDONED:
+                    path.unlink()
 
     def entries(self) -> tuple[Entry, ...]:
         """All, the newest first, damaged ones last; a file is read again once it changed."""
@@ -126,14 +158,19 @@ class Shelf:
         except FileNotFoundError:
             raise _unknown(name) from None
         except OSError as fault:
-            raise SnapshotError(f"{path}: cannot be opened ({fault.strerror}).") from None
+            raise SnapshotError(
+                f"{path}: cannot be opened ({fault.strerror}); check who may read it."
+            ) from None
 
     def delete(self, name: str) -> None:
         """Remove one, damaged or not; nothing happens where another did so already."""
         try:
             self._path(name).unlink(missing_ok=True)
         except OSError as fault:
-            raise SnapshotError(f"Snapshot {name} cannot be deleted ({fault.strerror}).") from None
+            raise SnapshotError(
+                f"Snapshot {name} cannot be deleted ({fault.strerror}); check who may write to"
+                f" {self.folder}."
+            ) from None
 
     def _path(self, name: str) -> Path:
         """Where it lies; a name that is none never becomes a path."""
