@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from accpinn.assessment import held_out_errors
 from accpinn.cli import main
 from accpinn.cthp import Case, Parameters
 from accpinn.errors import SnapshotError
@@ -266,6 +267,21 @@ class TestVerification:
         assert result.ok
         assert any(one.cure == REFIT for one in result.unchecked)
         assert check(forged, again=True).sentence.startswith("Method run again: ")
+
+    def test_forged_blocks_are_found_and_blocks_held_out_otherwise_are_not(self) -> None:
+        first, *others = whole().rows
+
+        def with_blocks(**change: Any) -> str:
+            changed = tuple(replace(block, **change) for block in first.assessment.blocks)
+            honest = replace(first.assessment, blocks=changed)
+            pooled = replace(honest, held_out=held_out_errors(changed))
+            row = replace(first, assessment=pooled)
+            return check(replace(whole(), rows=(row, *others)), again=True).sentence
+
+        errors = first.assessment.blocks[0].errors
+        assert with_blocks(errors=errors).startswith("Block 2 held out, least-squares: ")
+        start = first.assessment.blocks[0].start + 1.0
+        assert with_blocks(start=start).startswith("The snapshot is whole")
 
     def test_a_stopped_training_cannot_be_run_again(self) -> None:
         fit = replace(whole().fit, outcome=Outcome.STOPPED)
