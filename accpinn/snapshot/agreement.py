@@ -11,6 +11,8 @@ RELATIVE, ABSOLUTE = 1e-9, 1e-11
 """Figures closer than this are the same; other processors round differently."""
 LONGEST = 120
 """Characters of a sentence that is quoted."""
+BEFORE = 30
+"""Of these, the ones before two sentences part."""
 
 
 @dataclass(frozen=True)
@@ -76,12 +78,18 @@ def _differing_sentence(one: Any, other: Any) -> str:
     for place in sorted(old.keys() | new.keys()):
         before, now = old.get(place, ""), new.get(place, "")
         if before != now:
-            return f"{place} says “{_short(before)}”, but the contents give “{_short(now)}”."
+            pairs = enumerate(zip(before, now, strict=False))
+            alike = next((k for k, (a, b) in pairs if a != b), min(len(before), len(now)))
+            one, other = (_from(text, alike) for text in (before, now))
+            return f"A sentence is stored as “{one}”, but the contents give “{other}”."
     return ""
 
 
-def _short(sentence: str) -> str:
-    return sentence if len(sentence) <= LONGEST else f"{sentence[: LONGEST - 1]}…"
+def _from(sentence: str, alike: int) -> str:
+    """What follows where two sentences part, with a few words before."""
+    start = max(0, alike - BEFORE)
+    shown = f"{'…' if start else ''}{sentence[start:]}"
+    return shown if len(shown) <= LONGEST else f"{shown[: LONGEST - 1]}…"
 
 
 def _sentences(tree: Any, place: str = "") -> Iterator[tuple[str, str]]:
