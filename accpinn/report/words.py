@@ -54,6 +54,8 @@ def headway_words(doubt: Uncertainty | None, follower: int) -> str:
     if isnan(low) or isnan(high):
         return ""
     percent = f"{100 * doubt.level:.0f} % interval"
+    if isinf(high) and low < 0.005:
+        return "the data alone do not fix it"
     if isinf(high):
         return f"{percent}: {low:.2f} s or more"
     return f"{percent}: {between(low, high, 2)} s"
@@ -135,10 +137,10 @@ def _collisions(snapshot: Snapshot) -> str:
     if not when:
         return ""
     if len(labels) == 1:
-        return f"Left to itself so, the law runs into the vehicle ahead at {when[0][1]:.1f} s."
+        return f"In that simulation the law runs into the vehicle ahead at {when[0][1]:.1f} s."
     times = "; ".join(f"{labels[k]} at {time:.1f} s" for k, time in when)
     who = f"{len(when)} of {len(labels)} laws {'runs' if len(when) == 1 else 'run'}"
-    return f"Left to themselves so, {who} into the vehicle ahead: {times}."
+    return f"In that simulation {who} into the vehicle ahead: {times}."
 
 
 def about_data(snapshot: Snapshot) -> tuple[tuple[str, str], ...]:

@@ -56,9 +56,10 @@ def compared(
         figures = "1 figure agrees" if len(old) == 1 else f"All {len(old):,} figures agree"
         return Check(name, stored, recomputed, True, f"{figures}.")
     place = differing[0]
+    before, now = _told_apart(old.get(place), new.get(place))
     sentence = (
-        f"{len(differing):,} of {len(old):,} figures differ; {place}: stored {old.get(place)},"
-        f" recomputed {new.get(place)}."
+        f"{len(differing):,} of {len(old):,} figures differ; {place}: stored {before},"
+        f" recomputed {now}."
     )
     return Check(name, stored, recomputed, False, sentence)
 
@@ -70,6 +71,15 @@ def _same(place: str, old: dict[str, float], new: dict[str, float], relative: fl
     if before == now or (isnan(before) and isnan(now)):
         return True
     return abs(before - now) <= ABSOLUTE + relative * min(abs(before), abs(now))
+
+
+def _told_apart(one: float | None, other: float | None) -> tuple[str, str]:
+    """Two figures with no more digits than it takes to see that they differ."""
+    if one is None or other is None:
+        only = f"{one if other is None else other:.6g}"
+        return ("nothing", only) if one is None else (only, "nothing")
+    texts = ((f"{one:.{digits}g}", f"{other:.{digits}g}") for digits in range(4, 18))
+    return next(((a, b) for a, b in texts if a != b), (str(one), str(other)))
 
 
 def _differing_sentence(one: Any, other: Any) -> str:
