@@ -20,7 +20,7 @@ from accpinn.report import pictures, words
 from accpinn.report.pictures import Picture
 from accpinn.snapshot import Snapshot, Verification, check
 from accpinn.snapshot.taking import stability
-from accpinn.tables.comparison import intervals_table, methods_table
+from accpinn.tables.comparison import TITLES, intervals_table, methods_table
 from accpinn.tables.doubt import stability_doubt_table
 from accpinn.tables.results import parameter_table
 from accpinn.tables.stability import stability_table
@@ -117,7 +117,11 @@ def _story(snapshot: Snapshot, checked: Verification, shown: list[Picture]) -> d
             for k in range(outline.followers if snapshot.rows else 0)
         ],
         "checked": checked,
-        "settings": sorted((key, str(value)) for key, value in snapshot.fit.config.items()),
+        "method": TITLES.get(snapshot.fit.method, snapshot.fit.method),
+        "settings": [
+            (key.replace("_", " "), words.setting(value))
+            for key, value in sorted(snapshot.fit.config.items())
+        ],
     }  # fmt: skip
 
 

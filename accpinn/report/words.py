@@ -1,6 +1,7 @@
 """The report's sentences: what was found, in plain words with its numbers."""
 
 from math import isfinite, isinf, isnan, pi
+from typing import Any
 
 from accpinn.cthp import Parameters
 from accpinn.fit import unfinished
@@ -29,6 +30,9 @@ def summary(snapshot: Snapshot) -> tuple[str, ...]:
     if fit.case == "I" and outline.followers > 1:
         law = law_words(fit.parameters[0], headway_words(doubt, 0))
         first = f"{opening} {_followers(snapshot)} as one set: {law}."
+    elif outline.followers == 1:
+        law = law_words(fit.parameters[0], headway_words(doubt, 0))
+        first = f"{opening} {outline.labels[1]}: {law}."
     else:
         laws = "; ".join(
             f"{label}: {law_words(law, headway_words(doubt, k))}"
@@ -141,6 +145,13 @@ def _collisions(snapshot: Snapshot) -> str:
     times = "; ".join(f"{labels[k]} at {time:.1f} s" for k, time in when)
     who = f"{len(when)} of {len(labels)} laws {'runs' if len(when) == 1 else 'run'}"
     return f"In that simulation {who} into the vehicle ahead: {times}."
+
+
+def setting(value: Any) -> str:
+    """A setting's value; several in a row."""
+    if isinstance(value, list):
+        return ", ".join(map(setting, value))
+    return f"{value:g}" if isinstance(value, float) else str(value)
 
 
 def about_data(snapshot: Snapshot) -> tuple[tuple[str, str], ...]:
