@@ -1,16 +1,18 @@
 """Snapshots whole to the last digest that say what none does: refused in one sentence, no crash."""
 
+from dataclasses import replace
 from functools import reduce
 from typing import Any
 
+import numpy as np
 import pytest
 
 from accpinn.errors import SnapshotError
-from accpinn.snapshot import arrays, load
+from accpinn.snapshot import arrays, load, to_bytes
 from accpinn.snapshot.archive import contents, pack
 from accpinn.snapshot.file import sealed
 from accpinn.snapshot.schema import MANIFEST, PARTS, SCHEMA
-from tests.snapshots import resealed, small_bytes
+from tests.snapshots import resealed, small_bytes, whole
 
 LONG = "x" * 500_000
 
@@ -97,6 +99,15 @@ def test_a_shape_that_numpy_would_not_write_is_refused(shape: str) -> None:
 def test_a_member_whose_name_could_be_a_path_or_a_command_is_refused(name: str) -> None:
     with pytest.raises(SnapshotError, match="is no name"):
         load(with_member(name, "{'descr': '<f8', 'fortran_order': False, 'shape': (0,), }"))
+
+
+@pytest.mark.parametrize("value", [0.0, -1.0, 5.0])
+def test_a_curve_whose_time_stands_still_is_refused(value: float) -> None:
+    fit = whole().fit
+    assert fit.surrogate is not None
+    still = replace(fit.surrogate, time=np.full_like(fit.surrogate.time, value))
+    with pytest.raises(SnapshotError, match="do not follow each other"):
+        load(to_bytes(replace(whole(), fit=replace(fit, surrogate=still))))
 
 
 def test_what_a_terminal_would_obey_is_not_kept() -> None:

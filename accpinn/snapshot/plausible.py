@@ -16,6 +16,7 @@ from accpinn.snapshot.schema import LONGEST_NAME, LONGEST_NOTE, PARTS
 from accpinn.stability import Peak, StabilityReport
 from accpinn.stability.criteria import checked
 from accpinn.uncertainty import Interval, Uncertainty
+from accpinn.units import FloatArray
 
 FACTS: Mapping[str, type] = {
     "campaign": str,
@@ -39,6 +40,10 @@ def check_plausible(snapshot: Snapshot) -> None:
     _check_texts(snapshot)
     _check_facts(snapshot.facts)
     _check_fit(snapshot.fit, "fit.json")
+    if snapshot.fit.surrogate:
+        _check_times(snapshot.fit.surrogate.time, "fit.npz")
+    if snapshot.segment:
+        _check_times(snapshot.segment.time, "data.npz")
     for row in snapshot.rows:
         _check_row(row)
     if snapshot.uncertainty:
@@ -109,6 +114,11 @@ def _check_fit(fit: Fit, part: str) -> None:
         checked(fit.parameters)
     except ParameterError as fault:
         _refuse(part, str(fault).rstrip("."))
+
+
+def _check_times(time: FloatArray, part: str) -> None:
+    if time[0] < 0 or (np.diff(time) <= 0).any():
+        _refuse(part, "the instants do not follow each other")
 
 
 def _check_doubt(doubt: Uncertainty, part: str) -> None:
