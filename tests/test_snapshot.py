@@ -391,7 +391,13 @@ class TestCommands:
     def test_verify_says_yes(self, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
         path = save(small(), tmp_path / "a.accpinn.zip")
         assert main(["verify", str(path), "--json"]) == 0
-        assert json.loads(capsys.readouterr().out)["ok"] is True
+        printed = json.loads(capsys.readouterr().out)
+        assert printed["ok"] is True
+        assert REFIT in [one["cure"] for one in printed["not_checked"]]
+        assert main(["verify", str(path)]) == 0
+        assert capsys.readouterr().out.rstrip().endswith("More is checked with --refit.")
+        assert main(["verify", str(path), REFIT]) == 0
+        assert "Method run again" in capsys.readouterr().out
 
     def test_verify_says_why_not(self, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
         laws = tuple(replace(law, beta=2 * law.beta) for law in small().fit.parameters)

@@ -43,10 +43,10 @@ def save(page: Page, name: str, note: str = "", with_data: bool = False) -> str:
     if with_data:
         page.get_by_text("Include the data slice").click()
     page.get_by_role("button", name="Save", exact=True).click()
-    said = page.get_by_text(re.compile("Saved as snapshot [0-9a-f]{16}"))
-    expect(said).to_be_visible()
+    expect(page.get_by_text("Saved as “")).to_be_visible()
     idle(page)
-    return re.search("[0-9a-f]{16}", said.inner_text())[0]  # type: ignore[index]
+    link = page.get_by_test_id("stCode").inner_text()
+    return re.search("snapshot=([0-9a-f]{16})", link)[1]  # type: ignore[index]
 
 
 def upload(page: Page, content: bytes) -> None:
@@ -154,7 +154,7 @@ def test_two_browsers_saving_at_once_lose_nothing(opened: Open) -> None:
     for page in pages.values():
         page.get_by_role("button", name="Save", exact=True).click()
     for page in pages.values():
-        expect(page.get_by_text("Saved as snapshot")).to_be_visible()
+        expect(page.get_by_text("Saved as “")).to_be_visible()
     first.reload()
     for name in pages:
         expect(table(first, "Recording")).to_contain_text(name)
