@@ -193,7 +193,8 @@ table.figures th, table.figures td { padding: .32rem .5rem; text-align: left; wh
   border: 0; }
 table.figures .number { text-align: right; }
 table.figures td.prose { white-space: normal; min-width: 12rem; overflow-wrap: anywhere; }
-table.figures tr > :first-child { position: sticky; left: 0; background: var(--page); z-index: 1; }
+table.figures tr > :first-child:not(th[colspan]), table.figures th[colspan="1"]:first-child {
+  position: sticky; left: 0; background: var(--page); z-index: 1; }
 table.figures tbody td:first-child { max-width: 22rem; overflow: hidden; text-overflow: ellipsis; }
 table.figures th { font-weight: 600; vertical-align: bottom; white-space: normal; }
 table.figures th small { font-weight: 400; opacity: .75; white-space: nowrap; }
@@ -207,7 +208,7 @@ table.figures td i { display: inline-block; width: .7em; height: .7em; border-ra
   table.figures th { white-space: nowrap; }
   table.figures tbody td:first-child { max-width: 8.5rem; }
 }
-@media print { table.figures tr > :first-child { position: static; } }
+@media print { table.figures tr > :first-child { position: static !important; } }
 </style>"""
 
 
