@@ -10,7 +10,7 @@ from typing import Any
 from tqdm import tqdm
 
 from accpinn.assessment import closed_loop_errors, surrogate_errors
-from accpinn.cli.output import print_json, table
+from accpinn.cli.output import print_json, show, table
 from accpinn.cthp import Parameters
 from accpinn.errors import ConfigError, SegmentError
 from accpinn.estimators import ESTIMATORS
@@ -25,9 +25,8 @@ from accpinn.snapshot import save, take
 from accpinn.store import Store
 
 
-def add_parser(subparsers: Any) -> None:
-    """Declare the command."""
-    parser = subparsers.add_parser("fit", help="learn α, β and τ from a window of a recording")
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Declare the command's options."""
     add_segment_options(parser)
     parser.add_argument("--method", choices=["pinn", *ESTIMATORS], default="pinn")
     parser.add_argument("--preset", choices=["fast", "paper"], default="fast")
@@ -115,7 +114,7 @@ def run(options: argparse.Namespace) -> int:
     if options.json:
         print_json(describe(segment, fit, quality))
     else:
-        print(_text(segment, fit, quality))
+        show(_text(segment, fit, quality))
     return 130 if fit.outcome is Outcome.STOPPED else 0
 
 

@@ -3,15 +3,14 @@
 import argparse
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
+from accpinn.cli.output import show
 from accpinn.openacc import read
 from accpinn.snapshot import SUFFIX, check, load, recovered, write_whole
 
 
-def add_parser(subparsers: Any) -> None:
-    """Declare the command."""
-    parser = subparsers.add_parser("report", help="a snapshot as one self-contained web page")
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Declare the command's options."""
     parser.add_argument("file", metavar="FILE", help="a snapshot (.accpinn.zip)")
     parser.add_argument("-o", "--out", metavar="HTML", help="where to (beside the snapshot)")
     parser.add_argument(
@@ -32,5 +31,5 @@ def run(options: argparse.Namespace) -> int:
     page = report(snapshot, checked)
     place = Path(options.out or options.file.removesuffix(SUFFIX) + ".html")
     write_whole(page.encode(), place, "the report")
-    print(place)
+    show(str(place))
     return 0

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from accpinn.cli.fit import add_segment_options, chosen_segment, describe_segment, parameter_rows
-from accpinn.cli.output import print_json, table
+from accpinn.cli.output import print_json, show, table
 from accpinn.errors import ConfigError
 from accpinn.identifiability import Dispersion, Trial, starts
 from accpinn.pinn.config import preset
@@ -15,9 +15,8 @@ from accpinn.segment import Segment
 from accpinn.store import Store
 
 
-def add_parser(subparsers: Any) -> None:
-    """Declare the command."""
-    parser = subparsers.add_parser("starts", help="the PiNN from five initial values, one table")
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Declare the command's options."""
     add_segment_options(parser)
     parser.add_argument("--preset", choices=["fast", "paper"], default="fast")
     parser.add_argument("--iterations", type=int, metavar="N", help="at most so many each")
@@ -47,7 +46,7 @@ def run(options: argparse.Namespace) -> int:
     if options.json:
         print_json(_describe(segment, found))
     else:
-        print(_text(segment, found))
+        show(_text(segment, found))
     return 0
 
 
