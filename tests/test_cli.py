@@ -290,6 +290,8 @@ class TestUsage:
             (["--iterations", "0"], "iterations"),
             (["--seed", "-1"], "seed"),
             (["--threads", "0"], "threads"),
+            (["--threads", "100000"], "threads"),
+            (["--threads", "99999999999999999999"], "threads"),
             (["--lbfgs", "5"], "paper preset"),
         ],
     )

@@ -4,13 +4,14 @@ import argparse
 import signal
 import sys
 from dataclasses import replace
+from pathlib import Path
 from types import FrameType
 from typing import Any
 
 from tqdm import tqdm
 
 from accpinn.assessment import closed_loop_errors, surrogate_errors
-from accpinn.cli.output import print_json, show, table
+from accpinn.cli.output import one_line, print_json, show, table
 from accpinn.cthp import Parameters
 from accpinn.errors import ConfigError, SegmentError
 from accpinn.estimators import ESTIMATORS
@@ -21,7 +22,7 @@ from accpinn.segment import DURATION, Segment, cut, parse_vehicles
 from accpinn.segment.quality import Quality, assess
 from accpinn.segment.regimes import LEFT_OUT_AT_WILL, leave_out
 from accpinn.segment.regimes import label as label_regimes
-from accpinn.snapshot import save, take
+from accpinn.snapshot import SNAPSHOT, check_texts, free_place, save, take
 from accpinn.store import Store
 
 
@@ -103,18 +104,21 @@ def _vehicles(text: str) -> tuple[int, ...]:
 def run(options: argparse.Namespace) -> int:
     """Learn, and print what was learned."""
     config = _config(options)
+    if options.out:  # training takes long; what would spoil its keeping is said first
+        check_texts(options.name, options.note)
+        free_place(Path(options.out), SNAPSHOT)
     recording, segment = chosen_segment(options)
     if options.method == "pinn":
         fit = _train(segment, options, config)
     else:
         fit = ESTIMATORS[options.method](segment, options.case)
     quality = assess(segment)
-    if options.out:
-        _keep(recording, segment, fit, options)
     if options.json:
         print_json(describe(segment, fit, quality))
     else:
         show(_text(segment, fit, quality))
+    if options.out:
+        _keep(recording, segment, fit, options)
     return 130 if fit.outcome is Outcome.STOPPED else 0
 
 
@@ -127,7 +131,7 @@ def _keep(recording: Recording, segment: Segment, fit: Fit, options: argparse.Na
         note=options.note,
         with_data=options.with_data,
     )
-    print(f"Saved as {save(snapshot, options.out)}.", file=sys.stderr)
+    print(one_line(f"Saved as {save(snapshot, options.out)}."), file=sys.stderr)
 
 
 def _config(options: argparse.Namespace) -> PinnConfig:
@@ -138,8 +142,6 @@ def _config(options: argparse.Namespace) -> PinnConfig:
         config = replace(config, iterations=options.iterations)
     if options.lbfgs is not None:
         config = replace(config, lbfgs_iterations=options.lbfgs)
-    if options.threads is not None and options.threads < 1:
-        raise ConfigError(f"threads: {options.threads} is not allowed; choose 1 or more.")
     return config
 
 
@@ -171,17 +173,21 @@ def _train(segment: Segment, options: argparse.Namespace, config: PinnConfig) ->
     return replace(fit, notes=(*fit.notes, *messages))
 
 
+_STOPS = (signal.SIGINT, signal.SIGTERM)
+
+
 class _Interrupt:
-    """Ctrl+C asks the training to stop and keep a checkpoint; a second one ends at once."""
+    """Ctrl+C or a polite kill: training stops and keeps a checkpoint; a second one ends at once."""
 
     raised = False
 
     def __enter__(self) -> "_Interrupt":
-        self._before = signal.signal(signal.SIGINT, self._note)
+        self._before = {kind: signal.signal(kind, self._note) for kind in _STOPS}
         return self
 
     def __exit__(self, *_: object) -> None:
-        signal.signal(signal.SIGINT, self._before)
+        for kind, before in self._before.items():
+            signal.signal(kind, before)
 
     def _note(self, _signal: int, _frame: FrameType | None) -> None:
         if self.raised:

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from accpinn.cli.output import show
 from accpinn.openacc import read
-from accpinn.snapshot import SUFFIX, check, load, recovered, write_whole
+from accpinn.snapshot import REPORT, SUFFIX, check, free_place, load, recovered, write_whole
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
@@ -23,13 +23,14 @@ def run(options: argparse.Namespace) -> int:
     """Write the page, and say where."""
     from accpinn.report import report  # plotly's script is read from disk
 
+    place = Path(options.out or options.file.removesuffix(SUFFIX) + ".html")
+    real = free_place(place, REPORT)
     snapshot = load(options.file)
     recording = read(options.recording) if options.recording else None
     checked = check(snapshot, recording)
     if recording and snapshot.segment is None:
         snapshot = replace(snapshot, segment=recovered(snapshot, recording))
     page = report(snapshot, checked)
-    place = Path(options.out or options.file.removesuffix(SUFFIX) + ".html")
-    write_whole(page.encode(), place, "the report")
+    write_whole(page.encode(), real, "the report")
     show(str(place))
     return 0

@@ -11,6 +11,7 @@ from accpinn.snapshot import arrays, documents
 from accpinn.snapshot.archive import check_packed, contents, pack
 from accpinn.snapshot.content import Snapshot
 from accpinn.snapshot.layout import Parts, assemble, parts
+from accpinn.snapshot.place import SNAPSHOT, free_place
 from accpinn.snapshot.schema import (
     ATTRIBUTION,
     ATTRIBUTION_TEXT,
@@ -64,9 +65,10 @@ def save(snapshot: Snapshot, path: str | os.PathLike[str]) -> Path:
     """Write a snapshot in one step: whoever looks sees the old file or the new one, never a part.
 
     Raises:
-        SnapshotError: when it cannot be written there.
+        SnapshotError: when it cannot be written there, or what stands there is no snapshot.
     """
-    return write_whole(to_bytes(snapshot), Path(path))
+    write_whole(to_bytes(snapshot), free_place(Path(path), SNAPSHOT))
+    return Path(path)
 
 
 def write_whole(data: bytes, target: Path, what: str = "the snapshot") -> Path:

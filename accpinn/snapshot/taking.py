@@ -59,11 +59,7 @@ def take(
     """
     if fit.outcome is Outcome.DIVERGED:
         raise SnapshotError("A training that diverged has no result to keep; train again first.")
-    for text, what, most in ((name, "name", LONGEST_NAME), (note, "note", LONGEST_NOTE)):
-        if len(text) > most:
-            raise SnapshotError(
-                f"The {what} is {len(text):,} characters long; choose one of {most:,} at most."
-            )
+    check_texts(name, note)
     return Snapshot(
         name=name,
         note=note,
@@ -79,6 +75,19 @@ def take(
         rows=tuple(_light(row) for row in rows),
         segment=segment if with_data else None,
     )
+
+
+def check_texts(name: str, note: str) -> None:
+    """Refuse what is too long, before work is done for it.
+
+    Raises:
+        SnapshotError: naming the text.
+    """
+    for text, what, most in ((name, "name", LONGEST_NAME), (note, "note", LONGEST_NOTE)):
+        if len(text) > most:
+            raise SnapshotError(
+                f"The {what} is {len(text):,} characters long; choose one of {most:,} at most."
+            )
 
 
 def stability(fit: Fit) -> StabilityReport | None:
