@@ -16,7 +16,8 @@ import numpy as np
 from platformdirs import user_cache_path
 
 from accpinn.fit import Fit
-from accpinn.packing import Arrays, pack_fit, unpack_fit
+from accpinn.packing import Arrays, pack_fit, require_match, unpack_fit
+from accpinn.segment import Segment
 
 FORMAT = "accpinn store 1"
 CAP_BYTES = 500_000_000
@@ -36,14 +37,16 @@ class Store:
         self.messages: list[str] = []
         """What the user should know of files that were set aside or could not be written."""
 
-    def load_fit(self, key: str) -> Fit | None:
-        """The result stored under ``key``, or None."""
+    def load_fit(self, key: str, segment: Segment) -> Fit | None:
+        """The result stored under ``key``, or None where there is none that fits ``segment``."""
         arrays = self._read(f"{key}.fit.npz")
         if arrays is None:
             return None
         try:
-            return unpack_fit(arrays)
-        except (KeyError, ValueError, TypeError) as fault:
+            fit = unpack_fit(arrays)
+            require_match(fit, segment)
+            return fit
+        except (KeyError, ValueError, TypeError, AttributeError, IndexError) as fault:
             self._set_aside(self.folder / f"{key}.fit.npz", fault)
             return None
 

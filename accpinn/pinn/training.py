@@ -105,7 +105,7 @@ def _train(
 ) -> Fit:
     segment, case, config = problem.segment, problem.case, problem.config
     result_key, resume_key = request_keys(segment, case, config, warm)
-    if store and (known := store.load_fit(result_key)):
+    if store and (known := store.load_fit(result_key, segment)):
         return replace(known, cached=True)
     require_memory(segment, config)
     started = time.perf_counter()
