@@ -76,7 +76,7 @@ class Store:
                 raise ValueError("not written by this version's store")
             if str(arrays.pop("store.name", "")) != name:
                 raise ValueError("it belongs to another request")
-        except FileNotFoundError:
+        except (FileNotFoundError, NotADirectoryError):  # the latter is said when writing
             return None
         except Exception as fault:  # zip and array parsers raise many kinds for foreign bytes
             self._set_aside(path, fault)
@@ -100,8 +100,10 @@ class Store:
                 Path(temporary).unlink(missing_ok=True)
                 raise
         except OSError as fault:
+            exists = isinstance(fault, FileExistsError | NotADirectoryError)
+            reason = "this is no folder" if exists else fault.strerror
             self.messages.append(
-                f"{self.folder}: the result could not be kept ({fault.strerror}); free some space"
+                f"{self.folder}: the result could not be kept ({reason}); free some space"
                 f" or name another folder in {FOLDER_VARIABLE}."
             )
             return

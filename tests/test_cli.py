@@ -203,7 +203,7 @@ class TestFit:
     ) -> None:
         cache.write_text("a file, no folder")
         notes = fit(capsys, STUDY, *SHORT)["notes"]
-        assert sum("could not be kept" in note for note in notes) == 1
+        assert [("no folder" in note) for note in notes if "cache" in note] == [True]
 
 
 class TestErrors:
@@ -219,6 +219,9 @@ class TestErrors:
     @pytest.mark.parametrize("command", ["info", "fit"])
     def test_a_missing_file(self, capsys: pytest.CaptureFixture[str], command: str) -> None:
         assert "nowhere.csv" in self.refused(capsys, command, "nowhere.csv", "--json")
+
+    def test_no_name_is_no_folder(self, capsys: pytest.CaptureFixture[str]) -> None:
+        assert "No file is named" in self.refused(capsys, "info", "")
 
     @pytest.mark.parametrize("command", ["info", "fit"])
     @pytest.mark.parametrize("content", [b"", b"\0" * 5000, b"a,b\n1,2\n", bytes(range(256))])
@@ -236,6 +239,8 @@ class TestErrors:
             ("--start", -1),
             ("--duration", 1),
             ("--duration", "nan"),
+            ("--duration", 0),
+            ("--start", "inf"),
             ("--vehicles", "1,3"),
             ("--vehicles", "7,8"),
         ],
@@ -243,7 +248,7 @@ class TestErrors:
     def test_a_window_or_platoon_the_recording_has_not(
         self, capsys: pytest.CaptureFixture[str], options: tuple[str, object]
     ) -> None:
-        self.refused(capsys, "fit", PLATOON, *options)
+        assert PLATOON.name in self.refused(capsys, "fit", PLATOON, *options)
 
     def test_real_damaged_recordings(
         self, capsys: pytest.CaptureFixture[str], openacc_dir: Path
@@ -293,6 +298,8 @@ class TestUsage:
             (["--threads", "100000"], "threads"),
             (["--threads", "99999999999999999999"], "threads"),
             (["--lbfgs", "5"], "paper preset"),
+            (["--method", "splines", "--seed", "0"], "leave --seed out"),
+            (["--method", "splines", "--preset", "paper"], "leave --preset out"),
         ],
     )
     def test_settings_out_of_range_exit_with_2_and_a_sentence(
@@ -304,6 +311,11 @@ class TestUsage:
         assert printed.err.startswith("error: ")
         assert printed.err.count("\n") == 1
         assert sentence in printed.err
+
+    @pytest.mark.parametrize("seeds", [0, 101, 1_000_000_000])
+    def test_starts_are_bounded(self, capsys: pytest.CaptureFixture[str], seeds: int) -> None:
+        assert main(["starts", str(STUDY), "--seeds", str(seeds)]) == 2
+        assert "choose 1 to 100" in capsys.readouterr().err
 
     def test_help_and_version(self, capsys: pytest.CaptureFixture[str]) -> None:
         for arguments in (["--help"], ["fit", "--help"], ["--version"]):

@@ -67,7 +67,9 @@ def save(snapshot: Snapshot, path: str | os.PathLike[str]) -> Path:
     Raises:
         SnapshotError: when it cannot be written there, or what stands there is no snapshot.
     """
-    write_whole(to_bytes(snapshot), free_place(Path(path), SNAPSHOT))
+    place, data = free_place(Path(path), SNAPSHOT), to_bytes(snapshot)
+    _read(data)  # what could not be opened again is not written
+    write_whole(data, place)
     return Path(path)
 
 

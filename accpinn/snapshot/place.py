@@ -2,6 +2,7 @@
 
 import stat
 import tempfile
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -32,7 +33,7 @@ def free_place(target: Path, kind: Kind) -> Path:
     """
     try:
         place = target.resolve() if target.is_symlink() else target
-        if place.exists():
+        with suppress(FileNotFoundError):
             _require_own(place, kind)
         with tempfile.TemporaryFile(dir=place.parent):
             return place
@@ -45,10 +46,10 @@ def free_place(target: Path, kind: Kind) -> Path:
 
 
 def _require_own(place: Path, kind: Kind) -> None:
-    if place.is_dir():
+    mode = place.stat().st_mode
+    if stat.S_ISDIR(mode):
         raise SnapshotError(f"{place}: this is a folder; name a file in it for the {kind.name}.")
-    regular = stat.S_ISREG(place.stat().st_mode)
-    if regular:
+    if stat.S_ISREG(mode):
         with place.open("rb") as file:
             beginning = file.read(_BEGINNING).lower()
         if not beginning or kind.mark in beginning:

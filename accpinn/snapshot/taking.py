@@ -84,10 +84,21 @@ def check_texts(name: str, note: str) -> None:
         SnapshotError: naming the text.
     """
     for text, what, most in ((name, "name", LONGEST_NAME), (note, "note", LONGEST_NOTE)):
+        if not isinstance(text, str) or not _is_unicode(text):
+            raise SnapshotError(f"The {what} is no text; write it in letters.")
         if len(text) > most:
             raise SnapshotError(
                 f"The {what} is {len(text):,} characters long; choose one of {most:,} at most."
             )
+
+
+def _is_unicode(text: str) -> bool:
+    """Not half a character, as of a file name in another encoding."""
+    try:
+        text.encode()
+    except UnicodeEncodeError:
+        return False
+    return True
 
 
 def stability(fit: Fit) -> StabilityReport | None:
