@@ -13,6 +13,7 @@ import pytest
 
 from accpinn import __version__
 from accpinn.cli import main
+from accpinn.cli.fit import _Interrupt
 from accpinn.cli.output import print_json, show, table
 from accpinn.store import FOLDER_VARIABLE
 
@@ -439,6 +440,17 @@ class TestAsAProcess:
         assert document["outcome"] == "stopped"
         assert 0 < document["iterations"] < 1_000_000
         assert len(list(cache.glob("*.state.npz"))) == 1
+
+
+@pytest.mark.parametrize("kind", [signal.SIGINT, signal.SIGTERM])
+def test_an_interrupt_and_a_polite_kill_ask_the_training_to_stop(kind: signal.Signals) -> None:
+    before = signal.getsignal(kind)
+    with _Interrupt() as interrupted:
+        signal.raise_signal(kind)
+        assert interrupted.raised
+        with pytest.raises(KeyboardInterrupt):
+            signal.raise_signal(kind)
+    assert signal.getsignal(kind) is before
 
 
 KILLED = """

@@ -312,7 +312,7 @@ class TestFile:
         (tmp_path / "circle").symlink_to("circle")
         os.mkfifo(tmp_path / "pipe")
         names = sorted(path.name for path in tmp_path.iterdir())
-        for name in (*names, ".", "x" * 300, "missing/a"):
+        for name in (*names, ".", "x" * 300, "missing/a", "nul\0"):
             with pytest.raises(SnapshotError, match=r"choose another|name a file"):
                 save(small(), tmp_path / name)
         assert sorted(path.name for path in tmp_path.iterdir()) == names
