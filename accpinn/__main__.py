@@ -1,5 +1,11 @@
 """`python -m accpinn`: the command line."""
 
-from accpinn.cli import main
+INTERRUPTED = 130
 
-raise SystemExit(main())
+try:
+    from accpinn.cli import main
+
+    status = main()
+except KeyboardInterrupt:  # while modules are still being imported
+    status = INTERRUPTED
+raise SystemExit(status)

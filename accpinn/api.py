@@ -10,6 +10,7 @@ import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from numbers import Integral, Real
 from pathlib import Path
 
 from accpinn.assessment import Assessment, appraise
@@ -18,9 +19,9 @@ from accpinn.errors import ConfigError
 from accpinn.estimators import ESTIMATORS
 from accpinn.fit import Fit
 from accpinn.openacc import Recording, read
-from accpinn.segment import DURATION, Segment, cut
-from accpinn.segment.regimes import label, leave_out
-from accpinn.snapshot import Snapshot, load, save, take, verify
+from accpinn.segment import DURATION, Segment, cut, parse_vehicles
+from accpinn.segment.regimes import label, leave_out, parse_regimes
+from accpinn.snapshot import Snapshot, Verification, check, load, save, take
 from accpinn.stability import StabilityReport, report
 from accpinn.store import Store
 from accpinn.uncertainty import Uncertainty, intervals
@@ -89,13 +90,13 @@ def fit(
     recording: str | os.PathLike[str] | Recording,
     start: Seconds = 0.0,
     duration: Seconds = DURATION,
-    vehicles: Sequence[int] | None = None,
+    vehicles: str | Sequence[int] | None = None,
     *,
     case: Case = "II",
     method: str = "pinn",
     preset: str = "fast",
     seed: int = 0,
-    leaving_out: Sequence[str] = (),
+    leaving_out: str | Sequence[str] = (),
     store: Store | None = None,
     threads: int | None = None,
 ) -> Study:
@@ -105,7 +106,7 @@ def fit(
         recording: a CSV file, or what `openacc.read` made of it.
         start: of the window, in s from the recording's first sample.
         duration: of the window, in s.
-        vehicles: consecutive numbers, leader first; by default all that can be used.
+        vehicles: consecutive numbers, leader first, also as "1-5"; by default all that can be used.
         case: "I" for one parameter set, "II" for one per follower.
         method: "pinn", or a name from `estimators.ESTIMATORS`.
         preset: of the PiNN, "fast" or "paper".
@@ -117,16 +118,62 @@ def fit(
     Raises:
         AccpinnError: one sentence of what is wrong with file, window or settings.
     """
-    source = recording if isinstance(recording, Recording) else read(recording)
-    segment = cut(source, start, duration, vehicles)
+    if method not in ("pinn", *ESTIMATORS):
+        listed = ", ".join(ESTIMATORS)
+        raise ConfigError(f"method: {method} is not known; choose pinn or {listed}.")
+    if case not in ("I", "II"):
+        raise ConfigError(f"case: {case} is not known; choose I or II.")
+    _require(start, Real, "start", "seconds, as 0")
+    _require(duration, Real, "duration", "seconds, as 300")
+    _require(seed, Integral, "seed", "a whole number, as 0")
+    source = _recording(recording)
+    segment = cut(source, start, duration, _numbers(vehicles))
     if leaving_out:
-        segment = leave_out(segment, label(segment, source), leaving_out)
+        segment = leave_out(segment, label(segment, source), parse_regimes(leaving_out))
     if method == "pinn":
         from accpinn.pinn.config import preset as settings
         from accpinn.pinn.training import train  # torch takes a second to import
 
-        config = settings(preset, seed=seed)
+        config = settings(preset, seed=int(seed))
         return Study(source, segment, train(segment, case, config, store=store, threads=threads))
-    if method not in ESTIMATORS:
-        raise ConfigError(f"method: {method} is not known; choose pinn or {', '.join(ESTIMATORS)}.")
     return Study(source, segment, ESTIMATORS[method](segment, case))
+
+
+def verify(
+    content: str | os.PathLike[str] | bytes,
+    recording: str | os.PathLike[str] | Recording | None = None,
+) -> Verification:
+    """Read a snapshot, then compute its figures anew.
+
+    Args:
+        content: the file's path, or its bytes.
+        recording: the CSV file it was learned from, or what `openacc.read` made of it; see
+            `snapshot.verify`.
+
+    Raises:
+        AccpinnError: when one of them cannot be read.
+    """
+    return check(load(content), None if recording is None else _recording(recording))
+
+
+def _recording(source: str | os.PathLike[str] | Recording) -> Recording:
+    if isinstance(source, Recording):
+        return source
+    if not isinstance(source, str | os.PathLike | bytes):
+        raise ConfigError(f"recording: {repr(source)[:40]} is not allowed; choose a file's path.")
+    return read(source)
+
+
+def _numbers(vehicles: str | Sequence[int] | None) -> Sequence[int] | None:
+    if vehicles is None:
+        return None
+    if isinstance(vehicles, str):
+        return parse_vehicles(vehicles)
+    for number in vehicles:
+        _require(number, Integral, "vehicles", "whole numbers, as (1, 2)")
+    return vehicles
+
+
+def _require(value: object, kind: type, name: str, allowed: str) -> None:
+    if not isinstance(value, kind) or isinstance(value, bool):
+        raise ConfigError(f"{name}: {repr(value)[:40]} is not allowed; choose {allowed}.")

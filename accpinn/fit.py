@@ -29,8 +29,8 @@ class Outcome(Enum):
         "Stopped by the user: the parameters are those of the last iteration; continue to go on."
     )
     DIVERGED = (
-        "Diverged: the loss is no longer finite; lower the learning rate, or start from other"
-        " initial values."
+        "Diverged: the numbers are no longer finite; choose another window, or train with a lower"
+        " learning rate or from other initial values."
     )
 
 

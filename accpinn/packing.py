@@ -8,11 +8,21 @@ from numpy.typing import NDArray
 
 from accpinn.cthp import Parameters, Trajectories
 from accpinn.fit import Course, Fit, History, Outcome
+from accpinn.segment import Segment
+from accpinn.units import FloatArray
 
 Arrays = dict[str, NDArray[np.generic]]
 
 _HISTORY = ("iteration", "seconds", "total", "data", "physics", "initial", "parameters")
-_PLAIN = ("method", "case", "seconds", "config", "loss", "iterations", "network_weights")
+_PLAIN = {
+    "method": str,
+    "case": str,
+    "seconds": float,
+    "config": dict,
+    "loss": dict,
+    "iterations": int,
+    "network_weights": int,
+}
 
 
 def pack_fit(fit: Fit) -> Arrays:
@@ -63,6 +73,7 @@ def unpack_fit(arrays: Arrays) -> Fit:
             np.asarray(arrays["course.parameters"], float),
             None if deviation is None else np.asarray(deviation, float),
         )
+    _require_types(text)
     return Fit(
         **{name: text[name] for name in _PLAIN},
         parameters=_parameters(arrays["parameters"]),
@@ -79,6 +90,42 @@ def unpack_fit(arrays: Arrays) -> Fit:
             if name.startswith("array.")
         },
     )
+
+
+def require_match(fit: Fit, segment: Segment) -> None:
+    """Whether a finished training can be that of a segment.
+
+    Raises:
+        ValueError: where its numbers differ in shape from the segment, or are not finite.
+    """
+    followers = segment.followers
+    shapes: list[tuple[FloatArray, tuple[int, ...]]] = [(fit.table(), (followers, 3))]
+    if fit.surrogate:
+        modelled = fit.surrogate
+        shapes += [(modelled.time, segment.time.shape), (modelled.speeds, segment.speeds.shape)]
+        shapes += [(modelled.gaps, segment.gaps.shape)]
+    if fit.history:
+        kept = len(fit.history.iteration)
+        shapes += [(getattr(fit.history, name), (kept,)) for name in _HISTORY[:-1]]
+        laws = fit.history.parameters.shape[1]  # one in Case I
+        shapes += [(fit.history.parameters, (kept, laws, 3))]
+    if any(values.shape != shape for values, shape in shapes):
+        raise ValueError("its numbers are not those of the window")
+    if {len(fit.unconstrained), len(fit.active_bounds)} != {followers}:
+        raise ValueError("its followers are not those of the window")
+    gains = fit.table()[:, :2]  # τ is nan where α = 0
+    curves = [fit.surrogate.speeds, fit.surrogate.gaps] if fit.surrogate else []
+    if not all(np.isfinite(values).all() for values in (gains, *curves)):
+        raise ValueError("its numbers are not finite")
+
+
+def _require_types(text: dict[str, Any]) -> None:
+    if any(type(text[name]) is not kind for name, kind in _PLAIN.items()):
+        raise TypeError("it holds other types")
+    if not all(isinstance(value, int | float) for value in text["loss"].values()):
+        raise TypeError("its loss is no number")
+    if not isinstance(text["notes"], list) or not all(isinstance(n, str) for n in text["notes"]):
+        raise TypeError("its notes are no sentences")
 
 
 def _table(parameters: tuple[Parameters, ...]) -> NDArray[np.float64]:

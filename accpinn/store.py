@@ -16,7 +16,8 @@ import numpy as np
 from platformdirs import user_cache_path
 
 from accpinn.fit import Fit
-from accpinn.packing import Arrays, pack_fit, unpack_fit
+from accpinn.packing import Arrays, pack_fit, require_match, unpack_fit
+from accpinn.segment import Segment
 
 FORMAT = "accpinn store 1"
 CAP_BYTES = 500_000_000
@@ -36,14 +37,16 @@ class Store:
         self.messages: list[str] = []
         """What the user should know of files that were set aside or could not be written."""
 
-    def load_fit(self, key: str) -> Fit | None:
-        """The result stored under ``key``, or None."""
+    def load_fit(self, key: str, segment: Segment) -> Fit | None:
+        """The result stored under ``key``, or None where there is none that fits ``segment``."""
         arrays = self._read(f"{key}.fit.npz")
         if arrays is None:
             return None
         try:
-            return unpack_fit(arrays)
-        except (KeyError, ValueError, TypeError) as fault:
+            fit = unpack_fit(arrays)
+            require_match(fit, segment)
+            return fit
+        except (KeyError, ValueError, TypeError, AttributeError, IndexError) as fault:
             self._set_aside(self.folder / f"{key}.fit.npz", fault)
             return None
 
@@ -73,7 +76,7 @@ class Store:
                 raise ValueError("not written by this version's store")
             if str(arrays.pop("store.name", "")) != name:
                 raise ValueError("it belongs to another request")
-        except FileNotFoundError:
+        except (FileNotFoundError, NotADirectoryError):  # the latter is said when writing
             return None
         except Exception as fault:  # zip and array parsers raise many kinds for foreign bytes
             self._set_aside(path, fault)
@@ -97,8 +100,10 @@ class Store:
                 Path(temporary).unlink(missing_ok=True)
                 raise
         except OSError as fault:
+            exists = isinstance(fault, FileExistsError | NotADirectoryError)
+            reason = "this is no folder" if exists else fault.strerror
             self.messages.append(
-                f"{self.folder}: the result could not be kept ({fault.strerror}); free some space"
+                f"{self.folder}: the result could not be kept ({reason}); free some space"
                 f" or name another folder in {FOLDER_VARIABLE}."
             )
             return

@@ -13,6 +13,8 @@ import pytest
 
 from accpinn import __version__
 from accpinn.cli import main
+from accpinn.cli.fit import _Interrupt
+from accpinn.cli.output import print_json, show, table
 from accpinn.store import FOLDER_VARIABLE
 
 ROOT = Path(__file__).parent.parent
@@ -202,7 +204,7 @@ class TestFit:
     ) -> None:
         cache.write_text("a file, no folder")
         notes = fit(capsys, STUDY, *SHORT)["notes"]
-        assert sum("could not be kept" in note for note in notes) == 1
+        assert [("no folder" in note) for note in notes if "cache" in note] == [True]
 
 
 class TestErrors:
@@ -218,6 +220,9 @@ class TestErrors:
     @pytest.mark.parametrize("command", ["info", "fit"])
     def test_a_missing_file(self, capsys: pytest.CaptureFixture[str], command: str) -> None:
         assert "nowhere.csv" in self.refused(capsys, command, "nowhere.csv", "--json")
+
+    def test_no_name_is_no_folder(self, capsys: pytest.CaptureFixture[str]) -> None:
+        assert "No file is named" in self.refused(capsys, "info", "")
 
     @pytest.mark.parametrize("command", ["info", "fit"])
     @pytest.mark.parametrize("content", [b"", b"\0" * 5000, b"a,b\n1,2\n", bytes(range(256))])
@@ -235,6 +240,8 @@ class TestErrors:
             ("--start", -1),
             ("--duration", 1),
             ("--duration", "nan"),
+            ("--duration", 0),
+            ("--start", "inf"),
             ("--vehicles", "1,3"),
             ("--vehicles", "7,8"),
         ],
@@ -242,7 +249,7 @@ class TestErrors:
     def test_a_window_or_platoon_the_recording_has_not(
         self, capsys: pytest.CaptureFixture[str], options: tuple[str, object]
     ) -> None:
-        self.refused(capsys, "fit", PLATOON, *options)
+        assert PLATOON.name in self.refused(capsys, "fit", PLATOON, *options)
 
     def test_real_damaged_recordings(
         self, capsys: pytest.CaptureFixture[str], openacc_dir: Path
@@ -276,17 +283,24 @@ class TestUsage:
         assert ended.value.code == 2
         printed = capsys.readouterr()
         assert printed.out == ""
-        assert printed.err.startswith("usage: python -m accpinn")
+        assert printed.err.startswith("error: ")
+        assert printed.err.count("\n") == 1
+        assert "see python -m accpinn" in printed.err
 
     @pytest.mark.parametrize(
         ("options", "sentence"),
         [
             (["--initial", "1,1"], "α,β,τ"),
             (["--initial=-1,1,1"], "initial"),
+            (["--initial", "-1,1,1"], "initial"),
             (["--iterations", "0"], "iterations"),
             (["--seed", "-1"], "seed"),
             (["--threads", "0"], "threads"),
+            (["--threads", "100000"], "threads"),
+            (["--threads", "99999999999999999999"], "threads"),
             (["--lbfgs", "5"], "paper preset"),
+            (["--method", "splines", "--seed", "0"], "leave --seed out"),
+            (["--method", "splines", "--preset", "paper"], "leave --preset out"),
         ],
     )
     def test_settings_out_of_range_exit_with_2_and_a_sentence(
@@ -299,12 +313,29 @@ class TestUsage:
         assert printed.err.count("\n") == 1
         assert sentence in printed.err
 
+    @pytest.mark.parametrize("seeds", [0, 101, 1_000_000_000])
+    def test_starts_are_bounded(self, capsys: pytest.CaptureFixture[str], seeds: int) -> None:
+        assert main(["starts", str(STUDY), "--seeds", str(seeds)]) == 2
+        assert "choose 1 to 100" in capsys.readouterr().err
+
     def test_help_and_version(self, capsys: pytest.CaptureFixture[str]) -> None:
         for arguments in (["--help"], ["fit", "--help"], ["--version"]):
             with pytest.raises(SystemExit) as ended:
                 main(arguments)
             assert ended.value.code == 0
         assert __version__ in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("text", ["\x1b[31m", "\u202egnp", "\x9b", "\udcff", "two\nlines"])
+def test_tables_and_documents_do_not_steer_a_terminal(
+    capsys: pytest.CaptureFixture[str], text: str
+) -> None:
+    show(table(["a", "b"], [[text, "1"]]))
+    assert all(line.isprintable() for line in capsys.readouterr().out.splitlines())
+    print_json({"name": text})
+    printed = capsys.readouterr().out
+    assert all(line.isprintable() for line in printed.splitlines())
+    assert strict(printed) == {"name": text}
 
 
 def command(*arguments: object) -> list[str]:
@@ -326,6 +357,59 @@ class TestAsAProcess:
         assert found[0].stderr == ""
         assert found[1].stderr.splitlines() == [found[1].stderr.rstrip()]
         assert not any("Traceback" in done.stderr for done in found)
+
+    @pytest.mark.skipif(not Path("/dev/full").exists(), reason="no device that is always full")
+    @pytest.mark.parametrize("unbuffered", ["", "1"])
+    def test_an_output_that_is_full_is_said_in_one_line(self, unbuffered: str) -> None:
+        with open("/dev/full", "w") as full:
+            done = subprocess.run(
+                command("info", STUDY),
+                cwd=ROOT,
+                stdout=full,
+                stderr=subprocess.PIPE,
+                text=True,
+                env=os.environ | {"PYTHONUNBUFFERED": unbuffered},
+            )
+        assert done.returncode == 1
+        assert done.stderr.startswith("error: standard output: ")
+        assert done.stderr.count("\n") == 1
+
+    def test_a_reader_that_has_seen_enough_is_no_fault(self) -> None:
+        reading, writing = os.pipe()
+        os.close(reading)
+        environment = {k: v for k, v in os.environ.items() if k != "PYTHONUNBUFFERED"}
+        done = subprocess.run(
+            command("info", STUDY), cwd=ROOT, stdout=writing, stderr=-1, env=environment
+        )
+        os.close(writing)
+        assert (done.returncode, done.stderr) == (0, b"")
+
+    @pytest.mark.skipif(os.name == "nt", reason="needs a POSIX shell")
+    @pytest.mark.parametrize(("closed", "status"), [(">&-", 0), ("2>&-", 0), (">&- 2>&-", 0)])
+    def test_closed_streams_are_borne(self, closed: str, status: int) -> None:
+        line = f'"{sys.executable}" -m accpinn stability --alpha 1 --beta 1 --tau 1 {closed}'
+        done = subprocess.run(["sh", "-c", line], cwd=ROOT, capture_output=True)
+        assert (done.returncode, done.stderr) == (status, b"")
+
+    @pytest.mark.skipif(os.name == "nt", reason="names are no bytes there")
+    @pytest.mark.parametrize(
+        ("name", "shown"), [(b"x\xff.zip", "\\udcff"), (b"a\nb", "a\\nb"), (b"\x1b[2J", "\\u001b")]
+    )
+    def test_any_file_name_is_printed_on_one_line(self, name: bytes, shown: str) -> None:
+        done = subprocess.run([*command("verify"), name], cwd=ROOT, stdout=-1, stderr=-1, text=True)
+        assert (done.returncode, done.stdout) == (1, "")
+        assert done.stderr.splitlines() == [done.stderr.rstrip("\n")]
+        assert shown in done.stderr
+        assert done.stderr.rstrip("\n").isprintable()
+
+    def test_help_imports_no_command(self) -> None:
+        code = (
+            "import sys, accpinn.cli\n"
+            "try: accpinn.cli.main(['--help'])\n"
+            "except SystemExit: print(sorted({'numpy', 'pandas'} & set(sys.modules)))\n"
+        )
+        done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True)
+        assert done.stdout.decode().splitlines()[-1] == "[]"
 
     def test_a_pipe_without_greek_letters_gets_them_as_utf_8(self) -> None:
         """As on Windows, where a pipe has the code page of the country."""
@@ -356,6 +440,17 @@ class TestAsAProcess:
         assert document["outcome"] == "stopped"
         assert 0 < document["iterations"] < 1_000_000
         assert len(list(cache.glob("*.state.npz"))) == 1
+
+
+@pytest.mark.parametrize("kind", [signal.SIGINT, signal.SIGTERM])
+def test_an_interrupt_and_a_polite_kill_ask_the_training_to_stop(kind: signal.Signals) -> None:
+    before = signal.getsignal(kind)
+    with _Interrupt() as interrupted:
+        signal.raise_signal(kind)
+        assert interrupted.raised
+        with pytest.raises(KeyboardInterrupt):
+            signal.raise_signal(kind)
+    assert signal.getsignal(kind) is before
 
 
 KILLED = """

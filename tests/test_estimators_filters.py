@@ -313,3 +313,14 @@ class TestParticles:
         cloud._redraw(0)
         children = np.bincount(cloud._motion.gap[0, :, 0].astype(int), minlength=1000)
         assert (abs(children - 1000 * cloud._weights[0]) < 1).all()
+
+
+def test_jumps_that_no_vehicle_makes_end_in_a_diverged_fit() -> None:
+    """Within what a file may hold, but a covariance of the filter turns indefinite."""
+    rng = np.random.default_rng(0)
+    speeds, gaps = rng.uniform(-200, 200, (801, 2)), rng.uniform(-9999, 9999, (801, 1))
+    fit = dual_ukf.fit(segment_of(0.1 * np.arange(801), speeds, gaps))
+    assert fit.outcome is Outcome.DIVERGED
+    assert np.isnan(fit.table()).all()
+    assert len(fit.unconstrained) == len(fit.active_bounds) == 1
+    assert "jump" in fit.notes[0]

@@ -389,7 +389,8 @@ def test_a_known_result_does_not_wait_for_its_turn(
 ) -> None:
     store = Store(tmp_path)
     result_key, _ = request_keys(segment, "II", seed(7))
-    store.save_fit(result_key, result())
+    kept = result(unconstrained=result().parameters, active_bounds=((),))
+    store.save_fit(result_key, kept)
     trainings = Trainings(train=puppet, store=store, threads=1)
     running = trainings.submit("ann", segment, "II", seed(1))
     puppet.started.get(timeout=WAIT)

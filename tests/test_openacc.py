@@ -5,6 +5,7 @@ from datetime import date
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -417,6 +418,8 @@ def with_cell(row: int, column: int, text: bytes) -> bytes:
         (with_cell(57, 3, "\u00b5\u2028".encode()), ["row 57", "column IVS1"]),
         (with_cell(57, 2, b"inf"), ["row 57", "column Speed2", "inf"]),
         (with_cell(57, 2, b"1e300"), ["row 57", "column Speed2", "1e+300"]),
+        (with_cell(57, 2, b"-201"), ["row 57", "column Speed2", "at most 200 m/s"]),
+        (with_cell(57, 3, b"10001"), ["row 57", "column IVS1", "at most 10,000 m"]),
         (with_cell(57, 0, b""), ["row 57", "column Time", "missing"]),
         (with_cell(57, 0, b"103.0"), ["row 57", "column Time", "does not increase"]),
         (with_cell(7, 0, b"90"), ["row 8", "column Time", "pauses for 10.1 s"]),
@@ -477,6 +480,25 @@ def test_a_name_with_line_breaks_stays_on_one_line() -> None:
     with pytest.raises(RecordingError) as caught:
         read(b"", "a\nb\x1b[31m.csv")
     assert str(caught.value).startswith("a b [31m.csv: ")
+
+
+@pytest.mark.parametrize("name", ["x" * 10_000, "a\x9bb", "\u202eabc", "tab\tbed"])
+def test_names_of_vehicles_are_short_and_printable(name: str) -> None:
+    recording = read(csv(platoon(), metadata((name, "Beta", "Gamma"))), "run.csv")
+    kept = recording.vehicles[0].name
+    assert kept.isprintable()
+    assert 1 < len(kept) <= 80
+
+
+def test_an_interrupt_while_reading_is_not_blamed_on_the_file(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def interrupted(*_: object, **__: object) -> None:
+        raise pd.errors.ParserError("C error: Calling read(nbytes) on source failed. Try ..")
+
+    monkeypatch.setattr(pd, "read_csv", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        read(SOUND, "run.csv")
 
 
 # Whatever the bytes, a Recording or a sentence

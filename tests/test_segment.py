@@ -67,8 +67,9 @@ def test_a_start_between_samples_moves_to_the_nearest() -> None:
     ("start", "duration", "words"),
     [
         (-1.0, 20.0, "start at 0 s"),
-        (float("nan"), 20.0, "impossible"),
-        (0.0, float("inf"), "impossible"),
+        (float("nan"), 20.0, "start at 0 s"),
+        (float("inf"), 20.0, "start at 0 s"),
+        (0.0, float("nan"), "is no number; take at least 10 s"),
         (0.0, 9.0, "at least 10 s"),
         (0.0, -5.0, "at least 10 s"),
         (31.0, 20.0, "start at 29.9 s or earlier"),
@@ -76,8 +77,16 @@ def test_a_start_between_samples_moves_to_the_nearest() -> None:
     ],
 )
 def test_windows_that_are_none(start: float, duration: float, words: str) -> None:
-    with pytest.raises(SegmentError, match=words):
+    with pytest.raises(SegmentError, match=words) as caught:
         cut(recording(), start=start, duration=duration)
+    assert str(caught.value).startswith(recording().source)
+
+
+@pytest.mark.parametrize("duration", [float("inf"), 1e308, 40.0])
+def test_a_window_ends_with_the_recording_at_the_latest(duration: float) -> None:
+    segment = cut(recording(), duration=duration)
+    assert segment.duration == recording().duration
+    assert bool(segment.notes) == np.isfinite(duration)
 
 
 def test_a_recording_too_short_for_any_window() -> None:

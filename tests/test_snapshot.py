@@ -349,7 +349,7 @@ class TestFile:
 
     def test_saving_replaces_the_old_file(self, tmp_path: Path) -> None:
         target = tmp_path / "a.accpinn.zip"
-        target.write_bytes(b"old")
+        target.write_bytes(to_bytes(whole()))
         save(small(), target)
         assert verify(target).ok
         assert [path.name for path in tmp_path.iterdir()] == [target.name]
@@ -385,6 +385,27 @@ class TestFile:
     def test_a_place_that_cannot_be_written_is_named(self, tmp_path: Path) -> None:
         with pytest.raises(SnapshotError, match="could not be written"):
             save(small(), tmp_path / "missing" / "a.accpinn.zip")
+
+    @pytest.mark.parametrize("empty", [False, True])
+    def test_a_link_is_followed(self, tmp_path: Path, empty: bool) -> None:
+        target, link = tmp_path / "a.accpinn.zip", tmp_path / "link"
+        target.write_bytes(b"" if empty else to_bytes(whole()))
+        link.symlink_to(target)
+        assert save(small(), link) == link
+        assert link.is_symlink()
+        assert target.read_bytes() == small_bytes()
+
+    def test_nothing_else_is_replaced(self, tmp_path: Path) -> None:
+        (tmp_path / "table.csv").write_bytes(b"Time,Speed1")
+        (tmp_path / "book.xlsx").write_bytes(b"PK\x03\x04" + bytes(100))
+        (tmp_path / "circle").symlink_to("circle")
+        os.mkfifo(tmp_path / "pipe")
+        names = sorted(path.name for path in tmp_path.iterdir())
+        for name in (*names, ".", "x" * 300, "missing/a", "nul\0"):
+            with pytest.raises(SnapshotError, match=r"choose another|name a file"):
+                save(small(), tmp_path / name)
+        assert sorted(path.name for path in tmp_path.iterdir()) == names
+        assert (tmp_path / "table.csv").read_bytes() == b"Time,Speed1"
 
 
 class TestCommands:
@@ -433,6 +454,32 @@ class TestCommands:
         assert len(json.loads(capsys.readouterr().out)["minimum_gap"]) == 8
         assert main(["verify", str(path), "--recording", str(recording)]) == 0
         assert load(path).facts["samples"] == read(recording).samples
+
+    def test_no_command_replaces_what_it_reads(
+        self, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    ) -> None:
+        path, recording = save(small(), tmp_path / "a.accpinn.zip"), tmp_path / "a.csv"
+        recording.write_bytes((FOLDER / f"{NOISY}.csv").read_bytes())
+        before = [file.read_bytes() for file in (path, recording)]
+        assert main(["report", str(path), "-o", str(path)]) == 1
+        assert main(["fit", str(recording), "--out", str(recording)]) == 1
+        assert capsys.readouterr().err.count("is not overwritten") == 2
+        assert [file.read_bytes() for file in (path, recording)] == before
+
+    @pytest.mark.parametrize(
+        "options",
+        [("--out", "missing/a"), ("--out", "x" * 300), ("--out", "a", "--name", "x" * 300)],
+    )
+    def test_what_cannot_be_kept_is_said_before_any_work(
+        self,
+        capsys: pytest.CaptureFixture[str],
+        tmp_path: Path,
+        monkeypatch: pytest.MonkeyPatch,
+        options: tuple[str, ...],
+    ) -> None:
+        monkeypatch.chdir(tmp_path)
+        assert main(["fit", "not even read.csv", *options]) == 1
+        assert "not even read" not in capsys.readouterr().err
 
     def test_parameters_come_from_one_place(self, capsys: pytest.CaptureFixture[str]) -> None:
         assert main(["stability", "--snapshot", "x", "--alpha", "1"]) == 2

@@ -1,9 +1,12 @@
 """The folder of results and checkpoints: nothing lost, nothing unpickled, never too large."""
 
+import json
 import os
 import pickle
 import zipfile
+from functools import cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,7 +14,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from accpinn.estimators import least_squares
-from accpinn.packing import Arrays
+from accpinn.fit import Fit
+from accpinn.packing import Arrays, pack_fit
+from accpinn.pinn.config import preset
+from accpinn.pinn.training import train
 from accpinn.store import FOLDER_VARIABLE, Store
 from tests.driving import driven
 
@@ -41,6 +47,12 @@ class Trap:
         return pytest.fail, ("a file of the store was unpickled",)
 
 
+@cache
+def trained() -> Fit:
+    """What a training leaves, after few iterations."""
+    return train(driven(), config=preset("fast", iterations=2), threads=1)
+
+
 @pytest.fixture
 def store(tmp_path: Path) -> Store:
     return Store(tmp_path)
@@ -60,16 +72,16 @@ class TestRoundTrip:
         assert names(store.folder) == [NAME]
 
     def test_of_a_result(self, store: Store) -> None:
-        assert store.load_fit(KEY) is None
+        assert store.load_fit(KEY, driven()) is None
         fit = least_squares.fit(driven())
         store.save_fit(KEY, fit)
-        known = store.load_fit(KEY)
+        known = store.load_fit(KEY, driven())
         assert known is not None
         assert known.parameters == fit.parameters
 
     def test_results_and_checkpoints_of_one_request_do_not_meet(self, store: Store) -> None:
         store.save_state(KEY, state())
-        assert store.load_fit(KEY) is None
+        assert store.load_fit(KEY, driven()) is None
         assert store.messages == []
 
 
@@ -227,7 +239,7 @@ class TestDamage:
         store.folder.mkdir()
         path = store.folder / f"{KEY}.{what}.npz"
         path.write_bytes(content)
-        loaded = store.load_fit(KEY) if what == "fit" else store.load_state(KEY)
+        loaded = store.load_fit(KEY, driven()) if what == "fit" else store.load_state(KEY)
         assert loaded is None
         assert names(store.folder) == [f"{path.name}.damaged"]
         assert (store.folder / f"{path.name}.damaged").read_bytes() == content
@@ -244,7 +256,7 @@ class TestDamage:
 
     def test_a_checkpoint_is_no_result(self, store: Store) -> None:
         store._write(f"{KEY}.fit.npz", state())
-        assert store.load_fit(KEY) is None
+        assert store.load_fit(KEY, driven()) is None
         assert "set aside" in store.messages[0]
 
     def test_a_new_result_can_be_kept_in_its_place(self, store: Store) -> None:
@@ -334,3 +346,40 @@ class TestCap:
         store = Store(tmp_path, cap_bytes=10_000)
         store.save_state("new", state(size=1250))
         assert len(names(tmp_path)) == 3
+
+    @pytest.mark.parametrize(
+        "change",
+        [
+            {"parameters": np.zeros((0, 3))},
+            {"parameters": np.zeros((5, 3))},
+            {"parameters": np.full((1, 3), np.nan)},
+            {"unconstrained": np.zeros((2, 3))},
+            {"surrogate.gaps": np.zeros((3, 1))},
+            {"surrogate.time": np.zeros(3)},
+            {"history.parameters": np.zeros((2, 3))},
+            {"history.total": np.zeros(1)},
+            {"config": 5},
+            {"loss": None},
+            {"loss": {"total": "much"}},
+            {"iterations": "x"},
+            {"seconds": None},
+            {"notes": 5},
+            {"active_bounds": 5},
+            {"active_bounds": []},
+        ],
+        ids=str,
+    )
+    def test_a_result_of_another_shape_is_set_aside(
+        self, store: Store, change: dict[str, Any]
+    ) -> None:
+        packed = pack_fit(trained())
+        store._write(f"{KEY}.fit.npz", packed)
+        assert store.load_fit(KEY, driven()) is not None
+        [(name, value)] = change.items()
+        if isinstance(value, np.ndarray):
+            packed[name] = value
+        else:
+            packed["fit"] = np.array(json.dumps(json.loads(str(packed["fit"])) | change))
+        store._write(f"{KEY}.fit.npz", packed)
+        assert store.load_fit(KEY, driven()) is None
+        assert "set aside" in store.messages[0]

@@ -8,41 +8,63 @@ status is 0, 2 for wrong usage, 1 for anything wrong with data or files (one lin
 import argparse
 import sys
 from collections.abc import Sequence
-from io import TextIOWrapper
+from importlib import import_module
 
 from accpinn import __version__
-from accpinn.cli import compare, fit, info, report, simulate, stability, starts, verify
+from accpinn.cli.output import complain, flush, open_streams
+from accpinn.cli.parser import Parser
 from accpinn.errors import AccpinnError, ConfigError, ParameterError
 
-COMMANDS = (info, fit, starts, compare, stability, simulate, verify, report)
-"""Modules with `add_parser(subparsers)`, whose parsers set `run` to a function of the options."""
+COMMANDS = {
+    "info": "what a recording holds, and warnings about it",
+    "fit": "learn α, β and τ from a window of a recording",
+    "starts": "the PiNN from five initial values, one table",
+    "compare": "all methods on the same window, side by side",
+    "stability": "string stability of given parameters",
+    "simulate": "a platoon behind a sinusoidal leader",
+    "verify": "check a snapshot against its own contents",
+    "report": "a snapshot as one self-contained web page",
+}
+"""Each a module here with `add_options(parser)`, which sets `run` to a function of the options."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command; returns the exit status."""
-    for stream in (sys.stdout, sys.stderr):
-        if isinstance(stream, TextIOWrapper):  # a pipe on Windows has no α, β, τ otherwise
-            stream.reconfigure(encoding="utf-8")
-    options = _parser().parse_args(arguments)
+    open_streams()
     try:
-        status: int = options.run(options)
+        try:
+            return _run(sys.argv[1:] if arguments is None else arguments)
+        finally:
+            flush()
     except AccpinnError as fault:
-        print(f"error: {fault}", file=sys.stderr)
+        complain(str(fault))
         return 2 if isinstance(fault, ConfigError | ParameterError) else 1
     except BrokenPipeError:  # the reader, `head` say, has seen enough
         return 0
+    except OSError as fault:  # files have sentences of their own; this is a stream that is full
+        reason = (fault.strerror or "unknown").lower()
+        complain(f"{fault.filename or 'standard output'}: it cannot be written ({reason}).")
+        return 1
     except KeyboardInterrupt:
         return 130
+
+
+def _run(arguments: Sequence[str]) -> int:
+    options = _parser(arguments).parse_args(arguments)
+    status: int = options.run(options)
     return status
 
 
-def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
+def _parser(arguments: Sequence[str]) -> argparse.ArgumentParser:
+    """Commands that are not asked for have a name only: what they import takes seconds."""
+    parser = Parser(
         prog="python -m accpinn",
         description="Learn the parameters of adaptive cruise control from OpenACC recordings.",
     )
     parser.add_argument("--version", action="version", version=f"accpinn {__version__}")
     subparsers = parser.add_subparsers(metavar="COMMAND", required=True)
-    for command in COMMANDS:
-        command.add_parser(subparsers)
+    for name, meaning in COMMANDS.items():
+        command = subparsers.add_parser(name, help=meaning)
+        if name in arguments:
+            import_module(f"accpinn.cli.{name}").add_options(command)
     return parser

@@ -9,16 +9,15 @@ from tqdm import tqdm
 
 from accpinn.assessment import TrackingErrors
 from accpinn.cli.fit import add_segment_options, chosen_segment, describe_segment, parameter_rows
-from accpinn.cli.output import print_json, table
+from accpinn.cli.output import print_json, show, table
 from accpinn.comparison import Row, compare, parse_methods
 from accpinn.identifiability import identifiable
 from accpinn.segment import Segment
 from accpinn.store import Store
 
 
-def add_parser(subparsers: Any) -> None:
-    """Declare the command."""
-    parser = subparsers.add_parser("compare", help="all methods on the same window, side by side")
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Declare the command's options."""
     add_segment_options(parser)
     parser.add_argument("--methods", default="all", metavar="all | A,B", help="which (all)")
     parser.add_argument("--threads", type=int, metavar="N", help="processor threads for the PiNN")
@@ -46,7 +45,7 @@ def run(options: argparse.Namespace) -> int:
         warnings = _warnings(segment, rows[0])
         print_json({"segment": about, "rows": described, "warnings": warnings})
     else:
-        print(_text(segment, rows))
+        show(_text(segment, rows))
     return 0
 
 

@@ -4,13 +4,14 @@ import argparse
 import signal
 import sys
 from dataclasses import replace
+from pathlib import Path
 from types import FrameType
 from typing import Any
 
 from tqdm import tqdm
 
 from accpinn.assessment import closed_loop_errors, surrogate_errors
-from accpinn.cli.output import print_json, table
+from accpinn.cli.output import one_line, print_json, show, table
 from accpinn.cthp import Parameters
 from accpinn.errors import ConfigError, SegmentError
 from accpinn.estimators import ESTIMATORS
@@ -19,22 +20,23 @@ from accpinn.openacc import Recording, read
 from accpinn.pinn.config import PinnConfig, preset
 from accpinn.segment import DURATION, Segment, cut, parse_vehicles
 from accpinn.segment.quality import Quality, assess
-from accpinn.segment.regimes import LEFT_OUT_AT_WILL, leave_out
+from accpinn.segment.regimes import LEFT_OUT_AT_WILL, as_typed, leave_out, parse_regimes
 from accpinn.segment.regimes import label as label_regimes
-from accpinn.snapshot import save, take
+from accpinn.snapshot import SNAPSHOT, check_texts, free_place, save, take
 from accpinn.store import Store
 
+_OF_THE_PINN = ("preset", "initial", "iterations", "lbfgs", "seed", "threads")
 
-def add_parser(subparsers: Any) -> None:
-    """Declare the command."""
-    parser = subparsers.add_parser("fit", help="learn α, β and τ from a window of a recording")
+
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Declare the command's options."""
     add_segment_options(parser)
     parser.add_argument("--method", choices=["pinn", *ESTIMATORS], default="pinn")
-    parser.add_argument("--preset", choices=["fast", "paper"], default="fast")
+    parser.add_argument("--preset", choices=["fast", "paper"], help="(fast)")
     parser.add_argument("--initial", metavar="A,B,T", help="α,β,τ to start from (1,1,1)")
     parser.add_argument("--iterations", type=int, metavar="N", help="at most so many")
     parser.add_argument("--lbfgs", type=int, metavar="N", help="paper: L-BFGS iterations, last")
-    parser.add_argument("--seed", type=int, default=0, metavar="N")
+    parser.add_argument("--seed", type=int, metavar="N", help="of the PiNN (0)")
     parser.add_argument("--threads", type=int, metavar="N", help="processor threads for training")
     parser.add_argument("--no-cache", action="store_true", help="neither read nor keep results")
     parser.add_argument("--out", metavar="SNAPSHOT", help="keep all of it in this file")
@@ -63,7 +65,7 @@ def add_segment_options(parser: argparse.ArgumentParser) -> None:
         type=_regimes,
         default=(),
         metavar="REGIME,..",
-        help=f"instants that do not count for the law: {', '.join(map(_typed, LEFT_OUT_AT_WILL))}",
+        help=f"what does not count for the law: {', '.join(map(as_typed, LEFT_OUT_AT_WILL))}",
     )
     parser.add_argument("--case", choices=["I", "II"], default="II", help="I: one set for all")
 
@@ -78,20 +80,10 @@ def chosen_segment(options: argparse.Namespace) -> tuple[Recording, Segment]:
 
 
 def _regimes(text: str) -> tuple[str, ...]:
-    """Names of regimes, from "catching-up,standstill"."""
-    known = {_typed(name): name for name in LEFT_OUT_AT_WILL}
-    chosen = [part.strip() for part in text.split(",")]
-    for part in chosen:
-        if part not in known:
-            raise argparse.ArgumentTypeError(
-                f'"{part[:40]}" cannot be left out; choose from {", ".join(known)}'
-            )
-    return tuple(known[part] for part in chosen)
-
-
-def _typed(name: str) -> str:
-    """A regime's name as it is typed."""
-    return name.replace(" ", "-")
+    try:
+        return parse_regimes(text)
+    except SegmentError as fault:
+        raise argparse.ArgumentTypeError(str(fault)) from None
 
 
 def _vehicles(text: str) -> tuple[int, ...]:
@@ -104,18 +96,21 @@ def _vehicles(text: str) -> tuple[int, ...]:
 def run(options: argparse.Namespace) -> int:
     """Learn, and print what was learned."""
     config = _config(options)
+    if options.out:  # training takes long; what would spoil its keeping is said first
+        check_texts(options.name, options.note)
+        free_place(Path(options.out), SNAPSHOT)
     recording, segment = chosen_segment(options)
     if options.method == "pinn":
         fit = _train(segment, options, config)
     else:
         fit = ESTIMATORS[options.method](segment, options.case)
     quality = assess(segment)
-    if options.out:
-        _keep(recording, segment, fit, options)
     if options.json:
         print_json(describe(segment, fit, quality))
     else:
-        print(_text(segment, fit, quality))
+        show(_text(segment, fit, quality))
+    if options.out:
+        _keep(recording, segment, fit, options)
     return 130 if fit.outcome is Outcome.STOPPED else 0
 
 
@@ -128,19 +123,24 @@ def _keep(recording: Recording, segment: Segment, fit: Fit, options: argparse.Na
         note=options.note,
         with_data=options.with_data,
     )
-    print(f"Saved as {save(snapshot, options.out)}.", file=sys.stderr)
+    print(one_line(f"Saved as {save(snapshot, options.out)}."), file=sys.stderr)
 
 
 def _config(options: argparse.Namespace) -> PinnConfig:
-    config = preset(options.preset, seed=options.seed)
+    if options.method != "pinn":
+        for name in _OF_THE_PINN:
+            if getattr(options, name) is not None:
+                raise ConfigError(
+                    f"{name}: {options.method} has no such setting; leave --{name} out, or choose"
+                    " --method pinn."
+                )
+    config = preset(options.preset or "fast", seed=options.seed or 0)
     if options.initial is not None:
         config = replace(config, initial=_three_numbers(options.initial))
     if options.iterations is not None:
         config = replace(config, iterations=options.iterations)
     if options.lbfgs is not None:
         config = replace(config, lbfgs_iterations=options.lbfgs)
-    if options.threads is not None and options.threads < 1:
-        raise ConfigError(f"threads: {options.threads} is not allowed; choose 1 or more.")
     return config
 
 
@@ -172,17 +172,21 @@ def _train(segment: Segment, options: argparse.Namespace, config: PinnConfig) ->
     return replace(fit, notes=(*fit.notes, *messages))
 
 
+_STOPS = (signal.SIGINT, signal.SIGTERM)
+
+
 class _Interrupt:
-    """Ctrl+C asks the training to stop and keep a checkpoint; a second one ends at once."""
+    """Ctrl+C or a polite kill: training stops and keeps a checkpoint; a second one ends at once."""
 
     raised = False
 
     def __enter__(self) -> "_Interrupt":
-        self._before = signal.signal(signal.SIGINT, self._note)
+        self._before = {kind: signal.signal(kind, self._note) for kind in _STOPS}
         return self
 
     def __exit__(self, *_: object) -> None:
-        signal.signal(signal.SIGINT, self._before)
+        for kind, before in self._before.items():
+            signal.signal(kind, before)
 
     def _note(self, _signal: int, _frame: FrameType | None) -> None:
         if self.raised:

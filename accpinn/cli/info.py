@@ -3,13 +3,12 @@
 import argparse
 from typing import Any
 
-from accpinn.cli.output import print_json, table
+from accpinn.cli.output import print_json, show, table
 from accpinn.openacc import Recording, read
 
 
-def add_parser(subparsers: Any) -> None:
-    """Declare the command."""
-    parser = subparsers.add_parser("info", help="what a recording holds, and warnings about it")
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Declare the command's options."""
     parser.add_argument("file", metavar="FILE", help="an OpenACC recording (CSV)")
     parser.add_argument("--json", action="store_true", help="one JSON document")
     parser.set_defaults(run=run)
@@ -21,7 +20,7 @@ def run(options: argparse.Namespace) -> int:
     if options.json:
         print_json(describe(recording))
     else:
-        print(_text(recording))
+        show(_text(recording))
     return 0
 
 

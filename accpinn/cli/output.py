@@ -1,14 +1,71 @@
-"""How results leave the command line: one JSON document, or plain aligned tables."""
+"""How results and faults leave the command line: one JSON document, tables, one line `error: …`.
+
+No text of a file reaches the terminal as anything but text: what would steer it, or turn the
+direction of writing, is printed as its number.
+"""
 
 import json
 import math
+import os
+import sys
 from collections.abc import Sequence
+from contextlib import suppress
+from io import TextIOWrapper
 from typing import Any
+
+SPACES = "\u00a0\u2009\u202f"
+"""Not printable to Python, harmless to a terminal."""
+
+
+def open_streams() -> None:
+    """UTF-8 on both streams, whatever the platform's; closed ones lead nowhere."""
+    for name in ("stdout", "stderr"):
+        stream = getattr(sys, name)
+        if stream is None:
+            setattr(sys, name, open(os.devnull, "w", encoding="utf-8"))
+        elif isinstance(stream, TextIOWrapper):  # a pipe on Windows has no α, β, τ otherwise
+            stream.reconfigure(encoding="utf-8", errors="backslashreplace")
+
+
+def flush() -> None:
+    """Write what is still waiting.
+
+    A stream that fails leads nowhere from then on; Python would try again at its end.
+
+    Raises:
+        OSError: when it cannot be written.
+    """
+    faults = []
+    for stream in (sys.stdout, sys.stderr):
+        try:
+            stream.flush()
+        except OSError as fault:
+            faults.append(fault)
+            with suppress(OSError):  # not every stream is a file
+                os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
+    if faults:
+        raise faults[0]
+
+
+def show(text: str) -> None:
+    """Print a result."""
+    print("\n".join(map(one_line, text.split("\n"))))
+
+
+def complain(sentence: str) -> None:
+    """Print what is wrong, as one line on standard error."""
+    with suppress(OSError):  # nowhere is left to say it
+        print(f"error: {one_line(sentence)}", file=sys.stderr)
+
+
+def one_line(text: str) -> str:
+    r"""What is not printable as its number: \u001b; inside JSON the same text to a reader."""
+    return "".join(c if c.isprintable() or c in SPACES else json.dumps(c)[1:-1] for c in text)
 
 
 def print_json(document: dict[str, Any]) -> None:
     """One document on standard output; what is not a number becomes null."""
-    print(json.dumps(_plain(document), ensure_ascii=False, indent=2, allow_nan=False))
+    show(json.dumps(_plain(document), ensure_ascii=False, indent=2, allow_nan=False))
 
 
 def _plain(value: Any) -> Any:
@@ -23,9 +80,10 @@ def _plain(value: Any) -> Any:
 
 def table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     """Columns as wide as they need to be; the first is set left, the others right."""
-    widths = [max(len(row[k]) for row in (head, *rows)) for k in range(len(head))]
+    body = [[one_line(cell) for cell in row] for row in (head, *rows)]
+    widths = [max(map(len, column)) for column in zip(*body, strict=True)]
     lines = []
-    for row in (head, *rows):
+    for row in body:
         cells = [row[0].ljust(widths[0])]
         cells += [cell.rjust(width) for cell, width in zip(row[1:], widths[1:], strict=True)]
         lines.append("  ".join(cells).rstrip())

@@ -1,18 +1,16 @@
 """`report FILE`: a snapshot as one web page for people without accpinn."""
 
 import argparse
-import sys
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
+from accpinn.cli.output import complain, show
 from accpinn.openacc import read
-from accpinn.snapshot import SUFFIX, check, load, recovered, write_whole
+from accpinn.snapshot import REPORT, SUFFIX, check, free_place, load, recovered, write_whole
 
 
-def add_parser(subparsers: Any) -> None:
-    """Declare the command."""
-    parser = subparsers.add_parser("report", help="a snapshot as one self-contained web page")
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Declare the command's options."""
     parser.add_argument("file", metavar="FILE", help="a snapshot (.accpinn.zip)")
     parser.add_argument("-o", "--out", metavar="HTML", help="where to (beside the snapshot)")
     parser.add_argument(
@@ -25,20 +23,20 @@ def run(options: argparse.Namespace) -> int:
     """Write the page, and say where; 1 when the snapshot does not agree with itself."""
     from accpinn.report import report  # plotly's script is read from disk
 
+    place = Path(options.out or options.file.removesuffix(SUFFIX) + ".html")
+    real = free_place(place, REPORT)
     snapshot = load(options.file)
     recording = read(options.recording) if options.recording else None
     checked = check(snapshot, recording)
     if recording and snapshot.segment is None:
         snapshot = replace(snapshot, segment=recovered(snapshot, recording))
     page = report(snapshot, checked)
-    place = Path(options.out or options.file.removesuffix(SUFFIX) + ".html")
-    write_whole(page.encode(), place, "the report")
-    print(place)
+    write_whole(page.encode(), real, "the report")
+    show(str(place))
     if checked.ok:
         return 0
-    print(
-        f"error: what the snapshot says does not follow from its contents. {checked.sentence} The"
-        " report was written, with a warning at its top.",
-        file=sys.stderr,
+    complain(
+        f"what the snapshot says does not follow from its contents. {checked.sentence} The report"
+        " was written, with a warning at its top."
     )
     return 1

@@ -4,7 +4,7 @@ import argparse
 from typing import Any
 
 from accpinn.cli.laws import add_law_options, chosen_laws
-from accpinn.cli.output import print_json, table
+from accpinn.cli.output import print_json, show, table
 from accpinn.cthp import Parameters
 from accpinn.errors import ConfigError
 from accpinn.platoon import PlatoonRun, Sinusoid, simulate
@@ -12,9 +12,8 @@ from accpinn.platoon import PlatoonRun, Sinusoid, simulate
 MOST_VEHICLES = 100
 
 
-def add_parser(subparsers: Any) -> None:
-    """Declare the command; its defaults are the paper's simulation."""
-    parser = subparsers.add_parser("simulate", help="a platoon behind a sinusoidal leader")
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Declare the options; their defaults are the paper's simulation."""
     add_law_options(parser)
     parser.add_argument(
         "--vehicles", type=int, metavar="N", help="followers; one parameter set is repeated (8)"
@@ -42,7 +41,7 @@ def run(options: argparse.Namespace) -> int:
     if options.json:
         print_json(describe(result))
     else:
-        print(_text(result))
+        show(_text(result))
     return 0
 
 

@@ -4,13 +4,12 @@ import argparse
 from typing import Any
 
 from accpinn.cli.laws import add_law_options, chosen_laws
-from accpinn.cli.output import print_json, table
+from accpinn.cli.output import print_json, show, table
 from accpinn.stability import Peak, StabilityReport, VehicleStability, Verdict, report
 
 
-def add_parser(subparsers: Any) -> None:
-    """Declare the command."""
-    parser = subparsers.add_parser("stability", help="string stability of given parameters")
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Declare the command's options."""
     add_law_options(parser)
     parser.add_argument("--json", action="store_true", help="one JSON document")
     parser.set_defaults(run=run)
@@ -22,7 +21,7 @@ def run(options: argparse.Namespace) -> int:
     if options.json:
         print_json(describe(result))
     else:
-        print(_text(result))
+        show(_text(result))
     return 0
 
 

@@ -1,23 +1,26 @@
 """`starts FILE`: the PiNN from several initial values and seeds, as the paper's Table I."""
 
 import argparse
+import sys
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from tqdm import tqdm
 
 from accpinn.cli.fit import add_segment_options, chosen_segment, describe_segment, parameter_rows
-from accpinn.cli.output import print_json, table
+from accpinn.cli.output import print_json, show, table
 from accpinn.errors import ConfigError
-from accpinn.identifiability import Dispersion, Trial, starts
-from accpinn.pinn.config import preset
+from accpinn.identifiability import Dispersion, Trial, gather, starts
+from accpinn.pinn.config import STARTS, preset
 from accpinn.segment import Segment
 from accpinn.store import Store
 
+MOST_SEEDS = 100
 
-def add_parser(subparsers: Any) -> None:
-    """Declare the command."""
-    parser = subparsers.add_parser("starts", help="the PiNN from five initial values, one table")
+
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Declare the command's options."""
     add_segment_options(parser)
     parser.add_argument("--preset", choices=["fast", "paper"], default="fast")
     parser.add_argument("--iterations", type=int, metavar="N", help="at most so many each")
@@ -30,24 +33,34 @@ def add_parser(subparsers: Any) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Train from every start, and print where each ends."""
-    if options.seeds < 1:
-        raise ConfigError(f"seeds: {options.seeds} is not allowed; choose 1 or more.")
+    if not 1 <= options.seeds <= MOST_SEEDS:
+        raise ConfigError(
+            f"seeds: {options.seeds} is not allowed; choose 1 to {MOST_SEEDS}, each of which is"
+            f" {len(STARTS)} trainings."
+        )
     config = preset(options.preset)
     if options.iterations is not None:
         config = replace(config, iterations=options.iterations)
     _, segment = chosen_segment(options)
-    found = starts(
-        segment,
-        options.case,
-        config,
-        seeds=range(options.seeds),
-        store=None if options.no_cache else Store(),
-        threads=options.threads,
-    )
+    store = None if options.no_cache else Store()
+    trials: list[Trial] = []
+    asked = [(initial, seed) for seed in range(options.seeds) for initial in STARTS]
+    for initial, seed in tqdm(asked, unit="training", file=sys.stderr):
+        one = starts(
+            segment,
+            options.case,
+            config,
+            initials=[initial],
+            seeds=[seed],
+            store=store,
+            threads=options.threads,
+        )
+        trials.extend(one.trials)
+    found = gather(segment, tuple(trials))
     if options.json:
         print_json(_describe(segment, found))
     else:
-        print(_text(segment, found))
+        show(_text(segment, found))
     return 0
 
 

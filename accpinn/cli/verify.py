@@ -3,14 +3,13 @@
 import argparse
 from typing import Any
 
-from accpinn.cli.output import print_json, table
+from accpinn.cli.output import print_json, show, table
 from accpinn.openacc import read
 from accpinn.snapshot import Snapshot, Verification, check, load
 
 
-def add_parser(subparsers: Any) -> None:
-    """Declare the command."""
-    parser = subparsers.add_parser("verify", help="check a snapshot against its own contents")
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Declare the command's options."""
     parser.add_argument("file", metavar="FILE", help="a snapshot (.accpinn.zip)")
     parser.add_argument(
         "--recording", metavar="CSV", help="check the errors too, where the data are not in it"
@@ -32,7 +31,7 @@ def run(options: argparse.Namespace) -> int:
     if options.json:
         print_json(describe(snapshot, result))
     else:
-        print(_text(snapshot, result))
+        show(_text(snapshot, result))
     return 0 if result.ok else 1
 
 

@@ -27,7 +27,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from accpinn.cthp import Case, PlatoonSolution, Trajectories
+from accpinn.cthp import Case, Parameters, PlatoonSolution, Trajectories
 from accpinn.estimators.filtering import (
     TYPICAL,
     Platoon,
@@ -56,7 +56,10 @@ def fit(segment: Segment, case: Case = "II") -> Fit:
     """The last estimate of the law, its course, and the filtered motion."""
     started = time.perf_counter()
     kept = kept_samples(segment)
-    filtered = _run(Platoon.of(segment, case), kept)
+    try:
+        filtered = _run(Platoon.of(segment, case), kept)
+    except np.linalg.LinAlgError:
+        return _diverged(segment, case, time.perf_counter() - started)
     lawful = [
         [nearest_lawful(*pair) for pair in zip(*now, strict=True)]
         for now in zip(filtered.theta, filtered.covariance, strict=True)
@@ -81,6 +84,26 @@ def fit(segment: Segment, case: Case = "II") -> Fit:
         active_bounds=solution.active,
         course=path,
         notes=bound_notes(segment.vehicles, solution) + doubts(segment, path),
+    )
+
+
+def _diverged(segment: Segment, case: Case, seconds: Seconds) -> Fit:
+    """For measurements that no motion follows: a covariance has lost its meaning."""
+    unknown = (Parameters(np.nan, np.nan, np.nan),) * segment.followers
+    return Fit(
+        method="dual-ukf",
+        case=case,
+        parameters=unknown,
+        surrogate=None,
+        outcome=Outcome.DIVERGED,
+        seconds=seconds,
+        config={**settings(), "uncertain": list(UNCERTAIN)},
+        unconstrained=unknown,
+        active_bounds=((),) * segment.followers,
+        notes=(
+            "The filter lost the motion, as speeds and space-gaps jump by more than vehicles can;"
+            " choose another window.",
+        ),
     )
 
 

@@ -2,7 +2,7 @@
 
 from accpinn.identifiability.extensions import Extension, better, extensions
 from accpinn.identifiability.profile import INCREASE, Profile, profile, profiles
-from accpinn.identifiability.starts import Dispersion, Trial, starts
+from accpinn.identifiability.starts import Dispersion, Trial, gather, starts
 from accpinn.identifiability.telling import WIDE, identifiable, left_open
 
 __all__ = [
@@ -14,6 +14,7 @@ __all__ = [
     "Trial",
     "better",
     "extensions",
+    "gather",
     "identifiable",
     "left_open",
     "profile",

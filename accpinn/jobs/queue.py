@@ -102,7 +102,7 @@ class Trainings:
         from accpinn.pinn.training import request_keys
 
         result_key, _ = request_keys(request.segment, request.case, request.config, request.warm)
-        known = self._store.load_fit(result_key)
+        known = self._store.load_fit(result_key, request.segment)
         return replace(known, cached=True) if known else None
 
     def of(self, owner: str) -> Job | None:

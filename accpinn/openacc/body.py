@@ -8,17 +8,19 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from accpinn.channels import DRIVER, MODE_NAMES, TIME
+from accpinn.channels import DRIVER, GAP, MODE_NAMES, SPEED, TIME
 from accpinn.errors import RecordingError
 from accpinn.openacc.header import Header
 from accpinn.openacc.intake import Intake, excerpt, refusal
 from accpinn.openacc.recording import Mode
-from accpinn.units import FloatArray, Seconds
+from accpinn.units import FloatArray, Metres, MetresPerSecond, Seconds
 
 MINIMUM_SAMPLES = 10
 """Fewer rows are no recording."""
-LARGEST_NUMBER = 1e12
-"""Beyond it a number is a fault, whatever the channel."""
+LARGEST_TIME: Seconds = 1e12
+LARGEST_SPEED: MetresPerSecond = 200.0
+LARGEST_GAP: Metres = 10_000.0
+"""Of either sign; beyond it a number is a fault, while `checks` only warns of implausible ones."""
 SHORTEST_STEP: Seconds = 1e-3
 LONGEST_STEP: Seconds = 5.0
 """Rows closer or further apart suggest that the time is not in seconds."""
@@ -131,6 +133,8 @@ def _parse(table: _Table) -> pd.DataFrame:
     try:
         return table.read(numbers + words, dtype=dtypes)
     except ValueError as error:
+        if "Calling read" in str(error):  # memory always reads: pandas has hidden a Ctrl+C
+            raise KeyboardInterrupt from None
         raise _diagnose(table, numbers) from error
 
 
@@ -164,14 +168,23 @@ def _unreadable(table: _Table) -> RecordingError:
 
 def _require_numbers(table: _Table, frame: pd.DataFrame) -> None:
     """All numbers finite and of a size that measurements have; missing ones are fine."""
-    for position in table.header.columns.numbers:
-        values = frame[position].to_numpy()
-        wrong = np.flatnonzero(np.abs(values) > LARGEST_NUMBER)
-        if len(wrong):
-            row = int(wrong[0])
-            fault = f"{values[row]:g} cannot be a measurement"
-            cure = "correct it, or leave the cell empty"
-            raise table.refusal(fault, cure, row, table.column(position))
+    columns = table.header.columns
+    for channel, largest, positions in (
+        (TIME, LARGEST_TIME, [columns.time]),
+        (SPEED, LARGEST_SPEED, columns.speed.values()),
+        (GAP, LARGEST_GAP, columns.gap.values()),
+    ):
+        for position in positions:
+            values = frame[position].to_numpy()
+            wrong = np.flatnonzero(np.abs(values) > largest)
+            if len(wrong):
+                row = int(wrong[0])
+                fault = (
+                    f"{values[row]:g} cannot be a measurement, as at most {largest:,.0f}"
+                    f" {channel.unit} is possible"
+                )
+                cure = f"correct it, give it in {channel.unit}, or leave the cell empty"
+                raise table.refusal(fault, cure, row, table.column(position))
 
 
 def _require_time(table: _Table, time: FloatArray) -> None:

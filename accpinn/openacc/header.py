@@ -9,6 +9,8 @@ from datetime import date
 from accpinn.channels import DRIVER, GAP, MAX_VEHICLES, METADATA, SPEED, TIME
 from accpinn.openacc.intake import Intake, excerpt, refusal
 
+LONGEST_NAME = 80
+"""Characters of a vehicle's name that are kept; the longest of the database has 22."""
 _READ_BYTES = 100_000
 _NUMBERED = re.compile(r"([A-Za-z]+)([1-9]\d?)")
 _CHOOSE_RUN = "choose the CSV file of a run"
@@ -123,7 +125,7 @@ def _assemble(name: str, metadata: dict[str, tuple[str, ...]], row: _Row) -> Hea
         names=names,
         number=_integer("Number_of_vehicles", metadata, range(1, 1000), warnings),
         acc_flag=_integer("ACC", metadata, range(3), warnings),
-        distance_setting=next(iter(metadata.get("Distance_setting", ())), "") or None,
+        distance_setting=excerpt(next(iter(metadata.get("Distance_setting", ())), "")) or None,
         columns=columns,
         rows=row.number,
         size=row.end,
@@ -156,7 +158,7 @@ def _columns(name: str, row: _Row) -> Columns:
 
 def _names(cells: tuple[str, ...]) -> tuple[str, ...]:
     last = max((i for i, cell in enumerate(cells) if cell), default=-1)
-    return tuple(" ".join(cell.split()) for cell in cells[: last + 1])
+    return tuple(excerpt(cell, LONGEST_NAME) for cell in cells[: last + 1])
 
 
 def _date(cells: tuple[str, ...], warnings: list[str]) -> date | None:

@@ -59,6 +59,8 @@ def take(source: Source, name: str | None, limit_bytes: int) -> Intake:
     if isinstance(source, bytes | bytearray | memoryview):
         intake = Intake(excerpt(name or "upload", _NAME_LENGTH), None, bytes(source))
     else:
+        if not os.fspath(source):
+            raise RecordingError("No file is named; name an OpenACC CSV file.")
         intake = _load(Path(source), name, limit_bytes)
     if len(intake.raw) > limit_bytes:
         raise _too_large(intake.name, len(intake.raw), limit_bytes)

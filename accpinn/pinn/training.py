@@ -14,6 +14,7 @@ import numpy as np
 import torch
 
 from accpinn.cthp import Case, Trajectories
+from accpinn.errors import ConfigError
 from accpinn.fit import (
     Fit,
     OnProgress,
@@ -27,6 +28,7 @@ from accpinn.pinn.columns import output_columns
 from accpinn.pinn.config import FAST, METHOD_VERSION, PinnConfig
 from accpinn.pinn.fast import FastTraining
 from accpinn.pinn.history import Recorder
+from accpinn.pinn.memory import require_memory
 from accpinn.pinn.paper import PaperTraining
 from accpinn.pinn.recipe import Learned, Problem, State, Training
 from accpinn.pinn.warm import Warm
@@ -37,6 +39,7 @@ from accpinn.units import Seconds
 DEFAULT_THREADS = max(1, min(4, (os.cpu_count() or 2) - 1))
 """One core is left to others: on matrices this small, threads that wait for a busy core cost far
 more than another thread gains."""
+MOST_THREADS = 4 * (os.cpu_count() or 2)
 CHECKPOINT_EVERY = 5.0
 """Seconds between checkpoints: what a killed process can lose."""
 
@@ -71,14 +74,26 @@ def train(
             the initial values.
 
     Raises:
-        ConfigError: when ``warm`` is another network's.
+        ConfigError: when ``warm`` is another network's, or ``threads`` no sensible number.
+        SegmentError: when the segment is too long to be trained on.
     """
     before = torch.get_num_threads()
-    torch.set_num_threads(threads or DEFAULT_THREADS)
+    torch.set_num_threads(_allowed(threads))
     try:
         return _train(Problem(segment, case, config), warm, store, on_progress, should_stop)
     finally:
         torch.set_num_threads(before)
+
+
+def _allowed(threads: int | None) -> int:
+    """How many threads torch gets; thousands would exhaust the system."""
+    if threads is None:
+        return DEFAULT_THREADS
+    if type(threads) is not int or not 1 <= threads <= MOST_THREADS:
+        raise ConfigError(
+            f"threads: {str(threads)[:20]} is not allowed; choose 1 to {MOST_THREADS}."
+        )
+    return threads
 
 
 def _train(
@@ -90,8 +105,9 @@ def _train(
 ) -> Fit:
     segment, case, config = problem.segment, problem.case, problem.config
     result_key, resume_key = request_keys(segment, case, config, warm)
-    if store and (known := store.load_fit(result_key)):
+    if store and (known := store.load_fit(result_key, segment)):
         return replace(known, cached=True)
+    require_memory(segment, config)
     started = time.perf_counter()
     run = _begin(problem, warm, store, (resume_key, result_key))
     training, recorder = run.training, run.recorder

@@ -77,6 +77,26 @@ def label(segment: Segment, recording: Recording | None = None) -> Regimes:
     return Regimes(codes, tuple(bool(value) for value in known))
 
 
+def parse_regimes(names: str | Sequence[str]) -> tuple[str, ...]:
+    """Regimes that can be left out, from "catching-up,standstill" or from their names.
+
+    Raises:
+        SegmentError: for a name that is not known.
+    """
+    known = {spelt: name for name in LEFT_OUT_AT_WILL for spelt in (name, as_typed(name))}
+    chosen = [part.strip() for part in (names.split(",") if isinstance(names, str) else names)]
+    for part in chosen:
+        if part not in known:
+            listed = ", ".join(map(as_typed, LEFT_OUT_AT_WILL))
+            raise SegmentError(f'"{part[:40]}" cannot be left out; choose from {listed}.')
+    return tuple(known[part] for part in chosen)
+
+
+def as_typed(name: str) -> str:
+    """A regime's name as it is typed, without spaces."""
+    return name.replace(" ", "-")
+
+
 def leave_out(segment: Segment, regimes: Regimes, names: Sequence[str]) -> Segment:
     """The segment with the instants of the named regimes left out of the law's equations.
 

@@ -188,15 +188,14 @@ def _fit_window(
 ) -> Window:
     """The window as it can be had: inside the recording, on its samples where these are even."""
     end = recording.duration
-    if not (math.isfinite(start) and math.isfinite(duration)) or start < 0:
+    if not 0 <= start < math.inf:
         raise SegmentError(
-            f"A window from {start:g} s over {duration:g} s is impossible; start at 0 s or later."
+            f"{recording.source}: no window can start at {start:g} s; start at 0 s or later."
         )
-    if duration < MINIMUM_DURATION:
-        raise SegmentError(
-            f"A window of {duration:g} s is too short to learn from; take at least"
-            f" {MINIMUM_DURATION:g} s."
-        )
+    if not MINIMUM_DURATION <= duration:
+        short = f"a window of {duration:g} s is too short to learn from"
+        fault = short if duration < MINIMUM_DURATION else "the window's length is no number"
+        raise SegmentError(f"{recording.source}: {fault}; take at least {MINIMUM_DURATION:g} s.")
     if end - start < MINIMUM_DURATION:
         latest = f"start at {end - MINIMUM_DURATION:.1f} s or earlier"
         cure = latest if end >= MINIMUM_DURATION else "choose a longer one"
@@ -209,7 +208,7 @@ def _fit_window(
         if abs(nearest - start) > SLACK:
             notes.append(f"The window starts at {nearest:g} s, the sample nearest to {start:g} s.")
         start = nearest
-    if start + duration > end + SLACK:
+    if end + SLACK < start + duration < math.inf:
         notes.append(
             f"The window ends with the recording at {end:.1f} s: {end - start:.1f} s instead of"
             f" {duration:g} s."

@@ -4,16 +4,22 @@ from accpinn.snapshot.agreement import Check
 from accpinn.snapshot.checking import Verification, check, recovered, verify
 from accpinn.snapshot.content import Origin, Snapshot
 from accpinn.snapshot.file import load, save, to_bytes, write_whole
+from accpinn.snapshot.place import REPORT, SNAPSHOT, Kind, free_place
 from accpinn.snapshot.schema import SUFFIX
-from accpinn.snapshot.taking import take
+from accpinn.snapshot.taking import check_texts, take
 
 __all__ = [
+    "REPORT",
+    "SNAPSHOT",
     "SUFFIX",
     "Check",
+    "Kind",
     "Origin",
     "Snapshot",
     "Verification",
     "check",
+    "check_texts",
+    "free_place",
     "load",
     "recovered",
     "save",

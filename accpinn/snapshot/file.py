@@ -12,6 +12,7 @@ from accpinn.snapshot import arrays, documents
 from accpinn.snapshot.archive import LOCAL_MARK, check_packed, contents, pack
 from accpinn.snapshot.content import Snapshot
 from accpinn.snapshot.layout import Parts, assemble, parts
+from accpinn.snapshot.place import SNAPSHOT, free_place
 from accpinn.snapshot.schema import (
     ATTRIBUTION,
     ATTRIBUTION_TEXT,
@@ -67,9 +68,12 @@ def save(snapshot: Snapshot, path: str | os.PathLike[str]) -> Path:
     """Write a snapshot in one step: whoever looks sees the old file or the new one, never a part.
 
     Raises:
-        SnapshotError: when it cannot be written there.
+        SnapshotError: when it cannot be written there, or what stands there is no snapshot.
     """
-    return write_whole(to_bytes(snapshot), Path(path))
+    place, data = free_place(Path(path), SNAPSHOT), to_bytes(snapshot)
+    _read(data)  # what could not be opened again is not written
+    write_whole(data, place)
+    return Path(path)
 
 
 def write_whole(data: bytes, target: Path, what: str = "the snapshot") -> Path:
@@ -151,6 +155,8 @@ def _bytes_of(path: Path) -> bytes:
         raise SnapshotError(
             f"{path}: cannot be opened ({fault.strerror}); check its name and that you may read it."
         ) from None
+    except ValueError:  # as with a zero character
+        raise SnapshotError("No file can have such a name; check it.") from None
 
 
 def _manifest(entries: dict[str, bytes]) -> dict[str, Any]:

@@ -60,8 +60,7 @@ def take(
     """
     if fit.outcome is Outcome.DIVERGED:
         raise SnapshotError("A training that diverged has no result to keep; train again first.")
-    check_length(name, "name", LONGEST_NAME)
-    check_length(note, "note", LONGEST_NOTE)
+    check_texts(name, note)
     return Snapshot(
         name=name,
         note=note,
@@ -77,6 +76,27 @@ def take(
         rows=tuple(replace(row, fit=light(row.fit)) for row in rows),
         segment=segment if with_data else None,
     )
+
+
+def check_texts(name: str, note: str) -> None:
+    """Refuse what is too long, before work is done for it.
+
+    Raises:
+        SnapshotError: naming the text.
+    """
+    for text, what, most in ((name, "name", LONGEST_NAME), (note, "note", LONGEST_NOTE)):
+        if not isinstance(text, str) or not _is_unicode(text):
+            raise SnapshotError(f"The {what} is no text; write it in letters.")
+        check_length(text, what, most)
+
+
+def _is_unicode(text: str) -> bool:
+    """Not half a character, as of a file name in another encoding."""
+    try:
+        text.encode()
+    except UnicodeEncodeError:
+        return False
+    return True
 
 
 def stability(fit: Fit) -> StabilityReport | None:
