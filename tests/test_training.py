@@ -17,9 +17,10 @@ from accpinn.errors import ConfigError
 from accpinn.estimators import splines
 from accpinn.fit import Fit, Outcome, Progress
 from accpinn.openacc import read
-from accpinn.pinn import training
+from accpinn.pinn import request, training
 from accpinn.pinn.config import FAST, PAPER, PinnConfig, preset
-from accpinn.pinn.training import request_keys, train
+from accpinn.pinn.request import request_keys
+from accpinn.pinn.training import train
 from accpinn.segment import Segment, cut
 from accpinn.store import Store
 from accpinn.synthetic import load_truth, truth_path
@@ -438,7 +439,7 @@ class TestStore:
         self, monkeypatch: pytest.MonkeyPatch
     ) -> None:
         before = request_keys(noisy(), "II", FAST)
-        monkeypatch.setattr(training, "METHOD_VERSION", training.METHOD_VERSION + 1)
+        monkeypatch.setattr(request, "METHOD_VERSION", request.METHOD_VERSION + 1)
         assert not set(before) & set(request_keys(noisy(), "II", FAST))
 
     def test_a_name_or_file_changes_nothing_so_it_is_the_same_request(self) -> None:

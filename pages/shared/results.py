@@ -9,37 +9,62 @@ from accpinn.cthp import Parameters
 from accpinn.estimators import least_squares
 from accpinn.figures.style import vehicle_colour
 from accpinn.figures.training import tracking
-from accpinn.fit import Fit, Outcome
-from accpinn.jobs import Job
+from accpinn.fit import Fit, Outcome, headway_notes
 from accpinn.segment import Segment
 from accpinn.segment.outline import Described
 from accpinn.segment.quality import assess
 from accpinn.tables import results as tables
 from accpinn.tables import typeset
+from accpinn.uncertainty import Uncertainty
 from pages.shared.charts import show_chart
-from pages.shared.text import bullets, lasting
+from pages.shared.doubt import doubt_of_fit
+from pages.shared.text import bullets, lasting, plain
+from pages.shared.workspace import Workspace
 
 
-def show_result(job: Job, truth: tuple[Parameters, ...]) -> None:
-    """Everything about a job that has a fit."""
-    fit, segment = job.fit, job.request.segment
-    if fit is None:
+def show_result(workspace: Workspace) -> None:
+    """Everything about the session's training, once it has a fit."""
+    fit, segment = workspace.fit, workspace.segment
+    if fit is None or segment is None:
         return
     show_outcome(fit)
-    table = parameter_table(segment, fit)
+    doubt = doubt_of_fit(workspace)
+    table = parameter_table(segment, fit, doubt)
     colours = [vehicle_colour(n, segment.vehicles[0]) for n in segment.vehicles]
     st.html(typeset.STYLE + table.coloured(colours).to_html())
     st.caption(
         "Surrogate fit: how far the network's own curves are from the data, as the paper's tables"
         " report it. Closed-loop simulation: how far the learned law drives off when it gets the"
         " leader's speed only and everything else is its own doing. MAE: mean absolute error of"
-        " space-gap p and speed v."
+        " space-gap p and speed v." + (f" {about_intervals(doubt)}" if doubt else "")
     )
-    if fit.notes:
-        st.info(bullets(fit.notes), icon=":material/info:")
+    show_incidents(assessment.incidents(segment, assessment.closed_loop(segment, fit)))
+    notes = fit.notes + headway_notes(segment.labels, fit.parameters)
+    if doubt:
+        notes += doubt.notes
+    if notes:
+        st.info(bullets(notes), icon=":material/info:")
     downloads(table, segment)
-    compare(segment, fit, truth)
+    compare(segment, fit, workspace.true_parameters)
     show_curves(segment, fit)
+
+
+def about_intervals(doubt: Uncertainty) -> str:
+    """What the columns of intervals are."""
+    return (
+        f"{100 * doubt.level:.0f} % interval: the values that the data support where disturbances"
+        " last for seconds, as on a road; Stability and Compare say more."
+    )
+
+
+def show_incidents(incidents: tuple[str, ...]) -> None:
+    """What goes wrong where the law drives by itself; the errors beside it include that."""
+    if incidents:
+        st.warning(
+            f"{bullets(incidents)}\n\n"
+            + plain("The simulation drives on, and the closed-loop errors include what follows."),
+            icon=":material/car_crash:",
+        )
 
 
 def show_outcome(fit: Fit) -> None:
@@ -58,14 +83,15 @@ def show_outcome(fit: Fit) -> None:
         st.success(sentence, icon=":material/check_circle:")
 
 
-def parameter_table(segment: Segment, fit: Fit) -> typeset.Table:
-    """As in the paper, with the simulation's errors beside."""
+def parameter_table(segment: Segment, fit: Fit, doubt: Uncertainty | None) -> typeset.Table:
+    """As in the paper, with the simulation's errors and the intervals beside."""
     return tables.parameter_table(
         segment,
         fit,
         assess(segment),
         assessment.surrogate_errors(segment, fit),
         assessment.closed_loop_errors(segment, fit),
+        doubt,
     )
 
 
