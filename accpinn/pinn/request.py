@@ -37,7 +37,7 @@ def request_keys(
 def begun(store: Store, segment: Segment, case: Case, config: PinnConfig) -> int | None:
     """The iteration from which a training of this request would go on; None where it is new.
 
-    A finished one counts as new, as its result is in the store.
+    So is one that was stopped before its first iteration, and a finished one is in the store.
     """
     result_key, resume_key = request_keys(segment, case, config)
     if store.has_fit(result_key):
@@ -49,7 +49,7 @@ def begun(store: Store, segment: Segment, case: Case, config: PinnConfig) -> int
         with suppress(KeyError, IndexError, TypeError, ValueError):
             last = int(state["history.rows"][-1][0])
             if last <= config.iterations + config.lbfgs_iterations:
-                return last
+                return last or None
     return None
 
 
