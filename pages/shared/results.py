@@ -15,6 +15,7 @@ from accpinn.segment.outline import Described
 from accpinn.segment.quality import assess
 from accpinn.tables import results as tables
 from accpinn.tables import typeset
+from accpinn.tables.comparison import intervals_table
 from accpinn.uncertainty import Uncertainty
 from pages.shared.charts import show_chart
 from pages.shared.doubt import doubt_of_fit
@@ -29,31 +30,38 @@ def show_result(workspace: Workspace) -> None:
         return
     show_outcome(fit)
     doubt = doubt_of_fit(workspace)
-    table = parameter_table(segment, fit, doubt)
+    table = parameter_table(segment, fit)
     colours = [vehicle_colour(n, segment.vehicles[0]) for n in segment.vehicles]
     st.html(typeset.STYLE + table.coloured(colours).to_html())
     st.caption(
         "Surrogate fit: how far the network's own curves are from the data, as the paper's tables"
         " report it. Closed-loop simulation: how far the learned law drives off when it gets the"
         " leader's speed only and everything else is its own doing. MAE: mean absolute error of"
-        " space-gap p and speed v." + (f" {about_intervals(doubt)}" if doubt else "")
+        " space-gap p and speed v."
     )
+    show_intervals(segment, doubt)
     show_incidents(assessment.incidents(segment, assessment.closed_loop(segment, fit)))
     notes = fit.notes + headway_notes(segment.labels, fit.parameters)
     if doubt:
         notes += doubt.notes
     if notes:
         st.info(bullets(notes), icon=":material/info:")
-    downloads(table, segment)
+    downloads(parameter_table(segment, fit, doubt), segment)
     compare(segment, fit, workspace.true_parameters)
     show_curves(segment, fit)
 
 
-def about_intervals(doubt: Uncertainty) -> str:
-    """What the columns of intervals are."""
-    return (
-        f"{100 * doubt.level:.0f} % interval: the values that the data support where disturbances"
-        " last for seconds, as on a road; Stability and Compare say more."
+def show_intervals(segment: Described, doubt: Uncertainty | None) -> None:
+    """What the data leave open about the parameters, whichever method is asked."""
+    if doubt is None:
+        return
+    table = intervals_table(segment, doubt)
+    colours = [vehicle_colour(n, segment.vehicles[0]) for n in segment.vehicles[1:]]
+    st.html(typeset.STYLE + table.coloured(colours).to_html())
+    st.caption(
+        "Interval: the values that the data support where disturbances last for seconds, as on a"
+        " road. Probably stable: the share of the laws in them that amplify nothing. Compare and"
+        " Stability say more."
     )
 
 
@@ -83,7 +91,7 @@ def show_outcome(fit: Fit) -> None:
         st.success(sentence, icon=":material/check_circle:")
 
 
-def parameter_table(segment: Segment, fit: Fit, doubt: Uncertainty | None) -> typeset.Table:
+def parameter_table(segment: Segment, fit: Fit, doubt: Uncertainty | None = None) -> typeset.Table:
     """As in the paper, with the simulation's errors and the intervals beside."""
     return tables.parameter_table(
         segment,
