@@ -39,8 +39,8 @@ def show_result(workspace: Workspace) -> None:
         " leader's speed only and everything else is its own doing. MAE: mean absolute error of"
         " space-gap p and speed v."
     )
-    show_intervals(segment, doubt)
     show_incidents(assessment.incidents(segment, assessment.closed_loop(segment, fit)))
+    show_intervals(segment, doubt)
     notes = fit.notes + headway_notes(segment.labels, fit.parameters)
     if doubt:
         notes += doubt.notes

@@ -41,8 +41,8 @@ def show_result(workspace: Workspace, snapshot: Snapshot) -> None:
     table = tables.parameter_table(outline, fit, snapshot.quality, *errors)
     colours = [vehicle_colour(n, outline.vehicles[0]) for n in outline.vehicles]
     st.html(typeset.STYLE + table.coloured(colours).to_html())
-    show_intervals(outline, snapshot.uncertainty)
     show_incidents(worth.incidents if worth else ())
+    show_intervals(outline, snapshot.uncertainty)
     if fit.notes:
         st.info(bullets(fit.notes), icon=":material/info:")
     whole = tables.parameter_table(outline, fit, snapshot.quality, *errors, snapshot.uncertainty)
