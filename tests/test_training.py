@@ -19,7 +19,7 @@ from accpinn.fit import Fit, Outcome, Progress
 from accpinn.openacc import read
 from accpinn.pinn import request, training
 from accpinn.pinn.config import FAST, PAPER, PinnConfig, preset
-from accpinn.pinn.request import request_keys
+from accpinn.pinn.request import begun, forget, request_keys
 from accpinn.pinn.training import train
 from accpinn.segment import Segment, cut
 from accpinn.store import Store
@@ -384,6 +384,20 @@ class TestStore:
         continued = train(noisy(), "II", longer, store=store)
         assert "Continued from iteration 20 of an earlier training." in continued.notes
         assert_same_result(continued, train(noisy(), "II", longer))
+
+    def test_where_a_training_would_go_on_is_known_and_can_be_forgotten(
+        self, tmp_path: Path
+    ) -> None:
+        store = Store(tmp_path)
+        assert begun(store, noisy(), "II", SHORT) is None
+        stopped = train(noisy(), "II", SHORT, store=store, should_stop=after(2))
+        assert begun(store, noisy(), "II", SHORT) == stopped.iterations == 10
+        assert begun(store, noisy(), "II", replace(SHORT, iterations=5)) is None, "it is beyond"
+        forget(store, noisy(), "II", SHORT)
+        assert begun(store, noisy(), "II", SHORT) is None
+        anew = train(noisy(), "II", SHORT, store=store)
+        assert not any("Continued" in note for note in anew.notes)
+        assert begun(store, noisy(), "II", SHORT) is None, "a finished one is answered at once"
 
     def test_a_shorter_training_leaves_a_longer_ones_checkpoint_alone(self, tmp_path: Path) -> None:
         store = Store(tmp_path)

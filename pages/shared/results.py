@@ -60,7 +60,7 @@ def show_intervals(segment: Described, doubt: Uncertainty | None) -> None:
     st.html(typeset.STYLE + table.coloured(colours).to_html())
     st.caption(
         "Interval: the values that the data support where disturbances last for seconds, as on a"
-        " road. Probably stable: the share of the laws in them that amplify nothing. Compare and"
+        " road. Probably stable: the share of the laws drawn from the data that is. Compare and"
         " Stability say more."
     )
 
