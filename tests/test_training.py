@@ -308,7 +308,8 @@ class TestPaperPreset:
         assert fit.arrays["test"][0] == 0, "the first instant stays, as Ψ_R looks at it"
         assert fit.loss["test_data"] > 0
         assert fit.loss["test_physics"] >= 0
-        assert any("120 random instants" in note for note in fit.notes)
+        told = f"there Ψ_D is {fit.loss['test_data']:,.4f}"
+        assert any("120 random instants" in note and told in note for note in fit.notes)
 
     def test_what_is_kept_out_changes_nothing(self) -> None:
         fit = train(noisy(), "II", SHORT)

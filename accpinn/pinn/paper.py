@@ -153,8 +153,8 @@ class PaperTraining:
             }
             notes = (
                 f"{self._test.sum()} random instants were kept out of training; there Ψ_D is"
-                f" {loss['test_data']:.3g} and Ψ_F {loss['test_physics']:.3g}, which is too kind to"
-                " the network, as neighbouring instants are nearly equal.",
+                f" {loss['test_data']:,.4f} and Ψ_F {loss['test_physics']:,.4f}, which is too kind"
+                " to the network, as neighbouring instants are nearly equal.",
             )
         return Learned(
             outputs=outputs.numpy(),
