@@ -1,6 +1,6 @@
 """What every estimation method returns: one `Fit`, read by pages, command line and snapshots."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from enum import Enum
 from typing import Any
@@ -32,6 +32,10 @@ class Outcome(Enum):
         "Diverged: the numbers are no longer finite; choose another window, or train with a lower"
         " learning rate or from other initial values."
     )
+
+
+LONGEST_HEADWAY: Seconds = 5.0
+"""No cruise control keeps a longer one: their settings end near 3 s."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -140,6 +144,25 @@ def unfinished(fit: Fit) -> str:
 def parameters_of(theta: FloatArray) -> tuple[Parameters, ...]:
     """(M, 3) rows of α, ατ, β as parameters."""
     return tuple(Parameters.from_linear(row) for row in theta)
+
+
+def headway_notes(labels: Sequence[str], parameters: Sequence[Parameters]) -> tuple[str, ...]:
+    """A sentence for the followers whose τ is no time headway; ``labels`` has the leader first.
+
+    With α near zero the law hardly minds the gap, and τ, which it keeps only through ατ, may come
+    out as anything.
+    """
+    loose = [
+        f"{label} (τ = {law.tau:.1f} s, α = {law.alpha:.4f} 1/s²)"
+        for label, law in zip(labels[1:], parameters, strict=True)
+        if law.tau > LONGEST_HEADWAY
+    ]
+    if not loose:
+        return ()
+    return (
+        f"The window does not determine the time headway of {', '.join(loose)}: with so little"
+        " gain on spacing the law hardly minds the gap, and τ may come out as anything.",
+    )
 
 
 def bound_notes(vehicles: tuple[int, ...], solution: PlatoonSolution) -> tuple[str, ...]:

@@ -50,6 +50,10 @@ class Store:
             self._set_aside(self.folder / f"{key}.fit.npz", fault)
             return None
 
+    def has_fit(self, key: str) -> bool:
+        """Whether a result stands under ``key``, unread."""
+        return (self.folder / f"{key}.fit.npz").is_file()
+
     def save_fit(self, key: str, fit: Fit) -> None:
         """Keep a result."""
         self._write(f"{key}.fit.npz", pack_fit(fit))
@@ -61,6 +65,11 @@ class Store:
     def save_state(self, key: str, state: Arrays) -> None:
         """Keep a checkpoint in place of the former one."""
         self._write(f"{key}.state.npz", state)
+
+    def drop_state(self, key: str) -> None:
+        """Delete the checkpoint stored under ``key``, if there is one."""
+        with suppress(OSError):
+            (self.folder / f"{key}.state.npz").unlink(missing_ok=True)
 
     def reject_state(self, key: str, fault: Exception) -> None:
         """Set the checkpoint aside: it could be read, but no training can go on from it."""

@@ -5,11 +5,6 @@ from contextlib import suppress
 import streamlit as st
 
 from accpinn.errors import ConfigError
-from accpinn.estimators import least_squares
-from accpinn.figures.style import vehicle_colour
-from accpinn.segment.quality import assess
-from accpinn.tables import typeset
-from accpinn.tables.results import quality_table
 from pages.shared import frame
 from pages.shared.choosing import choose_vehicles, choose_window, overview
 from pages.shared.metadata import describe, show_warnings
@@ -18,8 +13,8 @@ from pages.shared.settings import chosen_config
 from pages.shared.snapshots_listing import banner
 from pages.shared.snapshots_showing import show_data
 from pages.shared.sources import choose_source
-from pages.shared.text import bullets, plain
-from pages.shared.workspace import Workspace
+from pages.shared.telling import show_segment
+from pages.shared.text import plain
 
 
 def main() -> None:
@@ -59,31 +54,6 @@ def main() -> None:
         overview(workspace, recording)
     show_segment(workspace)
     show_regimes(workspace, recording)
-
-
-def show_segment(workspace: Workspace) -> None:
-    """What the window tells, and the estimate that needs no training."""
-    segment = workspace.segment
-    if segment is None:
-        if workspace.fault:
-            st.error(plain(workspace.fault), icon=":material/error:")
-        return
-    quality = assess(segment)
-    estimate = least_squares.fit(segment, workspace.case)
-    table = quality_table(segment, quality, estimate)
-    colours = [vehicle_colour(n, segment.vehicles[0]) for n in segment.vehicles[1:]]
-    st.subheader("What this window tells", anchor=False)
-    st.html(typeset.STYLE + table.coloured(colours).to_html())
-    st.caption(
-        "Least squares solves the law for α, β, τ in one step, from differences of the measured"
-        " speeds. It follows the window at once; noise in the data biases it, so take it as a"
-        f" first look. The leader's speed varies by {quality.leader_deviation:.2f} m/s (standard"
-        " deviation); car-following means moving with a time gap of at most 2 s."
-    )
-    show_warnings(quality.warnings + estimate.notes, "this window")
-    if segment.notes:
-        with st.expander("What was done to the data", icon=":material/build:"):
-            st.markdown(bullets(segment.notes))
 
 
 main()

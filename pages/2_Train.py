@@ -35,7 +35,7 @@ def main() -> None:
     if workspace.job:
         watch(workspace.job, workspace.true_parameters)
         if not workspace.job.is_active:
-            show_result(workspace.job, workspace.true_parameters)
+            show_result(workspace)
     elif snapshot:
         show_saved(workspace, snapshot)
     if workspace.fit:

@@ -3,6 +3,7 @@
 import json
 import re
 import tomllib
+from dataclasses import replace
 from itertools import combinations
 from pathlib import Path
 from typing import Any
@@ -15,11 +16,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from accpinn.cthp import Parameters, Trajectories
+from accpinn.figures import comparison as comparison_figures
 from accpinn.figures import recording as recording_figures
 from accpinn.figures import style, training
 from accpinn.figures.platoon import cast_of, profiles
 from accpinn.figures.stability import bode, stability_map
-from accpinn.fit import History
+from accpinn.fit import Course, History
 from accpinn.openacc import Recording, read
 from accpinn.platoon import Sinusoid, simulate
 from accpinn.published import CASALE
@@ -284,6 +286,36 @@ def test_tracking_shows_data_network_and_simulation(segment: Segment) -> None:
     np.testing.assert_array_equal(drawn.data[1].y, segment.speeds[:, 2])
     np.testing.assert_array_equal(drawn.data[2].y, segment.gaps[:, 1] + 1)
     assert len(training.tracking(segment, 0, None, None).data) == 2
+
+
+def test_charts_of_a_window_run_in_the_recordings_time(segment: Segment) -> None:
+    later = replace(segment, start=320.0)
+    own = Trajectories(segment.time, segment.speeds, segment.gaps)
+    course = Course(segment.time, np.ones((segment.samples, segment.followers, 3)))
+    for figure in (
+        recording_figures.preview(later),
+        training.tracking(later, 0, own, own),
+        comparison_figures.curves(later, 0, own, own, "network"),
+        comparison_figures.courses([("filter", course)], 0, start=320.0),
+    ):
+        for trace in figure.data:
+            assert trace.x[0] == 320.0
+            assert trace.x[-1] == pytest.approx(320.0 + segment.duration)
+
+
+def test_a_collision_is_marked_on_a_line_at_gap_zero(segment: Segment) -> None:
+    gaps = segment.gaps.copy()
+    gaps[100:] = -1.0
+    colliding = Trajectories(segment.time, segment.speeds, gaps)
+    for draw in (
+        training.tracking,
+        lambda *given: comparison_figures.curves(*given, own="network"),
+    ):
+        assert "collision" not in [trace.name for trace in draw(segment, 0, None, None).data]
+        figure = draw(segment, 0, None, colliding)
+        [mark] = [trace for trace in figure.data if trace.name == "collision"]
+        assert (mark.x[0], mark.y[0]) == (segment.start + segment.time[100], 0.0)
+        assert any(shape.y0 == shape.y1 == 0 for shape in figure.layout.shapes)
 
 
 @pytest.mark.parametrize("dark", ["paper_bgcolor", "plot_bgcolor"])

@@ -16,7 +16,7 @@ from accpinn.fit import Fit, History, Outcome, Progress
 from accpinn.jobs import KEPT_FOR, KEPT_JOBS, Job, Means, Series, Status, Trainings
 from accpinn.openacc import read
 from accpinn.pinn.config import FAST, PAPER, PinnConfig
-from accpinn.pinn.training import request_keys
+from accpinn.pinn.request import request_keys
 from accpinn.segment import Segment, cut
 from accpinn.store import Store
 from tests.openacc_files import csv, platoon

@@ -8,12 +8,15 @@ import numpy as np
 import pytest
 from streamlit.testing.v1 import AppTest
 
-from accpinn.jobs import Status, Trainings
+from accpinn.cthp import Parameters, Trajectories
+from accpinn.estimators import least_squares
+from accpinn.jobs import Job, Request, Status, Trainings
 from accpinn.openacc import Recording, read
 from accpinn.pinn.config import preset
-from accpinn.segment import Window
+from accpinn.segment import Segment, Window
 from pages.shared import sessions, sources, workspace
 from pages.shared.choosing import window_of
+from pages.shared.server import trainings
 from pages.shared.sessions import KEPT_FOR, KEPT_WORKSPACES, Workspaces
 from pages.shared.text import bullets, lasting, plain
 from pages.shared.workspace import Workspace
@@ -289,6 +292,50 @@ def test_train_shows_table_curves_and_downloads() -> None:
     assert figures(page)[-1]["layout"]["uirevision"] == "tracking-5"
 
 
+def leaving_out(segment: Segment | None, regimes: tuple[str, ...]) -> Segment:
+    """The same with some instants left out, if any regimes are."""
+    assert segment
+    some = np.zeros_like(segment.gaps, dtype=bool)
+    some[:50] = True
+    return replace(segment, left_out=some if regimes else None, left_out_regimes=regimes)
+
+
+@pytest.mark.parametrize("left_out", [(), ("catching up",)])
+@pytest.mark.parametrize("law", [Parameters(0.01, 0.02, 0.2), Parameters(0.0001, 0.3, 26.3)])
+def test_train_says_what_goes_wrong_and_how_sure_it_is(
+    law: Parameters, left_out: tuple[str, ...]
+) -> None:
+    """One law runs into the vehicle ahead, the other's τ is no time headway."""
+    found = with_sample()
+    segment = found.segment = leaving_out(found.segment, left_out)
+    known = least_squares.fit(segment)
+    own = Trajectories(segment.time, segment.speeds, segment.gaps)
+    laws = (law,) * segment.followers
+    request = Request(segment, "II", preset("fast"))
+    found.job = Job(found.id, request)
+    found.job.answer(replace(known, method="pinn", parameters=laws, surrogate=own))
+    page = open_page(TRAIN, found)
+    written = texts(page)
+    runs_in = f"{plain(segment.labels[1])} runs into the vehicle ahead at" in written
+    assert runs_in == (law.tau < 1)
+    assert ("errors include what follows" in written) == runs_in
+    assert ("does not determine the time headway of" in written) == (law.tau > 5)
+    assert "90 % interval" in written
+    marks = [trace for trace in figures(page)[-1]["data"] if trace["name"] == "collision"]
+    assert len(marks) == runs_in
+    titles = written.count(f"s, law without {''.join(left_out)}")
+    assert titles == 3 * len(left_out), "of the parameters, the intervals and the estimates"
+
+
+def test_data_says_what_its_figures_are_of() -> None:
+    found = with_sample()
+    assert "all other figures are of all instants" not in texts(open_page(DATA, found))
+    found.segment = leaving_out(found.segment, ("standstill",))
+    written = texts(open_page(DATA, found))
+    assert "s, law without standstill" in written
+    assert "all other figures are of all instants" in written
+
+
 def test_the_second_time_the_answer_comes_from_the_cache() -> None:
     found = with_sample()
     for _ in range(2):
@@ -300,7 +347,14 @@ def test_the_second_time_the_answer_comes_from_the_cache() -> None:
     assert "Answered from the cache" in texts(page)
 
 
-def test_stop_and_continue() -> None:
+def stop_training(found: Workspace) -> None:
+    """As the button does, and wait for it."""
+    assert found.job
+    trainings().stop(found.job)
+    assert found.job.wait(WAIT)
+
+
+def test_stop_continue_or_begin_anew() -> None:
     found = with_sample()
     page = open_page(TRAIN, found)
     page.segmented_control(key="train_preset").set_value("paper").run()
@@ -309,14 +363,34 @@ def test_stop_and_continue() -> None:
     assert "Start training" not in labels(page)
     job = found.job
     assert job is not None
+    while not (job.progress and job.progress.iteration):
+        assert job.is_active
+        job.wait(0.05)
     button(page, "Stop training").click().run()
     assert job.wait(WAIT)
-    page.run()
     assert job.status is Status.STOPPED
-    assert "Continue" in labels(page)
-    button(page, "Continue").click().run()
+    assert job.fit
+    at = job.fit.iterations
+    other = open_page(TRAIN, with_sample())
+    other.segmented_control(key="train_preset").set_value("paper").run()
+    for one in (page.run(), other):
+        assert f"Continue from iteration {at:,}" in labels(one), "another session goes on there too"
+        assert "Start training" not in labels(one)
+    button(page, f"Continue from iteration {at:,}").click().run()
     assert found.job is not job
     assert "Stop training" in labels(page)
+    stop_training(found)
+    page.run()
+    button(page, "Start anew").click().run()
+    assert found.job
+    while found.job.progress is None:
+        found.job.wait(0.05)
+    first = found.job.history()
+    assert first
+    assert first.iteration[0] == 0
+    stop_training(found)
+    assert found.job.fit
+    assert not any("Continued" in note for note in found.job.fit.notes)
 
 
 def test_a_second_session_waits_and_is_told() -> None:
@@ -414,7 +488,14 @@ def test_foreign_text_is_made_literal() -> None:
 
 @pytest.mark.parametrize(
     ("seconds", "said"),
-    [(0.2, "1 s"), (59.4, "59 s"), (60, "1 min"), (200, "3 min 20 s"), (3900, "1 h 5 min")],
+    [
+        (0.2, "1 s"),
+        (59.4, "59 s"),
+        (60, "1 min"),
+        (200, "3 min 20 s"),
+        (2706, "45 min"),
+        (3900, "1 h 5 min"),
+    ],
 )
 def test_durations_in_words(seconds: float, said: str) -> None:
     assert lasting(seconds) == said

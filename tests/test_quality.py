@@ -1,5 +1,6 @@
 """What a segment can tell: figures against known ones, warnings where data cannot answer."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -46,7 +47,8 @@ def test_near_equilibrium_is_said() -> None:
     quality = assess(following(0.02))
     assert quality.condition[0] > 1000
     assert "leader's speed varies by only 0.02 m/s" in quality.warnings[0]
-    assert "2 V2 stays near equilibrium" in quality.warnings[1]
+    assert "Near equilibrium" in quality.warnings[1]
+    assert "2 V2 (Δv varies by 0.0" in quality.warnings[1]
 
 
 def test_perfect_equilibrium_is_finite_or_infinite_but_never_an_error() -> None:
@@ -74,14 +76,34 @@ def test_catching_up_is_not_car_following() -> None:
     gaps = np.linspace(20, 80, 200)[:, None]
     quality = assess(made(np.full((200, 2), 20.0), gaps))
     assert quality.car_following[0] == pytest.approx((gaps <= 40).mean())
-    assert any("car-following for only" in warning for warning in quality.warnings)
+    assert any("In car-following" in w and "2 V2 (34 %)" in w for w in quality.warnings)
 
 
 def test_negative_gaps_are_said() -> None:
     segment = following(3.0)
     gaps = segment.gaps.copy()
     gaps[5:8] = -1.0
-    assert "negative at 3 instants" in assess(made(segment.speeds, gaps)).warnings[0]
+    assert "negative, which cannot be: 2 V2 (at 3" in assess(made(segment.speeds, gaps)).warnings[0]
+
+
+def test_vehicles_of_a_long_platoon_share_a_sentence() -> None:
+    """A sentence each would hide the last ones behind the first few."""
+    speeds = np.full((200, 11), 20.0)
+    gaps = np.full((200, 10), 60.0)
+    warnings = assess(made(speeds, gaps)).warnings
+    assert len(warnings) == 3
+    for number in range(2, 12):
+        assert all(f"{number} V{number} (" in warning for warning in warnings[1:])
+
+
+def test_the_condition_number_is_of_what_counts() -> None:
+    segment = following(3.0)
+    out = (segment.time > 150.0)[:, None]
+    kept = assess(replace(segment, left_out=out))
+    half = made(segment.speeds[segment.time <= 150.0], segment.gaps[segment.time <= 150.0])
+    assert kept.condition == pytest.approx(assess(half).condition)
+    assert kept.mean_time_gap == assess(segment).mean_time_gap
+    assert assess(replace(segment, left_out=np.ones_like(out))).condition == (float("inf"),)
 
 
 def test_figures_against_their_definitions() -> None:
@@ -111,5 +133,7 @@ def test_casale_catches_up_for_a_fifth_of_the_time(openacc_dir: Path) -> None:
 def test_a_constant_speed_window_is_recognised(openacc_dir: Path) -> None:
     recording = read(openacc_dir / "AstaZero/ASta_040719_platoon5.csv")
     quality = assess(cut(recording, start=540.0, duration=40.0, vehicles=(1, 2, 3)))
-    assert len(quality.warnings) == 3
+    assert len(quality.warnings) == 2
+    assert "2 Audi" in quality.warnings[1]
+    assert "3 BMW" in quality.warnings[1]
     assert min(quality.condition) > 100

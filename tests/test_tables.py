@@ -19,6 +19,7 @@ from accpinn.segment import Segment, cut
 from accpinn.segment.quality import assess
 from accpinn.tables.results import comparison_table, parameter_table, quality_table
 from accpinn.tables.typeset import ABSENT, Column, Table, latex
+from accpinn.uncertainty import intervals
 from tests.openacc_files import csv, metadata, platoon
 
 LAWS = (Parameters(0.01037, 0.07235, 1.52034), Parameters(0.1, 0.2, 1.0))
@@ -86,8 +87,8 @@ def test_parameters_and_errors_of_both_kinds(segment: Segment, fit: Fit) -> None
     ]  # fmt: skip
     assert rows[0] == ["1 Audi(A8)", *[ABSENT] * 5, "0.010", ABSENT, ABSENT]
     assert rows[1][:4] == ["2 BMW", "0.0104", "0.0723", "1.520"]
-    assert rows[1][5:] == ["0.040", "0.020", "4.000", "2.000"]
-    assert rows[2][5:] == ["0.050", "0.030", "5.000", "3.000"]
+    assert rows[1][5:] == ["0.040", "0.020", "4.00", "2.000"]
+    assert rows[2][5:] == ["0.050", "0.030", "5.00", "3.000"]
     assert float(rows[1][4]) == pytest.approx(assess(segment).mean_time_gap[0], abs=0.005)
 
 
@@ -114,6 +115,32 @@ def test_without_simulation_the_cells_are_empty_not_zero(segment: Segment, fit: 
     row = list(csv_format.reader(io.StringIO(table.to_csv())))[2]
     assert row[3] == ""
     assert row[5:] == [""] * 4
+
+
+def test_intervals_stand_beside_the_parameters_in_every_format(segment: Segment, fit: Fit) -> None:
+    lower = np.array([[0.0, 0.05, 1.2], [0.01, 0.1, 1.0]])
+    upper = np.array([[0.02, 0.09, np.inf], [0.03, 0.2, 1.3]])
+    doubt = replace(intervals(segment, fit, draws=10), lower=lower, upper=upper)
+    table = parameter_table(segment, fit, assess(segment), errors(0.01), errors(1.0), doubt)
+    _, head, leader, first, _ = read_html(table.to_html()).rows
+    assert head[-3:] == ["α [1/s²]", "β [1/s]", "τ [s]"]
+    assert leader[-3:] == [ABSENT] * 3
+    assert first[-3:] == ["0.0000 to 0.0200", "0.0500 to 0.0900", "1.200 or more"]
+    assert "90 % interval: τ [s]" in table.to_csv()
+    assert "0.0500 to 0.0900" in table.to_latex()
+
+
+def test_what_is_left_out_stands_in_every_title(segment: Segment, fit: Fit) -> None:
+    """So that it also stands in an exported table."""
+    without: Segment = replace(segment, left_out_regimes=("catching up", "manual"))
+    for described in (without, without.outline()):
+        for table in (
+            parameter_table(described, fit, assess(segment), None, None),
+            comparison_table(described, {"PiNN": LAWS}),
+            quality_table(described, assess(segment), fit),
+        ):
+            assert "law without catching up, manual" in table.to_latex()
+    assert "without" not in comparison_table(segment, {"PiNN": LAWS}).caption
 
 
 def test_estimates_side_by_side(segment: Segment) -> None:

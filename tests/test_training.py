@@ -17,9 +17,10 @@ from accpinn.errors import ConfigError
 from accpinn.estimators import splines
 from accpinn.fit import Fit, Outcome, Progress
 from accpinn.openacc import read
-from accpinn.pinn import training
+from accpinn.pinn import request, training
 from accpinn.pinn.config import FAST, PAPER, PinnConfig, preset
-from accpinn.pinn.training import request_keys, train
+from accpinn.pinn.request import begun, forget, request_keys
+from accpinn.pinn.training import train
 from accpinn.segment import Segment, cut
 from accpinn.store import Store
 from accpinn.synthetic import load_truth, truth_path
@@ -307,7 +308,8 @@ class TestPaperPreset:
         assert fit.arrays["test"][0] == 0, "the first instant stays, as Ψ_R looks at it"
         assert fit.loss["test_data"] > 0
         assert fit.loss["test_physics"] >= 0
-        assert any("120 random instants" in note for note in fit.notes)
+        told = f"there Ψ_D is {fit.loss['test_data']:,.4f}"
+        assert any("120 random instants" in note and told in note for note in fit.notes)
 
     def test_what_is_kept_out_changes_nothing(self) -> None:
         fit = train(noisy(), "II", SHORT)
@@ -384,6 +386,20 @@ class TestStore:
         assert "Continued from iteration 20 of an earlier training." in continued.notes
         assert_same_result(continued, train(noisy(), "II", longer))
 
+    def test_where_a_training_would_go_on_is_known_and_can_be_forgotten(
+        self, tmp_path: Path
+    ) -> None:
+        store = Store(tmp_path)
+        assert begun(store, noisy(), "II", SHORT) is None
+        stopped = train(noisy(), "II", SHORT, store=store, should_stop=after(2))
+        assert begun(store, noisy(), "II", SHORT) == stopped.iterations == 10
+        assert begun(store, noisy(), "II", replace(SHORT, iterations=5)) is None, "it is beyond"
+        forget(store, noisy(), "II", SHORT)
+        assert begun(store, noisy(), "II", SHORT) is None
+        anew = train(noisy(), "II", SHORT, store=store)
+        assert not any("Continued" in note for note in anew.notes)
+        assert begun(store, noisy(), "II", SHORT) is None, "a finished one is answered at once"
+
     def test_a_shorter_training_leaves_a_longer_ones_checkpoint_alone(self, tmp_path: Path) -> None:
         store = Store(tmp_path)
         longer = replace(SHORT, iterations=60)
@@ -438,7 +454,7 @@ class TestStore:
         self, monkeypatch: pytest.MonkeyPatch
     ) -> None:
         before = request_keys(noisy(), "II", FAST)
-        monkeypatch.setattr(training, "METHOD_VERSION", training.METHOD_VERSION + 1)
+        monkeypatch.setattr(request, "METHOD_VERSION", request.METHOD_VERSION + 1)
         assert not set(before) & set(request_keys(noisy(), "II", FAST))
 
     def test_a_name_or_file_changes_nothing_so_it_is_the_same_request(self) -> None:

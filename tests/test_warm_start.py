@@ -10,7 +10,8 @@ import pytest
 from accpinn.errors import ConfigError
 from accpinn.fit import Fit
 from accpinn.pinn.config import FAST, PAPER, PinnConfig
-from accpinn.pinn.training import request_keys, train
+from accpinn.pinn.request import request_keys
+from accpinn.pinn.training import train
 from accpinn.pinn.warm import Warm
 from accpinn.segment import Segment
 from accpinn.store import Store

@@ -29,7 +29,7 @@ from accpinn.fit import Course
 from accpinn.identifiability import INCREASE, Profile
 from accpinn.segment import Segment
 from accpinn.uncertainty import Uncertainty
-from accpinn.units import FloatArray
+from accpinn.units import FloatArray, Seconds
 
 BAND = "rgba(128, 140, 155, 0.20)"
 DASHES = ("solid", "dash", "dot")
@@ -130,6 +130,8 @@ def curves(
     for trace in upper.data:
         row = 1 if trace.yaxis in (None, "y") else 2
         figure.add_trace(trace, row=row, col=1)
+    for line_at_zero in upper.layout.shapes:
+        figure.add_shape(line_at_zero)
     colour = vehicle_colour(segment.vehicles[follower + 1], segment.vehicles[0])
     lines = (
         (own, surrogate, {"color": colour, "width": 1.5}),
@@ -138,7 +140,8 @@ def curves(
     for name, source, line in lines:
         if source is None:
             continue
-        time, error = thinned(source.time, (source.gaps - segment.gaps)[:, follower])
+        error = (source.gaps - segment.gaps)[:, follower]
+        time, error = thinned(segment.start + source.time, error)
         figure.add_scatter(
             x=time,
             y=error,
@@ -161,6 +164,7 @@ def courses(
     followed: Sequence[tuple[str, Course]],
     follower: int,
     truth: Parameters | None = None,
+    start: Seconds = 0.0,
 ) -> go.Figure:
     """α, β and τ over time as online methods followed them, one standard deviation around each.
 
@@ -168,6 +172,7 @@ def courses(
         followed: name and course of each method.
         follower: 0 for the first.
         truth: dashed, where it is known.
+        start: of the segment, in s from the recording's first sample.
     """
     figure = make_subplots(rows=3, cols=1, shared_xaxes=True, vertical_spacing=0.05)
     true = (truth.alpha, truth.beta, truth.tau) if truth else ()
@@ -178,10 +183,10 @@ def courses(
             late.append(values[int(SETTLED * len(values)) :])
             if course.deviation is not None:
                 late.append(values[-1] + course.deviation[-1, follower, which] * np.array([-1, 1]))
-            time, shown = thinned(course.time, values)
+            time, shown = thinned(start + course.time, values)
             if course.deviation is not None:
                 around = course.deviation[:, follower, which]
-                figure.add_trace(_ribbon(course.time, values, around, colour), which + 1, 1)
+                figure.add_trace(_ribbon(start + course.time, values, around, colour), which + 1, 1)
             figure.add_scatter(
                 x=time,
                 y=shown,

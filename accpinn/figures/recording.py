@@ -95,7 +95,7 @@ def preview(segment: Segment) -> go.Figure:
     for column, number in enumerate(segment.vehicles):
         colour = vehicle_colour(number, segment.vehicles[0])
         label = html.escape(segment.labels[column])
-        time, values = thinned(segment.time, segment.speeds[:, column], 600)
+        time, values = thinned(segment.start + segment.time, segment.speeds[:, column], 600)
         figure.add_scatter(x=time, y=values, name=label, line={"color": colour, "width": 2})
     figure.update_yaxes(title_text=SPEED.axis)
     figure.update_xaxes(title_text=TIME.axis)

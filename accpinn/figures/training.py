@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import plotly.graph_objects as go
 
+from accpinn.assessment import collisions
 from accpinn.channels import GAP, SPEED, TIME
 from accpinn.cthp import Parameters, Trajectories
 from accpinn.figures.style import (
@@ -23,7 +24,7 @@ from accpinn.figures.style import (
 from accpinn.fit import History
 from accpinn.segment import Segment
 from accpinn.segment.outline import Described, Outline
-from accpinn.units import FloatArray
+from accpinn.units import FloatArray, Seconds
 
 FEW = 30
 """So few moments of a training are marked one by one."""
@@ -167,7 +168,7 @@ def tracking(
             continue
         channels = ((GAP, source.gaps[:, follower]), (SPEED, source.speeds[:, follower + 1]))
         for row, (channel, values) in enumerate(channels, 1):
-            time, shown = thinned(source.time, values)
+            time, shown = thinned(segment.start + source.time, values)
             figure.add_scatter(
                 x=time,
                 y=shown,
@@ -180,6 +181,25 @@ def tracking(
                 row=row,
                 col=1,
             )
+    if data and closed_loop:
+        _mark_collision(figure, float(collisions(data, closed_loop)[follower]))
     label_axes(figure, (GAP, SPEED))
     figure.update_xaxes(title_text=TIME.axis, row=2, col=1)
     return with_legend(finished(figure, 460, f"tracking-{number}"))
+
+
+def _mark_collision(figure: go.Figure, when: Seconds) -> None:
+    """Where the law drives into the vehicle ahead, on a line at gap zero; nothing for nan."""
+    if np.isnan(when):
+        return
+    figure.add_hline(y=0, line={"color": LEADER, "width": 1.5}, row=1, col=1)
+    figure.add_scatter(
+        x=[when],
+        y=[0.0],
+        name="collision",
+        mode="markers",
+        marker={"symbol": "x", "size": 11, "color": MODEL},
+        hovertemplate=f"{when:.1f} s<extra>collision</extra>",
+        row=1,
+        col=1,
+    )

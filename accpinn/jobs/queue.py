@@ -13,6 +13,7 @@ from accpinn.jobs.job import Job, Request, Train, load_train
 from accpinn.jobs.series import Result, Series
 from accpinn.jobs.task import Status, Task
 from accpinn.pinn.config import PinnConfig
+from accpinn.pinn.request import begun, forget, request_keys
 from accpinn.segment import Segment
 from accpinn.store import Store
 from accpinn.units import Seconds
@@ -55,8 +56,12 @@ class Trainings:
         case: Case,
         config: PinnConfig,
         warm: "Warm | None" = None,
+        anew: bool = False,
     ) -> Job:
-        """Queue a training; an owner has one at a time, so a different earlier one is stopped."""
+        """Queue a training; an owner has one at a time, so a different earlier one is stopped.
+
+        It goes on where a stopped one of the same request ended, unless it is to begin ``anew``.
+        """
         request = Request(segment, case, config, warm)
         with self._changed:
             self._forget()
@@ -64,9 +69,12 @@ class Trainings:
             if earlier and earlier.request.same_as(request):
                 if earlier.is_active and not earlier.is_stopping:
                     return earlier
-                course = earlier.history() if earlier.status is not Status.DONE else None
+                goes_on = earlier.status is not Status.DONE and not anew
+                course = earlier.history() if goes_on else None
             elif earlier:
                 self.stop(earlier)
+            if anew and self._store:
+                forget(self._store, segment, case, config)
             job = Job(owner, request, self._train, course)
             self._jobs.append(job)
             if known := self._recall(request):
@@ -75,6 +83,10 @@ class Trainings:
             else:
                 self._enqueue(job)
         return job
+
+    def begun(self, segment: Segment, case: Case, config: PinnConfig) -> int | None:
+        """The iteration from which an earlier training of this request would go on, if any."""
+        return begun(self._store, segment, case, config) if self._store else None
 
     def run(self, series: Series[Result]) -> Series[Result]:
         """Queue a series; an earlier one of its owner and kind is stopped."""
@@ -99,8 +111,6 @@ class Trainings:
         """The stored result of an identical request, which need not wait for its turn."""
         if self._store is None:
             return None
-        from accpinn.pinn.training import request_keys
-
         result_key, _ = request_keys(request.segment, request.case, request.config, request.warm)
         known = self._store.load_fit(result_key, request.segment)
         return replace(known, cached=True) if known else None

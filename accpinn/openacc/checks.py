@@ -158,9 +158,12 @@ def _frozen(recording: Recording) -> Iterator[str]:
         if longest and len(longest) * recording.sample_time > FROZEN:
             # A run of k repeats is k + 1 equal samples.
             run = Run(longest.first, longest.last + 1)
+            name = recording.vehicles[follower - 1].name
+            whose = name if name == f"Vehicle {follower}" else f"{follower} {name}"
+            lasting = recording.time[run.last] - recording.time[run.first]
             yield (
-                f"{channel.of(number)} stands still for {len(run)} samples in motion, at"
-                f" {_seconds(recording, run)}."
+                f"The {channel.name.lower()} of {whose} is frozen for {lasting:.1f} s while it"
+                f" moves, at {_seconds(recording, run)}."
             )
 
 

@@ -4,8 +4,6 @@ Every recipe is driven the same way. An identical request is answered from the c
 that was stopped, or whose process died, goes on from its last checkpoint.
 """
 
-import hashlib
-import json
 import os
 import time
 from dataclasses import dataclass, replace
@@ -25,12 +23,13 @@ from accpinn.fit import (
     parameters_of,
 )
 from accpinn.pinn.columns import output_columns
-from accpinn.pinn.config import FAST, METHOD_VERSION, PinnConfig
+from accpinn.pinn.config import FAST, PinnConfig
 from accpinn.pinn.fast import FastTraining
 from accpinn.pinn.history import Recorder
 from accpinn.pinn.memory import require_memory
 from accpinn.pinn.paper import PaperTraining
 from accpinn.pinn.recipe import Learned, Problem, State, Training
+from accpinn.pinn.request import request_keys
 from accpinn.pinn.warm import Warm
 from accpinn.segment import Segment
 from accpinn.store import Store
@@ -199,33 +198,6 @@ def _resume(run: _Run, state: State) -> _Run:
     iteration = run.training.progress.iteration
     note = f"Continued from iteration {iteration:,} of an earlier training."
     return replace(run, earlier=float(state["seconds"]), notes=(note,))
-
-
-def request_keys(
-    segment: Segment, case: Case, config: PinnConfig, warm: Warm | None = None
-) -> tuple[str, str]:
-    """Content addresses of a request's result and of its checkpoint.
-
-    Equal addresses mean equal data, settings and method. Where a longer training only goes on
-    where a shorter one ends (`paper` without L-BFGS), both share a checkpoint.
-    """
-    settings: dict[str, object] = config.to_json()
-    if warm:
-        settings["started_from"] = warm.digest()
-    resumable = settings.copy()
-    if config.preset == "paper" and not config.lbfgs_iterations:
-        del resumable["iterations"]
-    return _address(segment, case, settings), _address(segment, case, resumable)
-
-
-def _address(segment: Segment, case: Case, settings: dict[str, object]) -> str:
-    request = {
-        "method": METHOD_VERSION,
-        "segment": segment.digest(),
-        "case": case,
-        "config": settings,
-    }
-    return hashlib.sha256(json.dumps(request, sort_keys=True).encode()).hexdigest()
 
 
 def _as_fit(

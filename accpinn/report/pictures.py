@@ -87,7 +87,7 @@ def motion(snapshot: Snapshot) -> Picture | None:
         if column:
             drawn.append((1, source.gaps[:, column - 1], GAP))
         for row, values, channel in drawn:
-            time, shown = thinned(source.time, values)
+            time, shown = thinned(outline.start + source.time, values)
             figure.add_scatter(
                 x=time, y=shown, name=name, line=line, mode="lines", legendgroup=name,
                 showlegend=row == 2, hovertemplate=f"%{{y:.2f}} {channel.unit}", row=row, col=1,

@@ -46,6 +46,10 @@ class Described(Protocol):
         """What was done to the data."""
 
     @property
+    def left_out_regimes(self) -> tuple[str, ...]:
+        """Names of the regimes left out of the law's equations."""
+
+    @property
     def followers(self) -> int:
         """M."""
 
@@ -80,6 +84,11 @@ class Outline:
     """Names of the regimes left out of the law's equations; empty where all instants count."""
     left_out_share: tuple[float, ...] = ()
     """(M,) share of each follower's instants left out, 0 to 1; empty where all count."""
+
+    @property
+    def left_out_regimes(self) -> tuple[str, ...]:
+        """The same names, as a `Segment` calls them."""
+        return self.left_out
 
     @property
     def followers(self) -> int:

@@ -2,7 +2,8 @@
 
     mean time gap      mean of p/v over the instants in motion              [s]
     excitation         standard deviations of v_0, of Δv_i and of dv_i/dt
-    condition number   of the regressors (p, -v, Δv), each scaled to unit length
+    condition number   of the regressors (p, -v, Δv), each scaled to unit length, over the instants
+                       that the segment does not leave out; all else is of all instants
     car-following      share of instants in motion with p/v at most 2 s
 
 Near equilibrium p is close to τv and Δv to zero: the regressors are then nearly collinear, and
@@ -71,7 +72,7 @@ def assess(segment: Segment) -> Quality:
         leader_deviation=float(speeds[:, 0].std()),
         relative_deviation=_floats((speeds[:, :-1] - speeds[:, 1:]).std(axis=0)),
         acceleration_deviation=_floats(acceleration.std(axis=0)),
-        condition=tuple(_condition(part) for part in regressors(speeds, segment.gaps)),
+        condition=_conditions(segment),
         car_following=_floats((moving & (gaps <= CAR_FOLLOWING)).mean(axis=0)),
         warnings=(),
     )
@@ -82,10 +83,22 @@ def _floats(values: FloatArray) -> tuple[float, ...]:
     return tuple(float(value) for value in values)
 
 
+def _conditions(segment: Segment) -> tuple[float, ...]:
+    """Of each follower's regressors, where its equation counts."""
+    parts = regressors(segment.speeds, segment.gaps)
+    if segment.left_out is None:
+        return tuple(_condition(part) for part in parts)
+    return tuple(
+        _condition(part[~out]) for part, out in zip(parts, segment.left_out.T, strict=True)
+    )
+
+
 def _condition(part: FloatArray) -> float:
-    """Of one follower's regressors (N, 3)."""
+    """Of regressors (N, 3); inf where there are too few to tell."""
     lengths = np.linalg.norm(part, axis=0)
-    return float(np.linalg.cond(part / lengths)) if lengths.all() else float("inf")
+    return (
+        float(np.linalg.cond(part / lengths)) if len(part) > 2 and lengths.all() else float("inf")
+    )
 
 
 def _warnings(segment: Segment, figures: Quality) -> tuple[str, ...]:
@@ -96,22 +109,34 @@ def _warnings(segment: Segment, figures: Quality) -> tuple[str, ...]:
             f"The leader's speed varies by only {figures.leader_deviation:.2f} m/s (standard"
             " deviation); a window in which it brakes and accelerates tells more."
         )
-    for k, label in enumerate(labels[1:]):
-        deviation, condition = figures.relative_deviation[k], figures.condition[k]
-        if deviation < LITTLE_RELATIVE_MOTION or condition > LARGE_CONDITION:
-            warnings.append(
-                f"{label} stays near equilibrium (Δv varies by {deviation:.2f} m/s, condition"
-                f" number {condition:.0f}): α, β and τ cannot be told apart well."
-            )
-        if figures.car_following[k] < LITTLE_CAR_FOLLOWING:
-            share = 100 * figures.car_following[k]
-            warnings.append(
-                f"{label} is in car-following for only {share:.0f} % of the time (moving, time gap"
-                f" at most {CAR_FOLLOWING:g} s); elsewhere the law does not hold."
-            )
-        negative = int((segment.gaps[:, k] < 0).sum())
-        if negative:
-            warnings.append(
-                f"The space-gap of {label} is negative at {negative} instants, which cannot be."
-            )
+    followers = range(segment.followers)
+    still = [
+        f"{labels[k + 1]} (Δv varies by {figures.relative_deviation[k]:.2f} m/s, condition number"
+        f" {figures.condition[k]:.0f})"
+        for k in followers
+        if figures.relative_deviation[k] < LITTLE_RELATIVE_MOTION
+        or figures.condition[k] > LARGE_CONDITION
+    ]
+    if still:
+        warnings.append(
+            f"Near equilibrium, where α, β and τ cannot be told apart well: {', '.join(still)}."
+        )
+    elsewhere = [
+        f"{labels[k + 1]} ({100 * figures.car_following[k]:.0f} %)"
+        for k in followers
+        if figures.car_following[k] < LITTLE_CAR_FOLLOWING
+    ]
+    if elsewhere:
+        warnings.append(
+            f"In car-following (moving, time gap at most {CAR_FOLLOWING:g} s) for less than"
+            f" {100 * LITTLE_CAR_FOLLOWING:.0f} % of the time, and elsewhere the law does not hold:"
+            f" {', '.join(elsewhere)}."
+        )
+    negative = [
+        f"{labels[k + 1]} (at {count} instants)"
+        for k in followers
+        if (count := int((segment.gaps[:, k] < 0).sum()))
+    ]
+    if negative:
+        warnings.append(f"The space-gap is negative, which cannot be: {', '.join(negative)}.")
     return tuple(warnings)

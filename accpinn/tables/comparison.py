@@ -7,7 +7,7 @@ from accpinn.comparison import Row
 from accpinn.fit import Fit, Outcome
 from accpinn.pinn.config import PRESETS
 from accpinn.segment.outline import Described
-from accpinn.tables.results import PARAMETER_COLUMNS, where
+from accpinn.tables.results import PARAMETER_COLUMNS, interval_cells, interval_columns, where
 from accpinn.tables.typeset import Cell, Column, Table
 from accpinn.uncertainty import Uncertainty
 
@@ -73,23 +73,14 @@ def methods_table(segment: Described, rows: Sequence[Row], follower: int) -> Tab
 
 def intervals_table(segment: Described, doubt: Uncertainty) -> Table:
     """One row a follower: intervals, and how probable string stability is."""
-    percent = f"{100 * doubt.level:.0f} % intervals"
     columns = (
         Column("Follower"),
-        *(Column(c.heading, group=percent) for c in PARAMETER_COLUMNS),
+        *interval_columns(doubt),
         Column("L2", "%", 0, "Probably stable"),
         Column("L∞", "%", 0, "Probably stable"),
     )
     rows: list[tuple[Cell, ...]] = []
     for k, label in enumerate(segment.labels[1:]):
-        ends = [
-            f"{column.shown(float(low))} to {column.shown(float(high))}"
-            if high < float("inf")
-            else f"{column.shown(float(low))} or more"
-            for column, low, high in zip(
-                PARAMETER_COLUMNS, doubt.lower[k], doubt.upper[k], strict=True
-            )
-        ]
         stable = (100 * float(doubt.probability_l2[k]), 100 * float(doubt.probability_linf[k]))
-        rows.append((label, *ends, *stable))
+        rows.append((label, *interval_cells(doubt, k), *stable))
     return Table(f"What the recording allows, {where(segment)}", columns, tuple(rows))

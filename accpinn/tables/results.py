@@ -9,6 +9,7 @@ from accpinn.fit import Fit
 from accpinn.segment.outline import Described
 from accpinn.segment.quality import Quality
 from accpinn.tables.typeset import Cell, Column, Table
+from accpinn.uncertainty import Uncertainty
 
 PARAMETER_COLUMNS = (
     Column("α", "1/s²", 4),
@@ -23,8 +24,12 @@ def parameter_table(
     quality: Quality,
     surrogate: TrackingErrors | None,
     closed_loop: TrackingErrors | None,
+    doubt: Uncertainty | None = None,
 ) -> Table:
-    """One row a vehicle, leader first: parameters, mean time gap and errors of both kinds."""
+    """One row a vehicle, leader first: parameters, mean time gap, errors of both kinds, intervals.
+
+    The intervals have columns where ``doubt`` is known.
+    """
     own, driven = "Surrogate fit, MAE", "Closed-loop simulation, MAE"
     columns = (
         Column("Vehicle"),
@@ -32,13 +37,14 @@ def parameter_table(
         Column("Mean time gap", "s", 2),
         Column("p", "m", 3, own),
         Column("v", "m/s", 3, own),
-        Column("p", "m", 3, driven),
+        Column("p", "m", 2, driven),
         Column("v", "m/s", 3, driven),
+        *(interval_columns(doubt) if doubt else ()),
     )
     leader_error = float(surrogate.speed_mae[0]) if surrogate else None
     rows: list[tuple[Cell, ...]] = [
         # In the simulation the leader's measured speed goes in, so it has no error there.
-        (segment.labels[0], None, None, None, None, None, leader_error, None, None)
+        (segment.labels[0], *[None] * 5, leader_error, None, None, *[None] * (3 if doubt else 0))
     ]
     for k, law in enumerate(fit.parameters):
         rows.append(
@@ -48,6 +54,7 @@ def parameter_table(
                 quality.mean_time_gap[k],
                 *_errors(surrogate, k),
                 *_errors(closed_loop, k),
+                *(interval_cells(doubt, k) if doubt else ()),
             )
         )
     case = f", Case {fit.case}" if segment.followers > 1 else ""
@@ -91,12 +98,31 @@ def quality_table(segment: Described, quality: Quality, estimate: Fit) -> Table:
                 quality.condition[k],
             )
         )
-    return Table("", columns, tuple(rows))
+    return Table(where(segment), columns, tuple(rows))
+
+
+def interval_columns(doubt: Uncertainty) -> tuple[Column, ...]:
+    """Columns for the intervals of α, β and τ."""
+    percent = f"{100 * doubt.level:.0f} % interval"
+    return tuple(Column(column.heading, group=percent) for column in PARAMETER_COLUMNS)
+
+
+def interval_cells(doubt: Uncertainty, follower: int) -> tuple[str, ...]:
+    """The intervals of one follower (0 for the first) in words; τ may have no upper end."""
+    ends = zip(PARAMETER_COLUMNS, doubt.lower[follower], doubt.upper[follower], strict=True)
+    return tuple(
+        f"{column.shown(float(low))} to {column.shown(float(high))}"
+        if high < float("inf")
+        else f"{column.shown(float(low))} or more"
+        for column, low, high in ends
+    )
 
 
 def where(segment: Described) -> str:
-    """The segment in a few words: file and seconds."""
-    return f"{segment.source}, {segment.start:g}–{segment.start + segment.duration:g} s"
+    """The segment in a few words: file, seconds, and what does not count there."""
+    window = f"{segment.source}, {segment.start:g}–{segment.start + segment.duration:g} s"
+    left_out = segment.left_out_regimes
+    return f"{window}, law without {', '.join(left_out)}" if left_out else window
 
 
 def _method(fit: Fit) -> str:

@@ -94,7 +94,7 @@ def show_courses(
     if not followed:
         return
     st.subheader("Parameters over time, by the online methods", anchor=False)
-    show_chart(figures.courses(followed, follower, truth), "compare_courses")
+    show_chart(figures.courses(followed, follower, truth, segment.start), "compare_courses")
     st.caption(
         "Shaded: one standard deviation, as the method itself states it; this is far too little for"
         " α and β where disturbances last for seconds." + (" Dashed: true value." if truth else "")

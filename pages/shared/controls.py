@@ -17,6 +17,11 @@ from pages.shared.settings import (
 )
 from pages.shared.workspace import Workspace
 
+CONTINUES = (
+    "A training of this window with these settings, here or in another session, was stopped there;"
+    " the server keeps where it stood."
+)
+
 
 def controls(workspace: Workspace) -> None:
     """Preset, options and the buttons."""
@@ -44,8 +49,12 @@ def buttons(workspace: Workspace, config: PinnConfig | None) -> None:
             args=(job,),
         )
         return
-    continues = job is not None and job.status is Status.STOPPED and job.request.config == config
-    label, icon = ("Continue", "resume") if continues else ("Start training", "play_arrow")
+    at = None
+    if config and workspace.segment:
+        at = trainings().begun(workspace.segment, workspace.case, config)
+    label, icon = ("Start training", "play_arrow")
+    if at is not None:
+        label, icon = (f"Continue from iteration {at:,}", "resume")
     st.button(
         label,
         type="primary" if not is_done(job, config) else "secondary",
@@ -54,7 +63,16 @@ def buttons(workspace: Workspace, config: PinnConfig | None) -> None:
         disabled=config is None,
         on_click=start,
         args=(workspace,),
+        help=CONTINUES if at is not None else None,
     )
+    if at is not None:
+        st.button(
+            "Start anew",
+            icon=":material/restart_alt:",
+            key="train_anew",
+            on_click=start,
+            args=(workspace, False, True),
+        )
 
 
 def continue_button(workspace: Workspace) -> None:
@@ -73,10 +91,10 @@ def continue_button(workspace: Workspace) -> None:
     )
 
 
-def start(workspace: Workspace, from_snapshot: bool = False) -> None:
+def start(workspace: Workspace, from_snapshot: bool = False, anew: bool = False) -> None:
     """Train with what is chosen at the moment of the click, also when that was not drawn yet."""
     with suppress(ConfigError):  # the page says what is wrong with a setting
-        workspace.train(chosen_config(workspace), from_snapshot)
+        workspace.train(chosen_config(workspace), from_snapshot, anew)
 
 
 def is_done(job: Job | None, config: PinnConfig | None) -> bool:

@@ -13,8 +13,14 @@ from pages.shared.workspace import Workspace, hold
 
 def doubt_of(workspace: Workspace, laws: LawSet) -> Uncertainty | None:
     """The uncertainty of the fit that ``laws`` are of; None for laws from elsewhere."""
+    fit = workspace.fit
+    return doubt_of_fit(workspace) if fit and fit.parameters == laws.parameters else None
+
+
+def doubt_of_fit(workspace: Workspace) -> Uncertainty | None:
+    """The uncertainty of the current fit; None where there is none, or its data are not here."""
     fit, segment = workspace.fit, workspace.segment
-    if fit is None or fit.parameters != laws.parameters:
+    if fit is None:
         return None
     known = workspace.doubt
     if known is None or known[0] is not fit:

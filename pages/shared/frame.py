@@ -115,6 +115,10 @@ def _sidebar(workspace: Workspace) -> None:
         st.divider()
         st.caption("  \n".join(standing(workspace)))
         _choose_pictures(workspace)
+        st.caption(
+            "This page's address opens this very session, so whoever has it can change or stop"
+            " things here; to show a result, send a snapshot's link instead."
+        )
 
 
 def _choose_pictures(workspace: Workspace) -> None:

@@ -63,7 +63,7 @@ def choose_laws(workspace: Workspace, page: str) -> LawSet | None:
     try:
         learned = _learned(workspace, now)
         if learned:
-            if now == "snapshot" and learned.left_out:
+            if now == "snapshot" and learned.described.left_out_regimes:
                 st.caption(plain(learned.title))
             warn_unfinished(learned, now)
         return _laws(workspace, now, learned)

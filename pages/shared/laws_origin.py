@@ -19,27 +19,22 @@ class Learned:
 
     described: Described
     fit: Fit
-    left_out: tuple[str, ...]
-    """Names of the regimes that the law leaves out."""
 
     @property
     def title(self) -> str:
         """File, seconds and regimes left out, for tables and the files made of them."""
-        without = f", law without {', '.join(self.left_out)}" if self.left_out else ""
-        return where(self.described) + without
+        return where(self.described)
 
 
 def current(workspace: Workspace) -> Learned | None:
     """The session's own; None before there is one."""
-    fit, described, segment = workspace.fit, workspace.described, workspace.segment
-    if fit is None or described is None:
-        return None
-    return Learned(described, fit, segment.left_out_regimes if segment else workspace.leave_out)
+    fit, described = workspace.fit, workspace.described
+    return Learned(described, fit) if fit and described else None
 
 
 def saved(snapshot: Snapshot) -> Learned:
     """That of a snapshot."""
-    return Learned(snapshot.outline, snapshot.fit, snapshot.outline.left_out)
+    return Learned(snapshot.outline, snapshot.fit)
 
 
 def warn_unfinished(learned: Learned, source: Source) -> None:

@@ -79,3 +79,7 @@ def show_course(job: Job, truth: tuple[Parameters, ...]) -> None:
         with column:
             figure = training.parameter_course(history, which, segment, truth)
             show_chart(figure, f"train_parameter_{which}")
+    st.caption(
+        "Training lowers the loss Ψ, the sum of its terms: Ψ_D, how far the network's curves are"
+        " from the data, and Ψ_F, how far they are from obeying the law."
+    )

@@ -9,23 +9,27 @@ from accpinn.cthp import Parameters
 from accpinn.estimators import least_squares
 from accpinn.figures.style import vehicle_colour
 from accpinn.figures.training import tracking
-from accpinn.fit import Fit, Outcome
-from accpinn.jobs import Job
+from accpinn.fit import Fit, Outcome, headway_notes
 from accpinn.segment import Segment
 from accpinn.segment.outline import Described
 from accpinn.segment.quality import assess
 from accpinn.tables import results as tables
 from accpinn.tables import typeset
+from accpinn.tables.comparison import intervals_table
+from accpinn.uncertainty import Uncertainty
 from pages.shared.charts import show_chart
-from pages.shared.text import bullets, lasting
+from pages.shared.doubt import doubt_of_fit
+from pages.shared.text import bullets, lasting, plain
+from pages.shared.workspace import Workspace
 
 
-def show_result(job: Job, truth: tuple[Parameters, ...]) -> None:
-    """Everything about a job that has a fit."""
-    fit, segment = job.fit, job.request.segment
-    if fit is None:
+def show_result(workspace: Workspace) -> None:
+    """Everything about the session's training, once it has a fit."""
+    fit, segment = workspace.fit, workspace.segment
+    if fit is None or segment is None:
         return
     show_outcome(fit)
+    doubt = doubt_of_fit(workspace)
     table = parameter_table(segment, fit)
     colours = [vehicle_colour(n, segment.vehicles[0]) for n in segment.vehicles]
     st.html(typeset.STYLE + table.coloured(colours).to_html())
@@ -35,11 +39,40 @@ def show_result(job: Job, truth: tuple[Parameters, ...]) -> None:
         " leader's speed only and everything else is its own doing. MAE: mean absolute error of"
         " space-gap p and speed v."
     )
-    if fit.notes:
-        st.info(bullets(fit.notes), icon=":material/info:")
-    downloads(table, segment)
-    compare(segment, fit, truth)
+    show_incidents(assessment.incidents(segment, assessment.closed_loop(segment, fit)))
+    show_intervals(segment, doubt)
+    notes = fit.notes + headway_notes(segment.labels, fit.parameters)
+    if doubt:
+        notes += doubt.notes
+    if notes:
+        st.info(bullets(notes), icon=":material/info:")
+    downloads(parameter_table(segment, fit, doubt), segment)
+    compare(segment, fit, workspace.true_parameters)
     show_curves(segment, fit)
+
+
+def show_intervals(segment: Described, doubt: Uncertainty | None) -> None:
+    """What the data leave open about the parameters, whichever method is asked."""
+    if doubt is None:
+        return
+    table = intervals_table(segment, doubt)
+    colours = [vehicle_colour(n, segment.vehicles[0]) for n in segment.vehicles[1:]]
+    st.html(typeset.STYLE + table.coloured(colours).to_html())
+    st.caption(
+        "Interval: the values that the data support where disturbances last for seconds, as on a"
+        " road. Probably stable: the share of the laws drawn from the data that is. Compare and"
+        " Stability say more."
+    )
+
+
+def show_incidents(incidents: tuple[str, ...]) -> None:
+    """What goes wrong where the law drives by itself; the errors beside it include that."""
+    if incidents:
+        st.warning(
+            f"{bullets(incidents)}\n\n"
+            + plain("The simulation drives on, and the closed-loop errors include what follows."),
+            icon=":material/car_crash:",
+        )
 
 
 def show_outcome(fit: Fit) -> None:
@@ -58,14 +91,15 @@ def show_outcome(fit: Fit) -> None:
         st.success(sentence, icon=":material/check_circle:")
 
 
-def parameter_table(segment: Segment, fit: Fit) -> typeset.Table:
-    """As in the paper, with the simulation's errors beside."""
+def parameter_table(segment: Segment, fit: Fit, doubt: Uncertainty | None = None) -> typeset.Table:
+    """As in the paper, with the simulation's errors and the intervals beside."""
     return tables.parameter_table(
         segment,
         fit,
         assess(segment),
         assessment.surrogate_errors(segment, fit),
         assessment.closed_loop_errors(segment, fit),
+        doubt,
     )
 
 

@@ -13,7 +13,7 @@ from accpinn.tables import typeset
 from accpinn.tables.comparison import intervals_table, methods_table
 from pages.shared import frame
 from pages.shared.charts import show_chart
-from pages.shared.results import downloads, show_outcome
+from pages.shared.results import downloads, show_incidents, show_intervals, show_outcome
 from pages.shared.snapshots_listing import banner, recording_needed, recording_needed_here
 from pages.shared.text import bullets
 from pages.shared.workspace import Workspace
@@ -37,18 +37,16 @@ def show_result(workspace: Workspace, snapshot: Snapshot) -> None:
     if workspace.segment is None:
         recording_needed(workspace, snapshot, "To train on, the page needs")
     show_outcome(fit)
-    table = tables.parameter_table(
-        outline,
-        fit,
-        snapshot.quality,
-        worth.surrogate if worth else None,
-        worth.closed_loop if worth else None,
-    )
+    errors = (worth.surrogate, worth.closed_loop) if worth else (None, None)
+    table = tables.parameter_table(outline, fit, snapshot.quality, *errors)
     colours = [vehicle_colour(n, outline.vehicles[0]) for n in outline.vehicles]
     st.html(typeset.STYLE + table.coloured(colours).to_html())
+    show_incidents(worth.incidents if worth else ())
+    show_intervals(outline, snapshot.uncertainty)
     if fit.notes:
         st.info(bullets(fit.notes), icon=":material/info:")
-    downloads(table, outline)
+    whole = tables.parameter_table(outline, fit, snapshot.quality, *errors, snapshot.uncertainty)
+    downloads(whole, outline)
     show_history(snapshot)
     show_curves(workspace, snapshot)
 

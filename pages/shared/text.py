@@ -25,10 +25,12 @@ def left_out(regimes: tuple[str, ...]) -> str:
 
 
 def lasting(seconds: Seconds) -> str:
-    """A duration as people say it: 4 s, 3 min 20 s, 1 h 5 min."""
+    """A duration as people say it: 4 s, 3 min 20 s, 45 min, 1 h 5 min."""
     whole = max(1, round(seconds))
     if whole < 60:
         return f"{whole} s"
+    if whole >= 600:  # a second more or less says nothing then
+        whole = 60 * round(whole / 60)
     minutes, rest = divmod(whole, 60)
     if minutes < 60:
         return f"{minutes} min {rest} s" if rest else f"{minutes} min"

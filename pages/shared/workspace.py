@@ -136,12 +136,15 @@ class Workspace:
         except SegmentError as fault:
             self.segment, self.fault = None, str(fault)
 
-    def train(self, config: PinnConfig, from_snapshot: bool = False) -> None:
-        """Queue a training of the segment, which may begin with the weights of the snapshot."""
+    def train(self, config: PinnConfig, from_snapshot: bool = False, anew: bool = False) -> None:
+        """Queue a training of the segment.
+
+        It may begin with the weights of the snapshot, or ``anew`` where an earlier one stopped.
+        """
         if self.segment:
             self._remember([self.fit] if self.fit else [])
             self.job = trainings().submit(
-                self.id, self.segment, self.case, config, self.warm if from_snapshot else None
+                self.id, self.segment, self.case, config, self.warm if from_snapshot else None, anew
             )
 
     @property
