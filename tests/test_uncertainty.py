@@ -157,7 +157,7 @@ class TestIntervals:
         assert doubt.probability_linf[0] <= doubt.probability_l2[0]
         laws = [Parameters(*row) for row in doubt.draws[:, 0] if row[0] > 0]
         stable = sum(found.l2_criterion >= 0 for found in numbers(laws)) / len(alpha)
-        assert doubt.probability_l2[0] == pytest.approx(stable)
+        assert doubt.probability_l2[0] == pytest.approx(stable, abs=0.01), "from ten times as many"
 
     def test_where_nothing_moves_nothing_is_claimed(self) -> None:
         still = standing_still(samples=1201)
@@ -177,3 +177,14 @@ class TestIntervals:
     def test_a_level_must_lie_between(self, segment: Segment, level: float) -> None:
         with pytest.raises(ConfigError, match="level"):
             intervals(segment, least_squares.fit(segment), level)
+
+
+def test_one_segments_methods_share_the_draws() -> None:
+    """What does not depend on the fit is computed once, and judged for each."""
+    segment = disturbed((Parameters(0.08, 0.2, 1.4),), 1, Disturbance())
+    one = intervals(segment, least_squares.fit(segment))
+    far = replace(least_squares.fit(segment), parameters=(Parameters(1.0, 1.0, 3.0),))
+    other = intervals(segment, far)
+    assert other.draws is one.draws
+    assert not other.inside.any()
+    assert one.inside[0, 2]

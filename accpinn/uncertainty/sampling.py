@@ -13,7 +13,12 @@ from accpinn.uncertainty.jackknife import Spread
 from accpinn.units import FloatArray
 
 DRAWS = 2000
-"""The ends of an interval then move by about 2 % of its width from seed to seed."""
+"""Kept, for bands and clouds."""
+FINER = 10
+"""So many times more are drawn for the ends of intervals, which then move by at most 4 % of an
+interval's width from seed to seed; with those kept alone a τ that is hardly determined moved by
+39 %."""
+SEED = 0
 
 
 def draw(theta: FloatArray, spread: Spread, count: int, rng: np.random.Generator) -> FloatArray:
