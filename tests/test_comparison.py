@@ -130,6 +130,10 @@ def test_command_prints_one_document(
     assert main(words) == 0
     document = json.loads(capsys.readouterr().out, parse_constant=pytest.fail)
     assert isinstance(document["warnings"], list)
+    assert [form["form"] for form in document["forms"][::3]] == [
+        "as it is", "standstill distance", "delay",
+    ]  # fmt: skip
+    assert document["forms"][0].keys() >= {"alpha", "tau", "extra", "explained_unseen"}
     found = document["rows"]
     assert [row["method"] for row in found] == ["pinn", "splines"]
     for row in found:

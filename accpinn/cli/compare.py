@@ -11,7 +11,7 @@ from accpinn.assessment import TrackingErrors
 from accpinn.cli.fit import add_segment_options, chosen_segment, describe_segment, parameter_rows
 from accpinn.cli.output import print_json, show, table
 from accpinn.comparison import Row, compare, parse_methods
-from accpinn.identifiability import identifiable
+from accpinn.identifiability import better, extensions, identifiable
 from accpinn.segment import Segment
 from accpinn.store import Store
 
@@ -43,7 +43,8 @@ def run(options: argparse.Namespace) -> int:
         described = [_describe(segment, row) for row in rows]
         about = describe_segment(segment)
         warnings = _warnings(segment, rows[0])
-        print_json({"segment": about, "rows": described, "warnings": warnings})
+        forms = _forms(segment)
+        print_json({"segment": about, "rows": described, "warnings": warnings, "forms": forms})
     else:
         show(_text(segment, rows))
     return 0
@@ -148,6 +149,7 @@ def _text(segment: Segment, rows: list[Row]) -> str:
         *_warnings(segment, rows[0]),
         *_incidents(rows),
         *rows[0].assessment.whiteness.sentences,
+        *better(segment.labels[1:], extensions(segment)),
     ]
     return "\n".join([table(head, lines), "", *lines_of_doubt, "", *said])
 
@@ -155,6 +157,22 @@ def _text(segment: Segment, rows: list[Row]) -> str:
 def _warnings(segment: Segment, row: Row) -> list[str]:
     """What the data cannot tell; the same for all methods."""
     return list(identifiable(segment, row.uncertainty, row.fit.case))
+
+
+def _forms(segment: Segment) -> list[dict[str, Any]]:
+    """What the parameters would be if the law had one term more."""
+    return [
+        {
+            "form": found.form,
+            "vehicle": vehicle,
+            **dict(zip(("alpha", "beta", "tau"), found.parameters[k], strict=True)),
+            "extra": found.extra[k],
+            "explained": found.explained[k],
+            "explained_unseen": found.unseen[k],
+        }
+        for found in extensions(segment)
+        for k, vehicle in enumerate(segment.vehicles[1:])
+    ]
 
 
 def _incidents(rows: list[Row]) -> list[str]:
