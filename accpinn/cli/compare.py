@@ -65,6 +65,7 @@ def _describe(segment: Segment, row: Row) -> dict[str, Any]:
                 "tau": [doubt.lower[k, 2], doubt.upper[k, 2]],
                 "probability_l2": doubt.probability_l2[k],
                 "probability_linf": doubt.probability_linf[k],
+                "probability_gapless": doubt.gapless[k],
                 "peak_gain": [doubt.peak_gain.lower[k], doubt.peak_gain.upper[k]],
                 "linf_gain": [doubt.linf_gain.lower[k], doubt.linf_gain.upper[k]],
                 "crossover": [doubt.crossover.lower[k], doubt.crossover.upper[k]],
@@ -141,8 +142,8 @@ def _text(segment: Segment, rows: list[Row]) -> str:
         ]
         lines_of_doubt.append(
             f"{label}: {', '.join(ends)} ({100 * doubt.level:.0f} % intervals);"
-            f" P(L2 stable) {doubt.probability_l2[k]:.2f},"
-            f" P(L∞ stable) {doubt.probability_linf[k]:.2f}"
+            f" share of such laws that is L2 stable {doubt.probability_l2[k]:.2f}, L∞ stable"
+            f" {doubt.probability_linf[k]:.2f}, that keeps no gap {doubt.gapless[k]:.2f}"
         )
     said = [
         *segment.notes,

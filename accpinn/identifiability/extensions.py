@@ -88,7 +88,9 @@ def better(labels: Sequence[str], found: Sequence[Extension]) -> tuple[str, ...]
 
 def _extra(form: Extension, follower: int) -> str:
     if form.form == "delay":
-        return f"a delay of {form.extra[follower]:.1f} s"
+        delay = form.extra[follower]
+        longest = ", the longest tried," if delay > LONGEST_DELAY - DELAY_STEP / 2 else ""
+        return f"a delay of {delay:.1f} s{longest}"
     return f"a distance of {form.extra[follower]:.1f} m at standstill"
 
 
