@@ -23,6 +23,7 @@ from accpinn.platoon import (
     SpeedStep,
     simulate,
 )
+from accpinn.published import CASALE
 from accpinn.stability import report, response
 from accpinn.units import FloatArray
 
@@ -387,3 +388,20 @@ def test_eight_vehicles_and_500_s_take_less_than_fifty_milliseconds() -> None:
         simulate([MERCEDES] * 8, leader)
         seconds.append(time.perf_counter() - start)
     assert min(seconds) < 0.05
+
+
+def test_a_stop_behind_a_stopped_leader_is_no_collision() -> None:
+    """At standstill the law keeps no gap at all; rounding makes that -1e-13 m."""
+    run = simulate([Parameters(0.02, 0.5, 2.0)] * 2, SpeedStep(-20.0, speed=20.0))
+    assert run.minimum_gap[-1] == pytest.approx(0.0, abs=1e-9)
+    assert run.collisions == ()
+
+
+def test_amplitudes_say_whether_the_transient_was_over() -> None:
+    slow = [CASALE.parameters[0]] * 8
+    short, long = (
+        simulate(slow, Sinusoid(0.088, duration=seconds)).amplitudes for seconds in (200.0, 900.0)
+    )
+    assert short is not None
+    assert long is not None
+    assert (short.free, long.free) == (False, True)

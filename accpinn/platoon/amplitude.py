@@ -42,6 +42,8 @@ class Amplitudes:
     """(M+1,) in s after the sinusoid's start, when the transient is over; inf where it never is."""
     periods: int
     """How many of the last whole periods were measured."""
+    free: bool
+    """Whether all transients were over before that."""
 
 
 def amplitudes(
@@ -55,7 +57,7 @@ def amplitudes(
     periods = min(int(driven / leader.period + 1e-9), int(np.clip(free, 1, PERIODS)))
     measured = _measured(leader, run, periods) if periods else np.full(len(settled), np.nan)
     return Amplitudes(
-        frozen(measured), frozen(_predicted(leader, single)), frozen(settled), periods
+        frozen(measured), frozen(_predicted(leader, single)), frozen(settled), periods, free >= 1
     )
 
 

@@ -17,7 +17,7 @@ from accpinn.platoon.amplitude import SETTLED, Amplitudes, amplitudes
 from accpinn.platoon.leader import Leader, Planned, Recorded, Sinusoid
 from accpinn.platoon.motion import deviations
 from accpinn.stability.criteria import checked
-from accpinn.units import FloatArray, PerSecond, Seconds, frozen
+from accpinn.units import FloatArray, Metres, PerSecond, Seconds, frozen
 
 SAMPLE_TIME: Seconds = 0.1
 """That of the recordings."""
@@ -26,6 +26,9 @@ SAMPLES_PER_PERIOD = 24
 MOST_SAMPLES = 200_000
 FASTEST: PerSecond = 1e6
 """Above this a step of any use loses the slow motion to rounding."""
+
+TOUCH: Metres = 1e-6
+"""A gap that rounding alone makes negative is none: behind a leader that stops it ends at 0."""
 
 
 @dataclass(frozen=True)
@@ -159,7 +162,7 @@ def _collisions(driven: Trajectories) -> tuple[Collision, ...]:
     """Between the samples the gap is taken as straight."""
     found = []
     for follower, gap in enumerate(driven.gaps.T, 1):
-        used_up = np.flatnonzero(gap <= 0)
+        used_up = np.flatnonzero(gap < (-TOUCH if gap[0] > 0 else TOUCH))
         if len(used_up):
             k = int(used_up[0])
             back = gap[k] / (gap[k] - gap[k - 1]) if k else 0.0

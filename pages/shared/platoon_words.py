@@ -76,7 +76,7 @@ def detail(run: PlatoonRun, laws: LawSet, order: Sequence[int]) -> str:
     if not run.collisions:
         k = int(run.minimum_gap.argmin())
         parts.append(
-            f"The smallest gap is {run.minimum_gap[k]:.1f} m, follower {k + 1}"
+            f"The smallest gap is {round(run.minimum_gap[k], 1) + 0.0:.1f} m, follower {k + 1}"
             f" ({plain(laws.names[order[k]])}) at {run.minimum_gap_time[k]:.0f} s."
         )
     return " ".join(parts)
@@ -98,7 +98,10 @@ def choose_scale(workspace: Workspace, run: PlatoonRun) -> bool:
             st.caption("Only what comes before the collision.")
         elif wave and wave.periods:
             periods = "period" if wave.periods == 1 else f"{wave.periods} periods"
-            st.caption(f"Measured over the last {periods}, after the transient.")
+            when = (
+                "after the transient" if wave.free else "with a transient in it: let it run longer"
+            )
+            st.caption(f"Measured over the last {periods}, {when}.")
     return drive.in_db
 
 
