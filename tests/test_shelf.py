@@ -3,6 +3,7 @@
 import os
 import subprocess
 import sys
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
 
@@ -161,7 +162,7 @@ def test_a_saving_that_fails_half_way_leaves_the_old_file(
         shelf.add(named("another"))
     monkeypatch.undo()
     assert [entry.id for entry in shelf.entries()] == [name]
-    assert sorted(path.name for path in shelf.folder.iterdir()) == [f"{name}.accpinn.zip"]
+    assert sorted(path.name for path in shelf.folder.glob("[!.]*")) == [f"{name}.accpinn.zip"]
 
 
 def test_two_processes_that_save_at_once_lose_nothing(shelf: Shelf, tmp_path: Path) -> None:
@@ -188,3 +189,19 @@ def test_the_environment_names_the_folder(monkeypatch: pytest.MonkeyPatch, tmp_p
     monkeypatch.setenv("ACCPINN_SNAPSHOTS", str(tmp_path / "elsewhere"))
     Shelf().add(small_bytes())
     assert len(list((tmp_path / "elsewhere").glob("*.accpinn.zip"))) == 1
+
+
+def test_servers_that_share_a_folder_keep_to_its_room(tmp_path: Path) -> None:
+    """Each has room for one more; together they must not add two."""
+    shelves = [Shelf(tmp_path, cap_count=1) for _ in range(6)]
+    contents = [replace(small(), name=f"number {k}") for k in range(6)]
+
+    def kept(shelf: Shelf, content: Snapshot) -> bool:
+        try:
+            return bool(shelf.add(content))
+        except SnapshotError:
+            return False
+
+    with ThreadPoolExecutor(6) as pool:
+        assert sum(pool.map(kept, shelves, contents)) == 1
+    assert len(shelves[0].entries()) == 1

@@ -7,12 +7,13 @@ with the reason.
 
 import os
 import re
-import threading
 import time
-from contextlib import suppress
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 
+from filelock import FileLock
 from platformdirs import user_data_path
 
 from accpinn.errors import SnapshotError
@@ -26,6 +27,9 @@ CAP_BYTES = 2_000_000_000
 CAP_COUNT = 1000
 ABANDONED: Seconds = 3600.0
 """A file that was begun so long ago is nobody's any more."""
+LOCK = ".lock"
+PATIENCE: Seconds = 30.0
+"""For others who are writing; a file takes well below a second."""
 FOLDER_VARIABLE = "ACCPINN_SNAPSHOTS"
 """Environment variable that names another folder than the one among the user's data."""
 
@@ -69,8 +73,6 @@ class Shelf:
         standard = Path(named) if named else user_data_path("accpinn") / "snapshots"
         self.folder = folder or standard
         self.cap_bytes, self.cap_count = cap_bytes, cap_count
-        self._writing = threading.Lock()
-        """So that room found for one is not taken by another session's."""
         self._known: dict[str, tuple[tuple[int, int], Entry]] = {}
 
     def add(self, content: Snapshot | bytes) -> str:
@@ -81,9 +83,27 @@ class Shelf:
         """
         data = content if isinstance(content, bytes) else to_bytes(content)
         name = load(data).id
-        with self._writing:
+        with self._alone():
             self._put(name, data)
         return name
+
+    @contextmanager
+    def _alone(self) -> Iterator[None]:
+        """No other session or process writes here, so that room found for one is not taken."""
+        try:
+            self.folder.mkdir(parents=True, exist_ok=True)
+            lock = FileLock(self.folder / LOCK, timeout=PATIENCE)
+            lock.acquire()
+        except OSError as fault:  # a timeout is one, too
+            raise SnapshotError(
+                f"{self.folder}: the snapshot cannot be kept there"
+                f" ({fault.strerror or 'others are writing'}); name another folder in"
+                f" {FOLDER_VARIABLE}."
+            ) from None
+        try:
+            yield
+        finally:
+            lock.release()
 
     def _put(self, name: str, data: bytes) -> None:
         path = self._path(name)
@@ -93,13 +113,6 @@ class Shelf:
             self._check_other(name)
         self._sweep()
         self._check_room(len(data))
-        try:
-            self.folder.mkdir(parents=True, exist_ok=True)
-        except OSError as fault:
-            raise SnapshotError(
-                f"{self.folder}: the snapshot cannot be kept there ({fault.strerror}); name another"
-                f" folder in {FOLDER_VARIABLE}."
-            ) from None
         write_whole(data, path)
 
     def _check_other(self, name: str) -> None:
