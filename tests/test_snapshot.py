@@ -165,9 +165,11 @@ class TestVerification:
     def test_intervals_of_another_method_are_not_called_wrong(self) -> None:
         assert small().uncertainty is not None
         older = replace(small().uncertainty, method="an older one", lower=np.zeros((1, 3)))
-        result = check(replace(small(), uncertainty=older))
+        origin = replace(small().origin, accpinn="0.0.1")
+        result = check(replace(small(), uncertainty=older, origin=origin))
         assert result.ok
         assert any("an older one" in one.sentence for one in result.checks)
+        assert not check(replace(small(), uncertainty=older)).ok, "this version has no other"
 
     def test_forged_errors_of_a_method_compared_are_found(self) -> None:
         first, *others = whole().rows
