@@ -14,7 +14,7 @@ from accpinn.units import FloatArray, Seconds
 class Outcome(Enum):
     """How an estimation ended, as the sentence the user reads."""
 
-    SOLVED = "Solved: the estimate is the exact optimum of its criterion."
+    SOLVED = "Solved: no change of the estimate improves its criterion."
     CONVERGED = (
         "Converged: the best of several starts is kept; no small change of the parameters improves"
         " it."

@@ -2,7 +2,8 @@
 
 Blocks of time are held out, as random instants of a smooth series tell nothing new. Each third of
 the window is driven by the law of the other two (see `assessment.hidden`), from its own first
-measured instant on.
+measured instant on. Nothing is left between a block and what the law is learned from, so what lasts
+across a border for some seconds makes these errors a little too kind.
 """
 
 from collections.abc import Callable

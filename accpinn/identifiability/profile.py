@@ -4,7 +4,8 @@
 
 within the rational driving constraints. With one parameter held the law is linear in what is left,
 so every point is the exact minimum of a quadratic in two unknowns. A flat profile is a parameter
-that the data do not determine, whatever the method.
+that these equations do not determine. A steep one says less: S takes instants as independent and
+the law as true, so its minimum may be sharp and yet pulled (see `uncertainty.instruments`).
 
 Source: Raue et al., Bioinformatics 25 (2009) 1923-1929, for the use of profiles.
 """
