@@ -287,6 +287,15 @@ class TestUsage:
         assert printed.err.count("\n") == 1
         assert "see python -m accpinn" in printed.err
 
+    def test_what_only_the_network_has_is_said_to_have_no_effect(
+        self, capsys: pytest.CaptureFixture[str]
+    ) -> None:
+        options = ["--method", "least-squares", "--seed", "0", "--preset", "fast", "--json"]
+        assert main(["fit", str(STUDY), *options]) == 0
+        printed = capsys.readouterr()
+        assert json.loads(printed.out)["method"] == "least-squares"
+        assert "--preset, --seed has no effect" in printed.err
+
     @pytest.mark.parametrize(
         ("options", "sentence"),
         [
@@ -299,8 +308,6 @@ class TestUsage:
             (["--threads", "100000"], "threads"),
             (["--threads", "99999999999999999999"], "threads"),
             (["--lbfgs", "5"], "paper preset"),
-            (["--method", "splines", "--seed", "0"], "leave --seed out"),
-            (["--method", "splines", "--preset", "paper"], "leave --preset out"),
         ],
     )
     def test_settings_out_of_range_exit_with_2_and_a_sentence(

@@ -128,12 +128,10 @@ def _keep(recording: Recording, segment: Segment, fit: Fit, options: argparse.Na
 
 def _config(options: argparse.Namespace) -> PinnConfig:
     if options.method != "pinn":
-        for name in _OF_THE_PINN:
-            if getattr(options, name) is not None:
-                raise ConfigError(
-                    f"{name}: {options.method} has no such setting; leave --{name} out, or choose"
-                    " --method pinn."
-                )
+        idle = [f"--{name}" for name in _OF_THE_PINN if getattr(options, name) is not None]
+        if idle:
+            said = f"Note: {', '.join(idle)} has no effect, as only the PiNN has such a setting."
+            print(said, file=sys.stderr)
     config = preset(options.preset or "fast", seed=options.seed or 0)
     if options.initial is not None:
         config = replace(config, initial=_three_numbers(options.initial))
