@@ -6,6 +6,7 @@ import re
 import signal
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -13,9 +14,13 @@ import pytest
 
 from accpinn import __version__
 from accpinn.cli import main
-from accpinn.cli.fit import _Interrupt
+from accpinn.cli.fit import _Interrupt, _text, describe
 from accpinn.cli.output import print_json, show, table
+from accpinn.cthp import Parameters
+from accpinn.estimators import ESTIMATORS
+from accpinn.segment.quality import assess
 from accpinn.store import FOLDER_VARIABLE
+from tests.driving import driven
 
 ROOT = Path(__file__).parent.parent
 STUDY = ROOT / "sample_data" / "synthetic_paper_study.csv"
@@ -198,6 +203,15 @@ class TestFit:
         assert "gap MAE, surrogate (m)" in out
         assert "gap MAE, closed loop (m)" in out
         assert "Settled:" in out
+
+    def test_a_collision_stands_beside_the_closed_loop_errors(self) -> None:
+        segment = driven(duration=100.0)
+        found = ESTIMATORS["least-squares"](segment, "II")
+        swaying = replace(found, parameters=(Parameters(0.05, 0.0, 1.0),))
+        (said,) = describe(segment, swaying, assess(segment))["incidents"]
+        assert "runs into the vehicle ahead at" in said
+        assert said in _text(segment, swaying, assess(segment))
+        assert describe(segment, found, assess(segment))["incidents"] == []
 
     def test_a_cache_that_cannot_be_used_is_said_once(
         self, capsys: pytest.CaptureFixture[str], cache: Path

@@ -1,6 +1,7 @@
 """Profiles against brute force, dispersion over starts, and warnings that come when they should."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +19,7 @@ from accpinn.openacc import read
 from accpinn.pinn.config import STARTS, preset
 from accpinn.regression import Regression
 from accpinn.segment import Segment, cut
+from accpinn.tables.starts import starts_table
 from accpinn.uncertainty import intervals
 from bench.disturbed import Disturbance, disturbed
 from tests.driving import LAW, MIXED, driven, segment_of, standing_still
@@ -118,6 +120,27 @@ class TestStarts:
         trial = Trial(STARTS[0], 0, least_squares.fit(segment), None, None)
         assert trial.fit.outcome is Outcome.SOLVED
         assert np.isnan(gather(segment, (trial,)).spread).all()
+
+    @pytest.mark.parametrize("case", ["I", "II"])
+    def test_an_undetermined_parameter_is_said_and_has_no_spread(self, case: Case) -> None:
+        segment = driven(MIXED[:2])
+        fit = least_squares.fit(segment, case)
+        law = replace(fit.parameters[0], alpha=0.0, tau=float("nan"))
+        others = (law,) if case == "I" else fit.parameters[1:]
+        lost = replace(fit, parameters=(law, *others))
+        trials = tuple(Trial(STARTS[0], k, f, None, None) for k, f in enumerate((fit, fit, lost)))
+        found = gather(segment, trials)
+        assert np.isnan(found.spread[0, 2])
+        whose = "all followers" if case == "I" else segment.labels[1]
+        told = f"τ of {whose} is undetermined in 1 of 3 trainings, so there is no spread of it."
+        assert found.notes[-1] == told
+        assert not any("nan" in note for note in found.notes)
+        assert "nan" not in str(starts_table(segment, found, 0).rows[-1])
+        none = gather(segment, tuple(replace(trial, fit=lost) for trial in trials))
+        assert not any(
+            "nan" in note or "All 3 trainings end within 0.01 % of each other." in note
+            for note in none.notes
+        )
 
     def test_there_must_be_a_start(self) -> None:
         with pytest.raises(ConfigError, match="nothing to train from"):

@@ -207,6 +207,20 @@ def test_the_window_moves_and_the_estimate_follows() -> None:
     assert button(page, "Train on this window").disabled
 
 
+def test_the_length_that_is_shown_rounded_is_accepted() -> None:
+    found = with_sample()
+    assert found.recording is not None
+    end = found.recording.duration
+    arrays = ("time", "speed", "gap", "mode")
+    shorter = {name: getattr(found.recording, name)[:-1] for name in arrays}
+    found.open(replace(found.recording, **shorter))
+    page = open_page(DATA, found)
+    assert page.number_input(key="data_length").max == end
+    page.number_input(key="data_length").set_value(end).run()
+    assert found.segment is not None
+    assert found.segment.duration == pytest.approx(end - 0.1)
+
+
 def test_vehicles_and_case() -> None:
     found = with_sample()
     page = open_page(DATA, found)

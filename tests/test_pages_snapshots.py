@@ -88,6 +88,15 @@ class TestSaving:
         next(b for b in page.button if b.label == "Save").click().run()
         assert shelf().entries()[0].with_data
 
+    def test_what_is_known_of_the_recording_survives_saving_again(self) -> None:
+        facts = {"campaign": "Ispra", "date": "2019-04-01", "acc_flag": 1}
+        page = open_page(SNAPSHOTS, snapshot=shelf().add(replace(whole(), facts=facts)))
+        page.text_input(key="snapshots_name").input("again")
+        next(b for b in page.button if b.label == "Save").click().run()
+        (again,) = (entry for entry in shelf().entries() if entry.name == "again")
+        kept = shelf().open(again.id).facts
+        assert {name: kept[name] for name in facts} == facts
+
     def test_without_a_result_there_is_a_way_to_one(self) -> None:
         page = open_page(SNAPSHOTS)
         assert "no result to save yet" in texts(page)

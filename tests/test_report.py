@@ -174,6 +174,22 @@ class TestItIsTrue:
         text = " ".join(summary(replace(small(), assessment=touched)))
         assert "the law runs into the vehicle ahead at 222.6 s." in text
 
+    @pytest.mark.parametrize("lost", [(3,), (2, 3), (0, 1, 2, 3)])
+    def test_the_summary_names_followers_that_have_no_errors(self, lost: tuple[int, ...]) -> None:
+        worth = whole().assessment
+        assert worth is not None
+        assert worth.closed_loop is not None
+        gaps = np.array([1.23, 2.34, 3.45, 4.56])
+        gaps[list(lost)] = np.nan
+        errors = replace(worth.closed_loop, gap_mae=gaps)
+        changed = replace(whole(), assessment=replace(worth, closed_loop=errors))
+        (said,) = (text for text in summary(changed) if text.startswith("Driving by itself"))
+        assert "nan" not in said
+        named = ", ".join(whole().outline.labels[1 + k] for k in lost)
+        assert (f"(without {named}, whose simulation diverges)" in said) == (len(lost) < 4)
+        assert ("misses the space-gap by 1.2" in said) == (len(lost) < 4)
+        assert ("the learned law diverges" in said) == (len(lost) == 4)
+
     def test_a_stopped_training_is_called_so_first(self) -> None:
         fit = replace(whole().fit, outcome=Outcome.STOPPED, iterations=12)
         first = summary(replace(whole(), fit=fit))[0]

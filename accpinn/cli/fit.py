@@ -10,7 +10,7 @@ from typing import Any
 
 from tqdm import tqdm
 
-from accpinn.assessment import closed_loop_errors, surrogate_errors
+from accpinn.assessment import closed_loop, closed_loop_errors, incidents, surrogate_errors
 from accpinn.cli.output import one_line, print_json, show, table
 from accpinn.cthp import Parameters
 from accpinn.errors import ConfigError, SegmentError
@@ -240,6 +240,7 @@ def describe(segment: Segment, fit: Fit, quality: Quality) -> dict[str, Any]:
         "closed_loop_mae": None
         if driven is None
         else {"v": driven.speed_mae.tolist(), "p": driven.gap_mae.tolist()},
+        "incidents": list(incidents(segment, closed_loop(segment, fit))),
         "mean_time_gap": list(quality.mean_time_gap),
         "loss": fit.loss,
         "network_weights": fit.network_weights,
@@ -299,5 +300,6 @@ def _text(segment: Segment, fit: Fit, quality: Quality) -> str:
     effort = f"{fit.iterations} iterations in {fit.seconds:.1f} s" + (
         ", answered from the cache" if fit.cached else ""
     )
+    said = [f"{fit.outcome.value} ({effort})", *incidents(segment, closed_loop(segment, fit))]
     notes = [f"Note: {note}" for note in (*segment.notes, *quality.warnings, *fit.notes)]
-    return "\n".join([about, "", table(head, rows), "", f"{fit.outcome.value} ({effort})", *notes])
+    return "\n".join([about, "", table(head, rows), "", *said, *notes])

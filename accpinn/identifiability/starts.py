@@ -41,7 +41,10 @@ class Dispersion:
 
     trials: tuple[Trial, ...]
     spread: FloatArray
-    """(M, 3) of α, β, τ in percent: largest minus smallest, over the mean; nan for one trial."""
+    """(M, 3) of α, β, τ in percent: largest minus smallest, over the mean.
+
+    It is nan for one trial, and where a trial leaves the parameter undetermined.
+    """
     notes: tuple[str, ...]
     """What to make of it, in plain sentences."""
 
@@ -92,7 +95,8 @@ def gather(segment: Segment, trials: tuple[Trial, ...]) -> Dispersion:
     spread = 100.0 * np.divide(
         np.ptp(tables, axis=0), mean, out=np.full_like(mean, np.nan), where=mean != 0
     )
-    return Dispersion(trials, spread, _notes(trials, spread))
+    notes = (*_notes(trials, spread), *_undetermined(segment, trials[0].fit.case, tables))
+    return Dispersion(trials, spread, notes)
 
 
 def _configs(
@@ -110,9 +114,13 @@ def _configs(
 
 def _notes(trials: tuple[Trial, ...], spread: FloatArray) -> tuple[str, ...]:
     known = spread[np.isfinite(spread)]
-    widest = float(known.max()) if known.size else float("nan")
-    if not widest > NOTICED:
-        return (f"All {len(trials)} trainings end within {max(widest, 0.01):.2g} % of each other.",)
+    if not known.size:
+        return ()
+    widest = float(known.max())
+    if widest <= NOTICED:
+        within = f"end within {max(widest, 0.01):.2g} % of each other"
+        but = "" if known.size == spread.size else " in the parameters that all of them determine"
+        return (f"All {len(trials)} trainings {within}{but}.",)
     unsettled = sum(trial.fit.outcome is Outcome.FINISHED for trial in trials)
     why = (
         f"; {unsettled} of them had not settled when their iterations were over, so more"
@@ -124,6 +132,20 @@ def _notes(trials: tuple[Trial, ...], spread: FloatArray) -> tuple[str, ...]:
         f"The {len(trials)} trainings end up to {widest:.0f} % apart{why}. No single one of them"
         " should be quoted alone.",
     )
+
+
+def _undetermined(segment: Segment, case: Case, tables: FloatArray) -> list[str]:
+    """Which parameter is nan in how many of the trials' tables (T, M, 3), a sentence each."""
+    shared = case == "I" and segment.followers > 1
+    labels = ["all followers"] if shared else segment.labels[1:]
+    counts = np.isnan(tables).sum(axis=0)
+    return [
+        f"{symbol} of {label} is undetermined in {count} of {len(tables)} trainings, so there is no"
+        " spread of it."
+        for label, row in zip(labels, counts, strict=False)
+        for symbol, count in zip("αβτ", row, strict=True)
+        if count
+    ]
 
 
 def _train(

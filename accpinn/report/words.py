@@ -122,15 +122,23 @@ def _worth(snapshot: Snapshot) -> str:
     worth = snapshot.assessment
     if worth is None or worth.closed_loop is None:
         return ""
-    gaps = ", ".join(f"{value:.1f}" for value in worth.closed_loop.gap_mae)
+    errors = [float(value) for value in worth.closed_loop.gap_mae]
+    gaps = ", ".join(f"{value:.1f}" for value in errors if isfinite(value))
+    who = zip(snapshot.outline.labels[1:], errors, strict=True)
+    without = ", ".join(label for label, value in who if not isfinite(value))
     sentence = (
         "Driving by itself behind the measured leader, the learned law misses the space-gap by"
         f" {gaps} m in the mean"
     )
+    if not gaps:
+        sentence = "Driving by itself behind the measured leader, the learned law diverges"
+    elif without:
+        sentence += f" (without {without}, whose simulation diverges)"
     if worth.surrogate is None:
         return f"{sentence}."
     drawn = ", ".join(f"{value:.2f}" for value in worth.surrogate.gap_mae)
-    return f"{sentence}; the method's own curve misses it by {drawn} m (surrogate fit)."
+    curve = "the method's own curve misses the space-gap by"
+    return f"{sentence}; {curve} {drawn} m (surrogate fit)."
 
 
 def _collisions(snapshot: Snapshot) -> str:

@@ -17,8 +17,9 @@ A snapshot is a zip without compression (see `snapshot.archive`):
     rows.npz           their courses
     data.npz           speeds and space-gaps of the window, only if the user asked
 
-SI units throughout; times in s from the window's start, but for the window's own start, which
-counts from the recording's first sample.
+SI units throughout; times in s from the window's start. From the recording's first sample count
+the starts of the window and of the blocks held out, and when each law first collides
+(`Assessment.collisions`).
 """
 
 from collections.abc import Callable, Mapping

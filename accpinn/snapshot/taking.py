@@ -35,6 +35,7 @@ def take(
     fit: Fit,
     *,
     recording: Recording | None = None,
+    facts: dict[str, Any] | None = None,
     uncertainty: Uncertainty | None = None,
     assessment: Assessment | None = None,
     rows: Sequence[Row] = (),
@@ -48,6 +49,7 @@ def take(
         segment: the data that the fit was learned from.
         fit: any method's.
         recording: the segment's; with it the snapshot names campaign, date and settings.
+        facts: what is known of the recording where it is not at hand; see `Snapshot.facts`.
         uncertainty: the fit's, if it is known already.
         assessment: the fit's, if it is known already.
         rows: the methods compared on the same segment.
@@ -67,7 +69,7 @@ def take(
         created=datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ"),
         origin=origin(),
         outline=segment.outline(),
-        facts=facts_of(recording),
+        facts=facts_of(recording) or facts or {},
         quality=assess(segment),
         fit=fit,
         uncertainty=uncertainty or intervals(segment, fit),

@@ -2,6 +2,8 @@
 
 from dataclasses import replace
 
+import numpy as np
+
 from accpinn.identifiability import Dispersion
 from accpinn.segment.outline import Described
 from accpinn.tables.results import PARAMETER_COLUMNS, where
@@ -34,6 +36,6 @@ def starts_table(segment: Described, found: Dispersion, follower: int) -> Table:
             )
         )
     if len(found.trials) > 1:
-        spread = [f"{value:.2f} %" for value in found.spread[follower]]
+        spread = [f"{v:.2f} %" if np.isfinite(v) else None for v in found.spread[follower]]
         rows.append(("Spread", *spread, None, None, None, None))
     return Table(f"{segment.labels[follower + 1]}, {where(segment)}", columns, tuple(rows))

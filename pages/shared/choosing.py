@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping
 from itertools import takewhile
+from math import ceil
 
 import streamlit as st
 
@@ -111,7 +112,7 @@ def choose_window(workspace: Workspace, recording: Recording) -> None:
     right.number_input(
         "and lasts [s]",
         0.0,
-        max(recording.duration, length),
+        max(float(ceil(recording.duration)), length),
         length,
         key=hold("data_length", length),
         **shared,

@@ -76,6 +76,7 @@ def save(workspace: Workspace) -> None:
             segment,
             fit,
             recording=workspace.recording,
+            facts=old.facts if old else None,
             uncertainty=known[1] if known and known[0] is fit else None,
             assessment=old.assessment if old and old.fit is fit else None,
             rows=workspace.compared,
