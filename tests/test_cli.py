@@ -482,8 +482,8 @@ from accpinn.store import Store
 
 keep = Store.save_state
 
-def save_state(self, key, state):
-    keep(self, key, state)
+def save_state(self, key, state, say=None):
+    keep(self, key, state, say)
     print("kept", int(state["history.rows"][-1][0]), flush=True)
 
 training.CHECKPOINT_EVERY = 0.1

@@ -1,5 +1,6 @@
 """The queue of trainings, with a stand-in for the training whose every step the test decides."""
 
+import sys
 import threading
 from collections.abc import Callable, Iterator
 from dataclasses import replace
@@ -342,19 +343,63 @@ def test_a_fault_of_ours_is_one_sentence_and_the_log_has_the_rest(
     assert finished(after).status is Status.DONE, "the worker lives on"
 
 
-def test_messages_of_the_store_reach_the_user(
+@pytest.mark.parametrize("part", [0, 1], ids=["result", "checkpoint"])
+def test_a_damaged_file_is_said_in_the_notes_of_the_job_that_met_it(
+    segment: Segment, tmp_path: Path, part: int
+) -> None:
+    store, config = Store(tmp_path), replace(FAST, iterations=2)
+    name = f"{request_keys(segment, 'II', config)[part]}.{('fit', 'state')[part]}.npz"
+    (tmp_path / name).write_bytes(b"damaged")
+    trainings = Trainings(store=store, threads=1)
+    try:
+        assert trainings.begun(segment, "II", config) is None
+        notes = []
+        for owner in ("ann", "ben"):
+            job = finished(trainings.submit(owner, segment, "II", config))
+            assert job.fit is not None
+            notes.append([note for note in job.fit.notes if "set aside" in note])
+    finally:
+        trainings.close()
+    assert notes[0][0].startswith(name)
+    assert notes[1] == [], "the next one is told nothing of it"
+
+
+def test_the_disk_is_read_while_others_may_ask(
     puppet: Puppet, segment: Segment, tmp_path: Path
 ) -> None:
-    store = Store(tmp_path)
-    store.messages.append("an old message")
-    trainings = Trainings(train=puppet, store=store, threads=1)
-    job = trainings.submit("ann", segment, "II", FAST)
-    puppet.commands.put(lambda options: options["store"].messages.append("a damaged file"))
-    puppet.end(result(notes=("a note",)))
-    finished(job)
+    reading, read_on = threading.Event(), threading.Event()
+
+    class Slow(Store):
+        def load_fit(self, *_: object) -> None:
+            reading.set()
+            assert read_on.wait(WAIT)
+
+    trainings = Trainings(train=puppet, store=Slow(tmp_path), threads=1)
+    submitting = threading.Thread(target=trainings.submit, args=("ann", segment, "II", FAST))
+    submitting.start()
+    assert reading.wait(WAIT)
+    asked: list[Job | None] = []
+    asking = threading.Thread(target=lambda: asked.append(trainings.of("ben")))
+    asking.start()
+    asking.join(2.0)
+    answered = list(asked)
+    read_on.set()
+    for thread in (submitting, asking):
+        thread.join(WAIT)
+    puppet.end()
     trainings.close()
-    assert job.fit is not None
-    assert job.fit.notes == ("a note", "a damaged file")
+    assert answered == [None]
+
+
+def test_a_library_that_cannot_be_loaded_fails_the_job_with_a_sentence(
+    segment: Segment, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "accpinn.pinn.training", None)
+    trainings = Trainings(threads=1)
+    job = finished(trainings.submit("ann", segment, "II", FAST))
+    trainings.close()
+    assert job.status is Status.FAILED
+    assert job.error.startswith("PyTorch, which trains the network, cannot be loaded (")
 
 
 def test_old_jobs_are_forgotten(

@@ -9,11 +9,13 @@ from streamlit.testing.v1 import AppTest
 from accpinn.fit import Outcome
 from accpinn.jobs import Status
 from accpinn.openacc import Recording
-from accpinn.pinn.config import preset
+from accpinn.pinn.config import PAPER, preset
+from accpinn.pinn.training import train
+from accpinn.pinn.warm import Warm
 from accpinn.snapshot import Snapshot
 from pages.shared import sessions
 from pages.shared.laws import laws_of
-from pages.shared.server import shelf
+from pages.shared.server import shelf, trainings
 from pages.shared.settings import chosen_config
 from pages.shared.snapshots_comparing import (
     differing_settings,
@@ -248,7 +250,7 @@ class TestLink:
     def test_a_reload_leaves_a_training_from_its_weights_alone(self) -> None:
         found, name = with_sample(), shelf().add(whole())
         open_page(TRAIN, found, snapshot=name)
-        found.train(preset("fast", iterations=20), from_snapshot=True)
+        found.train(preset("fast", iterations=20), found.warm)
         open_page(TRAIN, found, snapshot=name)
         assert found.job is not None
 
@@ -309,6 +311,33 @@ class TestRestoring:
         assert job.fit.history is not None
         assert f"Started from the weights of snapshot {name}." in job.fit.notes
         assert job.fit.history.total[0] == pytest.approx(whole().fit.loss["total"], rel=1e-6)
+
+    def test_a_stopped_one_goes_on_from_the_same_weights(self) -> None:
+        found = sessions.workspaces().new()
+        found.restore(shelf().open(shelf().add(whole())))
+        assert found.segment is not None
+        config = replace(PAPER, iterations=100_000)
+        early = train(found.segment, "II", replace(PAPER, iterations=1), threads=1)
+        found.train(config, Warm.of(early, "another snapshot"))
+        found.preset, found.settings["paper"] = "paper", config.changes()
+        job = found.job
+        assert job is not None
+        while job.progress is None or job.progress.iteration < 2:
+            assert not job.wait(0.01)
+        trainings().stop(job)
+        assert job.wait(60)
+        page = open_page(TRAIN, found)
+        assert "Continue from iteration" in button(page, "train_start").label
+        button(page, "train_start").click().run()
+        assert found.job is not None
+        assert found.job is not job
+        assert found.job.request.warm is job.request.warm
+        trainings().stop(found.job)
+        assert found.job.wait(60)
+        page.run()
+        button(page, "train_anew").click().run()
+        assert found.job.request.warm is None
+        trainings().stop(found.job)
 
     def test_goes_on_with_the_settings_it_was_trained_with(self) -> None:
         page = open_page(TRAIN, snapshot=shelf().add(whole()))

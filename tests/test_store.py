@@ -1,5 +1,6 @@
 """The folder of results and checkpoints: nothing lost, nothing unpickled, never too large."""
 
+import errno
 import json
 import os
 import pickle
@@ -18,7 +19,7 @@ from accpinn.fit import Fit
 from accpinn.packing import Arrays, pack_fit
 from accpinn.pinn.config import preset
 from accpinn.pinn.training import train
-from accpinn.store import FOLDER_VARIABLE, Store
+from accpinn.store import FOLDER_VARIABLE, Say, Store
 from tests.driving import driven
 
 KEY = "0123abcd"
@@ -61,9 +62,10 @@ def store(tmp_path: Path) -> Store:
 class TestRoundTrip:
     def test_of_a_checkpoint(self, store: Store) -> None:
         assert store.load_state(KEY) is None
-        store.save_state(KEY, state())
-        assert_same(store.load_state(KEY), state())
-        assert store.messages == []
+        said: list[str] = []
+        store.save_state(KEY, state(), said.append)
+        assert_same(store.load_state(KEY, said.append), state())
+        assert said == []
 
     def test_a_newer_checkpoint_takes_the_place_of_the_former(self, store: Store) -> None:
         store.save_state(KEY, state(value=1.0))
@@ -81,8 +83,7 @@ class TestRoundTrip:
 
     def test_results_and_checkpoints_of_one_request_do_not_meet(self, store: Store) -> None:
         store.save_state(KEY, state())
-        assert store.load_fit(KEY, driven()) is None
-        assert store.messages == []
+        assert store.load_fit(KEY, driven(), pytest.fail) is None
 
 
 class TestFolder:
@@ -113,16 +114,17 @@ class TestAtomicity:
         self, store: Store, monkeypatch: pytest.MonkeyPatch, fails: str
     ) -> None:
         store.save_state(KEY, state(value=1.0))
+        said: list[str] = []
 
         def full(*_: object) -> None:
             raise OSError(28, "No space left on device")
 
         with monkeypatch.context() as patch:
             patch.setattr(os, fails, full)
-            store.save_state(KEY, state(value=2.0))
+            store.save_state(KEY, state(value=2.0), said.append)
         assert_same(store.load_state(KEY), state(value=1.0))
         assert names(store.folder) == [NAME], "no half-written file stays behind"
-        (message,) = store.messages
+        (message,) = said
         assert "No space left on device" in message
         assert "ACCPINN_CACHE" in message
 
@@ -160,8 +162,9 @@ class TestAtomicity:
         occupied = tmp_path / "file"
         occupied.write_text("not a folder")
         store = Store(occupied)
-        store.save_state(KEY, state())
-        (message,) = store.messages
+        said: list[str] = []
+        store.save_state(KEY, state(), said.append)
+        (message,) = said
         assert "could not be kept" in message
 
     def test_a_file_that_may_be_read_but_not_touched_is_used(
@@ -239,25 +242,60 @@ class TestDamage:
         store.folder.mkdir()
         path = store.folder / f"{KEY}.{what}.npz"
         path.write_bytes(content)
-        loaded = store.load_fit(KEY, driven()) if what == "fit" else store.load_state(KEY)
-        assert loaded is None
+
+        def load(*say: Say) -> object:
+            fit = what == "fit"
+            return store.load_fit(KEY, driven(), *say) if fit else store.load_state(KEY, *say)
+
+        assert load() is None
+        assert names(store.folder) == [path.name], "it stays for one who can say it"
+        said: list[str] = []
+        assert load(said.append) is None
         assert names(store.folder) == [f"{path.name}.damaged"]
         assert (store.folder / f"{path.name}.damaged").read_bytes() == content
-        (message,) = store.messages
+        (message,) = said
         assert message.startswith(path.name)
         assert "set aside" in message
         assert "\n" not in message
+        assert ("computed again" in message) == (what == "fit")
+
+    @pytest.mark.parametrize("number", [errno.EACCES, errno.EMFILE, errno.EIO, None])
+    @pytest.mark.parametrize("what", ["fit", "state"])
+    def test_what_cannot_be_read_just_now_is_not_set_aside(
+        self, store: Store, monkeypatch: pytest.MonkeyPatch, what: str, number: int | None
+    ) -> None:
+        store.save_state(KEY, state())
+        store.save_fit(KEY, trained())
+        before, said = names(store.folder), list[str]()
+
+        def load() -> object:
+            return (store.load_fit(KEY, driven(), said.append) if what == "fit"
+                    else store.load_state(KEY, said.append))  # fmt: skip
+
+        def failing(*_: object) -> bytes:
+            raise OSError(number, os.strerror(number)) if number else MemoryError
+
+        with monkeypatch.context() as patch:
+            patch.setattr(Path, "read_bytes", failing)
+            assert load() is None
+        assert names(store.folder) == before
+        (message,) = said
+        assert message.startswith(f"{KEY}.{what}.npz")
+        assert (os.strerror(number) if number else "memory") in message
+        assert load() is not None
 
     def test_a_good_file_under_another_requests_name_is_not_used(self, store: Store) -> None:
         store.save_state(KEY, state())
         os.rename(store.folder / NAME, store.folder / "other.state.npz")
-        assert store.load_state("other") is None
-        assert "belongs to another request" in store.messages[0]
+        said: list[str] = []
+        assert store.load_state("other", said.append) is None
+        assert "belongs to another request" in said[0]
 
     def test_a_checkpoint_is_no_result(self, store: Store) -> None:
         store._write(f"{KEY}.fit.npz", state())
-        assert store.load_fit(KEY, driven()) is None
-        assert "set aside" in store.messages[0]
+        said: list[str] = []
+        assert store.load_fit(KEY, driven(), said.append) is None
+        assert "set aside" in said[0]
 
     def test_a_new_result_can_be_kept_in_its_place(self, store: Store) -> None:
         (store.folder / NAME).write_bytes(b"damaged")
@@ -268,16 +306,18 @@ class TestDamage:
     def test_a_file_larger_than_the_store_is_not_opened(self, tmp_path: Path) -> None:
         Store(tmp_path).save_state(KEY, state(size=1000))
         small = Store(tmp_path, cap_bytes=5000)
-        assert small.load_state(KEY) is None
-        assert "larger than" in small.messages[0]
+        said: list[str] = []
+        assert small.load_state(KEY, said.append) is None
+        assert "larger than" in said[0]
 
     def test_a_bomb_is_not_unpacked(self, store: Store, monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.setattr("accpinn.store.CAP_BYTES", 1_000_000)
         np.savez_compressed(store.folder / NAME, weights=np.zeros(1_000_000))
         assert (store.folder / NAME).stat().st_size < 20_000
         monkeypatch.setattr(np, "load", lambda *_, **__: pytest.fail("it was unpacked"))
-        assert store.load_state(KEY) is None
-        assert "unpack" in store.messages[0]
+        said: list[str] = []
+        assert store.load_state(KEY, said.append) is None
+        assert "unpack" in said[0]
 
     @given(data=st.data())
     def test_flipped_bytes_are_noticed_or_harmless(
@@ -308,7 +348,6 @@ class TestCap:
         assert store.load_state("0") is not None  # used just now
         store.save_state("3", state(size=1250))
         assert names(tmp_path) == ["0.state.npz", "2.state.npz", "3.state.npz"]
-        assert store.messages == []
 
     def test_never_evicts_the_newest(self, tmp_path: Path) -> None:
         self.fill(Store(tmp_path), 3)
@@ -381,5 +420,6 @@ class TestCap:
         else:
             packed["fit"] = np.array(json.dumps(json.loads(str(packed["fit"])) | change))
         store._write(f"{KEY}.fit.npz", packed)
-        assert store.load_fit(KEY, driven()) is None
-        assert "set aside" in store.messages[0]
+        said: list[str] = []
+        assert store.load_fit(KEY, driven(), said.append) is None
+        assert "set aside" in said[0]

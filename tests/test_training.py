@@ -22,7 +22,7 @@ from accpinn.pinn.config import FAST, PAPER, PinnConfig, preset
 from accpinn.pinn.request import begun, forget, request_keys
 from accpinn.pinn.training import train
 from accpinn.segment import Segment, cut
-from accpinn.store import Store
+from accpinn.store import Say, Store
 from accpinn.synthetic import load_truth, truth_path
 from tests.driving import LAW, MIXED, driven, segment_of, standing_still
 
@@ -470,12 +470,10 @@ class TestStore:
             {"anything": np.arange(3.0)},
             {"history.rows": np.zeros((1, 6)), "history.tables": np.zeros((1, 1, 3))},
         ):
-            store.messages.clear()
             store.save_state(key, foreign)
             fit = train(noisy(), "II", config, store=store)
             assert_same_result(fit, train(noisy(), "II", config))
-            (message,) = store.messages
-            assert "set aside" in message
+            assert ["set aside" in note for note in fit.notes if "cannot be used" in note] == [True]
             for path in tmp_path.glob("*.fit.npz"):
                 path.unlink()
 
@@ -485,9 +483,9 @@ class TestStore:
         saved: list[float] = []
 
         class Watched(Store):
-            def save_state(self, key: str, state: dict[str, Any]) -> None:
+            def save_state(self, key: str, state: dict[str, Any], say: Say | None = None) -> None:
                 saved.append(float(state["history.rows"][-1][0]))
-                super().save_state(key, state)
+                super().save_state(key, state, say)
 
         monkeypatch.setattr(training, "CHECKPOINT_EVERY", 0.0)
         train(noisy(), "II", SHORT, store=Watched(tmp_path))
@@ -499,7 +497,8 @@ class TestStore:
         store = Store(occupied)
         fit = train(noisy(), "II", SHORT, store=store)
         assert_same_result(fit, train(noisy(), "II", SHORT))
-        assert any("could not be kept" in message for message in store.messages)
+        told = ["no folder" in note for note in fit.notes if "could not be kept" in note]
+        assert told == [True], "said once, not at every checkpoint"
 
 
 class TestSettings:

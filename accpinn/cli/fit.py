@@ -157,7 +157,7 @@ def _train(segment: Segment, options: argparse.Namespace, config: PinnConfig) ->
 
     store = None if options.no_cache else Store()
     with _Interrupt() as interrupted, _ProgressBar() as bar:
-        fit = train(
+        return train(
             segment,
             options.case,
             config,
@@ -166,8 +166,6 @@ def _train(segment: Segment, options: argparse.Namespace, config: PinnConfig) ->
             should_stop=lambda: interrupted.raised,
             threads=options.threads,
         )
-    messages = dict.fromkeys(store.messages) if store else ()  # one may come at every checkpoint
-    return replace(fit, notes=(*fit.notes, *messages))
 
 
 _STOPS = (signal.SIGINT, signal.SIGTERM)

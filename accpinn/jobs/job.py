@@ -1,7 +1,7 @@
 """One training as seen from outside while a worker is at it."""
 
 from collections import deque
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
@@ -131,7 +131,6 @@ class Job(Task):
         """Run it to its end, whatever that is; only the worker calls this."""
         if not self._begin():
             return
-        known_messages = len(store.messages) if store else 0
         try:
             warm = {"warm": self.request.warm} if self.request.warm else {}
             fit = (self._train or load_train())(
@@ -149,12 +148,8 @@ class Job(Task):
         except Exception as fault:
             self._fail(fault, "training")
         else:
-            messages = dict.fromkeys(store.messages[known_messages:]) if store else ()
             stopped = fit.outcome is Outcome.STOPPED
-            self._finish(
-                Status.STOPPED if stopped else Status.DONE,
-                replace(fit, notes=(*fit.notes, *messages)),
-            )
+            self._finish(Status.STOPPED if stopped else Status.DONE, fit)
 
     def _note(self, progress: Progress) -> None:
         with self._lock:
@@ -168,9 +163,18 @@ class Job(Task):
 
 
 def load_train() -> Train:
-    """The network's training; its library takes a second or two to load."""
-    from accpinn.pinn.training import train
+    """The network's training; its library takes a second or two to load.
 
+    Raises:
+        AccpinnError: where that library cannot be loaded.
+    """
+    try:
+        from accpinn.pinn.training import train
+    except (ImportError, OSError) as fault:  # the latter for a library of another system
+        raise AccpinnError(
+            f"PyTorch, which trains the network, cannot be loaded ({str(fault)[:80]}); install the"
+            " packages of requirements.txt again, then start the app anew."
+        ) from fault
     return train
 
 

@@ -4,6 +4,7 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -63,6 +64,7 @@ class Trainings:
         It goes on where a stopped one of the same request ended, unless it is to begin ``anew``.
         """
         request = Request(segment, case, config, warm)
+        known = self._recall(request)  # before the lock: others need not wait for the disk
         with self._changed:
             self._forget()
             earlier, course = self.of(owner), None
@@ -74,19 +76,21 @@ class Trainings:
             elif earlier:
                 self.stop(earlier)
             if anew and self._store:
-                forget(self._store, segment, case, config)
+                forget(self._store, segment, case, config, warm)
             job = Job(owner, request, self._train, course)
             self._jobs.append(job)
-            if known := self._recall(request):
+            if known:
                 job.answer(known)
                 job.ended_at = self._clock()
             else:
                 self._enqueue(job)
         return job
 
-    def begun(self, segment: Segment, case: Case, config: PinnConfig) -> int | None:
+    def begun(
+        self, segment: Segment, case: Case, config: PinnConfig, warm: "Warm | None" = None
+    ) -> int | None:
         """The iteration from which an earlier training of this request would go on, if any."""
-        return begun(self._store, segment, case, config) if self._store else None
+        return begun(self._store, segment, case, config, warm) if self._store else None
 
     def run(self, series: Series[Result]) -> Series[Result]:
         """Queue a series; an earlier one of its owner and kind is stopped."""
@@ -157,7 +161,8 @@ class Trainings:
     def _serve(self) -> None:
         # Loading the network's library takes a second or two: done before the first job comes.
         if self._train is None:
-            load_train()
+            with suppress(Exception):  # said by every job that needs it
+                load_train()
         while True:
             with self._changed:
                 self._changed.wait_for(lambda: self._queue or self._closed)

@@ -34,12 +34,14 @@ def request_keys(
     return _address(segment, case, settings), _address(segment, case, resumable)
 
 
-def begun(store: Store, segment: Segment, case: Case, config: PinnConfig) -> int | None:
+def begun(
+    store: Store, segment: Segment, case: Case, config: PinnConfig, warm: "Warm | None" = None
+) -> int | None:
     """The iteration from which a training of this request would go on; None where it is new.
 
     So is one that was stopped before its first iteration, and a finished one is in the store.
     """
-    result_key, resume_key = request_keys(segment, case, config)
+    result_key, resume_key = request_keys(segment, case, config, warm)
     if store.has_fit(result_key):
         return None
     for key in (resume_key, result_key):
@@ -53,9 +55,11 @@ def begun(store: Store, segment: Segment, case: Case, config: PinnConfig) -> int
     return None
 
 
-def forget(store: Store, segment: Segment, case: Case, config: PinnConfig) -> None:
+def forget(
+    store: Store, segment: Segment, case: Case, config: PinnConfig, warm: "Warm | None" = None
+) -> None:
     """Drop the checkpoints that a training of this request would go on from."""
-    for key in request_keys(segment, case, config):
+    for key in request_keys(segment, case, config, warm):
         store.drop_state(key)
 
 

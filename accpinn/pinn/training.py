@@ -32,7 +32,7 @@ from accpinn.pinn.recipe import Learned, Problem, State, Training
 from accpinn.pinn.request import request_keys
 from accpinn.pinn.warm import Warm
 from accpinn.segment import Segment
-from accpinn.store import Store
+from accpinn.store import Say, Store
 from accpinn.units import Seconds
 
 DEFAULT_THREADS = max(1, min(4, (os.cpu_count() or 2) - 1))
@@ -104,11 +104,12 @@ def _train(
 ) -> Fit:
     segment, case, config = problem.segment, problem.case, problem.config
     result_key, resume_key = request_keys(segment, case, config, warm)
-    if store and (known := store.load_fit(result_key, segment)):
+    said: list[str] = []
+    if store and (known := store.load_fit(result_key, segment, said.append)):
         return replace(known, cached=True)
     require_memory(segment, config)
     started = time.perf_counter()
-    run = _begin(problem, warm, store, (resume_key, result_key))
+    run = _begin(problem, warm, store, (resume_key, result_key), said.append)
     training, recorder = run.training, run.recorder
     saved = started
 
@@ -125,7 +126,7 @@ def _train(
     def save() -> None:
         if store:
             state = training.state() | recorder.state() | {"seconds": np.array(elapsed())}
-            store.save_state(run.key, state)
+            store.save_state(run.key, state, said.append)
 
     now = replace(training.progress, seconds=run.earlier) if run.earlier else report()
     outcome = training.outcome
@@ -146,8 +147,9 @@ def _train(
         beginning = {"started_from": warm.digest()}
         fit = replace(fit, config=fit.config | beginning, notes=(warm.note, *fit.notes))
     if store and outcome in (Outcome.SETTLED, Outcome.FINISHED):
-        store.save_fit(result_key, fit)
-    return fit
+        store.save_fit(result_key, fit, said.append)
+    # One may come at every checkpoint; they are about this run, so a kept result has none.
+    return replace(fit, notes=(*fit.notes, *dict.fromkeys(said)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -163,7 +165,9 @@ class _Run:
     notes: tuple[str, ...] = ()
 
 
-def _begin(problem: Problem, warm: Warm | None, store: Store | None, keys: tuple[str, str]) -> _Run:
+def _begin(
+    problem: Problem, warm: Warm | None, store: Store | None, keys: tuple[str, str], say: Say
+) -> _Run:
     """Go on from the checkpoint under the first of ``keys``, if there is one.
 
     A checkpoint beyond the planned iterations is a longer training's and stays untouched; the
@@ -171,7 +175,7 @@ def _begin(problem: Problem, warm: Warm | None, store: Store | None, keys: tuple
     """
     for key in keys:
         run = _new(problem, warm, key)
-        state = store.load_state(key) if store else None
+        state = store.load_state(key, say) if store else None
         if store is None or state is None:
             return run
         try:
@@ -179,7 +183,7 @@ def _begin(problem: Problem, warm: Warm | None, store: Store | None, keys: tuple
                 continue
             return _resume(run, state)
         except (KeyError, IndexError, TypeError, ValueError, RuntimeError) as fault:
-            store.reject_state(key, fault)
+            store.reject_state(key, fault, say)
             return _new(problem, warm, key)
     return run
 

@@ -1,6 +1,7 @@
 """What starts, stops and continues a training."""
 
 from contextlib import suppress
+from typing import TYPE_CHECKING
 
 import streamlit as st
 
@@ -16,6 +17,9 @@ from pages.shared.settings import (
     preset_line,
 )
 from pages.shared.workspace import Workspace
+
+if TYPE_CHECKING:
+    from accpinn.pinn.warm import Warm
 
 CONTINUES = (
     "A training of this window with these settings, here or in another session, was stopped there;"
@@ -51,7 +55,8 @@ def buttons(workspace: Workspace, config: PinnConfig | None) -> None:
         return
     at = None
     if config and workspace.segment:
-        at = trainings().begun(workspace.segment, workspace.case, config)
+        warm = stopped_warm(workspace, config)
+        at = trainings().begun(workspace.segment, workspace.case, config, warm)
     label, icon = ("Start training", "play_arrow")
     if at is not None:
         label, icon = (f"Continue from iteration {at:,}", "resume")
@@ -94,7 +99,22 @@ def continue_button(workspace: Workspace) -> None:
 def start(workspace: Workspace, from_snapshot: bool = False, anew: bool = False) -> None:
     """Train with what is chosen at the moment of the click, also when that was not drawn yet."""
     with suppress(ConfigError):  # the page says what is wrong with a setting
-        workspace.train(chosen_config(workspace), from_snapshot, anew)
+        config = chosen_config(workspace)
+        warm = workspace.warm if from_snapshot else None
+        if not (from_snapshot or anew):
+            warm = stopped_warm(workspace, config)
+        workspace.train(config, warm, anew)
+
+
+def stopped_warm(workspace: Workspace, config: PinnConfig) -> "Warm | None":
+    """What the training that was stopped had begun with, so that going on is the same request."""
+    job = workspace.job
+    if job is None or job.status is not Status.STOPPED or job.request.config != config:
+        return None
+    asked = job.request
+    if trainings().begun(asked.segment, asked.case, config, asked.warm) is None:
+        return None
+    return asked.warm
 
 
 def is_done(job: Job | None, config: PinnConfig | None) -> bool:

@@ -136,16 +136,14 @@ class Workspace:
         except SegmentError as fault:
             self.segment, self.fault = None, str(fault)
 
-    def train(self, config: PinnConfig, from_snapshot: bool = False, anew: bool = False) -> None:
+    def train(self, config: PinnConfig, warm: "Warm | None" = None, anew: bool = False) -> None:
         """Queue a training of the segment.
 
-        It may begin with the weights of the snapshot, or ``anew`` where an earlier one stopped.
+        It may begin with the weights of ``warm``, or ``anew`` where an earlier one stopped.
         """
         if self.segment:
             self._remember([self.fit] if self.fit else [])
-            self.job = trainings().submit(
-                self.id, self.segment, self.case, config, self.warm if from_snapshot else None, anew
-            )
+            self.job = trainings().submit(self.id, self.segment, self.case, config, warm, anew)
 
     @property
     def warm(self) -> "Warm | None":
