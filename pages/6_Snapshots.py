@@ -5,9 +5,9 @@ import streamlit as st
 from accpinn.errors import SnapshotError
 from accpinn.tables.typeset import STYLE
 from pages.shared import frame
-from pages.shared.server import shelf
+from pages.shared.server import opened, shelf
 from pages.shared.snapshots_comparing import show_both
-from pages.shared.snapshots_listing import banner, choose, listing, opened, show_one
+from pages.shared.snapshots_listing import banner, choose, listing, show_one
 from pages.shared.snapshots_saving import save_form, show_said, upload_form
 from pages.shared.text import plain
 

@@ -13,6 +13,7 @@ from accpinn.pinn.config import PAPER, preset
 from accpinn.pinn.training import train
 from accpinn.pinn.warm import Warm
 from accpinn.snapshot import Snapshot
+from accpinn.snapshot.shelf import Shelf
 from pages.shared import sessions
 from pages.shared.laws import laws_of
 from pages.shared.server import shelf, trainings
@@ -365,6 +366,21 @@ class TestLaws:
         page = open_page(path, found)
         assert not page.error
         assert laws_of(found, "snapshot").parameters == laws
+
+    @pytest.mark.parametrize("path", [STABILITY, PLATOON])
+    def test_a_run_looks_at_the_shelf_once_and_reads_a_snapshot_once(
+        self, path: str, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        found = sessions.workspaces().new()
+        found.laws.source, found.laws.snapshot = "snapshot", shelf().add(whole())
+        looks, reads = [], []
+        entries, opening = Shelf.entries, Shelf.open
+        monkeypatch.setattr(Shelf, "entries", lambda s: looks.append(1) or entries(s))
+        page = open_page(path, found)
+        monkeypatch.setattr(Shelf, "open", lambda s, name: reads.append(name) or opening(s, name))
+        looks.clear()
+        page.run()
+        assert (len(looks), reads) == (1, [])
 
     def test_one_deleted_meanwhile_gives_way_to_another_source(self) -> None:
         found = sessions.workspaces().new()

@@ -100,14 +100,15 @@ def choose_window(workspace: Workspace, recording: Recording) -> None:
 
     left, right = st.columns(2)
     start, length = float(window.start), float(window.duration)
-    shared = {"step": 10.0, "format": "%.1f", "on_change": moved}
     left.number_input(
         "Window starts at [s]",
         0.0,
         max(recording.duration, start),
         start,
         key=hold("data_start", start),
-        **shared,
+        step=10.0,
+        format="%.1f",
+        on_change=moved,
     )
     right.number_input(
         "and lasts [s]",
@@ -115,7 +116,9 @@ def choose_window(workspace: Workspace, recording: Recording) -> None:
         max(float(ceil(recording.duration)), length),
         length,
         key=hold("data_length", length),
-        **shared,
+        step=10.0,
+        format="%.1f",
+        on_change=moved,
     )
 
 

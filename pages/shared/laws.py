@@ -1,7 +1,6 @@
 """Whose α, β, τ the pages Stability and Platoon speak of: learned, published, or typed in."""
 
 import math
-from collections.abc import Callable
 
 import pandas as pd
 import streamlit as st
@@ -19,7 +18,7 @@ from pages.shared.laws_origin import (
     warn_unfinished,
 )
 from pages.shared.remembered import Row, Source
-from pages.shared.server import shelf
+from pages.shared.server import opened, shelf
 from pages.shared.text import plain
 from pages.shared.workspace import Workspace, hold
 
@@ -37,9 +36,10 @@ MOST = 20
 
 def choose_laws(workspace: Workspace, page: str) -> LawSet | None:
     """The picker, and what it stands at; None, with a sentence, where that cannot be used."""
-    there = {"fit": bool(workspace.fit), "snapshot": bool(whole_entries())}
+    entries = whole_entries()
+    there = {"fit": bool(workspace.fit), "snapshot": bool(entries)}
     offered = [source for source in SOURCES if there.get(source, True)]
-    now = _source(workspace)
+    now = _source(workspace, entries)
     with st.container(horizontal=True, vertical_alignment="center"):
         st.segmented_control(
             "Parameters of",
@@ -54,14 +54,14 @@ def choose_laws(workspace: Workspace, page: str) -> LawSet | None:
         if now == "published":
             _choose_example(workspace, page)
         elif now == "snapshot":
-            _choose_snapshot(workspace, page)
+            _choose_snapshot(workspace, page, entries)
         elif learned := current(workspace) if now == "fit" else None:
             st.caption(plain(learned.title))
     say_not_ones_own(workspace, now)
     if now == "hand":
         _edit_rows(workspace, page)
     try:
-        learned = _learned(workspace, now)
+        learned = _learned(workspace, now, entries)
         if learned:
             if now == "snapshot" and learned.described.left_out_regimes:
                 st.caption(plain(learned.title))
@@ -89,13 +89,13 @@ def laws_of(workspace: Workspace, source: Source) -> LawSet:
     Raises:
         ParameterError: rows that are too few or too many.
     """
-    return _laws(workspace, source, _learned(workspace, source))
+    return _laws(workspace, source, _learned(workspace, source, whole_entries()))
 
 
-def _learned(workspace: Workspace, source: Source) -> Learned | None:
+def _learned(workspace: Workspace, source: Source, entries: tuple[Entry, ...]) -> Learned | None:
     """The fit that the source holds; None for one that holds laws alone."""
     if source == "snapshot":
-        return saved(shelf().open(_chosen_snapshot(workspace)))
+        return saved(opened(_chosen_snapshot(workspace, entries)))
     return current(workspace) if source == "fit" else None
 
 
@@ -111,26 +111,26 @@ def _laws(workspace: Workspace, source: Source, learned: Learned | None) -> LawS
     return next(laws for laws in PUBLISHED if laws.title == workspace.laws.example)
 
 
-def _source(workspace: Workspace) -> Source:
+def _source(workspace: Workspace, entries: tuple[Entry, ...]) -> Source:
     chosen = workspace.laws.source or "fit"
-    gone = (chosen == "fit" and not workspace.fit) or (chosen == "snapshot" and not whole_entries())
+    gone = (chosen == "fit" and not workspace.fit) or (chosen == "snapshot" and not entries)
     return "published" if gone else chosen
 
 
 def whole_entries() -> tuple[Entry, ...]:
-    """The server's snapshots that can be read, the newest first."""
+    """The server's snapshots that can be read, the newest first; every call looks at all files."""
     return tuple(entry for entry in shelf().entries() if not entry.fault)
 
 
-def _chosen_snapshot(workspace: Workspace) -> str:
+def _chosen_snapshot(workspace: Workspace, entries: tuple[Entry, ...]) -> str:
     """The one chosen, or the newest where that was deleted meanwhile."""
-    names = [entry.id for entry in whole_entries()]
+    names = [entry.id for entry in entries]
     return workspace.laws.snapshot if workspace.laws.snapshot in names else names[0]
 
 
-def _choose_snapshot(workspace: Workspace, page: str) -> None:
-    key, now = f"{page}_snapshot", _chosen_snapshot(workspace)
-    titles = {e.id: f"{e.name.strip() or e.id} · {e.source}" for e in whole_entries()}
+def _choose_snapshot(workspace: Workspace, page: str, entries: tuple[Entry, ...]) -> None:
+    key, now = f"{page}_snapshot", _chosen_snapshot(workspace, entries)
+    titles = {e.id: f"{e.name.strip() or e.id} · {e.source}" for e in entries}
 
     def changed() -> None:
         workspace.laws.snapshot = st.session_state[key]
@@ -152,7 +152,7 @@ def _turn_to(workspace: Workspace, source: Source) -> None:
     """Change the source; the first rows by hand are a copy of what was shown."""
     choice = workspace.laws
     if source == "hand" and not choice.rows:
-        laws = laws_of(workspace, _source(workspace))
+        laws = laws_of(workspace, _source(workspace, whole_entries()))
         choice.rows = tuple(
             (label, law.alpha, law.beta, law.tau)
             for label, law in zip(laws.labels, laws.parameters, strict=True)
@@ -184,7 +184,7 @@ def _edit_rows(workspace: Workspace, page: str) -> None:
     choice, key = workspace.laws, f"{page}_rows"
     if key not in st.session_state:
         choice.base = choice.rows
-    number: Callable[..., object] = st.column_config.NumberColumn
+    number = st.column_config.NumberColumn
     edited = st.data_editor(
         pd.DataFrame(list(choice.base), columns=list(COLUMNS)),
         key=key,

@@ -1,6 +1,6 @@
 """What the leader of a platoon does: the kind of disturbance and its numbers."""
 
-from dataclasses import Field, fields
+from dataclasses import fields
 from itertools import cycle
 
 import streamlit as st
@@ -76,7 +76,7 @@ def _planned(workspace: Workspace, kind: Disturbance, platoon: list[Parameters])
     for setting in fields(PLANNED[kind]):
         if setting.name not in values:
             with next(columns):
-                values[setting.name] = _number(workspace.drive, kind, setting)
+                values[setting.name] = _number(workspace.drive, kind, setting.name)
     return PLANNED[kind](**values)
 
 
@@ -100,15 +100,15 @@ def _frequency(drive: DriveChoice, peak: float) -> float:
     return value
 
 
-def _number(drive: DriveChoice, kind: Disturbance, setting: Field[float]) -> float:
-    name = f"{kind}_{setting.name}"
-    key, value = f"platoon_{name}", drive.settings.get(name, setting.default)
+def _number(drive: DriveChoice, kind: Disturbance, setting: str) -> float:
+    name, usual = f"{kind}_{setting}", float(getattr(PLANNED[kind], setting))
+    key, value = f"platoon_{name}", drive.settings.get(name, usual)
 
     def changed() -> None:
         if st.session_state[key] is not None:
             drive.settings[name] = st.session_state[key]
 
-    label, step = LABELS[setting.name]
+    label, step = LABELS[setting]
     st.number_input(
         label, value=value, key=hold(key, value), step=step, format="%.4g", on_change=changed
     )

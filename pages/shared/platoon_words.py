@@ -9,6 +9,8 @@ from numpy.typing import NDArray
 from accpinn.cthp import Parameters
 from accpinn.errors import AccpinnError
 from accpinn.figures import platoon as figures
+from accpinn.figures.stability import colours
+from accpinn.figures.style import LEADER
 from accpinn.platoon import Leader, PlatoonRun, simulate
 from accpinn.published import ASTAZERO, LawSet
 from pages.shared.charts import show_chart
@@ -142,10 +144,7 @@ def show_panels(workspace: Workspace) -> None:
         " grow depends on their frequency."
     )
     vehicles = sorted({k for k, _ in figures.PANELS})
-    show_key(
-        [("Leader", figures.LEADER)]
-        + [(ASTAZERO.labels[k], figures.colours(ASTAZERO)[k]) for k in vehicles]
-    )
+    show_key([("Leader", LEADER)] + [(ASTAZERO.labels[k], colours(ASTAZERO)[k]) for k in vehicles])
     grid = (*st.columns(2), *st.columns(2))
     for place, (panel, cell) in enumerate(zip(figures.paper_panels(), grid, strict=True)):
         with cell:

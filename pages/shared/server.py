@@ -3,6 +3,7 @@
 import streamlit as st
 
 from accpinn.jobs import Trainings
+from accpinn.snapshot import Snapshot
 from accpinn.snapshot.shelf import Shelf
 from accpinn.store import Store
 
@@ -17,6 +18,16 @@ def store() -> Store:
 def shelf() -> Shelf:
     """The server's one store of snapshots."""
     return Shelf()
+
+
+@st.cache_resource(max_entries=8, show_spinner=False)
+def opened(name: str) -> Snapshot:
+    """A snapshot of the store; its name is its content, so it never changes.
+
+    Raises:
+        SnapshotError: for an unknown name, or a file that is damaged or another's.
+    """
+    return shelf().open(name)
 
 
 @st.cache_resource(show_spinner=False)

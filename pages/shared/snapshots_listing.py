@@ -13,7 +13,7 @@ from accpinn.tables.comparison import TITLES
 from accpinn.tables.typeset import STYLE, Column, Table
 from accpinn.units import Seconds
 from pages.shared import frame
-from pages.shared.server import shelf
+from pages.shared.server import opened, shelf
 from pages.shared.sessions import SNAPSHOT
 from pages.shared.snapshots_saving import say
 from pages.shared.text import plain
@@ -77,12 +77,6 @@ def choose(label: str, key: str, entries: tuple[Entry, ...], first: str = "") ->
         key=key,
     )
     return known.get(chosen or "")
-
-
-@st.cache_resource(max_entries=8, show_spinner=False)
-def opened(name: str) -> Snapshot:
-    """A snapshot of the store; its name is its content, so it never changes."""
-    return shelf().open(name)
 
 
 def show_one(workspace: Workspace, entry: Entry) -> None:

@@ -92,15 +92,15 @@ def choose_source(workspace: Workspace) -> None:
 
 def _choose_sample(workspace: Workspace) -> None:
     paths = sorted(SAMPLES.glob("*.csv"), key=lambda path: path != FIRST_SAMPLE)
+    if not paths:
+        st.info("There are no samples here; write them with `make samples`.")
+        return
     path = st.selectbox(
         "Synthetic recording, true parameters known",
         paths,
         format_func=lambda path: TITLES.get(path.stem, path.stem),
         key="data_sample",
     )
-    if path is None:
-        st.info("There are no samples here; write them with `make samples`.")
-        return
     try:
         st.caption(plain(load_truth(truth_path(path)).description))
     except AccpinnError as fault:

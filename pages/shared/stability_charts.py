@@ -7,6 +7,7 @@ import streamlit as st
 
 from accpinn.figures import stability as figures
 from accpinn.figures.doubt import add_bands
+from accpinn.figures.style import LEADER
 from accpinn.published import LawSet
 from accpinn.stability import StabilityReport
 from accpinn.uncertainty import Uncertainty
@@ -25,7 +26,7 @@ def show_key(laws: LawSet) -> None:
     """Which colour is which vehicle."""
     entries = list(zip(laws.labels, figures.colours(laws), strict=True))
     if len(laws) > 1:
-        entries.append(("Leader to last follower (dashed)", figures.LEADER))
+        entries.append(("Leader to last follower (dashed)", LEADER))
     frame.show_key(entries)
 
 

@@ -94,7 +94,7 @@ def show_reasons(laws: LawSet, report: StabilityReport) -> None:
     """A sentence for every verdict."""
     with st.expander("Why: a sentence for every verdict", icon=":material/help:"):
         for label, vehicle in zip(laws.labels, report.vehicles, strict=True):
-            verdicts = (vehicle.l2, vehicle.linf_paper, vehicle.linf_exact)
+            verdicts: tuple[Verdict, ...] = (vehicle.l2, vehicle.linf_paper, vehicle.linf_exact)
             st.markdown(f"**{plain(label)}.** {vehicle.behaviour.value}\n" + _listed(verdicts))
         if len(laws) > 1:
             platoon = report.platoon

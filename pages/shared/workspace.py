@@ -203,7 +203,9 @@ class Workspace:
             self.map.held = -1
 
     def _remember(self, fits: Sequence[Fit]) -> None:
-        for fit in fits if self.segment else ():
+        if self.segment is None:
+            return
+        for fit in fits:
             run = Earlier.of(self.segment, fit)
             others = [other for other in self.runs if not other.same_as(run)]
             self.runs = (*others, run)[-KEPT_RUNS:]
