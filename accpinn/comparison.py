@@ -1,6 +1,6 @@
 """All methods on identical data, side by side, with errors and intervals that mean something."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -9,7 +9,7 @@ import numpy as np
 
 from accpinn.assessment import Assessment, appraise, closed_loop_errors
 from accpinn.cthp import Case
-from accpinn.errors import ConfigError
+from accpinn.errors import AccpinnError, ConfigError
 from accpinn.estimators import ESTIMATORS
 from accpinn.fit import Fit, Outcome, ShouldStop
 from accpinn.openacc import Recording
@@ -42,6 +42,20 @@ class Row:
     fit: Fit
     uncertainty: Uncertainty
     assessment: Assessment
+
+
+@dataclass(frozen=True)
+class Refusal:
+    """A method that has no row, and why."""
+
+    method: str
+    """From `METHODS`."""
+    fault: AccpinnError
+
+    @property
+    def reason(self) -> str:
+        """In a sentence."""
+        return str(self.fault)
 
 
 def row_of(segment: Segment, fit: Fit, recording: Recording | None = None) -> Row:
@@ -140,8 +154,10 @@ def compare(
     threads: int | None = None,
     recording: Recording | None = None,
     should_stop: ShouldStop | None = None,
-) -> Iterator[Row]:
+) -> Iterator[Row | Refusal]:
     """Run the methods one by one; each row comes as soon as it is known.
+
+    A method that cannot serve the segment gives a `Refusal` in place of its row.
 
     Args:
         segment: the data.
@@ -159,13 +175,28 @@ def compare(
         estimate = _estimator(name, case, options)
         if should_stop and should_stop():
             return
-        fit = estimate(segment)
-        if should_stop and should_stop():
-            return
-        assessment = appraise(segment, fit, estimate, recording)
-        if should_stop and should_stop():
-            return
-        yield Row(fit, intervals(segment, fit), assessment)
+        try:
+            fit = estimate(segment)
+            if should_stop and should_stop():
+                return
+            assessment = appraise(segment, fit, estimate, recording)
+            if should_stop and should_stop():
+                return
+            row = Row(fit, intervals(segment, fit), assessment)
+        except AccpinnError as fault:  # the others may well serve
+            yield Refusal(name, fault)
+        else:
+            yield row
+
+
+def rows_among(results: Iterable[Row | Refusal]) -> tuple[Row, ...]:
+    """What the methods say, without those that refused."""
+    return tuple(result for result in results if isinstance(result, Row))
+
+
+def refusals_among(results: Iterable[Row | Refusal]) -> tuple[Refusal, ...]:
+    """The methods that refused."""
+    return tuple(result for result in results if isinstance(result, Refusal))
 
 
 def _estimator(name: str, case: Case, options: dict[str, Any]) -> Callable[[Segment], Fit]:

@@ -2,6 +2,7 @@
 
 import streamlit as st
 
+from accpinn.comparison import refusals_among
 from pages.shared import frame
 from pages.shared.compare_charts import choose_follower, show_courses, show_curves, show_estimates
 from pages.shared.compare_earlier import choose_earlier, show_earlier
@@ -10,7 +11,7 @@ from pages.shared.compare_telling import show_telling
 from pages.shared.compare_verdict import show_verdict
 from pages.shared.compare_waiting import show_busy
 from pages.shared.compare_watch import watch
-from pages.shared.compare_words import show_intervals, show_methods
+from pages.shared.compare_words import show_intervals, show_methods, show_refusals
 from pages.shared.missing import show_missing
 from pages.shared.server import trainings
 from pages.shared.snapshots_showing import show_rows
@@ -61,10 +62,13 @@ def controls(workspace: Workspace) -> None:
 def show(workspace: Workspace) -> None:
     """The rows so far; what takes a choice or a while only comes once all have ended."""
     segment, series = workspace.segment, workspace.comparison
-    if segment is None or series is None or not series.results:
+    if segment is None or series is None:
+        return
+    show_refusals(refusals_among(series.results))
+    if not workspace.compared:
         return
     if series.is_active:
-        show_methods(segment, series.results, 0, running=True)
+        show_methods(segment, workspace.compared, 0, running=True)
         return
     rows = rows_of(workspace)
     show_verdict(segment, rows)

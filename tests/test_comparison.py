@@ -2,14 +2,15 @@
 
 import json
 from pathlib import Path
+from typing import NoReturn
 
 import numpy as np
 import pytest
 
 from accpinn.cli import main
-from accpinn.comparison import METHODS, Row, compare, parse_methods
-from accpinn.errors import ConfigError
-from accpinn.estimators import splines
+from accpinn.comparison import METHODS, Row, compare, parse_methods, refusals_among, rows_among
+from accpinn.errors import ConfigError, SegmentError
+from accpinn.estimators import ESTIMATORS, splines
 from accpinn.fit import Outcome
 from accpinn.openacc import read
 from accpinn.pinn.config import FAST, PAPER
@@ -31,7 +32,7 @@ def segment() -> Segment:
 
 @pytest.fixture(scope="module")
 def rows(segment: Segment) -> list[Row]:
-    return list(compare(segment, "II", QUICK))
+    return list(rows_among(compare(segment, "II", QUICK)))
 
 
 def test_methods_are_named_or_all() -> None:
@@ -64,10 +65,41 @@ def test_rows_come_in_order_with_errors_of_every_kind(rows: list[Row]) -> None:
         assert (row.assessment.closed_loop.gap_mae < 0.5).all()
 
 
+def refusing(*_: object, **__: object) -> NoReturn:
+    raise SegmentError("Too little is left of the window; choose a longer one.")
+
+
+def test_a_method_that_refuses_ends_nothing(
+    segment: Segment, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(ESTIMATORS, "splines", refusing)
+    found = list(compare(segment, "II", QUICK))
+    assert [row.fit.method for row in rows_among(found)] == ["least-squares", "recursive"]
+    (refused,) = refusals_among(found)
+    assert found.index(refused) == 1
+    assert (refused.method, refused.reason[:10]) == ("splines", "Too little")
+
+
+def test_the_command_names_who_refused(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(ESTIMATORS, "recursive", refusing)
+    words = ["compare", str(SAMPLE), "--duration", "60", "--methods"]
+    assert main([*words, "recursive,least-squares", "--json"]) == 0
+    document = json.loads(capsys.readouterr().out)
+    assert [row["method"] for row in document["rows"]] == ["least-squares"]
+    (refused,) = document["refused"]
+    assert refused["method"] == "recursive"
+    assert main([*words, "recursive,least-squares"]) == 0
+    assert f"recursive has no row: {refused['reason']}" in capsys.readouterr().out
+    assert main([*words, "recursive"]) == 1
+    assert capsys.readouterr().err.splitlines()[-1] == f"error: {refused['reason']}"
+
+
 def test_a_stop_keeps_the_rows_so_far(segment: Segment) -> None:
     asked = iter([False, False, False, True])
     found = list(compare(segment, "II", QUICK, should_stop=lambda: next(asked)))
-    assert [row.fit.method for row in found] == [QUICK[0]]
+    assert [row.fit.method for row in rows_among(found)] == [QUICK[0]]
 
 
 def test_intervals_hold_the_truth_of_a_sample(segment: Segment, rows: list[Row]) -> None:

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from accpinn.assessment.driving import ALONE
-from accpinn.comparison import Row, compare
+from accpinn.comparison import METHODS, Refusal, Row, compare, row_of
+from accpinn.errors import SegmentError
 from accpinn.estimators import least_squares
 from accpinn.fit import Outcome
 from accpinn.jobs import Series, Status
@@ -72,6 +73,26 @@ def test_rows_pictures_warnings_starts_and_earlier_runs(found: Workspace) -> Non
     ).run()
     assert not page.exception
     assert "Rings: earlier runs." in everything(page)
+
+
+@pytest.mark.parametrize("refusing", [("splines", "particle"), METHODS])
+def test_methods_that_refuse_are_named_and_the_others_shown(
+    found: Workspace, refusing: tuple[str, ...]
+) -> None:
+    assert found.segment is not None
+    fault = SegmentError("Too little is left of the window; choose a longer one.")
+    row = row_of(found.segment, least_squares.fit(found.segment))
+    results = [Refusal(name, fault) if name in refusing else row for name in METHODS]
+    series = Series(found.id, "comparison", METHODS, lambda means: iter(results))
+    found.comparison = server.trainings().run(series)
+    assert series.wait(WAIT)
+    assert series.status is Status.DONE
+    page = open_page(COMPARE, found)
+    (told,) = [box.value for box in page.warning if box.value.startswith("No result from ")]
+    who = "Splines, Particle filter" if len(refusing) == 2 else "any method"
+    assert told == plain(f"No result from {who}: {fault}")
+    assert ("Least squares" in everything(page)) == (len(refusing) == 2)
+    assert len(found.compared) == len(METHODS) - len(refusing)
 
 
 def test_a_stop_keeps_the_rows_and_offers_to_run_again(found: Workspace) -> None:

@@ -2,6 +2,7 @@
 
 import argparse
 import sys
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -10,7 +11,7 @@ from tqdm import tqdm
 from accpinn.assessment import TrackingErrors
 from accpinn.cli.fit import add_segment_options, chosen_segment, describe_segment, parameter_rows
 from accpinn.cli.output import print_json, show, table
-from accpinn.comparison import Row, compare, parse_methods
+from accpinn.comparison import Refusal, Row, compare, parse_methods, refusals_among, rows_among
 from accpinn.identifiability import better, extensions, identifiable
 from accpinn.segment import Segment
 from accpinn.store import Store
@@ -38,15 +39,27 @@ def run(options: argparse.Namespace) -> int:
         threads=options.threads,
         recording=recording,
     )
-    rows = list(tqdm(found, total=len(methods), unit="method", file=sys.stderr))
+    results = list(tqdm(found, total=len(methods), unit="method", file=sys.stderr))
+    rows, refused = list(rows_among(results)), refusals_among(results)
+    if not rows:
+        raise refused[0].fault
     if options.json:
         described = [_describe(segment, row) for row in rows]
         about = describe_segment(segment)
         warnings = _warnings(segment, rows[0])
         forms = _forms(segment)
-        print_json({"segment": about, "rows": described, "warnings": warnings, "forms": forms})
+        without = [{"method": one.method, "reason": one.reason} for one in refused]
+        print_json(
+            {
+                "segment": about,
+                "rows": described,
+                "refused": without,
+                "warnings": warnings,
+                "forms": forms,
+            }
+        )
     else:
-        show(_text(segment, rows))
+        show(_text(segment, rows, refused))
     return 0
 
 
@@ -112,7 +125,7 @@ def _errors(errors: TrackingErrors | None) -> dict[str, list[float]] | None:
     return {"v": errors.speed_mae.tolist(), "p": errors.gap_mae.tolist()}
 
 
-def _text(segment: Segment, rows: list[Row]) -> str:
+def _text(segment: Segment, rows: list[Row], refused: Sequence[Refusal]) -> str:
     head = ["method", "vehicle", "α (1/s²)", "β (1/s)", "τ (s)"]
     head += ["surrogate gap MAE (m)", "closed loop (m)", "held out (m)"]
     head += ["rest of the recording (m)", "seconds"]
@@ -146,6 +159,7 @@ def _text(segment: Segment, rows: list[Row]) -> str:
             f" {doubt.probability_linf[k]:.2f}, that keeps no gap {doubt.gapless[k]:.2f}"
         )
     said = [
+        *(f"{one.method} has no row: {one.reason}" for one in refused),
         *segment.notes,
         *_warnings(segment, rows[0]),
         *_incidents(rows),

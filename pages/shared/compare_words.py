@@ -1,12 +1,14 @@
 """The comparison's tables, and what their columns mean."""
 
+from collections.abc import Sequence
+
 import streamlit as st
 
-from accpinn.comparison import Row
+from accpinn.comparison import METHODS, Refusal, Row
 from accpinn.figures.style import vehicle_colour
 from accpinn.segment import Segment
 from accpinn.tables import typeset
-from accpinn.tables.comparison import intervals_table, methods_table
+from accpinn.tables.comparison import TITLES, intervals_table, methods_table
 from accpinn.uncertainty import Uncertainty
 from pages.shared.results import downloads
 from pages.shared.text import bullets
@@ -23,6 +25,19 @@ def show_intervals(segment: Segment, doubt: Uncertainty) -> None:
     )
     if doubt.notes:
         st.info(bullets(doubt.notes), icon=":material/info:")
+
+
+def show_refusals(refused: Sequence[Refusal]) -> None:
+    """The methods that have no row, those with the same reason together."""
+    reasons: dict[str, list[str]] = {}
+    for one in refused:
+        reasons.setdefault(one.reason, []).append(TITLES[one.method])
+    if reasons:
+        said = tuple(
+            f"No result from {', '.join(who) if len(who) < len(METHODS) else 'any method'}: {why}"
+            for why, who in reasons.items()
+        )
+        st.warning(bullets(said), icon=":material/warning:")
 
 
 def show_methods(

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import streamlit as st
 
-from accpinn.comparison import EFFORTS, METHODS, Earlier, Row, compare
+from accpinn.comparison import EFFORTS, METHODS, Earlier, Refusal, Row, compare, rows_among
 from accpinn.cthp import Case, Parameters
 from accpinn.errors import ConfigError, SegmentError
 from accpinn.fit import Fit
@@ -61,7 +61,7 @@ class Workspace:
     job: Job | None = None
     doubt: tuple[Fit, Uncertainty] | None = None
     """What the data leave open about a fit, kept with that fit."""
-    comparison: Series[Row] | None = None
+    comparison: Series[Row | Refusal] | None = None
     """All methods on the segment, while they run and when they are done."""
     own: Row | None = None
     """What the training is worth beside the methods, kept with its fit."""
@@ -161,7 +161,7 @@ class Workspace:
         if segment is None:
             return
 
-        def rows(means: Means) -> Iterator[Row]:
+        def rows(means: Means) -> Iterator[Row | Refusal]:
             yield from compare(
                 segment, case, store=means.store, threads=means.threads, recording=recording,
                 should_stop=means.should_stop,
@@ -214,7 +214,7 @@ class Workspace:
     def compared(self) -> tuple[Row, ...]:
         """What the methods say of the segment, as far as they were run."""
         if self.comparison:
-            return self.comparison.results
+            return rows_among(self.comparison.results)
         return self.snapshot.rows if self.snapshot else ()
 
     @property
