@@ -147,7 +147,7 @@ class TestList:
         assert "that PiNN finds these parameters" in texts(page)
         page.toggle(key="snapshots_again").set_value(True).run()
         assert "that PiNN finds these parameters" not in texts(page)
-        assert "Method run again, recursive" in texts(page)
+        assert "Method run again, Recursive" in texts(page)
 
     def test_a_damaged_one_is_named_and_can_be_deleted(self) -> None:
         name = shelf().add(whole())

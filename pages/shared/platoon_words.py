@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from accpinn.cthp import Parameters
 from accpinn.errors import AccpinnError
 from accpinn.figures import platoon as figures
-from accpinn.platoon import Leader, PlatoonRun, simulate
+from accpinn.platoon import AFTERWARDS, Leader, PlatoonRun, simulate
 from accpinn.published import ASTAZERO, LawSet
 from pages.shared.charts import show_chart
 from pages.shared.frame import show_key
@@ -39,8 +39,9 @@ def show_course(run: PlatoonRun, laws: LawSet, order: Sequence[int]) -> None:
         st.markdown(f"#### {headline(run)}")
         if told := detail(run, laws, order):
             st.markdown(told)
-    if run.warnings:
-        st.warning(bullets(run.warnings), icon=":material/warning:")
+    # The headline names the collision; what follows from it stands below that.
+    if others := tuple(told for told in run.warnings if not told.endswith(AFTERWARDS)):
+        st.warning(bullets(others), icon=":material/warning:")
     cast = figures.cast_of(laws, order)
     names = ["Leader", *(figures.follower_name(laws, k, p) for p, k in enumerate(order, 1))]
     show_key(list(zip(names, cast.colours, strict=True)))
@@ -73,7 +74,9 @@ def detail(run: PlatoonRun, laws: LawSet, order: Sequence[int]) -> str:
     if wave:
         would = "would reach" if run.collisions else "reaches"
         parts.append(f"By |H| the last follower {would} {wave.predicted[-1]:.3g} m/s.")
-    if not run.collisions:
+    if run.collisions:
+        parts.append(f"{AFTERWARDS[0].upper()}{AFTERWARDS[1:]}")
+    else:
         k = int(run.minimum_gap.argmin())
         parts.append(
             f"The smallest gap is {round(run.minimum_gap[k], 1) + 0.0:.1f} m, follower {k + 1}"
