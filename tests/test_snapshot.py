@@ -179,7 +179,7 @@ class TestVerification:
         forged = replace(whole(), rows=(replace(first, assessment=better), *others))
         result = check(forged)
         assert not result.ok
-        assert "least-squares" in result.sentence
+        assert "Least squares" in result.sentence
 
     def test_forged_errors_on_the_rest_are_found_with_the_recording(self) -> None:
         recording = read(FOLDER / f"{whole().outline.source}")
