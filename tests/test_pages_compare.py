@@ -124,7 +124,10 @@ class TestVerdict:
             return [replace(row, uncertainty=replace(doubt, **ends)) for row in rows]
 
         said = verdict(segment, around(0.5, 1.5), 0)
-        assert "yes, all methods lie within the 90 % intervals of the data. The estimates differ" in said
+        assert (
+            "yes, all methods lie within the 90 % intervals of the data. The estimates differ"
+            in said
+        )
         said = verdict(segment, around(0.1, 9.0), 0)
         assert "but those of α, β and τ are too wide for that to say much" in said
         said = verdict(segment, around(1.5, 2.0), 0)

@@ -155,7 +155,7 @@ class TestItIsTrue:
         for law in whole().fit.parameters:
             assert f"τ {law.tau:.2f} s" in text
         assert "All 4 vehicles amplify" in text
-        assert "How probable" in text
+        assert "so many are string stable" in text
 
     def test_the_summary_says_how_sure_the_headway_is_and_who_collides(self) -> None:
         doubt, worth = whole().uncertainty, whole().assessment
