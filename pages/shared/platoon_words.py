@@ -71,12 +71,12 @@ def headline(run: PlatoonRun) -> str:
 def detail(run: PlatoonRun, laws: LawSet, order: Sequence[int]) -> str:
     """What the response predicts for a sinusoid, and how close the vehicles get."""
     wave, parts = run.amplitudes, []
+    if run.collisions:
+        parts.append(f"{AFTERWARDS[0].upper()}{AFTERWARDS[1:]}")
     if wave:
         would = "would reach" if run.collisions else "reaches"
         parts.append(f"By |H| the last follower {would} {wave.predicted[-1]:.3g} m/s.")
-    if run.collisions:
-        parts.append(f"{AFTERWARDS[0].upper()}{AFTERWARDS[1:]}")
-    else:
+    if not run.collisions:
         k = int(run.minimum_gap.argmin())
         parts.append(
             f"The smallest gap is {round(run.minimum_gap[k], 1) + 0.0:.1f} m, follower {k + 1}"
