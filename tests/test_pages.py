@@ -153,6 +153,13 @@ def test_regimes_are_left_out_when_ticked_and_said_everywhere() -> None:
     assert found.segment.left_out is None
 
 
+def test_where_no_regime_occurs_there_is_nothing_to_compare() -> None:
+    page = open_page(DATA, with_sample())
+    page.toggle(key="data_sensitivity").set_value(True).run()
+    assert "so there is nothing to compare" in texts(page)
+    assert "Without catching up" not in texts(page)
+
+
 def test_upload_a_recording() -> None:
     page = open_page(DATA)
     page.segmented_control(key="data_source").set_value("Upload").run()

@@ -113,6 +113,7 @@ class TestList:
         assert f"/Snapshots?snapshot={name}" in page.code[0].value
         assert "The snapshot is whole" in texts(page).replace("\\", "")
         assert "Recomputed" in texts(page)
+        assert "the same" in texts(page)
         button(page, "snapshots_open").click().run()
         assert workspace_of(page).snapshot is not None
         assert "From the snapshot" in texts(page)

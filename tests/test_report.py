@@ -18,7 +18,7 @@ from accpinn.cthp import Parameters
 from accpinn.fit import Outcome
 from accpinn.report import report
 from accpinn.report.pictures import fits, motion
-from accpinn.report.words import about_data, summary
+from accpinn.report.words import about_data, summary, title
 from accpinn.snapshot import check, load, save
 from accpinn.snapshot.taking import stability as judged
 from tests.samples import FOLDER, PLATOON
@@ -149,6 +149,10 @@ class TestItIsTrue:
         assert stability is not None
         for vehicle in stability.vehicles:
             assert f"{vehicle.linf_gain:.3f}" in cells
+
+    def test_its_title_agrees_in_number(self) -> None:
+        assert title(replace(whole(), name="")) == "How 4 vehicles follow the vehicle ahead"
+        assert "follows the vehicle ahead" in title(replace(small(), name=""))
 
     def test_the_summary_gives_headway_amplification_and_how_sure(self) -> None:
         text = " ".join(summary(whole()))
