@@ -101,7 +101,7 @@ class Earlier:
 def differences(one: Earlier, other: Earlier) -> tuple[str, ...]:
     """What was asked differently in the two, a few words each; empty where nothing was."""
     return tuple(
-        f"{name}: {before} → {after}"
+        f"{name.replace('_', ' ')}: {before} → {after}"
         for name, before, after in (
             *_pairs(_asked(one), _asked(other)),
             *(_pairs(one.config, other.config) if one.method == other.method else ()),

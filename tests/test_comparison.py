@@ -16,7 +16,8 @@ from accpinn.openacc import read
 from accpinn.pinn.config import FAST, PAPER
 from accpinn.segment import Segment, cut
 from accpinn.synthetic import load_truth, truth_path
-from accpinn.tables.comparison import TITLES, intervals_table, method_name, methods_table
+from accpinn.tables.comparison import intervals_table, methods_table
+from accpinn.tables.names import TITLES, method_name
 from accpinn.tables.results import where
 from accpinn.uncertainty import intervals
 from bench.coverage import measure

@@ -133,10 +133,10 @@ class TestPage:
         assert made.job.wait(60)
         page = open_page(STABILITY, made)
         assert page.toggle(key=SWITCH).value is True
-        assert "Probably stable" in everything(page)
+        assert "Stable laws" in everything(page)
         page.toggle(key=SWITCH).set_value(False).run()
         assert not page.exception
-        assert "Probably stable" not in everything(page)
+        assert "Stable laws" not in everything(page)
         assert open_page(STABILITY, made).toggle(key=SWITCH).value is False, (
             "kept when the page is left"
         )

@@ -136,6 +136,7 @@ class TestEarlier:
         then = Earlier.of(four, least_squares.fit(four))
         now = replace(then, parameters=then.parameters + 0.5, case="I")
         table = earlier_table([then], {"least-squares": now}, vehicle=3)
+        assert [c.title for c in table.columns if c.prose] == ["Earlier run", "Differs now in"]
         (row,) = table.rows
         assert row[0] == title(then)
         assert row[1] == pytest.approx(then.parameters[1, 0])

@@ -435,3 +435,8 @@ def test_the_papers_panels_grow_and_fade_as_the_response_says() -> None:
         assert small(panel.figure, 80_000)
     ranges = [panel.figure.layout.yaxis.range for panel in panels]
     assert ranges[0] == ranges[1] != ranges[2] == ranges[3]
+
+
+def test_the_lowest_tick_of_the_response_keeps_clear_of_the_frequencies() -> None:
+    figure = figures_stability.bode(ASTAZERO, report(ASTAZERO.parameters))
+    assert figure.layout.yaxis.range[0] < figures_stability.FLOOR

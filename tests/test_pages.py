@@ -145,12 +145,19 @@ def test_regimes_are_left_out_when_ticked_and_said_everywhere() -> None:
     assert "**Left out** of the law: catching up" in texts(page)
     assert "(2 B: 25 % of the instants)" in texts(page).replace("\\", "")
     for path in (TRAIN, "pages/5_Compare.py"):
-        assert "law without catching up" in texts(open_page(path, found))
+        assert "catching up left out" in texts(open_page(path, found))
     page.toggle(key="data_sensitivity").set_value(True).run()
     assert not page.exception
     assert "Without catching up" in texts(page)
     page.checkbox(key="data_leave_out_catching up").uncheck().run()
     assert found.segment.left_out is None
+
+
+def test_where_no_regime_occurs_there_is_nothing_to_compare() -> None:
+    page = open_page(DATA, with_sample())
+    page.toggle(key="data_sensitivity").set_value(True).run()
+    assert "so there is nothing to compare" in texts(page)
+    assert "Without catching up" not in texts(page)
 
 
 def test_upload_a_recording() -> None:
@@ -337,7 +344,7 @@ def test_train_says_what_goes_wrong_and_how_sure_it_is(
     assert "90 % interval" in written
     marks = [trace for trace in figures(page)[-1]["data"] if trace["name"] == "collision"]
     assert len(marks) == runs_in
-    titles = written.count(f"s, law without {''.join(left_out)}")
+    titles = written.count(f"s, {''.join(left_out)} left out")
     assert titles == 3 * len(left_out), "of the parameters, the intervals and the estimates"
 
 
@@ -346,7 +353,7 @@ def test_data_says_what_its_figures_are_of() -> None:
     assert "all other figures are of all instants" not in texts(open_page(DATA, found))
     found.segment = leaving_out(found.segment, ("standstill",))
     written = texts(open_page(DATA, found))
-    assert "s, law without standstill" in written
+    assert "s, standstill left out" in written
     assert "all other figures are of all instants" in written
 
 

@@ -42,7 +42,7 @@ def test_rows_pictures_warnings_starts_and_earlier_runs(found: Workspace) -> Non
     page = open_page(COMPARE, found)
     shown = everything(page)
     assert "**2 Audi\\(A6\\-like\\)**: " in texts(page)
-    assert "They are most apart in" in shown
+    assert "The estimates differ most in" in shown
     for part in ("Do the methods agree?", "Can the data tell?", "Is the law all there is?"):
         assert part in shown
     assert "Earlier runs" not in shown
@@ -145,11 +145,14 @@ class TestVerdict:
             return [replace(row, uncertainty=replace(doubt, **ends)) for row in rows]
 
         said = verdict(segment, around(0.5, 1.5), 0)
-        assert "yes, all methods lie within the 90 % intervals of the data. They are" in said
+        assert (
+            "yes, all methods lie within the 90 % intervals of the data. The estimates differ"
+            in said
+        )
         said = verdict(segment, around(0.1, 9.0), 0)
         assert "but those of α, β and τ are too wide for that to say much" in said
         said = verdict(segment, around(1.5, 2.0), 0)
-        assert "no, by the 90 % intervals of the data α is too low for every method; " in said
+        assert "no: by the 90 % intervals of the data, α is too low for every method; " in said
 
     def test_those_outside_are_named_the_shorter_way(self, two: tuple[Segment, list[Row]]) -> None:
         segment, rows = two
@@ -158,7 +161,7 @@ class TestVerdict:
         lower, upper = 0.0 * doubt.lower, np.full_like(doubt.upper, np.inf)
         upper[0, 1] = between[:2].mean()
         judged = [replace(rows[0], uncertainty=replace(doubt, lower=lower, upper=upper))]
-        assert "β is too high for all but " in verdict(segment, [*judged, *rows[1:]], 0)
+        assert "β is too high for all methods but " in verdict(segment, [*judged, *rows[1:]], 0)
 
     def test_one_law_for_all_has_one_sentence(self, two: tuple[Segment, list[Row]]) -> None:
         segment, rows = two

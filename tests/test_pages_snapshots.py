@@ -125,6 +125,7 @@ class TestList:
         assert f"/Snapshots?snapshot={name}" in page.code[0].value
         assert "The snapshot is whole" in texts(page).replace("\\", "")
         assert "Recomputed" in texts(page)
+        assert "the same" in texts(page)
         button(page, "snapshots_open").click().run()
         assert workspace_of(page).snapshot is not None
         assert "From the snapshot" in texts(page)
@@ -159,7 +160,7 @@ class TestList:
         assert "that PiNN finds these parameters" in texts(page)
         page.toggle(key="snapshots_again").set_value(True).run()
         assert "that PiNN finds these parameters" not in texts(page)
-        assert "Method run again, recursive" in texts(page)
+        assert "Method run again, Recursive" in texts(page)
 
     def test_a_damaged_one_is_named_and_can_be_deleted(self) -> None:
         name = shelf().add(whole())

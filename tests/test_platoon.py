@@ -301,7 +301,7 @@ class TestAmplitudes:
         assert run.amplitudes is not None
         assert run.amplitudes.settled[8] == pytest.approx(721, abs=2)
         assert run.warnings == (
-            "The transient of follower 8 is still above 0.1% of its amplitude where that is"
+            "The transient of follower 8 is still above 0.1 % of its amplitude where that is"
             " measured; a duration of 767 s would do.",
         )
         assert simulate([slow] * 8, Sinusoid(0.25, duration=767)).warnings == ()

@@ -18,7 +18,7 @@ from accpinn.cthp import Parameters
 from accpinn.fit import Outcome
 from accpinn.report import report
 from accpinn.report.pictures import fits, motion
-from accpinn.report.words import about_data, summary
+from accpinn.report.words import about_data, summary, title
 from accpinn.snapshot import check, load, save
 from accpinn.snapshot.taking import stability as judged
 from tests.samples import FOLDER, PLATOON
@@ -150,12 +150,16 @@ class TestItIsTrue:
         for vehicle in stability.vehicles:
             assert f"{vehicle.linf_gain:.3f}" in cells
 
+    def test_its_title_agrees_in_number(self) -> None:
+        assert title(replace(whole(), name="")) == "How 4 vehicles follow the vehicle ahead"
+        assert "follows the vehicle ahead" in title(replace(small(), name=""))
+
     def test_the_summary_gives_headway_amplification_and_how_sure(self) -> None:
         text = " ".join(summary(whole()))
         for law in whole().fit.parameters:
             assert f"τ {law.tau:.2f} s" in text
         assert "All 4 vehicles amplify" in text
-        assert "How probable" in text
+        assert "so many are string stable" in text
 
     def test_the_summary_says_how_sure_the_headway_is_and_who_collides(self) -> None:
         doubt, worth = whole().uncertainty, whole().assessment

@@ -179,7 +179,7 @@ class TestVerification:
         forged = replace(whole(), rows=(replace(first, assessment=better), *others))
         result = check(forged)
         assert not result.ok
-        assert "least-squares" in result.sentence
+        assert "Least squares" in result.sentence
 
     def test_forged_errors_on_the_rest_are_found_with_the_recording(self) -> None:
         recording = read(FOLDER / f"{whole().outline.source}")
@@ -220,7 +220,7 @@ class TestVerification:
         first, *others = whole().rows
         bare = replace(first, assessment=replace(first.assessment, held_out=None))
         result = check(replace(whole(), rows=(bare, *others)))
-        assert result.sentence.startswith("Held out, least-squares: ")
+        assert result.sentence.startswith("Held out, Least squares: ")
 
     def test_weights_that_give_other_curves_are_found(self) -> None:
         fit = whole().fit
@@ -281,7 +281,7 @@ class TestVerification:
             return check(replace(whole(), rows=(row, *others)), again=True).sentence
 
         errors = first.assessment.blocks[0].errors
-        assert with_blocks(errors=errors).startswith("Block 2 held out, least-squares: ")
+        assert with_blocks(errors=errors).startswith("Block 2 held out, Least squares: ")
         start = first.assessment.blocks[0].start + 1.0
         assert with_blocks(start=start).startswith("The snapshot is whole")
 

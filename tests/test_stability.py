@@ -27,6 +27,7 @@ from accpinn.stability import (
     swings,
     transfer_function,
 )
+from accpinn.stability.verdicts import factor
 from tests.references_stability import TABLE, Reference, impulse, integral_of_magnitude, row
 
 TESLA = Parameters(0.0409, 0.4450, 1.16)
@@ -512,3 +513,8 @@ def test_ten_vehicles_are_reported_within_fifty_milliseconds() -> None:
         report(ten)
         seconds.append(time.perf_counter() - start)
     assert min(seconds) < 0.05
+
+
+@pytest.mark.parametrize(("gain", "said"), [(1.4, "1.40"), (12.0, "12.0"), (123.4, "123")])
+def test_a_factor_keeps_its_digits(gain: float, said: str) -> None:
+    assert factor(gain) == said

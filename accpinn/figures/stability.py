@@ -33,7 +33,7 @@ FREQUENCIES = 300
 SPAN = (0.02, 1.0)
 """Frequencies in rad/s that a response always shows."""
 TICKS = [digit * 10.0**power for power in range(-4, 3) for digit in (1, 2, 5)]
-FLOOR, CEILING = -12.0, 40.0
+FLOOR, CEILING, FOOT = -12.0, 40.0, 0.6
 """Lowest and highest dB in sight."""
 ALONG = 240
 """Points of a boundary."""
@@ -83,7 +83,7 @@ def bode(laws: LawSet, report: StabilityReport) -> go.Figure:
         type="log", title_text="Frequency ω [rad/s]", range=np.log10(omega[[0, -1]]).tolist(),
         tickvals=TICKS, ticktext=[f"{tick:g}" for tick in TICKS],
     )  # fmt: skip
-    figure.update_yaxes(title_text="|H(jω)| [dB]", range=[FLOOR, top])
+    figure.update_yaxes(title_text="|H(jω)| [dB]", range=[FLOOR - FOOT, top])
     figure = finished(figure, 400, "bode")
     return figure.update_layout(hovermode="closest", hoverdistance=200, clickmode="event+select")
 

@@ -79,9 +79,10 @@ def better(labels: Sequence[str], found: Sequence[Extension]) -> tuple[str, ...]
             continue
         alpha, beta, tau = best.parameters[k]
         sentences.append(
-            f"{label}: with {_extra(best, k)} the law explains {best.unseen[k]:.0%} of the"
-            f" acceleration in seconds it was not learned from, instead of {plain.unseen[k]:.0%};"
-            f" α, β, τ are then {alpha:.4f}, {beta:.4f}, {tau:.2f}."
+            f"{label}: with {_extra(best, k)} the law explains {100 * best.unseen[k]:.0f} % of the"
+            f" acceleration in seconds it was not learned from, instead of"
+            f" {100 * plain.unseen[k]:.0f} %;"
+            f" α, β, τ are then {alpha:.4f}, {beta:.4f}, {tau:.3f}."
         )
     return tuple(sentences)
 

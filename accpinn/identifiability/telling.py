@@ -14,7 +14,7 @@ from accpinn.segment.quality import (
 from accpinn.uncertainty import Uncertainty
 
 SYMBOLS = ("α", "β", "τ")
-DIGITS = (4, 4, 2)
+DIGITS = (4, 4, 3)
 WIDE = 5.0
 """An interval whose upper end is more than so many times its lower one says little more than the
 order of magnitude."""

@@ -211,11 +211,11 @@ class FastTraining:
         if now.phase == "Adam" and start > 0:
             gain = 1 - now.total / start
             notes.append(
-                f"Training the hidden layers lowered Ψ from {start:.4g} to {now.total:.4g}"
+                f"Training the hidden layers lowered Ψ from {start:#.3g} to {now.total:#.3g}"
                 f" ({100 * gain:.0f} % lower)."
                 if gain >= LITTLE_GAIN
-                else f"Training the hidden layers brought little here: Ψ was {start:.4g} before and"
-                f" is {now.total:.4g} now; the exact solve did the work."
+                else f"Training the hidden layers brought little here: Ψ was {start:#.4g} before"
+                f" and is {now.total:#.4g} now; the exact solve did the work."
             )
         if self.outcome is Outcome.FINISHED:
             notes.append(

@@ -2,9 +2,10 @@
 
 from accpinn.platoon.amplitude import SETTLED, Amplitudes
 from accpinn.platoon.leader import Brake, Leader, Phase, Recorded, Sinusoid, SpeedStep
-from accpinn.platoon.run import Collision, PlatoonRun, simulate
+from accpinn.platoon.run import AFTERWARDS, Collision, PlatoonRun, simulate
 
 __all__ = [
+    "AFTERWARDS",
     "SETTLED",
     "Amplitudes",
     "Brake",

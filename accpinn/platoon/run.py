@@ -23,6 +23,8 @@ SAMPLE_TIME: Seconds = 0.1
 """That of the recordings."""
 SAMPLES_PER_PERIOD = 24
 """A fast sinusoid gets more samples a second, at least so many a period."""
+AFTERWARDS = "what comes after has no meaning, as the law knows no collision."
+"""How the warning of a collision ends."""
 MOST_SAMPLES = 200_000
 FASTEST: PerSecond = 1e6
 """Above this a step of any use loses the slow motion to rounding."""
@@ -188,8 +190,8 @@ def _warnings(
     if collisions:
         first = collisions[0]
         found.append(
-            f"Follower {first.follower} runs into the vehicle ahead at {first.time:.1f} s; what"
-            " comes after has no meaning, as the law knows no collision."
+            f"Follower {first.follower} runs into the vehicle ahead at {first.time:.1f} s;"
+            f" {AFTERWARDS}"
         )
     backwards = np.argwhere(driven.speeds[: _until(driven.time, collisions)] < 0)
     if len(backwards):
@@ -215,7 +217,7 @@ def _measurement_warnings(leader: Sinusoid, wave: Amplitudes) -> list[str]:
         return [f"The amplitudes need a whole period of {leader.period:.3g} s; {cure}"]
     if needed > leader.duration + 1e-9:
         return [
-            f"The transient of follower {last} is still above {SETTLED:.1%} of its amplitude where"
-            f" that is measured; {cure}"
+            f"The transient of follower {last} is still above {100 * SETTLED:g} % of its amplitude"
+            f" where that is measured; {cure}"
         ]
     return []

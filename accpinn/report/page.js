@@ -4,6 +4,7 @@
   const drawings = JSON.parse(document.getElementById("drawings").textContent);
   const plots = [...document.querySelectorAll(".plot")];
   const PRINTED = 690; // pixels: the width between the margins of a printed page
+  const FLATTER = 0.7; // of a figure's height: two, or one below the data, fit on a page
   const wish = window.matchMedia("(prefers-color-scheme: dark)");
   let dark = wish.matches;
 
@@ -81,12 +82,20 @@
     show(false);
     for (const plot of plots) {
       const half = plot.closest(".halves");
-      Plotly.relayout(plot, { autosize: false, width: half ? PRINTED / 2 - 12 : PRINTED });
+      const { height } = drawings[Number(plot.dataset.place)].layout;
+      Plotly.relayout(plot, {
+        autosize: false,
+        width: half ? PRINTED / 2 - 12 : PRINTED,
+        height: half ? height : FLATTER * height,
+      });
     }
   });
   window.addEventListener("afterprint", () => {
     show(dark);
-    for (const plot of plots) Plotly.relayout(plot, { autosize: true, width: null });
+    for (const plot of plots) {
+      const { height } = drawings[Number(plot.dataset.place)].layout;
+      Plotly.relayout(plot, { autosize: true, width: null, height });
+    }
   });
   root.dataset.drawn = String(plots.length);
 })();

@@ -20,8 +20,9 @@ from accpinn.report import pictures, words
 from accpinn.report.pictures import Picture
 from accpinn.snapshot import Snapshot, Verification, check
 from accpinn.snapshot.taking import stability
-from accpinn.tables.comparison import TITLES, intervals_table, methods_table
+from accpinn.tables.comparison import intervals_table, methods_table
 from accpinn.tables.doubt import stability_doubt_table
+from accpinn.tables.names import TITLES
 from accpinn.tables.results import parameter_table
 from accpinn.tables.stability import stability_table
 from accpinn.tables.typeset import STYLE, Table

@@ -31,6 +31,7 @@ from accpinn.published import LawSet
 from accpinn.segment import Segment
 from accpinn.segment.outline import Outline
 from accpinn.snapshot import Snapshot
+from accpinn.tables.names import name_of
 
 FOLLOWERS = 8
 """Of the simulated platoon."""
@@ -110,7 +111,7 @@ def fits(snapshot: Snapshot) -> Iterator[Picture]:
         return
     driven = closed_loop(segment, fit) if segment else None
     for k, label in enumerate(snapshot.outline.labels[1:]):
-        own = "network" if fit.method == "pinn" else fit.method
+        own = "network" if fit.method == "pinn" else name_of(fit)
         figure = tracking(segment or snapshot.outline, k, fit.surrogate, driven, own)
         yield Picture(f"fit_{k + 1}", figure, f"{label}: space-gap and speed.")
 

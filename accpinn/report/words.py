@@ -16,7 +16,8 @@ METHOD_TITLES = {"pinn": "a physics-inspired neural network (PiNN)"}
 
 def title(snapshot: Snapshot) -> str:
     """The user's name for the result, else what it is about."""
-    return snapshot.name or f"How {_followers(snapshot)} follow the vehicle ahead"
+    verb = "follows" if snapshot.outline.followers == 1 else "follow"
+    return snapshot.name or f"How {_followers(snapshot)} {verb} the vehicle ahead"
 
 
 def summary(snapshot: Snapshot) -> tuple[str, ...]:
@@ -115,7 +116,7 @@ def _how_sure(snapshot: Snapshot, doubt: Uncertainty) -> str:
     ]
     if not parts:
         return "The data do not determine the parameters well enough to say how sure that is."
-    return f"How probable is string stability, by what the data leave open? {'; '.join(parts)}."
+    return f"Of the laws that the data allow, so many are string stable: {'; '.join(parts)}."
 
 
 def _worth(snapshot: Snapshot) -> str:

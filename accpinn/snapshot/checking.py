@@ -19,7 +19,7 @@ from accpinn.snapshot.refitting import network_curve, refitted, repeatable
 from accpinn.snapshot.schema import ATTRIBUTION_TEXT
 from accpinn.snapshot.taking import facts_of, stability
 from accpinn.stability import VehicleStability
-from accpinn.tables.comparison import TITLES
+from accpinn.tables.names import TITLES
 
 RECORDING, REFIT = "--recording", "--refit"
 """What checks more, as the command line has it."""

@@ -20,6 +20,7 @@ from accpinn.segment import Segment
 from accpinn.segment.quality import assess
 from accpinn.snapshot.agreement import ABSOLUTE, Check, compared
 from accpinn.snapshot.content import Snapshot
+from accpinn.tables.names import name_of
 from accpinn.uncertainty import Uncertainty, intervals
 
 INTERVALS = 1e-6
@@ -45,11 +46,11 @@ def from_data(
         yield _intervals("Intervals", snapshot.uncertainty, segment, fit, wording)
     for row in snapshot.rows:
         stored, driven = row.assessment.closed_loop, closed_loop_errors(segment, row.fit)
-        title = f"Closed-loop simulation, {row.fit.method}"
+        title = f"Closed-loop simulation, {name_of(row.fit)}"
         yield compared(title, (mae(stored), mae(driven)), stored, driven)
-        title = f"Intervals, {row.fit.method}"
+        title = f"Intervals, {name_of(row.fit)}"
         yield _intervals(title, row.uncertainty, segment, row.fit, wording)
-        yield from pooled(f"Held out, {row.fit.method}", row.assessment)
+        yield from pooled(f"Held out, {name_of(row.fit)}", row.assessment)
 
 
 def _missing(name: str) -> Check:

@@ -22,6 +22,7 @@ from accpinn.snapshot.agreement import Check, compared
 from accpinn.snapshot.content import Snapshot
 from accpinn.snapshot.learned import mae
 from accpinn.snapshot.taking import light
+from accpinn.tables.names import name_of
 from accpinn.units import Seconds
 
 SAME = 1e-6
@@ -79,7 +80,7 @@ def refitted(snapshot: Snapshot, segment: Segment) -> Iterator[Check]:
         yield from _again("", fit, worth, segment)
     for row in snapshot.rows:
         if not repeatable(row.fit):
-            yield from _again(f", {row.fit.method}", row.fit, row.assessment, segment)
+            yield from _again(f", {name_of(row.fit)}", row.fit, row.assessment, segment)
 
 
 def _again(ending: str, fit: Fit, worth: Assessment | None, segment: Segment) -> Iterator[Check]:

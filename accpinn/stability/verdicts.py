@@ -128,5 +128,5 @@ def factor(gain: float) -> str:
     """A gain for a sentence: three digits, and more the closer it is to 1."""
     excess = abs(gain - 1.0)
     if excess >= 0.2:
-        return f"{gain:.3g}"
+        return f"{gain:#.3g}".rstrip(".")
     return f"{gain:.4g}" if excess >= 5e-4 else f"1 + {gain - 1.0:.2g}"

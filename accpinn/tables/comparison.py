@@ -1,43 +1,15 @@
 """All methods side by side: estimates with errors of each kind, and what the recording allows."""
 
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Sequence
 
 from accpinn.comparison import Row
-from accpinn.fit import Fit, Outcome
-from accpinn.pinn.config import PRESETS
 from accpinn.segment.outline import Described
+from accpinn.tables.names import name_of
 from accpinn.tables.results import PARAMETER_COLUMNS, interval_cells, interval_columns, where
 from accpinn.tables.typeset import Cell, Column, Table
 from accpinn.uncertainty import Uncertainty
 
-TITLES = {
-    "pinn": "PiNN",
-    "least-squares": "Least squares",
-    "savitzky-golay": "Savitzky-Golay",
-    "splines": "Splines",
-    "simulation": "Simulation",
-    "recursive": "Recursive",
-    "particle": "Particle filter",
-    "dual-ukf": "Dual UKF",
-}
 GAP = "MAE of the space-gap"
-
-
-def method_name(method: str, config: Mapping[str, Any], outcome: Outcome) -> str:
-    """What a fit is called beside others; a PiNN also by its preset and by what was changed."""
-    if method != "pinn":
-        return TITLES.get(method, method)
-    name = str(config.get("preset", ""))
-    usual = PRESETS[name].to_json() if name in PRESETS else {}
-    said = [f"{name} preset", *(["own options"] if dict(config) != usual else [])]
-    said += ["stopped"] if outcome is Outcome.STOPPED else []
-    return f"{TITLES[method]} ({', '.join(said)})"
-
-
-def name_of(fit: Fit) -> str:
-    """The same of a fit."""
-    return method_name(fit.method, fit.config, fit.outcome)
 
 
 def methods_table(segment: Described, rows: Sequence[Row], follower: int) -> Table:
@@ -76,8 +48,8 @@ def intervals_table(segment: Described, doubt: Uncertainty) -> Table:
     columns = (
         Column("Follower"),
         *interval_columns(doubt),
-        Column("L2", "%", 0, "Probably stable"),
-        Column("L∞", "%", 0, "Probably stable"),
+        Column("L2", "%", 0, "Stable laws"),
+        Column("L∞", "%", 0, "Stable laws"),
     )
     rows: list[tuple[Cell, ...]] = []
     for k, label in enumerate(segment.labels[1:]):

@@ -17,8 +17,8 @@ def stability_doubt_table(laws: LawSet, doubt: Uncertainty) -> Table:
         Column("Peak of |H| [dB]", group=percent),
         Column("Amplified below [rad/s]", group=percent),
         Column("‖h‖₁", group=percent),
-        Column("L2", "%", 0, "Probably stable"),
-        Column("L∞", "%", 0, "Probably stable"),
+        Column("L2", "%", 0, "Stable laws"),
+        Column("L∞", "%", 0, "Stable laws"),
         Column("Keeps no gap (α = 0)", "%", 0),
     )
     rows: list[tuple[Cell, ...]] = []

@@ -4,7 +4,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 from accpinn.comparison import Earlier, differences
-from accpinn.tables.comparison import GAP, method_name
+from accpinn.tables.comparison import GAP
+from accpinn.tables.names import method_name
 from accpinn.tables.results import PARAMETER_COLUMNS
 from accpinn.tables.typeset import Cell, Column, Table
 
@@ -21,11 +22,11 @@ def earlier_table(runs: Sequence[Earlier], now: Mapping[str, Earlier], vehicle: 
     """
     delta = "Δ, now minus then"
     columns = (
-        Column("Earlier run"),
+        Column("Earlier run", prose=True),
         *PARAMETER_COLUMNS,
         Column("Closed loop", "m", 2, GAP),
         *(replace(column, group=delta) for column in PARAMETER_COLUMNS if now),
-        *([Column("Differs now in")] if now else []),
+        *([Column("Differs now in", prose=True)] if now else []),
     )
     rows: list[tuple[Cell, ...]] = []
     for run in runs:
@@ -51,7 +52,7 @@ def title(run: Earlier) -> str:
     """Method, file and window in a few words."""
     outline = run.outline
     window = f"{outline.start:g}–{outline.start + outline.duration:g} s"
-    left = f", without {', '.join(outline.left_out)}" if outline.left_out else ""
+    left = f", {', '.join(outline.left_out)} left out" if outline.left_out else ""
     case = f", Case {run.case}" if outline.followers > 1 else ""
     name = method_name(run.method, run.config, run.outcome)
     return f"{name}, {outline.source} {window}{case}{left}"

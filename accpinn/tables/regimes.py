@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from accpinn.segment import Segment
 from accpinn.segment.regimes import Regimes
 from accpinn.sensitivity import METHODS, Row
-from accpinn.tables.comparison import TITLES
+from accpinn.tables.names import TITLES
 from accpinn.tables.results import PARAMETER_COLUMNS, where
 from accpinn.tables.typeset import Cell, Column, Table
 

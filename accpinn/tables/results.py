@@ -8,6 +8,7 @@ from accpinn.cthp import Parameters
 from accpinn.fit import Fit
 from accpinn.segment.outline import Described
 from accpinn.segment.quality import Quality
+from accpinn.tables.names import name_of
 from accpinn.tables.typeset import Cell, Column, Table
 from accpinn.uncertainty import Uncertainty
 
@@ -58,7 +59,7 @@ def parameter_table(
             )
         )
     case = f", Case {fit.case}" if segment.followers > 1 else ""
-    return Table(f"{_method(fit)}, {where(segment)}{case}", columns, tuple(rows))
+    return Table(f"{name_of(fit)}, {where(segment)}{case}", columns, tuple(rows))
 
 
 def comparison_table(segment: Described, estimates: Mapping[str, Sequence[Parameters]]) -> Table:
@@ -122,13 +123,7 @@ def where(segment: Described) -> str:
     """The segment in a few words: file, seconds, and what does not count there."""
     window = f"{segment.source}, {segment.start:g}–{segment.start + segment.duration:g} s"
     left_out = segment.left_out_regimes
-    return f"{window}, law without {', '.join(left_out)}" if left_out else window
-
-
-def _method(fit: Fit) -> str:
-    if fit.method != "pinn":
-        return fit.method.capitalize()
-    return f"PiNN ({fit.config.get('preset', '')} preset)"
+    return f"{window}, {', '.join(left_out)} left out" if left_out else window
 
 
 def _values(law: Parameters) -> tuple[float, float, float]:

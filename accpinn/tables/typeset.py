@@ -206,7 +206,8 @@ table.figures td i { display: inline-block; width: .7em; height: .7em; border-ra
   margin-right: .5em; }
 @media (max-width: 640px) {
   table.figures th { white-space: nowrap; }
-  table.figures tbody td:first-child { max-width: 8.5rem; }
+  table.figures tbody td:first-child { min-width: 0; max-width: 8.5rem; }
+  table.figures tbody td.prose:first-child { min-width: 8.5rem; }
 }
 @media print { table.figures tr > :first-child { position: static !important; } }
 </style>"""

@@ -11,7 +11,7 @@ from accpinn.cthp import Parameters
 from accpinn.figures import comparison as figures
 from accpinn.figures.style import vehicle_colour
 from accpinn.segment import Segment
-from accpinn.tables.comparison import name_of
+from accpinn.tables.names import name_of
 from pages.shared.charts import show_chart
 
 

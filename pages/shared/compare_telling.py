@@ -63,10 +63,10 @@ def show_telling(
     show_chart(figure, "compare_profiles")
     st.caption(
         "How much worse the law explains the accelerations when one parameter is held there and"
-        f" the others are at their best. Dashed: {INCREASE:.0%} worse, hardly to be seen in any"
-        f" plot. Grey: the {100 * doubt.level:.0f} % interval of the table above. It is wider than"
-        " the curve and may lie beside it: the curve takes each sample as independent of the last,"
-        " while the interval knows that disturbances last for seconds and pull the estimate."
+        f" the others are at their best. Dashed: {100 * INCREASE:.0f} % worse, hardly to be seen in"
+        f" any plot. Grey: the {100 * doubt.level:.0f} % interval of the table above, which may lie"
+        " beside the curve: the curve takes each sample as independent of the last, while the"
+        " interval knows that disturbances last for seconds and pull the estimate."
     )
     show_extensions(segment, follower)
     show_starts(workspace, segment, follower)
@@ -99,7 +99,7 @@ def show_starts(workspace: Workspace, segment: Segment, follower: int) -> None:
         with st.container(horizontal=True, vertical_alignment="center"):
             preset = st.segmented_control(
                 "Preset of the starts", list(RECIPES), default="fast", key="compare_preset",
-                required=True, label_visibility="collapsed",
+                required=True, label_visibility="collapsed", format_func=str.capitalize,
             )  # fmt: skip
             if st.button("Five starts", icon=":material/casino:", key="compare_starts"):
                 workspace.train_starts(RECIPES[preset or "fast"])

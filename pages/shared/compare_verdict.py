@@ -9,7 +9,7 @@ from accpinn.assessment.driving import ALONE
 from accpinn.comparison import Row
 from accpinn.identifiability import left_open
 from accpinn.segment import Segment
-from accpinn.tables.comparison import name_of
+from accpinn.tables.names import name_of
 from accpinn.tables.results import PARAMETER_COLUMNS
 from accpinn.units import FloatArray
 from pages.shared.text import plain
@@ -61,7 +61,7 @@ def verdict(segment: Segment, rows: Sequence[Row], k: int) -> str:
         ]
         outside += [f"{column.title} is {' and '.join(beyond)}"] if beyond else []
     if outside:
-        said = f"no, by the {level} intervals of the data {'; '.join(outside)}."
+        said = f"no: by the {level} intervals of the data, {'; '.join(outside)}."
     else:
         said = f"yes, all methods lie within the {level} intervals of the data"
         wide = left_open(doubt, k)
@@ -84,8 +84,8 @@ def _most_apart(tables: FloatArray) -> str:
     column, values = PARAMETER_COLUMNS[which], tables[:, which]
     low, high = column.shown(float(np.nanmin(values))), column.shown(float(np.nanmax(values)))
     if low == high:
-        return "They all say the same."
-    return f"They are most apart in {column.title}: {low} to {high} {column.unit}."
+        return "All estimates are the same."
+    return f"The estimates differ most in {column.title}: {low} to {high} {column.unit}."
 
 
 def collision_lines(segment: Segment, rows: Sequence[Row]) -> list[str]:
@@ -120,7 +120,7 @@ def _who(names: Sequence[str], which: Sequence[bool]) -> str:
     others = [name for name, yes in zip(names, which, strict=True) if not yes]
     if not others:
         return "every method" if len(names) > 1 else names[0]
-    return f"all but {_joined(others)}" if len(others) < len(marked) else _joined(marked)
+    return f"all methods but {_joined(others)}" if len(others) < len(marked) else _joined(marked)
 
 
 def _joined(names: Sequence[str]) -> str:

@@ -6,7 +6,7 @@ from typing import Any
 import streamlit as st
 
 from accpinn.jobs import Series, Status
-from accpinn.tables.comparison import TITLES
+from accpinn.tables.names import TITLES
 from pages.shared.compare_waiting import show_waiting
 from pages.shared.live import POLL
 from pages.shared.text import lasting, plain

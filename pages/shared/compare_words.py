@@ -5,24 +5,20 @@ from collections.abc import Sequence
 import streamlit as st
 
 from accpinn.comparison import METHODS, Refusal, Row
-from accpinn.figures.style import vehicle_colour
 from accpinn.segment import Segment
 from accpinn.tables import typeset
-from accpinn.tables.comparison import TITLES, intervals_table, methods_table
+from accpinn.tables.comparison import methods_table
+from accpinn.tables.names import TITLES
 from accpinn.uncertainty import Uncertainty
-from pages.shared.results import downloads
+from pages.shared import results
 from pages.shared.text import bullets
+
+GAP_ERROR = "A lasting error of the measured gap shifts τ unseen: 0.1 m in 30 m by 0.3 %."
 
 
 def show_intervals(segment: Segment, doubt: Uncertainty) -> None:
     """What the recording allows, whichever method is asked."""
-    colours = [vehicle_colour(n, segment.vehicles[0]) for n in segment.vehicles[1:]]
-    st.html(typeset.STYLE + intervals_table(segment, doubt).coloured(colours).to_html())
-    st.caption(
-        "Which parameters the data support where disturbances last for seconds, as on a road. A"
-        " method's estimate may lie outside: disturbances that the vehicle itself answers pull it."
-        " A lasting error of the measured gap shifts τ unseen: 0.1 m in 30 m by 0.3 %."
-    )
+    results.show_intervals(segment, doubt, GAP_ERROR)
     if doubt.notes:
         st.info(bullets(doubt.notes), icon=":material/info:")
 
@@ -60,4 +56,4 @@ def show_methods(
         f" {abs(gap - gap.mean()).mean():.2f} m from its mean."
         + (" Your own training has no part held out: that would be three trainings more." * own)
     )
-    downloads(table, segment)
+    results.downloads(table, segment)

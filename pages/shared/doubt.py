@@ -56,7 +56,7 @@ def show_doubt(laws: LawSet, doubt: Uncertainty) -> None:
     st.html(typeset.STYLE + table.to_html())
     st.caption(
         "From laws drawn as the recording allows them, with disturbances that last for seconds."
-        " Probably stable: the share of these laws that keeps a gap and is stable. Laws with α = 0"
+        " Stable laws: the share of these that keeps a gap and is stable. Laws with α = 0"
         " follow the speed ahead and keep no gap; they amplify nothing, and are counted apart."
     )
     if doubt.notes:

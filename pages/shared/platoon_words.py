@@ -11,7 +11,7 @@ from accpinn.errors import AccpinnError
 from accpinn.figures import platoon as figures
 from accpinn.figures.stability import colours
 from accpinn.figures.style import LEADER
-from accpinn.platoon import Leader, PlatoonRun, simulate
+from accpinn.platoon import AFTERWARDS, Leader, PlatoonRun, simulate
 from accpinn.published import ASTAZERO, LawSet
 from pages.shared.charts import show_chart
 from pages.shared.frame import show_key
@@ -41,8 +41,9 @@ def show_course(run: PlatoonRun, laws: LawSet, order: Sequence[int]) -> None:
         st.markdown(f"#### {headline(run)}")
         if told := detail(run, laws, order):
             st.markdown(told)
-    if run.warnings:
-        st.warning(bullets(run.warnings), icon=":material/warning:")
+    # The headline names the collision; what follows from it stands below that.
+    if others := tuple(told for told in run.warnings if not told.endswith(AFTERWARDS)):
+        st.warning(bullets(others), icon=":material/warning:")
     cast = figures.cast_of(laws, order)
     names = ["Leader", *(figures.follower_name(laws, k, p) for p, k in enumerate(order, 1))]
     show_key(list(zip(names, cast.colours, strict=True)))
@@ -72,6 +73,8 @@ def headline(run: PlatoonRun) -> str:
 def detail(run: PlatoonRun, laws: LawSet, order: Sequence[int]) -> str:
     """What the response predicts for a sinusoid, and how close the vehicles get."""
     wave, parts = run.amplitudes, []
+    if run.collisions:
+        parts.append(f"{AFTERWARDS[0].upper()}{AFTERWARDS[1:]}")
     if wave:
         would = "would reach" if run.collisions else "reaches"
         parts.append(f"By |H| the last follower {would} {wave.predicted[-1]:.3g} m/s.")

@@ -78,6 +78,9 @@ def _choose(workspace: Workspace, name: str) -> None:
 def _show_sensitivity(workspace: Workspace, segment: Segment, recording: Recording) -> None:
     request = f"{segment.digest()} {recording.sha256} {workspace.case}"
     found = _sensitivity(request, segment, recording, workspace.case)
+    if not any(any(row.share) for row in found):
+        st.caption("None of these occurs in this window, so there is nothing to compare.")
+        return
     for follower in range(segment.followers):
         st.html(typeset.STYLE + sensitivity_table(segment, found, follower).to_html())
     if refusals := tuple(dict.fromkeys(row.refusal for row in found if row.refusal)):

@@ -51,7 +51,9 @@ def show_result(workspace: Workspace) -> None:
     show_curves(segment, fit)
 
 
-def show_intervals(segment: Described, doubt: Uncertainty | None) -> None:
+def show_intervals(
+    segment: Described, doubt: Uncertainty | None, more: str = "Compare and Stability say more."
+) -> None:
     """What the data leave open about the parameters, whichever method is asked."""
     if doubt is None:
         return
@@ -60,8 +62,8 @@ def show_intervals(segment: Described, doubt: Uncertainty | None) -> None:
     st.html(typeset.STYLE + table.coloured(colours).to_html())
     st.caption(
         "Interval: the values that the data support where disturbances last for seconds, as on a"
-        " road. Probably stable: the share of the laws drawn from the data that is. Compare and"
-        " Stability say more."
+        " road. Stable laws: the share of the laws that the data support that is string stable."
+        f" {more}"
     )
 
 

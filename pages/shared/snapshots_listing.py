@@ -9,7 +9,7 @@ from accpinn.report import report
 from accpinn.snapshot import SUFFIX, Snapshot, check
 from accpinn.snapshot.refitting import repeatable
 from accpinn.snapshot.shelf import Entry
-from accpinn.tables.comparison import TITLES
+from accpinn.tables.names import TITLES
 from accpinn.tables.typeset import STYLE, Column, Table
 from accpinn.units import Seconds
 from pages.shared import frame
@@ -23,6 +23,8 @@ LISTED = 50
 """Snapshots in the table; all can be chosen below it."""
 WIDEST = 28
 """Characters of a name or file name in that table."""
+SAME = "the same"
+"""In place of a figure recomputed that need not be read twice."""
 QUICK: Seconds = 20.0
 """A method that took longer is not run again while the page waits."""
 
@@ -171,7 +173,10 @@ def show_verification(workspace: Workspace, snapshot: Snapshot) -> None:
         st.error(plain(found.sentence), icon=":material/error:")
     texts = (Column(title, prose=True) for title in ("Result", "Stored", "Recomputed"))
     columns = (Column("Checked"), *texts)
-    rows = tuple((c.name, c.sentence, c.stored, c.recomputed) for c in found.checks)
+    rows = tuple(
+        (c.name, c.sentence, c.stored, SAME if c.ok and c.stored == c.recomputed else c.recomputed)
+        for c in found.checks
+    )
     st.html(STYLE + Table("", columns, rows).to_html())
 
 

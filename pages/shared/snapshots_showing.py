@@ -10,7 +10,8 @@ from accpinn.segment.outline import Outline
 from accpinn.snapshot import Snapshot
 from accpinn.tables import results as tables
 from accpinn.tables import typeset
-from accpinn.tables.comparison import intervals_table, methods_table
+from accpinn.tables.comparison import methods_table
+from accpinn.tables.names import name_of
 from pages.shared import frame
 from pages.shared.charts import show_chart
 from pages.shared.results import downloads, show_incidents, show_intervals, show_outcome
@@ -74,7 +75,7 @@ def show_curves(workspace: Workspace, snapshot: Snapshot) -> None:
     st.subheader("The method's curve" + (" against data" if segment else ""), anchor=False)
     follower = choose_follower(outline, "snapshots_follower")
     driven = closed_loop(segment, fit) if segment else None
-    own = "network" if fit.method == "pinn" else fit.method
+    own = "network" if fit.method == "pinn" else name_of(fit)
     figure = training.tracking(segment or outline, follower, fit.surrogate, driven, own)
     show_chart(figure, "snapshots_tracking")
 
@@ -102,11 +103,7 @@ def show_rows(workspace: Workspace) -> None:
     if workspace.segment is None:
         recording_needed(workspace, snapshot, "To run the methods, the page needs")
     outline, rows = snapshot.outline, snapshot.rows
-    colours = [vehicle_colour(n, outline.vehicles[0]) for n in outline.vehicles[1:]]
-    doubt = snapshot.uncertainty
-    if doubt:
-        table = intervals_table(outline, doubt).coloured(colours)
-        st.html(typeset.STYLE + table.to_html())
+    show_intervals(outline, snapshot.uncertainty, "")
     if not rows:
         st.caption("No comparison of the methods was saved with this snapshot.")
         return

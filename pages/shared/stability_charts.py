@@ -63,7 +63,7 @@ def _peak_buttons(workspace: Workspace, laws: LawSet, report: StabilityReport) -
     with st.container(horizontal=True):
         for k, label, peak in entries:
             if peak.omega and st.button(
-                f"Simulate {plain(label)} at {peak.omega:.3f} rad/s",
+                f"Simulate {plain(label)} at {peak.omega:.3g} rad/s",
                 key=f"stability_peak_{k}",
                 icon=":material/directions_car:",
             ):

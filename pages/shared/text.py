@@ -21,7 +21,7 @@ def bullets(sentences: tuple[str, ...]) -> str:
 
 def left_out(regimes: tuple[str, ...]) -> str:
     """What a caption adds where regimes are left out; nothing where all instants count."""
-    return f" · law without {', '.join(regimes)}" if regimes else ""
+    return f" · {', '.join(regimes)} left out" if regimes else ""
 
 
 def lasting(seconds: Seconds) -> str:

@@ -33,7 +33,7 @@ def test_methods_run_stop_survive_a_reload_and_are_held_against_earlier_ones(ope
     intervals, methods = page.locator("table.figures").first, page.locator("table.figures").nth(1)
     expect(methods.locator("tbody tr")).to_have_count(8)
     expect(methods).to_contain_text("Dual UKF")
-    expect(intervals).to_contain_text("90 % intervals")
+    expect(intervals).to_contain_text("90 % interval")
     expect(intervals.locator("tbody tr")).to_have_count(4)
     idle(page)
 
