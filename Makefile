@@ -47,7 +47,7 @@ bench: $(VENV)/app.stamp  ## time the paper's recipe beside ours (needs OPENACC_
 
 .PHONY: samples
 samples: $(VENV)/app.stamp  ## write sample_data again from its published parameters
-	@$(BIN)/python -m accpinn.synthetic sample_data
+	@$(BIN)/python -m accpinn.recordings.synthetic sample_data
 
 .PHONY: screenshots
 screenshots: $(VENV)/dev.stamp  ## picture every page, in tests/browser/shots (needs Chromium)

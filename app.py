@@ -2,12 +2,12 @@
 
 import streamlit as st
 
-from accpinn.figures.recording import preview
-from accpinn.pinn.config import FAST
-from accpinn.segment import cut
-from pages.shared import frame
-from pages.shared.sources import FIRST_SAMPLE, open_with, sample
-from pages.shared.workspace import Workspace
+from accpinn.methods.pinn.config import FAST
+from accpinn.results.figures.recording import preview
+from accpinn.segment.window import cut
+from pages.ui.components import frame
+from pages.ui.data.sources import FIRST_SAMPLE, open_with, sample
+from pages.ui.session.workspace import Workspace
 
 STEPS = (
     ("1. Open a recording", "A car-following run of the OpenACC database, or a sample."),

@@ -13,18 +13,23 @@ from functools import cached_property
 from numbers import Integral, Real
 from pathlib import Path
 
-from accpinn.assessment import Assessment, appraise
-from accpinn.cthp import Case, Parameters
 from accpinn.errors import ConfigError
-from accpinn.estimators import ESTIMATORS
-from accpinn.fit import Fit
-from accpinn.openacc import Recording, read
-from accpinn.segment import DURATION, Segment, cut, parse_vehicles
+from accpinn.evaluation.evaluation import Assessment, appraise
+from accpinn.inference.intervals import Uncertainty, intervals
+from accpinn.methods.fit import Fit
+from accpinn.methods.registry import method_of
+from accpinn.methods.store import Store
+from accpinn.model.cthp import Case, Parameters
+from accpinn.recordings.openacc import read
+from accpinn.recordings.recording import Recording
+from accpinn.results.snapshot.checking import Verification, check
+from accpinn.results.snapshot.content import Snapshot
+from accpinn.results.snapshot.create import take
+from accpinn.results.snapshot.file import load, save
 from accpinn.segment.regimes import label, leave_out, parse_regimes
-from accpinn.snapshot import Snapshot, Verification, check, load, save, take
-from accpinn.stability import StabilityReport, report
-from accpinn.store import Store
-from accpinn.uncertainty import Uncertainty, intervals
+from accpinn.segment.vehicles import parse_vehicles
+from accpinn.segment.window import DURATION, Segment, cut
+from accpinn.stability.report import StabilityReport, report
 from accpinn.units import Seconds
 
 __all__ = ["Study", "fit", "load", "verify"]
@@ -108,7 +113,7 @@ def fit(
         duration: of the window, in s.
         vehicles: consecutive numbers, leader first, also as "1-5"; by default all that can be used.
         case: "I" for one parameter set, "II" for one per follower.
-        method: "pinn", or a name from `estimators.ESTIMATORS`.
+        method: a key of `methods.registry.METHODS`.
         preset: of the PiNN, "fast" or "paper".
         seed: of the PiNN.
         leaving_out: regimes whose instants do not count for the law, as "catching up".
@@ -118,9 +123,7 @@ def fit(
     Raises:
         AccpinnError: one sentence of what is wrong with file, window or settings.
     """
-    if method not in ("pinn", *ESTIMATORS):
-        listed = ", ".join(ESTIMATORS)
-        raise ConfigError(f"method: {method} is not known; choose pinn or {listed}.")
+    estimator = method_of(method)
     if case not in ("I", "II"):
         raise ConfigError(f"case: {case} is not known; choose I or II.")
     _require(start, Real, "start", "seconds, as 0")
@@ -131,12 +134,12 @@ def fit(
     if leaving_out:
         segment = leave_out(segment, label(segment, source), parse_regimes(leaving_out))
     if method == "pinn":
-        from accpinn.pinn.config import preset as settings
-        from accpinn.pinn.training import train  # torch takes a second to import
+        from accpinn.methods.pinn.config import preset as settings
+        from accpinn.methods.pinn.training import train  # torch takes a second to import
 
         config = settings(preset, seed=int(seed))
         return Study(source, segment, train(segment, case, config, store=store, threads=threads))
-    return Study(source, segment, ESTIMATORS[method](segment, case))
+    return Study(source, segment, estimator.fit(segment, case))
 
 
 def verify(

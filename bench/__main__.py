@@ -14,7 +14,7 @@ from typing import Any
 
 import torch
 
-from accpinn.pinn.training import DEFAULT_THREADS
+from accpinn.methods.pinn.training import DEFAULT_THREADS
 from bench import stability
 from bench.cases import CASES, folder
 from bench.speed import PAPER_ITERATIONS, measure

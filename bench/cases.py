@@ -4,9 +4,9 @@ import os
 from dataclasses import dataclass
 from pathlib import Path
 
-from accpinn.cthp import Case
-from accpinn.openacc import read
-from accpinn.segment import Segment, cut
+from accpinn.model.cthp import Case
+from accpinn.recordings.openacc import read
+from accpinn.segment.window import Segment, cut
 
 
 @dataclass(frozen=True)

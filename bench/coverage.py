@@ -15,13 +15,12 @@ from dataclasses import asdict, dataclass
 
 import numpy as np
 
-from accpinn.cthp import Parameters
-from accpinn.estimators import ESTIMATORS
-from accpinn.fit import Fit
-from accpinn.published import PUBLISHED
-from accpinn.segment import Segment
-from accpinn.uncertainty import LEVEL, intervals
-from accpinn.uncertainty.intervals import SYMBOLS, Interval
+from accpinn.inference.intervals import LEVEL, SYMBOLS, Interval, intervals
+from accpinn.methods.fit import Fit
+from accpinn.methods.registry import METHODS
+from accpinn.model.cthp import Parameters
+from accpinn.model.published import PUBLISHED
+from accpinn.segment.window import Segment
 from accpinn.units import FloatArray
 from bench.disturbed import Disturbance, disturbed
 from bench.rivals import RIVALS, Smooth
@@ -79,7 +78,7 @@ def measure(
     for seed in range(recordings):
         law = laws[seed % len(laws)]
         segment = disturbed((law,), seed, disturbance, duration=duration)
-        fit = ESTIMATORS[SPLINES](segment, "II")
+        fit = METHODS[SPLINES].fit(segment, "II")
         started = time.perf_counter()
         found[OURS].append(_ours(segment, fit, level))
         times.append(time.perf_counter() - started)
@@ -89,7 +88,7 @@ def measure(
                 found[name].append(method(smooth, level, rng))
         truths.append(_row(law))
         for name, found_so_far in estimates.items():
-            estimate = fit if name == SPLINES else ESTIMATORS[name](segment, "II")
+            estimate = fit if name == SPLINES else METHODS[name].fit(segment, "II")
             found_so_far.append(estimate.table()[0])
     true = np.array(truths)
     rows = tuple(_coverage(name, level, ends, true) for name, ends in found.items())

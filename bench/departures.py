@@ -9,8 +9,8 @@ import argparse
 import sys
 from dataclasses import dataclass
 
-from accpinn.cthp import Parameters
-from accpinn.uncertainty.intervals import SYMBOLS
+from accpinn.inference.intervals import SYMBOLS
+from accpinn.model.cthp import Parameters
 from bench.coverage import LAWS, Study, measure
 from bench.disturbed import Disturbance
 

@@ -6,7 +6,7 @@ On the real recordings that this package was made for, the residual of the law a
 a standard deviation of 0.15 to 0.39 m/s² in car-following with ACC, and its correlation falls to
 1/e within three to six seconds. What the law does not know can be added: an actuator that follows
 its command with a lag, a distance kept at standstill, p - s₀ in place of p, and a slope.
-Leaders, and what the receivers make of it all, come from `accpinn.synthetic`.
+Leaders, and what the receivers make of it all, come from `accpinn.recordings.synthetic`.
 """
 
 from dataclasses import dataclass
@@ -15,9 +15,9 @@ import numpy as np
 from scipy.linalg import expm
 from scipy.signal import lfilter
 
-from accpinn.cthp import Parameters, Trajectories
-from accpinn.segment import Segment
-from accpinn.synthetic import SIMULATION_STEP, Driving, Noise, leader_speed, record
+from accpinn.model.cthp import Parameters, Trajectories
+from accpinn.recordings.synthetic import SIMULATION_STEP, Driving, Noise, leader_speed, record
+from accpinn.segment.window import Segment
 from accpinn.units import FloatArray, Metres, Seconds
 
 MOTORWAY = Driving(28.0, 20.0, 34.0, (8.0, 25.0), (0.4, 1.2), 0.15)

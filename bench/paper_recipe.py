@@ -10,8 +10,8 @@ from itertools import pairwise
 import torch
 from torch import Tensor, nn
 
-from accpinn.pinn.network import HIDDEN
-from accpinn.segment import Segment
+from accpinn.methods.pinn.network import HIDDEN
+from accpinn.segment.window import Segment
 
 WARM_UP = 3
 
@@ -44,7 +44,7 @@ class PaperRecipe:
         self.optimiser.step()
 
     def loss(self) -> Tensor:
-        """Ψ, as `accpinn.pinn.loss` has it with weights 1 (a test compares the two)."""
+        """Ψ, as `accpinn.methods.pinn.loss` has it with weights 1 (a test compares the two)."""
         outputs = self.network(self.time)
         split = self.followers + 1
         speeds, gaps = outputs[:, :split], outputs[:, split:]

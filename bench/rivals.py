@@ -15,11 +15,11 @@ import numpy as np
 from scipy.linalg import expm
 from scipy.stats import norm
 
-from accpinn.cthp import Parameters, motion_matrix, regressors
-from accpinn.fit import Fit
-from accpinn.segment import Segment
-from accpinn.uncertainty.intervals import Interval
-from accpinn.uncertainty.sampling import as_parameters
+from accpinn.inference.intervals import Interval
+from accpinn.inference.sampling import as_parameters
+from accpinn.methods.fit import Fit
+from accpinn.model.cthp import Parameters, motion_matrix, regressors
+from accpinn.segment.window import Segment
 from accpinn.units import FloatArray
 
 BLOCK = 30.0

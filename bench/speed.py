@@ -12,11 +12,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from accpinn.assessment import surrogate_errors
-from accpinn.estimators import splines
-from accpinn.fit import Fit
-from accpinn.pinn.config import FAST
-from accpinn.pinn.training import train
+from accpinn.evaluation.errors import surrogate_errors
+from accpinn.methods import splines
+from accpinn.methods.fit import Fit
+from accpinn.methods.pinn.config import FAST
+from accpinn.methods.pinn.training import train
 from bench.cases import BenchCase
 from bench.paper_recipe import seconds_per_iteration
 

@@ -11,9 +11,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from accpinn.cthp import Parameters
-from accpinn.platoon import Brake, Sinusoid, simulate
-from accpinn.stability import gains_over_beta, report
+from accpinn.model.cthp import Parameters
+from accpinn.platoon.leader import Brake, Sinusoid
+from accpinn.platoon.simulation import simulate
+from accpinn.stability.maps import gains_over_beta
+from accpinn.stability.report import report
 
 MOST_MS = 50.0
 """What each may take, first call aside."""

@@ -5,16 +5,16 @@ from contextlib import suppress
 import streamlit as st
 
 from accpinn.errors import ConfigError
-from pages.shared import frame
-from pages.shared.choosing import choose_vehicles, choose_window, overview
-from pages.shared.metadata import describe, show_warnings
-from pages.shared.regimes import show_regimes
-from pages.shared.settings import chosen_config
-from pages.shared.snapshots_listing import banner
-from pages.shared.snapshots_showing import show_data
-from pages.shared.sources import choose_source
-from pages.shared.telling import show_segment
-from pages.shared.text import plain
+from pages.ui.components import frame
+from pages.ui.components.text import plain
+from pages.ui.data.metadata import describe, show_warnings
+from pages.ui.data.preview import show_segment
+from pages.ui.data.regimes import show_regimes
+from pages.ui.data.sources import choose_source
+from pages.ui.data.window_picker import choose_vehicles, choose_window, overview
+from pages.ui.snapshots.listing import banner
+from pages.ui.snapshots.showing import show_data
+from pages.ui.train.settings import chosen_config
 
 
 def main() -> None:

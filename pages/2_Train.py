@@ -2,14 +2,14 @@
 
 import streamlit as st
 
-from pages.shared import frame
-from pages.shared.controls import continue_button, controls
-from pages.shared.live import watch
-from pages.shared.missing import show_missing
-from pages.shared.results import show_result
-from pages.shared.snapshots_listing import banner
-from pages.shared.snapshots_showing import show_result as show_saved
-from pages.shared.text import left_out, plain
+from pages.ui.components import frame
+from pages.ui.components.empty_state import show_missing
+from pages.ui.components.monitor import watch
+from pages.ui.components.text import left_out, plain
+from pages.ui.snapshots.listing import banner
+from pages.ui.snapshots.showing import show_result as show_saved
+from pages.ui.train.controls import continue_button, controls
+from pages.ui.train.results import show_result
 
 
 def main() -> None:

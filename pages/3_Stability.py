@@ -2,15 +2,15 @@
 
 import streamlit as st
 
-from accpinn.figures import stability as figures
-from accpinn.figures.doubt import add_clouds, cloud_words
-from pages.shared import frame
-from pages.shared.charts import show_chart
-from pages.shared.doubt import choose_doubt, doubt_of, show_doubt
-from pages.shared.laws import checked_report, choose_laws
-from pages.shared.stability_charts import choose_map, show_bode, show_key
-from pages.shared.stability_words import show_answer, show_reasons, show_table
-from pages.shared.text import plain
+from accpinn.results.figures import stability as figures
+from accpinn.results.figures.uncertainty import add_clouds, cloud_words
+from pages.ui.components import frame
+from pages.ui.components.charts import show_chart
+from pages.ui.components.parameter_picker import checked_report, choose_laws
+from pages.ui.components.text import plain
+from pages.ui.components.uncertainty import choose_doubt, doubt_of, show_doubt
+from pages.ui.stability.charts import choose_map, show_bode, show_key
+from pages.ui.stability.views import show_answer, show_reasons, show_table
 
 
 def main() -> None:

@@ -2,14 +2,14 @@
 
 import streamlit as st
 
-from accpinn.figures import platoon as figures
-from accpinn.figures import wave
-from pages.shared import frame
-from pages.shared.charts import show_chart
-from pages.shared.laws import choose_laws
-from pages.shared.platoon_leader import choose_leader
-from pages.shared.platoon_order import choose_order
-from pages.shared.platoon_words import (
+from accpinn.results.figures import platoon as figures
+from accpinn.results.figures import wave
+from pages.ui.components import frame
+from pages.ui.components.charts import show_chart
+from pages.ui.components.parameter_picker import choose_laws
+from pages.ui.platoon.leader import choose_leader
+from pages.ui.platoon.order import choose_order
+from pages.ui.platoon.views import (
     choose_panels,
     choose_scale,
     driven,

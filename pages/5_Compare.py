@@ -2,21 +2,21 @@
 
 import streamlit as st
 
-from accpinn.comparison import refusals_among
-from pages.shared import frame
-from pages.shared.compare_charts import choose_follower, show_courses, show_curves, show_estimates
-from pages.shared.compare_earlier import choose_earlier, show_earlier
-from pages.shared.compare_own import rows_of
-from pages.shared.compare_telling import show_telling
-from pages.shared.compare_verdict import show_verdict
-from pages.shared.compare_waiting import show_busy
-from pages.shared.compare_watch import watch
-from pages.shared.compare_words import show_intervals, show_methods, show_refusals
-from pages.shared.missing import show_missing
-from pages.shared.server import trainings
-from pages.shared.snapshots_showing import show_rows
-from pages.shared.text import left_out, plain
-from pages.shared.workspace import Workspace
+from accpinn.study.comparison import refusals_among
+from pages.ui.compare.charts import choose_follower, show_courses, show_curves, show_estimates
+from pages.ui.compare.fit_records import choose_earlier, show_earlier
+from pages.ui.compare.identifiability import show_telling
+from pages.ui.compare.own import rows_of
+from pages.ui.compare.tables import show_intervals, show_methods, show_refusals
+from pages.ui.compare.verdict import show_verdict
+from pages.ui.compare.waiting import show_busy
+from pages.ui.compare.watch import watch
+from pages.ui.components import frame
+from pages.ui.components.empty_state import show_missing
+from pages.ui.components.text import left_out, plain
+from pages.ui.session.resources import trainings
+from pages.ui.session.workspace import Workspace
+from pages.ui.snapshots.showing import show_rows
 
 
 def main() -> None:

@@ -3,13 +3,13 @@
 import streamlit as st
 
 from accpinn.errors import SnapshotError
-from accpinn.tables.typeset import STYLE
-from pages.shared import frame
-from pages.shared.server import opened, shelf
-from pages.shared.snapshots_comparing import show_both
-from pages.shared.snapshots_listing import banner, choose, listing, show_one
-from pages.shared.snapshots_saving import save_form, show_said, upload_form
-from pages.shared.text import plain
+from accpinn.results.tables.table import STYLE
+from pages.ui.components import frame
+from pages.ui.components.text import plain
+from pages.ui.session.resources import opened, shelf
+from pages.ui.snapshots.comparing import show_both
+from pages.ui.snapshots.listing import banner, choose, listing, show_one
+from pages.ui.snapshots.saving import save_form, show_said, upload_form
 
 
 def main() -> None:

@@ -6,9 +6,9 @@ from typing import Any
 
 from streamlit.testing.v1 import AppTest
 
-from pages.shared import sessions
-from pages.shared.sources import FIRST_SAMPLE, sample
-from pages.shared.workspace import Workspace
+from pages.ui.data.sources import FIRST_SAMPLE, sample
+from pages.ui.session import registry as sessions
+from pages.ui.session.workspace import Workspace
 
 ROOT = Path(__file__).parent.parent
 HOME = "app.py"

@@ -45,7 +45,7 @@ def fresh_server(
     """A server of its own for a page's test: no sessions, no jobs, an empty store."""
     import streamlit as st  # takes a second, which most tests need not wait
 
-    from pages.shared import server
+    from pages.ui.session import resources as server
 
     monkeypatch.chdir(Path(__file__).parent.parent)
     monkeypatch.setenv("ACCPINN_CACHE", str(tmp_path / "cache"))

@@ -23,7 +23,7 @@ from scipy.integrate import quad
 from scipy.linalg import expm
 from scipy.optimize import brentq, minimize_scalar
 
-from accpinn.cthp import Parameters
+from accpinn.model.cthp import Parameters
 
 
 @dataclass(frozen=True)

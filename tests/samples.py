@@ -6,9 +6,9 @@ from pathlib import Path
 
 import numpy as np
 
-from accpinn.openacc import read
-from accpinn.segment import Segment, cut
-from accpinn.synthetic import load_truth, truth_path
+from accpinn.recordings.openacc import read
+from accpinn.recordings.synthetic import load_truth, truth_path
+from accpinn.segment.window import Segment, cut
 from accpinn.units import FloatArray
 
 FOLDER = Path(__file__).parent.parent / "sample_data"

@@ -4,19 +4,21 @@ from dataclasses import replace
 from functools import cache
 from typing import Any
 
-from accpinn.comparison import compare
-from accpinn.estimators import ESTIMATORS
-from accpinn.fit import Fit
-from accpinn.pinn.config import preset
-from accpinn.pinn.training import train
-from accpinn.segment import Segment
-from accpinn.snapshot import Snapshot, documents, take, to_bytes
-from accpinn.snapshot.archive import contents
-from accpinn.snapshot.file import sealed
-from accpinn.snapshot.schema import MANIFEST, PARTS, SCHEMA
-from accpinn.uncertainty import intervals
+from accpinn.inference.intervals import intervals
+from accpinn.methods.fit import Fit
+from accpinn.methods.pinn.config import preset
+from accpinn.methods.pinn.training import train
+from accpinn.results.snapshot import documents
+from accpinn.results.snapshot.archive import contents
+from accpinn.results.snapshot.content import Snapshot
+from accpinn.results.snapshot.create import take
+from accpinn.results.snapshot.file import sealed, to_bytes
+from accpinn.results.snapshot.schema import MANIFEST, PARTS, SCHEMA
+from accpinn.segment.window import Segment
+from accpinn.study.comparison import compare
 from tests.driving import driven
 from tests.samples import PLATOON, sample
+from tests.support.methods import RIVALS as ESTIMATORS
 
 
 @cache

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import torch
 
-from accpinn.pinn.adam import Adam
+from accpinn.methods.pinn.adam import Adam
 
 SHAPES = ((3, 2), (4,), (2, 3))
 

@@ -6,29 +6,20 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from accpinn.assessment import (
-    Block,
-    TrackingErrors,
-    appraise,
-    blocks_held_out,
-    closed_loop,
-    closed_loop_errors,
-    collisions,
-    held_out_errors,
-    incidents,
-    part,
-    surrogate_errors,
-    tracking_errors,
-    whiteness,
-    without,
-)
-from accpinn.cthp import Parameters, Trajectories
-from accpinn.estimators import ESTIMATORS, least_squares, splines
-from accpinn.fit import Fit
-from accpinn.openacc import read
-from accpinn.segment import Segment, cut
+from accpinn.evaluation.closed_loop import closed_loop, closed_loop_errors, collisions, incidents
+from accpinn.evaluation.cross_validation import Block, blocks_held_out, held_out_errors
+from accpinn.evaluation.errors import TrackingErrors, surrogate_errors, tracking_errors
+from accpinn.evaluation.evaluation import appraise
+from accpinn.evaluation.masking import part, without
+from accpinn.evaluation.whiteness import whiteness
+from accpinn.methods import least_squares, splines
+from accpinn.methods.fit import Fit
+from accpinn.model.cthp import Parameters, Trajectories
+from accpinn.recordings.openacc import read
+from accpinn.segment.window import Segment, cut
 from bench.disturbed import Disturbance, disturbed
 from tests.driving import LAW, MIXED, driven, segment_of
+from tests.support.methods import RIVALS as ESTIMATORS
 
 SAMPLES = Path(__file__).parent.parent / "sample_data"
 TRUTH = tuple(Parameters(*law) for law in MIXED)

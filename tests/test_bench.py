@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from accpinn.cthp import Parameters
-from accpinn.segment import Segment
-from accpinn.synthetic import Driving
-from accpinn.uncertainty import LEVEL
+from accpinn.inference.intervals import LEVEL
+from accpinn.model.cthp import Parameters
+from accpinn.recordings.synthetic import Driving
+from accpinn.segment.window import Segment
 from bench import coverage, departures
 from bench.disturbed import Disturbance, disturbed
 

@@ -16,11 +16,11 @@ from accpinn import __version__
 from accpinn.cli import main
 from accpinn.cli.fit import _Interrupt, _text, describe
 from accpinn.cli.output import print_json, show, table
-from accpinn.cthp import Parameters
-from accpinn.estimators import ESTIMATORS
+from accpinn.methods.store import FOLDER_VARIABLE
+from accpinn.model.cthp import Parameters
 from accpinn.segment.quality import assess
-from accpinn.store import FOLDER_VARIABLE
 from tests.driving import driven
+from tests.support.methods import RIVALS as ESTIMATORS
 
 ROOT = Path(__file__).parent.parent
 STUDY = ROOT / "sample_data" / "synthetic_paper_study.csv"
@@ -476,9 +476,9 @@ def test_an_interrupt_and_a_polite_kill_ask_the_training_to_stop(kind: signal.Si
 
 KILLED = """
 import sys
-from accpinn.cli import main
-from accpinn.pinn import training
-from accpinn.store import Store
+from accpinn.cli import (main)
+from accpinn.methods.pinn import (training)
+from accpinn.methods.store import (Store)
 
 keep = Store.save_state
 

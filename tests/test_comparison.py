@@ -8,19 +8,27 @@ import numpy as np
 import pytest
 
 from accpinn.cli import main
-from accpinn.comparison import METHODS, Row, compare, parse_methods, refusals_among, rows_among
 from accpinn.errors import ConfigError, SegmentError
-from accpinn.estimators import ESTIMATORS, splines
-from accpinn.fit import Outcome
-from accpinn.openacc import read
-from accpinn.pinn.config import FAST, PAPER
-from accpinn.segment import Segment, cut
-from accpinn.synthetic import load_truth, truth_path
-from accpinn.tables.comparison import intervals_table, methods_table
-from accpinn.tables.names import TITLES, method_name
-from accpinn.tables.results import where
-from accpinn.uncertainty import intervals
+from accpinn.inference.intervals import intervals
+from accpinn.methods import splines
+from accpinn.methods.fit import Outcome
+from accpinn.methods.pinn.config import FAST, PAPER
+from accpinn.recordings.openacc import read
+from accpinn.recordings.synthetic import load_truth, truth_path
+from accpinn.results.tables.comparison import intervals_table, methods_table
+from accpinn.results.tables.names import TITLES, method_name
+from accpinn.results.tables.results import where
+from accpinn.segment.window import Segment, cut
+from accpinn.methods.registry import METHODS
+from accpinn.study.comparison import (
+    Row,
+    compare,
+    parse_methods,
+    refusals_among,
+    rows_among,
+)
 from bench.coverage import measure
+from tests.support.methods import RIVALS as ESTIMATORS
 
 SAMPLE = Path(__file__).parent.parent / "sample_data" / "synthetic_vicolungo_like.csv"
 QUICK = ("least-squares", "splines", "recursive")
@@ -37,7 +45,7 @@ def rows(segment: Segment) -> list[Row]:
 
 
 def test_methods_are_named_or_all() -> None:
-    assert parse_methods("all") == METHODS
+    assert parse_methods("all") == tuple(METHODS)
     assert parse_methods("splines, pinn") == ("splines", "pinn")
     with pytest.raises(ConfigError, match="guess"):
         parse_methods("splines,guess")

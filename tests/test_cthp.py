@@ -12,7 +12,7 @@ from hypothesis.extra.numpy import arrays
 from scipy.integrate import solve_ivp
 from scipy.optimize import lsq_linear, nnls
 
-from accpinn.cthp import (
+from accpinn.model.cthp import (
     LINEAR_NAMES,
     LinearSolution,
     Parameters,

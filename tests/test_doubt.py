@@ -7,17 +7,18 @@ from typing import Any
 import numpy as np
 import pytest
 
-from accpinn.cthp import Parameters
-from accpinn.estimators import splines
-from accpinn.figures import doubt as figures
-from accpinn.figures.stability import bode, stability_map
-from accpinn.openacc import read
-from accpinn.pinn.config import FAST
-from accpinn.published import LawSet
-from accpinn.segment import cut
-from accpinn.stability import report, response
-from accpinn.tables.doubt import between, stability_doubt_table
-from accpinn.uncertainty import Uncertainty, intervals
+from accpinn.inference.intervals import Uncertainty, intervals
+from accpinn.methods import splines
+from accpinn.methods.pinn.config import FAST
+from accpinn.model.cthp import Parameters
+from accpinn.model.published import LawSet
+from accpinn.recordings.openacc import read
+from accpinn.results.figures import uncertainty as figures
+from accpinn.results.figures.stability import bode, stability_map
+from accpinn.results.tables.uncertainty import between, stability_doubt_table
+from accpinn.segment.window import cut
+from accpinn.stability.frequency import response
+from accpinn.stability.report import report
 from tests.apptest import STABILITY, everything, open_page, with_sample
 
 ROOT = Path(__file__).parent.parent

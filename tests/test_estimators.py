@@ -10,14 +10,15 @@ import pytest
 from scipy.interpolate import make_lsq_spline
 from scipy.optimize import minimize
 
-from accpinn.assessment import surrogate_errors
-from accpinn.cthp import Case
 from accpinn.errors import SegmentError
-from accpinn.estimators import ESTIMATORS, least_squares, simulation, splines
-from accpinn.fit import Fit, Outcome
-from accpinn.openacc import read
-from accpinn.segment import Segment, cut
+from accpinn.evaluation.errors import surrogate_errors
+from accpinn.methods import least_squares, simulation, splines
+from accpinn.methods.fit import Fit, Outcome
+from accpinn.model.cthp import Case
+from accpinn.recordings.openacc import read
+from accpinn.segment.window import Segment, cut
 from tests.driving import LAW, MIXED, driven, segment_of, standing_still
+from tests.support.methods import RIVALS as ESTIMATORS
 
 Estimator = Callable[[Segment, Case], Fit]
 

@@ -13,13 +13,13 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from accpinn.cthp import Case, Parameters, simulate
-from accpinn.estimators import dual_ukf, filtering, particle, recursive
-from accpinn.estimators.filtering import Platoon, State, move
-from accpinn.estimators.unscented import Unscented
-from accpinn.fit import Fit, Outcome
-from accpinn.openacc import read
-from accpinn.segment import Segment, cut
+from accpinn.methods import dual_ukf, filtering, particle, recursive
+from accpinn.methods.filtering import Platoon, State, move
+from accpinn.methods.fit import Fit, Outcome
+from accpinn.methods.unscented import Unscented
+from accpinn.model.cthp import Case, Parameters, simulate
+from accpinn.recordings.openacc import read
+from accpinn.segment.window import Segment, cut
 from tests.driving import LAW, MIXED, driven, segment_of, standing_still
 from tests.samples import NOISE_FREE, NOISY, PLATOON, sample
 

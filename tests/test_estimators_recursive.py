@@ -5,11 +5,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from accpinn.cthp import regressors
-from accpinn.estimators import recursive, splines
-from accpinn.estimators.online import COURSE_EVERY, course
-from accpinn.openacc import read
-from accpinn.segment import Segment, cut
+from accpinn.methods import recursive, splines
+from accpinn.methods.online import COURSE_EVERY, course
+from accpinn.model.cthp import regressors
+from accpinn.recordings.openacc import read
+from accpinn.segment.window import Segment, cut
 from tests.driving import LAW, MIXED, driven, segment_of, standing_still
 from tests.samples import NOISE_FREE, NOISY, PLATOON, sample
 

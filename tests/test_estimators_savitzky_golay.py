@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from accpinn.estimators import least_squares, savitzky_golay
+from accpinn.methods import least_squares, savitzky_golay
 from tests.driving import LAW, driven, segment_of
 from tests.samples import NOISE_FREE, NOISY, PLATOON, sample
 

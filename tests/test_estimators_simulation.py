@@ -5,14 +5,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from accpinn.assessment import closed_loop_errors, tracking_errors
-from accpinn.cthp import Parameters, simulate
 from accpinn.errors import SegmentError
-from accpinn.estimators import least_squares, simulation, splines
-from accpinn.estimators.chain import Chain, chains
-from accpinn.fit import Fit, Outcome
-from accpinn.openacc import read
-from accpinn.segment import Segment, cut
+from accpinn.evaluation.closed_loop import closed_loop_errors
+from accpinn.evaluation.errors import tracking_errors
+from accpinn.methods import least_squares, simulation, splines
+from accpinn.methods.chain import Chain, chains
+from accpinn.methods.fit import Fit, Outcome
+from accpinn.model.cthp import Parameters, simulate
+from accpinn.recordings.openacc import read
+from accpinn.segment.window import Segment, cut
 from tests.driving import LAW, MIXED, driven, segment_of, standing_still
 from tests.samples import NOISE_FREE, NOISY, PLATOON, sample
 

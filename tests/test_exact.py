@@ -8,13 +8,13 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
-from accpinn.cthp import Case, regressors
-from accpinn.pinn.columns import output_columns
-from accpinn.pinn.config import PinnConfig
-from accpinn.pinn.exact import Moments, solve_output, solve_parameters
-from accpinn.pinn.fast import FastTraining
-from accpinn.pinn.loss import loss_terms
-from accpinn.pinn.recipe import Problem
+from accpinn.methods.pinn.config import PinnConfig
+from accpinn.methods.pinn.fast import FastTraining
+from accpinn.methods.pinn.loss import loss_terms
+from accpinn.methods.pinn.output_layout import output_columns
+from accpinn.methods.pinn.protocol import Problem
+from accpinn.methods.pinn.variable_projection import Moments, solve_output, solve_parameters
+from accpinn.model.cthp import Case, regressors
 from accpinn.units import FloatArray
 from tests.driving import LAW, MIXED, driven
 

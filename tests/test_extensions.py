@@ -6,12 +6,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from accpinn.cthp import Parameters
-from accpinn.identifiability import Extension, better, extensions
-from accpinn.openacc import read
-from accpinn.seconds import per_second
-from accpinn.segment import Segment, cut
-from accpinn.tables.extensions import NAMES, extensions_table
+from accpinn.inference.model_adequacy import Extension, better, extensions
+from accpinn.methods.one_second_means import per_second
+from accpinn.model.cthp import Parameters
+from accpinn.recordings.openacc import read
+from accpinn.results.tables.model_adequacy import NAMES, extensions_table
+from accpinn.segment.window import Segment, cut
 from bench.disturbed import Disturbance, disturbed
 
 LAW = Parameters(0.1, 0.3, 1.2)

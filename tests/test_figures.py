@@ -15,18 +15,21 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from accpinn.cthp import Parameters, Trajectories
-from accpinn.figures import comparison as comparison_figures
-from accpinn.figures import recording as recording_figures
-from accpinn.figures import style, training
-from accpinn.figures.platoon import cast_of, profiles
-from accpinn.figures.stability import bode, stability_map
-from accpinn.fit import Course, History
-from accpinn.openacc import Recording, read
-from accpinn.platoon import Sinusoid, simulate
-from accpinn.published import CASALE
-from accpinn.segment import Segment, Window, cut
-from accpinn.stability import report as stability_report
+from accpinn.methods.fit import Course, History
+from accpinn.model.cthp import Parameters, Trajectories
+from accpinn.model.published import CASALE
+from accpinn.platoon.leader import Sinusoid
+from accpinn.platoon.simulation import simulate
+from accpinn.recordings.openacc import read
+from accpinn.recordings.recording import Recording
+from accpinn.results.figures import comparison as comparison_figures
+from accpinn.results.figures import recording as recording_figures
+from accpinn.results.figures import style, training
+from accpinn.results.figures.platoon import cast_of, profiles
+from accpinn.results.figures.stability import bode, stability_map
+from accpinn.segment.missing import Window
+from accpinn.segment.window import Segment, cut
+from accpinn.stability.report import report as stability_report
 from tests.openacc_files import csv, metadata, platoon
 
 ROOT = Path(__file__).parent.parent

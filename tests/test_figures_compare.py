@@ -5,17 +5,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from accpinn.assessment import closed_loop
-from accpinn.comparison import Earlier, differences
-from accpinn.cthp import Parameters
-from accpinn.estimators import least_squares, recursive, splines
-from accpinn.figures import comparison as figures
-from accpinn.figures.style import FOLLOWERS
-from accpinn.fit import Fit
-from accpinn.identifiability import INCREASE, profiles
-from accpinn.segment import Segment
-from accpinn.tables.earlier import earlier_table, title
-from accpinn.uncertainty import Uncertainty, intervals
+from accpinn.evaluation.closed_loop import closed_loop
+from accpinn.inference.intervals import Uncertainty, intervals
+from accpinn.inference.profiles import INCREASE, profiles
+from accpinn.methods import least_squares, recursive, splines
+from accpinn.methods.fit import Fit
+from accpinn.model.cthp import Parameters
+from accpinn.results.figures import comparison as figures
+from accpinn.results.figures.style import FOLLOWERS
+from accpinn.results.tables.fit_records import earlier_table, title
+from accpinn.segment.window import Segment
+from accpinn.study.comparison import Earlier, differences
 from tests.samples import NOISY, PLATOON, sample
 
 

@@ -10,16 +10,18 @@ import numpy as np
 import plotly.graph_objects as go
 import pytest
 
-from accpinn.cthp import Parameters
 from accpinn.errors import ParameterError
-from accpinn.figures import platoon as figures_platoon
-from accpinn.figures import stability as figures_stability
-from accpinn.figures import wave
-from accpinn.figures.style import FOLLOWERS, LEADER, SERIES, with_legend
-from accpinn.platoon import Brake, PlatoonRun, Recorded, Sinusoid, SpeedStep, simulate
-from accpinn.published import ASTAZERO, CASALE, PUBLISHED, VICOLUNGO, LawSet, law_set
-from accpinn.stability import StabilityReport, report, response
-from accpinn.tables.stability import stability_table
+from accpinn.model.cthp import Parameters
+from accpinn.model.published import ASTAZERO, CASALE, PUBLISHED, VICOLUNGO, LawSet, law_set
+from accpinn.platoon.leader import Brake, Recorded, Sinusoid, SpeedStep
+from accpinn.platoon.simulation import PlatoonRun, simulate
+from accpinn.results.figures import platoon as figures_platoon
+from accpinn.results.figures import stability as figures_stability
+from accpinn.results.figures import wave
+from accpinn.results.figures.style import FOLLOWERS, LEADER, SERIES, with_legend
+from accpinn.results.tables.stability import stability_table
+from accpinn.stability.frequency import response
+from accpinn.stability.report import StabilityReport, report
 from tests.references_stability import TABLE
 
 CALM = Parameters(0.05, 0.6, 1.8)

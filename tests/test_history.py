@@ -7,9 +7,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from accpinn.fit import History, Progress
-from accpinn.pinn import history
-from accpinn.pinn.history import Recorder
+from accpinn.methods.fit import History, Progress
+from accpinn.methods.pinn import history
+from accpinn.methods.pinn.history import Recorder
 
 
 def moment(iteration: int) -> Progress:

@@ -65,7 +65,7 @@ MODULES = {module_name(path): path for path in CORE}
 
 
 def room(module: str) -> str:
-    """accpinn.pinn.loss -> pinn; the package itself has no room."""
+    """accpinn.methods.pinn.loss -> pinn; the package itself has no room."""
     return module.partition(".")[2].partition(".")[0]
 
 

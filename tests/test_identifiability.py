@@ -9,18 +9,19 @@ import pytest
 from scipy.optimize import nnls
 
 from accpinn.cli import main
-from accpinn.cthp import Case, Parameters
 from accpinn.errors import ConfigError
-from accpinn.estimators import least_squares
-from accpinn.fit import Outcome
-from accpinn.identifiability import INCREASE, WIDE, identifiable, profile, profiles, starts
-from accpinn.identifiability.starts import Trial, gather
-from accpinn.openacc import read
-from accpinn.pinn.config import STARTS, preset
-from accpinn.regression import Regression
-from accpinn.segment import Segment, cut
-from accpinn.tables.starts import starts_table
-from accpinn.uncertainty import intervals
+from accpinn.inference.identifiability import WIDE, identifiable
+from accpinn.inference.intervals import intervals
+from accpinn.inference.multistart import Trial, gather, starts
+from accpinn.inference.profiles import INCREASE, profile, profiles
+from accpinn.methods import least_squares
+from accpinn.methods.fit import Outcome
+from accpinn.methods.pinn.config import STARTS, preset
+from accpinn.methods.regression import Regression
+from accpinn.model.cthp import Case, Parameters
+from accpinn.recordings.openacc import read
+from accpinn.results.tables.multistart import starts_table
+from accpinn.segment.window import Segment, cut
 from bench.disturbed import Disturbance, disturbed
 from tests.driving import LAW, MIXED, driven, segment_of, standing_still
 

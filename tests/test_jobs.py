@@ -11,15 +11,18 @@ from typing import Any
 import numpy as np
 import pytest
 
-from accpinn.cthp import Parameters
 from accpinn.errors import ConfigError
-from accpinn.fit import Fit, History, Outcome, Progress
-from accpinn.jobs import KEPT_FOR, KEPT_JOBS, Job, Means, Series, Status, Trainings
-from accpinn.openacc import read
-from accpinn.pinn.config import FAST, PAPER, PinnConfig
-from accpinn.pinn.request import request_keys
-from accpinn.segment import Segment, cut
-from accpinn.store import Store
+from accpinn.methods.fit import Fit, History, Outcome, Progress
+from accpinn.methods.pinn.config import FAST, PAPER, PinnConfig
+from accpinn.methods.pinn.request import request_keys
+from accpinn.methods.store import Store
+from accpinn.model.cthp import Parameters
+from accpinn.recordings.openacc import read
+from accpinn.segment.window import Segment, cut
+from accpinn.tasks.job import Job
+from accpinn.tasks.queue import KEPT_FOR, KEPT_JOBS, Trainings
+from accpinn.tasks.series import Means, Series
+from accpinn.tasks.task import Status
 from tests.openacc_files import csv, platoon
 
 WAIT = 20.0
@@ -394,7 +397,7 @@ def test_the_disk_is_read_while_others_may_ask(
 def test_a_library_that_cannot_be_loaded_fails_the_job_with_a_sentence(
     segment: Segment, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setitem(sys.modules, "accpinn.pinn.training", None)
+    monkeypatch.setitem(sys.modules, "accpinn.methods.pinn.training", None)
     trainings = Trainings(threads=1)
     job = finished(trainings.submit("ann", segment, "II", FAST))
     trainings.close()

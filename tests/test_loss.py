@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 import torch
 
-from accpinn.pinn.columns import stack_outputs
-from accpinn.pinn.config import PinnConfig
-from accpinn.pinn.loss import loss_terms
+from accpinn.methods.pinn.config import PinnConfig
+from accpinn.methods.pinn.loss import loss_terms
+from accpinn.methods.pinn.output_layout import stack_outputs
 
 WEIGHTED = PinnConfig(weight_physics=(2.0, 0.5), weight_initial=1.5, weight_data=(3.0, 0.7))
 

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from accpinn.errors import SegmentError
-from accpinn.pinn.config import PinnConfig, preset
-from accpinn.pinn.memory import require_memory
-from accpinn.pinn.training import train
-from accpinn.segment import Segment
+from accpinn.methods.pinn.config import PinnConfig, preset
+from accpinn.methods.pinn.memory import require_memory
+from accpinn.methods.pinn.training import train
+from accpinn.segment.window import Segment
 from tests.driving import segment_of
 
 

@@ -4,13 +4,9 @@ import numpy as np
 import pytest
 import torch
 
-from accpinn.pinn.columns import output_columns, stack_outputs
-from accpinn.pinn.features import FourierFeatures
-from accpinn.pinn.network import (
-    HiddenLayers,
-    PaperNetwork,
-    count_weights,
-)
+from accpinn.methods.pinn.features import FourierFeatures
+from accpinn.methods.pinn.network import HiddenLayers, PaperNetwork, count_weights
+from accpinn.methods.pinn.output_layout import output_columns, stack_outputs
 
 DOUBLE = torch.float64
 

@@ -11,8 +11,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from accpinn.errors import RecordingError
-from accpinn.openacc import Mode, Recording, read
-from accpinn.openacc.checks import agreement
+from accpinn.recordings.checks import agreement
+from accpinn.recordings.openacc import read
+from accpinn.recordings.recording import Mode, Recording
 from tests.openacc_files import csv, metadata, platoon
 
 

@@ -9,12 +9,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from accpinn.cthp import Parameters
-from accpinn.estimators import least_squares, splines
-from accpinn.fit import Fit, Outcome
-from accpinn.packing import Arrays, pack_fit, unpack_fit
-from accpinn.pinn.config import preset
-from accpinn.pinn.training import train
+from accpinn.methods import least_squares, splines
+from accpinn.methods.fit import Fit, Outcome
+from accpinn.methods.packing import Arrays, pack_fit, unpack_fit
+from accpinn.methods.pinn.config import preset
+from accpinn.methods.pinn.training import train
+from accpinn.model.cthp import Parameters
 from tests.driving import MIXED, driven
 
 FITS = {

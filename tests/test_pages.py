@@ -8,18 +8,24 @@ import numpy as np
 import pytest
 from streamlit.testing.v1 import AppTest
 
-from accpinn.cthp import Parameters, Trajectories
-from accpinn.estimators import least_squares
-from accpinn.jobs import Job, Request, Status, Trainings
-from accpinn.openacc import Recording, read
-from accpinn.pinn.config import preset
-from accpinn.segment import Segment, Window
-from pages.shared import sessions, sources, workspace
-from pages.shared.choosing import window_of
-from pages.shared.server import trainings
-from pages.shared.sessions import KEPT_FOR, KEPT_WORKSPACES, Workspaces
-from pages.shared.text import bullets, lasting, plain
-from pages.shared.workspace import Workspace
+from accpinn.methods import least_squares
+from accpinn.methods.pinn.config import preset
+from accpinn.model.cthp import Parameters, Trajectories
+from accpinn.recordings.openacc import read
+from accpinn.recordings.recording import Recording
+from accpinn.segment.missing import Window
+from accpinn.segment.window import Segment
+from accpinn.tasks.job import Job, Request
+from accpinn.tasks.queue import Trainings
+from accpinn.tasks.task import Status
+from pages.ui.components.text import bullets, lasting, plain
+from pages.ui.data import sources
+from pages.ui.data.window_picker import window_of
+from pages.ui.session import registry as sessions
+from pages.ui.session import workspace
+from pages.ui.session.registry import KEPT_FOR, KEPT_WORKSPACES, Workspaces
+from pages.ui.session.resources import trainings
+from pages.ui.session.workspace import Workspace
 from tests.apptest import (
     COMPARE,
     DATA,

@@ -5,21 +5,23 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from accpinn.assessment.driving import ALONE
-from accpinn.comparison import METHODS, Refusal, Row, compare, row_of
 from accpinn.errors import SegmentError
-from accpinn.estimators import least_squares
-from accpinn.fit import Outcome
-from accpinn.jobs import Series, Status
-from accpinn.pinn.config import FAST, PAPER
-from accpinn.segment import Segment, Window
-from pages.shared import server
-from pages.shared.compare_charts import picked_name
-from pages.shared.compare_own import rows_of
-from pages.shared.compare_verdict import collision_lines, incidents, verdict
-from pages.shared.sources import FIRST_SAMPLE, sample
-from pages.shared.text import plain
-from pages.shared.workspace import KEPT_RUNS, Workspace
+from accpinn.evaluation.closed_loop import ALONE
+from accpinn.methods import least_squares
+from accpinn.methods.fit import Outcome
+from accpinn.methods.pinn.config import FAST, PAPER
+from accpinn.segment.missing import Window
+from accpinn.segment.window import Segment
+from accpinn.study.comparison import METHODS, Refusal, Row, compare, row_of
+from accpinn.tasks.series import Series
+from accpinn.tasks.task import Status
+from pages.ui.compare.charts import picked_name
+from pages.ui.compare.own import rows_of
+from pages.ui.compare.verdict import collision_lines, incidents, verdict
+from pages.ui.components.text import plain
+from pages.ui.data.sources import FIRST_SAMPLE, sample
+from pages.ui.session import resources as server
+from pages.ui.session.workspace import KEPT_RUNS, Workspace
 from tests.apptest import COMPARE, WAIT, everything, open_page, texts, with_sample
 from tests.driving import MIXED, driven
 

@@ -6,25 +6,21 @@ from typing import Any
 import pytest
 from streamlit.testing.v1 import AppTest
 
-from accpinn.fit import Outcome
-from accpinn.jobs import Status
-from accpinn.openacc import Recording
-from accpinn.pinn.config import PAPER, preset
-from accpinn.pinn.training import train
-from accpinn.pinn.warm import Warm
-from accpinn.snapshot import Snapshot
-from accpinn.snapshot.shelf import Shelf
-from pages.shared import sessions
-from pages.shared.laws import laws_of
-from pages.shared.server import shelf, trainings
-from pages.shared.settings import chosen_config
-from pages.shared.snapshots_comparing import (
-    differing_settings,
-    other_vehicles,
-    parameter_differences,
-)
-from pages.shared.sources import FIRST_SAMPLE, sample
-from pages.shared.workspace import Workspace
+from accpinn.methods.fit import Outcome
+from accpinn.methods.pinn.config import PAPER, preset
+from accpinn.methods.pinn.training import train
+from accpinn.methods.pinn.warm_start import Warm
+from accpinn.recordings.recording import Recording
+from accpinn.results.snapshot.content import Snapshot
+from accpinn.results.snapshot.library import Shelf
+from accpinn.tasks.task import Status
+from pages.ui.components.parameter_picker import laws_of
+from pages.ui.data.sources import FIRST_SAMPLE, sample
+from pages.ui.session import registry as sessions
+from pages.ui.session.resources import shelf, trainings
+from pages.ui.session.workspace import Workspace
+from pages.ui.snapshots.comparing import differing_settings, other_vehicles, parameter_differences
+from pages.ui.train.settings import chosen_config
 from tests.apptest import (
     COMPARE,
     DATA,

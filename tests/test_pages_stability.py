@@ -12,22 +12,22 @@ from hypothesis import given
 from hypothesis import strategies as some
 from streamlit.testing.v1 import AppTest
 
-from accpinn.cthp import Parameters
 from accpinn.errors import ParameterError
-from accpinn.estimators import least_squares
-from accpinn.fit import Outcome
-from accpinn.jobs import Status
-from accpinn.published import ASTAZERO, CASALE, law_set
-from accpinn.segment import Window
-from accpinn.snapshot import take
-from accpinn.stability import report
-from accpinn.uncertainty import Interval
-from pages.shared.platoon_order import parse_order
-from pages.shared.server import shelf
-from pages.shared.stability_certainty import certainty
-from pages.shared.stability_charts import clicked_point
-from pages.shared.stability_words import headline
-from pages.shared.workspace import Workspace
+from accpinn.inference.intervals import Interval
+from accpinn.methods import least_squares
+from accpinn.methods.fit import Outcome
+from accpinn.model.cthp import Parameters
+from accpinn.model.published import ASTAZERO, CASALE, law_set
+from accpinn.results.snapshot.create import take
+from accpinn.segment.missing import Window
+from accpinn.stability.report import report
+from accpinn.tasks.task import Status
+from pages.ui.platoon.order import parse_order
+from pages.ui.session.resources import shelf
+from pages.ui.session.workspace import Workspace
+from pages.ui.stability.certainty import certainty
+from pages.ui.stability.charts import clicked_point
+from pages.ui.stability.views import headline
 from tests.apptest import PLATOON, STABILITY, figures, open_page, texts, with_sample, workspace_of
 
 pytestmark = pytest.mark.usefixtures("fresh_server")

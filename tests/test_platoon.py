@@ -10,21 +10,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
-from accpinn import cthp
-from accpinn.cthp import Parameters
 from accpinn.errors import ParameterError
-from accpinn.platoon import (
-    SETTLED,
-    Brake,
-    Leader,
-    PlatoonRun,
-    Recorded,
-    Sinusoid,
-    SpeedStep,
-    simulate,
-)
-from accpinn.published import CASALE
-from accpinn.stability import report, response
+from accpinn.model import cthp
+from accpinn.model.cthp import Parameters
+from accpinn.model.published import CASALE
+from accpinn.platoon.amplitude import SETTLED
+from accpinn.platoon.leader import Brake, Leader, Recorded, Sinusoid, SpeedStep
+from accpinn.platoon.simulation import PlatoonRun, simulate
+from accpinn.stability.frequency import response
+from accpinn.stability.report import report
 from accpinn.units import FloatArray
 
 # Apostolakis and Ampountolas, IEEE TVT 2024, Table III, AstaZero.

@@ -6,10 +6,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from accpinn.cthp import Parameters, simulate
-from accpinn.openacc import read
-from accpinn.segment import Segment, cut
+from accpinn.model.cthp import Parameters, simulate
+from accpinn.recordings.openacc import read
 from accpinn.segment.quality import assess, time_gaps
+from accpinn.segment.window import Segment, cut
 
 
 def made(speeds: np.ndarray, gaps: np.ndarray) -> Segment:

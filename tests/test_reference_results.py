@@ -12,15 +12,16 @@ from functools import cache
 import numpy as np
 import pytest
 
-from accpinn.assessment import closed_loop_errors, surrogate_errors
-from accpinn.cthp import Case, Parameters
-from accpinn.estimators import simulation, splines
-from accpinn.fit import Fit
-from accpinn.openacc import read
-from accpinn.pinn.config import preset
-from accpinn.pinn.training import train
-from accpinn.segment import Segment, cut
-from accpinn.stability import report
+from accpinn.evaluation.closed_loop import closed_loop_errors
+from accpinn.evaluation.errors import surrogate_errors
+from accpinn.methods import simulation, splines
+from accpinn.methods.fit import Fit
+from accpinn.methods.pinn.config import preset
+from accpinn.methods.pinn.training import train
+from accpinn.model.cthp import Case, Parameters
+from accpinn.recordings.openacc import read
+from accpinn.segment.window import Segment, cut
+from accpinn.stability.report import report
 
 RECORDINGS = {
     "Casale": ("Casale/part7.csv", 0.0),

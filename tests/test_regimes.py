@@ -9,20 +9,21 @@ import pandas as pd
 import pytest
 import torch
 
-from accpinn.assessment.hidden import part
-from accpinn.cthp import Case, Parameters, simulate
 from accpinn.errors import SegmentError
-from accpinn.estimators import ESTIMATORS
-from accpinn.figures.recording import overview
-from accpinn.figures.regimes import key, ribbons
-from accpinn.fit import Fit
-from accpinn.openacc import Mode, Recording, read
-from accpinn.pinn.config import FAST, preset
-from accpinn.pinn.fast import FastTraining
-from accpinn.pinn.paper import PaperTraining
-from accpinn.pinn.recipe import Problem
-from accpinn.pinn.training import train
-from accpinn.segment import Segment, Window, cut
+from accpinn.evaluation.masking import part
+from accpinn.inference.intervals import intervals
+from accpinn.methods.fit import Fit
+from accpinn.methods.pinn.config import FAST, preset
+from accpinn.methods.pinn.fast import FastTraining
+from accpinn.methods.pinn.paper import PaperTraining
+from accpinn.methods.pinn.protocol import Problem
+from accpinn.methods.pinn.training import train
+from accpinn.model.cthp import Case, Parameters, simulate
+from accpinn.recordings.openacc import read
+from accpinn.recordings.recording import Mode, Recording
+from accpinn.results.figures.recording import overview
+from accpinn.results.figures.regimes import key, ribbons
+from accpinn.segment.missing import Window
 from accpinn.segment.regimes import (
     CATCHING_UP,
     FOLLOWING,
@@ -33,10 +34,11 @@ from accpinn.segment.regimes import (
     label,
     leave_out,
 )
-from accpinn.uncertainty import intervals
+from accpinn.segment.window import Segment, cut
 from accpinn.units import FloatArray
 from tests.driving import leader_speed
 from tests.openacc_files import STEP, csv, metadata
+from tests.support.methods import RIVALS as ESTIMATORS
 
 LAWS = (Parameters(0.08, 0.12, 1.5), Parameters(0.11, 0.30, 1.2))
 ANOTHER = Parameters(0.3, 0.0, 2.5)

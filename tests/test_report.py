@@ -14,13 +14,14 @@ import numpy as np
 import pytest
 
 from accpinn.cli import main
-from accpinn.cthp import Parameters
-from accpinn.fit import Outcome
-from accpinn.report import report
-from accpinn.report.pictures import fits, motion
-from accpinn.report.words import about_data, summary, title
-from accpinn.snapshot import check, load, save
-from accpinn.snapshot.taking import stability as judged
+from accpinn.methods.fit import Outcome
+from accpinn.model.cthp import Parameters
+from accpinn.results.report.page import report
+from accpinn.results.report.pictures import fits, motion
+from accpinn.results.report.summary import about_data, summary, title
+from accpinn.results.snapshot.checking import check
+from accpinn.results.snapshot.create import stability as judged
+from accpinn.results.snapshot.file import load, save
 from tests.samples import FOLDER, PLATOON
 from tests.snapshots import small, whole
 

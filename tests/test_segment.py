@@ -9,17 +9,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from accpinn.errors import AccpinnError, SegmentError
-from accpinn.openacc import Recording, read
-from accpinn.runs import Run, runs
-from accpinn.segment import (
-    Segment,
-    Window,
-    complete_windows,
-    cut,
-    default_vehicles,
-    parse_vehicles,
-)
-from accpinn.segment.selection import chains
+from accpinn.mask import Run, runs
+from accpinn.recordings.openacc import read
+from accpinn.recordings.recording import Recording
+from accpinn.segment.missing import Window, complete_windows
+from accpinn.segment.vehicles import chains, default_vehicles, parse_vehicles
+from accpinn.segment.window import Segment, cut
 from tests.openacc_files import csv, metadata, platoon
 
 

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from accpinn.cli import main
-from accpinn.openacc import read
-from accpinn.segment import cut
+from accpinn.recordings.openacc import read
+from accpinn.results.tables.regimes import regimes_table, sensitivity_table
 from accpinn.segment.regimes import label
-from accpinn.sensitivity import CHOICES, METHODS, Row, sensitivity
-from accpinn.tables.regimes import regimes_table, sensitivity_table
+from accpinn.segment.window import cut
+from accpinn.study.sensitivity import CHOICES, COMPARED as METHODS, Row, sensitivity
 from tests.driving import LAW, driven
 
 STUDY = Path(__file__).parent.parent / "sample_data" / "synthetic_paper_study.csv"

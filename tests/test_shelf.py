@@ -10,8 +10,9 @@ from pathlib import Path
 import pytest
 
 from accpinn.errors import SnapshotError
-from accpinn.snapshot import Snapshot, to_bytes
-from accpinn.snapshot.shelf import Shelf
+from accpinn.results.snapshot.content import Snapshot
+from accpinn.results.snapshot.file import to_bytes
+from accpinn.results.snapshot.library import Shelf
 from tests.snapshots import small, small_bytes
 
 
@@ -157,7 +158,7 @@ def test_a_saving_that_fails_half_way_leaves_the_old_file(
     def no_room(*_: object) -> None:
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr("accpinn.snapshot.file.os.replace", no_room)
+    monkeypatch.setattr("accpinn.results.snapshot.file.os.replace", no_room)
     with pytest.raises(SnapshotError, match="No space left"):
         shelf.add(named("another"))
     monkeypatch.undo()
@@ -167,7 +168,7 @@ def test_a_saving_that_fails_half_way_leaves_the_old_file(
 
 def test_two_processes_that_save_at_once_lose_nothing(shelf: Shelf, tmp_path: Path) -> None:
     code = (
-        "import sys; from pathlib import Path; from accpinn.snapshot.shelf import Shelf\n"
+        "import sys; from pathlib import Path; from accpinn.results.snapshot.library import Shelf\n"
         "shelf = Shelf(Path(sys.argv[1]))\n"
         "for name in sys.argv[2:]: shelf.add(Path(name).read_bytes())\n"
     )

@@ -12,32 +12,34 @@ from typing import Any
 import numpy as np
 import pytest
 
-from accpinn.assessment import held_out_errors
 from accpinn.cli import main
-from accpinn.cthp import Case, Parameters
 from accpinn.errors import SnapshotError
-from accpinn.estimators import ESTIMATORS
-from accpinn.fit import Outcome
-from accpinn.openacc import read
-from accpinn.pinn.config import preset
-from accpinn.pinn.training import train
-from accpinn.segment import cut
+from accpinn.evaluation.cross_validation import held_out_errors
+from accpinn.methods.fit import Outcome
+from accpinn.methods.pinn.config import preset
+from accpinn.methods.pinn.training import train
+from accpinn.model.cthp import Case, Parameters
+from accpinn.recordings.openacc import read
+from accpinn.results.snapshot.archive import contents
+from accpinn.results.snapshot.checking import REFIT, check, verify
+from accpinn.results.snapshot.codec import encode
+from accpinn.results.snapshot.content import Snapshot
+from accpinn.results.snapshot.create import take
+from accpinn.results.snapshot.file import load, save, sealed, to_bytes
+from accpinn.results.snapshot.schema import ATTRIBUTION, MANIFEST, PARTS, SCHEMA
 from accpinn.segment.regimes import label, leave_out
-from accpinn.snapshot import Snapshot, check, load, save, take, to_bytes, verify
-from accpinn.snapshot.archive import contents
-from accpinn.snapshot.checking import REFIT
-from accpinn.snapshot.codec import encode
-from accpinn.snapshot.file import sealed
-from accpinn.snapshot.schema import ATTRIBUTION, MANIFEST, PARTS, SCHEMA
+from accpinn.segment.window import cut
 from tests.driving import MIXED, driven, standing_still
 from tests.samples import FOLDER, NOISY
 from tests.snapshots import resealed, small, small_bytes, trained, whole
+from tests.support.methods import RIVALS as ESTIMATORS
 
 ROOT = Path(__file__).parent.parent
 
 IN_A_FRESH_PROCESS = """
 import json, sys
-from accpinn.snapshot import check, load
+from accpinn.results.snapshot.checking import (check)
+from accpinn.results.snapshot.file import (load)
 snapshot = load(sys.argv[1])
 laws = [[p.alpha.hex(), p.beta.hex(), p.tau.hex()] for p in snapshot.fit.parameters]
 result = check(snapshot)
@@ -331,7 +333,7 @@ class TestVersions:
 KILLED = """
 import os, signal, sys
 from pathlib import Path
-from accpinn.snapshot import file
+from accpinn.results.snapshot import (file)
 moment = sys.argv[2]
 before = getattr(os, moment)
 def die(*arguments, **options):
@@ -369,7 +371,7 @@ class TestFile:
     def test_concurrent_saves_of_one_name_leave_a_whole_file(self, tmp_path: Path) -> None:
         target = tmp_path / "a.accpinn.zip"
         code = (
-            "import sys\nfrom accpinn.snapshot import load, save\n"
+            "import sys\nfrom accpinn.results.snapshot import load, save\n"
             "snapshot = load(sys.argv[1])\n"
             "for _ in range(20): save(snapshot, sys.argv[2])\n"
         )

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from accpinn.errors import SnapshotError
-from accpinn.snapshot import arrays, load, to_bytes
-from accpinn.snapshot.archive import contents, pack
-from accpinn.snapshot.file import sealed
-from accpinn.snapshot.schema import MANIFEST, PARTS, SCHEMA
+from accpinn.results.snapshot import arrays
+from accpinn.results.snapshot.archive import contents, pack
+from accpinn.results.snapshot.file import load, sealed, to_bytes
+from accpinn.results.snapshot.schema import MANIFEST, PARTS, SCHEMA
 from tests.snapshots import resealed, small_bytes, whole
 
 LONG = "x" * 500_000

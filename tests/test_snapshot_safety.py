@@ -19,10 +19,11 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from accpinn.errors import SnapshotError
-from accpinn.snapshot import arrays, documents, verify
-from accpinn.snapshot.archive import contents, pack
-from accpinn.snapshot.file import sealed
-from accpinn.snapshot.schema import MANIFEST, PARTS, SCHEMA
+from accpinn.results.snapshot import arrays, documents
+from accpinn.results.snapshot.archive import contents, pack
+from accpinn.results.snapshot.checking import verify
+from accpinn.results.snapshot.file import sealed
+from accpinn.results.snapshot.schema import MANIFEST, PARTS, SCHEMA
 from tests.snapshots import small_bytes
 
 ROOT = Path(__file__).parent.parent
@@ -228,8 +229,8 @@ SENTENCES = {
 MEASURED = """
 import json, sys, time
 from pathlib import Path
-from accpinn.errors import SnapshotError
-from accpinn.snapshot import verify
+from accpinn.errors import (SnapshotError)
+from accpinn.results.snapshot.checking import (verify)
 def peak():
     [line] = [line for line in open("/proc/self/status") if line.startswith("VmHWM")]
     return int(line.split()[1]) / 1024

@@ -9,24 +9,19 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from scipy.linalg import expm
 
-from accpinn.cthp import Parameters
 from accpinn.errors import ParameterError
-from accpinn.stability import (
-    MARGINAL,
-    Behaviour,
-    Laws,
-    VehicleStability,
+from accpinn.model.cthp import Parameters
+from accpinn.stability.criteria import MARGINAL, Laws
+from accpinn.stability.frequency import response, slowest_rate, transfer_function
+from accpinn.stability.impulse import impulse_response, swings
+from accpinn.stability.maps import (
     boundaries_over_alpha,
     boundaries_over_beta,
     gains_over_alpha,
     gains_over_beta,
-    impulse_response,
-    report,
-    response,
-    slowest_rate,
-    swings,
-    transfer_function,
 )
+from accpinn.stability.report import VehicleStability, report
+from accpinn.stability.vehicle import Behaviour
 from accpinn.stability.verdicts import factor
 from tests.references_stability import TABLE, Reference, impulse, integral_of_magnitude, row
 

@@ -14,12 +14,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from accpinn.estimators import least_squares
-from accpinn.fit import Fit
-from accpinn.packing import Arrays, pack_fit
-from accpinn.pinn.config import preset
-from accpinn.pinn.training import train
-from accpinn.store import FOLDER_VARIABLE, Say, Store
+from accpinn.methods import least_squares
+from accpinn.methods.fit import Fit
+from accpinn.methods.packing import Arrays, pack_fit
+from accpinn.methods.pinn.config import preset
+from accpinn.methods.pinn.training import train
+from accpinn.methods.store import FOLDER_VARIABLE, Say, Store
 from tests.driving import driven
 
 KEY = "0123abcd"
@@ -311,7 +311,7 @@ class TestDamage:
         assert "larger than" in said[0]
 
     def test_a_bomb_is_not_unpacked(self, store: Store, monkeypatch: pytest.MonkeyPatch) -> None:
-        monkeypatch.setattr("accpinn.store.CAP_BYTES", 1_000_000)
+        monkeypatch.setattr("accpinn.methods.store.CAP_BYTES", 1_000_000)
         np.savez_compressed(store.folder / NAME, weights=np.zeros(1_000_000))
         assert (store.folder / NAME).stat().st_size < 20_000
         monkeypatch.setattr(np, "load", lambda *_, **__: pytest.fail("it was unpacked"))

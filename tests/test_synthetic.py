@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from scipy.signal import savgol_filter
 
-from accpinn import openacc, synthetic
-from accpinn.cthp import Trajectories, regressors, solve_linear
 from accpinn.errors import RecordingError
-from accpinn.synthetic import STUDIES, Noise, Study, Truth
+from accpinn.model.cthp import Trajectories, regressors, solve_linear
+from accpinn.recordings import openacc, synthetic
+from accpinn.recordings.synthetic import STUDIES, Noise, Study, Truth
 from accpinn.units import FloatArray
 
 SAMPLE_DATA = Path(__file__).parent.parent / "sample_data"

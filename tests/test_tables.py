@@ -11,15 +11,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from accpinn.assessment import TrackingErrors
-from accpinn.cthp import Parameters
-from accpinn.fit import Fit, Outcome
-from accpinn.openacc import read
-from accpinn.segment import Segment, cut
+from accpinn.evaluation.errors import TrackingErrors
+from accpinn.inference.intervals import intervals
+from accpinn.methods.fit import Fit, Outcome
+from accpinn.model.cthp import Parameters
+from accpinn.recordings.openacc import read
+from accpinn.results.tables.results import comparison_table, parameter_table, quality_table
+from accpinn.results.tables.table import ABSENT, Column, Table, latex
 from accpinn.segment.quality import assess
-from accpinn.tables.results import comparison_table, parameter_table, quality_table
-from accpinn.tables.typeset import ABSENT, Column, Table, latex
-from accpinn.uncertainty import intervals
+from accpinn.segment.window import Segment, cut
 from tests.openacc_files import csv, metadata, platoon
 
 LAWS = (Parameters(0.01037, 0.07235, 1.52034), Parameters(0.1, 0.2, 1.0))

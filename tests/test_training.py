@@ -11,19 +11,19 @@ from typing import Any
 import numpy as np
 import pytest
 
-from accpinn.assessment import closed_loop_errors
-from accpinn.cthp import Case
 from accpinn.errors import ConfigError
-from accpinn.estimators import splines
-from accpinn.fit import Fit, Outcome, Progress
-from accpinn.openacc import read
-from accpinn.pinn import request, training
-from accpinn.pinn.config import FAST, PAPER, PinnConfig, preset
-from accpinn.pinn.request import begun, forget, request_keys
-from accpinn.pinn.training import train
-from accpinn.segment import Segment, cut
-from accpinn.store import Say, Store
-from accpinn.synthetic import load_truth, truth_path
+from accpinn.evaluation.closed_loop import closed_loop_errors
+from accpinn.methods import splines
+from accpinn.methods.fit import Fit, Outcome, Progress
+from accpinn.methods.pinn import request, training
+from accpinn.methods.pinn.config import FAST, PAPER, PinnConfig, preset
+from accpinn.methods.pinn.request import begun, forget, request_keys
+from accpinn.methods.pinn.training import train
+from accpinn.methods.store import Say, Store
+from accpinn.model.cthp import Case
+from accpinn.recordings.openacc import read
+from accpinn.recordings.synthetic import load_truth, truth_path
+from accpinn.segment.window import Segment, cut
 from tests.driving import LAW, MIXED, driven, segment_of, standing_still
 
 SAMPLES = Path(__file__).parent.parent / "sample_data"

@@ -5,17 +5,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from accpinn.cthp import Parameters
 from accpinn.errors import ConfigError
-from accpinn.estimators import least_squares
-from accpinn.fit import Outcome
-from accpinn.segment import Segment
+from accpinn.inference.instrumental_variables import Equations, instrumented
+from accpinn.inference.intervals import intervals, within
+from accpinn.inference.jackknife import block_length, spread
+from accpinn.inference.sampling import allowed, as_parameters, limits
+from accpinn.methods import least_squares
+from accpinn.methods.fit import Outcome
+from accpinn.model.cthp import Parameters
+from accpinn.segment.window import Segment
 from accpinn.stability.vehicle import numbers
-from accpinn.uncertainty import intervals
-from accpinn.uncertainty.instruments import Equations, instrumented
-from accpinn.uncertainty.intervals import within
-from accpinn.uncertainty.jackknife import block_length, spread
-from accpinn.uncertainty.sampling import allowed, as_parameters, limits
 from bench.disturbed import Disturbance, disturbed
 from tests.driving import LAW, driven, standing_still
 

@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 
 from accpinn.errors import ConfigError
-from accpinn.fit import Fit
-from accpinn.pinn.config import FAST, PAPER, PinnConfig
-from accpinn.pinn.request import request_keys
-from accpinn.pinn.training import train
-from accpinn.pinn.warm import Warm
-from accpinn.segment import Segment
-from accpinn.store import Store
+from accpinn.methods.fit import Fit
+from accpinn.methods.pinn.config import FAST, PAPER, PinnConfig
+from accpinn.methods.pinn.request import request_keys
+from accpinn.methods.pinn.training import train
+from accpinn.methods.pinn.warm_start import Warm
+from accpinn.methods.store import Store
+from accpinn.segment.window import Segment
 from tests.driving import MIXED, driven
 
 PAPER_SHORT = replace(PAPER, iterations=100)

@@ -8,13 +8,21 @@ from typing import Any
 import numpy as np
 from tqdm import tqdm
 
-from accpinn.assessment import TrackingErrors
 from accpinn.cli.fit import add_segment_options, chosen_segment, describe_segment, parameter_rows
 from accpinn.cli.output import print_json, show, table
-from accpinn.comparison import Refusal, Row, compare, parse_methods, refusals_among, rows_among
-from accpinn.identifiability import better, extensions, identifiable
-from accpinn.segment import Segment
-from accpinn.store import Store
+from accpinn.evaluation.errors import TrackingErrors
+from accpinn.inference.identifiability import identifiable
+from accpinn.inference.model_adequacy import better, extensions
+from accpinn.methods.store import Store
+from accpinn.segment.window import Segment
+from accpinn.study.comparison import (
+    Refusal,
+    Row,
+    compare,
+    parse_methods,
+    refusals_among,
+    rows_among,
+)
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:

@@ -10,20 +10,25 @@ from typing import Any
 
 from tqdm import tqdm
 
-from accpinn.assessment import closed_loop, closed_loop_errors, incidents, surrogate_errors
 from accpinn.cli.output import one_line, print_json, show, table
-from accpinn.cthp import Parameters
 from accpinn.errors import ConfigError, SegmentError
-from accpinn.estimators import ESTIMATORS
-from accpinn.fit import Fit, Outcome, Progress
-from accpinn.openacc import Recording, read
-from accpinn.pinn.config import PinnConfig, preset
-from accpinn.segment import DURATION, Segment, cut, parse_vehicles
+from accpinn.evaluation.closed_loop import closed_loop, closed_loop_errors, incidents
+from accpinn.evaluation.errors import surrogate_errors
+from accpinn.methods.fit import Fit, Outcome, Progress
+from accpinn.methods.pinn.config import PinnConfig, preset
+from accpinn.methods.registry import METHODS
+from accpinn.methods.store import Store
+from accpinn.model.cthp import Parameters
+from accpinn.recordings.openacc import read
+from accpinn.recordings.recording import Recording
+from accpinn.results.snapshot.create import check_texts, take
+from accpinn.results.snapshot.file import save
+from accpinn.results.snapshot.writable_path import SNAPSHOT, free_place
 from accpinn.segment.quality import Quality, assess
 from accpinn.segment.regimes import LEFT_OUT_AT_WILL, as_typed, leave_out, parse_regimes
 from accpinn.segment.regimes import label as label_regimes
-from accpinn.snapshot import SNAPSHOT, check_texts, free_place, save, take
-from accpinn.store import Store
+from accpinn.segment.vehicles import parse_vehicles
+from accpinn.segment.window import DURATION, Segment, cut
 
 _OF_THE_PINN = ("preset", "initial", "iterations", "lbfgs", "seed", "threads")
 
@@ -31,7 +36,7 @@ _OF_THE_PINN = ("preset", "initial", "iterations", "lbfgs", "seed", "threads")
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Declare the command's options."""
     add_segment_options(parser)
-    parser.add_argument("--method", choices=["pinn", *ESTIMATORS], default="pinn")
+    parser.add_argument("--method", choices=list(METHODS), default="pinn")
     parser.add_argument("--preset", choices=["fast", "paper"], help="(fast)")
     parser.add_argument("--initial", metavar="A,B,T", help="α,β,τ to start from (1,1,1)")
     parser.add_argument("--iterations", type=int, metavar="N", help="at most so many")
@@ -103,7 +108,7 @@ def run(options: argparse.Namespace) -> int:
     if options.method == "pinn":
         fit = _train(segment, options, config)
     else:
-        fit = ESTIMATORS[options.method](segment, options.case)
+        fit = METHODS[options.method].fit(segment, options.case)
     quality = assess(segment)
     if options.json:
         print_json(describe(segment, fit, quality))
@@ -153,7 +158,7 @@ def _three_numbers(text: str) -> tuple[float, float, float]:
 
 
 def _train(segment: Segment, options: argparse.Namespace, config: PinnConfig) -> Fit:
-    from accpinn.pinn.training import train  # torch takes a second to import
+    from accpinn.methods.pinn.training import train  # torch takes a second to import
 
     store = None if options.no_cache else Store()
     with _Interrupt() as interrupted, _ProgressBar() as bar:

@@ -4,7 +4,8 @@ import argparse
 from typing import Any
 
 from accpinn.cli.output import print_json, show, table
-from accpinn.openacc import Recording, read
+from accpinn.recordings.openacc import read
+from accpinn.recordings.recording import Recording
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:

@@ -5,8 +5,11 @@ from dataclasses import replace
 from pathlib import Path
 
 from accpinn.cli.output import complain, show
-from accpinn.openacc import read
-from accpinn.snapshot import REPORT, SUFFIX, check, free_place, load, recovered, write_whole
+from accpinn.recordings.openacc import read
+from accpinn.results.snapshot.checking import check, recovered
+from accpinn.results.snapshot.file import load, write_whole
+from accpinn.results.snapshot.schema import SUFFIX
+from accpinn.results.snapshot.writable_path import REPORT, free_place
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
@@ -21,7 +24,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Write the page, and say where; 1 when the snapshot does not agree with itself."""
-    from accpinn.report import report  # plotly's script is read from disk
+    from accpinn.results.report.page import report  # plotly's script is read from disk
 
     place = Path(options.out or options.file.removesuffix(SUFFIX) + ".html")
     real = free_place(place, REPORT)

@@ -3,11 +3,12 @@
 import argparse
 from typing import Any
 
-from accpinn.cli.laws import add_law_options, chosen_laws
 from accpinn.cli.output import print_json, show, table
-from accpinn.cthp import Parameters
+from accpinn.cli.parameters import add_law_options, chosen_laws
 from accpinn.errors import ConfigError
-from accpinn.platoon import PlatoonRun, Sinusoid, simulate
+from accpinn.model.cthp import Parameters
+from accpinn.platoon.leader import Sinusoid
+from accpinn.platoon.simulation import PlatoonRun, simulate
 
 MOST_VEHICLES = 100
 

@@ -3,9 +3,11 @@
 import argparse
 from typing import Any
 
-from accpinn.cli.laws import add_law_options, chosen_laws
 from accpinn.cli.output import print_json, show, table
-from accpinn.stability import Peak, StabilityReport, VehicleStability, Verdict, report
+from accpinn.cli.parameters import add_law_options, chosen_laws
+from accpinn.stability.frequency import Peak
+from accpinn.stability.report import StabilityReport, VehicleStability, report
+from accpinn.stability.verdicts import Verdict
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:

@@ -11,10 +11,10 @@ from tqdm import tqdm
 from accpinn.cli.fit import add_segment_options, chosen_segment, describe_segment, parameter_rows
 from accpinn.cli.output import print_json, show, table
 from accpinn.errors import ConfigError
-from accpinn.identifiability import Dispersion, Trial, gather, starts
-from accpinn.pinn.config import STARTS, preset
-from accpinn.segment import Segment
-from accpinn.store import Store
+from accpinn.inference.multistart import Dispersion, Trial, gather, starts
+from accpinn.methods.pinn.config import STARTS, preset
+from accpinn.methods.store import Store
+from accpinn.segment.window import Segment
 
 MOST_SEEDS = 100
 

@@ -4,8 +4,10 @@ import argparse
 from typing import Any
 
 from accpinn.cli.output import print_json, show, table
-from accpinn.openacc import read
-from accpinn.snapshot import Snapshot, Verification, check, load
+from accpinn.recordings.openacc import read
+from accpinn.results.snapshot.checking import Verification, check
+from accpinn.results.snapshot.content import Snapshot
+from accpinn.results.snapshot.file import load
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:

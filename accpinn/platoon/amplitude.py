@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import expm
 
-from accpinn.cthp import Parameters, Trajectories, motion_matrix, orbit
+from accpinn.model.cthp import Parameters, Trajectories, motion_matrix, orbit
 from accpinn.platoon.leader import Sinusoid
 from accpinn.stability.frequency import response, slowest_rate
 from accpinn.units import FloatArray, Seconds, frozen

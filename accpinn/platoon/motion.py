@@ -13,7 +13,7 @@ from itertools import pairwise
 import numpy as np
 from scipy.linalg import expm
 
-from accpinn.cthp import Parameters, motion_matrix, orbit
+from accpinn.model.cthp import Parameters, motion_matrix, orbit
 from accpinn.platoon.leader import Phase
 from accpinn.units import FloatArray
 

@@ -8,9 +8,9 @@ import numpy as np
 
 from accpinn.channels import GAP, SPEED
 from accpinn.errors import SegmentError
-from accpinn.openacc.recording import Recording
-from accpinn.runs import Run, runs
-from accpinn.segment.selection import check_vehicles
+from accpinn.mask import Run, runs
+from accpinn.recordings.recording import Recording
+from accpinn.segment.vehicles import check_vehicles
 from accpinn.units import FloatArray, Seconds
 
 BRIDGE: Seconds = 1.0

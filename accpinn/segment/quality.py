@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from accpinn.cthp import regressors
+from accpinn.model.cthp import regressors
 from accpinn.segment.window import Segment
 from accpinn.units import FloatArray, MetresPerSecond, Seconds
 

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from accpinn.errors import SegmentError
-from accpinn.openacc.recording import Mode, Recording
+from accpinn.recordings.recording import Mode, Recording
 from accpinn.segment.missing import MINIMUM_DURATION
 from accpinn.segment.quality import CAR_FOLLOWING, MOVING, time_gaps
 from accpinn.segment.window import Segment

@@ -9,8 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from accpinn.errors import SegmentError
-from accpinn.openacc.recording import Recording
-from accpinn.runs import Run
+from accpinn.mask import Run
+from accpinn.recordings.recording import Recording
+from accpinn.segment.info import Outline, labels
 from accpinn.segment.missing import (
     BRIDGE,
     MINIMUM_DURATION,
@@ -19,8 +20,7 @@ from accpinn.segment.missing import (
     platoon_data,
     refuse_missing,
 )
-from accpinn.segment.outline import Outline, labels
-from accpinn.segment.selection import check_vehicles, default_vehicles
+from accpinn.segment.vehicles import check_vehicles, default_vehicles
 from accpinn.units import FloatArray, Seconds, frozen
 
 DURATION: Seconds = 300.0

@@ -14,7 +14,7 @@ import numpy as np
 from scipy.linalg import expm
 from scipy.special import gammainccinv
 
-from accpinn.cthp import Parameters, in_blocks, motion_matrix, orbit
+from accpinn.model.cthp import Parameters, in_blocks, motion_matrix, orbit
 from accpinn.stability.criteria import Laws, checked
 from accpinn.stability.frequency import poles, slowest_rate
 from accpinn.stability.head_to_tail import limits

@@ -26,8 +26,8 @@ from typing import Self
 
 import numpy as np
 
-from accpinn.cthp import Parameters
 from accpinn.errors import ParameterError
+from accpinn.model.cthp import Parameters
 from accpinn.units import FloatArray
 
 MARGINAL = 1e-9

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from accpinn.cthp import Parameters
+from accpinn.model.cthp import Parameters
 from accpinn.stability.criteria import Laws, checked, l2_criterion, l2_margin
 from accpinn.units import FloatArray, PerSecond, RadiansPerSecond
 

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from accpinn.cthp import Parameters
+from accpinn.model.cthp import Parameters
 from accpinn.stability.criteria import Laws, l2_criterion
 from accpinn.stability.frequency import Peaks, crossovers, peaks
 from accpinn.units import FloatArray, frozen

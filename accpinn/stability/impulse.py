@@ -22,7 +22,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from accpinn.cthp import Parameters
+from accpinn.model.cthp import Parameters
 from accpinn.stability.criteria import Laws, checked
 from accpinn.stability.frequency import poles
 from accpinn.units import FloatArray

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from accpinn.cthp import Parameters
+from accpinn.model.cthp import Parameters
 from accpinn.stability.criteria import (
     Laws,
     smallest_headway_exact,

@@ -4,19 +4,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from math import isinf, isnan
 
-from accpinn.cthp import Parameters
+from accpinn.model.cthp import Parameters
 from accpinn.stability.cascade import Gains, head_to_tail_gains
 from accpinn.stability.criteria import MARGINAL
 from accpinn.stability.frequency import Peak
 from accpinn.stability.head_to_tail import head_to_tail_peaks
 from accpinn.stability.vehicle import VehicleNumbers, numbers
-from accpinn.stability.verdicts import (
-    Verdict,
-    exact_verdict,
-    factor,
-    l2_verdict,
-    paper_verdict,
-)
+from accpinn.stability.verdicts import Verdict, exact_verdict, factor, l2_verdict, paper_verdict
 
 
 @dataclass(frozen=True)

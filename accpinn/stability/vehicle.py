@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import Enum
 
-from accpinn.cthp import Parameters
+from accpinn.model.cthp import Parameters
 from accpinn.stability.criteria import (
     Laws,
     checked,

@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 from playwright.sync_api import Browser, Page
 
-from accpinn.report import report
-from accpinn.snapshot import Snapshot
+from accpinn.results.report.page import report
+from accpinn.results.snapshot.content import Snapshot
 from tests.browser.running import watched
 from tests.snapshots import whole
 

@@ -7,7 +7,8 @@ from pathlib import Path
 import pytest
 from playwright.sync_api import Download, Locator, Page, expect
 
-from accpinn.snapshot import Snapshot, load, to_bytes
+from accpinn.results.snapshot.content import Snapshot
+from accpinn.results.snapshot.file import load, to_bytes
 from tests.browser.conftest import Open
 from tests.browser.running import idle
 from tests.openacc_files import csv, metadata, platoon

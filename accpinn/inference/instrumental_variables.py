@@ -1,0 +1,114 @@
+"""Estimating equations that disturbances cannot bend: the law's instruments.
+
+A real vehicle does not obey the law exactly: dv/dt = X θ + r, X = (p, -v, Δv). The disturbance r
+lasts for seconds and moves the vehicle's own speed and space-gap, so it is correlated with X, and
+whoever chooses θ to make r small (least squares, splines, the PiNN) is pulled away from the truth,
+usually towards smaller gains. No interval around such an estimate can be trusted.
+
+The motion of the vehicle *ahead* does not know of r. Let Z = (p, -v, Δv) of the law driving in
+closed loop behind that motion alone: Z resembles X, yet is free of r. So
+
+    Σ_t Z_tᵀ (dv/dt - X_t θ) = 0
+
+has the right expectation whatever the colour of r. Any law makes valid instruments and one near
+the truth makes sharp ones, so they are driven again with each new θ.
+
+Source: Söderström and Stoica, Instrumental Variable Methods for System Identification, 1983.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.ndimage import gaussian_filter1d
+
+from accpinn.methods.regression import Regression
+from accpinn.model.cthp import Case, Parameters, regressors, simulate
+from accpinn.segment.window import Segment
+from accpinn.units import FloatArray, Seconds
+
+ROUNDS = 3
+"""The third round moves no parameter by more than a tenth of its interval's width."""
+LEADER_SMOOTHING: Seconds = 0.5
+"""Standard deviation of the kernel over the speed ahead: the receiver's noise is in X as well."""
+DEPENDENT = 1e8
+"""With a larger condition number the equations do not determine three parameters."""
+LEAST_SAMPLES = 20
+INSTRUMENT_RANGE = (Parameters(0.01, 0.02, 0.3), Parameters(1.0, 2.0, 4.0))
+"""The laws that drive instruments stay within these: damped, and neither dull nor stiff."""
+
+
+@dataclass(frozen=True, eq=False)
+class Equations:
+    """One set of estimating equations A θ = b, and what each instant adds to it."""
+
+    theta: FloatArray
+    """(3,) their solution, without bounds: α, ατ, β."""
+    normal: FloatArray
+    """(N, 3, 3) Z_tᵀ X_t, summed over the followers that share θ; A is their sum over time."""
+    scores: FloatArray
+    """(N, 3) Z_tᵀ r_t at the solution; they sum to zero."""
+    determined: bool
+    """Whether the data determine θ at all."""
+
+
+def instrumented(segment: Segment, case: Case) -> tuple[Equations, ...]:
+    """The equations of each follower (Case II), or the one set for all of them (Case I)."""
+    regression = Regression.of(segment)
+    ahead = gaussian_filter1d(
+        segment.speeds[:, :-1], LEADER_SMOOTHING / segment.sample_time, axis=0, mode="nearest"
+    )
+    start = regression.solve(case).theta
+    everyone = tuple(range(segment.followers))
+    groups = (everyone,) if case == "I" else tuple((k,) for k in everyone)
+    return tuple(_solve(segment.time, ahead, regression, start[g[0]], g) for g in groups)
+
+
+def _solve(
+    time: FloatArray,
+    ahead: FloatArray,
+    regression: Regression,
+    theta: FloatArray,
+    followers: tuple[int, ...],
+) -> Equations:
+    terms, rates = regression.terms[list(followers)], regression.rates[list(followers)]
+    counted = terms.any(axis=2)  # what the segment leaves out is zero
+    determined = int(counted.sum(axis=1).max()) >= LEAST_SAMPLES
+    for _ in range(ROUNDS):
+        law = _tame(theta)
+        instruments = np.stack([_drive(law, time, ahead[:, k]) for k in followers])
+        instruments[~counted] = 0.0
+        whole = np.einsum("mti,mtj->ij", instruments, terms)
+        determined = determined and _is_determined(instruments, terms, whole)
+        if not determined:
+            break
+        theta = np.linalg.solve(whole, np.einsum("mti,mt->i", instruments, rates))
+    residuals = rates - terms @ theta
+    return Equations(
+        theta,
+        np.einsum("mti,mtj->tij", instruments, terms),
+        np.einsum("mti,mt->ti", instruments, residuals),
+        determined,
+    )
+
+
+def _drive(law: Parameters, time: FloatArray, ahead: FloatArray) -> FloatArray:
+    """(N, 3) p, -v, Δv of the law behind ``ahead``, from equilibrium: the measured start has r."""
+    speed = ahead[:1]
+    motion = simulate((law,), time, ahead, speed, law.tau * speed)
+    terms: FloatArray = regressors(motion.speeds, motion.gaps)[0]
+    return terms
+
+
+def _tame(theta: FloatArray) -> Parameters:
+    """The law of θ, within `INSTRUMENT_RANGE`."""
+    least, most = INSTRUMENT_RANGE
+    alpha = float(np.clip(theta[0], least.alpha, most.alpha))
+    beta = float(np.clip(theta[2], least.beta, most.beta))
+    return Parameters(alpha, beta, float(np.clip(theta[1] / alpha, least.tau, most.tau)))
+
+
+def _is_determined(instruments: FloatArray, terms: FloatArray, whole: FloatArray) -> bool:
+    """Whether A can be inverted; rows and columns count by their directions only."""
+    lengths = [np.sqrt((values**2).sum(axis=(0, 1))) for values in (instruments, terms)]
+    scale = np.outer(*lengths)
+    return bool((scale > 0).all() and np.linalg.cond(whole / scale) < DEPENDENT)

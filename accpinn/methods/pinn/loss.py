@@ -1,0 +1,84 @@
+"""The PiNN's loss Ψ = Ψ_F + Ψ_R + Ψ_D of a surrogate, on any set of instants.
+
+    Ψ_F = 1/(|T| M) Σ_i Σ_t  Q₁ (dp̂_i - v̂_{i-1} + v̂_i)²
+                           + Q₂ (dv̂_i - α_i(p̂_i - τ_i v̂_i) - β_i(v̂_{i-1} - v̂_i))²
+    Ψ_D = 1/(|T| M) Σ_t  [ S₂ (v_0 - v̂_0)² + Σ_i S₁ (p_i - p̂_i)² + S₂ (v_i - v̂_i)² ]
+    Ψ_R = R/M Σ_i (p_i - p̂_i)² + (v_i - v̂_i)²   at the first instant
+
+Where the segment leaves the law out, the term with Q₂ is zero; |T| counts all instants.
+
+Source: Apostolakis and Ampountolas 2024, section V.B, extended there from M = 1; the leader's
+term stands inside the same average, which reproduces the paper's Tables II and III.
+"""
+
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from accpinn.methods.pinn.config import PinnConfig
+from accpinn.methods.pinn.output_layout import output_columns
+
+
+@dataclass(frozen=True)
+class LossTerms:
+    """The three terms of Ψ, weighted."""
+
+    data: Tensor
+    physics: Tensor
+    initial: Tensor
+
+    @property
+    def total(self) -> Tensor:
+        """Ψ."""
+        return self.data + self.physics + self.initial
+
+
+def loss_terms(
+    outputs: Tensor,
+    rates: Tensor,
+    measured: Tensor,
+    theta: Tensor,
+    config: PinnConfig,
+    counted: Tensor | None = None,
+) -> LossTerms:
+    """Ψ of a surrogate; the first row must be the first instant where Ψ_R is used.
+
+    Args:
+        outputs: (N, 2M+1) in m and m/s, in the order of `output_columns`.
+        rates: (N, 2M+1) their time derivative.
+        measured: (N, 2M+1) the data, in the same order.
+        theta: (M, 3) the law's linear parameters α, ατ, β per follower.
+        config: holds the weights Q, R, S.
+        counted: (N, M) 1 where the law's equation counts, else 0; None where it does throughout.
+    """
+    count, followers = len(outputs), theta.shape[0]
+    speed_columns, gap_columns = output_columns(followers)
+    speeds, gaps = outputs[:, speed_columns], outputs[:, gap_columns]
+    ahead, own = speeds[:, :-1], speeds[:, 1:]
+    relative = ahead - own
+    alpha, alpha_tau, beta = theta.T
+
+    gap_residual = rates[:, gap_columns] - relative
+    law = alpha * gaps - alpha_tau * own + beta * relative
+    speed_residual = rates[:, speed_columns[1:]] - law
+    if counted is not None:
+        speed_residual = speed_residual * counted
+    error = outputs - measured
+    gap_error, speed_error = error[:, gap_columns], error[:, speed_columns]
+
+    q_gap, q_speed = config.weight_physics
+    s_gap, s_speed = config.weight_data
+    scale = 1.0 / (count * followers)
+    physics = scale * (q_gap * _square(gap_residual) + q_speed * _square(speed_residual))
+    data = scale * (s_gap * _square(gap_error) + s_speed * _square(speed_error))
+    if config.weight_initial:
+        at_start = _square(gap_error[0]) + _square(speed_error[0, 1:])
+        initial = config.weight_initial / followers * at_start
+    else:
+        initial = torch.zeros_like(data)
+    return LossTerms(data, physics, initial)
+
+
+def _square(values: Tensor) -> Tensor:
+    return (values * values).sum()

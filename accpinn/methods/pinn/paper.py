@@ -1,0 +1,216 @@
+"""The `paper` recipe: everything by gradient, as Apostolakis and Ampountolas (2024) train.
+
+Raw time in seconds goes in, the full training set is used in every iteration, all in double
+precision; network weights and (α, β, τ) are learned together by Adam, then, if asked for, by
+L-BFGS. The time derivative is the exact tangent of `network`, not nested differentiation: the
+mathematics is the same, an iteration costs less.
+
+After each iteration α, β and τ are clipped at zero, the rational driving constraints.
+"""
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from accpinn.methods.fit import Outcome
+from accpinn.methods.pinn.adam import Adam
+from accpinn.methods.pinn.loss import LossTerms, loss_terms
+from accpinn.methods.pinn.network import PaperNetwork, count_weights
+from accpinn.methods.pinn.output_layout import output_columns
+from accpinn.methods.pinn.protocol import Learned, Problem, State
+from accpinn.methods.pinn.warm_start import Warm
+from accpinn.model.cthp import LINEAR_NAMES, PlatoonSolution, regressors, solve_rows
+from accpinn.units import FloatArray
+
+Mask = NDArray[np.bool_]
+
+CHUNK = 5
+"""Iterations per `advance`: some tens of milliseconds, so that a stop is felt at once."""
+
+
+class PaperTraining:
+    """See the module's head; one `advance` is `CHUNK` iterations."""
+
+    def __init__(self, problem: Problem) -> None:
+        """Build network, parameters and the split into training and test instants."""
+        self.problem = problem
+        config = problem.config
+        self.network = PaperNetwork(problem.followers, config.seed)
+        sets = 1 if problem.case == "I" else problem.followers
+        self.table = torch.tensor([config.initial] * sets, dtype=torch.float64, requires_grad=True)
+        self._unknowns = [*self.network.parameters(), self.table]
+        self._adam = Adam(self._unknowns)
+        self._second_order: torch.optim.LBFGS | None = None
+        self._test = _draw_test(len(problem.time), config.test_share, config.seed)
+        self._time = torch.tensor(problem.time)
+        self._train_time = torch.from_numpy(problem.time[~self._test])
+        self._train_data = torch.from_numpy(problem.measured[~self._test])
+        counted = problem.counted
+        self._train_counted = None if counted is None else counted[torch.from_numpy(~self._test)]
+        self._iteration = 0
+        self._planned = config.iterations + config.lbfgs_iterations
+        with torch.no_grad():
+            self._look("Adam", self._loss())
+        self.outcome = self._end()
+
+    def begin_from(self, warm: Warm) -> None:
+        """Begin anew, from what an earlier training has learned."""
+        table = warm.parameters(self.problem.case, self.problem.followers)
+        warm.load_into(self.network, "network.")
+        with torch.no_grad():
+            self.table.copy_(torch.from_numpy(np.array(table)))
+            self._look("Adam", self._loss())
+        self.outcome = self._end()
+
+    def advance(self) -> None:
+        """`CHUNK` iterations, or as many as are left of the present phase."""
+        config = self.problem.config
+        left = config.iterations - self._iteration
+        if left > 0:
+            terms = self._descend(min(CHUNK, left))
+            self._look("Adam", terms)
+        else:
+            terms = self._lbfgs(min(CHUNK, self._planned - self._iteration))
+            self._look("L-BFGS", terms)
+        self.outcome = self._end()
+
+    def _end(self) -> Outcome | None:
+        """How the training has ended, if it has."""
+        if not np.isfinite(self.progress.total):
+            return Outcome.DIVERGED
+        return Outcome.FINISHED if self._iteration >= self._planned else None
+
+    def _descend(self, iterations: int) -> LossTerms:
+        """Adam; the terms are those before the last step, as they come with its gradient."""
+        for _ in range(iterations):
+            terms = self._loss()
+            terms.total.backward()
+            self._adam.step(self.problem.config.learning_rate)
+            self._clip()
+        self._iteration += iterations
+        return terms
+
+    def _lbfgs(self, iterations: int) -> LossTerms:
+        optimiser = self._second_order or torch.optim.LBFGS(
+            self._unknowns, max_eval=1000, history_size=50, line_search_fn="strong_wolfe"
+        )
+        optimiser.param_groups[0]["max_iter"] = iterations
+        self._second_order = optimiser
+
+        def closure() -> Tensor:
+            optimiser.zero_grad()
+            total = self._loss().total
+            total.backward()
+            return total
+
+        optimiser.step(closure)
+        self._clip()
+        self._iteration += iterations
+        with torch.no_grad():
+            return self._loss()
+
+    def _clip(self) -> None:
+        with torch.no_grad():
+            self.table.clamp_(min=0.0)
+
+    def _theta(self) -> Tensor:
+        """(M, 3) α, ατ, β of the present parameters, also where a line search tries some < 0."""
+        table = self.table.clamp(min=0.0).expand(self.problem.followers, 3)
+        return torch.stack([table[:, 0], table[:, 0] * table[:, 2], table[:, 1]], 1)
+
+    def _loss(self) -> LossTerms:
+        outputs, rates = self.network(self._train_time)
+        data, counted = self._train_data, self._train_counted
+        return loss_terms(outputs, rates, data, self._theta(), self.problem.config, counted)
+
+    def _look(self, phase: str, terms: LossTerms) -> None:
+        table = self.table.detach().numpy().copy()
+        self.progress = self.problem.progress(phase, self._iteration, terms, table, self._planned)
+
+    @torch.no_grad()
+    def learned(self) -> Learned:
+        """The surrogate on all instants, the parameters, and the losses on both parts."""
+        outputs, rates = self.network(self._time)
+        terms = self._loss_at(~self._test, outputs, rates)
+        loss = {
+            "total": float(terms.total),
+            "data": float(terms.data),
+            "physics": float(terms.physics),
+            "initial": float(terms.initial),
+        }
+        arrays = {f"network.{k}": v.numpy() for k, v in self.network.state_dict().items()}
+        notes: tuple[str, ...] = ()
+        if self._test.any():
+            arrays["test"] = self._test.astype(float)
+            kept_out = self._loss_at(self._test, outputs, rates)
+            loss |= {
+                "test_data": float(kept_out.data),
+                "test_physics": float(kept_out.physics),
+            }
+            notes = (
+                f"{self._test.sum()} random instants were kept out of training; there Ψ_D is"
+                f" {loss['test_data']:,.4f} and Ψ_F {loss['test_physics']:,.4f}, which is too kind"
+                " to the network, as neighbouring instants are nearly equal.",
+            )
+        return Learned(
+            outputs=outputs.numpy(),
+            solution=self._solution(outputs.numpy(), rates.numpy()),
+            loss=loss,
+            network_weights=count_weights(self.network),
+            arrays=arrays,
+            notes=notes,
+        )
+
+    def _loss_at(self, instants: Mask, outputs: Tensor, rates: Tensor) -> LossTerms:
+        rows = torch.from_numpy(instants)
+        measured = torch.from_numpy(self.problem.measured)[rows]
+        counted, config = self.problem.counted, self.problem.config
+        counted = None if counted is None else counted[rows]
+        return loss_terms(outputs[rows], rates[rows], measured, self._theta(), config, counted)
+
+    def _solution(self, outputs: FloatArray, rates: FloatArray) -> PlatoonSolution:
+        """The learned parameters; where one was clipped, least squares on the surrogate beside."""
+        theta = self._theta().detach().numpy()
+        active = tuple(
+            tuple(name for name, value in zip(LINEAR_NAMES, row, strict=True) if value == 0)
+            for row in theta
+        )
+        if not any(active) or not np.isfinite(rates).all():
+            return PlatoonSolution(theta, theta, active)
+        speeds, gaps = output_columns(self.problem.followers)
+        terms = regressors(outputs[:, speeds], outputs[:, gaps])
+        problem, slopes = self.problem, rates[:, speeds[1:]]
+        free = solve_rows(terms, slopes, problem.case, problem.segment.left_out).unconstrained
+        return PlatoonSolution(theta, free, active)
+
+    def state(self) -> State:
+        """Network, parameters and Adam's moments; L-BFGS begins its curvature anew."""
+        state: State = {f"network.{k}": v.numpy() for k, v in self.network.state_dict().items()}
+        state |= self._adam.state()
+        state["table"] = self.table.detach().numpy()
+        state["iteration"] = np.array(self._iteration)
+        return state
+
+    def restore(self, state: State) -> None:
+        """Go on from ``state``."""
+        layers = {k: v for k, v in state.items() if k.startswith("network.")}
+        self.network.load_state_dict(
+            {k.removeprefix("network."): torch.from_numpy(np.array(v)) for k, v in layers.items()}
+        )
+        with torch.no_grad():
+            self.table.copy_(torch.from_numpy(np.array(state["table"])))
+        self._adam.restore(state)
+        self._iteration = int(state["iteration"])
+        with torch.no_grad():
+            adam = self._iteration <= self.problem.config.iterations
+            self._look("Adam" if adam else "L-BFGS", self._loss())
+        self.outcome = self._end()
+
+
+def _draw_test(count: int, share: float, seed: int) -> Mask:
+    """(count,) which instants are kept out; the first one stays in, as Ψ_R looks at it."""
+    test = np.zeros(count, dtype=bool)
+    drawn = np.random.default_rng(seed).permutation(np.arange(1, count))
+    test[drawn[: round(share * count)]] = True
+    return test

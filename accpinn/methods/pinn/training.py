@@ -1,0 +1,234 @@
+"""Training from request to result: cache, checkpoints, progress, stop and continue.
+
+Every recipe is driven the same way. An identical request is answered from the cache; a training
+that was stopped, or whose process died, goes on from its last checkpoint.
+"""
+
+import os
+import time
+from dataclasses import dataclass, replace
+
+import numpy as np
+import torch
+
+from accpinn.errors import ConfigError
+from accpinn.methods.fit import (
+    Fit,
+    OnProgress,
+    Outcome,
+    Progress,
+    ShouldStop,
+    bound_notes,
+    parameters_of,
+)
+from accpinn.methods.pinn.config import FAST, PinnConfig
+from accpinn.methods.pinn.fast import FastTraining
+from accpinn.methods.pinn.history import Recorder
+from accpinn.methods.pinn.memory import require_memory
+from accpinn.methods.pinn.output_layout import output_columns
+from accpinn.methods.pinn.paper import PaperTraining
+from accpinn.methods.pinn.protocol import Learned, Problem, State, Training
+from accpinn.methods.pinn.request import request_keys
+from accpinn.methods.pinn.warm_start import Warm
+from accpinn.methods.store import Say, Store
+from accpinn.model.cthp import Case, Trajectories
+from accpinn.segment.window import Segment
+from accpinn.units import Seconds
+
+DEFAULT_THREADS = max(1, min(4, (os.cpu_count() or 2) - 1))
+"""One core is left to others: on matrices this small, threads that wait for a busy core cost far
+more than another thread gains."""
+MOST_THREADS = 4 * (os.cpu_count() or 2)
+CHECKPOINT_EVERY = 5.0
+"""Seconds between checkpoints: what a killed process can lose."""
+
+RECIPES: dict[str, type[FastTraining] | type[PaperTraining]] = {
+    "fast": FastTraining,
+    "paper": PaperTraining,
+}
+
+
+def train(
+    segment: Segment,
+    case: Case = "II",
+    config: PinnConfig = FAST,
+    *,
+    store: Store | None = None,
+    on_progress: OnProgress | None = None,
+    should_stop: ShouldStop | None = None,
+    threads: int | None = None,
+    warm: Warm | None = None,
+) -> Fit:
+    """Learn the parameters of a segment with the physics-inspired neural network.
+
+    Args:
+        segment: speeds (N, M+1) in m/s and space-gaps (N, M) in m.
+        case: "I" for one parameter set, "II" for one per follower.
+        config: recipe and settings.
+        store: where results and checkpoints are kept; None keeps nothing.
+        on_progress: called several times a second with the present moment.
+        should_stop: asked several times a second; True ends with `Outcome.STOPPED`.
+        threads: processor threads for torch; by default `DEFAULT_THREADS`.
+        warm: an earlier fit's weights and parameters to begin with, in place of random weights and
+            the initial values.
+
+    Raises:
+        ConfigError: when ``warm`` is another network's, or ``threads`` no sensible number.
+        SegmentError: when the segment is too long to be trained on.
+    """
+    before = torch.get_num_threads()
+    torch.set_num_threads(_allowed(threads))
+    try:
+        return _train(Problem(segment, case, config), warm, store, on_progress, should_stop)
+    finally:
+        torch.set_num_threads(before)
+
+
+def _allowed(threads: int | None) -> int:
+    """How many threads torch gets; thousands would exhaust the system."""
+    if threads is None:
+        return DEFAULT_THREADS
+    if type(threads) is not int or not 1 <= threads <= MOST_THREADS:
+        raise ConfigError(
+            f"threads: {str(threads)[:20]} is not allowed; choose 1 to {MOST_THREADS}."
+        )
+    return threads
+
+
+def _train(
+    problem: Problem,
+    warm: Warm | None,
+    store: Store | None,
+    on_progress: OnProgress | None,
+    should_stop: ShouldStop | None,
+) -> Fit:
+    segment, case, config = problem.segment, problem.case, problem.config
+    result_key, resume_key = request_keys(segment, case, config, warm)
+    said: list[str] = []
+    if store and (known := store.load_fit(result_key, segment, said.append)):
+        return replace(known, cached=True)
+    require_memory(segment, config)
+    started = time.perf_counter()
+    run = _begin(problem, warm, store, (resume_key, result_key), said.append)
+    training, recorder = run.training, run.recorder
+    saved = started
+
+    def elapsed() -> float:
+        return run.earlier + time.perf_counter() - started
+
+    def report() -> Progress:
+        now = replace(training.progress, seconds=elapsed())
+        recorder.add(now)
+        if on_progress:
+            on_progress(now)
+        return now
+
+    def save() -> None:
+        if store:
+            state = training.state() | recorder.state() | {"seconds": np.array(elapsed())}
+            store.save_state(run.key, state, said.append)
+
+    now = replace(training.progress, seconds=run.earlier) if run.earlier else report()
+    outcome = training.outcome
+    while outcome is None:
+        if should_stop and should_stop():
+            outcome = Outcome.STOPPED
+            break
+        training.advance()
+        now, outcome = report(), training.outcome
+        if outcome is None and time.perf_counter() - saved > CHECKPOINT_EVERY:
+            save()
+            saved = time.perf_counter()
+    if outcome is not Outcome.DIVERGED:
+        save()
+    fit = _as_fit(segment, case, config, training.learned(), outcome, recorder, elapsed())
+    fit = replace(fit, iterations=now.iteration, notes=fit.notes + run.notes)
+    if warm:
+        beginning = {"started_from": warm.digest()}
+        fit = replace(fit, config=fit.config | beginning, notes=(warm.note, *fit.notes))
+    if store and outcome in (Outcome.SETTLED, Outcome.FINISHED):
+        store.save_fit(result_key, fit, said.append)
+    # One may come at every checkpoint; they are about this run, so a kept result has none.
+    return replace(fit, notes=(*fit.notes, *dict.fromkeys(said)))
+
+
+@dataclass(frozen=True, eq=False)
+class _Run:
+    """A training at its beginning, or where an earlier one left it."""
+
+    training: Training
+    recorder: Recorder
+    key: str
+    """Where its checkpoints are kept."""
+    earlier: Seconds = 0.0
+    """Time already spent."""
+    notes: tuple[str, ...] = ()
+
+
+def _begin(
+    problem: Problem, warm: Warm | None, store: Store | None, keys: tuple[str, str], say: Say
+) -> _Run:
+    """Go on from the checkpoint under the first of ``keys``, if there is one.
+
+    A checkpoint beyond the planned iterations is a longer training's and stays untouched; the
+    shorter one then has its own under the second key.
+    """
+    for key in keys:
+        run = _new(problem, warm, key)
+        state = store.load_state(key, say) if store else None
+        if store is None or state is None:
+            return run
+        try:
+            if state["history.rows"][-1][0] > run.training.progress.iterations:
+                continue
+            return _resume(run, state)
+        except (KeyError, IndexError, TypeError, ValueError, RuntimeError) as fault:
+            store.reject_state(key, fault, say)
+            return _new(problem, warm, key)
+    return run
+
+
+def _new(problem: Problem, warm: Warm | None, key: str) -> _Run:
+    """A training at its beginning."""
+    training = RECIPES[problem.config.preset](problem)
+    if warm:
+        training.begin_from(warm)
+    return _Run(training, Recorder(), key)
+
+
+def _resume(run: _Run, state: State) -> _Run:
+    run.training.restore(state)
+    run.recorder.restore(state)
+    iteration = run.training.progress.iteration
+    note = f"Continued from iteration {iteration:,} of an earlier training."
+    return replace(run, earlier=float(state["seconds"]), notes=(note,))
+
+
+def _as_fit(
+    segment: Segment,
+    case: Case,
+    config: PinnConfig,
+    learned: Learned,
+    outcome: Outcome,
+    recorder: Recorder,
+    seconds: float,
+) -> Fit:
+    speed_columns, gap_columns = output_columns(segment.gaps.shape[1])
+    return Fit(
+        method="pinn",
+        case=case,
+        parameters=parameters_of(learned.solution.theta),
+        surrogate=Trajectories(
+            segment.time, learned.outputs[:, speed_columns], learned.outputs[:, gap_columns]
+        ),
+        outcome=outcome,
+        seconds=seconds,
+        config=config.to_json(),
+        loss=learned.loss,
+        unconstrained=parameters_of(learned.solution.unconstrained),
+        active_bounds=learned.solution.active,
+        history=recorder.history(),
+        network_weights=learned.network_weights,
+        notes=learned.notes + bound_notes(segment.vehicles, learned.solution),
+        arrays=learned.arrays,
+    )

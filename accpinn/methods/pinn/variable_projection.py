@@ -1,0 +1,149 @@
+"""The exact part of the `fast` preset: output layer and parameters, each at its optimum.
+
+Given the activations Φ (N, K) that feed it, the output layer W (K, 2M+1) is linear and Ψ is
+quadratic in it for fixed parameters, while the parameters are a 3x3 solve for fixed outputs
+(variable projection, Golub and Pereyra 1973). Alternating the two lowers Ψ at every round.
+
+Follower i's residuals involve only its own outputs (v_i, p_i) and v_{i-1}, so the normal matrix
+is a chain: eliminating the last follower first leaves one K x K term on the speed ahead.
+
+    [ B_i   C_i ] [ w_i   ]   [ r_i ]      w_i = (v_i, p_i) weights, 2K;  B_i 2K x 2K
+    [ C_iᵀ  .   ] [ w_i-1 ] = [ .   ]      C_i 2K x K couples to v_{i-1}
+"""
+
+from dataclasses import dataclass
+from typing import Self
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from accpinn.methods.pinn.config import PinnConfig
+from accpinn.methods.pinn.output_layout import output_columns
+from accpinn.model.cthp import Case, PlatoonSolution, solve_platoon
+from accpinn.units import FloatArray
+
+RIDGE = 1e-10
+"""Share of the mean squared activation added to the diagonal: activations may be collinear."""
+
+
+@dataclass(frozen=True, eq=False)
+class Products:
+    """Sums over some instants of products of activations Φ and their rates Φ', divided by N."""
+
+    value_value: Tensor
+    """(K, K) ΦᵀΦ/N."""
+    rate_value: Tensor
+    """(K, K) Φ'ᵀΦ/N."""
+    rate_rate: Tensor
+    """(K, K) Φ'ᵀΦ'/N."""
+
+    @classmethod
+    def of(cls, value: Tensor, rate: Tensor, count: int) -> Self:
+        """Of Φ and Φ' at some of the N = ``count`` instants."""
+        return cls(value.T @ value / count, rate.T @ value / count, rate.T @ rate / count)
+
+
+@dataclass(frozen=True, eq=False)
+class Moments(Products):
+    """The same over all instants, with a ridge on ΦᵀΦ, and products with the data Y."""
+
+    value_data: Tensor
+    """(K, 2M+1) ΦᵀY/N."""
+    first: Tensor
+    """(K,) Φ at the first instant, for Ψ_R."""
+    first_data: Tensor
+    """(2M+1,) the data at the first instant."""
+    lawful: tuple[Products, ...] = ()
+    """(M,) over the instants at which a follower's law counts; empty where all do."""
+
+    def of_law(self, follower: int) -> Products:
+        """The products in the residual of a follower's dv/dt."""
+        return self.lawful[follower] if self.lawful else self
+
+
+def solve_output(moments: Moments, theta: FloatArray, config: PinnConfig) -> Tensor:
+    """The output layer W (K, 2M+1) that minimises Ψ for the parameters θ (M, 3)."""
+    size, followers = len(moments.value_value), len(theta)
+    speed_columns, gap_columns = output_columns(followers)
+    (s_gap, s_speed), restart = config.weight_data, config.weight_initial
+    at_first = restart * torch.outer(moments.first, moments.first)
+    target = moments.value_data.clone()
+    target[:, gap_columns] *= s_gap
+    target[:, speed_columns] *= s_speed
+    for column in (*gap_columns, *speed_columns[1:]):
+        target[:, column] += restart * moments.first_data[column] * moments.first
+
+    from_behind: tuple[Tensor, Tensor] | None = None
+    eliminated: list[tuple[Tensor, Tensor, Tensor]] = []
+    for follower in reversed(range(followers)):
+        law = moments.of_law(follower)
+        own, coupling, ahead = _follower_blocks(moments, law, theta[follower], config)
+        own[:size, :size] += s_speed * moments.value_value + at_first
+        own[size:, size:] += s_gap * moments.value_value + at_first
+        right = target[:, [speed_columns[follower + 1], gap_columns[follower]]].T.reshape(-1)
+        if from_behind is not None:
+            own[:size, :size] += from_behind[0]
+            right[:size] += from_behind[1]
+        factor = torch.linalg.cholesky(own)
+        half = torch.linalg.solve_triangular(
+            factor, torch.cat([coupling, right[:, None]], 1), upper=False
+        )
+        reach, half_right = half[:, :-1], half[:, -1]
+        eliminated.append((factor, reach, half_right))
+        from_behind = ahead - reach.T @ reach, -reach.T @ half_right
+    assert from_behind is not None
+
+    leader = s_speed * moments.value_value + from_behind[0]
+    factor = torch.linalg.cholesky(leader)
+    right = target[:, 0] + from_behind[1]
+    weights = torch.empty_like(target)
+    weights[:, 0] = torch.cholesky_solve(right[:, None], factor)[:, 0]
+    for follower, (factor, reach, half_right) in enumerate(reversed(eliminated)):
+        rest = half_right - reach @ weights[:, speed_columns[follower]]
+        both = torch.linalg.solve_triangular(factor.T, rest[:, None], upper=True)[:, 0]
+        weights[:, speed_columns[follower + 1]] = both[:size]
+        weights[:, gap_columns[follower]] = both[size:]
+    return weights
+
+
+def _follower_blocks(
+    moments: Moments, law: Products, theta: FloatArray, config: PinnConfig
+) -> tuple[Tensor, Tensor, Tensor]:
+    """A follower's residuals squared: on itself (2K, 2K), to the speed ahead (2K, K), on it."""
+    vv, rv, rr = moments.value_value, moments.rate_value, moments.rate_rate
+    vv_law, rv_law, rr_law = law.value_value, law.rate_value, law.rate_rate
+    alpha, alpha_tau, beta = theta
+    damping = alpha_tau + beta
+    q_gap, q_speed = config.weight_physics
+    # Residuals: g = p' - v_ahead + v  and  a = v' - αp + (ατ+β)v - βv_ahead.
+    speed_speed = q_gap * vv + q_speed * (
+        rr_law + damping * (rv_law + rv_law.T) + damping**2 * vv_law
+    )
+    gap_gap = q_gap * rr + q_speed * alpha**2 * vv_law
+    gap_speed = q_gap * rv - q_speed * alpha * (rv_law.T + damping * vv_law)
+    own = torch.cat(
+        [torch.cat([speed_speed, gap_speed.T], 1), torch.cat([gap_speed, gap_gap], 1)], 0
+    )
+    speed_ahead = -q_gap * vv - q_speed * beta * (rv_law + damping * vv_law)
+    gap_ahead = -q_gap * rv + q_speed * alpha * beta * vv_law
+    coupling = torch.cat([speed_ahead, gap_ahead], 0)
+    ahead = (q_gap + q_speed * beta**2) * vv
+    if law is not moments:
+        ahead = q_gap * vv + q_speed * beta**2 * vv_law
+    return own, coupling, ahead
+
+
+def solve_parameters(moments: Moments, weights: Tensor, case: Case) -> PlatoonSolution:
+    """The parameters that minimise Ψ for the output layer ``weights`` (K, 2M+1)."""
+    followers = weights.shape[1] // 2
+    speed_columns, gap_columns = output_columns(followers)
+    grams, targets = [], []
+    for follower in range(followers):
+        own = weights[:, speed_columns[follower + 1]]
+        relative = weights[:, speed_columns[follower]] - own
+        terms = torch.stack([weights[:, gap_columns[follower]], -own, relative], 1)
+        law = moments.of_law(follower)
+        grams.append((terms.T @ law.value_value @ terms).numpy())
+        targets.append((terms.T @ (law.rate_value.T @ own)).numpy())
+    return solve_platoon(np.stack(grams), np.stack(targets), case)

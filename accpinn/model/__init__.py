@@ -1,0 +1,1 @@
+"""The model every method estimates: the constant time-headway policy (CTHP)."""

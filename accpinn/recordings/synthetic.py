@@ -1,0 +1,332 @@
+"""Synthetic recordings in OpenACC's format, whose true parameters are known: `sample_data`.
+
+A leader drives a seeded profile of our own making; its followers obey the CTHP
+exactly, with parameters published in Apostolakis and Ampountolas (IEEE TVT 2024, sections V.C and
+V.D, Table III). What is written is what receivers would have recorded of it (see `Noise`).
+
+``python -m accpinn.recordings.synthetic FOLDER`` writes every recording with its truth file.
+"""
+
+import json
+import sys
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any, Self
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+from scipy.signal import lfilter
+
+from accpinn.channels import DRIVER, GAP, METADATA, SPEED, TIME
+from accpinn.errors import RecordingError
+from accpinn.model.cthp import Parameters, Trajectories, simulate
+from accpinn.units import FloatArray, Metres, MetresPerSecond, Seconds
+
+GENERATOR_VERSION = 1
+"""Raised whenever the same study would give other numbers."""
+
+SAMPLE_TIME: Seconds = 0.1
+"""Of an OpenACC file."""
+
+REPORT_TIME: Seconds = 0.25
+"""Between two reports of a receiver: OpenACC's notes say 3-5 Hz, then splined to 10 Hz."""
+
+SIMULATION_STEP: Seconds = 0.05
+"""The largest step whose instants include those of both rates above."""
+
+DATE = (1, 1, 2024)
+"""A day on which no campaign of OpenACC drove; the synthetic files have no date of their own."""
+
+
+@dataclass(frozen=True)
+class Noise:
+    """What receivers add, per vehicle: standard deviations of zero-mean Gaussian errors.
+
+    The sizes are those of u-blox M8 and F9 receivers under open sky. Their data sheets give the
+    Doppler speed as good to 0.05 m/s; the residuals of real recordings about a smooth curve are
+    a little larger than what that gives here. Of the position error, metres for one receiver,
+    two receivers of a platoon share nearly all (orbits, clocks, atmosphere), so that it cancels
+    in the space-gap. What stays is multipath, which wanders by decimetres over a minute (here a
+    first-order Gauss-Markov process), and the receiver's own noise, about a centimetre as the
+    carrier phase smooths the position. Errors arise at the receivers' reports; the file's 10 Hz
+    come from cubic splines through them, as OpenACC's notes say of the real data.
+    """
+
+    speed: MetresPerSecond = 0.05
+    """White error of each speed."""
+    position: Metres = 0.01
+    """White error of each position along the lane."""
+    drift: Metres = 0.1
+    """Wandering error of each position along the lane; two of them make a space-gap's."""
+    drift_time: Seconds = 60.0
+    """After which the drift's correlation has fallen to 1/e."""
+
+
+@dataclass(frozen=True)
+class Driving:
+    """How the leader drives: set speeds held and changed smoothly, and a wobble on top."""
+
+    first: MetresPerSecond
+    """Speed at the first instant, before the wobble."""
+    slowest: MetresPerSecond
+    fastest: MetresPerSecond
+    hold: tuple[Seconds, Seconds]
+    """How long a set speed lasts, at least and at most."""
+    acceleration: tuple[float, float]
+    """Peak of a change in m/s², at least and at most."""
+    wobble: MetresPerSecond
+    """Root mean square of the foot's unrest, between 0.05 and 0.5 rad/s."""
+
+
+@dataclass(frozen=True)
+class Study:
+    """One synthetic recording: everything that determines its bytes."""
+
+    name: str
+    """File name without its ending."""
+    description: str
+    vehicles: tuple[str, ...]
+    """Leader first."""
+    parameters: tuple[Parameters, ...]
+    """One entry a follower."""
+    driving: Driving
+    noise: Noise | None
+    seed: int
+    duration: Seconds = 400.0
+    first_time: Seconds = 1.0
+    """The Time of the first sample; AstaZero's files start at 1, too."""
+    initial: tuple[Metres, MetresPerSecond] | None = None
+    """Space-gap and speed of every follower at first; without it, equilibrium."""
+
+
+@dataclass(frozen=True)
+class Truth:
+    """What a synthetic recording was made from."""
+
+    description: str
+    parameters: tuple[Parameters, ...]
+    """One entry a follower, in the file's order."""
+    noise: Noise | None
+    seed: int
+    generator: int
+    """`GENERATOR_VERSION` when the recording was written."""
+
+    def to_json(self) -> dict[str, Any]:
+        """As the truth file holds it."""
+        return {"synthetic": True, **asdict(self)}
+
+    @classmethod
+    def from_json(cls, data: dict[str, Any]) -> Self:
+        """The inverse of `to_json`."""
+        return cls(
+            description=str(data["description"]),
+            parameters=tuple(Parameters(**entry) for entry in data["parameters"]),
+            noise=Noise(**data["noise"]) if data["noise"] else None,
+            seed=int(data["seed"]),
+            generator=int(data["generator"]),
+        )
+
+
+def truth_path(recording: Path) -> Path:
+    """Where the truth file of a synthetic recording lies: beside it."""
+    return recording.with_name(f"{recording.stem}.truth.json")
+
+
+def load_truth(path: Path) -> Truth:
+    """Read a truth file.
+
+    Raises:
+        RecordingError: when it is not there or not one.
+    """
+    try:
+        return Truth.from_json(json.loads(path.read_text(encoding="utf-8")))
+    except FileNotFoundError:
+        fault = "there is no such truth file; write the samples again with make samples"
+    except (ValueError, KeyError, TypeError) as error:
+        fault = f"not a truth file ({error}); write the samples again with make samples"
+    raise RecordingError(f"{path.name}: {fault}.")
+
+
+_MOTORWAY = Driving(28.0, 20.0, 34.0, (8.0, 25.0), (0.4, 1.2), 0.15)
+_CASALE = Driving(21.2, 18.0, 32.0, (8.0, 25.0), (0.4, 1.2), 0.15)
+_TRACK = Driving(22.0, 17.0, 27.0, (15.0, 35.0), (0.5, 1.1), 0.03)
+
+_PAPER_STUDY = Study(
+    name="synthetic_paper_study",
+    description=(
+        "The paper's synthetic study (section V.C): one follower that starts far too close, and"
+        " a leader of our own making in place of the recorded one. With a receiver's noise."
+    ),
+    vehicles=("Synthetic(leader)", "Synthetic(ACC)"),
+    parameters=(Parameters(0.08, 0.12, 1.5),),
+    driving=_CASALE,
+    noise=Noise(),
+    seed=1,
+    duration=300.0,
+    initial=(20.3, 21.3),
+)
+
+_NOISE_FREE = replace(
+    _PAPER_STUDY,
+    name="synthetic_paper_study_noise_free",
+    description="The same drive as synthetic_paper_study.csv, as it truly was: without noise.",
+    noise=None,
+)
+
+_ASTAZERO = Study(
+    name="synthetic_astazero_like",
+    description=(
+        "Four followers with the paper's Case II parameters of the AstaZero platoon (Table III);"
+        " the leader drives steps between set speeds, as on the test track. The noise is that of"
+        " the other campaigns' receivers, coarser than the equipment used there."
+    ),
+    vehicles=(
+        "Audi(A8-like)",
+        "Audi(A6-like)",
+        "BMW(X5-like)",
+        "Mercedes(AClass-like)",
+        "Tesla(Model3-like)",
+    ),
+    parameters=(
+        Parameters(0.0612, 0.1200, 1.19),
+        Parameters(0.1000, 0.1470, 1.17),
+        Parameters(0.0766, 0.2220, 1.16),
+        Parameters(0.0409, 0.4450, 1.16),
+    ),
+    driving=_TRACK,
+    noise=Noise(),
+    seed=19,
+)
+
+_VICOLUNGO = Study(
+    name="synthetic_vicolungo_like",
+    description=(
+        "Three followers with the paper's Case II parameters of the Ispra-Vicolungo platoon"
+        " (Table III; its last car was driven by hand and is left out), on a motorway."
+    ),
+    vehicles=(
+        "Mitsubishi(SpaceStar-like)",
+        "Ford(S-Max-like)",
+        "Peugeot(5008-like)",
+        "KIA(Niro-like)",
+    ),
+    parameters=(
+        Parameters(0.0766, 0.1660, 1.01),
+        Parameters(0.1760, 0.3921, 1.00),
+        Parameters(0.0705, 0.1930, 1.13),
+    ),
+    driving=_MOTORWAY,
+    noise=Noise(),
+    seed=2,
+)
+
+STUDIES = (_PAPER_STUDY, _NOISE_FREE, _ASTAZERO, _VICOLUNGO)
+"""Every recording of `sample_data`."""
+
+
+def leader_speed(driving: Driving, time: FloatArray, rng: np.random.Generator) -> FloatArray:
+    """The leader's speed at each instant, (N,) in m/s, twice continuously differentiable."""
+    speed = np.full(len(time), driving.first)
+    now, clock = driving.first, time[0] + rng.uniform(*driving.hold)
+    middle = (driving.slowest + driving.fastest) / 2
+    while clock < time[-1]:
+        # The other half of the range, so that every change is one.
+        half = (driving.slowest, middle) if now > middle else (middle, driving.fastest)
+        target = rng.uniform(*half)
+        # The steepest slope of s³(10 - 15s + 6s²) is 15/8.
+        length = 15 / 8 * abs(target - now) / rng.uniform(*driving.acceleration)
+        s = np.clip((time - clock) / length, 0, 1)
+        speed += (target - now) * s**3 * (10 - 15 * s + 6 * s**2)
+        now, clock = target, clock + length + rng.uniform(*driving.hold)
+    frequencies = np.geomspace(0.05, 0.5, 12)  # rad/s
+    phases = rng.uniform(0, 2 * np.pi, len(frequencies))
+    waves: FloatArray = np.sin(np.outer(time, frequencies) + phases).sum(axis=1)
+    speed += driving.wobble * waves / np.sqrt(len(frequencies) / 2)
+    return speed
+
+
+def drive(study: Study) -> Trajectories:
+    """What truly happened, every `SIMULATION_STEP`."""
+    time = np.linspace(0, study.duration, round(study.duration / SIMULATION_STEP) + 1)
+    ahead = leader_speed(study.driving, time, np.random.default_rng(study.seed))
+    if study.initial:
+        gap, speed = study.initial
+        gaps = np.full(len(study.parameters), gap)
+    else:
+        speed = float(ahead[0])
+        gaps = np.array([law.tau * speed for law in study.parameters])
+    return simulate(study.parameters, time, ahead, np.full(len(gaps), speed), gaps)
+
+
+def record(true: Trajectories, noise: Noise | None, seed: int) -> Trajectories:
+    """What the receivers make of it, every `SAMPLE_TIME`; without noise, just those instants."""
+    kept = slice(None, None, round(SAMPLE_TIME / SIMULATION_STEP))
+    time = true.time[kept]
+    if noise is None:
+        return Trajectories(time, true.speeds[kept], true.gaps[kept])
+    reported = slice(None, None, round(REPORT_TIME / SIMULATION_STEP))
+    reports = true.time[reported]
+    # Apart from the leader's draws, so that the noise may change while the drive stays.
+    rng = np.random.default_rng([seed, 1])
+    shape = true.speeds[reported].shape
+    positions = noise.position * rng.standard_normal(shape) + _drift(noise, shape, rng)
+    speeds = true.speeds[reported] + noise.speed * rng.standard_normal(shape)
+    gaps = true.gaps[reported] + positions[:, :-1] - positions[:, 1:]
+    return Trajectories(time, CubicSpline(reports, speeds)(time), CubicSpline(reports, gaps)(time))
+
+
+def _drift(noise: Noise, shape: tuple[int, ...], rng: np.random.Generator) -> FloatArray:
+    """A stationary first-order Gauss-Markov process for each column."""
+    kept = np.exp(-REPORT_TIME / noise.drift_time)
+    steps = rng.standard_normal(shape)
+    steps[1:] *= np.sqrt(1 - kept**2)
+    drift: FloatArray = noise.drift * lfilter([1.0], [1.0, -kept], steps, axis=0)
+    return drift
+
+
+def to_csv(study: Study, recorded: Trajectories) -> bytes:
+    """The recording as an OpenACC file, byte for byte: CRLF, SI units, tenths of a millimetre."""
+    count = len(study.vehicles)
+    values = ((*map(str, DATE),), study.vehicles, (str(count),), ("1",), ("min",))
+    lines = [",".join((key, *cells)) for key, cells in zip(METADATA, values, strict=True)]
+    followers = range(2, count + 1)
+    names = [TIME.column]
+    names += [SPEED.of(number) for number in range(1, count + 1)]
+    names += [GAP.of(number) for number in range(1, count)]
+    names += [DRIVER.of(number) for number in followers]
+    lines.append(",".join(names))
+    modes = ["ACC"] * len(followers)
+    for instant, speeds, gaps in zip(
+        study.first_time + recorded.time, recorded.speeds, recorded.gaps, strict=True
+    ):
+        numbers = [f"{value:.4f}" for value in (*speeds, *gaps)]
+        lines.append(",".join([f"{instant:.1f}", *numbers, *modes]))
+    return ("\r\n".join(lines) + "\r\n").encode()
+
+
+def write(study: Study, folder: Path) -> Path:
+    """Write a study's recording and truth file; returns the recording's path."""
+    path = folder / f"{study.name}.csv"
+    recorded = record(drive(study), study.noise, study.seed)
+    path.write_bytes(to_csv(study, recorded))
+    truth = Truth(study.description, study.parameters, study.noise, study.seed, GENERATOR_VERSION)
+    text = json.dumps(truth.to_json(), indent=2, ensure_ascii=False) + "\n"
+    truth_path(path).write_bytes(text.encode())
+    return path
+
+
+def main(arguments: list[str]) -> int:
+    """Write every study into the folder named on the command line."""
+    if len(arguments) != 1:
+        print("usage: python -m accpinn.recordings.synthetic FOLDER", file=sys.stderr)
+        return 2
+    folder = Path(arguments[0])
+    folder.mkdir(parents=True, exist_ok=True)
+    for study in STUDIES:
+        path = write(study, folder)
+        print(f"{path.name}: {path.stat().st_size / 1000:.0f} kB. {study.description}")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

@@ -1,0 +1,1 @@
+"""What leaves the core: messages, tables, figures, snapshots and the report."""

@@ -1,0 +1,170 @@
+"""A recording and a segment as figures: speeds, gaps, the window, and who drove.
+
+Vehicle names come from files, so they are escaped: plotly reads a little HTML.
+"""
+
+import html
+from collections.abc import Sequence
+
+import numpy as np
+import plotly.graph_objects as go
+
+from accpinn.channels import GAP, SPEED, TIME
+from accpinn.mask import runs
+from accpinn.recordings.recording import Mode, Recording
+from accpinn.results.figures.style import (
+    FOLLOWERS,
+    finished,
+    label_axes,
+    panels,
+    thinned,
+    vehicle_colour,
+)
+from accpinn.segment.missing import Window
+from accpinn.segment.window import Segment
+from accpinn.units import FloatArray
+
+MISSING = "#c22f4f"
+WINDOW = "rgba(12, 126, 174, 0.16)"
+FAINT = 0.35
+"""Opacity of what is not chosen."""
+
+
+def overview(
+    recording: Recording,
+    vehicles: Sequence[int],
+    window: Window,
+    regimes: Sequence[go.Scatter] = (),
+) -> go.Figure:
+    """Speeds and gaps of a whole recording, the window on it, and who drove or is missing.
+
+    Args:
+        recording: all of it is drawn.
+        vehicles: those chosen, leader first; the others are faint.
+        window: the interval chosen.
+        regimes: ribbons of what the followers do in it (see `figures.regimes`).
+    """
+    strips = [
+        (title, traces)
+        for title, traces in (("Vehicle", _ribbons(recording)), ("Regime", list(regimes)))
+        if traces
+    ]
+    heights = [0.5, 0.36] + [max(0.14, 0.03 * len(vehicles))] * len(strips)
+    figure = panels(len(heights), heights if strips else [0.58, 0.42])
+    for number in recording.present:
+        chosen = number in vehicles
+        label = _label(recording, number)
+        colour = vehicle_colour(number, vehicles[0])
+        _line(figure, recording.time, recording.speed_of(number), 1, label, colour, chosen)
+        if number > 1 and number - 1 in recording.present:
+            gap = recording.gap_behind(number - 1)
+            followed = chosen and number != vehicles[0]
+            _line(figure, recording.time, gap, 2, label, colour, followed)
+    for row, (title, traces) in enumerate(strips, 3):
+        _strip(figure, row, title, traces)
+    figure.add_shape(
+        type="rect",
+        xref="x",
+        yref="paper",
+        x0=window.start,
+        x1=window.end,
+        y0=0,
+        y1=1,
+        fillcolor=WINDOW,
+        line={"color": FOLLOWERS[0], "width": 1.5},
+        layer="below",
+    )
+    label_axes(figure, (SPEED, GAP))
+    figure.update_xaxes(range=[0, recording.duration], title_text="")
+    figure.update_xaxes(title_text=TIME.axis, row=len(heights), col=1)
+    figure.update_layout(dragmode="select", selectdirection="h")
+    return finished(figure, 430 + 40 * len(strips), f"overview-{recording.sha256}")
+
+
+def _strip(figure: go.Figure, row: int, title: str, traces: Sequence[go.Scatter]) -> None:
+    """Ribbons of vehicles, by number from the top down."""
+    for trace in traces:
+        figure.add_trace(trace.update(showlegend=False), row=row, col=1)
+    figure.update_yaxes(
+        row=row,
+        col=1,
+        title_text=title,
+        type="category",
+        showgrid=False,
+        categoryorder="array",
+        categoryarray=sorted({trace.y[0] for trace in traces}, key=int, reverse=True),
+    )
+
+
+def preview(segment: Segment) -> go.Figure:
+    """The speeds of a segment, to look at rather than to work with."""
+    figure = go.Figure()
+    for column, number in enumerate(segment.vehicles):
+        colour = vehicle_colour(number, segment.vehicles[0])
+        label = html.escape(segment.labels[column])
+        time, values = thinned(segment.start + segment.time, segment.speeds[:, column], 600)
+        figure.add_scatter(x=time, y=values, name=label, line={"color": colour, "width": 2})
+    figure.update_yaxes(title_text=SPEED.axis)
+    figure.update_xaxes(title_text=TIME.axis)
+    return finished(figure, 330, "preview")
+
+
+def _line(
+    figure: go.Figure,
+    time: FloatArray,
+    values: FloatArray,
+    row: int,
+    label: str,
+    colour: str,
+    chosen: bool,
+) -> None:
+    x, y = thinned(time, values)
+    figure.add_scatter(
+        x=x,
+        y=y,
+        name=label,
+        mode="lines",
+        connectgaps=False,
+        line={"color": colour, "width": 1.8 if chosen else 1},
+        opacity=1 if chosen else FAINT,
+        legendgroup=label,
+        showlegend=row == 1,
+        row=row,
+        col=1,
+    )
+
+
+def has_ribbons(recording: Recording) -> bool:
+    """Whether `overview` has bars for stretches driven by hand or missing."""
+    return bool(_ribbons(recording))
+
+
+def _ribbons(recording: Recording) -> list[go.Scatter]:
+    """A bar for each stretch driven by hand or missing; none where all is well."""
+    by_hand = recording.mode == Mode.HUMAN
+    missing = np.isnan(recording.speed)
+    if not (recording.mode == Mode.ACC).any():
+        by_hand = np.zeros_like(missing)  # a recording without ACC is by hand throughout
+    traces = []
+    for number in recording.present:
+        colour = vehicle_colour(number, 1)
+        for name, mask, paint in (("by hand", by_hand, colour), ("missing", missing, MISSING)):
+            x: list[float | None] = []
+            for run in runs(mask[:, number - 1]):
+                x += [float(recording.time[run.first]), float(recording.time[run.last]), None]
+            if x:
+                traces.append(
+                    go.Scatter(
+                        x=x,
+                        y=[str(number)] * len(x),
+                        name=f"{number} {name}",
+                        mode="lines",
+                        line={"color": paint, "width": 7},
+                    )
+                )
+    return traces
+
+
+def _label(recording: Recording, number: int) -> str:
+    name = recording.vehicles[number - 1].name
+    return html.escape(name if name == f"Vehicle {number}" else f"{number} {name}")

@@ -1,0 +1,205 @@
+"""The course of a training as figures: loss terms and parameters over iterations."""
+
+import html
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import plotly.graph_objects as go
+
+from accpinn.channels import GAP, SPEED, TIME
+from accpinn.evaluation.closed_loop import collisions
+from accpinn.methods.fit import History
+from accpinn.model.cthp import Parameters, Trajectories
+from accpinn.results.figures.style import (
+    LEADER,
+    MODEL,
+    SERIES,
+    finished,
+    label_axes,
+    panels,
+    thinned,
+    vehicle_colour,
+    with_legend,
+)
+from accpinn.segment.info import Described, Outline
+from accpinn.segment.window import Segment
+from accpinn.units import FloatArray, Seconds
+
+FEW = 30
+"""So few moments of a training are marked one by one."""
+PARAMETERS = (
+    ("α", "1/s²", "Gain on spacing"),
+    ("β", "1/s", "Gain on relative speed"),
+    ("τ", "s", "Time headway"),
+)
+"""Symbol, unit and plain name."""
+
+_SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+
+
+def loss_course(history: History) -> go.Figure:
+    """The loss terms over iterations, on a logarithmic axis."""
+    figure = go.Figure()
+    terms = (
+        ("Ψ", "total", history.total, LEADER, 3.0),
+        ("Ψ<sub>D</sub>", "data", history.data, SERIES[0], 1.5),
+        ("Ψ<sub>F</sub>", "physics", history.physics, SERIES[1], 1.5),
+        ("Ψ<sub>R</sub>", "start", history.initial, SERIES[2], 1.5),
+    )
+    mode = _mode_for(len(history.iteration))
+    used = [term for term in terms if term[2].any()]
+    for symbol, name, values, colour, width in used:
+        figure.add_scatter(
+            x=history.iteration,
+            y=np.where(values > 0, values, np.nan),
+            name=f"{symbol} {name}",
+            showlegend=False,  # the title names them, each in its colour
+            mode=mode,
+            line={"color": colour, "width": width},
+            marker={"size": 4},
+        )
+    figure.update_yaxes(type="log", title_text="Loss", **_decades([term[2] for term in used]))
+    names = [f'<span style="color:{colour}">{name}</span>' for _, name, _, colour, _ in used]
+    return _course(figure, f"Loss: {', '.join(names)}", "loss")
+
+
+def parameter_course(
+    history: History,
+    which: int,
+    segment: Described,
+    truth: Sequence[Parameters] = (),
+) -> go.Figure:
+    """One parameter over iterations, dashed where the truth is known.
+
+    Args:
+        history: parameters (K, P, 3), P = 1 in Case I.
+        which: 0 for α, 1 for β, 2 for τ.
+        segment: whose vehicles they belong to.
+        truth: one entry a follower, or nothing.
+    """
+    name, unit, title = PARAMETERS[which]
+    figure = go.Figure()
+    sets = history.parameters.shape[1]
+    leader = segment.vehicles[0]
+    for k in range(sets):
+        shared = sets == 1 and segment.followers > 1
+        label = "all followers" if shared else html.escape(segment.labels[k + 1])
+        colour = LEADER if shared else vehicle_colour(segment.vehicles[k + 1], leader)
+        figure.add_scatter(
+            x=history.iteration,
+            y=history.parameters[:, k, which],
+            name=label,
+            mode=_mode_for(len(history.iteration)),
+            line={"color": colour, "width": 2},
+            marker={"size": 4},
+        )
+    true = [(law.alpha, law.beta, law.tau)[which] for law in truth]
+    for k, value in enumerate(true):
+        colour = vehicle_colour(segment.vehicles[k + 1], leader)
+        figure.add_hline(y=value, line={"color": colour, "width": 1.5, "dash": "dash"})
+    figure.update_yaxes(title_text=f"{name} [{unit}]", range=_settled_range(history, which, true))
+    return _course(figure, title, f"parameter-{which}")
+
+
+def _course(figure: go.Figure, title: str, revision: str) -> go.Figure:
+    """The looks of a small panel over iterations."""
+    figure.update_xaxes(title_text="Iteration")
+    figure = finished(figure, 250, revision)
+    return figure.update_layout(
+        title={"text": title, "font": {"size": 13}, "x": 0, "y": 0.97}, margin_t=34
+    )
+
+
+def _decades(series: list[FloatArray]) -> dict[str, Any]:
+    """A logarithmic axis over whole decades, with at most about six of them named."""
+    values = np.concatenate([*series, []])
+    exponents = np.log10(values[np.isfinite(values) & (values > 0)])
+    if not len(exponents):
+        return {}
+    low, high = int(np.floor(exponents.min())), int(np.ceil(exponents.max()))
+    named = range(low, high + 1, 1 + (high - low) // 6)
+    texts = ["10" + str(k).translate(_SUPERSCRIPTS) for k in named]
+    return {"range": [low, high], "tickvals": [10.0**k for k in named], "ticktext": texts}
+
+
+def _settled_range(history: History, which: int, truth: list[float]) -> list[float] | None:
+    """Axis limits that show where the parameters settle, not where they happened to start."""
+    values = history.parameters[len(history.iteration) // 2 :, :, which]
+    values = np.concatenate([values[np.isfinite(values)], truth])
+    if not len(values):
+        return None
+    low, high = float(values.min()), float(values.max())
+    margin = max(0.12 * (high - low), 0.02 * abs(high), 1e-4)
+    return [low - margin, high + margin]
+
+
+def _mode_for(moments: int) -> str:
+    return "lines+markers" if moments <= FEW else "lines"
+
+
+def tracking(
+    segment: Segment | Outline,
+    follower: int,
+    surrogate: Trajectories | None,
+    closed_loop: Trajectories | None,
+    own: str = "network",
+) -> go.Figure:
+    """Gap and speed of one follower: data, the network's curve, and the law in closed loop.
+
+    Args:
+        segment: the data, or only what they are of.
+        follower: 0 for the first.
+        surrogate: the method's own trajectories.
+        closed_loop: the law driving behind the measured leader.
+        own: how the method's trajectories are called.
+    """
+    figure = panels(2, [0.5, 0.5])
+    data = segment if isinstance(segment, Segment) else None
+    number = segment.vehicles[follower + 1]
+    colour = vehicle_colour(number, segment.vehicles[0])
+    sources = (
+        ("data", data, {"color": colour, "width": 3.5}, 0.45),
+        (own, surrogate, {"color": colour, "width": 1.5}, 1.0),
+        ("closed-loop simulation", closed_loop, {"color": MODEL, "width": 1.5, "dash": "dot"}, 1.0),
+    )
+    for name, source, line, opacity in sources:
+        if source is None:
+            continue
+        channels = ((GAP, source.gaps[:, follower]), (SPEED, source.speeds[:, follower + 1]))
+        for row, (channel, values) in enumerate(channels, 1):
+            time, shown = thinned(segment.start + source.time, values)
+            figure.add_scatter(
+                x=time,
+                y=shown,
+                name=name,
+                line=line,
+                opacity=opacity,
+                legendgroup=name,
+                showlegend=row == 1,
+                hovertemplate=f"%{{y:.2f}} {channel.unit}<extra>{name}</extra>",
+                row=row,
+                col=1,
+            )
+    if data and closed_loop:
+        _mark_collision(figure, float(collisions(data, closed_loop)[follower]))
+    label_axes(figure, (GAP, SPEED))
+    figure.update_xaxes(title_text=TIME.axis, row=2, col=1)
+    return with_legend(finished(figure, 460, f"tracking-{number}"))
+
+
+def _mark_collision(figure: go.Figure, when: Seconds) -> None:
+    """Where the law drives into the vehicle ahead, on a line at gap zero; nothing for nan."""
+    if np.isnan(when):
+        return
+    figure.add_hline(y=0, line={"color": LEADER, "width": 1.5}, row=1, col=1)
+    figure.add_scatter(
+        x=[when],
+        y=[0.0],
+        name="collision",
+        mode="markers",
+        marker={"symbol": "x", "size": 11, "color": MODEL},
+        hovertemplate=f"{when:.1f} s<extra>collision</extra>",
+        row=1,
+        col=1,
+    )

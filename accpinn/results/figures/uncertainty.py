@@ -1,0 +1,96 @@
+"""What the data leave open, drawn under a figure: bands of response, clouds of laws."""
+
+import numpy as np
+import plotly.graph_objects as go
+from plotly.colors import hex_to_rgb
+
+from accpinn.inference.bands import gain_band
+from accpinn.inference.intervals import Uncertainty
+from accpinn.model.published import LawSet
+from accpinn.results.figures.stability import CEILING, Plane, colours
+from accpinn.units import FloatArray
+
+BAND_OPACITY, DOT_OPACITY = 0.16, 0.35
+CLOUD = 300
+"""Draws shown of each vehicle; more only make the cloud darker."""
+POINTS = 120
+"""Of a band along the frequencies."""
+LOWEST = -60.0
+"""dB that stands for a gain of zero."""
+
+
+def add_bands(figure: go.Figure, laws: LawSet, doubt: Uncertainty) -> go.Figure:
+    """Under the curves of `figures.stability.bode`, where |H| lies at the uncertainty's level.
+
+    A vehicle whose parameters are not determined has no band.
+    """
+    omega = np.asarray(figure.data[0].x, float)
+    omega = np.geomspace(omega[0], omega[-1], POINTS)
+    bands = []
+    for k, colour in enumerate(colours(laws)):
+        band = gain_band(doubt, k, omega)
+        if np.isfinite(band.lower).all():
+            around = np.concatenate([_db(band.lower), _db(band.upper)[::-1]])
+            bands.append(
+                go.Scatter(
+                    x=np.concatenate([omega, omega[::-1]]), y=around, mode="none",
+                    fill="toself", fillcolor=_pale(colour, BAND_OPACITY), hoverinfo="skip",
+                    name=f"band {k}", showlegend=False,
+                )
+            )  # fmt: skip
+    return _beneath(figure, bands)
+
+
+def add_clouds(figure: go.Figure, laws: LawSet, doubt: Uncertainty, plane: Plane) -> go.Figure:
+    """Under the vehicles of `figures.stability.stability_map`, laws that the data allow as well.
+
+    A draw without a headway (α = 0) has no place on the map.
+    """
+    across = {"alpha": 0, "beta": 1}[plane]
+    clouds = []
+    for k, colour in enumerate(colours(laws)):
+        draws = doubt.draws[:, k]
+        draws = draws[np.linspace(0, len(draws) - 1, CLOUD).astype(int)]
+        draws = draws[np.isfinite(draws).all(axis=1)]
+        clouds.append(
+            go.Scatter(
+                x=draws[:, across].round(5), y=draws[:, 2].round(4), mode="markers",
+                marker={"size": 3.5, "color": _pale(colour, DOT_OPACITY)}, hoverinfo="skip",
+                name=f"cloud {k}", showlegend=False,
+            )
+        )  # fmt: skip
+    return _beneath(figure, clouds)
+
+
+def cloud_words(figure: go.Figure, doubt: Uncertainty, plane: Plane) -> str:
+    """What the clouds are, and how many of the laws have no place in sight of the map."""
+    known = doubt.draws[:, ~np.isnan(doubt.draws[0, :, 0])]
+    across = known[..., {"alpha": 0, "beta": 1}[plane]]
+    right, top = figure.layout.xaxis.range[1], figure.layout.yaxis.range[1]
+    gapless = np.isnan(known[..., 2])
+    beyond = ~gapless & ((across > right) | (known[..., 2] > top))
+    parts = [
+        f"{100 * share:.0f} % {what}"
+        for share, what in (
+            (gapless.mean() if known.size else 0.0, "keep no gap (α = 0) and have no τ"),
+            (beyond.mean() if known.size else 0.0, "lie beyond its edges"),
+        )
+        if share >= 0.005
+    ]
+    missing = f"; not on the map: {', '.join(parts)}" if parts else ""
+    return f"Clouds: laws that the data allow as well{missing}."
+
+
+def _beneath(figure: go.Figure, traces: list[go.Scatter]) -> go.Figure:
+    """The traces first, so that everything else is drawn over them."""
+    return go.Figure(data=[*traces, *figure.data], layout=figure.layout)
+
+
+def _db(gain: FloatArray) -> FloatArray:
+    level = 20 * np.log10(np.clip(gain, 10 ** (LOWEST / 20), None))
+    return np.asarray(np.minimum(level, 2 * CEILING).round(3))
+
+
+def _pale(colour: str, opacity: float) -> str:
+    red, green, blue = hex_to_rgb(colour)
+    return f"rgba({red}, {green}, {blue}, {opacity})"

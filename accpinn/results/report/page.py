@@ -1,0 +1,192 @@
+"""The page itself: the story's parts put into a template, with every script and style inside."""
+
+import base64
+import hashlib
+import json
+import re
+from dataclasses import dataclass, replace
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from jinja2 import Environment, FileSystemLoader, StrictUndefined, Template
+from markupsafe import Markup
+from plotly.offline import get_plotlyjs
+
+from accpinn import __version__
+from accpinn.results.figures.stability import colours
+from accpinn.results.figures.style import vehicle_colour
+from accpinn.results.report import pictures
+from accpinn.results.report import summary as words
+from accpinn.results.report.pictures import Picture
+from accpinn.results.snapshot.checking import Verification, check
+from accpinn.results.snapshot.content import Snapshot
+from accpinn.results.snapshot.create import stability
+from accpinn.results.tables.comparison import intervals_table, methods_table
+from accpinn.results.tables.names import TITLES
+from accpinn.results.tables.results import parameter_table
+from accpinn.results.tables.stability import stability_table
+from accpinn.results.tables.table import STYLE, Table
+from accpinn.results.tables.uncertainty import stability_doubt_table
+
+HERE = Path(__file__).parent
+WIDE = 9
+"""Columns beyond which a table is set smaller."""
+
+
+def report(snapshot: Snapshot, verification: Verification | None = None) -> str:
+    """The whole page.
+
+    Args:
+        snapshot: what it is about.
+        verification: what was checked; by default done now, from the snapshot's own contents.
+    """
+    script = (HERE / "page.js").read_text(encoding="utf-8")
+    shown = list[Picture]()
+    story = _story(_as_computed(snapshot), verification or check(snapshot), shown)
+    document = json.dumps(pictures.all_drawn(shown), ensure_ascii=False, separators=(",", ":"))
+    return _template().render(
+        story,
+        style=Markup((HERE / "page.css").read_text(encoding="utf-8")),
+        table_style=Markup(re.sub(r"</?style>", "", STYLE)),
+        plotly=Markup(get_plotlyjs()),
+        script=Markup(script),
+        # Inside a script element only "<" could end it early.
+        drawings=Markup(document.replace("<", "\\u003c")),
+        policy=_policy(get_plotlyjs(), script),
+        version=__version__,
+    )
+
+
+def _as_computed(snapshot: Snapshot) -> Snapshot:
+    """With its stability as it follows from its parameters, whatever was stored."""
+    return (
+        snapshot
+        if snapshot.stability is None
+        else replace(snapshot, stability=stability(snapshot.fit))
+    )
+
+
+@dataclass(frozen=True)
+class Sheet:
+    """A table on the page, and as files."""
+
+    html: Markup
+    wide: bool
+    files: tuple[tuple[str, str, str], ...]
+    """Label, file name and data address of each."""
+
+
+def _story(snapshot: Snapshot, checked: Verification, shown: list[Picture]) -> dict[str, Any]:
+    outline, worth, doubt = snapshot.outline, snapshot.assessment, snapshot.uncertainty
+    laws = pictures.learned_laws(snapshot)
+    leader = outline.vehicles[0]
+    all_colours = [vehicle_colour(number, leader) for number in outline.vehicles]
+    moving = pictures.motion(snapshot)
+    driven = pictures.platoon(snapshot)
+    return {
+        "snapshot": snapshot,
+        "title": words.title(snapshot),
+        "summary": words.summary(snapshot),
+        "about": words.about_data(snapshot),
+        "beware": words.beware(snapshot),
+        "motion": _placed([moving] if moving else [], shown),
+        "parameters": _sheet(
+            parameter_table(
+                outline, snapshot.fit, snapshot.quality,
+                worth.surrogate if worth else None, worth.closed_loop if worth else None,
+            ).coloured(all_colours),
+            "parameters",
+        ),
+        "intervals": _sheet(
+            intervals_table(outline, doubt).coloured(colours(laws)), "intervals"
+        ) if doubt else None,
+        "doubt": doubt,
+        "fits": _placed(pictures.fits(snapshot), shown),
+        "courses": _placed(pictures.courses(snapshot), shown),
+        "stability": _sheet(
+            stability_table(laws, snapshot.stability).coloured(colours(laws)), "stability"
+        ) if snapshot.stability else None,
+        "stability_doubt": _sheet(
+            stability_doubt_table(laws, doubt).coloured(colours(laws)), "stability_intervals"
+        ) if doubt and snapshot.stability else None,
+        "reasons": _reasons(snapshot),
+        "stability_pictures": _placed(pictures.stability(snapshot), shown),
+        "platoon": _placed(driven[1] if driven else [], shown),
+        "run": driven[0] if driven else None,
+        "repeated": driven[2] if driven else "",
+        "methods": [
+            _sheet(methods_table(outline, snapshot.rows, k), f"methods_{k + 1}")
+            for k in range(outline.followers if snapshot.rows else 0)
+        ],
+        "checked": checked,
+        "method": TITLES.get(snapshot.fit.method, snapshot.fit.method),
+        "settings": [
+            (key.replace("_", " "), words.setting(value))
+            for key, value in sorted(snapshot.fit.config.items())
+        ],
+    }  # fmt: skip
+
+
+def _reasons(snapshot: Snapshot) -> list[tuple[str, list[str]]]:
+    """Per vehicle, and for the platoon, a sentence for every verdict."""
+    report = snapshot.stability
+    if report is None:
+        return []
+    reasons = [
+        (label, [v.l2.reason, v.linf_paper.reason, v.linf_exact.reason])
+        for label, v in zip(snapshot.outline.labels[1:], report.vehicles, strict=True)
+    ]
+    if len(report.vehicles) > 1:
+        platoon = report.platoon
+        reasons.append(("The platoon", [platoon.l2_weak.reason, platoon.linf_weak.reason]))
+    return reasons
+
+
+def _placed(new: Any, shown: list[Picture]) -> list[tuple[int, Picture]]:
+    """The pictures with their places in the list that the script draws."""
+    placed = []
+    for picture in new:
+        placed.append((len(shown), picture))
+        shown.append(picture)
+    return placed
+
+
+def _sheet(table: Table, name: str) -> Sheet:
+    files = (
+        ("CSV", f"{name}.csv", "text/csv", table.to_csv()),
+        ("LaTeX", f"{name}.tex", "application/x-tex", table.to_latex()),
+    )
+    return Sheet(
+        Markup(table.to_html()),
+        len(table.columns) > WIDE,
+        tuple((label, file, _address(mime, text)) for label, file, mime, text in files),
+    )
+
+
+def _address(mime: str, text: str) -> str:
+    return f"data:{mime};charset=utf-8;base64,{base64.b64encode(text.encode()).decode()}"
+
+
+def _policy(*scripts: str) -> str:
+    """Only these scripts run, and nothing is loaded from anywhere."""
+    hashes = (
+        base64.b64encode(hashlib.sha256(script.encode()).digest()).decode() for script in scripts
+    )
+    allowed = " ".join(f"'sha256-{digest}'" for digest in hashes)
+    return (
+        f"default-src 'none'; script-src {allowed}; style-src 'unsafe-inline';"
+        " img-src data: blob:; base-uri 'none'; form-action 'none'"
+    )
+
+
+@cache
+def _template() -> Template:
+    made = Environment(
+        loader=FileSystemLoader(HERE),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    return made.get_template("page.html")

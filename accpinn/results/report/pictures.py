@@ -1,0 +1,236 @@
+"""The report's figures: those of the pages, with legends and with rounded numbers."""
+
+import html
+from base64 import b64decode
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import plotly.graph_objects as go
+
+from accpinn.channels import GAP, SPEED, TIME
+from accpinn.errors import ParameterError
+from accpinn.evaluation.closed_loop import closed_loop
+from accpinn.model.cthp import Trajectories
+from accpinn.model.published import LawSet
+from accpinn.platoon.leader import Sinusoid
+from accpinn.platoon.simulation import PlatoonRun, simulate
+from accpinn.results.figures import platoon as platoon_figures
+from accpinn.results.figures import stability as stability_figures
+from accpinn.results.figures.style import (
+    POINTS,
+    finished,
+    label_axes,
+    panels,
+    thinned,
+    vehicle_colour,
+    with_legend,
+)
+from accpinn.results.figures.training import loss_course, parameter_course, tracking
+from accpinn.results.figures.uncertainty import add_bands, add_clouds, cloud_words
+from accpinn.results.snapshot.content import Snapshot
+from accpinn.results.tables.names import name_of
+from accpinn.segment.info import Outline
+from accpinn.segment.window import Segment
+
+FOLLOWERS = 8
+"""Of the simulated platoon."""
+QUIET = 0.25
+"""rad/s of the platoon's disturbance where no frequency is amplified."""
+DIGITS = 5
+"""Significant ones of every number drawn; a screen shows four."""
+ALL_POINTS, FEWEST_POINTS = 70_000, 150
+"""Of all lines together, and of one: the page is to stay below 6 MB, and plotly takes 5."""
+
+
+@dataclass(frozen=True, eq=False)
+class Picture:
+    """A figure with a name for its file and a caption."""
+
+    name: str
+    figure: go.Figure
+    caption: str
+
+    def drawn(self, points: int) -> dict[str, Any]:
+        """Data and layout for plotly, rounded, with about so many points a line at most."""
+        content = self.figure.to_plotly_json()
+        layout = {
+            key: _roomy(part) if key[1:5] == "axis" else part
+            for key, part in content["layout"].items()
+            if key != "template"
+        }
+        traces = [_coarse(_unpacked(trace), points) for trace in content["data"]]
+        return {"name": self.name, "data": _plain(traces), "layout": _plain(layout)}
+
+
+def learned_laws(snapshot: Snapshot) -> LawSet:
+    """The followers' laws under their labels."""
+    outline = snapshot.outline
+    return LawSet(
+        outline.source,
+        outline.labels[1:],
+        snapshot.fit.parameters,
+        outline.vehicles[1:],
+        outline.vehicles[0],
+    )
+
+
+def motion(snapshot: Snapshot) -> Picture | None:
+    """Gaps and speeds of the window: the data, or else the method's own curves."""
+    source: Segment | Trajectories | None = snapshot.segment or snapshot.fit.surrogate
+    if source is None:
+        return None
+    outline, figure = snapshot.outline, panels(2, [0.5, 0.5])
+    for column, label in enumerate(outline.labels):
+        line = {"color": _colour(outline, column), "width": 1.8}
+        name = html.escape(label) + (" (leader)" if column == 0 else "")
+        drawn = [(2, source.speeds[:, column], SPEED)]
+        if column:
+            drawn.append((1, source.gaps[:, column - 1], GAP))
+        for row, values, channel in drawn:
+            time, shown = thinned(outline.start + source.time, values)
+            figure.add_scatter(
+                x=time, y=shown, name=name, line=line, mode="lines", legendgroup=name,
+                showlegend=row == 2, hovertemplate=f"%{{y:.2f}} {channel.unit}", row=row, col=1,
+            )  # fmt: skip
+    label_axes(figure, (GAP, SPEED))
+    figure.update_xaxes(title_text=TIME.axis, row=2, col=1)
+    words = (
+        "Measured space-gaps and speeds."
+        if snapshot.segment
+        else "The data are not part of this report: these are the curves that the method takes the"
+        " true motion to be."
+    )
+    return Picture("motion", with_legend(finished(figure, 460, "motion")), words)
+
+
+def fits(snapshot: Snapshot) -> Iterator[Picture]:
+    """Per follower: the method's curve, with the data and the closed loop where these are known."""
+    fit, segment = snapshot.fit, snapshot.segment
+    if segment is None and fit.surrogate is None:
+        return
+    driven = closed_loop(segment, fit) if segment else None
+    for k, label in enumerate(snapshot.outline.labels[1:]):
+        own = "network" if fit.method == "pinn" else name_of(fit)
+        figure = tracking(segment or snapshot.outline, k, fit.surrogate, driven, own)
+        yield Picture(f"fit_{k + 1}", figure, f"{label}: space-gap and speed.")
+
+
+def courses(snapshot: Snapshot) -> Iterator[Picture]:
+    """How loss and parameters moved while the network learned."""
+    history = snapshot.fit.history
+    if history is None:
+        return
+    yield Picture("loss", loss_course(history), "")
+    for which, name in enumerate(("alpha", "beta", "tau")):
+        yield Picture(name, parameter_course(history, which, snapshot.outline), "")
+
+
+def stability(snapshot: Snapshot) -> Iterator[Picture]:
+    """Response over frequency, criteria over the platoon, and the map around the last vehicle."""
+    report, doubt = snapshot.stability, snapshot.uncertainty
+    if report is None:
+        return
+    laws = learned_laws(snapshot)
+    bode = stability_figures.bode(laws, report)
+    bode = with_legend(add_bands(bode, laws, doubt) if doubt else bode)
+    band = f" Shaded: {100 * doubt.level:.0f} % bands of what the data leave open." if doubt else ""
+    yield Picture(
+        "response", bode,
+        "Response to the speed of the vehicle ahead. Diamonds: peaks. Rings: below that frequency"
+        f" the vehicle amplifies.{band}",
+    )  # fmt: skip
+    if len(laws) > 1:
+        criteria = with_legend(stability_figures.criteria_course(laws, report))
+        words = (
+            "Criteria (stable above 0) and gains (stable at 1) along the platoon; dotted: from the"
+            " leader to that follower."
+        )
+        yield Picture("criteria", criteria, words)
+    held = len(laws) - 1
+    chart = stability_figures.stability_map(laws, report, held, "beta")
+    chart = add_clouds(chart, laws, doubt, "beta") if doubt else chart
+    words = (
+        f"Boundaries at the α of {laws.labels[held]}; above a line the vehicle is stable by that"
+        " criterion. Hatched: stable by the paper's L∞ criterion, but peaks grow."
+        + (f" {cloud_words(chart, doubt, 'beta')}" if doubt else "")
+    )
+    yield Picture("map", with_legend(chart), words)
+
+
+def platoon(snapshot: Snapshot) -> tuple[PlatoonRun, tuple[Picture, Picture], str] | None:
+    """Eight vehicles like the one that amplifies most, behind a leader at its worst frequency."""
+    report, laws = snapshot.stability, learned_laws(snapshot)
+    if report is None:
+        return None
+    peaks = [vehicle.peak for vehicle in report.vehicles]
+    worst = max(range(len(peaks)), key=lambda k: peaks[k].gain)
+    omega = peaks[worst].omega or QUIET
+    try:
+        run = simulate([laws.parameters[worst]] * FOLLOWERS, Sinusoid(frequency=omega))
+    except ParameterError:
+        return None
+    cast = platoon_figures.cast_of(laws, [worst] * FOLLOWERS)
+    speeds = with_legend(platoon_figures.profiles(run, cast))
+    sizes = platoon_figures.amplitude_course(run, cast, False)
+    pictures = (
+        Picture("platoon", speeds, "Speeds and gaps; light to dark: first to last follower."),
+        Picture("amplitude", sizes, "Amplitude of the speed along the platoon; line: by |H|."),
+    )
+    return run, pictures, laws.labels[worst]
+
+
+def _colour(outline: Outline, column: int) -> str:
+    return vehicle_colour(outline.vehicles[column], outline.vehicles[0])
+
+
+def _plain(part: Any) -> Any:
+    """Arrays as lists, numbers rounded, what is not finite as null."""
+    if isinstance(part, dict):
+        return {key: _plain(item) for key, item in part.items()}
+    if isinstance(part, np.ndarray):
+        return _plain(part.tolist())
+    if isinstance(part, list | tuple):
+        return [_plain(item) for item in part]
+    if isinstance(part, float | np.floating):
+        return float(f"{part:.{DIGITS}g}") if np.isfinite(part) else None
+    if isinstance(part, np.integer):
+        return int(part)
+    return part
+
+
+def _roomy(axis: dict[str, Any]) -> dict[str, Any]:
+    """An axis that keeps its title clear of its numbers."""
+    titled = {"title": axis["title"] | {"standoff": 8}} if "title" in axis else {}
+    return axis | {"automargin": True} | titled
+
+
+def _unpacked(trace: dict[str, Any]) -> dict[str, Any]:
+    """A trace with its numbers as arrays; plotly hands them out as bytes in base 64."""
+    return {
+        key: np.frombuffer(b64decode(part["bdata"]), part["dtype"])
+        if isinstance(part, dict) and "bdata" in part and "shape" not in part
+        else part
+        for key, part in trace.items()
+    }
+
+
+def _coarse(trace: dict[str, Any], points: int) -> dict[str, Any]:
+    """A line with fewer points, its peaks kept; anything else as it is."""
+    x, y = trace.get("x"), trace.get("y")
+    if trace.get("mode") == "markers" or trace.get("fill") or not _numbers(x) or not _numbers(y):
+        return trace
+    x, y = thinned(np.asarray(x, float), np.asarray(y, float), points)
+    return {key: part for key, part in trace.items() if key != "customdata"} | {"x": x, "y": y}
+
+
+def _numbers(values: Any) -> bool:
+    return isinstance(values, np.ndarray) and values.dtype.kind in "fiu"
+
+
+def all_drawn(pictures: Sequence[Picture]) -> list[dict[str, Any]]:
+    """What the page's script draws, in order; the more lines, the fewer points each."""
+    lines = sum(len(picture.figure.data) for picture in pictures)
+    points = max(FEWEST_POINTS, min(POINTS, ALL_POINTS // max(lines, 1)))
+    return [picture.drawn(points) for picture in pictures]

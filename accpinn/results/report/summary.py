@@ -1,0 +1,221 @@
+"""The report's sentences: what was found, in plain words with its numbers."""
+
+from math import isfinite, isinf, isnan, pi
+from typing import Any
+
+from accpinn.inference.intervals import Uncertainty
+from accpinn.methods.fit import unfinished
+from accpinn.model.cthp import Parameters
+from accpinn.results.snapshot.content import Snapshot
+from accpinn.results.tables.uncertainty import between
+
+FLAGS = {0: "human drivers", 1: "ACC", 2: "mixed"}
+"""Of the whole recording; which vehicle was driven by whom it does not tell."""
+METHOD_TITLES = {"pinn": "a physics-inspired neural network (PiNN)"}
+
+
+def title(snapshot: Snapshot) -> str:
+    """The user's name for the result, else what it is about."""
+    verb = "follows" if snapshot.outline.followers == 1 else "follow"
+    return snapshot.name or f"How {_followers(snapshot)} {verb} the vehicle ahead"
+
+
+def summary(snapshot: Snapshot) -> tuple[str, ...]:
+    """The answer first: headway and gains, what they do to disturbances, how sure that is."""
+    fit, outline, doubt = snapshot.fit, snapshot.outline, snapshot.uncertainty
+    method = METHOD_TITLES.get(fit.method, fit.method)
+    opening = (
+        f"From {outline.duration:g} s of {outline.source}, {method} learned the constant"
+        " time-headway law of"
+    )
+    if fit.case == "I" and outline.followers > 1:
+        law = law_words(fit.parameters[0], headway_words(doubt, 0))
+        first = f"{opening} {_followers(snapshot)} as one set: {law}."
+    elif outline.followers == 1:
+        law = law_words(fit.parameters[0], headway_words(doubt, 0))
+        first = f"{opening} {outline.labels[1]}: {law}."
+    else:
+        laws = "; ".join(
+            f"{label}: {law_words(law, headway_words(doubt, k))}"
+            for k, (label, law) in enumerate(zip(outline.labels[1:], fit.parameters, strict=True))
+        )
+        first = f"{opening} {_followers(snapshot)}. {laws}."
+    stopped = unfinished(fit)
+    return (*((stopped,) if stopped else ()), first, *_consequences(snapshot))
+
+
+def law_words(law: Parameters, headway: str = "") -> str:
+    """Headway first, as drivers know it, with what stands in brackets behind it."""
+    tau = f"{law.tau:.2f} s" if isfinite(law.tau) else "not determined"
+    behind = f" ({headway})" if headway else ""
+    return f"time headway τ {tau}{behind}, gains α {law.alpha:.4f} 1/s² and β {law.beta:.4f} 1/s"
+
+
+def headway_words(doubt: Uncertainty | None, follower: int) -> str:
+    """The interval of τ; empty where there is none."""
+    if doubt is None:
+        return ""
+    low, high = float(doubt.lower[follower, 2]), float(doubt.upper[follower, 2])
+    if isnan(low) or isnan(high):
+        return ""
+    percent = f"{100 * doubt.level:.0f} % interval"
+    if isinf(high) and low < 0.005:
+        return "the data alone do not fix it"
+    if isinf(high):
+        return f"{percent}: {low:.2f} s or more"
+    return f"{percent}: {between(low, high, 2)} s"
+
+
+def _followers(snapshot: Snapshot) -> str:
+    labels = snapshot.outline.labels[1:]
+    return labels[0] if len(labels) == 1 else f"{len(labels)} vehicles"
+
+
+def _consequences(snapshot: Snapshot) -> tuple[str, ...]:
+    sentences = []
+    if snapshot.stability:
+        sentences.append(_amplifies(snapshot))
+    if snapshot.uncertainty:
+        sentences.append(_how_sure(snapshot, snapshot.uncertainty))
+    sentences += [_worth(snapshot), _collisions(snapshot)]
+    return tuple(sentence for sentence in sentences if sentence)
+
+
+def _amplifies(snapshot: Snapshot) -> str:
+    assert snapshot.stability is not None
+    vehicles = snapshot.stability.vehicles
+    labels = snapshot.outline.labels[1:]
+    who = [k for k, vehicle in enumerate(vehicles) if not vehicle.l2.stable]
+    if not who:
+        growing = any(not vehicle.linf_exact.stable for vehicle in vehicles)
+        also = ", though peaks can come out larger (L∞)" if growing else ""
+        return f"By these parameters no frequency of a disturbance is amplified{also}."
+    worst = max(who, key=lambda k: vehicles[k].peak.gain)
+    peak = vehicles[worst].peak
+    extent = "without limit" if isinf(peak.gain) else f"up to {peak.gain:.3g} times"
+    count = f"{len(who)} of {len(vehicles)} vehicles amplify"
+    if len(who) == len(vehicles):
+        count = "It amplifies" if len(who) == 1 else f"All {len(who)} vehicles amplify"
+    most = "" if len(who) == 1 else f"{labels[worst]} the most: "
+    return f"{count} the disturbances of the vehicle ahead, {most}{extent}{_at(peak.omega)}."
+
+
+def _at(omega: float) -> str:
+    """A frequency; nothing for a disturbance that lasts."""
+    return f" at {omega:.3g} rad/s (a period of {2 * pi / omega:.0f} s)" if omega > 0 else ""
+
+
+def _how_sure(snapshot: Snapshot, doubt: Uncertainty) -> str:
+    labels = snapshot.outline.labels[1:]
+    parts = [
+        f"{label} {100 * float(l2):.0f} % (L2) and {100 * float(linf):.0f} % (L∞)"
+        for label, l2, linf in zip(
+            labels, doubt.probability_l2, doubt.probability_linf, strict=True
+        )
+        if isfinite(float(l2))
+    ]
+    if not parts:
+        return "The data do not determine the parameters well enough to say how sure that is."
+    return f"Of the laws that the data allow, so many are string stable: {'; '.join(parts)}."
+
+
+def _worth(snapshot: Snapshot) -> str:
+    worth = snapshot.assessment
+    if worth is None or worth.closed_loop is None:
+        return ""
+    errors = [float(value) for value in worth.closed_loop.gap_mae]
+    gaps = ", ".join(f"{value:.1f}" for value in errors if isfinite(value))
+    who = zip(snapshot.outline.labels[1:], errors, strict=True)
+    without = ", ".join(label for label, value in who if not isfinite(value))
+    sentence = (
+        "Driving by itself behind the measured leader, the learned law misses the space-gap by"
+        f" {gaps} m in the mean"
+    )
+    if not gaps:
+        sentence = "Driving by itself behind the measured leader, the learned law diverges"
+    elif without:
+        sentence += f" (without {without}, whose simulation diverges)"
+    if worth.surrogate is None:
+        return f"{sentence}."
+    drawn = ", ".join(f"{value:.2f}" for value in worth.surrogate.gap_mae)
+    curve = "the method's own curve misses the space-gap by"
+    return f"{sentence}; {curve} {drawn} m (surrogate fit)."
+
+
+def _collisions(snapshot: Snapshot) -> str:
+    worth, labels = snapshot.assessment, snapshot.outline.labels[1:]
+    if worth is None:
+        return ""
+    when = [(k, float(time)) for k, time in enumerate(worth.collisions) if isfinite(time)]
+    if not when:
+        return ""
+    if len(labels) == 1:
+        return f"In that simulation the law runs into the vehicle ahead at {when[0][1]:.1f} s."
+    times = "; ".join(f"{labels[k]} at {time:.1f} s" for k, time in when)
+    who = f"{len(when)} of {len(labels)} laws {'runs' if len(when) == 1 else 'run'}"
+    return f"In that simulation {who} into the vehicle ahead: {times}."
+
+
+def setting(value: Any) -> str:
+    """A setting's value; several in a row."""
+    if isinstance(value, list):
+        return ", ".join(map(setting, value))
+    return f"{value:g}" if isinstance(value, float) else str(value)
+
+
+def about_data(snapshot: Snapshot) -> tuple[tuple[str, str], ...]:
+    """What is known of the recording and the window, as terms and descriptions."""
+    outline, facts = snapshot.outline, snapshot.facts
+    rows = [
+        ("Recording", outline.source),
+        ("Campaign", facts.get("campaign")),
+        ("Date", facts.get("date")),
+        ("ACC flag of the file", _flag(facts.get("acc_flag"))),
+        ("Distance setting", facts.get("distance_setting")),
+        (
+            "Window",
+            f"{outline.start:g} to {outline.start + outline.duration:g} s of the recording,"
+            f" {outline.samples:,} samples every {outline.sample_time:g} s",
+        ),
+        ("Leader", outline.labels[0]),
+        ("Followers", ", ".join(outline.labels[1:])),
+        ("Left out", _left_out(snapshot)),
+    ]
+    return tuple((term, str(value)) for term, value in rows if value)
+
+
+def _flag(flag: int | None) -> str:
+    """As the file's header has it."""
+    if flag is None:
+        return ""
+    meaning = f" ({FLAGS[flag]})" if flag in FLAGS else ""
+    return f"{flag}{meaning}, for the recording as a whole; not every vehicle need be driven so"
+
+
+def _left_out(snapshot: Snapshot) -> str:
+    outline = snapshot.outline
+    if not outline.left_out:
+        return "nothing: every instant of the window counts"
+    shares = ", ".join(
+        f"{100 * share:.0f} % of {label}"
+        for label, share in zip(outline.labels[1:], outline.left_out_share, strict=True)
+    )
+    return f"{', '.join(outline.left_out)} from the law's equations: {shares}"
+
+
+def beware(snapshot: Snapshot) -> dict[str, tuple[str, ...]]:
+    """What to beware of, by the part of the story that it belongs to."""
+    worth, doubt = snapshot.assessment, snapshot.uncertainty
+    return {
+        "data": (*snapshot.outline.notes, *snapshot.quality.warnings),
+        "parameters": tuple(
+            dict.fromkeys(
+                (
+                    *snapshot.fit.notes,
+                    *(doubt.notes if doubt else ()),
+                    *(worth.whiteness.sentences if worth else ()),
+                )
+            )
+        ),
+        "driving": worth.incidents if worth else (),
+    }

@@ -1,0 +1,251 @@
+"""The server's store of snapshots: a folder in which nothing is ever lost.
+
+A snapshot lies there under the first digits of its own digest, so that a link to it names what it
+holds. A full shelf refuses new ones; only a user deletes. Files that cannot be read are listed
+with the reason.
+"""
+
+import os
+import re
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from pathlib import Path
+
+from filelock import FileLock
+from platformdirs import user_data_path
+
+from accpinn.errors import SnapshotError
+from accpinn.results.snapshot.content import ID_LENGTH, Snapshot
+from accpinn.results.snapshot.file import UNFINISHED, load, to_bytes, write_whole
+from accpinn.results.snapshot.schema import SUFFIX
+from accpinn.units import Seconds
+
+CAP_BYTES = 2_000_000_000
+"""Of the whole shelf; a result of 300 s without its data takes well below 1 MB."""
+CAP_COUNT = 1000
+ABANDONED: Seconds = 3600.0
+"""A file that was begun so long ago is nobody's any more."""
+LOCK = ".lock"
+PATIENCE: Seconds = 30.0
+"""For others who are writing; a file takes well below a second."""
+FOLDER_VARIABLE = "ACCPINN_SNAPSHOTS"
+"""Environment variable that names another folder than the one among the user's data."""
+
+_ID = re.compile(rf"[0-9a-f]{{{ID_LENGTH}}}")
+
+
+@dataclass(frozen=True)
+class Entry:
+    """What a list of snapshots shows of one."""
+
+    id: str
+    size: int
+    """Bytes."""
+    name: str = ""
+    note: str = ""
+    created: str = ""
+    """ISO 8601 in UTC."""
+    source: str = ""
+    """File name of the recording."""
+    window: str = ""
+    """As "0-300 s"."""
+    vehicles: tuple[str, ...] = ()
+    """Labels, leader first."""
+    method: str = ""
+    parameters: tuple[tuple[float, float, float], ...] = ()
+    """α [1/s²], β [1/s], τ [s] of each follower."""
+    with_data: bool = False
+    """Whether speeds and gaps of the window are in it."""
+    fault: str = ""
+    """Why it cannot be read; empty where it can."""
+
+
+class Shelf:
+    """A folder of snapshots, each found by its short name; see the module's head."""
+
+    def __init__(
+        self, folder: Path | None = None, cap_bytes: int = CAP_BYTES, cap_count: int = CAP_COUNT
+    ) -> None:
+        """By default among the user's data; the folder is made when first written to."""
+        named = os.environ.get(FOLDER_VARIABLE)
+        standard = Path(named) if named else user_data_path("accpinn") / "snapshots"
+        self.folder = folder or standard
+        self.cap_bytes, self.cap_count = cap_bytes, cap_count
+        self._known: dict[str, tuple[tuple[int, int], Entry]] = {}
+
+    def add(self, content: Snapshot | bytes) -> str:
+        """Keep a snapshot, or the bytes of one, once they are known to be whole; its short name.
+
+        Raises:
+            SnapshotError: for damaged bytes, a full shelf, or a folder that cannot be written to.
+        """
+        data = content if isinstance(content, bytes) else to_bytes(content)
+        name = load(data).id
+        with self._alone():
+            self._put(name, data)
+        return name
+
+    @contextmanager
+    def _alone(self) -> Iterator[None]:
+        """No other session or process writes here, so that room found for one is not taken."""
+        try:
+            self.folder.mkdir(parents=True, exist_ok=True)
+            lock = FileLock(self.folder / LOCK, timeout=PATIENCE)
+            lock.acquire()
+        except OSError as fault:  # a timeout is one, too
+            raise SnapshotError(
+                f"{self.folder}: the snapshot cannot be kept there"
+                f" ({fault.strerror or 'others are writing'}); name another folder in"
+                f" {FOLDER_VARIABLE}."
+            ) from None
+        try:
+            yield
+        finally:
+            lock.release()
+
+    def _put(self, name: str, data: bytes) -> None:
+        path = self._path(name)
+        if path.exists():
+            if path.read_bytes() == data:
+                return
+            self._check_other(name)
+        self._sweep()
+        self._check_room(len(data))
+        write_whole(data, path)
+
+    def _check_other(self, name: str) -> None:
+        """Refuse to write over another snapshot that is whole; a damaged one is mended."""
+        try:
+            self.open(name)
+        except SnapshotError:
+            return
+        raise SnapshotError(
+            f"Another snapshot has the short name {name}; change the name or note of this one, and"
+            " save it again."
+        )
+
+    def _sweep(self) -> None:
+        """Remove what processes that were killed while writing have left behind."""
+        for path in self.folder.glob(f"*{UNFINISHED}"):
+            with suppress(OSError):  # another process swept it just now
+                if time.time() - path.stat().st_mtime > ABANDONED:
+                    path.unlink()
+
+    def entries(self) -> tuple[Entry, ...]:
+        """All, the newest first, damaged ones last; a file is read again once it changed."""
+        found = []
+        for path in self._files():
+            with suppress(OSError):  # deleted by another process just now
+                entry = self._entry(path)
+                found.append((entry.created, path.stat().st_mtime_ns, entry.id, entry))
+        return tuple(entry for *_, entry in sorted(found, reverse=True))
+
+    def open(self, name: str) -> Snapshot:
+        """The snapshot of that short name.
+
+        Raises:
+            SnapshotError: for an unknown name, or a file that is damaged or another's.
+        """
+        found = load(self.raw(name))
+        if found.id != name:
+            raise SnapshotError(
+                f"Snapshot {name} is damaged: its file holds {found.id}; get the file anew."
+            )
+        return found
+
+    def has(self, name: str) -> bool:
+        """Whether a file of that short name is there, damaged or not."""
+        return bool(_ID.fullmatch(name)) and self._path(name).exists()
+
+    def raw(self, name: str) -> bytes:
+        """The file of that short name, to be downloaded.
+
+        Raises:
+            SnapshotError: for an unknown name.
+        """
+        path = self._path(name)
+        try:
+            return path.read_bytes()
+        except FileNotFoundError:
+            raise _unknown(name) from None
+        except OSError as fault:
+            raise SnapshotError(
+                f"{path}: cannot be opened ({fault.strerror}); check who may read it."
+            ) from None
+
+    def delete(self, name: str) -> None:
+        """Remove one, damaged or not; nothing happens where another did so already."""
+        try:
+            self._path(name).unlink(missing_ok=True)
+        except OSError as fault:
+            raise SnapshotError(
+                f"Snapshot {name} cannot be deleted ({fault.strerror}); check who may write to"
+                f" {self.folder}."
+            ) from None
+
+    def _path(self, name: str) -> Path:
+        """Where it lies; a name that is none never becomes a path."""
+        if not _ID.fullmatch(name):
+            raise _unknown(name)
+        return self.folder / f"{name}{SUFFIX}"
+
+    def _files(self) -> list[Path]:
+        return [
+            path
+            for path in self.folder.glob(f"*{SUFFIX}")
+            if _ID.fullmatch(path.name.removesuffix(SUFFIX))
+        ]
+
+    def _check_room(self, size: int) -> None:
+        files = self._files()
+        total = 0
+        for path in files:
+            with suppress(OSError):
+                total += path.stat().st_size
+        if len(files) >= self.cap_count or total + size > self.cap_bytes:
+            raise SnapshotError(
+                f"The server's store of snapshots is full ({len(files):,} snapshots,"
+                f" {total / 1e6:.0f} MB); delete some that are no longer needed, then save again."
+            )
+
+    def _entry(self, path: Path) -> Entry:
+        status = path.stat()
+        state = (status.st_mtime_ns, status.st_size)
+        known = self._known.get(path.name)
+        if known is None or known[0] != state:
+            known = (state, self._read(path.name.removesuffix(SUFFIX), status.st_size))
+            self._known[path.name] = known
+        return known[1]
+
+    def _read(self, name: str, size: int) -> Entry:
+        try:
+            return described(self.open(name), size)
+        except SnapshotError as fault:
+            return Entry(name, size, fault=str(fault))
+
+
+def described(snapshot: Snapshot, size: int) -> Entry:
+    """What a list shows of a snapshot that was read."""
+    outline = snapshot.outline
+    return Entry(
+        id=snapshot.id,
+        size=size,
+        name=snapshot.name,
+        note=snapshot.note,
+        created=snapshot.created,
+        source=outline.source,
+        window=f"{outline.start:g}–{outline.start + outline.duration:g} s",
+        vehicles=outline.labels,
+        method=snapshot.fit.method,
+        parameters=tuple((p.alpha, p.beta, p.tau) for p in snapshot.fit.parameters),
+        with_data=snapshot.segment is not None,
+    )
+
+
+def _unknown(name: str) -> SnapshotError:
+    return SnapshotError(
+        f"There is no snapshot {name[:40]} on this server; it may have been deleted, or the link"
+        " belongs to another server."
+    )

@@ -1,0 +1,116 @@
+"""What a snapshot says of its data and its fit, held against what the data give."""
+
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from accpinn.errors import ConfigError
+from accpinn.evaluation.closed_loop import closed_loop_errors
+from accpinn.evaluation.cross_validation import held_out_errors
+from accpinn.evaluation.errors import TrackingErrors
+from accpinn.evaluation.evaluation import Assessment, appraise
+from accpinn.inference.intervals import Uncertainty, intervals
+from accpinn.methods.fit import Fit
+from accpinn.recordings.recording import Recording
+from accpinn.results.snapshot.agreement import ABSOLUTE, Check, compared
+from accpinn.results.snapshot.content import Snapshot
+from accpinn.results.tables.names import name_of
+from accpinn.segment.quality import assess
+from accpinn.segment.window import Segment
+
+INTERVALS = 1e-6
+"""Intervals closer than this share are the same: their draws follow from solutions of nearly
+singular equations."""
+
+
+def from_data(
+    snapshot: Snapshot, segment: Segment, recording: Recording | None, wording: bool
+) -> Iterator[Check]:
+    """Quality, errors, intervals, and the methods compared; ``wording``: sentences count too."""
+    quality, fit = assess(segment), snapshot.fit
+    conditions = [f"condition {few(figures.condition)}" for figures in (snapshot.quality, quality)]
+    yield compared("Data's quality", conditions, snapshot.quality, quality, wording=wording)
+    if snapshot.assessment is None:
+        yield _missing("Errors")
+    else:
+        computed = appraise(segment, fit, recording=recording)
+        yield from _errors(snapshot, snapshot.assessment, computed, wording)
+    if snapshot.uncertainty is None:
+        yield _missing("Intervals")
+    else:
+        yield _intervals("Intervals", snapshot.uncertainty, segment, fit, wording)
+    for row in snapshot.rows:
+        stored, driven = row.assessment.closed_loop, closed_loop_errors(segment, row.fit)
+        title = f"Closed-loop simulation, {name_of(row.fit)}"
+        yield compared(title, (mae(stored), mae(driven)), stored, driven)
+        title = f"Intervals, {name_of(row.fit)}"
+        yield _intervals(title, row.uncertainty, segment, row.fit, wording)
+        yield from pooled(f"Held out, {name_of(row.fit)}", row.assessment)
+
+
+def _missing(name: str) -> Check:
+    return Check(name, "missing", "computed", False, "They are missing, though the data give them.")
+
+
+def _errors(snapshot: Snapshot, old: Assessment, new: Assessment, wording: bool) -> Iterator[Check]:
+    pairs = [
+        ("Surrogate fit", old.surrogate, new.surrogate),
+        ("Closed-loop simulation", old.closed_loop, new.closed_loop),
+    ]
+    # Without facts the snapshot was taken without its recording, and there was no rest.
+    if new.unseen is not None and (old.unseen is not None or snapshot.facts):
+        pairs.append(("Rest of the recording", old.unseen, new.unseen))
+    for name, stored, computed in pairs:
+        yield compared(name, (mae(stored), mae(computed)), stored, computed)
+    lasting = [f"lasts {few(one.whiteness.memory)} s" for one in (old, new)]
+    yield compared("Residual", lasting, old.whiteness, new.whiteness, wording=wording)
+    touches = [f"at {few(one.collisions)} s" for one in (old, new)]
+    # Those on the rest of the recording come last, and need it.
+    said = [list(one.incidents[: len(new.incidents)]) for one in (old, new)]
+    met = [[one.collisions, texts] for one, texts in zip((old, new), said, strict=True)]
+    yield compared("Collisions", touches, met[0], met[1], wording=wording)
+    yield from pooled("Held out", old)
+
+
+def pooled(name: str, worth: Assessment) -> Iterator[Check]:
+    """Whether the error over all blocks held out is that of the blocks."""
+    if worth.blocks or worth.held_out:
+        whole = held_out_errors(worth.blocks) if worth.blocks else None
+        yield compared(name, (mae(worth.held_out), mae(whole)), worth.held_out, whole)
+
+
+def _intervals(
+    name: str, stored: Uncertainty, segment: Segment, fit: Fit, same_version: bool
+) -> Check:
+    try:
+        computed = intervals(segment, fit, stored.level, draws=len(stored.draws))
+    except ConfigError as fault:
+        return Check(name, "not possible", "none", False, str(fault))
+    texts = _ends(stored), _ends(computed)
+    if stored.method != computed.method:
+        if same_version:
+            sentence = f"They are said to be made by “{stored.method}”, which this version has not."
+            return Check(name, *texts, False, sentence)
+        sentence = f"Not compared, as another method was used then: {stored.method}."
+        return Check(name, *texts, True, sentence)
+    one, other = (replace(doubt, seconds=0.0, notes=()) for doubt in (stored, computed))
+    # Thousands of draws are compared at once; only where they differ one by one, to name the place.
+    if np.allclose(one.draws, other.draws, INTERVALS, ABSOLUTE, equal_nan=True):
+        one, other = (replace(doubt, draws=doubt.draws[:0]) for doubt in (one, other))
+    return compared(name, texts, one, other, INTERVALS)
+
+
+def _ends(doubt: Uncertainty) -> str:
+    return f"α {few(doubt.lower[:, 0])} to {few(doubt.upper[:, 0])}"
+
+
+def mae(errors: TrackingErrors | None) -> str:
+    """Errors in short."""
+    return "none" if errors is None else f"gap MAE {few(errors.gap_mae)} m"
+
+
+def few(values: Any) -> str:
+    """Numbers in short."""
+    return ", ".join("–" if np.isnan(value) else f"{float(value):.6g}" for value in values)

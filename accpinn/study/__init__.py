@@ -1,0 +1,1 @@
+"""Questions asked of a whole window: all methods side by side, and sensitivity to regimes."""

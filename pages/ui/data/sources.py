@@ -1,0 +1,159 @@
+"""Where a recording comes from: a sample, an upload, or a folder on the server."""
+
+import hashlib
+import os
+from collections.abc import Callable
+from pathlib import Path
+from typing import Literal
+
+import streamlit as st
+from streamlit import config
+
+from accpinn.errors import AccpinnError
+from accpinn.recordings import openacc
+from accpinn.recordings.recording import Recording
+from accpinn.recordings.synthetic import Truth, load_truth, truth_path
+from pages.ui.components.text import plain
+from pages.ui.session.workspace import Workspace
+
+SAMPLES = Path(__file__).parents[3] / "sample_data"
+FIRST_SAMPLE = SAMPLES / "synthetic_astazero_like.csv"
+FOLDER_VARIABLE = "ACCPINN_RECORDINGS"
+TITLES = {
+    "synthetic_astazero_like": "AstaZero-like platoon: four followers on a test track",
+    "synthetic_vicolungo_like": "Ispra-Vicolungo-like platoon: three followers on a motorway",
+    "synthetic_paper_study": "The paper's synthetic study: one follower, with receiver noise",
+    "synthetic_paper_study_noise_free": "The paper's synthetic study: the same without noise",
+}
+LISTED = 1000
+"""Files of a folder that are offered at most."""
+
+Load = Callable[[], tuple[Recording, Truth | None]]
+
+
+@st.cache_resource(max_entries=16, show_spinner="Reading the recording …")
+def _parse(sha256: str, name: str, _raw: bytes) -> Recording:
+    """Recordings are read-only, so all who ask for the same bytes may share one."""
+    return openacc.read(_raw, name)
+
+
+@st.cache_resource(max_entries=16, show_spinner="Reading the recording …")
+def _parse_file(path: str, size: int, changed: int) -> Recording:
+    return openacc.read(path)
+
+
+def from_bytes(raw: bytes, name: str) -> Recording:
+    """An upload's recording."""
+    return _parse(hashlib.sha256(raw).hexdigest(), name, raw)
+
+
+def from_file(path: Path) -> Recording:
+    """A file's recording; read again once the file has changed."""
+    try:
+        status = path.stat()
+    except OSError:
+        return openacc.read(path)  # which says what is wrong
+    return _parse_file(str(path), status.st_size, status.st_mtime_ns)
+
+
+def sample(path: Path) -> tuple[Recording, Truth]:
+    """A sample and what it was made from."""
+    return from_file(path), load_truth(truth_path(path))
+
+
+def open_with(workspace: Workspace, load: Load) -> None:
+    """Open what ``load`` gives; if that fails, keep what was open and say why."""
+    try:
+        workspace.open(*load())
+    except AccpinnError as fault:
+        workspace.refusal = str(fault)
+
+
+def choose_source(workspace: Workspace) -> None:
+    """The three ways in, one at a time."""
+    kind = st.segmented_control(
+        "Where is the recording?",
+        ("Sample", "Upload", "Folder on the server"),
+        key="data_source",
+        default="Sample",
+        required=True,
+        label_visibility="collapsed",
+    )
+    if kind == "Sample":
+        _choose_sample(workspace)
+    elif kind == "Upload":
+        _choose_upload(workspace)
+    else:
+        _choose_file(workspace)
+    if workspace.refusal:
+        kept = " The recording opened before is kept." if workspace.recording else ""
+        st.error(plain(workspace.refusal + kept), icon=":material/error:")
+
+
+def _choose_sample(workspace: Workspace) -> None:
+    paths = sorted(SAMPLES.glob("*.csv"), key=lambda path: path != FIRST_SAMPLE)
+    if not paths:
+        st.info("There are no samples here; write them with `make samples`.")
+        return
+    path = st.selectbox(
+        "Synthetic recording, true parameters known",
+        paths,
+        format_func=lambda path: TITLES.get(path.stem, path.stem),
+        key="data_sample",
+    )
+    try:
+        st.caption(plain(load_truth(truth_path(path)).description))
+    except AccpinnError as fault:
+        st.caption(plain(str(fault)))
+    _open_button("Open this sample", workspace, lambda: sample(path))
+
+
+def _open_button(label: str, workspace: Workspace, load: Load) -> None:
+    """The next step as long as nothing is open."""
+    kind: Literal["primary", "secondary"] = "secondary" if workspace.recording else "primary"
+    st.button(label, type=kind, on_click=open_with, args=(workspace, load))
+
+
+def _choose_upload(workspace: Workspace) -> None:
+    limit = int(config.get_option("server.maxUploadSize"))
+
+    def opened() -> None:
+        upload = st.session_state["data_upload"]
+        if upload is not None:
+            open_with(workspace, lambda: (from_bytes(upload.getvalue(), upload.name), None))
+
+    st.file_uploader(
+        f"An OpenACC recording: one CSV file of up to {limit} MB. It is not stored on disk.",
+        key="data_upload",
+        on_change=opened,
+    )
+
+
+def _choose_file(workspace: Workspace) -> None:
+    named = os.environ.get(FOLDER_VARIABLE, "")
+    if not named:
+        st.info(
+            f"No folder is set. Start the app with the environment variable `{FOLDER_VARIABLE}`"
+            " naming one, and the recordings in it and its subfolders are listed here."
+        )
+        return
+    root = Path(named).resolve()
+    paths = _csv_files(root)
+    if not paths:
+        st.info(f"`{FOLDER_VARIABLE}` names a folder without CSV files.")
+        return
+    path = st.selectbox(
+        "Recording in the server's folder",
+        paths,
+        format_func=lambda path: str(path.relative_to(root)),
+        key="data_file",
+    )
+    if path:
+        _open_button("Open this recording", workspace, lambda: (from_file(path), None))
+
+
+def _csv_files(root: Path) -> list[Path]:
+    """CSV files below a folder; links that lead out of it are left out."""
+    found = (path for path in sorted(root.rglob("*.[cC][sS][vV]")) if path.is_file())
+    inside = (path for path in found if path.resolve().is_relative_to(root))
+    return [path for path, _ in zip(inside, range(LISTED), strict=False)]

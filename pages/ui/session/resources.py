@@ -1,0 +1,36 @@
+"""What all browsers share: the stores of results and of snapshots, and the queue of trainings."""
+
+import streamlit as st
+
+from accpinn.methods.store import Store
+from accpinn.results.snapshot.content import Snapshot
+from accpinn.results.snapshot.library import Shelf
+from accpinn.tasks.queue import Trainings
+
+
+@st.cache_resource(show_spinner=False)
+def store() -> Store:
+    """The server's one store of results."""
+    return Store()
+
+
+@st.cache_resource(show_spinner=False)
+def shelf() -> Shelf:
+    """The server's one store of snapshots."""
+    return Shelf()
+
+
+@st.cache_resource(max_entries=8, show_spinner=False)
+def opened(name: str) -> Snapshot:
+    """A snapshot of the store; its name is its content, so it never changes.
+
+    Raises:
+        SnapshotError: for an unknown name, or a file that is damaged or another's.
+    """
+    return shelf().open(name)
+
+
+@st.cache_resource(show_spinner=False)
+def trainings() -> Trainings:
+    """The server's one queue of trainings."""
+    return Trainings(store=store())
