@@ -14,7 +14,7 @@ from numbers import Integral, Real
 from pathlib import Path
 
 from accpinn.errors import ConfigError
-from accpinn.evaluation.evaluation import Assessment, appraise
+from accpinn.evaluation.evaluation import Evaluation, evaluate
 from accpinn.inference.intervals import Uncertainty, intervals
 from accpinn.methods.fit import Fit
 from accpinn.methods.registry import method_of
@@ -24,12 +24,12 @@ from accpinn.recordings.openacc import read
 from accpinn.recordings.recording import Recording
 from accpinn.results.snapshot.checking import Verification, check
 from accpinn.results.snapshot.content import Snapshot
-from accpinn.results.snapshot.create import take
+from accpinn.results.snapshot.create import create
 from accpinn.results.snapshot.file import load, save
-from accpinn.segment.regimes import label, leave_out, parse_regimes
+from accpinn.segment.regimes import exclude_regimes, label_regimes, parse_regimes
 from accpinn.segment.vehicles import parse_vehicles
 from accpinn.segment.window import DURATION, Segment, cut
-from accpinn.stability.report import StabilityReport, report
+from accpinn.stability.report import StabilityReport, stability_report
 from accpinn.units import Seconds
 
 __all__ = ["Study", "fit", "load", "verify"]
@@ -44,7 +44,7 @@ class Study:
     fit: Fit
 
     @property
-    def parameters(self) -> tuple[Parameters, ...]:
+    def parameters(self) -> Parameters:
         """α [1/s²], β [1/s], τ [s] of each follower."""
         return self.fit.parameters
 
@@ -54,9 +54,9 @@ class Study:
         return intervals(self.segment, self.fit)
 
     @cached_property
-    def assessment(self) -> Assessment:
+    def evaluation(self) -> Evaluation:
         """Errors of both kinds, on the window and on the rest of the recording."""
-        return appraise(self.segment, self.fit, recording=self.recording)
+        return evaluate(self.segment, self.fit, recording=self.recording)
 
     @cached_property
     def stability(self) -> StabilityReport:
@@ -65,16 +65,16 @@ class Study:
         Raises:
             ParameterError: where the parameters allow no answer.
         """
-        return report(self.parameters)
+        return stability_report(self.parameters)
 
     def snapshot(self, name: str = "", note: str = "", with_data: bool = False) -> Snapshot:
         """All of it, ready to be saved; see `snapshot.take`."""
-        return take(
+        return create(
             self.segment,
             self.fit,
             recording=self.recording,
             uncertainty=self.uncertainty,
-            assessment=self.assessment,
+            evaluation=self.evaluation,
             name=name,
             note=note,
             with_data=with_data,
@@ -132,7 +132,9 @@ def fit(
     source = _recording(recording)
     segment = cut(source, start, duration, _numbers(vehicles))
     if leaving_out:
-        segment = leave_out(segment, label(segment, source), parse_regimes(leaving_out))
+        segment = exclude_regimes(
+            segment, label_regimes(segment, source), parse_regimes(leaving_out)
+        )
     if method == "pinn":
         from accpinn.methods.pinn.config import preset as settings
         from accpinn.methods.pinn.training import train  # torch takes a second to import

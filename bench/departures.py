@@ -28,7 +28,7 @@ class Departure:
 
     name: str
     disturbance: Disturbance
-    laws: tuple[Parameters, ...] = LAWS
+    laws: Parameters = LAWS
 
 
 DEPARTURES = (

@@ -40,7 +40,7 @@ class Disturbance:
 
 
 def disturbed(
-    laws: tuple[Parameters, ...],
+    laws: Parameters,
     seed: int,
     disturbance: Disturbance,
     driving: Driving = MOTORWAY,
@@ -85,7 +85,7 @@ def _follow(
     law: Parameters, ahead: FloatArray, wander: FloatArray, lag: Seconds, standstill: Metres
 ) -> tuple[FloatArray, FloatArray]:
     """Gap and speed from equilibrium on, with inputs held over each small step."""
-    alpha, alpha_tau, beta = law.linear()
+    alpha, alpha_tau, beta = law.theta
     # States gap above s₀, speed and acceleration by the actuator; inputs speed ahead and w.
     rates = np.zeros((5, 5))
     rates[0, [1, 3]] = -1.0, 1.0

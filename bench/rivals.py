@@ -70,12 +70,12 @@ def blocks(smooth: Smooth, level: float, rng: np.random.Generator) -> Interval:
 
 def loop_blocks(smooth: Smooth, level: float, rng: np.random.Generator) -> Interval:
     """See the module's head."""
-    law = Parameters.from_linear(np.maximum(smooth.theta, 0.0))
+    law = Parameters.from_theta(np.maximum(smooth.theta, 0.0))
     pushes = smooth.residuals[smooth.blocks(rng)] - smooth.residuals[:, None]
     moves = _response(law, pushes, smooth.step)
     gap, speed = moves[:, 0], moves[:, 1]
     terms = smooth.terms[:, :, None] + np.stack([gap, -speed, -speed], axis=1)
-    alpha, alpha_tau, beta = law.linear()
+    alpha, alpha_tau, beta = law.theta
     rates = smooth.rates[:, None] + alpha * gap - (alpha_tau + beta) * speed + pushes
     grams = np.einsum("nik,njk->kij", terms, terms, optimize=True)
     moments = np.einsum("nik,nk->ki", terms, rates)
@@ -89,7 +89,7 @@ def loop_blocks(smooth: Smooth, level: float, rng: np.random.Generator) -> Inter
 def _response(law: Parameters, pushes: FloatArray, step: float) -> FloatArray:
     """(N, 2, K) gap and speed that accelerations ``pushes`` (N, K) add to the motion."""
     rates = np.zeros((3, 3))
-    rates[:2, :2], rates[1, 2] = motion_matrix((law,))[:, :2], 1.0
+    rates[:2, :2], rates[1, 2] = motion_matrix(Parameters.stack([law]))[:, :2], 1.0
     held = expm(rates * step)[:2]
     states = np.empty((len(pushes), 2, pushes.shape[1]))
     state = np.zeros((2, pushes.shape[1]))

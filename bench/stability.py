@@ -13,9 +13,9 @@ import numpy as np
 
 from accpinn.model.cthp import Parameters
 from accpinn.platoon.leader import Brake, Sinusoid
-from accpinn.platoon.simulation import simulate
+from accpinn.platoon.simulation import simulate_platoon
 from accpinn.stability.maps import gains_over_beta
-from accpinn.stability.report import report
+from accpinn.stability.report import stability_report
 
 MOST_MS = 50.0
 """What each may take, first call aside."""
@@ -53,14 +53,16 @@ def measure() -> tuple[Timing, ...]:
     """Time everything, in this process."""
     beta, tau = np.linspace(0.0, 1.0, 200), np.linspace(0.2, 6.0, 150)
     return (
-        _timed("stability report of ten vehicles", lambda: report(TEN)),
+        _timed("stability report of ten vehicles", lambda: stability_report(TEN)),
         _timed(
-            "eight vehicles behind a sinusoid, 500 s", lambda: simulate(TEN[:8], Sinusoid(0.25))
+            "eight vehicles behind a sinusoid, 500 s",
+            lambda: simulate_platoon(TEN[:8], Sinusoid(0.25)),
         ),
         _timed(
-            "the same at 0.3 rad/s, all alike", lambda: simulate(VEHICLES[2:3] * 8, Sinusoid(0.3))
+            "the same at 0.3 rad/s, all alike",
+            lambda: simulate_platoon(VEHICLES[2:3] * 8, Sinusoid(0.3)),
         ),
-        _timed("eight vehicles behind a brake, 300 s", lambda: simulate(TEN[:8], Brake())),
+        _timed("eight vehicles behind a brake, 300 s", lambda: simulate_platoon(TEN[:8], Brake())),
         _timed("gains on a map of 200 by 150", lambda: gains_over_beta(0.07, beta, tau)),
     )
 

@@ -6,7 +6,7 @@ import streamlit as st
 
 from accpinn.errors import ConfigError
 from pages.ui.components import frame
-from pages.ui.components.text import plain
+from pages.ui.components.text import escape_markdown
 from pages.ui.data.metadata import describe, show_warnings
 from pages.ui.data.preview import show_segment
 from pages.ui.data.regimes import show_regimes
@@ -29,7 +29,7 @@ def main() -> None:
         return
     banner(workspace)
     with st.expander(
-        f"Open another recording instead of {plain(recording.source)}",
+        f"Open another recording instead of {escape_markdown(recording.source)}",
         icon=":material/folder_open:",
     ):
         choose_source(workspace)

@@ -5,7 +5,7 @@ import streamlit as st
 from pages.ui.components import frame
 from pages.ui.components.empty_state import show_missing
 from pages.ui.components.monitor import watch
-from pages.ui.components.text import left_out, plain
+from pages.ui.components.text import escape_markdown, left_out
 from pages.ui.snapshots.listing import banner
 from pages.ui.snapshots.showing import show_result as show_saved
 from pages.ui.train.controls import continue_button, controls
@@ -26,9 +26,11 @@ def main() -> None:
     first, last = segment.labels[0], segment.labels[-1]
     case = f" · Case {workspace.case}" if segment.followers > 1 else ""
     st.caption(
-        plain(f"{segment.source} · {segment.start:g}–{segment.start + segment.duration:g} s")
-        + f" · {plain(first)} to {plain(last)}{case}"
-        + left_out(segment.left_out_regimes)
+        escape_markdown(
+            f"{segment.source} · {segment.start:g}–{segment.start + segment.duration:g} s"
+        )
+        + f" · {escape_markdown(first)} to {escape_markdown(last)}{case}"
+        + left_out(segment.excluded_regimes)
     )
     controls(workspace)
     continue_button(workspace)

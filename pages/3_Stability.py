@@ -6,8 +6,8 @@ from accpinn.results.figures import stability as figures
 from accpinn.results.figures.uncertainty import add_clouds, cloud_words
 from pages.ui.components import frame
 from pages.ui.components.charts import show_chart
-from pages.ui.components.parameter_picker import checked_report, choose_laws
-from pages.ui.components.text import plain
+from pages.ui.components.parameter_picker import checked_report, choose_parameters
+from pages.ui.components.text import escape_markdown
 from pages.ui.components.uncertainty import choose_doubt, doubt_of, show_doubt
 from pages.ui.stability.charts import choose_map, show_bode, show_key
 from pages.ui.stability.views import show_answer, show_reasons, show_table
@@ -17,19 +17,19 @@ def main() -> None:
     workspace = frame.begin(
         "Stability", "Which of these vehicles amplify the disturbances of the car ahead?"
     )
-    laws = choose_laws(workspace, "stability")
+    laws = choose_parameters(workspace, "stability")
     report = checked_report(laws)
     if laws is None or report is None:
         return
     show_answer(laws, report, doubt_of(workspace, laws))
     show_table(laws, report)
-    doubt = choose_doubt(workspace, laws)
-    if doubt:
-        show_doubt(laws, doubt)
+    uncertainty = choose_doubt(workspace, laws)
+    if uncertainty:
+        show_doubt(laws, uncertainty)
     show_reasons(laws, report)
     st.subheader("Response over frequency", anchor=False)
     show_key(laws)
-    show_bode(workspace, laws, report, doubt)
+    show_bode(workspace, laws, report, uncertainty)
     left, right = st.columns(2, gap="large")
     with left:
         st.subheader("Criteria over the platoon", anchor=False)
@@ -44,15 +44,16 @@ def main() -> None:
         held, plane = choose_map(workspace, laws)
         frame.show_key(figures.MAP_KEY)
         chart = figures.stability_map(laws, report, held, plane)
-        if doubt:
-            chart = add_clouds(chart, laws, doubt, plane)
+        if uncertainty:
+            chart = add_clouds(chart, laws, uncertainty, plane)
         show_chart(chart, "stability_map")
         kept = "α" if plane == "beta" else "β"
         st.caption(
-            f"Boundaries at {plain(laws.labels[held])}'s {kept}; above them the vehicle is stable."
+            f"Boundaries at {escape_markdown(laws.labels[held])}'s {kept}; above them the vehicle is"
+            " stable."
             " Hatched: stable by the paper's L∞ criterion, but peaks grow."
             + (f" Rings: vehicles with a {kept} of their own." if len(laws) > 1 else "")
-            + (f" {cloud_words(chart, doubt, plane)}" if doubt else "")
+            + (f" {cloud_words(chart, uncertainty, plane)}" if uncertainty else "")
         )
 
 

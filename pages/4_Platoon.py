@@ -6,7 +6,7 @@ from accpinn.results.figures import platoon as figures
 from accpinn.results.figures import wave
 from pages.ui.components import frame
 from pages.ui.components.charts import show_chart
-from pages.ui.components.parameter_picker import choose_laws
+from pages.ui.components.parameter_picker import choose_parameters
 from pages.ui.platoon.leader import choose_leader
 from pages.ui.platoon.order import choose_order
 from pages.ui.platoon.views import (
@@ -26,13 +26,13 @@ def main() -> None:
     if workspace.drive.panels:
         show_panels(workspace)
         return
-    laws = choose_laws(workspace, "platoon")
+    laws = choose_parameters(workspace, "platoon")
     if laws is None:
         return
     controls, chart = st.columns((1, 2.6), gap="medium")
     with controls:
         order = choose_order(workspace, laws)
-        platoon = [laws.parameters[k] for k in order or ()]
+        platoon = laws.parameters[order or []]
         leader = choose_leader(workspace, platoon) if order else None
         choose_panels(workspace)
     with chart:

@@ -2,7 +2,7 @@
 
 import streamlit as st
 
-from accpinn.study.comparison import refusals_among
+from accpinn.study.comparison import failures_among
 from pages.ui.compare.charts import choose_follower, show_courses, show_curves, show_estimates
 from pages.ui.compare.fit_records import choose_earlier, show_earlier
 from pages.ui.compare.identifiability import show_telling
@@ -13,8 +13,8 @@ from pages.ui.compare.waiting import show_busy
 from pages.ui.compare.watch import watch
 from pages.ui.components import frame
 from pages.ui.components.empty_state import show_missing
-from pages.ui.components.text import left_out, plain
-from pages.ui.session.resources import trainings
+from pages.ui.components.text import escape_markdown, left_out
+from pages.ui.session.resources import task_queue
 from pages.ui.session.workspace import Workspace
 from pages.ui.snapshots.showing import show_rows
 
@@ -30,7 +30,7 @@ def main() -> None:
         return
     place = f"{segment.source} · {segment.start:g}–{segment.start + segment.duration:g} s"
     case = f" · Case {workspace.case}" if segment.followers > 1 else ""
-    st.caption(plain(place) + case + left_out(segment.left_out_regimes))
+    st.caption(escape_markdown(place) + case + left_out(segment.excluded_regimes))
     controls(workspace)
     if workspace.comparison:
         watch(workspace, workspace.comparison, lambda: show(workspace))
@@ -43,7 +43,7 @@ def controls(workspace: Workspace) -> None:
     series = workspace.comparison
     if series and series.is_active:
         if st.button("Stop", icon=":material/stop:", disabled=series.is_stopping):
-            trainings().stop(series)
+            task_queue().stop(series)
             st.rerun()
         return
     if series is None:
@@ -64,7 +64,7 @@ def show(workspace: Workspace) -> None:
     segment, series = workspace.segment, workspace.comparison
     if segment is None or series is None:
         return
-    show_refusals(refusals_among(series.results))
+    show_refusals(failures_among(series.results))
     if not workspace.compared:
         return
     if series.is_active:

@@ -5,18 +5,18 @@ import streamlit as st
 from accpinn.errors import SnapshotError
 from accpinn.results.tables.table import STYLE
 from pages.ui.components import frame
-from pages.ui.components.text import plain
-from pages.ui.session.resources import opened, shelf
+from pages.ui.components.text import escape_markdown
+from pages.ui.session.resources import library, opened
 from pages.ui.snapshots.comparing import show_both
 from pages.ui.snapshots.listing import banner, choose, listing, show_one
-from pages.ui.snapshots.saving import save_form, show_said, upload_form
+from pages.ui.snapshots.saving import save_form, show_flash, upload_form
 
 
 def main() -> None:
     workspace = frame.begin(
         "Snapshots", "Results as files: keep them, send them, open them again, compare them."
     )
-    show_said()
+    show_flash()
     banner(workspace)
     left, right = st.columns((1.4, 1), gap="large")
     with left:
@@ -24,7 +24,7 @@ def main() -> None:
     with right:
         upload_form()
     st.subheader("On this server", anchor=False)
-    entries = shelf().entries()
+    entries = library().entries()
     if not entries:
         st.caption("No snapshot is kept here yet.")
         return
@@ -36,7 +36,7 @@ def main() -> None:
     try:
         show_one(workspace, entry)
     except SnapshotError as fault:  # deleted or damaged since the list was read
-        st.error(plain(str(fault)), icon=":material/error:")
+        st.error(escape_markdown(str(fault)), icon=":material/error:")
         return
     whole = tuple(one for one in entries if not one.fault and one.id != entry.id)
     if whole and not entry.fault:

@@ -11,7 +11,7 @@ from accpinn.methods.pinn.training import train
 from accpinn.results.snapshot import documents
 from accpinn.results.snapshot.archive import contents
 from accpinn.results.snapshot.content import Snapshot
-from accpinn.results.snapshot.create import take
+from accpinn.results.snapshot.create import create
 from accpinn.results.snapshot.file import sealed, to_bytes
 from accpinn.results.snapshot.schema import MANIFEST, PARTS, SCHEMA
 from accpinn.segment.window import Segment
@@ -26,8 +26,8 @@ def small() -> Snapshot:
     """A short window with its data, few draws, and least squares."""
     segment = driven(duration=20.0, step=0.5)
     fit = ESTIMATORS["least-squares"](segment, "II")
-    doubt = intervals(segment, fit, draws=10)
-    return take(segment, fit, uncertainty=doubt, name="small", with_data=True)
+    uncertainty = intervals(segment, fit, draws=10)
+    return create(segment, fit, uncertainty=uncertainty, name="small", with_data=True)
 
 
 @cache
@@ -48,7 +48,7 @@ def whole() -> Snapshot:
     segment, fit = trained()
     rows = tuple(compare(segment, "II", ("least-squares", "recursive")))
     fit = replace(fit, notes=("A note with “quotes”, <tags> and\nlines.",))
-    return take(segment, fit, rows=rows, name="whole", note="α β τ", with_data=True)
+    return create(segment, fit, rows=rows, name="whole", note="α β τ", with_data=True)
 
 
 def resealed(change: Any, schema: int = SCHEMA) -> bytes:

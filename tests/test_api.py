@@ -33,7 +33,7 @@ def test_a_study_knows_its_worth() -> None:
     study = api.fit(FOLDER / f"{NOISY}.csv", 10, 60, method="splines")
     assert study.segment.start == 10
     assert study.uncertainty.lower[0, 2] < study.parameters[0].tau
-    assert study.assessment.unseen_seconds > 100
+    assert study.evaluation.out_of_window_seconds > 100
     assert study.stability.vehicles[0].parameters == study.parameters[0]
     snapshot = study.snapshot(name="mine", with_data=True)
     assert snapshot.name == "mine"

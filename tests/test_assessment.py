@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from accpinn.evaluation.closed_loop import closed_loop, closed_loop_errors, collisions, incidents
-from accpinn.evaluation.cross_validation import Block, blocks_held_out, held_out_errors
+from accpinn.evaluation.cross_validation import Block, cross_validate, pooled_holdout_errors
 from accpinn.evaluation.errors import TrackingErrors, surrogate_errors, tracking_errors
-from accpinn.evaluation.evaluation import appraise
+from accpinn.evaluation.evaluation import evaluate
 from accpinn.evaluation.masking import part, without
 from accpinn.evaluation.whiteness import whiteness
 from accpinn.methods import least_squares, splines
@@ -108,7 +108,7 @@ class TestClosedLoop:
         errors = closed_loop_errors(segment, fit)
         assert errors is not None
         assert errors.gap_mae[0] == pytest.approx(13.6, abs=0.15)
-        (sentence,) = appraise(segment, fit).incidents
+        (sentence,) = evaluate(segment, fit).incidents
         assert "runs into the vehicle ahead at 22" in sentence
 
 
@@ -184,7 +184,7 @@ class TestHeldOut:
             return least_squares.fit(segment)
 
         segment = cut(read(SAMPLES / "synthetic_paper_study_noise_free.csv"), 0.0, 90.0)
-        blocks = blocks_held_out(segment, estimate)
+        blocks = cross_validate(segment, estimate)
         starts = [pytest.approx(start, abs=0.2) for start in (0.0, 30.0, 60.0)]
         assert [block.start for block in blocks] == starts
         assert [piece.start for piece in learned] == [starts[1], 0.0, 0.0]
@@ -194,7 +194,7 @@ class TestHeldOut:
             assert block.errors is not None
             assert block.errors.gap_mae[0] < 0.02
         later = replace(segment, gaps=np.where(segment.time[:, None] > 62, 5.0, segment.gaps))
-        spoilt = blocks_held_out(later, least_squares.fit)[2].errors
+        spoilt = cross_validate(later, least_squares.fit)[2].errors
         assert spoilt is not None
         assert spoilt.gap_mae[0] > 1.0
         assert [block.incidents for block in blocks] == [()] * 3
@@ -211,8 +211,10 @@ class TestHeldOut:
         hidden = without(segment, 200, 400)
         assert hidden.digest() == without(replace(segment, gaps=spoilt), 200, 400).digest()
         np.testing.assert_array_equal(hidden.gaps[~masked], segment.gaps[~masked])
-        merely_left_out = estimate(replace(segment, left_out=masked), "II").table()
-        np.testing.assert_allclose(estimate(hidden, "II").table(), merely_left_out, rtol=0.02)
+        merely_left_out = estimate(replace(segment, left_out=masked), "II").parameters.values
+        np.testing.assert_allclose(
+            estimate(hidden, "II").parameters.values, merely_left_out, rtol=0.02
+        )
 
     def test_the_bridge_is_continuous_and_obeys_the_gap_s_equation(self) -> None:
         segment = driven(MIXED)
@@ -224,17 +226,17 @@ class TestHeldOut:
 
     def test_too_little_for_a_method_is_no_error(self) -> None:
         short = driven(duration=12.0)
-        blocks = blocks_held_out(short, lambda piece: ESTIMATORS["simulation"](piece, "II"))
+        blocks = cross_validate(short, lambda piece: ESTIMATORS["simulation"](piece, "II"))
         assert blocks[1].errors is None, "no stretch of 5 s is left beside the middle"
-        assert held_out_errors(blocks) is None
+        assert pooled_holdout_errors(blocks) is None
 
     def test_blocks_are_pooled_by_duration(self) -> None:
         one, three = (TrackingErrors(*(np.full(n, x) for n in (2, 1, 2, 1))) for x in (1.0, 3.0))
-        both = held_out_errors((Block(0.0, 10.0, one), Block(20.0, 30.0, three)))
+        both = pooled_holdout_errors((Block(0.0, 10.0, one), Block(20.0, 30.0, three)))
         assert both is not None
         assert both.gap_mae[0] == pytest.approx(2.5)
         assert both.gap_rmse[0] == pytest.approx(((10 + 30 * 9) / 40) ** 0.5)
-        assert held_out_errors((Block(0.0, 10.0, one), Block(20.0, 30.0, None))) is None
+        assert pooled_holdout_errors((Block(0.0, 10.0, one), Block(20.0, 30.0, None))) is None
 
     def test_parts_keep_their_place_in_the_recording(self) -> None:
         segment = cut(read(SAMPLES / "synthetic_paper_study.csv"), 20.0, 60.0)
@@ -285,7 +287,7 @@ class TestWhiteness:
         late = segment.time[:, None] >= 150.0
         fit = with_parameters(segment, Parameters(*LAW))
         spoilt = replace(segment, gaps=segment.gaps + np.where(late, 50.0, 0.0))
-        masked = replace(spoilt, left_out=late, left_out_regimes=("catching up",))
+        masked = replace(spoilt, left_out=late, excluded_regimes=("catching up",))
         early = whiteness(part(segment, 0, 1501), fit)
         assert whiteness(spoilt, fit).deviation[0] > 5 * early.deviation[0]
         assert whiteness(masked, fit).deviation[0] == pytest.approx(early.deviation[0], rel=0.02)
@@ -309,14 +311,14 @@ def test_an_appraisal_holds_all_of_it() -> None:
     recording = read(SAMPLES / "synthetic_paper_study.csv")
     segment = cut(recording, 0.0, 100.0)
     fit = splines.fit(segment)
-    bare = appraise(segment, fit)
+    bare = evaluate(segment, fit)
     assert bare.blocks == ()
     assert bare.held_out is None
     assert bare.unseen is None
-    full = appraise(segment, fit, splines.fit, recording)
+    full = evaluate(segment, fit, splines.fit, recording)
     assert full.surrogate is not None
     assert full.held_out is not None
     assert full.unseen is not None
-    assert full.unseen_seconds > 100.0
+    assert full.out_of_window_seconds > 100.0
     assert len(full.blocks) == 3
     assert full.incidents == ()

@@ -18,7 +18,7 @@ from accpinn.cli.fit import _Interrupt, _text, describe
 from accpinn.cli.output import print_json, show, table
 from accpinn.methods.store import FOLDER_VARIABLE
 from accpinn.model.cthp import Parameters
-from accpinn.segment.quality import assess
+from accpinn.segment.quality import assess_quality
 from tests.driving import driven
 from tests.support.methods import RIVALS as ESTIMATORS
 
@@ -208,10 +208,10 @@ class TestFit:
         segment = driven(duration=100.0)
         found = ESTIMATORS["least-squares"](segment, "II")
         swaying = replace(found, parameters=(Parameters(0.05, 0.0, 1.0),))
-        (said,) = describe(segment, swaying, assess(segment))["incidents"]
+        (said,) = describe(segment, swaying, assess_quality(segment))["incidents"]
         assert "runs into the vehicle ahead at" in said
-        assert said in _text(segment, swaying, assess(segment))
-        assert describe(segment, found, assess(segment))["incidents"] == []
+        assert said in _text(segment, swaying, assess_quality(segment))
+        assert describe(segment, found, assess_quality(segment))["incidents"] == []
 
     def test_a_cache_that_cannot_be_used_is_said_once(
         self, capsys: pytest.CaptureFixture[str], cache: Path

@@ -13,19 +13,19 @@ from accpinn.inference.intervals import intervals
 from accpinn.methods import splines
 from accpinn.methods.fit import Outcome
 from accpinn.methods.pinn.config import FAST, PAPER
+from accpinn.methods.registry import METHODS
 from accpinn.recordings.openacc import read
 from accpinn.recordings.synthetic import load_truth, truth_path
 from accpinn.results.tables.comparison import intervals_table, methods_table
 from accpinn.results.tables.names import TITLES, method_name
 from accpinn.results.tables.results import where
 from accpinn.segment.window import Segment, cut
-from accpinn.methods.registry import METHODS
 from accpinn.study.comparison import (
-    Row,
+    MethodResult,
     compare,
+    failures_among,
     parse_methods,
-    refusals_among,
-    rows_among,
+    results_among,
 )
 from bench.coverage import measure
 from tests.support.methods import RIVALS as ESTIMATORS
@@ -40,8 +40,8 @@ def segment() -> Segment:
 
 
 @pytest.fixture(scope="module")
-def rows(segment: Segment) -> list[Row]:
-    return list(rows_among(compare(segment, "II", QUICK)))
+def rows(segment: Segment) -> list[MethodResult]:
+    return list(results_among(compare(segment, "II", QUICK)))
 
 
 def test_methods_are_named_or_all() -> None:
@@ -64,14 +64,14 @@ def test_a_pinn_is_called_by_what_it_was_trained_with() -> None:
     assert method_name("splines", {}, Outcome.SOLVED) == "Splines"
 
 
-def test_rows_come_in_order_with_errors_of_every_kind(rows: list[Row]) -> None:
+def test_rows_come_in_order_with_errors_of_every_kind(rows: list[MethodResult]) -> None:
     assert [row.fit.method for row in rows] == list(QUICK)
-    assert rows[0].assessment.surrogate is None
-    assert rows[1].assessment.surrogate is not None
+    assert rows[0].evaluation.surrogate is None
+    assert rows[1].evaluation.surrogate is not None
     for row in rows:
-        assert row.assessment.closed_loop is not None
-        assert row.assessment.held_out is not None
-        assert (row.assessment.closed_loop.gap_mae < 0.5).all()
+        assert row.evaluation.closed_loop is not None
+        assert row.evaluation.held_out is not None
+        assert (row.evaluation.closed_loop.gap_mae < 0.5).all()
 
 
 def refusing(*_: object, **__: object) -> NoReturn:
@@ -83,8 +83,8 @@ def test_a_method_that_refuses_ends_nothing(
 ) -> None:
     monkeypatch.setitem(ESTIMATORS, "splines", refusing)
     found = list(compare(segment, "II", QUICK))
-    assert [row.fit.method for row in rows_among(found)] == ["least-squares", "recursive"]
-    (refused,) = refusals_among(found)
+    assert [row.fit.method for row in results_among(found)] == ["least-squares", "recursive"]
+    (refused,) = failures_among(found)
     assert found.index(refused) == 1
     assert (refused.method, refused.reason[:10]) == ("splines", "Too little")
 
@@ -108,19 +108,19 @@ def test_the_command_names_who_refused(
 def test_a_stop_keeps_the_rows_so_far(segment: Segment) -> None:
     asked = iter([False, False, False, True])
     found = list(compare(segment, "II", QUICK, should_stop=lambda: next(asked)))
-    assert [row.fit.method for row in rows_among(found)] == [QUICK[0]]
+    assert [row.fit.method for row in results_among(found)] == [QUICK[0]]
 
 
-def test_intervals_hold_the_truth_of_a_sample(segment: Segment, rows: list[Row]) -> None:
+def test_intervals_hold_the_truth_of_a_sample(segment: Segment, rows: list[MethodResult]) -> None:
     """Of α and β; τ is shifted by the receivers' drift, which the data cannot show, by 0.5 %."""
     laws = load_truth(truth_path(SAMPLE)).parameters
     truth = np.array([[law.alpha, law.beta, law.tau] for law in laws])
-    doubt = rows[0].uncertainty
-    held = (doubt.lower <= truth) & (truth <= doubt.upper)
+    uncertainty = rows[0].uncertainty
+    held = (uncertainty.lower <= truth) & (truth <= uncertainty.upper)
     assert held[:, :2].all()
-    np.testing.assert_allclose(doubt.centre[:, 2], truth[:, 2], rtol=0.005)
-    assert (doubt.probability_l2 < 0.05).all()
-    assert doubt.draws.shape[1:] == (segment.followers, 3)
+    np.testing.assert_allclose(uncertainty.centre[:, 2], truth[:, 2], rtol=0.005)
+    assert (uncertainty.probability_l2 < 0.05).all()
+    assert uncertainty.draws.shape[1:] == (segment.followers, 3)
 
 
 def test_intervals_hold_as_often_as_they_say_and_naive_ones_do_not() -> None:
@@ -142,14 +142,14 @@ def test_intervals_are_wide_where_nothing_moves(segment: Segment) -> None:
         source="still",
         sha256="",
     )
-    doubt = intervals(still, splines.fit(still))
+    uncertainty = intervals(still, splines.fit(still))
     moving = intervals(segment, splines.fit(segment))
-    assert doubt.notes
+    assert uncertainty.notes
     assert np.isfinite(moving.upper).all()
-    assert (doubt.upper - doubt.lower > 3 * (moving.upper - moving.lower)).all()
+    assert (uncertainty.upper - uncertainty.lower > 3 * (moving.upper - moving.lower)).all()
 
 
-def test_tables_name_method_and_interval(segment: Segment, rows: list[Row]) -> None:
+def test_tables_name_method_and_interval(segment: Segment, rows: list[MethodResult]) -> None:
     methods = methods_table(segment, rows, 1)
     assert [row[0] for row in methods.rows] == ["Least squares", "Splines", "Recursive"]
     assert methods.rows[1][1] == rows[1].fit.parameters[1].alpha

@@ -38,20 +38,20 @@ def solve(problem: tuple[FloatArray, FloatArray]) -> LinearSolution:
 class TestParameters:
     @given(laws)
     def test_survive_the_way_through_theta(self, law: Parameters) -> None:
-        back = Parameters.from_linear(law.linear())
+        back = Parameters.from_theta(law.theta)
         assert (back.alpha, back.beta) == (law.alpha, law.beta)
         assert back.tau == pytest.approx(law.tau, rel=1e-14)
 
     def test_theta_is_alpha_alphatau_beta(self) -> None:
-        np.testing.assert_allclose(Parameters(0.08, 0.12, 1.5).linear(), [0.08, 0.12, 0.12])
+        np.testing.assert_allclose(Parameters(0.08, 0.12, 1.5).theta, [0.08, 0.12, 0.12])
         assert LINEAR_NAMES == ("α", "ατ", "β")
 
     def test_without_alpha_tau_is_unknown(self) -> None:
-        law = Parameters.from_linear(np.array([0.0, 0.0, 0.3]))
+        law = Parameters.from_theta(np.array([0.0, 0.0, 0.3]))
         assert law.alpha == 0
         assert law.beta == 0.3
         assert isnan(law.tau)
-        np.testing.assert_array_equal(law.linear(), [0.0, 0.0, 0.3])
+        np.testing.assert_array_equal(law.theta, [0.0, 0.0, 0.3])
 
     def test_cannot_be_changed(self) -> None:
         with pytest.raises(FrozenInstanceError):
@@ -73,7 +73,7 @@ class TestRegressors:
     ) -> None:
         row = regressors(np.array([[ahead, speed]]), np.array([[gap]]))[0, 0]
         expected = law.alpha * (gap - law.tau * speed) + law.beta * (ahead - speed)
-        assert row @ law.linear() == pytest.approx(expected, abs=1e-9)
+        assert row @ law.theta == pytest.approx(expected, abs=1e-9)
 
 
 class TestSolveLinear:
@@ -138,7 +138,7 @@ class TestSolveLinear:
 
 
 def integrate(
-    platoon: tuple[Parameters, ...], time: FloatArray, ahead: FloatArray, start: FloatArray
+    platoon: Parameters, time: FloatArray, ahead: FloatArray, start: FloatArray
 ) -> FloatArray:
     """(N, 2M) p_1, v_1, p_2, v_2, ..: the law written out per vehicle, integrated tightly.
 
@@ -249,6 +249,6 @@ class TestMotionMatrix:
         state = np.append(np.stack([gaps, speeds[1:]], axis=1).ravel(), speeds[0])
         rates = motion_matrix(tuple(platoon)) @ state
         rows = regressors(speeds[None], gaps[None])[:, 0]
-        expected = [law.linear() @ row for law, row in zip(platoon, rows, strict=True)]
+        expected = [law.theta @ row for law, row in zip(platoon, rows, strict=True)]
         np.testing.assert_allclose(rates[0::2], -np.diff(speeds), atol=1e-12)
         np.testing.assert_allclose(rates[1::2], expected, rtol=1e-9, atol=1e-9)

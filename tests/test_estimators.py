@@ -45,19 +45,19 @@ class TestEvery:
     def test_recovers_the_truth(self, estimate: Estimator) -> None:
         fit = estimate(driven(MIXED, duration=100.0), "II")
         # Central differences of sines at up to 0.4 rad/s are 3e-4 short.
-        np.testing.assert_allclose(fit.table(), MIXED, rtol=2e-3)
+        np.testing.assert_allclose(fit.parameters.values, MIXED, rtol=2e-3)
 
     @precise_method
     def test_recovers_it_from_noisy_data(self, estimate: Estimator) -> None:
         fit = estimate(driven(MIXED, duration=100.0, noise=0.02), "II")
-        np.testing.assert_allclose(fit.table(), MIXED, rtol=0.03)
+        np.testing.assert_allclose(fit.parameters.values, MIXED, rtol=0.03)
 
     @precise_method
     def test_gives_one_law_in_case_i(self, estimate: Estimator) -> None:
         same = driven((LAW, LAW, LAW))
         fit = estimate(same, "I")
         assert len(set(fit.parameters)) == 1
-        np.testing.assert_allclose(fit.table(), [LAW] * 3, rtol=1e-3)
+        np.testing.assert_allclose(fit.parameters.values, [LAW] * 3, rtol=1e-3)
 
     @precise_method
     def test_holds_the_bounds_and_says_so(self, estimate: Estimator) -> None:
@@ -81,7 +81,7 @@ class TestEvery:
     def test_survives_data_without_motion(self, estimate: Estimator, speed: float) -> None:
         fit = estimate(standing_still(speed), "II")
         assert fit.outcome is not Outcome.DIVERGED
-        assert (fit.table()[:, :2] >= 0).all()
+        assert (fit.parameters.values[:, :2] >= 0).all()
 
     @every_method
     @pytest.mark.parametrize("samples", [2, 3, 4, 5, 10])
@@ -92,15 +92,15 @@ class TestEvery:
             with pytest.raises(SegmentError, match="too few for a spline; take a window of"):
                 estimate(tiny, "II")
         else:
-            assert (estimate(tiny, "II").table()[:, :2] >= 0).all()
+            assert (estimate(tiny, "II").parameters.values[:, :2] >= 0).all()
 
     @every_method
     @pytest.mark.parametrize("case", ["I", "II"])
     def test_handles_ten_followers(self, estimate: Estimator, case: Case) -> None:
         fit = estimate(driven((LAW,) * 10, noise=0.02), case)
-        assert fit.table().shape == (10, 3)
+        assert fit.parameters.values.shape == (10, 3)
         assert len(fit.active_bounds) == 10
-        np.testing.assert_allclose(fit.table(), [LAW] * 10, rtol=0.2)
+        np.testing.assert_allclose(fit.parameters.values, [LAW] * 10, rtol=0.2)
         assert len(set(fit.parameters)) == (1 if case == "I" else 10)
 
     @every_method
@@ -108,16 +108,16 @@ class TestEvery:
         rng = np.random.default_rng(0)
         values = 100 * rng.standard_normal((301, 5))
         fit = estimate(segment_of(0.1 * np.arange(301), values[:, :3], values[:, 3:]), "II")
-        assert (fit.table()[:, :2] >= 0).all()
-        assert not (fit.table()[:, 2] < 0).any()
+        assert (fit.parameters.values[:, :2] >= 0).all()
+        assert not (fit.parameters.values[:, 2] < 0).any()
 
     @every_method
     def test_is_the_same_every_time(self, estimate: Estimator) -> None:
         first, second = (estimate(driven(MIXED, noise=0.05), "II") for _ in range(2))
-        np.testing.assert_array_equal(first.table(), second.table())
-        if first.course is not None:
-            assert second.course is not None
-            np.testing.assert_array_equal(first.course.parameters, second.course.parameters)
+        np.testing.assert_array_equal(first.parameters.values, second.parameters.values)
+        if first.track is not None:
+            assert second.track is not None
+            np.testing.assert_array_equal(first.track.parameters, second.track.parameters)
 
     @every_method
     def test_settings_fit_into_json(self, estimate: Estimator) -> None:
@@ -127,7 +127,9 @@ class TestEvery:
     @precise_method
     def test_hardly_minds_followers_behind(self, estimate: Estimator) -> None:
         alone, behind = estimate(driven((LAW,)), "II"), estimate(driven(MIXED), "II")
-        np.testing.assert_allclose(behind.table()[0], alone.table()[0], rtol=1e-3)
+        np.testing.assert_allclose(
+            behind.parameters.values[0], alone.parameters.values[0], rtol=1e-3
+        )
 
 
 class TestLeastSquares:
@@ -188,7 +190,7 @@ class TestSplines:
         dv = make_lsq_spline(time, speeds, knots, 4).derivative()(time)
         dp = make_lsq_spline(time, gaps, knots, 4).derivative()(time)
         relative = speeds[:, :-1] - speeds[:, 1:]
-        alpha, beta, tau = fit.table().T
+        alpha, beta, tau = fit.parameters.values.T
         law = alpha * (gaps - tau * speeds[:, 1:]) + beta * relative
         physics = ((dp - relative) ** 2).sum() + ((dv[:, 1:] - law) ** 2).sum()
         assert fit.loss["physics"] == pytest.approx(physics / (segment.samples * 3), rel=1e-6)
@@ -203,7 +205,7 @@ class TestSplines:
             basis.smooth(segment, theta[None] * scale)
             return 1e3 * basis.loss(segment, theta[None] * scale)["total"]
 
-        scale = fit.parameters[0].linear()
+        scale = fit.parameters[0].theta
         found = minimize(lowest, [0.9, 1.1, 0.8], method="Nelder-Mead", options={"xatol": 1e-6})
         np.testing.assert_allclose(found.x, 1.0, atol=2e-4)
         assert 1e3 * fit.loss["total"] <= found.fun * (1 + 1e-9)
@@ -211,13 +213,13 @@ class TestSplines:
     def test_finer_knots_change_little(self) -> None:
         segment = driven(noise=0.05)
         coarse, fine = splines.fit(segment, knots_every=1.0), splines.fit(segment)
-        np.testing.assert_allclose(fine.table(), coarse.table(), rtol=1e-3)
+        np.testing.assert_allclose(fine.parameters.values, coarse.parameters.values, rtol=1e-3)
         assert fine.loss["total"] <= coarse.loss["total"] * (1 + 1e-6)
 
     @pytest.mark.parametrize("step", [0.05, 0.5, 1.0])
     def test_other_sampling_times_than_the_recordings(self, step: float) -> None:
         fit = splines.fit(driven(step=step, duration=100.0))
-        np.testing.assert_allclose(fit.table(), [LAW], rtol=0.02)
+        np.testing.assert_allclose(fit.parameters.values, [LAW], rtol=0.02)
         assert fit.config["knots_every"] == max(0.5, 5 * step)
 
     def test_are_fast(self) -> None:

@@ -14,7 +14,7 @@ import pytest
 from scipy.signal import lfilter
 
 from accpinn.methods import dual_ukf, filtering, particle, recursive
-from accpinn.methods.filtering import Platoon, State, move
+from accpinn.methods.filtering import Measurements, State, move
 from accpinn.methods.fit import Fit, Outcome
 from accpinn.methods.unscented import Unscented
 from accpinn.model.cthp import Case, Parameters, simulate
@@ -83,7 +83,7 @@ class TestMotion:
         law, time = Parameters(*LAW), np.array([0.0, 0.1])
         exact = simulate((law,), time, np.array([20.0, 21.0]), np.array([19.0]), np.array([25.0]))
         moved = move(
-            tuple(law.linear()),
+            tuple(law.theta),
             State(np.array(25.0), np.array(19.0)),
             np.array(20.0),
             np.array(21.0),
@@ -113,7 +113,7 @@ class TestMotion:
 
     def test_laws_and_followers_are_grouped_by_case(self) -> None:
         segment = driven(MIXED)
-        one, each = Platoon.of(segment, "I"), Platoon.of(segment, "II")
+        one, each = Measurements.of(segment, "I"), Measurements.of(segment, "II")
         assert one.gaps.shape == (segment.samples, 1, 3)
         assert each.gaps.shape == (segment.samples, 3, 1)
         np.testing.assert_array_equal(one.ahead[:, 0, 2], segment.speeds[:, 2])
@@ -125,14 +125,14 @@ class TestBoth:
     @pytest.mark.parametrize("name", [NOISE_FREE, NOISY, PLATOON])
     def test_recovers_the_truth(self, estimate: Estimator, name: str) -> None:
         study, tolerance = sample(name), TOLERANCES[estimate, name]
-        error = abs(learned(estimate, name).table() / study.truth - 1)
+        error = abs(learned(estimate, name).parameters.values / study.truth - 1)
         assert (error < tolerance).all(), error.round(3)
 
     @both_filters
     @pytest.mark.parametrize("name", [NOISE_FREE, NOISY, PLATOON])
     def test_truth_is_within_its_deviations(self, estimate: Estimator, name: str) -> None:
         study = sample(name)
-        path = learned(estimate, name).course
+        path = learned(estimate, name).track
         assert path is not None
         assert path.deviation is not None
         late = path.time > 60
@@ -144,12 +144,12 @@ class TestBoth:
         segment = driven((LAW, LAW, LAW), duration=200.0, noise=0.05)
         together, apart = estimate(segment, "I"), estimate(segment, "II")
         assert len(set(together.parameters)) == 1
-        assert together.course is not None
-        assert together.course.deviation is not None
-        assert apart.course is not None
-        assert apart.course.deviation is not None
-        np.testing.assert_allclose(together.table()[0], LAW, rtol=0.08)
-        ratio = together.course.deviation[-1] / apart.course.deviation[-1]
+        assert together.track is not None
+        assert together.track.deviation is not None
+        assert apart.track is not None
+        assert apart.track.deviation is not None
+        np.testing.assert_allclose(together.parameters.values[0], LAW, rtol=0.08)
+        ratio = together.track.deviation[-1] / apart.track.deviation[-1]
         assert (ratio.mean(axis=0) < 0.85).all()
 
     @both_filters
@@ -167,7 +167,7 @@ class TestBoth:
             np.concatenate([part.speeds for part in parts]),
             np.concatenate([part.gaps for part in parts]),
         )
-        path = estimate(segment, "II").course
+        path = estimate(segment, "II").track
         assert path is not None
         assert path.parameters[path.time < 300][-1, 0, 2] == pytest.approx(1.5, abs=0.02)
         assert path.parameters[-1, 0, 2] == pytest.approx(1.2, abs=0.12)
@@ -176,11 +176,11 @@ class TestBoth:
     def test_parameters_are_the_courses_last(self, estimate: Estimator) -> None:
         fit = estimate(driven(MIXED, noise=0.05), "II")
         assert fit.outcome is Outcome.FILTERED
-        assert fit.course is not None
-        assert fit.course.time[-1] == pytest.approx(60.0)
-        np.testing.assert_allclose(fit.table(), fit.course.parameters[-1], rtol=1e-12)
-        assert fit.course.deviation is not None
-        assert (fit.course.deviation > 0).all()
+        assert fit.track is not None
+        assert fit.track.time[-1] == pytest.approx(60.0)
+        np.testing.assert_allclose(fit.parameters.values, fit.track.parameters[-1], rtol=1e-12)
+        assert fit.track.deviation is not None
+        assert (fit.track.deviation > 0).all()
 
     @both_filters
     def test_surrogate_stays_with_the_recording(self, estimate: Estimator) -> None:
@@ -204,9 +204,9 @@ class TestBoth:
         """A minute of AstaZero in which the leader's speed varies by less than 0.1 m/s."""
         recording = read(openacc_dir / "AstaZero" / "ASta_040719_platoon5.csv")
         fit = estimate(cut(recording, 520, 60, (1, 2)), "II")
-        assert fit.course is not None
-        assert fit.course.deviation is not None
-        alpha, beta, _ = fit.course.deviation[-1, 0]
+        assert fit.track is not None
+        assert fit.track.deviation is not None
+        alpha, beta, _ = fit.track.deviation[-1, 0]
         assert alpha > 0.03
         assert beta > 0.2
         assert fit.notes != ()
@@ -219,10 +219,10 @@ class TestBoth:
         recording = read(openacc_dir / "AstaZero" / "ASta_040719_platoon5.csv")
         segment = cut(recording, 320, 300)
         fit, batch = estimate(segment, case), recursive.fit(segment, case, memory=1e6)
-        assert fit.course is not None
-        assert batch.course is not None
+        assert fit.track is not None
+        assert batch.track is not None
         # The last estimate with endless memory is batch least squares.
-        error = abs(fit.table() / batch.course.parameters[-1] - 1)
+        error = abs(fit.parameters.values / batch.track.parameters[-1] - 1)
         assert (error < Tolerance(0.2, 0.25, 0.05)).all(), error.round(3)
         assert fit.seconds < 20  # we see 0.6 s and 1.7 s
 
@@ -231,10 +231,10 @@ class TestDualUnscented:
     def test_motion_is_the_kalman_filters(self) -> None:
         """Given the law the motion is linear, and its filter the textbook's."""
         segment = driven((LAW,), noise=0.05)
-        platoon = Platoon.of(segment, "II")
+        platoon = Measurements.of(segment, "II")
         measured = np.stack([segment.gaps[:, 0], segment.speeds[:, 1]], axis=1)
         dual = dual_ukf._Dual(measured[:1, None], segment.sample_time)
-        theta = Parameters(*LAW).linear()
+        theta = Parameters(*LAW).theta
         dual._drift = np.zeros((3, 3))
         dual.theta = theta[None]
         dual.covariance = 1e-24 * np.eye(3)[None]
@@ -260,35 +260,37 @@ class TestDualUnscented:
         assert fit.parameters[0].beta == 0
         assert fit.unconstrained[0].beta == pytest.approx(-0.03, abs=0.005)
         assert any("hold β at zero" in note for note in fit.notes)
-        assert fit.course is not None
-        assert (fit.course.parameters >= 0).all()
+        assert fit.track is not None
+        assert (fit.track.parameters >= 0).all()
 
     def test_agrees_with_another_implementation(self, openacc_dir: Path) -> None:
         """The same two filters, built from filterpy 2.0's UnscentedKalmanFilter, ended here."""
         recording = read(openacc_dir / "AstaZero" / "ASta_040719_platoon5.csv")
         fit = dual_ukf.fit(cut(recording, 320, 300, (1, 2)))
         expected = (0.06166485, 0.07337146, 0.11083167)
-        np.testing.assert_allclose(fit.parameters[0].linear(), expected, rtol=1e-5)
+        np.testing.assert_allclose(fit.parameters[0].theta, expected, rtol=1e-5)
 
 
 class TestParticles:
     def test_seed_decides(self) -> None:
         segment = driven((LAW,), noise=0.05)
-        first, same, other = (particle.fit(segment, seed=seed).table() for seed in (0, 0, 1))
+        first, same, other = (
+            particle.fit(segment, seed=seed).parameters.values for seed in (0, 0, 1)
+        )
         np.testing.assert_array_equal(first, same)
         assert (first != other).all()
         np.testing.assert_allclose(first, other, rtol=0.15)
 
     def test_every_law_stays_lawful(self) -> None:
         fit = particle.fit(driven(((0.08, -0.03, 1.5), LAW), duration=200.0))
-        assert fit.course is not None
-        assert (fit.course.parameters > 0).all()
+        assert fit.track is not None
+        assert (fit.track.parameters > 0).all()
         assert 0 < fit.parameters[0].beta < 0.04
         assert fit.active_bounds == ((), ())
         assert any("Vehicle 2: β" in note for note in fit.notes)
 
     def test_drawing_anew_keeps_mean_and_spread(self) -> None:
-        cloud = particle._Cloud(Platoon.of(driven((LAW,)), "II"), 20_000, seed=0)
+        cloud = particle._Cloud(Measurements.of(driven((LAW,)), "II"), 20_000, seed=0)
         rng = np.random.default_rng(1)
         middle = np.array([0.1, 0.2, 0.3])
         cloud._theta = (middle + 0.01 * rng.standard_normal((1, 20_000, 3))).transpose(2, 0, 1)
@@ -305,7 +307,7 @@ class TestParticles:
 
     def test_heavier_particles_have_more_children(self) -> None:
         """Systematic resampling: each has its weight's share, to within one."""
-        cloud = particle._Cloud(Platoon.of(driven((LAW,)), "II"), 1000, seed=0)
+        cloud = particle._Cloud(Measurements.of(driven((LAW,)), "II"), 1000, seed=0)
         weights = np.random.default_rng(2).random(1000)
         cloud._weights = (weights / weights.sum())[None]
         tags = np.arange(1000.0)
@@ -321,6 +323,6 @@ def test_jumps_that_no_vehicle_makes_end_in_a_diverged_fit() -> None:
     speeds, gaps = rng.uniform(-200, 200, (801, 2)), rng.uniform(-9999, 9999, (801, 1))
     fit = dual_ukf.fit(segment_of(0.1 * np.arange(801), speeds, gaps))
     assert fit.outcome is Outcome.DIVERGED
-    assert np.isnan(fit.table()).all()
+    assert np.isnan(fit.parameters.values).all()
     assert len(fit.unconstrained) == len(fit.active_bounds) == 1
     assert "jump" in fit.notes[0]

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from accpinn.methods import recursive, splines
-from accpinn.methods.online import COURSE_EVERY, course
+from accpinn.methods.online import COURSE_EVERY, track
 from accpinn.model.cthp import regressors
 from accpinn.recordings.openacc import read
 from accpinn.segment.window import Segment, cut
@@ -46,12 +46,14 @@ def changing() -> Segment:
 class TestTruth:
     def test_recovers_the_noise_free_study(self) -> None:
         study = sample(NOISE_FREE)
-        np.testing.assert_allclose(recursive.fit(study.segment).table(), study.truth, rtol=1e-3)
+        np.testing.assert_allclose(
+            recursive.fit(study.segment).parameters.values, study.truth, rtol=1e-3
+        )
 
     @pytest.mark.parametrize(("name", "tolerance"), [(NOISY, 0.02), (PLATOON, 0.03)])
     def test_recovers_noisy_studies(self, name: str, tolerance: float) -> None:
         study = sample(name)
-        found = recursive.fit(study.segment).table()
+        found = recursive.fit(study.segment).parameters.values
         np.testing.assert_allclose(found, study.truth, rtol=tolerance)
 
 
@@ -59,7 +61,7 @@ class TestRecursion:
     @pytest.mark.parametrize("memory", [20.0, 60.0])
     def test_last_estimate_is_the_textbooks(self, memory: float) -> None:
         segment = driven((LAW,), noise=0.05)
-        path = recursive.fit(segment, memory=memory).course
+        path = recursive.fit(segment, memory=memory).track
         assert path is not None
         alpha, alpha_tau, beta = textbook(segment, memory)
         np.testing.assert_allclose(
@@ -67,45 +69,45 @@ class TestRecursion:
         )
 
     def test_keeps_an_estimate_every_half_second_and_the_last(self) -> None:
-        path = recursive.fit(driven((LAW,))).course
+        path = recursive.fit(driven((LAW,))).track
         assert path is not None
         np.testing.assert_allclose(np.diff(path.time), COURSE_EVERY)
         assert path.time[-1] == pytest.approx(60.0)
         assert path.parameters.shape == (len(path.time), 1, 3)
 
     def test_follows_a_law_that_changes(self) -> None:
-        path = recursive.fit(changing(), memory=20.0).course
+        path = recursive.fit(changing(), memory=20.0).track
         assert path is not None
         before = path.parameters[path.time < 120][-1, 0]
         np.testing.assert_allclose(before, LAW, rtol=1e-3)
         np.testing.assert_allclose(path.parameters[-1, 0], OTHER, rtol=0.02)
 
     def test_long_memory_hardly_follows(self) -> None:
-        path = recursive.fit(changing(), memory=1e6).course
+        path = recursive.fit(changing(), memory=1e6).track
         assert path is not None
         assert OTHER[2] + 0.02 < path.parameters[-1, 0, 2] < LAW[2] - 0.02
 
     def test_parameters_are_the_mean_after_one_memory(self) -> None:
         fit = recursive.fit(driven((LAW,), duration=100.0, noise=0.05), memory=30.0)
-        assert fit.course is not None
-        settled = fit.course.parameters[fit.course.time >= 30.0, 0]
+        assert fit.track is not None
+        settled = fit.track.parameters[fit.track.time >= 30.0, 0]
         alpha, beta, tau = settled.T
         expected = (alpha.mean(), beta.mean(), (alpha * tau).mean() / alpha.mean())
-        np.testing.assert_allclose(fit.table()[0], expected, rtol=1e-12)
+        np.testing.assert_allclose(fit.parameters.values[0], expected, rtol=1e-12)
 
     def test_case_i_adds_up_all_followers(self) -> None:
         segment = driven(MIXED, noise=0.05)
         fit = recursive.fit(segment, "I", memory=30.0)
         assert len(set(fit.parameters)) == 1
-        assert fit.course is not None
-        one = fit.course.parameters
+        assert fit.track is not None
+        one = fit.track.parameters
         assert one.shape[1] == 3
         np.testing.assert_array_equal(one[:, 0], one[:, 2])
 
     def test_midpoints_keep_white_noise_from_biasing_it(self) -> None:
         """A forward difference on (p, v) at its start would find β too large by a third."""
         segment = driven((LAW,), duration=300.0, noise=0.1)
-        found = recursive.fit(segment).table()[0]
+        found = recursive.fit(segment).parameters.values[0]
         np.testing.assert_allclose(found, LAW, rtol=0.05)
         v, rows = segment.speeds[:, 1], regressors(segment.speeds, segment.gaps)[0, :-1]
         forward = np.linalg.lstsq(rows, np.diff(v) / 0.1, rcond=None)[0]
@@ -127,7 +129,7 @@ class TestWhatItSays:
             alpha, beta, tau = LAW
             shift = speeds[:, 1] - base.speeds[:, 1]
             gaps[:, 0] += (beta + alpha * tau) * shift / alpha
-            path = recursive.fit(segment_of(base.time, speeds, gaps)).course
+            path = recursive.fit(segment_of(base.time, speeds, gaps)).track
             assert path is not None
             assert path.deviation is not None
             misses.append((path.parameters[-1, 0] - LAW) / path.deviation[-1, 0])
@@ -135,15 +137,15 @@ class TestWhatItSays:
 
     def test_nothing_is_told_before_three_samples(self) -> None:
         whole = driven((LAW,), step=1.0)
-        path = recursive.fit(whole).course
+        path = recursive.fit(whole).track
         assert path is not None
         assert np.isnan(path.parameters[:2]).all()
         assert np.isfinite(path.parameters[5:]).all()
 
     def test_says_when_nothing_is_ever_told(self) -> None:
         fit = recursive.fit(standing_still())
-        assert fit.course is not None
-        assert np.isnan(fit.course.parameters).all()
+        assert fit.track is not None
+        assert np.isnan(fit.track.parameters).all()
         (note,) = fit.notes
         assert note.startswith("Vehicle 2: at no time")
 
@@ -151,12 +153,12 @@ class TestWhatItSays:
         fit = recursive.fit(driven((LAW,), duration=100.0, noise=0.5), memory=3.0)
         assert fit.active_bounds == ((),)
         assert any("stood at zero, its bound, for" in note for note in fit.notes)
-        assert (fit.table() >= 0).all()
+        assert (fit.parameters.values >= 0).all()
 
     def test_tau_has_a_deviation_by_the_delta_method(self) -> None:
         theta = np.array([[[0.1, 0.15, 0.2]]])
         covariance = np.diag([1e-6, 4e-6, 9e-6])[None, None]
-        path = course(np.array([1.0]), theta, covariance, followers=1)
+        path = track(np.array([1.0]), theta, covariance, followers=1)
         assert path.deviation is not None
         draws = np.random.default_rng(0).multivariate_normal(theta[0, 0], covariance[0, 0], 100_000)
         expected = (1e-3, 3e-3, (draws[:, 1] / draws[:, 0]).std())
@@ -166,6 +168,9 @@ class TestWhatItSays:
 class TestRealRecordings:
     def test_astazero_is_near_the_limit_of_the_loss(self, openacc_dir: Path) -> None:
         segment = cut(read(openacc_dir / "AstaZero" / "ASta_040719_platoon5.csv"), 320, 300)
-        found, limit = recursive.fit(segment, "I").table(), splines.fit(segment, "I").table()
+        found, limit = (
+            recursive.fit(segment, "I").parameters.values,
+            splines.fit(segment, "I").parameters.values,
+        )
         np.testing.assert_allclose(found, limit, rtol=0.05)
         assert recursive.fit(segment).seconds < 1.0  # we see 0.07 s

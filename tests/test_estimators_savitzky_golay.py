@@ -10,19 +10,23 @@ from tests.samples import NOISE_FREE, NOISY, PLATOON, sample
 
 def test_recovers_the_noise_free_study() -> None:
     study = sample(NOISE_FREE)
-    np.testing.assert_allclose(savitzky_golay.fit(study.segment).table(), study.truth, rtol=5e-4)
+    np.testing.assert_allclose(
+        savitzky_golay.fit(study.segment).parameters.values, study.truth, rtol=5e-4
+    )
 
 
 @pytest.mark.parametrize(("name", "tolerance"), [(NOISY, 0.02), (PLATOON, 0.03)])
 def test_recovers_noisy_studies(name: str, tolerance: float) -> None:
     study = sample(name)
-    found = savitzky_golay.fit(study.segment).table()
+    found = savitzky_golay.fit(study.segment).parameters.values
     np.testing.assert_allclose(found, study.truth, rtol=tolerance)
 
 
 def test_smoothing_takes_away_most_of_the_noise_that_biases_plain_least_squares() -> None:
     segment = driven((LAW,), duration=300.0, noise=0.3)
-    plain, smooth = (method.fit(segment).table() for method in (least_squares, savitzky_golay))
+    plain, smooth = (
+        method.fit(segment).parameters.values for method in (least_squares, savitzky_golay)
+    )
     error_plain, error_smooth = (abs(table[0] / LAW - 1).max() for table in (plain, smooth))
     assert error_smooth < 0.5 * error_plain
 
@@ -37,7 +41,7 @@ def test_leaves_cubics_as_they_are() -> None:
     gap = (rate - beta * (ahead - follower)) / alpha + tau * follower
     segment = segment_of(time, np.column_stack([ahead, follower]), gap[:, None])
     fit = savitzky_golay.fit(segment)
-    np.testing.assert_allclose(fit.table(), [LAW], rtol=1e-6)
+    np.testing.assert_allclose(fit.parameters.values, [LAW], rtol=1e-6)
     assert fit.surrogate is not None
     np.testing.assert_allclose(fit.surrogate.speeds, segment.speeds, rtol=1e-9)
 
@@ -48,4 +52,4 @@ def test_leaves_cubics_as_they_are() -> None:
 def test_window_is_two_seconds_or_five_samples(step: float, samples: int) -> None:
     fit = savitzky_golay.fit(driven(duration=100.0, step=step))
     assert fit.config["window"] == pytest.approx(samples * step)
-    np.testing.assert_allclose(fit.table(), [LAW], rtol=0.02)
+    np.testing.assert_allclose(fit.parameters.values, [LAW], rtol=0.02)

@@ -42,12 +42,12 @@ class TestChain:
         expected = simulate(
             (law,) * 3, segment.time, segment.speeds[:, 0], segment.speeds[0, 1:], segment.gaps[0]
         )
-        states = chain.states(law.linear(), chain.measured[0])
+        states = chain.states(law.theta, chain.measured[0])
         np.testing.assert_allclose(states[:, ::2], expected.gaps, atol=1e-9)
         np.testing.assert_allclose(states[:, 1::2], expected.speeds[:, 1:], atol=1e-9)
 
     def test_slopes_are_difference_quotients(self, chain: Chain) -> None:
-        theta, start = Parameters(*LAW).linear(), chain.measured[0]
+        theta, start = Parameters(*LAW).theta, chain.measured[0]
         slopes = chain.slopes(theta, start)
         assert slopes.shape == (*chain.measured.shape, 3 + len(start))
         for column in range(slopes.shape[2]):
@@ -73,12 +73,14 @@ class TestChain:
 class TestTruth:
     def test_recovers_the_noise_free_study(self) -> None:
         study = sample(NOISE_FREE)
-        np.testing.assert_allclose(simulation.fit(study.segment).table(), study.truth, rtol=5e-4)
+        np.testing.assert_allclose(
+            simulation.fit(study.segment).parameters.values, study.truth, rtol=5e-4
+        )
 
     @pytest.mark.parametrize(("name", "tolerance"), [(NOISY, 0.02), (PLATOON, 0.02)])
     def test_recovers_noisy_studies(self, name: str, tolerance: float) -> None:
         study = sample(name)
-        found = simulation.fit(study.segment).table()
+        found = simulation.fit(study.segment).parameters.values
         np.testing.assert_allclose(found, study.truth, rtol=tolerance)
 
     def test_recovers_a_first_state_that_was_measured_wrong(self) -> None:
@@ -89,7 +91,7 @@ class TestTruth:
         assert fit.surrogate is not None
         # One sample of 0.3 m among 600 pulls hardly.
         assert fit.surrogate.gaps[0, 0] == pytest.approx(exact.gaps[0, 0], abs=0.02)
-        np.testing.assert_allclose(fit.table(), [LAW], rtol=2e-3)
+        np.testing.assert_allclose(fit.parameters.values, [LAW], rtol=2e-3)
 
     def test_first_state_stays_within_a_receivers_error(self) -> None:
         exact = driven((LAW,))
@@ -107,7 +109,7 @@ class TestCriterion:
         fit = simulation.fit(segment, "I")
         assert fit.surrogate is not None
         start = np.stack([fit.surrogate.gaps[0], fit.surrogate.speeds[0, 1:]], axis=1).ravel()
-        theta = fit.parameters[0].linear()
+        theta = fit.parameters[0].theta
 
         def cost(law: np.ndarray) -> float:
             return float(((chain.states(law, start) - chain.measured) ** 2).sum())
@@ -169,7 +171,7 @@ class TestBounds:
         walk = np.cumsum(rng.standard_normal((601, 3)), axis=0)
         segment = segment_of(time, 20 + walk[:, :2], 30 + walk[:, 2:])
         fit = simulation.fit(segment)
-        assert (fit.table()[:, :2] <= 10).all()
+        assert (fit.parameters.values[:, :2] <= 10).all()
         assert any("one possibility of many" in note for note in fit.notes)
 
     def test_too_few_samples_are_refused(self) -> None:

@@ -13,7 +13,7 @@ from accpinn.methods.pinn.fast import FastTraining
 from accpinn.methods.pinn.loss import loss_terms
 from accpinn.methods.pinn.output_layout import output_columns
 from accpinn.methods.pinn.protocol import Problem
-from accpinn.methods.pinn.variable_projection import Moments, solve_output, solve_parameters
+from accpinn.methods.pinn.variable_projection import NormalEquations, solve_output, solve_parameters
 from accpinn.model.cthp import Case, regressors
 from accpinn.units import FloatArray
 from tests.driving import LAW, MIXED, driven
@@ -35,10 +35,10 @@ class Drawn:
     def followers(self) -> int:
         return len(self.theta)
 
-    def moments(self) -> Moments:
+    def moments(self) -> NormalEquations:
         value, rate, data = (torch.from_numpy(a) for a in (self.value, self.rate, self.data))
         count = len(value)
-        return Moments(
+        return NormalEquations(
             value_value=value.T @ value / count,
             rate_value=rate.T @ value / count,
             rate_rate=rate.T @ rate / count,

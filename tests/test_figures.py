@@ -15,11 +15,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from accpinn.methods.fit import Course, History
+from accpinn.methods.fit import History, ParameterTrack
 from accpinn.model.cthp import Parameters, Trajectories
 from accpinn.model.published import CASALE
 from accpinn.platoon.leader import Sinusoid
-from accpinn.platoon.simulation import simulate
+from accpinn.platoon.simulation import simulate_platoon
 from accpinn.recordings.openacc import read
 from accpinn.recordings.recording import Recording
 from accpinn.results.figures import comparison as comparison_figures
@@ -29,7 +29,7 @@ from accpinn.results.figures.platoon import cast_of, profiles
 from accpinn.results.figures.stability import bode, stability_map
 from accpinn.segment.missing import Window
 from accpinn.segment.window import Segment, cut
-from accpinn.stability.report import report as stability_report
+from accpinn.stability.report import stability_report as stability_report
 from tests.openacc_files import csv, metadata, platoon
 
 ROOT = Path(__file__).parent.parent
@@ -237,10 +237,10 @@ def test_loss_is_drawn_on_whole_decades() -> None:
 
 
 def test_loss_that_is_zero_or_infinite_is_left_out() -> None:
-    course = history()
-    course.physics[:] = 0.0
-    course.total[-1] = np.inf
-    drawn = as_json(training.loss_course(course))
+    track = history()
+    track.physics[:] = 0.0
+    track.total[-1] = np.inf
+    drawn = as_json(training.loss_course(track))
     assert len(drawn["data"]) == 2
     assert all(np.isfinite(drawn["layout"]["yaxis"]["range"]))
 
@@ -274,9 +274,9 @@ def test_case_one_is_one_line_for_all(segment: Segment) -> None:
 
 
 def test_undetermined_parameters_do_not_break_the_axis(segment: Segment) -> None:
-    course = history()
-    course.parameters[:] = np.nan
-    drawn = as_json(training.parameter_course(course, 2, segment))
+    track = history()
+    track.parameters[:] = np.nan
+    drawn = as_json(training.parameter_course(track, 2, segment))
     assert "range" not in drawn["layout"]["yaxis"]
 
 
@@ -294,12 +294,12 @@ def test_tracking_shows_data_network_and_simulation(segment: Segment) -> None:
 def test_charts_of_a_window_run_in_the_recordings_time(segment: Segment) -> None:
     later = replace(segment, start=320.0)
     own = Trajectories(segment.time, segment.speeds, segment.gaps)
-    course = Course(segment.time, np.ones((segment.samples, segment.followers, 3)))
+    track = ParameterTrack(segment.time, np.ones((segment.samples, segment.followers, 3)))
     for figure in (
         recording_figures.preview(later),
         training.tracking(later, 0, own, own),
         comparison_figures.curves(later, 0, own, own, "network"),
-        comparison_figures.courses([("filter", course)], 0, start=320.0),
+        comparison_figures.courses([("filter", track)], 0, start=320.0),
     ):
         for trace in figure.data:
             assert trace.x[0] == 320.0
@@ -379,14 +379,14 @@ class TestLegends:
         whole = recording_figures.overview(recording(), (1, 2, 3), Window(0, 30))
         assert self.entries(whole) == names
         assert self.entries(recording_figures.preview(segment)) == names
-        course = training.parameter_course(history(), 0, segment)
-        assert self.entries(course) == names[1:]
+        track = training.parameter_course(history(), 0, segment)
+        assert self.entries(track) == names[1:]
 
     def test_stability_and_platoon(self) -> None:
         report = stability_report(CASALE.parameters)
         assert self.entries(bode(CASALE, report)) == list(CASALE.labels)
         assert len(self.entries(stability_map(CASALE, report, 0, "beta"))) == 3
-        run = simulate([*CASALE.parameters] * 3, Sinusoid(0.1))
+        run = simulate_platoon([*CASALE.parameters] * 3, Sinusoid(0.1))
         assert len(self.entries(profiles(run, cast_of(CASALE, [0, 0, 0])))) == 4
 
     def test_a_figure_without_names_has_none(self) -> None:

@@ -15,7 +15,7 @@ from accpinn.results.figures import comparison as figures
 from accpinn.results.figures.style import FOLLOWERS
 from accpinn.results.tables.fit_records import earlier_table, title
 from accpinn.segment.window import Segment
-from accpinn.study.comparison import Earlier, differences
+from accpinn.study.comparison import FitRecord, differences
 from tests.samples import NOISY, PLATOON, sample
 
 
@@ -30,18 +30,20 @@ def fit(segment: Segment) -> Fit:
 
 
 @pytest.fixture(scope="module")
-def doubt(segment: Segment, fit: Fit) -> Uncertainty:
+def uncertainty(segment: Segment, fit: Fit) -> Uncertainty:
     return intervals(segment, fit)
 
 
 class TestEstimates:
     def test_dots_bands_and_truth_stand_where_they_belong(
-        self, segment: Segment, fit: Fit, doubt: Uncertainty
+        self, segment: Segment, fit: Fit, uncertainty: Uncertainty
     ) -> None:
-        row = figures.Estimate("PiNN (fast preset)", fit.table()[0])
-        old = figures.Estimate("Before <b>", 1.1 * fit.table()[0], earlier=True)
+        row = figures.Estimate("PiNN (fast preset)", fit.parameters.values[0])
+        old = figures.Estimate("Before <b>", 1.1 * fit.parameters.values[0], earlier=True)
         truth = Parameters(*sample(NOISY).truth[0])
-        figure = figures.estimates([row, old], "#0c7eae", doubt, 0, truth, "PiNN (fast preset)")
+        figure = figures.estimates(
+            [row, old], "#0c7eae", uncertainty, 0, truth, "PiNN (fast preset)"
+        )
         for which, trace in enumerate(figure.data):
             np.testing.assert_allclose(trace.x, [row.values[which], old.values[which]])
             assert list(trace.marker.symbol) == ["circle", "circle-open"]
@@ -49,18 +51,18 @@ class TestEstimates:
         assert list(figure.data[0].y) == ["PiNN<br>(fast preset)", "Before &lt;b&gt;"]
         assert figure.data[0].customdata[0] == "PiNN (fast preset)"
         bands = [shape for shape in figure.layout.shapes if shape.type == "rect"]
-        np.testing.assert_allclose([band.x0 for band in bands], doubt.lower[0])
-        np.testing.assert_allclose([band.x1 for band in bands], doubt.upper[0])
+        np.testing.assert_allclose([band.x0 for band in bands], uncertainty.lower[0])
+        np.testing.assert_allclose([band.x1 for band in bands], uncertainty.upper[0])
         dashed = [shape.x0 for shape in figure.layout.shapes if shape.type == "line"]
         np.testing.assert_allclose(dashed, sample(NOISY).truth[0])
 
     def test_an_open_end_and_an_unknown_tau_can_be_drawn(
-        self, fit: Fit, doubt: Uncertainty
+        self, fit: Fit, uncertainty: Uncertainty
     ) -> None:
-        upper = doubt.upper.copy()
+        upper = uncertainty.upper.copy()
         upper[0, 2] = np.inf
         row = figures.Estimate("Least squares", np.array([0.0, 0.2, np.nan]))
-        figure = figures.estimates([row], "#0c7eae", replace(doubt, upper=upper), 0)
+        figure = figures.estimates([row], "#0c7eae", replace(uncertainty, upper=upper), 0)
         ends = [shape.x1 for shape in figure.layout.shapes]
         assert np.isfinite(ends).all()
 
@@ -82,12 +84,12 @@ class TestCurves:
 
     def test_courses_end_at_the_estimate(self, segment: Segment) -> None:
         online = recursive.fit(segment)
-        assert online.course is not None
-        figure = figures.courses([("Recursive", online.course)], 0)
+        assert online.track is not None
+        figure = figures.courses([("Recursive", online.track)], 0)
         lines = [trace for trace in figure.data if trace.name == "Recursive"]
         assert len(lines) == 3
         last = [trace.y[-1] for trace in lines]
-        np.testing.assert_allclose(last, online.course.parameters[-1, 0])
+        np.testing.assert_allclose(last, online.track.parameters[-1, 0])
 
 
 def test_profiles_touch_zero_at_the_estimate_and_the_line_at_the_ends(segment: Segment) -> None:
@@ -106,8 +108,8 @@ def test_profiles_touch_zero_at_the_estimate_and_the_line_at_the_ends(segment: S
 
 def test_online_methods_do_not_look_like_vehicles(segment: Segment) -> None:
     online = recursive.fit(segment)
-    assert online.course is not None
-    figure = figures.courses([("A", online.course), ("B", online.course)], 0)
+    assert online.track is not None
+    figure = figures.courses([("A", online.track), ("B", online.track)], 0)
     lines = {trace.line.color for trace in figure.data if trace.name}
     assert len(lines) == 2
     assert lines.isdisjoint(FOLLOWERS)
@@ -121,19 +123,19 @@ def four() -> Segment:
 class TestEarlier:
     def test_what_was_asked_differently_is_named(self, four: Segment) -> None:
         fit = least_squares.fit(four)
-        one = Earlier.of(four, fit)
-        assert differences(one, Earlier.of(four, fit)) == ()
-        assert one.same_as(Earlier.of(four, fit))
-        shared = Earlier.of(four, least_squares.fit(four, "I"))
+        one = FitRecord.of(four, fit)
+        assert differences(one, FitRecord.of(four, fit)) == ()
+        assert one.same_as(FitRecord.of(four, fit))
+        shared = FitRecord.of(four, least_squares.fit(four, "I"))
         assert "case: II → I" in differences(one, shared)
         assert not one.same_as(shared)
-        moved = replace(one, outline=replace(one.outline, start=40.0, left_out=("manual",)))
+        moved = replace(one, info=replace(one.info, start=40.0, left_out=("manual",)))
         said = differences(one, moved)
         assert "window: 0–300 s → 40–340 s" in said
         assert "left out: nothing → manual" in said
 
     def test_the_table_says_what_changed(self, four: Segment) -> None:
-        then = Earlier.of(four, least_squares.fit(four))
+        then = FitRecord.of(four, least_squares.fit(four))
         now = replace(then, parameters=then.parameters + 0.5, case="I")
         table = earlier_table([then], {"least-squares": now}, vehicle=3)
         assert [c.title for c in table.columns if c.prose] == ["Earlier run", "Differs now in"]

@@ -12,16 +12,23 @@ import pytest
 
 from accpinn.errors import ParameterError
 from accpinn.model.cthp import Parameters
-from accpinn.model.published import ASTAZERO, CASALE, PUBLISHED, VICOLUNGO, LawSet, law_set
+from accpinn.model.published import (
+    ASTAZERO,
+    CASALE,
+    PUBLISHED,
+    VICOLUNGO,
+    ParameterSet,
+    parameter_set,
+)
 from accpinn.platoon.leader import Brake, Recorded, Sinusoid, SpeedStep
-from accpinn.platoon.simulation import PlatoonRun, simulate
+from accpinn.platoon.simulation import PlatoonRun, simulate_platoon
 from accpinn.results.figures import platoon as figures_platoon
 from accpinn.results.figures import stability as figures_stability
 from accpinn.results.figures import wave
 from accpinn.results.figures.style import FOLLOWERS, LEADER, SERIES, with_legend
 from accpinn.results.tables.stability import stability_table
 from accpinn.stability.frequency import response
-from accpinn.stability.report import StabilityReport, report
+from accpinn.stability.report import StabilityReport, stability_report
 from tests.references_stability import TABLE
 
 CALM = Parameters(0.05, 0.6, 1.8)
@@ -41,7 +48,7 @@ def named(figure: go.Figure, name: str) -> Any:
 
 @pytest.fixture(scope="module")
 def astazero() -> StabilityReport:
-    return report(ASTAZERO.parameters)
+    return stability_report(ASTAZERO.parameters)
 
 
 def small(figure: go.Figure, bytes_at_most: int) -> bool:
@@ -61,9 +68,9 @@ def test_published_sets_are_those_of_the_paper() -> None:
 
 def test_names_and_parameters_must_match() -> None:
     with pytest.raises(ParameterError, match="2 names and 1 sets"):
-        law_set("Mine", ("a", "b"), (CALM,))
+        parameter_set("Mine", ("a", "b"), (CALM,))
     with pytest.raises(ParameterError, match="at least one vehicle"):
-        law_set("Mine", (), ())
+        parameter_set("Mine", (), ())
 
 
 # The table
@@ -83,8 +90,8 @@ def test_table_has_the_papers_verdicts_and_the_exact_gain_beside(astazero: Stabi
 
 
 def test_table_leaves_out_what_has_no_meaning() -> None:
-    laws = law_set("Mine", ("calm", "stuck"), (CALM, STUCK))
-    table = stability_table(laws, report(laws.parameters))
+    laws = parameter_set("Mine", ("calm", "stuck"), (CALM, STUCK))
+    table = stability_table(laws, stability_report(laws.parameters))
     rows = list(csv.reader(io.StringIO(table.to_csv())))
     at = {name: index for index, name in enumerate(rows[0])}
     calm, stuck = rows[1:]
@@ -153,8 +160,8 @@ def test_amplified_band_is_shaded_from_0_db_up(astazero: StabilityReport) -> Non
 
 
 def test_stable_and_single_vehicles_are_drawn_without_marks() -> None:
-    laws = law_set("Mine", ("calm",), (CALM,))
-    figure = figures_stability.bode(laws, report(laws.parameters))
+    laws = parameter_set("Mine", ("calm",), (CALM,))
+    figure = figures_stability.bode(laws, stability_report(laws.parameters))
     assert traces(figure, "Leader to last follower") == []
     assert len(named(figure, "peak").x) == 0
     assert max(named(figure, "calm").y) < 0
@@ -164,8 +171,8 @@ def test_stable_and_single_vehicles_are_drawn_without_marks() -> None:
     "law", [Parameters(0.04, 0.0, 0.0), Parameters(0.0, 0.0, 1.0), Parameters(1e-4, 0.01, 0.1)]
 )
 def test_extreme_vehicles_stay_in_sight(law: Parameters) -> None:
-    laws = law_set("Mine", ("odd", "calm"), (law, CALM))
-    found = report(laws.parameters)
+    laws = parameter_set("Mine", ("odd", "calm"), (law, CALM))
+    found = stability_report(laws.parameters)
     figure = figures_stability.bode(laws, found)
     assert np.isfinite(figure.layout.yaxis.range).all()
     assert figure.layout.yaxis.range[1] <= figures_stability.CEILING
@@ -178,8 +185,8 @@ def test_extreme_vehicles_stay_in_sight(law: Parameters) -> None:
 
 
 def test_names_are_shown_as_they_are() -> None:
-    laws = law_set("Mine", ("<b>bold</b>",), (CALM,))
-    found = report(laws.parameters)
+    laws = parameter_set("Mine", ("<b>bold</b>",), (CALM,))
+    found = stability_report(laws.parameters)
     for figure in (
         figures_stability.bode(laws, found),
         figures_stability.stability_map(laws, found, 0, "beta"),
@@ -237,7 +244,7 @@ def test_boundaries_separate_stable_from_unstable(
             if tau <= 0:
                 continue
             alpha, beta = (law.alpha, x) if plane == "beta" else (x, law.beta)
-            below, above = report(
+            below, above = stability_report(
                 [Parameters(alpha, beta, tau * 0.999), Parameters(alpha, beta, tau * 1.001)]
             ).vehicles
             assert not stable(below)
@@ -261,12 +268,12 @@ def test_map_shows_every_vehicle_and_fills_the_one_it_is_about(astazero: Stabili
 
 @pytest.fixture(scope="module")
 def sinusoid() -> PlatoonRun:
-    return simulate([ASTAZERO.parameters[2]] * 8, Sinusoid(0.25))
+    return simulate_platoon([ASTAZERO.parameters[2]] * 8, Sinusoid(0.25))
 
 
 @pytest.fixture(scope="module")
 def mixed() -> PlatoonRun:
-    return simulate(ASTAZERO.parameters, Brake())
+    return simulate_platoon(ASTAZERO.parameters, Brake())
 
 
 def test_a_mixed_platoon_has_the_vehicles_colours_and_a_repeated_one_shades() -> None:
@@ -287,17 +294,17 @@ def test_a_mixed_platoon_has_the_vehicles_colours_and_a_repeated_one_shades() ->
 
 
 def test_a_set_from_a_recording_keeps_its_colours() -> None:
-    laws = LawSet("run", ("4 X",), (CALM,), (4,), leader=3)
+    laws = ParameterSet("run", ("4 X",), (CALM,), (4,), leader=3)
     cast = figures_platoon.cast_of(laws, [0])
     assert cast.colours == (LEADER, FOLLOWERS[2])
     assert cast.names == ("Leader", "Follower 1: X"), "one number, that of its place"
 
 
 def test_a_recordings_followers_go_by_its_numbers() -> None:
-    ours = LawSet("run", ("4 X", "5 Y"), (CALM, CALM), (4, 5), leader=3)
-    axis = figures_stability.criteria_course(ours, report(ours.parameters)).layout.xaxis2
+    ours = ParameterSet("run", ("4 X", "5 Y"), (CALM, CALM), (4, 5), leader=3)
+    axis = figures_stability.criteria_course(ours, stability_report(ours.parameters)).layout.xaxis2
     assert (axis.title.text, axis.ticktext) == ("Vehicle", ("4", "5"))
-    theirs = figures_stability.criteria_course(ASTAZERO, report(ASTAZERO.parameters))
+    theirs = figures_stability.criteria_course(ASTAZERO, stability_report(ASTAZERO.parameters))
     assert theirs.layout.xaxis2.title.text == "Follower"
     assert theirs.layout.xaxis2.ticktext == ("1", "2", "3", "4")
     assert ours.spoken == ("vehicle 4 X", "vehicle 5 Y")
@@ -320,7 +327,7 @@ def test_profiles_draw_every_speed_and_gap_within_few_points(sinusoid: PlatoonRu
 
 
 def test_a_collision_is_marked_and_what_follows_shaded() -> None:
-    run = simulate([ASTAZERO.parameters[0]] * 8, Sinusoid(0.214))
+    run = simulate_platoon([ASTAZERO.parameters[0]] * 8, Sinusoid(0.214))
     assert run.collisions
     figure = figures_platoon.profiles(run, figures_platoon.cast_of(ASTAZERO, [0] * 8))
     bands = [shape for shape in figure.layout.shapes if shape.type == "rect"]
@@ -354,7 +361,7 @@ def test_other_disturbances_show_their_largest_deviation(mixed: PlatoonRun) -> N
 
 
 def test_nothing_is_drawn_of_what_comes_after_a_collision() -> None:
-    run = simulate([ASTAZERO.parameters[0]] * 8, Sinusoid(0.214))
+    run = simulate_platoon([ASTAZERO.parameters[0]] * 8, Sinusoid(0.214))
     cast = figures_platoon.cast_of(ASTAZERO, [0] * 8)
     (stripes,) = figures_platoon.speed_map(run, cast).data
     assert max(stripes.x) <= run.collisions[0].time
@@ -364,7 +371,7 @@ def test_nothing_is_drawn_of_what_comes_after_a_collision() -> None:
 
 
 def test_a_leader_that_does_nothing_is_no_division_by_zero() -> None:
-    run = simulate(ASTAZERO.parameters, SpeedStep(change=0.0))
+    run = simulate_platoon(ASTAZERO.parameters, SpeedStep(change=0.0))
     cast = figures_platoon.cast_of(ASTAZERO, [0, 1, 2, 3])
     figure = figures_platoon.amplitude_course(run, cast, in_db=True)
     assert np.isnan(figure.data[0].y).all()
@@ -395,7 +402,7 @@ def test_speed_map_has_a_row_a_vehicle_and_is_even_about_zero(sinusoid: PlatoonR
     ids=lambda leader: type(leader).__name__,
 )
 def test_animation_moves_the_cars_as_simulated(leader: Any) -> None:
-    run = simulate(ASTAZERO.parameters, leader)
+    run = simulate_platoon(ASTAZERO.parameters, leader)
     figure = wave.animation(run, figures_platoon.cast_of(ASTAZERO, [0, 1, 2, 3]))
     assert 2 <= len(figure.frames) <= 60
     assert len(figure.layout.sliders[0].steps) == len(figure.frames)
@@ -411,14 +418,14 @@ def test_animation_moves_the_cars_as_simulated(leader: Any) -> None:
 
 def test_the_animations_legend_names_every_vehicle() -> None:
     cast = figures_platoon.cast_of(ASTAZERO, [0, 1, 2, 3])
-    figure = with_legend(wave.animation(simulate(ASTAZERO.parameters, Brake()), cast))
+    figure = with_legend(wave.animation(simulate_platoon(ASTAZERO.parameters, Brake()), cast))
     entries = [trace for trace in figure.data if trace.showlegend is not False]
     assert tuple(trace.name for trace in entries) == cast.names
     assert tuple(trace.marker.color for trace in entries) == cast.colours
 
 
 def test_animation_ends_at_a_collision() -> None:
-    run = simulate([ASTAZERO.parameters[0]] * 8, Sinusoid(0.214))
+    run = simulate_platoon([ASTAZERO.parameters[0]] * 8, Sinusoid(0.214))
     figure = wave.animation(run, figures_platoon.cast_of(ASTAZERO, [0] * 8))
     assert float(figure.frames[-1].name) <= run.collisions[0].time + 0.1
 
@@ -440,5 +447,5 @@ def test_the_papers_panels_grow_and_fade_as_the_response_says() -> None:
 
 
 def test_the_lowest_tick_of_the_response_keeps_clear_of_the_frequencies() -> None:
-    figure = figures_stability.bode(ASTAZERO, report(ASTAZERO.parameters))
+    figure = figures_stability.bode(ASTAZERO, stability_report(ASTAZERO.parameters))
     assert figure.layout.yaxis.range[0] < figures_stability.FLOOR

@@ -34,7 +34,7 @@ ORDER = (
     "store",
     "estimators",
     "pinn",
-    "assessment",
+    "evaluation",
     "jobs",
     "stability",
     "uncertainty",

@@ -10,9 +10,9 @@ from scipy.optimize import nnls
 
 from accpinn.cli import main
 from accpinn.errors import ConfigError
-from accpinn.inference.identifiability import WIDE, identifiable
+from accpinn.inference.identifiability import WIDE, identifiability_warnings
 from accpinn.inference.intervals import intervals
-from accpinn.inference.multistart import Trial, gather, starts
+from accpinn.inference.multistart import Trial, multistart, summarise
 from accpinn.inference.profiles import INCREASE, profile, profiles
 from accpinn.methods import least_squares
 from accpinn.methods.fit import Outcome
@@ -60,7 +60,7 @@ class TestProfile:
 
     def test_is_least_at_the_estimate_and_rises_to_the_named_increase_at_its_ends(self) -> None:
         segment = driven(MIXED, noise=0.1)
-        estimate = least_squares.fit(segment).table()
+        estimate = least_squares.fit(segment).parameters.values
         for k, row in enumerate(profiles(segment)):
             for p, one in enumerate(row):
                 assert one.best == pytest.approx(estimate[k, p], rel=1e-6)
@@ -91,20 +91,20 @@ class TestProfile:
 class TestStarts:
     def test_the_paper_recipe_depends_on_its_start_and_says_so(self) -> None:
         config = preset("paper", iterations=SHORT["paper"])
-        found = starts(driven(), config=config, threads=1)
+        found = multistart(driven(), config=config, threads=1)
         assert [trial.initial for trial in found.trials] == list(STARTS)
         assert found.spread[0, 0] > 50.0
         assert "had not settled" in found.notes[0]
-        tables = np.array([trial.fit.table()[0] for trial in found.trials])
+        tables = np.array([trial.fit.parameters.values[0] for trial in found.trials])
         by_hand = 100 * np.ptp(tables[:, 0]) / tables[:, 0].mean()
         assert found.spread[0, 0] == pytest.approx(by_hand)
 
     def test_the_fast_recipe_forgets_its_start_but_not_its_seed(self) -> None:
         config = preset("fast", iterations=SHORT["fast"])
         segment = driven(noise=0.05)
-        two = starts(segment, config=config, initials=STARTS[1:3], seeds=(0, 1), threads=1)
+        two = multistart(segment, config=config, initials=STARTS[1:3], seeds=(0, 1), threads=1)
         assert [trial.seed for trial in two.trials] == [0, 0, 1, 1]
-        tables = np.array([trial.fit.table()[0] for trial in two.trials])
+        tables = np.array([trial.fit.parameters.values[0] for trial in two.trials])
         np.testing.assert_allclose(tables[0], tables[1], rtol=1e-3)
         assert (tables[0] != tables[2]).any()
         assert (two.spread < 1.0).all()
@@ -112,7 +112,7 @@ class TestStarts:
 
     def test_a_stop_keeps_what_is_finished(self) -> None:
         asked = iter([False] + [True] * 1000)
-        found = starts(driven(), should_stop=lambda: next(asked), threads=1)
+        found = multistart(driven(), should_stop=lambda: next(asked), threads=1)
         assert found.trials == ()
         assert np.isnan(found.spread).all()
 
@@ -120,7 +120,7 @@ class TestStarts:
         segment = driven()
         trial = Trial(STARTS[0], 0, least_squares.fit(segment), None, None)
         assert trial.fit.outcome is Outcome.SOLVED
-        assert np.isnan(gather(segment, (trial,)).spread).all()
+        assert np.isnan(summarise(segment, (trial,)).spread).all()
 
     @pytest.mark.parametrize("case", ["I", "II"])
     def test_an_undetermined_parameter_is_said_and_has_no_spread(self, case: Case) -> None:
@@ -130,14 +130,14 @@ class TestStarts:
         others = (law,) if case == "I" else fit.parameters[1:]
         lost = replace(fit, parameters=(law, *others))
         trials = tuple(Trial(STARTS[0], k, f, None, None) for k, f in enumerate((fit, fit, lost)))
-        found = gather(segment, trials)
+        found = summarise(segment, trials)
         assert np.isnan(found.spread[0, 2])
         whose = "all followers" if case == "I" else segment.labels[1]
         told = f"τ of {whose} is undetermined in 1 of 3 trainings, so there is no spread of it."
         assert found.notes[-1] == told
         assert not any("nan" in note for note in found.notes)
         assert "nan" not in str(starts_table(segment, found, 0).rows[-1])
-        none = gather(segment, tuple(replace(trial, fit=lost) for trial in trials))
+        none = summarise(segment, tuple(replace(trial, fit=lost) for trial in trials))
         assert not any(
             "nan" in note or "All 3 trainings end within 0.01 % of each other." in note
             for note in none.notes
@@ -145,23 +145,25 @@ class TestStarts:
 
     def test_there_must_be_a_start(self) -> None:
         with pytest.raises(ConfigError, match="nothing to train from"):
-            starts(driven(), initials=())
+            multistart(driven(), initials=())
 
 
 class TestIdentifiable:
     def test_is_silent_where_the_data_tell(self) -> None:
         segment = disturbed((TRUTH,), 1, Disturbance(0.05, 4.0), duration=600.0)
-        doubt = intervals(segment, least_squares.fit(segment))
-        assert (doubt.upper < WIDE * doubt.lower).all(), "the case needs narrow intervals"
-        assert identifiable(segment, doubt) == ()
+        uncertainty = intervals(segment, least_squares.fit(segment))
+        assert (uncertainty.upper < WIDE * uncertainty.lower).all(), (
+            "the case needs narrow intervals"
+        )
+        assert identifiability_warnings(segment, uncertainty) == ()
 
     def test_a_steady_drive_is_warned_of(self) -> None:
         rng = np.random.default_rng(0)
         time = 0.1 * np.arange(1201)
         speeds = 20 + 0.05 * rng.standard_normal((1201, 2))
         segment = segment_of(time, speeds, 30 + 0.05 * rng.standard_normal((1201, 1)))
-        doubt = intervals(segment, least_squares.fit(segment))
-        (sentence,) = identifiable(segment, doubt)
+        uncertainty = intervals(segment, least_squares.fit(segment))
+        (sentence,) = identifiability_warnings(segment, uncertainty)
         assert "leave" in sentence
         assert "τ" in sentence
         assert "the leader's speed varies by only 0.05 m/s" in sentence
@@ -171,7 +173,7 @@ class TestIdentifiable:
     def test_where_there_is_motion_more_time_is_advised(self, case: Case) -> None:
         segment = disturbed((TRUTH,), 1, Disturbance(0.3, 4.0), duration=60.0)
         assert segment.speeds[:, 0].std() > 0.5
-        (sentence,) = identifiable(
+        (sentence,) = identifiability_warnings(
             segment, intervals(segment, least_squares.fit(segment, case)), case
         )
         assert sentence.endswith("moves enough here, so take a longer window if there is one.")
@@ -184,19 +186,19 @@ class TestIdentifiable:
         recording = read(openacc_dir / "AstaZero" / "ASta_040719_platoon5.csv")
         steady = cut(recording, start, 60)
         assert steady.speeds[:, 0].std() < 0.1
-        doubt = intervals(steady, least_squares.fit(steady))
-        warnings = identifiable(steady, doubt)
+        uncertainty = intervals(steady, least_squares.fit(steady))
+        warnings = identifiability_warnings(steady, uncertainty)
         assert len(warnings) == steady.followers
         assert all("leave" in sentence for sentence in warnings)
         moving = cut(recording, 320, 300)
         told = intervals(moving, least_squares.fit(moving))
-        width, usual = doubt.upper - doubt.lower, told.upper - told.lower
+        width, usual = uncertainty.upper - uncertainty.lower, told.upper - told.lower
         assert (width[[0, 3], :2] > 2 * usual[[0, 3], :2]).all()
 
     def test_case_i_has_one_sentence_for_all(self) -> None:
         segment = disturbed((TRUTH, TRUTH), 1, Disturbance(0.3, 4.0), duration=60.0)
         fit = least_squares.fit(segment, "I")
-        (sentence,) = identifiable(segment, intervals(segment, fit), "I")
+        (sentence,) = identifiability_warnings(segment, intervals(segment, fit), "I")
         assert sentence.startswith("All followers together")
 
 

@@ -20,8 +20,8 @@ from accpinn.model.cthp import Parameters
 from accpinn.recordings.openacc import read
 from accpinn.segment.window import Segment, cut
 from accpinn.tasks.job import Job
-from accpinn.tasks.queue import KEPT_FOR, KEPT_JOBS, Trainings
-from accpinn.tasks.series import Means, Series
+from accpinn.tasks.queue import KEPT_FOR, KEPT_JOBS, TaskQueue
+from accpinn.tasks.series import Series, TaskContext
 from accpinn.tasks.task import Status
 from tests.openacc_files import csv, platoon
 
@@ -118,8 +118,8 @@ def clock() -> Clock:
 
 
 @pytest.fixture
-def trainings(puppet: Puppet, clock: Clock) -> Iterator[Trainings]:
-    queue = Trainings(train=puppet, threads=1, clock=clock)
+def trainings(puppet: Puppet, clock: Clock) -> Iterator[TaskQueue]:
+    queue = TaskQueue(train=puppet, threads=1, clock=clock)
     yield queue
     puppet.end()  # whatever a test left running
     puppet.end()
@@ -135,7 +135,7 @@ def seed(number: int) -> PinnConfig:
     return replace(FAST, seed=number)
 
 
-def test_a_job_runs_to_its_end(trainings: Trainings, puppet: Puppet, segment: Segment) -> None:
+def test_a_job_runs_to_its_end(trainings: TaskQueue, puppet: Puppet, segment: Segment) -> None:
     job = trainings.submit("ann", segment, "II", FAST)
     assert puppet.started.get(timeout=WAIT) == FAST
     assert job.status is Status.RUNNING
@@ -150,7 +150,7 @@ def test_a_job_runs_to_its_end(trainings: Trainings, puppet: Puppet, segment: Se
 
 
 def test_progress_rate_and_time_left(
-    trainings: Trainings, puppet: Puppet, segment: Segment
+    trainings: TaskQueue, puppet: Puppet, segment: Segment
 ) -> None:
     job = trainings.submit("ann", segment, "II", FAST)
     assert job.progress is None
@@ -174,7 +174,7 @@ def test_progress_rate_and_time_left(
 
 
 def test_the_course_stays_bounded_while_it_runs(
-    trainings: Trainings, puppet: Puppet, segment: Segment
+    trainings: TaskQueue, puppet: Puppet, segment: Segment
 ) -> None:
     job = trainings.submit("ann", segment, "II", FAST)
     puppet.step(0, 0.0)
@@ -193,7 +193,7 @@ def test_the_course_stays_bounded_while_it_runs(
 
 
 def test_the_result_s_own_course_replaces_the_live_one(
-    trainings: Trainings, puppet: Puppet, segment: Segment
+    trainings: TaskQueue, puppet: Puppet, segment: Segment
 ) -> None:
     job = trainings.submit("ann", segment, "II", FAST)
     puppet.step(3, 0.1)
@@ -204,7 +204,7 @@ def test_the_result_s_own_course_replaces_the_live_one(
 
 
 def test_one_at_a_time_and_the_rest_wait(
-    trainings: Trainings, puppet: Puppet, segment: Segment
+    trainings: TaskQueue, puppet: Puppet, segment: Segment
 ) -> None:
     ann = trainings.submit("ann", segment, "II", seed(1))
     assert puppet.started.get(timeout=WAIT).seed == 1
@@ -231,7 +231,7 @@ def test_one_at_a_time_and_the_rest_wait(
 
 
 def test_stop_keeps_the_result_so_far(
-    trainings: Trainings, puppet: Puppet, segment: Segment
+    trainings: TaskQueue, puppet: Puppet, segment: Segment
 ) -> None:
     job = trainings.submit("ann", segment, "II", PAPER)
     puppet.started.get(timeout=WAIT)
@@ -246,7 +246,7 @@ def test_stop_keeps_the_result_so_far(
 
 
 def test_stop_of_a_waiting_job_ends_it_at_once(
-    trainings: Trainings, puppet: Puppet, segment: Segment
+    trainings: TaskQueue, puppet: Puppet, segment: Segment
 ) -> None:
     ann = trainings.submit("ann", segment, "II", seed(1))
     puppet.started.get(timeout=WAIT)
@@ -263,7 +263,7 @@ def test_stop_of_a_waiting_job_ends_it_at_once(
 
 
 def test_stop_of_a_finished_job_changes_nothing(
-    trainings: Trainings, puppet: Puppet, segment: Segment
+    trainings: TaskQueue, puppet: Puppet, segment: Segment
 ) -> None:
     job = trainings.submit("ann", segment, "II", FAST)
     puppet.end()
@@ -274,7 +274,7 @@ def test_stop_of_a_finished_job_changes_nothing(
 
 
 def test_a_continued_job_keeps_its_course(
-    trainings: Trainings, puppet: Puppet, segment: Segment
+    trainings: TaskQueue, puppet: Puppet, segment: Segment
 ) -> None:
     job = trainings.submit("ann", segment, "II", PAPER)
     for k in range(4):
@@ -296,7 +296,7 @@ def test_a_continued_job_keeps_its_course(
 
 
 def test_the_same_request_twice_is_one_job(
-    trainings: Trainings, puppet: Puppet, segment: Segment
+    trainings: TaskQueue, puppet: Puppet, segment: Segment
 ) -> None:
     job = trainings.submit("ann", segment, "II", FAST)
     assert trainings.submit("ann", segment, "II", FAST) is job
@@ -308,7 +308,7 @@ def test_the_same_request_twice_is_one_job(
 
 
 def test_a_new_request_stops_the_owner_s_earlier_one(
-    trainings: Trainings, puppet: Puppet, segment: Segment
+    trainings: TaskQueue, puppet: Puppet, segment: Segment
 ) -> None:
     first = trainings.submit("ann", segment, "II", seed(1))
     puppet.started.get(timeout=WAIT)
@@ -323,7 +323,7 @@ def test_a_new_request_stops_the_owner_s_earlier_one(
 
 
 def test_a_fault_of_the_user_s_is_told_verbatim(
-    trainings: Trainings, puppet: Puppet, segment: Segment
+    trainings: TaskQueue, puppet: Puppet, segment: Segment
 ) -> None:
     job = trainings.submit("ann", segment, "II", FAST)
     puppet.fail(ConfigError("batch: 5 is not allowed; choose 10 or more."))
@@ -332,7 +332,7 @@ def test_a_fault_of_the_user_s_is_told_verbatim(
 
 
 def test_a_fault_of_ours_is_one_sentence_and_the_log_has_the_rest(
-    trainings: Trainings, puppet: Puppet, segment: Segment, caplog: pytest.LogCaptureFixture
+    trainings: TaskQueue, puppet: Puppet, segment: Segment, caplog: pytest.LogCaptureFixture
 ) -> None:
     job = trainings.submit("ann", segment, "II", FAST)
     puppet.fail(ZeroDivisionError("secret detail"))
@@ -353,9 +353,9 @@ def test_a_damaged_file_is_said_in_the_notes_of_the_job_that_met_it(
     store, config = Store(tmp_path), replace(FAST, iterations=2)
     name = f"{request_keys(segment, 'II', config)[part]}.{('fit', 'state')[part]}.npz"
     (tmp_path / name).write_bytes(b"damaged")
-    trainings = Trainings(store=store, threads=1)
+    trainings = TaskQueue(store=store, threads=1)
     try:
-        assert trainings.begun(segment, "II", config) is None
+        assert trainings.resume_iteration(segment, "II", config) is None
         notes = []
         for owner in ("ann", "ben"):
             job = finished(trainings.submit(owner, segment, "II", config))
@@ -377,7 +377,7 @@ def test_the_disk_is_read_while_others_may_ask(
             reading.set()
             assert read_on.wait(WAIT)
 
-    trainings = Trainings(train=puppet, store=Slow(tmp_path), threads=1)
+    trainings = TaskQueue(train=puppet, store=Slow(tmp_path), threads=1)
     submitting = threading.Thread(target=trainings.submit, args=("ann", segment, "II", FAST))
     submitting.start()
     assert reading.wait(WAIT)
@@ -398,7 +398,7 @@ def test_a_library_that_cannot_be_loaded_fails_the_job_with_a_sentence(
     segment: Segment, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setitem(sys.modules, "accpinn.methods.pinn.training", None)
-    trainings = Trainings(threads=1)
+    trainings = TaskQueue(threads=1)
     job = finished(trainings.submit("ann", segment, "II", FAST))
     trainings.close()
     assert job.status is Status.FAILED
@@ -406,7 +406,7 @@ def test_a_library_that_cannot_be_loaded_fails_the_job_with_a_sentence(
 
 
 def test_old_jobs_are_forgotten(
-    trainings: Trainings, puppet: Puppet, segment: Segment, clock: Clock
+    trainings: TaskQueue, puppet: Puppet, segment: Segment, clock: Clock
 ) -> None:
     job = trainings.submit("ann", segment, "II", seed(1))
     puppet.end()
@@ -422,7 +422,7 @@ def test_old_jobs_are_forgotten(
 
 
 def test_too_many_jobs_are_forgotten(
-    trainings: Trainings, puppet: Puppet, segment: Segment
+    trainings: TaskQueue, puppet: Puppet, segment: Segment
 ) -> None:
     for k in range(KEPT_JOBS + 5):
         job = trainings.submit(f"user {k}", segment, "II", seed(k))
@@ -439,7 +439,7 @@ def test_a_known_result_does_not_wait_for_its_turn(
     result_key, _ = request_keys(segment, "II", seed(7))
     kept = result(unconstrained=result().parameters, active_bounds=((),))
     store.save_fit(result_key, kept)
-    trainings = Trainings(train=puppet, store=store, threads=1)
+    trainings = TaskQueue(train=puppet, store=store, threads=1)
     running = trainings.submit("ann", segment, "II", seed(1))
     puppet.started.get(timeout=WAIT)
     known = trainings.submit("ben", segment, "II", seed(7))
@@ -452,7 +452,7 @@ def test_a_known_result_does_not_wait_for_its_turn(
 
 
 def test_closing_stops_everything(puppet: Puppet, segment: Segment) -> None:
-    trainings = Trainings(train=puppet, threads=1)
+    trainings = TaskQueue(train=puppet, threads=1)
     running = trainings.submit("ann", segment, "II", seed(1))
     puppet.started.get(timeout=WAIT)
     waiting = trainings.submit("ben", segment, "II", seed(2))
@@ -462,7 +462,7 @@ def test_closing_stops_everything(puppet: Puppet, segment: Segment) -> None:
 
 
 def test_the_real_training_is_the_default(segment: Segment, tmp_path: Path) -> None:
-    trainings = Trainings(store=Store(tmp_path), threads=1)
+    trainings = TaskQueue(store=Store(tmp_path), threads=1)
     config = replace(FAST, iterations=20)
     job = trainings.submit("ann", segment, "II", config)
     assert job.wait(120)
@@ -472,14 +472,14 @@ def test_the_real_training_is_the_default(segment: Segment, tmp_path: Path) -> N
     trainings.close()
     assert again.fit is not None
     assert again.fit.cached
-    np.testing.assert_array_equal(again.fit.table(), job.fit.table())
+    np.testing.assert_array_equal(again.fit.parameters.values, job.fit.parameters.values)
 
 
 class TestSeries:
     """Results one by one, each when the test lets it come."""
 
     def series(self, owner: str, gate: "Queue[Any]", **options: Any) -> Series[Any]:
-        def steps(means: Means) -> Iterator[Any]:
+        def steps(means: TaskContext) -> Iterator[Any]:
             while not means.should_stop():
                 item = gate.get(timeout=WAIT)
                 if isinstance(item, Exception):
@@ -494,7 +494,7 @@ class TestSeries:
 
         return Series(owner, "comparison", ("one", "two"), steps, **options)
 
-    def test_results_come_one_by_one(self, trainings: Trainings) -> None:
+    def test_results_come_one_by_one(self, trainings: TaskQueue) -> None:
         gate: Queue[Any] = Queue()
         series = trainings.run(self.series("ann", gate, efforts=(1.0, 3.0)))
         assert series.current == "one"
@@ -512,7 +512,7 @@ class TestSeries:
         assert series.results == ("first", "second")
         assert series.share == 1.0
 
-    def test_a_stop_keeps_what_is_known(self, trainings: Trainings) -> None:
+    def test_a_stop_keeps_what_is_known(self, trainings: TaskQueue) -> None:
         gate: Queue[Any] = Queue()
         series = trainings.run(self.series("ann", gate))
         gate.put("first")
@@ -529,7 +529,7 @@ class TestSeries:
         [(ConfigError("methods: none."), "methods: none."), (ZeroDivisionError(), "comparison")],
     )
     def test_a_fault_keeps_what_is_known(
-        self, trainings: Trainings, fault: Exception, said: str
+        self, trainings: TaskQueue, fault: Exception, said: str
     ) -> None:
         gate: Queue[Any] = Queue()
         series = trainings.run(self.series("ann", gate))
@@ -541,7 +541,7 @@ class TestSeries:
         assert series.results == ("first",)
 
     def test_waits_for_trainings_and_replaces_its_owner_s_earlier_one(
-        self, trainings: Trainings, puppet: Puppet, segment: Segment
+        self, trainings: TaskQueue, puppet: Puppet, segment: Segment
     ) -> None:
         job = trainings.submit("ann", segment, "II", FAST)
         puppet.started.get(timeout=WAIT)

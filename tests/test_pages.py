@@ -16,15 +16,15 @@ from accpinn.recordings.recording import Recording
 from accpinn.segment.missing import Window
 from accpinn.segment.window import Segment
 from accpinn.tasks.job import Job, Request
-from accpinn.tasks.queue import Trainings
+from accpinn.tasks.queue import TaskQueue
 from accpinn.tasks.task import Status
-from pages.ui.components.text import bullets, lasting, plain
+from pages.ui.components.text import bullets, escape_markdown, format_duration
 from pages.ui.data import sources
 from pages.ui.data.window_picker import window_of
 from pages.ui.session import registry as sessions
 from pages.ui.session import workspace
 from pages.ui.session.registry import KEPT_FOR, KEPT_WORKSPACES, Workspaces
-from pages.ui.session.resources import trainings
+from pages.ui.session.resources import task_queue
 from pages.ui.session.workspace import Workspace
 from tests.apptest import (
     COMPARE,
@@ -84,7 +84,7 @@ def test_with_a_window_that_cannot_be_used(path: str) -> None:
     assert found.fault
     page = open_page(path, found)
     if path in (DATA, TRAIN, COMPARE):
-        assert plain(found.fault) in texts(page)
+        assert escape_markdown(found.fault) in texts(page)
 
 
 @pytest.mark.parametrize("path", PAGES)
@@ -109,7 +109,7 @@ def test_one_click_trains_a_sample() -> None:
     assert found.job.wait(WAIT)
     assert found.fit is not None
     truth = np.array([[law.alpha, law.beta, law.tau] for law in found.true_parameters])
-    np.testing.assert_allclose(found.fit.table(), truth, rtol=0.03)
+    np.testing.assert_allclose(found.fit.parameters.values, truth, rtol=0.03)
 
 
 def test_home_says_where_the_session_stands() -> None:
@@ -324,7 +324,7 @@ def leaving_out(segment: Segment | None, regimes: tuple[str, ...]) -> Segment:
     assert segment
     some = np.zeros_like(segment.gaps, dtype=bool)
     some[:50] = True
-    return replace(segment, left_out=some if regimes else None, left_out_regimes=regimes)
+    return replace(segment, left_out=some if regimes else None, excluded_regimes=regimes)
 
 
 @pytest.mark.parametrize("left_out", [(), ("catching up",)])
@@ -343,7 +343,7 @@ def test_train_says_what_goes_wrong_and_how_sure_it_is(
     found.job.answer(replace(known, method="pinn", parameters=laws, surrogate=own))
     page = open_page(TRAIN, found)
     written = texts(page)
-    runs_in = f"{plain(segment.labels[1])} runs into the vehicle ahead at" in written
+    runs_in = f"{escape_markdown(segment.labels[1])} runs into the vehicle ahead at" in written
     assert runs_in == (law.tau < 1)
     assert ("errors include what follows" in written) == runs_in
     assert ("does not determine the time headway of" in written) == (law.tau > 5)
@@ -377,7 +377,7 @@ def test_the_second_time_the_answer_comes_from_the_cache() -> None:
 def stop_training(found: Workspace) -> None:
     """As the button does, and wait for it."""
     assert found.job
-    trainings().stop(found.job)
+    task_queue().stop(found.job)
     assert found.job.wait(WAIT)
 
 
@@ -463,8 +463,8 @@ def test_a_failed_training_says_why(monkeypatch: pytest.MonkeyPatch) -> None:
     def failing(*args: Any, **options: Any) -> Any:
         raise RuntimeError("boom")
 
-    broken = Trainings(train=failing)
-    monkeypatch.setattr(workspace, "trainings", lambda: broken)
+    broken = TaskQueue(train=failing)
+    monkeypatch.setattr(workspace, "task_queue", lambda: broken)
     found = with_sample()
     page = open_page(TRAIN, found)
     button(page, "Start training").click().run()
@@ -508,7 +508,9 @@ def test_recordings_are_read_once(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_foreign_text_is_made_literal() -> None:
-    assert plain("a*b_[c](d) $x$ :red[e] <i>") == (r"a\*b\_\[c\]\(d\) \$x\$ \:red\[e\] \<i\>")
+    assert escape_markdown("a*b_[c](d) $x$ :red[e] <i>") == (
+        r"a\*b\_\[c\]\(d\) \$x\$ \:red\[e\] \<i\>"
+    )
     assert bullets(("one.",)) == r"one\."
     assert bullets(("one", "two")) == "- one\n- two"
 
@@ -525,7 +527,7 @@ def test_foreign_text_is_made_literal() -> None:
     ],
 )
 def test_durations_in_words(seconds: float, said: str) -> None:
-    assert lasting(seconds) == said
+    assert format_duration(seconds) == said
 
 
 def test_another_window_ends_a_training_that_nobody_could_stop_any_more() -> None:

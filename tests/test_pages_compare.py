@@ -12,13 +12,13 @@ from accpinn.methods.fit import Outcome
 from accpinn.methods.pinn.config import FAST, PAPER
 from accpinn.segment.missing import Window
 from accpinn.segment.window import Segment
-from accpinn.study.comparison import METHODS, Refusal, Row, compare, row_of
+from accpinn.study.comparison import METHODS, MethodFailure, MethodResult, compare, result_of
 from accpinn.tasks.series import Series
 from accpinn.tasks.task import Status
 from pages.ui.compare.charts import picked_name
 from pages.ui.compare.own import rows_of
 from pages.ui.compare.verdict import collision_lines, incidents, verdict
-from pages.ui.components.text import plain
+from pages.ui.components.text import escape_markdown
 from pages.ui.data.sources import FIRST_SAMPLE, sample
 from pages.ui.session import resources as server
 from pages.ui.session.workspace import KEPT_RUNS, Workspace
@@ -64,7 +64,7 @@ def test_rows_pictures_warnings_starts_and_earlier_runs(found: Workspace) -> Non
         "pinn", "least-squares", "savitzky-golay", "splines",
         "simulation", "recursive", "particle", "dual-ukf",
     ]  # fmt: skip
-    assert found.runs[0].parameters[0] == pytest.approx(before.table()[0])
+    assert found.runs[0].parameters[0] == pytest.approx(before.parameters.values[0])
 
     found.compare()
     assert found.comparison.wait(WAIT)
@@ -83,8 +83,8 @@ def test_methods_that_refuse_are_named_and_the_others_shown(
 ) -> None:
     assert found.segment is not None
     fault = SegmentError("Too little is left of the window; choose a longer one.")
-    row = row_of(found.segment, least_squares.fit(found.segment))
-    results = [Refusal(name, fault) if name in refusing else row for name in METHODS]
+    row = result_of(found.segment, least_squares.fit(found.segment))
+    results = [MethodFailure(name, fault) if name in refusing else row for name in METHODS]
     series = Series(found.id, "comparison", METHODS, lambda means: iter(results))
     found.comparison = server.trainings().run(series)
     assert series.wait(WAIT)
@@ -92,7 +92,7 @@ def test_methods_that_refuse_are_named_and_the_others_shown(
     page = open_page(COMPARE, found)
     (told,) = [box.value for box in page.warning if box.value.startswith("No result from ")]
     who = "Splines, Particle filter" if len(refusing) == 2 else "any method"
-    assert told == plain(f"No result from {who}: {fault}")
+    assert told == escape_markdown(f"No result from {who}: {fault}")
     assert ("Least squares" in everything(page)) == (len(refusing) == 2)
     assert len(found.compared) == len(METHODS) - len(refusing)
 
@@ -129,22 +129,22 @@ def test_a_click_names_its_row() -> None:
 
 
 @pytest.fixture(scope="module")
-def two() -> tuple[Segment, list[Row]]:
+def two() -> tuple[Segment, list[MethodResult]]:
     segment = driven(MIXED[:2], noise=0.1)
     return segment, list(compare(segment, "II", ("least-squares", "splines", "recursive")))
 
 
 class TestVerdict:
     def test_agreement_is_judged_by_the_interval_of_each_parameter(
-        self, two: tuple[Segment, list[Row]]
+        self, two: tuple[Segment, list[MethodResult]]
     ) -> None:
         segment, rows = two
-        doubt = rows[0].uncertainty
-        table = rows[0].fit.table()
+        uncertainty = rows[0].uncertainty
+        table = rows[0].fit.parameters.values
 
-        def around(lower: float, upper: float) -> list[Row]:
+        def around(lower: float, upper: float) -> list[MethodResult]:
             ends = {"lower": lower * table, "upper": upper * table}
-            return [replace(row, uncertainty=replace(doubt, **ends)) for row in rows]
+            return [replace(row, uncertainty=replace(uncertainty, **ends)) for row in rows]
 
         said = verdict(segment, around(0.5, 1.5), 0)
         assert (
@@ -156,22 +156,26 @@ class TestVerdict:
         said = verdict(segment, around(1.5, 2.0), 0)
         assert "no: by the 90 % intervals of the data, α is too low for every method; " in said
 
-    def test_those_outside_are_named_the_shorter_way(self, two: tuple[Segment, list[Row]]) -> None:
+    def test_those_outside_are_named_the_shorter_way(
+        self, two: tuple[Segment, list[MethodResult]]
+    ) -> None:
         segment, rows = two
-        doubt = rows[0].uncertainty
+        uncertainty = rows[0].uncertainty
         between = np.sort([row.fit.parameters[0].beta for row in rows])
-        lower, upper = 0.0 * doubt.lower, np.full_like(doubt.upper, np.inf)
+        lower, upper = 0.0 * uncertainty.lower, np.full_like(uncertainty.upper, np.inf)
         upper[0, 1] = between[:2].mean()
-        judged = [replace(rows[0], uncertainty=replace(doubt, lower=lower, upper=upper))]
+        judged = [replace(rows[0], uncertainty=replace(uncertainty, lower=lower, upper=upper))]
         assert "β is too high for all methods but " in verdict(segment, [*judged, *rows[1:]], 0)
 
-    def test_one_law_for_all_has_one_sentence(self, two: tuple[Segment, list[Row]]) -> None:
+    def test_one_law_for_all_has_one_sentence(
+        self, two: tuple[Segment, list[MethodResult]]
+    ) -> None:
         segment, rows = two
         shared = [replace(row, fit=replace(row.fit, case="I")) for row in rows]
         assert verdict(segment, shared, 0).startswith("**All followers together**: ")
 
     def test_data_that_determine_nothing_are_no_measure(
-        self, two: tuple[Segment, list[Row]]
+        self, two: tuple[Segment, list[MethodResult]]
     ) -> None:
         segment, rows = two
         nothing = np.full_like(rows[0].uncertainty.lower, np.nan)
@@ -180,15 +184,15 @@ class TestVerdict:
 
 
 def test_collisions_name_follower_and_method_before_anything_else(
-    two: tuple[Segment, list[Row]],
+    two: tuple[Segment, list[MethodResult]],
 ) -> None:
     segment, rows = two
     first, second = segment.labels[1:3]
     assert collision_lines(segment, rows) == []
 
-    def touching(row: Row, *times: float, said: tuple[str, ...] = ()) -> Row:
-        worth = replace(row.assessment, collisions=np.array(times), incidents=said)
-        return replace(row, assessment=worth)
+    def touching(row: MethodResult, *times: float, said: tuple[str, ...] = ()) -> MethodResult:
+        worth = replace(row.evaluation, collisions=np.array(times), incidents=said)
+        return replace(row, evaluation=worth)
 
     never = float("nan")
     some = [
@@ -202,11 +206,15 @@ def test_collisions_name_follower_and_method_before_anything_else(
         touching(rows[2], 5.0, never),
     ]
     assert collision_lines(segment, some) == [
-        f"{plain(first)}, as learned by every method.",
-        f"{plain(second)}, as learned by Splines.",
+        f"{escape_markdown(first)}, as learned by every method.",
+        f"{escape_markdown(second)}, as learned by Splines.",
     ]
     told = incidents(segment, some)
-    assert told.index(plain(first)) < told.index("Splines: runs") < told.index(plain(second))
+    assert (
+        told.index(escape_markdown(first))
+        < told.index("Splines: runs")
+        < told.index(escape_markdown(second))
+    )
     assert "Least squares: runs\\; so · turns\n" in told
     assert told.endswith("Least squares: diverges")
 
@@ -222,7 +230,7 @@ def test_a_training_with_other_settings_has_a_row_of_its_own(found: Workspace) -
     assert found.job.wait(WAIT)
     _, own = rows_of(found)
     assert own.fit is found.fit
-    assert own.assessment.held_out is None
+    assert own.evaluation.held_out is None
     assert rows_of(found)[1] is own, "it is worked out once"
     found.comparison._results = (own,)
     assert rows_of(found) == (own,), "the same settings need no second row"

@@ -17,13 +17,13 @@ from accpinn.inference.intervals import Interval
 from accpinn.methods import least_squares
 from accpinn.methods.fit import Outcome
 from accpinn.model.cthp import Parameters
-from accpinn.model.published import ASTAZERO, CASALE, law_set
-from accpinn.results.snapshot.create import take
+from accpinn.model.published import ASTAZERO, CASALE, parameter_set
+from accpinn.results.snapshot.create import create
 from accpinn.segment.missing import Window
-from accpinn.stability.report import report
+from accpinn.stability.report import stability_report
 from accpinn.tasks.task import Status
 from pages.ui.platoon.order import parse_order
-from pages.ui.session.resources import shelf
+from pages.ui.session.resources import library
 from pages.ui.session.workspace import Workspace
 from pages.ui.stability.certainty import certainty
 from pages.ui.stability.charts import clicked_point
@@ -93,7 +93,7 @@ def test_the_papers_yes_and_the_exact_no_catch_the_eye() -> None:
 def test_every_verdict_has_its_sentence() -> None:
     (why,) = (e for e in open_page(STABILITY).expander if e.label.startswith("Why"))
     said = "\n".join(element.value for element in why.markdown).replace("\\", "")
-    for vehicle in report(ASTAZERO.parameters).vehicles:
+    for vehicle in stability_report(ASTAZERO.parameters).vehicles:
         for verdict in (vehicle.l2, vehicle.linf_paper, vehicle.linf_exact):
             assert verdict.reason in said
 
@@ -127,7 +127,7 @@ def test_a_stopped_training_is_no_result_in_a_snapshot_either() -> None:
     found = fitted(outcome=Outcome.STOPPED, iterations=930)
     assert found.segment
     assert found.fit
-    shelf().add(take(found.segment, found.fit, name="early"))
+    library().add(create(found.segment, found.fit, name="early"))
     page = choose(open_page(STABILITY), "stability_source", "snapshot")
     assert "stopped at 930 iterations" in page.warning[0].value
 
@@ -137,7 +137,7 @@ def test_what_the_law_leaves_out_is_said(path: str) -> None:
     found = fitted()
     assert found.segment
     assert "left out" not in texts(open_page(path, found))
-    found.segment = replace(found.segment, left_out_regimes=("catching up",))
+    found.segment = replace(found.segment, excluded_regimes=("catching up",))
     page = open_page(path, found)
     assert "catching up left out" in " ".join(caption.value for caption in page.caption)
     if path == STABILITY:
@@ -186,16 +186,16 @@ def headline_of(page: AppTest) -> str:
 def test_certainty_counts_the_laws_that_the_data_allow(
     stable: float, gapless: float, said: str
 ) -> None:
-    laws = law_set("Mine", ("V1",), (LOUD,))
+    laws = parameter_set("Mine", ("V1",), (LOUD,))
     ends = Interval(np.array([1.0]), np.array([1.53]))
-    doubt: Any = SimpleNamespace(
+    uncertainty: Any = SimpleNamespace(
         level=0.9,
         probability_l2=np.array([stable]),
         gapless=np.array([gapless]),
         peak_gain=ends,
         inside=np.array([[True, False, True]]),
     )
-    sentence = certainty(laws, report(laws.parameters), doubt).replace("\\", "")
+    sentence = certainty(laws, stability_report(laws.parameters), uncertainty).replace("\\", "")
     assert said in sentence
     assert "the estimate's β." in sentence
     assert ("the data allow 1.00 to 1.53 (90 % interval)" in sentence) == (stable == stable)
@@ -271,9 +271,9 @@ def test_names_by_hand_are_shown_as_they_are() -> None:
         ((LOUD,) * 12, "All 12 vehicles amplify disturbances, V1 the most"),
     ],
 )
-def test_the_headline_counts(laws: tuple[Parameters, ...], sentence: str) -> None:
-    named = law_set("Mine", [f"V{k}" for k in range(1, len(laws) + 1)], laws)
-    assert sentence in headline(named, report(laws))
+def test_the_headline_counts(laws: Parameters, sentence: str) -> None:
+    named = parameter_set("Mine", [f"V{k}" for k in range(1, len(laws) + 1)], laws)
+    assert sentence in headline(named, stability_report(laws))
 
 
 def test_the_map_can_be_turned() -> None:

@@ -16,9 +16,9 @@ from accpinn.model.cthp import Parameters
 from accpinn.model.published import CASALE
 from accpinn.platoon.amplitude import SETTLED
 from accpinn.platoon.leader import Brake, Leader, Recorded, Sinusoid, SpeedStep
-from accpinn.platoon.simulation import PlatoonRun, simulate
+from accpinn.platoon.simulation import PlatoonRun, simulate_platoon
 from accpinn.stability.frequency import response
-from accpinn.stability.report import report
+from accpinn.stability.report import stability_report
 from accpinn.units import FloatArray
 
 # Apostolakis and Ampountolas, IEEE TVT 2024, Table III, AstaZero.
@@ -45,7 +45,7 @@ class TestThePapersFourPanels:
     def test_the_eighth_follower_moves_as_the_eighth_power_says(
         self, law: Parameters, omega: float, grows: bool
     ) -> None:
-        run = simulate([law] * 8, Sinusoid(omega))
+        run = simulate_platoon([law] * 8, Sinusoid(omega))
         assert run.amplitudes is not None
         assert run.amplitudes.measured[8] == pytest.approx(power(law, omega, 8), rel=1e-2)
         assert (run.amplitudes.measured[8] > 1) == grows
@@ -53,7 +53,7 @@ class TestThePapersFourPanels:
         assert run.collisions == ()
 
     def test_all_amplitudes_are_measured_to_six_digits(self) -> None:
-        run = simulate([MERCEDES] * 8, Sinusoid(0.25))
+        run = simulate_platoon([MERCEDES] * 8, Sinusoid(0.25))
         assert run.amplitudes is not None
         expected = [power(MERCEDES, 0.25, k) for k in range(9)]
         np.testing.assert_allclose(run.amplitudes.predicted, expected, rtol=1e-12)
@@ -61,7 +61,7 @@ class TestThePapersFourPanels:
         assert run.amplitudes.periods == 5
 
     def test_starts_as_described(self) -> None:
-        run = simulate([TESLA] * 8, Sinusoid(0.25))
+        run = simulate_platoon([TESLA] * 8, Sinusoid(0.25))
         instants, speeds = run.trajectories.time, run.trajectories.speeds
         assert (instants[0], instants[-1]) == (0, pytest.approx(500))
         assert speeds.shape == (5001, 9)
@@ -94,7 +94,7 @@ def leader_speed(leader: Leader, instant: float) -> float:
 
 
 def integrated(
-    platoon: tuple[Parameters, ...], leader: Leader, run: PlatoonRun
+    platoon: Parameters, leader: Leader, run: PlatoonRun
 ) -> tuple[FloatArray, FloatArray]:
     """Speeds (N, M) and gaps (N, M) of the followers, by tight steps between the leader's kinks."""
 
@@ -145,7 +145,7 @@ class TestExactMotion:
         ids=lambda leader: type(leader).__name__,
     )
     def test_agrees_with_a_tight_numerical_integration(self, leader: Leader) -> None:
-        run = simulate(MIXED, leader, 0.25)
+        run = simulate_platoon(MIXED, leader, 0.25)
         speeds, gaps = integrated(MIXED, leader, run)
         np.testing.assert_allclose(run.trajectories.speeds[:, 1:], speeds, rtol=0, atol=1e-8)
         np.testing.assert_allclose(run.trajectories.gaps, gaps, rtol=0, atol=1e-8)
@@ -157,7 +157,7 @@ class TestExactMotion:
     def test_an_equilibrium_stays_to_the_last_bit(
         self, platoon: list[Parameters], speed: float
     ) -> None:
-        run = simulate(platoon, Sinusoid(amplitude=0.0, speed=speed, duration=50))
+        run = simulate_platoon(platoon, Sinusoid(amplitude=0.0, speed=speed, duration=50))
         assert (run.trajectories.speeds == speed).all()
         for gap, law in zip(run.trajectories.gaps.T, platoon, strict=True):
             assert (gap == speed * law.tau).all()
@@ -167,8 +167,8 @@ class TestExactMotion:
     def test_deviations_are_proportional_to_the_amplitude(
         self, law: Parameters, omega: float, amplitude: float
     ) -> None:
-        one = simulate([law, AUDI], Sinusoid(omega, 1.0, duration=120))
-        other = simulate([law, AUDI], Sinusoid(omega, amplitude, duration=120))
+        one = simulate_platoon([law, AUDI], Sinusoid(omega, 1.0, duration=120))
+        other = simulate_platoon([law, AUDI], Sinusoid(omega, amplitude, duration=120))
         scale = amplitude * np.abs(one.trajectories.speeds - 20).max()
         np.testing.assert_allclose(
             other.trajectories.speeds - 20,
@@ -180,7 +180,7 @@ class TestExactMotion:
         "leader", [Sinusoid(duration=105), SpeedStep(duration=105), Brake(duration=105)]
     )
     def test_does_not_depend_on_the_step(self, leader: Leader) -> None:
-        fine, coarse = simulate(MIXED, leader, 0.05), simulate(MIXED, leader, 0.7)
+        fine, coarse = simulate_platoon(MIXED, leader, 0.05), simulate_platoon(MIXED, leader, 0.7)
         np.testing.assert_allclose(
             fine.trajectories.gaps[::14], coarse.trajectories.gaps, rtol=0, atol=1e-10
         )
@@ -190,7 +190,7 @@ class TestExactMotion:
         rng = np.random.default_rng(5)
         ahead = 22 + np.cumsum(rng.normal(0, 0.1, 301))
         # Recordings count their time from somewhere else.
-        run = simulate(MIXED, Recorded(instants + 43_000.0, ahead))
+        run = simulate_platoon(MIXED, Recorded(instants + 43_000.0, ahead))
         equilibrium = np.array([law.tau for law in MIXED]) * ahead[0]
         expected = cthp.simulate(MIXED, instants, ahead, np.full(4, ahead[0]), equilibrium)
         np.testing.assert_allclose(run.trajectories.speeds, expected.speeds, atol=1e-10)
@@ -199,32 +199,32 @@ class TestExactMotion:
 
     def test_a_brake_sampled_at_its_corners_is_the_same_recorded(self) -> None:
         leader = Brake(4.0, 2.0, 6.0, 0.5, settle=5.0, duration=60)
-        planned = simulate(MIXED, leader, 0.1)
-        recorded = simulate(
+        planned = simulate_platoon(MIXED, leader, 0.1)
+        recorded = simulate_platoon(
             MIXED, Recorded(planned.trajectories.time, planned.trajectories.speeds[:, 0])
         )
         np.testing.assert_allclose(recorded.trajectories.gaps, planned.trajectories.gaps, atol=1e-9)
 
     def test_peaks_stay_below_the_exact_gain(self) -> None:
-        found = report([AUDI] * 3).platoon.linf.gain
+        found = stability_report([AUDI] * 3).platoon.linf.gain
         for leader in (Sinusoid(0.21), SpeedStep(), Brake()):
-            run = simulate([AUDI] * 3, leader)
+            run = simulate_platoon([AUDI] * 3, leader)
             assert (run.largest_deviation[1:] <= run.largest_deviation[0] * found).all()
 
 
 class TestWhatIsReported:
     def test_a_collision_with_its_follower_and_time(self) -> None:
         leader = SpeedStep(-8.0)
-        run = simulate([MERCEDES] * 8, leader)
+        run = simulate_platoon([MERCEDES] * 8, leader)
         assert [collision.follower for collision in run.collisions] == [4, 5, 6, 7, 8]
         assert all(a.time < b.time for a, b in pairwise(run.collisions))
-        fine = simulate([MERCEDES] * 8, SpeedStep(-8.0, duration=60), 0.001).trajectories
+        fine = simulate_platoon([MERCEDES] * 8, SpeedStep(-8.0, duration=60), 0.001).trajectories
         exact = fine.time[np.argmax(fine.gaps[:, 3] <= 0)]
         assert run.collisions[0].time == pytest.approx(exact, abs=2e-3)
         assert "Follower 4 runs into the vehicle ahead at 33.9 s" in run.warnings[0]
 
     def test_the_smallest_gap_and_when(self) -> None:
-        run = simulate(MIXED, Brake())
+        run = simulate_platoon(MIXED, Brake())
         gaps, instants = run.trajectories.gaps, run.trajectories.time
         for k in range(4):
             assert run.minimum_gap[k] == gaps[:, k].min()
@@ -233,11 +233,11 @@ class TestWhatIsReported:
         assert run.warnings == ()
 
     def test_driving_backwards(self) -> None:
-        run = simulate([AUDI], Sinusoid(1.0, amplitude=2.0, speed=1.5))
+        run = simulate_platoon([AUDI], Sinusoid(1.0, amplitude=2.0, speed=1.5))
         assert any("The leader drives backwards" in text for text in run.warnings)
 
     def test_what_comes_after_a_collision_is_not_reported(self) -> None:
-        run = simulate([AUDI] * 4, SpeedStep(-8.0, speed=10.0))
+        run = simulate_platoon([AUDI] * 4, SpeedStep(-8.0, speed=10.0))
         driven, first = run.trajectories, run.collisions[0]
         assert driven.time[run.meaningful - 1] <= first.time < driven.time[run.meaningful]
         moved = np.abs(driven.speeds - 10.0)
@@ -249,16 +249,16 @@ class TestWhatIsReported:
         assert "no meaning" in warning
 
     def test_a_collision_at_the_start_leaves_two_samples(self) -> None:
-        run = simulate([Parameters(0.1, 0.2, 0.0)], SpeedStep())
+        run = simulate_platoon([Parameters(0.1, 0.2, 0.0)], SpeedStep())
         assert run.collisions[0].time == 0
         assert run.meaningful == 2
-        assert simulate([AUDI], SpeedStep(0.0)).meaningful == 3001
+        assert simulate_platoon([AUDI], SpeedStep(0.0)).meaningful == 3001
 
     def test_behind_anything_but_a_sinusoid_there_is_no_amplitude(self) -> None:
-        assert simulate([AUDI], Brake()).amplitudes is None
+        assert simulate_platoon([AUDI], Brake()).amplitudes is None
 
     def test_arrays_cannot_be_changed(self) -> None:
-        run = simulate([AUDI], Sinusoid())
+        run = simulate_platoon([AUDI], Sinusoid())
         with pytest.raises(ValueError, match="read-only"):
             run.trajectories.speeds[0, 0] = 1.0
 
@@ -269,7 +269,7 @@ class TestAmplitudes:
     def test_of_a_mixed_platoon_are_the_products_in_any_order(
         self, platoon: list[Parameters], omega: float
     ) -> None:
-        run = simulate(platoon, Sinusoid(omega, duration=900))
+        run = simulate_platoon(platoon, Sinusoid(omega, duration=900))
         found = run.amplitudes
         assert found is not None
         products = np.cumprod(np.abs(response(platoon, np.array([omega])))[:, 0])
@@ -278,7 +278,7 @@ class TestAmplitudes:
 
     def test_the_transient_ends_when_it_is_said_to(self) -> None:
         leader = Sinusoid(0.25, duration=900)
-        run = simulate([MERCEDES] * 8, leader)
+        run = simulate_platoon([MERCEDES] * 8, leader)
         assert run.amplitudes is not None
         since = run.trajectories.time - leader.settle
         steady = np.cumprod(response([MERCEDES] * 8, np.array([0.25]))[:, 0])
@@ -291,26 +291,26 @@ class TestAmplitudes:
 
     def test_a_run_too_short_says_how_long_it_takes(self) -> None:
         slow = Parameters(0.0104, 0.0718, 1.52)
-        run = simulate([slow] * 8, Sinusoid(0.25, duration=500))
+        run = simulate_platoon([slow] * 8, Sinusoid(0.25, duration=500))
         assert run.amplitudes is not None
         assert run.amplitudes.settled[8] == pytest.approx(721, abs=2)
         assert run.warnings == (
             "The transient of follower 8 is still above 0.1 % of its amplitude where that is"
             " measured; a duration of 767 s would do.",
         )
-        assert simulate([slow] * 8, Sinusoid(0.25, duration=767)).warnings == ()
+        assert simulate_platoon([slow] * 8, Sinusoid(0.25, duration=767)).warnings == ()
 
     def test_less_than_a_period_is_not_measured(self) -> None:
-        run = simulate([AUDI], Sinusoid(0.25, duration=40))
+        run = simulate_platoon([AUDI], Sinusoid(0.25, duration=40))
         assert run.amplitudes is not None
         assert np.isnan(run.amplitudes.measured).all()
         assert "need a whole period of 25.1 s" in run.warnings[0]
-        before = simulate([AUDI], Sinusoid(0.25, duration=10))
+        before = simulate_platoon([AUDI], Sinusoid(0.25, duration=10))
         assert before.amplitudes is not None
         assert before.amplitudes.periods == 0
 
     def test_a_fast_sinusoid_gets_enough_samples(self) -> None:
-        run = simulate([AUDI, TESLA], Sinusoid(40.0, duration=300))
+        run = simulate_platoon([AUDI, TESLA], Sinusoid(40.0, duration=300))
         assert run.trajectories.time[1] < 2 * pi / 40 / 20
         assert run.amplitudes is not None
         np.testing.assert_allclose(run.amplitudes.measured, run.amplitudes.predicted, rtol=1e-3)
@@ -318,17 +318,17 @@ class TestAmplitudes:
 
 class TestDegenerate:
     def test_without_spacing_the_gap_starts_at_the_headway_given(self) -> None:
-        run = simulate([Parameters(0.0, 0.3, 1.2)], Sinusoid(0.25))
+        run = simulate_platoon([Parameters(0.0, 0.3, 1.2)], Sinusoid(0.25))
         assert run.trajectories.gaps[0, 0] == 24
         assert run.amplitudes is not None
         assert run.amplitudes.measured[1] == pytest.approx(0.3 / np.hypot(0.25, 0.3), rel=1e-6)
 
     def test_without_spacing_and_headway_it_is_refused(self) -> None:
         with pytest.raises(ParameterError, match=r"set 2: α = 0 leaves the gap open; give τ"):
-            simulate([AUDI, Parameters(0.0, 0.3, nan)], Sinusoid())
+            simulate_platoon([AUDI, Parameters(0.0, 0.3, nan)], Sinusoid())
 
     def test_without_reaction_nothing_moves(self) -> None:
-        run = simulate([Parameters(0.0, 0.0, 1.0), AUDI], Sinusoid(0.25))
+        run = simulate_platoon([Parameters(0.0, 0.0, 1.0), AUDI], Sinusoid(0.25))
         assert (run.trajectories.speeds[:, 1:] == 20).all()
         assert run.amplitudes is not None
         np.testing.assert_array_equal(run.amplitudes.predicted, [1, 0, 0])
@@ -336,7 +336,7 @@ class TestDegenerate:
 
     def test_without_damping_it_never_settles(self) -> None:
         undamped = Parameters(0.0625, 0.0, 0.0)
-        run = simulate([TESLA, undamped, TESLA], Sinusoid(0.25))
+        run = simulate_platoon([TESLA, undamped, TESLA], Sinusoid(0.25))
         assert run.amplitudes is not None
         assert np.isfinite(run.amplitudes.settled[:2]).all()
         np.testing.assert_array_equal(run.amplitudes.settled[2:], inf)
@@ -358,12 +358,15 @@ class TestDegenerate:
             (lambda: Recorded(np.arange(3.0), np.arange(2.0)), "as many speeds as instants"),
             (lambda: Recorded(np.arange(2.0), np.array([20, nan])), "numbers are missing"),
             (lambda: Recorded(np.array([0, 1, 3.0]), np.ones(3)), "not evenly spaced"),
-            (lambda: simulate([AUDI], Sinusoid(), 0.0), "Sample time 0 s"),
-            (lambda: simulate([AUDI], Sinusoid(frequency=1e4)), "shorten its duration"),
-            (lambda: simulate([AUDI], Brake(), 1e-9), "shorten its duration"),
-            (lambda: simulate([], Sinusoid()), "no vehicle"),
-            (lambda: simulate([Parameters(nan, 1, 1)], Sinusoid()), "set 1: α is missing"),
-            (lambda: simulate([Parameters(1e9, 1e9, 1)], Sinusoid()), "within a microsecond"),
+            (lambda: simulate_platoon([AUDI], Sinusoid(), 0.0), "Sample time 0 s"),
+            (lambda: simulate_platoon([AUDI], Sinusoid(frequency=1e4)), "shorten its duration"),
+            (lambda: simulate_platoon([AUDI], Brake(), 1e-9), "shorten its duration"),
+            (lambda: simulate_platoon([], Sinusoid()), "no vehicle"),
+            (lambda: simulate_platoon([Parameters(nan, 1, 1)], Sinusoid()), "set 1: α is missing"),
+            (
+                lambda: simulate_platoon([Parameters(1e9, 1e9, 1)], Sinusoid()),
+                "within a microsecond",
+            ),
         ],
     )
     def test_impossible_settings_are_refused_in_one_sentence(self, make, words: str) -> None:
@@ -379,14 +382,14 @@ def test_eight_vehicles_and_500_s_take_less_than_fifty_milliseconds() -> None:
     seconds = []
     for _ in range(5):
         start = time.perf_counter()
-        simulate([MERCEDES] * 8, leader)
+        simulate_platoon([MERCEDES] * 8, leader)
         seconds.append(time.perf_counter() - start)
     assert min(seconds) < 0.05
 
 
 def test_a_stop_behind_a_stopped_leader_is_no_collision() -> None:
     """At standstill the law keeps no gap at all; rounding makes that -1e-13 m."""
-    run = simulate([Parameters(0.02, 0.5, 2.0)] * 2, SpeedStep(-20.0, speed=20.0))
+    run = simulate_platoon([Parameters(0.02, 0.5, 2.0)] * 2, SpeedStep(-20.0, speed=20.0))
     assert run.minimum_gap[-1] == pytest.approx(0.0, abs=1e-9)
     assert run.collisions == ()
 
@@ -394,7 +397,8 @@ def test_a_stop_behind_a_stopped_leader_is_no_collision() -> None:
 def test_amplitudes_say_whether_the_transient_was_over() -> None:
     slow = [CASALE.parameters[0]] * 8
     short, long = (
-        simulate(slow, Sinusoid(0.088, duration=seconds)).amplitudes for seconds in (200.0, 900.0)
+        simulate_platoon(slow, Sinusoid(0.088, duration=seconds)).amplitudes
+        for seconds in (200.0, 900.0)
     )
     assert short is not None
     assert long is not None

@@ -21,7 +21,7 @@ from accpinn.methods.pinn.training import train
 from accpinn.model.cthp import Case, Parameters
 from accpinn.recordings.openacc import read
 from accpinn.segment.window import Segment, cut
-from accpinn.stability.report import report
+from accpinn.stability.report import stability_report
 
 RECORDINGS = {
     "Casale": ("Casale/part7.csv", 0.0),
@@ -60,14 +60,14 @@ class TestTheTablesOfThePaper:
     def test_parameters(
         self, campaign: str, case: Case, printed: np.ndarray, tolerance: tuple[float, ...]
     ) -> None:
-        off = np.abs(learned(campaign, case).table() / printed - 1.0)
+        off = np.abs(learned(campaign, case).parameters.values / printed - 1.0)
         assert (off <= tolerance).all(), off
 
     def test_are_the_limit_of_the_loss(
         self, campaign: str, case: Case, printed: np.ndarray, tolerance: tuple[float, ...]
     ) -> None:
-        limit = splines.fit(segment(campaign), case).table()
-        off = np.abs(learned(campaign, case).table() / limit - 1.0)
+        limit = splines.fit(segment(campaign), case).parameters.values
+        off = np.abs(learned(campaign, case).parameters.values / limit - 1.0)
         assert (off <= (0.01, 0.02, 0.01)).all(), off
 
     def test_the_network_is_nearer_to_the_data_than_printed(
@@ -80,7 +80,7 @@ class TestTheTablesOfThePaper:
 
 def test_verdicts_of_table_iii() -> None:
     """L2 NO for all; by the paper's L∞ criterion YES for the Tesla alone, exactly for none."""
-    vehicles = report(learned("AstaZero", "II").parameters).vehicles
+    vehicles = stability_report(learned("AstaZero", "II").parameters).vehicles
     assert [v.l2.stable for v in vehicles] == [False] * 4
     assert [v.linf_paper.stable for v in vehicles] == [False, False, False, True]
     assert [v.linf_exact.stable for v in vehicles] == [False] * 4
@@ -101,7 +101,7 @@ def test_simulation_least_squares_drives_nearer_than_the_papers_law() -> None:
 
 def test_five_seeds_agree() -> None:
     """Table I's five experiments differ in the third decimal; five seeds here far less."""
-    tables = np.array([learned("Casale", "II", seed).table()[0] for seed in range(5)])
+    tables = np.array([learned("Casale", "II", seed).parameters.values[0] for seed in range(5)])
     spread = np.ptp(tables, axis=0) / tables.mean(axis=0)
     assert (spread < 0.002).all(), spread
     assert (spread > 0).any(), "the seed has no effect at all"

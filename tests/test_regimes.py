@@ -31,8 +31,8 @@ from accpinn.segment.regimes import (
     REGIMES,
     STANDSTILL,
     Regimes,
-    label,
-    leave_out,
+    exclude_regimes,
+    label_regimes,
 )
 from accpinn.segment.window import Segment, cut
 from accpinn.units import FloatArray
@@ -60,12 +60,12 @@ TOLERANCE = {
 filter's is a matter of its 4000 particles."""
 
 
-def table(laws: tuple[Parameters, ...]) -> FloatArray:
+def table(laws: Parameters) -> FloatArray:
     return np.array([[law.alpha, law.beta, law.tau] for law in laws])
 
 
 @cache
-def two_laws(laws: tuple[Parameters, ...] = LAWS) -> Segment:
+def two_laws(laws: Parameters = LAWS) -> Segment:
     """Without noise; within `BLOCK` both followers obey another law. Nothing is left out."""
     time = 0.1 * np.arange(1801)
     speeds, gaps = np.zeros((1801, 3)), np.zeros((1801, 2))
@@ -84,7 +84,7 @@ def without_block(segment: Segment) -> Segment:
     begin, end = BLOCK
     inside = (segment.time >= begin - MARGIN) & (segment.time <= end + MARGIN)
     mask = np.repeat(inside[:, None], segment.followers, axis=1)
-    return replace(segment, left_out=mask, left_out_regimes=("catching up",))
+    return replace(segment, left_out=mask, excluded_regimes=("catching up",))
 
 
 def estimate(name: str, segment: Segment, case: Case) -> Fit:
@@ -97,18 +97,18 @@ class TestLeavingOut:
     @pytest.mark.parametrize("name", list(TOLERANCE))
     def test_every_method_learns_from_the_rest_alone(self, name: str) -> None:
         truth = table(LAWS)
-        kept = estimate(name, without_block(two_laws()), "II").table()
+        kept = estimate(name, without_block(two_laws()), "II").parameters.values
         assert np.abs(kept / truth - 1).max() < TOLERANCE[name]
 
     @pytest.mark.parametrize("name", ["least-squares", "splines", "simulation", "dual-ukf"])
     def test_what_is_left_out_would_have_mattered(self, name: str) -> None:
-        everything = estimate(name, two_laws(), "II").table()
+        everything = estimate(name, two_laws(), "II").parameters.values
         assert np.abs(everything / table(LAWS) - 1).max(axis=1).min() > 0.1
 
     @pytest.mark.parametrize("name", [name for name in TOLERANCE if name != "pinn"])
     def test_one_law_for_all_as_well(self, name: str) -> None:
         laws = (LAWS[1],) * 2
-        kept = estimate(name, without_block(two_laws(laws)), "I").table()
+        kept = estimate(name, without_block(two_laws(laws)), "I").parameters.values
         assert np.abs(kept / table(laws) - 1).max() < TOLERANCE[name]
 
     def test_no_method_is_missing_here(self) -> None:
@@ -118,7 +118,9 @@ class TestLeavingOut:
         segment = without_block(two_laws())
         mask = np.array(segment.left_out)
         mask[:, 1] = False
-        estimated = ESTIMATORS["least-squares"](replace(segment, left_out=mask), "II").table()
+        estimated = ESTIMATORS["least-squares"](
+            replace(segment, left_out=mask), "II"
+        ).parameters.values
         errors = np.abs(estimated / table(LAWS) - 1).max(axis=1)
         assert errors[0] < TOLERANCE["least-squares"]
         assert errors[1] > 0.1
@@ -163,7 +165,7 @@ class TestMask:
         other = replace(segment, left_out=~np.asarray(segment.left_out))
         digests = {two_laws().digest(), segment.digest(), other.digest()}
         assert len(digests) == 3
-        assert replace(segment, left_out=None, left_out_regimes=()).digest() == two_laws().digest()
+        assert replace(segment, left_out=None, excluded_regimes=()).digest() == two_laws().digest()
 
     def test_digest_without_one_is_that_of_before(self) -> None:
         segment = Segment(
@@ -190,10 +192,10 @@ class TestMask:
         assert np.array_equal(piece.left_out, segment.left_out[500:1200])
 
     def test_outline_says_it(self) -> None:
-        outline = without_block(two_laws()).outline()
-        assert outline.left_out == ("catching up",)
-        assert outline.left_out_share == pytest.approx((441 / 1801,) * 2)
-        assert two_laws().outline().left_out_share == ()
+        info = without_block(two_laws()).info()
+        assert info.left_out == ("catching up",)
+        assert info.left_out_share == pytest.approx((441 / 1801,) * 2)
+        assert two_laws().info().left_out_share == ()
 
 
 DIGEST = "858ecb755161ff79c4fed0a49b1f7faca0934e60549faa52e35d2381b57c12b9"
@@ -216,7 +218,7 @@ def recording(tmp_path: Path) -> Recording:
 
 class TestLabels:
     def test_each_instant_has_the_regime_it_was_made_for(self, recording: Recording) -> None:
-        codes = label(cut(recording, 0, 60), recording).codes[:, 0]
+        codes = label_regimes(cut(recording, 0, 60), recording).codes[:, 0]
         counts = [int((codes == code).sum()) for code in range(4)]
         assert counts == [351, 200, 20, 30]
         assert set(codes[100:300]) == {CATCHING_UP}
@@ -224,23 +226,23 @@ class TestLabels:
         assert set(codes[400:430]) == {STANDSTILL}
 
     def test_shares_add_up(self, recording: Recording) -> None:
-        regimes = label(cut(recording, 0, 60), recording)
+        regimes = label_regimes(cut(recording, 0, 60), recording)
         assert regimes.names == REGIMES
         assert regimes.shares[0] == pytest.approx((351 / 601, 200 / 601, 20 / 601, 30 / 601))
 
     def test_a_driver_comes_before_standstill_and_time_gap(self, recording: Recording) -> None:
         by_hand = replace(recording, mode=np.full((601, 2), Mode.HUMAN, np.int8))
-        assert set(label(cut(by_hand, 0, 60), by_hand).codes.ravel()) == {MANUAL}
+        assert set(label_regimes(cut(by_hand, 0, 60), by_hand).codes.ravel()) == {MANUAL}
 
     def test_a_window_is_mapped_to_its_samples(self, recording: Recording) -> None:
-        codes = label(cut(recording, 35.3, 20), recording).codes[:, 0]
+        codes = label_regimes(cut(recording, 35.3, 20), recording).codes[:, 0]
         assert np.flatnonzero(codes == MANUAL).tolist() == list(range(27, 47))
 
     def test_an_interpolated_instant_is_manual_if_either_of_its_samples_is(
         self, recording: Recording
     ) -> None:
         uneven = replace(recording, time=np.r_[0.0, recording.time[1:] + 0.04])
-        codes = label(cut(uneven, 0, 60), uneven).codes[:, 0]
+        codes = label_regimes(cut(uneven, 0, 60), uneven).codes[:, 0]
         # Samples 380 to 399 stand at 38.04 to 39.94 s now, next to the instants 38.0 and 40.0 s.
         assert np.flatnonzero(codes == MANUAL).tolist() == list(range(380, 401))
 
@@ -248,20 +250,20 @@ class TestLabels:
     def test_unknown_modes_are_said(self, recording: Recording, known: bool) -> None:
         silent = replace(recording, mode=np.full((601, 2), Mode.UNKNOWN, np.int8))
         segment = cut(silent, 0, 60)
-        regimes = label(segment, silent if known else None)
+        regimes = label_regimes(segment, silent if known else None)
         assert regimes.mode_known == (False,)
         assert MANUAL not in regimes.codes
-        assert label(segment, recording).mode_known == (True,)
+        assert label_regimes(segment, recording).mode_known == (True,)
 
     def test_another_recording_is_refused(self, recording: Recording) -> None:
         with pytest.raises(SegmentError, match="not the recording"):
-            label(cut(recording, 0, 60), replace(recording, sha256="other"))
+            label_regimes(cut(recording, 0, 60), replace(recording, sha256="other"))
 
 
 class TestRibbons:
     def test_cover_the_window_in_the_recordings_time(self, recording: Recording) -> None:
         segment = cut(recording, 5.0, 40.0)
-        drawn = ribbons(segment, label(segment, recording))
+        drawn = ribbons(segment, label_regimes(segment, recording))
         ends = {trace.name: [x for x in trace.x if x is not None] for trace in drawn}
         assert set(ends) == {f"2 {name}" for name in REGIMES}
         assert ends["2 catching up"] == pytest.approx([9.95, 29.95])
@@ -271,7 +273,7 @@ class TestRibbons:
 
     def test_stand_on_a_strip_of_the_overview(self, recording: Recording) -> None:
         segment = cut(recording, 5.0, 40.0)
-        drawn = ribbons(segment, label(segment, recording))
+        drawn = ribbons(segment, label_regimes(segment, recording))
         plain = overview(recording, (1, 2), Window(5.0, 45.0))
         figure = overview(recording, (1, 2), Window(5.0, 45.0), drawn)
         assert len(figure.data) - len(plain.data) == len(drawn)
@@ -279,40 +281,42 @@ class TestRibbons:
 
     def test_colours_are_explained_for_what_occurs(self, recording: Recording) -> None:
         segment = cut(recording, 0, 12.0)
-        names = [name for name, _ in key(label(segment, recording))]
+        names = [name for name, _ in key(label_regimes(segment, recording))]
         assert names == ["car-following", "catching up"]
 
 
 class TestAsking:
     def test_says_what_is_left_out(self, recording: Recording) -> None:
         segment = cut(recording, 0, 60)
-        regimes = label(segment, recording)
-        chosen = leave_out(segment, regimes, ["standstill", "catching up"])
+        regimes = label_regimes(segment, recording)
+        chosen = exclude_regimes(segment, regimes, ["standstill", "catching up"])
         assert chosen.notes[-1] == (
             "Left out of the law's equations: catching up and standstill"
             " (2 Beta: 38 % of the instants)."
         )
-        assert chosen.left_out_regimes == ("catching up", "standstill")
+        assert chosen.excluded_regimes == ("catching up", "standstill")
         expected = np.isin(regimes.codes, [CATCHING_UP, STANDSTILL])
         assert np.array_equal(chosen.left_out, expected)
         assert np.array_equal(chosen.gaps, segment.gaps)
 
     def test_nothing_asked_is_nothing_changed(self, recording: Recording) -> None:
         segment = cut(recording, 0, 60)
-        assert leave_out(segment, label(segment, recording), ()) is segment
+        assert exclude_regimes(segment, label_regimes(segment, recording), ()) is segment
 
     def test_what_does_not_occur_leaves_the_data_as_they_are(self) -> None:
         codes = np.full((1801, 2), FOLLOWING, np.uint8)
-        asked = leave_out(two_laws(), Regimes(codes, (True, True)), ["manual", "catching up"])
+        asked = exclude_regimes(two_laws(), Regimes(codes, (True, True)), ["manual", "catching up"])
         assert asked.notes == ("Nothing to leave out: no instant is catching up or manual.",)
         assert asked.left_out is None
         assert asked.digest() == two_laws().digest()
 
     def test_twice_leaves_out_both(self, recording: Recording) -> None:
         segment = cut(recording, 0, 60)
-        regimes = label(segment, recording)
-        both = leave_out(leave_out(segment, regimes, ["manual"]), regimes, ["standstill"])
-        assert both.left_out_regimes == ("manual", "standstill")
+        regimes = label_regimes(segment, recording)
+        both = exclude_regimes(
+            exclude_regimes(segment, regimes, ["manual"]), regimes, ["standstill"]
+        )
+        assert both.excluded_regimes == ("manual", "standstill")
         assert both.left_out is not None
         assert both.left_out.sum() == 50
 
@@ -320,14 +324,14 @@ class TestAsking:
     def test_other_names_are_refused(self, recording: Recording, name: str) -> None:
         segment = cut(recording, 0, 60)
         with pytest.raises(SegmentError, match=f'"{name}" cannot be left out'):
-            leave_out(segment, label(segment, recording), [name])
+            exclude_regimes(segment, label_regimes(segment, recording), [name])
 
     def test_too_little_left_is_refused(self) -> None:
         segment = two_laws()
         codes = np.full((1801, 2), FOLLOWING, np.uint8)
         codes[95:, 1] = CATCHING_UP
         with pytest.raises(SegmentError, match=r"only 9\.5 s are left of 3 C"):
-            leave_out(segment, Regimes(codes, (True, True)), ["catching up"])
+            exclude_regimes(segment, Regimes(codes, (True, True)), ["catching up"])
 
     def test_a_simulation_without_a_long_stretch_is_refused(self) -> None:
         flicker = np.zeros((1801, 2), bool)

@@ -16,7 +16,7 @@ import pytest
 from accpinn.cli import main
 from accpinn.methods.fit import Outcome
 from accpinn.model.cthp import Parameters
-from accpinn.results.report.page import report
+from accpinn.results.report.page import render_report
 from accpinn.results.report.pictures import fits, motion
 from accpinn.results.report.summary import about_data, summary, title
 from accpinn.results.snapshot.checking import check
@@ -71,16 +71,16 @@ def read(page: str) -> Reader:
 
 @cache
 def page() -> str:
-    return report(whole())
+    return render_report(whole())
 
 
 @cache
 def hostile_page() -> str:
-    outline = replace(
-        whole().outline, names=(HOSTILE,) * 5, source=HOSTILE, notes=(HOSTILE,), left_out=()
+    info = replace(
+        whole().info, names=(HOSTILE,) * 5, source=HOSTILE, notes=(HOSTILE,), left_out=()
     )
-    return report(
-        replace(whole(), name=HOSTILE, note=HOSTILE, outline=outline, facts={"campaign": HOSTILE})
+    return render_report(
+        replace(whole(), name=HOSTILE, note=HOSTILE, info=info, facts={"campaign": HOSTILE})
     )
 
 
@@ -132,12 +132,12 @@ class TestThePage:
 
     def test_a_bare_result_makes_a_page_too(self) -> None:
         bare = replace(
-            small(), uncertainty=None, assessment=None, stability=None, segment=None, rows=()
+            small(), uncertainty=None, evaluation=None, stability=None, segment=None, rows=()
         )
-        headings = [text.strip() for text in read(report(bare)).within("h2")]
+        headings = [text.strip() for text in read(render_report(bare)).within("h2")]
         assert "Methods compared" not in headings
         assert "String stability" in headings
-        assert "leave the headway undetermined" in report(bare)
+        assert "leave the headway undetermined" in render_report(bare)
 
 
 class TestItIsTrue:
@@ -163,34 +163,37 @@ class TestItIsTrue:
         assert "so many are string stable" in text
 
     def test_the_summary_says_how_sure_the_headway_is_and_who_collides(self) -> None:
-        doubt, worth = whole().uncertainty, whole().assessment
-        assert doubt is not None
+        uncertainty, worth = whole().uncertainty, whole().evaluation
+        assert uncertainty is not None
         assert worth is not None
         text = " ".join(summary(whole()))
-        assert f"(90 % interval: {doubt.lower[0, 2]:.2f} to {doubt.upper[0, 2]:.2f} s)" in text
+        assert (
+            f"(90 % interval: {uncertainty.lower[0, 2]:.2f} to {uncertainty.upper[0, 2]:.2f} s)"
+            in text
+        )
         assert "runs into" not in text
         touched = replace(worth, collisions=np.array([np.nan, 12.34, np.nan, np.nan]))
-        text = " ".join(summary(replace(whole(), assessment=touched)))
+        text = " ".join(summary(replace(whole(), evaluation=touched)))
         assert "1 of 4 laws runs into the vehicle ahead: 3 " in text
         assert "at 12.3 s." in text
-        alone = small().assessment
+        alone = small().evaluation
         assert alone is not None
         touched = replace(alone, collisions=np.array([222.6]))
-        text = " ".join(summary(replace(small(), assessment=touched)))
+        text = " ".join(summary(replace(small(), evaluation=touched)))
         assert "the law runs into the vehicle ahead at 222.6 s." in text
 
     @pytest.mark.parametrize("lost", [(3,), (2, 3), (0, 1, 2, 3)])
     def test_the_summary_names_followers_that_have_no_errors(self, lost: tuple[int, ...]) -> None:
-        worth = whole().assessment
+        worth = whole().evaluation
         assert worth is not None
         assert worth.closed_loop is not None
         gaps = np.array([1.23, 2.34, 3.45, 4.56])
         gaps[list(lost)] = np.nan
         errors = replace(worth.closed_loop, gap_mae=gaps)
-        changed = replace(whole(), assessment=replace(worth, closed_loop=errors))
+        changed = replace(whole(), evaluation=replace(worth, closed_loop=errors))
         (said,) = (text for text in summary(changed) if text.startswith("Driving by itself"))
         assert "nan" not in said
-        named = ", ".join(whole().outline.labels[1 + k] for k in lost)
+        named = ", ".join(whole().info.labels[1 + k] for k in lost)
         assert (f"(without {named}, whose simulation diverges)" in said) == (len(lost) < 4)
         assert ("misses the space-gap by 1.2" in said) == (len(lost) < 4)
         assert ("the learned law diverges" in said) == (len(lost) == 4)
@@ -228,7 +231,7 @@ class TestItIsTrue:
         wrong = replace(
             whole(), stability=replace(stability, vehicles=(first, *stability.vehicles[1:]))
         )
-        reader = read(report(wrong))
+        reader = read(render_report(wrong))
         assert any(cell.startswith("NO: ") for cell in reader.within("td"))
         assert any(attributes.get("class") == "wrong" for _, attributes in reader.tags)
         assert "9.000" not in reader.within("td"), "stability is shown as it was recomputed"

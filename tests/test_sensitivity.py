@@ -10,15 +10,16 @@ import pytest
 from accpinn.cli import main
 from accpinn.recordings.openacc import read
 from accpinn.results.tables.regimes import regimes_table, sensitivity_table
-from accpinn.segment.regimes import label
+from accpinn.segment.regimes import label_regimes
 from accpinn.segment.window import cut
-from accpinn.study.sensitivity import CHOICES, COMPARED as METHODS, Row, sensitivity
+from accpinn.study.sensitivity import CHOICES, SensitivityResult, sensitivity
+from accpinn.study.sensitivity import COMPARED as METHODS
 from tests.driving import LAW, driven
 
 STUDY = Path(__file__).parent.parent / "sample_data" / "synthetic_paper_study.csv"
 
 
-def of(rows: tuple[Row, ...], choice: str, method: str) -> Row:
+def of(rows: tuple[SensitivityResult, ...], choice: str, method: str) -> SensitivityResult:
     return next(row for row in rows if (row.choice, row.method) == (choice, method))
 
 
@@ -79,7 +80,7 @@ def test_casale_without_catching_up(openacc_dir: Path) -> None:
     assert everything.tau == pytest.approx(1.522, rel=0.01)
     table = sensitivity_table(segment, rows, 0)
     assert [row[0] for row in table.rows] == [choice.capitalize() for choice in CHOICES]
-    shares = regimes_table(segment, label(segment, recording)).rows[0][1:]
+    shares = regimes_table(segment, label_regimes(segment, recording)).rows[0][1:]
     assert shares == pytest.approx((78.8, 21.2, 0.0, 0.0), abs=0.1)
 
 

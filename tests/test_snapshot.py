@@ -14,7 +14,7 @@ import pytest
 
 from accpinn.cli import main
 from accpinn.errors import SnapshotError
-from accpinn.evaluation.cross_validation import held_out_errors
+from accpinn.evaluation.cross_validation import pooled_holdout_errors
 from accpinn.methods.fit import Outcome
 from accpinn.methods.pinn.config import preset
 from accpinn.methods.pinn.training import train
@@ -24,10 +24,10 @@ from accpinn.results.snapshot.archive import contents
 from accpinn.results.snapshot.checking import REFIT, check, verify
 from accpinn.results.snapshot.codec import encode
 from accpinn.results.snapshot.content import Snapshot
-from accpinn.results.snapshot.create import take
+from accpinn.results.snapshot.create import create
 from accpinn.results.snapshot.file import load, save, sealed, to_bytes
 from accpinn.results.snapshot.schema import ATTRIBUTION, MANIFEST, PARTS, SCHEMA
-from accpinn.segment.regimes import label, leave_out
+from accpinn.segment.regimes import exclude_regimes, label_regimes
 from accpinn.segment.window import cut
 from tests.driving import MIXED, driven, standing_still
 from tests.samples import FOLDER, NOISY
@@ -89,16 +89,16 @@ class TestRoundTrip:
         segment = cut(recording, 0, 60)
         gaps = segment.gaps / segment.speeds[:, 1:]
         segment = replace(segment, gaps=np.where(gaps > 1.7, 2.1, 1.5) * segment.speeds[:, 1:])
-        masked = leave_out(segment, label(segment), ("catching up",))
-        snapshot = load(to_bytes(take(masked, small().fit, with_data=True)))
-        assert snapshot.outline.left_out == ("catching up",)
+        masked = exclude_regimes(segment, label_regimes(segment), ("catching up",))
+        snapshot = load(to_bytes(create(masked, small().fit, with_data=True)))
+        assert snapshot.info.left_out == ("catching up",)
         assert snapshot.segment is not None
         np.testing.assert_array_equal(snapshot.segment.left_out, masked.left_out)
-        assert snapshot.outline.left_out_share == masked.left_out_share
+        assert snapshot.info.left_out_share == masked.left_out_share
 
     def test_without_data_has_no_data(self) -> None:
         segment, fit = trained()
-        data = to_bytes(take(segment, fit))
+        data = to_bytes(create(segment, fit))
         assert "data.npz" not in contents(data, "It", len(PARTS))
         assert load(data).segment is None
         assert len(data) < 1_000_000
@@ -124,7 +124,7 @@ def test_casale_round_trip(openacc_dir: Path, tmp_path: Path) -> None:
     recording = read(openacc_dir / "Casale" / "part7.csv")
     segment = cut(recording, 0, 300)
     fit = train(segment, "II", preset("fast", iterations=60), threads=1)
-    target = save(take(segment, fit, recording=recording), tmp_path / "casale.accpinn.zip")
+    target = save(create(segment, fit, recording=recording), tmp_path / "casale.accpinn.zip")
     assert target.stat().st_size < 1_000_000
     laws, ok, _, _ = reopened(target)
     assert laws == [[p.alpha.hex(), p.beta.hex(), p.tau.hex()] for p in fit.parameters]
@@ -140,7 +140,7 @@ class TestVerification:
         assert {c.name for c in result.checks} >= {"Contents", "Surrogate fit", "Data's quality"}
 
     def test_forged_stability_is_found(self) -> None:
-        other = take(whole().segment or trained()[0], trained()[1]).stability
+        other = create(whole().segment or trained()[0], trained()[1]).stability
         assert other is not None
         vehicles = (replace(other.vehicles[0], linf_gain=1.0), *other.vehicles[1:])
         forged = replace(whole(), stability=replace(other, vehicles=vehicles))
@@ -156,9 +156,9 @@ class TestVerification:
 
     @pytest.mark.parametrize("figure", ["lower", "draws", "probability_l2"])
     def test_forged_intervals_are_found(self, figure: str) -> None:
-        doubt = small().uncertainty
-        assert doubt is not None
-        forged = replace(doubt, **{figure: getattr(doubt, figure) * 1.001 + 0.001})
+        uncertainty = small().uncertainty
+        assert uncertainty is not None
+        forged = replace(uncertainty, **{figure: getattr(uncertainty, figure) * 1.001 + 0.001})
         result = check(replace(small(), uncertainty=forged))
         assert not result.ok
         assert result.sentence.startswith("Intervals: ")
@@ -175,24 +175,24 @@ class TestVerification:
 
     def test_forged_errors_of_a_method_compared_are_found(self) -> None:
         first, *others = whole().rows
-        errors = first.assessment.closed_loop
+        errors = first.evaluation.closed_loop
         assert errors is not None
-        better = replace(first.assessment, closed_loop=replace(errors, gap_mae=errors.gap_mae / 2))
-        forged = replace(whole(), rows=(replace(first, assessment=better), *others))
+        better = replace(first.evaluation, closed_loop=replace(errors, gap_mae=errors.gap_mae / 2))
+        forged = replace(whole(), rows=(replace(first, evaluation=better), *others))
         result = check(forged)
         assert not result.ok
         assert "Least squares" in result.sentence
 
     def test_forged_errors_on_the_rest_are_found_with_the_recording(self) -> None:
-        recording = read(FOLDER / f"{whole().outline.source}")
+        recording = read(FOLDER / f"{whole().info.source}")
         segment, fit = trained()
-        honest = take(segment, fit, recording=recording)
+        honest = create(segment, fit, recording=recording)
         assert check(honest, recording).ok
-        assert honest.assessment is not None
-        errors = honest.assessment.unseen
+        assert honest.evaluation is not None
+        errors = honest.evaluation.unseen
         assert errors is not None
         better = replace(errors, gap_mae=errors.gap_mae / 2)
-        forged = replace(honest, assessment=replace(honest.assessment, unseen=better))
+        forged = replace(honest, evaluation=replace(honest.evaluation, unseen=better))
         assert not check(forged, recording).ok
 
     def test_another_recording_is_refused(self) -> None:
@@ -202,7 +202,7 @@ class TestVerification:
         assert "not the recording" in result.sentence
 
     def test_the_recording_stands_in_for_missing_data(self) -> None:
-        recording = read(FOLDER / f"{whole().outline.source}")
+        recording = read(FOLDER / f"{whole().info.source}")
         result = check(replace(whole(), segment=None), recording)
         assert result.ok
         assert "Window" in {c.name for c in result.checks}
@@ -210,17 +210,17 @@ class TestVerification:
     def test_without_data_it_says_what_is_needed(self) -> None:
         result = check(replace(whole(), segment=None))
         assert result.ok
-        assert whole().outline.sha256 in result.sentence
+        assert whole().info.sha256 in result.sentence
 
     def test_a_removed_part_is_found(self) -> None:
-        for name in ("assessment", "uncertainty"):
+        for name in ("evaluation", "uncertainty"):
             result = check(replace(small(), **{name: None}))
             assert not result.ok
             assert "missing" in result.sentence
 
     def test_a_removed_error_on_blocks_held_out_is_found(self) -> None:
         first, *others = whole().rows
-        bare = replace(first, assessment=replace(first.assessment, held_out=None))
+        bare = replace(first, evaluation=replace(first.evaluation, held_out=None))
         result = check(replace(whole(), rows=(bare, *others)))
         assert result.sentence.startswith("Held out, Least squares: ")
 
@@ -251,9 +251,9 @@ class TestVerification:
         assert forged.sentence.startswith("Attribution: ")
 
     def test_names_that_the_recording_does_not_have_are_found(self) -> None:
-        recording = read(FOLDER / f"{whole().outline.source}")
-        outline = replace(whole().outline, names=("Lada",) * 5)
-        result = check(replace(whole(), outline=outline, segment=None), recording)
+        recording = read(FOLDER / f"{whole().info.source}")
+        info = replace(whole().info, names=("Lada",) * 5)
+        result = check(replace(whole(), info=info, segment=None), recording)
         assert result.sentence.startswith("Names and notes: ")
 
     @pytest.mark.parametrize("honest", [small, whole])
@@ -266,7 +266,7 @@ class TestVerification:
         assert not any(one.cure == REFIT for one in before.unchecked)
         assert snapshot.segment is not None
         laws = tuple(replace(law, beta=2 * law.beta) for law in snapshot.fit.parameters)
-        forged = take(snapshot.segment, replace(snapshot.fit, parameters=laws), with_data=True)
+        forged = create(snapshot.segment, replace(snapshot.fit, parameters=laws), with_data=True)
         result = check(forged)
         assert result.ok
         assert any(one.cure == REFIT for one in result.unchecked)
@@ -276,15 +276,15 @@ class TestVerification:
         first, *others = whole().rows
 
         def with_blocks(**change: Any) -> str:
-            changed = tuple(replace(block, **change) for block in first.assessment.blocks)
-            honest = replace(first.assessment, blocks=changed)
-            pooled = replace(honest, held_out=held_out_errors(changed))
-            row = replace(first, assessment=pooled)
+            changed = tuple(replace(block, **change) for block in first.evaluation.blocks)
+            honest = replace(first.evaluation, blocks=changed)
+            pooled = replace(honest, held_out=pooled_holdout_errors(changed))
+            row = replace(first, evaluation=pooled)
             return check(replace(whole(), rows=(row, *others)), again=True).sentence
 
-        errors = first.assessment.blocks[0].errors
+        errors = first.evaluation.blocks[0].errors
         assert with_blocks(errors=errors).startswith("Block 2 held out, Least squares: ")
-        start = first.assessment.blocks[0].start + 1.0
+        start = first.evaluation.blocks[0].start + 1.0
         assert with_blocks(start=start).startswith("The snapshot is whole")
 
     def test_a_stopped_training_cannot_be_run_again(self) -> None:
@@ -298,12 +298,12 @@ class TestTaking:
     def test_a_diverged_training_is_refused(self) -> None:
         segment, fit = trained()
         with pytest.raises(SnapshotError, match="diverged"):
-            take(segment, replace(fit, outcome=Outcome.DIVERGED))
+            create(segment, replace(fit, outcome=Outcome.DIVERGED))
 
     def test_a_long_name_is_refused(self) -> None:
         segment, fit = trained()
         with pytest.raises(SnapshotError, match="201 characters"):
-            take(segment, fit, name="x" * 201)
+            create(segment, fit, name="x" * 201)
 
 
 class TestVersions:
@@ -314,14 +314,14 @@ class TestVersions:
     def test_schema_1_is_brought_up(self) -> None:
         def as_of_1(trees: dict[str, Any]) -> None:
             for name in ("left_out", "left_out_share"):
-                del trees["snapshot.json"]["outline"][name]
+                del trees["snapshot.json"]["info"][name]
             for name in ("blocks", "unseen", "unseen_seconds"):
-                del trees["assessment.json"][name]
+                del trees["evaluation.json"][name]
 
         snapshot = load(resealed(as_of_1, schema=1))
-        assert snapshot.outline.left_out == ()
-        assert snapshot.assessment is not None
-        assert snapshot.assessment.blocks == ()
+        assert snapshot.info.left_out == ()
+        assert snapshot.evaluation is not None
+        assert snapshot.evaluation.blocks == ()
         assert snapshot.fit.parameters == small().fit.parameters
         assert check(snapshot).ok
 
@@ -494,7 +494,7 @@ class TestCommands:
 def test_every_method_comes_back_the_same(case: Case) -> None:
     segment = driven(MIXED[:2], duration=30.0)
     for name, method in ESTIMATORS.items():
-        before = take(segment, method(segment, case), name=name)
+        before = create(segment, method(segment, case), name=name)
         assert encode(replace(load(to_bytes(before)), digest="")) == encode(before)
 
 
@@ -502,7 +502,7 @@ def test_every_method_comes_back_the_same(case: Case) -> None:
 def test_every_recipe_comes_back_the_same(name: str) -> None:
     segment = driven(MIXED[:2], duration=30.0)
     fit = train(segment, "I", preset(name, iterations=3), threads=1)
-    before = take(segment, fit)
+    before = create(segment, fit)
     assert encode(replace(load(to_bytes(before)), digest="")) == encode(before)
 
 
@@ -510,7 +510,7 @@ def test_a_vehicle_that_keeps_no_gap_has_no_headway() -> None:
     segment = driven(duration=30.0)
     fit = ESTIMATORS["least-squares"](segment, "II")
     free = replace(fit, parameters=(Parameters(0.0, 0.4, float("nan")),))
-    snapshot = load(to_bytes(take(segment, free, with_data=True)))
+    snapshot = load(to_bytes(create(segment, free, with_data=True)))
     assert snapshot.fit.parameters[0].alpha == 0
     assert np.isnan(snapshot.fit.parameters[0].tau)
     assert check(snapshot).ok
@@ -518,5 +518,5 @@ def test_a_vehicle_that_keeps_no_gap_has_no_headway() -> None:
 
 def test_what_does_not_move_can_be_kept() -> None:
     segment = standing_still()
-    snapshot = take(segment, ESTIMATORS["least-squares"](segment, "II"), with_data=True)
+    snapshot = create(segment, ESTIMATORS["least-squares"](segment, "II"), with_data=True)
     assert check(load(to_bytes(snapshot))).ok

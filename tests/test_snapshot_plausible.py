@@ -114,5 +114,5 @@ def test_what_a_terminal_would_obey_is_not_kept() -> None:
     evil = "a\x1b[2J\u202eb\nc"
     assert load(forged("snapshot.json/name", evil)).name == "a\ufffd[2J\ufffdb c"
     assert load(forged("snapshot.json/note", evil)).note == "a\ufffd[2J\ufffdb\nc"
-    names = load(forged("snapshot.json/outline/names/1", evil)).outline.names
+    names = load(forged("snapshot.json/outline/names/1", evil)).info.names
     assert names[1] == "a\ufffd[2J\ufffdb c"

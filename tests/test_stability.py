@@ -13,14 +13,14 @@ from accpinn.errors import ParameterError
 from accpinn.model.cthp import Parameters
 from accpinn.stability.criteria import MARGINAL, Laws
 from accpinn.stability.frequency import response, slowest_rate, transfer_function
-from accpinn.stability.impulse import impulse_response, swings
+from accpinn.stability.impulse import impulse_response, step_metrics
 from accpinn.stability.maps import (
     boundaries_over_alpha,
     boundaries_over_beta,
     gains_over_alpha,
     gains_over_beta,
 )
-from accpinn.stability.report import VehicleStability, report
+from accpinn.stability.report import VehicleStability, stability_report
 from accpinn.stability.vehicle import Behaviour
 from accpinn.stability.verdicts import factor
 from tests.references_stability import TABLE, Reference, impulse, integral_of_magnitude, row
@@ -41,7 +41,7 @@ platoons = st.lists(laws.filter(lambda law: damping(law) > 0.05), min_size=2, ma
 
 
 def of(law: Parameters) -> VehicleStability:
-    return report([law]).vehicles[0]
+    return stability_report([law]).vehicles[0]
 
 
 def damping(law: Parameters) -> float:
@@ -184,7 +184,7 @@ class TestProperties:
 
     @given(st.one_of(laws, extreme_laws))
     def test_every_reason_is_one_sentence_without_odd_numbers(self, law: Parameters) -> None:
-        result = report([law, AUDI])
+        result = stability_report([law, AUDI])
         vehicle, platoon = result.vehicles[0], result.platoon
         for verdict in (
             vehicle.l2,
@@ -323,7 +323,7 @@ class TestDegenerate:
         self, law: tuple[float, float, float], words: str
     ) -> None:
         with pytest.raises(ParameterError) as caught:
-            report([AUDI, Parameters(*law)])
+            stability_report([AUDI, Parameters(*law)])
         sentence = str(caught.value)
         assert sentence.startswith(f"Parameter set 2: {words}")
         assert sentence.endswith(".")
@@ -331,12 +331,12 @@ class TestDegenerate:
 
     def test_nothing_is_refused_too(self) -> None:
         with pytest.raises(ParameterError, match="no vehicle"):
-            report([])
+            stability_report([])
 
     @given(st.lists(extreme_laws, min_size=1, max_size=4))
     @settings(deadline=None)
     def test_huge_tiny_and_zero_values_get_an_answer(self, platoon: list[Parameters]) -> None:
-        for found in report(platoon).vehicles:
+        for found in stability_report(platoon).vehicles:
             assert not isnan(found.linf_gain)
             assert not isnan(found.peak.gain)
             assert found.linf_gain >= found.peak.gain * (1 - 1e-9)
@@ -344,7 +344,7 @@ class TestDegenerate:
 
 class TestHeadToTail:
     def test_of_equal_vehicles_is_the_power(self) -> None:
-        single, platoon = of(AUDI), report([AUDI] * 8).platoon
+        single, platoon = of(AUDI), stability_report([AUDI] * 8).platoon
         for k, peak in enumerate(platoon.peaks, 1):
             assert peak.gain == pytest.approx(single.peak.gain**k, rel=1e-10)
             assert peak.omega == pytest.approx(single.peak.omega, rel=1e-6)
@@ -353,7 +353,7 @@ class TestHeadToTail:
         mixed = [reference.law for reference in TABLE]
         omega = np.geomspace(1e-3, 3.0, 100_001)
         largest = np.abs(np.cumprod(response(mixed, omega), axis=0)).max(axis=1)
-        found = [peak.gain for peak in report(mixed).platoon.peaks]
+        found = [peak.gain for peak in stability_report(mixed).platoon.peaks]
         np.testing.assert_allclose(found, largest, rtol=1e-7)
         assert (np.array(found) >= largest * (1 - 1e-12)).all()
 
@@ -362,9 +362,9 @@ class TestHeadToTail:
     def test_the_last_does_not_care_about_the_order(
         self, platoon: list[Parameters], random
     ) -> None:
-        one = report(platoon).platoon
+        one = stability_report(platoon).platoon
         random.shuffle(platoon)
-        other = report(platoon).platoon
+        other = stability_report(platoon).platoon
         assert one.peaks[-1].gain == pytest.approx(other.peaks[-1].gain, rel=1e-9)
         tolerance = 1e-7 + 3 * (one.linf.error[-1] + other.linf.error[-1])
         assert one.linf.gain[-1] == pytest.approx(other.linf.gain[-1], abs=tolerance)
@@ -372,7 +372,7 @@ class TestHeadToTail:
     @given(platoons)
     @settings(deadline=None, max_examples=25)
     def test_the_exact_gain_lies_between_peak_and_product(self, platoon: list[Parameters]) -> None:
-        result = report(platoon)
+        result = stability_report(platoon)
         product = np.cumprod([vehicle.linf_gain for vehicle in result.vehicles])
         peaks = np.array([peak.gain for peak in result.platoon.peaks])
         slack = 1e-7 + 3 * result.platoon.linf.error
@@ -386,14 +386,14 @@ class TestHeadToTail:
         one, other = (impulse_response(law, instants + step / 2) for law in (AUDI, TESLA))
         length = 2 * len(instants)
         both = np.fft.irfft(np.fft.rfft(one, length) * np.fft.rfft(other, length))[: len(one)]
-        found = report([AUDI, TESLA]).platoon.linf
+        found = stability_report([AUDI, TESLA]).platoon.linf
         assert found.gain[1] == pytest.approx(np.abs(both).sum() * step**2, abs=2e-5)
         assert found.error[1] < 1e-6
         assert found.error[0] == 0
 
     def test_others_can_make_up_for_one(self) -> None:
         damped = Parameters(0.08, 0.02, 9.0)
-        platoon = report([TESLA, damped, damped]).platoon
+        platoon = stability_report([TESLA, damped, damped]).platoon
         assert not platoon.l2_strict.stable
         assert platoon.l2_strict.reason.startswith("Follower 1 lets a disturbance come out larger")
         assert platoon.l2_weak.stable
@@ -402,30 +402,32 @@ class TestHeadToTail:
         assert platoon.peaks[2].gain == 1
 
     def test_stable_vehicles_make_a_stable_platoon(self) -> None:
-        platoon = report([CALM] * 5).platoon
+        platoon = stability_report([CALM] * 5).platoon
         verdicts = (platoon.l2_strict, platoon.l2_weak, platoon.linf_strict, platoon.linf_weak)
         assert all(verdict.stable and not verdict.marginal for verdict in verdicts)
         np.testing.assert_allclose(platoon.linf.gain, 1, atol=1e-9)
 
     def test_behind_one_that_does_not_react_nothing_moves(self) -> None:
-        platoon = report([AUDI, Parameters(0.0, 0.0, nan), AUDI]).platoon
+        platoon = stability_report([AUDI, Parameters(0.0, 0.0, nan), AUDI]).platoon
         assert [peak.gain for peak in platoon.peaks[1:]] == [0, 0]
         np.testing.assert_array_equal(platoon.linf.gain[1:], 0)
         assert platoon.peaks[0].gain > 1
 
     def test_behind_an_undamped_one_nothing_is_bounded(self) -> None:
-        platoon = report([AUDI, Parameters(0.25, 0.0, 0.0), CALM]).platoon
+        platoon = stability_report([AUDI, Parameters(0.25, 0.0, 0.0), CALM]).platoon
         assert [peak.gain for peak in platoon.peaks[1:]] == [inf, inf]
         assert platoon.peaks[2].omega == 0.5
         assert "without limit" in platoon.l2_weak.reason
 
     def test_an_oscillation_that_outlasts_the_samples_is_said(self) -> None:
-        platoon = report([Parameters(1.0, 0.001, 0.001), AUDI]).platoon
+        platoon = stability_report([Parameters(1.0, 0.001, 0.001), AUDI]).platoon
         assert isnan(platoon.linf.gain[1])
         assert platoon.linf.gain[0] > 600
 
     def test_time_scales_too_far_apart_are_said(self) -> None:
-        platoon = report([Parameters(1e-12, 1.0, 0.1), Parameters(1e8, 1.0, 1e-5)]).platoon
+        platoon = stability_report(
+            [Parameters(1e-12, 1.0, 0.1), Parameters(1e8, 1.0, 1e-5)]
+        ).platoon
         assert isnan(platoon.linf.gain[1])
         assert "time scales" in platoon.linf_weak.reason
         assert platoon.linf_weak.marginal
@@ -496,16 +498,16 @@ class TestMaps:
 
 def test_laws_broadcast() -> None:
     grid = Laws(np.array(0.07), np.linspace(0, 1, 4), np.linspace(0, 3, 5)[:, None])
-    assert swings(grid).gain.shape == (5, 4)
+    assert step_metrics(grid).gain.shape == (5, 4)
 
 
 def test_ten_vehicles_are_reported_within_fifty_milliseconds() -> None:
     ten = [reference.law for reference in TABLE]
-    report(ten)
+    stability_report(ten)
     seconds = []
     for _ in range(5):
         start = time.perf_counter()
-        report(ten)
+        stability_report(ten)
         seconds.append(time.perf_counter() - start)
     assert min(seconds) < 0.05
 

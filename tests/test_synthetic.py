@@ -11,20 +11,20 @@ from scipy.signal import savgol_filter
 from accpinn.errors import RecordingError
 from accpinn.model.cthp import Trajectories, regressors, solve_linear
 from accpinn.recordings import openacc, synthetic
-from accpinn.recordings.synthetic import STUDIES, Noise, Study, Truth
+from accpinn.recordings.synthetic import SCENARIOS, Noise, Scenario, Truth
 from accpinn.units import FloatArray
 
 SAMPLE_DATA = Path(__file__).parent.parent / "sample_data"
 LAST_DIGIT = 1e-4
-STUDY_BY_NAME = {study.name: study for study in STUDIES}
+STUDY_BY_NAME = {study.name: study for study in SCENARIOS}
 
-every_study = pytest.mark.parametrize("study", STUDIES, ids=STUDY_BY_NAME)
+every_study = pytest.mark.parametrize("study", SCENARIOS, ids=STUDY_BY_NAME)
 
 
 @pytest.fixture(scope="module")
 def written(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("samples")
-    for study in STUDIES:
+    for study in SCENARIOS:
         synthetic.write(study, folder)
     return folder
 
@@ -65,7 +65,7 @@ def least_squares(data: Trajectories, rates: FloatArray) -> FloatArray:
     return np.array(found)
 
 
-def truth_table(study: Study) -> FloatArray:
+def truth_table(study: Scenario) -> FloatArray:
     return np.array([[law.alpha, law.beta, law.tau] for law in study.parameters])
 
 
@@ -81,7 +81,7 @@ def read_back(path: Path) -> Trajectories:
 
 class TestCommittedFiles:
     @every_study
-    def test_are_what_the_generator_writes(self, study: Study, written: Path) -> None:
+    def test_are_what_the_generator_writes(self, study: Scenario, written: Path) -> None:
         name = f"{study.name}.csv"
         header, rows = table(SAMPLE_DATA / name)
         new_header, new_rows = table(written / name)
@@ -95,25 +95,25 @@ class TestCommittedFiles:
         )
 
     @every_study
-    def test_truth_is_what_the_generator_writes(self, study: Study, written: Path) -> None:
+    def test_truth_is_what_the_generator_writes(self, study: Scenario, written: Path) -> None:
         name = f"{study.name}.truth.json"
         assert (SAMPLE_DATA / name).read_bytes() == (written / name).read_bytes()
 
     def test_are_all_there_and_nothing_else(self) -> None:
-        expected = {f"{s.name}{ending}" for s in STUDIES for ending in (".csv", ".truth.json")}
+        expected = {f"{s.name}{ending}" for s in SCENARIOS for ending in (".csv", ".truth.json")}
         assert {path.name for path in SAMPLE_DATA.iterdir()} == expected
 
     @every_study
-    def test_say_that_they_are_synthetic(self, study: Study) -> None:
+    def test_say_that_they_are_synthetic(self, study: Scenario) -> None:
         assert study.name.startswith("synthetic_")
         assert all("-like" in name or "Synthetic" in name for name in study.vehicles)
 
     @every_study
-    def test_stay_small(self, study: Study) -> None:
+    def test_stay_small(self, study: Scenario) -> None:
         assert (SAMPLE_DATA / f"{study.name}.csv").stat().st_size < 700_000
 
     @every_study
-    def test_read_as_recordings_without_a_warning(self, study: Study) -> None:
+    def test_read_as_recordings_without_a_warning(self, study: Scenario) -> None:
         recording = openacc.read(SAMPLE_DATA / f"{study.name}.csv")
         assert recording.warnings == ()
         assert tuple(vehicle.name for vehicle in recording.vehicles) == study.vehicles
@@ -123,14 +123,14 @@ class TestCommittedFiles:
 
 class TestDrive:
     @every_study
-    def test_leader_is_a_realistic_motorway_driver(self, study: Study) -> None:
+    def test_leader_is_a_realistic_motorway_driver(self, study: Scenario) -> None:
         true = synthetic.drive(study)
         speed = true.speeds[:, 0]
         assert 15 < speed.min() < speed.max() < 36
         assert np.abs(np.gradient(speed, true.time)).max() < 2
 
     @every_study
-    def test_leader_excites_the_band_that_identifies(self, study: Study) -> None:
+    def test_leader_excites_the_band_that_identifies(self, study: Scenario) -> None:
         speed = synthetic.drive(study).speeds[:, 0]
         spectrum = np.abs(np.fft.rfft((speed - speed.mean()) * np.hanning(len(speed)))) ** 2
         omega = 2 * np.pi * np.fft.rfftfreq(len(speed), synthetic.SIMULATION_STEP)
@@ -139,7 +139,7 @@ class TestDrive:
         assert speed.std() > 2
 
     @every_study
-    def test_followers_neither_touch_nor_race(self, study: Study) -> None:
+    def test_followers_neither_touch_nor_race(self, study: Scenario) -> None:
         true = synthetic.drive(study)
         assert true.gaps.min() > 5
         assert 10 < true.speeds.min() < true.speeds.max() < 40
@@ -159,7 +159,7 @@ class TestDrive:
         np.testing.assert_allclose(true.gaps[0], true.speeds[0, 0] * np.array(taus))
 
     def test_another_seed_is_another_drive(self) -> None:
-        study = STUDIES[0]
+        study = SCENARIOS[0]
         other = synthetic.drive(replace(study, seed=study.seed + 1))
         assert np.abs(other.speeds - synthetic.drive(study).speeds).max() > 1
 
@@ -191,7 +191,7 @@ class TestNoise:
         assert -0.75 < np.corrcoef(errors.gaps.T)[0, 1] < -0.25
 
     def test_none_records_the_truth(self) -> None:
-        true = synthetic.drive(STUDIES[0])
+        true = synthetic.drive(SCENARIOS[0])
         recorded = synthetic.record(true, None, 0)
         np.testing.assert_array_equal(recorded.gaps, true.gaps[::2])
         np.testing.assert_allclose(np.diff(recorded.time), 0.1)
@@ -204,7 +204,7 @@ class TestRecovery:
         np.testing.assert_allclose(found, truth_table(study), rtol=0.005)
 
     @every_study
-    def test_all_within_three_percent_by_savitzky_golay(self, study: Study) -> None:
+    def test_all_within_three_percent_by_savitzky_golay(self, study: Scenario) -> None:
         found = savitzky_golay(read_back(SAMPLE_DATA / f"{study.name}.csv"))
         np.testing.assert_allclose(found, truth_table(study), rtol=0.03)
 
@@ -218,7 +218,7 @@ class TestRecovery:
 
 class TestTruth:
     @every_study
-    def test_loads_what_the_study_used(self, study: Study) -> None:
+    def test_loads_what_the_study_used(self, study: Scenario) -> None:
         recording = SAMPLE_DATA / f"{study.name}.csv"
         truth = synthetic.load_truth(synthetic.truth_path(recording))
         assert truth == Truth(
@@ -256,8 +256,8 @@ class TestMain:
         self, tmp_path: Path, capsys: pytest.CaptureFixture[str]
     ) -> None:
         assert synthetic.main([str(tmp_path / "new")]) == 0
-        assert len(list((tmp_path / "new").iterdir())) == 2 * len(STUDIES)
-        assert capsys.readouterr().out.count("\n") == len(STUDIES)
+        assert len(list((tmp_path / "new").iterdir())) == 2 * len(SCENARIOS)
+        assert capsys.readouterr().out.count("\n") == len(SCENARIOS)
 
     @pytest.mark.parametrize("arguments", [[], ["a", "b"]])
     def test_wrong_usage_exits_with_2(

@@ -18,7 +18,7 @@ from accpinn.model.cthp import Parameters
 from accpinn.recordings.openacc import read
 from accpinn.results.tables.results import comparison_table, parameter_table, quality_table
 from accpinn.results.tables.table import ABSENT, Column, Table, latex
-from accpinn.segment.quality import assess
+from accpinn.segment.quality import assess_quality
 from accpinn.segment.window import Segment, cut
 from tests.openacc_files import csv, metadata, platoon
 
@@ -79,7 +79,7 @@ def read_html(text: str) -> Cells:
 
 
 def test_parameters_and_errors_of_both_kinds(segment: Segment, fit: Fit) -> None:
-    table = parameter_table(segment, fit, assess(segment), errors(0.01), errors(1.0))
+    table = parameter_table(segment, fit, assess_quality(segment), errors(0.01), errors(1.0))
     head, *rows = read_html(table.to_html()).rows[1:]
     assert head == [
         "Vehicle", "α [1/s²]", "β [1/s]", "τ [s]", "Mean time gap [s]",
@@ -89,11 +89,11 @@ def test_parameters_and_errors_of_both_kinds(segment: Segment, fit: Fit) -> None
     assert rows[1][:4] == ["2 BMW", "0.0104", "0.0723", "1.520"]
     assert rows[1][5:] == ["0.040", "0.020", "4.00", "2.000"]
     assert rows[2][5:] == ["0.050", "0.030", "5.00", "3.000"]
-    assert float(rows[1][4]) == pytest.approx(assess(segment).mean_time_gap[0], abs=0.005)
+    assert float(rows[1][4]) == pytest.approx(assess_quality(segment).mean_time_gap[0], abs=0.005)
 
 
 def test_the_two_kinds_of_errors_are_named_apart(segment: Segment, fit: Fit) -> None:
-    table = parameter_table(segment, fit, assess(segment), errors(0.01), errors(1.0))
+    table = parameter_table(segment, fit, assess_quality(segment), errors(0.01), errors(1.0))
     assert [c.group for c in table.columns[5:]] == [
         "Surrogate fit, MAE", "Surrogate fit, MAE",
         "Closed-loop simulation, MAE", "Closed-loop simulation, MAE",
@@ -108,7 +108,7 @@ def test_the_two_kinds_of_errors_are_named_apart(segment: Segment, fit: Fit) -> 
 
 def test_without_simulation_the_cells_are_empty_not_zero(segment: Segment, fit: Fit) -> None:
     lost = replace(fit, parameters=(Parameters(0.0, 0.2, float("nan")), LAWS[1]))
-    table = parameter_table(segment, lost, assess(segment), None, None)
+    table = parameter_table(segment, lost, assess_quality(segment), None, None)
     cells = read_html(table.to_html()).rows[3]
     assert cells[1:4] == ["0.0000", "0.2000", ABSENT]
     assert cells[5:] == [ABSENT] * 4
@@ -120,8 +120,10 @@ def test_without_simulation_the_cells_are_empty_not_zero(segment: Segment, fit: 
 def test_intervals_stand_beside_the_parameters_in_every_format(segment: Segment, fit: Fit) -> None:
     lower = np.array([[0.0, 0.05, 1.2], [0.01, 0.1, 1.0]])
     upper = np.array([[0.02, 0.09, np.inf], [0.03, 0.2, 1.3]])
-    doubt = replace(intervals(segment, fit, draws=10), lower=lower, upper=upper)
-    table = parameter_table(segment, fit, assess(segment), errors(0.01), errors(1.0), doubt)
+    uncertainty = replace(intervals(segment, fit, draws=10), lower=lower, upper=upper)
+    table = parameter_table(
+        segment, fit, assess_quality(segment), errors(0.01), errors(1.0), uncertainty
+    )
     _, head, leader, first, _ = read_html(table.to_html()).rows
     assert head[-3:] == ["α [1/s²]", "β [1/s]", "τ [s]"]
     assert leader[-3:] == [ABSENT] * 3
@@ -132,12 +134,12 @@ def test_intervals_stand_beside_the_parameters_in_every_format(segment: Segment,
 
 def test_what_is_left_out_stands_in_every_title(segment: Segment, fit: Fit) -> None:
     """So that it also stands in an exported table."""
-    without: Segment = replace(segment, left_out_regimes=("catching up", "manual"))
-    for described in (without, without.outline()):
+    without: Segment = replace(segment, excluded_regimes=("catching up", "manual"))
+    for described in (without, without.info()):
         for table in (
-            parameter_table(described, fit, assess(segment), None, None),
+            parameter_table(described, fit, assess_quality(segment), None, None),
             comparison_table(described, {"PiNN": LAWS}),
-            quality_table(described, assess(segment), fit),
+            quality_table(described, assess_quality(segment), fit),
         ):
             assert "catching up, manual left out" in table.to_latex()
     assert "without" not in comparison_table(segment, {"PiNN": LAWS}).caption
@@ -154,7 +156,7 @@ def test_estimates_side_by_side(segment: Segment) -> None:
 
 
 def test_what_a_window_tells(segment: Segment, fit: Fit) -> None:
-    quality = assess(segment)
+    quality = assess_quality(segment)
     _, head, first, _ = read_html(quality_table(segment, quality, fit).to_html()).rows
     assert head[4:] == ["Mean time gap [s]", "Car-following [%]", "Δv, std. [m/s]",
                          "Condition number"]  # fmt: skip
@@ -166,7 +168,7 @@ def test_what_a_window_tells(segment: Segment, fit: Fit) -> None:
 
 
 def test_csv_has_full_precision_and_named_columns(segment: Segment, fit: Fit) -> None:
-    table = parameter_table(segment, fit, assess(segment), errors(0.01), errors(1.0))
+    table = parameter_table(segment, fit, assess_quality(segment), errors(0.01), errors(1.0))
     head, _, first, _ = list(csv_format.reader(io.StringIO(table.to_csv())))
     assert head[5] == "Surrogate fit, MAE: p [m]"
     assert head[8] == "Closed-loop simulation, MAE: v [m/s]"
@@ -175,7 +177,7 @@ def test_csv_has_full_precision_and_named_columns(segment: Segment, fit: Fit) ->
 
 
 def test_latex_is_a_table_of_the_same_cells(segment: Segment, fit: Fit) -> None:
-    table = parameter_table(segment, fit, assess(segment), errors(0.01), errors(1.0))
+    table = parameter_table(segment, fit, assess_quality(segment), errors(0.01), errors(1.0))
     text = table.to_latex()
     assert r"\begin{tabular}{lrrrrrrrr}" in text
     assert r"$\alpha$ [1/s$^2$]" in text

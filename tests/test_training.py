@@ -17,7 +17,7 @@ from accpinn.methods import splines
 from accpinn.methods.fit import Fit, Outcome, Progress
 from accpinn.methods.pinn import request, training
 from accpinn.methods.pinn.config import FAST, PAPER, PinnConfig, preset
-from accpinn.methods.pinn.request import begun, forget, request_keys
+from accpinn.methods.pinn.request import forget, request_keys, resume_iteration
 from accpinn.methods.pinn.training import train
 from accpinn.methods.store import Say, Store
 from accpinn.model.cthp import Case
@@ -53,7 +53,7 @@ def assert_same_result(one: Fit, other: Fit) -> None:
     """Bit for bit, the time it took aside."""
     assert one.outcome is other.outcome
     assert one.iterations == other.iterations
-    assert one.table().tobytes() == other.table().tobytes()
+    assert one.parameters.values.tobytes() == other.parameters.values.tobytes()
     assert one.loss == other.loss
     assert one.surrogate is not None
     assert other.surrogate is not None
@@ -84,26 +84,26 @@ class TestRecoversTheTruth:
             [[p.alpha, p.beta, p.tau] for p in load_truth(truth_path(path)).parameters]
         )
         fit = train(cut(read(path)))
-        np.testing.assert_allclose(fit.table(), truth, rtol=tolerance)
+        np.testing.assert_allclose(fit.parameters.values, truth, rtol=tolerance)
 
     @pytest.mark.parametrize("case", ["I", "II"])
     def test_as_well_as_the_limit_of_the_loss(self, case: Case) -> None:
         fit, limit = fitted(case), splines.fit(driven(MIXED, noise=0.05), case)
-        distance = np.abs(fit.table() / limit.table() - 1).max(axis=0)
+        distance = np.abs(fit.parameters.values / limit.parameters.values - 1).max(axis=0)
         assert (distance <= (0.002, 0.005, 0.002)).all()  # α, β, τ; we see a tenth of it
         assert fit.loss["total"] == pytest.approx(limit.loss["total"], rel=0.02)
 
     def test_of_ten_followers(self) -> None:
         laws = (LAW, (0.11, 0.3, 1.2)) * 5
         fit = train(driven(laws))
-        np.testing.assert_allclose(fit.table(), laws, rtol=1e-3)
+        np.testing.assert_allclose(fit.parameters.values, laws, rtol=1e-3)
         assert fit.surrogate is not None
         assert fit.surrogate.gaps.shape == (601, 10)
 
     def test_from_every_initial_value(self) -> None:
         for initial in ((0.0, 0.0, 0.0), (0.01, 0.5, 2.0), (5.0, 5.0, 5.0)):
             fit = train(noisy(), "II", preset("fast", initial=initial))
-            np.testing.assert_allclose(fit.table()[0], LAW, rtol=0.01)
+            np.testing.assert_allclose(fit.parameters.values[0], LAW, rtol=0.01)
 
     def test_in_case_i_all_followers_have_one_law(self) -> None:
         fit = fitted("I")
@@ -120,7 +120,7 @@ class TestResult:
         assert fit.loss["total"] == pytest.approx(terms, rel=1e-12)
         assert fit.history is not None
         assert fit.history.total[-1] == fit.loss["total"]
-        np.testing.assert_array_equal(fit.history.parameters[-1], fit.table())
+        np.testing.assert_array_equal(fit.history.parameters[-1], fit.parameters.values)
 
     def test_says_what_the_hidden_layers_brought(self) -> None:
         fit = fitted()
@@ -158,7 +158,7 @@ class TestDeterminism:
     @pytest.mark.parametrize("config", [FAST, SHORT], ids=["fast", "paper"])
     def test_another_seed_is_another_network(self, config: PinnConfig) -> None:
         one, other = train(noisy(), "II", config), train(noisy(), "II", replace(config, seed=1))
-        assert one.table().tobytes() != other.table().tobytes()
+        assert one.parameters.values.tobytes() != other.parameters.values.tobytes()
 
 
 class TestProgress:
@@ -222,7 +222,7 @@ class TestEnds:
         fit = train(noisy(), "II", config, should_stop=after(2))
         assert fit.outcome is Outcome.STOPPED
         assert 0 < fit.iterations < config.iterations
-        assert np.isfinite(fit.table()).all()
+        assert np.isfinite(fit.parameters.values).all()
 
     @pytest.mark.parametrize("config", [FAST, SHORT], ids=["fast", "paper"])
     def test_stopped_before_the_first_iteration_has_the_initial_values(
@@ -231,7 +231,7 @@ class TestEnds:
         fit = train(noisy(), "II", config, should_stop=lambda: True)
         assert fit.outcome is Outcome.STOPPED
         assert fit.iterations == 0
-        assert fit.table().tolist() == [[1.0, 1.0, 1.0]]
+        assert fit.parameters.values.tolist() == [[1.0, 1.0, 1.0]]
 
     @pytest.mark.parametrize("name", ["fast", "paper"])
     def test_a_learning_rate_far_too_high_is_no_exception(self, name: str) -> None:
@@ -271,7 +271,7 @@ class TestBounds:
         free = fit.unconstrained[0]
         assert (free.alpha, free.beta, free.tau) == pytest.approx((0.08, -0.03, 1.5), rel=0.1)
         assert fit.unconstrained[1] == fit.parameters[1]
-        np.testing.assert_allclose(fit.table()[1], LAW, rtol=0.01)
+        np.testing.assert_allclose(fit.parameters.values[1], LAW, rtol=0.01)
         (note,) = [note for note in fit.notes if "rational driving constraints" in note]
         assert note.startswith("Vehicle 2: the rational driving constraints hold β at zero")
         assert f"β = {free.beta:.4f}" in note
@@ -316,7 +316,7 @@ class TestPaperPreset:
         bent = noisy().gaps.copy()
         bent[fit.arrays["test"] == 1] += 50.0
         other = train(segment_of(noisy().time, noisy().speeds, bent), "II", SHORT)
-        assert other.table().tobytes() == fit.table().tobytes()
+        assert other.parameters.values.tobytes() == fit.parameters.values.tobytes()
         assert other.loss["data"] == fit.loss["data"]
         assert other.loss["test_data"] > fit.loss["test_data"] + 1000
 
@@ -390,15 +390,19 @@ class TestStore:
         self, tmp_path: Path
     ) -> None:
         store = Store(tmp_path)
-        assert begun(store, noisy(), "II", SHORT) is None
+        assert resume_iteration(store, noisy(), "II", SHORT) is None
         stopped = train(noisy(), "II", SHORT, store=store, should_stop=after(2))
-        assert begun(store, noisy(), "II", SHORT) == stopped.iterations == 10
-        assert begun(store, noisy(), "II", replace(SHORT, iterations=5)) is None, "it is beyond"
+        assert resume_iteration(store, noisy(), "II", SHORT) == stopped.iterations == 10
+        assert resume_iteration(store, noisy(), "II", replace(SHORT, iterations=5)) is None, (
+            "it is beyond"
+        )
         forget(store, noisy(), "II", SHORT)
-        assert begun(store, noisy(), "II", SHORT) is None
+        assert resume_iteration(store, noisy(), "II", SHORT) is None
         anew = train(noisy(), "II", SHORT, store=store)
         assert not any("Continued" in note for note in anew.notes)
-        assert begun(store, noisy(), "II", SHORT) is None, "a finished one is answered at once"
+        assert resume_iteration(store, noisy(), "II", SHORT) is None, (
+            "a finished one is answered at once"
+        )
 
     def test_a_shorter_training_leaves_a_longer_ones_checkpoint_alone(self, tmp_path: Path) -> None:
         store = Store(tmp_path)

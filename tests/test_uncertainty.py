@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from accpinn.errors import ConfigError
-from accpinn.inference.instrumental_variables import Equations, instrumented
+from accpinn.inference.instrumental_variables import Equations, solve_iv
 from accpinn.inference.intervals import intervals, within
 from accpinn.inference.jackknife import block_length, spread
-from accpinn.inference.sampling import allowed, as_parameters, limits
+from accpinn.inference.sampling import as_parameters, project, quantile_interval
 from accpinn.methods import least_squares
 from accpinn.methods.fit import Outcome
 from accpinn.model.cthp import Parameters
@@ -30,15 +30,15 @@ class TestInstruments:
     def test_find_the_law_where_least_squares_is_pulled_away(self) -> None:
         """Over ten recordings disturbed for seconds; the law holds but for the disturbance."""
         sets = [disturbed((TRUTH,), seed, Disturbance(0.25, 4.0)) for seed in range(10)]
-        ours = np.array([instrumented(one, "II")[0].theta for one in sets])
-        theirs = np.array([least_squares.fit(one).parameters[0].linear() for one in sets])
-        off, pulled = (np.abs(x.mean(axis=0) / TRUTH.linear() - 1.0) for x in (ours, theirs))
+        ours = np.array([solve_iv(one, "II")[0].theta for one in sets])
+        theirs = np.array([least_squares.fit(one).parameters[0].theta for one in sets])
+        off, pulled = (np.abs(x.mean(axis=0) / TRUTH.theta - 1.0) for x in (ours, theirs))
         assert off[0] < 0.15
         assert pulled[0] > 2 * off[0]
 
     def test_say_where_nothing_is_determined(self) -> None:
-        assert not instrumented(standing_still(), "II")[0].determined
-        assert spread(instrumented(standing_still(), "II")[0], 0.1) is None
+        assert not solve_iv(standing_still(), "II")[0].determined
+        assert spread(solve_iv(standing_still(), "II")[0], 0.1) is None
 
 
 class TestJackknife:
@@ -46,7 +46,7 @@ class TestJackknife:
         rng = np.random.default_rng(0)
         count, step = 400, 0.5
         terms, noise = rng.standard_normal((count, 3)), rng.standard_normal(count)
-        rates = terms @ TRUTH.linear() + noise
+        rates = terms @ TRUTH.theta + noise
         normal = terms[:, :, None] * terms[:, None, :]
         theta = np.linalg.solve(normal.sum(axis=0), terms.T @ rates)
         scores = terms * (rates - terms @ theta)[:, None]
@@ -69,7 +69,7 @@ class TestSampling:
         root = rng.standard_normal((3, 3))
         scale = root @ root.T + 0.1 * np.eye(3)
         wanted = rng.standard_normal((20, 3)) - 0.3
-        found = allowed(wanted, scale)
+        found = project(wanted, scale)
         assert (found >= 0).all()
         axis = np.linspace(0.0, 4.0, 41)
         grid = np.stack(np.meshgrid(axis, axis, axis), axis=-1).reshape(-1, 3)
@@ -80,13 +80,13 @@ class TestSampling:
 
     def test_what_is_allowed_stays(self) -> None:
         inside = np.array([[0.1, 0.2, 0.3]])
-        np.testing.assert_array_equal(allowed(inside, np.eye(3)), inside)
+        np.testing.assert_array_equal(project(inside, np.eye(3)), inside)
 
     def test_a_headway_without_a_gain_is_any(self) -> None:
         table = as_parameters(np.array([[0.0, 0.0, 0.2], [0.1, 0.15, 0.2]]))
         assert np.isnan(table[0, 2])
         assert table[1].tolist() == pytest.approx([0.1, 0.2, 1.5])
-        lower, upper = limits(table[:, 2], 0.9)
+        lower, upper = quantile_interval(table[:, 2], 0.9)
         assert lower == 0.0
         assert upper == np.inf
 
@@ -102,12 +102,12 @@ class TestIntervals:
         assert (wide.upper[:, :2] > one.upper[:, :2]).all()
 
     def test_keep_the_rational_driving_constraints(self, segment: Segment) -> None:
-        doubt = intervals(segment, least_squares.fit(segment))
-        assert (doubt.lower >= 0).all()
-        assert not (doubt.draws < 0).any()
-        assert (doubt.peak_gain.lower >= 1.0).all()
-        assert (doubt.linf_gain.lower >= doubt.peak_gain.lower - 1e-9).all()
-        assert (doubt.crossover.lower >= 0.0).all()
+        uncertainty = intervals(segment, least_squares.fit(segment))
+        assert (uncertainty.lower >= 0).all()
+        assert not (uncertainty.draws < 0).any()
+        assert (uncertainty.peak_gain.lower >= 1.0).all()
+        assert (uncertainty.linf_gain.lower >= uncertainty.peak_gain.lower - 1e-9).all()
+        assert (uncertainty.crossover.lower >= 0.0).all()
 
     def test_followers_of_case_i_share_narrower_ones(self, segment: Segment) -> None:
         both = intervals(segment, least_squares.fit(segment, "I"))
@@ -119,9 +119,9 @@ class TestIntervals:
     def test_estimates_outside_are_named(self, segment: Segment) -> None:
         beside = (Parameters(LAW[0], 9.0, LAW[2]), TRUTH)
         fit = replace(least_squares.fit(segment), parameters=beside)
-        doubt = intervals(segment, fit)
-        assert not doubt.inside[0, 1]
-        assert any("β = 9.0000" in note and "outside" in note for note in doubt.notes)
+        uncertainty = intervals(segment, fit)
+        assert not uncertainty.inside[0, 1]
+        assert any("β = 9.0000" in note and "outside" in note for note in uncertainty.notes)
 
     @pytest.mark.parametrize(
         ("outcome", "cause"),
@@ -149,24 +149,26 @@ class TestIntervals:
 
     def test_laws_that_keep_no_gap_are_counted_apart(self) -> None:
         lame = disturbed((Parameters(0.002, 0.3, 1.5),), 3, Disturbance(0.25, 4.0))
-        doubt = intervals(lame, least_squares.fit(lame))
-        alpha = doubt.draws[..., 0]
-        assert 0.05 < doubt.gapless[0] < 0.95
-        assert doubt.gapless[0] == (alpha == 0).mean()
-        assert doubt.probability_linf[0] <= doubt.probability_l2[0]
-        laws = [Parameters(*row) for row in doubt.draws[:, 0] if row[0] > 0]
+        uncertainty = intervals(lame, least_squares.fit(lame))
+        alpha = uncertainty.draws[..., 0]
+        assert 0.05 < uncertainty.gapless[0] < 0.95
+        assert uncertainty.gapless[0] == (alpha == 0).mean()
+        assert uncertainty.probability_linf[0] <= uncertainty.probability_l2[0]
+        laws = [Parameters(*row) for row in uncertainty.draws[:, 0] if row[0] > 0]
         stable = sum(found.l2_criterion >= 0 for found in numbers(laws)) / len(alpha)
-        assert doubt.probability_l2[0] == pytest.approx(stable, abs=0.01), "from ten times as many"
+        assert uncertainty.probability_l2[0] == pytest.approx(stable, abs=0.01), (
+            "from ten times as many"
+        )
 
     def test_where_nothing_moves_nothing_is_claimed(self) -> None:
         still = standing_still(samples=1201)
-        doubt = intervals(still, least_squares.fit(still))
-        assert np.isnan(doubt.probability_l2).all()
-        assert np.isnan(doubt.gapless).all()
-        assert np.isnan(doubt.centre).all()
-        assert np.isinf(doubt.upper).all()
-        assert (doubt.lower == 0).all()
-        assert "too evenly" in " ".join(doubt.notes)
+        uncertainty = intervals(still, least_squares.fit(still))
+        assert np.isnan(uncertainty.probability_l2).all()
+        assert np.isnan(uncertainty.gapless).all()
+        assert np.isnan(uncertainty.centre).all()
+        assert np.isinf(uncertainty.upper).all()
+        assert (uncertainty.lower == 0).all()
+        assert "too evenly" in " ".join(uncertainty.notes)
 
     def test_a_short_window_is_called_rough(self) -> None:
         short = driven(noise=0.05)

@@ -11,17 +11,17 @@ from tqdm import tqdm
 from accpinn.cli.fit import add_segment_options, chosen_segment, describe_segment, parameter_rows
 from accpinn.cli.output import print_json, show, table
 from accpinn.evaluation.errors import TrackingErrors
-from accpinn.inference.identifiability import identifiable
-from accpinn.inference.model_adequacy import better, extensions
+from accpinn.inference.identifiability import identifiability_warnings
+from accpinn.inference.model_adequacy import better, model_forms
 from accpinn.methods.store import Store
 from accpinn.segment.window import Segment
 from accpinn.study.comparison import (
-    Refusal,
-    Row,
+    MethodFailure,
+    MethodResult,
     compare,
+    failures_among,
     parse_methods,
-    refusals_among,
-    rows_among,
+    results_among,
 )
 
 
@@ -48,7 +48,7 @@ def run(options: argparse.Namespace) -> int:
         recording=recording,
     )
     results = list(tqdm(found, total=len(methods), unit="method", file=sys.stderr))
-    rows, refused = list(rows_among(results)), refusals_among(results)
+    rows, refused = list(results_among(results)), failures_among(results)
     if not rows:
         raise refused[0].fault
     if options.json:
@@ -71,9 +71,9 @@ def run(options: argparse.Namespace) -> int:
     return 0
 
 
-def _describe(segment: Segment, row: Row) -> dict[str, Any]:
+def _describe(segment: Segment, row: MethodResult) -> dict[str, Any]:
     """A row as the command-line contract has it."""
-    fit, doubt, worth = row.fit, row.uncertainty, row.assessment
+    fit, uncertainty, worth = row.fit, row.uncertainty, row.evaluation
     return {
         "method": fit.method,
         "case": fit.case,
@@ -81,19 +81,19 @@ def _describe(segment: Segment, row: Row) -> dict[str, Any]:
         "intervals": [
             {
                 "vehicle": vehicle,
-                "alpha": [doubt.lower[k, 0], doubt.upper[k, 0]],
-                "beta": [doubt.lower[k, 1], doubt.upper[k, 1]],
-                "tau": [doubt.lower[k, 2], doubt.upper[k, 2]],
-                "probability_l2": doubt.probability_l2[k],
-                "probability_linf": doubt.probability_linf[k],
-                "probability_gapless": doubt.gapless[k],
-                "peak_gain": [doubt.peak_gain.lower[k], doubt.peak_gain.upper[k]],
-                "linf_gain": [doubt.linf_gain.lower[k], doubt.linf_gain.upper[k]],
-                "crossover": [doubt.crossover.lower[k], doubt.crossover.upper[k]],
+                "alpha": [uncertainty.lower[k, 0], uncertainty.upper[k, 0]],
+                "beta": [uncertainty.lower[k, 1], uncertainty.upper[k, 1]],
+                "tau": [uncertainty.lower[k, 2], uncertainty.upper[k, 2]],
+                "probability_l2": uncertainty.probability_l2[k],
+                "probability_linf": uncertainty.probability_linf[k],
+                "probability_gapless": uncertainty.gapless[k],
+                "peak_gain": [uncertainty.peak_gain.lower[k], uncertainty.peak_gain.upper[k]],
+                "linf_gain": [uncertainty.linf_gain.lower[k], uncertainty.linf_gain.upper[k]],
+                "crossover": [uncertainty.crossover.lower[k], uncertainty.crossover.upper[k]],
             }
             for k, vehicle in enumerate(segment.vehicles[1:])
         ],
-        "level": doubt.level,
+        "level": uncertainty.level,
         "surrogate_mae": _errors(worth.surrogate),
         "closed_loop_mae": _errors(worth.closed_loop),
         "collisions": worth.collisions.tolist(),
@@ -109,7 +109,7 @@ def _describe(segment: Segment, row: Row) -> dict[str, Any]:
             for block in worth.blocks
         ],
         "unseen_mae": _errors(worth.unseen),
-        "unseen_seconds": worth.unseen_seconds,
+        "unseen_seconds": worth.out_of_window_seconds,
         "whiteness": [
             {
                 "deviation": worth.whiteness.deviation[k],
@@ -123,7 +123,7 @@ def _describe(segment: Segment, row: Row) -> dict[str, Any]:
         "seconds": fit.seconds,
         "cached": fit.cached,
         "outcome": fit.outcome.name.lower(),
-        "notes": [*fit.notes, *doubt.notes],
+        "notes": [*fit.notes, *uncertainty.notes],
     }
 
 
@@ -133,7 +133,7 @@ def _errors(errors: TrackingErrors | None) -> dict[str, list[float]] | None:
     return {"v": errors.speed_mae.tolist(), "p": errors.gap_mae.tolist()}
 
 
-def _text(segment: Segment, rows: list[Row], refused: Sequence[Refusal]) -> str:
+def _text(segment: Segment, rows: list[MethodResult], refused: Sequence[MethodFailure]) -> str:
     head = ["method", "vehicle", "α (1/s²)", "β (1/s)", "τ (s)"]
     head += ["surrogate gap MAE (m)", "closed loop (m)", "held out (m)"]
     head += ["rest of the recording (m)", "seconds"]
@@ -147,39 +147,42 @@ def _text(segment: Segment, rows: list[Row], refused: Sequence[Refusal]) -> str:
                     f"{law.alpha:.4f}",
                     f"{law.beta:.4f}",
                     f"{law.tau:.3f}",
-                    _gap(row.assessment.surrogate, k, 3),
-                    _gap(row.assessment.closed_loop, k, 2),
-                    _gap(row.assessment.held_out, k, 2),
-                    _gap(row.assessment.unseen, k, 2),
+                    _gap(row.evaluation.surrogate, k, 3),
+                    _gap(row.evaluation.closed_loop, k, 2),
+                    _gap(row.evaluation.held_out, k, 2),
+                    _gap(row.evaluation.unseen, k, 2),
                     f"{row.fit.seconds:.2f}" if k == 0 else "",
                 ]
             )
-    doubt = rows[0].uncertainty
+    uncertainty = rows[0].uncertainty
     lines_of_doubt = []
     for k, label in enumerate(segment.labels[1:]):
         ends = [
             f"{symbol} {low:.4f} to {high:.4f}" if np.isfinite(high) else f"{symbol} from {low:.4f}"
-            for symbol, low, high in zip("αβτ", doubt.lower[k], doubt.upper[k], strict=True)
+            for symbol, low, high in zip(
+                "αβτ", uncertainty.lower[k], uncertainty.upper[k], strict=True
+            )
         ]
         lines_of_doubt.append(
-            f"{label}: {', '.join(ends)} ({100 * doubt.level:.0f} % intervals);"
-            f" share of such laws that is L2 stable {doubt.probability_l2[k]:.2f}, L∞ stable"
-            f" {doubt.probability_linf[k]:.2f}, that keeps no gap {doubt.gapless[k]:.2f}"
+            f"{label}: {', '.join(ends)} ({100 * uncertainty.level:.0f} % intervals);"
+            f" share of such laws that is L2 stable {uncertainty.probability_l2[k]:.2f}, L∞ stable"
+            f" {uncertainty.probability_linf[k]:.2f}, without gap control"
+            f" {uncertainty.gapless[k]:.2f}"
         )
     said = [
         *(f"{one.method} has no row: {one.reason}" for one in refused),
         *segment.notes,
         *_warnings(segment, rows[0]),
         *_incidents(rows),
-        *rows[0].assessment.whiteness.sentences,
-        *better(segment.labels[1:], extensions(segment)),
+        *rows[0].evaluation.whiteness.sentences,
+        *better(segment.labels[1:], model_forms(segment)),
     ]
     return "\n".join([table(head, lines), "", *lines_of_doubt, "", *said])
 
 
-def _warnings(segment: Segment, row: Row) -> list[str]:
+def _warnings(segment: Segment, row: MethodResult) -> list[str]:
     """What the data cannot tell; the same for all methods."""
-    return list(identifiable(segment, row.uncertainty, row.fit.case))
+    return list(identifiability_warnings(segment, row.uncertainty, row.fit.case))
 
 
 def _forms(segment: Segment) -> list[dict[str, Any]]:
@@ -193,14 +196,14 @@ def _forms(segment: Segment) -> list[dict[str, Any]]:
             "explained": found.explained[k],
             "explained_unseen": found.unseen[k],
         }
-        for found in extensions(segment)
+        for found in model_forms(segment)
         for k, vehicle in enumerate(segment.vehicles[1:])
     ]
 
 
-def _incidents(rows: list[Row]) -> list[str]:
+def _incidents(rows: list[MethodResult]) -> list[str]:
     return [
-        f"{row.fit.method}: {incident}" for row in rows for incident in row.assessment.incidents
+        f"{row.fit.method}: {incident}" for row in rows for incident in row.evaluation.incidents
     ]
 
 

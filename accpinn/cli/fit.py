@@ -21,12 +21,12 @@ from accpinn.methods.store import Store
 from accpinn.model.cthp import Parameters
 from accpinn.recordings.openacc import read
 from accpinn.recordings.recording import Recording
-from accpinn.results.snapshot.create import check_texts, take
+from accpinn.results.snapshot.create import check_texts, create
 from accpinn.results.snapshot.file import save
 from accpinn.results.snapshot.writable_path import SNAPSHOT, free_place
-from accpinn.segment.quality import Quality, assess
-from accpinn.segment.regimes import LEFT_OUT_AT_WILL, as_typed, leave_out, parse_regimes
-from accpinn.segment.regimes import label as label_regimes
+from accpinn.segment.quality import Quality, assess_quality
+from accpinn.segment.regimes import EXCLUDABLE, as_typed, exclude_regimes, parse_regimes
+from accpinn.segment.regimes import label_regimes as label_regimes
 from accpinn.segment.vehicles import parse_vehicles
 from accpinn.segment.window import DURATION, Segment, cut
 
@@ -70,7 +70,7 @@ def add_segment_options(parser: argparse.ArgumentParser) -> None:
         type=_regimes,
         default=(),
         metavar="REGIME,..",
-        help=f"what does not count for the law: {', '.join(map(as_typed, LEFT_OUT_AT_WILL))}",
+        help=f"what does not count for the law: {', '.join(map(as_typed, EXCLUDABLE))}",
     )
     parser.add_argument("--case", choices=["I", "II"], default="II", help="I: one set for all")
 
@@ -80,7 +80,7 @@ def chosen_segment(options: argparse.Namespace) -> tuple[Recording, Segment]:
     recording = read(options.file)
     segment = cut(recording, options.start, options.duration, options.vehicles)
     if options.leave_out:
-        segment = leave_out(segment, label_regimes(segment, recording), options.leave_out)
+        segment = exclude_regimes(segment, label_regimes(segment, recording), options.leave_out)
     return recording, segment
 
 
@@ -109,7 +109,7 @@ def run(options: argparse.Namespace) -> int:
         fit = _train(segment, options, config)
     else:
         fit = METHODS[options.method].fit(segment, options.case)
-    quality = assess(segment)
+    quality = assess_quality(segment)
     if options.json:
         print_json(describe(segment, fit, quality))
     else:
@@ -120,7 +120,7 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _keep(recording: Recording, segment: Segment, fit: Fit, options: argparse.Namespace) -> None:
-    snapshot = take(
+    snapshot = create(
         segment,
         fit,
         recording=recording,
@@ -266,14 +266,16 @@ def describe_segment(segment: Segment) -> dict[str, Any]:
         "vehicles": list(segment.vehicles),
         "names": list(segment.names),
         "left_out": {
-            "regimes": list(segment.left_out_regimes),
+            "regimes": list(segment.excluded_regimes),
             "share": list(segment.left_out_share),
         },
     }
 
 
-def parameter_rows(segment: Segment, parameters: tuple[Parameters, ...]) -> list[dict[str, Any]]:
+def parameter_rows(segment: Segment, parameters: Parameters | None) -> list[dict[str, Any]]:
     """One entry a follower."""
+    if parameters is None:
+        return []
     rows = zip(segment.vehicles[1:], segment.names[1:], parameters, strict=True)
     return [
         {"vehicle": vehicle, "name": name, "alpha": p.alpha, "beta": p.beta, "tau": p.tau}

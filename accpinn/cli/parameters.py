@@ -8,7 +8,7 @@ from accpinn.model.cthp import Parameters
 NAMES = ("alpha", "beta", "tau")
 
 
-def add_law_options(parser: argparse.ArgumentParser) -> None:
+def add_parameter_options(parser: argparse.ArgumentParser) -> None:
     """`--alpha`, `--beta`, `--tau` with one value a vehicle, first follower first; `--snapshot`."""
     for name, symbol, unit in zip(NAMES, "αβτ", ("1/s²", "1/s", "s"), strict=True):
         parser.add_argument(
@@ -23,7 +23,7 @@ def add_law_options(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def chosen_laws(options: argparse.Namespace) -> tuple[Parameters, ...]:
+def chosen_parameters(options: argparse.Namespace) -> Parameters:
     """The parameter sets that the options give.
 
     Raises:
@@ -44,4 +44,4 @@ def chosen_laws(options: argparse.Namespace) -> tuple[Parameters, ...]:
     if len(set(counts.values())) > 1:
         listed = ", ".join(f"{count} of --{name}" for name, count in counts.items())
         raise ConfigError(f"parameters: {listed}; give as many of each as there are vehicles.")
-    return tuple(Parameters(*values) for values in zip(*given.values(), strict=True))
+    return Parameters(*given.values())

@@ -24,7 +24,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Write the page, and say where; 1 when the snapshot does not agree with itself."""
-    from accpinn.results.report.page import report  # plotly's script is read from disk
+    from accpinn.results.report.page import render_report  # plotly's script is read from disk
 
     place = Path(options.out or options.file.removesuffix(SUFFIX) + ".html")
     real = free_place(place, REPORT)
@@ -33,7 +33,7 @@ def run(options: argparse.Namespace) -> int:
     checked = check(snapshot, recording)
     if recording and snapshot.segment is None:
         snapshot = replace(snapshot, segment=recovered(snapshot, recording))
-    page = report(snapshot, checked)
+    page = render_report(snapshot, checked)
     write_whole(page.encode(), real, "the report")
     show(str(place))
     if checked.ok:

@@ -4,18 +4,18 @@ import argparse
 from typing import Any
 
 from accpinn.cli.output import print_json, show, table
-from accpinn.cli.parameters import add_law_options, chosen_laws
+from accpinn.cli.parameters import add_parameter_options, chosen_parameters
 from accpinn.errors import ConfigError
 from accpinn.model.cthp import Parameters
 from accpinn.platoon.leader import Sinusoid
-from accpinn.platoon.simulation import PlatoonRun, simulate
+from accpinn.platoon.simulation import PlatoonRun, simulate_platoon
 
 MOST_VEHICLES = 100
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Declare the options; their defaults are the paper's simulation."""
-    add_law_options(parser)
+    add_parameter_options(parser)
     parser.add_argument(
         "--vehicles", type=int, metavar="N", help="followers; one parameter set is repeated (8)"
     )
@@ -38,7 +38,7 @@ def run(options: argparse.Namespace) -> int:
     leader = Sinusoid(
         options.frequency, options.amplitude, options.speed, options.settle, options.duration
     )
-    result = simulate(_platoon(chosen_laws(options), options.vehicles), leader)
+    result = simulate_platoon(_platoon(chosen_parameters(options), options.vehicles), leader)
     if options.json:
         print_json(describe(result))
     else:
@@ -46,12 +46,12 @@ def run(options: argparse.Namespace) -> int:
     return 0
 
 
-def _platoon(laws: tuple[Parameters, ...], vehicles: int | None) -> tuple[Parameters, ...]:
+def _platoon(laws: Parameters, vehicles: int | None) -> Parameters:
     """One set repeated, or the sets in their order."""
     if vehicles is not None and not 1 <= vehicles <= MOST_VEHICLES:
         raise ConfigError(f"vehicles: {vehicles} is not allowed; choose 1 to {MOST_VEHICLES}.")
     if len(laws) == 1:
-        return laws * (8 if vehicles is None else vehicles)
+        return laws[[0] * (8 if vehicles is None else vehicles)]
     if vehicles not in (None, len(laws)):
         raise ConfigError(
             f"vehicles: {len(laws)} parameter sets make {len(laws)} followers, not {vehicles};"

@@ -4,22 +4,22 @@ import argparse
 from typing import Any
 
 from accpinn.cli.output import print_json, show, table
-from accpinn.cli.parameters import add_law_options, chosen_laws
+from accpinn.cli.parameters import add_parameter_options, chosen_parameters
 from accpinn.stability.frequency import Peak
-from accpinn.stability.report import StabilityReport, VehicleStability, report
+from accpinn.stability.report import StabilityReport, VehicleStability, stability_report
 from accpinn.stability.verdicts import Verdict
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Declare the command's options."""
-    add_law_options(parser)
+    add_parameter_options(parser)
     parser.add_argument("--json", action="store_true", help="one JSON document")
     parser.set_defaults(run=run)
 
 
 def run(options: argparse.Namespace) -> int:
     """Judge, and print the verdicts."""
-    result = report(chosen_laws(options))
+    result = stability_report(chosen_parameters(options))
     if options.json:
         print_json(describe(result))
     else:

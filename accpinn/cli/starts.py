@@ -11,7 +11,7 @@ from tqdm import tqdm
 from accpinn.cli.fit import add_segment_options, chosen_segment, describe_segment, parameter_rows
 from accpinn.cli.output import print_json, show, table
 from accpinn.errors import ConfigError
-from accpinn.inference.multistart import Dispersion, Trial, gather, starts
+from accpinn.inference.multistart import MultistartResult, Trial, multistart, summarise
 from accpinn.methods.pinn.config import STARTS, preset
 from accpinn.methods.store import Store
 from accpinn.segment.window import Segment
@@ -46,7 +46,7 @@ def run(options: argparse.Namespace) -> int:
     trials: list[Trial] = []
     asked = [(initial, seed) for seed in range(options.seeds) for initial in STARTS]
     for initial, seed in tqdm(asked, unit="training", file=sys.stderr):
-        one = starts(
+        one = multistart(
             segment,
             options.case,
             config,
@@ -56,7 +56,7 @@ def run(options: argparse.Namespace) -> int:
             threads=options.threads,
         )
         trials.extend(one.trials)
-    found = gather(segment, tuple(trials))
+    found = summarise(segment, tuple(trials))
     if options.json:
         print_json(_describe(segment, found))
     else:
@@ -64,7 +64,7 @@ def run(options: argparse.Namespace) -> int:
     return 0
 
 
-def _describe(segment: Segment, found: Dispersion) -> dict[str, Any]:
+def _describe(segment: Segment, found: MultistartResult) -> dict[str, Any]:
     return {
         "segment": describe_segment(segment),
         "trials": [
@@ -91,7 +91,7 @@ def _gaps(trial: Trial) -> list[float] | None:
     return trial.surrogate.gap_mae.tolist() if trial.surrogate else None
 
 
-def _text(segment: Segment, found: Dispersion) -> str:
+def _text(segment: Segment, found: MultistartResult) -> str:
     head = ["vehicle", "from α, β, τ", "seed", "α (1/s²)", "β (1/s)", "τ (s)"]
     head += ["surrogate gap MAE (m)"]
     lines = []

@@ -51,9 +51,9 @@ def describe(snapshot: Snapshot, result: Verification) -> dict[str, Any]:
 
 
 def _text(snapshot: Snapshot, result: Verification) -> str:
-    outline = snapshot.outline
-    window = f"{outline.start:g} to {outline.start + outline.duration:g} s"
-    about = [snapshot.name, f"{outline.source}, {window}, {snapshot.fit.method}", snapshot.created]
+    info = snapshot.info
+    window = f"{info.start:g} to {info.start + info.duration:g} s"
+    about = [snapshot.name, f"{info.source}, {window}, {snapshot.fit.method}", snapshot.created]
     rows = [
         [check.name, "yes" if check.ok else "NO", check.stored, check.recomputed]
         for check in result.checks

@@ -24,7 +24,7 @@ ALONE = " when its law drives by itself"
 
 def closed_loop(segment: Segment, fit: Fit) -> Trajectories | None:
     """The learned law driving behind the measured leader; None where τ is undetermined."""
-    if not np.isfinite(fit.table()).all():
+    if not np.isfinite(fit.parameters.values).all():
         return None
     with np.errstate(over="ignore", invalid="ignore"):  # a law that diverges is found below
         return simulate(

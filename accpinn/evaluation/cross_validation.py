@@ -39,7 +39,7 @@ class Block:
     """Collisions and divergence in it, in plain sentences."""
 
 
-def blocks_held_out(
+def cross_validate(
     segment: Segment, estimate: Callable[[Segment], Fit], blocks: int = BLOCKS
 ) -> tuple[Block, ...]:
     """Each block of the window, driven by a law learned without it.
@@ -53,7 +53,7 @@ def blocks_held_out(
     return tuple(_block(segment, first, end, estimate) for first, end in pairwise(ends))
 
 
-def held_out_errors(blocks: tuple[Block, ...]) -> TrackingErrors | None:
+def pooled_holdout_errors(blocks: tuple[Block, ...]) -> TrackingErrors | None:
     """Those of all blocks together; None where one of them has none."""
     errors = [(block.duration, block.errors) for block in blocks]
     known = [(weight, one) for weight, one in errors if one is not None]
@@ -61,7 +61,7 @@ def held_out_errors(blocks: tuple[Block, ...]) -> TrackingErrors | None:
 
 
 @dataclass(frozen=True, eq=False)
-class Unseen:
+class OutOfWindow:
     """How a law does on the rest of the recording."""
 
     errors: TrackingErrors | None = None
@@ -72,7 +72,7 @@ class Unseen:
     """Collisions and divergence there."""
 
 
-def drive_unseen(segment: Segment, fit: Fit, recording: Recording) -> Unseen:
+def evaluate_out_of_window(segment: Segment, fit: Fit, recording: Recording) -> OutOfWindow:
     """Closed loop on all that the recording has of these vehicles outside the window."""
     parts: list[tuple[float, TrackingErrors]] = []
     said: list[str] = []
@@ -82,7 +82,7 @@ def drive_unseen(segment: Segment, fit: Fit, recording: Recording) -> Unseen:
         if errors is not None:
             parts.append((piece.duration, errors))
             said.extend(incidents(piece, closed_loop(piece, fit)))
-    return Unseen(pooled(parts), float(sum(seconds for seconds, _ in parts)), tuple(said))
+    return OutOfWindow(pooled(parts), float(sum(seconds for seconds, _ in parts)), tuple(said))
 
 
 def _block(segment: Segment, first: int, end: int, estimate: Callable[[Segment], Fit]) -> Block:

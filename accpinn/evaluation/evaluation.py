@@ -6,10 +6,10 @@ from dataclasses import dataclass
 from accpinn.evaluation.closed_loop import closed_loop, closed_loop_errors, collisions, incidents
 from accpinn.evaluation.cross_validation import (
     Block,
-    Unseen,
-    blocks_held_out,
-    drive_unseen,
-    held_out_errors,
+    OutOfWindow,
+    cross_validate,
+    evaluate_out_of_window,
+    pooled_holdout_errors,
 )
 from accpinn.evaluation.errors import TrackingErrors, surrogate_errors
 from accpinn.evaluation.whiteness import Whiteness, whiteness
@@ -20,7 +20,7 @@ from accpinn.units import FloatArray, Seconds
 
 
 @dataclass(frozen=True, eq=False)
-class Assessment:
+class Evaluation:
     """What one fit is worth on its segment."""
 
     surrogate: TrackingErrors | None
@@ -33,7 +33,7 @@ class Assessment:
     """The blocks one by one; empty where nothing was held out."""
     unseen: TrackingErrors | None
     """Closed loop on the rest of the recording; None without a recording or a rest."""
-    unseen_seconds: Seconds
+    out_of_window_seconds: Seconds
     """How much of the recording that is."""
     whiteness: Whiteness
     """Of what the law leaves unexplained."""
@@ -43,12 +43,12 @@ class Assessment:
     """Collisions and divergence in closed loop, on the segment and beyond, in plain sentences."""
 
 
-def appraise(
+def evaluate(
     segment: Segment,
     fit: Fit,
     estimate: Callable[[Segment], Fit] | None = None,
     recording: Recording | None = None,
-) -> Assessment:
+) -> Evaluation:
     """Errors of both kinds, on data seen and unseen, and the law's residual.
 
     Args:
@@ -57,16 +57,16 @@ def appraise(
         estimate: the same method, from a segment to a fit; without it no block is held out.
         recording: the segment's; without it nothing outside the window is looked at.
     """
-    blocks = blocks_held_out(segment, estimate) if estimate else ()
-    rest = drive_unseen(segment, fit, recording) if recording else Unseen()
+    blocks = cross_validate(segment, estimate) if estimate else ()
+    rest = evaluate_out_of_window(segment, fit, recording) if recording else OutOfWindow()
     driven = closed_loop(segment, fit)
-    return Assessment(
+    return Evaluation(
         surrogate=surrogate_errors(segment, fit),
         closed_loop=closed_loop_errors(segment, fit),
-        held_out=held_out_errors(blocks) if blocks else None,
+        held_out=pooled_holdout_errors(blocks) if blocks else None,
         blocks=blocks,
         unseen=rest.errors,
-        unseen_seconds=rest.seconds,
+        out_of_window_seconds=rest.seconds,
         whiteness=whiteness(segment, fit),
         collisions=collisions(segment, driven),
         incidents=(*incidents(segment, driven), *rest.incidents),

@@ -22,7 +22,7 @@ from scipy.linalg import toeplitz
 from scipy.stats import norm
 
 from accpinn.methods.fit import Fit
-from accpinn.methods.one_second_means import STEP, per_second
+from accpinn.methods.one_second_means import STEP, one_second_means
 from accpinn.segment.window import Segment
 from accpinn.units import FloatArray, Seconds
 
@@ -59,8 +59,8 @@ def whiteness(segment: Segment, fit: Fit) -> Whiteness:
 
     α = 0 with τ undetermined counts as ατ = 0.
     """
-    steps = per_second(segment)
-    theta = np.nan_to_num(np.array([law.linear() for law in fit.parameters]))
+    steps = one_second_means(segment)
+    theta = np.nan_to_num(np.array([law.theta for law in fit.parameters]))
     residuals = steps.rates - np.einsum("mkc,mc->mk", steps.terms, theta)
     pairs = list(zip(residuals, steps.known, strict=True))
     figures = np.array([_figures(row, known, steps.length) for row, known in pairs])

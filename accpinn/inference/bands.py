@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from accpinn.inference.intervals import Uncertainty
-from accpinn.inference.sampling import limits
+from accpinn.inference.sampling import quantile_interval
 from accpinn.units import FloatArray
 
 
@@ -39,5 +39,5 @@ def gain_band(uncertainty: Uncertainty, follower: int, omega: FloatArray) -> Ban
     if np.isnan(gains).any():
         unknown = np.full(len(s), np.nan)
         return Band(omega, unknown, unknown, unknown)
-    lower, upper = limits(gains, uncertainty.level)
+    lower, upper = quantile_interval(gains, uncertainty.level)
     return Band(omega, lower, np.median(gains, axis=0), upper)

@@ -9,7 +9,7 @@ from accpinn.segment.quality import (
     LITTLE_LEADER_MOTION,
     LITTLE_RELATIVE_MOTION,
     Quality,
-    assess,
+    assess_quality,
 )
 from accpinn.segment.window import Segment
 
@@ -22,7 +22,9 @@ MORE_MOTION = "take a window in which the vehicle ahead brakes and accelerates m
 MORE_TIME = "the vehicle ahead moves enough here, so take a longer window if there is one"
 
 
-def identifiable(segment: Segment, uncertainty: Uncertainty, case: Case = "II") -> tuple[str, ...]:
+def identifiability_warnings(
+    segment: Segment, uncertainty: Uncertainty, case: Case = "II"
+) -> tuple[str, ...]:
     """One sentence for each follower whose parameters the data leave open; empty where none is.
 
     Args:
@@ -30,7 +32,7 @@ def identifiable(segment: Segment, uncertainty: Uncertainty, case: Case = "II") 
         uncertainty: its intervals.
         case: "II"; in Case I all followers share one sentence.
     """
-    quality = assess(segment)
+    quality = assess_quality(segment)
     if case == "I":
         told = [("All followers together", _leader_reasons(quality))]
     else:
@@ -49,7 +51,7 @@ def identifiable(segment: Segment, uncertainty: Uncertainty, case: Case = "II") 
     return tuple(sentences)
 
 
-def left_open(uncertainty: Uncertainty, follower: int) -> tuple[str, ...]:
+def wide_intervals(uncertainty: Uncertainty, follower: int) -> tuple[str, ...]:
     """Those of α, β, τ whose interval says little more than the order of magnitude."""
     ends = zip(uncertainty.lower[follower], uncertainty.upper[follower], strict=True)
     # An interval that is 0 alone is narrow: `Uncertainty.notes` says what it means.
@@ -61,7 +63,7 @@ def left_open(uncertainty: Uncertainty, follower: int) -> tuple[str, ...]:
 def _open(uncertainty: Uncertainty, follower: int) -> list[str]:
     """The parameters with wide intervals, each with its ends."""
     found = []
-    for symbol in left_open(uncertainty, follower):
+    for symbol in wide_intervals(uncertainty, follower):
         which = SYMBOLS.index(symbol)
         low, high = (ends[follower, which] for ends in (uncertainty.lower, uncertainty.upper))
         to = f"to {high:.{DIGITS[which]}f}" if np.isfinite(high) else "or more"

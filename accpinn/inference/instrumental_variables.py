@@ -51,7 +51,7 @@ class Equations:
     """Whether the data determine θ at all."""
 
 
-def instrumented(segment: Segment, case: Case) -> tuple[Equations, ...]:
+def solve_iv(segment: Segment, case: Case) -> tuple[Equations, ...]:
     """The equations of each follower (Case II), or the one set for all of them (Case I)."""
     regression = Regression.of(segment)
     ahead = gaussian_filter1d(
@@ -74,7 +74,7 @@ def _solve(
     counted = terms.any(axis=2)  # what the segment leaves out is zero
     determined = int(counted.sum(axis=1).max()) >= LEAST_SAMPLES
     for _ in range(ROUNDS):
-        law = _tame(theta)
+        law = _clip(theta)
         instruments = np.stack([_drive(law, time, ahead[:, k]) for k in followers])
         instruments[~counted] = 0.0
         whole = np.einsum("mti,mtj->ij", instruments, terms)
@@ -94,12 +94,12 @@ def _solve(
 def _drive(law: Parameters, time: FloatArray, ahead: FloatArray) -> FloatArray:
     """(N, 3) p, -v, Δv of the law behind ``ahead``, from equilibrium: the measured start has r."""
     speed = ahead[:1]
-    motion = simulate((law,), time, ahead, speed, law.tau * speed)
+    motion = simulate(Parameters.stack([law]), time, ahead, speed, law.tau * speed)
     terms: FloatArray = regressors(motion.speeds, motion.gaps)[0]
     return terms
 
 
-def _tame(theta: FloatArray) -> Parameters:
+def _clip(theta: FloatArray) -> Parameters:
     """The law of θ, within `INSTRUMENT_RANGE`."""
     least, most = INSTRUMENT_RANGE
     alpha = float(np.clip(theta[0], least.alpha, most.alpha))

@@ -21,15 +21,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from accpinn.errors import ConfigError
-from accpinn.inference.instrumental_variables import instrumented
+from accpinn.inference.instrumental_variables import solve_iv
 from accpinn.inference.jackknife import FEWEST_BLOCKS, SHORTEST_BLOCK, block_length, spread
-from accpinn.inference.sampling import DRAWS, FINER, SEED, allowed, as_parameters, draw, limits
+from accpinn.inference.sampling import (
+    DRAWS,
+    OVERSAMPLING,
+    SEED,
+    as_parameters,
+    draw,
+    project,
+    quantile_interval,
+)
 from accpinn.methods.fit import Fit, Outcome
-from accpinn.model.cthp import Case
+from accpinn.model.cthp import Case, Parameters
 from accpinn.segment.window import Segment
-from accpinn.stability.criteria import Laws, exact_margin, l2_margin
+from accpinn.stability.criteria import exact_margin, l2_margin
 from accpinn.stability.frequency import crossovers, peaks
-from accpinn.stability.impulse import swings
+from accpinn.stability.impulse import step_metrics
 from accpinn.units import FloatArray, Seconds
 
 METHOD = "instrumental variables, blocks of time left out, 20,000 draws"
@@ -110,7 +118,7 @@ def intervals(segment: Segment, fit: Fit, level: float = LEVEL, draws: int = DRA
         raise ConfigError(f"draws: {draws} is not allowed; choose an even number, as {DRAWS}.")
     started = time.perf_counter()
     allows = _allows(segment, fit.case, level, draws)
-    inside = within(fit.table(), allows.lower, allows.upper)
+    inside = within(fit.parameters.values, allows.lower, allows.upper)
     notes = _notes(segment, fit, allows.draws, allows.lower, allows.upper, inside)
     return replace(allows, inside=inside, notes=notes, seconds=time.perf_counter() - started)
 
@@ -118,9 +126,9 @@ def intervals(segment: Segment, fit: Fit, level: float = LEVEL, draws: int = DRA
 @lru_cache(maxsize=4)
 def _allows(segment: Segment, case: Case, level: float, draws: int) -> Uncertainty:
     """What does not depend on the fit; many methods on one segment share it."""
-    centre, drawn = _sample(segment, case, FINER * draws, np.random.default_rng(SEED))
+    centre, drawn = _sample(segment, case, OVERSAMPLING * draws, np.random.default_rng(SEED))
     table = as_parameters(drawn)
-    lower, upper = limits(table, level)
+    lower, upper = quantile_interval(table, level)
     laws = _laws(table)
     known = ~np.isnan(table[0, :, 0])
     spaced = laws.alpha > 0
@@ -131,11 +139,11 @@ def _allows(segment: Segment, case: Case, level: float, draws: int) -> Uncertain
         lower=lower,
         upper=upper,
         inside=np.ones_like(lower, dtype=bool),
-        draws=table[::FINER].copy(),
+        draws=table[::OVERSAMPLING].copy(),
         probability_l2=_share((l2_margin(laws) >= 0) & spaced, known),
         probability_linf=_share((exact_margin(laws) >= 0) & spaced, known),
         peak_gain=_interval(peaks(laws).gain, level, known),
-        linf_gain=_interval(swings(laws).gain, level, known),
+        linf_gain=_interval(step_metrics(laws).gain, level, known),
         crossover=_interval(np.nan_to_num(crossovers(laws)), level, known),
         seconds=0.0,
         notes=(),
@@ -156,21 +164,20 @@ def _sample(
     """The solution (M, 3) and draws (count, M, 3) as α, ατ, β; equal followers in Case I."""
     centre = np.full((segment.followers, 3), np.nan)
     drawn = np.full((count, segment.followers, 3), np.nan)
-    equations = instrumented(segment, case)
+    equations = solve_iv(segment, case)
     for k, one in enumerate(equations):
         of = slice(None) if case == "I" else k
         scatter = spread(one, segment.sample_time)
         if scatter:
-            centre[of] = allowed(one.theta[None], scatter.scale)[0]
+            centre[of] = project(one.theta[None], scatter.scale)[0]
             sample = draw(one.theta, scatter, count, rng)
             drawn[:, of] = sample[:, None] if case == "I" else sample
     return centre, drawn
 
 
-def _laws(table: FloatArray) -> Laws:
+def _laws(table: FloatArray) -> Parameters:
     """Draws as laws; τ has no effect where α = 0, and what is not determined is masked later."""
-    alpha, beta, tau = np.moveaxis(np.nan_to_num(table), -1, 0)
-    return Laws(alpha, beta, tau)
+    return Parameters.of(np.nan_to_num(table))
 
 
 def _share(holds: NDArray[np.bool_], known: NDArray[np.bool_]) -> FloatArray:
@@ -178,7 +185,7 @@ def _share(holds: NDArray[np.bool_], known: NDArray[np.bool_]) -> FloatArray:
 
 
 def _interval(values: FloatArray, level: float, known: NDArray[np.bool_]) -> Interval:
-    lower, upper = limits(np.where(known, values, np.nan), level)
+    lower, upper = quantile_interval(np.where(known, values, np.nan), level)
     return Interval(lower, upper)
 
 
@@ -198,7 +205,7 @@ def _notes(
             f" {FEWEST_BLOCKS} blocks of {length:.0f} s and are rough; take"
             f" {FEWEST_BLOCKS * SHORTEST_BLOCK:.0f} s or more."
         )
-    estimate = fit.table()
+    estimate = fit.parameters.values
     labels = ("All followers",) if fit.case == "I" else segment.labels[1:]
     for k, label in enumerate(labels):
         if np.isnan(table[0, k, 0]):

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import lsq_linear
 
-from accpinn.methods.one_second_means import per_second
+from accpinn.methods.one_second_means import one_second_means
 from accpinn.segment.window import Segment
 from accpinn.units import FloatArray, Seconds
 
@@ -34,7 +34,7 @@ BETTER = 0.02
 
 
 @dataclass(frozen=True, eq=False)
-class Extension:
+class ModelForm:
     """One form of the law for each of M followers; nan where the window says too little."""
 
     form: Form
@@ -48,7 +48,7 @@ class Extension:
     """(M,) the same on the last third, by the form learned from the first two thirds."""
 
 
-def extensions(segment: Segment) -> tuple[Extension, Extension, Extension]:
+def model_forms(segment: Segment) -> tuple[ModelForm, ModelForm, ModelForm]:
     """The law as it is, with a standstill distance, and with a delay, each follower by itself.
 
     All are judged on the same seconds, which begin after the longest delay.
@@ -64,7 +64,7 @@ def extensions(segment: Segment) -> tuple[Extension, Extension, Extension]:
     )
 
 
-def better(labels: Sequence[str], found: Sequence[Extension]) -> tuple[str, ...]:
+def better(labels: Sequence[str], found: Sequence[ModelForm]) -> tuple[str, ...]:
     """One sentence for each follower of which another form explains unseen seconds better.
 
     Args:
@@ -87,7 +87,7 @@ def better(labels: Sequence[str], found: Sequence[Extension]) -> tuple[str, ...]
     return tuple(sentences)
 
 
-def _extra(form: Extension, follower: int) -> str:
+def _extra(form: ModelForm, follower: int) -> str:
     if form.form == "delay":
         delay = form.extra[follower]
         longest = ", the longest tried," if delay > LONGEST_DELAY - DELAY_STEP / 2 else ""
@@ -155,7 +155,7 @@ def _solved(rows: _Rows) -> _Solution:
 
 def _rows(segment: Segment, first: int, shift: int) -> list[_Rows]:
     """The followers' seconds from sample ``first`` on, terms ``shift`` samples older than rates."""
-    steps = per_second(segment, first, shift)
+    steps = one_second_means(segment, first, shift)
     return [_Rows(*each) for each in zip(steps.terms, steps.rates, steps.known, strict=True)]
 
 
@@ -166,8 +166,8 @@ def _delayed(candidates: Sequence[_Rows], step: Seconds) -> _Solution:
     return replace(found[best], extra=best * step)
 
 
-def _extension(form: Form, found: list[_Solution]) -> Extension:
-    return Extension(
+def _extension(form: Form, found: list[_Solution]) -> ModelForm:
+    return ModelForm(
         form,
         np.array([one.law for one in found]),
         np.array([one.extra for one in found]),

@@ -37,7 +37,7 @@ class Trial:
 
 
 @dataclass(frozen=True, eq=False)
-class Dispersion:
+class MultistartResult:
     """Several trainings of one segment, and how far apart they end."""
 
     trials: tuple[Trial, ...]
@@ -50,7 +50,7 @@ class Dispersion:
     """What to make of it, in plain sentences."""
 
 
-def starts(
+def multistart(
     segment: Segment,
     case: Case = "II",
     config: PinnConfig = FAST,
@@ -61,7 +61,7 @@ def starts(
     threads: int | None = None,
     on_progress: OnProgress | None = None,
     should_stop: ShouldStop | None = None,
-) -> Dispersion:
+) -> MultistartResult:
     """Train from every initial value with every seed.
 
     Args:
@@ -84,20 +84,20 @@ def starts(
             break
         errors = surrogate_errors(segment, fit), closed_loop_errors(segment, fit)
         trials.append(Trial(chosen.initial, chosen.seed, fit, *errors))
-    return gather(segment, tuple(trials))
+    return summarise(segment, tuple(trials))
 
 
-def gather(segment: Segment, trials: tuple[Trial, ...]) -> Dispersion:
+def summarise(segment: Segment, trials: tuple[Trial, ...]) -> MultistartResult:
     """Trainings of one segment side by side."""
     if len(trials) < 2:
-        return Dispersion(trials, np.full((segment.followers, 3), np.nan), ())
-    tables = np.array([trial.fit.table() for trial in trials])
+        return MultistartResult(trials, np.full((segment.followers, 3), np.nan), ())
+    tables = np.array([trial.fit.parameters.values for trial in trials])
     mean = tables.mean(axis=0)
     spread = 100.0 * np.divide(
         np.ptp(tables, axis=0), mean, out=np.full_like(mean, np.nan), where=mean != 0
     )
     notes = (*_notes(trials, spread), *_undetermined(segment, trials[0].fit.case, tables))
-    return Dispersion(trials, spread, notes)
+    return MultistartResult(trials, spread, notes)
 
 
 def _configs(

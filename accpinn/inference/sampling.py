@@ -14,7 +14,7 @@ from accpinn.units import FloatArray
 
 DRAWS = 2000
 """Kept, for bands and clouds."""
-FINER = 10
+OVERSAMPLING = 10
 """So many times more are drawn for the ends of intervals, which then move by at most 4 % of an
 interval's width from seed to seed; with those kept alone a τ that is hardly determined moved by
 39 %."""
@@ -27,10 +27,10 @@ def draw(theta: FloatArray, spread: Spread, count: int, rng: np.random.Generator
     half = rng.standard_normal((count // 2, 3)) @ root.T
     half /= np.sqrt(rng.chisquare(spread.freedom, (count // 2, 1)) / spread.freedom)
     # In pairs on either side, so that the draws' middle is θ itself.
-    return allowed(theta + np.concatenate([half, -half]), spread.scale)
+    return project(theta + np.concatenate([half, -half]), spread.scale)
 
 
-def allowed(theta: FloatArray, scale: FloatArray) -> FloatArray:
+def project(theta: FloatArray, scale: FloatArray) -> FloatArray:
     """The nearest θ ≥ 0 to each row of ``theta`` (K, 3), in the metric of the inverse scale."""
     result = np.array(theta)
     outside = (result < 0).any(axis=1)
@@ -60,7 +60,7 @@ def as_parameters(theta: FloatArray) -> FloatArray:
     return np.stack([alpha, beta, tau], axis=-1)
 
 
-def limits(values: FloatArray, level: float) -> tuple[FloatArray, FloatArray]:
+def quantile_interval(values: FloatArray, level: float) -> tuple[FloatArray, FloatArray]:
     """Lower and upper ends over the first axis; nan means that any value from 0 on is possible."""
     tail = (1.0 - level) / 2.0
     unknown = np.isnan(values)

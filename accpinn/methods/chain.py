@@ -49,7 +49,7 @@ class Chain:
         followers = self.measured.shape[1] // 2
 
         def at(alpha: float, beta: float, tau: float) -> FloatArray:
-            return motion_matrix((Parameters(alpha, beta, tau),) * followers)
+            return motion_matrix(Parameters(*([value] * followers for value in (alpha, beta, tau))))
 
         rest, gain = at(0, 0, 0), at(1, 0, 0)
         return np.stack([rest, gain - rest, at(1, 0, 1) - gain, at(0, 1, 0) - rest])

@@ -29,7 +29,7 @@ import numpy as np
 
 from accpinn.methods.filtering import (
     TYPICAL,
-    Platoon,
+    Measurements,
     State,
     drift,
     law_covariance,
@@ -38,9 +38,9 @@ from accpinn.methods.filtering import (
     move,
     settings,
 )
-from accpinn.methods.fit import Fit, Outcome, bound_notes, parameters_of
+from accpinn.methods.fit import Fit, Outcome, bound_notes
 from accpinn.methods.method import direct
-from accpinn.methods.online import course, doubts, kept_samples, nearest_lawful
+from accpinn.methods.online import doubts, kept_samples, nearest_lawful, track
 from accpinn.methods.unscented import Unscented, symmetric
 from accpinn.model.cthp import Case, Parameters, PlatoonSolution, Trajectories
 from accpinn.segment.window import Segment
@@ -58,7 +58,7 @@ def fit(segment: Segment, case: Case = "II") -> Fit:
     started = time.perf_counter()
     kept = kept_samples(segment)
     try:
-        filtered = _run(Platoon.of(segment, case), kept)
+        filtered = _run(Measurements.of(segment, case), kept)
     except np.linalg.LinAlgError:
         return _diverged(segment, case, time.perf_counter() - started)
     lawful = [
@@ -67,12 +67,12 @@ def fit(segment: Segment, case: Case = "II") -> Fit:
     ]
     solution = PlatoonSolution.of(lawful[-1], segment.followers)
     theta = np.array([[one.theta for one in now] for now in lawful])
-    path = course(segment.time[kept], theta, filtered.covariance, segment.followers)
+    path = track(segment.time[kept], theta, filtered.covariance, segment.followers)
     shape = (segment.samples, segment.followers)
     return Fit(
         method="dual-ukf",
         case=case,
-        parameters=parameters_of(solution.theta),
+        parameters=Parameters.from_theta(solution.theta),
         surrogate=Trajectories(
             segment.time,
             np.column_stack([segment.speeds[:, 0], filtered.states[..., 1].reshape(shape)]),
@@ -81,16 +81,16 @@ def fit(segment: Segment, case: Case = "II") -> Fit:
         outcome=Outcome.FILTERED,
         seconds=time.perf_counter() - started,
         config={**settings(), "uncertain": list(UNCERTAIN)},
-        unconstrained=parameters_of(solution.unconstrained),
+        unconstrained=Parameters.from_theta(solution.unconstrained),
         active_bounds=solution.active,
-        course=path,
+        track=path,
         notes=bound_notes(segment.vehicles, solution) + doubts(segment, path),
     )
 
 
 def _diverged(segment: Segment, case: Case, seconds: Seconds) -> Fit:
     """For measurements that no motion follows: a covariance has lost its meaning."""
-    unknown = (Parameters(np.nan, np.nan, np.nan),) * segment.followers
+    unknown = Parameters.of(np.full((segment.followers, 3), np.nan))
     return Fit(
         method="dual-ukf",
         case=case,
@@ -120,7 +120,7 @@ class _Filtered:
     """(N, G, F, 2) p, v at every instant."""
 
 
-def _run(platoon: Platoon, kept: list[int]) -> _Filtered:
+def _run(platoon: Measurements, kept: list[int]) -> _Filtered:
     measured = np.stack([platoon.gaps, platoon.speeds], axis=-1)
     dual = _Dual(measured[0], platoon.step)
     states = np.empty_like(measured)
@@ -147,7 +147,7 @@ class _Dual:
         self._of_state, self._of_law = Unscented(2), Unscented(3)
         self.states = first
         self.spread = np.tile(self._noise, (laws, followers, 1, 1))
-        self.theta = np.tile(TYPICAL.linear(), (laws, 1))
+        self.theta = np.tile(TYPICAL.theta, (laws, 1))
         self.covariance = np.tile(law_covariance(UNCERTAIN), (laws, 1, 1))
 
     def take_in(

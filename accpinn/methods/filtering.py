@@ -46,7 +46,7 @@ class State(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Platoon:
+class Measurements:
     """The measurements, ordered for G laws with F followers each; G F = M."""
 
     gaps: FloatArray

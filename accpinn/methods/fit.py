@@ -5,8 +5,6 @@ from dataclasses import dataclass, field
 from enum import Enum
 from typing import Any
 
-import numpy as np
-
 from accpinn.model.cthp import Case, Parameters, PlatoonSolution, Trajectories
 from accpinn.units import FloatArray, Seconds
 
@@ -59,7 +57,7 @@ class History:
 
 
 @dataclass(frozen=True, eq=False)
-class Course:
+class ParameterTrack:
     """Parameters over time, as an online method followed them; K instants."""
 
     time: FloatArray
@@ -98,7 +96,7 @@ class Fit:
 
     method: str
     case: Case
-    parameters: tuple[Parameters, ...]
+    parameters: Parameters
     """One entry a follower, also in Case I, where all are the same."""
     surrogate: Trajectories | None
     """What the method takes the true motion to be, on the segment's instants."""
@@ -109,12 +107,12 @@ class Fit:
     """Every setting that determined the result, ready for JSON."""
     loss: dict[str, float] = field(default_factory=dict)
     """"total", "data", "physics", and for a network also "initial" and what it started from."""
-    unconstrained: tuple[Parameters, ...] = ()
+    unconstrained: Parameters | None = None
     """The optimum without the rational driving constraints; as `parameters` when none binds."""
     active_bounds: tuple[tuple[str, ...], ...] = ()
     """Per follower, which of α, ατ, β stand at zero only because of the constraints."""
     history: History | None = None
-    course: Course | None = None
+    track: ParameterTrack | None = None
     """What an online method estimated at each instant; None for batch methods."""
     iterations: int = 0
     network_weights: int = 0
@@ -123,10 +121,6 @@ class Fit:
     """What the user should know about this result, in plain sentences."""
     arrays: dict[str, FloatArray] = field(default_factory=dict)
     """The method's own state by name (a network's weights), enough to continue or to share."""
-
-    def table(self) -> FloatArray:
-        """(M, 3): α, β, τ per follower."""
-        return np.array([[p.alpha, p.beta, p.tau] for p in self.parameters])
 
 
 def unfinished(fit: Fit) -> str:
@@ -141,12 +135,7 @@ def unfinished(fit: Fit) -> str:
     )
 
 
-def parameters_of(theta: FloatArray) -> tuple[Parameters, ...]:
-    """(M, 3) rows of α, ατ, β as parameters."""
-    return tuple(Parameters.from_linear(row) for row in theta)
-
-
-def headway_notes(labels: Sequence[str], parameters: Sequence[Parameters]) -> tuple[str, ...]:
+def headway_notes(labels: Sequence[str], parameters: Parameters) -> tuple[str, ...]:
     """A sentence for the followers whose τ is no time headway; ``labels`` has the leader first.
 
     With α near zero the law hardly minds the gap, and τ, which it keeps only through ατ, may come
@@ -171,7 +160,7 @@ def bound_notes(vehicles: tuple[int, ...], solution: PlatoonSolution) -> tuple[s
     rows = zip(vehicles[1:], solution.active, solution.unconstrained, strict=True)
     for vehicle, names, free_theta in rows:
         if names:
-            free = Parameters.from_linear(free_theta)
+            free = Parameters.from_theta(free_theta)
             notes.append(
                 f"Vehicle {vehicle}: the rational driving constraints hold {' and '.join(names)}"
                 f" at zero; without them the estimate is α = {free.alpha:.4f}, β = {free.beta:.4f},"

@@ -12,9 +12,9 @@ import time
 
 import numpy as np
 
-from accpinn.methods.fit import Fit, Outcome, bound_notes, parameters_of
+from accpinn.methods.fit import Fit, Outcome, bound_notes
 from accpinn.methods.method import direct
-from accpinn.model.cthp import Case, regressors, solve_rows
+from accpinn.model.cthp import Case, Parameters, regressors, solve_rows
 from accpinn.segment.window import Segment
 
 
@@ -27,12 +27,12 @@ def fit(segment: Segment, case: Case = "II") -> Fit:
     return Fit(
         method="least-squares",
         case=case,
-        parameters=parameters_of(solution.theta),
+        parameters=Parameters.from_theta(solution.theta),
         surrogate=None,
         outcome=Outcome.SOLVED,
         seconds=time.perf_counter() - started,
         config={},
-        unconstrained=parameters_of(solution.unconstrained),
+        unconstrained=Parameters.from_theta(solution.unconstrained),
         active_bounds=solution.active,
         notes=bound_notes(segment.vehicles, solution),
     )

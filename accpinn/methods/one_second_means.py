@@ -18,7 +18,7 @@ STEP: Seconds = 1.0
 
 
 @dataclass(frozen=True, eq=False)
-class PerSecond:
+class OneSecondMeans:
     """K steps of M followers."""
 
     rates: FloatArray
@@ -33,7 +33,7 @@ class PerSecond:
     """Of a step: T, or the sample time if that is longer."""
 
 
-def per_second(segment: Segment, first: int = 0, delay: int = 0) -> PerSecond:
+def one_second_means(segment: Segment, first: int = 0, delay: int = 0) -> OneSecondMeans:
     """The steps of a segment; what is left of a second at its end is dropped.
 
     Args:
@@ -54,7 +54,7 @@ def per_second(segment: Segment, first: int = 0, delay: int = 0) -> PerSecond:
         both = kept[first : last + 1] & kept[first - delay : last - delay + 1]
         pairs = both[1:] & both[:-1]
         known = np.asarray(pairs.reshape(count, samples, -1).all(axis=1).T)
-    return PerSecond(
+    return OneSecondMeans(
         rates=np.diff(speeds, axis=0).T / length,
         terms=trapezoid.reshape(len(terms), count, samples, 3).mean(axis=2),
         known=known,

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from accpinn.methods.fit import Course
+from accpinn.methods.fit import ParameterTrack
 from accpinn.model.cthp import LinearSolution, solve_linear
 from accpinn.segment.window import Segment
 from accpinn.units import FloatArray, Seconds, SecondsArray
@@ -19,7 +19,9 @@ def kept_samples(segment: Segment) -> list[int]:
     return list(range(segment.samples - 1, 0, -stride))[::-1]
 
 
-def course(time: SecondsArray, theta: FloatArray, covariance: FloatArray, followers: int) -> Course:
+def track(
+    time: SecondsArray, theta: FloatArray, covariance: FloatArray, followers: int
+) -> ParameterTrack:
     """Parameters and their deviations over time; one law for all where G = 1.
 
     Args:
@@ -37,14 +39,14 @@ def course(time: SecondsArray, theta: FloatArray, covariance: FloatArray, follow
     of_tau = variance[1] - 2 * tau * covariance[..., 0, 1] + tau**2 * variance[0]
     shape = (len(time), followers, 3)
     squares = np.stack([variance[0], variance[2], np.maximum(of_tau, 0) * per_alpha**2], -1)
-    return Course(
+    return ParameterTrack(
         time,
         np.broadcast_to(np.stack([alpha, beta, tau], -1), shape),
         np.broadcast_to(np.sqrt(squares), shape),
     )
 
 
-def doubts(segment: Segment, path: Course) -> tuple[str, ...]:
+def doubts(segment: Segment, path: ParameterTrack) -> tuple[str, ...]:
     """A sentence for each gain that its filter hardly tells from zero at the end."""
     assert path.deviation is not None
     notes = []

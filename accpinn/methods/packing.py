@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from accpinn.methods.fit import Course, Fit, History, Outcome
+from accpinn.methods.fit import Fit, History, Outcome, ParameterTrack
 from accpinn.model.cthp import Parameters, Trajectories
 from accpinn.segment.window import Segment
 from accpinn.units import FloatArray
@@ -42,11 +42,11 @@ def pack_fit(fit: Fit) -> Arrays:
         arrays["surrogate.gaps"] = fit.surrogate.gaps
     if fit.history:
         arrays |= {f"history.{name}": getattr(fit.history, name) for name in _HISTORY}
-    if fit.course:
-        arrays["course.time"] = fit.course.time
-        arrays["course.parameters"] = fit.course.parameters
-        if fit.course.deviation is not None:
-            arrays["course.deviation"] = fit.course.deviation
+    if fit.track:
+        arrays["track.time"] = fit.track.time
+        arrays["track.parameters"] = fit.track.parameters
+        if fit.track.deviation is not None:
+            arrays["track.deviation"] = fit.track.deviation
     return arrays | {f"array.{name}": values for name, values in fit.arrays.items()}
 
 
@@ -65,24 +65,26 @@ def unpack_fit(arrays: Arrays) -> Fit:
     history = None
     if "history.iteration" in arrays:
         history = History(**{n: np.asarray(arrays[f"history.{n}"], float) for n in _HISTORY})
-    course = None
-    if "course.time" in arrays:
-        deviation = arrays.get("course.deviation")
-        course = Course(
-            np.asarray(arrays["course.time"], float),
-            np.asarray(arrays["course.parameters"], float),
+    track = None
+    if "track.time" in arrays:
+        deviation = arrays.get("track.deviation")
+        track = ParameterTrack(
+            np.asarray(arrays["track.time"], float),
+            np.asarray(arrays["track.parameters"], float),
             None if deviation is None else np.asarray(deviation, float),
         )
     _require_types(text)
     return Fit(
         **{name: text[name] for name in _PLAIN},
         parameters=_parameters(arrays["parameters"]),
-        unconstrained=_parameters(arrays["unconstrained"]),
+        unconstrained=_parameters(arrays["unconstrained"])
+        if len(arrays["unconstrained"])
+        else None,
         surrogate=surrogate,
         outcome=Outcome[text["outcome"]],
         active_bounds=tuple(tuple(names) for names in text["active_bounds"]),
         history=history,
-        course=course,
+        track=track,
         notes=tuple(text["notes"]),
         arrays={
             name.removeprefix("array."): np.asarray(values)
@@ -99,7 +101,7 @@ def require_match(fit: Fit, segment: Segment) -> None:
         ValueError: where its numbers differ in shape from the segment, or are not finite.
     """
     followers = segment.followers
-    shapes: list[tuple[FloatArray, tuple[int, ...]]] = [(fit.table(), (followers, 3))]
+    shapes: list[tuple[FloatArray, tuple[int, ...]]] = [(fit.parameters.values, (followers, 3))]
     if fit.surrogate:
         modelled = fit.surrogate
         shapes += [(modelled.time, segment.time.shape), (modelled.speeds, segment.speeds.shape)]
@@ -111,9 +113,11 @@ def require_match(fit: Fit, segment: Segment) -> None:
         shapes += [(fit.history.parameters, (kept, laws, 3))]
     if any(values.shape != shape for values, shape in shapes):
         raise ValueError("its numbers are not those of the window")
-    if {len(fit.unconstrained), len(fit.active_bounds)} != {followers}:
+    if len(fit.active_bounds) != followers or (
+        fit.unconstrained is not None and len(fit.unconstrained) != followers
+    ):
         raise ValueError("its followers are not those of the window")
-    gains = fit.table()[:, :2]  # τ is nan where α = 0
+    gains = fit.parameters.values[:, :2]  # τ is nan where α = 0
     curves = [fit.surrogate.speeds, fit.surrogate.gaps] if fit.surrogate else []
     if not all(np.isfinite(values).all() for values in (gains, *curves)):
         raise ValueError("its numbers are not finite")
@@ -128,9 +132,9 @@ def _require_types(text: dict[str, Any]) -> None:
         raise TypeError("its notes are no sentences")
 
 
-def _table(parameters: tuple[Parameters, ...]) -> NDArray[np.float64]:
-    return np.array([[p.alpha, p.beta, p.tau] for p in parameters]).reshape(-1, 3)
+def _table(parameters: Parameters | None) -> NDArray[np.float64]:
+    return np.empty((0, 3)) if parameters is None else parameters.values
 
 
-def _parameters(table: NDArray[np.generic]) -> tuple[Parameters, ...]:
-    return tuple(Parameters(*(float(v) for v in row)) for row in np.asarray(table, float))
+def _parameters(table: NDArray[np.generic]) -> Parameters:
+    return Parameters.of(np.asarray(table, float))

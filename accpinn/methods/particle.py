@@ -35,7 +35,7 @@ import numpy as np
 
 from accpinn.methods.filtering import (
     TYPICAL,
-    Platoon,
+    Measurements,
     State,
     drift,
     measurement_noise,
@@ -43,11 +43,11 @@ from accpinn.methods.filtering import (
     move,
     settings,
 )
-from accpinn.methods.fit import Fit, Outcome, parameters_of
+from accpinn.methods.fit import Fit, Outcome
 from accpinn.methods.method import direct
-from accpinn.methods.online import course, doubts, kept_samples
+from accpinn.methods.online import doubts, kept_samples, track
 from accpinn.methods.unscented import symmetric
-from accpinn.model.cthp import Case, Trajectories
+from accpinn.model.cthp import Case, Parameters, Trajectories
 from accpinn.segment.window import Segment
 from accpinn.units import FloatArray
 
@@ -66,14 +66,14 @@ def fit(segment: Segment, case: Case = "II", particles: int = PARTICLES, seed: i
     """The last mean of the cloud, its course, and its mean motion."""
     started = time.perf_counter()
     kept = kept_samples(segment)
-    followed = _run(Platoon.of(segment, case), kept, particles, seed)
+    followed = _run(Measurements.of(segment, case), kept, particles, seed)
     copies = segment.followers // followed.theta.shape[1]
     shape = (segment.samples, segment.followers)
-    path = course(segment.time[kept], followed.theta, followed.covariance, segment.followers)
+    path = track(segment.time[kept], followed.theta, followed.covariance, segment.followers)
     return Fit(
         method="particle",
         case=case,
-        parameters=parameters_of(np.repeat(followed.theta[-1], copies, axis=0)),
+        parameters=Parameters.from_theta(np.repeat(followed.theta[-1], copies, axis=0)),
         surrogate=Trajectories(
             segment.time,
             np.column_stack([segment.speeds[:, 0], followed.motion.speed.reshape(shape)]),
@@ -83,7 +83,7 @@ def fit(segment: Segment, case: Case = "II", particles: int = PARTICLES, seed: i
         seconds=time.perf_counter() - started,
         config={**settings(), "particles": particles, "seed": seed, "shrink": SHRINK},
         active_bounds=((),) * segment.followers,
-        course=path,
+        track=path,
         notes=doubts(segment, path),
     )
 
@@ -100,7 +100,7 @@ class _Followed:
     """(N, G, F) each, at every instant."""
 
 
-def _run(platoon: Platoon, kept: list[int], particles: int, seed: int) -> _Followed:
+def _run(platoon: Measurements, kept: list[int], particles: int, seed: int) -> _Followed:
     cloud = _Cloud(platoon, particles, seed)
     motion = State(platoon.gaps.copy(), platoon.speeds.copy())
     thetas, covariances = [], []
@@ -119,7 +119,7 @@ def _run(platoon: Platoon, kept: list[int], particles: int, seed: int) -> _Follo
 class _Cloud:
     """P particles for each of G laws, with F followers each."""
 
-    def __init__(self, platoon: Platoon, particles: int, seed: int) -> None:
+    def __init__(self, platoon: Measurements, particles: int, seed: int) -> None:
         laws, followers = platoon.gaps.shape[1:]
         self._random = np.random.default_rng(seed)
         self._step = platoon.step

@@ -30,13 +30,14 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.signal import lfilter
 
-from accpinn.methods.fit import Fit, Outcome, bound_notes, parameters_of
+from accpinn.methods.fit import Fit, Outcome, bound_notes
 from accpinn.methods.method import direct
-from accpinn.methods.online import course, kept_samples
+from accpinn.methods.online import kept_samples, track
 from accpinn.model.cthp import (
     LINEAR_NAMES,
     Case,
     LinearSolution,
+    Parameters,
     PlatoonSolution,
     regressors,
     solve_linear,
@@ -65,14 +66,14 @@ def fit(segment: Segment, case: Case = "II", memory: Seconds = MEMORY) -> Fit:
     return Fit(
         method="recursive",
         case=case,
-        parameters=parameters_of(solution.theta),
+        parameters=Parameters.from_theta(solution.theta),
         surrogate=None,
         outcome=Outcome.FILTERED,
         seconds=time.perf_counter() - started,
         config={"memory": memory},
-        unconstrained=parameters_of(solution.unconstrained),
+        unconstrained=Parameters.from_theta(solution.unconstrained),
         active_bounds=solution.active,
-        course=course(known.time, theta, _covariance(known, unconstrained), segment.followers),
+        track=track(known.time, theta, _covariance(known, unconstrained), segment.followers),
         notes=bound_notes(segment.vehicles, solution)
         + _notes(segment, theta[settled], solution.active),
     )

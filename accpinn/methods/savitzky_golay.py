@@ -18,9 +18,9 @@ from functools import partial
 
 from scipy.signal import savgol_filter
 
-from accpinn.methods.fit import Fit, Outcome, bound_notes, parameters_of
+from accpinn.methods.fit import Fit, Outcome, bound_notes
 from accpinn.methods.method import direct
-from accpinn.model.cthp import Case, Trajectories, regressors, solve_rows
+from accpinn.model.cthp import Case, Parameters, Trajectories, regressors, solve_rows
 from accpinn.segment.window import Segment
 from accpinn.units import Seconds
 
@@ -47,12 +47,12 @@ def fit(segment: Segment, case: Case = "II", window: Seconds = WINDOW) -> Fit:
     return Fit(
         method="savitzky-golay",
         case=case,
-        parameters=parameters_of(solution.theta),
+        parameters=Parameters.from_theta(solution.theta),
         surrogate=Trajectories(segment.time, speeds, gaps),
         outcome=Outcome.SOLVED,
         seconds=time.perf_counter() - started,
         config={"window": samples * segment.sample_time, "degree": degree},
-        unconstrained=parameters_of(solution.unconstrained),
+        unconstrained=Parameters.from_theta(solution.unconstrained),
         active_bounds=solution.active,
         notes=bound_notes(segment.vehicles, solution),
     )

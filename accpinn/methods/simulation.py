@@ -31,7 +31,7 @@ from scipy.optimize import least_squares as minimise
 from accpinn.errors import SegmentError
 from accpinn.methods import least_squares, splines
 from accpinn.methods.chain import Chain, chains
-from accpinn.methods.fit import Fit, Outcome, bound_notes, parameters_of
+from accpinn.methods.fit import Fit, Outcome, bound_notes
 from accpinn.methods.method import direct
 from accpinn.model.cthp import (
     LINEAR_NAMES,
@@ -80,10 +80,10 @@ def fit(segment: Segment, case: Case = "II") -> Fit:
     """
     started = time.perf_counter()
     guesses = [method.fit(segment, case).parameters for method in (least_squares, splines)]
-    guesses.append((TYPICAL,) * segment.followers)
+    guesses.append(Parameters.of([TYPICAL.values] * segment.followers))
     platoon = chains(segment, case)
     ends = [
-        _best(chain, _stretches(segment, index, chain), [laws[index].linear() for laws in guesses])
+        _best(chain, _stretches(segment, index, chain), [laws[index].theta for laws in guesses])
         for index, chain in enumerate(platoon)
     ]
     states = np.concatenate([end.states for end in ends], axis=1)
@@ -92,7 +92,7 @@ def fit(segment: Segment, case: Case = "II") -> Fit:
     return Fit(
         method="simulation",
         case=case,
-        parameters=parameters_of(solution.theta),
+        parameters=Parameters.from_theta(solution.theta),
         surrogate=Trajectories(
             segment.time, np.column_stack([segment.speeds[:, 0], states[:, 1::2]]), states[:, ::2]
         ),
@@ -100,7 +100,7 @@ def fit(segment: Segment, case: Case = "II") -> Fit:
         seconds=time.perf_counter() - started,
         config={"starts": len(guesses), "start_error": list(START_ERROR)},
         loss={"total": float((errors**2).sum() / (segment.samples * segment.followers))},
-        unconstrained=parameters_of(solution.unconstrained),
+        unconstrained=Parameters.from_theta(solution.unconstrained),
         active_bounds=solution.active,
         iterations=sum(end.rounds for end in ends),
         notes=(*bound_notes(segment.vehicles, solution), *_notes(segment, ends)),

@@ -24,9 +24,9 @@ from scipy.linalg import solveh_banded
 from scipy.sparse import csr_array, diags_array
 
 from accpinn.errors import SegmentError
-from accpinn.methods.fit import Fit, Outcome, bound_notes, parameters_of
+from accpinn.methods.fit import Fit, Outcome, bound_notes
 from accpinn.methods.method import direct
-from accpinn.model.cthp import Case, Trajectories, regressors, solve_rows
+from accpinn.model.cthp import Case, Parameters, Trajectories, regressors, solve_rows
 from accpinn.segment.window import Segment
 from accpinn.units import FloatArray, Seconds
 
@@ -65,13 +65,13 @@ def fit(segment: Segment, case: Case = "II", knots_every: Seconds = KNOTS_EVERY)
     return Fit(
         method="splines",
         case=case,
-        parameters=parameters_of(solution.theta),
+        parameters=Parameters.from_theta(solution.theta),
         surrogate=Trajectories(segment.time, speeds, gaps),
         outcome=Outcome.SOLVED if rounds < ROUNDS else Outcome.FINISHED,
         seconds=time.perf_counter() - started,
         config={"knots_every": knots_every, "degree": DEGREE},
         loss=basis.loss(segment, solution.theta),
-        unconstrained=parameters_of(solution.unconstrained),
+        unconstrained=Parameters.from_theta(solution.unconstrained),
         active_bounds=solution.active,
         iterations=rounds,
         notes=bound_notes(segment.vehicles, solution),

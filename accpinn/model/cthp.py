@@ -11,16 +11,16 @@ constraints are α ≥ 0, c ≥ 0, β ≥ 0 (Wilson and Ward 2011).
 Source: Apostolakis and Ampountolas, IEEE Transactions on Vehicular Technology, 2024, section III.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import combinations
-from typing import Literal, Self
+from typing import Any, Literal, Self
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from scipy.linalg import expm
 
-from accpinn.units import FloatArray, PerSecond, PerSecondSquared, Seconds, frozen
+from accpinn.units import FloatArray, Seconds, frozen
 
 Case = Literal["I", "II"]
 """Case I: one parameter set for the platoon. Case II: one per follower."""
@@ -33,26 +33,102 @@ BLOCK = 256
 """Rows of a product that are multiplied at once; see `in_blocks`."""
 
 
-@dataclass(frozen=True)
 class Parameters:
-    """The law's three parameters for one follower."""
+    """α, β and τ of one vehicle or of many: an immutable array (.., 3).
 
-    alpha: PerSecondSquared
-    """Gain on the spacing error p - τv."""
-    beta: PerSecond
-    """Gain on the relative speed Δv."""
-    tau: Seconds
-    """Desired time headway; nan where α = 0, as the data then say nothing about it."""
+    Attributes:
+        values: (.., 3) α [1/s²], β [1/s], τ [s]; τ is nan where α = 0, as it has no effect there.
+    """
+
+    __slots__ = ("values",)
+    values: FloatArray
+
+    def __init__(self, alpha: ArrayLike, beta: ArrayLike, tau: ArrayLike) -> None:
+        """Parameters of the given values.
+
+        Args:
+            alpha: gain on the spacing error p - τv in 1/s²; any shape.
+            beta: gain on the relative speed Δv in 1/s; broadcast against the others.
+            tau: desired time headway in s.
+        """
+        parts = np.broadcast_arrays(*(np.asarray(v, np.float64) for v in (alpha, beta, tau)))
+        object.__setattr__(self, "values", frozen(np.stack(parts, axis=-1)))
+
+    def __setattr__(self, name: str, value: object) -> None:
+        """Refuse: parameters never change."""
+        raise AttributeError(f"Parameters are immutable; make new ones instead of setting {name}.")
+
+    def __reduce__(self) -> tuple[object, ...]:
+        """Copy and pickle by value."""
+        return Parameters.of, (self.values,)
 
     @classmethod
-    def from_linear(cls, theta: FloatArray) -> Self:
-        """Parameters of θ = (α, ατ, β)."""
-        alpha, alpha_tau, beta = (float(value) for value in theta)
-        return cls(alpha, beta, alpha_tau / alpha if alpha else float("nan"))
+    def of(cls, values: ArrayLike) -> Self:
+        """Parameters from an array (.., 3) of α, β, τ."""
+        return cls(*np.moveaxis(np.asarray(values, np.float64), -1, 0))
 
-    def linear(self) -> FloatArray:
-        """θ = (α, ατ, β), shape (3,); ατ = 0 where α = 0."""
-        return np.array([self.alpha, self.alpha * self.tau if self.alpha else 0.0, self.beta])
+    @classmethod
+    def from_theta(cls, theta: ArrayLike) -> Self:
+        """Parameters from an array (.., 3) of θ = (α, ατ, β)."""
+        alpha, alpha_tau, beta = np.moveaxis(np.asarray(theta, np.float64), -1, 0)
+        undetermined = np.full_like(alpha, np.nan)
+        return cls(alpha, beta, np.divide(alpha_tau, alpha, out=undetermined, where=alpha != 0))
+
+    @classmethod
+    def stack(cls, parts: Iterable["Parameters"]) -> Self:
+        """Several vehicles' parameters (..) as one (K, ..)."""
+        return cls.of(np.array([part.values for part in parts]).reshape(-1, 3))
+
+    @property
+    def theta(self) -> FloatArray:
+        """(.., 3): θ = (α, ατ, β); ατ = 0 where α = 0."""
+        alpha, beta, tau = np.moveaxis(self.values, -1, 0)
+        return np.stack([alpha, np.where(alpha == 0, 0.0, alpha * tau), beta], axis=-1)
+
+    @property
+    def alpha(self) -> Any:
+        """(..) in 1/s²; a plain float for one vehicle."""
+        return _scalar(self.values[..., 0])
+
+    @property
+    def beta(self) -> Any:
+        """(..) in 1/s; a plain float for one vehicle."""
+        return _scalar(self.values[..., 1])
+
+    @property
+    def tau(self) -> Any:
+        """(..) in s; a plain float for one vehicle."""
+        return _scalar(self.values[..., 2])
+
+    def __len__(self) -> int:
+        """How many vehicles the first axis holds."""
+        return len(self.values) if self.values.ndim > 1 else 1
+
+    def __getitem__(self, index: Any) -> "Parameters":
+        """Those at an index, a slice or a list of indices of the first axis."""
+        return Parameters.of(self.values[index])
+
+    def __iter__(self) -> Iterator["Parameters"]:
+        """One vehicle after the other."""
+        return (Parameters.of(row) for row in self.values)
+
+    def __eq__(self, other: object) -> bool:
+        """Whether all values are the same; nan equals nan."""
+        return isinstance(other, Parameters) and np.array_equal(
+            self.values, other.values, equal_nan=True
+        )
+
+    def __hash__(self) -> int:
+        """By value."""
+        return hash((self.values.shape, self.values.tobytes()))
+
+    def __repr__(self) -> str:
+        """The values by name."""
+        return f"Parameters(alpha={self.alpha}, beta={self.beta}, tau={self.tau})"
+
+
+def _scalar(values: FloatArray) -> Any:
+    return float(values) if values.ndim == 0 else values
 
 
 def regressors(speeds: FloatArray, gaps: FloatArray) -> FloatArray:
@@ -174,7 +250,7 @@ class Trajectories:
 
 
 def simulate(
-    parameters: tuple[Parameters, ...],
+    parameters: Parameters,
     time: FloatArray,
     leader_speed: FloatArray,
     initial_speeds: FloatArray,
@@ -228,7 +304,7 @@ def respond(matrix: FloatArray, drive: FloatArray, step: Seconds, start: FloatAr
     return states
 
 
-def motion_matrix(parameters: tuple[Parameters, ...]) -> FloatArray:
+def motion_matrix(parameters: Parameters) -> FloatArray:
     """(2M, 2M+1): d/dt of (p_1, v_1, .., p_M, v_M) from that state and, last, the leader's speed.
 
     As it is linear, the same matrix moves deviations from an equilibrium.
@@ -236,8 +312,8 @@ def motion_matrix(parameters: tuple[Parameters, ...]) -> FloatArray:
     size = 2 * len(parameters)
     matrix = np.zeros((size, size + 1))
     ahead = size
-    for gap, law in zip(range(0, size, 2), parameters, strict=True):
-        alpha, alpha_tau, beta = law.linear()
+    for gap, theta in zip(range(0, size, 2), parameters.theta, strict=True):
+        alpha, alpha_tau, beta = theta
         speed = gap + 1
         matrix[gap, [ahead, speed]] = 1.0, -1.0
         matrix[speed, [gap, speed, ahead]] = alpha, -alpha_tau - beta, beta

@@ -8,16 +8,16 @@ from dataclasses import dataclass
 
 from accpinn.errors import ParameterError
 from accpinn.model.cthp import Parameters
-from accpinn.recordings.synthetic import STUDIES
+from accpinn.recordings.synthetic import SCENARIOS
 
 
 @dataclass(frozen=True)
-class LawSet:
+class ParameterSet:
     """The laws of some followers, in driving order, under their names."""
 
     title: str
     labels: tuple[str, ...]
-    parameters: tuple[Parameters, ...]
+    parameters: Parameters
     numbers: tuple[int, ...]
     """Each follower's number in its recording, which gives it its colour."""
     leader: int = 1
@@ -49,35 +49,35 @@ class LawSet:
         )
 
 
-def law_set(title: str, labels: Sequence[str], parameters: Sequence[Parameters]) -> LawSet:
+def parameter_set(title: str, labels: Sequence[str], parameters: Parameters) -> ParameterSet:
     """Followers numbered 2, 3, .. behind a leader.
 
     Raises:
         ParameterError: when there is none, or names and parameters do not match.
     """
-    if not parameters or len(labels) != len(parameters):
+    if not len(parameters) or len(labels) != len(parameters):
         raise ParameterError(
             f"{title}: {len(labels)} names and {len(parameters)} sets of parameters; give at least"
             " one vehicle, and each of them a name and α, β, τ."
         )
     numbers = tuple(range(2, len(parameters) + 2))
-    return LawSet(title, tuple(labels), tuple(parameters), numbers)
+    return ParameterSet(title, tuple(labels), parameters, numbers)
 
 
-_SYNTHETIC = {study.name: study.parameters for study in STUDIES}
+_SYNTHETIC = {study.name: study.parameters for study in SCENARIOS}
 
-ASTAZERO = law_set(
+ASTAZERO = parameter_set(
     "AstaZero (paper, Table III)",
     ("Audi A6", "BMW X5", "Mercedes A-Class", "Tesla Model 3"),
     _SYNTHETIC["synthetic_astazero_like"],
 )
-VICOLUNGO = law_set(
+VICOLUNGO = parameter_set(
     "Ispra-Vicolungo (paper, Table III)",
     ("Ford S-Max", "Peugeot 5008", "Kia Niro"),
     _SYNTHETIC["synthetic_vicolungo_like"],
 )
-CASALE = law_set(
-    "Ispra-Casale #1 (paper, Table I)", ("Hyundai",), (Parameters(0.0104, 0.0718, 1.52),)
+CASALE = parameter_set(
+    "Ispra-Casale #1 (paper, Table I)", ("Hyundai",), Parameters([0.0104], [0.0718], [1.52])
 )
 
 PUBLISHED = (ASTAZERO, VICOLUNGO, CASALE)

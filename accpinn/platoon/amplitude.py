@@ -46,9 +46,7 @@ class Amplitudes:
     """Whether all transients were over before that."""
 
 
-def amplitudes(
-    parameters: tuple[Parameters, ...], leader: Sinusoid, run: Trajectories
-) -> Amplitudes:
+def amplitudes(parameters: Parameters, leader: Sinusoid, run: Trajectories) -> Amplitudes:
     """Measured and predicted, with the time until they can agree."""
     single = response(parameters, np.array([leader.frequency]))[:, 0]
     settled = _settled(parameters, leader, single)
@@ -78,7 +76,7 @@ def _measured(leader: Sinusoid, run: Trajectories, periods: int) -> FloatArray:
     return np.asarray(np.hypot(fitted[1], fitted[2]))
 
 
-def _settled(parameters: tuple[Parameters, ...], leader: Sinusoid, single: Phasors) -> FloatArray:
+def _settled(parameters: Parameters, leader: Sinusoid, single: Phasors) -> FloatArray:
     """(M+1,) seconds until each speed's transient is, and stays, below `SETTLED`."""
     endless = [law.alpha > 0 and not slowest_rate(law) for law in parameters]
     count = endless.index(True) if any(endless) else len(parameters)

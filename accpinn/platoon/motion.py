@@ -21,9 +21,7 @@ SLACK = 1e-9
 """Seconds within which an instant belongs to the piece that starts there."""
 
 
-def deviations(
-    parameters: tuple[Parameters, ...], phases: tuple[Phase, ...], time: FloatArray
-) -> FloatArray:
+def deviations(parameters: Parameters, phases: tuple[Phase, ...], time: FloatArray) -> FloatArray:
     """How far the platoon is from its equilibrium.
 
     Args:
@@ -56,7 +54,7 @@ def deviations(
     return result
 
 
-def _generator(parameters: tuple[Parameters, ...], frequency: float) -> FloatArray:
+def _generator(parameters: Parameters, frequency: float) -> FloatArray:
     """(2M+4, 2M+4): G."""
     size = 2 * len(parameters)
     level, slope, sine, cosine = range(size, size + 4)

@@ -4,7 +4,6 @@ The law is linear: it knows no limit of acceleration, no standstill and no colli
 where it left what cars can do, and goes on.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from math import isinf
 
@@ -46,7 +45,7 @@ class Collision:
 class PlatoonRun:
     """A simulated drive of M followers behind a leader."""
 
-    parameters: tuple[Parameters, ...]
+    parameters: Parameters
     leader: Leader
     trajectories: Trajectories
     minimum_gap: FloatArray
@@ -68,8 +67,8 @@ class PlatoonRun:
         return _until(self.trajectories.time, self.collisions)
 
 
-def simulate(
-    parameters: Sequence[Parameters], leader: Leader, sample_time: Seconds | None = None
+def simulate_platoon(
+    parameters: Parameters, leader: Leader, sample_time: Seconds | None = None
 ) -> PlatoonRun:
     """The platoon behind the leader, started in equilibrium; exact at every sample.
 
@@ -102,9 +101,9 @@ def simulate(
     )
 
 
-def _with_equilibrium(parameters: Sequence[Parameters]) -> tuple[Parameters, ...]:
+def _with_equilibrium(parameters: Parameters) -> Parameters:
     """Checked, with the τ that says where each gap starts, also where α = 0."""
-    laws = []
+    laws: list[Parameters] = []
     for number, (law, clean) in enumerate(zip(parameters, checked(parameters), strict=True), 1):
         if not (np.isfinite(law.tau) and law.tau >= 0):
             raise ParameterError(
@@ -117,7 +116,7 @@ def _with_equilibrium(parameters: Sequence[Parameters]) -> tuple[Parameters, ...
                 " simulated; give α in 1/s², β in 1/s and τ in s."
             )
         laws.append(Parameters(clean.alpha, clean.beta, law.tau))
-    return tuple(laws)
+    return Parameters.stack(laws)
 
 
 def _instants(leader: Planned, sample_time: Seconds | None) -> FloatArray:
@@ -139,22 +138,20 @@ def _instants(leader: Planned, sample_time: Seconds | None) -> FloatArray:
     return np.asarray(np.arange(int(count + 1e-9) + 1) * step)
 
 
-def _behind_planned(
-    laws: tuple[Parameters, ...], leader: Planned, time: FloatArray
-) -> Trajectories:
+def _behind_planned(laws: Parameters, leader: Planned, time: FloatArray) -> Trajectories:
     moved = deviations(laws, leader.phases(), time)
     speeds = np.column_stack([moved[:, -1], moved[:, 1:-1:2]])
     return _about(laws, leader.speed, Trajectories(time, speeds, moved[:, 0:-1:2]))
 
 
-def _behind_recorded(laws: tuple[Parameters, ...], leader: Recorded) -> Trajectories:
+def _behind_recorded(laws: Parameters, leader: Recorded) -> Trajectories:
     still = np.zeros(len(laws))
     time = leader.time - leader.time[0]
     moved = cthp.simulate(laws, time, leader.speeds - leader.speed, still, still)
     return _about(laws, leader.speed, moved)
 
 
-def _about(laws: tuple[Parameters, ...], speed: float, moved: Trajectories) -> Trajectories:
+def _about(laws: Parameters, speed: float, moved: Trajectories) -> Trajectories:
     """Deviations from the equilibrium, added to it."""
     gaps = speed * np.array([law.tau for law in laws])
     return Trajectories(frozen(moved.time), frozen(moved.speeds + speed), frozen(moved.gaps + gaps))

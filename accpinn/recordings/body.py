@@ -12,7 +12,7 @@ from accpinn.channels import DRIVER, GAP, MODE_NAMES, SPEED, TIME
 from accpinn.errors import RecordingError
 from accpinn.recordings.header import Header
 from accpinn.recordings.recording import Mode
-from accpinn.recordings.source import Intake, excerpt, refusal
+from accpinn.recordings.source import SourceFile, excerpt, refusal
 from accpinn.units import FloatArray, Metres, MetresPerSecond, Seconds
 
 MINIMUM_SAMPLES = 10
@@ -77,10 +77,10 @@ class _Table:
         return refusal(self.name, fault, cure, place)
 
 
-def read_body(intake: Intake, header: Header) -> Body:
+def read_body(source_file: SourceFile, header: Header) -> Body:
     """The samples, or the sentence which cell is wrong."""
-    text = intake.text[header.size :]
-    table = _Table(intake.name, text.rstrip(), header)
+    text = source_file.text[header.size :]
+    table = _Table(source_file.name, text.rstrip(), header)
     is_complete = text.endswith((b"\n", b"\r"))
     rows = _count_rows(table, is_complete)
     frame = _parse(table)

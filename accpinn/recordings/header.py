@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from datetime import date
 
 from accpinn.channels import DRIVER, GAP, MAX_VEHICLES, METADATA, SPEED, TIME
-from accpinn.recordings.source import Intake, excerpt, refusal
+from accpinn.recordings.source import SourceFile, excerpt, refusal
 
 LONGEST_NAME = 80
 """Characters of a vehicle's name that are kept; the longest of the database has 22."""
@@ -66,22 +66,24 @@ class _Row:
     """Offset of the byte behind the row."""
 
 
-def read_header(intake: Intake) -> Header:
+def read_header(source_file: SourceFile) -> Header:
     """Metadata and columns of a file, or the sentence why it is no OpenACC run."""
     metadata: dict[str, tuple[str, ...]] = {}
     keys = {key.lower(): key for key in METADATA}
-    for row in _rows(intake.text):
+    for row in _rows(source_file.text):
         first = row.cells[0].lower()
         if first == TIME.column.lower():
-            return _assemble(intake.name, metadata, row)
+            return _assemble(source_file.name, metadata, row)
         if first not in keys:
-            raise _unexpected(intake, row)
+            raise _unexpected(source_file, row)
         if keys[first] in metadata:
             fault = f'"{keys[first]}" is given a second time'
-            raise refusal(intake.name, fault, "delete one of the two rows", f"row {row.number}")
+            raise refusal(
+                source_file.name, fault, "delete one of the two rows", f"row {row.number}"
+            )
         metadata[keys[first]] = row.cells[1:]
     fault = f'no row of column names that starts with "{TIME.column}" is found'
-    raise refusal(intake.name, fault, _CHOOSE_RUN)
+    raise refusal(source_file.name, fault, _CHOOSE_RUN)
 
 
 def _rows(text: bytes) -> Iterator[_Row]:
@@ -98,15 +100,17 @@ def _rows(text: bytes) -> Iterator[_Row]:
             yield _Row(number, cells, end)
 
 
-def _unexpected(intake: Intake, row: _Row) -> Exception:
-    if _TABLE_NAMES.search(intake.name):
-        return refusal(intake.name, "this table accompanies the runs and is none", _CHOOSE_RUN)
+def _unexpected(source_file: SourceFile, row: _Row) -> Exception:
+    if _TABLE_NAMES.search(source_file.name):
+        return refusal(source_file.name, "this table accompanies the runs and is none", _CHOOSE_RUN)
     if ";" in row.cells[0]:
         cure = "save it with commas between cells and points in numbers"
-        return refusal(intake.name, "cells are separated by semicolons", cure, f"row {row.number}")
+        return refusal(
+            source_file.name, "cells are separated by semicolons", cure, f"row {row.number}"
+        )
     expected = ", ".join((*METADATA[:-1], f"{METADATA[-1]} or {TIME.column}"))
     fault = f'the row starts with "{excerpt(row.cells[0])}" where {expected} is expected'
-    return refusal(intake.name, fault, _CHOOSE_RUN, f"row {row.number}")
+    return refusal(source_file.name, fault, _CHOOSE_RUN, f"row {row.number}")
 
 
 def _assemble(name: str, metadata: dict[str, tuple[str, ...]], row: _Row) -> Header:

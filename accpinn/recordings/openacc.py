@@ -11,7 +11,7 @@ from accpinn.recordings.campaigns import campaign_of
 from accpinn.recordings.checks import findings
 from accpinn.recordings.header import Header, read_header
 from accpinn.recordings.recording import Mode, Recording, Vehicle
-from accpinn.recordings.source import LIMIT_BYTES, Source, refusal, take
+from accpinn.recordings.source import LIMIT_BYTES, Source, read_bytes, refusal
 from accpinn.units import FloatArray
 
 
@@ -26,18 +26,18 @@ def read(source: Source, name: str | None = None, limit_bytes: int = LIMIT_BYTES
     Raises:
         RecordingError: one sentence of file, place, fault and cure.
     """
-    intake = take(source, name, limit_bytes)
-    header = read_header(intake)
-    body = read_body(intake, header)
+    source_file = read_bytes(source, name, limit_bytes)
+    header = read_header(source_file)
+    body = read_body(source_file, header)
     speed, gap = _by_vehicle(header, body)
     if np.isnan(speed).all() or np.isnan(gap).all():
         kind = "speed" if np.isnan(speed).all() else "space-gap"
-        raise refusal(intake.name, f"all {kind} columns are empty", "choose another recording")
+        raise refusal(source_file.name, f"all {kind} columns are empty", "choose another recording")
     mode = _modes(body, speed.shape[1])
     recording = Recording(
-        source=intake.name,
-        sha256=hashlib.sha256(intake.raw).hexdigest(),
-        campaign=campaign_of(intake.name, intake.folder, header.date),
+        source=source_file.name,
+        sha256=hashlib.sha256(source_file.raw).hexdigest(),
+        campaign=campaign_of(source_file.name, source_file.folder, header.date),
         date=header.date,
         acc_flag=header.acc_flag,
         distance_setting=header.distance_setting,

@@ -28,7 +28,7 @@ _BOM = b"\xef\xbb\xbf"
 
 
 @dataclass(frozen=True)
-class Intake:
+class SourceFile:
     """The bytes of a file and where they came from."""
 
     name: str
@@ -54,21 +54,21 @@ def excerpt(text: str, length: int = 30) -> str:
     return line if len(line) <= length else line[: length - 1] + "…"
 
 
-def take(source: Source, name: str | None, limit_bytes: int) -> Intake:
+def read_bytes(source: Source, name: str | None, limit_bytes: int) -> SourceFile:
     """The file's bytes, known to be text of a bearable size."""
     if isinstance(source, bytes | bytearray | memoryview):
-        intake = Intake(excerpt(name or "upload", _NAME_LENGTH), None, bytes(source))
+        source_file = SourceFile(excerpt(name or "upload", _NAME_LENGTH), None, bytes(source))
     else:
         if not os.fspath(source):
             raise RecordingError("No file is named; name an OpenACC CSV file.")
-        intake = _load(Path(source), name, limit_bytes)
-    if len(intake.raw) > limit_bytes:
-        raise _too_large(intake.name, len(intake.raw), limit_bytes)
-    _require_text(intake)
-    return intake
+        source_file = _load(Path(source), name, limit_bytes)
+    if len(source_file.raw) > limit_bytes:
+        raise _too_large(source_file.name, len(source_file.raw), limit_bytes)
+    _require_text(source_file)
+    return source_file
 
 
-def _load(path: Path, name: str | None, limit_bytes: int) -> Intake:
+def _load(path: Path, name: str | None, limit_bytes: int) -> SourceFile:
     shown = excerpt(name or path.name or str(path), _NAME_LENGTH)
     try:
         if path.is_dir():
@@ -79,7 +79,7 @@ def _load(path: Path, name: str | None, limit_bytes: int) -> Intake:
             raise refusal(shown, "this is not an ordinary file", "choose an OpenACC CSV file")
         if path.stat().st_size > limit_bytes:
             raise _too_large(shown, path.stat().st_size, limit_bytes)
-        return Intake(shown, path.resolve().parent.name, path.read_bytes())
+        return SourceFile(shown, path.resolve().parent.name, path.read_bytes())
     except (OSError, ValueError) as error:
         reason = (getattr(error, "strerror", None) or "no valid path").lower()
         raise refusal(
@@ -92,26 +92,26 @@ def _too_large(name: str, size: int, limit: int) -> RecordingError:
     return refusal(name, fault, "split it, or choose a single run")
 
 
-def _require_text(intake: Intake) -> None:
-    text = intake.text
+def _require_text(source_file: SourceFile) -> None:
+    text = source_file.text
     if not text.strip():
-        raise refusal(intake.name, "the file is empty", "download or export it again")
+        raise refusal(source_file.name, "the file is empty", "download or export it again")
     for signature, kind, cure in _SIGNATURES:
         if text.startswith(signature):
-            raise refusal(intake.name, f"this is {kind}, not a CSV file", cure)
+            raise refusal(source_file.name, f"this is {kind}, not a CSV file", cure)
     if text[:200].lstrip().startswith(b"<"):
         cure = "download the CSV file itself"
-        raise refusal(intake.name, "this is a web page or XML, not a CSV file", cure)
+        raise refusal(source_file.name, "this is a web page or XML, not a CSV file", cure)
     if b"\0" in text[:1000]:
-        raise refusal(intake.name, "this is binary data", "choose an OpenACC CSV file")
+        raise refusal(source_file.name, "this is binary data", "choose an OpenACC CSV file")
     if b"\0" in text:
         fault = "NUL bytes instead of text, as after a broken download"
         place = _row_of(text, text.index(b"\0"))
-        raise refusal(intake.name, fault, "download the file again", place)
+        raise refusal(source_file.name, fault, "download the file again", place)
     if len(text.translate(None, _CONTROL)) != len(text):
         place = _row_of(text, next(i for i, code in enumerate(text) if code in _CONTROL))
         fault = "control characters, as in binary data"
-        raise refusal(intake.name, fault, "download the file again", place)
+        raise refusal(source_file.name, fault, "download the file again", place)
 
 
 def _row_of(text: bytes, position: int) -> str:

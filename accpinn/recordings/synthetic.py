@@ -79,7 +79,7 @@ class Driving:
 
 
 @dataclass(frozen=True)
-class Study:
+class Scenario:
     """One synthetic recording: everything that determines its bytes."""
 
     name: str
@@ -87,7 +87,7 @@ class Study:
     description: str
     vehicles: tuple[str, ...]
     """Leader first."""
-    parameters: tuple[Parameters, ...]
+    parameters: Parameters
     """One entry a follower."""
     driving: Driving
     noise: Noise | None
@@ -104,7 +104,7 @@ class Truth:
     """What a synthetic recording was made from."""
 
     description: str
-    parameters: tuple[Parameters, ...]
+    parameters: Parameters
     """One entry a follower, in the file's order."""
     noise: Noise | None
     seed: int
@@ -113,14 +113,23 @@ class Truth:
 
     def to_json(self) -> dict[str, Any]:
         """As the truth file holds it."""
-        return {"synthetic": True, **asdict(self)}
+        names = ("alpha", "beta", "tau")
+        rows = [dict(zip(names, row, strict=True)) for row in self.parameters.values.tolist()]
+        return {
+            "synthetic": True,
+            "description": self.description,
+            "parameters": rows,
+            "noise": asdict(self.noise) if self.noise else None,
+            "seed": self.seed,
+            "generator": self.generator,
+        }
 
     @classmethod
     def from_json(cls, data: dict[str, Any]) -> Self:
         """The inverse of `to_json`."""
         return cls(
             description=str(data["description"]),
-            parameters=tuple(Parameters(**entry) for entry in data["parameters"]),
+            parameters=Parameters.stack(Parameters(**entry) for entry in data["parameters"]),
             noise=Noise(**data["noise"]) if data["noise"] else None,
             seed=int(data["seed"]),
             generator=int(data["generator"]),
@@ -151,14 +160,14 @@ _MOTORWAY = Driving(28.0, 20.0, 34.0, (8.0, 25.0), (0.4, 1.2), 0.15)
 _CASALE = Driving(21.2, 18.0, 32.0, (8.0, 25.0), (0.4, 1.2), 0.15)
 _TRACK = Driving(22.0, 17.0, 27.0, (15.0, 35.0), (0.5, 1.1), 0.03)
 
-_PAPER_STUDY = Study(
+_PAPER_STUDY = Scenario(
     name="synthetic_paper_study",
     description=(
         "The paper's synthetic study (section V.C): one follower that starts far too close, and"
         " a leader of our own making in place of the recorded one. With a receiver's noise."
     ),
     vehicles=("Synthetic(leader)", "Synthetic(ACC)"),
-    parameters=(Parameters(0.08, 0.12, 1.5),),
+    parameters=Parameters([0.08], [0.12], [1.5]),
     driving=_CASALE,
     noise=Noise(),
     seed=1,
@@ -173,7 +182,7 @@ _NOISE_FREE = replace(
     noise=None,
 )
 
-_ASTAZERO = Study(
+_ASTAZERO = Scenario(
     name="synthetic_astazero_like",
     description=(
         "Four followers with the paper's Case II parameters of the AstaZero platoon (Table III);"
@@ -187,18 +196,20 @@ _ASTAZERO = Study(
         "Mercedes(AClass-like)",
         "Tesla(Model3-like)",
     ),
-    parameters=(
-        Parameters(0.0612, 0.1200, 1.19),
-        Parameters(0.1000, 0.1470, 1.17),
-        Parameters(0.0766, 0.2220, 1.16),
-        Parameters(0.0409, 0.4450, 1.16),
+    parameters=Parameters.of(
+        [
+            [0.0612, 0.1200, 1.19],
+            [0.1000, 0.1470, 1.17],
+            [0.0766, 0.2220, 1.16],
+            [0.0409, 0.4450, 1.16],
+        ]
     ),
     driving=_TRACK,
     noise=Noise(),
     seed=19,
 )
 
-_VICOLUNGO = Study(
+_VICOLUNGO = Scenario(
     name="synthetic_vicolungo_like",
     description=(
         "Three followers with the paper's Case II parameters of the Ispra-Vicolungo platoon"
@@ -210,17 +221,19 @@ _VICOLUNGO = Study(
         "Peugeot(5008-like)",
         "KIA(Niro-like)",
     ),
-    parameters=(
-        Parameters(0.0766, 0.1660, 1.01),
-        Parameters(0.1760, 0.3921, 1.00),
-        Parameters(0.0705, 0.1930, 1.13),
+    parameters=Parameters.of(
+        [
+            [0.0766, 0.1660, 1.01],
+            [0.1760, 0.3921, 1.00],
+            [0.0705, 0.1930, 1.13],
+        ]
     ),
     driving=_MOTORWAY,
     noise=Noise(),
     seed=2,
 )
 
-STUDIES = (_PAPER_STUDY, _NOISE_FREE, _ASTAZERO, _VICOLUNGO)
+SCENARIOS = (_PAPER_STUDY, _NOISE_FREE, _ASTAZERO, _VICOLUNGO)
 """Every recording of `sample_data`."""
 
 
@@ -245,7 +258,7 @@ def leader_speed(driving: Driving, time: FloatArray, rng: np.random.Generator) -
     return speed
 
 
-def drive(study: Study) -> Trajectories:
+def drive(study: Scenario) -> Trajectories:
     """What truly happened, every `SIMULATION_STEP`."""
     time = np.linspace(0, study.duration, round(study.duration / SIMULATION_STEP) + 1)
     ahead = leader_speed(study.driving, time, np.random.default_rng(study.seed))
@@ -254,7 +267,7 @@ def drive(study: Study) -> Trajectories:
         gaps = np.full(len(study.parameters), gap)
     else:
         speed = float(ahead[0])
-        gaps = np.array([law.tau * speed for law in study.parameters])
+        gaps = study.parameters.tau * speed
     return simulate(study.parameters, time, ahead, np.full(len(gaps), speed), gaps)
 
 
@@ -284,7 +297,7 @@ def _drift(noise: Noise, shape: tuple[int, ...], rng: np.random.Generator) -> Fl
     return drift
 
 
-def to_csv(study: Study, recorded: Trajectories) -> bytes:
+def to_csv(study: Scenario, recorded: Trajectories) -> bytes:
     """The recording as an OpenACC file, byte for byte: CRLF, SI units, tenths of a millimetre."""
     count = len(study.vehicles)
     values = ((*map(str, DATE),), study.vehicles, (str(count),), ("1",), ("min",))
@@ -304,7 +317,7 @@ def to_csv(study: Study, recorded: Trajectories) -> bytes:
     return ("\r\n".join(lines) + "\r\n").encode()
 
 
-def write(study: Study, folder: Path) -> Path:
+def write(study: Scenario, folder: Path) -> Path:
     """Write a study's recording and truth file; returns the recording's path."""
     path = folder / f"{study.name}.csv"
     recorded = record(drive(study), study.noise, study.seed)
@@ -322,7 +335,7 @@ def main(arguments: list[str]) -> int:
         return 2
     folder = Path(arguments[0])
     folder.mkdir(parents=True, exist_ok=True)
-    for study in STUDIES:
+    for study in SCENARIOS:
         path = write(study, folder)
         print(f"{path.name}: {path.stat().st_size / 1000:.0f} kB. {study.description}")
     return 0

@@ -46,7 +46,7 @@ class Described(Protocol):
         """What was done to the data."""
 
     @property
-    def left_out_regimes(self) -> tuple[str, ...]:
+    def excluded_regimes(self) -> tuple[str, ...]:
         """Names of the regimes left out of the law's equations."""
 
     @property
@@ -59,7 +59,7 @@ class Described(Protocol):
 
 
 @dataclass(frozen=True)
-class Outline:
+class SegmentInfo:
     """A segment's window, vehicles and origin."""
 
     vehicles: tuple[int, ...]
@@ -86,7 +86,7 @@ class Outline:
     """(M,) share of each follower's instants left out, 0 to 1; empty where all count."""
 
     @property
-    def left_out_regimes(self) -> tuple[str, ...]:
+    def excluded_regimes(self) -> tuple[str, ...]:
         """The same names, as a `Segment` calls them."""
         return self.left_out
 

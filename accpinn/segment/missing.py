@@ -44,7 +44,7 @@ class Window:
 
 
 @dataclass(frozen=True, eq=False)
-class Platoon:
+class VehicleChannels:
     """The channels of consecutive vehicles over a whole recording, short blocks bridged."""
 
     recording: Recording
@@ -74,7 +74,9 @@ class Platoon:
         return notes
 
 
-def platoon_data(recording: Recording, vehicles: tuple[int, ...], bridge: Seconds) -> Platoon:
+def platoon_data(
+    recording: Recording, vehicles: tuple[int, ...], bridge: Seconds
+) -> VehicleChannels:
     """Speeds and gaps of the vehicles, blocks of up to ``bridge`` seconds filled linearly."""
     if not (math.isfinite(bridge) and bridge >= 0):
         raise SegmentError(f"The limit for bridging cannot be {bridge:g} s; give 0 s or more.")
@@ -92,7 +94,7 @@ def platoon_data(recording: Recording, vehicles: tuple[int, ...], bridge: Second
                     recording.time[inside], recording.time[ends], series[ends]
                 )
                 bridged.append((column, block))
-    return Platoon(recording, vehicles, tuple(columns), values, tuple(bridged), bridge)
+    return VehicleChannels(recording, vehicles, tuple(columns), values, tuple(bridged), bridge)
 
 
 def complete_windows(
@@ -106,7 +108,7 @@ def complete_windows(
     return _complete(platoon, minimum)
 
 
-def refuse_missing(platoon: Platoon, rows: Run) -> None:
+def refuse_missing(platoon: VehicleChannels, rows: Run) -> None:
     """Raise if samples among ``rows`` are missing, and name the nearest complete windows."""
     absent = np.isnan(platoon.values[rows.first : rows.last + 1])
     if not absent.any():
@@ -135,7 +137,7 @@ def interval(recording: Recording, rows: Run) -> Window:
     return Window(first, last)
 
 
-def _complete(platoon: Platoon, minimum: Seconds) -> tuple[Window, ...]:
+def _complete(platoon: VehicleChannels, minimum: Seconds) -> tuple[Window, ...]:
     complete = runs(np.isfinite(platoon.values).all(axis=1))
     windows = (interval(platoon.recording, run) for run in complete)
     return tuple(window for window in windows if window.duration >= minimum - _SLACK)
@@ -148,7 +150,7 @@ def _is_bridgeable(recording: Recording, block: Run, bridge: Seconds) -> bool:
     return enclosed and length <= bridge + _SLACK
 
 
-def _why(platoon: Platoon, block: Run) -> str:
+def _why(platoon: VehicleChannels, block: Run) -> str:
     if block.first == 0:
         return "where no earlier sample helps"
     if block.last == platoon.recording.samples - 1:

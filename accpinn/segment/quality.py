@@ -58,7 +58,7 @@ def time_gaps(segment: Segment) -> FloatArray:
     return gaps
 
 
-def assess(segment: Segment) -> Quality:
+def assess_quality(segment: Segment) -> Quality:
     """Mean time gap, excitation, conditioning and share of car-following, with warnings."""
     gaps = time_gaps(segment)
     speeds = segment.speeds

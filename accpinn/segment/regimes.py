@@ -29,7 +29,7 @@ from accpinn.units import Seconds, frozen
 FOLLOWING, CATCHING_UP, MANUAL, STANDSTILL = range(4)
 REGIMES = ("car-following", "catching up", "manual", "standstill")
 """Names by code."""
-LEFT_OUT_AT_WILL = REGIMES[CATCHING_UP:]
+EXCLUDABLE = REGIMES[CATCHING_UP:]
 """Those that can be left out; the law is learned from the first."""
 LEAST_LEFT: Seconds = MINIMUM_DURATION
 """Instants of so much time must be left of each follower: less says too little, as for windows."""
@@ -58,7 +58,7 @@ class Regimes:
         )
 
 
-def label(segment: Segment, recording: Recording | None = None) -> Regimes:
+def label_regimes(segment: Segment, recording: Recording | None = None) -> Regimes:
     """The regime of each follower at each instant.
 
     Args:
@@ -83,11 +83,11 @@ def parse_regimes(names: str | Sequence[str]) -> tuple[str, ...]:
     Raises:
         SegmentError: for a name that is not known.
     """
-    known = {spelt: name for name in LEFT_OUT_AT_WILL for spelt in (name, as_typed(name))}
+    known = {spelt: name for name in EXCLUDABLE for spelt in (name, as_typed(name))}
     chosen = [part.strip() for part in (names.split(",") if isinstance(names, str) else names)]
     for part in chosen:
         if part not in known:
-            listed = ", ".join(map(as_typed, LEFT_OUT_AT_WILL))
+            listed = ", ".join(map(as_typed, EXCLUDABLE))
             raise SegmentError(f'"{part[:40]}" cannot be left out; choose from {listed}.')
     return tuple(known[part] for part in chosen)
 
@@ -97,18 +97,16 @@ def as_typed(name: str) -> str:
     return name.replace(" ", "-")
 
 
-def leave_out(segment: Segment, regimes: Regimes, names: Sequence[str]) -> Segment:
+def exclude_regimes(segment: Segment, regimes: Regimes, names: Sequence[str]) -> Segment:
     """The segment with the instants of the named regimes left out of the law's equations.
 
     Raises:
         SegmentError: when a name is not known, or too little is left of a follower.
     """
-    chosen = tuple(name for name in LEFT_OUT_AT_WILL if name in names)
+    chosen = tuple(name for name in EXCLUDABLE if name in names)
     for name in names:
-        if name not in LEFT_OUT_AT_WILL:
-            raise SegmentError(
-                f'"{name}" cannot be left out; choose from {", ".join(LEFT_OUT_AT_WILL)}.'
-            )
+        if name not in EXCLUDABLE:
+            raise SegmentError(f'"{name}" cannot be left out; choose from {", ".join(EXCLUDABLE)}.')
     if not chosen:
         return segment
     mask = np.isin(regimes.codes, [regimes.names.index(name) for name in chosen])
@@ -121,7 +119,7 @@ def leave_out(segment: Segment, regimes: Regimes, names: Sequence[str]) -> Segme
     return replace(
         segment,
         left_out=mask,
-        left_out_regimes=tuple(dict.fromkeys((*segment.left_out_regimes, *chosen))),
+        excluded_regimes=tuple(dict.fromkeys((*segment.excluded_regimes, *chosen))),
         notes=(*segment.notes, _sentence(segment, mask, chosen)),
     )
 

@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 from accpinn.errors import SegmentError
 from accpinn.mask import Run
 from accpinn.recordings.recording import Recording
-from accpinn.segment.info import Outline, labels
+from accpinn.segment.info import SegmentInfo, labels
 from accpinn.segment.missing import (
     BRIDGE,
     MINIMUM_DURATION,
-    Platoon,
+    VehicleChannels,
     Window,
     platoon_data,
     refuse_missing,
@@ -53,7 +53,7 @@ class Segment:
     """What was done to the data (resampled, bridged, left out), in plain sentences."""
     left_out: NDArray[np.bool_] | None = None
     """(N, M) where a follower's equation dv/dt = .. does not count; None where all count."""
-    left_out_regimes: tuple[str, ...] = ()
+    excluded_regimes: tuple[str, ...] = ()
     """What was left out, by name (see `segment.regimes`)."""
 
     def __post_init__(self) -> None:
@@ -122,9 +122,9 @@ class Segment:
             content.update(b"left out" + np.ascontiguousarray(self.left_out).tobytes())
         return content.hexdigest()
 
-    def outline(self) -> Outline:
+    def info(self) -> SegmentInfo:
         """All but the data."""
-        return Outline(
+        return SegmentInfo(
             vehicles=self.vehicles,
             names=self.names,
             start=self.start,
@@ -135,7 +135,7 @@ class Segment:
             sha256=self.sha256,
             notes=self.notes,
             digest=self.digest(),
-            left_out=self.left_out_regimes,
+            left_out=self.excluded_regimes,
             left_out_share=self.left_out_share,
         )
 
@@ -226,7 +226,7 @@ def _source_rows(recording: Recording, window: Window) -> Run:
 
 
 def _on_grid(
-    platoon: Platoon, source: Run, window: Window, notes: list[str]
+    platoon: VehicleChannels, source: Run, window: Window, notes: list[str]
 ) -> tuple[FloatArray, FloatArray]:
     """Even instants from 0 (N,) and the values there (N, 2M+1)."""
     recording = platoon.recording

@@ -6,7 +6,6 @@ steps, and each turning point is located by the cubic through its neighbours. Th
 estimated by leaving out every second state.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -15,10 +14,10 @@ from scipy.linalg import expm
 from scipy.special import gammainccinv
 
 from accpinn.model.cthp import Parameters, in_blocks, motion_matrix, orbit
-from accpinn.stability.criteria import Laws, checked
+from accpinn.stability.criteria import checked
 from accpinn.stability.frequency import poles, slowest_rate
 from accpinn.stability.head_to_tail import limits
-from accpinn.stability.impulse import swings
+from accpinn.stability.impulse import step_metrics
 from accpinn.units import FloatArray, Seconds, frozen
 
 SAMPLES = 4096
@@ -47,10 +46,10 @@ class Gains:
     """(M,): estimated error; how much the sum changes when every second state is left out."""
 
 
-def head_to_tail_gains(parameters: Sequence[Parameters]) -> Gains:
+def head_to_tail_gains(parameters: Parameters) -> Gains:
     """The exact L∞ gain from the leader to each follower."""
     parameters = checked(parameters)
-    gain = limits(Laws.of(parameters))
+    gain = limits(checked(parameters))
     error = np.zeros(len(parameters))
     ordinary = int(np.isnan(gain).sum())
     if ordinary > 1:
@@ -58,11 +57,11 @@ def head_to_tail_gains(parameters: Sequence[Parameters]) -> Gains:
         gain[:ordinary] = np.maximum(fine, 1.0)
         error[:ordinary] = np.abs(fine - coarse) + FADED
     if ordinary:
-        gain[0], error[0] = swings(Laws.of(parameters[:1])).gain[0], 0.0  # in closed form
+        gain[0], error[0] = step_metrics(checked(parameters[:1])).gain[0], 0.0  # in closed form
     return Gains(frozen(gain), frozen(error))
 
 
-def _step_variation(parameters: tuple[Parameters, ...]) -> tuple[FloatArray, FloatArray]:
+def _step_variation(parameters: Parameters) -> tuple[FloatArray, FloatArray]:
     """(M,) total variation of each speed after a unit step of the leader's, finely and coarsely."""
     count = len(parameters)
     stages = _stages(parameters)
@@ -87,7 +86,7 @@ class _Stage:
     step: Seconds
 
 
-def _stages(parameters: tuple[Parameters, ...]) -> list[_Stage]:
+def _stages(parameters: Parameters) -> list[_Stage]:
     """From the fastest pole's time scale to the slowest's; none where they are too far apart."""
     felt = float(gammainccinv(len(parameters), FADED))
     ends = [felt / min(slowest_rate(law) for law in parameters)]

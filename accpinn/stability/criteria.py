@@ -19,10 +19,7 @@ Source: Apostolakis and Ampountolas, IEEE TVT 2024, section III, for L2 and the 
 exact condition is that of a second-order response without a change of sign.
 """
 
-from collections.abc import Sequence
-from dataclasses import dataclass
 from math import isnan
-from typing import Self
 
 import numpy as np
 
@@ -40,44 +37,30 @@ LARGEST = 1e50
 """Parameters above this are refused, and those below its inverse are zero; products stay finite."""
 
 
-@dataclass(frozen=True, eq=False)
-class Laws:
-    """The parameters of many vehicles as arrays that broadcast against each other."""
-
-    alpha: FloatArray
-    """In 1/s²."""
-    beta: FloatArray
-    """In 1/s."""
-    tau: FloatArray
-    """In s; any number where α = 0, as it has no effect there."""
-
-    @classmethod
-    def of(cls, parameters: Sequence[Parameters]) -> Self:
-        """One entry a vehicle; see `checked`."""
-        rows = [(law.alpha, law.beta, law.tau) for law in checked(parameters)]
-        alpha, beta, tau = np.array(rows, float).T
-        return cls(alpha, beta, tau)
-
-    @property
-    def spaced(self) -> FloatArray:
-        """α where it is positive and 1 elsewhere: what to divide by before masking α = 0."""
-        return np.where(self.alpha > 0, self.alpha, 1.0)
-
-
-def checked(parameters: Sequence[Parameters]) -> tuple[Parameters, ...]:
+def checked(parameters: Parameters) -> Parameters:
     """The same with τ = 0 where α = 0, as it has no effect there.
+
+    Args:
+        parameters: (..) of any number of vehicles.
 
     Raises:
         ParameterError: for values that are missing, negative or beyond all bounds.
     """
-    if not parameters:
+    if not parameters.values.size:
         raise ParameterError("There is no vehicle; give at least one set of α, β and τ.")
-    return tuple(_checked(f"Parameter set {k}", law) for k, law in enumerate(parameters, 1))
+    rows = parameters.values.reshape(-1, 3).tolist()
+    clean = [_checked(f"Parameter set {k}", *row) for k, row in enumerate(rows, 1)]
+    return Parameters.of(np.reshape(clean, parameters.values.shape))
 
 
-def _checked(place: str, law: Parameters) -> Parameters:
-    alpha, beta = _value(place, "α", law.alpha), _value(place, "β", law.beta)
-    return Parameters(alpha, beta, _value(place, "τ", law.tau) if alpha else 0.0)
+def spacing_gain(parameters: Parameters) -> FloatArray:
+    """(..) α where it is positive and 1 elsewhere: what to divide by before masking α = 0."""
+    return np.where(parameters.alpha > 0, parameters.alpha, 1.0)
+
+
+def _checked(place: str, alpha: float, beta: float, tau: float) -> list[float]:
+    alpha, beta = _value(place, "α", alpha), _value(place, "β", beta)
+    return [alpha, beta, _value(place, "τ", tau) if alpha else 0.0]
 
 
 def _value(place: str, name: str, value: float) -> float:
@@ -95,53 +78,60 @@ def _value(place: str, name: str, value: float) -> float:
     return float(value) if value * LARGEST >= 1.0 else 0.0
 
 
-def l2_criterion(laws: Laws) -> FloatArray:
+def l2_criterion(parameters: Parameters) -> FloatArray:
     """κ in 1/s²; the paper calls the vehicle L2 string stable where it is positive."""
-    return np.asarray(laws.alpha * l2_margin(laws) * 2.0 + 0.0)  # + 0 turns -0 into 0
+    return np.asarray(parameters.alpha * l2_margin(parameters) * 2.0 + 0.0)  # + 0 turns -0 into 0
 
 
-def l2_margin(laws: Laws) -> FloatArray:
+def l2_margin(parameters: Parameters) -> FloatArray:
     """κ / 2α, free of units; where α = 0 its limit."""
-    at = laws.alpha * laws.tau
-    return np.asarray(laws.tau * (at / 2.0 + laws.beta) - 1.0)
+    at = parameters.alpha * parameters.tau
+    return np.asarray(parameters.tau * (at / 2.0 + parameters.beta) - 1.0)
 
 
-def paper_criterion(laws: Laws) -> FloatArray:
+def paper_criterion(parameters: Parameters) -> FloatArray:
     """D in 1/s²; the paper calls the vehicle L∞ string stable where it is positive."""
-    root, total = 2.0 * np.sqrt(laws.alpha), laws.alpha * laws.tau + laws.beta
+    root, total = (
+        2.0 * np.sqrt(parameters.alpha),
+        parameters.alpha * parameters.tau + parameters.beta,
+    )
     return np.asarray((total - root) * (total + root))
 
 
-def paper_margin(laws: Laws) -> FloatArray:
+def paper_margin(parameters: Parameters) -> FloatArray:
     """D / 4α, free of units; infinite where α = 0 < β, and 0 where both are."""
-    bare = np.where(laws.beta > 0, np.inf, 0.0)
-    return np.where(laws.alpha > 0, paper_criterion(laws) / (4.0 * laws.spaced), bare)
+    bare = np.where(parameters.beta > 0, np.inf, 0.0)
+    return np.where(
+        parameters.alpha > 0, paper_criterion(parameters) / (4.0 * spacing_gain(parameters)), bare
+    )
 
 
-def exact_margin(laws: Laws) -> FloatArray:
+def exact_margin(parameters: Parameters) -> FloatArray:
     """How far τ is beyond the smallest exactly L∞ stable one, relative to that; inf where α = 0."""
-    beyond = laws.tau / smallest_headway_exact(laws) - 1.0
-    return np.where(laws.alpha > 0, beyond, np.inf)
+    beyond = parameters.tau / smallest_headway_exact(parameters) - 1.0
+    return np.where(parameters.alpha > 0, beyond, np.inf)
 
 
-def smallest_headway_l2(laws: Laws) -> FloatArray:
+def smallest_headway_l2(parameters: Parameters) -> FloatArray:
     """In s; where α = 0 the limit of small α."""
-    total = laws.beta + np.hypot(laws.beta, np.sqrt(2.0 * laws.alpha))
+    total = parameters.beta + np.hypot(parameters.beta, np.sqrt(2.0 * parameters.alpha))
     return np.asarray(2.0 / np.where(total > 0, total, np.nan))
 
 
-def smallest_headway_paper(laws: Laws) -> FloatArray:
+def smallest_headway_paper(parameters: Parameters) -> FloatArray:
     """In s; where α = 0 the limit of small α."""
-    return np.where(laws.alpha > 0, np.maximum(_real_poles_from(laws), 0.0), 0.0)
+    return np.where(parameters.alpha > 0, np.maximum(_real_poles_from(parameters), 0.0), 0.0)
 
 
-def smallest_headway_exact(laws: Laws) -> FloatArray:
+def smallest_headway_exact(parameters: Parameters) -> FloatArray:
     """In s; where α = 0 the limit of small α."""
-    stiff = laws.beta >= np.sqrt(laws.alpha)
-    inverse = 1.0 / np.where(stiff & (laws.beta > 0), laws.beta, np.nan)
-    return np.where(stiff, inverse, _real_poles_from(laws))
+    stiff = parameters.beta >= np.sqrt(parameters.alpha)
+    inverse = 1.0 / np.where(stiff & (parameters.beta > 0), parameters.beta, np.nan)
+    return np.where(stiff, inverse, _real_poles_from(parameters))
 
 
-def _real_poles_from(laws: Laws) -> FloatArray:
+def _real_poles_from(parameters: Parameters) -> FloatArray:
     """The τ at which D = 0."""
-    return np.asarray((2.0 * np.sqrt(laws.alpha) - laws.beta) / laws.spaced)
+    return np.asarray(
+        (2.0 * np.sqrt(parameters.alpha) - parameters.beta) / spacing_gain(parameters)
+    )

@@ -10,14 +10,13 @@ so frequencies below ω_c = √-κ are amplified where κ < 0, and none elsewher
     q = -κ' / (1 + √(1 - κ'β²/α)),   κ' = κ/α,      |H|² = 1 / (1 - q²)
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from accpinn.model.cthp import Parameters
-from accpinn.stability.criteria import Laws, checked, l2_criterion, l2_margin
+from accpinn.stability.criteria import checked, l2_criterion, l2_margin, spacing_gain
 from accpinn.units import FloatArray, PerSecond, RadiansPerSecond
 
 if TYPE_CHECKING:
@@ -61,18 +60,18 @@ class Peaks:
         return tuple(map(Peak, *columns))
 
 
-def peaks(laws: Laws) -> Peaks:
+def peaks(parameters: Parameters) -> Peaks:
     """The largest gain over all frequencies, and where it is."""
-    beta_squared = laws.beta**2 / laws.spaced
-    reduced = np.where(laws.alpha > 0, np.minimum(2.0 * l2_margin(laws), 0.0), 0.0)
+    beta_squared = parameters.beta**2 / spacing_gain(parameters)
+    reduced = np.where(parameters.alpha > 0, np.minimum(2.0 * l2_margin(parameters), 0.0), 0.0)
     root = np.sqrt(1.0 - beta_squared * reduced)
     q = np.abs(reduced) / (1.0 + root)
-    total = (laws.alpha * laws.tau + laws.beta) ** 2 / laws.spaced
+    total = (parameters.alpha * parameters.tau + parameters.beta) ** 2 / spacing_gain(parameters)
     rest = total / (1.0 + root + beta_squared)  # 1 - q without cancellation
     with np.errstate(divide="ignore"):  # an undamped vehicle's gain is infinite
         log_gain = -0.5 * np.where(q < 0.5, np.log1p(-(np.minimum(q, 0.5) ** 2)), _log_of(rest, q))
-    silent = (laws.alpha == 0) & (laws.beta == 0)
-    return Peaks(np.where(silent, -np.inf, log_gain), np.sqrt(laws.alpha * q))
+    silent = (parameters.alpha == 0) & (parameters.beta == 0)
+    return Peaks(np.where(silent, -np.inf, log_gain), np.sqrt(parameters.alpha * q))
 
 
 def _log_of(rest: FloatArray, q: FloatArray) -> FloatArray:
@@ -80,13 +79,13 @@ def _log_of(rest: FloatArray, q: FloatArray) -> FloatArray:
     return np.asarray(np.log(rest) + np.log1p(q))
 
 
-def crossovers(laws: Laws) -> FloatArray:
+def crossovers(parameters: Parameters) -> FloatArray:
     """ω_c in rad/s, below which frequencies are amplified; nan where none is."""
-    kappa = l2_criterion(laws)
-    return np.sqrt(np.where((kappa < 0) & (laws.alpha > 0), -kappa, np.nan))
+    kappa = l2_criterion(parameters)
+    return np.sqrt(np.where((kappa < 0) & (parameters.alpha > 0), -kappa, np.nan))
 
 
-def response(parameters: Sequence[Parameters], omega: FloatArray) -> "NDArray[np.complex128]":
+def response(parameters: Parameters, omega: FloatArray) -> "NDArray[np.complex128]":
     """H(jω) of each vehicle; their product over vehicles is the head-to-tail response.
 
     Args:
@@ -96,20 +95,20 @@ def response(parameters: Sequence[Parameters], omega: FloatArray) -> "NDArray[np
     Returns:
         (V, K), infinite where an undamped vehicle is in resonance.
     """
-    laws = Laws.of(parameters)
-    alpha, beta = laws.alpha[:, None], laws.beta[:, None]
+    parameters = checked(parameters)
+    alpha, beta = parameters.alpha[:, None], parameters.beta[:, None]
     s = 1j * np.asarray(omega, float)[None, :]
     # Without α the pole and the zero at s = 0 cancel: H = β / (s + β).
     spaced = alpha > 0
     upper = np.where(spaced, beta * s + alpha, beta)
-    lower = np.where(spaced, (s + alpha * laws.tau[:, None] + beta) * s + alpha, s + beta)
+    lower = np.where(spaced, (s + alpha * parameters.tau[:, None] + beta) * s + alpha, s + beta)
     result = np.divide(upper, lower, out=np.full(lower.shape, np.inf + 0j), where=lower != 0)
     return np.where((alpha == 0) & (beta == 0), 0.0, result)
 
 
 def poles(law: Parameters) -> tuple[complex, complex]:
     """The slow and the fast pole, or the pair with the positive imaginary part first."""
-    alpha, alpha_tau, beta = (float(value) for value in law.linear())
+    alpha, alpha_tau, beta = (float(value) for value in law.theta)
     total, root = alpha_tau + beta, 2.0 * alpha**0.5
     spread = (total - root) * (total + root)
     if spread < 0:
@@ -133,6 +132,6 @@ def transfer_function(law: Parameters) -> "TransferFunction":
     """H(s) as an object of python-control, whose analyses and plots then apply."""
     from control import TransferFunction  # late: it takes two seconds and loads pyplot
 
-    (law,) = checked([law])
-    alpha, alpha_tau, beta = (float(value) for value in law.linear())
+    law = checked(law)
+    alpha, alpha_tau, beta = (float(value) for value in law.theta)
     return TransferFunction([beta, alpha], [1.0, alpha_tau + beta, alpha])

@@ -8,13 +8,12 @@ holds every vehicle's own peak, then found by bisection of
     d log|G_k|² / dx = -Σ g_i' / (1 + g_i),   g_i = x(x + κ_i) / (α_i² + β_i²x),   x = ω²
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from accpinn.model.cthp import Parameters
-from accpinn.stability.criteria import Laws, l2_criterion
+from accpinn.stability.criteria import checked, l2_criterion
 from accpinn.stability.frequency import Peaks, crossovers, peaks
 from accpinn.units import FloatArray, frozen
 
@@ -26,48 +25,54 @@ BISECTIONS = 60
 """More would not move a double any further."""
 
 
-def head_to_tail_peaks(parameters: Sequence[Parameters]) -> Peaks:
+def head_to_tail_peaks(parameters: Parameters) -> Peaks:
     """The largest |H_1 .. H_k| over all frequencies; (M,) each."""
-    laws = Laws.of(parameters)
-    known = limits(laws)
+    parameters = checked(parameters)
+    known = limits(parameters)
     ordinary = int(np.isnan(known).sum())
     with np.errstate(divide="ignore"):
         log_gain, omega = np.log(known), np.zeros(len(parameters))
-    omega[np.isinf(known)] = np.sqrt(laws.alpha[ordinary]) if ordinary < len(parameters) else 0.0
+    omega[np.isinf(known)] = (
+        np.sqrt(parameters.alpha[ordinary]) if ordinary < len(parameters) else 0.0
+    )
     if ordinary:
-        tame = Laws(laws.alpha[:ordinary], laws.beta[:ordinary], laws.tau[:ordinary])
+        tame = Parameters(
+            parameters.alpha[:ordinary], parameters.beta[:ordinary], parameters.tau[:ordinary]
+        )
         found = _ordinary_peaks(tame)
         log_gain[:ordinary], omega[:ordinary] = found.log_gain, found.omega
     return Peaks(frozen(log_gain), frozen(omega))
 
 
-def limits(laws: Laws) -> FloatArray:
+def limits(parameters: Parameters) -> FloatArray:
     """(M,): 0 from the first vehicle on that does not react, inf behind an undamped one, else nan.
 
     Where it is nan, which are the first vehicles, the gains are to be computed.
     """
-    silent = np.logical_or.accumulate((laws.alpha == 0) & (laws.beta == 0))
-    undamped = np.logical_or.accumulate((laws.alpha > 0) & (laws.alpha * laws.tau + laws.beta == 0))
+    silent = np.logical_or.accumulate((parameters.alpha == 0) & (parameters.beta == 0))
+    undamped = np.logical_or.accumulate(
+        (parameters.alpha > 0) & (parameters.alpha * parameters.tau + parameters.beta == 0)
+    )
     return np.where(silent, 0.0, np.where(undamped, np.inf, np.nan))
 
 
-def _ordinary_peaks(laws: Laws) -> Peaks:
+def _ordinary_peaks(parameters: Parameters) -> Peaks:
     """Peaks of damped vehicles that react."""
-    edges = crossovers(laws)
+    edges = crossovers(parameters)
     if np.isnan(edges).all():
         return Peaks(np.zeros(len(edges)), np.zeros(len(edges)))
     span = np.geomspace(LOWEST * np.nanmin(edges), np.nanmax(edges), GRID)
-    own = peaks(laws).omega
+    own = peaks(parameters).omega
     x = np.unique(np.concatenate([span, own[own > 0]])) ** 2
-    best = np.argmin(np.cumsum(_attenuation(laws, x[:, None]), axis=1), axis=0)
+    best = np.argmin(np.cumsum(_attenuation(parameters, x[:, None]), axis=1), axis=0)
     low = np.concatenate([[0.0], x])[best]
     high = np.concatenate([x, x[-1:]])[best + 1]
     reach = np.tri(len(edges))
     for _ in range(BISECTIONS):
         middle = 0.5 * (low + high)
-        rising = (reach * _slope(laws, middle[:, None])).sum(axis=1) < 0
+        rising = (reach * _slope(parameters, middle[:, None])).sum(axis=1) < 0
         low, high = np.where(rising, middle, low), np.where(rising, high, middle)
-    log_gain = -0.5 * (reach * _attenuation(laws, high[:, None])).sum(axis=1)
+    log_gain = -0.5 * (reach * _attenuation(parameters, high[:, None])).sum(axis=1)
     amplified = log_gain > 0
     return Peaks(np.where(amplified, log_gain, 0.0), np.where(amplified, np.sqrt(high), 0.0))
 
@@ -81,19 +86,19 @@ class _Parts:
     g: FloatArray
 
 
-def _parts(laws: Laws, x: FloatArray) -> _Parts:
-    n = laws.alpha**2 + laws.beta**2 * x
-    m = (laws.alpha - x) ** 2 + (laws.alpha * laws.tau + laws.beta) ** 2 * x
-    return _Parts(n, m, x * (x + l2_criterion(laws)) / n)
+def _parts(parameters: Parameters, x: FloatArray) -> _Parts:
+    n = parameters.alpha**2 + parameters.beta**2 * x
+    m = (parameters.alpha - x) ** 2 + (parameters.alpha * parameters.tau + parameters.beta) ** 2 * x
+    return _Parts(n, m, x * (x + l2_criterion(parameters)) / n)
 
 
-def _attenuation(laws: Laws, x: FloatArray) -> FloatArray:
+def _attenuation(parameters: Parameters, x: FloatArray) -> FloatArray:
     """(K, M): -log|H_i|² at x (K, 1), kept exact near 0 and near a resonance."""
-    at = _parts(laws, x)
+    at = _parts(parameters, x)
     return np.where(at.g < -0.5, np.log(at.m / at.n), np.log1p(np.maximum(at.g, -0.5)))
 
 
-def _slope(laws: Laws, x: FloatArray) -> FloatArray:
+def _slope(parameters: Parameters, x: FloatArray) -> FloatArray:
     """(K, M): the derivative of `_attenuation` by x."""
-    at = _parts(laws, x)
-    return np.asarray((2.0 * x + l2_criterion(laws) - laws.beta**2 * at.g) / at.m)
+    at = _parts(parameters, x)
+    return np.asarray((2.0 * x + l2_criterion(parameters) - parameters.beta**2 * at.g) / at.m)

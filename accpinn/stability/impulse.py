@@ -23,14 +23,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from accpinn.model.cthp import Parameters
-from accpinn.stability.criteria import Laws, checked
+from accpinn.stability.criteria import checked, spacing_gain
 from accpinn.stability.frequency import poles
 from accpinn.units import FloatArray
 
 
 @dataclass(frozen=True, eq=False)
-class Swings:
-    """How far the step response swings; arrays of the laws' shape."""
+class StepMetrics:
+    """How far the step response swings; arrays of the parameters' shape."""
 
     overshoot: FloatArray
     """M: how far the speed passes a unit step of the speed ahead; 0 where h keeps its sign."""
@@ -38,15 +38,15 @@ class Swings:
     """‖h‖₁, the exact L∞ gain; infinite for an undamped vehicle, 0 for one that does not react."""
 
 
-def swings(laws: Laws) -> Swings:
+def step_metrics(parameters: Parameters) -> StepMetrics:
     """Overshoot and exact peak-to-peak gain."""
-    root = np.sqrt(laws.spaced)
-    zeta = (laws.alpha * laws.tau + laws.beta) / root / 2.0
-    delta = (laws.beta - laws.alpha * laws.tau) / root / 2.0
-    rho = np.sqrt(np.maximum(1.0 - laws.beta * laws.tau, 0.0))
+    root = np.sqrt(spacing_gain(parameters))
+    zeta = (parameters.alpha * parameters.tau + parameters.beta) / root / 2.0
+    delta = (parameters.beta - parameters.alpha * parameters.tau) / root / 2.0
+    rho = np.sqrt(np.maximum(1.0 - parameters.beta * parameters.tau, 0.0))
     below = (1.0 - zeta) * (1.0 + zeta)
-    complex_poles = (below > 0) & (laws.alpha > 0)
-    once = ~complex_poles & (delta > 0) & (rho > 0) & (laws.alpha > 0)
+    complex_poles = (below > 0) & (parameters.alpha > 0)
+    once = ~complex_poles & (delta > 0) & (rho > 0) & (parameters.alpha > 0)
     nu, mu = np.sqrt(np.maximum(below, 0.0)), np.sqrt(np.maximum(-below, 0.0))
     exponent = np.where(
         complex_poles, _complex_exponent(zeta, delta, nu), _real_exponent(zeta, rho, mu)
@@ -55,7 +55,9 @@ def swings(laws: Laws) -> Swings:
     lost = -np.expm1(-np.pi * zeta / np.where(complex_poles, nu, 1.0))
     with np.errstate(divide="ignore"):  # an undamped vehicle swings for ever
         gain = 1.0 + 2.0 * overshoot / np.where(complex_poles, lost, 1.0)
-    return Swings(overshoot, np.where((laws.alpha == 0) & (laws.beta == 0), 0.0, gain))
+    return StepMetrics(
+        overshoot, np.where((parameters.alpha == 0) & (parameters.beta == 0), 0.0, gain)
+    )
 
 
 def _complex_exponent(zeta: FloatArray, delta: FloatArray, nu: FloatArray) -> FloatArray:
@@ -79,8 +81,8 @@ def impulse_response(law: Parameters, time: FloatArray) -> FloatArray:
         law: of the vehicle.
         time: (N,) in s, zero or more.
     """
-    (law,) = checked([law])
-    alpha, alpha_tau, beta = (float(value) for value in law.linear())
+    law = checked(law)
+    alpha, alpha_tau, beta = (float(value) for value in law.theta)
     t = np.asarray(time, float)
     if not alpha:
         return np.asarray(beta * np.exp(-beta * t))

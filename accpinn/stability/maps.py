@@ -10,13 +10,13 @@ import numpy as np
 
 from accpinn.model.cthp import Parameters
 from accpinn.stability.criteria import (
-    Laws,
+    checked,
     smallest_headway_exact,
     smallest_headway_l2,
     smallest_headway_paper,
 )
 from accpinn.stability.frequency import peaks
-from accpinn.stability.impulse import swings
+from accpinn.stability.impulse import step_metrics
 from accpinn.units import FloatArray, PerSecond, PerSecondSquared, frozen
 
 
@@ -50,44 +50,44 @@ class GainMap:
 
 def boundaries_over_beta(alpha: PerSecondSquared, beta: FloatArray) -> Boundaries:
     """In the (τ, β) plane at fixed α; ``beta`` (K,) in 1/s."""
-    return _boundaries(beta, _laws(np.array(alpha), beta, np.array(0.0)))
+    return _boundaries(beta, _plane(np.array(alpha), beta, np.array(0.0)))
 
 
 def boundaries_over_alpha(beta: PerSecond, alpha: FloatArray) -> Boundaries:
     """In the (τ, α) plane at fixed β; ``alpha`` (K,) in 1/s²."""
-    return _boundaries(alpha, _laws(alpha, np.array(beta), np.array(0.0)))
+    return _boundaries(alpha, _plane(alpha, np.array(beta), np.array(0.0)))
 
 
 def gains_over_beta(alpha: PerSecondSquared, beta: FloatArray, tau: FloatArray) -> GainMap:
     """In the (τ, β) plane at fixed α; ``beta`` (K,) in 1/s, ``tau`` (T,) in s."""
-    return _gains(beta, tau, _laws(np.array(alpha), beta, tau[:, None]))
+    return _gains(beta, tau, _plane(np.array(alpha), beta, tau[:, None]))
 
 
 def gains_over_alpha(beta: PerSecond, alpha: FloatArray, tau: FloatArray) -> GainMap:
     """In the (τ, α) plane at fixed β; ``alpha`` (K,) in 1/s², ``tau`` (T,) in s."""
-    return _gains(alpha, tau, _laws(alpha, np.array(beta), tau[:, None]))
+    return _gains(alpha, tau, _plane(alpha, np.array(beta), tau[:, None]))
 
 
-def _laws(alpha: FloatArray, beta: FloatArray, tau: FloatArray) -> Laws:
+def _plane(alpha: FloatArray, beta: FloatArray, tau: FloatArray) -> Parameters:
     """Checked by their extremes, as all combinations follow from them."""
-    Laws.of(
-        [Parameters(*(float(pick(values)) for values in (alpha, beta, tau))) for pick in _EXTREMES]
-    )
-    return Laws(np.asarray(alpha, float), np.asarray(beta, float), np.asarray(tau, float))
+    checked(Parameters(*([values.min(), values.max()] for values in (alpha, beta, tau))))
+    return Parameters(alpha, beta, tau)
 
 
-_EXTREMES = (np.min, np.max)
-
-
-def _boundaries(along: FloatArray, laws: Laws) -> Boundaries:
+def _boundaries(along: FloatArray, parameters: Parameters) -> Boundaries:
     shape = np.shape(along)
     return Boundaries(
         frozen(along),
-        frozen(np.broadcast_to(smallest_headway_l2(laws), shape)),
-        frozen(np.broadcast_to(smallest_headway_paper(laws), shape)),
-        frozen(np.broadcast_to(smallest_headway_exact(laws), shape)),
+        frozen(np.broadcast_to(smallest_headway_l2(parameters), shape)),
+        frozen(np.broadcast_to(smallest_headway_paper(parameters), shape)),
+        frozen(np.broadcast_to(smallest_headway_exact(parameters), shape)),
     )
 
 
-def _gains(along: FloatArray, tau: FloatArray, laws: Laws) -> GainMap:
-    return GainMap(frozen(along), frozen(tau), frozen(peaks(laws).db), frozen(swings(laws).gain))
+def _gains(along: FloatArray, tau: FloatArray, parameters: Parameters) -> GainMap:
+    return GainMap(
+        frozen(along),
+        frozen(tau),
+        frozen(peaks(parameters).db),
+        frozen(step_metrics(parameters).gain),
+    )

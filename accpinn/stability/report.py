@@ -1,6 +1,5 @@
 """The whole stability report: every vehicle's numbers and verdicts, and those of the platoon."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from math import isinf, isnan
 
@@ -48,7 +47,7 @@ class StabilityReport:
     platoon: PlatoonStability
 
 
-def report(parameters: Sequence[Parameters]) -> StabilityReport:
+def stability_report(parameters: Parameters) -> StabilityReport:
     """Numbers, verdicts and reasons for each vehicle and for the platoon they form in this order.
 
     Raises:
@@ -67,7 +66,7 @@ def report(parameters: Sequence[Parameters]) -> StabilityReport:
 
 
 def _platoon(vehicles: tuple[VehicleStability, ...]) -> PlatoonStability:
-    parameters = [vehicle.parameters for vehicle in vehicles]
+    parameters = Parameters.stack(vehicle.parameters for vehicle in vehicles)
     peaks = head_to_tail_peaks(parameters).each()
     linf = head_to_tail_gains(parameters)
     l2_strict = _strict("L2, every pair", [(v.l2, v.peak.gain) for v in vehicles], "disturbance")

@@ -1,12 +1,10 @@
 """All numbers of one vehicle's string stability, from the closed forms of this package."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import Enum
 
 from accpinn.model.cthp import Parameters
 from accpinn.stability.criteria import (
-    Laws,
     checked,
     exact_margin,
     l2_criterion,
@@ -18,7 +16,7 @@ from accpinn.stability.criteria import (
     smallest_headway_paper,
 )
 from accpinn.stability.frequency import Peak, crossovers, peaks, poles, zero
-from accpinn.stability.impulse import swings
+from accpinn.stability.impulse import step_metrics
 from accpinn.units import PerSecondSquared, RadiansPerSecond, Seconds
 
 
@@ -86,25 +84,25 @@ class VehicleNumbers:
     margins: Margins
 
 
-def numbers(parameters: Sequence[Parameters]) -> tuple[VehicleNumbers, ...]:
+def numbers(parameters: Parameters) -> tuple[VehicleNumbers, ...]:
     """The numbers of each vehicle.
 
     Raises:
         ParameterError: for values that are missing, negative or beyond all bounds.
     """
-    laws = Laws.of(parameters)
-    swing = swings(laws)
+    parameters = checked(parameters)
+    swing = step_metrics(parameters)
     rows = zip(
         parameters,
         checked(parameters),
-        l2_criterion(laws).tolist(),
-        paper_criterion(laws).tolist(),
+        l2_criterion(parameters).tolist(),
+        paper_criterion(parameters).tolist(),
         swing.gain.tolist(),
         swing.overshoot.tolist(),
-        peaks(laws).each(),
-        crossovers(laws).tolist(),
-        _headways(laws),
-        _margins(laws),
+        peaks(parameters).each(),
+        crossovers(parameters).tolist(),
+        _headways(parameters),
+        _margins(parameters),
         strict=True,
     )
     return tuple(
@@ -128,14 +126,14 @@ def numbers(parameters: Sequence[Parameters]) -> tuple[VehicleNumbers, ...]:
     )
 
 
-def _headways(laws: Laws) -> list[Headways]:
+def _headways(parameters: Parameters) -> list[Headways]:
     kinds = (smallest_headway_l2, smallest_headway_paper, smallest_headway_exact)
-    return list(map(Headways, *(kind(laws).tolist() for kind in kinds)))
+    return list(map(Headways, *(kind(parameters).tolist() for kind in kinds)))
 
 
-def _margins(laws: Laws) -> list[Margins]:
+def _margins(parameters: Parameters) -> list[Margins]:
     kinds = (l2_margin, paper_margin, exact_margin)
-    return list(map(Margins, *(kind(laws).tolist() for kind in kinds)))
+    return list(map(Margins, *(kind(parameters).tolist() for kind in kinds)))
 
 
 def _behaviour(law: Parameters, margins: Margins) -> Behaviour:

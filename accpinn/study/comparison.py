@@ -9,7 +9,7 @@ import numpy as np
 
 from accpinn.errors import AccpinnError, ConfigError
 from accpinn.evaluation.closed_loop import closed_loop_errors
-from accpinn.evaluation.evaluation import Assessment, appraise
+from accpinn.evaluation.evaluation import Evaluation, evaluate
 from accpinn.inference.intervals import Uncertainty, intervals
 from accpinn.methods.fit import Fit, Outcome, ShouldStop
 from accpinn.methods.method import TaskContext
@@ -18,22 +18,22 @@ from accpinn.methods.registry import METHODS
 from accpinn.methods.store import Store
 from accpinn.model.cthp import Case
 from accpinn.recordings.recording import Recording
-from accpinn.segment.info import Outline
+from accpinn.segment.info import SegmentInfo
 from accpinn.segment.window import Segment
 from accpinn.units import FloatArray
 
 
 @dataclass(frozen=True, eq=False)
-class Row:
+class MethodResult:
     """What one method says of a segment, and what that is worth."""
 
     fit: Fit
     uncertainty: Uncertainty
-    assessment: Assessment
+    evaluation: Evaluation
 
 
 @dataclass(frozen=True)
-class Refusal:
+class MethodFailure:
     """A method that has no row, and why."""
 
     method: str
@@ -46,16 +46,16 @@ class Refusal:
         return str(self.fault)
 
 
-def row_of(segment: Segment, fit: Fit, recording: Recording | None = None) -> Row:
+def result_of(segment: Segment, fit: Fit, recording: Recording | None = None) -> MethodResult:
     """A fit that is there already; no block is held out, as that would mean to train it anew."""
-    return Row(fit, intervals(segment, fit), appraise(segment, fit, recording=recording))
+    return MethodResult(fit, intervals(segment, fit), evaluate(segment, fit, recording=recording))
 
 
 @dataclass(frozen=True, eq=False)
-class Earlier:
+class FitRecord:
     """A fit that is no longer current, without its data: enough to be held against another."""
 
-    outline: Outline
+    info: SegmentInfo
     method: str
     case: Case
     config: dict[str, Any]
@@ -66,27 +66,33 @@ class Earlier:
     """(M,) MAE of the space-gap in closed loop, in m; nan where it has no meaning."""
 
     @classmethod
-    def of(cls, segment: Segment, fit: Fit) -> "Earlier":
+    def of(cls, segment: Segment, fit: Fit) -> "FitRecord":
         """What is kept of a fit."""
         errors = closed_loop_errors(segment, fit)
         gaps = errors.gap_mae if errors else np.full(segment.followers, np.nan)
         return cls(
-            segment.outline(), fit.method, fit.case, fit.config, fit.outcome, fit.table(), gaps
+            segment.info(),
+            fit.method,
+            fit.case,
+            fit.config,
+            fit.outcome,
+            fit.parameters.values,
+            gaps,
         )
 
-    def same_as(self, other: "Earlier") -> bool:
+    def same_as(self, other: "FitRecord") -> bool:
         """Whether both come from the same request."""
-        return self.outline.digest == other.outline.digest and (
+        return self.info.digest == other.info.digest and (
             (self.method, self.case, self.config) == (other.method, other.case, other.config)
         )
 
     def of_vehicle(self, number: int) -> FloatArray | None:
         """(3,) α, β, τ of the follower with that number in the file; None if it has none."""
-        followers = self.outline.vehicles[1:]
+        followers = self.info.vehicles[1:]
         return self.parameters[followers.index(number)] if number in followers else None
 
 
-def differences(one: Earlier, other: Earlier) -> tuple[str, ...]:
+def differences(one: FitRecord, other: FitRecord) -> tuple[str, ...]:
     """What was asked differently in the two, a few words each; empty where nothing was."""
     return tuple(
         f"{name.replace('_', ' ')}: {before} → {after}"
@@ -98,13 +104,13 @@ def differences(one: Earlier, other: Earlier) -> tuple[str, ...]:
     )
 
 
-def _asked(run: Earlier) -> dict[str, str]:
-    outline = run.outline
+def _asked(run: FitRecord) -> dict[str, str]:
+    info = run.info
     return {
-        "recording": outline.source,
-        "window": f"{outline.start:g}–{outline.start + outline.duration:g} s",
-        "vehicles": ", ".join(map(str, outline.vehicles)),
-        "left out": ", ".join(outline.left_out) or "nothing",
+        "recording": info.source,
+        "window": f"{info.start:g}–{info.start + info.duration:g} s",
+        "vehicles": ", ".join(map(str, info.vehicles)),
+        "left out": ", ".join(info.left_out) or "nothing",
         "case": run.case,
         "method": run.method,
     }
@@ -142,7 +148,7 @@ def compare(
     threads: int | None = None,
     recording: Recording | None = None,
     should_stop: ShouldStop | None = None,
-) -> Iterator[Row | Refusal]:
+) -> Iterator[MethodResult | MethodFailure]:
     """Run the methods one by one; each row comes as soon as it is known.
 
     A method that cannot serve the segment gives a `Refusal` in place of its row.
@@ -168,21 +174,21 @@ def compare(
             fit = estimate(segment)
             if should_stop and should_stop():
                 return
-            assessment = appraise(segment, fit, estimate, recording)
+            evaluation = evaluate(segment, fit, estimate, recording)
             if should_stop and should_stop():
                 return
-            row = Row(fit, intervals(segment, fit), assessment)
+            row = MethodResult(fit, intervals(segment, fit), evaluation)
         except AccpinnError as fault:  # the others may well serve
-            yield Refusal(name, fault)
+            yield MethodFailure(name, fault)
         else:
             yield row
 
 
-def rows_among(results: Iterable[Row | Refusal]) -> tuple[Row, ...]:
+def results_among(results: Iterable[MethodResult | MethodFailure]) -> tuple[MethodResult, ...]:
     """What the methods say, without those that refused."""
-    return tuple(result for result in results if isinstance(result, Row))
+    return tuple(result for result in results if isinstance(result, MethodResult))
 
 
-def refusals_among(results: Iterable[Row | Refusal]) -> tuple[Refusal, ...]:
+def failures_among(results: Iterable[MethodResult | MethodFailure]) -> tuple[MethodFailure, ...]:
     """The methods that refused."""
-    return tuple(result for result in results if isinstance(result, Refusal))
+    return tuple(result for result in results if isinstance(result, MethodFailure))

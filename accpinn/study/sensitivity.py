@@ -13,7 +13,7 @@ from accpinn.methods.fit import Fit
 from accpinn.methods.registry import METHODS
 from accpinn.model.cthp import Case, Parameters
 from accpinn.recordings.recording import Recording
-from accpinn.segment.regimes import LEFT_OUT_AT_WILL, Regimes, label, leave_out
+from accpinn.segment.regimes import EXCLUDABLE, Regimes, exclude_regimes, label_regimes
 from accpinn.segment.window import Segment
 
 COMPARED = ("least-squares", "splines")
@@ -21,13 +21,13 @@ CHOICES = {
     "all instants": (),
     "without catching up": ("catching up",),
     "without standstill and manual": ("standstill", "manual"),
-    "car-following only": LEFT_OUT_AT_WILL,
+    "car-following only": EXCLUDABLE,
 }
 """What is left out, by what is left in."""
 
 
 @dataclass(frozen=True)
-class Row:
+class SensitivityResult:
     """What one method learns from a part of the instants; M followers."""
 
     choice: str
@@ -37,15 +37,15 @@ class Row:
     share: tuple[float, ...]
     """(M,) share of each follower's instants left out, 0 to 1."""
     method: str
-    parameters: tuple[Parameters, ...]
-    """(M,) empty where too little is left."""
+    parameters: Parameters | None
+    """(M,); None where too little is left."""
     refusal: str = ""
     """Why there are none."""
 
 
 def sensitivity(
     segment: Segment, recording: Recording | None = None, case: Case = "II"
-) -> tuple[Row, ...]:
+) -> tuple[SensitivityResult, ...]:
     """A row for each method and choice, choices first; two or three times the splines' time.
 
     Args:
@@ -53,21 +53,27 @@ def sensitivity(
         recording: what it was cut from, for the driver modes.
         case: "I" or "II".
     """
-    plain = replace(segment, left_out=None, left_out_regimes=())
-    regimes = label(plain, recording)
+    plain = replace(segment, left_out=None, excluded_regimes=())
+    regimes = label_regimes(plain, recording)
     known: dict[str, tuple[Fit, ...]] = {}
-    rows: list[Row] = []
+    rows: list[SensitivityResult] = []
     for choice, names in CHOICES.items():
         share = _share(regimes, names)
         try:
-            part = leave_out(plain, regimes, names) if any(share) else plain
+            part = exclude_regimes(plain, regimes, names) if any(share) else plain
         except SegmentError as fault:
-            rows += [Row(choice, names, share, method, (), str(fault)) for method in COMPARED]
+            rows += [
+                SensitivityResult(choice, names, share, method, None, str(fault))
+                for method in COMPARED
+            ]
             continue
         digest = part.digest()  # a regime that does not occur changes nothing
         if digest not in known:
             known[digest] = tuple(METHODS[method].fit(part, case) for method in COMPARED)
-        rows += [Row(choice, names, share, fit.method, fit.parameters) for fit in known[digest]]
+        rows += [
+            SensitivityResult(choice, names, share, fit.method, fit.parameters)
+            for fit in known[digest]
+        ]
     return tuple(rows)
 
 

@@ -17,7 +17,7 @@ from accpinn.tasks.task import Status, Task
 from accpinn.units import Seconds
 
 if TYPE_CHECKING:  # whoever only watches a training need not load torch
-    from accpinn.methods.pinn.warm_start import Warm
+    from accpinn.methods.pinn.warm_start import WarmStart
 
 RATE_WINDOW: Seconds = 3.0
 """The rate of iterations is that of the last seconds, as it can change with the phase."""
@@ -36,7 +36,7 @@ class Train(Protocol):
         on_progress: OnProgress,
         should_stop: ShouldStop,
         threads: int | None,
-        warm: "Warm | None" = None,
+        warm: "WarmStart | None" = None,
     ) -> Fit:
         """Learn the parameters of a segment."""
 
@@ -48,7 +48,7 @@ class Request:
     segment: Segment
     case: Case
     config: PinnConfig
-    warm: "Warm | None" = None
+    warm: "WarmStart | None" = None
     """What it begins with in place of random weights."""
 
     def same_as(self, other: "Request") -> bool:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 from accpinn.methods.fit import Fit
 from accpinn.methods.pinn.config import PinnConfig
-from accpinn.methods.pinn.request import begun, forget, request_keys
+from accpinn.methods.pinn.request import forget, request_keys, resume_iteration
 from accpinn.methods.store import Store
 from accpinn.model.cthp import Case
 from accpinn.segment.window import Segment
@@ -20,7 +20,7 @@ from accpinn.tasks.task import Status, Task
 from accpinn.units import Seconds
 
 if TYPE_CHECKING:  # whoever only watches a training need not load torch
-    from accpinn.methods.pinn.warm_start import Warm
+    from accpinn.methods.pinn.warm_start import WarmStart
 
 KEPT_JOBS = 100
 """Finished jobs beyond this number are forgotten, the oldest first."""
@@ -28,7 +28,7 @@ KEPT_FOR: Seconds = 24 * 3600.0
 """A finished job is forgotten after this time."""
 
 
-class Trainings:
+class TaskQueue:
     """All jobs of a server, and the one thread that works on them."""
 
     def __init__(
@@ -56,7 +56,7 @@ class Trainings:
         segment: Segment,
         case: Case,
         config: PinnConfig,
-        warm: "Warm | None" = None,
+        warm: "WarmStart | None" = None,
         anew: bool = False,
     ) -> Job:
         """Queue a training; an owner has one at a time, so a different earlier one is stopped.
@@ -67,17 +67,17 @@ class Trainings:
         known = self._recall(request)  # before the lock: others need not wait for the disk
         with self._changed:
             self._forget()
-            earlier, course = self.of(owner), None
+            earlier, track = self.of(owner), None
             if earlier and earlier.request.same_as(request):
                 if earlier.is_active and not earlier.is_stopping:
                     return earlier
                 goes_on = earlier.status is not Status.DONE and not anew
-                course = earlier.history() if goes_on else None
+                track = earlier.history() if goes_on else None
             elif earlier:
                 self.stop(earlier)
             if anew and self._store:
                 forget(self._store, segment, case, config, warm)
-            job = Job(owner, request, self._train, course)
+            job = Job(owner, request, self._train, track)
             self._jobs.append(job)
             if known:
                 job.answer(known)
@@ -86,11 +86,11 @@ class Trainings:
                 self._enqueue(job)
         return job
 
-    def begun(
-        self, segment: Segment, case: Case, config: PinnConfig, warm: "Warm | None" = None
+    def resume_iteration(
+        self, segment: Segment, case: Case, config: PinnConfig, warm: "WarmStart | None" = None
     ) -> int | None:
         """The iteration from which an earlier training of this request would go on, if any."""
-        return begun(self._store, segment, case, config, warm) if self._store else None
+        return resume_iteration(self._store, segment, case, config, warm) if self._store else None
 
     def run(self, series: Series[Result]) -> Series[Result]:
         """Queue a series; an earlier one of its owner and kind is stopped."""

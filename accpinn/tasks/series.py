@@ -15,7 +15,7 @@ Result = TypeVar("Result")
 
 
 @dataclass(frozen=True)
-class Means:
+class TaskContext:
     """What the worker lends to a series."""
 
     store: Store | None
@@ -25,7 +25,7 @@ class Means:
     should_stop: ShouldStop
 
 
-Steps = Callable[[Means], Iterator[Result]]
+Steps = Callable[[TaskContext], Iterator[Result]]
 """Yields each result as soon as it is known, and ends early once it is told to stop."""
 
 
@@ -93,7 +93,7 @@ class Series(Task, Generic[Result]):
             return
         self._began = time.monotonic()
         try:
-            for result in self._steps(Means(store, threads, self._note, self._stop.is_set)):
+            for result in self._steps(TaskContext(store, threads, self._note, self._stop.is_set)):
                 with self._lock:
                     self._results, self._now = (*self._results, result), None
         except AccpinnError as fault:

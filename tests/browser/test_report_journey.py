@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from playwright.sync_api import Browser, Page
 
-from accpinn.results.report.page import report
+from accpinn.results.report.page import render_report
 from accpinn.results.snapshot.content import Snapshot
 from tests.browser.running import watched
 from tests.snapshots import whole
@@ -24,7 +24,7 @@ def shown(browser: Browser, tmp_path: Path) -> Iterator[Show]:
 
     def show(snapshot: Snapshot, theme: str = "light", width: int = 1000) -> Page:
         place = tmp_path / "report.html"
-        place.write_text(report(snapshot), encoding="utf-8")
+        place.write_text(render_report(snapshot), encoding="utf-8")
         context = browser.new_context(
             viewport={"width": width, "height": 800}, color_scheme=theme, offline=True
         )
@@ -69,8 +69,8 @@ def test_all_figures_are_drawn_in_both_themes_and_saved(shown: Show) -> None:
 
 
 def test_a_figure_saved_as_a_page_stands_alone(shown: Show, tmp_path: Path) -> None:
-    outline = replace(whole().outline, names=("</script><script>alert(1)</script>",) * 5)
-    page = shown(replace(whole(), outline=outline))
+    info = replace(whole().info, names=("</script><script>alert(1)</script>",) * 5)
+    page = shown(replace(whole(), info=info))
     with page.expect_download() as download:
         page.get_by_role("button", name="HTML").first.click()
     place = tmp_path / download.value.suggested_filename
@@ -86,8 +86,8 @@ def background(page: Page) -> str:
 
 
 def test_a_hostile_name_does_nothing(shown: Show) -> None:
-    outline = replace(whole().outline, names=(NAME,) * 5)
-    page = shown(replace(whole(), name=NAME, note=NAME, outline=outline))
+    info = replace(whole().info, names=(NAME,) * 5)
+    page = shown(replace(whole(), name=NAME, note=NAME, info=info))
     assert page.locator("h1").inner_text() == NAME
     assert page.locator("script:not([type])").count() == 2
     assert page.locator("dd", has_text=NAME).count() >= 2

@@ -23,15 +23,15 @@ from accpinn.methods.pinn.adam import Adam
 from accpinn.methods.pinn.features import FourierFeatures
 from accpinn.methods.pinn.loss import loss_terms
 from accpinn.methods.pinn.network import HIDDEN, HiddenLayers, count_weights
-from accpinn.methods.pinn.protocol import Learned, Problem, State, as_table, from_table
+from accpinn.methods.pinn.protocol import Checkpoint, Learned, Problem, as_table, from_table
 from accpinn.methods.pinn.variable_projection import (
     RIDGE,
-    Moments,
-    Products,
+    GramMatrices,
+    NormalEquations,
     solve_output,
     solve_parameters,
 )
-from accpinn.methods.pinn.warm_start import Warm
+from accpinn.methods.pinn.warm_start import WarmStart
 from accpinn.model.cthp import PlatoonSolution
 from accpinn.units import FloatArray
 
@@ -75,7 +75,7 @@ class FastTraining:
         self.progress = self._look("start")
         self.outcome = self._end()
 
-    def begin_from(self, warm: Warm) -> None:
+    def begin_from(self, warm: WarmStart) -> None:
         """Begin anew, from what an earlier training has learned."""
         problem, angular = self.problem, warm.arrays.get("features.angular")
         table = warm.parameters(problem.case, problem.followers)
@@ -224,9 +224,9 @@ class FastTraining:
             )
         return tuple(notes)
 
-    def state(self) -> State:
+    def state(self) -> Checkpoint:
         """Hidden layers, Adam's moments, output layer, parameters and the random generator."""
-        state: State = {f"hidden.{k}": v.numpy() for k, v in self._hidden.state_dict().items()}
+        state: Checkpoint = {f"hidden.{k}": v.numpy() for k, v in self._hidden.state_dict().items()}
         state |= self._adam.state()
         state["generator"] = self._generator.get_state().numpy()
         state["theta"] = self._theta
@@ -236,7 +236,7 @@ class FastTraining:
         state["phase"] = np.array(self.progress.phase)
         return state
 
-    def restore(self, state: State) -> None:
+    def restore(self, state: Checkpoint) -> None:
         """Go on from ``state``."""
         layers = {k: v for k, v in state.items() if k.startswith("hidden.")}
         self._hidden.load_state_dict(
@@ -274,7 +274,7 @@ class _StaticMoments:
         self._gram = self.value.T @ self.value / self._count
         self._data = self.value.T @ self.measured / self._count
 
-    def with_hidden(self, active: Tensor, active_rate: Tensor) -> Moments:
+    def with_hidden(self, active: Tensor, active_rate: Tensor) -> NormalEquations:
         """Moments of Φ = [φ, h] from the activations h (N, H) and their rates."""
         slope, width = self._slope, HIDDEN[-1]
         both = torch.cat([active, active_rate], 1)
@@ -301,7 +301,7 @@ class _StaticMoments:
             cross_rate.T @ slope,
             inner[width:, width:],
         )
-        return Moments(
+        return NormalEquations(
             value_value=value_value,
             rate_value=rate_value,
             rate_rate=rate_rate,
@@ -311,14 +311,14 @@ class _StaticMoments:
             lawful=self._lawful(active, active_rate),
         )
 
-    def _lawful(self, active: Tensor, active_rate: Tensor) -> tuple[Products, ...]:
+    def _lawful(self, active: Tensor, active_rate: Tensor) -> tuple[GramMatrices, ...]:
         """Products over each follower's instants that count; none where all do."""
         if self._counted is None:
             return ()
         value = torch.cat([self.value, active], 1)
         rate = torch.cat([self.rate, active_rate], 1)
         rows = [column.nonzero()[:, 0] for column in self._counted.T]
-        return tuple(Products.of(value[at], rate[at], self._count) for at in rows)
+        return tuple(GramMatrices.of(value[at], rate[at], self._count) for at in rows)
 
 
 def _largest_move(now: FloatArray, before: FloatArray) -> float:

@@ -8,7 +8,7 @@ from accpinn.methods.fit import History, Progress
 from accpinn.units import FloatArray
 
 if TYPE_CHECKING:  # whoever only watches a training need not load torch
-    from accpinn.methods.pinn.protocol import State
+    from accpinn.methods.pinn.protocol import Checkpoint
 
 KEPT = 2000
 """When so many moments are stored, every second one is dropped and the spacing doubles."""
@@ -47,7 +47,7 @@ class Recorder:
         tables = np.array(self._tables)
         return History(**dict(zip(_SCALARS, columns, strict=True)), parameters=tables)
 
-    def state(self) -> "State":
+    def state(self) -> "Checkpoint":
         """For a checkpoint."""
         return {
             "history.rows": np.array(self._rows).reshape(-1, len(_SCALARS)),
@@ -55,7 +55,7 @@ class Recorder:
             "history.spacing": np.array([self._spacing, self._skipped, self._latest_is_extra]),
         }
 
-    def restore(self, state: "State") -> None:
+    def restore(self, state: "Checkpoint") -> None:
         """From a checkpoint."""
         self._rows = [tuple(float(v) for v in row) for row in state["history.rows"]]
         self._tables = [np.array(table, float) for table in state["history.tables"]]

@@ -18,8 +18,8 @@ from accpinn.methods.pinn.adam import Adam
 from accpinn.methods.pinn.loss import LossTerms, loss_terms
 from accpinn.methods.pinn.network import PaperNetwork, count_weights
 from accpinn.methods.pinn.output_layout import output_columns
-from accpinn.methods.pinn.protocol import Learned, Problem, State
-from accpinn.methods.pinn.warm_start import Warm
+from accpinn.methods.pinn.protocol import Checkpoint, Learned, Problem
+from accpinn.methods.pinn.warm_start import WarmStart
 from accpinn.model.cthp import LINEAR_NAMES, PlatoonSolution, regressors, solve_rows
 from accpinn.units import FloatArray
 
@@ -54,7 +54,7 @@ class PaperTraining:
             self._look("Adam", self._loss())
         self.outcome = self._end()
 
-    def begin_from(self, warm: Warm) -> None:
+    def begin_from(self, warm: WarmStart) -> None:
         """Begin anew, from what an earlier training has learned."""
         table = warm.parameters(self.problem.case, self.problem.followers)
         warm.load_into(self.network, "network.")
@@ -184,15 +184,17 @@ class PaperTraining:
         free = solve_rows(terms, slopes, problem.case, problem.segment.left_out).unconstrained
         return PlatoonSolution(theta, free, active)
 
-    def state(self) -> State:
+    def state(self) -> Checkpoint:
         """Network, parameters and Adam's moments; L-BFGS begins its curvature anew."""
-        state: State = {f"network.{k}": v.numpy() for k, v in self.network.state_dict().items()}
+        state: Checkpoint = {
+            f"network.{k}": v.numpy() for k, v in self.network.state_dict().items()
+        }
         state |= self._adam.state()
         state["table"] = self.table.detach().numpy()
         state["iteration"] = np.array(self._iteration)
         return state
 
-    def restore(self, state: State) -> None:
+    def restore(self, state: Checkpoint) -> None:
         """Go on from ``state``."""
         layers = {k: v for k, v in state.items() if k.startswith("network.")}
         self.network.load_state_dict(

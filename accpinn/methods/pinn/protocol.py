@@ -12,12 +12,12 @@ from accpinn.methods.fit import Outcome, Progress
 from accpinn.methods.pinn.config import PinnConfig
 from accpinn.methods.pinn.loss import LossTerms, loss_terms
 from accpinn.methods.pinn.output_layout import stack_outputs
-from accpinn.methods.pinn.warm_start import Warm
+from accpinn.methods.pinn.warm_start import WarmStart
 from accpinn.model.cthp import Case, PlatoonSolution
 from accpinn.segment.window import Segment
 from accpinn.units import FloatArray
 
-State = dict[str, NDArray[np.generic]]
+Checkpoint = dict[str, NDArray[np.generic]]
 """Everything a training needs to go on, by name, as plain arrays."""
 
 
@@ -96,7 +96,7 @@ class Training(Protocol):
     outcome: Outcome | None
     """None while there is more to do."""
 
-    def begin_from(self, warm: Warm) -> None:
+    def begin_from(self, warm: WarmStart) -> None:
         """Begin at an earlier fit's weights and parameters; called before anything else.
 
         Raises:
@@ -106,10 +106,10 @@ class Training(Protocol):
     def advance(self) -> None:
         """Do a fraction of a second's work."""
 
-    def state(self) -> State:
+    def state(self) -> Checkpoint:
         """Everything needed to go on from here in another process."""
 
-    def restore(self, state: State) -> None:
+    def restore(self, state: Checkpoint) -> None:
         """Go on from ``state``, which a training of the same problem gave."""
 
     def learned(self) -> Learned:

@@ -14,11 +14,11 @@ from accpinn.model.cthp import Case
 from accpinn.segment.window import Segment
 
 if TYPE_CHECKING:
-    from accpinn.methods.pinn.warm_start import Warm
+    from accpinn.methods.pinn.warm_start import WarmStart
 
 
 def request_keys(
-    segment: Segment, case: Case, config: PinnConfig, warm: "Warm | None" = None
+    segment: Segment, case: Case, config: PinnConfig, warm: "WarmStart | None" = None
 ) -> tuple[str, str]:
     """Content addresses of a request's result and of its checkpoint.
 
@@ -34,8 +34,8 @@ def request_keys(
     return _address(segment, case, settings), _address(segment, case, resumable)
 
 
-def begun(
-    store: Store, segment: Segment, case: Case, config: PinnConfig, warm: "Warm | None" = None
+def resume_iteration(
+    store: Store, segment: Segment, case: Case, config: PinnConfig, warm: "WarmStart | None" = None
 ) -> int | None:
     """The iteration from which a training of this request would go on; None where it is new.
 
@@ -56,7 +56,7 @@ def begun(
 
 
 def forget(
-    store: Store, segment: Segment, case: Case, config: PinnConfig, warm: "Warm | None" = None
+    store: Store, segment: Segment, case: Case, config: PinnConfig, warm: "WarmStart | None" = None
 ) -> None:
     """Drop the checkpoints that a training of this request would go on from."""
     for key in request_keys(segment, case, config, warm):

@@ -19,7 +19,6 @@ from accpinn.methods.fit import (
     Progress,
     ShouldStop,
     bound_notes,
-    parameters_of,
 )
 from accpinn.methods.pinn.config import FAST, PinnConfig
 from accpinn.methods.pinn.fast import FastTraining
@@ -27,11 +26,11 @@ from accpinn.methods.pinn.history import Recorder
 from accpinn.methods.pinn.memory import require_memory
 from accpinn.methods.pinn.output_layout import output_columns
 from accpinn.methods.pinn.paper import PaperTraining
-from accpinn.methods.pinn.protocol import Learned, Problem, State, Training
+from accpinn.methods.pinn.protocol import Checkpoint, Learned, Problem, Training
 from accpinn.methods.pinn.request import request_keys
-from accpinn.methods.pinn.warm_start import Warm
+from accpinn.methods.pinn.warm_start import WarmStart
 from accpinn.methods.store import Say, Store
-from accpinn.model.cthp import Case, Trajectories
+from accpinn.model.cthp import Case, Parameters, Trajectories
 from accpinn.segment.window import Segment
 from accpinn.units import Seconds
 
@@ -57,7 +56,7 @@ def train(
     on_progress: OnProgress | None = None,
     should_stop: ShouldStop | None = None,
     threads: int | None = None,
-    warm: Warm | None = None,
+    warm: WarmStart | None = None,
 ) -> Fit:
     """Learn the parameters of a segment with the physics-inspired neural network.
 
@@ -97,7 +96,7 @@ def _allowed(threads: int | None) -> int:
 
 def _train(
     problem: Problem,
-    warm: Warm | None,
+    warm: WarmStart | None,
     store: Store | None,
     on_progress: OnProgress | None,
     should_stop: ShouldStop | None,
@@ -166,7 +165,7 @@ class _Run:
 
 
 def _begin(
-    problem: Problem, warm: Warm | None, store: Store | None, keys: tuple[str, str], say: Say
+    problem: Problem, warm: WarmStart | None, store: Store | None, keys: tuple[str, str], say: Say
 ) -> _Run:
     """Go on from the checkpoint under the first of ``keys``, if there is one.
 
@@ -188,7 +187,7 @@ def _begin(
     return run
 
 
-def _new(problem: Problem, warm: Warm | None, key: str) -> _Run:
+def _new(problem: Problem, warm: WarmStart | None, key: str) -> _Run:
     """A training at its beginning."""
     training = RECIPES[problem.config.preset](problem)
     if warm:
@@ -196,7 +195,7 @@ def _new(problem: Problem, warm: Warm | None, key: str) -> _Run:
     return _Run(training, Recorder(), key)
 
 
-def _resume(run: _Run, state: State) -> _Run:
+def _resume(run: _Run, state: Checkpoint) -> _Run:
     run.training.restore(state)
     run.recorder.restore(state)
     iteration = run.training.progress.iteration
@@ -217,7 +216,7 @@ def _as_fit(
     return Fit(
         method="pinn",
         case=case,
-        parameters=parameters_of(learned.solution.theta),
+        parameters=Parameters.from_theta(learned.solution.theta),
         surrogate=Trajectories(
             segment.time, learned.outputs[:, speed_columns], learned.outputs[:, gap_columns]
         ),
@@ -225,7 +224,7 @@ def _as_fit(
         seconds=seconds,
         config=config.to_json(),
         loss=learned.loss,
-        unconstrained=parameters_of(learned.solution.unconstrained),
+        unconstrained=Parameters.from_theta(learned.solution.unconstrained),
         active_bounds=learned.solution.active,
         history=recorder.history(),
         network_weights=learned.network_weights,

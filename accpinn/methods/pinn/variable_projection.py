@@ -28,7 +28,7 @@ RIDGE = 1e-10
 
 
 @dataclass(frozen=True, eq=False)
-class Products:
+class GramMatrices:
     """Sums over some instants of products of activations Φ and their rates Φ', divided by N."""
 
     value_value: Tensor
@@ -45,7 +45,7 @@ class Products:
 
 
 @dataclass(frozen=True, eq=False)
-class Moments(Products):
+class NormalEquations(GramMatrices):
     """The same over all instants, with a ridge on ΦᵀΦ, and products with the data Y."""
 
     value_data: Tensor
@@ -54,15 +54,15 @@ class Moments(Products):
     """(K,) Φ at the first instant, for Ψ_R."""
     first_data: Tensor
     """(2M+1,) the data at the first instant."""
-    lawful: tuple[Products, ...] = ()
+    lawful: tuple[GramMatrices, ...] = ()
     """(M,) over the instants at which a follower's law counts; empty where all do."""
 
-    def of_law(self, follower: int) -> Products:
+    def of_law(self, follower: int) -> GramMatrices:
         """The products in the residual of a follower's dv/dt."""
         return self.lawful[follower] if self.lawful else self
 
 
-def solve_output(moments: Moments, theta: FloatArray, config: PinnConfig) -> Tensor:
+def solve_output(moments: NormalEquations, theta: FloatArray, config: PinnConfig) -> Tensor:
     """The output layer W (K, 2M+1) that minimises Ψ for the parameters θ (M, 3)."""
     size, followers = len(moments.value_value), len(theta)
     speed_columns, gap_columns = output_columns(followers)
@@ -108,7 +108,7 @@ def solve_output(moments: Moments, theta: FloatArray, config: PinnConfig) -> Ten
 
 
 def _follower_blocks(
-    moments: Moments, law: Products, theta: FloatArray, config: PinnConfig
+    moments: NormalEquations, law: GramMatrices, theta: FloatArray, config: PinnConfig
 ) -> tuple[Tensor, Tensor, Tensor]:
     """A follower's residuals squared: on itself (2K, 2K), to the speed ahead (2K, K), on it."""
     vv, rv, rr = moments.value_value, moments.rate_value, moments.rate_rate
@@ -134,7 +134,7 @@ def _follower_blocks(
     return own, coupling, ahead
 
 
-def solve_parameters(moments: Moments, weights: Tensor, case: Case) -> PlatoonSolution:
+def solve_parameters(moments: NormalEquations, weights: Tensor, case: Case) -> PlatoonSolution:
     """The parameters that minimise Ψ for the output layer ``weights`` (K, 2M+1)."""
     followers = weights.shape[1] // 2
     speed_columns, gap_columns = output_columns(followers)

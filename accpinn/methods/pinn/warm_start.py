@@ -14,7 +14,7 @@ from accpinn.units import FloatArray
 
 
 @dataclass(frozen=True, eq=False)
-class Warm:
+class WarmStart:
     """Weights and parameters of an earlier fit."""
 
     arrays: dict[str, FloatArray]
@@ -25,9 +25,9 @@ class Warm:
     """Whose they are, as "snapshot 0123456789abcdef"."""
 
     @classmethod
-    def of(cls, fit: Fit, origin: str) -> "Warm":
+    def of(cls, fit: Fit, origin: str) -> "WarmStart":
         """Those of a fit."""
-        return cls(fit.arrays, fit.table(), origin)
+        return cls(fit.arrays, fit.parameters.values, origin)
 
     def digest(self) -> str:
         """SHA-256: equal digests mean an equal start."""

@@ -13,7 +13,7 @@ from plotly.subplots import make_subplots
 from accpinn.channels import GAP, SPEED, TIME
 from accpinn.inference.intervals import Uncertainty
 from accpinn.inference.profiles import INCREASE, Profile
-from accpinn.methods.fit import Course
+from accpinn.methods.fit import ParameterTrack
 from accpinn.model.cthp import Parameters, Trajectories
 from accpinn.results.figures.style import (
     GRID,
@@ -51,7 +51,7 @@ class Estimate:
 def estimates(
     rows: Sequence[Estimate],
     colour: str,
-    doubt: Uncertainty,
+    uncertainty: Uncertainty,
     follower: int,
     truth: Parameters | None = None,
     chosen: str = "",
@@ -61,7 +61,7 @@ def estimates(
     Args:
         rows: from the top down.
         colour: of the vehicle.
-        doubt: the segment's intervals.
+        uncertainty: the segment's intervals.
         follower: 0 for the first.
         truth: dashed, where it is known.
         chosen: the name of the row that is drawn larger.
@@ -73,7 +73,7 @@ def estimates(
     for which, (symbol, unit, _) in enumerate(PARAMETERS):
         column = which + 1
         values = np.array([row.values[which] for row in rows])
-        ends = float(doubt.lower[follower, which]), float(doubt.upper[follower, which])
+        ends = float(uncertainty.lower[follower, which]), float(uncertainty.upper[follower, which])
         shown = _range(np.concatenate([values, ends, true[which : which + 1]]))
         figure.add_scatter(
             x=values,
@@ -161,7 +161,7 @@ def curves(
 
 
 def courses(
-    followed: Sequence[tuple[str, Course]],
+    followed: Sequence[tuple[str, ParameterTrack]],
     follower: int,
     truth: Parameters | None = None,
     start: Seconds = 0.0,
@@ -178,15 +178,15 @@ def courses(
     true = (truth.alpha, truth.beta, truth.tau) if truth else ()
     for which, (symbol, unit, _) in enumerate(PARAMETERS):
         late = [np.array(true[which : which + 1])]
-        for (name, course), colour, dash in zip(followed, cycle(SERIES), cycle(DASHES)):
-            values = course.parameters[:, follower, which]
+        for (name, track), colour, dash in zip(followed, cycle(SERIES), cycle(DASHES)):
+            values = track.parameters[:, follower, which]
             late.append(values[int(SETTLED * len(values)) :])
-            if course.deviation is not None:
-                late.append(values[-1] + course.deviation[-1, follower, which] * np.array([-1, 1]))
-            time, shown = thinned(start + course.time, values)
-            if course.deviation is not None:
-                around = course.deviation[:, follower, which]
-                figure.add_trace(_ribbon(start + course.time, values, around, colour), which + 1, 1)
+            if track.deviation is not None:
+                late.append(values[-1] + track.deviation[-1, follower, which] * np.array([-1, 1]))
+            time, shown = thinned(start + track.time, values)
+            if track.deviation is not None:
+                around = track.deviation[:, follower, which]
+                figure.add_trace(_ribbon(start + track.time, values, around, colour), which + 1, 1)
             figure.add_scatter(
                 x=time,
                 y=shown,

@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 from plotly.subplots import make_subplots
 
 from accpinn.channels import GAP, SPEED, TIME
-from accpinn.model.published import ASTAZERO, LawSet
+from accpinn.model.published import ASTAZERO, ParameterSet
 from accpinn.platoon.leader import Sinusoid
-from accpinn.platoon.simulation import PlatoonRun, simulate
+from accpinn.platoon.simulation import PlatoonRun, simulate_platoon
 from accpinn.results.figures.stability import colours
 from accpinn.results.figures.style import FOLLOWERS, LEADER, finished, thinned
 from accpinn.units import FloatArray, Metres
@@ -50,7 +50,7 @@ class Cast:
     colours: tuple[str, ...]
 
 
-def cast_of(laws: LawSet, order: Sequence[int]) -> Cast:
+def cast_of(laws: ParameterSet, order: Sequence[int]) -> Cast:
     """Followers by their indices in ``laws``; who drives more than once gets shades of a colour."""
     total, seen = Counter(order), Counter[int]()
     names, paints = ["Leader"], [LEADER]
@@ -62,7 +62,7 @@ def cast_of(laws: LawSet, order: Sequence[int]) -> Cast:
     return Cast(tuple(html.escape(name) for name in names), tuple(paints))
 
 
-def follower_name(laws: LawSet, k: int, place: int) -> str:
+def follower_name(laws: ParameterSet, k: int, place: int) -> str:
     """Who drives at that place behind the leader; the recording's numbers would not fit here."""
     return f"Follower {place}: {laws.names[k]}"
 
@@ -220,7 +220,7 @@ def paper_panels() -> tuple[Panel, ...]:
     Row by row, two a row; those of a vehicle have the same axis of speed.
     """
     runs = [
-        simulate([ASTAZERO.parameters[k]] * PANEL_FOLLOWERS, Sinusoid(frequency))
+        simulate_platoon(ASTAZERO.parameters[[k] * PANEL_FOLLOWERS], Sinusoid(frequency))
         for k, frequency in PANELS
     ]
     reach = {

@@ -7,7 +7,7 @@ import numpy as np
 import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
-from accpinn.model.published import LawSet
+from accpinn.model.published import ParameterSet
 from accpinn.results.figures.style import LEADER, MODEL, SERIES, finished, vehicle_colour
 from accpinn.stability.frequency import response
 from accpinn.stability.maps import Boundaries, boundaries_over_alpha, boundaries_over_beta
@@ -47,12 +47,12 @@ MAP_KEY = (
 )
 
 
-def colours(laws: LawSet) -> tuple[str, ...]:
+def colours(laws: ParameterSet) -> tuple[str, ...]:
     """Each follower's colour, the same on every page."""
     return tuple(vehicle_colour(number, laws.leader) for number in laws.numbers)
 
 
-def bode(laws: LawSet, report: StabilityReport) -> go.Figure:
+def bode(laws: ParameterSet, report: StabilityReport) -> go.Figure:
     """|H| in dB over ω: every vehicle, and from the leader to the last.
 
     Every point carries the vehicle's index as its custom data, -1 for the whole platoon.
@@ -117,7 +117,7 @@ def _curve(
     )  # fmt: skip
 
 
-def _marks(figure: go.Figure, laws: LawSet, report: StabilityReport) -> None:
+def _marks(figure: go.Figure, laws: ParameterSet, report: StabilityReport) -> None:
     """A diamond on each peak and a ring on each crossover, of those who amplify."""
     names = [html.escape(label) for label in laws.labels]
     shown = [k for k, vehicle in enumerate(report.vehicles) if vehicle.crossover]
@@ -140,7 +140,7 @@ def _marks(figure: go.Figure, laws: LawSet, report: StabilityReport) -> None:
     )  # fmt: skip
 
 
-def criteria_course(laws: LawSet, report: StabilityReport) -> go.Figure:
+def criteria_course(laws: ParameterSet, report: StabilityReport) -> go.Figure:
     """Criteria and gains over the platoon: the paper's figure, with the exact gains below it."""
     vehicles, platoon = report.vehicles, report.platoon
     figure = make_subplots(rows=2, cols=1, shared_xaxes=True, vertical_spacing=0.1)
@@ -171,7 +171,7 @@ def criteria_course(laws: LawSet, report: StabilityReport) -> go.Figure:
 
 
 def _course(
-    figure: go.Figure, row: int, laws: LawSet, name: str, values: list[float], colour: str,
+    figure: go.Figure, row: int, laws: ParameterSet, name: str, values: list[float], colour: str,
     symbol: str, dash: str = "solid",
 ) -> None:  # fmt: skip
     places = list(range(1, len(laws) + 1))
@@ -183,7 +183,9 @@ def _course(
     )  # fmt: skip
 
 
-def stability_map(laws: LawSet, report: StabilityReport, held: int, plane: Plane) -> go.Figure:
+def stability_map(
+    laws: ParameterSet, report: StabilityReport, held: int, plane: Plane
+) -> go.Figure:
     """Where the criteria's boundaries run in the (β, τ) or (α, τ) plane, and the vehicles on it.
 
     Args:
@@ -222,12 +224,12 @@ def _say(figure: go.Figure, text: str, x: float, y: float) -> None:
     )  # fmt: skip
 
 
-def _highest(laws: LawSet, report: StabilityReport, held: int) -> float:
+def _highest(laws: ParameterSet, report: StabilityReport, held: int) -> float:
     """The map's upper edge in s: above all vehicles, and above what the held one needs."""
     needed = report.vehicles[held].smallest_tau
     taus = [law.tau for law in laws.parameters if law.alpha]
     wanted = [*taus, needed.linf_exact if needed else 0.0, 2.0]
-    return min(1.2 * max(wanted), max([12.0, *(1.2 * tau for tau in taus)]))
+    return float(min(1.2 * max(wanted), max([12.0, *(1.2 * tau for tau in taus)])))
 
 
 def _regions(figure: go.Figure, edges: Boundaries, top: float) -> None:
@@ -270,7 +272,7 @@ def _lines(figure: go.Figure, edges: Boundaries) -> None:
         )  # fmt: skip
 
 
-def _dots(figure: go.Figure, laws: LawSet, own: list[float], held: int) -> None:
+def _dots(figure: go.Figure, laws: ParameterSet, own: list[float], held: int) -> None:
     """The vehicles; the one whose parameter is held is filled."""
     figure.add_scatter(
         x=own, y=[law.tau for law in laws.parameters], mode="markers", showlegend=False,

@@ -1,7 +1,6 @@
 """The course of a training as figures: loss terms and parameters over iterations."""
 
 import html
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -22,7 +21,7 @@ from accpinn.results.figures.style import (
     vehicle_colour,
     with_legend,
 )
-from accpinn.segment.info import Described, Outline
+from accpinn.segment.info import Described, SegmentInfo
 from accpinn.segment.window import Segment
 from accpinn.units import FloatArray, Seconds
 
@@ -68,7 +67,7 @@ def parameter_course(
     history: History,
     which: int,
     segment: Described,
-    truth: Sequence[Parameters] = (),
+    truth: Parameters | None = None,
 ) -> go.Figure:
     """One parameter over iterations, dashed where the truth is known.
 
@@ -94,7 +93,7 @@ def parameter_course(
             line={"color": colour, "width": 2},
             marker={"size": 4},
         )
-    true = [(law.alpha, law.beta, law.tau)[which] for law in truth]
+    true = truth.values[:, which].tolist() if truth else []
     for k, value in enumerate(true):
         colour = vehicle_colour(segment.vehicles[k + 1], leader)
         figure.add_hline(y=value, line={"color": colour, "width": 1.5, "dash": "dash"})
@@ -139,7 +138,7 @@ def _mode_for(moments: int) -> str:
 
 
 def tracking(
-    segment: Segment | Outline,
+    segment: Segment | SegmentInfo,
     follower: int,
     surrogate: Trajectories | None,
     closed_loop: Trajectories | None,

@@ -6,7 +6,7 @@ from plotly.colors import hex_to_rgb
 
 from accpinn.inference.bands import gain_band
 from accpinn.inference.intervals import Uncertainty
-from accpinn.model.published import LawSet
+from accpinn.model.published import ParameterSet
 from accpinn.results.figures.stability import CEILING, Plane, colours
 from accpinn.units import FloatArray
 
@@ -19,7 +19,7 @@ LOWEST = -60.0
 """dB that stands for a gain of zero."""
 
 
-def add_bands(figure: go.Figure, laws: LawSet, doubt: Uncertainty) -> go.Figure:
+def add_bands(figure: go.Figure, laws: ParameterSet, uncertainty: Uncertainty) -> go.Figure:
     """Under the curves of `figures.stability.bode`, where |H| lies at the uncertainty's level.
 
     A vehicle whose parameters are not determined has no band.
@@ -28,7 +28,7 @@ def add_bands(figure: go.Figure, laws: LawSet, doubt: Uncertainty) -> go.Figure:
     omega = np.geomspace(omega[0], omega[-1], POINTS)
     bands = []
     for k, colour in enumerate(colours(laws)):
-        band = gain_band(doubt, k, omega)
+        band = gain_band(uncertainty, k, omega)
         if np.isfinite(band.lower).all():
             around = np.concatenate([_db(band.lower), _db(band.upper)[::-1]])
             bands.append(
@@ -41,7 +41,9 @@ def add_bands(figure: go.Figure, laws: LawSet, doubt: Uncertainty) -> go.Figure:
     return _beneath(figure, bands)
 
 
-def add_clouds(figure: go.Figure, laws: LawSet, doubt: Uncertainty, plane: Plane) -> go.Figure:
+def add_clouds(
+    figure: go.Figure, laws: ParameterSet, uncertainty: Uncertainty, plane: Plane
+) -> go.Figure:
     """Under the vehicles of `figures.stability.stability_map`, laws that the data allow as well.
 
     A draw without a headway (α = 0) has no place on the map.
@@ -49,7 +51,7 @@ def add_clouds(figure: go.Figure, laws: LawSet, doubt: Uncertainty, plane: Plane
     across = {"alpha": 0, "beta": 1}[plane]
     clouds = []
     for k, colour in enumerate(colours(laws)):
-        draws = doubt.draws[:, k]
+        draws = uncertainty.draws[:, k]
         draws = draws[np.linspace(0, len(draws) - 1, CLOUD).astype(int)]
         draws = draws[np.isfinite(draws).all(axis=1)]
         clouds.append(
@@ -62,9 +64,9 @@ def add_clouds(figure: go.Figure, laws: LawSet, doubt: Uncertainty, plane: Plane
     return _beneath(figure, clouds)
 
 
-def cloud_words(figure: go.Figure, doubt: Uncertainty, plane: Plane) -> str:
+def cloud_words(figure: go.Figure, uncertainty: Uncertainty, plane: Plane) -> str:
     """What the clouds are, and how many of the laws have no place in sight of the map."""
-    known = doubt.draws[:, ~np.isnan(doubt.draws[0, :, 0])]
+    known = uncertainty.draws[:, ~np.isnan(uncertainty.draws[0, :, 0])]
     across = known[..., {"alpha": 0, "beta": 1}[plane]]
     right, top = figure.layout.xaxis.range[1], figure.layout.yaxis.range[1]
     gapless = np.isnan(known[..., 2])

@@ -38,13 +38,13 @@ def animation(run: PlatoonRun, cast: Cast) -> go.Figure:
         rows=2, cols=1, shared_xaxes=True, row_heights=[0.2, 0.8], vertical_spacing=0.04
     )
     look = {"color": cast.colours, "line": {"width": 0}}
-    road, course = pictures[0]
+    road, track = pictures[0]
     figure.add_scatter(
         **road, mode="markers", marker={**look, "symbol": "square", "size": 13}, text=cast.names,
         hovertemplate="%{text}<br>%{x:.1f} m<extra></extra>", row=1, col=1,
     )  # fmt: skip
     figure.add_scatter(
-        **course, mode="lines+markers", line={"color": LEADER, "width": 1.2}, text=cast.names,
+        **track, mode="lines+markers", line={"color": LEADER, "width": 1.2}, text=cast.names,
         marker={**look, "size": 10}, hovertemplate="%{text}<br>%{y:.2f} m/s<extra></extra>",
         row=2, col=1,
     )  # fmt: skip

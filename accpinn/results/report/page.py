@@ -34,7 +34,7 @@ WIDE = 9
 """Columns beyond which a table is set smaller."""
 
 
-def report(snapshot: Snapshot, verification: Verification | None = None) -> str:
+def render_report(snapshot: Snapshot, verification: Verification | None = None) -> str:
     """The whole page.
 
     Args:
@@ -78,10 +78,10 @@ class Sheet:
 
 
 def _story(snapshot: Snapshot, checked: Verification, shown: list[Picture]) -> dict[str, Any]:
-    outline, worth, doubt = snapshot.outline, snapshot.assessment, snapshot.uncertainty
-    laws = pictures.learned_laws(snapshot)
-    leader = outline.vehicles[0]
-    all_colours = [vehicle_colour(number, leader) for number in outline.vehicles]
+    info, worth, uncertainty = snapshot.info, snapshot.evaluation, snapshot.uncertainty
+    laws = pictures.learned_parameters(snapshot)
+    leader = info.vehicles[0]
+    all_colours = [vehicle_colour(number, leader) for number in info.vehicles]
     moving = pictures.motion(snapshot)
     driven = pictures.platoon(snapshot)
     return {
@@ -93,31 +93,31 @@ def _story(snapshot: Snapshot, checked: Verification, shown: list[Picture]) -> d
         "motion": _placed([moving] if moving else [], shown),
         "parameters": _sheet(
             parameter_table(
-                outline, snapshot.fit, snapshot.quality,
+                info, snapshot.fit, snapshot.quality,
                 worth.surrogate if worth else None, worth.closed_loop if worth else None,
             ).coloured(all_colours),
             "parameters",
         ),
         "intervals": _sheet(
-            intervals_table(outline, doubt).coloured(colours(laws)), "intervals"
-        ) if doubt else None,
-        "doubt": doubt,
+            intervals_table(info, uncertainty).coloured(colours(laws)), "intervals"
+        ) if uncertainty else None,
+        "doubt": uncertainty,
         "fits": _placed(pictures.fits(snapshot), shown),
         "courses": _placed(pictures.courses(snapshot), shown),
         "stability": _sheet(
             stability_table(laws, snapshot.stability).coloured(colours(laws)), "stability"
         ) if snapshot.stability else None,
         "stability_doubt": _sheet(
-            stability_doubt_table(laws, doubt).coloured(colours(laws)), "stability_intervals"
-        ) if doubt and snapshot.stability else None,
+            stability_doubt_table(laws, uncertainty).coloured(colours(laws)), "stability_intervals"
+        ) if uncertainty and snapshot.stability else None,
         "reasons": _reasons(snapshot),
         "stability_pictures": _placed(pictures.stability(snapshot), shown),
         "platoon": _placed(driven[1] if driven else [], shown),
         "run": driven[0] if driven else None,
         "repeated": driven[2] if driven else "",
         "methods": [
-            _sheet(methods_table(outline, snapshot.rows, k), f"methods_{k + 1}")
-            for k in range(outline.followers if snapshot.rows else 0)
+            _sheet(methods_table(info, snapshot.rows, k), f"methods_{k + 1}")
+            for k in range(info.followers if snapshot.rows else 0)
         ],
         "checked": checked,
         "method": TITLES.get(snapshot.fit.method, snapshot.fit.method),
@@ -135,7 +135,7 @@ def _reasons(snapshot: Snapshot) -> list[tuple[str, list[str]]]:
         return []
     reasons = [
         (label, [v.l2.reason, v.linf_paper.reason, v.linf_exact.reason])
-        for label, v in zip(snapshot.outline.labels[1:], report.vehicles, strict=True)
+        for label, v in zip(snapshot.info.labels[1:], report.vehicles, strict=True)
     ]
     if len(report.vehicles) > 1:
         platoon = report.platoon

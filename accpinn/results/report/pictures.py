@@ -13,9 +13,9 @@ from accpinn.channels import GAP, SPEED, TIME
 from accpinn.errors import ParameterError
 from accpinn.evaluation.closed_loop import closed_loop
 from accpinn.model.cthp import Trajectories
-from accpinn.model.published import LawSet
+from accpinn.model.published import ParameterSet
 from accpinn.platoon.leader import Sinusoid
-from accpinn.platoon.simulation import PlatoonRun, simulate
+from accpinn.platoon.simulation import PlatoonRun, simulate_platoon
 from accpinn.results.figures import platoon as platoon_figures
 from accpinn.results.figures import stability as stability_figures
 from accpinn.results.figures.style import (
@@ -31,7 +31,7 @@ from accpinn.results.figures.training import loss_course, parameter_course, trac
 from accpinn.results.figures.uncertainty import add_bands, add_clouds, cloud_words
 from accpinn.results.snapshot.content import Snapshot
 from accpinn.results.tables.names import name_of
-from accpinn.segment.info import Outline
+from accpinn.segment.info import SegmentInfo
 from accpinn.segment.window import Segment
 
 FOLLOWERS = 8
@@ -64,15 +64,15 @@ class Picture:
         return {"name": self.name, "data": _plain(traces), "layout": _plain(layout)}
 
 
-def learned_laws(snapshot: Snapshot) -> LawSet:
+def learned_parameters(snapshot: Snapshot) -> ParameterSet:
     """The followers' laws under their labels."""
-    outline = snapshot.outline
-    return LawSet(
-        outline.source,
-        outline.labels[1:],
+    info = snapshot.info
+    return ParameterSet(
+        info.source,
+        info.labels[1:],
         snapshot.fit.parameters,
-        outline.vehicles[1:],
-        outline.vehicles[0],
+        info.vehicles[1:],
+        info.vehicles[0],
     )
 
 
@@ -81,15 +81,15 @@ def motion(snapshot: Snapshot) -> Picture | None:
     source: Segment | Trajectories | None = snapshot.segment or snapshot.fit.surrogate
     if source is None:
         return None
-    outline, figure = snapshot.outline, panels(2, [0.5, 0.5])
-    for column, label in enumerate(outline.labels):
-        line = {"color": _colour(outline, column), "width": 1.8}
+    info, figure = snapshot.info, panels(2, [0.5, 0.5])
+    for column, label in enumerate(info.labels):
+        line = {"color": _colour(info, column), "width": 1.8}
         name = html.escape(label) + (" (leader)" if column == 0 else "")
         drawn = [(2, source.speeds[:, column], SPEED)]
         if column:
             drawn.append((1, source.gaps[:, column - 1], GAP))
         for row, values, channel in drawn:
-            time, shown = thinned(outline.start + source.time, values)
+            time, shown = thinned(info.start + source.time, values)
             figure.add_scatter(
                 x=time, y=shown, name=name, line=line, mode="lines", legendgroup=name,
                 showlegend=row == 2, hovertemplate=f"%{{y:.2f}} {channel.unit}", row=row, col=1,
@@ -111,9 +111,9 @@ def fits(snapshot: Snapshot) -> Iterator[Picture]:
     if segment is None and fit.surrogate is None:
         return
     driven = closed_loop(segment, fit) if segment else None
-    for k, label in enumerate(snapshot.outline.labels[1:]):
+    for k, label in enumerate(snapshot.info.labels[1:]):
         own = "network" if fit.method == "pinn" else name_of(fit)
-        figure = tracking(segment or snapshot.outline, k, fit.surrogate, driven, own)
+        figure = tracking(segment or snapshot.info, k, fit.surrogate, driven, own)
         yield Picture(f"fit_{k + 1}", figure, f"{label}: space-gap and speed.")
 
 
@@ -124,18 +124,22 @@ def courses(snapshot: Snapshot) -> Iterator[Picture]:
         return
     yield Picture("loss", loss_course(history), "")
     for which, name in enumerate(("alpha", "beta", "tau")):
-        yield Picture(name, parameter_course(history, which, snapshot.outline), "")
+        yield Picture(name, parameter_course(history, which, snapshot.info), "")
 
 
 def stability(snapshot: Snapshot) -> Iterator[Picture]:
     """Response over frequency, criteria over the platoon, and the map around the last vehicle."""
-    report, doubt = snapshot.stability, snapshot.uncertainty
+    report, uncertainty = snapshot.stability, snapshot.uncertainty
     if report is None:
         return
-    laws = learned_laws(snapshot)
+    laws = learned_parameters(snapshot)
     bode = stability_figures.bode(laws, report)
-    bode = with_legend(add_bands(bode, laws, doubt) if doubt else bode)
-    band = f" Shaded: {100 * doubt.level:.0f} % bands of what the data leave open." if doubt else ""
+    bode = with_legend(add_bands(bode, laws, uncertainty) if uncertainty else bode)
+    band = (
+        f" Shaded: {100 * uncertainty.level:.0f} % bands of what the data leave open."
+        if uncertainty
+        else ""
+    )
     yield Picture(
         "response", bode,
         "Response to the speed of the vehicle ahead. Diamonds: peaks. Rings: below that frequency"
@@ -150,25 +154,25 @@ def stability(snapshot: Snapshot) -> Iterator[Picture]:
         yield Picture("criteria", criteria, words)
     held = len(laws) - 1
     chart = stability_figures.stability_map(laws, report, held, "beta")
-    chart = add_clouds(chart, laws, doubt, "beta") if doubt else chart
+    chart = add_clouds(chart, laws, uncertainty, "beta") if uncertainty else chart
     words = (
         f"Boundaries at the α of {laws.labels[held]}; above a line the vehicle is stable by that"
         " criterion. Hatched: stable by the paper's L∞ criterion, but peaks grow."
-        + (f" {cloud_words(chart, doubt, 'beta')}" if doubt else "")
+        + (f" {cloud_words(chart, uncertainty, 'beta')}" if uncertainty else "")
     )
     yield Picture("map", with_legend(chart), words)
 
 
 def platoon(snapshot: Snapshot) -> tuple[PlatoonRun, tuple[Picture, Picture], str] | None:
     """Eight vehicles like the one that amplifies most, behind a leader at its worst frequency."""
-    report, laws = snapshot.stability, learned_laws(snapshot)
+    report, laws = snapshot.stability, learned_parameters(snapshot)
     if report is None:
         return None
     peaks = [vehicle.peak for vehicle in report.vehicles]
     worst = max(range(len(peaks)), key=lambda k: peaks[k].gain)
     omega = peaks[worst].omega or QUIET
     try:
-        run = simulate([laws.parameters[worst]] * FOLLOWERS, Sinusoid(frequency=omega))
+        run = simulate_platoon(laws.parameters[[worst] * FOLLOWERS], Sinusoid(frequency=omega))
     except ParameterError:
         return None
     cast = platoon_figures.cast_of(laws, [worst] * FOLLOWERS)
@@ -181,8 +185,8 @@ def platoon(snapshot: Snapshot) -> tuple[PlatoonRun, tuple[Picture, Picture], st
     return run, pictures, laws.labels[worst]
 
 
-def _colour(outline: Outline, column: int) -> str:
-    return vehicle_colour(outline.vehicles[column], outline.vehicles[0])
+def _colour(info: SegmentInfo, column: int) -> str:
+    return vehicle_colour(info.vehicles[column], info.vehicles[0])
 
 
 def _plain(part: Any) -> Any:

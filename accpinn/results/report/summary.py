@@ -16,28 +16,28 @@ METHOD_TITLES = {"pinn": "a physics-inspired neural network (PiNN)"}
 
 def title(snapshot: Snapshot) -> str:
     """The user's name for the result, else what it is about."""
-    verb = "follows" if snapshot.outline.followers == 1 else "follow"
+    verb = "follows" if snapshot.info.followers == 1 else "follow"
     return snapshot.name or f"How {_followers(snapshot)} {verb} the vehicle ahead"
 
 
 def summary(snapshot: Snapshot) -> tuple[str, ...]:
     """The answer first: headway and gains, what they do to disturbances, how sure that is."""
-    fit, outline, doubt = snapshot.fit, snapshot.outline, snapshot.uncertainty
+    fit, info, uncertainty = snapshot.fit, snapshot.info, snapshot.uncertainty
     method = METHOD_TITLES.get(fit.method, fit.method)
     opening = (
-        f"From {outline.duration:g} s of {outline.source}, {method} learned the constant"
+        f"From {info.duration:g} s of {info.source}, {method} learned the constant"
         " time-headway law of"
     )
-    if fit.case == "I" and outline.followers > 1:
-        law = law_words(fit.parameters[0], headway_words(doubt, 0))
+    if fit.case == "I" and info.followers > 1:
+        law = law_words(fit.parameters[0], headway_words(uncertainty, 0))
         first = f"{opening} {_followers(snapshot)} as one set: {law}."
-    elif outline.followers == 1:
-        law = law_words(fit.parameters[0], headway_words(doubt, 0))
-        first = f"{opening} {outline.labels[1]}: {law}."
+    elif info.followers == 1:
+        law = law_words(fit.parameters[0], headway_words(uncertainty, 0))
+        first = f"{opening} {info.labels[1]}: {law}."
     else:
         laws = "; ".join(
-            f"{label}: {law_words(law, headway_words(doubt, k))}"
-            for k, (label, law) in enumerate(zip(outline.labels[1:], fit.parameters, strict=True))
+            f"{label}: {law_words(law, headway_words(uncertainty, k))}"
+            for k, (label, law) in enumerate(zip(info.labels[1:], fit.parameters, strict=True))
         )
         first = f"{opening} {_followers(snapshot)}. {laws}."
     stopped = unfinished(fit)
@@ -51,14 +51,14 @@ def law_words(law: Parameters, headway: str = "") -> str:
     return f"time headway τ {tau}{behind}, gains α {law.alpha:.4f} 1/s² and β {law.beta:.4f} 1/s"
 
 
-def headway_words(doubt: Uncertainty | None, follower: int) -> str:
+def headway_words(uncertainty: Uncertainty | None, follower: int) -> str:
     """The interval of τ; empty where there is none."""
-    if doubt is None:
+    if uncertainty is None:
         return ""
-    low, high = float(doubt.lower[follower, 2]), float(doubt.upper[follower, 2])
+    low, high = float(uncertainty.lower[follower, 2]), float(uncertainty.upper[follower, 2])
     if isnan(low) or isnan(high):
         return ""
-    percent = f"{100 * doubt.level:.0f} % interval"
+    percent = f"{100 * uncertainty.level:.0f} % interval"
     if isinf(high) and low < 0.005:
         return "the data alone do not fix it"
     if isinf(high):
@@ -67,7 +67,7 @@ def headway_words(doubt: Uncertainty | None, follower: int) -> str:
 
 
 def _followers(snapshot: Snapshot) -> str:
-    labels = snapshot.outline.labels[1:]
+    labels = snapshot.info.labels[1:]
     return labels[0] if len(labels) == 1 else f"{len(labels)} vehicles"
 
 
@@ -84,7 +84,7 @@ def _consequences(snapshot: Snapshot) -> tuple[str, ...]:
 def _amplifies(snapshot: Snapshot) -> str:
     assert snapshot.stability is not None
     vehicles = snapshot.stability.vehicles
-    labels = snapshot.outline.labels[1:]
+    labels = snapshot.info.labels[1:]
     who = [k for k, vehicle in enumerate(vehicles) if not vehicle.l2.stable]
     if not who:
         growing = any(not vehicle.linf_exact.stable for vehicle in vehicles)
@@ -105,12 +105,12 @@ def _at(omega: float) -> str:
     return f" at {omega:.3g} rad/s (a period of {2 * pi / omega:.0f} s)" if omega > 0 else ""
 
 
-def _how_sure(snapshot: Snapshot, doubt: Uncertainty) -> str:
-    labels = snapshot.outline.labels[1:]
+def _how_sure(snapshot: Snapshot, uncertainty: Uncertainty) -> str:
+    labels = snapshot.info.labels[1:]
     parts = [
         f"{label} {100 * float(l2):.0f} % (L2) and {100 * float(linf):.0f} % (L∞)"
         for label, l2, linf in zip(
-            labels, doubt.probability_l2, doubt.probability_linf, strict=True
+            labels, uncertainty.probability_l2, uncertainty.probability_linf, strict=True
         )
         if isfinite(float(l2))
     ]
@@ -120,12 +120,12 @@ def _how_sure(snapshot: Snapshot, doubt: Uncertainty) -> str:
 
 
 def _worth(snapshot: Snapshot) -> str:
-    worth = snapshot.assessment
+    worth = snapshot.evaluation
     if worth is None or worth.closed_loop is None:
         return ""
     errors = [float(value) for value in worth.closed_loop.gap_mae]
     gaps = ", ".join(f"{value:.1f}" for value in errors if isfinite(value))
-    who = zip(snapshot.outline.labels[1:], errors, strict=True)
+    who = zip(snapshot.info.labels[1:], errors, strict=True)
     without = ", ".join(label for label, value in who if not isfinite(value))
     sentence = (
         "Driving by itself behind the measured leader, the learned law misses the space-gap by"
@@ -143,7 +143,7 @@ def _worth(snapshot: Snapshot) -> str:
 
 
 def _collisions(snapshot: Snapshot) -> str:
-    worth, labels = snapshot.assessment, snapshot.outline.labels[1:]
+    worth, labels = snapshot.evaluation, snapshot.info.labels[1:]
     if worth is None:
         return ""
     when = [(k, float(time)) for k, time in enumerate(worth.collisions) if isfinite(time)]
@@ -165,20 +165,20 @@ def setting(value: Any) -> str:
 
 def about_data(snapshot: Snapshot) -> tuple[tuple[str, str], ...]:
     """What is known of the recording and the window, as terms and descriptions."""
-    outline, facts = snapshot.outline, snapshot.facts
+    info, facts = snapshot.info, snapshot.facts
     rows = [
-        ("Recording", outline.source),
+        ("Recording", info.source),
         ("Campaign", facts.get("campaign")),
         ("Date", facts.get("date")),
         ("ACC flag of the file", _flag(facts.get("acc_flag"))),
         ("Distance setting", facts.get("distance_setting")),
         (
             "Window",
-            f"{outline.start:g} to {outline.start + outline.duration:g} s of the recording,"
-            f" {outline.samples:,} samples every {outline.sample_time:g} s",
+            f"{info.start:g} to {info.start + info.duration:g} s of the recording,"
+            f" {info.samples:,} samples every {info.sample_time:g} s",
         ),
-        ("Leader", outline.labels[0]),
-        ("Followers", ", ".join(outline.labels[1:])),
+        ("Leader", info.labels[0]),
+        ("Followers", ", ".join(info.labels[1:])),
         ("Left out", _left_out(snapshot)),
     ]
     return tuple((term, str(value)) for term, value in rows if value)
@@ -193,26 +193,26 @@ def _flag(flag: int | None) -> str:
 
 
 def _left_out(snapshot: Snapshot) -> str:
-    outline = snapshot.outline
-    if not outline.left_out:
+    info = snapshot.info
+    if not info.left_out:
         return "nothing: every instant of the window counts"
     shares = ", ".join(
         f"{100 * share:.0f} % of {label}"
-        for label, share in zip(outline.labels[1:], outline.left_out_share, strict=True)
+        for label, share in zip(info.labels[1:], info.left_out_share, strict=True)
     )
-    return f"{', '.join(outline.left_out)} from the law's equations: {shares}"
+    return f"{', '.join(info.left_out)} from the law's equations: {shares}"
 
 
 def beware(snapshot: Snapshot) -> dict[str, tuple[str, ...]]:
     """What to beware of, by the part of the story that it belongs to."""
-    worth, doubt = snapshot.assessment, snapshot.uncertainty
+    worth, uncertainty = snapshot.evaluation, snapshot.uncertainty
     return {
-        "data": (*snapshot.outline.notes, *snapshot.quality.warnings),
+        "data": (*snapshot.info.notes, *snapshot.quality.warnings),
         "parameters": tuple(
             dict.fromkeys(
                 (
                     *snapshot.fit.notes,
-                    *(doubt.notes if doubt else ()),
+                    *(uncertainty.notes if uncertainty else ()),
                     *(worth.whiteness.sentences if worth else ()),
                 )
             )

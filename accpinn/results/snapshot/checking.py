@@ -14,10 +14,10 @@ from accpinn.results.snapshot.create import facts_of, stability
 from accpinn.results.snapshot.file import Content, load
 from accpinn.results.snapshot.recompute import from_data
 from accpinn.results.snapshot.refitting import network_curve, refitted, repeatable
-from accpinn.results.snapshot.sanitise import printable
+from accpinn.results.snapshot.sanitise import sanitise
 from accpinn.results.snapshot.schema import ATTRIBUTION_TEXT
 from accpinn.results.tables.names import TITLES
-from accpinn.segment.regimes import label, leave_out
+from accpinn.segment.regimes import exclude_regimes, label_regimes
 from accpinn.segment.window import Segment, cut
 from accpinn.stability.report import VehicleStability
 
@@ -101,14 +101,14 @@ def _whole(snapshot: Snapshot) -> Check:
 
 def _provenance(snapshot: Snapshot, segment: Segment, recording: Recording, wording: bool) -> Check:
     """Names, notes and facts as the recording has them; the file itself may be called otherwise."""
-    known, found = snapshot.outline, segment.outline()
+    known, found = snapshot.info, segment.info()
     stored: list[Any] = [known.names, known.notes, known.left_out_share]
     given: list[Any] = [found.names, found.notes, found.left_out_share]
     if snapshot.facts:  # else it was taken without its recording
         stored.append(snapshot.facts)
         given.append(facts_of(recording))
-    texts = [f"{outline.followers + 1} vehicles" for outline in (known, found)]
-    return compared("Names and notes", texts, stored, printable(encode(given)), wording=wording)
+    texts = [f"{info.followers + 1} vehicles" for info in (known, found)]
+    return compared("Names and notes", texts, stored, sanitise(encode(given)), wording=wording)
 
 
 def _stability(snapshot: Snapshot, wording: bool) -> Iterator[Check]:
@@ -118,9 +118,7 @@ def _stability(snapshot: Snapshot, wording: bool) -> Iterator[Check]:
         reason = "There is no report, as the parameters allow none."
         yield Check("Stability", _said(old), _said(new), same, reason if same else _DIFFERS)
         return
-    for text, one, other in zip(
-        snapshot.outline.labels[1:], old.vehicles, new.vehicles, strict=True
-    ):
+    for text, one, other in zip(snapshot.info.labels[1:], old.vehicles, new.vehicles, strict=True):
         verdicts = _verdicts(one), _verdicts(other)
         yield compared(f"Stability of {text}", verdicts, one, other, wording=wording)
     if len(old.vehicles) > 1:
@@ -151,30 +149,28 @@ class _Found:
 
 def _found(snapshot: Snapshot, recording: Recording) -> _Found:
     """The snapshot's window in a recording, if that is the one."""
-    outline = snapshot.outline
-    stored, given = outline.sha256[:ID_LENGTH], recording.sha256[:ID_LENGTH]
-    if outline.sha256 != recording.sha256:
+    info = snapshot.info
+    stored, given = info.sha256[:ID_LENGTH], recording.sha256[:ID_LENGTH]
+    if info.sha256 != recording.sha256:
         sentence = (
             f"{recording.source} is not the recording the result was learned from; that is"
-            f" {outline.source} with the SHA-256 {outline.sha256}."
+            f" {info.source} with the SHA-256 {info.sha256}."
         )
         return _Found(Check("Recording", stored, given, False, sentence))
     try:
-        segment = cut(recording, outline.start, outline.duration, outline.vehicles)
-        if outline.left_out:
-            segment = leave_out(segment, label(segment, recording), outline.left_out)
+        segment = cut(recording, info.start, info.duration, info.vehicles)
+        if info.left_out:
+            segment = exclude_regimes(segment, label_regimes(segment, recording), info.left_out)
     except AccpinnError as fault:
         return _Found(Check("Recording", stored, given, False, str(fault)))
-    same = segment.digest() == outline.digest
+    same = segment.digest() == info.digest
     sentence = (
         "The recording is the same, and so is the window cut from it."
         if same
         else "The recording is the same, but the window cut from it differs, as if bridged or"
         " resampled in another way."
     )
-    window = Check(
-        "Window", outline.digest[:ID_LENGTH], segment.digest()[:ID_LENGTH], same, sentence
-    )
+    window = Check("Window", info.digest[:ID_LENGTH], segment.digest()[:ID_LENGTH], same, sentence)
     return _Found(window, segment if same else None)
 
 
@@ -188,7 +184,7 @@ def _unchecked(
     snapshot: Snapshot, segment: Segment | None, same: Recording | None, again: bool
 ) -> Iterator[Unchecked]:
     """What a reader must not take for granted."""
-    outline, fit = snapshot.outline, snapshot.fit
+    info, fit = snapshot.info, snapshot.fit
     if segment is None:
         yield Unchecked("its errors and intervals, as the data are not in it", RECORDING)
     method = TITLES.get(fit.method, fit.method)
@@ -197,9 +193,9 @@ def _unchecked(
         yield Unchecked(f"that {method} finds these parameters, as {reason}")
     elif segment is None or not again:
         yield Unchecked(f"that {method} finds these parameters", REFIT)
-    if same is None and outline.sha256:
+    if same is None and info.sha256:
         yield Unchecked(
-            f"that the data are those of {outline.source} (SHA-256 {outline.sha256})", RECORDING
+            f"that the data are those of {info.source} (SHA-256 {info.sha256})", RECORDING
         )
     if snapshot.origin.accpinn != __version__:
         yield Unchecked(f"its sentences, as accpinn {snapshot.origin.accpinn} wrote them")

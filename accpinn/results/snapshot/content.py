@@ -3,15 +3,15 @@
 from dataclasses import dataclass
 from typing import Any
 
-from accpinn.evaluation.evaluation import Assessment
+from accpinn.evaluation.evaluation import Evaluation
 from accpinn.inference.intervals import Uncertainty
 from accpinn.methods.fit import Fit
 from accpinn.results.snapshot.schema import ATTRIBUTION_TEXT
-from accpinn.segment.info import Outline
+from accpinn.segment.info import SegmentInfo
 from accpinn.segment.quality import Quality
 from accpinn.segment.window import Segment
 from accpinn.stability.report import StabilityReport
-from accpinn.study.comparison import Row
+from accpinn.study.comparison import MethodResult
 
 ID_LENGTH = 16
 """Hex digits of the overall digest that make the short name; no two of a server's will meet."""
@@ -45,7 +45,7 @@ class Snapshot:
     created: str
     """ISO 8601 in UTC to the second, as "2026-03-01T12:00:00Z"."""
     origin: Origin
-    outline: Outline
+    info: SegmentInfo
     """Window, vehicles and origin of the data."""
     facts: dict[str, Any]
     """What is known of the recording; None where it does not say.
@@ -58,11 +58,11 @@ class Snapshot:
     fit: Fit
     uncertainty: Uncertainty | None
     """None where it was neither given nor could be computed."""
-    assessment: Assessment | None
+    evaluation: Evaluation | None
     """None where it was neither given nor could be computed."""
     stability: StabilityReport | None
     """As it stood at saving; None where τ is undetermined or the values allow no report."""
-    rows: tuple[Row, ...] = ()
+    rows: tuple[MethodResult, ...] = ()
     """The methods compared; without trajectories, courses thinned to 500 instants at most."""
     segment: Segment | None = None
     """The speeds and space-gaps of the window; only if the user asked for them."""

@@ -13,32 +13,32 @@ import numpy as np
 
 from accpinn import __version__
 from accpinn.errors import ParameterError, SnapshotError
-from accpinn.evaluation.evaluation import Assessment, appraise
+from accpinn.evaluation.evaluation import Evaluation, evaluate
 from accpinn.inference.intervals import Uncertainty, intervals
-from accpinn.methods.fit import Course, Fit, Outcome
+from accpinn.methods.fit import Fit, Outcome, ParameterTrack
 from accpinn.recordings.recording import Recording
 from accpinn.results.snapshot.content import Origin, Snapshot
 from accpinn.results.snapshot.schema import LONGEST_NAME, LONGEST_NOTE
 from accpinn.results.snapshot.validate import check_length
-from accpinn.segment.quality import assess
+from accpinn.segment.quality import assess_quality
 from accpinn.segment.window import Segment
-from accpinn.stability.report import StabilityReport, report
-from accpinn.study.comparison import Row
+from accpinn.stability.report import StabilityReport, stability_report
+from accpinn.study.comparison import MethodResult
 
 PACKAGES = ("torch", "numpy", "scipy", "pandas", "plotly", "streamlit", "control")
 COURSE_INSTANTS = 500
 """Of a compared method; more are not seen in a figure."""
 
 
-def take(
+def create(
     segment: Segment,
     fit: Fit,
     *,
     recording: Recording | None = None,
     facts: dict[str, Any] | None = None,
     uncertainty: Uncertainty | None = None,
-    assessment: Assessment | None = None,
-    rows: Sequence[Row] = (),
+    evaluation: Evaluation | None = None,
+    rows: Sequence[MethodResult] = (),
     name: str = "",
     note: str = "",
     with_data: bool = False,
@@ -51,7 +51,7 @@ def take(
         recording: the segment's; with it the snapshot names campaign, date and settings.
         facts: what is known of the recording where it is not at hand; see `Snapshot.facts`.
         uncertainty: the fit's, if it is known already.
-        assessment: the fit's, if it is known already.
+        evaluation: the fit's, if it is known already.
         rows: the methods compared on the same segment.
         name: of the user's choice.
         note: of the user's choice.
@@ -68,12 +68,12 @@ def take(
         note=note,
         created=datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ"),
         origin=origin(),
-        outline=segment.outline(),
+        info=segment.info(),
         facts=facts_of(recording) or facts or {},
-        quality=assess(segment),
+        quality=assess_quality(segment),
         fit=fit,
         uncertainty=uncertainty or intervals(segment, fit),
-        assessment=assessment or appraise(segment, fit, recording=recording),
+        evaluation=evaluation or evaluate(segment, fit, recording=recording),
         stability=stability(fit),
         rows=tuple(replace(row, fit=light(row.fit)) for row in rows),
         segment=segment if with_data else None,
@@ -104,7 +104,7 @@ def _is_unicode(text: str) -> bool:
 def stability(fit: Fit) -> StabilityReport | None:
     """The report of the learned laws; None where they allow none."""
     with suppress(ParameterError):
-        return report(fit.parameters)
+        return stability_report(fit.parameters)
     return None
 
 
@@ -144,16 +144,16 @@ def facts_of(recording: Recording | None) -> dict[str, Any]:
 
 def light(fit: Fit) -> Fit:
     """A compared method's fit, without curves and weights, its course at few instants."""
-    return replace(fit, surrogate=None, history=None, arrays={}, course=_thinned(fit.course))
+    return replace(fit, surrogate=None, history=None, arrays={}, track=_thinned(fit.track))
 
 
-def _thinned(course: Course | None) -> Course | None:
-    if course is None or len(course.time) <= COURSE_INSTANTS:
-        return course
-    keep = np.unique(np.linspace(0, len(course.time) - 1, COURSE_INSTANTS).round().astype(int))
-    deviation = course.deviation
-    return Course(
-        course.time[keep],
-        course.parameters[keep],
+def _thinned(track: ParameterTrack | None) -> ParameterTrack | None:
+    if track is None or len(track.time) <= COURSE_INSTANTS:
+        return track
+    keep = np.unique(np.linspace(0, len(track.time) - 1, COURSE_INSTANTS).round().astype(int))
+    deviation = track.deviation
+    return ParameterTrack(
+        track.time[keep],
+        track.parameters[keep],
         None if deviation is None else deviation[keep],
     )

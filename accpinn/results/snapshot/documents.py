@@ -5,7 +5,7 @@ import re
 from typing import Any, NoReturn
 
 from accpinn.errors import SnapshotError
-from accpinn.results.snapshot.sanitise import plainly_printable, printable
+from accpinn.results.snapshot.sanitise import plainly_printable, sanitise
 
 DEEPEST = 20
 """Brackets within brackets."""
@@ -56,7 +56,7 @@ def read(data: bytes, what: str) -> Any:
         ) from None
     if not same:
         raise SnapshotError(f"The snapshot is damaged: {what} is not as it was written.")
-    return tree if plainly_printable(text) else printable(tree)
+    return tree if plainly_printable(text) else sanitise(tree)
 
 
 def _depth(data: bytes) -> int:

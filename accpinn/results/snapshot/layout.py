@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 
 from accpinn.errors import SnapshotError
-from accpinn.evaluation.evaluation import Assessment
+from accpinn.evaluation.evaluation import Evaluation
 from accpinn.inference.intervals import Uncertainty
-from accpinn.methods.fit import Course, Fit, History
+from accpinn.methods.fit import Fit, History, ParameterTrack
 from accpinn.model.cthp import Trajectories
 from accpinn.results.snapshot.arrays import Arrays, Shape, Sizes, check, check_finite
 from accpinn.results.snapshot.codec import Decoder, encode
@@ -25,14 +25,14 @@ from accpinn.results.snapshot.schema import (
     Documents,
 )
 from accpinn.results.snapshot.validate import check_outline, check_plausible
-from accpinn.segment.info import Outline
+from accpinn.segment.info import SegmentInfo
 from accpinn.segment.quality import Quality
 from accpinn.segment.window import Segment
 from accpinn.stability.report import StabilityReport
-from accpinn.study.comparison import Row
+from accpinn.study.comparison import MethodResult
 from accpinn.units import FloatArray
 
-FIT_ELSEWHERE = frozenset({"surrogate", "history", "course", "arrays", "cached"})
+FIT_ELSEWHERE = frozenset({"surrogate", "history", "track", "arrays", "cached"})
 DRAWS_ELSEWHERE = frozenset({"draws"})
 ABOUT = ("name", "note", "created")
 
@@ -48,7 +48,7 @@ class Parts:
 def parts(snapshot: Snapshot) -> Parts:
     """The documents and arrays of a snapshot."""
     draws = _Draws()
-    about = {name: getattr(snapshot, name) for name in (*ABOUT, "origin", "outline", "facts")}
+    about = {name: getattr(snapshot, name) for name in (*ABOUT, "origin", "info", "facts")}
     documents: Documents = {
         "snapshot.json": encode(about),
         "quality.json": encode(snapshot.quality),
@@ -57,15 +57,15 @@ def parts(snapshot: Snapshot) -> Parts:
             {
                 "fit": encode(row.fit, FIT_ELSEWHERE),
                 "uncertainty": draws.put(row.uncertainty),
-                "assessment": encode(row.assessment),
+                "evaluation": encode(row.evaluation),
             }
             for row in snapshot.rows
         ],
     }
     if snapshot.uncertainty:
         documents["uncertainty.json"] = draws.put(snapshot.uncertainty)
-    if snapshot.assessment:
-        documents["assessment.json"] = encode(snapshot.assessment)
+    if snapshot.evaluation:
+        documents["evaluation.json"] = encode(snapshot.evaluation)
     if snapshot.stability:
         documents["stability.json"] = encode(snapshot.stability)
     groups: dict[str, Arrays] = {
@@ -73,7 +73,7 @@ def parts(snapshot: Snapshot) -> Parts:
         "weights.npz": dict(snapshot.fit.arrays),
         "draws.npz": draws.arrays,
         "rows.npz": _prefixed(
-            {str(k): _fields(row.fit.course) for k, row in enumerate(snapshot.rows)}
+            {str(k): _fields(row.fit.track) for k, row in enumerate(snapshot.rows)}
         ),
     }
     if snapshot.segment:
@@ -98,20 +98,24 @@ class _Draws:
     def __init__(self) -> None:
         self.arrays: Arrays = {}
 
-    def put(self, doubt: Uncertainty) -> dict[str, Any]:
+    def put(self, uncertainty: Uncertainty) -> dict[str, Any]:
         """An uncertainty as a tree that names its draws."""
-        same = [k for k, a in self.arrays.items() if np.array_equal(a, doubt.draws, equal_nan=True)]
+        same = [
+            k
+            for k, a in self.arrays.items()
+            if np.array_equal(a, uncertainty.draws, equal_nan=True)
+        ]
         name = same[0] if same else str(len(self.arrays))
-        self.arrays[name] = doubt.draws
-        return {"draws": name, "figures": encode(doubt, DRAWS_ELSEWHERE)}
+        self.arrays[name] = uncertainty.draws
+        return {"draws": name, "figures": encode(uncertainty, DRAWS_ELSEWHERE)}
 
 
 def _curves(fit: Fit) -> Arrays:
-    groups = {"surrogate": fit.surrogate, "history": fit.history, "course": fit.course}
+    groups = {"surrogate": fit.surrogate, "history": fit.history, "track": fit.track}
     return _prefixed({name: _fields(value) for name, value in groups.items()})
 
 
-def _fields(value: Trajectories | History | Course | None) -> Arrays:
+def _fields(value: Trajectories | History | ParameterTrack | None) -> Arrays:
     if value is None:
         return {}
     named = {field.name: getattr(value, field.name) for field in fields(value)}
@@ -142,7 +146,7 @@ class _Assembly:
     def snapshot(self, digest: str) -> Snapshot:
         """All of it."""
         about = self._about()
-        outline = about["outline"]
+        info = about["info"]
         self.draws = self._draws()
         fit = self._fit()
         found = Snapshot(
@@ -150,10 +154,10 @@ class _Assembly:
             quality=self._decoder("quality.json").read(Quality, self.documents["quality.json"]),
             fit=fit,
             uncertainty=self._uncertainty(),
-            assessment=self._optional("assessment.json", Assessment),
+            evaluation=self._optional("evaluation.json", Evaluation),
             stability=self._optional("stability.json", StabilityReport),
             rows=self._rows(),
-            segment=self._segment(outline),
+            segment=self._segment(info),
             digest=digest,
         )
         check_plausible(found)
@@ -163,19 +167,19 @@ class _Assembly:
         tree = self.documents["snapshot.json"]
         decoder = self._decoder("snapshot.json")
         head = decoder.read(_About, tree)
-        count = len(head.outline.vehicles)
-        if count < 2 or head.outline.samples < 2:
+        count = len(head.info.vehicles)
+        if count < 2 or head.info.samples < 2:
             raise SnapshotError("The snapshot is refused: its window has no followers or no data.")
-        check_outline(head.outline)
-        self.counts = {"M": count - 1, "V": count, "N": head.outline.samples}
+        check_outline(head.info)
+        self.counts = {"M": count - 1, "V": count, "N": head.info.samples}
         self.sizes = Sizes(**self.counts)
         decoder = self._decoder("snapshot.json")
-        decoder.read(Outline, tree["outline"], "outline")
+        decoder.read(SegmentInfo, tree["info"], "info")
         return {field.name: getattr(head, field.name) for field in fields(head)}
 
     def _fit(self) -> Fit:
         curves, what = self.arrays["fit.npz"], PARTS["fit.npz"].title
-        known = {"surrogate": SURROGATE, "history": HISTORY, "course": COURSE}
+        known = {"surrogate": SURROGATE, "history": HISTORY, "track": COURSE}
         groups = {name: _group(curves, name) for name in known}
         if sum(map(len, groups.values())) != len(curves):
             raise SnapshotError(f"The snapshot is refused: {what} hold more than curves.")
@@ -189,7 +193,7 @@ class _Assembly:
             self.documents["fit.json"],
             surrogate=Trajectories(**groups["surrogate"]) if groups["surrogate"] else None,
             history=History(**groups["history"]) if groups["history"] else None,
-            course=Course(**groups["course"]) if groups["course"] else None,
+            track=ParameterTrack(**groups["track"]) if groups["track"] else None,
             arrays=weights,
             cached=False,
         )
@@ -226,32 +230,32 @@ class _Assembly:
         tree = self.documents.get(name)
         return None if tree is None else self._decoder(name).read(kind, tree)
 
-    def _rows(self) -> tuple[Row, ...]:
+    def _rows(self) -> tuple[MethodResult, ...]:
         decoder = self._decoder("rows.json")
         trees = decoder.items(_Row, self.documents["rows.json"])
         return tuple(self._row(decoder.read(_Row, tree), k) for k, tree in enumerate(trees))
 
-    def _row(self, tree: "_Row", number: int) -> Row:
+    def _row(self, tree: "_Row", number: int) -> MethodResult:
         decoder = self._decoder("rows.json")
-        course = _group(self.arrays["rows.npz"], str(number))
-        self._check(course, COURSE, f"{PARTS['rows.npz'].title}, {number}", Sizes(**self.counts))
+        track = _group(self.arrays["rows.npz"], str(number))
+        self._check(track, COURSE, f"{PARTS['rows.npz'].title}, {number}", Sizes(**self.counts))
         fit = decoder.read(
             Fit,
             tree.fit,
             f"{number}.fit",
             surrogate=None,
             history=None,
-            course=Course(**course) if course else None,
+            track=ParameterTrack(**track) if track else None,
             arrays={},
             cached=False,
         )
-        return Row(
+        return MethodResult(
             fit,
             self._doubt(tree.uncertainty, decoder),
-            decoder.read(Assessment, tree.assessment, f"{number}.assessment"),
+            decoder.read(Evaluation, tree.evaluation, f"{number}.assessment"),
         )
 
-    def _segment(self, outline: Outline) -> Segment | None:
+    def _segment(self, info: SegmentInfo) -> Segment | None:
         arrays = self.arrays.get("data.npz")
         if arrays is None:
             return None
@@ -261,15 +265,15 @@ class _Assembly:
         self._check(arrays, DATA, what)
         segment = Segment(
             **arrays,
-            vehicles=outline.vehicles,
-            names=outline.names,
-            start=outline.start,
-            source=outline.source,
-            sha256=outline.sha256,
-            notes=outline.notes,
-            left_out_regimes=outline.left_out,
+            vehicles=info.vehicles,
+            names=info.names,
+            start=info.start,
+            source=info.source,
+            sha256=info.sha256,
+            notes=info.notes,
+            excluded_regimes=info.left_out,
         )
-        if segment.digest() != outline.digest:
+        if segment.digest() != info.digest:
             raise SnapshotError(
                 f"The snapshot is refused: {what} is not the window that the result was learned"
                 " from."
@@ -288,7 +292,7 @@ class _About:
     note: str
     created: str
     origin: Origin
-    outline: Outline
+    info: SegmentInfo
     facts: dict[str, Any]
 
 
@@ -306,4 +310,4 @@ class _Row:
 
     fit: Any
     uncertainty: Any
-    assessment: Any
+    evaluation: Any

@@ -62,7 +62,7 @@ class Entry:
     """Why it cannot be read; empty where it can."""
 
 
-class Shelf:
+class Library:
     """A folder of snapshots, each found by its short name; see the module's head."""
 
     def __init__(
@@ -228,16 +228,16 @@ class Shelf:
 
 def described(snapshot: Snapshot, size: int) -> Entry:
     """What a list shows of a snapshot that was read."""
-    outline = snapshot.outline
+    info = snapshot.info
     return Entry(
         id=snapshot.id,
         size=size,
         name=snapshot.name,
         note=snapshot.note,
         created=snapshot.created,
-        source=outline.source,
-        window=f"{outline.start:g}–{outline.start + outline.duration:g} s",
-        vehicles=outline.labels,
+        source=info.source,
+        window=f"{info.start:g}–{info.start + info.duration:g} s",
+        vehicles=info.labels,
         method=snapshot.fit.method,
         parameters=tuple((p.alpha, p.beta, p.tau) for p in snapshot.fit.parameters),
         with_data=snapshot.segment is not None,

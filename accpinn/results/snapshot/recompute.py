@@ -8,16 +8,16 @@ import numpy as np
 
 from accpinn.errors import ConfigError
 from accpinn.evaluation.closed_loop import closed_loop_errors
-from accpinn.evaluation.cross_validation import held_out_errors
+from accpinn.evaluation.cross_validation import pooled_holdout_errors
 from accpinn.evaluation.errors import TrackingErrors
-from accpinn.evaluation.evaluation import Assessment, appraise
+from accpinn.evaluation.evaluation import Evaluation, evaluate
 from accpinn.inference.intervals import Uncertainty, intervals
 from accpinn.methods.fit import Fit
 from accpinn.recordings.recording import Recording
 from accpinn.results.snapshot.agreement import ABSOLUTE, Check, compared
 from accpinn.results.snapshot.content import Snapshot
 from accpinn.results.tables.names import name_of
-from accpinn.segment.quality import assess
+from accpinn.segment.quality import assess_quality
 from accpinn.segment.window import Segment
 
 INTERVALS = 1e-6
@@ -29,32 +29,32 @@ def from_data(
     snapshot: Snapshot, segment: Segment, recording: Recording | None, wording: bool
 ) -> Iterator[Check]:
     """Quality, errors, intervals, and the methods compared; ``wording``: sentences count too."""
-    quality, fit = assess(segment), snapshot.fit
+    quality, fit = assess_quality(segment), snapshot.fit
     conditions = [f"condition {few(figures.condition)}" for figures in (snapshot.quality, quality)]
     yield compared("Data's quality", conditions, snapshot.quality, quality, wording=wording)
-    if snapshot.assessment is None:
+    if snapshot.evaluation is None:
         yield _missing("Errors")
     else:
-        computed = appraise(segment, fit, recording=recording)
-        yield from _errors(snapshot, snapshot.assessment, computed, wording)
+        computed = evaluate(segment, fit, recording=recording)
+        yield from _errors(snapshot, snapshot.evaluation, computed, wording)
     if snapshot.uncertainty is None:
         yield _missing("Intervals")
     else:
         yield _intervals("Intervals", snapshot.uncertainty, segment, fit, wording)
     for row in snapshot.rows:
-        stored, driven = row.assessment.closed_loop, closed_loop_errors(segment, row.fit)
+        stored, driven = row.evaluation.closed_loop, closed_loop_errors(segment, row.fit)
         title = f"Closed-loop simulation, {name_of(row.fit)}"
         yield compared(title, (mae(stored), mae(driven)), stored, driven)
         title = f"Intervals, {name_of(row.fit)}"
         yield _intervals(title, row.uncertainty, segment, row.fit, wording)
-        yield from pooled(f"Held out, {name_of(row.fit)}", row.assessment)
+        yield from pooled(f"Held out, {name_of(row.fit)}", row.evaluation)
 
 
 def _missing(name: str) -> Check:
     return Check(name, "missing", "computed", False, "They are missing, though the data give them.")
 
 
-def _errors(snapshot: Snapshot, old: Assessment, new: Assessment, wording: bool) -> Iterator[Check]:
+def _errors(snapshot: Snapshot, old: Evaluation, new: Evaluation, wording: bool) -> Iterator[Check]:
     pairs = [
         ("Surrogate fit", old.surrogate, new.surrogate),
         ("Closed-loop simulation", old.closed_loop, new.closed_loop),
@@ -74,10 +74,10 @@ def _errors(snapshot: Snapshot, old: Assessment, new: Assessment, wording: bool)
     yield from pooled("Held out", old)
 
 
-def pooled(name: str, worth: Assessment) -> Iterator[Check]:
+def pooled(name: str, worth: Evaluation) -> Iterator[Check]:
     """Whether the error over all blocks held out is that of the blocks."""
     if worth.blocks or worth.held_out:
-        whole = held_out_errors(worth.blocks) if worth.blocks else None
+        whole = pooled_holdout_errors(worth.blocks) if worth.blocks else None
         yield compared(name, (mae(worth.held_out), mae(whole)), worth.held_out, whole)
 
 
@@ -95,15 +95,17 @@ def _intervals(
             return Check(name, *texts, False, sentence)
         sentence = f"Not compared, as another method was used then: {stored.method}."
         return Check(name, *texts, True, sentence)
-    one, other = (replace(doubt, seconds=0.0, notes=()) for doubt in (stored, computed))
+    one, other = (replace(uncertainty, seconds=0.0, notes=()) for uncertainty in (stored, computed))
     # Thousands of draws are compared at once; only where they differ one by one, to name the place.
     if np.allclose(one.draws, other.draws, INTERVALS, ABSOLUTE, equal_nan=True):
-        one, other = (replace(doubt, draws=doubt.draws[:0]) for doubt in (one, other))
+        one, other = (
+            replace(uncertainty, draws=uncertainty.draws[:0]) for uncertainty in (one, other)
+        )
     return compared(name, texts, one, other, INTERVALS)
 
 
-def _ends(doubt: Uncertainty) -> str:
-    return f"α {few(doubt.lower[:, 0])} to {few(doubt.upper[:, 0])}"
+def _ends(uncertainty: Uncertainty) -> str:
+    return f"α {few(uncertainty.lower[:, 0])} to {few(uncertainty.upper[:, 0])}"
 
 
 def mae(errors: TrackingErrors | None) -> str:

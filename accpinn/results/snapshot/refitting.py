@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from accpinn.errors import AccpinnError, ConfigError
-from accpinn.evaluation.cross_validation import Block, blocks_held_out
-from accpinn.evaluation.evaluation import Assessment
+from accpinn.evaluation.cross_validation import Block, cross_validate
+from accpinn.evaluation.evaluation import Evaluation
 from accpinn.methods.fit import Fit, Outcome
 from accpinn.methods.pinn.numpy_forward import curve
 from accpinn.methods.registry import METHODS
@@ -75,21 +75,21 @@ def repeatable(fit: Fit) -> str:
 
 def refitted(snapshot: Snapshot, segment: Segment) -> Iterator[Check]:
     """Every method of the snapshot run again on the data, also without the blocks held out."""
-    fit, worth = snapshot.fit, snapshot.assessment
+    fit, worth = snapshot.fit, snapshot.evaluation
     if not repeatable(fit):
         yield from _again("", fit, worth, segment)
     for row in snapshot.rows:
         if not repeatable(row.fit):
-            yield from _again(f", {name_of(row.fit)}", row.fit, row.assessment, segment)
+            yield from _again(f", {name_of(row.fit)}", row.fit, row.evaluation, segment)
 
 
-def _again(ending: str, fit: Fit, worth: Assessment | None, segment: Segment) -> Iterator[Check]:
+def _again(ending: str, fit: Fit, worth: Evaluation | None, segment: Segment) -> Iterator[Check]:
     name = f"Method run again{ending}"
     try:
         found = _estimate(segment, fit)
         yield _same_fit(name, fit, light(found) if ending else found)
         if worth and worth.blocks:
-            blocks = blocks_held_out(segment, lambda part: _estimate(part, fit))
+            blocks = cross_validate(segment, lambda part: _estimate(part, fit))
             yield from _same_blocks(f"held out{ending}", worth.blocks, blocks, fit)
     except (AccpinnError, ValueError) as fault:
         yield Check(name, _law(fit), "not possible", False, str(fault))

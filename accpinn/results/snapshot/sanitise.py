@@ -19,7 +19,7 @@ def plainly_printable(text: str) -> bool:
     return "\\" not in text and not _UNSEEN.search(text)
 
 
-def printable(tree: Any, lines: bool = False) -> Any:
+def sanitise(tree: Any, lines: bool = False) -> Any:
     """A tree of plain values with every such character of its texts replaced by "\ufffd".
 
     Args:
@@ -30,7 +30,7 @@ def printable(tree: Any, lines: bool = False) -> Any:
         seen = _UNSEEN.sub(STANDS_FOR, tree)
         return seen if lines else _BREAK.sub(" ", seen)
     if isinstance(tree, dict):
-        return {printable(key): printable(item, key in LINES) for key, item in tree.items()}
+        return {sanitise(key): sanitise(item, key in LINES) for key, item in tree.items()}
     if isinstance(tree, list):
-        return [printable(item, lines) for item in tree]
+        return [sanitise(item, lines) for item in tree]
     return tree

@@ -11,7 +11,7 @@ A snapshot is a zip without compression (see `snapshot.archive`):
     weights.npz        the network's weights
     uncertainty.json   intervals
     draws.npz          their draws, each set once
-    assessment.json    errors of all kinds
+    evaluation.json    errors of all kinds
     stability.json     verdicts, numbers and reasons
     rows.json          the methods compared
     rows.npz           their courses
@@ -62,7 +62,7 @@ PARTS: Mapping[str, Part] = {
     "weights.npz": Part("the network's weights", ARRAYS, True),
     "uncertainty.json": Part("the intervals", DOCUMENT),
     "draws.npz": Part("the intervals' draws", ARRAYS, True),
-    "assessment.json": Part("the errors", DOCUMENT),
+    "evaluation.json": Part("the errors", DOCUMENT),
     "stability.json": Part("the stability report", DOCUMENT),
     "rows.json": Part("the comparison", DOCUMENT, True),
     "rows.npz": Part("the compared methods' courses", ARRAYS, True),
@@ -88,8 +88,8 @@ DATA = {**SURROGATE, "left_out": Shape(("N", "M"), "|b1")}
 DRAWS = Shape(("D", "M", 3), finite=False)
 
 FIELDS: Mapping[str, tuple[str | int, ...]] = {
-    "Outline.vehicles": ("V",),
-    "Outline.names": ("V",),
+    "SegmentInfo.vehicles": ("V",),
+    "SegmentInfo.names": ("V",),
     "Quality.mean_time_gap": ("M",),
     "Quality.relative_deviation": ("M",),
     "Quality.acceleration_deviation": ("M",),
@@ -114,7 +114,7 @@ FIELDS: Mapping[str, tuple[str | int, ...]] = {
     "Whiteness.independent": ("M",),
     "Whiteness.probability": ("M",),
     "Whiteness.sentences": ("M",),
-    "Assessment.collisions": ("M",),
+    "Evaluation.collisions": ("M",),
     "StabilityReport.vehicles": ("M",),
     "PlatoonStability.peaks": ("M",),
     "Gains.gain": ("M",),
@@ -150,15 +150,13 @@ def migrated(documents: Documents, schema: int) -> Documents:
 def _from_1(documents: Documents) -> Documents:
     """Schema 1 knew no regimes left out, no blocks held out, and nothing beyond the window."""
     try:
-        outline = documents["snapshot.json"]["outline"]
-        later: list[tuple[Documents, Documents]] = [
-            (outline, {"left_out": [], "left_out_share": []})
-        ]
-        assessments = [row["assessment"] for row in documents["rows.json"]]
-        if "assessment.json" in documents:
-            assessments.append(documents["assessment.json"])
-        for assessment in assessments:
-            later.append((assessment, {"blocks": [], "unseen": None, "unseen_seconds": 0.0}))
+        info = documents["snapshot.json"]["info"]
+        later: list[tuple[Documents, Documents]] = [(info, {"left_out": [], "left_out_share": []})]
+        assessments = [row["evaluation"] for row in documents["rows.json"]]
+        if "evaluation.json" in documents:
+            assessments.append(documents["evaluation.json"])
+        for evaluation in assessments:
+            later.append((evaluation, {"blocks": [], "unseen": None, "unseen_seconds": 0.0}))
         for tree, fields in later:
             if tree.keys() & fields.keys():  # a later schema's, relabelled to lose these
                 raise KeyError

@@ -13,11 +13,11 @@ from accpinn.methods.fit import Fit
 from accpinn.methods.registry import METHODS
 from accpinn.results.snapshot.content import Snapshot
 from accpinn.results.snapshot.schema import LONGEST_NAME, LONGEST_NOTE, PARTS
-from accpinn.segment.info import Outline
+from accpinn.segment.info import SegmentInfo
 from accpinn.stability.criteria import checked
 from accpinn.stability.frequency import Peak
 from accpinn.stability.report import StabilityReport
-from accpinn.study.comparison import Row
+from accpinn.study.comparison import MethodResult
 from accpinn.units import FloatArray
 
 FACTS: Mapping[str, type] = {
@@ -73,24 +73,24 @@ def _check_texts(snapshot: Snapshot) -> None:
         _refuse("snapshot.json", "the time it was saved is no time")
 
 
-def check_outline(outline: Outline) -> None:
+def check_outline(info: SegmentInfo) -> None:
     """Refuse a window and vehicles that no recording has.
 
     Raises:
         SnapshotError: in one sentence.
     """
-    first, part = outline.vehicles[0], "snapshot.json"
-    check_length(outline.source, "recording's name", LONGEST_NAME)
-    for name in outline.names:
+    first, part = info.vehicles[0], "snapshot.json"
+    check_length(info.source, "recording's name", LONGEST_NAME)
+    for name in info.names:
         check_length(name, "name of a vehicle", LONGEST_NAME)
-    if first < 1 or outline.vehicles != tuple(range(first, first + len(outline.vehicles))):
+    if first < 1 or info.vehicles != tuple(range(first, first + len(info.vehicles))):
         _refuse(part, "the vehicles are not consecutive numbers from 1 on")
-    if not _SHA256.fullmatch(outline.sha256):
+    if not _SHA256.fullmatch(info.sha256):
         _refuse(part, "the recording's SHA-256 is none")
-    times = (outline.start, outline.duration, outline.sample_time)
+    times = (info.start, info.duration, info.sample_time)
     if not all(isfinite(value) for value in times) or min(times[1:]) <= 0:
         _refuse(part, "the window has no length")
-    if not all(0 <= share <= 1 for share in outline.left_out_share):
+    if not all(0 <= share <= 1 for share in info.left_out_share):
         _refuse(part, "a share of instants left out is not within 0 to 1")
 
 
@@ -102,7 +102,7 @@ def _check_facts(facts: Mapping[str, Any]) -> None:
             _refuse("snapshot.json", f'"{name[:40]}" is not what is known of a recording')
 
 
-def _check_row(row: Row) -> None:
+def _check_row(row: MethodResult) -> None:
     _check_fit(row.fit, "rows.json")
     _check_doubt(row.uncertainty, "rows.json")
 
@@ -123,16 +123,16 @@ def _check_times(time: FloatArray, part: str) -> None:
         _refuse(part, "the instants do not follow each other")
 
 
-def _check_doubt(doubt: Uncertainty, part: str) -> None:
-    if not 0 < doubt.level < 1:
+def _check_doubt(uncertainty: Uncertainty, part: str) -> None:
+    if not 0 < uncertainty.level < 1:
         _refuse(part, "the intervals' level is not between 0 and 1")
-    for share in (doubt.probability_l2, doubt.probability_linf):
+    for share in (uncertainty.probability_l2, uncertainty.probability_linf):
         if ((share < 0) | (share > 1)).any():
             _refuse(part, "a probability is not within 0 to 1")
-    for interval in (doubt.peak_gain, doubt.linf_gain, doubt.crossover):
+    for interval in (uncertainty.peak_gain, uncertainty.linf_gain, uncertainty.crossover):
         if _negative(interval.lower) or _upside_down(interval):
             _refuse(part, "an interval of a gain or frequency is negative or upside down")
-    if _upside_down(Interval(doubt.lower, doubt.upper)):
+    if _upside_down(Interval(uncertainty.lower, uncertainty.upper)):
         _refuse(part, "an interval of a parameter is upside down")
 
 

@@ -12,12 +12,12 @@ from accpinn.results.tables.results import (
 )
 from accpinn.results.tables.table import Cell, Column, Table
 from accpinn.segment.info import Described
-from accpinn.study.comparison import Row
+from accpinn.study.comparison import MethodResult
 
 GAP = "MAE of the space-gap"
 
 
-def methods_table(segment: Described, rows: Sequence[Row], follower: int) -> Table:
+def methods_table(segment: Described, rows: Sequence[MethodResult], follower: int) -> Table:
     """One row a method, for one follower (0 for the first)."""
     columns = (
         Column("Method"),
@@ -31,7 +31,7 @@ def methods_table(segment: Described, rows: Sequence[Row], follower: int) -> Tab
     )
     cells: list[tuple[Cell, ...]] = []
     for row in rows:
-        law, worth = row.fit.parameters[follower], row.assessment
+        law, worth = row.fit.parameters[follower], row.evaluation
         errors = (worth.surrogate, worth.closed_loop, worth.held_out, worth.unseen)
         cells.append(
             (
@@ -48,16 +48,19 @@ def methods_table(segment: Described, rows: Sequence[Row], follower: int) -> Tab
     return Table(f"{label}, {where(segment)}", columns, tuple(cells))
 
 
-def intervals_table(segment: Described, doubt: Uncertainty) -> Table:
+def intervals_table(segment: Described, uncertainty: Uncertainty) -> Table:
     """One row a follower: intervals, and how probable string stability is."""
     columns = (
         Column("Follower"),
-        *interval_columns(doubt),
+        *interval_columns(uncertainty),
         Column("L2", "%", 0, "Stable laws"),
         Column("L∞", "%", 0, "Stable laws"),
     )
     rows: list[tuple[Cell, ...]] = []
     for k, label in enumerate(segment.labels[1:]):
-        stable = (100 * float(doubt.probability_l2[k]), 100 * float(doubt.probability_linf[k]))
-        rows.append((label, *interval_cells(doubt, k), *stable))
+        stable = (
+            100 * float(uncertainty.probability_l2[k]),
+            100 * float(uncertainty.probability_linf[k]),
+        )
+        rows.append((label, *interval_cells(uncertainty, k), *stable))
     return Table(f"What the recording allows, {where(segment)}", columns, tuple(rows))

@@ -7,12 +7,12 @@ from accpinn.results.tables.comparison import GAP
 from accpinn.results.tables.names import method_name
 from accpinn.results.tables.results import PARAMETER_COLUMNS
 from accpinn.results.tables.table import Cell, Column, Table
-from accpinn.study.comparison import Earlier, differences
+from accpinn.study.comparison import FitRecord, differences
 
 SAME = "nothing"
 
 
-def earlier_table(runs: Sequence[Earlier], now: Mapping[str, Earlier], vehicle: int) -> Table:
+def earlier_table(runs: Sequence[FitRecord], now: Mapping[str, FitRecord], vehicle: int) -> Table:
     """One row a run that has the vehicle as a follower.
 
     Args:
@@ -33,13 +33,13 @@ def earlier_table(runs: Sequence[Earlier], now: Mapping[str, Earlier], vehicle: 
         then = run.of_vehicle(vehicle)
         if then is None:
             continue
-        gap = float(run.closed_loop[run.outline.vehicles[1:].index(vehicle)])
+        gap = float(run.closed_loop[run.info.vehicles[1:].index(vehicle)])
         changed = _changed(run, now.get(run.method), vehicle) if now else ()
         rows.append((title(run), *map(float, then), gap, *changed))
     return Table("", columns, tuple(rows))
 
 
-def _changed(run: Earlier, present: Earlier | None, vehicle: int) -> tuple[Cell, ...]:
+def _changed(run: FitRecord, present: FitRecord | None, vehicle: int) -> tuple[Cell, ...]:
     """Δ of the three parameters, and what was asked differently."""
     then, value = run.of_vehicle(vehicle), present.of_vehicle(vehicle) if present else None
     if present is None or then is None or value is None:
@@ -48,11 +48,11 @@ def _changed(run: Earlier, present: Earlier | None, vehicle: int) -> tuple[Cell,
     return (*(float(x) for x in value - then), differs)
 
 
-def title(run: Earlier) -> str:
+def title(run: FitRecord) -> str:
     """Method, file and window in a few words."""
-    outline = run.outline
-    window = f"{outline.start:g}–{outline.start + outline.duration:g} s"
-    left = f", {', '.join(outline.left_out)} left out" if outline.left_out else ""
-    case = f", Case {run.case}" if outline.followers > 1 else ""
+    info = run.info
+    window = f"{info.start:g}–{info.start + info.duration:g} s"
+    left = f", {', '.join(info.left_out)} left out" if info.left_out else ""
+    case = f", Case {run.case}" if info.followers > 1 else ""
     name = method_name(run.method, run.config, run.outcome)
-    return f"{name}, {outline.source} {window}{case}{left}"
+    return f"{name}, {info.source} {window}{case}{left}"

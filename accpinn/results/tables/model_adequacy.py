@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 
-from accpinn.inference.model_adequacy import Extension
+from accpinn.inference.model_adequacy import ModelForm
 from accpinn.results.tables.results import PARAMETER_COLUMNS, where
 from accpinn.results.tables.table import Column, Table
 from accpinn.segment.info import Described
@@ -14,7 +14,7 @@ NAMES = {
 }
 
 
-def extensions_table(segment: Described, found: Sequence[Extension], follower: int) -> Table:
+def extensions_table(segment: Described, found: Sequence[ModelForm], follower: int) -> Table:
     """One row a form of the law, for one follower (0 for the first)."""
     explained = "Acceleration explained"
     columns = (

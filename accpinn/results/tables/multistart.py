@@ -4,13 +4,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from accpinn.inference.multistart import Dispersion
+from accpinn.inference.multistart import MultistartResult
 from accpinn.results.tables.results import PARAMETER_COLUMNS, where
 from accpinn.results.tables.table import Cell, Column, Table
 from accpinn.segment.info import Described
 
 
-def starts_table(segment: Described, found: Dispersion, follower: int) -> Table:
+def starts_table(segment: Described, found: MultistartResult, follower: int) -> Table:
     """One row a training of one follower (0 for the first), and the spread in the last."""
     columns = (
         Column("Start (α, β, τ)"),

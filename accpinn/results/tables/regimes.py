@@ -7,7 +7,7 @@ from accpinn.results.tables.results import PARAMETER_COLUMNS, where
 from accpinn.results.tables.table import Cell, Column, Table
 from accpinn.segment.regimes import Regimes
 from accpinn.segment.window import Segment
-from accpinn.study.sensitivity import COMPARED, Row
+from accpinn.study.sensitivity import COMPARED, SensitivityResult
 
 
 def regimes_table(segment: Segment, regimes: Regimes) -> Table:
@@ -20,7 +20,7 @@ def regimes_table(segment: Segment, regimes: Regimes) -> Table:
     return Table(f"Regimes, {where(segment)}", columns, tuple(rows))
 
 
-def sensitivity_table(segment: Segment, found: Sequence[Row], follower: int) -> Table:
+def sensitivity_table(segment: Segment, found: Sequence[SensitivityResult], follower: int) -> Table:
     """One row for each choice of instants; what each method learns of one follower from them."""
     columns = [Column("Instants"), Column("Left out", "%", 0)]
     for method in COMPARED:

@@ -1,6 +1,6 @@
 """Results as tables in the manner of the paper's Tables I to III."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
 
 from accpinn.evaluation.errors import TrackingErrors
@@ -25,7 +25,7 @@ def parameter_table(
     quality: Quality,
     surrogate: TrackingErrors | None,
     closed_loop: TrackingErrors | None,
-    doubt: Uncertainty | None = None,
+    uncertainty: Uncertainty | None = None,
 ) -> Table:
     """One row a vehicle, leader first: parameters, mean time gap, errors of both kinds, intervals.
 
@@ -40,12 +40,19 @@ def parameter_table(
         Column("v", "m/s", 3, own),
         Column("p", "m", 2, driven),
         Column("v", "m/s", 3, driven),
-        *(interval_columns(doubt) if doubt else ()),
+        *(interval_columns(uncertainty) if uncertainty else ()),
     )
     leader_error = float(surrogate.speed_mae[0]) if surrogate else None
     rows: list[tuple[Cell, ...]] = [
         # In the simulation the leader's measured speed goes in, so it has no error there.
-        (segment.labels[0], *[None] * 5, leader_error, None, None, *[None] * (3 if doubt else 0))
+        (
+            segment.labels[0],
+            *[None] * 5,
+            leader_error,
+            None,
+            None,
+            *[None] * (3 if uncertainty else 0),
+        )
     ]
     for k, law in enumerate(fit.parameters):
         rows.append(
@@ -55,14 +62,14 @@ def parameter_table(
                 quality.mean_time_gap[k],
                 *_errors(surrogate, k),
                 *_errors(closed_loop, k),
-                *(interval_cells(doubt, k) if doubt else ()),
+                *(interval_cells(uncertainty, k) if uncertainty else ()),
             )
         )
     case = f", Case {fit.case}" if segment.followers > 1 else ""
     return Table(f"{name_of(fit)}, {where(segment)}{case}", columns, tuple(rows))
 
 
-def comparison_table(segment: Described, estimates: Mapping[str, Sequence[Parameters]]) -> Table:
+def comparison_table(segment: Described, estimates: Mapping[str, Parameters]) -> Table:
     """One row a follower; for each parameter, what each method or the truth says of it."""
     columns = [Column("Vehicle")]
     columns += [
@@ -102,15 +109,17 @@ def quality_table(segment: Described, quality: Quality, estimate: Fit) -> Table:
     return Table(where(segment), columns, tuple(rows))
 
 
-def interval_columns(doubt: Uncertainty) -> tuple[Column, ...]:
+def interval_columns(uncertainty: Uncertainty) -> tuple[Column, ...]:
     """Columns for the intervals of α, β and τ."""
-    percent = f"{100 * doubt.level:.0f} % interval"
+    percent = f"{100 * uncertainty.level:.0f} % interval"
     return tuple(Column(column.heading, group=percent) for column in PARAMETER_COLUMNS)
 
 
-def interval_cells(doubt: Uncertainty, follower: int) -> tuple[str, ...]:
+def interval_cells(uncertainty: Uncertainty, follower: int) -> tuple[str, ...]:
     """The intervals of one follower (0 for the first) in words; τ may have no upper end."""
-    ends = zip(PARAMETER_COLUMNS, doubt.lower[follower], doubt.upper[follower], strict=True)
+    ends = zip(
+        PARAMETER_COLUMNS, uncertainty.lower[follower], uncertainty.upper[follower], strict=True
+    )
     return tuple(
         f"{column.shown(float(low))} to {column.shown(float(high))}"
         if high < float("inf")
@@ -122,7 +131,7 @@ def interval_cells(doubt: Uncertainty, follower: int) -> tuple[str, ...]:
 def where(segment: Described) -> str:
     """The segment in a few words: file, seconds, and what does not count there."""
     window = f"{segment.source}, {segment.start:g}–{segment.start + segment.duration:g} s"
-    left_out = segment.left_out_regimes
+    left_out = segment.excluded_regimes
     return f"{window}, {', '.join(left_out)} left out" if left_out else window
 
 

@@ -1,6 +1,6 @@
 """String stability as a table in the manner of the paper's Table III, with the exact L∞ gain."""
 
-from accpinn.model.published import LawSet
+from accpinn.model.published import ParameterSet
 from accpinn.results.tables.results import PARAMETER_COLUMNS
 from accpinn.results.tables.table import Cell, Column, Table
 from accpinn.stability.report import StabilityReport
@@ -10,7 +10,7 @@ L2, LINF = "L2: no frequency grows", "L∞: no peak grows"
 HEADWAY = "Stable from τ"
 
 
-def stability_table(laws: LawSet, report: StabilityReport) -> Table:
+def stability_table(laws: ParameterSet, report: StabilityReport) -> Table:
     """One row a vehicle: parameters, verdicts, peak, crossover, exact gain, smallest headways."""
     columns = (
         Column("Vehicle"),

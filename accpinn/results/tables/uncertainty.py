@@ -3,15 +3,15 @@
 import math
 
 from accpinn.inference.intervals import Interval, Uncertainty
-from accpinn.model.published import LawSet
+from accpinn.model.published import ParameterSet
 from accpinn.results.tables.table import Cell, Column, Table
 
 DB_DIGITS, OMEGA_DIGITS, GAIN_DIGITS = 2, 3, 2
 
 
-def stability_doubt_table(laws: LawSet, doubt: Uncertainty) -> Table:
+def stability_doubt_table(laws: ParameterSet, uncertainty: Uncertainty) -> Table:
     """One row a vehicle: intervals of peak, crossover and exact gain, and shares of laws."""
-    percent = f"{100 * doubt.level:.0f} % interval"
+    percent = f"{100 * uncertainty.level:.0f} % interval"
     columns = (
         Column("Vehicle"),
         Column("Peak of |H| [dB]", group=percent),
@@ -23,16 +23,16 @@ def stability_doubt_table(laws: LawSet, doubt: Uncertainty) -> Table:
     )
     rows: list[tuple[Cell, ...]] = []
     for k, label in enumerate(laws.labels):
-        low, high = map(_decibels, _pair(doubt.peak_gain, k))
+        low, high = map(_decibels, _pair(uncertainty.peak_gain, k))
         rows.append(
             (
                 label,
                 between(low, high, DB_DIGITS),
-                between(*_pair(doubt.crossover, k), OMEGA_DIGITS),
-                between(*_pair(doubt.linf_gain, k), GAIN_DIGITS),
-                100 * float(doubt.probability_l2[k]),
-                100 * float(doubt.probability_linf[k]),
-                100 * float(doubt.gapless[k]),
+                between(*_pair(uncertainty.crossover, k), OMEGA_DIGITS),
+                between(*_pair(uncertainty.linf_gain, k), GAIN_DIGITS),
+                100 * float(uncertainty.probability_l2[k]),
+                100 * float(uncertainty.probability_linf[k]),
+                100 * float(uncertainty.gapless[k]),
             )
         )
     return Table(f"What the data leave open, {laws.title}", columns, tuple(rows))

@@ -11,7 +11,7 @@ from accpinn.results.figures import comparison as figures
 from accpinn.results.figures.style import vehicle_colour
 from accpinn.results.tables.names import name_of
 from accpinn.segment.window import Segment
-from accpinn.study.comparison import Row
+from accpinn.study.comparison import MethodResult
 from pages.ui.components.charts import show_chart
 
 
@@ -30,11 +30,11 @@ def choose_follower(segment: Segment) -> int:
 
 def show_estimates(
     segment: Segment,
-    rows: tuple[Row, ...],
+    rows: tuple[MethodResult, ...],
     follower: int,
     truth: Parameters | None,
     earlier: Sequence[figures.Estimate],
-) -> Row:
+) -> MethodResult:
     """Dots over the interval of the data; returns the method that the user looks at."""
     st.subheader("Do the methods agree?", anchor=False)
     by_name = {name_of(row.fit): row for row in rows}
@@ -42,7 +42,10 @@ def show_estimates(
     name = st.selectbox(
         "Look at", list(by_name), key="compare_method", width=320, help="Or click on its dot above."
     )
-    entries = [figures.Estimate(title, row.fit.table()[follower]) for title, row in by_name.items()]
+    entries = [
+        figures.Estimate(title, row.fit.parameters.values[follower])
+        for title, row in by_name.items()
+    ]
     number = segment.vehicles[follower + 1]
     figure = figures.estimates(
         [*entries, *earlier],
@@ -76,7 +79,7 @@ def picked_name(points: Sequence[Mapping[str, Any]]) -> str:
     return str(name[0] if isinstance(name, list) else name)
 
 
-def show_curves(segment: Segment, row: Row, follower: int) -> None:
+def show_curves(segment: Segment, row: MethodResult, follower: int) -> None:
     """Gap, speed and the gap's error of one method."""
     title = name_of(row.fit)
     st.subheader(f"{title} against the data", anchor=False)
@@ -87,10 +90,10 @@ def show_curves(segment: Segment, row: Row, follower: int) -> None:
 
 
 def show_courses(
-    segment: Segment, rows: tuple[Row, ...], follower: int, truth: Parameters | None
+    segment: Segment, rows: tuple[MethodResult, ...], follower: int, truth: Parameters | None
 ) -> None:
     """What the online methods thought at each instant."""
-    followed = [(name_of(row.fit), row.fit.course) for row in rows if row.fit.course]
+    followed = [(name_of(row.fit), row.fit.track) for row in rows if row.fit.track]
     if not followed:
         return
     st.subheader("Parameters over time, by the online methods", anchor=False)

@@ -8,7 +8,7 @@ from accpinn.results.figures.comparison import Estimate
 from accpinn.results.tables import table as typeset
 from accpinn.results.tables.fit_records import earlier_table, title
 from accpinn.segment.window import Segment
-from accpinn.study.comparison import Earlier, Row
+from accpinn.study.comparison import FitRecord, MethodResult
 from pages.ui.session.workspace import Workspace
 
 MOST = 8
@@ -34,7 +34,7 @@ def choose_earlier(workspace: Workspace, segment: Segment, follower: int) -> lis
 
 
 def show_earlier(
-    workspace: Workspace, segment: Segment, rows: Sequence[Row], follower: int
+    workspace: Workspace, segment: Segment, rows: Sequence[MethodResult], follower: int
 ) -> None:
     """All earlier runs: what came out, and where there are rows what they say and ask now."""
     if not workspace.runs:
@@ -43,7 +43,7 @@ def show_earlier(
     count = len(workspace.runs)
     st.caption(f"Kept from earlier in this session: {count} fit{'s' if count != 1 else ''}.")
     # Of two fits by one method the first counts: the second is the session's own training.
-    now = {row.fit.method: Earlier.of(segment, row.fit) for row in reversed(rows)}
+    now = {row.fit.method: FitRecord.of(segment, row.fit) for row in reversed(rows)}
     table = earlier_table(tuple(reversed(workspace.runs)), now, segment.vehicles[follower + 1])
     if table.rows:
         st.html(typeset.STYLE + table.to_html())

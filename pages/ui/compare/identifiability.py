@@ -2,9 +2,9 @@
 
 import streamlit as st
 
-from accpinn.inference.identifiability import identifiable
-from accpinn.inference.model_adequacy import better, extensions
-from accpinn.inference.multistart import Dispersion, gather
+from accpinn.inference.identifiability import identifiability_warnings
+from accpinn.inference.model_adequacy import better, model_forms
+from accpinn.inference.multistart import MultistartResult, summarise
 from accpinn.inference.profiles import INCREASE, profiles
 from accpinn.methods.pinn.config import FAST, PAPER
 from accpinn.results.figures.comparison import profiles as profiles_chart
@@ -12,24 +12,24 @@ from accpinn.results.figures.style import vehicle_colour
 from accpinn.results.tables import table as typeset
 from accpinn.results.tables.model_adequacy import extensions_table
 from accpinn.results.tables.multistart import starts_table
-from accpinn.segment.quality import LARGE_CONDITION, assess
+from accpinn.segment.quality import LARGE_CONDITION, assess_quality
 from accpinn.segment.window import Segment
-from accpinn.study.comparison import Row
+from accpinn.study.comparison import MethodResult
 from pages.ui.compare.watch import watch
 from pages.ui.components.charts import show_chart
 from pages.ui.components.text import bullets
-from pages.ui.session.resources import trainings
+from pages.ui.session.resources import task_queue
 from pages.ui.session.workspace import Workspace
 
 RECIPES = {"fast": FAST, "paper": PAPER}
 
 
 def show_telling(
-    workspace: Workspace, segment: Segment, rows: tuple[Row, ...], follower: int
+    workspace: Workspace, segment: Segment, rows: tuple[MethodResult, ...], follower: int
 ) -> None:
     """What the data can tell, whichever method is asked."""
     st.subheader("Can the data tell?", anchor=False)
-    warnings = identifiable(segment, rows[0].uncertainty, workspace.case)
+    warnings = identifiability_warnings(segment, rows[0].uncertainty, workspace.case)
     if warnings:
         st.warning(bullets(warnings), icon=":material/warning:")
     else:
@@ -38,7 +38,7 @@ def show_telling(
             " That is, if the law holds: see below.",
             icon=":material/check_circle:",
         )
-    quality = assess(segment)
+    quality = assess_quality(segment)
     st.caption(
         f"Condition number {quality.condition[follower]:.0f} (above {LARGE_CONDITION:.0f} the law's"
         " terms are nearly proportional) · excitation: the leader's speed"
@@ -48,18 +48,19 @@ def show_telling(
     )
     found = profiles(segment, workspace.case)
     number = segment.vehicles[follower + 1]
-    doubt = rows[0].uncertainty
+    uncertainty = rows[0].uncertainty
     figure = profiles_chart(
         found[follower % len(found)],
         vehicle_colour(number, segment.vehicles[0]),
-        doubt.lower[follower],
-        doubt.upper[follower],
+        uncertainty.lower[follower],
+        uncertainty.upper[follower],
     )
     show_chart(figure, "compare_profiles")
     st.caption(
         "How much worse the law explains the accelerations when one parameter is held there and"
         f" the others are at their best. Dashed: {100 * INCREASE:.0f} % worse, hardly to be seen in"
-        f" any plot. Grey: the {100 * doubt.level:.0f} % interval of the table above, which may lie"
+        f" any plot. Grey: the {100 * uncertainty.level:.0f} % interval of the table above, which may"
+        " lie"
         " beside the curve: the curve takes each sample as independent of the last, while the"
         " interval knows that disturbances last for seconds and pull the estimate."
     )
@@ -70,7 +71,7 @@ def show_telling(
 def show_extensions(segment: Segment, follower: int) -> None:
     """Whether the law with one term more would say something else."""
     st.subheader("Is the law all there is?", anchor=False)
-    found = extensions(segment)
+    found = model_forms(segment)
     if sentences := better(segment.labels[1:], found):
         st.info(bullets(sentences), icon=":material/lightbulb:")
     st.html(typeset.STYLE + extensions_table(segment, found, follower).to_html())
@@ -88,7 +89,7 @@ def show_starts(workspace: Workspace, segment: Segment, follower: int) -> None:
     series = workspace.starts
     if series and series.is_active:
         if st.button("Stop the starts", icon=":material/stop:", disabled=series.is_stopping):
-            trainings().stop(series)
+            task_queue().stop(series)
             st.rerun()
     else:
         with st.container(horizontal=True, vertical_alignment="center"):
@@ -107,11 +108,11 @@ def show_starts(workspace: Workspace, segment: Segment, follower: int) -> None:
         watch(
             workspace,
             series,
-            lambda: _show_table(segment, gather(segment, series.results), follower),
+            lambda: _show_table(segment, summarise(segment, series.results), follower),
         )
 
 
-def _show_table(segment: Segment, found: Dispersion, follower: int) -> None:
+def _show_table(segment: Segment, found: MultistartResult, follower: int) -> None:
     if found.trials:
         st.html(typeset.STYLE + starts_table(segment, found, follower).to_html())
     if found.notes:

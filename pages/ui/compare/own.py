@@ -1,13 +1,13 @@
 """The session's own training beside the methods, where it was trained with other settings."""
 
 from accpinn.methods.fit import Outcome
-from accpinn.study.comparison import Row, row_of
+from accpinn.study.comparison import MethodResult, result_of
 from pages.ui.session.workspace import Workspace
 
 ENDED = (Outcome.FINISHED, Outcome.SETTLED)
 
 
-def rows_of(workspace: Workspace) -> tuple[Row, ...]:
+def rows_of(workspace: Workspace) -> tuple[MethodResult, ...]:
     """The methods' rows, and one of the current PiNN where none of them is the same."""
     rows, fit, segment = workspace.compared, workspace.fit, workspace.segment
     if not rows or fit is None or segment is None:
@@ -16,5 +16,5 @@ def rows_of(workspace: Workspace) -> tuple[Row, ...]:
     if known or fit.method != "pinn" or fit.outcome not in ENDED:
         return rows
     if workspace.own is None or workspace.own.fit is not fit:
-        workspace.own = row_of(segment, fit, workspace.recording)
+        workspace.own = result_of(segment, fit, workspace.recording)
     return (*rows, workspace.own)

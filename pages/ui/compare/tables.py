@@ -10,21 +10,21 @@ from accpinn.results.tables import table as typeset
 from accpinn.results.tables.comparison import methods_table
 from accpinn.results.tables.names import TITLES
 from accpinn.segment.window import Segment
-from accpinn.study.comparison import Refusal, Row
+from accpinn.study.comparison import MethodFailure, MethodResult
 from pages.ui.components.text import bullets
 from pages.ui.train import results
 
 GAP_ERROR = "A lasting error of the measured gap shifts τ unseen: 0.1 m in 30 m by 0.3 %."
 
 
-def show_intervals(segment: Segment, doubt: Uncertainty) -> None:
+def show_intervals(segment: Segment, uncertainty: Uncertainty) -> None:
     """What the recording allows, whichever method is asked."""
-    results.show_intervals(segment, doubt, GAP_ERROR)
-    if doubt.notes:
-        st.info(bullets(doubt.notes), icon=":material/info:")
+    results.show_intervals(segment, uncertainty, GAP_ERROR)
+    if uncertainty.notes:
+        st.info(bullets(uncertainty.notes), icon=":material/info:")
 
 
-def show_refusals(refused: Sequence[Refusal]) -> None:
+def show_refusals(refused: Sequence[MethodFailure]) -> None:
     """The methods that have no row, those with the same reason together."""
     reasons: dict[str, list[str]] = {}
     for one in refused:
@@ -38,14 +38,14 @@ def show_refusals(refused: Sequence[Refusal]) -> None:
 
 
 def show_methods(
-    segment: Segment, rows: tuple[Row, ...], follower: int, running: bool = False
+    segment: Segment, rows: tuple[MethodResult, ...], follower: int, running: bool = False
 ) -> None:
     """Each method's estimates and errors."""
     table = methods_table(segment, rows, follower)
     st.html(typeset.STYLE + table.to_html())
     if running:
         return
-    own = not all(row.assessment.blocks for row in rows)
+    own = not all(row.evaluation.blocks for row in rows)
     gap = segment.gaps[:, follower]
     st.caption(
         "MAE: mean absolute error. Surrogate fit: how far the smooth curve that the method itself"

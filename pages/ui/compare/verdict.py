@@ -6,16 +6,16 @@ import numpy as np
 import streamlit as st
 
 from accpinn.evaluation.closed_loop import ALONE
-from accpinn.inference.identifiability import left_open
+from accpinn.inference.identifiability import wide_intervals
 from accpinn.results.tables.names import name_of
 from accpinn.results.tables.results import PARAMETER_COLUMNS
 from accpinn.segment.window import Segment
-from accpinn.study.comparison import Row
+from accpinn.study.comparison import MethodResult
 from accpinn.units import FloatArray
-from pages.ui.components.text import plain
+from pages.ui.components.text import escape_markdown
 
 
-def show_verdict(segment: Segment, rows: tuple[Row, ...]) -> None:
+def show_verdict(segment: Segment, rows: tuple[MethodResult, ...]) -> None:
     """A sentence or two for each set of parameters, then whatever runs into the vehicle ahead."""
     sets = 1 if rows[0].fit.case == "I" else segment.followers
     st.markdown(_listed([verdict(segment, rows, k) for k in range(sets)]))
@@ -29,13 +29,13 @@ def show_verdict(segment: Segment, rows: tuple[Row, ...]) -> None:
         st.warning(f"{said}{ahead}{_listed(touching)}", icon=":material/warning:")
     told = incidents(segment, rows)
     if told:
-        count = sum(len(row.assessment.incidents) for row in rows)
+        count = sum(len(row.evaluation.incidents) for row in rows)
         title = f"Every incident in closed loop, here and on the rest ({count})"
         with st.expander(title, icon=":material/car_crash:"):
             st.markdown(told)
 
 
-def verdict(segment: Segment, rows: Sequence[Row], k: int) -> str:
+def verdict(segment: Segment, rows: Sequence[MethodResult], k: int) -> str:
     """Whether the estimates lie within what the data allow, as markdown.
 
     Args:
@@ -45,13 +45,13 @@ def verdict(segment: Segment, rows: Sequence[Row], k: int) -> str:
     """
     shared = rows[0].fit.case == "I" and segment.followers > 1
     name = "All followers together" if shared else segment.labels[k + 1]
-    label, doubt = f"**{plain(name)}**", rows[0].uncertainty
+    label, uncertainty = f"**{escape_markdown(name)}**", rows[0].uncertainty
     names = [name_of(row.fit) for row in rows]
-    tables = np.array([row.fit.table()[k] for row in rows])
-    lower, upper = doubt.lower[k], doubt.upper[k]
+    tables = np.array([row.fit.parameters.values[k] for row in rows])
+    lower, upper = uncertainty.lower[k], uncertainty.upper[k]
     if np.isnan(lower).all():
         return f"{label}: the data determine nothing that the methods could be held against."
-    level = f"{100 * doubt.level:.0f} %"
+    level = f"{100 * uncertainty.level:.0f} %"
     outside = []
     for column, values, low, high in zip(PARAMETER_COLUMNS, tables.T, lower, upper, strict=True):
         beyond = [
@@ -64,7 +64,7 @@ def verdict(segment: Segment, rows: Sequence[Row], k: int) -> str:
         said = f"no: by the {level} intervals of the data, {'; '.join(outside)}."
     else:
         said = f"yes, all methods lie within the {level} intervals of the data"
-        wide = left_open(doubt, k)
+        wide = wide_intervals(uncertainty, k)
         which, are = ("that of", "is") if len(wide) == 1 else ("those of", "are")
         reserve = f", but {which} {_joined(wide)} {are} too wide for that to say much"
         said += f"{reserve if wide else ''}."
@@ -88,29 +88,29 @@ def _most_apart(tables: FloatArray) -> str:
     return f"The estimates differ most in {column.title}: {low} to {high} {column.unit}."
 
 
-def collision_lines(segment: Segment, rows: Sequence[Row]) -> list[str]:
+def collision_lines(segment: Segment, rows: Sequence[MethodResult]) -> list[str]:
     """By whose laws each follower would not have driven this window without a collision."""
     names = [name_of(row.fit) for row in rows]
-    touching = np.array([np.isfinite(row.assessment.collisions) for row in rows])
+    touching = np.array([np.isfinite(row.evaluation.collisions) for row in rows])
     return [
-        f"{plain(label)}, as learned by {_who(names, by.tolist())}."
+        f"{escape_markdown(label)}, as learned by {_who(names, by.tolist())}."
         for label, by in zip(segment.labels[1:], touching.T, strict=True)
         if by.any()
     ]
 
 
-def incidents(segment: Segment, rows: Sequence[Row]) -> str:
+def incidents(segment: Segment, rows: Sequence[MethodResult]) -> str:
     """All of them by follower and method, as markdown; empty where there are none."""
     parts = []
     for label in segment.labels[1:]:
         lines = []
         for row in rows:
-            said = [s for s in row.assessment.incidents if s.startswith(f"{label} ")]
+            said = [s for s in row.evaluation.incidents if s.startswith(f"{label} ")]
             if said:
                 told = (s.removeprefix(f"{label} ").replace(ALONE, "").rstrip(".") for s in said)
-                lines.append(f"{name_of(row.fit)}: {plain(' · '.join(told))}")
+                lines.append(f"{name_of(row.fit)}: {escape_markdown(' · '.join(told))}")
         if lines:
-            parts.append(f"**{plain(label)}**\n\n{_bulleted(lines)}")
+            parts.append(f"**{escape_markdown(label)}**\n\n{_bulleted(lines)}")
     return "\n\n".join(parts)
 
 

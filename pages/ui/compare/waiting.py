@@ -7,21 +7,21 @@ from accpinn.tasks.series import Series
 from accpinn.tasks.task import Task
 from pages.ui.components import frame
 from pages.ui.components.monitor import waiting_line
-from pages.ui.components.text import lasting
-from pages.ui.session.resources import trainings
+from pages.ui.components.text import format_duration
+from pages.ui.session.resources import task_queue
 from pages.ui.session.workspace import Workspace
 
 
 def show_waiting(workspace: Workspace, task: Task, what: str) -> None:
     """What runs before a queued task of the session, and for how long; ``what`` names the task."""
-    ahead = trainings().ahead_of(task)
+    ahead = task_queue().ahead_of(task)
     own = next((one for one in ahead if one.owner == task.owner), None)
     if own is None:
         st.info(waiting_line(task), icon=":material/hourglass_top:")
         return
     kept = "can be continued later" if isinstance(own, Job) else "keeps what has ended"
     st.info(
-        f"{own_line(own, trainings().wait_for(task))} The {what} then starts by itself. To have it"
+        f"{own_line(own, task_queue().wait_for(task))} The {what} then starts by itself. To have it"
         f" sooner, stop what comes first; it {kept}.",
         icon=":material/hourglass_top:",
     )
@@ -32,7 +32,7 @@ def show_waiting(workspace: Workspace, task: Task, what: str) -> None:
             f"Stop the {_named(own)}",
             icon=":material/stop:",
             disabled=own.is_stopping,
-            on_click=trainings().stop,
+            on_click=task_queue().stop,
             args=(own,),
         )
 
@@ -46,7 +46,7 @@ def show_busy(workspace: Workspace) -> None:
 
 def own_line(task: Task, seconds: float | None) -> str:
     """What of the user's own is ahead, and how long it takes at most."""
-    long = f", for {lasting(seconds)} at most" if seconds else ""
+    long = f", for {format_duration(seconds)} at most" if seconds else ""
     return f"Your own {_named(task)} comes first{long}."
 
 

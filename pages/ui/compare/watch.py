@@ -10,7 +10,7 @@ from accpinn.tasks.series import Series
 from accpinn.tasks.task import Status
 from pages.ui.compare.waiting import show_waiting
 from pages.ui.components.monitor import POLL
-from pages.ui.components.text import lasting, plain
+from pages.ui.components.text import escape_markdown, format_duration
 from pages.ui.session.workspace import Workspace
 
 
@@ -37,11 +37,11 @@ def show_status(workspace: Workspace, series: Series[Any]) -> None:
         show_waiting(workspace, series, series.what)
     elif series.status is Status.RUNNING:
         name = TITLES.get(series.current, series.current)
-        left = f" · about {lasting(series.time_left)} left" if series.time_left else ""
+        left = f" · about {format_duration(series.time_left)} left" if series.time_left else ""
         said = "Stopping" if series.is_stopping else name
         st.progress(series.share, f"{said} … · {done} of {whole} done{left}")
     elif series.status is Status.FAILED:
-        st.error(plain(series.error), icon=":material/error:")
+        st.error(escape_markdown(series.error), icon=":material/error:")
     elif series.status is Status.STOPPED:
         kept = f"the {done} of {whole} that had ended are kept" if done else "none had ended yet"
         st.info(f"Stopped: {kept}.", icon=":material/stop_circle:")

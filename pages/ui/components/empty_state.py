@@ -3,7 +3,7 @@
 import streamlit as st
 
 from pages.ui.components import frame
-from pages.ui.components.text import plain
+from pages.ui.components.text import escape_markdown
 from pages.ui.session.workspace import Workspace
 
 
@@ -13,6 +13,7 @@ def show_missing(workspace: Workspace, nothing: str) -> None:
         st.info(f"{nothing} yet: first open a recording.", icon=":material/info:")
     else:
         st.warning(
-            f"The window cannot be used yet. {plain(workspace.fault)}", icon=":material/warning:"
+            f"The window cannot be used yet. {escape_markdown(workspace.fault)}",
+            icon=":material/warning:",
         )
     frame.link(frame.DATA, "Go to Data", workspace, "arrow_forward")

@@ -12,9 +12,9 @@ from accpinn.segment.info import Described
 from accpinn.tasks.job import Job
 from accpinn.tasks.task import Status
 from pages.ui.components import charts
-from pages.ui.components.text import plain
+from pages.ui.components.text import escape_markdown
 from pages.ui.session.registry import SESSION, current
-from pages.ui.session.workspace import Workspace, hold
+from pages.ui.session.workspace import Workspace, sync_widget
 
 HERE = Path(__file__).parent
 ROOT = HERE.parents[2]
@@ -63,7 +63,7 @@ def begin(title: str, lead: str = "") -> Workspace:
             icon=":material/history:",
         )
     if fault := st.session_state["snapshot_fault"]:
-        st.error(plain(fault), icon=":material/link_off:")
+        st.error(escape_markdown(fault), icon=":material/link_off:")
     return workspace
 
 
@@ -133,7 +133,7 @@ def _choose_pictures(workspace: Workspace) -> None:
         "Charts are saved as",
         charts.FORMATS,
         default=workspace.pictures,
-        key=hold(charts.FORMAT, workspace.pictures),
+        key=sync_widget(charts.FORMAT, workspace.pictures),
         on_change=changed,
         required=True,
         help="Point at a chart: the camera in its corner saves it as such a picture.",
@@ -141,7 +141,7 @@ def _choose_pictures(workspace: Workspace) -> None:
     st.toggle(
         "Legend in every chart",
         value=workspace.legends,
-        key=hold(charts.LEGEND, workspace.legends),
+        key=sync_widget(charts.LEGEND, workspace.legends),
         on_change=changed,
         help="A saved picture then says by itself which colour is which vehicle.",
     )
@@ -154,15 +154,15 @@ def standing(workspace: Workspace) -> list[str]:
         return snapshot_standing(workspace.snapshot) + _training_line(job)
     if recording is None:
         return ["No recording is open yet."]
-    lines = [f"**Recording** {plain(recording.source)}"]
+    lines = [f"**Recording** {escape_markdown(recording.source)}"]
     if segment:
         lines.append(
             f"**Window** {segment.start:g}–{segment.start + segment.duration:g} s, vehicles"
             f" {segment.vehicles[0]}–{segment.vehicles[-1]}"
             + (f", Case {workspace.case}" if segment.followers > 1 else "")
         )
-        if segment.left_out_regimes:
-            lines.append(f"**Left out** of the law: {', '.join(segment.left_out_regimes)}")
+        if segment.excluded_regimes:
+            lines.append(f"**Left out** of the law: {', '.join(segment.excluded_regimes)}")
     else:
         lines.append("**Window** cannot be used yet")
     return lines + _training_line(job)
@@ -170,12 +170,12 @@ def standing(workspace: Workspace) -> list[str]:
 
 def snapshot_standing(snapshot: Snapshot) -> list[str]:
     """The same of a snapshot."""
-    outline = snapshot.outline
+    info = snapshot.info
     return [
-        f"**Snapshot** {plain(snapshot.name[:60] or snapshot.id)}",
-        f"**Recording** {plain(outline.source)}",
-        f"**Window** {outline.start:g}–{outline.start + outline.duration:g} s, vehicles"
-        f" {outline.vehicles[0]}–{outline.vehicles[-1]}",
+        f"**Snapshot** {escape_markdown(snapshot.name[:60] or snapshot.id)}",
+        f"**Recording** {escape_markdown(info.source)}",
+        f"**Window** {info.start:g}–{info.start + info.duration:g} s, vehicles"
+        f" {info.vehicles[0]}–{info.vehicles[-1]}",
     ]
 
 

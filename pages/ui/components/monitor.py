@@ -8,8 +8,8 @@ from accpinn.tasks.job import Job
 from accpinn.tasks.task import Status, Task
 from pages.ui.components.charts import show_chart
 from pages.ui.components.frame import vehicle_key
-from pages.ui.components.text import lasting, plain
-from pages.ui.session.resources import trainings
+from pages.ui.components.text import escape_markdown, format_duration
+from pages.ui.session.resources import task_queue
 
 POLL = 0.5
 """Seconds between two looks."""
@@ -17,7 +17,7 @@ FIRST_DRAWING = 1.0
 """Seconds of training before the first curves: a short one would be slowed by drawing it."""
 
 
-def watch(job: Job, truth: tuple[Parameters, ...]) -> None:
+def watch(job: Job, truth: Parameters | None) -> None:
     """Show the job; while it is active, again and again, and once it has ended, the whole page."""
     active = job.is_active
 
@@ -47,27 +47,27 @@ def show_status(job: Job) -> None:
         share = min(1.0, now.iteration / max(1, now.iterations))
         parts = [f"{now.phase}: iteration {now.iteration:,} of {now.iterations:,}"]
         parts += [f"{job.rate:,.0f} iterations/s"] if job.rate else []
-        parts += [f"{lasting(job.time_left)} left at most"] if job.time_left else []
+        parts += [f"{format_duration(job.time_left)} left at most"] if job.time_left else []
         stopping = "Stopping … " if job.is_stopping else ""
         st.progress(share, stopping + " · ".join(parts))
     elif status is Status.FAILED:
-        st.error(plain(job.error), icon=":material/error:")
+        st.error(escape_markdown(job.error), icon=":material/error:")
     elif status is Status.STOPPED and job.fit is None:
         st.info("Stopped before it began.", icon=":material/stop_circle:")
 
 
 def waiting_line(job: Task) -> str:
     """Who is ahead, and for how long."""
-    ahead, seconds = trainings().ahead_of(job), trainings().wait_for(job)
+    ahead, seconds = task_queue().ahead_of(job), task_queue().wait_for(job)
     if len(ahead) <= 1:
         who = "Another estimation runs; yours is next"
     else:
         who = f"{len(ahead)} estimations are ahead of yours"
-    when = f"starts in about {lasting(seconds)}" if seconds else "starts by itself"
+    when = f"starts in about {format_duration(seconds)}" if seconds else "starts by itself"
     return f"{who} and {when}."
 
 
-def show_course(job: Job, truth: tuple[Parameters, ...]) -> None:
+def show_course(job: Job, truth: Parameters | None) -> None:
     """Loss terms and parameters over iterations."""
     history, segment = job.history(), job.request.segment
     if history is None:

@@ -8,7 +8,7 @@ from accpinn.methods.fit import Fit, unfinished
 from accpinn.results.snapshot.content import Snapshot
 from accpinn.results.tables.results import where
 from accpinn.segment.info import Described
-from pages.ui.components.text import plain
+from pages.ui.components.text import escape_markdown
 from pages.ui.session.ui_state import Source
 from pages.ui.session.workspace import Workspace
 
@@ -34,7 +34,7 @@ def current(workspace: Workspace) -> Learned | None:
 
 def saved(snapshot: Snapshot) -> Learned:
     """That of a snapshot."""
-    return Learned(snapshot.outline, snapshot.fit)
+    return Learned(snapshot.info, snapshot.fit)
 
 
 def warn_unfinished(learned: Learned, source: Source) -> None:
@@ -50,7 +50,8 @@ def say_not_ones_own(workspace: Workspace, source: Source) -> None:
     asked = workspace.laws.source in (None, "fit")
     if source == "published" and asked and job and job.is_active:
         st.info(
-            f"These are published laws, those of {plain(workspace.laws.example)}: your own training"
+            f"These are published laws, those of {escape_markdown(workspace.laws.example)}:"
+            " your own training"
             " is not finished. Come back when it is done, and your laws stand here.",
             icon=":material/hourglass_top:",
         )

@@ -7,9 +7,9 @@ import streamlit as st
 
 from accpinn.errors import AccpinnError, ParameterError
 from accpinn.model.cthp import Parameters
-from accpinn.model.published import PUBLISHED, LawSet, law_set
+from accpinn.model.published import PUBLISHED, ParameterSet, parameter_set
 from accpinn.results.snapshot.library import Entry
-from accpinn.stability.report import StabilityReport, report
+from accpinn.stability.report import StabilityReport, stability_report
 from pages.ui.components.parameter_origin import (
     Learned,
     current,
@@ -17,10 +17,10 @@ from pages.ui.components.parameter_origin import (
     say_not_ones_own,
     warn_unfinished,
 )
-from pages.ui.components.text import plain
-from pages.ui.session.resources import opened, shelf
-from pages.ui.session.ui_state import Row, Source
-from pages.ui.session.workspace import Workspace, hold
+from pages.ui.components.text import escape_markdown
+from pages.ui.session.resources import library, opened
+from pages.ui.session.ui_state import Source, TypedRow
+from pages.ui.session.workspace import Workspace, sync_widget
 
 SOURCES: dict[Source, str] = {
     "fit": "Current fit",
@@ -34,7 +34,7 @@ MOST = 20
 """Vehicles typed in at most."""
 
 
-def choose_laws(workspace: Workspace, page: str) -> LawSet | None:
+def choose_parameters(workspace: Workspace, page: str) -> ParameterSet | None:
     """The picker, and what it stands at; None, with a sentence, where that cannot be used."""
     entries = whole_entries()
     there = {"fit": bool(workspace.fit), "snapshot": bool(entries)}
@@ -46,7 +46,7 @@ def choose_laws(workspace: Workspace, page: str) -> LawSet | None:
             offered,
             default=now,
             format_func=SOURCES.__getitem__,
-            key=hold(f"{page}_source", now),
+            key=sync_widget(f"{page}_source", now),
             on_change=lambda: _turn_to(workspace, st.session_state[f"{page}_source"]),
             required=True,
             label_visibility="collapsed",
@@ -56,34 +56,34 @@ def choose_laws(workspace: Workspace, page: str) -> LawSet | None:
         elif now == "snapshot":
             _choose_snapshot(workspace, page, entries)
         elif learned := current(workspace) if now == "fit" else None:
-            st.caption(plain(learned.title))
+            st.caption(escape_markdown(learned.title))
     say_not_ones_own(workspace, now)
     if now == "hand":
         _edit_rows(workspace, page)
     try:
         learned = _learned(workspace, now, entries)
         if learned:
-            if now == "snapshot" and learned.described.left_out_regimes:
-                st.caption(plain(learned.title))
+            if now == "snapshot" and learned.described.excluded_regimes:
+                st.caption(escape_markdown(learned.title))
             warn_unfinished(learned, now)
         return _laws(workspace, now, learned)
     except AccpinnError as fault:
-        st.error(plain(str(fault)), icon=":material/error:")
+        st.error(escape_markdown(str(fault)), icon=":material/error:")
         return None
 
 
-def checked_report(laws: LawSet | None) -> StabilityReport | None:
+def checked_report(laws: ParameterSet | None) -> StabilityReport | None:
     """What is to be said about them; None, with a sentence, where they make no sense."""
     if laws is None:
         return None
     try:
-        return report(laws.parameters)
+        return stability_report(laws.parameters)
     except AccpinnError as fault:
-        st.error(plain(str(fault)), icon=":material/error:")
+        st.error(escape_markdown(str(fault)), icon=":material/error:")
         return None
 
 
-def laws_of(workspace: Workspace, source: Source) -> LawSet:
+def parameters_from(workspace: Workspace, source: Source) -> ParameterSet:
     """The laws that a source holds now.
 
     Raises:
@@ -99,10 +99,10 @@ def _learned(workspace: Workspace, source: Source, entries: tuple[Entry, ...]) -
     return current(workspace) if source == "fit" else None
 
 
-def _laws(workspace: Workspace, source: Source, learned: Learned | None) -> LawSet:
+def _laws(workspace: Workspace, source: Source, learned: Learned | None) -> ParameterSet:
     if learned:
         seen = learned.described
-        return LawSet(
+        return ParameterSet(
             learned.title, seen.labels[1:], learned.fit.parameters, seen.vehicles[1:],
             seen.vehicles[0],
         )  # fmt: skip
@@ -119,7 +119,7 @@ def _source(workspace: Workspace, entries: tuple[Entry, ...]) -> Source:
 
 def whole_entries() -> tuple[Entry, ...]:
     """The server's snapshots that can be read, the newest first; every call looks at all files."""
-    return tuple(entry for entry in shelf().entries() if not entry.fault)
+    return tuple(entry for entry in library().entries() if not entry.fault)
 
 
 def _chosen_snapshot(workspace: Workspace, entries: tuple[Entry, ...]) -> str:
@@ -141,7 +141,7 @@ def _choose_snapshot(workspace: Workspace, page: str, entries: tuple[Entry, ...]
         list(titles),
         index=list(titles).index(now),
         format_func=lambda name: titles.get(name, name),
-        key=hold(key, now),
+        key=sync_widget(key, now),
         on_change=changed,
         label_visibility="collapsed",
         width=420,
@@ -152,7 +152,7 @@ def _turn_to(workspace: Workspace, source: Source) -> None:
     """Change the source; the first rows by hand are a copy of what was shown."""
     choice = workspace.laws
     if source == "hand" and not choice.rows:
-        laws = laws_of(workspace, _source(workspace, whole_entries()))
+        laws = parameters_from(workspace, _source(workspace, whole_entries()))
         choice.rows = tuple(
             (label, law.alpha, law.beta, law.tau)
             for label, law in zip(laws.labels, laws.parameters, strict=True)
@@ -172,7 +172,7 @@ def _choose_example(workspace: Workspace, page: str) -> None:
         "Published set",
         titles,
         index=titles.index(workspace.laws.example),
-        key=hold(key, workspace.laws.example),
+        key=sync_widget(key, workspace.laws.example),
         on_change=changed,
         label_visibility="collapsed",
         width=320,
@@ -204,16 +204,16 @@ def _edit_rows(workspace: Workspace, page: str) -> None:
     choice.rows = rows
 
 
-def _row(name: object, *values: float | None) -> Row:
+def _row(name: object, *values: float | None) -> TypedRow:
     alpha, beta, tau = (None if v is None or math.isnan(v) else float(v) for v in values)
     return (name if isinstance(name, str) else "", alpha, beta, tau)
 
 
-def _typed(rows: tuple[Row, ...]) -> LawSet:
+def _typed(rows: tuple[TypedRow, ...]) -> ParameterSet:
     if not 0 < len(rows) <= MOST:
         raise ParameterError(
             f"The table has {len(rows)} vehicles; give at least one and at most {MOST}."
         )
     labels = [name.strip() or f"Vehicle {k}" for k, (name, *_) in enumerate(rows, 1)]
-    laws = [Parameters(*(math.nan if v is None else v for v in values)) for _, *values in rows]
-    return law_set(BY_HAND, labels, laws)
+    laws = Parameters.of([[math.nan if v is None else v for v in values] for _, *values in rows])
+    return parameter_set(BY_HAND, labels, laws)

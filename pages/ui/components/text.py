@@ -7,7 +7,7 @@ from accpinn.units import Seconds
 _PUNCTUATION = re.compile(r"([!-/:-@\[-`{-~])")
 
 
-def plain(text: str) -> str:
+def escape_markdown(text: str) -> str:
     """Text with every mark that markdown could read made literal."""
     return _PUNCTUATION.sub(r"\\\1", text)
 
@@ -15,8 +15,8 @@ def plain(text: str) -> str:
 def bullets(sentences: tuple[str, ...]) -> str:
     """Sentences as a list; a single one needs none."""
     if len(sentences) == 1:
-        return plain(sentences[0])
-    return "\n".join(f"- {plain(sentence)}" for sentence in sentences)
+        return escape_markdown(sentences[0])
+    return "\n".join(f"- {escape_markdown(sentence)}" for sentence in sentences)
 
 
 def left_out(regimes: tuple[str, ...]) -> str:
@@ -24,7 +24,7 @@ def left_out(regimes: tuple[str, ...]) -> str:
     return f" · {', '.join(regimes)} left out" if regimes else ""
 
 
-def lasting(seconds: Seconds) -> str:
+def format_duration(seconds: Seconds) -> str:
     """A duration as people say it: 4 s, 3 min 20 s, 45 min, 1 h 5 min."""
     whole = max(1, round(seconds))
     if whole < 60:

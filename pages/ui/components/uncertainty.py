@@ -3,15 +3,15 @@
 import streamlit as st
 
 from accpinn.inference.intervals import Uncertainty, intervals
-from accpinn.model.published import LawSet
+from accpinn.model.published import ParameterSet
 from accpinn.results.figures import stability as figures
 from accpinn.results.tables import table as typeset
 from accpinn.results.tables.uncertainty import stability_doubt_table
 from pages.ui.components.text import bullets
-from pages.ui.session.workspace import Workspace, hold
+from pages.ui.session.workspace import Workspace, sync_widget
 
 
-def doubt_of(workspace: Workspace, laws: LawSet) -> Uncertainty | None:
+def doubt_of(workspace: Workspace, laws: ParameterSet) -> Uncertainty | None:
     """The uncertainty of the fit that ``laws`` are of; None for laws from elsewhere."""
     fit = workspace.fit
     return doubt_of_fit(workspace) if fit and fit.parameters == laws.parameters else None
@@ -22,42 +22,42 @@ def doubt_of_fit(workspace: Workspace) -> Uncertainty | None:
     fit, segment = workspace.fit, workspace.segment
     if fit is None:
         return None
-    known = workspace.doubt
+    known = workspace.uncertainty
     if known is None or known[0] is not fit:
         if segment is None:
             return None
-        workspace.doubt = known = (fit, intervals(segment, fit))
+        workspace.uncertainty = known = (fit, intervals(segment, fit))
     return known[1]
 
 
-def choose_doubt(workspace: Workspace, laws: LawSet) -> Uncertainty | None:
+def choose_doubt(workspace: Workspace, laws: ParameterSet) -> Uncertainty | None:
     """A switch, and what it shows; None where it is off or there is nothing to show."""
-    doubt = doubt_of(workspace, laws)
-    if doubt is None:
+    uncertainty = doubt_of(workspace, laws)
+    if uncertainty is None:
         return None
     key = "stability_doubt"
 
     def changed() -> None:
-        workspace.map.doubt = st.session_state[key]
+        workspace.map.uncertainty = st.session_state[key]
 
     st.toggle(
         "Show what the data leave open",
-        value=workspace.map.doubt,
-        key=hold(key, workspace.map.doubt),
+        value=workspace.map.uncertainty,
+        key=sync_widget(key, workspace.map.uncertainty),
         on_change=changed,
         help="Bands of the response, clouds of laws on the map, and intervals of the figures.",
     )
-    return doubt if workspace.map.doubt else None
+    return uncertainty if workspace.map.uncertainty else None
 
 
-def show_doubt(laws: LawSet, doubt: Uncertainty) -> None:
+def show_doubt(laws: ParameterSet, uncertainty: Uncertainty) -> None:
     """Intervals of the figures of stability, and what they stand on."""
-    table = stability_doubt_table(laws, doubt).coloured(figures.colours(laws))
+    table = stability_doubt_table(laws, uncertainty).coloured(figures.colours(laws))
     st.html(typeset.STYLE + table.to_html())
     st.caption(
         "From laws drawn as the recording allows them, with disturbances that last for seconds."
         " Stable laws: the share of these that keeps a gap and is stable. Laws with α = 0"
         " follow the speed ahead and keep no gap; they amplify nothing, and are counted apart."
     )
-    if doubt.notes:
-        st.info(bullets(doubt.notes), icon=":material/info:")
+    if uncertainty.notes:
+        st.info(bullets(uncertainty.notes), icon=":material/info:")

@@ -7,9 +7,9 @@ from accpinn.methods.fit import headway_notes
 from accpinn.results.figures.style import vehicle_colour
 from accpinn.results.tables import table as typeset
 from accpinn.results.tables.results import quality_table
-from accpinn.segment.quality import LARGE_CONDITION, assess
+from accpinn.segment.quality import LARGE_CONDITION, assess_quality
 from accpinn.segment.window import Segment
-from pages.ui.components.text import bullets, plain
+from pages.ui.components.text import bullets, escape_markdown
 from pages.ui.data.metadata import show_warnings
 from pages.ui.session.workspace import Workspace
 
@@ -19,9 +19,9 @@ def show_segment(workspace: Workspace) -> None:
     segment = workspace.segment
     if segment is None:
         if workspace.fault:
-            st.error(plain(workspace.fault), icon=":material/error:")
+            st.error(escape_markdown(workspace.fault), icon=":material/error:")
         return
-    quality = assess(segment)
+    quality = assess_quality(segment)
     estimate = least_squares.fit(segment, workspace.case)
     table = quality_table(segment, quality, estimate)
     colours = [vehicle_colour(n, segment.vehicles[0]) for n in segment.vehicles[1:]]
@@ -43,9 +43,9 @@ def show_segment(workspace: Workspace) -> None:
 
 
 def _what_counts(segment: Segment) -> str:
-    if not segment.left_out_regimes:
+    if not segment.excluded_regimes:
         return ""
     return (
-        f" Without {', '.join(segment.left_out_regimes)}: the estimate and the condition number;"
+        f" Without {', '.join(segment.excluded_regimes)}: the estimate and the condition number;"
         " all other figures are of all instants."
     )

@@ -10,11 +10,11 @@ from accpinn.model.cthp import Case
 from accpinn.recordings.recording import Recording
 from accpinn.results.tables import table as typeset
 from accpinn.results.tables.regimes import regimes_table, sensitivity_table
-from accpinn.segment.regimes import LEFT_OUT_AT_WILL, label
+from accpinn.segment.regimes import EXCLUDABLE, label_regimes
 from accpinn.segment.window import Segment, cut
-from accpinn.study.sensitivity import Row, sensitivity
+from accpinn.study.sensitivity import SensitivityResult, sensitivity
 from pages.ui.components.text import bullets
-from pages.ui.session.workspace import Workspace, hold
+from pages.ui.session.workspace import Workspace, sync_widget
 
 HELP = {
     "catching up": "The time gap, space-gap over speed, is above 2 s: the vehicle catches up or"
@@ -29,7 +29,7 @@ def show_regimes(workspace: Workspace, recording: Recording) -> None:
     segment = whole(workspace)
     if segment is None:
         return
-    regimes = label(segment, recording)
+    regimes = label_regimes(segment, recording)
     # Its state is the server's, as what stands above it comes and goes.
     with st.expander("Regimes", icon=":material/category:", key="data_regimes", on_change="rerun"):
         st.html(typeset.STYLE + regimes_table(segment, regimes).to_html())
@@ -37,7 +37,7 @@ def show_regimes(workspace: Workspace, recording: Recording) -> None:
             st.caption("This file does not say who drives, so no instant counts as manual.")
         st.markdown("**Leave out of the law's equations**")
         with st.container(horizontal=True):
-            for name in LEFT_OUT_AT_WILL:
+            for name in EXCLUDABLE:
                 _choose(workspace, name)
         st.caption(
             "The law is for car-following; nothing is left out unless you tick it, and then every"
@@ -52,7 +52,7 @@ def show_regimes(workspace: Workspace, recording: Recording) -> None:
 def whole(workspace: Workspace) -> Segment | None:
     """The segment with nothing left out; None where there is none."""
     if workspace.segment:
-        return replace(workspace.segment, left_out=None, left_out_regimes=())
+        return replace(workspace.segment, left_out=None, excluded_regimes=())
     window = workspace.window
     if workspace.recording:
         with suppress(SegmentError):
@@ -68,10 +68,10 @@ def _choose(workspace: Workspace, name: str) -> None:
         ticked = set(workspace.leave_out) - {name}
         if st.session_state[key]:
             ticked.add(name)
-        workspace.choose(leave_out=tuple(n for n in LEFT_OUT_AT_WILL if n in ticked))
+        workspace.choose(exclude_regimes=tuple(n for n in EXCLUDABLE if n in ticked))
 
     st.checkbox(
-        name.capitalize(), chosen, key=hold(key, chosen), help=HELP[name], on_change=changed
+        name.capitalize(), chosen, key=sync_widget(key, chosen), help=HELP[name], on_change=changed
     )
 
 
@@ -90,6 +90,6 @@ def _show_sensitivity(workspace: Workspace, segment: Segment, recording: Recordi
 @st.cache_data(max_entries=32, show_spinner="Estimating with and without them …")
 def _sensitivity(
     request: str, _segment: Segment, _recording: Recording, _case: Case
-) -> tuple[Row, ...]:
+) -> tuple[SensitivityResult, ...]:
     """Kept by ``request``, which names the data and the case."""
     return sensitivity(_segment, _recording, _case)

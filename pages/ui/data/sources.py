@@ -13,7 +13,7 @@ from accpinn.errors import AccpinnError
 from accpinn.recordings import openacc
 from accpinn.recordings.recording import Recording
 from accpinn.recordings.synthetic import Truth, load_truth, truth_path
-from pages.ui.components.text import plain
+from pages.ui.components.text import escape_markdown
 from pages.ui.session.workspace import Workspace
 
 SAMPLES = Path(__file__).parents[3] / "sample_data"
@@ -87,7 +87,7 @@ def choose_source(workspace: Workspace) -> None:
         _choose_file(workspace)
     if workspace.refusal:
         kept = " The recording opened before is kept." if workspace.recording else ""
-        st.error(plain(workspace.refusal + kept), icon=":material/error:")
+        st.error(escape_markdown(workspace.refusal + kept), icon=":material/error:")
 
 
 def _choose_sample(workspace: Workspace) -> None:
@@ -102,9 +102,9 @@ def _choose_sample(workspace: Workspace) -> None:
         key="data_sample",
     )
     try:
-        st.caption(plain(load_truth(truth_path(path)).description))
+        st.caption(escape_markdown(load_truth(truth_path(path)).description))
     except AccpinnError as fault:
-        st.caption(plain(str(fault)))
+        st.caption(escape_markdown(str(fault)))
     _open_button("Open this sample", workspace, lambda: sample(path))
 
 

@@ -12,12 +12,12 @@ from accpinn.results.figures.recording import has_ribbons
 from accpinn.results.figures.recording import overview as draw_overview
 from accpinn.results.figures.style import vehicle_colour
 from accpinn.segment.missing import MINIMUM_DURATION, Window
-from accpinn.segment.regimes import label as label_regimes
+from accpinn.segment.regimes import label_regimes as label_regimes
 from accpinn.segment.vehicles import MAX_FOLLOWERS, chains
 from pages.ui.components.charts import show_chart
 from pages.ui.components.frame import show_key
 from pages.ui.data.regimes import whole
-from pages.ui.session.workspace import Workspace, hold
+from pages.ui.session.workspace import Workspace, sync_widget
 
 CASES = {
     "I": "Case I: one set of α, β, τ for the whole platoon, as if all followers were the same car.",
@@ -37,7 +37,7 @@ def choose_vehicles(workspace: Workspace, recording: Recording) -> None:
     # Another recording gets widgets of its own: the same ones would show the former names.
     leader_key, last_key = (f"data_{end}_{recording.sha256[:12]}" for end in ("leader", "last"))
 
-    def label(number: int) -> str:
+    def label_regimes(number: int) -> str:
         name = recording.vehicles[number - 1].name
         return name if name == f"Vehicle {number}" else f"{number} {name}"
 
@@ -55,16 +55,16 @@ def choose_vehicles(workspace: Workspace, recording: Recording) -> None:
         "Leader",
         leaders,
         index=leaders.index(chosen[0]),
-        format_func=label,
-        key=hold(leader_key, chosen[0]),
+        format_func=label_regimes,
+        key=sync_widget(leader_key, chosen[0]),
         on_change=lead,
     )
     st.selectbox(
         "Last follower",
         followers,
         index=followers.index(chosen[-1]),
-        format_func=label,
-        key=hold(last_key, chosen[-1]),
+        format_func=label_regimes,
+        key=sync_widget(last_key, chosen[-1]),
         on_change=follow,
     )
     if len(chosen) > 2:
@@ -81,7 +81,7 @@ def _choose_case(workspace: Workspace) -> None:
         list(CASES),
         default=workspace.case,
         format_func=lambda case: f"Case {case}",
-        key=hold("data_case", workspace.case),
+        key=sync_widget("data_case", workspace.case),
         on_change=lambda: workspace.choose(case=st.session_state["data_case"]),
         required=True,
         label_visibility="collapsed",
@@ -106,7 +106,7 @@ def choose_window(workspace: Workspace, recording: Recording) -> None:
         0.0,
         max(recording.duration, start),
         start,
-        key=hold("data_start", start),
+        key=sync_widget("data_start", start),
         step=10.0,
         format="%.1f",
         on_change=moved,
@@ -116,7 +116,7 @@ def choose_window(workspace: Workspace, recording: Recording) -> None:
         0.0,
         max(float(ceil(recording.duration)), length),
         length,
-        key=hold("data_length", length),
+        key=sync_widget("data_length", length),
         step=10.0,
         format="%.1f",
         on_change=moved,

@@ -8,10 +8,10 @@ import streamlit as st
 from accpinn.errors import AccpinnError
 from accpinn.model.cthp import Parameters
 from accpinn.platoon.leader import Brake, Leader, Recorded, Sinusoid, SpeedStep
-from accpinn.stability.report import report
-from pages.ui.components.text import plain
-from pages.ui.session.ui_state import Disturbance, DriveChoice
-from pages.ui.session.workspace import Workspace, hold
+from accpinn.stability.report import stability_report
+from pages.ui.components.text import escape_markdown
+from pages.ui.session.ui_state import Disturbance, PlatoonChoice
+from pages.ui.session.workspace import Workspace, sync_widget
 
 KINDS: dict[Disturbance, str] = {
     "sinusoid": "Sinusoid",
@@ -41,7 +41,7 @@ QUIET = 0.25
 """Frequency in rad/s for a platoon that amplifies none: the paper's first."""
 
 
-def choose_leader(workspace: Workspace, platoon: list[Parameters]) -> Leader | None:
+def choose_leader(workspace: Workspace, platoon: Parameters) -> Leader | None:
     """The kind and its settings; None, with a sentence, where they make no sense."""
     drive = workspace.drive
     offered = [kind for kind in KINDS if kind != "recorded" or workspace.segment]
@@ -51,24 +51,25 @@ def choose_leader(workspace: Workspace, platoon: list[Parameters]) -> Leader | N
         offered,
         index=offered.index(kind),
         format_func=KINDS.__getitem__,
-        key=hold("platoon_kind", kind),
+        key=sync_widget("platoon_kind", kind),
         on_change=lambda: drive.change(kind=st.session_state["platoon_kind"]),
     )
     try:
         if kind == "recorded" and workspace.segment:
             segment = workspace.segment
             st.caption(
-                f"{plain(segment.labels[0])} as recorded, {plain(segment.source)},"
+                f"{escape_markdown(segment.labels[0])} as recorded,"
+                f" {escape_markdown(segment.source)},"
                 f" {segment.start:g}–{segment.start + segment.duration:g} s."
             )
             return Recorded(segment.time, segment.speeds[:, 0])
         return _planned(workspace, kind, platoon)
     except AccpinnError as fault:
-        st.error(plain(str(fault)), icon=":material/error:")
+        st.error(escape_markdown(str(fault)), icon=":material/error:")
         return None
 
 
-def _planned(workspace: Workspace, kind: Disturbance, platoon: list[Parameters]) -> Leader:
+def _planned(workspace: Workspace, kind: Disturbance, platoon: Parameters) -> Leader:
     values: dict[str, float] = {}
     if kind == "sinusoid":  # its frequency is what matters, so it gets the room of two
         values["frequency"] = _frequency(workspace.drive, loudest(platoon))
@@ -80,12 +81,12 @@ def _planned(workspace: Workspace, kind: Disturbance, platoon: list[Parameters])
     return PLANNED[kind](**values)
 
 
-def _frequency(drive: DriveChoice, peak: float) -> float:
+def _frequency(drive: PlatoonChoice, peak: float) -> float:
     """As carried here or typed in, otherwise the one that this platoon amplifies most."""
     value = peak if drive.omega is None else drive.omega
     label, step = LABELS["frequency"]
     st.number_input(
-        label, value=value, key=hold("platoon_frequency", value), step=step, format="%.4g",
+        label, value=value, key=sync_widget("platoon_frequency", value), step=step, format="%.4g",
         on_change=lambda: drive.change(omega=st.session_state["platoon_frequency"]),
     )  # fmt: skip
     if value == peak:
@@ -100,7 +101,7 @@ def _frequency(drive: DriveChoice, peak: float) -> float:
     return value
 
 
-def _number(drive: DriveChoice, kind: Disturbance, setting: str) -> float:
+def _number(drive: PlatoonChoice, kind: Disturbance, setting: str) -> float:
     name, usual = f"{kind}_{setting}", float(getattr(PLANNED[kind], setting))
     key, value = f"platoon_{name}", drive.settings.get(name, usual)
 
@@ -110,12 +111,12 @@ def _number(drive: DriveChoice, kind: Disturbance, setting: str) -> float:
 
     label, step = LABELS[setting]
     st.number_input(
-        label, value=value, key=hold(key, value), step=step, format="%.4g", on_change=changed
+        label, value=value, key=sync_widget(key, value), step=step, format="%.4g", on_change=changed
     )
     return value
 
 
-def loudest(platoon: list[Parameters]) -> float:
+def loudest(platoon: Parameters) -> float:
     """The frequency in rad/s that reaches the last follower largest."""
-    peak = report(platoon).platoon.peaks[-1]
+    peak = stability_report(platoon).platoon.peaks[-1]
     return float(f"{peak.omega:.4g}") or QUIET

@@ -5,15 +5,15 @@ import re
 import streamlit as st
 
 from accpinn.errors import AccpinnError, ParameterError
-from accpinn.model.published import LawSet
-from pages.ui.components.text import plain
-from pages.ui.session.ui_state import MOST_FOLLOWERS, DriveChoice
-from pages.ui.session.workspace import Workspace, hold
+from accpinn.model.published import ParameterSet
+from pages.ui.components.text import escape_markdown
+from pages.ui.session.ui_state import MOST_FOLLOWERS, PlatoonChoice
+from pages.ui.session.workspace import Workspace, sync_widget
 
 ORDERS = {"learned": "In order", "repeated": "One car", "own": "Own order"}
 
 
-def choose_order(workspace: Workspace, laws: LawSet) -> list[int] | None:
+def choose_order(workspace: Workspace, laws: ParameterSet) -> list[int] | None:
     """The followers' indices in ``laws``; None, with a sentence, where that cannot be read."""
     drive = workspace.drive
     if len(laws) > 1:
@@ -22,18 +22,18 @@ def choose_order(workspace: Workspace, laws: LawSet) -> list[int] | None:
             list(ORDERS),
             default=drive.order,
             format_func=ORDERS.__getitem__,
-            key=hold("platoon_order", drive.order),
+            key=sync_widget("platoon_order", drive.order),
             on_change=lambda: drive.change(order=st.session_state["platoon_order"]),
             required=True,
         )
     try:
         return _order(drive, laws)
     except AccpinnError as fault:
-        st.error(plain(str(fault)), icon=":material/error:")
+        st.error(escape_markdown(str(fault)), icon=":material/error:")
         return None
 
 
-def _order(drive: DriveChoice, laws: LawSet) -> list[int]:
+def _order(drive: PlatoonChoice, laws: ParameterSet) -> list[int]:
     if drive.order == "repeated" or len(laws) == 1:
         return _repeated(drive, laws)
     if drive.order == "learned":
@@ -41,32 +41,32 @@ def _order(drive: DriveChoice, laws: LawSet) -> list[int]:
     return _own(drive, laws)
 
 
-def _repeated(drive: DriveChoice, laws: LawSet) -> list[int]:
+def _repeated(drive: PlatoonChoice, laws: ParameterSet) -> list[int]:
     vehicle = min(drive.vehicle, len(laws) - 1)
     left, right = st.columns((3, 2))
     left.selectbox(
         "Vehicle", range(len(laws)), index=vehicle, format_func=lambda k: laws.labels[k],
-        key=hold("platoon_vehicle", vehicle),
+        key=sync_widget("platoon_vehicle", vehicle),
         on_change=lambda: drive.change(vehicle=st.session_state["platoon_vehicle"]),
     )  # fmt: skip
     right.number_input(
         "Followers", 1, MOST_FOLLOWERS, drive.followers,
-        key=hold("platoon_followers", drive.followers),
+        key=sync_widget("platoon_followers", drive.followers),
         on_change=lambda: drive.change(followers=st.session_state["platoon_followers"]),
     )  # fmt: skip
     return [vehicle] * drive.followers
 
 
-def _own(drive: DriveChoice, laws: LawSet) -> list[int]:
+def _own(drive: PlatoonChoice, laws: ParameterSet) -> list[int]:
     text = drive.own or f"1-{len(laws)}, 1-{len(laws)}"
     st.text_input(
         "Followers, first to last",
         value=text,
-        key=hold("platoon_own", text),
+        key=sync_widget("platoon_own", text),
         on_change=lambda: drive.change(own=st.session_state["platoon_own"]),
         help="Numbers and ranges: 1-3, 2, 2",
     )
-    st.caption(" · ".join(f"{k} = {plain(name)}" for k, name in enumerate(laws.names, 1)))
+    st.caption(" · ".join(f"{k} = {escape_markdown(name)}" for k, name in enumerate(laws.names, 1)))
     return parse_order(text, len(laws))
 
 

@@ -8,16 +8,16 @@ from numpy.typing import NDArray
 
 from accpinn.errors import AccpinnError
 from accpinn.model.cthp import Parameters
-from accpinn.model.published import ASTAZERO, LawSet
+from accpinn.model.published import ASTAZERO, ParameterSet
 from accpinn.platoon.leader import Leader
-from accpinn.platoon.simulation import AFTERWARDS, PlatoonRun, simulate
+from accpinn.platoon.simulation import AFTERWARDS, PlatoonRun, simulate_platoon
 from accpinn.results.figures import platoon as figures
 from accpinn.results.figures.stability import colours
 from accpinn.results.figures.style import LEADER
 from pages.ui.components.charts import show_chart
 from pages.ui.components.frame import show_key
-from pages.ui.components.text import bullets, plain
-from pages.ui.session.workspace import Workspace, hold
+from pages.ui.components.text import bullets, escape_markdown
+from pages.ui.session.workspace import Workspace, sync_widget
 
 SHOWN_WHOLE = 0.99
 """A part of a run longer than this share of it is the run."""
@@ -25,18 +25,18 @@ EVEN = 0.005
 """An amplitude that differs by less is called as large as the leader's."""
 
 
-def driven(platoon: Sequence[Parameters], leader: Leader | None) -> PlatoonRun | None:
+def driven(platoon: Parameters, leader: Leader | None) -> PlatoonRun | None:
     """The simulation; None, with a sentence, where there can be none."""
-    if not platoon or leader is None:
+    if not len(platoon) or leader is None:
         return None
     try:
-        return simulate(platoon, leader)
+        return simulate_platoon(platoon, leader)
     except AccpinnError as fault:
-        st.error(plain(str(fault)), icon=":material/error:")
+        st.error(escape_markdown(str(fault)), icon=":material/error:")
         return None
 
 
-def show_course(run: PlatoonRun, laws: LawSet, order: Sequence[int]) -> None:
+def show_course(run: PlatoonRun, laws: ParameterSet, order: Sequence[int]) -> None:
     """The answer, what to beware of, and which colour is whom."""
     with st.container(border=True):
         st.markdown(f"#### {headline(run)}")
@@ -71,7 +71,7 @@ def headline(run: PlatoonRun) -> str:
     return f"The {what} {verb} to {ratio:.3g} times the leader's: {size}."
 
 
-def detail(run: PlatoonRun, laws: LawSet, order: Sequence[int]) -> str:
+def detail(run: PlatoonRun, laws: ParameterSet, order: Sequence[int]) -> str:
     """What the response predicts for a sinusoid, and how close the vehicles get."""
     wave, parts = run.amplitudes, []
     if run.collisions:
@@ -83,7 +83,7 @@ def detail(run: PlatoonRun, laws: LawSet, order: Sequence[int]) -> str:
         k = int(run.minimum_gap.argmin())
         parts.append(
             f"The smallest gap is {round(run.minimum_gap[k], 1) + 0.0:.1f} m, follower {k + 1}"
-            f" ({plain(laws.names[order[k]])}) at {run.minimum_gap_time[k]:.0f} s."
+            f" ({escape_markdown(laws.names[order[k]])}) at {run.minimum_gap_time[k]:.0f} s."
         )
     return " ".join(parts)
 
@@ -97,7 +97,7 @@ def choose_scale(workspace: Workspace, run: PlatoonRun) -> bool:
         st.toggle(
             "in dB",
             value=drive.in_db,
-            key=hold("platoon_db", drive.in_db),
+            key=sync_widget("platoon_db", drive.in_db),
             on_change=lambda: drive.change(in_db=st.session_state["platoon_db"]),
         )
         if run.collisions:
@@ -152,5 +152,5 @@ def show_panels(workspace: Workspace) -> None:
     grid = (*st.columns(2), *st.columns(2))
     for place, (panel, cell) in enumerate(zip(figures.paper_panels(), grid, strict=True)):
         with cell:
-            st.markdown(plain(panel.title))
+            st.markdown(escape_markdown(panel.title))
             show_chart(panel.figure, f"platoon_panel_{place}")

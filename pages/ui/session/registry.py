@@ -14,7 +14,7 @@ import streamlit as st
 
 from accpinn.errors import SnapshotError
 from accpinn.units import Seconds
-from pages.ui.session.resources import shelf, trainings
+from pages.ui.session.resources import library, task_queue
 from pages.ui.session.workspace import Workspace
 
 KEPT_WORKSPACES = 200
@@ -77,7 +77,7 @@ def current() -> Workspace:
 
     An unknown or expired name begins a new one, and `lost_session` becomes true for this run.
     """
-    trainings()  # its worker gets ready while the user still reads
+    task_queue()  # its worker gets ready while the user still reads
     asked = st.query_params.get(SESSION) or st.session_state.get(SESSION, "")
     workspace = workspaces().find(asked)
     st.session_state["lost_session"] = bool(asked) and workspace is None
@@ -101,7 +101,7 @@ def _follow_link(workspace: Workspace) -> None:
     shown = workspace.snapshot.id if workspace.snapshot else ""
     if asked and asked != shown and asked not in followed:
         try:
-            workspace.restore(shelf().open(asked))
+            workspace.restore(library().open(asked))
         except SnapshotError as fault:
             st.session_state["snapshot_fault"] = str(fault)
             return

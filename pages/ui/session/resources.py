@@ -4,8 +4,8 @@ import streamlit as st
 
 from accpinn.methods.store import Store
 from accpinn.results.snapshot.content import Snapshot
-from accpinn.results.snapshot.library import Shelf
-from accpinn.tasks.queue import Trainings
+from accpinn.results.snapshot.library import Library
+from accpinn.tasks.queue import TaskQueue
 
 
 @st.cache_resource(show_spinner=False)
@@ -15,9 +15,9 @@ def store() -> Store:
 
 
 @st.cache_resource(show_spinner=False)
-def shelf() -> Shelf:
+def library() -> Library:
     """The server's one store of snapshots."""
-    return Shelf()
+    return Library()
 
 
 @st.cache_resource(max_entries=8, show_spinner=False)
@@ -27,10 +27,10 @@ def opened(name: str) -> Snapshot:
     Raises:
         SnapshotError: for an unknown name, or a file that is damaged or another's.
     """
-    return shelf().open(name)
+    return library().open(name)
 
 
 @st.cache_resource(show_spinner=False)
-def trainings() -> Trainings:
+def task_queue() -> TaskQueue:
     """The server's one queue of trainings."""
-    return Trainings(store=store())
+    return TaskQueue(store=store())

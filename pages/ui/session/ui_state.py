@@ -9,12 +9,12 @@ from accpinn.units import RadiansPerSecond
 Source = Literal["fit", "published", "snapshot", "hand"]
 Disturbance = Literal["sinusoid", "step", "brake", "recorded"]
 MOST_FOLLOWERS = 20
-Row = tuple[str, float | None, float | None, float | None]
+TypedRow = tuple[str, float | None, float | None, float | None]
 """Name, α, β, τ of a vehicle as typed in; None where a cell is empty."""
 
 
 @dataclass(eq=False)
-class LawChoice:
+class ParameterChoice:
     """Where α, β and τ come from."""
 
     source: Source | None = None
@@ -22,9 +22,9 @@ class LawChoice:
     example: str = ASTAZERO.title
     snapshot: str = ""
     """Short name of the snapshot; empty: the newest."""
-    rows: tuple[Row, ...] = ()
+    rows: tuple[TypedRow, ...] = ()
     """By hand; a copy of what was shown before once that is chosen."""
-    base: tuple[Row, ...] = ()
+    base: tuple[TypedRow, ...] = ()
     """What the table of rows began with when it came to the page."""
 
 
@@ -35,12 +35,12 @@ class MapChoice:
     plane: Literal["beta", "alpha"] = "beta"
     held: int = -1
     """Index of the vehicle whose third parameter is kept; -1 is the last."""
-    doubt: bool = True
+    uncertainty: bool = True
     """Show what the data leave open."""
 
 
 @dataclass(eq=False)
-class DriveChoice:
+class PlatoonChoice:
     """Which platoon drives, and what its leader does."""
 
     order: Literal["learned", "repeated", "own"] = "learned"

@@ -9,7 +9,7 @@ import streamlit as st
 
 from accpinn.errors import ConfigError, SegmentError
 from accpinn.inference.intervals import Uncertainty
-from accpinn.inference.multistart import Trial, starts
+from accpinn.inference.multistart import Trial, multistart
 from accpinn.methods.fit import Fit
 from accpinn.methods.pinn.config import STARTS, PinnConfig, PresetName
 from accpinn.methods.registry import METHODS
@@ -23,14 +23,14 @@ from accpinn.segment.info import Described
 from accpinn.segment.missing import Window, complete_windows
 from accpinn.segment.vehicles import default_vehicles
 from accpinn.segment.window import DURATION, Segment, cut
-from accpinn.study.comparison import Earlier, Refusal, Row, compare, rows_among
+from accpinn.study.comparison import FitRecord, MethodFailure, MethodResult, compare, results_among
 from accpinn.tasks.job import Job
-from accpinn.tasks.series import Means, Series
-from pages.ui.session.resources import trainings
-from pages.ui.session.ui_state import DriveChoice, LawChoice, MapChoice
+from accpinn.tasks.series import Series, TaskContext
+from pages.ui.session.resources import task_queue
+from pages.ui.session.ui_state import MapChoice, ParameterChoice, PlatoonChoice
 
 if TYPE_CHECKING:
-    from accpinn.methods.pinn.warm_start import Warm
+    from accpinn.methods.pinn.warm_start import WarmStart
 
 KEPT_RUNS = 24
 """Three comparisons of eight methods."""
@@ -48,7 +48,7 @@ class Workspace:
     vehicles: tuple[int, ...] = ()
     window: Window = field(default_factory=lambda: Window(0.0, DURATION))
     case: Case = "II"
-    leave_out: tuple[str, ...] = ()
+    exclude_regimes: tuple[str, ...] = ()
     """Regimes that the user leaves out of the law's equations."""
     segment: Segment | None = None
     fault: str = ""
@@ -57,25 +57,25 @@ class Workspace:
     settings: dict[str, dict[str, Any]] = field(default_factory=dict)
     """Per preset, the settings that differ from it."""
     job: Job | None = None
-    doubt: tuple[Fit, Uncertainty] | None = None
+    uncertainty: tuple[Fit, Uncertainty] | None = None
     """What the data leave open about a fit, kept with that fit."""
-    comparison: Series[Row | Refusal] | None = None
+    comparison: Series[MethodResult | MethodFailure] | None = None
     """All methods on the segment, while they run and when they are done."""
-    own: Row | None = None
+    own: MethodResult | None = None
     """What the training is worth beside the methods, kept with its fit."""
     starts: Series[Trial] | None = None
     """Trainings of the segment from several initial values."""
-    runs: tuple[Earlier, ...] = ()
+    runs: tuple[FitRecord, ...] = ()
     """Fits that are no longer current, oldest first."""
     snapshot: Snapshot | None = None
     """The result that is shown as it was saved; without its data there may be no segment."""
-    laws: LawChoice = field(default_factory=LawChoice)
+    laws: ParameterChoice = field(default_factory=ParameterChoice)
     pictures: str = "SVG"
     """The format in which charts are saved."""
     legends: bool = False
     """Whether each chart has one of its own, beside the key that serves a whole page."""
     map: MapChoice = field(default_factory=MapChoice)
-    drive: DriveChoice = field(default_factory=DriveChoice)
+    drive: PlatoonChoice = field(default_factory=PlatoonChoice)
 
     def open(self, recording: Recording, truth: Truth | None = None) -> None:
         """Begin with a recording: its longest platoon, and the first window without holes.
@@ -88,22 +88,22 @@ class Workspace:
         vehicles = default_vehicles(recording)
         self.recording, self.truth, self.refusal = recording, truth, ""
         window = _first_window(recording, vehicles)
-        self.choose(vehicles=vehicles, window=window, leave_out=())
+        self.choose(vehicles=vehicles, window=window, exclude_regimes=())
 
     def restore(
         self, snapshot: Snapshot, recording: Recording | None = None, truth: Truth | None = None
     ) -> None:
         """Show a snapshot on every page; its recording stays open, or is opened, if it is given."""
-        self.let_go()
-        outline, given = snapshot.outline, recording or self.recording
+        self.archive_and_stop()
+        info, given = snapshot.info, recording or self.recording
         cut_anew = recovered(snapshot, given) if given else None
         self.recording = given if cut_anew else None
         self.truth = (truth or self.truth) if cut_anew else None
         self.segment = cut_anew or snapshot.segment
-        self.vehicles, self.case = outline.vehicles, snapshot.fit.case
-        self.window = Window(outline.start, outline.start + outline.duration)
-        self.leave_out, self.fault, self.refusal = outline.left_out, "", ""
-        self.doubt = (snapshot.fit, snapshot.uncertainty) if snapshot.uncertainty else None
+        self.vehicles, self.case = info.vehicles, snapshot.fit.case
+        self.window = Window(info.start, info.start + info.duration)
+        self.leave_out, self.fault, self.refusal = info.left_out, "", ""
+        self.uncertainty = (snapshot.fit, snapshot.uncertainty) if snapshot.uncertainty else None
         self.snapshot = snapshot
         with suppress(ConfigError):  # another method's result leaves the preset as it is
             config = PinnConfig.from_json(snapshot.fit.config)
@@ -114,44 +114,46 @@ class Workspace:
         vehicles: Sequence[int] | None = None,
         window: Window | None = None,
         case: Case | None = None,
-        leave_out: tuple[str, ...] | None = None,
+        exclude_regimes: tuple[str, ...] | None = None,
     ) -> None:
         """Change the segment or the case; what was trained before is let go."""
-        self.let_go()
+        self.archive_and_stop()
         self.snapshot = None
         self.vehicles = tuple(vehicles or self.vehicles)
         self.window, self.case = window or self.window, case or self.case
-        self.leave_out = self.leave_out if leave_out is None else leave_out
+        self.leave_out = self.leave_out if exclude_regimes is None else exclude_regimes
         if self.recording is None:
             return
         try:
             window = self.window
             whole = cut(self.recording, window.start, window.duration, self.vehicles)
-            self.segment = regimes.leave_out(
-                whole, regimes.label(whole, self.recording), self.leave_out
+            self.segment = regimes.exclude_regimes(
+                whole, regimes.label_regimes(whole, self.recording), self.leave_out
             )
             self.fault = ""
         except SegmentError as fault:
             self.segment, self.fault = None, str(fault)
 
-    def train(self, config: PinnConfig, warm: "Warm | None" = None, anew: bool = False) -> None:
+    def train(
+        self, config: PinnConfig, warm: "WarmStart | None" = None, anew: bool = False
+    ) -> None:
         """Queue a training of the segment.
 
         It may begin with the weights of ``warm``, or ``anew`` where an earlier one stopped.
         """
         if self.segment:
             self._remember([self.fit] if self.fit else [])
-            self.job = trainings().submit(self.id, self.segment, self.case, config, warm, anew)
+            self.job = task_queue().submit(self.id, self.segment, self.case, config, warm, anew)
 
     @property
-    def warm(self) -> "Warm | None":
+    def warm(self) -> "WarmStart | None":
         """The network of the snapshot shown, if it has one."""
         snapshot = self.snapshot
         if snapshot is None or not snapshot.fit.arrays:
             return None
-        from accpinn.methods.pinn.warm_start import Warm  # torch takes a second to import
+        from accpinn.methods.pinn.warm_start import WarmStart  # torch takes a second to import
 
-        return Warm.of(snapshot.fit, f"snapshot {snapshot.id}")
+        return WarmStart.of(snapshot.fit, f"snapshot {snapshot.id}")
 
     def compare(self) -> None:
         """Queue all methods on the segment."""
@@ -159,14 +161,14 @@ class Workspace:
         if segment is None:
             return
 
-        def rows(means: Means) -> Iterator[Row | Refusal]:
+        def rows(means: TaskContext) -> Iterator[MethodResult | MethodFailure]:
             yield from compare(
                 segment, case, store=means.store, threads=means.threads, recording=recording,
                 should_stop=means.should_stop,
             )  # fmt: skip
 
         self._remember([row.fit for row in self.compared])
-        self.comparison = trainings().run(
+        self.comparison = task_queue().run(
             Series(
                 self.id,
                 "comparison",
@@ -182,9 +184,9 @@ class Workspace:
         if segment is None:
             return
 
-        def trials(means: Means) -> Iterator[Trial]:
+        def trials(means: TaskContext) -> Iterator[Trial]:
             for initial in STARTS:
-                yield from starts(
+                yield from multistart(
                     segment, case, config, initials=(initial,), store=means.store,
                     threads=means.threads, on_progress=means.on_progress,
                     should_stop=means.should_stop,
@@ -192,9 +194,9 @@ class Workspace:
 
         names = tuple(f"start {k} of {len(STARTS)}" for k in range(1, len(STARTS) + 1))
         series = Series(self.id, "series of starts", names, trials, (1.0,) * len(names))
-        self.starts = trainings().run(series)
+        self.starts = task_queue().run(series)
 
-    def let_go(self) -> None:
+    def archive_and_stop(self) -> None:
         """Keep what the present fits say among the earlier runs, and end what still runs.
 
         A training that is stopped leaves its checkpoint, from which the same request goes on.
@@ -202,7 +204,7 @@ class Workspace:
         self._remember([row.fit for row in self.compared] + ([self.fit] if self.fit else []))
         for task in (self.job, self.comparison, self.starts):
             if task:
-                trainings().stop(task)
+                task_queue().stop(task)
         self.job = self.comparison = self.starts = None
         if self.laws.source in (None, "fit"):
             self.drive.forget()
@@ -212,15 +214,15 @@ class Workspace:
         if self.segment is None:
             return
         for fit in fits:
-            run = Earlier.of(self.segment, fit)
+            run = FitRecord.of(self.segment, fit)
             others = [other for other in self.runs if not other.same_as(run)]
             self.runs = (*others, run)[-KEPT_RUNS:]
 
     @property
-    def compared(self) -> tuple[Row, ...]:
+    def compared(self) -> tuple[MethodResult, ...]:
         """What the methods say of the segment, as far as they were run."""
         if self.comparison:
-            return rows_among(self.comparison.results)
+            return results_among(self.comparison.results)
         return self.snapshot.rows if self.snapshot else ()
 
     @property
@@ -233,14 +235,14 @@ class Workspace:
     @property
     def described(self) -> Described | None:
         """What the fit is of; it is known also where the data are not."""
-        return self.segment or (self.snapshot.outline if self.snapshot else None)
+        return self.segment or (self.snapshot.info if self.snapshot else None)
 
     @property
-    def true_parameters(self) -> tuple[Parameters, ...]:
+    def true_parameters(self) -> Parameters | None:
         """One entry a follower of the segment; nothing where the truth is not known."""
         if self.truth is None:
-            return ()
-        return tuple(self.truth.parameters[number - 2] for number in self.vehicles[1:])
+            return None
+        return self.truth.parameters[[number - 2 for number in self.vehicles[1:]]]
 
 
 def _first_window(recording: Recording, vehicles: tuple[int, ...]) -> Window:
@@ -252,7 +254,7 @@ def _first_window(recording: Recording, vehicles: tuple[int, ...]) -> Window:
     return Window(best.start, min(best.end, best.start + DURATION))
 
 
-def hold(key: str, value: object) -> str:
+def sync_widget(key: str, value: object) -> str:
     """Let the widget of that key show ``value``, whatever it showed before; returns the key.
 
     The workspace is the one place where choices live: a widget reports a change through its

@@ -8,7 +8,7 @@ import numpy as np
 import plotly.graph_objects as go
 import streamlit as st
 
-from accpinn.model.published import LawSet
+from accpinn.model.published import ParameterSet
 from accpinn.results.figures.stability import bode
 from accpinn.results.figures.style import vehicle_colour
 from accpinn.results.snapshot.content import Snapshot
@@ -16,7 +16,7 @@ from accpinn.results.snapshot.create import stability
 from accpinn.results.tables.table import ABSENT, STYLE, Cell, Column, Table
 from accpinn.results.tables.uncertainty import between
 from pages.ui.components.charts import show_chart
-from pages.ui.components.text import plain
+from pages.ui.components.text import escape_markdown
 
 PARAMETERS = (("α", "1/s²", 4), ("β", "1/s", 4), ("τ", "s", 3))
 
@@ -25,16 +25,16 @@ def show_both(one: Snapshot, other: Snapshot) -> None:
     """Everything about two."""
     unlike = other_vehicles(one, other)
     if unlike:
-        st.warning(plain(unlike), icon=":material/compare_arrows:")
+        st.warning(escape_markdown(unlike), icon=":material/compare_arrows:")
     table = parameter_differences(one, other)
-    longer = max(one.outline, other.outline, key=lambda outline: outline.followers)
+    longer = max(one.info, other.info, key=lambda info: info.followers)
     colours = [
         vehicle_colour(n, longer.vehicles[0]) for n in longer.vehicles[1:] for _ in PARAMETERS
     ]
     st.html(STYLE + table.coloured(colours).to_html())
     chart = responses(one, other)
     if chart:
-        whole = " Dashed: the first one's whole platoon." if one.outline.followers > 1 else ""
+        whole = " Dashed: the first one's whole platoon." if one.info.followers > 1 else ""
         st.caption(
             f"Response over frequency. Full lines: the first snapshot; dotted: the second.{whole}"
         )
@@ -48,7 +48,7 @@ def show_both(one: Snapshot, other: Snapshot) -> None:
 
 def other_vehicles(one: Snapshot, other: Snapshot) -> str:
     """What to beware of where followers in the same place are not the same; else empty."""
-    pairs = zip_longest(one.outline.labels[1:], other.outline.labels[1:], fillvalue="no vehicle")
+    pairs = zip_longest(one.info.labels[1:], other.info.labels[1:], fillvalue="no vehicle")
     unlike = [f"{first} stands beside {second}" for first, second in pairs if first != second]
     if not unlike:
         return ""
@@ -69,7 +69,7 @@ def parameter_differences(one: Snapshot, other: Snapshot) -> Table:
         Column("Δ"), Column("Δ in %"),
     )  # fmt: skip
     rows: list[tuple[Cell, ...]] = []
-    labels = zip_longest(one.outline.labels[1:], other.outline.labels[1:])
+    labels = zip_longest(one.info.labels[1:], other.info.labels[1:])
     for k, (first, second) in enumerate(labels):
         name = first if first == second else f"{first or ABSENT} / {second or ABSENT}"
         for which, (symbol, unit, digits) in enumerate(PARAMETERS):
@@ -90,7 +90,7 @@ def parameter_differences(one: Snapshot, other: Snapshot) -> Table:
 
 
 def _value(snapshot: Snapshot, follower: int, which: int) -> float:
-    table = snapshot.fit.table()
+    table = snapshot.fit.parameters.values
     return float(table[follower, which]) if follower < len(table) else np.nan
 
 
@@ -99,10 +99,10 @@ def _shown(value: float, digits: int, sign: str = "") -> str:
 
 
 def _interval(snapshot: Snapshot, follower: int, which: int, digits: int) -> str:
-    doubt = snapshot.uncertainty
-    if doubt is None or follower >= len(doubt.lower):
+    uncertainty = snapshot.uncertainty
+    if uncertainty is None or follower >= len(uncertainty.lower):
         return ABSENT
-    low, high = float(doubt.lower[follower, which]), float(doubt.upper[follower, which])
+    low, high = float(uncertainty.lower[follower, which]), float(uncertainty.upper[follower, which])
     return ABSENT if np.isnan(low) or np.isnan(high) else between(low, high, digits)
 
 
@@ -110,12 +110,12 @@ def responses(one: Snapshot, other: Snapshot) -> go.Figure | None:
     """Both responses in one chart; None where the parameters of either allow none."""
     charts = []
     for snapshot in (one, other):
-        report, outline = stability(snapshot.fit), snapshot.outline
+        report, info = stability(snapshot.fit), snapshot.info
         if report is None:
             return None
-        laws = LawSet(
-            outline.source, outline.labels[1:], snapshot.fit.parameters, outline.vehicles[1:],
-            outline.vehicles[0],
+        laws = ParameterSet(
+            info.source, info.labels[1:], snapshot.fit.parameters, info.vehicles[1:],
+            info.vehicles[0],
         )  # fmt: skip
         charts.append(bode(laws, report))
     whole = charts[0]
@@ -145,13 +145,13 @@ def differing_settings(one: Snapshot, other: Snapshot) -> Table:
 
 
 def _settings(snapshot: Snapshot) -> dict[str, str]:
-    outline, fit = snapshot.outline, snapshot.fit
+    info, fit = snapshot.info, snapshot.fit
     found: dict[str, Any] = {
-        "recording": outline.source,
-        "recording's SHA-256": outline.sha256[:16],
-        "window": f"{outline.start:g}–{outline.start + outline.duration:g} s",
-        "vehicles": ", ".join(outline.labels),
-        "left out": ", ".join(outline.left_out) or "nothing",
+        "recording": info.source,
+        "recording's SHA-256": info.sha256[:16],
+        "window": f"{info.start:g}–{info.start + info.duration:g} s",
+        "vehicles": ", ".join(info.labels),
+        "left out": ", ".join(info.left_out) or "nothing",
         "method": fit.method,
         "case": fit.case,
         "iterations done": fit.iterations,

@@ -5,7 +5,7 @@ from urllib.parse import urlsplit
 import streamlit as st
 
 from accpinn.errors import SnapshotError
-from accpinn.results.report.page import report
+from accpinn.results.report.page import render_report
 from accpinn.results.snapshot.checking import check
 from accpinn.results.snapshot.content import Snapshot
 from accpinn.results.snapshot.library import Entry
@@ -15,11 +15,11 @@ from accpinn.results.tables.names import TITLES
 from accpinn.results.tables.table import STYLE, Column, Table
 from accpinn.units import Seconds
 from pages.ui.components import frame
-from pages.ui.components.text import plain
+from pages.ui.components.text import escape_markdown
 from pages.ui.session.registry import SNAPSHOT
-from pages.ui.session.resources import opened, shelf
+from pages.ui.session.resources import library, opened
 from pages.ui.session.workspace import Workspace
-from pages.ui.snapshots.saving import say
+from pages.ui.snapshots.saving import flash
 
 LISTED = 50
 """Snapshots in the table; all can be chosen below it."""
@@ -86,7 +86,7 @@ def choose(label: str, key: str, entries: tuple[Entry, ...], first: str = "") ->
 def show_one(workspace: Workspace, entry: Entry) -> None:
     """What it is, the buttons, its link, and whether it is what it says."""
     if entry.fault:
-        st.error(plain(entry.fault), icon=":material/error:")
+        st.error(escape_markdown(entry.fault), icon=":material/error:")
         _delete_button(entry)
         return
     if entry.note:
@@ -98,7 +98,7 @@ def show_one(workspace: Workspace, entry: Entry) -> None:
         )  # fmt: skip
         st.download_button(
             f"Download ({entry.size / 1e6:.1f} MB)",
-            lambda: shelf().raw(entry.id),
+            lambda: library().raw(entry.id),
             f"{_file_name(entry)}{SUFFIX}",
             "application/zip",
             on_click="ignore",
@@ -106,7 +106,7 @@ def show_one(workspace: Workspace, entry: Entry) -> None:
         )
         st.download_button(
             "Report",
-            lambda: report(opened(entry.id)),
+            lambda: render_report(opened(entry.id)),
             f"{_file_name(entry)}.html",
             "text/html",
             on_click="ignore",
@@ -131,9 +131,9 @@ def _open(workspace: Workspace, name: str) -> None:
     try:
         workspace.restore(opened(name))
     except SnapshotError as fault:
-        say("error", str(fault))
+        flash("error", str(fault))
         return
-    say("success", "Opened: every page now shows this snapshot.")
+    flash("success", "Opened: every page now shows this snapshot.")
 
 
 def _delete_button(entry: Entry) -> None:
@@ -144,11 +144,11 @@ def _delete_button(entry: Entry) -> None:
 
 def _delete(entry: Entry) -> None:
     try:
-        shelf().delete(entry.id)
+        library().delete(entry.id)
     except SnapshotError as fault:
-        say("error", str(fault))
+        flash("error", str(fault))
         return
-    say("success", f"Deleted: {title(entry)}.")
+    flash("success", f"Deleted: {title(entry)}.")
 
 
 def _file_name(entry: Entry) -> str:
@@ -160,7 +160,7 @@ def _file_name(entry: Entry) -> str:
 def show_verification(workspace: Workspace, snapshot: Snapshot) -> None:
     """Every figure checked, as stored and as computed now from the snapshot's own contents."""
     recording = workspace.recording
-    same = recording if recording and recording.sha256 == snapshot.outline.sha256 else None
+    same = recording if recording and recording.sha256 == snapshot.info.sha256 else None
     again = False
     if snapshot.fit.seconds < QUICK and (snapshot.segment or same) and not repeatable(snapshot.fit):
         again = st.toggle(
@@ -170,9 +170,9 @@ def show_verification(workspace: Workspace, snapshot: Snapshot) -> None:
     with st.spinner("Computing all of it anew"):
         found = check(snapshot, same, again=again)
     if found.ok:
-        st.success(plain(found.sentence), icon=":material/verified:")
+        st.success(escape_markdown(found.sentence), icon=":material/verified:")
     else:
-        st.error(plain(found.sentence), icon=":material/error:")
+        st.error(escape_markdown(found.sentence), icon=":material/error:")
     texts = (Column(title, prose=True) for title in ("Result", "Stored", "Recomputed"))
     columns = (Column("Checked"), *texts)
     rows = tuple(
@@ -187,7 +187,7 @@ def banner(workspace: Workspace) -> None:
     snapshot = workspace.snapshot
     if snapshot is None:
         return
-    name = plain(snapshot.name or snapshot.id)
+    name = escape_markdown(snapshot.name or snapshot.id)
     if workspace.job:
         state = "the training is new, on the same window."
     elif workspace.recording:
@@ -197,7 +197,7 @@ def banner(workspace: Workspace) -> None:
     else:
         state = "it came without its data."
     st.info(f"From the snapshot **{name}**; {state}", icon=":material/inventory_2:")
-    if snapshot.id and not shelf().has(snapshot.id):
+    if snapshot.id and not library().has(snapshot.id):
         st.warning(
             "This snapshot was deleted from the server and lasts only as long as this session;"
             " keep it again, and its link works again.",
@@ -208,9 +208,9 @@ def banner(workspace: Workspace) -> None:
 
 def _keep(snapshot: Snapshot) -> None:
     try:
-        shelf().add(snapshot)
+        library().add(snapshot)
     except SnapshotError as fault:
-        say("error", str(fault))
+        flash("error", str(fault))
 
 
 def recording_needed(workspace: Workspace, snapshot: Snapshot, what: str) -> None:
@@ -225,9 +225,9 @@ def recording_needed_here(snapshot: Snapshot, what: str) -> None:
 
 
 def _name_recording(snapshot: Snapshot, what: str, cure: str) -> None:
-    outline = snapshot.outline
+    info = snapshot.info
     st.warning(
         f"{what} the recording, which is not part of the snapshot. It is"
-        f" **{plain(outline.source)}**, SHA-256 `{outline.sha256 or 'not known'}`. {cure}",
+        f" **{escape_markdown(info.source)}**, SHA-256 `{info.sha256 or 'not known'}`. {cure}",
         icon=":material/database:",
     )

@@ -6,12 +6,12 @@ import streamlit as st
 
 from accpinn.errors import SnapshotError
 from accpinn.methods.fit import Outcome, unfinished
-from accpinn.results.snapshot.create import take
+from accpinn.results.snapshot.create import create
 from accpinn.results.snapshot.schema import LARGEST, LONGEST_NAME, LONGEST_NOTE
 from accpinn.units import Seconds
 from pages.ui.components import frame
-from pages.ui.components.text import plain
-from pages.ui.session.resources import shelf
+from pages.ui.components.text import escape_markdown
+from pages.ui.session.resources import library
 from pages.ui.session.workspace import Workspace
 
 SAID = "snapshots_said"
@@ -19,20 +19,20 @@ SAID = "snapshots_said"
 SAID_FOR: Seconds = 20.0
 
 
-def say(kind: str, sentence: str) -> None:
+def flash(kind: str, sentence: str) -> None:
     """Show a sentence on this page for a while."""
     st.session_state[SAID] = (kind, sentence, time.monotonic())
 
 
-def show_said() -> None:
+def show_flash() -> None:
     """What the last click came to; a second run right after the first must not swallow it."""
     kind, sentence, said = st.session_state.get(SAID, ("", "", 0.0))
     if time.monotonic() - said > SAID_FOR:
         return
     if kind == "error":
-        st.error(plain(sentence), icon=":material/error:")
+        st.error(escape_markdown(sentence), icon=":material/error:")
     elif kind:
-        st.success(plain(sentence), icon=":material/check_circle:")
+        st.success(escape_markdown(sentence), icon=":material/check_circle:")
 
 
 def save_form(workspace: Workspace) -> None:
@@ -48,7 +48,7 @@ def save_form(workspace: Workspace) -> None:
         return
     stopped = unfinished(fit)
     if stopped:
-        st.warning(plain(stopped), icon=":material/pause_circle:")
+        st.warning(escape_markdown(stopped), icon=":material/pause_circle:")
     with st.form("snapshots_form", border=False):
         st.text_input("Name", key="snapshots_name", max_chars=LONGEST_NAME)
         st.text_area("Note", key="snapshots_note", max_chars=LONGEST_NOTE, height=80)
@@ -67,29 +67,29 @@ def save_form(workspace: Workspace) -> None:
 
 def save(workspace: Workspace) -> None:
     """Keep the current result with all that the session knows of it."""
-    fit, segment, known = workspace.fit, workspace.segment, workspace.doubt
+    fit, segment, known = workspace.fit, workspace.segment, workspace.uncertainty
     if fit is None or segment is None:
         return
     old = workspace.snapshot
     try:
-        found = take(
+        found = create(
             segment,
             fit,
             recording=workspace.recording,
             facts=old.facts if old else None,
             uncertainty=known[1] if known and known[0] is fit else None,
-            assessment=old.assessment if old and old.fit is fit else None,
+            evaluation=old.evaluation if old and old.fit is fit else None,
             rows=workspace.compared,
             name=st.session_state["snapshots_name"].strip(),
             note=st.session_state["snapshots_note"].strip(),
             with_data=st.session_state["snapshots_with_data"],
         )
-        kept = shelf().add(found)
+        kept = library().add(found)
     except SnapshotError as fault:
-        say("error", str(fault))
+        flash("error", str(fault))
         return
     st.session_state["snapshots_chosen"] = kept
-    say("success", f"Saved as “{found.name}”." if found.name else f"Saved as snapshot {kept}.")
+    flash("success", f"Saved as “{found.name}”." if found.name else f"Saved as snapshot {kept}.")
 
 
 def upload_form() -> None:
@@ -100,12 +100,12 @@ def upload_form() -> None:
         if upload is None:
             return
         try:
-            kept = shelf().add(upload.getvalue())
+            kept = library().add(upload.getvalue())
         except SnapshotError as fault:
-            say("error", f"{upload.name}: {fault}")
+            flash("error", f"{upload.name}: {fault}")
             return
         st.session_state["snapshots_chosen"] = kept
-        say("success", f"{upload.name} is whole and now in the list as {kept}.")
+        flash("success", f"{upload.name} is whole and now in the list as {kept}.")
 
     st.subheader("Bring one from a colleague", anchor=False)
     st.file_uploader(

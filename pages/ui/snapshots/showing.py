@@ -11,7 +11,7 @@ from accpinn.results.tables import results as tables
 from accpinn.results.tables import table as typeset
 from accpinn.results.tables.comparison import methods_table
 from accpinn.results.tables.names import name_of
-from accpinn.segment.info import Outline
+from accpinn.segment.info import SegmentInfo
 from pages.ui.components import frame
 from pages.ui.components.charts import show_chart
 from pages.ui.components.text import bullets
@@ -34,60 +34,60 @@ def show_data(workspace: Workspace, snapshot: Snapshot) -> None:
 
 def show_result(workspace: Workspace, snapshot: Snapshot) -> None:
     """Outcome, table, course and curves of a saved result."""
-    fit, outline, worth = snapshot.fit, snapshot.outline, snapshot.assessment
+    fit, info, worth = snapshot.fit, snapshot.info, snapshot.evaluation
     if workspace.segment is None:
         recording_needed(workspace, snapshot, "To train on, the page needs")
     show_outcome(fit)
     errors = (worth.surrogate, worth.closed_loop) if worth else (None, None)
-    table = tables.parameter_table(outline, fit, snapshot.quality, *errors)
-    colours = [vehicle_colour(n, outline.vehicles[0]) for n in outline.vehicles]
+    table = tables.parameter_table(info, fit, snapshot.quality, *errors)
+    colours = [vehicle_colour(n, info.vehicles[0]) for n in info.vehicles]
     st.html(typeset.STYLE + table.coloured(colours).to_html())
     show_incidents(worth.incidents if worth else ())
-    show_intervals(outline, snapshot.uncertainty)
+    show_intervals(info, snapshot.uncertainty)
     if fit.notes:
         st.info(bullets(fit.notes), icon=":material/info:")
-    whole = tables.parameter_table(outline, fit, snapshot.quality, *errors, snapshot.uncertainty)
-    downloads(whole, outline)
+    whole = tables.parameter_table(info, fit, snapshot.quality, *errors, snapshot.uncertainty)
+    downloads(whole, info)
     show_history(snapshot)
     show_curves(workspace, snapshot)
 
 
 def show_history(snapshot: Snapshot) -> None:
     """How loss and parameters moved."""
-    history, outline = snapshot.fit.history, snapshot.outline
+    history, info = snapshot.fit.history, snapshot.info
     if history is None:
         return
-    frame.vehicle_key(outline)
+    frame.vehicle_key(info)
     loss, *parameters = st.columns(4)
     with loss:
         show_chart(training.loss_course(history), "snapshots_loss")
     for which, column in enumerate(parameters):
         with column:
-            figure = training.parameter_course(history, which, outline)
+            figure = training.parameter_course(history, which, info)
             show_chart(figure, f"snapshots_parameter_{which}")
 
 
 def show_curves(workspace: Workspace, snapshot: Snapshot) -> None:
     """The method's curve, with the data and the closed loop where these are known."""
-    fit, segment, outline = snapshot.fit, workspace.segment, snapshot.outline
+    fit, segment, info = snapshot.fit, workspace.segment, snapshot.info
     if segment is None and fit.surrogate is None:
         return
     st.subheader("The method's curve" + (" against data" if segment else ""), anchor=False)
-    follower = choose_follower(outline, "snapshots_follower")
+    follower = choose_follower(info, "snapshots_follower")
     driven = closed_loop(segment, fit) if segment else None
     own = "network" if fit.method == "pinn" else name_of(fit)
-    figure = training.tracking(segment or outline, follower, fit.surrogate, driven, own)
+    figure = training.tracking(segment or info, follower, fit.surrogate, driven, own)
     show_chart(figure, "snapshots_tracking")
 
 
-def choose_follower(outline: Outline, key: str) -> int:
+def choose_follower(info: SegmentInfo, key: str) -> int:
     """Whose curves or rows are shown; no question where there is one."""
-    if outline.followers == 1:
+    if info.followers == 1:
         return 0
     chosen = st.selectbox(
         "Follower",
-        range(outline.followers),
-        format_func=lambda k: outline.labels[k + 1],
+        range(info.followers),
+        format_func=lambda k: info.labels[k + 1],
         key=key,
         width=320,
     )
@@ -102,10 +102,10 @@ def show_rows(workspace: Workspace) -> None:
     banner(workspace)
     if workspace.segment is None:
         recording_needed(workspace, snapshot, "To run the methods, the page needs")
-    outline, rows = snapshot.outline, snapshot.rows
-    show_intervals(outline, snapshot.uncertainty, "")
+    info, rows = snapshot.info, snapshot.rows
+    show_intervals(info, snapshot.uncertainty, "")
     if not rows:
         st.caption("No comparison of the methods was saved with this snapshot.")
         return
-    follower = choose_follower(outline, "snapshots_row_follower")
-    st.html(typeset.STYLE + methods_table(outline, rows, follower).to_html())
+    follower = choose_follower(info, "snapshots_row_follower")
+    st.html(typeset.STYLE + methods_table(info, rows, follower).to_html())

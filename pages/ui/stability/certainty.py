@@ -3,73 +3,77 @@
 from math import isnan
 
 from accpinn.inference.intervals import SYMBOLS, Uncertainty
-from accpinn.model.published import LawSet
+from accpinn.model.published import ParameterSet
 from accpinn.results.tables.uncertainty import between
 from accpinn.stability.report import StabilityReport
-from pages.ui.components.text import plain
+from pages.ui.components.text import escape_markdown
 
 SURE = 0.95
 """If so many of the laws that the data allow have the estimate's verdict, it is certain."""
 
 
-def certainty(laws: LawSet, report: StabilityReport, doubt: Uncertainty) -> str:
+def certainty(laws: ParameterSet, report: StabilityReport, uncertainty: Uncertainty) -> str:
     """The interval of the largest peak, and which verdicts are not certain, as markdown."""
     worst = max(range(len(laws)), key=lambda k: report.vehicles[k].peak.gain)
-    unsure = [k for k in range(len(laws)) if not _sure(report, doubt, k)]
+    unsure = [k for k in range(len(laws)) if not _sure(report, uncertainty, k)]
     parts = [
-        _extent(laws, report, doubt, worst),
-        _outside(laws, doubt),
-        _verdicts(laws, doubt, unsure),
+        _extent(laws, report, uncertainty, worst),
+        _outside(laws, uncertainty),
+        _verdicts(laws, uncertainty, unsure),
     ]
     return " ".join(part for part in parts if part)
 
 
-def _sure(report: StabilityReport, doubt: Uncertainty, k: int) -> bool:
-    stable, gapless = float(doubt.probability_l2[k]), float(doubt.gapless[k])
+def _sure(report: StabilityReport, uncertainty: Uncertainty, k: int) -> bool:
+    stable, gapless = float(uncertainty.probability_l2[k]), float(uncertainty.gapless[k])
     agreeing = stable if report.vehicles[k].l2.stable else 1.0 - stable - gapless
     return agreeing >= SURE
 
 
-def _extent(laws: LawSet, report: StabilityReport, doubt: Uncertainty, k: int) -> str:
-    if isnan(doubt.probability_l2[k]):
-        return f"The data do not determine what {plain(laws.spoken[k])} does to disturbances."
-    allowed = between(float(doubt.peak_gain.lower[k]), float(doubt.peak_gain.upper[k]), 2)
+def _extent(laws: ParameterSet, report: StabilityReport, uncertainty: Uncertainty, k: int) -> str:
+    if isnan(uncertainty.probability_l2[k]):
+        name = escape_markdown(laws.spoken[k])
+        return f"The data do not determine what {name} does to disturbances."
+    allowed = between(
+        float(uncertainty.peak_gain.lower[k]), float(uncertainty.peak_gain.upper[k]), 2
+    )
     gain = report.vehicles[k].peak.gain
     return (
         f"By this estimate {gain:.3g} times; the data allow {allowed}"
-        f" ({100 * doubt.level:.0f} % interval)."
+        f" ({100 * uncertainty.level:.0f} % interval)."
     )
 
 
-def _outside(laws: LawSet, doubt: Uncertainty) -> str:
+def _outside(laws: ParameterSet, uncertainty: Uncertainty) -> str:
     """Which estimates the data do not support."""
     parts = []
-    for name, row in zip(laws.spoken, doubt.inside, strict=True):
+    for name, row in zip(laws.spoken, uncertainty.inside, strict=True):
         symbols = [symbol for symbol, inside in zip(SYMBOLS, row, strict=True) if not inside]
         if symbols:
-            whose = f" of {plain(name)}" if len(laws) > 1 else ""
+            whose = f" of {escape_markdown(name)}" if len(laws) > 1 else ""
             parts.append(f"{' and '.join(symbols)}{whose}")
     if not parts:
         return ""
     return f"The data do not support the estimate's {'; '.join(parts)}."
 
 
-def _verdicts(laws: LawSet, doubt: Uncertainty, unsure: list[int]) -> str:
-    known = [k for k in unsure if not isnan(doubt.probability_l2[k])]
+def _verdicts(laws: ParameterSet, uncertainty: Uncertainty, unsure: list[int]) -> str:
+    known = [k for k in unsure if not isnan(uncertainty.probability_l2[k])]
     if not unsure:
         which = "This verdict is" if len(laws) == 1 else "Each vehicle's verdict is"
         return f"{which} certain: at least {_percent(SURE)} of the laws that the data allow agree."
     if not known:
         return ""
     shares = "; ".join(
-        (f"{plain(laws.spoken[k])} " if len(laws) > 1 else "") + _shares(doubt, k) for k in known
+        (f"{escape_markdown(laws.spoken[k])} " if len(laws) > 1 else "") + _shares(uncertainty, k)
+        for k in known
     )
     return f"**Not certain.** Of the laws that the data allow: {shares}."
 
 
-def _shares(doubt: Uncertainty, k: int) -> str:
+def _shares(uncertainty: Uncertainty, k: int) -> str:
     """What the laws that the data allow do, as adds up to all of them."""
-    stable, gapless = float(doubt.probability_l2[k]), float(doubt.gapless[k])
+    stable, gapless = float(uncertainty.probability_l2[k]), float(uncertainty.gapless[k])
     rest = max(0.0, 1.0 - stable - gapless)
     said = f"{_percent(rest)} amplify, {_percent(stable)} do not"
     return f"{said}, {_percent(gapless)} keep no gap (α = 0)" if gapless else said

@@ -6,7 +6,7 @@ from typing import Any, Literal
 import streamlit as st
 
 from accpinn.inference.intervals import Uncertainty
-from accpinn.model.published import LawSet
+from accpinn.model.published import ParameterSet
 from accpinn.results.figures import stability as figures
 from accpinn.results.figures.style import LEADER
 from accpinn.results.figures.uncertainty import add_bands
@@ -14,15 +14,15 @@ from accpinn.stability.report import StabilityReport
 from accpinn.units import RadiansPerSecond
 from pages.ui.components import frame
 from pages.ui.components.charts import show_chart
-from pages.ui.components.text import plain
-from pages.ui.session.workspace import Workspace, hold
+from pages.ui.components.text import escape_markdown
+from pages.ui.session.workspace import Workspace, sync_widget
 
 PLATOON = "pages/4_Platoon.py"
 WHOLE = -1
 """Stands for the platoon in place of one vehicle's index."""
 
 
-def show_key(laws: LawSet) -> None:
+def show_key(laws: ParameterSet) -> None:
     """Which colour is which vehicle."""
     entries = list(zip(laws.labels, figures.colours(laws), strict=True))
     if len(laws) > 1:
@@ -31,17 +31,20 @@ def show_key(laws: LawSet) -> None:
 
 
 def show_bode(
-    workspace: Workspace, laws: LawSet, report: StabilityReport, doubt: Uncertainty | None
+    workspace: Workspace,
+    laws: ParameterSet,
+    report: StabilityReport,
+    uncertainty: Uncertainty | None,
 ) -> None:
     """The chart, and a button for each peak; either leads to the platoon at that frequency."""
     figure = figures.bode(laws, report)
     event = show_chart(
-        add_bands(figure, laws, doubt) if doubt else figure,
+        add_bands(figure, laws, uncertainty) if uncertainty else figure,
         "stability_bode",
         on_select="rerun",
         selection_mode="points",
     )
-    band = f" Shaded: {100 * doubt.level:.0f} % bands." if doubt else ""
+    band = f" Shaded: {100 * uncertainty.level:.0f} % bands." if uncertainty else ""
     st.caption(
         "Diamonds: peaks. Rings: below that frequency the vehicle amplifies. Click on a curve to"
         f" see what a platoon does to that frequency, or take a peak.{band}"
@@ -49,10 +52,10 @@ def show_bode(
     _peak_buttons(workspace, laws, report)
     clicked = clicked_point(event["selection"]["points"])
     if clicked:
-        carry(workspace, *clicked)
+        open_platoon(workspace, *clicked)
 
 
-def _peak_buttons(workspace: Workspace, laws: LawSet, report: StabilityReport) -> None:
+def _peak_buttons(workspace: Workspace, laws: ParameterSet, report: StabilityReport) -> None:
     whole = report.platoon.peaks[-1]
     entries = [
         (k, label, vehicle.peak)
@@ -63,11 +66,11 @@ def _peak_buttons(workspace: Workspace, laws: LawSet, report: StabilityReport) -
     with st.container(horizontal=True):
         for k, label, peak in entries:
             if peak.omega and st.button(
-                f"Simulate {plain(label)} at {peak.omega:.3g} rad/s",
+                f"Simulate {escape_markdown(label)} at {peak.omega:.3g} rad/s",
                 key=f"stability_peak_{k}",
                 icon=":material/directions_car:",
             ):
-                carry(workspace, peak.omega, k)
+                open_platoon(workspace, peak.omega, k)
 
 
 def clicked_point(points: Sequence[Mapping[str, Any]]) -> tuple[RadiansPerSecond, int] | None:
@@ -78,7 +81,7 @@ def clicked_point(points: Sequence[Mapping[str, Any]]) -> tuple[RadiansPerSecond
     return float(points[0]["x"]), int(which[0] if isinstance(which, list) else which)
 
 
-def carry(workspace: Workspace, omega: RadiansPerSecond, vehicle: int) -> None:
+def open_platoon(workspace: Workspace, omega: RadiansPerSecond, vehicle: int) -> None:
     """To the platoon of that vehicle, or of all in order, at that frequency."""
     drive = workspace.drive
     drive.order = "learned" if vehicle == WHOLE else "repeated"
@@ -88,7 +91,7 @@ def carry(workspace: Workspace, omega: RadiansPerSecond, vehicle: int) -> None:
     frame.go(PLATOON, workspace)
 
 
-def choose_map(workspace: Workspace, laws: LawSet) -> tuple[int, Literal["beta", "alpha"]]:
+def choose_map(workspace: Workspace, laws: ParameterSet) -> tuple[int, Literal["beta", "alpha"]]:
     """Which plane, and which vehicle's third parameter is kept."""
     choice = workspace.map
     held = choice.held if 0 <= choice.held < len(laws) else len(laws) - 1
@@ -103,7 +106,7 @@ def choose_map(workspace: Workspace, laws: LawSet) -> tuple[int, Literal["beta",
             ("beta", "alpha"),
             default=choice.plane,
             format_func=lambda plane: {"beta": "β and τ", "alpha": "α and τ"}[plane],
-            key=hold("stability_plane", choice.plane),
+            key=sync_widget("stability_plane", choice.plane),
             on_change=changed,
             required=True,
             label_visibility="collapsed",
@@ -114,7 +117,7 @@ def choose_map(workspace: Workspace, laws: LawSet) -> tuple[int, Literal["beta",
                 range(len(laws)),
                 index=held,
                 format_func=lambda k: laws.labels[k],
-                key=hold("stability_held", held),
+                key=sync_widget("stability_held", held),
                 on_change=changed,
                 label_visibility="collapsed",
                 width=240,

@@ -6,29 +6,31 @@ from math import isinf
 import streamlit as st
 
 from accpinn.inference.intervals import Uncertainty
-from accpinn.model.published import LawSet
+from accpinn.model.published import ParameterSet
 from accpinn.results.figures import stability as figures
 from accpinn.results.tables import table as typeset
 from accpinn.results.tables.stability import answer, stability_table
 from accpinn.stability.report import StabilityReport
 from accpinn.stability.verdicts import Verdict
-from pages.ui.components.text import plain
+from pages.ui.components.text import escape_markdown
 from pages.ui.stability.certainty import certainty
 
 NUMBERS = ("no", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine", "ten")
 
 
-def show_answer(laws: LawSet, report: StabilityReport, doubt: Uncertainty | None) -> None:
+def show_answer(
+    laws: ParameterSet, report: StabilityReport, uncertainty: Uncertainty | None
+) -> None:
     """Who amplifies, how sure that is, the platoon, and where the two L∞ criteria disagree."""
     with st.container(border=True):
         st.markdown(f"#### {headline(laws, report)}")
-        if doubt:
-            st.markdown(certainty(laws, report, doubt))
+        if uncertainty:
+            st.markdown(certainty(laws, report, uncertainty))
         if len(laws) > 1:
             st.markdown(platoon_line(report))
     wrong = [
-        f"**{plain(label)}: stable by the paper's L∞ criterion, not stable in truth.**"
-        f" {plain(vehicle.linf_exact.reason)}"
+        f"**{escape_markdown(label)}: stable by the paper's L∞ criterion, not stable in truth.**"
+        f" {escape_markdown(vehicle.linf_exact.reason)}"
         for label, vehicle in zip(laws.labels, report.vehicles, strict=True)
         if vehicle.linf_paper.stable and not vehicle.linf_exact.stable
     ]
@@ -36,7 +38,7 @@ def show_answer(laws: LawSet, report: StabilityReport, doubt: Uncertainty | None
         st.warning("  \n".join(wrong), icon=":material/warning:")
 
 
-def headline(laws: LawSet, report: StabilityReport) -> str:
+def headline(laws: ParameterSet, report: StabilityReport) -> str:
     """One sentence: how many amplify, and which most."""
     who = [k for k, vehicle in enumerate(report.vehicles) if not vehicle.l2.stable]
     count, total = len(who), len(laws)
@@ -44,11 +46,13 @@ def headline(laws: LawSet, report: StabilityReport) -> str:
         growing = [v for v in report.vehicles if not v.linf_exact.stable]
         peaks = " But peaks can still grow: see the L∞ gain." if growing else ""
         if total == 1:
-            return f"{_first(plain(laws.spoken[0]))} does not amplify any frequency.{peaks}"
+            return (
+                f"{_first(escape_markdown(laws.spoken[0]))} does not amplify any frequency.{peaks}"
+            )
         return f"None of the vehicles amplifies any frequency.{peaks}"
     worst = max(who, key=lambda k: report.vehicles[k].peak.gain)
     peak = report.vehicles[worst].peak
-    name = plain(laws.spoken[worst])
+    name = escape_markdown(laws.spoken[worst])
     extent = "without limit" if isinf(peak.gain) else f"up to {peak.gain:.3g} times"
     most = f"{extent} at {peak.omega:.3g} rad/s"
     if total == 1:
@@ -67,10 +71,10 @@ def platoon_line(report: StabilityReport) -> str:
         ("Weakly stable (nothing has grown at the last one)", platoon.l2_weak, platoon.linf_weak),
     )
     parts = [f"{name}: L2 **{answer(l2)}**, L∞ **{answer(linf)}**." for name, l2, linf in questions]
-    return f"The platoon in this order. {' '.join(parts)} {plain(platoon.l2_weak.reason)}"
+    return f"The platoon in this order. {' '.join(parts)} {escape_markdown(platoon.l2_weak.reason)}"
 
 
-def show_table(laws: LawSet, report: StabilityReport) -> None:
+def show_table(laws: ParameterSet, report: StabilityReport) -> None:
     """As the paper's Table III, with the exact gain beside its criterion."""
     table = stability_table(laws, report)
     st.html(typeset.STYLE + table.coloured(figures.colours(laws)).to_html())
@@ -91,24 +95,26 @@ def show_table(laws: LawSet, report: StabilityReport) -> None:
             )  # fmt: skip
 
 
-def show_reasons(laws: LawSet, report: StabilityReport) -> None:
+def show_reasons(laws: ParameterSet, report: StabilityReport) -> None:
     """A sentence for every verdict."""
     with st.expander("Why: a sentence for every verdict", icon=":material/help:"):
         for label, vehicle in zip(laws.labels, report.vehicles, strict=True):
             verdicts: tuple[Verdict, ...] = (vehicle.l2, vehicle.linf_paper, vehicle.linf_exact)
-            st.markdown(f"**{plain(label)}.** {vehicle.behaviour.value}\n" + _listed(verdicts))
+            st.markdown(
+                f"**{escape_markdown(label)}.** {vehicle.behaviour.value}\n" + _listed(verdicts)
+            )
         if len(laws) > 1:
             platoon = report.platoon
             verdicts = (platoon.l2_strict, platoon.l2_weak,
                         platoon.linf_strict, platoon.linf_weak)  # fmt: skip
             followers = ", ".join(f"{k} {name}" for k, name in enumerate(laws.names, 1))
-            counted = f"Followers are counted from the leader on: {plain(followers)}."
+            counted = f"Followers are counted from the leader on: {escape_markdown(followers)}."
             st.markdown(f"**The platoon.** {counted}\n" + _listed(verdicts))
 
 
 def _listed(verdicts: tuple[Verdict, ...]) -> str:
     return "".join(
-        f"\n- {verdict.name}: **{answer(verdict)}**. {plain(verdict.reason)}"
+        f"\n- {verdict.name}: **{answer(verdict)}**. {escape_markdown(verdict.reason)}"
         for verdict in verdicts
     )
 

@@ -9,7 +9,7 @@ from accpinn.errors import ConfigError
 from accpinn.methods.pinn.config import PinnConfig
 from accpinn.tasks.job import Job
 from accpinn.tasks.task import Status
-from pages.ui.session.resources import trainings
+from pages.ui.session.resources import task_queue
 from pages.ui.session.workspace import Workspace
 from pages.ui.train.settings import (
     checked_config,
@@ -20,7 +20,7 @@ from pages.ui.train.settings import (
 )
 
 if TYPE_CHECKING:
-    from accpinn.methods.pinn.warm_start import Warm
+    from accpinn.methods.pinn.warm_start import WarmStart
 
 CONTINUES = (
     "A training of this window with these settings, here or in another session, was stopped there;"
@@ -50,14 +50,14 @@ def buttons(workspace: Workspace, config: PinnConfig | None) -> None:
             icon=":material/stop:",
             key="train_stop",
             disabled=job.is_stopping,
-            on_click=trainings().stop,
+            on_click=task_queue().stop,
             args=(job,),
         )
         return
     at = None
     if config and workspace.segment:
         warm = stopped_warm(workspace, config)
-        at = trainings().begun(workspace.segment, workspace.case, config, warm)
+        at = task_queue().resume_iteration(workspace.segment, workspace.case, config, warm)
     label, icon = ("Start training", "play_arrow")
     if at is not None:
         label, icon = (f"Continue from iteration {at:,}", "resume")
@@ -107,13 +107,13 @@ def start(workspace: Workspace, from_snapshot: bool = False, anew: bool = False)
         workspace.train(config, warm, anew)
 
 
-def stopped_warm(workspace: Workspace, config: PinnConfig) -> "Warm | None":
+def stopped_warm(workspace: Workspace, config: PinnConfig) -> "WarmStart | None":
     """What the training that was stopped had begun with, so that going on is the same request."""
     job = workspace.job
     if job is None or job.status is not Status.STOPPED or job.request.config != config:
         return None
     asked = job.request
-    if trainings().begun(asked.segment, asked.case, config, asked.warm) is None:
+    if task_queue().resume_iteration(asked.segment, asked.case, config, asked.warm) is None:
         return None
     return asked.warm
 

@@ -16,10 +16,10 @@ from accpinn.results.tables import results as tables
 from accpinn.results.tables import table as typeset
 from accpinn.results.tables.comparison import intervals_table
 from accpinn.segment.info import Described
-from accpinn.segment.quality import assess
+from accpinn.segment.quality import assess_quality
 from accpinn.segment.window import Segment
 from pages.ui.components.charts import show_chart
-from pages.ui.components.text import bullets, lasting, plain
+from pages.ui.components.text import bullets, escape_markdown, format_duration
 from pages.ui.components.uncertainty import doubt_of_fit
 from pages.ui.session.workspace import Workspace
 
@@ -30,7 +30,7 @@ def show_result(workspace: Workspace) -> None:
     if fit is None or segment is None:
         return
     show_outcome(fit)
-    doubt = doubt_of_fit(workspace)
+    uncertainty = doubt_of_fit(workspace)
     table = parameter_table(segment, fit)
     colours = [vehicle_colour(n, segment.vehicles[0]) for n in segment.vehicles]
     st.html(typeset.STYLE + table.coloured(colours).to_html())
@@ -41,24 +41,26 @@ def show_result(workspace: Workspace) -> None:
         " space-gap p and speed v."
     )
     show_incidents(incidents(segment, closed_loop(segment, fit)))
-    show_intervals(segment, doubt)
+    show_intervals(segment, uncertainty)
     notes = fit.notes + headway_notes(segment.labels, fit.parameters)
-    if doubt:
-        notes += doubt.notes
+    if uncertainty:
+        notes += uncertainty.notes
     if notes:
         st.info(bullets(notes), icon=":material/info:")
-    downloads(parameter_table(segment, fit, doubt), segment)
+    downloads(parameter_table(segment, fit, uncertainty), segment)
     compare(segment, fit, workspace.true_parameters)
     show_curves(segment, fit)
 
 
 def show_intervals(
-    segment: Described, doubt: Uncertainty | None, more: str = "Compare and Stability say more."
+    segment: Described,
+    uncertainty: Uncertainty | None,
+    more: str = "Compare and Stability say more.",
 ) -> None:
     """What the data leave open about the parameters, whichever method is asked."""
-    if doubt is None:
+    if uncertainty is None:
         return
-    table = intervals_table(segment, doubt)
+    table = intervals_table(segment, uncertainty)
     colours = [vehicle_colour(n, segment.vehicles[0]) for n in segment.vehicles[1:]]
     st.html(typeset.STYLE + table.coloured(colours).to_html())
     st.caption(
@@ -73,7 +75,9 @@ def show_incidents(incidents: tuple[str, ...]) -> None:
     if incidents:
         st.warning(
             f"{bullets(incidents)}\n\n"
-            + plain("The simulation drives on, and the closed-loop errors include what follows."),
+            + escape_markdown(
+                "The simulation drives on, and the closed-loop errors include what follows."
+            ),
             icon=":material/car_crash:",
         )
 
@@ -94,15 +98,17 @@ def show_outcome(fit: Fit) -> None:
         st.success(sentence, icon=":material/check_circle:")
 
 
-def parameter_table(segment: Segment, fit: Fit, doubt: Uncertainty | None = None) -> typeset.Table:
+def parameter_table(
+    segment: Segment, fit: Fit, uncertainty: Uncertainty | None = None
+) -> typeset.Table:
     """As in the paper, with the simulation's errors and the intervals beside."""
     return tables.parameter_table(
         segment,
         fit,
-        assess(segment),
+        assess_quality(segment),
         surrogate_errors(segment, fit),
         closed_loop_errors(segment, fit),
-        doubt,
+        uncertainty,
     )
 
 
@@ -128,7 +134,7 @@ def downloads(table: typeset.Table, segment: Described) -> None:
         )
 
 
-def compare(segment: Segment, fit: Fit, truth: tuple[Parameters, ...]) -> None:
+def compare(segment: Segment, fit: Fit, truth: Parameters | None) -> None:
     """The network's parameters beside those of one least-squares solve, and the truth."""
     estimates = {
         "PiNN": fit.parameters,
@@ -160,4 +166,4 @@ def show_curves(segment: Segment, fit: Fit) -> None:
 
 
 def _duration(seconds: float) -> str:
-    return f"{seconds:.1f} s" if seconds < 60 else lasting(seconds)
+    return f"{seconds:.1f} s" if seconds < 60 else format_duration(seconds)

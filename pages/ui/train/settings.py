@@ -6,8 +6,8 @@ import streamlit as st
 
 from accpinn.errors import ConfigError
 from accpinn.methods.pinn.config import PRESETS, STARTS, PinnConfig, preset
-from pages.ui.components.text import plain
-from pages.ui.session.workspace import Workspace, hold
+from pages.ui.components.text import escape_markdown
+from pages.ui.session.workspace import Workspace, sync_widget
 
 PRESET_LINES = {
     "fast": "A few seconds: output layer and α, β, τ solved exactly, hidden layers trained.",
@@ -26,7 +26,7 @@ def choose_preset(workspace: Workspace) -> None:
         list(PRESETS),
         format_func=str.capitalize,
         default=workspace.preset,
-        key=hold("train_preset", workspace.preset),
+        key=sync_widget("train_preset", workspace.preset),
         on_change=changed,
         required=True,
         label_visibility="collapsed",
@@ -47,7 +47,7 @@ def checked_config(workspace: Workspace) -> PinnConfig | None:
     try:
         return chosen_config(workspace)
     except ConfigError as fault:
-        st.error(plain(str(fault)), icon=":material/error:")
+        st.error(escape_markdown(str(fault)), icon=":material/error:")
         return None
 
 
@@ -108,7 +108,7 @@ class _Fields:
                 self._changes[name] = st.session_state[key]
 
         now = self.value(name)
-        st.number_input(label, value=now, key=hold(key, now), on_change=changed, **look)
+        st.number_input(label, value=now, key=sync_widget(key, now), on_change=changed, **look)
 
     def numbers(self, name: str, labels: tuple[str, ...], columns: Any = None) -> None:
         """A setting of several numbers, or of one that is a float."""
@@ -128,7 +128,7 @@ class _Fields:
             place.number_input(
                 label,
                 value=now,
-                key=hold(key, now),
+                key=sync_widget(key, now),
                 on_change=changed,
                 step=0.1,
                 format="%g",
@@ -150,7 +150,7 @@ class _Fields:
             offered,
             index=offered.index(now),
             format_func=lambda start: "α {:g}, β {:g}, τ {:g}".format(*start),
-            key=hold(key, now),
+            key=sync_widget(key, now),
             on_change=changed,
         )
         labels = ("Initial α [1/s²]", "Initial β [1/s]", "Initial τ [s]")
