@@ -1,0 +1,40 @@
+"""Every sentence that is made from data, in one place: for pages, report and command line alike.
+
+`message` turns a finding into its sentence. Each module here registers those of one room.
+"""
+
+from collections.abc import Iterable
+from functools import singledispatch
+from typing import Protocol
+
+from accpinn.findings import Finding
+
+
+class Labelled(Protocol):
+    """What a sentence is about: a recording, a segment or a segment's description."""
+
+    @property
+    def source(self) -> str:
+        """File name of the recording."""
+
+    def label(self, number: int) -> str:
+        """The label of the vehicle with that number in the file."""
+
+
+@singledispatch
+def message(finding: Finding, about: Labelled) -> str:
+    """The sentence for a finding.
+
+    Args:
+        finding: of any room.
+        about: names the vehicles in the sentence.
+
+    Raises:
+        NotImplementedError: for a kind of finding without a sentence.
+    """
+    raise NotImplementedError(type(finding).__name__)
+
+
+def messages(findings: Iterable[Finding], about: Labelled) -> tuple[str, ...]:
+    """One sentence a finding, in their order."""
+    return tuple(message(finding, about) for finding in findings)
