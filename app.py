@@ -4,7 +4,7 @@ import streamlit as st
 
 from accpinn.methods.pinn.config import FAST
 from accpinn.results.figures.recording import preview
-from accpinn.segment.window import cut
+from accpinn.segment.cut import cut
 from pages.ui.components import frame
 from pages.ui.data.sources import FIRST_SAMPLE, open_with, sample
 from pages.ui.session.workspace import Workspace

@@ -26,9 +26,10 @@ from accpinn.results.snapshot.checking import Verification, check
 from accpinn.results.snapshot.content import Snapshot
 from accpinn.results.snapshot.create import create
 from accpinn.results.snapshot.file import load, save
+from accpinn.segment.cut import DURATION, cut
 from accpinn.segment.regimes import exclude_regimes, label_regimes, parse_regimes
+from accpinn.segment.segment import Segment
 from accpinn.segment.vehicles import parse_vehicles
-from accpinn.segment.window import DURATION, Segment, cut
 from accpinn.stability.report import StabilityReport, stability_report
 from accpinn.units import Seconds
 

@@ -6,7 +6,8 @@ from pathlib import Path
 
 from accpinn.model.cthp import Case
 from accpinn.recordings.openacc import read
-from accpinn.segment.window import Segment, cut
+from accpinn.segment.cut import cut
+from accpinn.segment.segment import Segment
 
 
 @dataclass(frozen=True)

@@ -20,7 +20,7 @@ from accpinn.methods.fit import Fit
 from accpinn.methods.registry import METHODS
 from accpinn.model.cthp import Parameters
 from accpinn.model.published import PUBLISHED
-from accpinn.segment.window import Segment
+from accpinn.segment.segment import Segment
 from accpinn.units import FloatArray
 from bench.disturbed import Disturbance, disturbed
 from bench.rivals import RIVALS, Smooth

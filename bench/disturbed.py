@@ -17,7 +17,7 @@ from scipy.signal import lfilter
 
 from accpinn.model.cthp import Parameters, Trajectories
 from accpinn.recordings.synthetic import SIMULATION_STEP, Driving, Noise, leader_speed, record
-from accpinn.segment.window import Segment
+from accpinn.segment.segment import Segment
 from accpinn.units import FloatArray, Metres, Seconds
 
 MOTORWAY = Driving(28.0, 20.0, 34.0, (8.0, 25.0), (0.4, 1.2), 0.15)

@@ -11,7 +11,7 @@ import torch
 from torch import Tensor, nn
 
 from accpinn.methods.pinn.network import HIDDEN
-from accpinn.segment.window import Segment
+from accpinn.segment.segment import Segment
 
 WARM_UP = 3
 

@@ -19,7 +19,7 @@ from accpinn.inference.intervals import Interval
 from accpinn.inference.sampling import as_parameters
 from accpinn.methods.fit import Fit
 from accpinn.model.cthp import Parameters, motion_matrix, regressors
-from accpinn.segment.window import Segment
+from accpinn.segment.segment import Segment
 from accpinn.units import FloatArray
 
 BLOCK = 30.0

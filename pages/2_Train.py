@@ -26,9 +26,7 @@ def main() -> None:
     first, last = segment.labels[0], segment.labels[-1]
     case = f" · Case {workspace.case}" if segment.followers > 1 else ""
     st.caption(
-        escape_markdown(
-            f"{segment.source} · {segment.start:g}–{segment.start + segment.duration:g} s"
-        )
+        escape_markdown(f"{segment.source} · {segment.window}")
         + f" · {escape_markdown(first)} to {escape_markdown(last)}{case}"
         + left_out(segment.excluded_regimes)
     )

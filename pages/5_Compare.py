@@ -28,7 +28,7 @@ def main() -> None:
     if segment is None:
         show_missing(workspace, "Nothing to compare on")
         return
-    place = f"{segment.source} · {segment.start:g}–{segment.start + segment.duration:g} s"
+    place = f"{segment.source} · {segment.window}"
     case = f" · Case {workspace.case}" if segment.followers > 1 else ""
     st.caption(escape_markdown(place) + case + left_out(segment.excluded_regimes))
     controls(workspace)

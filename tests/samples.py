@@ -8,7 +8,8 @@ import numpy as np
 
 from accpinn.recordings.openacc import read
 from accpinn.recordings.synthetic import load_truth, truth_path
-from accpinn.segment.window import Segment, cut
+from accpinn.segment.cut import cut
+from accpinn.segment.segment import Segment
 from accpinn.units import FloatArray
 
 FOLDER = Path(__file__).parent.parent / "sample_data"

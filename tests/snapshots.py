@@ -14,7 +14,7 @@ from accpinn.results.snapshot.content import Snapshot
 from accpinn.results.snapshot.create import create
 from accpinn.results.snapshot.file import sealed, to_bytes
 from accpinn.results.snapshot.schema import MANIFEST, PARTS, SCHEMA
-from accpinn.segment.window import Segment
+from accpinn.segment.segment import Segment
 from accpinn.study.comparison import compare
 from tests.driving import driven
 from tests.samples import PLATOON, sample

@@ -16,7 +16,8 @@ from accpinn.methods import least_squares, splines
 from accpinn.methods.fit import Fit
 from accpinn.model.cthp import Parameters, Trajectories
 from accpinn.recordings.openacc import read
-from accpinn.segment.window import Segment, cut
+from accpinn.segment.cut import cut
+from accpinn.segment.segment import Segment
 from bench.disturbed import Disturbance, disturbed
 from tests.driving import LAW, MIXED, driven, segment_of
 from tests.support.methods import RIVALS as ESTIMATORS

@@ -10,7 +10,7 @@ import pytest
 from accpinn.inference.intervals import LEVEL
 from accpinn.model.cthp import Parameters
 from accpinn.recordings.synthetic import Driving
-from accpinn.segment.window import Segment
+from accpinn.segment.segment import Segment
 from bench import coverage, departures
 from bench.disturbed import Disturbance, disturbed
 

@@ -19,7 +19,8 @@ from accpinn.recordings.synthetic import load_truth, truth_path
 from accpinn.results.tables.comparison import intervals_table, methods_table
 from accpinn.results.tables.names import TITLES, method_name
 from accpinn.results.tables.results import where
-from accpinn.segment.window import Segment, cut
+from accpinn.segment.cut import cut
+from accpinn.segment.segment import Segment
 from accpinn.study.comparison import (
     MethodResult,
     compare,

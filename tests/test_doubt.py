@@ -16,7 +16,7 @@ from accpinn.recordings.openacc import read
 from accpinn.results.figures import uncertainty as figures
 from accpinn.results.figures.stability import bode, stability_map
 from accpinn.results.tables.uncertainty import between, stability_doubt_table
-from accpinn.segment.window import cut
+from accpinn.segment.cut import cut
 from accpinn.stability.frequency import response
 from accpinn.stability.report import stability_report
 from tests.apptest import STABILITY, everything, open_page, with_sample

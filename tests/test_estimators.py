@@ -16,7 +16,8 @@ from accpinn.methods import least_squares, simulation, splines
 from accpinn.methods.fit import Fit, Outcome
 from accpinn.model.cthp import Case
 from accpinn.recordings.openacc import read
-from accpinn.segment.window import Segment, cut
+from accpinn.segment.cut import cut
+from accpinn.segment.segment import Segment
 from tests.driving import LAW, MIXED, driven, segment_of, standing_still
 from tests.support.methods import RIVALS as ESTIMATORS
 

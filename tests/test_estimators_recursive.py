@@ -9,7 +9,8 @@ from accpinn.methods import recursive, splines
 from accpinn.methods.online import COURSE_EVERY, track
 from accpinn.model.cthp import regressors
 from accpinn.recordings.openacc import read
-from accpinn.segment.window import Segment, cut
+from accpinn.segment.cut import cut
+from accpinn.segment.segment import Segment
 from tests.driving import LAW, MIXED, driven, segment_of, standing_still
 from tests.samples import NOISE_FREE, NOISY, PLATOON, sample
 

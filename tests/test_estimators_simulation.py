@@ -13,7 +13,8 @@ from accpinn.methods.chain import Chain, chains
 from accpinn.methods.fit import Fit, Outcome
 from accpinn.model.cthp import Parameters, simulate
 from accpinn.recordings.openacc import read
-from accpinn.segment.window import Segment, cut
+from accpinn.segment.cut import cut
+from accpinn.segment.segment import Segment
 from tests.driving import LAW, MIXED, driven, segment_of, standing_still
 from tests.samples import NOISE_FREE, NOISY, PLATOON, sample
 

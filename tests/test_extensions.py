@@ -11,7 +11,8 @@ from accpinn.methods.one_second_means import one_second_means
 from accpinn.model.cthp import Parameters
 from accpinn.recordings.openacc import read
 from accpinn.results.tables.model_adequacy import NAMES, extensions_table
-from accpinn.segment.window import Segment, cut
+from accpinn.segment.cut import cut
+from accpinn.segment.segment import Segment
 from bench.disturbed import Disturbance, disturbed
 
 LAW = Parameters(0.1, 0.3, 1.2)

@@ -27,8 +27,8 @@ from accpinn.results.figures import recording as recording_figures
 from accpinn.results.figures import style, training
 from accpinn.results.figures.platoon import cast_of, profiles
 from accpinn.results.figures.stability import bode, stability_map
-from accpinn.segment.missing import Window
-from accpinn.segment.window import Segment, cut
+from accpinn.segment.cut import cut
+from accpinn.segment.segment import Segment, Window
 from accpinn.stability.report import stability_report as stability_report
 from tests.openacc_files import csv, metadata, platoon
 
@@ -303,7 +303,7 @@ def test_charts_of_a_window_run_in_the_recordings_time(segment: Segment) -> None
     ):
         for trace in figure.data:
             assert trace.x[0] == 320.0
-            assert trace.x[-1] == pytest.approx(320.0 + segment.duration)
+            assert trace.x[-1] == pytest.approx(320.0 + segment.window.duration)
 
 
 def test_a_collision_is_marked_on_a_line_at_gap_zero(segment: Segment) -> None:

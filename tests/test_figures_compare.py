@@ -14,7 +14,7 @@ from accpinn.model.cthp import Parameters
 from accpinn.results.figures import comparison as figures
 from accpinn.results.figures.style import FOLLOWERS
 from accpinn.results.tables.fit_records import earlier_table, title
-from accpinn.segment.window import Segment
+from accpinn.segment.segment import Segment
 from accpinn.study.comparison import FitRecord, differences
 from tests.samples import NOISY, PLATOON, sample
 

@@ -21,7 +21,8 @@ from accpinn.methods.regression import Regression
 from accpinn.model.cthp import Case, Parameters
 from accpinn.recordings.openacc import read
 from accpinn.results.tables.multistart import starts_table
-from accpinn.segment.window import Segment, cut
+from accpinn.segment.cut import cut
+from accpinn.segment.segment import Segment
 from bench.disturbed import Disturbance, disturbed
 from tests.driving import LAW, MIXED, driven, segment_of, standing_still
 

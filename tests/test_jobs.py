@@ -18,7 +18,8 @@ from accpinn.methods.pinn.request import request_keys
 from accpinn.methods.store import Store
 from accpinn.model.cthp import Parameters
 from accpinn.recordings.openacc import read
-from accpinn.segment.window import Segment, cut
+from accpinn.segment.cut import cut
+from accpinn.segment.segment import Segment
 from accpinn.tasks.job import Job
 from accpinn.tasks.queue import KEPT_FOR, KEPT_JOBS, TaskQueue
 from accpinn.tasks.series import Series, TaskContext

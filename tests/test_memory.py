@@ -10,7 +10,7 @@ from accpinn.errors import SegmentError
 from accpinn.methods.pinn.config import PinnConfig, preset
 from accpinn.methods.pinn.memory import require_memory
 from accpinn.methods.pinn.training import train
-from accpinn.segment.window import Segment
+from accpinn.segment.segment import Segment
 from tests.driving import segment_of
 
 

@@ -13,8 +13,7 @@ from accpinn.methods.pinn.config import preset
 from accpinn.model.cthp import Parameters, Trajectories
 from accpinn.recordings.openacc import read
 from accpinn.recordings.recording import Recording
-from accpinn.segment.missing import Window
-from accpinn.segment.window import Segment
+from accpinn.segment.segment import Segment, Window
 from accpinn.tasks.job import Job, Request
 from accpinn.tasks.queue import TaskQueue
 from accpinn.tasks.task import Status
@@ -142,11 +141,11 @@ def test_regimes_are_left_out_when_ticked_and_said_everywhere() -> None:
     found = with_recording(replace(run, gap=gap))
     page = open_page(DATA, found)
     assert found.segment is not None
-    assert found.segment.left_out is None
+    assert found.segment.mask is None
     assert "Left out" not in texts(page)
     page.checkbox(key="data_leave_out_catching up").check().run()
     assert not page.exception
-    assert found.segment.left_out is not None
+    assert found.segment.mask is not None
     assert found.segment.left_out[:, 0].tolist() == (time < 100).tolist()
     assert "**Left out** of the law: catching up" in texts(page)
     assert "(2 B: 25 % of the instants)" in texts(page).replace("\\", "")
@@ -156,7 +155,7 @@ def test_regimes_are_left_out_when_ticked_and_said_everywhere() -> None:
     assert not page.exception
     assert "Without catching up" in texts(page)
     page.checkbox(key="data_leave_out_catching up").uncheck().run()
-    assert found.segment.left_out is None
+    assert found.segment.mask is None
 
 
 def test_where_no_regime_occurs_there_is_nothing_to_compare() -> None:
@@ -231,7 +230,7 @@ def test_the_length_that_is_shown_rounded_is_accepted() -> None:
     assert page.number_input(key="data_length").max == end
     page.number_input(key="data_length").set_value(end).run()
     assert found.segment is not None
-    assert found.segment.duration == pytest.approx(end - 0.1)
+    assert found.segment.window.duration == pytest.approx(end - 0.1)
 
 
 def test_vehicles_and_case() -> None:

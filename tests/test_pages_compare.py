@@ -10,8 +10,7 @@ from accpinn.evaluation.closed_loop import ALONE
 from accpinn.methods import least_squares
 from accpinn.methods.fit import Outcome
 from accpinn.methods.pinn.config import FAST, PAPER
-from accpinn.segment.missing import Window
-from accpinn.segment.window import Segment
+from accpinn.segment.segment import Segment, Window
 from accpinn.study.comparison import METHODS, MethodFailure, MethodResult, compare, result_of
 from accpinn.tasks.series import Series
 from accpinn.tasks.task import Status

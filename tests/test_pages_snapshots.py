@@ -279,7 +279,7 @@ class TestRestoring:
         found.open(*sample(FIRST_SAMPLE))
         assert found.snapshot is not None
         assert found.segment is not None
-        assert found.segment.digest() == whole().info.digest
+        assert found.segment.info.digest == whole().info.digest
         assert found.fit is found.snapshot.fit
 
     def test_another_recording_takes_its_place(self) -> None:

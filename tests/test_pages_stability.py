@@ -19,7 +19,7 @@ from accpinn.methods.fit import Outcome
 from accpinn.model.cthp import Parameters
 from accpinn.model.published import ASTAZERO, CASALE, parameter_set
 from accpinn.results.snapshot.create import create
-from accpinn.segment.missing import Window
+from accpinn.segment.segment import Window
 from accpinn.stability.report import stability_report
 from accpinn.tasks.task import Status
 from pages.ui.platoon.order import parse_order

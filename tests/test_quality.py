@@ -8,8 +8,9 @@ import pytest
 
 from accpinn.model.cthp import Parameters, simulate
 from accpinn.recordings.openacc import read
+from accpinn.segment.cut import cut
 from accpinn.segment.quality import assess_quality, time_gaps
-from accpinn.segment.window import Segment, cut
+from accpinn.segment.segment import Segment
 
 
 def made(speeds: np.ndarray, gaps: np.ndarray) -> Segment:

@@ -20,7 +20,8 @@ from accpinn.methods.pinn.config import preset
 from accpinn.methods.pinn.training import train
 from accpinn.model.cthp import Case, Parameters
 from accpinn.recordings.openacc import read
-from accpinn.segment.window import Segment, cut
+from accpinn.segment.cut import cut
+from accpinn.segment.segment import Segment
 from accpinn.stability.report import stability_report
 
 RECORDINGS = {

@@ -23,7 +23,7 @@ from accpinn.recordings.openacc import read
 from accpinn.recordings.recording import Mode, Recording
 from accpinn.results.figures.recording import overview
 from accpinn.results.figures.regimes import key, ribbons
-from accpinn.segment.missing import Window
+from accpinn.segment.cut import cut
 from accpinn.segment.regimes import (
     CATCHING_UP,
     FOLLOWING,
@@ -34,7 +34,7 @@ from accpinn.segment.regimes import (
     exclude_regimes,
     label_regimes,
 )
-from accpinn.segment.window import Segment, cut
+from accpinn.segment.segment import Segment, Window
 from accpinn.units import FloatArray
 from tests.driving import leader_speed
 from tests.openacc_files import STEP, csv, metadata
@@ -143,7 +143,7 @@ class TestLeavingOut:
         rates = torch.from_numpy(np.gradient(problem.measured, 0.1, axis=0))
         masked = problem.evaluate(outputs, rates, FREE)
         everything = Problem(two_laws(), "II", config).evaluate(outputs, rates, FREE)
-        assert segment.left_out is not None
+        assert segment.mask is not None
         gone = 1 - segment.left_out[:, 0].mean()
         # With all parameters zero, the residual is dv/dt itself, and dp/dt = Δv stays.
         slopes = np.gradient(segment.speeds[:, 1:], 0.1, axis=0)[np.asarray(segment.left_out)[:, 0]]
@@ -163,7 +163,7 @@ class TestMask:
     def test_digest_changes_with_it_and_only_with_it(self) -> None:
         segment = without_block(two_laws())
         other = replace(segment, left_out=~np.asarray(segment.left_out))
-        digests = {two_laws().digest(), segment.digest(), other.digest()}
+        digests = {two_laws().digest(), segment.info.digest, other.digest()}
         assert len(digests) == 3
         assert replace(segment, left_out=None, excluded_regimes=()).digest() == two_laws().digest()
 
@@ -171,13 +171,13 @@ class TestMask:
         segment = Segment(
             np.arange(3.0), np.ones((3, 2)), np.ones((3, 1)), (1, 2), ("A", "B"), 0.0, "x", ""
         )
-        assert segment.digest() == DIGEST
+        assert segment.info.digest == DIGEST
 
     def test_is_locked_and_copied(self) -> None:
         mask = np.zeros((1801, 2), bool)
         segment = replace(two_laws(), left_out=mask)
         mask[:] = True
-        assert segment.left_out is not None
+        assert segment.mask is not None
         assert not segment.left_out.any()
         assert not segment.left_out.flags.writeable
 
@@ -187,15 +187,15 @@ class TestMask:
 
     def test_goes_with_a_part(self) -> None:
         segment = without_block(two_laws())
-        assert segment.left_out is not None
+        assert segment.mask is not None
         piece = part(segment, 500, 1200)
         assert np.array_equal(piece.left_out, segment.left_out[500:1200])
 
     def test_outline_says_it(self) -> None:
-        info = without_block(two_laws()).info()
-        assert info.left_out == ("catching up",)
-        assert info.left_out_share == pytest.approx((441 / 1801,) * 2)
-        assert two_laws().info().left_out_share == ()
+        info = without_block(two_laws()).info
+        assert info.excluded_regimes == ("catching up",)
+        assert info.excluded_share == pytest.approx((441 / 1801,) * 2)
+        assert two_laws().info.excluded_share == ()
 
 
 DIGEST = "858ecb755161ff79c4fed0a49b1f7faca0934e60549faa52e35d2381b57c12b9"
@@ -307,7 +307,7 @@ class TestAsking:
         codes = np.full((1801, 2), FOLLOWING, np.uint8)
         asked = exclude_regimes(two_laws(), Regimes(codes, (True, True)), ["manual", "catching up"])
         assert asked.notes == ("Nothing to leave out: no instant is catching up or manual.",)
-        assert asked.left_out is None
+        assert asked.mask is None
         assert asked.digest() == two_laws().digest()
 
     def test_twice_leaves_out_both(self, recording: Recording) -> None:
@@ -317,7 +317,7 @@ class TestAsking:
             exclude_regimes(segment, regimes, ["manual"]), regimes, ["standstill"]
         )
         assert both.excluded_regimes == ("manual", "standstill")
-        assert both.left_out is not None
+        assert both.mask is not None
         assert both.left_out.sum() == 50
 
     @pytest.mark.parametrize("name", ["car-following", "asleep"])

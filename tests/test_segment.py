@@ -12,9 +12,10 @@ from accpinn.errors import AccpinnError, SegmentError
 from accpinn.mask import Run, runs
 from accpinn.recordings.openacc import read
 from accpinn.recordings.recording import Recording
-from accpinn.segment.missing import Window, complete_windows
+from accpinn.segment.cut import cut
+from accpinn.segment.missing import complete_windows
+from accpinn.segment.segment import Segment, Window
 from accpinn.segment.vehicles import chains, default_vehicles, parse_vehicles
-from accpinn.segment.window import Segment, cut
 from tests.openacc_files import csv, metadata, platoon
 
 
@@ -35,7 +36,7 @@ def without(block: slice, *columns: str) -> pd.DataFrame:
 def test_both_ends_are_in() -> None:
     segment = cut(recording(), start=5.0, duration=20.0)
     assert segment.samples == 201
-    assert segment.duration == 20.0
+    assert segment.window.duration == 20.0
     assert segment.sample_time == 0.1
     assert segment.time[0] == 0.0
     assert segment.start == 5.0
@@ -47,7 +48,7 @@ def test_both_ends_are_in() -> None:
 
 def test_a_window_past_the_end_is_shortened_and_said() -> None:
     segment = cut(recording(), start=20.0)
-    assert segment.duration == 19.9
+    assert segment.window.duration == 19.9
     assert len(segment.notes) == 1
     assert "39.9 s: 19.9 s instead of 300 s" in segment.notes[0]
 
@@ -80,7 +81,7 @@ def test_windows_that_are_none(start: float, duration: float, words: str) -> Non
 @pytest.mark.parametrize("duration", [float("inf"), 1e308, 40.0])
 def test_a_window_ends_with_the_recording_at_the_latest(duration: float) -> None:
     segment = cut(recording(), duration=duration)
-    assert segment.duration == recording().duration
+    assert segment.window.duration == recording().duration
     assert bool(segment.notes) == np.isfinite(duration)
 
 

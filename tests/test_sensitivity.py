@@ -10,8 +10,8 @@ import pytest
 from accpinn.cli import main
 from accpinn.recordings.openacc import read
 from accpinn.results.tables.regimes import regimes_table, sensitivity_table
+from accpinn.segment.cut import cut
 from accpinn.segment.regimes import label_regimes
-from accpinn.segment.window import cut
 from accpinn.study.sensitivity import CHOICES, SensitivityResult, sensitivity
 from accpinn.study.sensitivity import COMPARED as METHODS
 from tests.driving import LAW, driven

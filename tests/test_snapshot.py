@@ -27,8 +27,8 @@ from accpinn.results.snapshot.content import Snapshot
 from accpinn.results.snapshot.create import create
 from accpinn.results.snapshot.file import load, save, sealed, to_bytes
 from accpinn.results.snapshot.schema import ATTRIBUTION, MANIFEST, PARTS, SCHEMA
+from accpinn.segment.cut import cut
 from accpinn.segment.regimes import exclude_regimes, label_regimes
-from accpinn.segment.window import cut
 from tests.driving import MIXED, driven, standing_still
 from tests.samples import FOLDER, NOISY
 from tests.snapshots import resealed, small, small_bytes, trained, whole
@@ -91,10 +91,10 @@ class TestRoundTrip:
         segment = replace(segment, gaps=np.where(gaps > 1.7, 2.1, 1.5) * segment.speeds[:, 1:])
         masked = exclude_regimes(segment, label_regimes(segment), ("catching up",))
         snapshot = load(to_bytes(create(masked, small().fit, with_data=True)))
-        assert snapshot.info.left_out == ("catching up",)
+        assert snapshot.info.excluded_regimes == ("catching up",)
         assert snapshot.segment is not None
         np.testing.assert_array_equal(snapshot.segment.left_out, masked.left_out)
-        assert snapshot.info.left_out_share == masked.left_out_share
+        assert snapshot.info.excluded_share == masked.excluded_share
 
     def test_without_data_has_no_data(self) -> None:
         segment, fit = trained()
@@ -313,13 +313,13 @@ class TestVersions:
 
     def test_schema_1_is_brought_up(self) -> None:
         def as_of_1(trees: dict[str, Any]) -> None:
-            for name in ("left_out", "left_out_share"):
+            for name in ("left_out", "excluded_share"):
                 del trees["snapshot.json"]["info"][name]
             for name in ("blocks", "unseen", "unseen_seconds"):
                 del trees["evaluation.json"][name]
 
         snapshot = load(resealed(as_of_1, schema=1))
-        assert snapshot.info.left_out == ()
+        assert snapshot.info.excluded_regimes == ()
         assert snapshot.evaluation is not None
         assert snapshot.evaluation.blocks == ()
         assert snapshot.fit.parameters == small().fit.parameters

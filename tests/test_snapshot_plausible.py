@@ -26,7 +26,7 @@ FORGED: list[tuple[str, Any, str]] = [
     ("snapshot.json/outline/vehicles", [0, 1], "consecutive"),
     ("snapshot.json/outline/sha256", "abc", "SHA-256"),
     ("snapshot.json/outline/duration", "inf", "no length"),
-    ("snapshot.json/outline/left_out_share", [2.0], "share"),
+    ("snapshot.json/outline/excluded_share", [2.0], "share"),
     ("snapshot.json/facts", {"acc_flag": []}, "acc_flag"),
     ("snapshot.json/facts", {"acc_flag": {}}, "acc_flag"),
     ("snapshot.json/facts", {"campaign": 5}, "campaign"),

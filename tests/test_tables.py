@@ -18,8 +18,9 @@ from accpinn.model.cthp import Parameters
 from accpinn.recordings.openacc import read
 from accpinn.results.tables.results import comparison_table, parameter_table, quality_table
 from accpinn.results.tables.table import ABSENT, Column, Table, latex
+from accpinn.segment.cut import cut
 from accpinn.segment.quality import assess_quality
-from accpinn.segment.window import Segment, cut
+from accpinn.segment.segment import Segment
 from tests.openacc_files import csv, metadata, platoon
 
 LAWS = (Parameters(0.01037, 0.07235, 1.52034), Parameters(0.1, 0.2, 1.0))
@@ -135,7 +136,7 @@ def test_intervals_stand_beside_the_parameters_in_every_format(segment: Segment,
 def test_what_is_left_out_stands_in_every_title(segment: Segment, fit: Fit) -> None:
     """So that it also stands in an exported table."""
     without: Segment = replace(segment, excluded_regimes=("catching up", "manual"))
-    for described in (without, without.info()):
+    for described in (without, without.info):
         for table in (
             parameter_table(described, fit, assess_quality(segment), None, None),
             comparison_table(described, {"PiNN": LAWS}),

@@ -23,7 +23,8 @@ from accpinn.methods.store import Say, Store
 from accpinn.model.cthp import Case
 from accpinn.recordings.openacc import read
 from accpinn.recordings.synthetic import load_truth, truth_path
-from accpinn.segment.window import Segment, cut
+from accpinn.segment.cut import cut
+from accpinn.segment.segment import Segment
 from tests.driving import LAW, MIXED, driven, segment_of, standing_still
 
 SAMPLES = Path(__file__).parent.parent / "sample_data"

@@ -13,7 +13,7 @@ from accpinn.inference.sampling import as_parameters, project, quantile_interval
 from accpinn.methods import least_squares
 from accpinn.methods.fit import Outcome
 from accpinn.model.cthp import Parameters
-from accpinn.segment.window import Segment
+from accpinn.segment.segment import Segment
 from accpinn.stability.vehicle import numbers
 from bench.disturbed import Disturbance, disturbed
 from tests.driving import LAW, driven, standing_still

@@ -14,7 +14,7 @@ from accpinn.methods.pinn.request import request_keys
 from accpinn.methods.pinn.training import train
 from accpinn.methods.pinn.warm_start import WarmStart
 from accpinn.methods.store import Store
-from accpinn.segment.window import Segment
+from accpinn.segment.segment import Segment
 from tests.driving import MIXED, driven
 
 PAPER_SHORT = replace(PAPER, iterations=100)

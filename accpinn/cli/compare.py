@@ -14,7 +14,7 @@ from accpinn.evaluation.errors import TrackingErrors
 from accpinn.inference.identifiability import identifiability_warnings
 from accpinn.inference.model_adequacy import better, model_forms
 from accpinn.methods.store import Store
-from accpinn.segment.window import Segment
+from accpinn.segment.segment import Segment
 from accpinn.study.comparison import (
     MethodFailure,
     MethodResult,

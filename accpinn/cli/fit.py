@@ -24,11 +24,12 @@ from accpinn.recordings.recording import Recording
 from accpinn.results.snapshot.create import check_texts, create
 from accpinn.results.snapshot.file import save
 from accpinn.results.snapshot.writable_path import SNAPSHOT, free_place
+from accpinn.segment.cut import DURATION, cut
 from accpinn.segment.quality import Quality, assess_quality
 from accpinn.segment.regimes import EXCLUDABLE, as_typed, exclude_regimes, parse_regimes
 from accpinn.segment.regimes import label_regimes as label_regimes
+from accpinn.segment.segment import Segment
 from accpinn.segment.vehicles import parse_vehicles
-from accpinn.segment.window import DURATION, Segment, cut
 
 _OF_THE_PINN = ("preset", "initial", "iterations", "lbfgs", "seed", "threads")
 
@@ -261,13 +262,13 @@ def describe_segment(segment: Segment) -> dict[str, Any]:
     return {
         "source": segment.source,
         "start": segment.start,
-        "duration": segment.duration,
+        "duration": segment.window.duration,
         "samples": segment.samples,
         "vehicles": list(segment.vehicles),
         "names": list(segment.names),
         "left_out": {
             "regimes": list(segment.excluded_regimes),
-            "share": list(segment.left_out_share),
+            "share": list(segment.info.excluded_share),
         },
     }
 
@@ -300,7 +301,7 @@ def _text(segment: Segment, fit: Fit, quality: Quality) -> str:
         )
     head = ["vehicle", "α (1/s²)", "β (1/s)", "τ (s)", "mean time gap (s)"]
     head += ["gap MAE, surrogate (m)", "gap MAE, closed loop (m)"]
-    window = f"{segment.start:g} to {segment.start + segment.duration:g} s"
+    window = f"{segment.window}"
     about = f"{segment.source}, {window}, {fit.method}, Case {fit.case}"
     effort = f"{fit.iterations} iterations in {fit.seconds:.1f} s" + (
         ", answered from the cache" if fit.cached else ""

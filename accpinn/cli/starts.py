@@ -14,7 +14,7 @@ from accpinn.errors import ConfigError
 from accpinn.inference.multistart import MultistartResult, Trial, multistart, summarise
 from accpinn.methods.pinn.config import STARTS, preset
 from accpinn.methods.store import Store
-from accpinn.segment.window import Segment
+from accpinn.segment.segment import Segment
 
 MOST_SEEDS = 100
 

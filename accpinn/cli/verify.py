@@ -52,7 +52,7 @@ def describe(snapshot: Snapshot, result: Verification) -> dict[str, Any]:
 
 def _text(snapshot: Snapshot, result: Verification) -> str:
     info = snapshot.info
-    window = f"{info.start:g} to {info.start + info.duration:g} s"
+    window = f"{info.window}"
     about = [snapshot.name, f"{info.source}, {window}, {snapshot.fit.method}", snapshot.created]
     rows = [
         [check.name, "yes" if check.ok else "NO", check.stored, check.recomputed]

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from accpinn.evaluation.errors import TrackingErrors, tracking_errors
 from accpinn.methods.fit import Fit
 from accpinn.model.cthp import Trajectories, simulate
-from accpinn.segment.window import Segment
+from accpinn.segment.segment import Segment
 from accpinn.units import FloatArray, Metres, MetresPerSecond
 
 LOST: Metres = 1000.0

@@ -18,8 +18,9 @@ from accpinn.evaluation.errors import TrackingErrors, pooled
 from accpinn.evaluation.masking import part, without
 from accpinn.methods.fit import Fit
 from accpinn.recordings.recording import Recording
-from accpinn.segment.missing import MINIMUM_DURATION, Window, complete_windows
-from accpinn.segment.window import Segment, cut
+from accpinn.segment.cut import cut
+from accpinn.segment.missing import MINIMUM_DURATION, complete_windows
+from accpinn.segment.segment import Segment, Window
 from accpinn.units import Seconds
 
 BLOCKS = 3
@@ -80,7 +81,7 @@ def evaluate_out_of_window(segment: Segment, fit: Fit, recording: Recording) -> 
         piece = cut(recording, window.start, window.duration, segment.vehicles)
         errors = closed_loop_errors(piece, fit)
         if errors is not None:
-            parts.append((piece.duration, errors))
+            parts.append((piece.window.duration, errors))
             said.extend(incidents(piece, closed_loop(piece, fit)))
     return OutOfWindow(pooled(parts), float(sum(seconds for seconds, _ in parts)), tuple(said))
 
@@ -90,14 +91,14 @@ def _block(segment: Segment, first: int, end: int, estimate: Callable[[Segment],
     try:
         fit = estimate(without(segment, first, end))
     except SegmentError:  # too little is left for this method
-        return Block(held.start, held.duration, None)
+        return Block(held.start, held.window.duration, None)
     met = incidents(held, closed_loop(held, fit))
-    return Block(held.start, held.duration, closed_loop_errors(held, fit), met)
+    return Block(held.start, held.window.duration, closed_loop_errors(held, fit), met)
 
 
 def _outside(segment: Segment, recording: Recording) -> list[Window]:
     """Complete windows before and after the segment's, each long enough to stand alone."""
-    end = segment.start + segment.duration
+    end = segment.start + segment.window.duration
     pieces = []
     for window in complete_windows(recording, segment.vehicles):
         pieces.append(Window(window.start, min(window.end, segment.start)))

@@ -7,7 +7,7 @@ import numpy as np
 
 from accpinn.methods.fit import Fit
 from accpinn.model.cthp import Trajectories
-from accpinn.segment.window import Segment
+from accpinn.segment.segment import Segment
 from accpinn.units import FloatArray
 
 DRIVES = "simulation"

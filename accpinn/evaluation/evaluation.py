@@ -15,7 +15,7 @@ from accpinn.evaluation.errors import TrackingErrors, surrogate_errors
 from accpinn.evaluation.whiteness import Whiteness, whiteness
 from accpinn.methods.fit import Fit
 from accpinn.recordings.recording import Recording
-from accpinn.segment.window import Segment
+from accpinn.segment.segment import Segment
 from accpinn.units import FloatArray, Seconds
 
 

@@ -11,7 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from accpinn.segment.window import Segment
+from accpinn.segment.segment import Segment
 from accpinn.units import FloatArray
 
 
@@ -21,13 +21,11 @@ def without(segment: Segment, first: int, end: int) -> Segment:
         return part(segment, end, segment.samples)
     if end == segment.samples:
         return part(segment, 0, first)
-    left_out = np.zeros(segment.gaps.shape, dtype=bool)
-    left_out[first:end] = True
-    if segment.left_out is not None:
-        left_out |= segment.left_out
+    mask = np.ones(segment.gaps.shape, dtype=bool) if segment.mask is None else segment.mask.copy()
+    mask[first:end] = False
     speeds, gaps = segment.speeds.copy(), segment.gaps.copy()
     speeds[first:end], gaps[first:end] = _bridge(segment, first - 1, end)
-    return replace(segment, speeds=speeds, gaps=gaps, left_out=left_out)
+    return replace(segment, speeds=speeds, gaps=gaps, mask=mask)
 
 
 def part(segment: Segment, first: int, end: int) -> Segment:
@@ -38,7 +36,7 @@ def part(segment: Segment, first: int, end: int) -> Segment:
         time=segment.time[rows] - segment.time[first],
         speeds=segment.speeds[rows],
         gaps=segment.gaps[rows],
-        left_out=None if segment.left_out is None else segment.left_out[rows],
+        mask=None if segment.mask is None else segment.mask[rows],
         start=segment.start + float(segment.time[first]),
     )
 

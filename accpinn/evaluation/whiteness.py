@@ -23,7 +23,7 @@ from scipy.stats import norm
 
 from accpinn.methods.fit import Fit
 from accpinn.methods.one_second_means import STEP, one_second_means
-from accpinn.segment.window import Segment
+from accpinn.segment.segment import Segment
 from accpinn.units import FloatArray, Seconds
 
 LAGS = np.arange(2, 7)

@@ -11,7 +11,7 @@ from accpinn.segment.quality import (
     Quality,
     assess_quality,
 )
-from accpinn.segment.window import Segment
+from accpinn.segment.segment import Segment
 
 SYMBOLS = ("α", "β", "τ")
 DIGITS = (4, 4, 3)

@@ -23,7 +23,7 @@ from scipy.ndimage import gaussian_filter1d
 
 from accpinn.methods.regression import Regression
 from accpinn.model.cthp import Case, Parameters, regressors, simulate
-from accpinn.segment.window import Segment
+from accpinn.segment.segment import Segment
 from accpinn.units import FloatArray, Seconds
 
 ROUNDS = 3

@@ -34,7 +34,7 @@ from accpinn.inference.sampling import (
 )
 from accpinn.methods.fit import Fit, Outcome
 from accpinn.model.cthp import Case, Parameters
-from accpinn.segment.window import Segment
+from accpinn.segment.segment import Segment
 from accpinn.stability.criteria import exact_margin, l2_margin
 from accpinn.stability.frequency import crossovers, peaks
 from accpinn.stability.impulse import step_metrics
@@ -198,10 +198,10 @@ def _notes(
     inside: NDArray[np.bool_],
 ) -> tuple[str, ...]:
     notes = []
-    length = block_length(segment.duration)
+    length = block_length(segment.window.duration)
     if length < SHORTEST_BLOCK:
         notes.append(
-            f"The window is only {segment.duration:.0f} s long, so the intervals rest on"
+            f"The window is only {segment.window.duration:.0f} s long, so the intervals rest on"
             f" {FEWEST_BLOCKS} blocks of {length:.0f} s and are rough; take"
             f" {FEWEST_BLOCKS * SHORTEST_BLOCK:.0f} s or more."
         )

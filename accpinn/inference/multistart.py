@@ -17,7 +17,7 @@ from accpinn.methods.fit import Fit, OnProgress, Outcome, ShouldStop
 from accpinn.methods.pinn.config import FAST, STARTS, PinnConfig
 from accpinn.methods.store import Store
 from accpinn.model.cthp import Case
-from accpinn.segment.window import Segment
+from accpinn.segment.segment import Segment
 from accpinn.units import FloatArray
 
 NOTICED = 1.0

@@ -20,7 +20,7 @@ from scipy.optimize import brentq
 from accpinn.errors import ConfigError
 from accpinn.methods.regression import Regression
 from accpinn.model.cthp import Case
-from accpinn.segment.window import Segment
+from accpinn.segment.segment import Segment
 from accpinn.units import FloatArray, frozen
 
 Symbol = Literal["α", "β", "τ"]

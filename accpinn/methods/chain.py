@@ -21,7 +21,7 @@ from scipy.linalg import expm
 
 from accpinn.mask import runs
 from accpinn.model.cthp import Case, Parameters, motion_matrix, orbit, respond
-from accpinn.segment.window import Segment
+from accpinn.segment.segment import Segment
 from accpinn.units import FloatArray, Seconds
 
 
@@ -37,9 +37,9 @@ class Chain:
     first: int = 0
     """Where in the segment it begins."""
 
-    def stretches(self, left_out: NDArray[np.bool_], least: Seconds) -> tuple["Chain", ...]:
-        """What is left of it without the instants (N,) left out, in runs of ``least`` or longer."""
-        kept = [run for run in runs(~left_out) if (len(run) - 1) * self.step >= least]
+    def stretches(self, mask: NDArray[np.bool_], least: Seconds) -> tuple["Chain", ...]:
+        """What is left of it at the instants of the mask (N,), in runs of ``least`` or longer."""
+        kept = [run for run in runs(mask) if (len(run) - 1) * self.step >= least]
         rows = [slice(run.first, run.last + 1) for run in kept]
         return tuple(Chain(self.ahead[r], self.measured[r], self.step, r.start) for r in rows)
 

@@ -43,7 +43,7 @@ from accpinn.methods.method import direct
 from accpinn.methods.online import doubts, kept_samples, nearest_lawful, track
 from accpinn.methods.unscented import Unscented, symmetric
 from accpinn.model.cthp import Case, Parameters, PlatoonSolution, Trajectories
-from accpinn.segment.window import Segment
+from accpinn.segment.segment import Segment
 from accpinn.units import FloatArray, Seconds
 
 UNCERTAIN = (0.3, 1.0, 1.0)

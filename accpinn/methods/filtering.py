@@ -20,7 +20,7 @@ from typing import Any, NamedTuple, Self
 import numpy as np
 
 from accpinn.model.cthp import Case, Parameters
-from accpinn.segment.window import Segment
+from accpinn.segment.segment import Segment
 from accpinn.units import FloatArray, Metres, MetresPerSecond, Seconds
 
 SPEED_ERROR: MetresPerSecond = 0.05
@@ -65,8 +65,8 @@ class Measurements:
         laws = 1 if case == "I" else segment.followers
         shape = (segment.samples, laws, segment.followers // laws)
         told = np.ones(segment.gaps.shape)
-        if segment.left_out is not None:  # a step needs both of its samples
-            told[1:] -= segment.left_out[1:] | segment.left_out[:-1]
+        if segment.mask is not None:  # a step needs both of its samples
+            told[1:] = segment.mask[1:] & segment.mask[:-1]
         return cls(
             segment.gaps.reshape(shape),
             segment.speeds[:, 1:].reshape(shape),

@@ -15,7 +15,7 @@ import numpy as np
 from accpinn.methods.fit import Fit, Outcome, bound_notes
 from accpinn.methods.method import direct
 from accpinn.model.cthp import Case, Parameters, regressors, solve_rows
-from accpinn.segment.window import Segment
+from accpinn.segment.segment import Segment
 
 
 def fit(segment: Segment, case: Case = "II") -> Fit:
@@ -23,7 +23,7 @@ def fit(segment: Segment, case: Case = "II") -> Fit:
     started = time.perf_counter()
     terms = regressors(segment.speeds, segment.gaps)
     acceleration = np.gradient(segment.speeds[:, 1:], segment.sample_time, axis=0)
-    solution = solve_rows(terms, acceleration, case, segment.left_out)
+    solution = solve_rows(terms, acceleration, case, segment.mask)
     return Fit(
         method="least-squares",
         case=case,

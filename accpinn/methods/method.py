@@ -7,7 +7,7 @@ from typing import Any
 from accpinn.methods.fit import Fit, OnProgress, ShouldStop
 from accpinn.methods.store import Store
 from accpinn.model.cthp import Case
-from accpinn.segment.window import Segment
+from accpinn.segment.segment import Segment
 from accpinn.units import Seconds
 
 

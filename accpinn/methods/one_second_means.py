@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from accpinn.model.cthp import regressors
-from accpinn.segment.window import Segment
+from accpinn.segment.segment import Segment
 from accpinn.units import FloatArray, Seconds
 
 STEP: Seconds = 1.0
@@ -48,8 +48,8 @@ def one_second_means(segment: Segment, first: int = 0, delay: int = 0) -> OneSec
     terms = regressors(segment.speeds, segment.gaps)[:, first - delay : last - delay + 1]
     trapezoid = (terms[:, 1:] + terms[:, :-1]) / 2
     known: NDArray[np.bool_] = np.ones((segment.followers, count), dtype=bool)
-    if segment.left_out is not None:
-        kept = ~segment.left_out
+    if segment.mask is not None:
+        kept = segment.mask
         # A step has both its ends in it, and so have its terms.
         both = kept[first : last + 1] & kept[first - delay : last - delay + 1]
         pairs = both[1:] & both[:-1]

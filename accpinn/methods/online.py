@@ -4,7 +4,7 @@ import numpy as np
 
 from accpinn.methods.fit import ParameterTrack
 from accpinn.model.cthp import LinearSolution, solve_linear
-from accpinn.segment.window import Segment
+from accpinn.segment.segment import Segment
 from accpinn.units import FloatArray, Seconds, SecondsArray
 
 COURSE_EVERY: Seconds = 0.5

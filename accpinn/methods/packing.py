@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from accpinn.methods.fit import Fit, History, Outcome, ParameterTrack
 from accpinn.model.cthp import Parameters, Trajectories
-from accpinn.segment.window import Segment
+from accpinn.segment.segment import Segment
 from accpinn.units import FloatArray
 
 Arrays = dict[str, NDArray[np.generic]]

@@ -48,7 +48,7 @@ from accpinn.methods.method import direct
 from accpinn.methods.online import doubts, kept_samples, track
 from accpinn.methods.unscented import symmetric
 from accpinn.model.cthp import Case, Parameters, Trajectories
-from accpinn.segment.window import Segment
+from accpinn.segment.segment import Segment
 from accpinn.units import FloatArray
 
 PARTICLES = 4000

@@ -42,7 +42,7 @@ from accpinn.model.cthp import (
     regressors,
     solve_linear,
 )
-from accpinn.segment.window import Segment
+from accpinn.segment.segment import Segment
 from accpinn.units import FloatArray, Seconds, frozen
 
 MEMORY: Seconds = 60.0
@@ -57,7 +57,7 @@ def fit(segment: Segment, case: Case = "II", memory: Seconds = MEMORY) -> Fit:
     started = time.perf_counter()
     known = _accumulate(segment, case, memory)
     theta, unconstrained = _solve(known)
-    settled = known.time >= min(memory, segment.duration / 2)
+    settled = known.time >= min(memory, segment.window.duration / 2)
     solutions = [
         _settled(known, law, theta[settled, law], unconstrained[settled, law])
         for law in range(theta.shape[1])
@@ -104,8 +104,8 @@ def _accumulate(segment: Segment, case: Case, memory: Seconds) -> _Known:
     rates = np.diff(segment.speeds[:, 1:], axis=0).T / step
     kept = kept_samples(segment)
     weights = np.ones_like(rates)
-    if segment.left_out is not None:  # a row needs both of its samples
-        weights[(segment.left_out[1:] | segment.left_out[:-1]).T] = 0.0
+    if segment.mask is not None:  # a row needs both of its samples
+        weights[~(segment.mask[1:] & segment.mask[:-1]).T] = 0.0
         rows, rates = rows * weights[..., None], rates * weights
 
     def summed(values: FloatArray, forget: float) -> FloatArray:

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from accpinn.model.cthp import Case, PlatoonSolution, regressors, solve_platoon
-from accpinn.segment.window import Segment
+from accpinn.segment.segment import Segment
 from accpinn.units import FloatArray
 
 Mask = NDArray[np.bool_]
@@ -33,7 +33,7 @@ class Regression:
         """The rows of a segment; those that it leaves out are zero."""
         rates = np.gradient(segment.speeds[:, 1:], segment.sample_time, axis=0)
         rows = cls(regressors(segment.speeds, segment.gaps), rates.T)
-        return rows if segment.left_out is None else rows.kept(~segment.left_out)
+        return rows if segment.mask is None else rows.kept(segment.mask)
 
     def kept(self, keep: Mask) -> Self:
         """The rows in ``keep`` (N, M) count, the others are zero and so do not."""

@@ -21,7 +21,7 @@ from scipy.signal import savgol_filter
 from accpinn.methods.fit import Fit, Outcome, bound_notes
 from accpinn.methods.method import direct
 from accpinn.model.cthp import Case, Parameters, Trajectories, regressors, solve_rows
-from accpinn.segment.window import Segment
+from accpinn.segment.segment import Segment
 from accpinn.units import Seconds
 
 WINDOW: Seconds = 2.0
@@ -43,7 +43,7 @@ def fit(segment: Segment, case: Case = "II", window: Seconds = WINDOW) -> Fit:
     speeds, gaps = smoothing(segment.speeds), smoothing(segment.gaps)
     acceleration = smoothing(segment.speeds[:, 1:], deriv=1)
     # The window reaches into what is left out, as the signals there are as good as elsewhere.
-    solution = solve_rows(regressors(speeds, gaps), acceleration, case, segment.left_out)
+    solution = solve_rows(regressors(speeds, gaps), acceleration, case, segment.mask)
     return Fit(
         method="savitzky-golay",
         case=case,

@@ -41,7 +41,7 @@ from accpinn.model.cthp import (
     PlatoonSolution,
     Trajectories,
 )
-from accpinn.segment.window import Segment
+from accpinn.segment.segment import Segment
 from accpinn.units import FloatArray, Seconds, frozen
 
 SCALE = np.array([0.05, 0.05, 0.2])
@@ -124,11 +124,11 @@ class _End:
 
 def _stretches(segment: Segment, index: int, chain: Chain) -> tuple[Chain, ...]:
     """What is simulated of the chain with that index: all of it, unless something is left out."""
-    if segment.left_out is None:
+    if segment.mask is None:
         return (chain,)
     size = chain.measured.shape[1] // 2
-    left_out = segment.left_out[:, index : index + size]
-    stretches = chain.stretches(np.asarray(left_out.any(axis=1)), LEAST_STRETCH)
+    mask = segment.mask[:, index : index + size]
+    stretches = chain.stretches(np.asarray(mask.all(axis=1)), LEAST_STRETCH)
     if not stretches:
         raise SegmentError(
             f"{segment.source}: what is left of {segment.labels[index + 1]} has no stretch of"
@@ -176,7 +176,7 @@ def _placed(stretches: tuple[Chain, ...], errors: FloatArray, shape: tuple[int, 
 
 def _notes(segment: Segment, ends: list[_End]) -> list[str]:
     notes = [] if len(ends) == 1 else [APART]
-    if segment.left_out is not None:
+    if segment.mask is not None:
         notes.append(ANEW)
     for vehicle, end in zip(segment.vehicles[1:], ends, strict=False):
         whose = "Case I" if len(ends) < segment.followers else f"Vehicle {vehicle}"

@@ -27,7 +27,7 @@ from accpinn.errors import SegmentError
 from accpinn.methods.fit import Fit, Outcome, bound_notes
 from accpinn.methods.method import direct
 from accpinn.model.cthp import Case, Parameters, Trajectories, regressors, solve_rows
-from accpinn.segment.window import Segment
+from accpinn.segment.segment import Segment
 from accpinn.units import FloatArray, Seconds
 
 KNOTS_EVERY: Seconds = 0.5
@@ -53,13 +53,13 @@ def fit(segment: Segment, case: Case = "II", knots_every: Seconds = KNOTS_EVERY)
             f" of at least {DEGREE + 1}."
         )
     knots_every = max(knots_every, LEAST_SAMPLES * segment.sample_time)
-    basis, left_out = _Basis(segment.time, knots_every, segment.left_out), segment.left_out
+    basis = _Basis(segment.time, knots_every, segment.mask)
     terms = regressors(segment.speeds, segment.gaps)
-    solution = solve_rows(terms, _slopes(segment), case, left_out)
+    solution = solve_rows(terms, _slopes(segment), case, segment.mask)
     for rounds in range(1, ROUNDS + 1):  # noqa: B007 (used below)
         speeds, gaps, rates = basis.smooth(segment, solution.theta)
         before = solution.theta
-        solution = solve_rows(regressors(speeds, gaps), rates, case, left_out)
+        solution = solve_rows(regressors(speeds, gaps), rates, case, segment.mask)
         if np.abs(solution.theta - before).max() <= TOLERANCE * np.abs(solution.theta).max():
             break
     return Fit(
@@ -111,7 +111,7 @@ class _Basis:
         self,
         instants: FloatArray,
         knots_every: Seconds,
-        left_out: NDArray[np.bool_] | None = None,
+        mask: NDArray[np.bool_] | None = None,
     ) -> None:
         duration = float(instants[-1])
         pieces = max(1, round(duration / knots_every))
@@ -126,11 +126,11 @@ class _Basis:
         self.value, self.rate = csr_array(value), csr_array(lower @ difference)
         self.size, self.count = size, len(instants)
         self._bands = _Bands.of(self.value, self.rate)
-        self._left_out = left_out
+        self._mask = mask
         self._bands_of_law = (
             []
-            if left_out is None
-            else [_Bands.of(self.value[kept], self.rate[kept]) for kept in ~left_out.T]
+            if mask is None
+            else [_Bands.of(self.value[kept], self.rate[kept]) for kept in mask.T]
         )
         self._coefficients: FloatArray = np.zeros((size, 0))
 
@@ -159,7 +159,7 @@ class _Basis:
         banded = np.zeros(((DEGREE + 1) * outputs, self.size * outputs))
         data = np.eye(outputs)
         kinematic, lawful = _residuals(theta)
-        if self._left_out is None:
+        if self._mask is None:
             residuals = [one for pair in zip(kinematic, lawful, strict=True) for one in pair]
             self._add_squares(banded, self._bands, residuals, data)
             return banded
@@ -195,8 +195,8 @@ class _Basis:
         relative = speeds[:, :-1] - speeds[:, 1:]
         scale = 1.0 / (self.count * followers)
         disobeyed = rates[:, 1:split] - law
-        if self._left_out is not None:
-            disobeyed = np.where(self._left_out, 0.0, disobeyed)
+        if self._mask is not None:
+            disobeyed = np.where(self._mask, disobeyed, 0.0)
         physics = ((rates[:, split:] - relative) ** 2).sum() + (disobeyed**2).sum()
         data = ((speeds - segment.speeds) ** 2).sum() + ((gaps - segment.gaps) ** 2).sum()
         return {

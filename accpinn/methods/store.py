@@ -19,7 +19,7 @@ from platformdirs import user_cache_path
 
 from accpinn.methods.fit import Fit
 from accpinn.methods.packing import Arrays, pack_fit, require_match, unpack_fit
-from accpinn.segment.window import Segment
+from accpinn.segment.segment import Segment
 
 FORMAT = "accpinn store 1"
 CAP_BYTES = 500_000_000

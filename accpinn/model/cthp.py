@@ -221,7 +221,7 @@ def solve_platoon(grams: FloatArray, moments: FloatArray, case: Case) -> Platoon
 
 
 def solve_rows(
-    terms: FloatArray, rates: FloatArray, case: Case, left_out: NDArray[np.bool_] | None = None
+    terms: FloatArray, rates: FloatArray, case: Case, mask: NDArray[np.bool_] | None = None
 ) -> PlatoonSolution:
     """The least-squares θ of dv/dt = Xθ over all instants that count.
 
@@ -229,10 +229,10 @@ def solve_rows(
         terms: (M, N, 3) X, the `regressors`.
         rates: (N, M) dv/dt in m/s².
         case: "I" or "II".
-        left_out: (N, M) rows that do not count; None where all do.
+        mask: (N, M) True where a row counts; None where all do.
     """
-    if left_out is not None:
-        terms = np.where(left_out.T[:, :, None], 0.0, terms)
+    if mask is not None:
+        terms = np.where(mask.T[:, :, None], terms, 0.0)
     grams = terms.transpose(0, 2, 1) @ terms
     return solve_platoon(grams, np.einsum("mnk,nm->mk", terms, rates), case)
 

@@ -10,6 +10,7 @@ from accpinn.channels import GAP, SPEED
 from accpinn.errors import SegmentError
 from accpinn.mask import Run, runs
 from accpinn.recordings.recording import Recording
+from accpinn.segment.segment import Window
 from accpinn.segment.vehicles import check_vehicles
 from accpinn.units import FloatArray, Seconds
 
@@ -20,27 +21,6 @@ MINIMUM_DURATION: Seconds = 10.0
 WINDOWS_LISTED = 3
 
 _SLACK: Seconds = 1e-6
-
-
-@dataclass(frozen=True)
-class Window:
-    """An interval of a recording, in s from its first sample, both ends included."""
-
-    start: Seconds
-    end: Seconds
-
-    @property
-    def duration(self) -> Seconds:
-        """Its length."""
-        return round(self.end - self.start, 9)
-
-    def __str__(self) -> str:
-        """As a sentence names it."""
-        return (
-            f"{self.start:.1f} s"
-            if self.end == self.start
-            else f"{self.start:.1f}-{self.end:.1f} s"
-        )
 
 
 @dataclass(frozen=True, eq=False)

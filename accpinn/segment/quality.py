@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from accpinn.model.cthp import regressors
-from accpinn.segment.window import Segment
+from accpinn.segment.segment import Segment
 from accpinn.units import FloatArray, MetresPerSecond, Seconds
 
 MOVING: MetresPerSecond = 1.0
@@ -86,10 +86,10 @@ def _floats(values: FloatArray) -> tuple[float, ...]:
 def _conditions(segment: Segment) -> tuple[float, ...]:
     """Of each follower's regressors, where its equation counts."""
     parts = regressors(segment.speeds, segment.gaps)
-    if segment.left_out is None:
+    if segment.mask is None:
         return tuple(_condition(part) for part in parts)
     return tuple(
-        _condition(part[~out]) for part, out in zip(parts, segment.left_out.T, strict=True)
+        _condition(part[counts]) for part, counts in zip(parts, segment.mask.T, strict=True)
     )
 
 

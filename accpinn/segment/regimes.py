@@ -23,7 +23,7 @@ from accpinn.errors import SegmentError
 from accpinn.recordings.recording import Mode, Recording
 from accpinn.segment.missing import MINIMUM_DURATION
 from accpinn.segment.quality import CAR_FOLLOWING, MOVING, time_gaps
-from accpinn.segment.window import Segment
+from accpinn.segment.segment import Segment
 from accpinn.units import Seconds, frozen
 
 FOLLOWING, CATCHING_UP, MANUAL, STANDSTILL = range(4)
@@ -109,16 +109,15 @@ def exclude_regimes(segment: Segment, regimes: Regimes, names: Sequence[str]) ->
             raise SegmentError(f'"{name}" cannot be left out; choose from {", ".join(EXCLUDABLE)}.')
     if not chosen:
         return segment
-    mask = np.isin(regimes.codes, [regimes.names.index(name) for name in chosen])
-    if not mask.any():
+    excluded = np.isin(regimes.codes, [regimes.names.index(name) for name in chosen])
+    if not excluded.any():
         note = f"Nothing to leave out: no instant is {' or '.join(chosen)}."
         return replace(segment, notes=(*segment.notes, note))
-    if segment.left_out is not None:
-        mask |= segment.left_out
+    mask = ~excluded if segment.mask is None else segment.mask & ~excluded
     _refuse_too_little(segment, mask, chosen)
     return replace(
         segment,
-        left_out=mask,
+        mask=mask,
         excluded_regimes=tuple(dict.fromkeys((*segment.excluded_regimes, *chosen))),
         notes=(*segment.notes, _sentence(segment, mask, chosen)),
     )
@@ -145,7 +144,7 @@ def _modes(segment: Segment, recording: Recording) -> NDArray[np.int8]:
 
 
 def _refuse_too_little(segment: Segment, mask: NDArray[np.bool_], chosen: tuple[str, ...]) -> None:
-    left = (~mask).sum(axis=0) * segment.sample_time
+    left = mask.sum(axis=0) * segment.sample_time
     worst = int(left.argmin())
     if left[worst] < LEAST_LEFT:
         raise SegmentError(
@@ -156,7 +155,7 @@ def _refuse_too_little(segment: Segment, mask: NDArray[np.bool_], chosen: tuple[
 
 
 def _sentence(segment: Segment, mask: NDArray[np.bool_], chosen: tuple[str, ...]) -> str:
-    shares = zip(segment.labels[1:], mask.mean(axis=0), strict=True)
+    shares = zip(segment.labels[1:], (~mask).mean(axis=0), strict=True)
     each = ", ".join(f"{name}: {100 * share:.0f} %" for name, share in shares)
     return f"Left out of the law's equations: {_listed(chosen)} ({each} of the instants)."
 

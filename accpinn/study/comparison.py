@@ -18,8 +18,7 @@ from accpinn.methods.registry import METHODS
 from accpinn.methods.store import Store
 from accpinn.model.cthp import Case
 from accpinn.recordings.recording import Recording
-from accpinn.segment.info import SegmentInfo
-from accpinn.segment.window import Segment
+from accpinn.segment.segment import Segment, SegmentInfo
 from accpinn.units import FloatArray
 
 
@@ -71,7 +70,7 @@ class FitRecord:
         errors = closed_loop_errors(segment, fit)
         gaps = errors.gap_mae if errors else np.full(segment.followers, np.nan)
         return cls(
-            segment.info(),
+            segment.info,
             fit.method,
             fit.case,
             fit.config,
@@ -108,9 +107,9 @@ def _asked(run: FitRecord) -> dict[str, str]:
     info = run.info
     return {
         "recording": info.source,
-        "window": f"{info.start:g}–{info.start + info.duration:g} s",
+        "window": f"{info.window}",
         "vehicles": ", ".join(map(str, info.vehicles)),
-        "left out": ", ".join(info.left_out) or "nothing",
+        "left out": ", ".join(info.excluded_regimes) or "nothing",
         "case": run.case,
         "method": run.method,
     }

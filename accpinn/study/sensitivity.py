@@ -14,7 +14,7 @@ from accpinn.methods.registry import METHODS
 from accpinn.model.cthp import Case, Parameters
 from accpinn.recordings.recording import Recording
 from accpinn.segment.regimes import EXCLUDABLE, Regimes, exclude_regimes, label_regimes
-from accpinn.segment.window import Segment
+from accpinn.segment.segment import Segment
 
 COMPARED = ("least-squares", "splines")
 CHOICES = {
@@ -53,7 +53,7 @@ def sensitivity(
         recording: what it was cut from, for the driver modes.
         case: "I" or "II".
     """
-    plain = replace(segment, left_out=None, excluded_regimes=())
+    plain = replace(segment, mask=None, excluded_regimes=())
     regimes = label_regimes(plain, recording)
     known: dict[str, tuple[Fit, ...]] = {}
     rows: list[SensitivityResult] = []
@@ -67,7 +67,7 @@ def sensitivity(
                 for method in COMPARED
             ]
             continue
-        digest = part.digest()  # a regime that does not occur changes nothing
+        digest = part.info.digest  # a regime that does not occur changes nothing
         if digest not in known:
             known[digest] = tuple(METHODS[method].fit(part, case) for method in COMPARED)
         rows += [

@@ -12,7 +12,7 @@ from accpinn.methods.pinn.config import PinnConfig
 from accpinn.methods.pinn.history import Recorder
 from accpinn.methods.store import Store
 from accpinn.model.cthp import Case
-from accpinn.segment.window import Segment
+from accpinn.segment.segment import Segment
 from accpinn.tasks.task import Status, Task
 from accpinn.units import Seconds
 
@@ -56,7 +56,7 @@ class Request:
         alike = self.case == other.case and self.config == other.config
         begins = [request.warm.digest() if request.warm else "" for request in (self, other)]
         alike = alike and begins[0] == begins[1]
-        return alike and self.segment.digest() == other.segment.digest()
+        return alike and self.segment.info.digest == other.segment.info.digest
 
 
 class Job(Task):

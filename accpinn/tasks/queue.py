@@ -13,7 +13,7 @@ from accpinn.methods.pinn.config import PinnConfig
 from accpinn.methods.pinn.request import forget, request_keys, resume_iteration
 from accpinn.methods.store import Store
 from accpinn.model.cthp import Case
-from accpinn.segment.window import Segment
+from accpinn.segment.segment import Segment
 from accpinn.tasks.job import Job, Request, Train, load_train
 from accpinn.tasks.series import Result, Series
 from accpinn.tasks.task import Status, Task

@@ -5,7 +5,7 @@ from math import sqrt
 from accpinn.errors import SegmentError
 from accpinn.methods.pinn.config import PinnConfig
 from accpinn.methods.pinn.features import FourierFeatures
-from accpinn.segment.window import Segment
+from accpinn.segment.segment import Segment
 from accpinn.units import Seconds
 
 MOST_BYTES = 1.4e9
@@ -28,14 +28,14 @@ def require_memory(segment: Segment, config: PinnConfig) -> None:
         needed: float = _PER_INSTANT * segment.samples
         longest: Seconds = MOST_BYTES / _PER_INSTANT * step
     else:
-        each = _PER_FEATURE if segment.left_out is None else _PER_FEATURE_COUNTED
-        features = FourierFeatures(segment.duration, config.highest_frequency).size
+        each = _PER_FEATURE if segment.mask is None else _PER_FEATURE_COUNTED
+        features = FourierFeatures(segment.window.duration, config.highest_frequency).size
         needed = each * segment.samples * features
         # Instants and features both grow with the window.
         longest = sqrt(MOST_BYTES * step / (4 * each * config.highest_frequency))
     if needed > MOST_BYTES:
         raise SegmentError(
-            f"{segment.source}: a window of {segment.duration:,.0f} s would take"
+            f"{segment.source}: a window of {segment.window.duration:,.0f} s would take"
             f" {needed / 1e9:,.1f} GB of memory to train on; take at most"
             f" {0.98 * longest // 10 * 10:,.0f} s."
         )

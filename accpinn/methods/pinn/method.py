@@ -7,7 +7,7 @@ from accpinn.methods.fit import Fit
 from accpinn.methods.method import Method, TaskContext
 from accpinn.methods.pinn.config import FAST, PRESETS, PinnConfig
 from accpinn.model.cthp import Case
-from accpinn.segment.window import Segment
+from accpinn.segment.segment import Segment
 
 
 def _estimate(

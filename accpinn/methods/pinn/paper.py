@@ -181,7 +181,7 @@ class PaperTraining:
         speeds, gaps = output_columns(self.problem.followers)
         terms = regressors(outputs[:, speeds], outputs[:, gaps])
         problem, slopes = self.problem, rates[:, speeds[1:]]
-        free = solve_rows(terms, slopes, problem.case, problem.segment.left_out).unconstrained
+        free = solve_rows(terms, slopes, problem.case, problem.segment.mask).unconstrained
         return PlatoonSolution(theta, free, active)
 
     def state(self) -> Checkpoint:

@@ -14,7 +14,7 @@ from accpinn.methods.pinn.loss import LossTerms, loss_terms
 from accpinn.methods.pinn.output_layout import stack_outputs
 from accpinn.methods.pinn.warm_start import WarmStart
 from accpinn.model.cthp import Case, PlatoonSolution
-from accpinn.segment.window import Segment
+from accpinn.segment.segment import Segment
 from accpinn.units import FloatArray
 
 Checkpoint = dict[str, NDArray[np.generic]]
@@ -40,8 +40,8 @@ class Problem:
         object.__setattr__(self, "time", np.asarray(self.segment.time))
         stacked = stack_outputs(self.segment.speeds, self.segment.gaps)
         object.__setattr__(self, "measured", stacked)
-        left_out = self.segment.left_out
-        counted = None if left_out is None else torch.from_numpy(1.0 - left_out)
+        mask = self.segment.mask
+        counted = None if mask is None else torch.from_numpy(mask.astype(float))
         object.__setattr__(self, "counted", counted)
 
     @property

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 from accpinn.methods.pinn.config import METHOD_VERSION, PinnConfig
 from accpinn.methods.store import Store
 from accpinn.model.cthp import Case
-from accpinn.segment.window import Segment
+from accpinn.segment.segment import Segment
 
 if TYPE_CHECKING:
     from accpinn.methods.pinn.warm_start import WarmStart
@@ -66,7 +66,7 @@ def forget(
 def _address(segment: Segment, case: Case, settings: dict[str, object]) -> str:
     request = {
         "method": METHOD_VERSION,
-        "segment": segment.digest(),
+        "segment": segment.info.digest,
         "case": case,
         "config": settings,
     }

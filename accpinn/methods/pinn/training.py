@@ -31,7 +31,7 @@ from accpinn.methods.pinn.request import request_keys
 from accpinn.methods.pinn.warm_start import WarmStart
 from accpinn.methods.store import Say, Store
 from accpinn.model.cthp import Case, Parameters, Trajectories
-from accpinn.segment.window import Segment
+from accpinn.segment.segment import Segment
 from accpinn.units import Seconds
 
 DEFAULT_THREADS = max(1, min(4, (os.cpu_count() or 2) - 1))

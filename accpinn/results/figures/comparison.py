@@ -28,7 +28,7 @@ from accpinn.results.figures.style import (
     with_legend,
 )
 from accpinn.results.figures.training import tracking
-from accpinn.segment.window import Segment
+from accpinn.segment.segment import Segment
 from accpinn.units import FloatArray, Seconds
 
 BAND = "rgba(128, 140, 155, 0.20)"
@@ -141,7 +141,7 @@ def curves(
         if source is None:
             continue
         error = (source.gaps - segment.gaps)[:, follower]
-        time, error = thinned(segment.start + source.time, error)
+        time, error = thinned(segment.window.start + source.time, error)
         figure.add_scatter(
             x=time,
             y=error,

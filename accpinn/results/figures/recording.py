@@ -20,8 +20,7 @@ from accpinn.results.figures.style import (
     thinned,
     vehicle_colour,
 )
-from accpinn.segment.missing import Window
-from accpinn.segment.window import Segment
+from accpinn.segment.segment import Segment, Window
 from accpinn.units import FloatArray
 
 MISSING = "#c22f4f"
@@ -102,7 +101,7 @@ def preview(segment: Segment) -> go.Figure:
     for column, number in enumerate(segment.vehicles):
         colour = vehicle_colour(number, segment.vehicles[0])
         label = html.escape(segment.labels[column])
-        time, values = thinned(segment.start + segment.time, segment.speeds[:, column], 600)
+        time, values = thinned(segment.window.start + segment.time, segment.speeds[:, column], 600)
         figure.add_scatter(x=time, y=values, name=label, line={"color": colour, "width": 2})
     figure.update_yaxes(title_text=SPEED.axis)
     figure.update_xaxes(title_text=TIME.axis)

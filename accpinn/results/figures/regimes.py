@@ -4,7 +4,7 @@ import plotly.graph_objects as go
 
 from accpinn.mask import runs
 from accpinn.segment.regimes import CATCHING_UP, FOLLOWING, MANUAL, STANDSTILL, Regimes
-from accpinn.segment.window import Segment
+from accpinn.segment.segment import Segment
 
 COLOURS = {
     FOLLOWING: "#8b93a1",
@@ -22,7 +22,7 @@ def ribbons(segment: Segment, regimes: Regimes) -> list[go.Scatter]:
     traces = []
     # An instant stands for the step around it, so that ribbons leave no holes.
     half = segment.sample_time / 2
-    instants = segment.start + segment.time
+    instants = segment.window.start + segment.time
     for column, number in zip(regimes.codes.T, segment.vehicles[1:], strict=True):
         for code, name in enumerate(regimes.names):
             x: list[float | None] = []

@@ -21,8 +21,7 @@ from accpinn.results.figures.style import (
     vehicle_colour,
     with_legend,
 )
-from accpinn.segment.info import Described, SegmentInfo
-from accpinn.segment.window import Segment
+from accpinn.segment.segment import Segment, SegmentInfo
 from accpinn.units import FloatArray, Seconds
 
 FEW = 30
@@ -60,7 +59,7 @@ def loss_course(history: History) -> go.Figure:
 def parameter_course(
     history: History,
     which: int,
-    segment: Described,
+    segment: SegmentInfo,
     truth: Parameters | None = None,
 ) -> go.Figure:
     """One parameter over iterations, dashed where the truth is known.
@@ -161,7 +160,7 @@ def tracking(
             continue
         channels = ((GAP, source.gaps[:, follower]), (SPEED, source.speeds[:, follower + 1]))
         for row, (channel, values) in enumerate(channels, 1):
-            time, shown = thinned(segment.start + source.time, values)
+            time, shown = thinned(segment.window.start + source.time, values)
             figure.add_scatter(
                 x=time,
                 y=shown,

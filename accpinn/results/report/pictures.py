@@ -31,8 +31,7 @@ from accpinn.results.figures.training import loss_course, parameter_course, trac
 from accpinn.results.figures.uncertainty import add_bands, add_clouds, cloud_words
 from accpinn.results.snapshot.content import Snapshot
 from accpinn.results.tables.names import name_of
-from accpinn.segment.info import SegmentInfo
-from accpinn.segment.window import Segment
+from accpinn.segment.segment import Segment, SegmentInfo
 
 FOLLOWERS = 8
 """Of the simulated platoon."""
@@ -89,7 +88,7 @@ def motion(snapshot: Snapshot) -> Picture | None:
         if column:
             drawn.append((1, source.gaps[:, column - 1], GAP))
         for row, values, channel in drawn:
-            time, shown = thinned(info.start + source.time, values)
+            time, shown = thinned(info.window.start + source.time, values)
             figure.add_scatter(
                 x=time, y=shown, name=name, line=line, mode="lines", legendgroup=name,
                 showlegend=row == 2, hovertemplate=f"%{{y:.2f}} {channel.unit}", row=row, col=1,

@@ -25,7 +25,7 @@ def summary(snapshot: Snapshot) -> tuple[str, ...]:
     fit, info, uncertainty = snapshot.fit, snapshot.info, snapshot.uncertainty
     method = METHOD_TITLES.get(fit.method, fit.method)
     opening = (
-        f"From {info.duration:g} s of {info.source}, {method} learned the constant"
+        f"From {info.window.duration:g} s of {info.source}, {method} learned the constant"
         " time-headway law of"
     )
     if fit.case == "I" and info.followers > 1:
@@ -174,7 +174,7 @@ def about_data(snapshot: Snapshot) -> tuple[tuple[str, str], ...]:
         ("Distance setting", facts.get("distance_setting")),
         (
             "Window",
-            f"{info.start:g} to {info.start + info.duration:g} s of the recording,"
+            f"{info.window} of the recording,"
             f" {info.samples:,} samples every {info.sample_time:g} s",
         ),
         ("Leader", info.labels[0]),
@@ -194,13 +194,13 @@ def _flag(flag: int | None) -> str:
 
 def _left_out(snapshot: Snapshot) -> str:
     info = snapshot.info
-    if not info.left_out:
+    if not info.excluded_regimes:
         return "nothing: every instant of the window counts"
     shares = ", ".join(
         f"{100 * share:.0f} % of {label}"
-        for label, share in zip(info.labels[1:], info.left_out_share, strict=True)
+        for label, share in zip(info.labels[1:], info.excluded_share, strict=True)
     )
-    return f"{', '.join(info.left_out)} from the law's equations: {shares}"
+    return f"{', '.join(info.excluded_regimes)} from the law's equations: {shares}"
 
 
 def beware(snapshot: Snapshot) -> dict[str, tuple[str, ...]]:

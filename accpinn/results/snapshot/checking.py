@@ -17,8 +17,9 @@ from accpinn.results.snapshot.refitting import network_curve, refitted, repeatab
 from accpinn.results.snapshot.sanitise import sanitise
 from accpinn.results.snapshot.schema import ATTRIBUTION_TEXT
 from accpinn.results.tables.names import TITLES
+from accpinn.segment.cut import cut
 from accpinn.segment.regimes import exclude_regimes, label_regimes
-from accpinn.segment.window import Segment, cut
+from accpinn.segment.segment import Segment
 from accpinn.stability.report import VehicleStability
 
 RECORDING, REFIT = "--recording", "--refit"
@@ -101,9 +102,9 @@ def _whole(snapshot: Snapshot) -> Check:
 
 def _provenance(snapshot: Snapshot, segment: Segment, recording: Recording, wording: bool) -> Check:
     """Names, notes and facts as the recording has them; the file itself may be called otherwise."""
-    known, found = snapshot.info, segment.info()
-    stored: list[Any] = [known.names, known.notes, known.left_out_share]
-    given: list[Any] = [found.names, found.notes, found.left_out_share]
+    known, found = snapshot.info, segment.info
+    stored: list[Any] = [known.names, known.notes, known.excluded_share]
+    given: list[Any] = [found.names, found.notes, found.excluded_share]
     if snapshot.facts:  # else it was taken without its recording
         stored.append(snapshot.facts)
         given.append(facts_of(recording))
@@ -158,19 +159,23 @@ def _found(snapshot: Snapshot, recording: Recording) -> _Found:
         )
         return _Found(Check("Recording", stored, given, False, sentence))
     try:
-        segment = cut(recording, info.start, info.duration, info.vehicles)
-        if info.left_out:
-            segment = exclude_regimes(segment, label_regimes(segment, recording), info.left_out)
+        segment = cut(recording, info.window.start, info.window.duration, info.vehicles)
+        if info.excluded_regimes:
+            segment = exclude_regimes(
+                segment, label_regimes(segment, recording), info.excluded_regimes
+            )
     except AccpinnError as fault:
         return _Found(Check("Recording", stored, given, False, str(fault)))
-    same = segment.digest() == info.digest
+    same = segment.info.digest == info.digest
     sentence = (
         "The recording is the same, and so is the window cut from it."
         if same
         else "The recording is the same, but the window cut from it differs, as if bridged or"
         " resampled in another way."
     )
-    window = Check("Window", info.digest[:ID_LENGTH], segment.digest()[:ID_LENGTH], same, sentence)
+    window = Check(
+        "Window", info.digest[:ID_LENGTH], segment.info.digest[:ID_LENGTH], same, sentence
+    )
     return _Found(window, segment if same else None)
 
 

@@ -7,9 +7,8 @@ from accpinn.evaluation.evaluation import Evaluation
 from accpinn.inference.intervals import Uncertainty
 from accpinn.methods.fit import Fit
 from accpinn.results.snapshot.schema import ATTRIBUTION_TEXT
-from accpinn.segment.info import SegmentInfo
 from accpinn.segment.quality import Quality
-from accpinn.segment.window import Segment
+from accpinn.segment.segment import Segment, SegmentInfo
 from accpinn.stability.report import StabilityReport
 from accpinn.study.comparison import MethodResult
 

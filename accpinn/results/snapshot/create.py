@@ -21,7 +21,7 @@ from accpinn.results.snapshot.content import Origin, Snapshot
 from accpinn.results.snapshot.schema import LONGEST_NAME, LONGEST_NOTE
 from accpinn.results.snapshot.validate import check_length
 from accpinn.segment.quality import assess_quality
-from accpinn.segment.window import Segment
+from accpinn.segment.segment import Segment
 from accpinn.stability.report import StabilityReport, stability_report
 from accpinn.study.comparison import MethodResult
 
@@ -68,7 +68,7 @@ def create(
         note=note,
         created=datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ"),
         origin=origin(),
-        info=segment.info(),
+        info=segment.info,
         facts=facts_of(recording) or facts or {},
         quality=assess_quality(segment),
         fit=fit,

@@ -25,9 +25,8 @@ from accpinn.results.snapshot.schema import (
     Documents,
 )
 from accpinn.results.snapshot.validate import check_outline, check_plausible
-from accpinn.segment.info import SegmentInfo
 from accpinn.segment.quality import Quality
-from accpinn.segment.window import Segment
+from accpinn.segment.segment import Segment, SegmentInfo
 from accpinn.stability.report import StabilityReport
 from accpinn.study.comparison import MethodResult
 from accpinn.units import FloatArray
@@ -206,7 +205,7 @@ class _Assembly:
             wanted = {
                 name: shape
                 for name, shape in shapes.items()
-                if name in arrays or name not in ("deviation", "left_out")
+                if name in arrays or name not in ("deviation", "mask")
             }
             check(arrays, wanted, sizes or self.sizes, what)
 
@@ -267,13 +266,13 @@ class _Assembly:
             **arrays,
             vehicles=info.vehicles,
             names=info.names,
-            start=info.start,
+            start=info.window.start,
             source=info.source,
             sha256=info.sha256,
             notes=info.notes,
-            excluded_regimes=info.left_out,
+            excluded_regimes=info.excluded_regimes,
         )
-        if segment.digest() != info.digest:
+        if segment.info.digest != info.digest:
             raise SnapshotError(
                 f"The snapshot is refused: {what} is not the window that the result was learned"
                 " from."

@@ -236,7 +236,7 @@ def described(snapshot: Snapshot, size: int) -> Entry:
         note=snapshot.note,
         created=snapshot.created,
         source=info.source,
-        window=f"{info.start:g}–{info.start + info.duration:g} s",
+        window=f"{info.window}",
         vehicles=info.labels,
         method=snapshot.fit.method,
         parameters=tuple((p.alpha, p.beta, p.tau) for p in snapshot.fit.parameters),

@@ -18,7 +18,7 @@ from accpinn.results.snapshot.agreement import ABSOLUTE, Check, compared
 from accpinn.results.snapshot.content import Snapshot
 from accpinn.results.tables.names import name_of
 from accpinn.segment.quality import assess_quality
-from accpinn.segment.window import Segment
+from accpinn.segment.segment import Segment
 
 INTERVALS = 1e-6
 """Intervals closer than this share are the same: their draws follow from solutions of nearly

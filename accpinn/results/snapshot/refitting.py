@@ -22,7 +22,7 @@ from accpinn.results.snapshot.content import Snapshot
 from accpinn.results.snapshot.create import light
 from accpinn.results.snapshot.recompute import mae
 from accpinn.results.tables.names import name_of
-from accpinn.segment.window import Segment
+from accpinn.segment.segment import Segment
 from accpinn.units import Seconds
 
 SAME = 1e-6

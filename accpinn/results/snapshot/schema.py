@@ -84,7 +84,7 @@ COURSE = {
     "parameters": Shape(("C", "M", 3), finite=False),
     "deviation": Shape(("C", "M", 3), finite=False),
 }
-DATA = {**SURROGATE, "left_out": Shape(("N", "M"), "|b1")}
+DATA = {**SURROGATE, "mask": Shape(("N", "M"), "|b1")}
 DRAWS = Shape(("D", "M", 3), finite=False)
 
 FIELDS: Mapping[str, tuple[str | int, ...]] = {
@@ -151,7 +151,7 @@ def _from_1(documents: Documents) -> Documents:
     """Schema 1 knew no regimes left out, no blocks held out, and nothing beyond the window."""
     try:
         info = documents["snapshot.json"]["info"]
-        later: list[tuple[Documents, Documents]] = [(info, {"left_out": [], "left_out_share": []})]
+        later: list[tuple[Documents, Documents]] = [(info, {"left_out": [], "excluded_share": []})]
         assessments = [row["evaluation"] for row in documents["rows.json"]]
         if "evaluation.json" in documents:
             assessments.append(documents["evaluation.json"])
@@ -177,7 +177,7 @@ and, where they are included, the speeds and gaps in this file derive from it:
 "OpenACC. An open database of car-following experiments to study the properties of commercial ACC
 systems", (c) European Union, European Commission, Joint Research Centre, licensed under
 CC BY 4.0 (https://creativecommons.org/licenses/by/4.0/),
-DOI 10.2905/9702C950-C80F-4D2F-982F-44D06EA0009F. Described in M. Makridis, K. Mattas, A. Anesiadou
+DOI 10.2905/9702C950-C80F-4D2F-982F-44D06EA0009F. SegmentInfo in M. Makridis, K. Mattas, A. Anesiadou
 and B. Ciuffo, Transportation Research Part C 125, 103047, 2021. Name both when you pass this file
 on or publish what is in it. What was changed is said in snapshot.json under "notes": a window was
 cut, and samples may have been bridged, resampled or left out.

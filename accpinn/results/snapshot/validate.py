@@ -13,7 +13,7 @@ from accpinn.methods.fit import Fit
 from accpinn.methods.registry import METHODS
 from accpinn.results.snapshot.content import Snapshot
 from accpinn.results.snapshot.schema import LONGEST_NAME, LONGEST_NOTE, PARTS
-from accpinn.segment.info import SegmentInfo
+from accpinn.segment.segment import SegmentInfo
 from accpinn.stability.criteria import checked
 from accpinn.stability.frequency import Peak
 from accpinn.stability.report import StabilityReport
@@ -87,10 +87,10 @@ def check_outline(info: SegmentInfo) -> None:
         _refuse(part, "the vehicles are not consecutive numbers from 1 on")
     if not _SHA256.fullmatch(info.sha256):
         _refuse(part, "the recording's SHA-256 is none")
-    times = (info.start, info.duration, info.sample_time)
+    times = (info.window.start, info.window.duration, info.sample_time)
     if not all(isfinite(value) for value in times) or min(times[1:]) <= 0:
         _refuse(part, "the window has no length")
-    if not all(0 <= share <= 1 for share in info.left_out_share):
+    if not all(0 <= share <= 1 for share in info.excluded_share):
         _refuse(part, "a share of instants left out is not within 0 to 1")
 
 

@@ -11,13 +11,13 @@ from accpinn.results.tables.results import (
     where,
 )
 from accpinn.results.tables.table import Cell, Column, Table
-from accpinn.segment.info import Described
+from accpinn.segment.segment import SegmentInfo
 from accpinn.study.comparison import MethodResult
 
 GAP = "MAE of the space-gap"
 
 
-def methods_table(segment: Described, rows: Sequence[MethodResult], follower: int) -> Table:
+def methods_table(segment: SegmentInfo, rows: Sequence[MethodResult], follower: int) -> Table:
     """One row a method, for one follower (0 for the first)."""
     columns = (
         Column("Method"),
@@ -48,7 +48,7 @@ def methods_table(segment: Described, rows: Sequence[MethodResult], follower: in
     return Table(f"{label}, {where(segment)}", columns, tuple(cells))
 
 
-def intervals_table(segment: Described, uncertainty: Uncertainty) -> Table:
+def intervals_table(segment: SegmentInfo, uncertainty: Uncertainty) -> Table:
     """One row a follower: intervals, and how probable string stability is."""
     columns = (
         Column("Follower"),

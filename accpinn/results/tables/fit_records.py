@@ -51,8 +51,8 @@ def _changed(run: FitRecord, present: FitRecord | None, vehicle: int) -> tuple[C
 def title(run: FitRecord) -> str:
     """Method, file and window in a few words."""
     info = run.info
-    window = f"{info.start:g}–{info.start + info.duration:g} s"
-    left = f", {', '.join(info.left_out)} left out" if info.left_out else ""
+    window = f"{info.window}"
+    left = f", {', '.join(info.excluded_regimes)} left out" if info.excluded_regimes else ""
     case = f", Case {run.case}" if info.followers > 1 else ""
     name = method_name(run.method, run.config, run.outcome)
     return f"{name}, {info.source} {window}{case}{left}"

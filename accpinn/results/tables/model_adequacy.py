@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from accpinn.inference.model_adequacy import ModelForm
 from accpinn.results.tables.results import PARAMETER_COLUMNS, where
 from accpinn.results.tables.table import Column, Table
-from accpinn.segment.info import Described
+from accpinn.segment.segment import SegmentInfo
 
 NAMES = {
     "as it is": "The law as it is",
@@ -14,7 +14,7 @@ NAMES = {
 }
 
 
-def extensions_table(segment: Described, found: Sequence[ModelForm], follower: int) -> Table:
+def extensions_table(segment: SegmentInfo, found: Sequence[ModelForm], follower: int) -> Table:
     """One row a form of the law, for one follower (0 for the first)."""
     explained = "Acceleration explained"
     columns = (

@@ -7,10 +7,10 @@ import numpy as np
 from accpinn.inference.multistart import MultistartResult
 from accpinn.results.tables.results import PARAMETER_COLUMNS, where
 from accpinn.results.tables.table import Cell, Column, Table
-from accpinn.segment.info import Described
+from accpinn.segment.segment import SegmentInfo
 
 
-def starts_table(segment: Described, found: MultistartResult, follower: int) -> Table:
+def starts_table(segment: SegmentInfo, found: MultistartResult, follower: int) -> Table:
     """One row a training of one follower (0 for the first), and the spread in the last."""
     columns = (
         Column("Start (α, β, τ)"),

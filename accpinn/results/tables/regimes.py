@@ -6,7 +6,7 @@ from accpinn.results.tables.names import TITLES
 from accpinn.results.tables.results import PARAMETER_COLUMNS, where
 from accpinn.results.tables.table import Cell, Column, Table
 from accpinn.segment.regimes import Regimes
-from accpinn.segment.window import Segment
+from accpinn.segment.segment import Segment
 from accpinn.study.sensitivity import COMPARED, SensitivityResult
 
 
@@ -17,7 +17,7 @@ def regimes_table(segment: Segment, regimes: Regimes) -> Table:
         (name, *(100 * share for share in shares))
         for name, shares in zip(segment.labels[1:], regimes.shares, strict=True)
     ]
-    return Table(f"Regimes, {where(segment)}", columns, tuple(rows))
+    return Table(f"Regimes, {where(segment.info)}", columns, tuple(rows))
 
 
 def sensitivity_table(segment: Segment, found: Sequence[SensitivityResult], follower: int) -> Table:
@@ -30,5 +30,5 @@ def sensitivity_table(segment: Segment, found: Sequence[SensitivityResult], foll
         line = cells.setdefault(row.choice, [row.choice.capitalize(), 100 * row.share[follower]])
         law = row.parameters[follower] if row.parameters else None
         line += [law.alpha, law.beta, law.tau] if law else [None] * 3
-    title = f"{segment.labels[follower + 1]}, {where(segment)}"
+    title = f"{segment.labels[follower + 1]}, {where(segment.info)}"
     return Table(title, tuple(columns), tuple(tuple(line) for line in cells.values()))

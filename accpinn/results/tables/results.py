@@ -9,8 +9,8 @@ from accpinn.methods.fit import Fit
 from accpinn.model.cthp import Parameters
 from accpinn.results.tables.names import name_of
 from accpinn.results.tables.table import Cell, Column, Table
-from accpinn.segment.info import Described
 from accpinn.segment.quality import Quality
+from accpinn.segment.segment import SegmentInfo
 
 PARAMETER_COLUMNS = (
     Column("α", "1/s²", 4),
@@ -20,7 +20,7 @@ PARAMETER_COLUMNS = (
 
 
 def parameter_table(
-    segment: Described,
+    segment: SegmentInfo,
     fit: Fit,
     quality: Quality,
     surrogate: TrackingErrors | None,
@@ -69,7 +69,7 @@ def parameter_table(
     return Table(f"{name_of(fit)}, {where(segment)}{case}", columns, tuple(rows))
 
 
-def comparison_table(segment: Described, estimates: Mapping[str, Parameters]) -> Table:
+def comparison_table(segment: SegmentInfo, estimates: Mapping[str, Parameters]) -> Table:
     """One row a follower; for each parameter, what each method or the truth says of it."""
     columns = [Column("Vehicle")]
     columns += [
@@ -84,7 +84,7 @@ def comparison_table(segment: Described, estimates: Mapping[str, Parameters]) ->
     return Table(f"Estimates side by side, {where(segment)}", tuple(columns), tuple(rows))
 
 
-def quality_table(segment: Described, quality: Quality, estimate: Fit) -> Table:
+def quality_table(segment: SegmentInfo, quality: Quality, estimate: Fit) -> Table:
     """One row a follower: what the window tells, and the least-squares estimate from it."""
     columns = (
         Column("Follower"),
@@ -128,9 +128,9 @@ def interval_cells(uncertainty: Uncertainty, follower: int) -> tuple[str, ...]:
     )
 
 
-def where(segment: Described) -> str:
+def where(segment: SegmentInfo) -> str:
     """The segment in a few words: file, seconds, and what does not count there."""
-    window = f"{segment.source}, {segment.start:g}–{segment.start + segment.duration:g} s"
+    window = f"{segment.source}, {segment.window}"
     left_out = segment.excluded_regimes
     return f"{window}, {', '.join(left_out)} left out" if left_out else window
 

@@ -10,7 +10,7 @@ from accpinn.model.cthp import Parameters
 from accpinn.results.figures import comparison as figures
 from accpinn.results.figures.style import vehicle_colour
 from accpinn.results.tables.names import name_of
-from accpinn.segment.window import Segment
+from accpinn.segment.segment import Segment
 from accpinn.study.comparison import MethodResult
 from pages.ui.components.charts import show_chart
 

@@ -7,7 +7,7 @@ import streamlit as st
 from accpinn.results.figures.comparison import Estimate
 from accpinn.results.tables import table as typeset
 from accpinn.results.tables.fit_records import earlier_table, title
-from accpinn.segment.window import Segment
+from accpinn.segment.segment import Segment
 from accpinn.study.comparison import FitRecord, MethodResult
 from pages.ui.session.workspace import Workspace
 

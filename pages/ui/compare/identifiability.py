@@ -13,7 +13,7 @@ from accpinn.results.tables import table as typeset
 from accpinn.results.tables.model_adequacy import extensions_table
 from accpinn.results.tables.multistart import starts_table
 from accpinn.segment.quality import LARGE_CONDITION, assess_quality
-from accpinn.segment.window import Segment
+from accpinn.segment.segment import Segment
 from accpinn.study.comparison import MethodResult
 from pages.ui.compare.watch import watch
 from pages.ui.components.charts import show_chart
@@ -74,7 +74,7 @@ def show_extensions(segment: Segment, follower: int) -> None:
     found = model_forms(segment)
     if sentences := better(segment.labels[1:], found):
         st.info(bullets(sentences), icon=":material/lightbulb:")
-    st.html(typeset.STYLE + extensions_table(segment, found, follower).to_html())
+    st.html(typeset.STYLE + extensions_table(segment.info, found, follower).to_html())
     st.caption(
         "Intervals say what noise and disturbances leave open if the law holds. Real controllers"
         " keep a distance at standstill and act with a delay; a law without these puts them into α,"
@@ -114,6 +114,6 @@ def show_starts(workspace: Workspace, segment: Segment, follower: int) -> None:
 
 def _show_table(segment: Segment, found: MultistartResult, follower: int) -> None:
     if found.trials:
-        st.html(typeset.STYLE + starts_table(segment, found, follower).to_html())
+        st.html(typeset.STYLE + starts_table(segment.info, found, follower).to_html())
     if found.notes:
         st.info(bullets(found.notes), icon=":material/info:")

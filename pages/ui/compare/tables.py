@@ -9,7 +9,7 @@ from accpinn.methods.registry import METHODS
 from accpinn.results.tables import table as typeset
 from accpinn.results.tables.comparison import methods_table
 from accpinn.results.tables.names import TITLES
-from accpinn.segment.window import Segment
+from accpinn.segment.segment import Segment
 from accpinn.study.comparison import MethodFailure, MethodResult
 from pages.ui.components.text import bullets
 from pages.ui.train import results
@@ -19,7 +19,7 @@ GAP_ERROR = "A lasting error of the measured gap shifts τ unseen: 0.1 m in 30 m
 
 def show_intervals(segment: Segment, uncertainty: Uncertainty) -> None:
     """What the recording allows, whichever method is asked."""
-    results.show_intervals(segment, uncertainty, GAP_ERROR)
+    results.show_intervals(segment.info, uncertainty, GAP_ERROR)
     if uncertainty.notes:
         st.info(bullets(uncertainty.notes), icon=":material/info:")
 
@@ -41,7 +41,7 @@ def show_methods(
     segment: Segment, rows: tuple[MethodResult, ...], follower: int, running: bool = False
 ) -> None:
     """Each method's estimates and errors."""
-    table = methods_table(segment, rows, follower)
+    table = methods_table(segment.info, rows, follower)
     st.html(typeset.STYLE + table.to_html())
     if running:
         return
@@ -57,4 +57,4 @@ def show_methods(
         f" {abs(gap - gap.mean()).mean():.2f} m from its mean."
         + (" Your own training has no part held out: that would be three trainings more." * own)
     )
-    results.downloads(table, segment)
+    results.downloads(table, segment.info)

@@ -9,7 +9,7 @@ from accpinn.evaluation.closed_loop import ALONE
 from accpinn.inference.identifiability import wide_intervals
 from accpinn.results.tables.names import name_of
 from accpinn.results.tables.results import PARAMETER_COLUMNS
-from accpinn.segment.window import Segment
+from accpinn.segment.segment import Segment
 from accpinn.study.comparison import MethodResult
 from accpinn.units import FloatArray
 from pages.ui.components.text import escape_markdown

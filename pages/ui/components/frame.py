@@ -8,7 +8,7 @@ import streamlit as st
 
 from accpinn.results.figures.style import vehicle_colour
 from accpinn.results.snapshot.content import Snapshot
-from accpinn.segment.info import Described
+from accpinn.segment.segment import SegmentInfo
 from accpinn.tasks.job import Job
 from accpinn.tasks.task import Status
 from pages.ui.components import charts
@@ -82,7 +82,7 @@ def go(page: str, workspace: Workspace) -> None:
     st.switch_page(page, query_params={SESSION: workspace.id})
 
 
-def vehicle_key(segment: Described, with_truth: bool = False) -> None:
+def vehicle_key(segment: SegmentInfo, with_truth: bool = False) -> None:
     """Which colour is which vehicle, once for all charts below."""
     leader = segment.vehicles[0]
     entries = [
@@ -157,7 +157,7 @@ def standing(workspace: Workspace) -> list[str]:
     lines = [f"**Recording** {escape_markdown(recording.source)}"]
     if segment:
         lines.append(
-            f"**Window** {segment.start:g}–{segment.start + segment.duration:g} s, vehicles"
+            f"**Window** {segment.window}, vehicles"
             f" {segment.vehicles[0]}–{segment.vehicles[-1]}"
             + (f", Case {workspace.case}" if segment.followers > 1 else "")
         )
@@ -174,8 +174,7 @@ def snapshot_standing(snapshot: Snapshot) -> list[str]:
     return [
         f"**Snapshot** {escape_markdown(snapshot.name[:60] or snapshot.id)}",
         f"**Recording** {escape_markdown(info.source)}",
-        f"**Window** {info.start:g}–{info.start + info.duration:g} s, vehicles"
-        f" {info.vehicles[0]}–{info.vehicles[-1]}",
+        f"**Window** {info.window}, vehicles {info.vehicles[0]}–{info.vehicles[-1]}",
     ]
 
 

@@ -72,13 +72,13 @@ def show_course(job: Job, truth: Parameters | None) -> None:
     history, segment = job.history(), job.request.segment
     if history is None:
         return
-    vehicle_key(segment, with_truth=bool(truth))
+    vehicle_key(segment.info, with_truth=bool(truth))
     loss, *parameters = st.columns(4)
     with loss:
         show_chart(training.loss_course(history), "train_loss")
     for which, column in enumerate(parameters):
         with column:
-            figure = training.parameter_course(history, which, segment, truth)
+            figure = training.parameter_course(history, which, segment.info, truth)
             show_chart(figure, f"train_parameter_{which}")
     st.caption(
         "Training lowers the loss Ψ, the sum of its terms: Ψ_D, how far the network's curves are"

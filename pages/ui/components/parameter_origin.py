@@ -7,7 +7,7 @@ import streamlit as st
 from accpinn.methods.fit import Fit, unfinished
 from accpinn.results.snapshot.content import Snapshot
 from accpinn.results.tables.results import where
-from accpinn.segment.info import Described
+from accpinn.segment.segment import SegmentInfo
 from pages.ui.components.text import escape_markdown
 from pages.ui.session.ui_state import Source
 from pages.ui.session.workspace import Workspace
@@ -17,7 +17,7 @@ from pages.ui.session.workspace import Workspace
 class Learned:
     """A fit and what it was learned from."""
 
-    described: Described
+    described: SegmentInfo
     fit: Fit
 
     @property

@@ -8,7 +8,7 @@ from accpinn.results.figures.style import vehicle_colour
 from accpinn.results.tables import table as typeset
 from accpinn.results.tables.results import quality_table
 from accpinn.segment.quality import LARGE_CONDITION, assess_quality
-from accpinn.segment.window import Segment
+from accpinn.segment.segment import Segment
 from pages.ui.components.text import bullets, escape_markdown
 from pages.ui.data.metadata import show_warnings
 from pages.ui.session.workspace import Workspace
@@ -23,7 +23,7 @@ def show_segment(workspace: Workspace) -> None:
         return
     quality = assess_quality(segment)
     estimate = least_squares.fit(segment, workspace.case)
-    table = quality_table(segment, quality, estimate)
+    table = quality_table(segment.info, quality, estimate)
     colours = [vehicle_colour(n, segment.vehicles[0]) for n in segment.vehicles[1:]]
     st.subheader("What this window tells", anchor=False)
     st.html(typeset.STYLE + table.coloured(colours).to_html())

@@ -10,8 +10,9 @@ from accpinn.model.cthp import Case
 from accpinn.recordings.recording import Recording
 from accpinn.results.tables import table as typeset
 from accpinn.results.tables.regimes import regimes_table, sensitivity_table
+from accpinn.segment.cut import cut
 from accpinn.segment.regimes import EXCLUDABLE, label_regimes
-from accpinn.segment.window import Segment, cut
+from accpinn.segment.segment import Segment
 from accpinn.study.sensitivity import SensitivityResult, sensitivity
 from pages.ui.components.text import bullets
 from pages.ui.session.workspace import Workspace, sync_widget
@@ -52,7 +53,7 @@ def show_regimes(workspace: Workspace, recording: Recording) -> None:
 def whole(workspace: Workspace) -> Segment | None:
     """The segment with nothing left out; None where there is none."""
     if workspace.segment:
-        return replace(workspace.segment, left_out=None, excluded_regimes=())
+        return replace(workspace.segment, mask=None, excluded_regimes=())
     window = workspace.window
     if workspace.recording:
         with suppress(SegmentError):
@@ -76,7 +77,7 @@ def _choose(workspace: Workspace, name: str) -> None:
 
 
 def _show_sensitivity(workspace: Workspace, segment: Segment, recording: Recording) -> None:
-    request = f"{segment.digest()} {recording.sha256} {workspace.case}"
+    request = f"{segment.info.digest} {recording.sha256} {workspace.case}"
     found = _sensitivity(request, segment, recording, workspace.case)
     if not any(any(row.share) for row in found):
         st.caption("None of these occurs in this window, so there is nothing to compare.")

@@ -11,8 +11,9 @@ from accpinn.results.figures import regimes as regime_figures
 from accpinn.results.figures.recording import has_ribbons
 from accpinn.results.figures.recording import overview as draw_overview
 from accpinn.results.figures.style import vehicle_colour
-from accpinn.segment.missing import MINIMUM_DURATION, Window
+from accpinn.segment.missing import MINIMUM_DURATION
 from accpinn.segment.regimes import label_regimes as label_regimes
+from accpinn.segment.segment import Window
 from accpinn.segment.vehicles import MAX_FOLLOWERS, chains
 from pages.ui.components.charts import show_chart
 from pages.ui.components.frame import show_key

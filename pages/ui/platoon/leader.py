@@ -60,7 +60,7 @@ def choose_leader(workspace: Workspace, platoon: Parameters) -> Leader | None:
             st.caption(
                 f"{escape_markdown(segment.labels[0])} as recorded,"
                 f" {escape_markdown(segment.source)},"
-                f" {segment.start:g}–{segment.start + segment.duration:g} s."
+                f" {segment.window}."
             )
             return Recorded(segment.time, segment.speeds[:, 0])
         return _planned(workspace, kind, platoon)

@@ -19,10 +19,10 @@ from accpinn.recordings.synthetic import Truth
 from accpinn.results.snapshot.checking import recovered
 from accpinn.results.snapshot.content import Snapshot
 from accpinn.segment import regimes
-from accpinn.segment.info import Described
-from accpinn.segment.missing import Window, complete_windows
+from accpinn.segment.cut import DURATION, cut
+from accpinn.segment.missing import complete_windows
+from accpinn.segment.segment import Segment, SegmentInfo, Window
 from accpinn.segment.vehicles import default_vehicles
-from accpinn.segment.window import DURATION, Segment, cut
 from accpinn.study.comparison import FitRecord, MethodFailure, MethodResult, compare, results_among
 from accpinn.tasks.job import Job
 from accpinn.tasks.series import Series, TaskContext
@@ -101,8 +101,8 @@ class Workspace:
         self.truth = (truth or self.truth) if cut_anew else None
         self.segment = cut_anew or snapshot.segment
         self.vehicles, self.case = info.vehicles, snapshot.fit.case
-        self.window = Window(info.start, info.start + info.duration)
-        self.leave_out, self.fault, self.refusal = info.left_out, "", ""
+        self.window = Window(info.window.start, info.window.start + info.window.duration)
+        self.leave_out, self.fault, self.refusal = info.excluded_regimes, "", ""
         self.uncertainty = (snapshot.fit, snapshot.uncertainty) if snapshot.uncertainty else None
         self.snapshot = snapshot
         with suppress(ConfigError):  # another method's result leaves the preset as it is
@@ -233,9 +233,11 @@ class Workspace:
         return self.snapshot.fit if self.snapshot else None
 
     @property
-    def described(self) -> Described | None:
+    def described(self) -> SegmentInfo | None:
         """What the fit is of; it is known also where the data are not."""
-        return self.segment or (self.snapshot.info if self.snapshot else None)
+        if self.segment:
+            return self.segment.info
+        return self.snapshot.info if self.snapshot else None
 
     @property
     def true_parameters(self) -> Parameters | None:

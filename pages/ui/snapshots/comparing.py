@@ -149,9 +149,9 @@ def _settings(snapshot: Snapshot) -> dict[str, str]:
     found: dict[str, Any] = {
         "recording": info.source,
         "recording's SHA-256": info.sha256[:16],
-        "window": f"{info.start:g}–{info.start + info.duration:g} s",
+        "window": f"{info.window}",
         "vehicles": ", ".join(info.labels),
-        "left out": ", ".join(info.left_out) or "nothing",
+        "left out": ", ".join(info.excluded_regimes) or "nothing",
         "method": fit.method,
         "case": fit.case,
         "iterations done": fit.iterations,

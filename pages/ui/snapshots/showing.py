@@ -11,7 +11,7 @@ from accpinn.results.tables import results as tables
 from accpinn.results.tables import table as typeset
 from accpinn.results.tables.comparison import methods_table
 from accpinn.results.tables.names import name_of
-from accpinn.segment.info import SegmentInfo
+from accpinn.segment.segment import SegmentInfo
 from pages.ui.components import frame
 from pages.ui.components.charts import show_chart
 from pages.ui.components.text import bullets
@@ -28,7 +28,7 @@ def show_data(workspace: Workspace, snapshot: Snapshot) -> None:
         recording_needed_here(snapshot, "Speeds and gaps are in")
         return
     st.caption("These curves are the snapshot's; the whole recording is not part of it.")
-    frame.vehicle_key(segment)
+    frame.vehicle_key(segment.info)
     show_chart(preview(segment), "snapshots_data")
 
 

@@ -15,9 +15,8 @@ from accpinn.results.figures.training import tracking
 from accpinn.results.tables import results as tables
 from accpinn.results.tables import table as typeset
 from accpinn.results.tables.comparison import intervals_table
-from accpinn.segment.info import Described
 from accpinn.segment.quality import assess_quality
-from accpinn.segment.window import Segment
+from accpinn.segment.segment import Segment, SegmentInfo
 from pages.ui.components.charts import show_chart
 from pages.ui.components.text import bullets, escape_markdown, format_duration
 from pages.ui.components.uncertainty import doubt_of_fit
@@ -41,19 +40,19 @@ def show_result(workspace: Workspace) -> None:
         " space-gap p and speed v."
     )
     show_incidents(incidents(segment, closed_loop(segment, fit)))
-    show_intervals(segment, uncertainty)
+    show_intervals(segment.info, uncertainty)
     notes = fit.notes + headway_notes(segment.labels, fit.parameters)
     if uncertainty:
         notes += uncertainty.notes
     if notes:
         st.info(bullets(notes), icon=":material/info:")
-    downloads(parameter_table(segment, fit, uncertainty), segment)
+    downloads(parameter_table(segment, fit, uncertainty), segment.info)
     compare(segment, fit, workspace.true_parameters)
     show_curves(segment, fit)
 
 
 def show_intervals(
-    segment: Described,
+    segment: SegmentInfo,
     uncertainty: Uncertainty | None,
     more: str = "Compare and Stability say more.",
 ) -> None:
@@ -103,7 +102,7 @@ def parameter_table(
 ) -> typeset.Table:
     """As in the paper, with the simulation's errors and the intervals beside."""
     return tables.parameter_table(
-        segment,
+        segment.info,
         fit,
         assess_quality(segment),
         surrogate_errors(segment, fit),
@@ -112,7 +111,7 @@ def parameter_table(
     )
 
 
-def downloads(table: typeset.Table, segment: Described) -> None:
+def downloads(table: typeset.Table, segment: SegmentInfo) -> None:
     """The table as files."""
     name = f"{Path(segment.source).stem}_parameters"
     with st.container(horizontal=True):
@@ -142,7 +141,7 @@ def compare(segment: Segment, fit: Fit, truth: Parameters | None) -> None:
     }
     if truth:
         estimates["Truth"] = truth
-    table = tables.comparison_table(segment, estimates)
+    table = tables.comparison_table(segment.info, estimates)
     colours = [vehicle_colour(n, segment.vehicles[0]) for n in segment.vehicles[1:]]
     st.subheader("Beside other estimates", anchor=False)
     st.html(typeset.STYLE + table.coloured(colours).to_html())

@@ -1,143 +1,28 @@
-"""A window of a recording and the vehicles in it: the data every method works on."""
+"""Cutting a segment: the window that can be had, on even instants, with short holes bridged."""
 
-import hashlib
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from accpinn.errors import SegmentError
 from accpinn.mask import Run
 from accpinn.recordings.recording import Recording
-from accpinn.segment.info import SegmentInfo, labels
 from accpinn.segment.missing import (
     BRIDGE,
     MINIMUM_DURATION,
     VehicleChannels,
-    Window,
     platoon_data,
     refuse_missing,
 )
+from accpinn.segment.segment import Segment, Window
 from accpinn.segment.vehicles import check_vehicles, default_vehicles
-from accpinn.units import FloatArray, Seconds, frozen
+from accpinn.units import FloatArray, Seconds
 
 DURATION: Seconds = 300.0
 """Length of a window unless told otherwise; that of the studies this package follows."""
 SLACK: Seconds = 1e-6
 """Times closer than this are the same; float noise of time stamps is below 1e-9 s."""
-
-
-@dataclass(frozen=True, eq=False)
-class Segment:
-    """Speeds and space-gaps of consecutive vehicles on evenly spaced instants, nothing missing."""
-
-    time: FloatArray
-    """(N,) in s from the window's start: 0, dt, 2 dt, ..."""
-    speeds: FloatArray
-    """(N, M+1) in m/s, leader first."""
-    gaps: FloatArray
-    """(N, M) in m; column k is the space-gap between vehicles k and k+1 of this segment."""
-    vehicles: tuple[int, ...]
-    """(M+1,) the vehicles' numbers in the file (1 = first), leader first."""
-    names: tuple[str, ...]
-    """(M+1,) their names in the file's header."""
-    start: Seconds
-    """Window start, in s from the recording's first sample."""
-    source: str
-    """File name of the recording."""
-    sha256: str
-    """Of the recording's bytes; empty for data made in memory."""
-    notes: tuple[str, ...] = ()
-    """What was done to the data (resampled, bridged, left out), in plain sentences."""
-    left_out: NDArray[np.bool_] | None = None
-    """(N, M) where a follower's equation dv/dt = .. does not count; None where all count."""
-    excluded_regimes: tuple[str, ...] = ()
-    """What was left out, by name (see `segment.regimes`)."""
-
-    def __post_init__(self) -> None:
-        """Copy and lock the arrays; refuse shapes and values no method could work on."""
-        for name in ("time", "speeds", "gaps"):
-            object.__setattr__(self, name, frozen(getattr(self, name)))
-        if self.left_out is not None:
-            object.__setattr__(self, "left_out", frozen(self.left_out, dtype=np.bool_))
-        fault = self._fault()
-        if fault:
-            raise SegmentError(f"{self.source}: this is no segment, as {fault}.")
-
-    def _fault(self) -> str:
-        samples, count = len(self.time), len(self.vehicles)
-        if self.time.ndim != 1 or samples < 2:
-            return "it needs at least two instants"
-        if count < 2 or len(self.names) != count:
-            return "it needs a leader, a follower and a name for each"
-        if self.speeds.shape != (samples, count) or self.gaps.shape != (samples, count - 1):
-            return "speeds, gaps, instants and vehicles differ in number"
-        if not all(np.isfinite(values).all() for values in (self.time, self.speeds, self.gaps)):
-            return "numbers are missing or infinite"
-        if self.left_out is not None and self.left_out.shape != self.gaps.shape:
-            return "what is left out and the space-gaps differ in number"
-        return ""
-
-    @property
-    def samples(self) -> int:
-        """N."""
-        return len(self.time)
-
-    @property
-    def followers(self) -> int:
-        """M."""
-        return len(self.vehicles) - 1
-
-    @property
-    def sample_time(self) -> Seconds:
-        """The step between instants."""
-        return round(self.duration / (self.samples - 1), 9)
-
-    @property
-    def duration(self) -> Seconds:
-        """From the first to the last instant."""
-        return round(float(self.time[-1] - self.time[0]), 6)
-
-    @property
-    def labels(self) -> tuple[str, ...]:
-        """(M+1,) number and name of each vehicle, for legends and tables."""
-        return labels(self.vehicles, self.names)
-
-    @property
-    def left_out_share(self) -> tuple[float, ...]:
-        """(M,) share of each follower's instants left out, 0 to 1; empty where all count."""
-        if self.left_out is None:
-            return ()
-        return tuple(float(share) for share in self.left_out.mean(axis=0))
-
-    def digest(self) -> str:
-        """SHA-256 of what determines an estimate: instants, speeds, gaps, vehicles, start, mask."""
-        content = hashlib.sha256(repr((self.vehicles, float(self.start))).encode())
-        for values in (self.time, self.speeds, self.gaps):
-            content.update(repr(values.shape).encode())
-            content.update(np.ascontiguousarray(values, dtype="<f8").tobytes())
-        if self.left_out is not None:
-            content.update(b"left out" + np.ascontiguousarray(self.left_out).tobytes())
-        return content.hexdigest()
-
-    def info(self) -> SegmentInfo:
-        """All but the data."""
-        return SegmentInfo(
-            vehicles=self.vehicles,
-            names=self.names,
-            start=self.start,
-            duration=self.duration,
-            samples=self.samples,
-            sample_time=self.sample_time,
-            source=self.source,
-            sha256=self.sha256,
-            notes=self.notes,
-            digest=self.digest(),
-            left_out=self.excluded_regimes,
-            left_out_share=self.left_out_share,
-        )
 
 
 def cut(

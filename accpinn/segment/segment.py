@@ -1,0 +1,180 @@
+"""A segment: a window of a recording and the vehicles in it, the data every method works on."""
+
+import hashlib
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from accpinn.errors import SegmentError
+from accpinn.units import FloatArray, Seconds, frozen
+
+
+@dataclass(frozen=True)
+class Window:
+    """An interval of a recording, in s from its first sample, both ends included."""
+
+    start: Seconds
+    end: Seconds
+
+    @property
+    def duration(self) -> Seconds:
+        """Its length in s."""
+        return round(self.end - self.start, 9)
+
+    def __str__(self) -> str:
+        """As tables and sentences name it: "0–300 s"."""
+        return f"{self.start:g} s" if self.end == self.start else f"{self.start:g}–{self.end:g} s"
+
+
+class _Platoon:
+    """What follows from the vehicles' numbers and names alone."""
+
+    vehicles: tuple[int, ...]
+    names: tuple[str, ...]
+
+    @property
+    def followers(self) -> int:
+        """How many followers: M."""
+        return len(self.vehicles) - 1
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """(M+1,) number and name of each vehicle, for legends and tables."""
+        return labels(self.vehicles, self.names)
+
+    def label(self, number: int) -> str:
+        """The label of the vehicle with that number in the file."""
+        return self.labels[self.vehicles.index(number)]
+
+
+@dataclass(frozen=True)
+class SegmentInfo(_Platoon):
+    """A segment's window, vehicles and origin without its data: enough for tables and a report."""
+
+    vehicles: tuple[int, ...]
+    """(M+1,) the vehicles' numbers in the file (1 = first), leader first."""
+    names: tuple[str, ...]
+    """(M+1,) their names in the file's header."""
+    window: Window
+    samples: int
+    """N, both ends of the window included."""
+    sample_time: Seconds
+    source: str
+    """File name of the recording."""
+    sha256: str
+    """Of the recording's bytes; empty for data made in memory."""
+    notes: tuple[str, ...]
+    """What was done to the data (resampled, bridged, left out), in plain sentences."""
+    digest: str
+    """SHA-256 of the segment's data: equal digests mean equal data."""
+    excluded_regimes: tuple[str, ...] = ()
+    """Regimes whose instants do not count in the model's equation; empty where all count."""
+    excluded_share: tuple[float, ...] = ()
+    """(M,) share of each follower's instants excluded, 0 to 1; empty where all count."""
+
+
+@dataclass(frozen=True, eq=False)
+class Segment(_Platoon):
+    """Speeds and space-gaps of consecutive vehicles on evenly spaced instants, nothing missing."""
+
+    time: FloatArray
+    """(N,) in s from the window's start: 0, dt, 2 dt, ..."""
+    speeds: FloatArray
+    """(N, M+1) in m/s, leader first."""
+    gaps: FloatArray
+    """(N, M) in m; column k is the space-gap between vehicles k and k+1 of this segment."""
+    vehicles: tuple[int, ...]
+    """(M+1,) the vehicles' numbers in the file (1 = first), leader first."""
+    names: tuple[str, ...]
+    """(M+1,) their names in the file's header."""
+    start: Seconds
+    """Where the window begins, in s from the recording's first sample."""
+    source: str
+    """File name of the recording."""
+    sha256: str
+    """Of the recording's bytes; empty for data made in memory."""
+    notes: tuple[str, ...] = ()
+    """What was done to the data (resampled, bridged, left out), in plain sentences."""
+    mask: NDArray[np.bool_] | None = None
+    """(N, M) True where the model's equation of dv/dt counts; None where it does throughout."""
+    excluded_regimes: tuple[str, ...] = ()
+    """The regimes that the mask excludes (see `segment.regimes`)."""
+
+    def __post_init__(self) -> None:
+        """Copy and lock the arrays; refuse shapes and values no method could work on."""
+        for name in ("time", "speeds", "gaps"):
+            object.__setattr__(self, name, frozen(getattr(self, name)))
+        if self.mask is not None:
+            object.__setattr__(self, "mask", frozen(self.mask, dtype=np.bool_))
+        fault = self._fault()
+        if fault:
+            raise SegmentError(f"{self.source}: this is no segment, as {fault}.")
+
+    def _fault(self) -> str:
+        samples, count = len(self.time), len(self.vehicles)
+        if self.time.ndim != 1 or samples < 2:
+            return "it needs at least two instants"
+        if count < 2 or len(self.names) != count:
+            return "it needs a leader, a follower and a name for each"
+        if self.speeds.shape != (samples, count) or self.gaps.shape != (samples, count - 1):
+            return "speeds, gaps, instants and vehicles differ in number"
+        if not all(np.isfinite(values).all() for values in (self.time, self.speeds, self.gaps)):
+            return "numbers are missing or infinite"
+        if self.mask is not None and self.mask.shape != self.gaps.shape:
+            return "the mask and the space-gaps differ in number"
+        return ""
+
+    @property
+    def samples(self) -> int:
+        """How many instants: N."""
+        return len(self.time)
+
+    @property
+    def window(self) -> Window:
+        """The interval of the recording, to the microsecond."""
+        duration = round(float(self.time[-1] - self.time[0]), 6)
+        return Window(self.start, round(self.start + duration, 9))
+
+    @property
+    def sample_time(self) -> Seconds:
+        """The step between instants in s."""
+        return round(self.window.duration / (self.samples - 1), 9)
+
+    @cached_property
+    def info(self) -> SegmentInfo:
+        """All but the data."""
+        share = () if self.mask is None else tuple((~self.mask).mean(axis=0).tolist())
+        return SegmentInfo(
+            vehicles=self.vehicles,
+            names=self.names,
+            window=self.window,
+            samples=self.samples,
+            sample_time=self.sample_time,
+            source=self.source,
+            sha256=self.sha256,
+            notes=self.notes,
+            digest=self._digest(),
+            excluded_regimes=self.excluded_regimes,
+            excluded_share=share,
+        )
+
+    def _digest(self) -> str:
+        """SHA-256 of what determines an estimate: instants, speeds, gaps, vehicles, start, mask."""
+        content = hashlib.sha256(repr((self.vehicles, float(self.start))).encode())
+        for values in (self.time, self.speeds, self.gaps):
+            content.update(repr(values.shape).encode())
+            content.update(np.ascontiguousarray(values, dtype="<f8").tobytes())
+        if self.mask is not None:
+            content.update(b"mask" + np.ascontiguousarray(self.mask).tobytes())
+        return content.hexdigest()
+
+
+def labels(vehicles: Sequence[int], names: Sequence[str]) -> tuple[str, ...]:
+    """Number and name of each vehicle; the number alone where the file gives no name."""
+    return tuple(
+        name if name == f"Vehicle {number}" else f"{number} {name}"
+        for number, name in zip(vehicles, names, strict=True)
+    )
