@@ -24,7 +24,10 @@ from accpinn.units import FloatArray
 Filled = tuple[Column, Iterable[Cell]]
 """A column with its cells."""
 
-PARAMETER_COLUMNS = tuple(Column(q.symbol, q.unit, q.digits, key=q.name) for q in PARAMETERS)
+PARAMETER_COLUMNS = tuple(
+    Column(quantity.symbol, quantity.unit, quantity.digits, key=key)
+    for quantity, key in zip(PARAMETERS, ("alpha", "beta", "tau"), strict=True)
+)
 GAP = "MAE of the space-gap"
 PROBABILITY = "Probability of string stability"
 
@@ -54,8 +57,6 @@ def parameter_table(
         uncertainty: adds the intervals.
     """
     own, simulated = "Surrogate fit, MAE", "Closed-loop simulation, MAE"
-    driven = replace(closed_loop, speed_mae=_absent(1, closed_loop.speed_mae[1:])) if (
-        closed_loop) else None  # fmt: skip
     case = f", Case {fit.case}" if info.followers > 1 else ""
     return Table.of(
         f"{name_of(fit)}, {where(info)}{case}",
@@ -64,7 +65,7 @@ def parameter_table(
             *parameter_cells(fit.parameters, above=1),
             (Column("Mean time gap", "s", 2), _absent(1, quality.mean_time_gap)),
             *_error_cells(info, surrogate, own, 3),
-            *_error_cells(info, driven, simulated, 2),
+            *_error_cells(info, closed_loop, simulated, 2, leader=False),
             *(interval_cells(uncertainty, above=1) if uncertainty else ()),
         ],
     )
@@ -73,7 +74,10 @@ def parameter_table(
 def comparison_table(info: SegmentInfo, estimates: Mapping[str, Parameters]) -> Table:
     """One row a follower; for each parameter, what each method finds, or the truth."""
     filled = [
-        (replace(column, title=name, unit="", group=column.heading, key=""), parameters.values[:, k])
+        (
+            replace(column, title=name, unit="", group=column.heading, key=""),
+            parameters.values[:, k],
+        )
         for k, column in enumerate(PARAMETER_COLUMNS)
         for name, parameters in estimates.items()
     ]
@@ -112,20 +116,23 @@ def intervals_table(info: SegmentInfo, uncertainty: Uncertainty) -> Table:
 def methods_table(info: SegmentInfo, results: Sequence[MethodResult], follower: int) -> Table:
     """One row a method, for one follower (0 for the first)."""
     evaluations = [result.evaluation for result in results]
+
+    def gaps(name: str) -> list[Cell]:
+        return _gaps([getattr(evaluation, name) for evaluation in evaluations], follower)
+
     return Table.of(
         f"{info.labels[follower + 1]}, {where(info)}",
         [
             (Column("Method"), [name_of(result.fit) for result in results]),
             *parameter_cells(Parameters.stack(r.fit.parameters[follower] for r in results)),
-            (Column("Surrogate fit", "m", 3, GAP), _gaps([e.surrogate for e in evaluations], follower)),
-            (Column("Closed loop", "m", 2, GAP), _gaps([e.closed_loop for e in evaluations], follower)),
-            (Column("Hold-out", "m", 2, GAP), _gaps([e.held_out for e in evaluations], follower)),
-            (Column("Outside the window", "m", 2, GAP),
-             _gaps([e.unseen for e in evaluations], follower)),
+            (Column("Surrogate fit", "m", 3, GAP), gaps("surrogate")),
+            (Column("Closed loop", "m", 2, GAP), gaps("closed_loop")),
+            (Column("Hold-out", "m", 2, GAP), gaps("held_out")),
+            (Column("Outside the window", "m", 2, GAP), gaps("unseen")),
             (Column("Collides at", "s", 1), [e.collisions[follower] for e in evaluations]),
             (Column("Time", "s", 2, least=True), [result.fit.seconds for result in results]),
         ],
-    )  # fmt: skip
+    )
 
 
 def multistart_table(info: SegmentInfo, found: MultistartResult, follower: int) -> Table:
@@ -254,12 +261,13 @@ def interval_cells(uncertainty: Uncertainty, above: int = 0) -> Iterator[Filled]
 
 
 def _error_cells(
-    info: SegmentInfo, errors: TrackingErrors | None, group: str, digits: int
+    info: SegmentInfo, errors: TrackingErrors | None, group: str, digits: int, leader: bool = True
 ) -> Iterator[Filled]:
-    """MAE of gap and speed of each vehicle, leader first."""
-    nothing = [None] * (info.followers + 1)
+    """MAE of gap and speed of each vehicle, leader first; its own only where it is no input."""
+    nothing: list[Cell] = [None] * (info.followers + 1)
+    speeds = nothing if errors is None else _absent(0, errors.speed_mae)
     yield Column("p", "m", digits, group), _absent(1, errors.gap_mae) if errors else nothing
-    yield Column("v", "m/s", 3, group), list(errors.speed_mae) if errors else nothing
+    yield Column("v", "m/s", 3, group), speeds if leader else _absent(1, speeds[1:])
 
 
 def _gaps(errors: Sequence[TrackingErrors | None], follower: int) -> list[Cell]:

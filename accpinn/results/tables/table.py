@@ -145,29 +145,21 @@ class Table:
 
     def to_text(self) -> str:
         """Columns as wide as they need to be; the first is set left, the others right."""
-        groups = [name for name, width in self._groups() for _ in range(width)]
-        firsts = [name if k == 0 or name != groups[k - 1] else "" for k, name in enumerate(groups)]
-        heads = [firsts] if groups else []
-        body = [*heads, [column.heading for column in self.columns], *self._shown()]
-        below = body[len(heads) :]
-        widths = [max(map(len, column)) for column in zip(*below, strict=True)]
-        lines = [f"{self.caption}"] if self.caption else []
-        if heads:
-            lines.append(self._group_line(widths))
-        for row in below:
+        body = [[column.heading for column in self.columns], *self._shown()]
+        widths = [max(map(len, column)) for column in zip(*body, strict=True)]
+        groups, at = [], 0
+        for name, count in self._groups():
+            room = sum(widths[at : at + count]) + 2 * (count - 1)
+            widths[at + count - 1] += max(0, len(name) - room)
+            groups.append(name.rjust(max(room, len(name))))
+            at += count
+        lines = [self.caption] if self.caption else []
+        lines += ["  ".join(groups).rstrip()] if groups else []
+        for row in body:
             cells = [row[0].ljust(widths[0])]
             cells += [cell.rjust(width) for cell, width in zip(row[1:], widths[1:], strict=True)]
             lines.append("  ".join(cells).rstrip())
         return "\n".join(lines)
-
-    def _group_line(self, widths: Sequence[int]) -> str:
-        """The groups' headings, each over the first of its columns, cut to the room there is."""
-        line, at = [], 0
-        for name, count in self._groups():
-            room = sum(widths[at : at + count]) + 2 * (count - 1)
-            line.append(name[:room].rjust(room) if at else name[:room].ljust(room))
-            at += count
-        return "  ".join(line).rstrip()
 
     def to_csv(self) -> str:
         """Full precision, an interval in two columns; empty where there is no value.

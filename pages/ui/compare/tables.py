@@ -7,7 +7,7 @@ import streamlit as st
 from accpinn.inference.intervals import Uncertainty
 from accpinn.methods.registry import METHODS
 from accpinn.results.tables import table as typeset
-from accpinn.results.tables.comparison import methods_table
+from accpinn.results.tables.estimates import methods_table
 from accpinn.results.tables.names import TITLES
 from accpinn.segment.segment import Segment
 from accpinn.study.comparison import MethodFailure, MethodResult
