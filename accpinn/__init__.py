@@ -28,7 +28,7 @@ The public interface, in the order data flows:
     compare                           several methods on one segment
     load, save, verify, Snapshot      one file with all of a result
     render_report                     a snapshot as one web page
-    Table, parameter_table            results as CSV, LaTeX and HTML
+    Table, parameter_table            results as text, CSV, LaTeX and HTML
     methods_table, stability_table
     messages                          the sentences of a result's findings
     AccpinnError                      one sentence that names place, fault and cure
@@ -71,8 +71,8 @@ if TYPE_CHECKING:
     from accpinn.results.report.page import render_report as render_report
     from accpinn.results.snapshot.content import Snapshot as Snapshot
     from accpinn.results.snapshot.file import save as save
-    from accpinn.results.tables.comparison import methods_table as methods_table
-    from accpinn.results.tables.results import parameter_table as parameter_table
+    from accpinn.results.tables.estimates import methods_table as methods_table
+    from accpinn.results.tables.estimates import parameter_table as parameter_table
     from accpinn.results.tables.stability import stability_table as stability_table
     from accpinn.results.tables.table import Table as Table
     from accpinn.segment.cut import cut as cut
@@ -109,8 +109,7 @@ _HOMES = {
     "results.report.page": "render_report",
     "results.snapshot.content": "Snapshot",
     "results.snapshot.file": "save",
-    "results.tables.comparison": "methods_table",
-    "results.tables.results": "parameter_table",
+    "results.tables.estimates": "methods_table parameter_table",
     "results.tables.stability": "stability_table",
     "results.tables.table": "Table",
     "segment.cut": "cut",
