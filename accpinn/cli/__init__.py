@@ -30,11 +30,11 @@ COMMANDS = {
 
 CONVENTIONS = (
     "Times are seconds from the recording's first sample. Vehicles are numbered as in the file, and"
-    " the first one listed is the leader. Case I estimates one parameter set for all followers, Case"
-    " II one for each. With --json standard output is one JSON document; progress goes to standard"
-    " error. Results and checkpoints of trainings are kept in the user's cache folder, or in the"
-    " folder that ACCPINN_CACHE names. Exit status: 0; 1 for a fault of data or files; 2 for wrong"
-    " usage; 130 when interrupted, and the same call continues the training."
+    " the first one listed is the leader. Case I estimates one parameter set for all followers,"
+    " Case II one for each. With --json standard output is one JSON document; progress goes to"
+    " standard error. Results and checkpoints of trainings are kept in the user's cache folder, or"
+    " in the folder that ACCPINN_CACHE names. Exit status: 0; 1 for a fault of data or files; 2 for"
+    " wrong usage; 130 when interrupted, and the same call continues the training."
 )
 
 
@@ -75,11 +75,9 @@ def _parser(arguments: Sequence[str]) -> argparse.ArgumentParser:
     parser.add_argument("--version", action="version", version=f"accpinn {__version__}")
     subparsers = parser.add_subparsers(metavar="COMMAND", required=True)
     for name, meaning in COMMANDS.items():
+        sentence = f"{meaning[0].upper()}{meaning[1:]}."
         command = subparsers.add_parser(
-            name,
-            help=meaning,
-            description=f"{meaning[0].upper()}{meaning[1:]}.",
-            epilog=CONVENTIONS,
+            name, help=meaning, description=sentence, epilog=CONVENTIONS
         )
         if name in arguments:
             import_module(f"accpinn.cli.{name}").add_options(command)
