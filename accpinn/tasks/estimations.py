@@ -1,6 +1,7 @@
 """Makers of tasks: a training, a comparison of all methods, and trainings from several starts."""
 
 from collections.abc import Iterator
+from dataclasses import replace
 
 from accpinn.errors import AccpinnError
 from accpinn.inference.multistart import Trial, multistart
@@ -55,10 +56,8 @@ def comparison(
     """
 
     def steps(context: TaskContext) -> Iterator[MethodResult | MethodFailure]:
-        return compare(
-            segment, case, store=context.store, threads=context.threads, recording=recording,
-            should_stop=context.should_stop,
-        )  # fmt: skip
+        quiet = replace(context, on_progress=None)  # several fits make one result
+        return compare(segment, case, recording=recording, context=quiet)
 
     methods = METHODS.values()
     names = tuple(method.title for method in methods)

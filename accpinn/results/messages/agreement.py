@@ -5,8 +5,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from accpinn.inference.identifiability import wide_intervals
+from accpinn.results.tables.estimates import PARAMETER_COLUMNS
 from accpinn.results.tables.names import name_of
-from accpinn.results.tables.results import PARAMETER_COLUMNS
 from accpinn.segment.segment import SegmentInfo
 from accpinn.study.comparison import MethodResult
 from accpinn.units import FloatArray

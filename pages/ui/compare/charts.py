@@ -5,7 +5,7 @@ import streamlit as st
 from accpinn.evaluation.closed_loop import closed_loop
 from accpinn.model.cthp import Parameters
 from accpinn.results.figures import comparison as figures
-from accpinn.results.tables.fit_records import earlier_table, title
+from accpinn.results.tables.estimates import fit_record_table, fit_record_title
 from accpinn.results.tables.names import name_of
 from accpinn.segment.segment import Segment
 from accpinn.study.comparison import FitRecord, MethodResult
@@ -101,7 +101,7 @@ def choose_earlier(workspace: Workspace, segment: Segment, follower: int) -> lis
     known: dict[str, FloatArray] = {}
     for record in reversed(workspace.records):
         if (values := record.of_vehicle(vehicle)) is not None:
-            known[f"{len(known) + 1}. {title(record)}"] = values
+            known[f"{len(known) + 1}. {fit_record_title(record)}"] = values.values
     if not known:
         return []
     chosen = st.multiselect(
@@ -135,7 +135,7 @@ def show_records(
     st.caption(f"Kept from earlier in this session: {count} fit{'s' if count != 1 else ''}.")
     # Of two fits by one method the first counts: the second is the session's own training.
     now = {row.fit.method: FitRecord.of(segment, row.fit) for row in reversed(rows)}
-    table = earlier_table(tuple(reversed(records)), now, segment.vehicles[follower + 1])
+    table = fit_record_table(tuple(reversed(records)), now, segment.vehicles[follower + 1])
     if table.rows:
         show_table(table)
     else:

@@ -8,8 +8,7 @@ from accpinn.inference.multistart import summarise
 from accpinn.inference.profiles import INCREASE, profiles
 from accpinn.methods.pinn.config import PRESETS
 from accpinn.results.figures.comparison import profiles as profiles_chart
-from accpinn.results.tables.model_adequacy import extensions_table
-from accpinn.results.tables.multistart import starts_table
+from accpinn.results.tables.estimates import model_form_table, multistart_table
 from accpinn.segment.quality import LARGE_CONDITION, assess_quality
 from accpinn.segment.segment import Segment
 from accpinn.study.comparison import MethodResult
@@ -67,7 +66,7 @@ def show_adequacy(segment: Segment, follower: int) -> None:
     st.subheader("Model adequacy", anchor=False)
     found = model_forms(segment)
     show_messages(better(segment.labels[1:], found), icon="lightbulb")
-    show_table(extensions_table(segment.info, found, follower))
+    show_table(model_form_table(segment.info, found, follower))
     st.caption(
         "The intervals hold if the model does. Real controllers keep a distance at standstill and"
         " act with a delay; a model without these terms shifts them into α, β and τ. Unseen: the"
@@ -101,7 +100,7 @@ def show_starts(workspace: Workspace, segment: Segment, follower: int) -> None:
     def draw(_: bool) -> None:
         found = summarise(segment, task.results)
         if found.trials:
-            show_table(starts_table(segment.info, found, follower))
+            show_table(multistart_table(segment.info, found, follower))
         show_messages(found.notes)
 
     monitor(workspace, task, draw)

@@ -7,7 +7,7 @@ import streamlit as st
 from accpinn.evaluation.closed_loop import ALONE
 from accpinn.methods.registry import METHODS
 from accpinn.results.messages.agreement import agreement, colliding_methods
-from accpinn.results.tables.comparison import methods_table
+from accpinn.results.tables.estimates import methods_table
 from accpinn.results.tables.names import TITLES, name_of
 from accpinn.segment.segment import Segment
 from accpinn.study.comparison import MethodFailure, MethodResult
@@ -19,7 +19,7 @@ def show_failures(failures: Sequence[MethodFailure]) -> None:
     """The methods without a result, those with the same reason together."""
     reasons: dict[str, list[str]] = {}
     for failure in failures:
-        reasons.setdefault(failure.reason, []).append(TITLES[failure.method])
+        reasons.setdefault(str(failure.fault), []).append(TITLES[failure.method])
     sentences = [
         f"No result from {', '.join(who) if len(who) < len(METHODS) else 'any method'}: {why}"
         for why, who in reasons.items()

@@ -11,7 +11,7 @@ from accpinn.methods.fit import Fit, unfinished
 from accpinn.model.cthp import Parameters
 from accpinn.model.published import PUBLISHED, ParameterSet, parameter_set
 from accpinn.results.snapshot.library import Entry
-from accpinn.results.tables.results import where
+from accpinn.results.tables.estimates import where
 from accpinn.segment.segment import SegmentInfo
 from pages.ui.components.messages import escape_markdown, show_error, show_messages
 from pages.ui.components.widgets import segments, select

@@ -7,7 +7,7 @@ import streamlit as st
 from accpinn.methods import least_squares
 from accpinn.methods.fit import headway_notes
 from accpinn.recordings.recording import Recording
-from accpinn.results.tables.results import quality_table
+from accpinn.results.tables.estimates import quality_table
 from accpinn.segment.quality import LARGE_CONDITION, assess_quality
 from accpinn.segment.segment import Segment
 from pages.ui.components.messages import bullets, escape_markdown, show_error, show_messages

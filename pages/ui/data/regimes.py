@@ -7,7 +7,7 @@ import streamlit as st
 from accpinn.errors import SegmentError
 from accpinn.model.cthp import Case
 from accpinn.recordings.recording import Recording
-from accpinn.results.tables.regimes import regimes_table, sensitivity_table
+from accpinn.results.tables.estimates import regimes_table, sensitivity_table
 from accpinn.segment.regimes import EXCLUDABLE, label_regimes
 from accpinn.segment.segment import Segment
 from accpinn.study.sensitivity import SensitivityResult, sensitivity
@@ -34,7 +34,7 @@ def show_regimes(workspace: Workspace, recording: Recording) -> None:
     regimes = label_regimes(segment, recording)
     # Its state is the server's, as what stands above it comes and goes.
     with st.expander("Regimes", icon=":material/category:", key="data_regimes", on_change="rerun"):
-        show_table(regimes_table(segment, regimes))
+        show_table(regimes_table(segment.info, regimes))
         if not any(regimes.mode_known):
             st.caption("The file has no driver modes, so no instant counts as manual.")
         st.markdown("**Leave out of the model's equations**")
@@ -72,7 +72,7 @@ def _show_sensitivity(workspace: Workspace, segment: Segment, recording: Recordi
         st.caption("None of these occurs in this window, so there is nothing to compare.")
         return
     for follower in range(segment.followers):
-        show_table(sensitivity_table(segment, found, follower))
+        show_table(sensitivity_table(segment.info, found, follower))
     show_messages(tuple(dict.fromkeys(row.refusal for row in found if row.refusal)))
 
 

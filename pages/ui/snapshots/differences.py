@@ -12,8 +12,7 @@ from accpinn.model.published import ParameterSet
 from accpinn.results.figures.stability import bode
 from accpinn.results.snapshot.content import Snapshot
 from accpinn.results.snapshot.create import stability
-from accpinn.results.tables.table import ABSENT, Cell, Column, Table
-from accpinn.results.tables.uncertainty import between
+from accpinn.results.tables.table import ABSENT, Cell, Column, Table, between
 from pages.ui.components.charts import show_chart
 from pages.ui.components.messages import show_messages
 from pages.ui.components.table import show_table, vehicle_colours

@@ -6,8 +6,7 @@ from accpinn.inference.intervals import Uncertainty
 from accpinn.model.published import ParameterSet
 from accpinn.results.figures import stability as figures
 from accpinn.results.messages.amplification import amplification, certainty
-from accpinn.results.tables.stability import answer, stability_table
-from accpinn.results.tables.uncertainty import stability_doubt_table
+from accpinn.results.tables.stability import answer, stability_interval_table, stability_table
 from accpinn.stability.report import StabilityReport
 from accpinn.stability.verdicts import Verdict
 from pages.ui.components.messages import escape_markdown, show_messages
@@ -81,7 +80,7 @@ def choose_uncertainty(workspace: Workspace, chosen: ParameterSet) -> Uncertaint
 
 def show_intervals(chosen: ParameterSet, uncertainty: Uncertainty) -> None:
     """Intervals of the stability measures."""
-    show_table(stability_doubt_table(chosen, uncertainty), figures.colours(chosen))
+    show_table(stability_interval_table(chosen, uncertainty), figures.colours(chosen))
     st.caption(
         "From posterior samples, with disturbances that last for seconds. Probability of string"
         " stability: the share of samples that control the gap and are stable. Samples with α = 0"

@@ -11,8 +11,8 @@ from accpinn.methods import least_squares
 from accpinn.methods.fit import Fit, History, Outcome, headway_notes
 from accpinn.model.cthp import Parameters
 from accpinn.results.figures import training as figures
-from accpinn.results.tables import results as tables
-from accpinn.results.tables.comparison import intervals_table
+from accpinn.results.tables import estimates as tables
+from accpinn.results.tables.estimates import intervals_table
 from accpinn.results.tables.table import Table
 from accpinn.segment.quality import assess_quality
 from accpinn.segment.segment import Segment, SegmentInfo
