@@ -97,7 +97,7 @@ def segment_line(segment: Segment, case: str, vehicles: bool = False) -> str:
     parts += [f"{segment.labels[0]} to {segment.labels[-1]}"] if vehicles else []
     parts += [f"Case {case}"] if segment.followers > 1 else []
     excluded = segment.excluded_regimes
-    parts += [f"{', '.join(excluded)} left out"] if excluded else []
+    parts += [f"without {', '.join(excluded)}"] if excluded else []
     return " · ".join(map(escape_markdown, parts))
 
 
@@ -114,7 +114,7 @@ def session_state(workspace: Workspace) -> list[str]:
             case = f", Case {workspace.case}" if segment.followers > 1 else ""
             lines.append(f"**Window** {segment.window}, {_vehicles(segment.vehicles)}{case}")
             if segment.excluded_regimes:
-                lines.append(f"**Left out** of the model: {', '.join(segment.excluded_regimes)}")
+                lines.append(f"**Without** {', '.join(segment.excluded_regimes)}")
         else:
             lines.append("**Window** cannot be used yet")
     return lines + ([f"**Training** {_STATUS[training.status]}"] if training else [])

@@ -28,7 +28,7 @@ from pages.ui.session.workspace import Workspace
 from pages.ui.stability.certainty import certainty
 from pages.ui.stability.charts import clicked_point
 from pages.ui.stability.views import headline
-from tests.apptest import PLATOON, STABILITY, figures, open_page, texts, with_sample, workspace_of
+from tests.support.apptest import PLATOON, STABILITY, figures, open_page, texts, with_sample, workspace_of
 
 pytestmark = pytest.mark.usefixtures("fresh_server")
 

@@ -21,7 +21,7 @@ from pages.ui.components.text import escape_markdown
 from pages.ui.data.sources import FIRST_SAMPLE, sample
 from pages.ui.session import resources as server
 from pages.ui.session.workspace import KEPT_RUNS, Workspace
-from tests.apptest import COMPARE, WAIT, everything, open_page, texts, with_sample
+from tests.support.apptest import COMPARE, WAIT, everything, open_page, texts, with_sample
 from tests.driving import MIXED, driven
 
 pytestmark = pytest.mark.usefixtures("fresh_server")

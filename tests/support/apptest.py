@@ -7,10 +7,10 @@ from typing import Any
 from streamlit.testing.v1 import AppTest
 
 from pages.ui.data.sources import FIRST_SAMPLE, sample
-from pages.ui.session import registry as sessions
+from pages.ui.session import sessions
 from pages.ui.session.workspace import Workspace
 
-ROOT = Path(__file__).parent.parent
+ROOT = Path(__file__).parents[2]
 HOME = "app.py"
 DATA, TRAIN, STABILITY = "pages/1_Data.py", "pages/2_Train.py", "pages/3_Stability.py"
 PLATOON, COMPARE, SNAPSHOTS = "pages/4_Platoon.py", "pages/5_Compare.py", "pages/6_Snapshots.py"

@@ -16,12 +16,12 @@ from accpinn.results.snapshot.library import Library
 from accpinn.tasks.task import Status
 from pages.ui.components.parameter_picker import parameters_from
 from pages.ui.data.sources import FIRST_SAMPLE, sample
-from pages.ui.session import registry as sessions
+from pages.ui.session import sessions
 from pages.ui.session.resources import library, task_queue
 from pages.ui.session.workspace import Workspace
 from pages.ui.snapshots.comparing import differing_settings, other_vehicles, parameter_differences
 from pages.ui.train.settings import chosen_config
-from tests.apptest import (
+from tests.support.apptest import (
     COMPARE,
     DATA,
     PAGES,
