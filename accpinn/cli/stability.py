@@ -5,9 +5,14 @@ from typing import Any
 
 from accpinn.cli.output import print_json, show, table
 from accpinn.cli.parameters import add_parameter_options, chosen_parameters
+from accpinn.results.messages.stability import TITLES, reason
 from accpinn.stability.frequency import Peak
-from accpinn.stability.report import StabilityReport, VehicleStability, stability_report
-from accpinn.stability.verdicts import Verdict
+from accpinn.stability.report import (
+    StabilityReport,
+    VehicleStability,
+    Verdict,
+    stability_report,
+)
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
@@ -36,23 +41,26 @@ def describe(result: StabilityReport) -> dict[str, Any]:
             "head_to_tail_peaks": [_peak(peak) for peak in platoon.peaks],
             "head_to_tail_linf": platoon.linf.gain.tolist(),
             "head_to_tail_linf_error": platoon.linf.error.tolist(),
-            "l2_strict": _verdict(platoon.l2_strict),
-            "l2_weak": _verdict(platoon.l2_weak),
-            "linf_strict": _verdict(platoon.linf_strict),
-            "linf_weak": _verdict(platoon.linf_weak),
+            "l2_strict": _verdict(platoon.l2_strict, result),
+            "l2_weak": _verdict(platoon.l2_weak, result),
+            "linf_strict": _verdict(platoon.linf_strict, result),
+            "linf_weak": _verdict(platoon.linf_weak, result),
         },
     }
 
 
 def _vehicle(vehicle: VehicleStability) -> dict[str, Any]:
-    law, smallest = vehicle.parameters, vehicle.smallest_tau
+    parameters, smallest = vehicle.parameters, vehicle.smallest_tau
     return {
-        "alpha": law.alpha,
-        "beta": law.beta,
-        "tau": law.tau,
-        "l2": {"criterion": vehicle.l2_criterion, **_verdict(vehicle.l2)},
-        "linf_paper": {"criterion": vehicle.paper_criterion, **_verdict(vehicle.linf_paper)},
-        "linf_exact": {"gain": vehicle.linf_gain, **_verdict(vehicle.linf_exact)},
+        "alpha": parameters.alpha,
+        "beta": parameters.beta,
+        "tau": parameters.tau,
+        "l2": {"criterion": vehicle.l2.value, **_verdict(vehicle.l2, vehicle)},
+        "linf_paper": {
+            "criterion": vehicle.linf_paper.value,
+            **_verdict(vehicle.linf_paper, vehicle),
+        },
+        "linf_exact": {"gain": vehicle.linf_gain, **_verdict(vehicle.linf_exact, vehicle)},
         "peak": _peak(vehicle.peak),
         "crossover": vehicle.crossover,
         "overshoot": vehicle.overshoot,
@@ -72,22 +80,23 @@ def _peak(peak: Peak) -> dict[str, Any]:
     return {"gain": peak.gain, "db": peak.db, "omega": peak.omega}
 
 
-def _verdict(verdict: Verdict) -> dict[str, Any]:
-    return {"stable": verdict.stable, "marginal": verdict.marginal, "reason": verdict.reason}
+def _verdict(verdict: Verdict, of: VehicleStability | StabilityReport) -> dict[str, Any]:
+    why = reason(verdict, of)
+    return {"stable": verdict.stable, "marginal": verdict.marginal, "reason": why}
 
 
 def _text(result: StabilityReport) -> str:
-    head = ["vehicle", "α (1/s²)", "β (1/s)", "τ (s)", "L2", "L∞ paper", "L∞ exact", "‖h‖₁"]
+    head = ["vehicle", "α (1/s²)", "β (1/s)", "τ (s)", "L₂", "L∞ paper", "L∞ exact", "‖h‖₁"]
     head += ["peak (dB)", "at (rad/s)", "below (rad/s)"]
     rows = []
     for number, vehicle in enumerate(result.vehicles, 1):
-        law = vehicle.parameters
+        parameters = vehicle.parameters
         rows.append(
             [
                 str(number),
-                f"{law.alpha:.4f}",
-                f"{law.beta:.4f}",
-                f"{law.tau:.3f}",
+                f"{parameters.alpha:.4f}",
+                f"{parameters.beta:.4f}",
+                f"{parameters.tau:.3f}",
                 _answer(vehicle.l2),
                 _answer(vehicle.linf_paper),
                 _answer(vehicle.linf_exact),
@@ -100,7 +109,9 @@ def _text(result: StabilityReport) -> str:
     lines = [table(head, rows), ""]
     for number, vehicle in enumerate(result.vehicles, 1):
         for verdict in (vehicle.l2, vehicle.linf_paper, vehicle.linf_exact):
-            lines.append(f"Vehicle {number}, {verdict.name}: {verdict.reason}")
+            lines.append(
+                f"Vehicle {number}, {TITLES[verdict.criterion]}: {reason(verdict, vehicle)}"
+            )
     if len(result.vehicles) > 1:
         platoon = result.platoon
         for verdict in (
@@ -109,7 +120,8 @@ def _text(result: StabilityReport) -> str:
             platoon.linf_strict,
             platoon.linf_weak,
         ):
-            lines.append(f"Platoon, {verdict.name}: {_answer(verdict)}. {verdict.reason}")
+            title, why = TITLES[verdict.criterion], reason(verdict, result)
+            lines.append(f"Platoon, {title}: {_answer(verdict)}. {why}")
     return "\n".join(lines)
 
 

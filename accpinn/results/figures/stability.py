@@ -1,16 +1,22 @@
 """String stability as plotly figures: response over frequency, criteria over the platoon, maps."""
 
 import html
+from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
+from accpinn.model.cthp import Parameters
 from accpinn.model.published import ParameterSet
 from accpinn.results.figures.style import LEADER, MODEL, SERIES, finished, vehicle_colour
+from accpinn.stability.criteria import (
+    smallest_headway_exact,
+    smallest_headway_l2,
+    smallest_headway_paper,
+)
 from accpinn.stability.frequency import response
-from accpinn.stability.maps import Boundaries, boundaries_over_alpha, boundaries_over_beta
 from accpinn.stability.report import StabilityReport
 from accpinn.units import FloatArray
 
@@ -49,7 +55,8 @@ MAP_KEY = (
 
 def colours(laws: ParameterSet) -> tuple[str, ...]:
     """Each follower's colour, the same on every page."""
-    return tuple(vehicle_colour(number, laws.leader) for number in laws.numbers)
+    leader, *followers = laws.vehicles
+    return tuple(vehicle_colour(number, leader) for number in followers)
 
 
 def bode(laws: ParameterSet, report: StabilityReport) -> go.Figure:
@@ -145,8 +152,8 @@ def criteria_course(laws: ParameterSet, report: StabilityReport) -> go.Figure:
     vehicles, platoon = report.vehicles, report.platoon
     figure = make_subplots(rows=2, cols=1, shared_xaxes=True, vertical_spacing=0.1)
     upper = (
-        ("L2 criterion", [v.l2_criterion for v in vehicles], L2, "circle"),
-        ("L∞ criterion of the paper", [v.paper_criterion for v in vehicles], PAPER, "square"),
+        ("L2 criterion", [v.l2.value for v in vehicles], L2, "circle"),
+        ("L∞ criterion of the paper", [v.linf_paper.value for v in vehicles], PAPER, "square"),
     )
     for name, values, colour, symbol in upper:
         _course(figure, 1, laws, name, values, colour, symbol)
@@ -163,7 +170,7 @@ def criteria_course(laws: ParameterSet, report: StabilityReport) -> go.Figure:
     figure.update_yaxes(title_text="Criterion [1/s²]", row=1, col=1)
     figure.update_yaxes(title_text="Gain", row=2, col=1)
     places = list(range(1, len(laws) + 1))
-    numbers = laws.numbers if laws.numbered else places
+    numbers = laws.vehicles[1:] if laws.numbered else places
     figure.update_xaxes(tickvals=places, ticktext=[str(number) for number in numbers],
                         range=[0.7, len(laws) + 0.3])  # fmt: skip
     figure.update_xaxes(title_text="Vehicle" if laws.numbered else "Follower", row=2, col=1)
@@ -198,10 +205,9 @@ def stability_map(
     own = [each.beta if plane == "beta" else each.alpha for each in laws.parameters]
     right = max(1.35 * max(own), 0.6 if plane == "beta" else 0.15)
     along = np.linspace(right / ALONG, right, ALONG)
-    edges = (
-        boundaries_over_beta(law.alpha, along)
-        if plane == "beta"
-        else boundaries_over_alpha(law.beta, along)
+    edges = _boundaries(
+        along,
+        Parameters(law.alpha, along, 0.0) if plane == "beta" else Parameters(along, law.beta, 0.0),
     )
     top = _highest(laws, report, held)
     figure = go.Figure()
@@ -214,6 +220,21 @@ def stability_map(
     _say(figure, "something grows", 0.015 if plane == "beta" else 0.985, 0.015)  # beside hatching
     _say(figure, "nothing grows", 0.985, 0.985)
     return finished(figure, 400, f"map-{plane}-{held}").update_layout(hovermode="closest")
+
+
+@dataclass(frozen=True, eq=False)
+class _Boundaries:
+    """The smallest τ in s of each criterion along a range of α or β; (K,) each."""
+
+    along: FloatArray
+    l2: FloatArray
+    linf_paper: FloatArray
+    linf_exact: FloatArray
+
+
+def _boundaries(along: FloatArray, parameters: Parameters) -> _Boundaries:
+    kinds = (smallest_headway_l2, smallest_headway_paper, smallest_headway_exact)
+    return _Boundaries(along, *(kind(parameters) for kind in kinds))
 
 
 def _say(figure: go.Figure, text: str, x: float, y: float) -> None:
@@ -232,7 +253,7 @@ def _highest(laws: ParameterSet, report: StabilityReport, held: int) -> float:
     return float(min(1.2 * max(wanted), max([12.0, *(1.2 * tau for tau in taus)])))
 
 
-def _regions(figure: go.Figure, edges: Boundaries, top: float) -> None:
+def _regions(figure: go.Figure, edges: _Boundaries, top: float) -> None:
     """Shades from below: something grows, only peaks grow, nothing grows; hatched: disagreement."""
     exact = np.minimum(edges.linf_exact, 2 * top)
     layers = (
@@ -259,7 +280,7 @@ def _band(figure: go.Figure, along: FloatArray, values: FloatArray, **fill: obje
     )  # fmt: skip
 
 
-def _lines(figure: go.Figure, edges: Boundaries) -> None:
+def _lines(figure: go.Figure, edges: _Boundaries) -> None:
     lines = (
         ("L2", edges.l2, {"color": L2, "width": 2}),
         ("L∞, exact", edges.linf_exact, {"color": EXACT, "width": 2}),

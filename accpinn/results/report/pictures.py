@@ -64,14 +64,10 @@ class Picture:
 
 
 def learned_parameters(snapshot: Snapshot) -> ParameterSet:
-    """The followers' laws under their labels."""
+    """The followers' parameters under their labels."""
     info = snapshot.info
     return ParameterSet(
-        info.source,
-        info.labels[1:],
-        snapshot.fit.parameters,
-        info.vehicles[1:],
-        info.vehicles[0],
+        info.source, info.names[1:], snapshot.fit.parameters, info.vehicles, info.labels[1:]
     )
 
 

@@ -3,11 +3,10 @@
 from accpinn.model.published import ParameterSet
 from accpinn.results.tables.results import PARAMETER_COLUMNS
 from accpinn.results.tables.table import Cell, Column, Table
-from accpinn.stability.report import StabilityReport
-from accpinn.stability.verdicts import Verdict
+from accpinn.stability.report import StabilityReport, Verdict
 
-L2, LINF = "L2: no frequency grows", "L∞: no peak grows"
-HEADWAY = "Stable from τ"
+L2, LINF = "L₂ string stability", "L∞ string stability"
+HEADWAY = "Smallest stable time headway"
 
 
 def stability_table(laws: ParameterSet, report: StabilityReport) -> Table:
@@ -22,7 +21,7 @@ def stability_table(laws: ParameterSet, report: StabilityReport) -> Table:
         Column("Paper's criterion", group=LINF),
         Column("Exact", group=LINF),
         Column("‖h‖₁", "", 3, LINF),
-        Column("L2", "s", 2, HEADWAY),
+        Column("L₂", "s", 2, HEADWAY),
         Column("L∞", "s", 2, HEADWAY),
     )
     rows: list[tuple[Cell, ...]] = []
