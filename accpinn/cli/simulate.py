@@ -3,14 +3,15 @@
 import argparse
 from typing import Any
 
-from accpinn.cli.output import print_json, show, table
-from accpinn.cli.parameters import add_parameter_options, chosen_parameters
+from accpinn.cli.options import add_parameter_options, chosen_parameters
+from accpinn.cli.output import print_json, show
 from accpinn.errors import ConfigError
 from accpinn.model.cthp import Parameters
 from accpinn.platoon.leader import Sinusoid
 from accpinn.platoon.simulation import PlatoonRun, simulate_platoon
 from accpinn.results.messages import messages
 from accpinn.results.messages.platoon import PLACES
+from accpinn.results.tables.stability import amplitude_table
 
 MOST_VEHICLES = 100
 
@@ -31,7 +32,6 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         parser.add_argument(
             f"--{name}", type=float, default=default, help=f"{meaning} ({default:g})"
         )
-    parser.add_argument("--json", action="store_true", help="one JSON document")
     parser.set_defaults(run=run)
 
 
@@ -48,19 +48,18 @@ def run(options: argparse.Namespace) -> int:
     return 0
 
 
-def _platoon(parameters: Parameters, vehicles: int | None) -> Parameters:
+def _platoon(laws: Parameters, vehicles: int | None) -> Parameters:
     """One set repeated, or the sets in their order."""
     if vehicles is not None and not 1 <= vehicles <= MOST_VEHICLES:
         raise ConfigError(f"vehicles: {vehicles} is not allowed; choose 1 to {MOST_VEHICLES}.")
-    count = len(parameters)
-    if count == 1:
-        return parameters[[0] * (8 if vehicles is None else vehicles)]
-    if vehicles not in (None, count):
+    if len(laws) == 1:
+        return laws[[0] * (8 if vehicles is None else vehicles)]
+    if vehicles not in (None, len(laws)):
         raise ConfigError(
-            f"vehicles: {count} parameter sets make {count} followers, not {vehicles};"
+            f"vehicles: {len(laws)} parameter sets make {len(laws)} followers, not {vehicles};"
             " leave the option out, or give one set."
         )
-    return parameters
+    return laws
 
 
 def describe(result: PlatoonRun) -> dict[str, Any]:
@@ -78,18 +77,5 @@ def describe(result: PlatoonRun) -> dict[str, Any]:
 
 
 def _text(result: PlatoonRun) -> str:
-    waves = result.amplitudes
-    assert waves is not None
-    rows = []
-    for follower in range(len(waves.measured)):
-        rows.append(
-            [
-                f"follower {follower}" if follower else "leader",
-                f"{waves.measured[follower]:.4f}",
-                f"{waves.predicted[follower]:.4f}",
-                f"{result.minimum_gap[follower - 1]:.2f}" if follower else "-",
-            ]
-        )
-    head = ["vehicle", "amplitude (m/s)", "predicted (m/s)", "smallest gap (m)"]
-    notes = (f"Note: {text}" for text in messages(result.findings, PLACES))
-    return "\n".join([table(head, rows), *notes])
+    notes = [f"Note: {warning}" for warning in messages(result.findings, PLACES)]
+    return "\n".join([amplitude_table(result).to_text(), *notes])
