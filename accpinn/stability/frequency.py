@@ -69,14 +69,10 @@ def peaks(parameters: Parameters) -> Peaks:
     total = (parameters.alpha * parameters.tau + parameters.beta) ** 2 / spacing_gain(parameters)
     rest = total / (1.0 + root + beta_squared)  # 1 - q without cancellation
     with np.errstate(divide="ignore"):  # an undamped vehicle's gain is infinite
-        log_gain = -0.5 * np.where(q < 0.5, np.log1p(-(np.minimum(q, 0.5) ** 2)), _log_of(rest, q))
+        near, far = np.log1p(-(np.minimum(q, 0.5) ** 2)), np.log(rest) + np.log1p(q)  # log(1 - q²)
+    log_gain = -0.5 * np.where(q < 0.5, near, far)
     silent = (parameters.alpha == 0) & (parameters.beta == 0)
     return Peaks(np.where(silent, -np.inf, log_gain), np.sqrt(parameters.alpha * q))
-
-
-def _log_of(rest: FloatArray, q: FloatArray) -> FloatArray:
-    """log(1 - q²) from 1 - q and q."""
-    return np.asarray(np.log(rest) + np.log1p(q))
 
 
 def crossovers(parameters: Parameters) -> FloatArray:
