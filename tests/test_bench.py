@@ -9,7 +9,7 @@ import pytest
 
 from accpinn.inference.intervals import LEVEL
 from accpinn.model.cthp import Parameters
-from accpinn.recordings.synthetic import Driving
+from accpinn.recordings.synthetic import LeaderProfile
 from accpinn.segment.segment import Segment
 from bench import coverage, departures
 from bench.disturbed import Disturbance, disturbed
@@ -82,7 +82,7 @@ class TestDisturbedRecordings:
     def test_what_the_law_lacks_is_in_them(self) -> None:
         """A constant speed ahead: the gap is τv, more by s₀, more uphill."""
         law = Parameters(0.2, 0.4, 1.2)
-        calm = Driving(20.0, 10.0, 30.0, (500.0, 600.0), (0.4, 1.2), 0.0)
+        calm = LeaderProfile(20.0, 10.0, 30.0, (500.0, 600.0), (0.4, 1.2), 0.0)
         for standstill, slope in ((0.0, 0.0), (4.0, 0.0), (0.0, -0.1)):
             what = Disturbance(1e-9, 4.0, standstill=standstill, slope=slope)
             segment = disturbed((law,), 1, what, calm, 120.0, noise=None)

@@ -40,32 +40,32 @@ class Window:
         return f"{self.start:g} s" if self.end == self.start else f"{self.start:g}–{self.end:g} s"
 
 
-class MetadataMissing(Finding):
+class MetadataMissing(Finding, frozen=True):
     """A row above the column names is missing."""
 
     key: str
 
 
-class MetadataUnreadable(Finding):
+class MetadataUnreadable(Finding, frozen=True):
     """A row above the column names holds something that its key does not allow; it is ignored."""
 
     key: str
     text: str
 
 
-class NamesWithoutData(Finding):
+class NamesWithoutData(Finding, frozen=True):
     """The header names vehicles that have no speed column."""
 
     vehicles: tuple[int, ...]
 
 
-class VehiclesWithoutName(Finding):
+class VehiclesWithoutName(Finding, frozen=True):
     """Vehicles with a speed column have no name in the header."""
 
     vehicles: tuple[int, ...]
 
 
-class VehicleCountMismatch(Finding):
+class VehicleCountMismatch(Finding, frozen=True):
     """Number_of_vehicles, the list of names and the speed columns disagree."""
 
     stated: int
@@ -73,17 +73,17 @@ class VehicleCountMismatch(Finding):
     recorded: int
 
 
-class GapsUnused(Finding):
+class GapsUnused(Finding, frozen=True):
     """Space-gaps (numbered by the vehicle ahead) beside a vehicle without a speed column."""
 
     gaps: tuple[int, ...]
 
 
-class LineEndMissing(Finding):
+class LineEndMissing(Finding, frozen=True):
     """The last row has no line end, so its last number may be cut short."""
 
 
-class ModesUnknown(Finding):
+class ModesUnknown(Finding, frozen=True):
     """Cells of a Driver column hold neither ACC nor Human."""
 
     vehicle: int
@@ -91,7 +91,7 @@ class ModesUnknown(Finding):
     example: str
 
 
-class SamplesMissing(Finding):
+class SamplesMissing(Finding, frozen=True):
     """A channel of a vehicle has no value; for gaps, only where both speeds are known."""
 
     channel: str
@@ -105,7 +105,7 @@ class SamplesMissing(Finding):
     """How many blocks there are besides."""
 
 
-class GapContradictsSpeeds(Finding):
+class GapContradictsSpeeds(Finding, frozen=True):
     """The space-gap behind a vehicle does not change as the two speeds demand."""
 
     vehicle: int
@@ -113,7 +113,7 @@ class GapContradictsSpeeds(Finding):
     """Of the gap's rate of change with the difference of the speeds; 1 for sound data."""
 
 
-class ValuesNegative(Finding):
+class ValuesNegative(Finding, frozen=True):
     """A channel of a vehicle that cannot be negative is."""
 
     channel: str
@@ -122,7 +122,7 @@ class ValuesNegative(Finding):
     lowest: float
 
 
-class ValuesImplausible(Finding):
+class ValuesImplausible(Finding, frozen=True):
     """A channel of a vehicle exceeds its plausible range."""
 
     channel: str
@@ -131,7 +131,7 @@ class ValuesImplausible(Finding):
     highest: float
 
 
-class ValuesFrozen(Finding):
+class ValuesFrozen(Finding, frozen=True):
     """A channel repeats one value while the vehicle behind the sensor moves."""
 
     channel: str
@@ -141,7 +141,7 @@ class ValuesFrozen(Finding):
     """The longest repetition."""
 
 
-class LittleLeaderMotion(Finding):
+class LittleLeaderMotion(Finding, frozen=True):
     """The leader's speed varies so little that it excites nothing."""
 
     vehicle: int

@@ -186,7 +186,7 @@ def _not_numbers(table: _Table) -> RecordingError:
 
 
 def _unreadable(table: _Table) -> RecordingError:
-    """For rows that the parser does not take for rows: almost always one quotation mark too many."""
+    """Why the parser finds other rows: almost always for one quotation mark too many."""
     lines = table.text.splitlines()
     quoted = next((i for i, line in enumerate(lines) if line.count(b'"') % 2), None)
     if quoted is None:

@@ -10,7 +10,7 @@ Near equilibrium p is close to τv and Δv to zero: the regressors are then near
 many (α, β, τ) explain the data equally well.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from itertools import compress
 from typing import Any
@@ -34,7 +34,7 @@ LARGE_CONDITION = 100.0
 LITTLE_CAR_FOLLOWING = 0.5
 
 
-class NearEquilibrium(Finding):
+class NearEquilibrium(Finding, frozen=True):
     """Followers whose regressors are nearly collinear, so that α, β and τ are poorly identified."""
 
     vehicles: tuple[int, ...]
@@ -44,7 +44,7 @@ class NearEquilibrium(Finding):
     """Condition number of each one's regressors."""
 
 
-class LittleCarFollowing(Finding):
+class LittleCarFollowing(Finding, frozen=True):
     """Followers that are in car-following for a small part of the window."""
 
     vehicles: tuple[int, ...]
@@ -52,7 +52,7 @@ class LittleCarFollowing(Finding):
     """The share of instants in car-following of each, 0 to 1."""
 
 
-class GapsNegative(Finding):
+class GapsNegative(Finding, frozen=True):
     """Followers with negative space-gaps."""
 
     vehicles: tuple[int, ...]
@@ -125,20 +125,18 @@ def _condition(part: FloatArray) -> float:
 
 
 def _findings(segment: Segment, figures: Quality) -> Iterator[QualityFinding]:
-    followers = segment.vehicles[1:]
-    deviations, conditions = figures.relative_deviation, figures.condition
+    def those(chosen: Mask, *parts: tuple[Any, ...]) -> Iterator[tuple[Any, ...]]:
+        return (tuple(compress(part, chosen)) for part in (segment.vehicles[1:], *parts))
+
     if figures.leader_deviation < LITTLE_LEADER_MOTION:
         yield LittleLeaderMotion(segment.vehicles[0], figures.leader_deviation)
+    deviations, conditions = figures.relative_deviation, figures.condition
     still = np.less(deviations, LITTLE_RELATIVE_MOTION) | np.greater(conditions, LARGE_CONDITION)
     if still.any():
-        yield NearEquilibrium(*(_where(still, part) for part in (followers, deviations, conditions)))
+        yield NearEquilibrium(*those(still, deviations, conditions))
     elsewhere = np.less(figures.car_following, LITTLE_CAR_FOLLOWING)
     if elsewhere.any():
-        yield LittleCarFollowing(*(_where(elsewhere, p) for p in (followers, figures.car_following)))
+        yield LittleCarFollowing(*those(elsewhere, figures.car_following))
     negative = (segment.gaps < 0).sum(axis=0)
     if negative.any():
-        yield GapsNegative(*(_where(negative > 0, p) for p in (followers, negative.tolist())))
-
-
-def _where(chosen: Mask, values: Sequence[Any]) -> tuple[Any, ...]:
-    return tuple(compress(values, chosen))
+        yield GapsNegative(*those(negative > 0, tuple(negative.tolist())))

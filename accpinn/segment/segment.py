@@ -13,27 +13,27 @@ from accpinn.recordings.recording import Window, vehicle_label
 from accpinn.units import FloatArray, Seconds, frozen
 
 
-class WindowMoved(Finding):
+class WindowMoved(Finding, frozen=True):
     """The window starts at the sample nearest to the time that was asked for."""
 
     asked: Seconds
     start: Seconds
 
 
-class WindowShortened(Finding):
+class WindowShortened(Finding, frozen=True):
     """The window ends with the recording, before the duration that was asked for."""
 
     asked: Seconds
     window: Window
 
 
-class Resampled(Finding):
+class Resampled(Finding, frozen=True):
     """The file's steps vary, so the data were resampled linearly to even ones."""
 
     step: Seconds
 
 
-class Bridged(Finding):
+class Bridged(Finding, frozen=True):
     """Missing samples were bridged by straight lines."""
 
     column: str
@@ -43,7 +43,7 @@ class Bridged(Finding):
     """Where, in the recording's time."""
 
 
-class RegimesExcluded(Finding):
+class RegimesExcluded(Finding, frozen=True):
     """Instants of some regimes do not count in the equations of the model."""
 
     regimes: tuple[str, ...]
@@ -53,7 +53,7 @@ class RegimesExcluded(Finding):
     """The share of each one's instants that is excluded, 0 to 1."""
 
 
-class NothingToExclude(Finding):
+class NothingToExclude(Finding, frozen=True):
     """No instant has one of the regimes to exclude."""
 
     regimes: tuple[str, ...]
