@@ -30,7 +30,7 @@ from accpinn.results.snapshot.schema import ATTRIBUTION, MANIFEST, PARTS, SCHEMA
 from accpinn.segment.cut import cut
 from accpinn.segment.regimes import exclude_regimes, label_regimes
 from tests.driving import MIXED, driven, standing_still
-from tests.samples import FOLDER, NOISY
+from tests.support.samples import FOLDER, NOISY
 from tests.snapshots import resealed, small, small_bytes, trained, whole
 from tests.support.methods import RIVALS as ESTIMATORS
 

@@ -13,8 +13,7 @@ from accpinn.recordings.recording import (
     RecordingFinding,
     SamplesMissing,
     ValuesFrozen,
-    ValuesImplausible,
-    ValuesNegative,
+    ValuesOutOfRange,
 )
 from accpinn.units import FloatArray, MetresPerSecond, Seconds
 
@@ -56,11 +55,11 @@ def check(recording: Recording) -> Iterator[RecordingFinding]:
         if value is not None and value < AGREEMENT_LIMIT:
             yield GapContradictsSpeeds(vehicle=number, correlation=value)
     for channel, number, values in channels:
-        if count := int((values < 0).sum()):
-            yield ValuesNegative(channel.column, number, count, float(np.nanmin(values)))
+        if count := int((values < channel.lowest).sum()):
+            yield ValuesOutOfRange(channel.column, number, count, float(np.nanmin(values)))
     for channel, number, values in channels:
         if count := int((values > channel.highest).sum()):
-            yield ValuesImplausible(channel.column, number, count, float(np.nanmax(values)))
+            yield ValuesOutOfRange(channel.column, number, count, float(np.nanmax(values)))
     for channel, number, values in channels:
         yield from _frozen(recording, channel, number, values)
     leader = recording.present[0]

@@ -81,25 +81,6 @@ CAMPAIGNS = (
 
 
 @dataclass(frozen=True)
-class Header:
-    """Everything a file says before its first sample."""
-
-    date: date | None
-    names: tuple[str, ...]
-    """As listed, trailing empty ones dropped."""
-    number: int | None
-    """Number_of_vehicles."""
-    acc_flag: int | None
-    distance_setting: str | None
-    columns: Columns
-    findings: tuple[RecordingFinding, ...]
-
-    def name(self, number: int) -> str:
-        """What vehicle ``number`` is called; empty where it has no name."""
-        return self.names[number - 1] if number <= len(self.names) else ""
-
-
-@dataclass(frozen=True)
 class _Row:
     number: int
     cells: tuple[str, ...]
@@ -119,9 +100,18 @@ def read(source: Source, name: str | None = None, limit_bytes: int = LIMIT_BYTES
         RecordingError: one sentence of file, place, fault and cure.
     """
     source_file = read_bytes(source, name, limit_bytes)
-    header = _read_header(source_file)
-    vehicles = max(len(header.names), *header.columns.speed, 2)
-    samples = read_samples(source_file, header.columns, vehicles)
+    metadata, columns = _read_header(source_file)
+    names = _names(source_file, metadata.get("Vehicle_order", ()))
+    findings: list[RecordingFinding] = [
+        MetadataMissing(key=key) for key in METADATA if key not in metadata
+    ]
+    day = _date(metadata.get("Date", ()), findings)
+    stated = _integer("Number_of_vehicles", metadata, range(1, 1000), findings)
+    acc_flag = _integer("ACC", metadata, range(3), findings)
+    distance_setting = excerpt(next(iter(metadata.get("Distance_setting", ())), "")) or None
+    findings += _check_layout(names, stated, columns)
+    vehicles = max(len(names), *columns.speed, 2)
+    samples = read_samples(source_file, columns, vehicles)
     for values, kind in ((samples.speed, "speed"), (samples.gap, "space-gap")):
         if np.isnan(values).all():
             fault = f"all {kind} columns are empty"
@@ -129,27 +119,29 @@ def read(source: Source, name: str | None = None, limit_bytes: int = LIMIT_BYTES
     recording = Recording(
         source=source_file.name,
         sha256=hashlib.sha256(source_file.raw).hexdigest(),
-        campaign=_campaign(source_file, header.date),
-        date=header.date,
-        acc_flag=header.acc_flag,
-        distance_setting=header.distance_setting,
-        vehicles=tuple(_vehicle(header, samples, k) for k in range(1, vehicles + 1)),
+        campaign=_campaign(source_file, day),
+        date=day,
+        acc_flag=acc_flag,
+        distance_setting=distance_setting,
+        vehicles=tuple(
+            _vehicle(number, names.get(number) or unnamed(number), samples)
+            for number in range(1, vehicles + 1)
+        ),
         time=samples.time - samples.time[0],
         first_time=float(samples.time[0]),
         speed=samples.speed,
         gap=samples.gap,
         mode=samples.mode,
     )
-    findings = (*header.findings, *_check_layout(header), *samples.findings, *check(recording))
-    return replace(recording, findings=findings)
+    return replace(recording, findings=(*findings, *samples.findings, *check(recording)))
 
 
-def _vehicle(header: Header, samples: Samples, number: int) -> Vehicle:
+def _vehicle(number: int, name: str, samples: Samples) -> Vehicle:
     absent, mode = np.isnan(samples.speed[:, number - 1]), samples.mode[:, number - 1]
     counts = {name: int((mode == Mode[name.upper()]).sum()) for name in ("ACC", "Human")}
     return Vehicle(
         index=number,
-        name=header.name(number) or unnamed(number),
+        name=name,
         present=not absent.all(),
         missing=int(absent.sum()),
         missing_share=float(absent.mean()),
@@ -157,17 +149,18 @@ def _vehicle(header: Header, samples: Samples, number: int) -> Vehicle:
     )
 
 
-def _check_layout(header: Header) -> Iterator[RecordingFinding]:
+def _check_layout(
+    names: Mapping[int, str], stated: int | None, columns: Columns
+) -> Iterator[RecordingFinding]:
     """Where names, number of vehicles and columns disagree."""
-    named, speeds = len(header.names), header.columns.speed
-    if absent := tuple(number for number in range(1, named + 1) if number not in speeds):
+    speeds = columns.speed
+    if absent := tuple(number for number in names if number not in speeds):
         yield NamesWithoutData(vehicles=absent)
-    if nameless := tuple(number for number in sorted(speeds) if not header.name(number)):
+    if nameless := tuple(number for number in sorted(speeds) if not names.get(number)):
         yield VehiclesWithoutName(vehicles=nameless)
-    stated = header.number
-    if stated is not None and (stated not in {named, max(speeds)} or stated < named):
-        yield VehicleCountMismatch(stated=stated, named=named, recorded=len(speeds))
-    if orphans := tuple(n for n in sorted(header.columns.gap) if not {n, n + 1} <= set(speeds)):
+    if stated is not None and (stated not in {len(names), max(speeds)} or stated < len(names)):
+        yield VehicleCountMismatch(stated=stated, named=len(names), recorded=len(speeds))
+    if orphans := tuple(n for n in sorted(columns.gap) if not {n, n + 1} <= set(speeds)):
         yield GapsUnused(gaps=orphans)
 
 
@@ -191,14 +184,22 @@ def _campaign(source_file: SourceFile, day: date | None) -> str | None:
 # The rows above the numbers
 
 
-def _read_header(source_file: SourceFile) -> Header:
+Metadata = dict[str, tuple[str, ...]]
+"""The cells behind each key."""
+
+
+def _read_header(source_file: SourceFile) -> tuple[Metadata, Columns]:
     """Metadata and columns of a file, or the sentence why it is no OpenACC run."""
-    metadata: dict[str, tuple[str, ...]] = {}
+    metadata: Metadata = {}
     keys = {key.lower(): key for key in METADATA}
     for row in _rows(source_file.text):
         first = row.cells[0].lower()
         if first == TIME.column.lower():
-            return _header(source_file, metadata, row)
+            columns = _columns(source_file, row)
+            if metadata:
+                return metadata, columns
+            fault = f"the metadata rows ({', '.join(METADATA)}) above the column names are missing"
+            raise source_file.refusal(fault, "add them, or download the file again", "row 1")
         if first not in keys:
             raise _unexpected(source_file, row)
         if keys[first] in metadata:
@@ -235,30 +236,6 @@ def _unexpected(source_file: SourceFile, row: _Row) -> RecordingError:
     return source_file.refusal(fault, _CHOOSE_RUN, place)
 
 
-def _header(source_file: SourceFile, metadata: Mapping[str, tuple[str, ...]], row: _Row) -> Header:
-    columns = _columns(source_file, row)
-    if not metadata:
-        fault = f"the metadata rows ({', '.join(METADATA)}) above the column names are missing"
-        raise source_file.refusal(fault, "add them, or download the file again", "row 1")
-    listed = metadata.get("Vehicle_order", ())
-    last = max((i for i, cell in enumerate(listed) if cell), default=-1)
-    if last >= MAX_VEHICLES:
-        fault = f"{last + 1} vehicles are listed and at most {MAX_VEHICLES} can be read"
-        raise source_file.refusal(fault, "check the row Vehicle_order")
-    findings: list[RecordingFinding] = [
-        MetadataMissing(key=key) for key in METADATA if key not in metadata
-    ]
-    return Header(
-        date=_date(metadata.get("Date", ()), findings),
-        names=tuple(excerpt(cell, LONGEST_NAME) for cell in listed[: last + 1]),
-        number=_integer("Number_of_vehicles", metadata, range(1, 1000), findings),
-        acc_flag=_integer("ACC", metadata, range(3), findings),
-        distance_setting=excerpt(next(iter(metadata.get("Distance_setting", ())), "")) or None,
-        columns=columns,
-        findings=tuple(findings),
-    )
-
-
 def _columns(source_file: SourceFile, row: _Row) -> Columns:
     place = f"row {row.number}"
     found: dict[str, dict[int, int]] = {c.column: {} for c in (SPEED, GAP, DRIVER)}
@@ -285,6 +262,15 @@ def _columns(source_file: SourceFile, row: _Row) -> Columns:
     return Columns(row.cells, row.number, row.end, speed, gap, driver)
 
 
+def _names(source_file: SourceFile, cells: tuple[str, ...]) -> dict[int, str]:
+    """Names by vehicle number, as listed; trailing empty ones are dropped."""
+    last = max((number for number, cell in enumerate(cells, 1) if cell), default=0)
+    if last > MAX_VEHICLES:
+        fault = f"{last} vehicles are listed and at most {MAX_VEHICLES} can be read"
+        raise source_file.refusal(fault, "check the row Vehicle_order")
+    return {number: excerpt(cell, LONGEST_NAME) for number, cell in enumerate(cells[:last], 1)}
+
+
 def _date(cells: tuple[str, ...], findings: list[RecordingFinding]) -> date | None:
     if not any(cells):
         return None
@@ -299,7 +285,7 @@ def _date(cells: tuple[str, ...], findings: list[RecordingFinding]) -> date | No
 
 def _integer(
     key: str,
-    metadata: Mapping[str, tuple[str, ...]],
+    metadata: Metadata,
     allowed: range,
     findings: list[RecordingFinding],
 ) -> int | None:

@@ -113,22 +113,14 @@ class GapContradictsSpeeds(Finding, frozen=True):
     """Of the gap's rate of change with the difference of the speeds; 1 for sound data."""
 
 
-class ValuesNegative(Finding, frozen=True):
-    """A channel of a vehicle that cannot be negative is."""
+class ValuesOutOfRange(Finding, frozen=True):
+    """A channel of a vehicle leaves its plausible range on one side."""
 
     channel: str
     vehicle: int
     samples: int
-    lowest: float
-
-
-class ValuesImplausible(Finding, frozen=True):
-    """A channel of a vehicle exceeds its plausible range."""
-
-    channel: str
-    vehicle: int
-    samples: int
-    highest: float
+    extreme: float
+    """The value furthest outside."""
 
 
 class ValuesFrozen(Finding, frozen=True):
@@ -160,8 +152,7 @@ RecordingFinding = (
     | ModesUnknown
     | SamplesMissing
     | GapContradictsSpeeds
-    | ValuesNegative
-    | ValuesImplausible
+    | ValuesOutOfRange
     | ValuesFrozen
     | LittleLeaderMotion
 )

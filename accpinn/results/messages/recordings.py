@@ -84,20 +84,17 @@ def _(finding: found.GapContradictsSpeeds, about: Labelled) -> str:
 
 
 @message.register
-def _(finding: found.ValuesNegative, about: Labelled) -> str:
+def _(finding: found.ValuesOutOfRange, about: Labelled) -> str:
     channel = RECORDED[finding.channel]
+    column, unit = channel.of(finding.vehicle), channel.unit
+    if finding.extreme < channel.lowest:
+        return (
+            f"{column} is negative in {finding.samples} samples, the lowest"
+            f" {finding.extreme:.2g} {unit}."
+        )
     return (
-        f"{channel.of(finding.vehicle)} is negative in {finding.samples} samples, the lowest"
-        f" {finding.lowest:.2g} {channel.unit}."
-    )
-
-
-@message.register
-def _(finding: found.ValuesImplausible, about: Labelled) -> str:
-    channel = RECORDED[finding.channel]
-    return (
-        f"{channel.of(finding.vehicle)} exceeds {channel.highest:g} {channel.unit} in"
-        f" {finding.samples} samples, up to {finding.highest:.4g}; check its unit."
+        f"{column} exceeds {channel.highest:g} {unit} in {finding.samples} samples, up to"
+        f" {finding.extreme:.4g}; check its unit."
     )
 
 
