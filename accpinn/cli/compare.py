@@ -48,14 +48,7 @@ def run(options: argparse.Namespace) -> int:
     methods = parse_methods(options.methods)
     recording, segment = chosen_segment(options)
     context = chosen_context(options)
-    found = compare(
-        segment,
-        options.case,
-        methods,
-        store=context.store,
-        threads=context.threads,
-        recording=recording,
-    )
+    found = compare(segment, options.case, methods, recording=recording, context=context)
     outcomes = list(tqdm(found, total=len(methods), unit="method", file=sys.stderr))
     results, failures = results_among(outcomes), failures_among(outcomes)
     if not results:
@@ -74,7 +67,7 @@ def _describe(
     return {
         "segment": describe_segment(segment),
         "rows": [_describe_result(segment, result) for result in results],
-        "refused": [{"method": one.method, "reason": one.reason} for one in failures],
+        "refused": [{"method": one.method, "reason": str(one.fault)} for one in failures],
         "warnings": _warnings(segment, results[0]),
         "forms": [
             {
@@ -161,7 +154,7 @@ def _text(
         *(model_form_table(info, forms, k) for k in each),
     ]
     said = [
-        *(f"{one.method} has no result: {one.reason}" for one in failures),
+        *(f"{one.method} has no result: {one.fault}" for one in failures),
         *messages(segment.findings, segment),
         *_warnings(segment, results[0]),
         *(f"{r.fit.method}: {incident}" for r in results for incident in r.evaluation.incidents),

@@ -191,7 +191,7 @@ def fit_record_table(
     """
     kept = [(run, run.of_vehicle(vehicle)) for run in runs]
     runs = [run for run, then in kept if then is not None]
-    then = Parameters.of(np.reshape([v for _, v in kept if v is not None], (-1, 3)))
+    then = Parameters.stack(value for _, value in kept if value is not None)
     gaps = [run.closed_loop[run.info.vehicles[1:].index(vehicle)] for run in runs]
     filled: list[Filled] = [
         (Column("Earlier fit", prose=True), [fit_record_title(run) for run in runs]),
@@ -201,7 +201,8 @@ def fit_record_table(
     if now:
         present = [now.get(run.method) for run in runs]
         values = [run.of_vehicle(vehicle) if run else None for run in present]
-        change = [np.full(3, np.nan) if v is None else v for v in values] - then.values
+        unknown = np.full(3, np.nan)
+        change = [unknown if v is None else v.values for v in values] - then.values
         differs = [
             "; ".join(differences(run, other)) or "nothing" if other and value is not None else None
             for run, other, value in zip(runs, present, values, strict=True)

@@ -30,7 +30,9 @@ def choose_earlier(workspace: Workspace, segment: Segment, follower: int) -> lis
         placeholder=f"{len(known)} kept",
     )
     values = [(name, names[name].of_vehicle(number)) for name in chosen if name in names]
-    return [Estimate(name, value, earlier=True) for name, value in values if value is not None]
+    return [
+        Estimate(name, value.values, earlier=True) for name, value in values if value is not None
+    ]
 
 
 def show_earlier(

@@ -28,7 +28,7 @@ def show_refusals(refused: Sequence[MethodFailure]) -> None:
     """The methods that have no row, those with the same reason together."""
     reasons: dict[str, list[str]] = {}
     for one in refused:
-        reasons.setdefault(one.reason, []).append(TITLES[one.method])
+        reasons.setdefault(str(one.fault), []).append(TITLES[one.method])
     if reasons:
         said = tuple(
             f"No result from {', '.join(who) if len(who) < len(METHODS) else 'any method'}: {why}"
