@@ -5,6 +5,7 @@ from contextlib import suppress
 import streamlit as st
 
 from accpinn.errors import ConfigError
+from accpinn.results.messages import messages
 from pages.ui.components import frame
 from pages.ui.components.messages import escape_markdown
 from pages.ui.data.preview import describe, show_preview, show_warnings
@@ -32,7 +33,7 @@ def main() -> None:
     ):
         choose_source(workspace)
     st.markdown(describe(recording))
-    show_warnings(recording.warnings, "this recording")
+    show_warnings(messages(recording.findings, recording), "this recording")
     controls, chart = st.columns((1, 2.6), gap="medium")
     with controls:
         choose_vehicles(workspace, recording)

@@ -4,25 +4,26 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from accpinn.tasks.series import Series
+from pages.ui.compare.own import rows_of
+from pages.ui.components.text import escape_markdown
 
 from accpinn.errors import SegmentError
 from accpinn.evaluation.closed_loop import ALONE
 from accpinn.methods import least_squares
 from accpinn.methods.fit import Outcome
 from accpinn.methods.pinn.config import FAST, PAPER
-from accpinn.segment.segment import Segment, Window
+from accpinn.recordings.recording import Window
+from accpinn.segment.segment import Segment
 from accpinn.study.comparison import METHODS, MethodFailure, MethodResult, compare, result_of
-from accpinn.tasks.series import Series
 from accpinn.tasks.task import Status
 from pages.ui.compare.charts import picked_name
-from pages.ui.compare.own import rows_of
 from pages.ui.compare.verdict import collision_lines, incidents, verdict
-from pages.ui.components.text import escape_markdown
 from pages.ui.data.sources import FIRST_SAMPLE, sample
 from pages.ui.session import resources as server
 from pages.ui.session.workspace import KEPT_RUNS, Workspace
-from tests.support.apptest import COMPARE, WAIT, everything, open_page, texts, with_sample
 from tests.driving import MIXED, driven
+from tests.support.apptest import COMPARE, WAIT, everything, open_page, texts, with_sample
 
 pytestmark = pytest.mark.usefixtures("fresh_server")
 

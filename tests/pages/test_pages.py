@@ -12,8 +12,8 @@ from accpinn.methods import least_squares
 from accpinn.methods.pinn.config import preset
 from accpinn.model.cthp import Parameters, Trajectories
 from accpinn.recordings.openacc import read
-from accpinn.recordings.recording import Recording
-from accpinn.segment.segment import Segment, Window
+from accpinn.recordings.recording import Recording, Window
+from accpinn.segment.segment import Segment
 from accpinn.tasks.estimations import training
 from accpinn.tasks.request import TrainingRequest
 from accpinn.tasks.task import Status
@@ -21,8 +21,8 @@ from pages.ui.components.messages import bullets, escape_markdown, format_durati
 from pages.ui.data import sources
 from pages.ui.data.window_picker import window_of
 from pages.ui.session import sessions
-from pages.ui.session.sessions import KEPT_FOR, KEPT_WORKSPACES, Workspaces
 from pages.ui.session.resources import task_queue
+from pages.ui.session.sessions import KEPT_FOR, KEPT_WORKSPACES, Workspaces
 from pages.ui.session.workspace import Workspace
 from tests.support.apptest import (
     COMPARE,
@@ -35,7 +35,7 @@ from tests.support.apptest import (
     texts,
     with_sample,
 )
-from tests.openacc_files import csv, metadata, platoon
+from tests.support.openacc_files import csv, metadata, platoon
 
 pytestmark = pytest.mark.usefixtures("fresh_server")
 
@@ -541,7 +541,11 @@ def test_another_window_forgets_what_was_chosen_among_the_former_vehicles() -> N
     found = with_sample()
     found.platoon_choice.own, found.platoon_choice.omega, found.map_choice.held = "1-4", 0.3, 3
     found.choose(vehicles=(1, 2))
-    assert (found.platoon_choice.own, found.platoon_choice.omega, found.map_choice.held) == ("", None, -1)
+    assert (found.platoon_choice.own, found.platoon_choice.omega, found.map_choice.held) == (
+        "",
+        None,
+        -1,
+    )
     found.parameter_choice.source, found.platoon_choice.own = "published", "1-4"
     found.choose(vehicles=(1, 2, 3))
     assert found.platoon_choice.own == "1-4", "the published laws stay the same"

@@ -4,6 +4,7 @@ from dataclasses import replace
 from typing import Any
 
 import pytest
+from pages.ui.snapshots.comparing import differing_settings, other_vehicles, parameter_differences
 from streamlit.testing.v1 import AppTest
 
 from accpinn.methods.fit import Outcome
@@ -19,8 +20,8 @@ from pages.ui.data.sources import FIRST_SAMPLE, sample
 from pages.ui.session import sessions
 from pages.ui.session.resources import library, task_queue
 from pages.ui.session.workspace import Workspace
-from pages.ui.snapshots.comparing import differing_settings, other_vehicles, parameter_differences
 from pages.ui.train.settings import chosen_config
+from tests.snapshots import whole
 from tests.support.apptest import (
     COMPARE,
     DATA,
@@ -35,7 +36,6 @@ from tests.support.apptest import (
     with_sample,
     workspace_of,
 )
-from tests.snapshots import whole
 
 pytestmark = pytest.mark.usefixtures("fresh_server")
 

@@ -10,6 +10,8 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as some
+from pages.ui.platoon.order import parse_order
+from pages.ui.stability.certainty import certainty
 from streamlit.testing.v1 import AppTest
 
 from accpinn.errors import ParameterError
@@ -18,17 +20,23 @@ from accpinn.methods import least_squares
 from accpinn.methods.fit import Outcome
 from accpinn.model.cthp import Parameters
 from accpinn.model.published import ASTAZERO, CASALE, parameter_set
+from accpinn.recordings.recording import Window
 from accpinn.results.snapshot.create import create
-from accpinn.segment.segment import Window
 from accpinn.stability.report import stability_report
 from accpinn.tasks.task import Status
-from pages.ui.platoon.order import parse_order
 from pages.ui.session.resources import library
 from pages.ui.session.workspace import Workspace
-from pages.ui.stability.certainty import certainty
 from pages.ui.stability.charts import clicked_point
 from pages.ui.stability.views import headline
-from tests.support.apptest import PLATOON, STABILITY, figures, open_page, texts, with_sample, workspace_of
+from tests.support.apptest import (
+    PLATOON,
+    STABILITY,
+    figures,
+    open_page,
+    texts,
+    with_sample,
+    workspace_of,
+)
 
 pytestmark = pytest.mark.usefixtures("fresh_server")
 

@@ -25,7 +25,7 @@ from accpinn.tasks import estimations
 from accpinn.tasks.queue import KEPT_FOR, KEPT_TASKS, TaskQueue
 from accpinn.tasks.request import TrainingRequest
 from accpinn.tasks.task import Status, Task
-from tests.openacc_files import csv, platoon
+from tests.support.openacc_files import csv, platoon
 
 WAIT = 20.0
 """Seconds after which a test gives up; a sound queue needs none of them."""

@@ -6,7 +6,7 @@ import streamlit as st
 
 from accpinn.evaluation.closed_loop import ALONE
 from accpinn.methods.registry import METHODS
-from accpinn.results.messages.agreement import agreement, colliding_methods
+from accpinn.results.messages.study import agreement, colliding_methods
 from accpinn.results.tables.estimates import methods_table
 from accpinn.results.tables.names import TITLES, name_of
 from accpinn.segment.segment import Segment

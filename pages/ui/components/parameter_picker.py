@@ -9,7 +9,7 @@ import streamlit as st
 from accpinn.errors import AccpinnError, ParameterError
 from accpinn.methods.fit import Fit, unfinished
 from accpinn.model.cthp import Parameters
-from accpinn.model.published import PUBLISHED, ParameterSet, parameter_set
+from accpinn.model.published import PUBLISHED, ParameterSet
 from accpinn.results.snapshot.library import Entry
 from accpinn.results.tables.estimates import where
 from accpinn.segment.segment import SegmentInfo
@@ -43,7 +43,7 @@ class Learned:
         """The followers' parameters, titled with file, window and excluded regimes."""
         info = self.info
         return ParameterSet(
-            where(info), info.labels[1:], self.fit.parameters, info.vehicles[1:], info.vehicles[0]
+            where(info), info.names[1:], self.fit.parameters, info.vehicles, info.labels[1:]
         )
 
 
@@ -211,6 +211,6 @@ def _typed(rows: tuple[TypedRow, ...]) -> ParameterSet:
         raise ParameterError(
             f"The table has {len(rows)} vehicles; give at least one and at most {MOST}."
         )
-    labels = [name.strip() or f"Vehicle {k}" for k, (name, *_) in enumerate(rows, 1)]
+    names = tuple(name.strip() or f"Vehicle {k}" for k, (name, *_) in enumerate(rows, 1))
     values = [[math.nan if v is None else v for v in values] for _, *values in rows]
-    return parameter_set(BY_HAND, labels, Parameters.of(values))
+    return ParameterSet(BY_HAND, names, Parameters.of(values))

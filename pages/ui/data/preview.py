@@ -7,6 +7,7 @@ import streamlit as st
 from accpinn.methods import least_squares
 from accpinn.methods.fit import headway_notes
 from accpinn.recordings.recording import Recording
+from accpinn.results.messages import messages
 from accpinn.results.tables.estimates import quality_table
 from accpinn.segment.quality import LARGE_CONDITION, assess_quality
 from accpinn.segment.segment import Segment
@@ -64,10 +65,10 @@ def show_preview(workspace: Workspace) -> None:
         " not identifiable." + _excluded_line(segment)
     )
     headways = headway_notes(segment.labels, estimate.parameters)
-    show_warnings(headways + quality.warnings + estimate.notes, "this window")
-    if segment.notes:
+    show_warnings(headways + messages(quality.findings, segment) + estimate.notes, "this window")
+    if segment.findings:
         with st.expander("Changes to the data", icon=":material/build:"):
-            st.markdown(bullets(segment.notes))
+            st.markdown(bullets(messages(segment.findings, segment)))
 
 
 def _excluded_line(segment: Segment) -> str:

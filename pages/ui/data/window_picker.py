@@ -9,13 +9,12 @@ from typing import Any
 import streamlit as st
 
 from accpinn.errors import SegmentError
-from accpinn.recordings.recording import Recording
+from accpinn.recordings.recording import Recording, Window
 from accpinn.results.figures import recording as figures
 from accpinn.results.figures import regimes as regime_figures
 from accpinn.results.figures.style import vehicle_colour
-from accpinn.segment.missing import MINIMUM_DURATION
+from accpinn.segment.cut import MINIMUM_DURATION
 from accpinn.segment.regimes import label_regimes
-from accpinn.segment.segment import Window, labels
 from accpinn.segment.vehicles import MAX_FOLLOWERS, chains
 from pages.ui.components.charts import show_chart, show_key
 from pages.ui.components.widgets import number, segments, select
@@ -38,7 +37,6 @@ def choose_vehicles(workspace: Workspace, recording: Recording) -> None:
     chosen = workspace.vehicles
     # Another recording gets widgets of its own: the same ones would show the former names.
     leader_key, last_key = (f"data_{end}_{recording.sha256[:12]}" for end in ("leader", "last"))
-    name = vehicle_labels(recording).__getitem__
 
     def lead(leader: int) -> None:
         workspace.choose(_up_to(possible[leader], max(chosen[-1], leader + 1)))
@@ -46,8 +44,8 @@ def choose_vehicles(workspace: Workspace, recording: Recording) -> None:
     def follow(last: int) -> None:
         workspace.choose(_up_to(possible[chosen[0]], last))
 
-    select("Leader", possible, chosen[0], leader_key, lead, name)
-    select("Last follower", possible[chosen[0]][1:], chosen[-1], last_key, follow, name)
+    select("Leader", possible, chosen[0], leader_key, lead, recording.label)
+    select("Last follower", possible[chosen[0]][1:], chosen[-1], last_key, follow, recording.label)
     if len(chosen) > 2:
         segments(
             "Case", {case: f"Case {case}" for case in CASES}, workspace.case, "data_case",
@@ -58,13 +56,6 @@ def choose_vehicles(workspace: Workspace, recording: Recording) -> None:
 
 def _up_to(chain: tuple[int, ...], last: int) -> tuple[int, ...]:
     return tuple(takewhile(lambda vehicle: vehicle <= last, chain))
-
-
-def vehicle_labels(recording: Recording) -> dict[int, str]:
-    """The label of each vehicle by its number."""
-    names = [vehicle.name for vehicle in recording.vehicles]
-    numbers = range(1, len(names) + 1)
-    return dict(zip(numbers, labels(numbers, names), strict=True))
 
 
 def choose_window(workspace: Workspace, recording: Recording) -> None:
@@ -92,13 +83,13 @@ def choose_window(workspace: Workspace, recording: Recording) -> None:
 
 def show_overview(workspace: Workspace, recording: Recording) -> None:
     """Speeds and gaps over the whole recording; dragging over them sets the window."""
-    leader, known = workspace.vehicles[0], vehicle_labels(recording)
+    leader = workspace.vehicles[0]
     entries, faint = [], set()
     for vehicle in recording.present:
         role = " (leader)" if vehicle == leader else ""
-        entries.append((known[vehicle] + role, vehicle_colour(vehicle, leader)))
+        entries.append((recording.label(vehicle) + role, vehicle_colour(vehicle, leader)))
         if vehicle not in workspace.vehicles:
-            faint.add(known[vehicle])
+            faint.add(recording.label(vehicle))
     show_key(entries, faint)
     segment, ribbons = None, []
     with suppress(SegmentError):

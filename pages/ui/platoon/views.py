@@ -10,12 +10,13 @@ from accpinn.errors import AccpinnError
 from accpinn.model.cthp import Parameters
 from accpinn.model.published import ASTAZERO, ParameterSet
 from accpinn.platoon.leader import Leader
-from accpinn.platoon.simulation import AFTERWARDS, PlatoonRun, simulate_platoon
+from accpinn.platoon.simulation import Collision, PlatoonRun, simulate_platoon
 from accpinn.results.figures import platoon as figures
 from accpinn.results.figures import wave
 from accpinn.results.figures.stability import colours
 from accpinn.results.figures.style import LEADER
-from accpinn.results.messages.disturbance import disturbance, disturbance_details
+from accpinn.results.messages import messages
+from accpinn.results.messages.platoon import PLACES, disturbance, disturbance_details
 from pages.ui.components.charts import show_chart, show_key
 from pages.ui.components.messages import escape_markdown, show_error, show_messages
 from pages.ui.components.widgets import toggle
@@ -44,8 +45,8 @@ def show_answer(run: PlatoonRun, chosen: ParameterSet, order: Sequence[int]) -> 
         if details := disturbance_details(run, names):
             st.markdown(escape_markdown(details))
     # The answer names the collision already.
-    others = tuple(warning for warning in run.warnings if not warning.endswith(AFTERWARDS))
-    show_messages(others, "warning")
+    others = [finding for finding in run.findings if not isinstance(finding, Collision)]
+    show_messages(messages(others, PLACES), "warning")
     labels = ["Leader", *(figures.follower_name(chosen, k, p) for p, k in enumerate(order, 1))]
     show_key(zip(labels, figures.cast_of(chosen, order).colours, strict=True))
 
@@ -63,7 +64,7 @@ def show_amplitudes(workspace: Workspace, run: PlatoonRun, cast: figures.Cast) -
             periods = "period" if wave.periods == 1 else f"{wave.periods} periods"
             when = "after the transient" if wave.free else "within the transient: simulate longer"
             st.caption(f"Measured over the last {periods}, {when}.")
-    show_chart(figures.amplitude_course(run, cast, choice.in_db), "platoon_amplitude")
+    show_chart(figures.amplitude_by_vehicle(run, cast, choice.in_db), "platoon_amplitude")
 
 
 def show_wave_in_time(run: PlatoonRun, cast: figures.Cast) -> None:

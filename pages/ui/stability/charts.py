@@ -9,7 +9,7 @@ from accpinn.inference.intervals import Uncertainty
 from accpinn.model.published import ParameterSet
 from accpinn.results.figures import stability as figures
 from accpinn.results.figures.style import LEADER
-from accpinn.results.figures.uncertainty import add_bands, add_clouds, cloud_words
+from accpinn.results.figures.uncertainty import add_bands, add_clouds, cloud_caption
 from accpinn.stability.report import StabilityReport, stability_report
 from accpinn.units import RadiansPerSecond
 from pages.ui.components import frame
@@ -112,7 +112,7 @@ def show_criteria(chosen: ParameterSet, report: StabilityReport) -> None:
         " follower, through all vehicles before it."
     )
     show_key(figures.CRITERIA_KEY)
-    show_chart(figures.criteria_course(chosen, report), "stability_criteria")
+    show_chart(figures.criteria_by_vehicle(chosen, report), "stability_criteria")
 
 
 def show_map(
@@ -141,7 +141,7 @@ def show_map(
         f"Boundaries at {escape_markdown(chosen.labels[held])}'s {kept}; above them the vehicle is"
         " stable. Hatched: stable by the paper's L∞ criterion, but peaks grow."
         + (f" Rings: vehicles with a {kept} of their own." if len(chosen) > 1 else "")
-        + (f" {cloud_words(chart, uncertainty, plane)}" if uncertainty else "")
+        + (f" {cloud_caption(chart, uncertainty, plane)}" if uncertainty else "")
     )
 
 

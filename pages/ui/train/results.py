@@ -60,10 +60,10 @@ def show_history(
     vehicle_key(info, with_truth=bool(truth))
     loss, *parameters = st.columns(4)
     with loss:
-        show_chart(figures.loss_course(history), f"{page}_loss")
+        show_chart(figures.loss_history(history), f"{page}_loss")
     for which, column in enumerate(parameters):
         with column:
-            figure = figures.parameter_course(history, which, info, truth)
+            figure = figures.parameter_history(history, which, info, truth)
             show_chart(figure, f"{page}_parameter_{which}")
 
 
