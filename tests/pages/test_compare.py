@@ -2,28 +2,29 @@
 
 from dataclasses import replace
 
-import numpy as np
 import pytest
-from accpinn.tasks.series import Series
-from pages.ui.compare.own import rows_of
-from pages.ui.components.text import escape_markdown
 
 from accpinn.errors import SegmentError
-from accpinn.evaluation.closed_loop import ALONE
 from accpinn.methods import least_squares
 from accpinn.methods.fit import Outcome
 from accpinn.methods.pinn.config import FAST, PAPER
+from accpinn.methods.registry import METHODS
 from accpinn.recordings.recording import Window
-from accpinn.segment.segment import Segment
-from accpinn.study.comparison import METHODS, MethodFailure, MethodResult, compare, result_of
-from accpinn.tasks.task import Status
-from pages.ui.compare.charts import picked_name
-from pages.ui.compare.verdict import collision_lines, incidents, verdict
+from accpinn.study.comparison import MethodFailure, compare, result_of
+from accpinn.tasks.task import Status, Task
+from pages.ui.components.charts import clicked_data
 from pages.ui.data.sources import FIRST_SAMPLE, sample
-from pages.ui.session import resources as server
-from pages.ui.session.workspace import KEPT_RUNS, Workspace
-from tests.driving import MIXED, driven
-from tests.support.apptest import COMPARE, WAIT, everything, open_page, texts, with_sample
+from pages.ui.session.resources import task_queue
+from pages.ui.session.workspace import KEPT_RECORDS, Workspace
+from tests.support.apptest import (
+    COMPARE,
+    WAIT,
+    boxes,
+    everything,
+    open_page,
+    plain,
+    with_sample,
+)
 
 pytestmark = pytest.mark.usefixtures("fresh_server")
 
@@ -35,7 +36,7 @@ def found(fresh_server: None) -> Workspace:
     return made
 
 
-def test_rows_pictures_warnings_starts_and_earlier_runs(found: Workspace) -> None:
+def test_rows_pictures_warnings_starts_and_earlier_fits(found: Workspace) -> None:
     page = open_page(COMPARE, found)
     page.button(key="compare_run").click().run()
     assert found.comparison is not None
@@ -43,11 +44,11 @@ def test_rows_pictures_warnings_starts_and_earlier_runs(found: Workspace) -> Non
     assert found.comparison.status is Status.DONE
     page = open_page(COMPARE, found)
     shown = everything(page)
-    assert "**2 Audi\\(A6\\-like\\)**: " in texts(page)
+    assert "**2 Audi(A6-like)**: " in plain(page)
     assert "The estimates differ most in" in shown
-    for part in ("Do the methods agree?", "Can the data tell?", "Is the law all there is?"):
+    for part in ("Agreement of the methods", "Identifiability", "Model adequacy"):
         assert part in shown
-    assert "Earlier runs" not in shown
+    assert "Earlier fits" not in shown
     page.selectbox(key="compare_method").set_value("Splines").run()
     assert "Splines against the data" in everything(page)
 
@@ -60,11 +61,11 @@ def test_rows_pictures_warnings_starts_and_earlier_runs(found: Workspace) -> Non
     found.choose(window=Window(10.0, 60.0))
     assert found.compared == ()
     assert found.starts is None
-    assert [run.method for run in found.runs] == [
+    assert [run.method for run in found.records] == [
         "pinn", "least-squares", "savitzky-golay", "splines",
         "simulation", "recursive", "particle", "dual-ukf",
     ]  # fmt: skip
-    assert found.runs[0].parameters[0] == pytest.approx(before.parameters.values[0])
+    assert found.records[0].parameters.values[0] == pytest.approx(before.parameters.values[0])
 
     found.compare()
     assert found.comparison.wait(WAIT)
@@ -74,187 +75,95 @@ def test_rows_pictures_warnings_starts_and_earlier_runs(found: Workspace) -> Non
         [page.multiselect(key="compare_earlier").options[0]]
     ).run()
     assert not page.exception
-    assert "Rings: earlier runs." in everything(page)
+    assert "Rings: earlier fits." in everything(page)
 
 
-@pytest.mark.parametrize("refusing", [("splines", "particle"), METHODS])
-def test_methods_that_refuse_are_named_and_the_others_shown(
-    found: Workspace, refusing: tuple[str, ...]
+@pytest.mark.parametrize("failing", [("splines", "particle"), tuple(METHODS)])
+def test_methods_that_fail_are_named_and_the_others_shown(
+    found: Workspace, failing: tuple[str, ...]
 ) -> None:
     assert found.segment is not None
     fault = SegmentError("Too little is left of the window; choose a longer one.")
     row = result_of(found.segment, least_squares.fit(found.segment))
-    results = [MethodFailure(name, fault) if name in refusing else row for name in METHODS]
-    series = Series(found.id, "comparison", METHODS, lambda means: iter(results))
-    found.comparison = server.trainings().run(series)
-    assert series.wait(WAIT)
-    assert series.status is Status.DONE
+    results = [MethodFailure(name, fault) if name in failing else row for name in METHODS]
+    task = Task(found.id, "comparison", lambda context: iter(results), tuple(METHODS))
+    found.comparison = task_queue().submit(task)
+    assert task.wait(WAIT)
+    assert task.status is Status.DONE
     page = open_page(COMPARE, found)
-    (told,) = [box.value for box in page.warning if box.value.startswith("No result from ")]
-    who = "Splines, Particle filter" if len(refusing) == 2 else "any method"
-    assert told == escape_markdown(f"No result from {who}: {fault}")
-    assert ("Least squares" in everything(page)) == (len(refusing) == 2)
-    assert len(found.compared) == len(METHODS) - len(refusing)
+    (failures,) = [box for box in boxes(page, "warning") if box.startswith("No result from ")]
+    who = "Splines, Particle filter" if len(failing) == 2 else "any method"
+    assert failures == f"No result from {who}: {fault}"
+    assert ("Least squares" in everything(page)) == (len(failing) == 2)
+    assert len(found.compared) == len(METHODS) - len(failing)
 
 
 def test_a_stop_keeps_the_rows_and_offers_to_run_again(found: Workspace) -> None:
     found.compare()
-    series = found.comparison
-    assert series is not None
-    server.trainings().stop(series)
-    assert series.wait(WAIT)
-    assert series.status is Status.STOPPED
+    assert found.comparison is not None
+    task_queue().stop(found.comparison)
+    assert found.comparison.wait(WAIT)
+    assert found.comparison.status is Status.STOPPED
     page = open_page(COMPARE, found)
-    assert "Stopped: " in everything(page)
+    assert "Stopped: no result" in plain(page)
     assert page.button(key="compare_run").label == "Run all methods"
 
 
-def test_earlier_runs_are_bounded_and_none_is_kept_twice(found: Workspace) -> None:
+def test_earlier_fits_are_bounded_and_none_is_kept_twice(found: Workspace) -> None:
     assert found.segment is not None
     fit = least_squares.fit(found.segment)
-    found._remember([fit, fit])
-    assert len(found.runs) == 1
-    for seed in range(KEPT_RUNS + 3):
-        found._remember([replace(fit, config={"seed": seed})])
-    assert len(found.runs) == KEPT_RUNS
-    assert found.runs[-1].config == {"seed": KEPT_RUNS + 2}
+    found._record([fit, fit])
+    assert len(found.records) == 1
+    for seed in range(KEPT_RECORDS + 3):
+        found._record([replace(fit, config={"seed": seed})])
+    assert len(found.records) == KEPT_RECORDS
+    assert found.records[-1].config == {"seed": KEPT_RECORDS + 2}
     found.open(*sample(FIRST_SAMPLE))
-    assert len(found.runs) == KEPT_RUNS, "an early step does not drop them"
+    assert len(found.records) == KEPT_RECORDS, "an early step does not drop them"
 
 
-def test_a_click_names_its_row() -> None:
-    assert picked_name([]) == ""
-    assert picked_name([{"customdata": "PiNN"}]) == "PiNN"
-    assert picked_name([{"customdata": ["Splines"]}]) == "Splines"
-
-
-@pytest.fixture(scope="module")
-def two() -> tuple[Segment, list[MethodResult]]:
-    segment = driven(MIXED[:2], noise=0.1)
-    return segment, list(compare(segment, "II", ("least-squares", "splines", "recursive")))
-
-
-class TestVerdict:
-    def test_agreement_is_judged_by_the_interval_of_each_parameter(
-        self, two: tuple[Segment, list[MethodResult]]
-    ) -> None:
-        segment, rows = two
-        uncertainty = rows[0].uncertainty
-        table = rows[0].fit.parameters.values
-
-        def around(lower: float, upper: float) -> list[MethodResult]:
-            ends = {"lower": lower * table, "upper": upper * table}
-            return [replace(row, uncertainty=replace(uncertainty, **ends)) for row in rows]
-
-        said = verdict(segment, around(0.5, 1.5), 0)
-        assert (
-            "yes, all methods lie within the 90 % intervals of the data. The estimates differ"
-            in said
-        )
-        said = verdict(segment, around(0.1, 9.0), 0)
-        assert "but those of α, β and τ are too wide for that to say much" in said
-        said = verdict(segment, around(1.5, 2.0), 0)
-        assert "no: by the 90 % intervals of the data, α is too low for every method; " in said
-
-    def test_those_outside_are_named_the_shorter_way(
-        self, two: tuple[Segment, list[MethodResult]]
-    ) -> None:
-        segment, rows = two
-        uncertainty = rows[0].uncertainty
-        between = np.sort([row.fit.parameters[0].beta for row in rows])
-        lower, upper = 0.0 * uncertainty.lower, np.full_like(uncertainty.upper, np.inf)
-        upper[0, 1] = between[:2].mean()
-        judged = [replace(rows[0], uncertainty=replace(uncertainty, lower=lower, upper=upper))]
-        assert "β is too high for all methods but " in verdict(segment, [*judged, *rows[1:]], 0)
-
-    def test_one_law_for_all_has_one_sentence(
-        self, two: tuple[Segment, list[MethodResult]]
-    ) -> None:
-        segment, rows = two
-        shared = [replace(row, fit=replace(row.fit, case="I")) for row in rows]
-        assert verdict(segment, shared, 0).startswith("**All followers together**: ")
-
-    def test_data_that_determine_nothing_are_no_measure(
-        self, two: tuple[Segment, list[MethodResult]]
-    ) -> None:
-        segment, rows = two
-        nothing = np.full_like(rows[0].uncertainty.lower, np.nan)
-        judged = replace(rows[0], uncertainty=replace(rows[0].uncertainty, lower=nothing))
-        assert "determine nothing" in verdict(segment, [judged, *rows[1:]], 0)
-
-
-def test_collisions_name_follower_and_method_before_anything_else(
-    two: tuple[Segment, list[MethodResult]],
-) -> None:
-    segment, rows = two
-    first, second = segment.labels[1:3]
-    assert collision_lines(segment, rows) == []
-
-    def touching(row: MethodResult, *times: float, said: tuple[str, ...] = ()) -> MethodResult:
-        worth = replace(row.evaluation, collisions=np.array(times), incidents=said)
-        return replace(row, evaluation=worth)
-
-    never = float("nan")
-    some = [
-        touching(
-            rows[0],
-            5.0,
-            never,
-            said=(f"{first} runs{ALONE}; so.", f"{first} turns.", f"{second} diverges."),
-        ),
-        touching(rows[1], 5.0, 7.0, said=(f"{first} runs.",)),
-        touching(rows[2], 5.0, never),
-    ]
-    assert collision_lines(segment, some) == [
-        f"{escape_markdown(first)}, as learned by every method.",
-        f"{escape_markdown(second)}, as learned by Splines.",
-    ]
-    told = incidents(segment, some)
-    assert (
-        told.index(escape_markdown(first))
-        < told.index("Splines: runs")
-        < told.index(escape_markdown(second))
-    )
-    assert "Least squares: runs\\; so · turns\n" in told
-    assert told.endswith("Least squares: diverges")
+def test_a_click_has_the_data_of_its_point() -> None:
+    assert clicked_data([]) is None
+    assert clicked_data([{"customdata": "PiNN"}]) == "PiNN"
+    assert clicked_data([{"customdata": ["Splines"]}]) == "Splines"
 
 
 def test_a_training_with_other_settings_has_a_row_of_its_own(found: Workspace) -> None:
-    found.comparison = Series(found.id, "comparison", ("least-squares",), lambda means: iter(()))
+    found.comparison = Task(found.id, "comparison", lambda context: iter(()))
     assert found.segment is not None
     least = compare(found.segment, "II", ("least-squares",))
     found.comparison._results = tuple(least)
-    assert len(rows_of(found)) == 1
+    assert len(found.compared_with_training()) == 1
     found.train(replace(FAST, iterations=60))
-    assert found.job is not None
-    assert found.job.wait(WAIT)
-    _, own = rows_of(found)
+    assert found.training is not None
+    assert found.training.wait(WAIT)
+    _, own = found.compared_with_training()
     assert own.fit is found.fit
     assert own.evaluation.held_out is None
-    assert rows_of(found)[1] is own, "it is worked out once"
+    assert found.compared_with_training()[1] is own, "it is worked out once"
     found.comparison._results = (own,)
-    assert rows_of(found) == (own,), "the same settings need no second row"
-    found.job._fit = replace(own.fit, outcome=Outcome.STOPPED)
-    assert rows_of(found) == (own,), "an unfinished training is no result"
+    assert found.compared_with_training() == (own,), "the same settings need no second row"
+    found.training._results = (replace(own.fit, outcome=Outcome.STOPPED),)
+    assert found.compared_with_training() == (own,), "an unfinished training is no result"
 
 
 def test_a_comparison_names_one_s_own_training_that_it_waits_for(found: Workspace) -> None:
     found.train(PAPER)
     page = open_page(COMPARE, found)
-    assert "Your own training with the paper preset comes first" in texts(page)
+    assert "Your own training with the paper preset comes first" in plain(page)
     page.button(key="compare_run").click().run()
     said = "Your own training with the paper preset comes first"
-    assert said in texts(page)
-    assert "The comparison then starts by itself." in texts(page)
+    assert said in plain(page)
+    assert "The comparison then starts by itself." in plain(page)
     assert "Go to Train to stop it" in everything(page)
 
 
-def test_earlier_runs_are_shown_without_a_comparison(found: Workspace) -> None:
+def test_earlier_fits_are_shown_without_a_comparison(found: Workspace) -> None:
     assert found.segment is not None
     fit = replace(least_squares.fit(found.segment), method="pinn", config=PAPER.to_json())
-    found._remember([replace(fit, outcome=Outcome.STOPPED)])
+    found._record([replace(fit, outcome=Outcome.STOPPED)])
     page = open_page(COMPARE, found)
-    assert "Kept from earlier in this session: 1 fit." in texts(page)
-    assert "PiNN (paper preset, stopped), " in texts(page)
-    assert "synthetic_astazero_like.csv 0–60 s" in texts(page)
-    assert "Differs now in" not in texts(page)
+    assert "Kept from earlier in this session: 1 fit." in plain(page)
+    assert "PiNN (paper preset, stopped), " in plain(page)
+    assert "synthetic_astazero_like.csv, 0–60 s" in plain(page)
+    assert "Differs now in" not in plain(page)

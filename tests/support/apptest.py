@@ -56,6 +56,16 @@ def texts(page: AppTest) -> str:
     return "\n".join([*written, *(element.proto.body for element in page.get("html"))])
 
 
+def plain(page: AppTest) -> str:
+    """The same as a person reads it: without the marks that make foreign text literal."""
+    return texts(page).replace("\\", "")
+
+
+def boxes(page: AppTest, kind: str) -> list[str]:
+    """The sentences in its boxes of one kind, as "warning", without those marks."""
+    return [box.value.replace("\\", "") for box in page.get(kind)]
+
+
 def everything(page: AppTest) -> str:
     """All that a page shows, tables and figures included."""
     return " ".join(str(element.proto) for element in page.main if hasattr(element, "proto"))
