@@ -22,10 +22,10 @@ from accpinn.methods.store import Store
 from accpinn.model.cthp import Case, Parameters
 from accpinn.recordings.openacc import read
 from accpinn.recordings.recording import Recording
-from accpinn.results.snapshot.checking import Verification, check
-from accpinn.results.snapshot.content import Snapshot
 from accpinn.results.snapshot.create import create
 from accpinn.results.snapshot.file import load, save
+from accpinn.results.snapshot.schema import Snapshot
+from accpinn.results.snapshot.verification import Verification, check
 from accpinn.segment.cut import DURATION, cut
 from accpinn.segment.regimes import exclude_regimes, label_regimes, parse_regimes
 from accpinn.segment.segment import Segment

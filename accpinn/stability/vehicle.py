@@ -1,9 +1,9 @@
 """All numbers of one vehicle's string stability, from the closed forms of this package."""
 
 from dataclasses import dataclass
-from enum import Enum
 
 from accpinn.model.cthp import Parameters
+from accpinn.serial import NamedEnum
 from accpinn.stability.criteria import (
     checked,
     exact_margin,
@@ -20,7 +20,7 @@ from accpinn.stability.impulse import step_metrics
 from accpinn.units import PerSecondSquared, RadiansPerSecond, Seconds
 
 
-class Behaviour(Enum):
+class Behaviour(NamedEnum):
     """What kind of motion the parameters make, as the sentence the user reads."""
 
     REAL_POLES = "Both poles are real: the vehicle settles without oscillating."

@@ -16,12 +16,13 @@ from plotly.offline import get_plotlyjs
 from accpinn import __version__
 from accpinn.results.figures.stability import colours
 from accpinn.results.figures.style import vehicle_colour
+from accpinn.results.messages.snapshot import check_rows, summary
 from accpinn.results.report import pictures
 from accpinn.results.report import summary as words
 from accpinn.results.report.pictures import Picture
-from accpinn.results.snapshot.checking import Verification, check
-from accpinn.results.snapshot.content import Snapshot
 from accpinn.results.snapshot.create import stability
+from accpinn.results.snapshot.schema import Snapshot
+from accpinn.results.snapshot.verification import Verification, check
 from accpinn.results.tables.estimates import intervals_table, methods_table, parameter_table
 from accpinn.results.tables.names import TITLES
 from accpinn.results.tables.stability import stability_interval_table, stability_table
@@ -114,10 +115,12 @@ def _story(snapshot: Snapshot, checked: Verification, shown: list[Picture]) -> d
         "run": driven[0] if driven else None,
         "repeated": driven[2] if driven else "",
         "methods": [
-            _sheet(methods_table(info, snapshot.rows, k), f"methods_{k + 1}")
-            for k in range(info.followers if snapshot.rows else 0)
+            _sheet(methods_table(info, snapshot.methods, k), f"methods_{k + 1}")
+            for k in range(info.followers if snapshot.methods else 0)
         ],
         "checked": checked,
+        "verdict": summary(checked, info),
+        "checks": check_rows(checked, info),
         "method": TITLES.get(snapshot.fit.method, snapshot.fit.method),
         "settings": [
             (key.replace("_", " "), words.setting(value))

@@ -119,7 +119,9 @@ def unpack_arrays(data: bytes, what: str) -> Arrays:
     members = unpack(data, f"The part with {what}")
     for name in members:
         if not _NAME.fullmatch(name):
-            raise SnapshotError(f"The snapshot is refused: in {what}, {ascii(name)[:60]} is no name.")
+            raise SnapshotError(
+                f"The snapshot is refused: in {what}, {ascii(name)[:60]} is no name."
+            )
     return {
         name.removesuffix(SUFFIX): _array(member, f"{what}, {name}")
         for name, member in members.items()

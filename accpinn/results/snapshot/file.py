@@ -1,4 +1,4 @@
-"""Snapshots as bytes and as files: every part with its digest, written in one step or not at all."""
+"""Snapshots as bytes and as files: every part with its digest, all written in one step."""
 
 import hashlib
 import os
@@ -226,7 +226,9 @@ def writable_path(target: Path, kind: str) -> Path:
         with tempfile.TemporaryFile(dir=path.parent):
             return path
     except (OSError, ValueError, RuntimeError) as fault:  # also for links that run in a circle
-        raise _unwritten(target, kind, getattr(fault, "strerror", None) or "no valid path") from None
+        raise _unwritten(
+            target, kind, getattr(fault, "strerror", None) or "no valid path"
+        ) from None
 
 
 def _require_own(path: Path, kind: str) -> None:

@@ -51,7 +51,7 @@ VARYING = {"seconds", "cached"}
 """Fields that differ from run to run."""
 
 
-class Check(Finding):
+class Check(Finding, frozen=True):
     """One part of a snapshot, as stored and as recomputed."""
 
     part: str
@@ -71,7 +71,7 @@ class Check(Finding):
     """Why nothing could be computed, as the error says."""
 
 
-class Unchecked(Finding):
+class Unchecked(Finding, frozen=True):
     """Something a snapshot says that was believed."""
 
     kind: str
@@ -222,7 +222,9 @@ class _Work:
         if redraw is None:
             return
         stored = fit.surrogate
-        time = np.array([0.0, self.snapshot.info.window.duration]) if stored is None else stored.time
+        time = (
+            np.array([0.0, self.snapshot.info.window.duration]) if stored is None else stored.time
+        )
         some = np.unique(np.linspace(0, len(time) - 1, INSTANTS).round().astype(int))
         if stored:
             stored = Trajectories(time[some], stored.speeds[some], stored.gaps[some])
@@ -268,12 +270,10 @@ class _Work:
             found = replace(found, held_out=pooled_holdout_errors(stored.blocks))
         for field in fields(Evaluation):
             if field.name not in unknown:
-                pair = [getattr(one, field.name, None) for one in (stored, found)]
-                self.compare(f"evaluation.{field.name}", *pair, method)
+                old, new = (getattr(one, field.name, None) for one in (stored, found))
+                self.compare(f"evaluation.{field.name}", old, new, method)
 
-    def refit(
-        self, method: str, fit: Fit, evaluation: Evaluation | None, segment: Segment
-    ) -> None:
+    def refit(self, method: str, fit: Fit, evaluation: Evaluation | None, segment: Segment) -> None:
         """Run a method again on the data, and without the blocks held out."""
         of = METHODS[fit.method]
         settings = of.parse_settings(fit.config) if of.parse_settings else None
@@ -360,9 +360,7 @@ def _leaves(value: Any, numbers_only: bool) -> dict[str, Any]:
     return found
 
 
-def _differing(
-    one: Any, other: Any, relative: float, absolute: float
-) -> tuple[int, ...] | None:
+def _differing(one: Any, other: Any, relative: float, absolute: float) -> tuple[int, ...] | None:
     """Where two leaves first differ: an index, empty for a leaf as a whole; None where nowhere."""
     if one is None or other is None or isinstance(one, str) or isinstance(other, str):
         return None if isinstance(one, str) and one == other else ()
