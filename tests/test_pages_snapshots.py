@@ -35,7 +35,7 @@ from tests.apptest import (
     with_sample,
     workspace_of,
 )
-from tests.snapshots import whole
+from tests.support.snapshots import whole
 
 pytestmark = pytest.mark.usefixtures("fresh_server")
 

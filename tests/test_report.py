@@ -23,7 +23,7 @@ from accpinn.results.snapshot.checking import check
 from accpinn.results.snapshot.create import stability as judged
 from accpinn.results.snapshot.file import load, save
 from tests.samples import FOLDER, PLATOON
-from tests.snapshots import small, whole
+from tests.support.snapshots import small, whole
 
 HOSTILE = "</script><script>alert(1)</script>\"'><img src=x onerror=alert(1)>$y$_z_&amp;"
 ORDER = (

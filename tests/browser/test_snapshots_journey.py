@@ -12,7 +12,7 @@ from accpinn.results.snapshot.file import load, to_bytes
 from tests.browser.conftest import Open
 from tests.browser.running import idle
 from tests.openacc_files import csv, metadata, platoon
-from tests.snapshots import whole
+from tests.support.snapshots import whole
 
 pytestmark = pytest.mark.browser
 

@@ -96,7 +96,7 @@ def _check_listed(listed: list[zipfile.ZipInfo], size: int, what: str) -> None:
 
 def pack_arrays(arrays: Mapping[str, NDArray[Any]]) -> bytes:
     """The arrays as one uncompressed `.npz`."""
-    return pack({name + SUFFIX: _member(values) for name, values in arrays.items()})
+    return pack({name + SUFFIX: _member(values) for name, values in sorted(arrays.items())})
 
 
 def _member(values: NDArray[Any]) -> bytes:

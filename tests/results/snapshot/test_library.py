@@ -13,7 +13,7 @@ from accpinn.errors import SnapshotError
 from accpinn.results.snapshot.content import Snapshot
 from accpinn.results.snapshot.file import to_bytes
 from accpinn.results.snapshot.library import Library
-from tests.snapshots import small, small_bytes
+from tests.support.snapshots import small, small_bytes
 
 
 @pytest.fixture

@@ -12,7 +12,7 @@ from accpinn.results.snapshot import arrays
 from accpinn.results.snapshot.archive import contents, pack
 from accpinn.results.snapshot.file import load, sealed, to_bytes
 from accpinn.results.snapshot.schema import MANIFEST, PARTS, SCHEMA
-from tests.snapshots import resealed, small_bytes, whole
+from tests.support.snapshots import resealed, small_bytes, whole
 
 LONG = "x" * 500_000
 
