@@ -159,8 +159,9 @@ def restore(kind: type[T], tree: Any, arrays: Mapping[str, NDArray[Any]]) -> T:
         # Lax, so that "nan" is a number where one is due; what else that allows is refused below.
         value = msgspec.convert(tree, kind, strict=False, dec_hook=decode)
         again, named = dump(value)
-        if again != tree or named.keys() != arrays.keys():
-            place = _difference(again, tree) or min(named.keys() ^ arrays.keys(), default="it")
+        differing = {place for place, _ in _leaves(again) ^ _leaves(tree)}
+        if differing or again != tree or named.keys() != arrays.keys():
+            place = min(differing or named.keys() ^ arrays.keys(), default="it")
             raise ValueError(f'"{place}" does not belong there')
     except RecursionError:
         raise ValueError("it is nested too deep") from None
@@ -176,11 +177,9 @@ def flatten(tree: Any, path: str = "") -> Iterator[tuple[str, Any]]:
         yield path, tree
 
 
-def _difference(one: Any, other: Any) -> str:
-    leaves = dict(flatten(one)), dict(flatten(other))
-    places = leaves[0].keys() ^ leaves[1].keys()
-    places |= {p for p in leaves[0].keys() & leaves[1].keys() if leaves[0][p] != leaves[1][p]}
-    return min(places, default="")
+def _leaves(tree: Any) -> set[tuple[str, tuple[bool, Any]]]:
+    """Places and leaves, with True kept apart from 1."""
+    return {(place, (isinstance(leaf, bool), leaf)) for place, leaf in flatten(tree)}
 
 
 @dataclass(frozen=True)

@@ -77,13 +77,18 @@ def unpack(data: bytes, what: str) -> dict[str, bytes]:
     except Exception:  # zipfile raises many kinds for foreign bytes
         same = False
     if not same:
-        raise SnapshotError(f"{what} is damaged in {ascii(name)[1:61]}; get the file anew.")
+        raise SnapshotError(f"{what} is damaged in {_shown(name)}; get the file anew.")
     return entries
+
+
+def _shown(text: str) -> str:
+    """Harmless on every terminal."""
+    return text.encode("ascii", "backslashreplace").decode()[:80]
 
 
 def _check_listed(listed: list[zipfile.ZipInfo], size: int, what: str) -> None:
     for entry in listed:
-        name = ascii(entry.filename)[1:61]
+        name = _shown(entry.filename)
         if entry.compress_type != zipfile.ZIP_STORED or entry.compress_size != entry.file_size:
             raise SnapshotError(f'{what} has "{name}" compressed; a genuine one has nothing so.')
         if entry.flag_bits & ENCRYPTED:
@@ -120,7 +125,7 @@ def unpack_arrays(data: bytes, what: str) -> Arrays:
     for name in members:
         if not _NAME.fullmatch(name):
             raise SnapshotError(
-                f"The snapshot is refused: in {what}, {ascii(name)[:60]} is no name."
+                f"The snapshot is refused: in {what}, {_shown(name)} is no name."
             )
     return {
         name.removesuffix(SUFFIX): _array(member, f"{what}, {name}")
@@ -143,6 +148,6 @@ def _array(member: bytes, place: str) -> NDArray[Any]:
     except Exception as fault:  # numpy's parser raises many kinds for foreign bytes
         raise SnapshotError(
             f"The snapshot is refused: {place} is no plain array of numbers"
-            f" ({ascii(str(fault))[1:100]})."
+            f" ({_shown(str(fault))})."
         ) from None
     return values

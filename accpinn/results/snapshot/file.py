@@ -23,7 +23,7 @@ from accpinn.results.snapshot.schema import (
     TITLES,
     Snapshot,
 )
-from accpinn.results.snapshot.validate import sanitise, validate
+from accpinn.results.snapshot.validate import is_harmless, sanitise, validate
 from accpinn.serial import Arrays, dump, read_json, restore, write_json
 
 UNFINISHED = ".part"
@@ -151,7 +151,8 @@ def _read(data: bytes) -> Snapshot:
 
 def _document(text: bytes, name: str) -> Any:
     try:
-        return sanitise(read_json(text))
+        tree = read_json(text)
+        return tree if is_harmless(text.decode()) else sanitise(tree)
     except (ValueError, RecursionError) as fault:
         raise _refused(f"{TITLES[name]}: {fault}") from None
 
@@ -268,6 +269,6 @@ def write_whole(data: bytes, target: Path, kind: str) -> None:
 
 def _unwritten(target: Path, kind: str, reason: str) -> SnapshotError:
     return SnapshotError(
-        f"{target}: the {kind} could not be written ({reason.lower()}); choose another place or"
+        f"{target}: the {kind} could not be written ({reason}); choose another place or"
         " free some space."
     )

@@ -71,6 +71,11 @@ LINES = ("note", "notes")
 """Fields whose texts may have several lines."""
 
 
+def is_harmless(text: str) -> bool:
+    """Whether a JSON text holds no such character, neither as it is nor escaped."""
+    return "\\" not in text and not _UNSEEN.search(text)
+
+
 def sanitise(tree: Any, lines: bool = False) -> Any:
     """A tree of plain values without characters that a terminal or a page obeys, not shows.
 
