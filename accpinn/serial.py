@@ -141,7 +141,8 @@ def restore(kind: type[T], tree: Any, arrays: Mapping[str, NDArray[Any]]) -> T:
 
     def decode(kind: Any, item: Any) -> Any:
         if kind is complex:
-            return complex(*msgspec.convert(item, tuple[float, float], strict=False))
+            real, imaginary = item
+            return complex(float(real), float(imaginary))
         if kind is Parameters:
             return Parameters.of(array(np.float64, item))
         if get_origin(kind) is np.ndarray:

@@ -19,7 +19,6 @@ from tests.driving import driven
 from tests.samples import PLATOON, sample
 from tests.support.methods import RIVALS as ESTIMATORS
 
-
 NOTE = "α β τ, “quotes”, <tags> and\nlines."
 
 

@@ -372,7 +372,9 @@ class TestContents:
             assert f"{name} is missing" in refused(pack({MANIFEST: manifest, **kept}))
 
     def test_too_few_vehicles(self) -> None:
-        refused(with_text("snapshot.json", lambda t: t.replace('"vehicles":[1,2]', '"vehicles":[1]')))
+        refused(
+            with_text("snapshot.json", lambda t: t.replace('"vehicles":[1,2]', '"vehicles":[1]'))
+        )
 
     @given(st.data())
     def test_any_other_document_is_refused_or_read(self, data: st.DataObject) -> None:

@@ -170,7 +170,8 @@ def test_a_saving_that_fails_half_way_leaves_the_old_file(
 
 def test_two_processes_that_save_at_once_lose_nothing(library: Library, tmp_path: Path) -> None:
     code = (
-        "import sys; from pathlib import Path; from accpinn.results.snapshot.library import Library\n"
+        "import sys; from pathlib import Path\n"
+        "from accpinn.results.snapshot.library import Library\n"
         "library = Library(Path(sys.argv[1]))\n"
         "for name in sys.argv[2:]: library.add(Path(name).read_bytes())\n"
     )
