@@ -84,7 +84,7 @@ class _Encoder:
         if isinstance(value, np.generic):
             value = value.item()
         if isinstance(value, Enum):
-            return value.name
+            value = value.name if isinstance(value, NamedEnum) else value.value
         if isinstance(value, Parameters | np.ndarray):
             return self._array(value.values if isinstance(value, Parameters) else value, path)
         if isinstance(value, float):

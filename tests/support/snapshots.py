@@ -16,8 +16,8 @@ from accpinn.segment.segment import Segment
 from accpinn.serial import dump, read_json, write_json
 from accpinn.study.comparison import compare, results_among
 from tests.driving import driven
-from tests.samples import PLATOON, sample
 from tests.support.methods import RIVALS as ESTIMATORS
+from tests.support.samples import PLATOON, sample
 
 NOTE = "α β τ, “quotes”, <tags> and\nlines."
 

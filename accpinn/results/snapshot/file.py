@@ -246,8 +246,8 @@ def _require_own(path: Path, kind: str) -> None:
     )
 
 
-def write_whole(data: bytes, target: Path, kind: str) -> None:
-    """Write bytes as a file, in one step; ``kind`` names them where that fails.
+def write_whole(data: bytes, target: Path, kind: str) -> Path:
+    """Write bytes as the file ``target``, in one step; ``kind`` names them where that fails.
 
     Raises:
         SnapshotError: when it cannot be written there.
@@ -265,6 +265,7 @@ def write_whole(data: bytes, target: Path, kind: str) -> None:
             raise
     except OSError as fault:
         raise _unwritten(target, kind, fault.strerror or "no reason given") from None
+    return target
 
 
 def _unwritten(target: Path, kind: str, reason: str) -> SnapshotError:

@@ -48,7 +48,7 @@ SHAPES = FIT_SHAPES | {
     "Whiteness.sentences": Shape("M"),
     "Evaluation.collisions": Shape("M"),
     "StabilityReport.vehicles": Shape("M"),
-    "VehicleNumbers.parameters": Shape(3),
+    "VehicleStability.parameters": Shape(3),
     "PlatoonStability.peaks": Shape("M"),
     "Gains.gain": Shape("M"),
     "Gains.error": Shape("M"),

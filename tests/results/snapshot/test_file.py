@@ -25,8 +25,8 @@ from accpinn.results.snapshot.verification import verify
 from accpinn.segment.cut import cut
 from accpinn.segment.regimes import exclude_regimes, label_regimes
 from tests.driving import MIXED, driven
-from tests.samples import FOLDER, NOISY
 from tests.support.methods import RIVALS as ESTIMATORS
+from tests.support.samples import FOLDER, NOISY
 from tests.support.snapshots import bits, entries, resealed, small, small_bytes, trained, whole
 
 ROOT = Path(__file__).parents[3]

@@ -28,8 +28,8 @@ from accpinn.results.snapshot.verification import (
     verify,
 )
 from tests.driving import driven, standing_still
-from tests.samples import FOLDER, NOISY, PLATOON
 from tests.support.methods import RIVALS as ESTIMATORS
+from tests.support.samples import FOLDER, NOISY, PLATOON
 from tests.support.snapshots import entries, small, small_bytes, trained, whole
 
 
