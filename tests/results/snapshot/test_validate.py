@@ -38,7 +38,7 @@ FORGED: list[tuple[str, Any, str]] = [
     ("stability.json/vehicles/0/peak/gain", -1.0, "peak"),
     ("stability.json/vehicles/0/peak/gain", "nan", "peak"),
     ("stability.json/vehicles/0/peak/omega", "inf", "peak"),
-    ("stability.json/vehicles/0/linf_gain", -1.0, "negative"),
+    ("stability.json/vehicles/0/linf_exact/value", -1.0, "negative"),
     ("stability.json/vehicles/0/crossover", -1.0, "crossover"),
     ("uncertainty.json/level", 1.5, "level"),
     ("uncertainty.json/probability_l2/0", 1.5, "probability"),

@@ -140,9 +140,11 @@ class TestForged:
     def test_stability(self) -> None:
         report = whole().stability
         assert report is not None
-        vehicles = (replace(report.vehicles[0], linf_gain=1.0), *report.vehicles[1:])
+        first = report.vehicles[0]
+        first = replace(first, linf_exact=replace(first.linf_exact, value=1.0))
+        vehicles = (first, *report.vehicles[1:])
         found = check(replace(whole(), stability=replace(report, vehicles=vehicles)))
-        assert (fault(found).part, fault(found).place) == ("stability", "vehicles.0.linf_gain")
+        assert (fault(found).part, fault(found).place) == ("stability", "vehicles.0.linf_exact.value")
         assert fault(found).stored == 1.0
 
     def test_parameters(self) -> None:
