@@ -12,8 +12,8 @@ from accpinn.methods.pinn.training import train
 from accpinn.methods.pinn.warm_start import WarmStart
 from accpinn.model.cthp import Parameters
 from accpinn.recordings.recording import Recording
-from accpinn.results.snapshot.content import Snapshot
 from accpinn.results.snapshot.library import Library
+from accpinn.results.snapshot.schema import Snapshot
 from accpinn.tasks.task import Status
 from pages.ui.components.parameter_picker import parameters_from
 from pages.ui.data.sources import FIRST_SAMPLE, sample
@@ -22,7 +22,6 @@ from pages.ui.session.resources import library, task_queue
 from pages.ui.session.workspace import Workspace
 from pages.ui.snapshots.differences import differing_settings, other_vehicles, parameter_differences
 from pages.ui.train.settings import chosen_config
-from tests.snapshots import whole
 from tests.support.apptest import (
     COMPARE,
     DATA,
@@ -38,6 +37,7 @@ from tests.support.apptest import (
     with_sample,
     workspace_of,
 )
+from tests.support.snapshots import whole
 
 pytestmark = pytest.mark.usefixtures("fresh_server")
 

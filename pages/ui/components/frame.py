@@ -4,7 +4,7 @@ from pathlib import Path
 
 import streamlit as st
 
-from accpinn.results.snapshot.content import Snapshot
+from accpinn.results.snapshot.schema import Snapshot
 from accpinn.segment.segment import Segment
 from accpinn.tasks.task import Status
 from pages.ui.components import charts

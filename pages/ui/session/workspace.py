@@ -13,8 +13,8 @@ from accpinn.methods.pinn.config import PinnConfig, PresetName
 from accpinn.model.cthp import Case, Parameters
 from accpinn.recordings.recording import Recording, Window
 from accpinn.recordings.synthetic import Truth
-from accpinn.results.snapshot.checking import recovered
-from accpinn.results.snapshot.content import Snapshot
+from accpinn.results.snapshot.schema import Snapshot
+from accpinn.results.snapshot.verification import recover
 from accpinn.segment import regimes
 from accpinn.segment.cut import DURATION, complete_windows, cut
 from accpinn.segment.segment import Segment, SegmentInfo
@@ -85,7 +85,7 @@ class Workspace:
 
         If it is the one that the snapshot shown was learned from, it completes that instead.
         """
-        if self.snapshot and not self.recording and recovered(self.snapshot, recording):
+        if self.snapshot and not self.recording and recover(self.snapshot, recording).segment:
             self.restore(self.snapshot, recording, truth)
             return
         vehicles = default_vehicles(recording)
@@ -104,7 +104,7 @@ class Workspace:
         """
         self.archive_and_stop()
         info, given = snapshot.info, recording or self.recording
-        segment = recovered(snapshot, given) if given else None
+        segment = recover(snapshot, given).segment if given else None
         self.recording = given if segment else None
         self.truth = (truth or self.truth) if segment else None
         self.segment = segment or snapshot.segment
@@ -232,7 +232,7 @@ class Workspace:
         """The results of the methods, as far as they were run."""
         if self.comparison:
             return results_among(self.comparison.results)
-        return self.snapshot.rows if self.snapshot else ()
+        return self.snapshot.methods if self.snapshot else ()
 
     def compared_with_training(self) -> tuple[MethodResult, ...]:
         """The same, and the finished training where no method ran with its settings."""

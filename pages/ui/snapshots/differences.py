@@ -10,8 +10,8 @@ import streamlit as st
 
 from accpinn.model.published import ParameterSet
 from accpinn.results.figures.stability import bode
-from accpinn.results.snapshot.content import Snapshot
 from accpinn.results.snapshot.create import stability
+from accpinn.results.snapshot.schema import Snapshot
 from accpinn.results.tables.table import ABSENT, Cell, Column, Table, between
 from pages.ui.components.charts import show_chart
 from pages.ui.components.messages import show_messages

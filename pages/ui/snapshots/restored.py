@@ -6,7 +6,7 @@ from accpinn.errors import SnapshotError
 from accpinn.evaluation.closed_loop import closed_loop
 from accpinn.results.figures.recording import preview
 from accpinn.results.figures.training import tracking
-from accpinn.results.snapshot.content import Snapshot
+from accpinn.results.snapshot.schema import Snapshot
 from accpinn.results.tables import estimates as tables
 from accpinn.results.tables.estimates import methods_table
 from accpinn.results.tables.names import name_of
@@ -126,7 +126,7 @@ def show_saved_rows(workspace: Workspace) -> None:
         return
     banner(workspace)
     _need_recording(workspace, snapshot, "To run the methods, the page needs")
-    info, rows = snapshot.info, snapshot.rows
+    info, rows = snapshot.info, snapshot.methods
     show_intervals(info, snapshot.uncertainty, "")
     if not rows:
         st.caption("No comparison of the methods was saved with this snapshot.")
