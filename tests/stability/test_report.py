@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from accpinn.model.cthp import Parameters
 from accpinn.stability.criteria import MARGINAL
 from accpinn.stability.report import Behaviour, VehicleStability, stability_report
-from tests.stability.references import TABLE, Reference, row_of
+from tests.stability.references import TABLE, Reference, crossover, integral_of_magnitude, peak
 from tests.support.vehicles import (
     CALM,
     NO_GAP_CONTROL,
@@ -36,29 +36,18 @@ def of(vehicle: Parameters) -> VehicleStability:
 class TestReferences:
     @every_reference
     def test_closed_forms_agree(self, reference: Reference) -> None:
-        found = of(reference.vehicle)
-        assert found.peak.gain == pytest.approx(reference.gain, abs=1e-6)
-        assert found.peak.db == pytest.approx(reference.db, abs=1e-6)
-        assert found.peak.omega == pytest.approx(reference.omega, abs=1e-6)
-        assert found.crossover == pytest.approx(reference.crossover, abs=1e-6)
-        assert found.linf_gain == pytest.approx(reference.linf_gain, abs=1e-6)
-
-    @every_reference
-    def test_the_table_is_what_its_methods_give(self, reference: Reference) -> None:
-        stored = (
-            reference.gain,
-            reference.db,
-            reference.omega,
-            reference.crossover,
-            reference.linf_gain,
-        )
-        assert row_of(reference.vehicle) == pytest.approx(stored, abs=6e-7)
+        found, (gain, omega) = of(reference.vehicle), peak(reference.vehicle)
+        assert found.peak.gain == pytest.approx(gain, abs=1e-6)
+        assert found.peak.db == pytest.approx(20 * np.log10(gain), abs=1e-6)
+        assert found.peak.omega == pytest.approx(omega, abs=1e-6)
+        assert found.crossover == pytest.approx(crossover(reference.vehicle, omega), abs=1e-6)
+        area = integral_of_magnitude(reference.vehicle)
+        assert found.linf_gain == pytest.approx(area, abs=1e-6)
 
     @every_reference
     def test_the_papers_columns_are_reproduced(self, reference: Reference) -> None:
         found = of(reference.vehicle)
-        assert found.l2.stable == reference.paper_l2
-        assert found.linf_paper.stable == reference.paper_linf
+        assert (found.l2.stable, found.linf_paper.stable) == (reference.l2, reference.linf)
         assert not found.linf_exact.stable
 
     @pytest.mark.parametrize("vehicle", [(0.0627, 0.2630, 1.17), (0.0581, 0.3010, 1.04)])
@@ -68,11 +57,6 @@ class TestReferences:
 
 
 class TestVerdictsAgree:
-    @given(ordinary)
-    def test_no_sinusoid_beats_the_exact_gain(self, vehicle: Parameters) -> None:
-        found = of(vehicle)
-        assert found.peak.gain <= found.linf_gain * (1 + 1e-12)
-
     @given(st.one_of(ordinary, extreme))
     def test_exactly_linf_stable_means_l2_stable_and_real_poles(self, vehicle: Parameters) -> None:
         found = of(vehicle)
@@ -141,11 +125,6 @@ class TestDegenerate:
         assert not found.l2.stable
         assert not found.linf_exact.stable
 
-    def test_without_headway_every_vehicle_is_unstable(self) -> None:
-        found = of(Parameters(0.1, 0.4, 0.0))
-        assert not found.l2.stable
-        assert found.linf_gain > found.peak.gain > 1
-
     def test_a_gain_barely_above_one_is_marginal(self) -> None:
         # Complex poles with damping ratio 0.999: a swing of exp(-70).
         total = 2 * 0.999 * 0.5
@@ -154,7 +133,7 @@ class TestDegenerate:
         assert found.linf_exact.marginal
         assert 1 <= found.linf_exact.value <= 1 + MARGINAL
 
-    @given(st.lists(extreme, min_size=1, max_size=4))
+    @given(st.lists(st.one_of(ordinary, extreme), min_size=1, max_size=4))
     def test_huge_tiny_and_zero_values_get_an_answer(self, platoon: list[Parameters]) -> None:
         for found in stability_report(row(*platoon)).vehicles:
             assert not isnan(found.peak.gain)

@@ -3,7 +3,7 @@
 from typing import Any
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from accpinn.model.cthp import Parameters
@@ -34,6 +34,7 @@ def test_every_criterion_and_behaviour_has_its_words() -> None:
 
 
 @given(st.one_of(ordinary, extreme))
+@settings(max_examples=50)
 def test_every_reason_is_one_sentence_without_odd_numbers(vehicle: Parameters) -> None:
     report = stability_report(row(vehicle, AUDI))
     for text in [*reasons(report.vehicles[0]).values(), *reasons(report).values()]:
