@@ -1,5 +1,6 @@
 """The loader: one test per oddity of the database, one sentence per unusable file."""
 
+import os
 import time
 from datetime import date
 from pathlib import Path
@@ -471,6 +472,11 @@ def test_a_folder_and_a_missing_file(tmp_path: Path) -> None:
         read(tmp_path / "nowhere.csv")
     with pytest.raises(RecordingError, match="no such file"):
         read("nul\0byte.csv")
+    with pytest.raises(RecordingError, match="name an OpenACC CSV file"):
+        read("")
+    os.mkfifo(tmp_path / "pipe.csv")
+    with pytest.raises(RecordingError, match=r"pipe\.csv: this is not an ordinary file"):
+        read(tmp_path / "pipe.csv")
 
 
 def test_a_file_that_may_not_be_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
