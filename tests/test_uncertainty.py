@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from accpinn.stability.vehicle import numbers
 
 from accpinn.errors import ConfigError
 from accpinn.inference.instrumental_variables import Equations, solve_iv
@@ -14,7 +15,6 @@ from accpinn.methods import least_squares
 from accpinn.methods.fit import Outcome
 from accpinn.model.cthp import Parameters
 from accpinn.segment.segment import Segment
-from accpinn.stability.vehicle import numbers
 from bench.disturbed import Disturbance, disturbed
 from tests.driving import LAW, driven, standing_still
 
