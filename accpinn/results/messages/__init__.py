@@ -38,3 +38,8 @@ def message(finding: Finding, about: Labelled) -> str:
 def messages(findings: Iterable[Finding], about: Labelled) -> tuple[str, ...]:
     """One sentence a finding, in their order."""
     return tuple(message(finding, about) for finding in findings)
+
+
+# The rooms' sentences register themselves when they are imported.
+from accpinn.results.messages import evaluation as _evaluation  # noqa: E402, F401
+from accpinn.results.messages import inference as _inference  # noqa: E402, F401
