@@ -6,13 +6,14 @@ status is 0, 2 for wrong usage, 1 for anything wrong with data or files (one lin
 """
 
 import argparse
+import re
 import sys
 from collections.abc import Sequence
 from importlib import import_module
+from typing import NoReturn
 
 from accpinn import __version__
-from accpinn.cli.output import complain, flush, open_streams
-from accpinn.cli.parser import Parser
+from accpinn.cli.output import complain, flush, open_streams, show
 from accpinn.errors import AccpinnError, ConfigError, ParameterError
 
 COMMANDS = {
@@ -57,7 +58,7 @@ def _run(arguments: Sequence[str]) -> int:
 
 def _parser(arguments: Sequence[str]) -> argparse.ArgumentParser:
     """Commands that are not asked for have a name only: what they import takes seconds."""
-    parser = Parser(
+    parser = _Parser(
         prog="python -m accpinn",
         description="Learn the parameters of adaptive cruise control from OpenACC recordings.",
     )
@@ -68,3 +69,24 @@ def _parser(arguments: Sequence[str]) -> argparse.ArgumentParser:
         if name in arguments:
             import_module(f"accpinn.cli.{name}").add_options(command)
     return parser
+
+
+_NUMBERS = re.compile(r"-\.?\d[\d.,eE+-]*")
+
+
+class _Parser(argparse.ArgumentParser):
+    """Reports a fault in one line, and takes numbers that begin with a minus."""
+
+    def __init__(self, **settings: object) -> None:
+        """With the settings of an `ArgumentParser`."""
+        super().__init__(**settings)  # type: ignore[arg-type]
+        self._negative_number_matcher = _NUMBERS  # else -1,1,1 would be taken for an option
+
+    def error(self, message: str) -> NoReturn:
+        """One line on standard error; exit status 2."""
+        complain(f"{message}; see {self.prog} --help")
+        raise SystemExit(2)
+
+    def print_help(self, file: object = None) -> None:
+        """Options and their meaning, on standard output."""
+        show(self.format_help().rstrip())
