@@ -15,7 +15,8 @@ from dataclasses import asdict, dataclass
 
 import numpy as np
 
-from accpinn.inference.intervals import LEVEL, SYMBOLS, Interval, intervals
+from accpinn.channels import PARAMETERS
+from accpinn.inference.intervals import LEVEL, Interval, intervals
 from accpinn.methods.fit import Fit
 from accpinn.methods.registry import METHODS
 from accpinn.model.cthp import Parameters
@@ -25,6 +26,7 @@ from accpinn.units import FloatArray
 from bench.disturbed import Disturbance, disturbed
 from bench.rivals import RIVALS, Smooth
 
+SYMBOLS = tuple(one.symbol for one in PARAMETERS)
 LAWS = tuple(law for group in PUBLISHED for law in group.parameters)
 OURS = "accpinn"
 SPLINES = "splines"
@@ -101,7 +103,7 @@ def measure(
 
 def _ours(segment: Segment, fit: Fit, level: float) -> Interval:
     result = intervals(segment, fit, level)
-    return Interval(result.lower[0], result.upper[0])
+    return Interval(result.lower[0].values, result.upper[0].values)
 
 
 def _row(law: Parameters) -> list[float]:

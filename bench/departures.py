@@ -9,7 +9,7 @@ import argparse
 import sys
 from dataclasses import dataclass
 
-from accpinn.inference.intervals import SYMBOLS
+from accpinn.channels import PARAMETERS
 from accpinn.model.cthp import Parameters
 from bench.coverage import LAWS, Study, measure
 from bench.disturbed import Disturbance
@@ -47,9 +47,10 @@ DEPARTURES = (
 
 def table(recordings: int) -> str:
     """The studies one below the other, as Markdown."""
+    symbols = " | ".join(one.symbol for one in PARAMETERS)
     lines = [
-        f"| 90 % intervals, {recordings} recordings each | {' | '.join(SYMBOLS)} | all three |",
-        f"|---|{'---|' * (len(SYMBOLS) + 1)}",
+        f"| 90 % intervals, {recordings} recordings each | {symbols} | all three |",
+        f"|---|{'---|' * (len(PARAMETERS) + 1)}",
     ]
     for departure in DEPARTURES:
         study = measure(recordings, departure.disturbance, rivals=False, laws=departure.laws)

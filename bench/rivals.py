@@ -16,7 +16,6 @@ from scipy.linalg import expm
 from scipy.stats import norm
 
 from accpinn.inference.intervals import Interval
-from accpinn.inference.sampling import as_parameters
 from accpinn.methods.fit import Fit
 from accpinn.model.cthp import Parameters, motion_matrix, regressors
 from accpinn.segment.segment import Segment
@@ -55,7 +54,10 @@ def naive(smooth: Smooth, level: float, rng: np.random.Generator) -> Interval:
     alpha, alpha_tau, _ = smooth.theta
     slope = np.array([-alpha_tau / alpha**2, 1 / alpha, 0.0])
     deviation = np.sqrt([covariance[0, 0], covariance[2, 2], slope @ covariance @ slope])
-    centre, reach = as_parameters(smooth.theta), norm.ppf((1 + level) / 2) * deviation
+    centre, reach = (
+        Parameters.from_theta(smooth.theta).values,
+        norm.ppf((1 + level) / 2) * deviation,
+    )
     return Interval(centre - reach, centre + reach)
 
 
@@ -65,7 +67,7 @@ def blocks(smooth: Smooth, level: float, rng: np.random.Generator) -> Interval:
     sums = np.stack([products[instants].sum(axis=0) for instants in smooth.blocks(rng).T])
     drawn = np.linalg.solve(sums[:, :, :3], sums[:, :, 3:])[..., 0]
     tail = (1 - level) / 2
-    return Interval(*np.quantile(as_parameters(drawn), [tail, 1 - tail], axis=0))
+    return Interval(*np.quantile(Parameters.from_theta(drawn).values, [tail, 1 - tail], axis=0))
 
 
 def loop_blocks(smooth: Smooth, level: float, rng: np.random.Generator) -> Interval:
@@ -81,8 +83,8 @@ def loop_blocks(smooth: Smooth, level: float, rng: np.random.Generator) -> Inter
     moments = np.einsum("nik,nk->ki", terms, rates)
     drawn = np.linalg.solve(grams, moments[..., None])[..., 0]
     tail = (1 - level) / 2
-    low, high = np.quantile(as_parameters(drawn), [tail, 1 - tail], axis=0)
-    centre = as_parameters(smooth.theta)
+    low, high = np.quantile(Parameters.from_theta(drawn).values, [tail, 1 - tail], axis=0)
+    centre = Parameters.from_theta(smooth.theta).values
     return Interval(2 * centre - high, 2 * centre - low)
 
 

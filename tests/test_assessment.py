@@ -5,12 +5,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from accpinn.evaluation.errors import TrackingErrors, surrogate_errors, tracking_errors
+from accpinn.evaluation.masking import part, without
 
 from accpinn.evaluation.closed_loop import closed_loop, closed_loop_errors, collisions, incidents
 from accpinn.evaluation.cross_validation import Block, cross_validate, pooled_holdout_errors
-from accpinn.evaluation.errors import TrackingErrors, surrogate_errors, tracking_errors
 from accpinn.evaluation.evaluation import evaluate
-from accpinn.evaluation.masking import part, without
 from accpinn.evaluation.whiteness import whiteness
 from accpinn.methods import least_squares, splines
 from accpinn.methods.fit import Fit

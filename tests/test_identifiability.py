@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from accpinn.inference.profiles import INCREASE, profile, profiles
 from scipy.optimize import nnls
 
 from accpinn.cli import main
@@ -13,7 +14,6 @@ from accpinn.errors import ConfigError
 from accpinn.inference.identifiability import WIDE, identifiability_warnings
 from accpinn.inference.intervals import intervals
 from accpinn.inference.multistart import Trial, multistart, summarise
-from accpinn.inference.profiles import INCREASE, profile, profiles
 from accpinn.methods import least_squares
 from accpinn.methods.fit import Outcome
 from accpinn.methods.pinn.config import STARTS, preset

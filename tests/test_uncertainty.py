@@ -4,11 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from accpinn.inference.jackknife import block_length, spread
 
 from accpinn.errors import ConfigError
 from accpinn.inference.instrumental_variables import Equations, solve_iv
 from accpinn.inference.intervals import intervals, within
-from accpinn.inference.jackknife import block_length, spread
 from accpinn.inference.sampling import as_parameters, project, quantile_interval
 from accpinn.methods import least_squares
 from accpinn.methods.fit import Outcome

@@ -39,7 +39,7 @@ class TrackingErrors:
     """(M,) in m."""
 
 
-class SimulatedCollision(Finding):
+class SimulatedCollision(Finding, frozen=True):
     """A follower touches the vehicle ahead in the closed-loop simulation, but not in the data."""
 
     vehicle: int
@@ -49,7 +49,7 @@ class SimulatedCollision(Finding):
     """Over the whole simulation, so below zero."""
 
 
-class SimulatedReversing(Finding):
+class SimulatedReversing(Finding, frozen=True):
     """A follower drives backwards in the closed-loop simulation."""
 
     vehicle: int
@@ -59,7 +59,7 @@ class SimulatedReversing(Finding):
     """The largest, backwards."""
 
 
-class SimulatedDivergence(Finding):
+class SimulatedDivergence(Finding, frozen=True):
     """A follower's gap leaves ±`DIVERGED` in the closed-loop simulation."""
 
     vehicle: int
@@ -154,9 +154,7 @@ def closed_loop_findings(
     return tuple(found)
 
 
-def collision_times(
-    findings: Sequence[ClosedLoopFinding], vehicles: Sequence[int]
-) -> FloatArray:
+def collision_times(findings: Sequence[ClosedLoopFinding], vehicles: Sequence[int]) -> FloatArray:
     """When each follower first collides.
 
     Args:

@@ -1,15 +1,15 @@
 """Closed-loop errors on time that the parameters were not fitted to: hold-out and out of window.
 
-Blocks of time are held out, as random instants of a smooth series are predicted by their neighbours.
+Blocks of time are held out, as the neighbours of an instant would predict it all too well.
 Each third of the window is simulated with the parameters fitted to the other two, from its own
 first measured instant on. No time is left out between a block and the rest, so disturbances that
 last for some seconds across a border make these errors slightly too small.
 
 A block at either end of the window is cut off. One in the middle is masked, as a regime is, and
 what was measured there is replaced by a bridge: the leader's speed is straight, each space-gap the
-cubic with the values and slopes (Δv) at both ends, and the followers' speeds follow from dp/dt = Δv.
-So even a method that smooths over the block learns nothing of it, nothing is spliced, and both
-sides keep their time. The bridge itself moves an estimate by less than half a percent.
+cubic with the values and slopes (Δv) at both ends, and the speeds follow from dp/dt = Δv. So
+even a method that smooths over the block learns nothing of it, nothing is spliced, and both sides
+keep their time. The bridge itself moves an estimate by less than half a percent.
 """
 
 from collections.abc import Callable

@@ -37,13 +37,13 @@ NEGLIGIBLE = 0.02
 """m/s²; as much comes from receivers' noise of 0.015 m/s, and from taking samples."""
 
 
-class ShortResidual(Finding):
+class ShortResidual(Finding, frozen=True):
     """The window is too short to test a follower's residual for correlation."""
 
     vehicle: int
 
 
-class WhiteResidual(Finding):
+class WhiteResidual(Finding, frozen=True):
     """A follower's residual is not correlated beyond a second."""
 
     vehicle: int
@@ -51,7 +51,7 @@ class WhiteResidual(Finding):
     """Root mean square in m/s²."""
 
 
-class CorrelatedResidual(Finding):
+class CorrelatedResidual(Finding, frozen=True):
     """A follower's residual lasts, so its samples are not independent."""
 
     vehicle: int
@@ -98,7 +98,9 @@ def whiteness(segment: Segment, fit: Fit) -> Whiteness:
     figures = np.array([_figures(row, known, steps.length) for row, known in pairs])
     samples = steps.known.sum(axis=1) * steps.samples
     rows = zip(segment.vehicles[1:], samples.tolist(), figures.tolist(), strict=True)
-    return Whiteness(*figures.T, tuple(_finding(*row) for row in rows))
+    findings = tuple(_finding(*row) for row in rows)
+    deviation, correlation, memory, independent, probability = figures.T
+    return Whiteness(deviation, correlation, memory, independent, probability, findings)
 
 
 def _finding(vehicle: int, samples: int, figures: list[float]) -> WhitenessFinding:

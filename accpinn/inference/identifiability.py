@@ -43,7 +43,7 @@ FURTHER = 1.5
 """The values reach so many times as far as the ends on either side."""
 
 
-class WeakIdentification(Finding):
+class WeakIdentification(Finding, frozen=True):
     """A follower's intervals are wide, or its data have little excitation."""
 
     vehicle: int

@@ -74,7 +74,7 @@ class ParameterInterval(msgspec.Struct, frozen=True):
     estimate: float | None = None
 
 
-class ShortWindow(Finding):
+class ShortWindow(Finding, frozen=True):
     """The window is so short that its intervals are rough."""
 
     duration: Seconds
@@ -82,14 +82,14 @@ class ShortWindow(Finding):
     """The length of the blocks that had to be used."""
 
 
-class NotDetermined(Finding):
+class NotDetermined(Finding, frozen=True):
     """The data determine none of a follower's parameters."""
 
     vehicle: int
     """0 for all followers together."""
 
 
-class NegativeEstimate(Finding):
+class NegativeEstimate(Finding, frozen=True):
     """The data ask for a negative parameter, so that its interval is 0 alone."""
 
     vehicle: int
@@ -97,7 +97,7 @@ class NegativeEstimate(Finding):
     symbol: str
 
 
-class OutsideInterval(Finding):
+class OutsideInterval(Finding, frozen=True):
     """Some of a follower's estimates lie outside their intervals."""
 
     vehicle: int
@@ -292,7 +292,9 @@ def parameter_intervals(
         follower: 0 for the first one.
         estimates: (M,) to be kept beside them.
     """
-    lower, upper = (ends[follower].values.tolist() for ends in (uncertainty.lower, uncertainty.upper))
+    lower, upper = (
+        ends[follower].values.tolist() for ends in (uncertainty.lower, uncertainty.upper)
+    )
     values = estimates[follower].values.tolist() if estimates else 3 * [float("nan")]
     return tuple(
         ParameterInterval(one.symbol, low, _finite(high), _finite(value))

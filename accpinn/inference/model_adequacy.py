@@ -34,7 +34,7 @@ BETTER = 0.02
 """A form that explains so much more of the held-out seconds is better."""
 
 
-class BetterForm(Finding):
+class BetterForm(Finding, frozen=True):
     """Another form of the model explains a follower's held-out seconds better than the CTHP."""
 
     vehicle: int

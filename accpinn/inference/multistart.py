@@ -30,7 +30,7 @@ NOTICED = 1.0
 """In percent: trainings with a larger spread of any parameter disagree."""
 
 
-class TrainingSpread(Finding):
+class TrainingSpread(Finding, frozen=True):
     """How far the trainings end apart."""
 
     trainings: int
@@ -42,7 +42,7 @@ class TrainingSpread(Finding):
     """Trainings that had not converged when their iterations were over."""
 
 
-class SpreadUndetermined(Finding):
+class SpreadUndetermined(Finding, frozen=True):
     """A parameter has no spread, as some trainings leave it undetermined."""
 
     vehicle: int

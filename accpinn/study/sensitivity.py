@@ -62,8 +62,7 @@ def sensitivity(
             part = exclude_regimes(plain, regimes, names) if any(share) else plain
         except SegmentError as fault:
             rows += [
-                SensitivityResult(choice, names, share, method, None, fault)
-                for method in COMPARED
+                SensitivityResult(choice, names, share, method, None, fault) for method in COMPARED
             ]
             continue
         digest = part.info.digest  # a regime that does not occur changes nothing

@@ -4,8 +4,7 @@ import numpy as np
 import plotly.graph_objects as go
 from plotly.colors import hex_to_rgb
 
-from accpinn.inference.bands import gain_band
-from accpinn.inference.intervals import Uncertainty
+from accpinn.inference.intervals import Uncertainty, gain_band
 from accpinn.model.published import ParameterSet
 from accpinn.results.figures.stability import CEILING, Plane, colours
 from accpinn.units import FloatArray
@@ -51,7 +50,7 @@ def add_clouds(
     across = {"alpha": 0, "beta": 1}[plane]
     clouds = []
     for k, colour in enumerate(colours(laws)):
-        draws = uncertainty.draws[:, k]
+        draws = uncertainty.draws.values[:, k]
         draws = draws[np.linspace(0, len(draws) - 1, CLOUD).astype(int)]
         draws = draws[np.isfinite(draws).all(axis=1)]
         clouds.append(
@@ -66,15 +65,15 @@ def add_clouds(
 
 def cloud_words(figure: go.Figure, uncertainty: Uncertainty, plane: Plane) -> str:
     """What the clouds are, and how many of the laws have no place in sight of the map."""
-    known = uncertainty.draws[:, ~np.isnan(uncertainty.draws[0, :, 0])]
+    known = uncertainty.draws.values[:, ~np.isnan(uncertainty.draws.alpha[0])]
     across = known[..., {"alpha": 0, "beta": 1}[plane]]
     right, top = figure.layout.xaxis.range[1], figure.layout.yaxis.range[1]
-    gapless = np.isnan(known[..., 2])
-    beyond = ~gapless & ((across > right) | (known[..., 2] > top))
+    no_gap_control = np.isnan(known[..., 2])
+    beyond = ~no_gap_control & ((across > right) | (known[..., 2] > top))
     parts = [
         f"{100 * share:.0f} % {what}"
         for share, what in (
-            (gapless.mean() if known.size else 0.0, "keep no gap (α = 0) and have no τ"),
+            (no_gap_control.mean() if known.size else 0.0, "keep no gap (α = 0) and have no τ"),
             (beyond.mean() if known.size else 0.0, "lie beyond its edges"),
         )
         if share >= 0.005

@@ -64,7 +64,9 @@ def _(finding: ShortResidual, about: Labelled) -> str:
 
 @message.register
 def _(finding: WhiteResidual, about: Labelled) -> str:
-    residual = f"{about.label(finding.vehicle)}: the model's residual ({finding.deviation:.2f} m/s²)"
+    residual = (
+        f"{about.label(finding.vehicle)}: the model's residual ({finding.deviation:.2f} m/s²)"
+    )
     if finding.deviation < NEGLIGIBLE:
         return f"{residual} is no larger than noise and rounding make it."
     return f"{residual} is not correlated beyond a second."

@@ -6,6 +6,7 @@ from typing import Any
 from accpinn.inference.intervals import Uncertainty
 from accpinn.methods.fit import unfinished
 from accpinn.model.cthp import Parameters
+from accpinn.results.messages import messages
 from accpinn.results.snapshot.content import Snapshot
 from accpinn.results.tables.table import between
 
@@ -55,7 +56,7 @@ def headway_words(uncertainty: Uncertainty | None, follower: int) -> str:
     """The interval of τ; empty where there is none."""
     if uncertainty is None:
         return ""
-    low, high = float(uncertainty.lower[follower, 2]), float(uncertainty.upper[follower, 2])
+    low, high = (ends[follower].tau for ends in (uncertainty.lower, uncertainty.upper))
     if isnan(low) or isnan(high):
         return ""
     percent = f"{100 * uncertainty.level:.0f} % interval"
@@ -146,7 +147,8 @@ def _collisions(snapshot: Snapshot) -> str:
     worth, labels = snapshot.evaluation, snapshot.info.labels[1:]
     if worth is None:
         return ""
-    when = [(k, float(time)) for k, time in enumerate(worth.collisions) if isfinite(time)]
+    times = worth.collision_times(snapshot.info.vehicles).tolist()
+    when = [(k, time) for k, time in enumerate(times) if isfinite(time)]
     if not when:
         return ""
     if len(labels) == 1:
@@ -205,17 +207,18 @@ def _left_out(snapshot: Snapshot) -> str:
 
 def beware(snapshot: Snapshot) -> dict[str, tuple[str, ...]]:
     """What to beware of, by the part of the story that it belongs to."""
-    worth, uncertainty = snapshot.evaluation, snapshot.uncertainty
+    info, worth, uncertainty = snapshot.info, snapshot.evaluation, snapshot.uncertainty
+    driving = (*worth.findings, *worth.out_of_window_findings) if worth else ()
     return {
         "data": (*snapshot.info.notes, *snapshot.quality.warnings),
         "parameters": tuple(
             dict.fromkeys(
                 (
                     *snapshot.fit.notes,
-                    *(uncertainty.notes if uncertainty else ()),
-                    *(worth.whiteness.sentences if worth else ()),
+                    *messages(uncertainty.findings if uncertainty else (), info),
+                    *messages(worth.whiteness.findings if worth else (), info),
                 )
             )
         ),
-        "driving": worth.incidents if worth else (),
+        "driving": messages(driving, info),
     }

@@ -10,7 +10,7 @@ from accpinn.errors import SnapshotError
 from accpinn.evaluation.evaluation import Evaluation
 from accpinn.inference.intervals import Uncertainty
 from accpinn.methods.fit import Fit, History, ParameterTrack
-from accpinn.model.cthp import Trajectories
+from accpinn.model.cthp import Parameters, Trajectories
 from accpinn.results.snapshot.arrays import Arrays, Shape, Sizes, check, check_finite
 from accpinn.results.snapshot.codec import Decoder, encode
 from accpinn.results.snapshot.content import Origin, Snapshot
@@ -102,10 +102,10 @@ class _Draws:
         same = [
             k
             for k, a in self.arrays.items()
-            if np.array_equal(a, uncertainty.draws, equal_nan=True)
+            if np.array_equal(a, uncertainty.draws.values, equal_nan=True)
         ]
         name = same[0] if same else str(len(self.arrays))
-        self.arrays[name] = uncertainty.draws
+        self.arrays[name] = uncertainty.draws.values
         return {"draws": name, "figures": encode(uncertainty, DRAWS_ELSEWHERE)}
 
 
@@ -223,7 +223,8 @@ class _Assembly:
         named = decoder.read(_Doubt, tree)
         if named.draws not in self.draws:
             raise SnapshotError(f"The snapshot is refused: {decoder.what} lack their draws.")
-        return decoder.read(Uncertainty, named.figures, "figures", draws=self.draws[named.draws])
+        draws = Parameters.of(self.draws[named.draws])
+        return decoder.read(Uncertainty, named.figures, "figures", draws=draws)
 
     def _optional(self, name: str, kind: type[Any]) -> Any:
         tree = self.documents.get(name)

@@ -4,12 +4,12 @@ from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any
 
+import msgspec
 import numpy as np
 
 from accpinn.errors import ConfigError
-from accpinn.evaluation.closed_loop import closed_loop_errors
+from accpinn.evaluation.closed_loop import TrackingErrors, closed_loop_errors
 from accpinn.evaluation.cross_validation import pooled_holdout_errors
-from accpinn.evaluation.errors import TrackingErrors
 from accpinn.evaluation.evaluation import Evaluation, evaluate
 from accpinn.inference.intervals import Uncertainty, intervals
 from accpinn.methods.fit import Fit
@@ -60,25 +60,24 @@ def _errors(snapshot: Snapshot, old: Evaluation, new: Evaluation, wording: bool)
         ("Closed-loop simulation", old.closed_loop, new.closed_loop),
     ]
     # Without facts the snapshot was taken without its recording, and there was no rest.
-    if new.unseen is not None and (old.unseen is not None or snapshot.facts):
-        pairs.append(("Rest of the recording", old.unseen, new.unseen))
+    if new.out_of_window is not None and (old.out_of_window is not None or snapshot.facts):
+        pairs.append(("Rest of the recording", old.out_of_window, new.out_of_window))
     for name, stored, computed in pairs:
         yield compared(name, (mae(stored), mae(computed)), stored, computed)
     lasting = [f"lasts {few(one.whiteness.memory)} s" for one in (old, new)]
     yield compared("Residual", lasting, old.whiteness, new.whiteness, wording=wording)
-    touches = [f"at {few(one.collisions)} s" for one in (old, new)]
-    # Those on the rest of the recording come last, and need it.
-    said = [list(one.incidents[: len(new.incidents)]) for one in (old, new)]
-    met = [[one.collisions, texts] for one, texts in zip((old, new), said, strict=True)]
+    vehicles = snapshot.info.vehicles
+    touches = [f"at {few(one.collision_times(vehicles))} s" for one in (old, new)]
+    met = [msgspec.to_builtins(one.findings) for one in (old, new)]
     yield compared("Collisions", touches, met[0], met[1], wording=wording)
     yield from pooled("Held out", old)
 
 
 def pooled(name: str, worth: Evaluation) -> Iterator[Check]:
     """Whether the error over all blocks held out is that of the blocks."""
-    if worth.blocks or worth.held_out:
+    if worth.blocks or worth.holdout:
         whole = pooled_holdout_errors(worth.blocks) if worth.blocks else None
-        yield compared(name, (mae(worth.held_out), mae(whole)), worth.held_out, whole)
+        yield compared(name, (mae(worth.holdout), mae(whole)), worth.holdout, whole)
 
 
 def _intervals(
@@ -95,9 +94,11 @@ def _intervals(
             return Check(name, *texts, False, sentence)
         sentence = f"Not compared, as another method was used then: {stored.method}."
         return Check(name, *texts, True, sentence)
-    one, other = (replace(uncertainty, seconds=0.0, notes=()) for uncertainty in (stored, computed))
+    one, other = (
+        replace(uncertainty, seconds=0.0, findings=()) for uncertainty in (stored, computed)
+    )
     # Thousands of draws are compared at once; only where they differ one by one, to name the place.
-    if np.allclose(one.draws, other.draws, INTERVALS, ABSOLUTE, equal_nan=True):
+    if np.allclose(one.draws.values, other.draws.values, INTERVALS, ABSOLUTE, equal_nan=True):
         one, other = (
             replace(uncertainty, draws=uncertainty.draws[:0]) for uncertainty in (one, other)
         )
@@ -105,7 +106,7 @@ def _intervals(
 
 
 def _ends(uncertainty: Uncertainty) -> str:
-    return f"α {few(uncertainty.lower[:, 0])} to {few(uncertainty.upper[:, 0])}"
+    return f"α {few(uncertainty.lower.alpha)} to {few(uncertainty.upper.alpha)}"
 
 
 def mae(errors: TrackingErrors | None) -> str:

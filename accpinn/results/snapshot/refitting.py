@@ -99,10 +99,10 @@ def _same_blocks(
     ending: str, stored: Sequence[Block], computed: Sequence[Block], fit: Fit
 ) -> Iterator[Check]:
     """Blocks of the same time; versions that hold out others are not called wrong for it."""
-    now = {round(block.start, 3): block for block in computed}
+    now = {round(block.window.start, 3): block for block in computed}
     for k, old in enumerate(stored, start=1):
-        name, new = f"Block {k} {ending}", now.get(round(old.start, 3))
-        if new is None or abs(new.duration - old.duration) > BLOCK_TOLERANCE:
+        name, new = f"Block {k} {ending}", now.get(round(old.window.start, 3))
+        if new is None or abs(new.window.duration - old.window.duration) > BLOCK_TOLERANCE:
             sentence = "Not compared, as other blocks were held out then."
             yield Check(name, mae(old.errors), "not computed", True, sentence)
             continue

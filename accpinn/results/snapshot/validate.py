@@ -132,7 +132,7 @@ def _check_doubt(uncertainty: Uncertainty, part: str) -> None:
     for interval in (uncertainty.peak_gain, uncertainty.linf_gain, uncertainty.crossover):
         if _negative(interval.lower) or _upside_down(interval):
             _refuse(part, "an interval of a gain or frequency is negative or upside down")
-    if _upside_down(Interval(uncertainty.lower, uncertainty.upper)):
+    if _upside_down(Interval(uncertainty.lower.values, uncertainty.upper.values)):
         _refuse(part, "an interval of a parameter is upside down")
 
 
