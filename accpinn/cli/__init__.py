@@ -28,6 +28,15 @@ COMMANDS = {
 }
 """Each a module here with `add_options(parser)`, which sets `run` to a function of the options."""
 
+CONVENTIONS = (
+    "Times are seconds from the recording's first sample. Vehicles are numbered as in the file, and"
+    " the first one listed is the leader. Case I estimates one parameter set for all followers,"
+    " Case II one for each. With --json standard output is one JSON document; progress goes to"
+    " standard error. Results and checkpoints of trainings are kept in the user's cache folder, or"
+    " in the folder that ACCPINN_CACHE names. Exit status: 0; 1 for a fault of data or files; 2 for"
+    " wrong usage; 130 when interrupted, and the same call continues the training."
+)
+
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command; returns the exit status."""
@@ -61,11 +70,15 @@ def _parser(arguments: Sequence[str]) -> argparse.ArgumentParser:
     parser = _Parser(
         prog="python -m accpinn",
         description="Learn the parameters of adaptive cruise control from OpenACC recordings.",
+        epilog=CONVENTIONS,
     )
     parser.add_argument("--version", action="version", version=f"accpinn {__version__}")
     subparsers = parser.add_subparsers(metavar="COMMAND", required=True)
     for name, meaning in COMMANDS.items():
-        command = subparsers.add_parser(name, help=meaning)
+        sentence = f"{meaning[0].upper()}{meaning[1:]}."
+        command = subparsers.add_parser(
+            name, help=meaning, description=sentence, epilog=CONVENTIONS
+        )
         if name in arguments:
             import_module(f"accpinn.cli.{name}").add_options(command)
     return parser

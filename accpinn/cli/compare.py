@@ -86,7 +86,6 @@ def _describe(
 
 def _describe_result(segment: Segment, result: MethodResult) -> dict[str, Any]:
     fit, evaluation = result.fit, result.evaluation
-    findings = (*evaluation.findings, *evaluation.out_of_window_findings)
     return {
         "method": fit.method,
         "case": fit.case,
@@ -96,7 +95,7 @@ def _describe_result(segment: Segment, result: MethodResult) -> dict[str, Any]:
         "surrogate_mae": describe_errors(evaluation.surrogate),
         "closed_loop_mae": describe_errors(evaluation.closed_loop),
         "collisions": evaluation.collision_times(segment.vehicles).tolist(),
-        "incidents": list(messages(findings, segment)),
+        "incidents": list(messages(evaluation.all_findings, segment)),
         "holdout_mae": describe_errors(evaluation.holdout),
         "blocks_mae": [
             {
@@ -161,8 +160,7 @@ def _text(
         *(
             f"{result.fit.method}: {sentence}"
             for result in results
-            for found in (result.evaluation.findings, result.evaluation.out_of_window_findings)
-            for sentence in messages(found, segment)
+            for sentence in messages(result.evaluation.all_findings, segment)
         ),
         *messages(results[0].evaluation.whiteness.findings, segment),
         *messages(better_forms(segment.vehicles, forms), segment),

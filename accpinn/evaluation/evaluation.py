@@ -49,6 +49,11 @@ class Evaluation:
     out_of_window_findings: tuple[ClosedLoopFinding, ...]
     """The same on the rest of the recording."""
 
+    @property
+    def all_findings(self) -> tuple[ClosedLoopFinding, ...]:
+        """On the segment, then on the rest of the recording."""
+        return (*self.findings, *self.out_of_window_findings)
+
     def collision_times(self, vehicles: Sequence[int]) -> FloatArray:
         """(M,) when each follower first collides on the segment, as `closed_loop` has it."""
         return collision_times(self.findings, vehicles)

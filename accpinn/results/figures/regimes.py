@@ -12,7 +12,7 @@ COLOURS = {
     MANUAL: "#b04a96",
     STANDSTILL: "#4f86b5",
 }
-"""By regime: a contrast of 3 or more on white and on the dark page; the law's own ground is grey
+"""By regime: a contrast of 3 or more on white and on the dark page; car-following, which the model is for, is grey
 and thin; the others differ under red-blind and green-blind vision, and from the first vehicles."""
 THIN, THICK = 3, 8
 

@@ -5,7 +5,6 @@ from collections.abc import Sequence
 import numpy as np
 import streamlit as st
 
-from accpinn.evaluation.closed_loop import ClosedLoopFinding
 from accpinn.inference.identifiability import wide_intervals
 from accpinn.results.messages.evaluation import closed_loop_event
 from accpinn.results.tables.estimates import PARAMETER_COLUMNS
@@ -30,7 +29,7 @@ def show_verdict(segment: Segment, rows: tuple[MethodResult, ...]) -> None:
         st.warning(f"{said}{ahead}{_listed(touching)}", icon=":material/warning:")
     told = closed_loop_events(segment, rows)
     if told:
-        count = sum(len(_findings(row)) for row in rows)
+        count = sum(len(row.evaluation.all_findings) for row in rows)
         title = f"All events in the closed-loop simulations, here and outside the window ({count})"
         with st.expander(title, icon=":material/car_crash:"):
             st.markdown(told)
@@ -106,16 +105,16 @@ def closed_loop_events(segment: Segment, rows: Sequence[MethodResult]) -> str:
     for vehicle in segment.vehicles[1:]:
         lines = []
         for row in rows:
-            events = [closed_loop_event(one) for one in _findings(row) if one.vehicle == vehicle]
+            events = [
+                closed_loop_event(one)
+                for one in row.evaluation.all_findings
+                if one.vehicle == vehicle
+            ]
             if events:
                 lines.append(f"{name_of(row.fit)}: {escape_markdown(' · '.join(events))}")
         if lines:
             parts.append(f"**{escape_markdown(segment.label(vehicle))}**\n\n{_bulleted(lines)}")
     return "\n\n".join(parts)
-
-
-def _findings(row: MethodResult) -> tuple[ClosedLoopFinding, ...]:
-    return (*row.evaluation.findings, *row.evaluation.out_of_window_findings)
 
 
 def _who(names: Sequence[str], which: Sequence[bool]) -> str:

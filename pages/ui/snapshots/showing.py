@@ -47,9 +47,7 @@ def show_result(workspace: Workspace, snapshot: Snapshot) -> None:
     table = tables.parameter_table(info, fit, snapshot.quality, *errors)
     colours = [vehicle_colour(n, info.vehicles[0]) for n in info.vehicles]
     st.html(typeset.STYLE + table.coloured(colours).to_html())
-    show_closed_loop_findings(
-        (*worth.findings, *worth.out_of_window_findings) if worth else (), snapshot.info
-    )
+    show_closed_loop_findings(worth.all_findings if worth else (), info)
     show_intervals(info, snapshot.uncertainty)
     if fit.notes:
         st.info(bullets(fit.notes), icon=":material/info:")
@@ -67,10 +65,10 @@ def show_history(snapshot: Snapshot) -> None:
     frame.vehicle_key(info)
     loss, *parameters = st.columns(4)
     with loss:
-        show_chart(training.loss_course(history), "snapshots_loss")
+        show_chart(training.loss_history(history), "snapshots_loss")
     for which, column in enumerate(parameters):
         with column:
-            figure = training.parameter_course(history, which, info)
+            figure = training.parameter_history(history, which, info)
             show_chart(figure, f"snapshots_parameter_{which}")
 
 
