@@ -95,7 +95,7 @@ def whiteness(segment: Segment, fit: Fit) -> Whiteness:
     theta = np.nan_to_num(fit.parameters.theta)
     residuals = steps.rates - np.einsum("mkc,mc->mk", steps.terms, theta)
     pairs = zip(residuals, steps.known, strict=True)
-    figures = np.array([_figures(row, known, steps.length) for row, known in pairs])
+    figures = np.array([_figures(row, mask, steps.length) for row, mask in pairs])
     samples = steps.known.sum(axis=1) * steps.samples
     rows = zip(segment.vehicles[1:], samples.tolist(), figures.tolist(), strict=True)
     findings = tuple(_finding(*row) for row in rows)
@@ -112,27 +112,27 @@ def _finding(vehicle: int, samples: int, figures: list[float]) -> WhitenessFindi
     return CorrelatedResidual(vehicle, deviation, memory, samples, independent)
 
 
-def _figures(residual: FloatArray, known: NDArray[np.bool_], second: Seconds) -> list[float]:
+def _figures(residual: FloatArray, mask: NDArray[np.bool_], second: Seconds) -> list[float]:
     """Deviation, correlation, memory, independent samples, probability."""
-    count = int(known.sum())
+    count = int(mask.sum())
     if not count:
         return 5 * [float("nan")]
-    deviation = float(np.sqrt((residual[known] ** 2).mean()))
-    centred = np.where(known, residual - residual[known].mean(), 0.0)
+    deviation = float(np.sqrt((residual[mask] ** 2).mean()))
+    centred = np.where(mask, residual - residual[mask].mean(), 0.0)
     if count < FEWEST or not centred.any():
         return [deviation, *4 * [float("nan")]]
-    rho = _correlations(centred, known)
+    rho = _correlations(centred, mask)
     memory = second * _integrated(rho)
     independent = min(count * second / memory, float(count))
     return [deviation, float(rho[1]), memory, independent, _by_chance(rho, count)]
 
 
-def _correlations(centred: FloatArray, known: NDArray[np.bool_]) -> FloatArray:
+def _correlations(centred: FloatArray, mask: NDArray[np.bool_]) -> FloatArray:
     """ρ_k over the pairs of seconds that both count, with far lags damped as usual."""
     count = len(centred)
     products, pairs = (
         np.fft.irfft(np.abs(np.fft.rfft(series, 2 * count)) ** 2)[:count]
-        for series in (centred, known.astype(float))
+        for series in (centred, mask.astype(float))
     )
     covariance = products * (count - np.arange(count)) / np.maximum(pairs.round(), 1.0)
     return np.asarray(covariance / covariance[0])

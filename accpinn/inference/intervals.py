@@ -219,7 +219,7 @@ def _shared(segment: Segment, case: Case, level: float, draws: int) -> Uncertain
     centre, drawn = _sample(segment, case, OVERSAMPLING * draws, np.random.default_rng(SEED))
     sample = Parameters.from_theta(drawn)
     lower, upper = quantile_interval(sample.values, level)
-    known = ~np.isnan(sample.alpha[0])
+    determined = ~np.isnan(sample.alpha[0])
     # τ has no effect where α = 0, and what is not determined is masked below.
     finite = Parameters.of(np.nan_to_num(sample.values))
     spaced = finite.alpha > 0
@@ -231,11 +231,11 @@ def _shared(segment: Segment, case: Case, level: float, draws: int) -> Uncertain
         upper=Parameters.of(upper),
         inside=np.ones_like(lower, dtype=bool),
         draws=sample[::OVERSAMPLING],
-        probability_l2=_share((l2_margin(finite) >= 0) & spaced, known),
-        probability_linf=_share((exact_margin(finite) >= 0) & spaced, known),
-        peak_gain=_interval(peaks(finite).gain, level, known),
-        linf_gain=_interval(step_metrics(finite).gain, level, known),
-        crossover=_interval(np.nan_to_num(crossovers(finite)), level, known),
+        probability_l2=_share((l2_margin(finite) >= 0) & spaced, determined),
+        probability_linf=_share((exact_margin(finite) >= 0) & spaced, determined),
+        peak_gain=_interval(peaks(finite).gain, level, determined),
+        linf_gain=_interval(step_metrics(finite).gain, level, determined),
+        crossover=_interval(np.nan_to_num(crossovers(finite)), level, determined),
         seconds=0.0,
         findings=(),
     )
@@ -257,12 +257,12 @@ def _sample(
     return centre, drawn
 
 
-def _share(holds: NDArray[np.bool_], known: NDArray[np.bool_]) -> FloatArray:
-    return np.where(known, holds.mean(axis=0), np.nan)
+def _share(holds: NDArray[np.bool_], determined: NDArray[np.bool_]) -> FloatArray:
+    return np.where(determined, holds.mean(axis=0), np.nan)
 
 
-def _interval(values: FloatArray, level: float, known: NDArray[np.bool_]) -> Interval:
-    return Interval(*quantile_interval(np.where(known, values, np.nan), level))
+def _interval(values: FloatArray, level: float, determined: NDArray[np.bool_]) -> Interval:
+    return Interval(*quantile_interval(np.where(determined, values, np.nan), level))
 
 
 def _findings(segment: Segment, fit: Fit, judged: Uncertainty) -> list[UncertaintyFinding]:
