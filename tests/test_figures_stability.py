@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import plotly.graph_objects as go
 import pytest
+from tests.references_stability import TABLE
 
 from accpinn.errors import ParameterError
 from accpinn.model.cthp import Parameters
@@ -29,7 +30,6 @@ from accpinn.results.figures.style import FOLLOWERS, LEADER, SERIES, with_legend
 from accpinn.results.tables.stability import stability_table
 from accpinn.stability.frequency import response
 from accpinn.stability.report import StabilityReport, stability_report
-from tests.references_stability import TABLE
 
 CALM = Parameters(0.05, 0.6, 1.8)
 """Stable by every criterion."""

@@ -196,7 +196,7 @@ def describe(segment: Segment, fit: Fit, quality: Quality) -> dict[str, Any]:
         "cached": fit.cached,
         "outcome": fit.outcome.name.lower(),
         "outcome_sentence": fit.outcome.value,
-        "notes": [*segment.notes, *quality.warnings, *fit.notes],
+        "notes": [*_about_data(segment, quality), *fit.notes],
     }
 
 
@@ -218,5 +218,9 @@ def _text(segment: Segment, fit: Fit, quality: Quality) -> str:
         ", answered from the cache" if fit.cached else ""
     )
     said = [f"{fit.outcome.value} ({effort})", *_events(segment, fit)]
-    notes = [f"Note: {note}" for note in (*segment.notes, *quality.warnings, *fit.notes)]
+    notes = [f"Note: {note}" for note in (*_about_data(segment, quality), *fit.notes)]
     return "\n".join([table.to_text(), "", *said, *notes])
+
+
+def _about_data(segment: Segment, quality: Quality) -> tuple[str, ...]:
+    return messages((*segment.findings, *quality.findings), segment)

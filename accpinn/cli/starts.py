@@ -58,7 +58,7 @@ def run(options: argparse.Namespace) -> int:
     else:
         tables = [multistart_table(segment.info, found, k) for k in range(segment.followers)]
         show("\n\n".join(table.to_text() for table in tables))
-        show("\n".join(["", *segment.notes, *messages(found.findings, segment)]))
+        show("\n".join(["", *messages((*segment.findings, *found.findings), segment)]))
     return 0
 
 

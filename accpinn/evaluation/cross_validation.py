@@ -28,10 +28,9 @@ from accpinn.evaluation.closed_loop import (
     pooled_errors,
 )
 from accpinn.methods.fit import Fit
-from accpinn.recordings.recording import Recording
-from accpinn.segment.cut import cut
-from accpinn.segment.missing import MINIMUM_DURATION, complete_windows
-from accpinn.segment.segment import Segment, Window
+from accpinn.recordings.recording import Recording, Window
+from accpinn.segment.cut import MINIMUM_DURATION, complete_windows, cut
+from accpinn.segment.segment import Segment
 from accpinn.units import FloatArray, Seconds
 
 BLOCKS = 3

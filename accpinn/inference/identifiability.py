@@ -23,9 +23,9 @@ from accpinn.findings import Finding
 from accpinn.inference.intervals import ParameterInterval, Uncertainty, parameter_intervals
 from accpinn.methods.regression import Regression
 from accpinn.model.cthp import Case, Parameters, solve_linear
+from accpinn.recordings.checks import LITTLE_LEADER_MOTION
 from accpinn.segment.quality import (
     LARGE_CONDITION,
-    LITTLE_LEADER_MOTION,
     LITTLE_RELATIVE_MOTION,
     Quality,
     assess_quality,

@@ -18,8 +18,9 @@ from accpinn.evaluation.evaluation import evaluate
 from accpinn.methods import least_squares, splines
 from accpinn.methods.fit import Fit
 from accpinn.recordings.openacc import read
+from accpinn.recordings.recording import Window
 from accpinn.segment.cut import cut
-from accpinn.segment.segment import Segment, Window
+from accpinn.segment.segment import Segment
 from tests.driving import MIXED, driven
 from tests.support.methods import RIVALS
 

@@ -1,16 +1,22 @@
 """String stability as plotly figures: response over frequency, criteria over the platoon, maps."""
 
 import html
+from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
+from accpinn.model.cthp import Parameters
 from accpinn.model.published import ParameterSet
 from accpinn.results.figures.style import LEADER, MODEL, SERIES, finished, vehicle_colour
+from accpinn.stability.criteria import (
+    smallest_headway_exact,
+    smallest_headway_l2,
+    smallest_headway_paper,
+)
 from accpinn.stability.frequency import response
-from accpinn.stability.maps import Boundaries, boundaries_over_alpha, boundaries_over_beta
 from accpinn.stability.report import StabilityReport
 from accpinn.units import FloatArray
 
@@ -49,7 +55,8 @@ MAP_KEY = (
 
 def colours(vehicles: ParameterSet) -> tuple[str, ...]:
     """Each follower's colour, the same on every page."""
-    return tuple(vehicle_colour(number, vehicles.leader) for number in vehicles.numbers)
+    leader, *followers = vehicles.vehicles
+    return tuple(vehicle_colour(number, leader) for number in followers)
 
 
 def bode(vehicles: ParameterSet, report: StabilityReport) -> go.Figure:
@@ -145,8 +152,8 @@ def criteria_by_vehicle(vehicles: ParameterSet, report: StabilityReport) -> go.F
     found, platoon = report.vehicles, report.platoon
     figure = make_subplots(rows=2, cols=1, shared_xaxes=True, vertical_spacing=0.1)
     upper = (
-        ("L₂ criterion", [v.l2_criterion for v in found], L2, "circle"),
-        ("L∞ criterion of the paper", [v.paper_criterion for v in found], PAPER, "square"),
+        ("L₂ criterion", [v.l2.value for v in found], L2, "circle"),
+        ("L∞ criterion of the paper", [v.linf_paper.value for v in found], PAPER, "square"),
     )
     for name, values, colour, symbol in upper:
         _along(figure, 1, vehicles, name, values, colour, symbol)
@@ -163,7 +170,7 @@ def criteria_by_vehicle(vehicles: ParameterSet, report: StabilityReport) -> go.F
     figure.update_yaxes(title_text="Criterion [1/s²]", row=1, col=1)
     figure.update_yaxes(title_text="Gain", row=2, col=1)
     places = list(range(1, len(vehicles) + 1))
-    numbers = vehicles.numbers if vehicles.numbered else places
+    numbers = vehicles.vehicles[1:] if vehicles.numbered else places
     figure.update_xaxes(tickvals=places, ticktext=[str(number) for number in numbers],
                         range=[0.7, len(vehicles) + 0.3])  # fmt: skip
     figure.update_xaxes(title_text="Vehicle" if vehicles.numbered else "Follower", row=2, col=1)
@@ -198,10 +205,11 @@ def stability_map(
     own = (vehicles.parameters.beta if plane == "beta" else vehicles.parameters.alpha).tolist()
     right = max(1.35 * max(own), 0.6 if plane == "beta" else 0.15)
     along = np.linspace(right / ALONG, right, ALONG)
-    edges = (
-        boundaries_over_beta(kept.alpha, along)
+    edges = _boundaries(
+        along,
+        Parameters(kept.alpha, along, 0.0)
         if plane == "beta"
-        else boundaries_over_alpha(kept.beta, along)
+        else Parameters(along, kept.beta, 0.0),
     )
     top = _highest(vehicles, report, held)
     figure = go.Figure()
@@ -214,6 +222,21 @@ def stability_map(
     _say(figure, "something grows", 0.015 if plane == "beta" else 0.985, 0.015)  # beside hatching
     _say(figure, "nothing grows", 0.985, 0.985)
     return finished(figure, 400, f"map-{plane}-{held}").update_layout(hovermode="closest")
+
+
+@dataclass(frozen=True, eq=False)
+class _Boundaries:
+    """The smallest τ in s of each criterion along a range of α or β; (K,) each."""
+
+    along: FloatArray
+    l2: FloatArray
+    linf_paper: FloatArray
+    linf_exact: FloatArray
+
+
+def _boundaries(along: FloatArray, parameters: Parameters) -> _Boundaries:
+    kinds = (smallest_headway_l2, smallest_headway_paper, smallest_headway_exact)
+    return _Boundaries(along, *(kind(parameters) for kind in kinds))
 
 
 def _say(figure: go.Figure, text: str, x: float, y: float) -> None:
@@ -232,7 +255,7 @@ def _highest(vehicles: ParameterSet, report: StabilityReport, held: int) -> floa
     return float(min(1.2 * max(wanted), max([12.0, *(1.2 * tau for tau in taus)])))
 
 
-def _regions(figure: go.Figure, edges: Boundaries, top: float) -> None:
+def _regions(figure: go.Figure, edges: _Boundaries, top: float) -> None:
     """Shades from below: something grows, only peaks grow, nothing grows; hatched: disagreement."""
     exact = np.minimum(edges.linf_exact, 2 * top)
     layers = (
@@ -259,7 +282,7 @@ def _band(figure: go.Figure, along: FloatArray, values: FloatArray, **fill: obje
     )  # fmt: skip
 
 
-def _lines(figure: go.Figure, edges: Boundaries) -> None:
+def _lines(figure: go.Figure, edges: _Boundaries) -> None:
     lines = (
         ("L2", edges.l2, {"color": L2, "width": 2}),
         ("L∞, exact", edges.linf_exact, {"color": EXACT, "width": 2}),

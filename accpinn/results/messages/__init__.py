@@ -5,6 +5,8 @@
 
 from collections.abc import Iterable
 from functools import singledispatch
+from importlib import import_module
+from pkgutil import iter_modules
 from typing import Protocol
 
 from accpinn.findings import Finding
@@ -40,6 +42,5 @@ def messages(findings: Iterable[Finding], about: Labelled) -> tuple[str, ...]:
     return tuple(message(finding, about) for finding in findings)
 
 
-# The rooms' sentences register themselves when they are imported.
-from accpinn.results.messages import evaluation as _evaluation  # noqa: E402, F401
-from accpinn.results.messages import inference as _inference  # noqa: E402, F401
+for _module in iter_modules(__path__):
+    import_module(f"{__name__}.{_module.name}")

@@ -209,7 +209,7 @@ def cautions(snapshot: Snapshot) -> dict[str, tuple[str, ...]]:
     """Cautions, by the part of the report they belong to."""
     info, evaluation, uncertainty = snapshot.info, snapshot.evaluation, snapshot.uncertainty
     return {
-        "data": (*snapshot.info.notes, *snapshot.quality.warnings),
+        "data": messages((*snapshot.info.findings, *snapshot.quality.findings), snapshot.info),
         "parameters": tuple(
             dict.fromkeys(
                 (

@@ -16,7 +16,10 @@ from plotly.offline import get_plotlyjs
 from accpinn import __version__
 from accpinn.results.figures.stability import colours
 from accpinn.results.figures.style import vehicle_colour
+from accpinn.results.messages import messages
 from accpinn.results.messages import summary as words
+from accpinn.results.messages.platoon import PLACES
+from accpinn.results.messages.stability import reason
 from accpinn.results.report import pictures
 from accpinn.results.report.pictures import Picture
 from accpinn.results.snapshot.checking import Verification, check
@@ -112,6 +115,7 @@ def _story(snapshot: Snapshot, checked: Verification, shown: list[Picture]) -> d
         "stability_pictures": _placed(pictures.stability(snapshot), shown),
         "platoon": _placed(driven[1] if driven else [], shown),
         "run": driven[0] if driven else None,
+        "run_warnings": messages(driven[0].findings, PLACES) if driven else (),
         "repeated": driven[2] if driven else "",
         "methods": [
             _sheet(methods_table(info, snapshot.rows, k), f"methods_{k + 1}")
@@ -132,12 +136,13 @@ def _reasons(snapshot: Snapshot) -> list[tuple[str, list[str]]]:
     if report is None:
         return []
     reasons = [
-        (label, [v.l2.reason, v.linf_paper.reason, v.linf_exact.reason])
+        (label, [reason(verdict, v) for verdict in (v.l2, v.linf_paper, v.linf_exact)])
         for label, v in zip(snapshot.info.labels[1:], report.vehicles, strict=True)
     ]
     if len(report.vehicles) > 1:
         platoon = report.platoon
-        reasons.append(("The platoon", [platoon.l2_weak.reason, platoon.linf_weak.reason]))
+        weak = (platoon.l2_weak, platoon.linf_weak)
+        reasons.append(("The platoon", [reason(verdict, report) for verdict in weak]))
     return reasons
 
 

@@ -67,11 +67,7 @@ def learned_parameters(snapshot: Snapshot) -> ParameterSet:
     """The followers with their parameters."""
     info = snapshot.info
     return ParameterSet(
-        info.source,
-        info.labels[1:],
-        snapshot.fit.parameters,
-        info.vehicles[1:],
-        info.vehicles[0],
+        info.source, info.names[1:], snapshot.fit.parameters, info.vehicles, info.labels[1:]
     )
 
 
@@ -134,11 +130,7 @@ def stability(snapshot: Snapshot) -> Iterator[Picture]:
     vehicles = learned_parameters(snapshot)
     bode = stability_figures.bode(vehicles, report)
     bode = with_legend(add_bands(bode, vehicles, uncertainty) if uncertainty else bode)
-    band = (
-        f" Shaded: {100 * uncertainty.level:.0f} % bands."
-        if uncertainty
-        else ""
-    )
+    band = f" Shaded: {100 * uncertainty.level:.0f} % bands." if uncertainty else ""
     yield Picture(
         "response", bode,
         "Response to the speed of the vehicle ahead. Diamonds: peaks. Rings: below that frequency"
