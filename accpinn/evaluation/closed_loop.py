@@ -114,15 +114,13 @@ def closed_loop_errors(segment: Segment, fit: Fit) -> TrackingErrors | None:
         return None
     with np.errstate(over="ignore", invalid="ignore"):
         errors = tracking_errors(segment, simulated)
-    diverged = _diverged(simulated).any(axis=0)
-    if not diverged.any():
-        return errors
-    first = int(diverged.argmax())
+    void = np.logical_or.accumulate(_diverged(simulated).any(axis=0))
+    speeds = np.r_[False, void]
     return TrackingErrors(
-        _void(errors.speed_mae, first + 1),
-        _void(errors.gap_mae, first),
-        _void(errors.speed_rmse, first + 1),
-        _void(errors.gap_rmse, first),
+        np.where(speeds, np.nan, errors.speed_mae),
+        np.where(void, np.nan, errors.gap_mae),
+        np.where(speeds, np.nan, errors.speed_rmse),
+        np.where(void, np.nan, errors.gap_rmse),
     )
 
 
@@ -191,7 +189,3 @@ def _diverged(simulated: Trajectories) -> NDArray[np.bool_]:
 def _first(segment: Segment, when: NDArray[np.bool_]) -> Seconds:
     """The first instant at which ``when`` (N,) holds, from the recording's first sample."""
     return float(segment.start + segment.time[when.argmax()])
-
-
-def _void(values: FloatArray, first: int) -> FloatArray:
-    return np.where(np.arange(len(values)) >= first, np.nan, values)

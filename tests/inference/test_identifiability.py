@@ -77,11 +77,10 @@ class TestProfiles:
         assert alpha.lower == 0.0
         assert tau.lower == 0.0
 
-    def test_without_gap_control_any_headway_will_do(self) -> None:
-        tau = profiles(driven(((0.0, 0.5, 1.0),), noise=0.02))[0][2]
-        if np.isnan(tau.best):
-            assert (tau.lower, tau.upper) == (0.0, np.inf)
-            assert tau.values[0] == 0.0
+    def test_without_gap_control_no_headway_is_excluded(self) -> None:
+        tau = profiles(driven(((-0.02, 0.5, 1.0),), noise=0.02))[0][2]
+        assert np.isnan(tau.best), "α = 0 is the estimate"
+        assert (tau.lower, tau.upper) == (0.0, np.inf)
 
 
 class TestWarnings:

@@ -3,6 +3,7 @@
 from dataclasses import replace
 from pathlib import Path
 
+import msgspec
 import numpy as np
 import pytest
 
@@ -62,13 +63,8 @@ def test_a_slow_actuator_shows_as_a_delay() -> None:
     assert (finding.vehicle, finding.form, finding.extra) == (2, "delay", found["delay"].extra[0])
     sentence = message(finding, segment)
     assert sentence.startswith(f"{segment.labels[1]}: with a delay of {finding.extra:.1f} s")
-    longest = message(replace_extra(finding, 3.0), segment)
+    longest = message(msgspec.structs.replace(finding, extra=3.0), segment)
     assert "the longest tried" in longest
-
-
-def replace_extra(finding: BetterForm, extra: float) -> BetterForm:
-    return BetterForm(**{name: getattr(finding, name) for name in finding.__struct_fields__}
-                      | {"extra": extra})  # fmt: skip
 
 
 def test_masked_seconds_do_not_count() -> None:

@@ -91,21 +91,18 @@ def test_a_parameter_that_one_training_leaves_undetermined_has_no_spread(case: C
     assert not spread_of(everywhere.findings).every
 
 
-class TestCommand:
-    WORDS = ("starts", str(SAMPLE), "--duration", "20", "--iterations", "20", "--no-cache")
-
-    def test_one_document_holds_every_start(self, capsys: pytest.CaptureFixture[str]) -> None:
-        assert main([*self.WORDS, "--threads", "1", "--json"]) == 0
-        found = json.loads(capsys.readouterr().out)
-        assert [tuple(trial["initial"]) for trial in found["trials"]] == list(STARTS)
-        alphas = [trial["parameters"][0]["alpha"] for trial in found["trials"]]
-        by_hand = 100 * np.ptp(alphas) / np.mean(alphas)
-        assert found["spread_percent"][0]["alpha"] == pytest.approx(by_hand)
-
-    def test_a_table_is_printed_and_nonsense_refused(
-        self, capsys: pytest.CaptureFixture[str]
-    ) -> None:
-        assert main([*self.WORDS, "--threads", "1"]) == 0
-        assert "0.01, 0.5, 2" in capsys.readouterr().out
-        assert main([*self.WORDS, "--seeds", "0"]) == 2
-        assert capsys.readouterr().err.startswith("error: seeds:")
+@pytest.mark.parametrize("form", [["--json"], []])
+def test_the_command_prints_every_start(
+    form: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = ["starts", str(SAMPLE), "--duration", "20", "--iterations", "20", "--no-cache"]
+    assert main([*words, "--threads", "1", *form]) == 0
+    printed = capsys.readouterr().out
+    if not form:
+        assert "0.01, 0.5, 2" in printed
+        return
+    found = json.loads(printed)
+    assert [tuple(trial["initial"]) for trial in found["trials"]] == list(STARTS)
+    alphas = [trial["parameters"][0]["alpha"] for trial in found["trials"]]
+    by_hand = 100 * np.ptp(alphas) / np.mean(alphas)
+    assert found["spread_percent"][0]["alpha"] == pytest.approx(by_hand)

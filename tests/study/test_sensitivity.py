@@ -16,8 +16,6 @@ from accpinn.segment.regimes import label_regimes
 from accpinn.study.sensitivity import CHOICES, COMPARED, SensitivityResult, sensitivity
 from tests.driving import LAW, driven
 
-STUDY = Path(__file__).parents[2] / "sample_data" / "synthetic_paper_study.csv"
-
 
 def of(rows: tuple[SensitivityResult, ...], choice: str, method: str) -> SensitivityResult:
     return next(row for row in rows if (row.choice, row.method) == (choice, method))
@@ -92,29 +90,19 @@ def test_casale_without_catching_up(openacc_dir: Path) -> None:
     assert shares == pytest.approx((78.8, 21.2, 0.0, 0.0), abs=0.1)
 
 
-class TestCommandLine:
-    def test_leaves_out_what_is_asked_and_says_it(
-        self, openacc_dir: Path, capsys: pytest.CaptureFixture[str]
-    ) -> None:
-        arguments = ["fit", str(openacc_dir / "Casale" / "part7.csv"), "--method", "least-squares"]
-        arguments += ["--leave-out", "catching-up,standstill"]
-        assert main([*arguments, "--json"]) == 0
-        document = json.loads(capsys.readouterr().out)
-        assert document["segment"]["left_out"]["regimes"] == ["catching up", "standstill"]
-        assert document["segment"]["left_out"]["share"] == pytest.approx([0.212], abs=0.001)
-        assert document["parameters"][0]["alpha"] == pytest.approx(0.0288, abs=0.0002)
-        assert main(arguments) == 0
-        assert "Left out of the law's equations: catching up and standstill" in (
-            capsys.readouterr().out
-        )
-
-    def test_leaves_nothing_out_unasked(self, capsys: pytest.CaptureFixture[str]) -> None:
-        assert main(["fit", str(STUDY), "--method", "least-squares", "--json"]) == 0
-        document = json.loads(capsys.readouterr().out)
-        assert document["segment"]["left_out"] == {"regimes": [], "share": []}
-
-    def test_refuses_what_is_no_regime(self, capsys: pytest.CaptureFixture[str]) -> None:
-        with pytest.raises(SystemExit) as ended:
-            main(["fit", str(STUDY), "--leave-out", "car-following"])
-        assert ended.value.code == 2
-        assert "choose from catching-up, manual, standstill" in capsys.readouterr().err
+def test_the_command_excludes_what_is_asked_alone(
+    openacc_dir: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = ["fit", str(openacc_dir / "Casale" / "part7.csv"), "--method", "least-squares"]
+    assert main([*words, "--leave-out", "catching-up,standstill", "--json"]) == 0
+    document = json.loads(capsys.readouterr().out)
+    assert document["segment"]["left_out"]["regimes"] == ["catching up", "standstill"]
+    assert document["segment"]["left_out"]["share"] == pytest.approx([0.212], abs=0.001)
+    assert document["parameters"][0]["alpha"] == pytest.approx(0.0288, abs=0.0002)
+    assert main([*words, "--json"]) == 0
+    document = json.loads(capsys.readouterr().out)
+    assert document["segment"]["left_out"] == {"regimes": [], "share": []}
+    with pytest.raises(SystemExit) as ended:
+        main([*words, "--leave-out", "car-following"])
+    assert ended.value.code == 2
+    assert "choose from catching-up, manual, standstill" in capsys.readouterr().err
