@@ -69,8 +69,8 @@ if TYPE_CHECKING:
     from accpinn.recordings.recording import Recording as Recording
     from accpinn.results.messages import messages as messages
     from accpinn.results.report.page import render_report as render_report
-    from accpinn.results.snapshot.content import Snapshot as Snapshot
     from accpinn.results.snapshot.file import save as save
+    from accpinn.results.snapshot.schema import Snapshot as Snapshot
     from accpinn.results.tables.estimates import methods_table as methods_table
     from accpinn.results.tables.estimates import parameter_table as parameter_table
     from accpinn.results.tables.stability import stability_table as stability_table
@@ -107,7 +107,7 @@ _HOMES = {
     "recordings.recording": "Recording",
     "results.messages": "messages",
     "results.report.page": "render_report",
-    "results.snapshot.content": "Snapshot",
+    "results.snapshot.schema": "Snapshot",
     "results.snapshot.file": "save",
     "results.tables.estimates": "methods_table parameter_table",
     "results.tables.stability": "stability_table",

@@ -7,7 +7,7 @@ import pytest
 
 import accpinn
 from accpinn.errors import AccpinnError, ConfigError, SnapshotError
-from accpinn.results.snapshot.checking import check
+from accpinn.results.snapshot.verification import check
 from tests.support.samples import FOLDER, NOISY, sample
 
 ROOT = Path(__file__).parent.parent

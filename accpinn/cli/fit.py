@@ -33,8 +33,7 @@ from accpinn.methods.registry import METHODS
 from accpinn.recordings.recording import Recording
 from accpinn.results.messages import messages
 from accpinn.results.snapshot.create import check_texts, create
-from accpinn.results.snapshot.file import save
-from accpinn.results.snapshot.writable_path import SNAPSHOT, free_place
+from accpinn.results.snapshot.file import save, writable_path
 from accpinn.results.tables.estimates import parameter_table
 from accpinn.segment.quality import Quality, assess_quality
 from accpinn.segment.segment import Segment
@@ -65,7 +64,7 @@ def run(options: argparse.Namespace) -> int:
     settings = _settings(options)
     if options.out:  # training takes long; what would spoil its keeping is said first
         check_texts(options.name, options.note)
-        free_place(Path(options.out), SNAPSHOT)
+        writable_path(Path(options.out), "snapshot")
     recording, segment = chosen_segment(options)
     with _Interrupt() as interrupted, _ProgressBar() as bar:
         context = replace(

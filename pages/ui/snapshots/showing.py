@@ -6,7 +6,7 @@ from accpinn.evaluation.closed_loop import closed_loop
 from accpinn.results.figures import training
 from accpinn.results.figures.recording import preview
 from accpinn.results.figures.style import vehicle_colour
-from accpinn.results.snapshot.content import Snapshot
+from accpinn.results.snapshot.schema import Snapshot
 from accpinn.results.tables import estimates as tables
 from accpinn.results.tables import table as typeset
 from accpinn.results.tables.estimates import methods_table
@@ -107,7 +107,7 @@ def show_rows(workspace: Workspace) -> None:
     banner(workspace)
     if workspace.segment is None:
         recording_needed(workspace, snapshot, "To run the methods, the page needs")
-    info, rows = snapshot.info, snapshot.rows
+    info, rows = snapshot.info, snapshot.methods
     show_intervals(info, snapshot.uncertainty, "")
     if not rows:
         st.caption("No comparison of the methods was saved with this snapshot.")
