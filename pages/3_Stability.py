@@ -28,8 +28,8 @@ def main() -> None:
     show_answer(chosen, report, uncertainty_of(workspace, chosen))
     show_verdicts(chosen, report)
     uncertainty = choose_uncertainty(workspace, chosen)
-    if uncertainty:
-        show_intervals(chosen, uncertainty)
+    if uncertainty and workspace.fit_info:
+        show_intervals(chosen, uncertainty, workspace.fit_info)
     show_reasons(chosen, report)
     st.subheader("Bode magnitude", anchor=False)
     show_bode(workspace, chosen, report, uncertainty)

@@ -75,12 +75,7 @@ def starts(owner: str, segment: Segment, case: Case, config: PinnConfig) -> Task
     """
 
     def steps(context: TaskContext) -> Iterator[Trial]:
-        for initial in STARTS:
-            yield from multistart(
-                segment, case, config, initials=(initial,), store=context.store,
-                threads=context.threads, on_progress=context.on_progress,
-                should_stop=context.should_stop,
-            ).trials  # fmt: skip
+        return multistart(segment, case, config, context=context)
 
     names = tuple(f"start {k} of {len(STARTS)}" for k in range(1, len(STARTS) + 1))
     return Task(owner, "series of starts", steps, names, (1.0,) * len(names))

@@ -3,7 +3,8 @@
 from collections.abc import Callable, Mapping
 from math import isinf, isnan
 
-from accpinn.inference.intervals import SYMBOLS, Uncertainty
+from accpinn.channels import PARAMETERS
+from accpinn.inference.intervals import Uncertainty
 from accpinn.model.published import ParameterSet
 from accpinn.results.tables.table import between
 from accpinn.stability.report import (
@@ -235,7 +236,7 @@ def certainty(chosen: ParameterSet, report: StabilityReport, uncertainty: Uncert
 
 
 def _is_certain(report: StabilityReport, uncertainty: Uncertainty, k: int) -> bool:
-    stable, gapless = float(uncertainty.probability_l2[k]), float(uncertainty.gapless[k])
+    stable, gapless = float(uncertainty.probability_l2[k]), float(uncertainty.no_gap_control[k])
     agreeing = stable if report.vehicles[k].l2.stable else 1.0 - stable - gapless
     return agreeing >= CERTAIN
 
@@ -255,7 +256,7 @@ def _outside(chosen: ParameterSet, uncertainty: Uncertainty) -> str:
     """Which estimates lie outside their intervals."""
     parts = []
     for name, row in zip(chosen.spoken, uncertainty.inside, strict=True):
-        symbols = [symbol for symbol, inside in zip(SYMBOLS, row, strict=True) if not inside]
+        symbols = [one.symbol for one, inside in zip(PARAMETERS, row, strict=True) if not inside]
         if symbols:
             whose = f" of {name}" if len(chosen) > 1 else ""
             parts.append(f"{' and '.join(symbols)}{whose}")
@@ -269,7 +270,7 @@ def _shares(chosen: ParameterSet, uncertainty: Uncertainty, unsure: list[int]) -
         return f"{which} certain: at least {_percent(CERTAIN)} of the posterior samples agree."
     parts = []
     for k in unsure:
-        stable, gapless = float(uncertainty.probability_l2[k]), float(uncertainty.gapless[k])
+        stable, gapless = float(uncertainty.probability_l2[k]), float(uncertainty.no_gap_control[k])
         if isnan(stable):
             continue
         name = f"{chosen.spoken[k]} " if len(chosen) > 1 else ""

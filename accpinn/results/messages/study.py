@@ -21,7 +21,7 @@ def agreement(rows: Sequence[MethodResult], k: int) -> str:
     """
     uncertainty, names = rows[0].uncertainty, [name_of(row.fit) for row in rows]
     estimates = np.array([row.fit.parameters.values[k] for row in rows])
-    lower, upper = uncertainty.lower[k], uncertainty.upper[k]
+    lower, upper = uncertainty.lower[k].values, uncertainty.upper[k].values
     if np.isnan(lower).all():
         return "the data determine no parameter that the methods could be compared with."
     level = f"{100 * uncertainty.level:.0f} % intervals"
@@ -36,7 +36,7 @@ def agreement(rows: Sequence[MethodResult], k: int) -> str:
     if outside:
         said = f"no: by the {level}, {'; '.join(outside)}."
     else:
-        wide = wide_intervals(uncertainty, k)
+        wide = [quantity.symbol for quantity in wide_intervals(uncertainty, k)]
         which, are = ("that of", "is") if len(wide) == 1 else ("those of", "are")
         reserve = f", but {which} {_joined(wide)} {are} too wide to mean much" if wide else ""
         said = f"yes, all estimates lie within the {level}{reserve}."
@@ -63,10 +63,10 @@ def _largest_difference(estimates: FloatArray) -> str:
 def colliding_methods(info: SegmentInfo, rows: Sequence[MethodResult]) -> tuple[str, ...]:
     """For each follower that collides in a closed-loop simulation, by whose parameters it does."""
     names = [name_of(row.fit) for row in rows]
-    touching = np.array([np.isfinite(row.evaluation.collisions) for row in rows])
+    times = [row.evaluation.collision_times(info.vehicles) for row in rows]
     return tuple(
         f"{label}, with the parameters of {listed_methods(names, by.tolist())}."
-        for label, by in zip(info.labels[1:], touching.T, strict=True)
+        for label, by in zip(info.labels[1:], np.isfinite(times).T, strict=True)
         if by.any()
     )
 

@@ -2,12 +2,12 @@
 
 import streamlit as st
 
-from accpinn.inference.identifiability import identifiability_warnings
-from accpinn.inference.model_adequacy import better, model_forms
+from accpinn.inference.identifiability import INCREASE, identifiability_warnings, profiles
+from accpinn.inference.model_adequacy import better_forms, model_forms
 from accpinn.inference.multistart import summarise
-from accpinn.inference.profiles import INCREASE, profiles
 from accpinn.methods.pinn.config import PRESETS
 from accpinn.results.figures.comparison import profiles as profiles_chart
+from accpinn.results.messages import messages
 from accpinn.results.tables.estimates import model_form_table, multistart_table
 from accpinn.segment.quality import LARGE_CONDITION, assess_quality
 from accpinn.segment.segment import Segment
@@ -33,7 +33,7 @@ def show_identifiability(
     st.subheader("Identifiability", anchor=False)
     uncertainty, case = rows[0].uncertainty, workspace.case
     warnings = identifiability_warnings(segment, uncertainty, case)
-    show_messages(warnings, "warning")
+    show_messages(messages(warnings, segment), "warning")
     if not warnings:
         show_messages(
             "α, β and τ are identifiable: no interval spans more than a factor of five, provided"
@@ -48,7 +48,7 @@ def show_identifiability(
         f" acceleration {quality.acceleration_deviation[follower]:.2f} m/s²."
     )
     found = profiles(segment, case)
-    lower, upper = uncertainty.lower[follower], uncertainty.upper[follower]
+    lower, upper = (ends.values[follower] for ends in (uncertainty.lower, uncertainty.upper))
     colour = vehicle_colours(segment)[follower + 1]
     figure = profiles_chart(found[follower % len(found)], colour, lower, upper)
     show_chart(figure, "compare_profiles")
@@ -65,7 +65,8 @@ def show_adequacy(segment: Segment, follower: int) -> None:
     """Whether a model with one term more explains the data better."""
     st.subheader("Model adequacy", anchor=False)
     found = model_forms(segment)
-    show_messages(better(segment.labels[1:], found), icon="lightbulb")
+    better = better_forms(segment.vehicles, found)
+    show_messages(messages(better, segment), icon="lightbulb")
     show_table(model_form_table(segment.info, found, follower))
     st.caption(
         "The intervals hold if the model does. Real controllers keep a distance at standstill and"
@@ -101,6 +102,6 @@ def show_starts(workspace: Workspace, segment: Segment, follower: int) -> None:
         found = summarise(segment, task.results)
         if found.trials:
             show_table(multistart_table(segment.info, found, follower))
-        show_messages(found.notes)
+        show_messages(messages(found.findings, segment))
 
     monitor(workspace, task, draw)

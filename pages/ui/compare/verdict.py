@@ -4,8 +4,8 @@ from collections.abc import Sequence
 
 import streamlit as st
 
-from accpinn.evaluation.closed_loop import ALONE
 from accpinn.methods.registry import METHODS
+from accpinn.results.messages.evaluation import closed_loop_event
 from accpinn.results.messages.study import agreement, colliding_methods
 from accpinn.results.tables.estimates import methods_table
 from accpinn.results.tables.names import TITLES, name_of
@@ -40,25 +40,26 @@ def show_verdict(segment: Segment, rows: tuple[MethodResult, ...]) -> None:
         lead = "In closed-loop simulation on this window, these collide with the vehicle ahead:"
         gap = " " if len(colliding) == 1 else "\n\n"
         st.warning(f"{lead}{gap}{bullets(colliding)}", icon=":material/warning:")
-    if incidents := incident_list(segment, rows):
-        count = sum(len(row.evaluation.incidents) for row in rows)
-        title = f"All incidents in closed loop, inside and outside the window ({count})"
+    if events := event_list(segment, rows):
+        count = sum(len(row.evaluation.all_findings) for row in rows)
+        title = (
+            f"All events in closed-loop simulation, inside and outside the window ({count})"
+        )
         with st.expander(title, icon=":material/car_crash:"):
-            st.markdown(incidents)
+            st.markdown(events)
 
 
-def incident_list(segment: Segment, rows: Sequence[MethodResult]) -> str:
-    """All incidents by follower and method, as markdown; empty where there are none."""
+def event_list(segment: Segment, rows: Sequence[MethodResult]) -> str:
+    """Closed-loop findings by follower and method, as markdown; empty where there are none."""
     parts = []
-    for label in segment.labels[1:]:
+    for vehicle in segment.vehicles[1:]:
         lines = []
         for row in rows:
-            found = [s for s in row.evaluation.incidents if s.startswith(f"{label} ")]
-            if found:
-                said = (s.removeprefix(f"{label} ").replace(ALONE, "").rstrip(".") for s in found)
-                lines.append(f"- {name_of(row.fit)}: {escape_markdown(' · '.join(said))}")
+            found = [one for one in row.evaluation.all_findings if one.vehicle == vehicle]
+            if events := " · ".join(map(closed_loop_event, found)):
+                lines.append(f"- {name_of(row.fit)}: {escape_markdown(events)}")
         if lines:
-            parts.append("\n".join((f"**{escape_markdown(label)}**\n", *lines)))
+            parts.append("\n".join((f"**{escape_markdown(segment.label(vehicle))}**\n", *lines)))
     return "\n\n".join(parts)
 
 

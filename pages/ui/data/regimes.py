@@ -73,7 +73,7 @@ def _show_sensitivity(workspace: Workspace, segment: Segment, recording: Recordi
         return
     for follower in range(segment.followers):
         show_table(sensitivity_table(segment.info, found, follower))
-    show_messages(tuple(dict.fromkeys(row.refusal for row in found if row.refusal)))
+    show_messages(tuple(dict.fromkeys(str(row.fault) for row in found if row.fault)))
 
 
 @st.cache_data(max_entries=32, show_spinner="Estimating with and without them …")

@@ -79,7 +79,7 @@ def _estimate(snapshot: Snapshot, follower: int, which: int) -> tuple[float, str
         return np.nan, ABSENT, ABSENT
     value = float(snapshot.fit.parameters.values[follower, which])
     ends = (known.lower, known.upper) if known else ()
-    interval = Range(*(float(end[follower, which]) for end in ends)) if ends else None
+    interval = Range(*(float(end.values[follower, which]) for end in ends)) if ends else None
     return value, column.shown(value), column.shown(interval)
 
 

@@ -92,8 +92,8 @@ def show_saved_result(workspace: Workspace, snapshot: Snapshot) -> None:
     fit, info, evaluation = snapshot.fit, snapshot.info, snapshot.evaluation
     _need_recording(workspace, snapshot, "To train on, the page needs")
     errors = (evaluation.surrogate, evaluation.closed_loop) if evaluation else (None, None)
-    incidents = evaluation.incidents if evaluation else ()
-    show_fit(info, fit, snapshot.quality, errors, incidents, snapshot.uncertainty, "snapshots")
+    events = evaluation.all_findings if evaluation else ()
+    show_fit(info, fit, snapshot.quality, errors, events, snapshot.uncertainty, "snapshots")
     if fit.history:
         show_history(fit.history, info, "snapshots")
     show_curves(workspace, snapshot)

@@ -5,13 +5,20 @@ from functools import partial
 
 import streamlit as st
 
-from accpinn.evaluation.closed_loop import closed_loop, closed_loop_errors, incidents
-from accpinn.evaluation.errors import TrackingErrors, surrogate_errors
+from accpinn.evaluation.closed_loop import (
+    ClosedLoopFinding,
+    TrackingErrors,
+    closed_loop,
+    closed_loop_errors,
+    closed_loop_findings,
+    surrogate_errors,
+)
 from accpinn.inference.intervals import Uncertainty
 from accpinn.methods import least_squares
 from accpinn.methods.fit import Fit, History, Outcome, headway_notes
 from accpinn.model.cthp import Parameters
 from accpinn.results.figures import training as figures
+from accpinn.results.messages import messages
 from accpinn.results.tables import estimates as tables
 from accpinn.results.tables.estimates import intervals_table
 from accpinn.segment.quality import Quality, assess_quality
@@ -75,7 +82,7 @@ def show_result(workspace: Workspace) -> None:
     driven = closed_loop(segment, fit)
     errors = surrogate_errors(segment, fit), closed_loop_errors(segment, fit)
     show_fit(
-        segment.info, fit, assess_quality(segment), errors, incidents(segment, driven),
+        segment.info, fit, assess_quality(segment), errors, closed_loop_findings(segment, driven),
         workspace.uncertainty(), "train",
     )  # fmt: skip
     show_estimates(segment, fit, workspace.true_parameters)
@@ -89,7 +96,7 @@ def show_fit(
     fit: Fit,
     quality: Quality,
     errors: tuple[TrackingErrors | None, TrackingErrors | None],
-    incidents: Sequence[str],
+    events: Sequence[ClosedLoopFinding],
     uncertainty: Uncertainty | None,
     page: str,
 ) -> None:
@@ -100,7 +107,7 @@ def show_fit(
         fit: the result.
         quality: of the segment.
         errors: of the surrogate and of the closed-loop simulation.
-        incidents: in that simulation.
+        events: collisions and the like in that simulation.
         uncertainty: of the fit, where it is known.
         page: the beginning of the buttons' keys.
     """
@@ -113,10 +120,10 @@ def show_fit(
         " speed given. MAE: mean absolute error of space-gap p and speed v."
     )
     after = "The simulation continues, and the closed-loop errors include what follows."
-    show_messages(incidents, "warning", "car_crash", after)
+    show_messages(messages(events, info), "warning", "car_crash", after)
     show_intervals(info, uncertainty)
     notes = fit.notes + headway_notes(info.labels, fit.parameters)
-    show_messages(notes + (uncertainty.notes if uncertainty else ()))
+    show_messages(notes + messages(uncertainty.findings if uncertainty else (), info))
     show_downloads(table(uncertainty), f"{stem_of(info)}_parameters", page)
 
 
