@@ -263,11 +263,9 @@ class _Work:
         if fit.surrogate is None:
             unknown.add("surrogate")
         if recording is None or not self.snapshot.facts:  # else nothing beyond the window was known
-            unknown |= {"unseen", "out_of_window_seconds"}
-            if stored:  # incidents beyond the window come last
-                stored = replace(stored, incidents=stored.incidents[: len(found.incidents)])
+            unknown |= {"out_of_window", "out_of_window_seconds", "out_of_window_findings"}
         if stored and stored.blocks:
-            found = replace(found, held_out=pooled_holdout_errors(stored.blocks))
+            found = replace(found, holdout=pooled_holdout_errors(stored.blocks))
         for field in fields(Evaluation):
             if field.name not in unknown:
                 old, new = (getattr(one, field.name, None) for one in (stored, found))
@@ -298,7 +296,7 @@ class _Work:
 
 
 def _times(blocks: tuple[Block, ...]) -> list[tuple[float, float]]:
-    return [(round(block.start, 3), round(block.duration, 3)) for block in blocks]
+    return [(round(block.window.start, 3), round(block.window.duration, 3)) for block in blocks]
 
 
 def compare(

@@ -182,12 +182,7 @@ class Workspace:
             return
 
         def trials(means: TaskContext) -> Iterator[Trial]:
-            for initial in STARTS:
-                yield from multistart(
-                    segment, case, config, initials=(initial,), store=means.store,
-                    threads=means.threads, on_progress=means.on_progress,
-                    should_stop=means.should_stop,
-                ).trials  # fmt: skip
+            return multistart(segment, case, config, context=means)
 
         names = tuple(f"start {k} of {len(STARTS)}" for k in range(1, len(STARTS) + 1))
         series = Series(self.id, "series of starts", names, trials, (1.0,) * len(names))

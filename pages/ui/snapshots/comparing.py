@@ -101,7 +101,9 @@ def _interval(snapshot: Snapshot, follower: int, which: int, digits: int) -> str
     uncertainty = snapshot.uncertainty
     if uncertainty is None or follower >= len(uncertainty.lower):
         return ABSENT
-    low, high = float(uncertainty.lower[follower, which]), float(uncertainty.upper[follower, which])
+    low, high = (
+        float(ends.values[follower, which]) for ends in (uncertainty.lower, uncertainty.upper)
+    )
     return ABSENT if np.isnan(low) or np.isnan(high) else between(low, high, digits)
 
 
