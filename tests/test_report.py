@@ -227,7 +227,8 @@ class TestItIsTrue:
     def test_a_mismatch_is_shown(self) -> None:
         stability = whole().stability
         assert stability is not None
-        first = replace(stability.vehicles[0], linf_gain=9.0)
+        first = stability.vehicles[0]
+        first = replace(first, linf_exact=replace(first.linf_exact, value=9.0))
         wrong = replace(
             whole(), stability=replace(stability, vehicles=(first, *stability.vehicles[1:]))
         )

@@ -143,7 +143,10 @@ class TestForged:
         first = replace(first, linf_exact=replace(first.linf_exact, value=1.0))
         vehicles = (first, *report.vehicles[1:])
         found = check(replace(whole(), stability=replace(report, vehicles=vehicles)))
-        assert (fault(found).part, fault(found).place) == ("stability", "vehicles.0.linf_exact.value")
+        assert (fault(found).part, fault(found).place) == (
+            "stability",
+            "vehicles.0.linf_exact.value",
+        )
         assert fault(found).stored == 1.0
 
     def test_parameters(self) -> None:

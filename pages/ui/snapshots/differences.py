@@ -10,43 +10,37 @@ import streamlit as st
 
 from accpinn.model.published import ParameterSet
 from accpinn.results.figures.stability import bode
-from accpinn.results.figures.style import vehicle_colour
 from accpinn.results.snapshot.create import stability
 from accpinn.results.snapshot.schema import Snapshot
-from accpinn.results.tables.table import ABSENT, STYLE, Cell, Column, Table, between
+from accpinn.results.tables.table import ABSENT, Cell, Column, Table, between
 from pages.ui.components.charts import show_chart
-from pages.ui.components.text import escape_markdown
+from pages.ui.components.messages import show_messages
+from pages.ui.components.table import show_table, vehicle_colours
 
 PARAMETERS = (("α", "1/s²", 4), ("β", "1/s", 4), ("τ", "s", 3))
 
 
 def show_both(one: Snapshot, other: Snapshot) -> None:
     """Everything about two."""
-    unlike = other_vehicles(one, other)
-    if unlike:
-        st.warning(escape_markdown(unlike), icon=":material/compare_arrows:")
+    show_messages(other_vehicles(one, other), "warning", "compare_arrows")
     table = parameter_differences(one, other)
     longer = max(one.info, other.info, key=lambda info: info.followers)
-    colours = [
-        vehicle_colour(n, longer.vehicles[0]) for n in longer.vehicles[1:] for _ in PARAMETERS
-    ]
-    st.html(STYLE + table.coloured(colours).to_html())
+    colours = [colour for colour in vehicle_colours(longer)[1:] for _ in PARAMETERS]
+    show_table(table, colours)
     chart = responses(one, other)
     if chart:
         whole = " Dashed: the first one's whole platoon." if one.info.followers > 1 else ""
-        st.caption(
-            f"Response over frequency. Full lines: the first snapshot; dotted: the second.{whole}"
-        )
+        st.caption(f"Bode magnitude. Full lines: the first snapshot; dotted: the second.{whole}")
         show_chart(chart, "snapshots_bode")
     changes = differing_settings(one, other)
     if not changes.rows:
         st.caption("Both were made with the same settings, from the same window of one recording.")
         return
-    st.html(STYLE + changes.to_html())
+    show_table(changes)
 
 
 def other_vehicles(one: Snapshot, other: Snapshot) -> str:
-    """What to beware of where followers in the same place are not the same; else empty."""
+    """A warning where followers in the same place are not the same; else empty."""
     pairs = zip_longest(one.info.labels[1:], other.info.labels[1:], fillvalue="no vehicle")
     unlike = [f"{first} stands beside {second}" for first, second in pairs if first != second]
     if not unlike:
