@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from accpinn.evaluation.closed_loop import closed_loop
-from accpinn.inference.intervals import Uncertainty, intervals
 from accpinn.inference.identifiability import INCREASE, profiles
+from accpinn.inference.intervals import Uncertainty, intervals
 from accpinn.methods import least_squares, recursive, splines
 from accpinn.methods.fit import Fit
 from accpinn.model.cthp import Parameters
@@ -62,7 +62,9 @@ class TestEstimates:
         upper = uncertainty.upper.values.copy()
         upper[0, 2] = np.inf
         row = figures.Estimate("Least squares", np.array([0.0, 0.2, np.nan]))
-        figure = figures.estimates([row], "#0c7eae", replace(uncertainty, upper=Parameters.of(upper)), 0)
+        figure = figures.estimates(
+            [row], "#0c7eae", replace(uncertainty, upper=Parameters.of(upper)), 0
+        )
         ends = [shape.x1 for shape in figure.layout.shapes]
         assert np.isfinite(ends).all()
 

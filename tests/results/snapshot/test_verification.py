@@ -143,7 +143,10 @@ class TestForged:
         first = replace(first, linf_exact=replace(first.linf_exact, value=1.0))
         vehicles = (first, *report.vehicles[1:])
         found = check(replace(whole(), stability=replace(report, vehicles=vehicles)))
-        assert (fault(found).part, fault(found).place) == ("stability", "vehicles.0.linf_exact.value")
+        assert (fault(found).part, fault(found).place) == (
+            "stability",
+            "vehicles.0.linf_exact.value",
+        )
         assert fault(found).stored == 1.0
 
     def test_parameters(self) -> None:
@@ -155,7 +158,10 @@ class TestForged:
     def test_intervals(self, figure: str) -> None:
         uncertainty = small().uncertainty
         assert uncertainty is not None
-        forged = replace(uncertainty, **{figure: getattr(uncertainty, figure) * 1.001 + 0.001})
+        honest = getattr(uncertainty, figure)
+        values = 1.001 * getattr(honest, "values", honest) + 0.001
+        other = Parameters.of(values) if isinstance(honest, Parameters) else values
+        forged = replace(uncertainty, **{figure: other})
         found = fault(check(replace(small(), uncertainty=forged)))
         assert found.part == "uncertainty"
         assert found.place.startswith(figure)
