@@ -1,6 +1,7 @@
 """What every estimation method returns: one `Fit`, read by pages, command line and snapshots."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Generator, Sequence
+from contextlib import closing
 from dataclasses import dataclass, field
 from enum import Enum
 from typing import Any
@@ -121,6 +122,32 @@ class Fit:
     """What the user should know about this result, in plain sentences."""
     arrays: dict[str, FloatArray] = field(default_factory=dict)
     """The method's own state by name (a network's weights), enough to continue or to share."""
+
+
+Run = Generator[Progress, None, Fit]
+"""An estimation at work: it yields the present moment and returns the fit.
+
+A method that iterates yields several times a second, and can be closed at each of them; one that
+takes no time yields nothing.
+"""
+
+
+def drive(run: Run, on_progress: OnProgress | None = None) -> Fit:
+    """Run an estimation to its end.
+
+    Args:
+        run: not begun yet.
+        on_progress: called with each moment.
+    """
+    with closing(run):
+        while True:
+            try:
+                now = next(run)
+            except StopIteration as end:
+                fit: Fit = end.value
+                return fit
+            if on_progress:
+                on_progress(now)
 
 
 def unfinished(fit: Fit) -> str:

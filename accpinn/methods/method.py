@@ -4,7 +4,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from accpinn.methods.fit import Fit, OnProgress, ShouldStop
+from accpinn.methods.fit import Fit, OnProgress, Run, ShouldStop, drive
 from accpinn.methods.store import Store
 from accpinn.model.cthp import Case
 from accpinn.segment.segment import Segment
@@ -33,8 +33,8 @@ class Method:
     """Its name on the command line, in results and in files."""
     title: str
     """Its name on pages, in tables and in figures."""
-    estimate: Callable[[Segment, Case, Any, TaskContext], Fit]
-    """Segment, case, settings (None for the defaults) and context to a fit."""
+    run: Callable[[Segment, Case, Any, TaskContext], Run]
+    """Segment, case, settings (None for the defaults) and context to an estimation at work."""
     typical_seconds: Seconds
     """Four followers over 300 s on two cores, cross-validation included."""
     tolerance: float = 1e-6
@@ -62,12 +62,17 @@ class Method:
         Raises:
             AccpinnError: when the segment or the settings cannot serve the method.
         """
-        return self.estimate(segment, case, settings, context or TaskContext())
+        context = context or TaskContext()
+        return drive(self.run(segment, case, settings, context), context.on_progress)
 
 
 def direct(
     key: str, title: str, fit: Callable[[Segment, Case], Fit], typical_seconds: Seconds
 ) -> Method:
     """A method without settings, so fast that neither progress nor stop is needed."""
-    return Method(key, title, lambda segment, case, _settings, _context: fit(segment, case),
-                  typical_seconds)  # fmt: skip
+
+    def run(segment: Segment, case: Case, _settings: Any, _context: TaskContext) -> Run:
+        yield from ()
+        return fit(segment, case)
+
+    return Method(key, title, run, typical_seconds)

@@ -3,24 +3,21 @@
 from collections.abc import Mapping
 from typing import Any
 
-from accpinn.methods.fit import Fit
+from accpinn.methods.fit import Run
 from accpinn.methods.method import Method, TaskContext
 from accpinn.methods.pinn.config import FAST, PRESETS, PinnConfig
 from accpinn.model.cthp import Case
 from accpinn.segment.segment import Segment
 
 
-def _estimate(
-    segment: Segment, case: Case, settings: PinnConfig | None, context: TaskContext
-) -> Fit:
-    from accpinn.methods.pinn.training import train  # torch takes a second to import
+def _run(segment: Segment, case: Case, settings: PinnConfig | None, context: TaskContext) -> Run:
+    from accpinn.methods.pinn.training import training  # torch takes a second to import
 
-    return train(
+    return training(
         segment,
         case,
         settings or FAST,
         store=context.store,
-        on_progress=context.on_progress,
         should_stop=context.should_stop,
         threads=context.threads,
     )
@@ -36,7 +33,7 @@ def _variant(config: Mapping[str, Any]) -> str:
 METHOD = Method(
     key="pinn",
     title="PiNN",
-    estimate=_estimate,
+    run=_run,
     typical_seconds=2.9,
     tolerance=1e-3,
     parse_settings=lambda config: PinnConfig.from_json(dict(config)),

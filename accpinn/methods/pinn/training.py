@@ -17,8 +17,10 @@ from accpinn.methods.fit import (
     OnProgress,
     Outcome,
     Progress,
+    Run,
     ShouldStop,
     bound_notes,
+    drive,
 )
 from accpinn.methods.pinn.config import FAST, PinnConfig
 from accpinn.methods.pinn.fast import FastTraining
@@ -58,18 +60,53 @@ def train(
     threads: int | None = None,
     warm: WarmStart | None = None,
 ) -> Fit:
-    """Learn the parameters of a segment with the physics-inspired neural network.
+    """Learn the parameters of a segment; `training` driven to its end.
+
+    Args:
+        segment: see `training`, as all others.
+        case: "I" or "II".
+        config: preset and settings.
+        store: for results and checkpoints.
+        on_progress: called several times a second with the present moment.
+        should_stop: asked several times a second; True ends with `Outcome.STOPPED`.
+        threads: for torch.
+        warm: an earlier fit to begin with.
+    """
+    run = training(
+        segment, case, config, store=store, should_stop=should_stop, threads=threads, warm=warm
+    )
+    return drive(run, on_progress)
+
+
+def training(
+    segment: Segment,
+    case: Case = "II",
+    config: PinnConfig = FAST,
+    *,
+    store: Store | None = None,
+    should_stop: ShouldStop | None = None,
+    threads: int | None = None,
+    warm: WarmStart | None = None,
+) -> Run:
+    """Learn the parameters of a segment with the physics-inspired neural network, step by step.
+
+    Closing it keeps a checkpoint; a training of the same request goes on from there.
 
     Args:
         segment: speeds (N, M+1) in m/s and space-gaps (N, M) in m.
         case: "I" for one parameter set, "II" for one per follower.
-        config: recipe and settings.
+        config: preset and settings.
         store: where results and checkpoints are kept; None keeps nothing.
-        on_progress: called several times a second with the present moment.
         should_stop: asked several times a second; True ends with `Outcome.STOPPED`.
         threads: processor threads for torch; by default `DEFAULT_THREADS`.
         warm: an earlier fit's weights and parameters to begin with, in place of random weights and
             the initial values.
+
+    Yields:
+        The present moment, several times a second.
+
+    Returns:
+        The fit.
 
     Raises:
         ConfigError: when ``warm`` is another network's, or ``threads`` no sensible number.
@@ -78,7 +115,7 @@ def train(
     before = torch.get_num_threads()
     torch.set_num_threads(_allowed(threads))
     try:
-        return _train(Problem(segment, case, config), warm, store, on_progress, should_stop)
+        return (yield from _train(Problem(segment, case, config), warm, store, should_stop))
     finally:
         torch.set_num_threads(before)
 
@@ -98,9 +135,8 @@ def _train(
     problem: Problem,
     warm: WarmStart | None,
     store: Store | None,
-    on_progress: OnProgress | None,
     should_stop: ShouldStop | None,
-) -> Fit:
+) -> Run:
     segment, case, config = problem.segment, problem.case, problem.config
     result_key, resume_key = request_keys(segment, case, config, warm)
     said: list[str] = []
@@ -118,8 +154,6 @@ def _train(
     def report() -> Progress:
         now = replace(training.progress, seconds=elapsed())
         recorder.add(now)
-        if on_progress:
-            on_progress(now)
         return now
 
     def save() -> None:
@@ -127,21 +161,25 @@ def _train(
             state = training.state() | recorder.state() | {"seconds": np.array(elapsed())}
             store.save_state(run.key, state, said.append)
 
-    now = replace(training.progress, seconds=run.earlier) if run.earlier else report()
     outcome = training.outcome
-    while outcome is None:
-        if should_stop and should_stop():
-            outcome = Outcome.STOPPED
-            break
-        training.advance()
-        now, outcome = report(), training.outcome
-        if outcome is None and time.perf_counter() - saved > CHECKPOINT_EVERY:
+    try:
+        if not run.earlier:
+            yield report()
+        while outcome is None:
+            if should_stop and should_stop():
+                outcome = Outcome.STOPPED
+                break
+            training.advance()
+            outcome = training.outcome
+            yield report()
+            if outcome is None and time.perf_counter() - saved > CHECKPOINT_EVERY:
+                save()
+                saved = time.perf_counter()
+    finally:  # also where whoever drives it ends it
+        if outcome is not Outcome.DIVERGED:
             save()
-            saved = time.perf_counter()
-    if outcome is not Outcome.DIVERGED:
-        save()
     fit = _as_fit(segment, case, config, training.learned(), outcome, recorder, elapsed())
-    fit = replace(fit, iterations=now.iteration, notes=fit.notes + run.notes)
+    fit = replace(fit, iterations=training.progress.iteration, notes=fit.notes + run.notes)
     if warm:
         beginning = {"started_from": warm.digest()}
         fit = replace(fit, config=fit.config | beginning, notes=(warm.note, *fit.notes))
