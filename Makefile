@@ -31,10 +31,11 @@ test: $(VENV)/dev.stamp  ## run all tests (real recordings: set OPENACC_DIR; bro
 	@OMP_NUM_THREADS=1 $(BIN)/python -m pytest -q -n $(WORKERS) --dist loadfile --no-loadscope-reorder --durations=10 $(ARGS)
 
 .PHONY: check
-check: $(VENV)/dev.stamp  ## lint, formatting and types
+check: $(VENV)/dev.stamp  ## lint, formatting, types and the direction of imports
 	@$(BIN)/ruff check .
 	@$(BIN)/ruff format --check .
 	@$(BIN)/mypy
+	@$(BIN)/lint-imports
 
 .PHONY: format
 format: $(VENV)/dev.stamp  ## format the code and mend what the linter can
@@ -42,7 +43,7 @@ format: $(VENV)/dev.stamp  ## format the code and mend what the linter can
 	@$(BIN)/ruff format .
 
 .PHONY: bench
-bench: $(VENV)/app.stamp  ## time the paper's recipe beside ours (needs OPENACC_DIR)
+bench: $(VENV)/app.stamp  ## time the paper's training protocol beside the fast preset (needs OPENACC_DIR)
 	@$(BIN)/python -m bench $(ARGS)
 
 .PHONY: samples
@@ -55,7 +56,7 @@ screenshots: $(VENV)/dev.stamp  ## picture every page, in tests/browser/shots (n
 
 .PHONY: clean
 clean:  ## remove .venv and everything the tools left behind
-	@rm -rf $(VENV) .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	@rm -rf $(VENV) .pytest_cache .mypy_cache .ruff_cache .import_linter_cache .hypothesis
 	@find . -name __pycache__ -type d -prune -exec rm -rf {} +
 
 # A stamp is younger than its list of packages exactly when they are installed.

@@ -1,3 +1,139 @@
-"""accpinn: which headway and gains does this adaptive cruise control use, and can I trust that?"""
+"""Learn the parameters of adaptive cruise control from car-following recordings.
+
+    import accpinn
+
+    study = accpinn.fit("recording.csv", start=0, duration=300)
+    study.parameters.tau                   # array of time headways in s, one a follower
+    study.uncertainty.lower, study.stability, study.transfer_function()
+    study.save("result.accpinn.zip")
+
+The public interface, in the order data flows:
+
+    fit, Study                        a recording to parameters, uncertainty, stability and files
+    read, Recording                   a CSV file of speeds and space-gaps
+    cut, Segment                      a window of it and consecutive vehicles
+    label_regimes, exclude_regimes    car-following, catching up, manual driving, standstill
+    assess_quality                    excitation and mean time gap of a segment
+    Parameters, Case                  α, β, τ of one or many vehicles
+    ParameterSet, PUBLISHED           parameters with names; those printed in the paper
+    METHODS, Method, Fit              the registry of estimation methods, and what they return
+    PinnConfig, preset                settings of the physics-inspired neural network
+    evaluate, Evaluation              surrogate, closed-loop and hold-out errors
+    stability_report, StabilityReport L₂ and L∞ string stability
+    transfer_function                 of a vehicle, as an object of python-control
+    simulate_platoon                  a platoon behind a leader, exact at every sample
+    Sinusoid, SpeedStep, Brake        leaders
+    intervals, Uncertainty            of the parameters and of what follows from them
+    profiles, model_forms, multistart identifiability, model adequacy, other initial values
+    compare                           several methods on one segment
+    load, save, verify, Snapshot      one file with all of a result
+    render_report                     a snapshot as one web page
+    Table, parameter_table            results as text, CSV, LaTeX and HTML
+    methods_table, stability_table
+    messages                          the sentences of a result's findings
+    AccpinnError                      one sentence that names place, fault and cure
+
+Each is loaded when it is first used, so that importing the package takes no time.
+"""
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from accpinn.api import Study as Study
+    from accpinn.api import fit as fit
+    from accpinn.api import load as load
+    from accpinn.api import verify as verify
+    from accpinn.errors import AccpinnError as AccpinnError
+    from accpinn.evaluation.evaluation import Evaluation as Evaluation
+    from accpinn.evaluation.evaluation import evaluate as evaluate
+    from accpinn.inference.intervals import Uncertainty as Uncertainty
+    from accpinn.inference.intervals import intervals as intervals
+    from accpinn.inference.model_adequacy import model_forms as model_forms
+    from accpinn.inference.multistart import multistart as multistart
+    from accpinn.inference.profiles import profiles as profiles
+    from accpinn.methods.fit import Fit as Fit
+    from accpinn.methods.method import Method as Method
+    from accpinn.methods.pinn.config import PinnConfig as PinnConfig
+    from accpinn.methods.pinn.config import preset as preset
+    from accpinn.methods.registry import METHODS as METHODS
+    from accpinn.model.cthp import Case as Case
+    from accpinn.model.cthp import Parameters as Parameters
+    from accpinn.model.published import PUBLISHED as PUBLISHED
+    from accpinn.model.published import ParameterSet as ParameterSet
+    from accpinn.platoon.leader import Brake as Brake
+    from accpinn.platoon.leader import Sinusoid as Sinusoid
+    from accpinn.platoon.leader import SpeedStep as SpeedStep
+    from accpinn.platoon.simulation import simulate_platoon as simulate_platoon
+    from accpinn.recordings.openacc import read as read
+    from accpinn.recordings.recording import Recording as Recording
+    from accpinn.results.messages import messages as messages
+    from accpinn.results.report.page import render_report as render_report
+    from accpinn.results.snapshot.content import Snapshot as Snapshot
+    from accpinn.results.snapshot.file import save as save
+    from accpinn.results.tables.estimates import methods_table as methods_table
+    from accpinn.results.tables.estimates import parameter_table as parameter_table
+    from accpinn.results.tables.stability import stability_table as stability_table
+    from accpinn.results.tables.table import Table as Table
+    from accpinn.segment.cut import cut as cut
+    from accpinn.segment.quality import assess_quality as assess_quality
+    from accpinn.segment.regimes import exclude_regimes as exclude_regimes
+    from accpinn.segment.regimes import label_regimes as label_regimes
+    from accpinn.segment.segment import Segment as Segment
+    from accpinn.stability.frequency import transfer_function as transfer_function
+    from accpinn.stability.report import StabilityReport as StabilityReport
+    from accpinn.stability.report import stability_report as stability_report
+    from accpinn.study.comparison import compare as compare
 
 __version__ = "0.1.0"
+
+_HOMES = {
+    "api": "Study fit load verify",
+    "errors": "AccpinnError",
+    "evaluation.evaluation": "Evaluation evaluate",
+    "inference.intervals": "Uncertainty intervals",
+    "inference.model_adequacy": "model_forms",
+    "inference.multistart": "multistart",
+    "inference.profiles": "profiles",
+    "methods.fit": "Fit",
+    "methods.method": "Method",
+    "methods.pinn.config": "PinnConfig preset",
+    "methods.registry": "METHODS",
+    "model.cthp": "Case Parameters",
+    "model.published": "PUBLISHED ParameterSet",
+    "platoon.leader": "Brake Sinusoid SpeedStep",
+    "platoon.simulation": "simulate_platoon",
+    "recordings.openacc": "read",
+    "recordings.recording": "Recording",
+    "results.messages": "messages",
+    "results.report.page": "render_report",
+    "results.snapshot.content": "Snapshot",
+    "results.snapshot.file": "save",
+    "results.tables.estimates": "methods_table parameter_table",
+    "results.tables.stability": "stability_table",
+    "results.tables.table": "Table",
+    "segment.cut": "cut",
+    "segment.quality": "assess_quality",
+    "segment.regimes": "exclude_regimes label_regimes",
+    "segment.segment": "Segment",
+    "stability.frequency": "transfer_function",
+    "stability.report": "StabilityReport stability_report",
+    "study.comparison": "compare",
+}
+_MODULE_OF = {name: module for module, names in _HOMES.items() for name in names.split()}
+
+__all__ = sorted(_MODULE_OF)
+
+
+def __getattr__(name: str) -> Any:
+    """Load a public name when it is first used."""
+    if name not in _MODULE_OF:
+        raise AttributeError(f"module 'accpinn' has no attribute '{name}'")
+    value = getattr(import_module(f"accpinn.{_MODULE_OF[name]}"), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    """The public names, loaded or not."""
+    return [*__all__, "__version__"]

@@ -1,8 +1,8 @@
-"""The whole way from a recording to a result that can be kept, for scripts and notebooks.
+"""From a recording to parameters, their uncertainty, string stability and files, in one call.
 
-from accpinn import api
+import accpinn
 
-study = api.fit("recording.csv", start=0, duration=300)
+study = accpinn.fit("recording.csv", start=0, duration=300)
 study.save("result.accpinn.zip")
 """
 
@@ -12,11 +12,14 @@ from dataclasses import dataclass
 from functools import cached_property
 from numbers import Integral, Real
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from accpinn.errors import ConfigError
 from accpinn.evaluation.evaluation import Evaluation, evaluate
 from accpinn.inference.intervals import Uncertainty, intervals
 from accpinn.methods.fit import Fit
+from accpinn.methods.method import TaskContext
+from accpinn.methods.pinn.config import preset as named_config
 from accpinn.methods.registry import method_of
 from accpinn.methods.store import Store
 from accpinn.model.cthp import Case, Parameters
@@ -25,20 +28,25 @@ from accpinn.recordings.recording import Recording
 from accpinn.results.snapshot.checking import Verification, check
 from accpinn.results.snapshot.content import Snapshot
 from accpinn.results.snapshot.create import create
-from accpinn.results.snapshot.file import load, save
+from accpinn.results.snapshot.file import load, save, write_whole
+from accpinn.results.snapshot.writable_path import REPORT, free_place
 from accpinn.segment.cut import DURATION, cut
 from accpinn.segment.regimes import exclude_regimes, label_regimes, parse_regimes
 from accpinn.segment.segment import Segment
 from accpinn.segment.vehicles import parse_vehicles
+from accpinn.stability.frequency import transfer_function
 from accpinn.stability.report import StabilityReport, stability_report
 from accpinn.units import Seconds
+
+if TYPE_CHECKING:
+    from control import TransferFunction
 
 __all__ = ["Study", "fit", "load", "verify"]
 
 
 @dataclass(frozen=True, eq=False)
 class Study:
-    """A window of a recording and what one method says of it; the rest is computed when asked."""
+    """A window of a recording and one method's fit; all else is computed when it is asked for."""
 
     recording: Recording
     segment: Segment
@@ -46,30 +54,47 @@ class Study:
 
     @property
     def parameters(self) -> Parameters:
-        """α [1/s²], β [1/s], τ [s] of each follower."""
+        """α [1/s²], β [1/s], τ [s]: one entry a follower."""
         return self.fit.parameters
 
     @cached_property
     def uncertainty(self) -> Uncertainty:
-        """What the window leaves open about them."""
+        """Intervals of the parameters, and of what follows from them."""
         return intervals(self.segment, self.fit)
 
     @cached_property
     def evaluation(self) -> Evaluation:
-        """Errors of both kinds, on the window and on the rest of the recording."""
+        """Surrogate and closed-loop errors, on the window and outside it."""
         return evaluate(self.segment, self.fit, recording=self.recording)
 
     @cached_property
     def stability(self) -> StabilityReport:
-        """Who amplifies disturbances, and why.
+        """String stability of each follower and of the platoon.
 
         Raises:
             ParameterError: where the parameters allow no answer.
         """
         return stability_report(self.parameters)
 
+    def transfer_function(self) -> tuple["TransferFunction", ...]:
+        """From the speed ahead to the own speed, one python-control object a follower.
+
+        Raises:
+            ParameterError: where the parameters allow no answer.
+        """
+        return tuple(transfer_function(follower) for follower in self.parameters)
+
     def snapshot(self, name: str = "", note: str = "", with_data: bool = False) -> Snapshot:
-        """All of it, ready to be saved; see `snapshot.take`."""
+        """All of the study in one object, ready to be saved.
+
+        Args:
+            name: of the snapshot; may be empty.
+            note: of any length up to a few pages; may be empty.
+            with_data: whether the window's speeds and space-gaps go in.
+
+        Raises:
+            SnapshotError: for a training that diverged, or texts that are too long.
+        """
         return create(
             self.segment,
             self.fit,
@@ -88,8 +113,25 @@ class Study:
         note: str = "",
         with_data: bool = False,
     ) -> Path:
-        """Write a snapshot, in one step."""
+        """Write a snapshot in one step; the arguments are those of `snapshot`.
+
+        Raises:
+            SnapshotError: when there is nothing to save, or no file can be written there.
+        """
         return save(self.snapshot(name, note, with_data), path)
+
+    def report(self, path: str | os.PathLike[str]) -> Path:
+        """Write one web page that needs no network.
+
+        Raises:
+            SnapshotError: when there is nothing to report, or no file can be written there.
+        """
+        from accpinn.results.report.page import render_report  # plotly's script is read from disk
+
+        place = free_place(Path(path), REPORT)
+        return write_whole(
+            render_report(self.snapshot(with_data=True)).encode(), place, "the report"
+        )
 
 
 def fit(
@@ -102,27 +144,28 @@ def fit(
     method: str = "pinn",
     preset: str = "fast",
     seed: int = 0,
-    leaving_out: str | Sequence[str] = (),
+    exclude: str | Sequence[str] = (),
     store: Store | None = None,
     threads: int | None = None,
 ) -> Study:
-    """Learn α, β and τ from a window of a recording.
+    """Estimate α, β and τ from a window of a recording.
 
     Args:
-        recording: a CSV file, or what `openacc.read` made of it.
+        recording: a CSV file, or what `read` made of it.
         start: of the window, in s from the recording's first sample.
         duration: of the window, in s.
-        vehicles: consecutive numbers, leader first, also as "1-5"; by default all that can be used.
+        vehicles: consecutive numbers, leader first, also as "1-5"; by default the longest run of
+            vehicles with data from the first one on.
         case: "I" for one parameter set, "II" for one per follower.
-        method: a key of `methods.registry.METHODS`.
-        preset: of the PiNN, "fast" or "paper".
-        seed: of the PiNN.
-        leaving_out: regimes whose instants do not count for the law, as "catching up".
-        store: where the PiNN's results are kept; None keeps nothing.
-        threads: for the PiNN.
+        method: a key of `METHODS`.
+        preset: "fast" or "paper", for a method with presets.
+        seed: of a method with presets.
+        exclude: regimes whose instants do not count, as "catching-up" or ["catching up"].
+        store: where a method with presets keeps results and checkpoints; None keeps nothing.
+        threads: processor threads; by default the method's choice.
 
     Raises:
-        AccpinnError: one sentence of what is wrong with file, window or settings.
+        AccpinnError: one sentence that names what is wrong with file, window or settings.
     """
     estimator = method_of(method)
     if case not in ("I", "II"):
@@ -132,29 +175,23 @@ def fit(
     _require(seed, Integral, "seed", "a whole number, as 0")
     source = _recording(recording)
     segment = cut(source, start, duration, _numbers(vehicles))
-    if leaving_out:
-        segment = exclude_regimes(
-            segment, label_regimes(segment, source), parse_regimes(leaving_out)
-        )
-    if method == "pinn":
-        from accpinn.methods.pinn.config import preset as settings
-        from accpinn.methods.pinn.training import train  # torch takes a second to import
-
-        config = settings(preset, seed=int(seed))
-        return Study(source, segment, train(segment, case, config, store=store, threads=threads))
-    return Study(source, segment, estimator.fit(segment, case))
+    if exclude:
+        segment = exclude_regimes(segment, label_regimes(segment, source), parse_regimes(exclude))
+    settings = named_config(preset, seed=int(seed)) if estimator.parse_settings else None
+    context = TaskContext(store=store, threads=threads)
+    return Study(source, segment, estimator.fit(segment, case, settings, context))
 
 
 def verify(
     content: str | os.PathLike[str] | bytes,
     recording: str | os.PathLike[str] | Recording | None = None,
 ) -> Verification:
-    """Read a snapshot, then compute its figures anew.
+    """Read a snapshot, compute its results anew and compare.
 
     Args:
         content: the file's path, or its bytes.
-        recording: the CSV file it was learned from, or what `openacc.read` made of it; see
-            `snapshot.verify`.
+        recording: the CSV file of its data, or what `read` made of it; needed where the data are
+            not in the snapshot.
 
     Raises:
         AccpinnError: when one of them cannot be read.

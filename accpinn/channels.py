@@ -1,39 +1,66 @@
-"""The one vocabulary of channels: how OpenACC names them, their unit and what is plausible."""
+"""Symbols, units, digits and plausible ranges of all quantities; the vocabulary of the files."""
 
 from dataclasses import dataclass
 
 
 @dataclass(frozen=True)
-class Channel:
-    """A measured or derived quantity, as files, axes and sentences name it."""
+class Quantity:
+    """A recorded, learned or derived quantity, as files, axes, tables and sentences name it."""
 
-    column: str
-    """Stem of the column name in an OpenACC file; empty for derived quantities."""
     name: str
     symbol: str
     unit: str
+    digits: int
+    """After the decimal point: as many as a value of it is worth in a table or a sentence."""
     lowest: float
     """The least plausible value, in the unit above."""
     highest: float
     """The greatest plausible value."""
+    column: str = ""
+    """Stem of the column name in an OpenACC file; empty for what is not recorded."""
 
     def of(self, number: int) -> str:
         """The column of vehicle ``number``: Speed1, IVS4, Driver2."""
         return f"{self.column}{number}"
 
+    def text(self, value: float) -> str:
+        """A value with its digits, without its unit: 1.520."""
+        return f"{value:.{self.digits}f}"
+
     @property
     def axis(self) -> str:
-        """The label of an axis."""
-        return f"{self.name} [{self.unit}]" if self.unit else self.name
+        """The label of an axis: Time headway [s]."""
+        return _with_unit(self.name, self.unit)
+
+    @property
+    def heading(self) -> str:
+        """The heading of a column: τ [s]."""
+        return _with_unit(self.symbol, self.unit)
 
 
-TIME = Channel("Time", "Time", "t", "s", 0.0, 1e6)
-SPEED = Channel("Speed", "Speed", "v", "m/s", 0.0, 70.0)
-GAP = Channel("IVS", "Space-gap", "p", "m", 0.0, 500.0)
-DRIVER = Channel("Driver", "Driver mode", "", "", 0.0, 1.0)
-RELATIVE_SPEED = Channel("", "Relative speed", "Δv", "m/s", -30.0, 30.0)
-ACCELERATION = Channel("", "Acceleration", "a", "m/s²", -10.0, 6.0)
-TIME_GAP = Channel("", "Time gap", "p/v", "s", 0.0, 10.0)
+def _with_unit(text: str, unit: str) -> str:
+    return f"{text} [{unit}]" if unit else text
+
+
+TIME = Quantity("Time", "t", "s", 1, 0.0, 1e6, "Time")
+SPEED = Quantity("Speed", "v", "m/s", 2, 0.0, 70.0, "Speed")
+GAP = Quantity("Space-gap", "p", "m", 2, 0.0, 500.0, "IVS")
+DRIVER = Quantity("Driver mode", "", "", 0, 0.0, 1.0, "Driver")
+RELATIVE_SPEED = Quantity("Relative speed", "Δv", "m/s", 2, -30.0, 30.0)
+ACCELERATION = Quantity("Acceleration", "a", "m/s²", 2, -10.0, 6.0)
+TIME_GAP = Quantity("Time gap", "p/v", "s", 2, 0.0, 10.0)
+
+ALPHA = Quantity("Gain on spacing", "α", "1/s²", 4, 0.0, 10.0)
+BETA = Quantity("Gain on relative speed", "β", "1/s", 4, 0.0, 10.0)
+TAU = Quantity("Time headway", "τ", "s", 3, 0.0, 5.0)
+"""The settings of cruise controls end near 3 s."""
+PARAMETERS = (ALPHA, BETA, TAU)
+"""In the order of the last axis of every array of parameters."""
+
+FREQUENCY = Quantity("Frequency", "ω", "rad/s", 3, 0.0, 10.0)
+MAGNITUDE = Quantity("Bode magnitude", "|H(jω)|", "dB", 2, -60.0, 60.0)
+LINF_GAIN = Quantity("L∞ gain", "‖h‖₁", "", 3, 1.0, 10.0)
+"""Never below 1: the impulse response of a vehicle has area 1 where α > 0."""
 
 METADATA = ("Date", "Vehicle_order", "Number_of_vehicles", "ACC", "Distance_setting")
 """First cells of the rows above the column names."""

@@ -16,18 +16,19 @@ import torch
 
 from accpinn.methods.pinn.training import DEFAULT_THREADS
 from bench import stability
-from bench.cases import CASES, folder
-from bench.speed import PAPER_ITERATIONS, measure
+from bench.speed import CASES, PAPER_ITERATIONS, folder, measure
 
 PAPER_TIMED = 20
 QUICK_TIMED = 5
 
 
 def main() -> int:
-    """Run all cases and print them; exit status 1 when one is slower than it must be."""
+    """Run all cases and print them; exit status 1 when one is slower than required."""
     parser = argparse.ArgumentParser(prog="python -m bench", description=__doc__)
     parser.add_argument("--json", action="store_true", help="one JSON document")
-    parser.add_argument("--quick", action="store_true", help="time fewer iterations of the paper's")
+    parser.add_argument(
+        "--quick", action="store_true", help="time fewer iterations of the paper's protocol"
+    )
     parser.add_argument("--one", type=int, help=argparse.SUPPRESS)
     options = parser.parse_args()
     folder()
@@ -62,8 +63,9 @@ def main() -> int:
 
 def _text(machine: dict[str, Any], rows: list[dict[str, Any]]) -> str:
     lines = [
-        f"{machine['cores']} cores; {machine['threads']} threads for the paper's recipe,"
-        f" {machine['fast_threads']} for ours; torch {machine['torch']}, Python {machine['python']}"
+        f"{machine['cores']} cores; {machine['threads']} threads for the paper's protocol,"
+        f" {machine['fast_threads']} for the fast preset;"
+        f" torch {machine['torch']}, Python {machine['python']}"
     ]
     for row in rows:
         fast = sorted(row["fast_seconds"])
@@ -71,16 +73,16 @@ def _text(machine: dict[str, Any], rows: list[dict[str, Any]]) -> str:
         lines += [
             "",
             row["name"],
-            f"  paper's recipe  {row['paper_iteration_ms']:.1f} ms an iteration, times"
+            f"  paper's protocol  {row['paper_iteration_ms']:.1f} ms an iteration, times"
             f" {PAPER_ITERATIONS:,} = {row['paper_seconds']:.0f} s",
-            f"  fast preset     {fast[len(fast) // 2]:.2f} s (first {row['fast_seconds'][0]:.2f},"
+            f"  fast preset       {fast[len(fast) // 2]:.2f} s (first {row['fast_seconds'][0]:.2f},"
             f" all {fast[0]:.2f}-{fast[-1]:.2f}), {row['fast_iterations']} iterations,"
             f" {row['outcome']}",
-            f"  ratio           {row['ratio']:.0f}{goal}; first call {row['ratio_first']:.0f}",
-            f"  loss            {row['loss_start']:.5f} before the hidden layers were trained,"
+            f"  ratio             {row['ratio']:.0f}{goal}; first call {row['ratio_first']:.0f}",
+            f"  loss              {row['loss_start']:.5f} before the hidden layers were trained,"
             f" {row['loss']:.5f} after; limit {row['loss_limit']:.5f}",
-            "  gap MAE (m)     " + "  ".join(f"{value:.3f}" for value in row["gap_mae"]),
-            f"  peak memory     {row['peak_memory_mb']:.0f} MB",
+            "  gap MAE (m)       " + "  ".join(f"{value:.3f}" for value in row["gap_mae"]),
+            f"  peak memory       {row['peak_memory_mb']:.0f} MB",
             "  parameters                              limit",
         ]
         for ours, limit in zip(row["parameters"], row["limit"], strict=True):
@@ -90,7 +92,9 @@ def _text(machine: dict[str, Any], rows: list[dict[str, Any]]) -> str:
                 )
             )
         lines.append(
-            "  distance        α {:.2f} %, β {:.2f} %, τ {:.2f} %".format(*row["distance_percent"])
+            "  distance          α {:.2f} %, β {:.2f} %, τ {:.2f} %".format(
+                *row["distance_percent"]
+            )
         )
     return "\n".join(lines)
 

@@ -1,21 +1,22 @@
-"""`python -m bench.coverage`: do intervals that say 90 % cover the truth 90 % of the time?
+"""`python -m bench.coverage`: how often do 90 % intervals cover the true parameters?
 
-Each recording has its own leader on a motorway, one of the published laws in turn, disturbances as
-on real roads (`bench.disturbed`) and receivers' noise. The intervals are those of the default
-method; beside them the naive ones, and two block bootstraps (`bench.rivals`). The truth is the law
-and nothing but zero-mean disturbances: `bench.departures` says what happens where it is not.
+Each recording has its own leader on a motorway, one of the published parameter sets in turn,
+disturbances as on real roads (`bench.disturbed`) and the receivers' noise. The intervals are those
+of accpinn, those of independent errors, and two block bootstraps (`bench.other_intervals`). Here
+the model holds except for zero-mean disturbances; `bench.departures` measures what follows where
+it does not.
 """
 
 import argparse
 import json
 import sys
 import time
-from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 
 import numpy as np
 
-from accpinn.inference.intervals import LEVEL, SYMBOLS, Interval, intervals
+from accpinn.channels import PARAMETERS
+from accpinn.inference.intervals import LEVEL, Interval, intervals
 from accpinn.methods.fit import Fit
 from accpinn.methods.registry import METHODS
 from accpinn.model.cthp import Parameters
@@ -23,43 +24,44 @@ from accpinn.model.published import PUBLISHED
 from accpinn.segment.segment import Segment
 from accpinn.units import FloatArray
 from bench.disturbed import Disturbance, disturbed
-from bench.rivals import RIVALS, Smooth
+from bench.other_intervals import OTHERS, Smooth
 
-LAWS = tuple(law for group in PUBLISHED for law in group.parameters)
+SETS = Parameters.stack(one for group in PUBLISHED for one in group.parameters)
+SYMBOLS = tuple(quantity.symbol for quantity in PARAMETERS)
 OURS = "accpinn"
 SPLINES = "splines"
-"""Whose estimate the intervals judge; the PiNN finds the same."""
-PULLED = ("least-squares", "simulation")
-"""Methods whose mean error is measured beside that."""
+"""The method whose estimate the intervals belong to; that of the PiNN is the same."""
+BIASED = ("least-squares", "simulation")
+"""Other methods whose bias is measured."""
 
 
 @dataclass(frozen=True)
 class Coverage:
-    """How one kind of interval did; one entry for each of α, β, τ."""
+    """The coverage of one kind of interval; one entry for each of α, β, τ."""
 
     method: str
     level: float
-    """What the intervals claim."""
+    """The nominal coverage."""
     recordings: int
     covered: tuple[float, ...]
-    """Share of recordings whose interval holds the truth."""
+    """Share of recordings whose interval covers the true value."""
     jointly: float
-    """Share of recordings in which all three hold the truth."""
+    """Share of recordings whose three intervals all cover it."""
     width: tuple[float, ...]
     """Median width, as a share of the true value."""
 
 
 @dataclass(frozen=True)
-class Study:
-    """Everything that was measured."""
+class CoverageStudy:
+    """The coverage of all kinds of intervals, and the bias of the estimates."""
 
     disturbance: Disturbance
     duration: float
-    pull: dict[str, tuple[float, ...]]
-    """By method, how far its estimate is from the truth in the mean, as a share of it."""
+    bias: dict[str, tuple[float, ...]]
+    """By method, the mean error of its estimates, as a share of the true value."""
     rows: tuple[Coverage, ...]
     milliseconds: float
-    """Median time of the default method's intervals."""
+    """Median time of accpinn's intervals."""
 
 
 def measure(
@@ -67,36 +69,45 @@ def measure(
     disturbance: Disturbance = Disturbance(),  # noqa: B008 (a frozen value object)
     duration: float = 300.0,
     level: float = LEVEL,
-    rivals: bool = True,
-    laws: Sequence[Parameters] = LAWS,
-) -> Study:
-    """Run the study; the same arguments give the same coverage."""
-    found: dict[str, list[Interval]] = {name: [] for name in (OURS, *(RIVALS if rivals else ()))}
-    pulled = (SPLINES, *(PULLED if rivals else ()))
-    estimates: dict[str, list[FloatArray]] = {name: [] for name in pulled}
+    others: bool = True,
+    sets: Parameters = SETS,
+) -> CoverageStudy:
+    """Run the study; the same arguments give the same coverage.
+
+    Args:
+        recordings: how many.
+        disturbance: of all followers.
+        duration: of each recording in s.
+        level: the nominal coverage.
+        others: whether other intervals and other methods' bias are measured too.
+        sets: the true parameters, one set a recording in turn.
+    """
+    found: dict[str, list[Interval]] = {name: [] for name in (OURS, *(OTHERS if others else ()))}
+    biased = (SPLINES, *(BIASED if others else ()))
+    estimates: dict[str, list[FloatArray]] = {name: [] for name in biased}
     truths, times = [], []
     for seed in range(recordings):
-        law = laws[seed % len(laws)]
-        segment = disturbed((law,), seed, disturbance, duration=duration)
+        true = sets[[seed % len(sets)]]
+        segment = disturbed(true, seed, disturbance, duration=duration)
         fit = METHODS[SPLINES].fit(segment, "II")
         started = time.perf_counter()
         found[OURS].append(_ours(segment, fit, level))
         times.append(time.perf_counter() - started)
-        if rivals:
+        if others:
             smooth, rng = Smooth(segment, fit), np.random.default_rng(seed)
-            for name, method in RIVALS.items():
+            for name, method in OTHERS.items():
                 found[name].append(method(smooth, level, rng))
-        truths.append(_row(law))
+        truths.append(true.values[0])
         for name, found_so_far in estimates.items():
             estimate = fit if name == SPLINES else METHODS[name].fit(segment, "II")
-            found_so_far.append(estimate.table()[0])
-    true = np.array(truths)
-    rows = tuple(_coverage(name, level, ends, true) for name, ends in found.items())
-    pull = {
-        name: tuple(np.nanmean(np.array(table) / true - 1.0, axis=0).tolist())
+            found_so_far.append(estimate.parameters.values[0])
+    truth = np.array(truths)
+    rows = tuple(_coverage(name, level, ends, truth) for name, ends in found.items())
+    bias = {
+        name: tuple(np.nanmean(np.array(table) / truth - 1.0, axis=0).tolist())
         for name, table in estimates.items()
     }
-    return Study(disturbance, duration, pull, rows, 1e3 * float(np.median(times)))
+    return CoverageStudy(disturbance, duration, bias, rows, 1e3 * float(np.median(times)))
 
 
 def _ours(segment: Segment, fit: Fit, level: float) -> Interval:
@@ -104,33 +115,29 @@ def _ours(segment: Segment, fit: Fit, level: float) -> Interval:
     return Interval(result.lower[0], result.upper[0])
 
 
-def _row(law: Parameters) -> list[float]:
-    return [law.alpha, law.beta, law.tau]
-
-
-def _coverage(method: str, level: float, ends: list[Interval], true: np.ndarray) -> Coverage:
+def _coverage(method: str, level: float, ends: list[Interval], truth: np.ndarray) -> Coverage:
     lower, upper = (np.array([getattr(one, end) for one in ends]) for end in ("lower", "upper"))
-    holds = (lower <= true) & (true <= upper)
-    width = np.median((upper - lower) / true, axis=0)
+    covers = (lower <= truth) & (truth <= upper)
+    width = np.median((upper - lower) / truth, axis=0)
     return Coverage(
         method,
         level,
         len(ends),
-        tuple(holds.mean(axis=0).tolist()),
-        float(holds.all(axis=1).mean()),
+        tuple(covers.mean(axis=0).tolist()),
+        float(covers.all(axis=1).mean()),
         tuple(width.tolist()),
     )
 
 
-def text(study: Study) -> str:
+def text(study: CoverageStudy) -> str:
     """A table for reading."""
     disturbance, first = study.disturbance, study.rows[0]
     lines = [
         f"{first.recordings} recordings of {study.duration:.0f} s, disturbances of"
         f" {disturbance.deviation:g} m/s² that last {disturbance.memory:g} s, actuator lag"
         f" {disturbance.lag:g} s",
-        f"Share of nominal {100 * first.level:.0f} % intervals that hold the truth, and median"
-        " width in % of the true value",
+        f"Share of nominal {100 * first.level:.0f} % intervals that cover the true value, and their"
+        " median width in % of it",
         "",
         f"{'':14}"
         + "".join(f"{symbol:>7}" for symbol in (*SYMBOLS, "all"))
@@ -142,8 +149,8 @@ def text(study: Study) -> str:
         width = "".join(f"{100 * share:7.1f}%" for share in row.width)
         lines.append(f"{row.method:14}{covered}        {width}")
     lines.append("")
-    for name, pull in study.pull.items():
-        errors = ", ".join(f"{s} {100 * p:+.1f} %" for s, p in zip(SYMBOLS, pull, strict=True))
+    for name, bias in study.bias.items():
+        errors = ", ".join(f"{s} {100 * b:+.1f} %" for s, b in zip(SYMBOLS, bias, strict=True))
         lines.append(f"Mean error of {name}: {errors}.")
     lines.append(f"Time for the intervals of one recording: {study.milliseconds:.0f} ms.")
     return "\n".join(lines)
@@ -156,9 +163,9 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--duration", type=float, default=300.0, help="seconds of each recording")
     for name, what in (
         ("deviation", "standard deviation of the disturbance in m/s²"),
-        ("memory", "how long it lasts in s"),
+        ("memory", "its correlation time in s"),
         ("lag", "time constant of the actuator in s"),
-        ("standstill", "distance kept on top of τv in m"),
+        ("standstill", "standstill distance in m"),
         ("slope", "mean of the disturbance in m/s²"),
     ):
         parser.add_argument(f"--{name}", type=float, default=getattr(Disturbance, name), help=what)

@@ -1,25 +1,19 @@
-"""`python -m bench.departures`: what the intervals are worth where the law lacks more than noise.
+"""`python -m bench.departures`: the coverage of the intervals where the model is incomplete.
 
-Each line is the study of `bench.coverage` with one thing changed that a real car may have and the
-law does not: disturbances of other sizes and lengths, an actuator's lag, a distance kept at
-standstill, a slope; or with laws that are string stable, as none of the published ones is.
+Each line is the study of `bench.coverage` with one change: disturbances of another size or
+duration, an actuator lag, a standstill distance or a slope, which the model lacks; or parameters
+that are string stable, as none of the published sets is.
 """
 
 import argparse
 import sys
 from dataclasses import dataclass
 
-from accpinn.inference.intervals import SYMBOLS
 from accpinn.model.cthp import Parameters
-from bench.coverage import LAWS, Study, measure
+from bench.coverage import SETS, SYMBOLS, CoverageStudy, measure
 from bench.disturbed import Disturbance
 
-STABLE = (
-    Parameters(0.15, 0.6, 1.5),
-    Parameters(0.15, 0.6, 2.2),
-    Parameters(0.05, 0.6, 2.5),
-    Parameters(0.02, 0.3, 3.0),
-)
+STABLE = Parameters([0.15, 0.15, 0.05, 0.02], [0.6, 0.6, 0.6, 0.3], [1.5, 2.2, 2.5, 3.0])
 
 
 @dataclass(frozen=True)
@@ -28,7 +22,7 @@ class Departure:
 
     name: str
     disturbance: Disturbance
-    laws: Parameters = LAWS
+    sets: Parameters = SETS
 
 
 DEPARTURES = (
@@ -37,27 +31,27 @@ DEPARTURES = (
     Departure("disturbances last 20 s", Disturbance(memory=20.0)),
     Departure("disturbances of 0.1 m/s²", Disturbance(deviation=0.1)),
     Departure("disturbances of 0.5 m/s²", Disturbance(deviation=0.5)),
-    Departure("string stable laws", Disturbance(), STABLE),
-    Departure("actuator lag 0.5 s", Disturbance(lag=0.5)),
-    Departure("actuator lag 1 s", Disturbance(lag=1.0)),
-    Departure("4 m kept at standstill", Disturbance(standstill=4.0)),
+    Departure("string stable parameters", Disturbance(), STABLE),
+    Departure("actuator lag of 0.5 s", Disturbance(lag=0.5)),
+    Departure("actuator lag of 1 s", Disturbance(lag=1.0)),
+    Departure("standstill distance of 4 m", Disturbance(standstill=4.0)),
     Departure("1 % uphill throughout", Disturbance(slope=-0.1)),
 )
 
 
 def table(recordings: int) -> str:
-    """The studies one below the other, as Markdown."""
+    """One study a line, as Markdown."""
     lines = [
         f"| 90 % intervals, {recordings} recordings each | {' | '.join(SYMBOLS)} | all three |",
         f"|---|{'---|' * (len(SYMBOLS) + 1)}",
     ]
     for departure in DEPARTURES:
-        study = measure(recordings, departure.disturbance, rivals=False, laws=departure.laws)
+        study = measure(recordings, departure.disturbance, others=False, sets=departure.sets)
         lines.append(f"| {departure.name} | {_shares(study)} |")
     return "\n".join(lines)
 
 
-def _shares(study: Study) -> str:
+def _shares(study: CoverageStudy) -> str:
     ours = study.rows[0]
     return " | ".join(f"{100 * share:.0f} %" for share in (*ours.covered, ours.jointly))
 

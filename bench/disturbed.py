@@ -1,14 +1,15 @@
-"""Recordings with known parameters in which the law holds as badly as it does on real roads.
+"""Recordings with known parameters and disturbances as large and as lasting as on real roads.
 
     dv/dt = α(p - τv) + βΔv + w,    w a first-order Gauss-Markov process
 
-On the real recordings that this package was made for, the residual of the law after smoothing has
-a standard deviation of 0.15 to 0.39 m/s² in car-following with ACC, and its correlation falls to
-1/e within three to six seconds. What the law does not know can be added: an actuator that follows
-its command with a lag, a distance kept at standstill, p - s₀ in place of p, and a slope.
-Leaders, and what the receivers make of it all, come from `accpinn.recordings.synthetic`.
+On the real recordings that this package was made for, the residual of the model after smoothing
+has a standard deviation of 0.15 to 0.39 m/s² in car-following with ACC, and its correlation falls
+to 1/e within three to six seconds. Effects that the model lacks can be added: an actuator lag, a
+standstill distance (p - s₀ in place of p), and a slope. Leaders and the receivers' noise come from
+`accpinn.recordings.synthetic`.
 """
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -25,42 +26,51 @@ MOTORWAY = Driving(28.0, 20.0, 34.0, (8.0, 25.0), (0.4, 1.2), 0.15)
 
 @dataclass(frozen=True)
 class Disturbance:
-    """How the vehicles depart from the law."""
+    """How the vehicles depart from the model."""
 
     deviation: float = 0.25
     """Standard deviation of w in m/s²."""
     memory: Seconds = 4.0
-    """After which the correlation of w has fallen to 1/e."""
+    """The correlation of w falls to 1/e in this time."""
     lag: Seconds = 0.0
     """Time constant of the actuator; 0 for none."""
     standstill: Metres = 0.0
-    """s₀, kept on top of τv."""
+    """s₀: the gap in equilibrium is s₀ + τv."""
     slope: float = 0.0
     """Mean of w in m/s²; uphill is negative, 1 % are 0.1 m/s²."""
 
 
 def disturbed(
-    laws: Parameters,
+    parameters: Iterable[Parameters],
     seed: int,
     disturbance: Disturbance,
     driving: Driving = MOTORWAY,
     duration: Seconds = 300.0,
     noise: Noise | None = Noise(),  # noqa: B008 (a frozen value object)
 ) -> Segment:
-    """The recording of a platoon with these laws; other seeds give other leaders and noise."""
+    """A synthetic recording of a platoon, as a segment.
+
+    Args:
+        parameters: one entry a follower, as `Parameters` of M vehicles are.
+        seed: of the leader, the disturbances and the noise.
+        disturbance: how all followers depart from the model.
+        driving: how the leader drives.
+        duration: in s.
+        noise: of the receivers; None for none.
+    """
     count = round(duration / SIMULATION_STEP) + 1
     time = SIMULATION_STEP * np.arange(count)
     ahead = leader_speed(driving, time, np.random.default_rng(seed))
     rng = np.random.default_rng([seed, 2])
     speeds, gaps = [ahead], []
-    for law in laws:
+    for follower in parameters:
         wander = disturbance.slope + _wander(disturbance, count, rng)
-        gap, ahead = _follow(law, ahead, wander, disturbance.lag, disturbance.standstill)
+        gap, ahead = _follow(follower, ahead, wander, disturbance)
         speeds.append(ahead)
         gaps.append(gap)
     true = Trajectories(time, np.column_stack(speeds), np.column_stack(gaps))
     recorded = record(true, noise, seed)
-    numbers = tuple(range(1, len(laws) + 2))
+    numbers = tuple(range(1, len(speeds) + 1))
     return Segment(
         time=recorded.time,
         speeds=recorded.speeds,
@@ -82,10 +92,11 @@ def _wander(disturbance: Disturbance, count: int, rng: np.random.Generator) -> F
 
 
 def _follow(
-    law: Parameters, ahead: FloatArray, wander: FloatArray, lag: Seconds, standstill: Metres
+    follower: Parameters, ahead: FloatArray, wander: FloatArray, disturbance: Disturbance
 ) -> tuple[FloatArray, FloatArray]:
     """Gap and speed from equilibrium on, with inputs held over each small step."""
-    alpha, alpha_tau, beta = law.theta
+    alpha, alpha_tau, beta = follower.theta
+    lag = disturbance.lag
     # States gap above s₀, speed and acceleration by the actuator; inputs speed ahead and w.
     rates = np.zeros((5, 5))
     rates[0, [1, 3]] = -1.0, 1.0
@@ -101,9 +112,9 @@ def _follow(
     middle = np.r_[(ahead[1:] + ahead[:-1]) / 2, ahead[-1]]
     inputs = np.column_stack([middle, wander]) @ step[:, 3:].T
     states = np.empty((len(ahead), 3))
-    state = np.array([law.tau * ahead[0], ahead[0], 0.0])
+    state = np.array([follower.tau * ahead[0], ahead[0], 0.0])
     transition = step[:, :3]
     for k, push in enumerate(inputs):
         states[k] = state
         state = transition @ state + push
-    return states[:, 0] + standstill, states[:, 1]
+    return states[:, 0] + disturbance.standstill, states[:, 1]

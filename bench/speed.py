@@ -1,14 +1,16 @@
-"""Times one case: the paper's iteration and our training in turn, in one process on one machine.
+"""The fast preset against the paper's training protocol: real segments, one process, in turn.
 
-The paper's recipe is timed per iteration, by the median, and multiplied by the 20,000 iterations
-its authors need; ours runs to its end, from the first call in the process. Peak memory is that of
-the whole process.
+The paper's protocol is timed per iteration, by the median, and multiplied by the 20,000 iterations
+its authors need; the fast preset runs to its end, from the first call in the process. Peak memory
+is that of the whole process. Recordings are found through OPENACC_DIR.
 """
 
+import os
 import resource
 import statistics
 import sys
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
@@ -17,8 +19,11 @@ from accpinn.methods import splines
 from accpinn.methods.fit import Fit
 from accpinn.methods.pinn.config import FAST
 from accpinn.methods.pinn.training import train
-from bench.cases import BenchCase
-from bench.paper_recipe import seconds_per_iteration
+from accpinn.model.cthp import Case
+from accpinn.recordings.openacc import read
+from accpinn.segment.cut import cut
+from accpinn.segment.segment import Segment
+from bench.paper_protocol import seconds_per_iteration
 
 PAPER_ITERATIONS = 20_000
 """The paper: parameter convergence is achieved in around 20,000 iterations for all tests."""
@@ -26,8 +31,53 @@ ROUNDS = 3
 
 
 @dataclass(frozen=True)
+class BenchCase:
+    """A segment to train on."""
+
+    name: str
+    file: str
+    start: float
+    duration: float
+    case: Case
+    least_ratio: float | None
+    """How many times faster than the paper's protocol the fast preset must be."""
+
+    def segment(self) -> Segment:
+        """The data."""
+        return cut(read(folder() / self.file), self.start, self.duration)
+
+
+CASES = (
+    BenchCase("Casale 0-300 s, M = 1", "Casale/part7.csv", 0, 300, "II", 300),
+    BenchCase(
+        "AstaZero 320-620 s, M = 4, Case II",
+        "AstaZero/ASta_040719_platoon5.csv",
+        320,
+        300,
+        "II",
+        400,
+    ),
+    BenchCase(
+        "AstaZero 320-620 s, M = 4, Case I", "AstaZero/ASta_040719_platoon5.csv", 320, 300, "I", 400
+    ),
+    BenchCase("Casale whole, M = 1", "Casale/part7.csv", 0, 1523, "II", None),
+)
+
+
+def folder() -> Path:
+    """The folder of the recordings."""
+    named = os.environ.get("OPENACC_DIR")
+    if not named:
+        raise SystemExit(
+            "error: OPENACC_DIR is not set; name the folder of OpenACC recordings, which has"
+            " Casale/part7.csv and AstaZero/ASta_040719_platoon5.csv."
+        )
+    return Path(named)
+
+
+@dataclass(frozen=True)
 class Timing:
-    """What was measured; plain numbers, ready for JSON."""
+    """What was measured, as plain numbers ready for JSON."""
 
     name: str
     case: str
@@ -54,7 +104,7 @@ class Timing:
 
 
 def measure(case: BenchCase, paper_iterations: int) -> Timing:
-    """Alternate the two recipes, and compare the result with the limit of the loss."""
+    """Alternate the two protocols, and compare the result with the limit of the loss."""
     segment = case.segment()
     limit = splines.fit(segment, case.case)
     fits: list[Fit] = []
@@ -66,7 +116,7 @@ def measure(case: BenchCase, paper_iterations: int) -> Timing:
         paper += seconds_per_iteration(segment, paper_iterations)
         fits.append(train(segment, case.case, FAST))
     iteration, fast = statistics.median(paper), [fit.seconds for fit in fits]
-    table, best = fits[0].table(), limit.table()
+    table, best = fits[0].parameters.values, limit.parameters.values
     errors = surrogate_errors(segment, fits[0])
     assert errors is not None
     return Timing(

@@ -1,4 +1,4 @@
-"""The benchmark's own arithmetic: what it prints is what it measured."""
+"""The benchmarks print what they measure."""
 
 import json
 from dataclasses import asdict
@@ -6,24 +6,30 @@ from typing import Any
 
 import numpy as np
 import pytest
+import torch
 
 from accpinn.inference.intervals import LEVEL
-from accpinn.model.cthp import Parameters
+from accpinn.methods.pinn.config import PRESETS
+from accpinn.methods.pinn.loss import loss_terms
+from accpinn.methods.pinn.output_layout import output_columns
+from accpinn.model.cthp import Parameters, regressors
 from accpinn.recordings.synthetic import Driving
 from accpinn.segment.segment import Segment
 from bench import coverage, departures
 from bench.disturbed import Disturbance, disturbed
+from bench.paper_protocol import PaperProtocol
+from tests.samples import PLATOON, sample
 
 FEW = 4
 
 
 @pytest.fixture(scope="module")
-def study() -> coverage.Study:
+def study() -> coverage.CoverageStudy:
     return coverage.measure(FEW, duration=150.0)
 
 
 class TestCoverage:
-    def test_counts_shares_of_recordings(self, study: coverage.Study) -> None:
+    def test_counts_shares_of_recordings(self, study: coverage.CoverageStudy) -> None:
         assert study.rows[0].method == coverage.OURS
         assert "naive" in {row.method for row in study.rows}
         for row in study.rows:
@@ -31,17 +37,17 @@ class TestCoverage:
             assert all((share * FEW).is_integer() for share in row.covered)
         assert all(width > 0 for width in study.rows[0].width)
 
-    def test_naive_intervals_are_far_narrower(self, study: coverage.Study) -> None:
+    def test_naive_intervals_are_far_narrower(self, study: coverage.CoverageStudy) -> None:
         width = {row.method: np.array(row.width) for row in study.rows}
         assert (width["naive"] < 0.5 * width[coverage.OURS]).all()
 
-    def test_is_the_same_every_time(self, study: coverage.Study) -> None:
+    def test_is_the_same_every_time(self, study: coverage.CoverageStudy) -> None:
         again = coverage.measure(FEW, duration=150.0)
         for one, other in zip(again.rows, study.rows, strict=True):
-            np.testing.assert_equal(asdict(one), asdict(other))  # a rival's width may be nan
-        assert again.pull == study.pull
+            np.testing.assert_equal(asdict(one), asdict(other))  # another method's width may be nan
+        assert again.bias == study.bias
 
-    def test_says_what_it_measured(self, study: coverage.Study) -> None:
+    def test_says_what_it_measured(self, study: coverage.CoverageStudy) -> None:
         printed = coverage.text(study)
         assert f"{FEW} recordings of 150 s" in printed
         assert f"nominal {100 * LEVEL:.0f} %" in printed
@@ -49,7 +55,7 @@ class TestCoverage:
             shares = "".join(f"{100 * share:6.0f}%" for share in row.covered)
             assert f"{row.method:14}{shares}" in printed
 
-    def test_exit_status_tells_whether_the_coverage_is_as_claimed(
+    def test_exit_status_is_1_where_the_coverage_is_not_nominal(
         self, capsys: pytest.CaptureFixture[str]
     ) -> None:
         status = coverage.main(["--recordings", "2", "--duration", "150", "--json"])
@@ -67,46 +73,64 @@ class TestDepartures:
     def test_every_line_is_a_study_of_its_own(self, monkeypatch: pytest.MonkeyPatch) -> None:
         asked = []
 
-        def measured(recordings: int, disturbance: Disturbance, **rest: Any) -> coverage.Study:
-            asked.append((disturbance, rest["laws"]))
+        def measured(
+            recordings: int, disturbance: Disturbance, **rest: Any
+        ) -> coverage.CoverageStudy:
+            asked.append((disturbance, rest["sets"]))
             return coverage.measure(1, disturbance, duration=60.0, **rest)
 
         monkeypatch.setattr(departures, "measure", measured)
         lines = departures.table(1).splitlines()
         assert len(lines) == 2 + len(departures.DEPARTURES)
-        assert asked == [(one.disturbance, one.laws) for one in departures.DEPARTURES]
+        assert asked == [(one.disturbance, one.sets) for one in departures.DEPARTURES]
         assert all(line.count(" %") >= 4 for line in lines[2:])
 
 
 class TestDisturbedRecordings:
-    def test_what_the_law_lacks_is_in_them(self) -> None:
-        """A constant speed ahead: the gap is τv, more by s₀, more uphill."""
-        law = Parameters(0.2, 0.4, 1.2)
+    def test_equilibrium_gap_has_standstill_distance_and_slope(self) -> None:
+        """At a constant speed ahead the gap is τv + s₀ - w/α."""
+        parameters = Parameters([0.2], [0.4], [1.2])
         calm = Driving(20.0, 10.0, 30.0, (500.0, 600.0), (0.4, 1.2), 0.0)
         for standstill, slope in ((0.0, 0.0), (4.0, 0.0), (0.0, -0.1)):
             what = Disturbance(1e-9, 4.0, standstill=standstill, slope=slope)
-            segment = disturbed((law,), 1, what, calm, 120.0, noise=None)
+            segment = disturbed(parameters, 1, what, calm, 120.0, noise=None)
             gap = 1.2 * 20.0 + standstill - slope / 0.2
             assert segment.gaps[-1, 0] == pytest.approx(gap, abs=1e-6)
 
     def test_the_disturbance_is_as_strong_as_stated(self) -> None:
-        """Without noise what the law leaves of the acceleration is the disturbance."""
-        law = coverage.LAWS[0]
+        """Without noise the residual of the model is the disturbance."""
+        parameters = coverage.SETS[[0]]
         strong, calm = (
-            disturbed((law,), 3, Disturbance(deviation, 4.0, 0.0), duration=300.0)
+            disturbed(parameters, 3, Disturbance(deviation, 4.0, 0.0), duration=300.0)
             for deviation in (0.25, 1e-9)
         )
-        left = [residual(segment, law) for segment in (strong, calm)]
+        left = [residual(segment, parameters) for segment in (strong, calm)]
         added = np.sqrt(max(left[0] ** 2 - left[1] ** 2, 0.0))
         assert added == pytest.approx(0.25, rel=0.35)
 
 
-def residual(segment: Segment, law: Parameters) -> float:
-    """RMS of dv/dt minus the law, smoothed over a second against the receivers' noise."""
-    speed = segment.speeds[:, 1]
-    acceleration = np.gradient(speed, segment.time)
-    ahead = segment.speeds[:, 0] - speed
-    wanted = law.alpha * (segment.gaps[:, 0] - law.tau * speed) + law.beta * ahead
+def residual(segment: Segment, parameters: Parameters) -> float:
+    """RMS of dv/dt minus the model, smoothed over a second."""
+    acceleration = np.gradient(segment.speeds[:, 1], segment.time)
+    modelled = regressors(segment.speeds, segment.gaps)[0] @ parameters.theta[0]
     second = round(1 / segment.sample_time)
-    smooth = np.convolve(acceleration - wanted, np.ones(second) / second, mode="valid")
+    smooth = np.convolve(acceleration - modelled, np.ones(second) / second, mode="valid")
     return float(np.sqrt((smooth**2).mean()))
+
+
+def test_the_papers_protocol_has_the_loss_of_the_package() -> None:
+    training = PaperProtocol(sample(PLATOON).segment)
+    time = training.time.detach()
+    surrogate, rates = torch.func.jvp(training.network, (time,), (torch.ones_like(time),))
+    measured = torch.cat([training.speeds, training.gaps], dim=1)
+    speeds, gaps = output_columns(training.followers)
+    order = np.argsort([*speeds, *gaps])
+    terms = loss_terms(
+        surrogate[:, order],
+        rates[:, order],
+        measured[:, order],
+        torch.tensor(Parameters.of(training.parameters.detach()).theta),
+        PRESETS["paper"],
+    )
+    ours, theirs = terms.total.item(), training.loss().item()
+    assert theirs == pytest.approx(ours, rel=1e-12)

@@ -16,9 +16,8 @@ from accpinn.methods.pinn.config import FAST, PAPER
 from accpinn.methods.registry import METHODS
 from accpinn.recordings.openacc import read
 from accpinn.recordings.synthetic import load_truth, truth_path
-from accpinn.results.tables.comparison import intervals_table, methods_table
+from accpinn.results.tables.estimates import intervals_table, methods_table, where
 from accpinn.results.tables.names import TITLES, method_name
-from accpinn.results.tables.results import where
 from accpinn.segment.cut import cut
 from accpinn.segment.segment import Segment
 from accpinn.study.comparison import (

@@ -15,7 +15,8 @@ from accpinn.model.published import ParameterSet
 from accpinn.recordings.openacc import read
 from accpinn.results.figures import uncertainty as figures
 from accpinn.results.figures.stability import bode, stability_map
-from accpinn.results.tables.uncertainty import between, stability_doubt_table
+from accpinn.results.tables.stability import stability_interval_table
+from accpinn.results.tables.table import between
 from accpinn.segment.cut import cut
 from accpinn.stability.frequency import response
 from accpinn.stability.report import stability_report
@@ -116,7 +117,7 @@ class TestTable:
         self, learned: tuple[ParameterSet, Uncertainty]
     ) -> None:
         laws, uncertainty = learned
-        table = stability_doubt_table(laws, uncertainty)
+        table = stability_interval_table(laws, uncertainty)
         first = table.rows[0]
         assert first[0] == laws.labels[0]
         low = 20 * np.log10(uncertainty.peak_gain.lower[0])

@@ -10,7 +10,7 @@ from accpinn.inference.model_adequacy import ModelForm, better, model_forms
 from accpinn.methods.one_second_means import one_second_means
 from accpinn.model.cthp import Parameters
 from accpinn.recordings.openacc import read
-from accpinn.results.tables.model_adequacy import NAMES, extensions_table
+from accpinn.results.tables.estimates import FORMS, model_form_table
 from accpinn.segment.cut import cut
 from accpinn.segment.segment import Segment
 from bench.disturbed import Disturbance, disturbed
@@ -79,8 +79,8 @@ def test_the_delay_of_the_real_hyundai_matters(openacc_dir: Path) -> None:
 
 def test_the_table_has_a_row_a_form() -> None:
     segment = recorded(standstill=6.0)
-    table = extensions_table(segment, model_forms(segment), 0)
-    assert [row[0] for row in table.rows] == list(NAMES.values())
+    table = model_form_table(segment, model_forms(segment), 0)
+    assert [row[0] for row in table.rows] == list(FORMS.values())
     assert table.rows[1][4] == pytest.approx(6.0, abs=0.5)
     assert table.rows[0][4:6] == (None, None)
     assert "s₀" in table.to_html()

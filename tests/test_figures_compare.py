@@ -13,7 +13,7 @@ from accpinn.methods.fit import Fit
 from accpinn.model.cthp import Parameters
 from accpinn.results.figures import comparison as figures
 from accpinn.results.figures.style import FOLLOWERS
-from accpinn.results.tables.fit_records import earlier_table, title
+from accpinn.results.tables.estimates import fit_record_table, fit_record_title
 from accpinn.segment.segment import Segment
 from accpinn.study.comparison import FitRecord, differences
 from tests.samples import NOISY, PLATOON, sample
@@ -137,13 +137,15 @@ class TestEarlier:
     def test_the_table_says_what_changed(self, four: Segment) -> None:
         then = FitRecord.of(four, least_squares.fit(four))
         now = replace(then, parameters=then.parameters + 0.5, case="I")
-        table = earlier_table([then], {"least-squares": now}, vehicle=3)
+        table = fit_record_table([then], {"least-squares": now}, vehicle=3)
         assert [c.title for c in table.columns if c.prose] == ["Earlier run", "Differs now in"]
         (row,) = table.rows
-        assert row[0] == title(then)
+        assert row[0] == fit_record_title(then)
         assert row[1] == pytest.approx(then.parameters[1, 0])
         np.testing.assert_allclose(row[5:8], 0.5)
         assert row[8] == "case: II → I"
-        assert earlier_table([then], {"splines": now}, vehicle=3).rows[0][5:] == (None,) * 4
-        assert earlier_table([then], {}, vehicle=3).rows[0][5:] == (), "nothing to hold it against"
-        assert earlier_table([then], {}, vehicle=1).rows == (), "the leader has no law"
+        assert fit_record_table([then], {"splines": now}, vehicle=3).rows[0][5:] == (None,) * 4
+        assert fit_record_table([then], {}, vehicle=3).rows[0][5:] == (), (
+            "nothing to hold it against"
+        )
+        assert fit_record_table([then], {}, vehicle=1).rows == (), "the leader has no law"

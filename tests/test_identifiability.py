@@ -20,7 +20,7 @@ from accpinn.methods.pinn.config import STARTS, preset
 from accpinn.methods.regression import Regression
 from accpinn.model.cthp import Case, Parameters
 from accpinn.recordings.openacc import read
-from accpinn.results.tables.multistart import starts_table
+from accpinn.results.tables.estimates import multistart_table
 from accpinn.segment.cut import cut
 from accpinn.segment.segment import Segment
 from bench.disturbed import Disturbance, disturbed
@@ -137,7 +137,7 @@ class TestStarts:
         told = f"τ of {whose} is undetermined in 1 of 3 trainings, so there is no spread of it."
         assert found.notes[-1] == told
         assert not any("nan" in note for note in found.notes)
-        assert "nan" not in str(starts_table(segment, found, 0).rows[-1])
+        assert "nan" not in str(multistart_table(segment, found, 0).rows[-1])
         none = summarise(segment, tuple(replace(trial, fit=lost) for trial in trials))
         assert not any(
             "nan" in note or "All 3 trainings end within 0.01 % of each other." in note

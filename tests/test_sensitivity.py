@@ -9,7 +9,7 @@ import pytest
 
 from accpinn.cli import main
 from accpinn.recordings.openacc import read
-from accpinn.results.tables.regimes import regimes_table, sensitivity_table
+from accpinn.results.tables.estimates import regimes_table, sensitivity_table
 from accpinn.segment.cut import cut
 from accpinn.segment.regimes import label_regimes
 from accpinn.study.sensitivity import CHOICES, SensitivityResult, sensitivity

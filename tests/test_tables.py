@@ -16,7 +16,7 @@ from accpinn.inference.intervals import intervals
 from accpinn.methods.fit import Fit, Outcome
 from accpinn.model.cthp import Parameters
 from accpinn.recordings.openacc import read
-from accpinn.results.tables.results import comparison_table, parameter_table, quality_table
+from accpinn.results.tables.estimates import comparison_table, parameter_table, quality_table
 from accpinn.results.tables.table import ABSENT, Column, Table, latex
 from accpinn.segment.cut import cut
 from accpinn.segment.quality import assess_quality

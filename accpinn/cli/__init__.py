@@ -6,13 +6,14 @@ status is 0, 2 for wrong usage, 1 for anything wrong with data or files (one lin
 """
 
 import argparse
+import re
 import sys
 from collections.abc import Sequence
 from importlib import import_module
+from typing import NoReturn
 
 from accpinn import __version__
-from accpinn.cli.output import complain, flush, open_streams
-from accpinn.cli.parser import Parser
+from accpinn.cli.output import complain, flush, open_streams, show
 from accpinn.errors import AccpinnError, ConfigError, ParameterError
 
 COMMANDS = {
@@ -26,6 +27,15 @@ COMMANDS = {
     "report": "a snapshot as one self-contained web page",
 }
 """Each a module here with `add_options(parser)`, which sets `run` to a function of the options."""
+
+CONVENTIONS = (
+    "Times are seconds from the recording's first sample. Vehicles are numbered as in the file, and"
+    " the first one listed is the leader. Case I estimates one parameter set for all followers,"
+    " Case II one for each. With --json standard output is one JSON document; progress goes to"
+    " standard error. Results and checkpoints of trainings are kept in the user's cache folder, or"
+    " in the folder that ACCPINN_CACHE names. Exit status: 0; 1 for a fault of data or files; 2 for"
+    " wrong usage; 130 when interrupted, and the same call continues the training."
+)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -57,14 +67,39 @@ def _run(arguments: Sequence[str]) -> int:
 
 def _parser(arguments: Sequence[str]) -> argparse.ArgumentParser:
     """Commands that are not asked for have a name only: what they import takes seconds."""
-    parser = Parser(
+    parser = _Parser(
         prog="python -m accpinn",
         description="Learn the parameters of adaptive cruise control from OpenACC recordings.",
+        epilog=CONVENTIONS,
     )
     parser.add_argument("--version", action="version", version=f"accpinn {__version__}")
     subparsers = parser.add_subparsers(metavar="COMMAND", required=True)
     for name, meaning in COMMANDS.items():
-        command = subparsers.add_parser(name, help=meaning)
+        sentence = f"{meaning[0].upper()}{meaning[1:]}."
+        command = subparsers.add_parser(
+            name, help=meaning, description=sentence, epilog=CONVENTIONS
+        )
         if name in arguments:
             import_module(f"accpinn.cli.{name}").add_options(command)
     return parser
+
+
+_NUMBERS = re.compile(r"-\.?\d[\d.,eE+-]*")
+
+
+class _Parser(argparse.ArgumentParser):
+    """Reports a fault in one line, and takes numbers that begin with a minus."""
+
+    def __init__(self, **settings: object) -> None:
+        """With the settings of an `ArgumentParser`."""
+        super().__init__(**settings)  # type: ignore[arg-type]
+        self._negative_number_matcher = _NUMBERS  # else -1,1,1 would be taken for an option
+
+    def error(self, message: str) -> NoReturn:
+        """One line on standard error; exit status 2."""
+        complain(f"{message}; see {self.prog} --help")
+        raise SystemExit(2)
+
+    def print_help(self, file: object = None) -> None:
+        """Options and their meaning, on standard output."""
+        show(self.format_help().rstrip())

@@ -2,18 +2,27 @@
 
 import argparse
 import sys
-from collections.abc import Sequence
 from typing import Any
 
-import numpy as np
 from tqdm import tqdm
 
-from accpinn.cli.fit import add_segment_options, chosen_segment, describe_segment, parameter_rows
-from accpinn.cli.output import print_json, show, table
-from accpinn.evaluation.errors import TrackingErrors
+from accpinn.cli.fit import describe_errors
+from accpinn.cli.options import (
+    PARAMETER_NAMES,
+    add_run_options,
+    add_segment_options,
+    chosen_context,
+    chosen_segment,
+    describe_parameters,
+    describe_segment,
+)
+from accpinn.cli.output import print_json, show
 from accpinn.inference.identifiability import identifiability_warnings
+from accpinn.inference.intervals import Uncertainty
 from accpinn.inference.model_adequacy import better, model_forms
-from accpinn.methods.store import Store
+from accpinn.model.published import parameter_set
+from accpinn.results.tables.estimates import intervals_table, methods_table, model_form_table
+from accpinn.results.tables.stability import stability_interval_table
 from accpinn.segment.segment import Segment
 from accpinn.study.comparison import (
     MethodFailure,
@@ -29,9 +38,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     """Declare the command's options."""
     add_segment_options(parser)
     parser.add_argument("--methods", default="all", metavar="all | A,B", help="which (all)")
-    parser.add_argument("--threads", type=int, metavar="N", help="processor threads for the PiNN")
-    parser.add_argument("--no-cache", action="store_true", help="neither read nor keep results")
-    parser.add_argument("--json", action="store_true", help="one JSON document")
+    add_run_options(parser)
     parser.set_defaults(run=run)
 
 
@@ -39,174 +46,123 @@ def run(options: argparse.Namespace) -> int:
     """Run the methods, and print a row for each."""
     methods = parse_methods(options.methods)
     recording, segment = chosen_segment(options)
-    found = compare(
-        segment,
-        options.case,
-        methods,
-        store=None if options.no_cache else Store(),
-        threads=options.threads,
-        recording=recording,
-    )
-    results = list(tqdm(found, total=len(methods), unit="method", file=sys.stderr))
-    rows, refused = list(results_among(results)), failures_among(results)
-    if not rows:
-        raise refused[0].fault
+    context = chosen_context(options)
+    found = compare(segment, options.case, methods, recording=recording, context=context)
+    outcomes = list(tqdm(found, total=len(methods), unit="method", file=sys.stderr))
+    results, failures = results_among(outcomes), failures_among(outcomes)
+    if not results:
+        raise failures[0].fault
     if options.json:
-        described = [_describe(segment, row) for row in rows]
-        about = describe_segment(segment)
-        warnings = _warnings(segment, rows[0])
-        forms = _forms(segment)
-        without = [{"method": one.method, "reason": one.reason} for one in refused]
-        print_json(
-            {
-                "segment": about,
-                "rows": described,
-                "refused": without,
-                "warnings": warnings,
-                "forms": forms,
-            }
-        )
+        print_json(_describe(segment, results, failures))
     else:
-        show(_text(segment, rows, refused))
+        show(_text(segment, results, failures))
     return 0
 
 
-def _describe(segment: Segment, row: MethodResult) -> dict[str, Any]:
-    """A row as the command-line contract has it."""
-    fit, uncertainty, worth = row.fit, row.uncertainty, row.evaluation
+def _describe(
+    segment: Segment, results: tuple[MethodResult, ...], failures: tuple[MethodFailure, ...]
+) -> dict[str, Any]:
+    """The comparison as the command-line contract has it."""
+    return {
+        "segment": describe_segment(segment),
+        "rows": [_describe_result(segment, result) for result in results],
+        "refused": [{"method": one.method, "reason": str(one.fault)} for one in failures],
+        "warnings": _warnings(segment, results[0]),
+        "forms": [
+            {
+                "form": form.form,
+                "vehicle": vehicle,
+                **dict(zip(PARAMETER_NAMES, form.parameters[k], strict=True)),
+                "extra": form.extra[k],
+                "explained": form.explained[k],
+                "explained_unseen": form.unseen[k],
+            }
+            for form in model_forms(segment)
+            for k, vehicle in enumerate(segment.vehicles[1:])
+        ],
+    }
+
+
+def _describe_result(segment: Segment, result: MethodResult) -> dict[str, Any]:
+    fit, evaluation = result.fit, result.evaluation
     return {
         "method": fit.method,
         "case": fit.case,
-        "parameters": parameter_rows(segment, fit.parameters),
-        "intervals": [
-            {
-                "vehicle": vehicle,
-                "alpha": [uncertainty.lower[k, 0], uncertainty.upper[k, 0]],
-                "beta": [uncertainty.lower[k, 1], uncertainty.upper[k, 1]],
-                "tau": [uncertainty.lower[k, 2], uncertainty.upper[k, 2]],
-                "probability_l2": uncertainty.probability_l2[k],
-                "probability_linf": uncertainty.probability_linf[k],
-                "probability_gapless": uncertainty.gapless[k],
-                "peak_gain": [uncertainty.peak_gain.lower[k], uncertainty.peak_gain.upper[k]],
-                "linf_gain": [uncertainty.linf_gain.lower[k], uncertainty.linf_gain.upper[k]],
-                "crossover": [uncertainty.crossover.lower[k], uncertainty.crossover.upper[k]],
-            }
-            for k, vehicle in enumerate(segment.vehicles[1:])
-        ],
-        "level": uncertainty.level,
-        "surrogate_mae": _errors(worth.surrogate),
-        "closed_loop_mae": _errors(worth.closed_loop),
-        "collisions": worth.collisions.tolist(),
-        "incidents": list(worth.incidents),
-        "holdout_mae": _errors(worth.held_out),
+        "parameters": describe_parameters(segment, fit.parameters),
+        "intervals": _describe_intervals(segment, result.uncertainty),
+        "level": result.uncertainty.level,
+        "surrogate_mae": describe_errors(evaluation.surrogate),
+        "closed_loop_mae": describe_errors(evaluation.closed_loop),
+        "collisions": evaluation.collisions.tolist(),
+        "incidents": list(evaluation.incidents),
+        "holdout_mae": describe_errors(evaluation.held_out),
         "blocks_mae": [
             {
                 "start": block.start,
                 "duration": block.duration,
-                "mae": _errors(block.errors),
+                "mae": describe_errors(block.errors),
                 "incidents": list(block.incidents),
             }
-            for block in worth.blocks
+            for block in evaluation.blocks
         ],
-        "unseen_mae": _errors(worth.unseen),
-        "unseen_seconds": worth.out_of_window_seconds,
+        "unseen_mae": describe_errors(evaluation.unseen),
+        "unseen_seconds": evaluation.out_of_window_seconds,
         "whiteness": [
             {
-                "deviation": worth.whiteness.deviation[k],
-                "correlation": worth.whiteness.correlation[k],
-                "memory": worth.whiteness.memory[k],
-                "independent_samples": worth.whiteness.independent[k],
-                "probability_white": worth.whiteness.probability[k],
+                "deviation": evaluation.whiteness.deviation[k],
+                "correlation": evaluation.whiteness.correlation[k],
+                "memory": evaluation.whiteness.memory[k],
+                "independent_samples": evaluation.whiteness.independent[k],
+                "probability_white": evaluation.whiteness.probability[k],
             }
             for k in range(segment.followers)
         ],
         "seconds": fit.seconds,
         "cached": fit.cached,
         "outcome": fit.outcome.name.lower(),
-        "notes": [*fit.notes, *uncertainty.notes],
+        "notes": [*fit.notes, *result.uncertainty.notes],
     }
 
 
-def _errors(errors: TrackingErrors | None) -> dict[str, list[float]] | None:
-    if errors is None:
-        return None
-    return {"v": errors.speed_mae.tolist(), "p": errors.gap_mae.tolist()}
-
-
-def _text(segment: Segment, rows: list[MethodResult], refused: Sequence[MethodFailure]) -> str:
-    head = ["method", "vehicle", "α (1/s²)", "β (1/s)", "τ (s)"]
-    head += ["surrogate gap MAE (m)", "closed loop (m)", "held out (m)"]
-    head += ["rest of the recording (m)", "seconds"]
-    lines = []
-    for row in rows:
-        for k, (label, law) in enumerate(zip(segment.labels[1:], row.fit.parameters, strict=True)):
-            lines.append(
-                [
-                    row.fit.method if k == 0 else "",
-                    label,
-                    f"{law.alpha:.4f}",
-                    f"{law.beta:.4f}",
-                    f"{law.tau:.3f}",
-                    _gap(row.evaluation.surrogate, k, 3),
-                    _gap(row.evaluation.closed_loop, k, 2),
-                    _gap(row.evaluation.held_out, k, 2),
-                    _gap(row.evaluation.unseen, k, 2),
-                    f"{row.fit.seconds:.2f}" if k == 0 else "",
-                ]
-            )
-    uncertainty = rows[0].uncertainty
-    lines_of_doubt = []
-    for k, label in enumerate(segment.labels[1:]):
-        ends = [
-            f"{symbol} {low:.4f} to {high:.4f}" if np.isfinite(high) else f"{symbol} from {low:.4f}"
-            for symbol, low, high in zip(
-                "αβτ", uncertainty.lower[k], uncertainty.upper[k], strict=True
-            )
-        ]
-        lines_of_doubt.append(
-            f"{label}: {', '.join(ends)} ({100 * uncertainty.level:.0f} % intervals);"
-            f" share of such laws that is L2 stable {uncertainty.probability_l2[k]:.2f}, L∞ stable"
-            f" {uncertainty.probability_linf[k]:.2f}, without gap control"
-            f" {uncertainty.gapless[k]:.2f}"
-        )
-    said = [
-        *(f"{one.method} has no row: {one.reason}" for one in refused),
-        *segment.notes,
-        *_warnings(segment, rows[0]),
-        *_incidents(rows),
-        *rows[0].evaluation.whiteness.sentences,
-        *better(segment.labels[1:], model_forms(segment)),
-    ]
-    return "\n".join([table(head, lines), "", *lines_of_doubt, "", *said])
-
-
-def _warnings(segment: Segment, row: MethodResult) -> list[str]:
-    """What the data cannot tell; the same for all methods."""
-    return list(identifiability_warnings(segment, row.uncertainty, row.fit.case))
-
-
-def _forms(segment: Segment) -> list[dict[str, Any]]:
-    """What the parameters would be if the law had one term more."""
+def _describe_intervals(segment: Segment, uncertainty: Uncertainty) -> list[dict[str, Any]]:
+    ends = zip(uncertainty.lower.tolist(), uncertainty.upper.tolist(), strict=True)
+    gains = {name: getattr(uncertainty, name) for name in ("peak_gain", "linf_gain", "crossover")}
     return [
         {
-            "form": found.form,
             "vehicle": vehicle,
-            **dict(zip(("alpha", "beta", "tau"), found.parameters[k], strict=True)),
-            "extra": found.extra[k],
-            "explained": found.explained[k],
-            "explained_unseen": found.unseen[k],
+            **{name: list(pair) for name, *pair in zip(PARAMETER_NAMES, *rows, strict=True)},
+            "probability_l2": uncertainty.probability_l2[k],
+            "probability_linf": uncertainty.probability_linf[k],
+            "probability_gapless": uncertainty.gapless[k],
+            **{name: [one.lower[k], one.upper[k]] for name, one in gains.items()},
         }
-        for found in model_forms(segment)
-        for k, vehicle in enumerate(segment.vehicles[1:])
+        for k, (vehicle, rows) in enumerate(zip(segment.vehicles[1:], ends, strict=True))
     ]
 
 
-def _incidents(rows: list[MethodResult]) -> list[str]:
-    return [
-        f"{row.fit.method}: {incident}" for row in rows for incident in row.evaluation.incidents
+def _text(
+    segment: Segment, results: tuple[MethodResult, ...], failures: tuple[MethodFailure, ...]
+) -> str:
+    info, uncertainty = segment.info, results[0].uncertainty
+    followers = parameter_set(info.source, info.labels[1:], results[0].fit.parameters)
+    forms, each = model_forms(segment), range(segment.followers)
+    tables = [
+        *(methods_table(info, results, k) for k in each),
+        intervals_table(info, uncertainty),
+        stability_interval_table(followers, uncertainty),
+        *(model_form_table(info, forms, k) for k in each),
     ]
+    said = [
+        *(f"{one.method} has no result: {one.fault}" for one in failures),
+        *segment.notes,
+        *_warnings(segment, results[0]),
+        *(f"{r.fit.method}: {incident}" for r in results for incident in r.evaluation.incidents),
+        *results[0].evaluation.whiteness.sentences,
+        *better(segment.labels[1:], forms),
+    ]
+    return "\n\n".join([*(table.to_text() for table in tables), "\n".join(said)])
 
 
-def _gap(errors: TrackingErrors | None, follower: int, digits: int) -> str:
-    known = errors is not None and np.isfinite(errors.gap_mae[follower])
-    return f"{errors.gap_mae[follower]:.{digits}f}" if errors and known else "-"
+def _warnings(segment: Segment, result: MethodResult) -> list[str]:
+    """On identifiability; the same for all methods."""
+    return list(identifiability_warnings(segment, result.uncertainty, result.fit.case))

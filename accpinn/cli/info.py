@@ -3,9 +3,10 @@
 import argparse
 from typing import Any
 
-from accpinn.cli.output import print_json, show, table
+from accpinn.cli.output import print_json, show
 from accpinn.recordings.openacc import read
 from accpinn.recordings.recording import Recording
+from accpinn.results.tables.table import Column, Table
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
@@ -53,22 +54,18 @@ def describe(recording: Recording) -> dict[str, Any]:
 
 
 def _text(recording: Recording) -> str:
-    rows = []
-    for vehicle in recording.vehicles:
-        modes = vehicle.modes or {}
-        rows.append(
-            [
-                f"{vehicle.index} {vehicle.name}",
-                "yes" if vehicle.present else "no",
-                f"{100 * vehicle.missing_share:.0f} %",
-                ", ".join(f"{name} {count}" for name, count in modes.items()) or "not said",
-            ]
-        )
-    about = (
+    vehicles = recording.vehicles
+    modes = [", ".join(f"{name} {n}" for name, n in (v.modes or {}).items()) for v in vehicles]
+    table = Table.of(
         f"{recording.source}: {recording.campaign or 'campaign unknown'},"
         f" {recording.date or 'date unknown'}, {recording.duration:g} s in"
-        f" {recording.samples} samples of {recording.sample_time:g} s"
+        f" {recording.samples} samples of {recording.sample_time:g} s",
+        [
+            (Column("Vehicle"), [f"{vehicle.index} {vehicle.name}" for vehicle in vehicles]),
+            (Column("Present"), ["yes" if vehicle.present else "no" for vehicle in vehicles]),
+            (Column("Missing", "%", 0), [100 * vehicle.missing_share for vehicle in vehicles]),
+            (Column("Driver mode"), [mode or "not recorded" for mode in modes]),
+        ],
     )
-    lines = [about, "", table(["vehicle", "present", "missing", "driver"], rows)]
-    lines += ["", *(f"Note: {warning}" for warning in recording.warnings)]
-    return "\n".join(lines).rstrip()
+    notes = [f"Note: {warning}" for warning in recording.warnings]
+    return "\n".join([table.to_text(), "", *notes]).rstrip()

@@ -3,12 +3,13 @@
 import argparse
 from typing import Any
 
-from accpinn.cli.output import print_json, show, table
-from accpinn.cli.parameters import add_parameter_options, chosen_parameters
+from accpinn.cli.options import add_parameter_options, chosen_parameters
+from accpinn.cli.output import print_json, show
 from accpinn.errors import ConfigError
 from accpinn.model.cthp import Parameters
 from accpinn.platoon.leader import Sinusoid
 from accpinn.platoon.simulation import PlatoonRun, simulate_platoon
+from accpinn.results.tables.stability import amplitude_table
 
 MOST_VEHICLES = 100
 
@@ -29,7 +30,6 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         parser.add_argument(
             f"--{name}", type=float, default=default, help=f"{meaning} ({default:g})"
         )
-    parser.add_argument("--json", action="store_true", help="one JSON document")
     parser.set_defaults(run=run)
 
 
@@ -75,17 +75,5 @@ def describe(result: PlatoonRun) -> dict[str, Any]:
 
 
 def _text(result: PlatoonRun) -> str:
-    waves = result.amplitudes
-    assert waves is not None
-    rows = []
-    for follower in range(len(waves.measured)):
-        rows.append(
-            [
-                f"follower {follower}" if follower else "leader",
-                f"{waves.measured[follower]:.4f}",
-                f"{waves.predicted[follower]:.4f}",
-                f"{result.minimum_gap[follower - 1]:.2f}" if follower else "-",
-            ]
-        )
-    head = ["vehicle", "amplitude (m/s)", "predicted (m/s)", "smallest gap (m)"]
-    return "\n".join([table(head, rows), *(f"Note: {warning}" for warning in result.warnings)])
+    notes = [f"Note: {warning}" for warning in result.warnings]
+    return "\n".join([amplitude_table(result).to_text(), *notes])

@@ -3,53 +3,55 @@
 import argparse
 from typing import Any
 
-from accpinn.cli.output import print_json, show, table
-from accpinn.cli.parameters import add_parameter_options, chosen_parameters
+from accpinn.cli.options import add_parameter_options, chosen_parameters
+from accpinn.cli.output import print_json, show
+from accpinn.model.cthp import Parameters
+from accpinn.model.published import parameter_set
+from accpinn.results.tables.stability import answer, stability_table
 from accpinn.stability.frequency import Peak
 from accpinn.stability.report import StabilityReport, VehicleStability, stability_report
 from accpinn.stability.verdicts import Verdict
+
+PLATOON = ("l2_strict", "l2_weak", "linf_strict", "linf_weak")
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Declare the command's options."""
     add_parameter_options(parser)
-    parser.add_argument("--json", action="store_true", help="one JSON document")
     parser.set_defaults(run=run)
 
 
 def run(options: argparse.Namespace) -> int:
-    """Judge, and print the verdicts."""
-    result = stability_report(chosen_parameters(options))
+    """Assess, and print the verdicts."""
+    parameters = chosen_parameters(options)
+    report = stability_report(parameters)
     if options.json:
-        print_json(describe(result))
+        print_json(describe(report))
     else:
-        show(_text(result))
+        show(_text(parameters, report))
     return 0
 
 
-def describe(result: StabilityReport) -> dict[str, Any]:
+def describe(report: StabilityReport) -> dict[str, Any]:
     """The report as the command-line contract has it."""
-    platoon = result.platoon
+    platoon = report.platoon
     return {
-        "vehicles": [_vehicle(vehicle) for vehicle in result.vehicles],
+        "vehicles": [_vehicle(vehicle) for vehicle in report.vehicles],
         "platoon": {
             "head_to_tail_peaks": [_peak(peak) for peak in platoon.peaks],
             "head_to_tail_linf": platoon.linf.gain.tolist(),
             "head_to_tail_linf_error": platoon.linf.error.tolist(),
-            "l2_strict": _verdict(platoon.l2_strict),
-            "l2_weak": _verdict(platoon.l2_weak),
-            "linf_strict": _verdict(platoon.linf_strict),
-            "linf_weak": _verdict(platoon.linf_weak),
+            **{name: _verdict(getattr(platoon, name)) for name in PLATOON},
         },
     }
 
 
 def _vehicle(vehicle: VehicleStability) -> dict[str, Any]:
-    law, smallest = vehicle.parameters, vehicle.smallest_tau
+    parameters, smallest = vehicle.parameters, vehicle.smallest_tau
     return {
-        "alpha": law.alpha,
-        "beta": law.beta,
-        "tau": law.tau,
+        "alpha": parameters.alpha,
+        "beta": parameters.beta,
+        "tau": parameters.tau,
         "l2": {"criterion": vehicle.l2_criterion, **_verdict(vehicle.l2)},
         "linf_paper": {"criterion": vehicle.paper_criterion, **_verdict(vehicle.linf_paper)},
         "linf_exact": {"gain": vehicle.linf_gain, **_verdict(vehicle.linf_exact)},
@@ -58,13 +60,7 @@ def _vehicle(vehicle: VehicleStability) -> dict[str, Any]:
         "overshoot": vehicle.overshoot,
         "damping_ratio": vehicle.damping_ratio,
         "poles": [[pole.real, pole.imag] for pole in vehicle.poles],
-        "smallest_tau": None
-        if smallest is None
-        else {
-            "l2": smallest.l2,
-            "linf_paper": smallest.linf_paper,
-            "linf_exact": smallest.linf_exact,
-        },
+        "smallest_tau": smallest and dict(vars(smallest)),
     }
 
 
@@ -76,42 +72,15 @@ def _verdict(verdict: Verdict) -> dict[str, Any]:
     return {"stable": verdict.stable, "marginal": verdict.marginal, "reason": verdict.reason}
 
 
-def _text(result: StabilityReport) -> str:
-    head = ["vehicle", "α (1/s²)", "β (1/s)", "τ (s)", "L2", "L∞ paper", "L∞ exact", "‖h‖₁"]
-    head += ["peak (dB)", "at (rad/s)", "below (rad/s)"]
-    rows = []
-    for number, vehicle in enumerate(result.vehicles, 1):
-        law = vehicle.parameters
-        rows.append(
-            [
-                str(number),
-                f"{law.alpha:.4f}",
-                f"{law.beta:.4f}",
-                f"{law.tau:.3f}",
-                _answer(vehicle.l2),
-                _answer(vehicle.linf_paper),
-                _answer(vehicle.linf_exact),
-                f"{vehicle.linf_gain:.4f}",
-                f"{vehicle.peak.db:.2f}",
-                f"{vehicle.peak.omega:.3f}" if vehicle.peak.omega else "-",
-                f"{vehicle.crossover:.3f}" if vehicle.crossover else "-",
-            ]
-        )
-    lines = [table(head, rows), ""]
-    for number, vehicle in enumerate(result.vehicles, 1):
+def _text(parameters: Parameters, report: StabilityReport) -> str:
+    labels = [f"Vehicle {k + 1}" for k in range(len(parameters))]
+    table = stability_table(parameter_set("parameters given", labels, parameters), report)
+    lines = [table.to_text(), ""]
+    for label, vehicle in zip(labels, report.vehicles, strict=True):
         for verdict in (vehicle.l2, vehicle.linf_paper, vehicle.linf_exact):
-            lines.append(f"Vehicle {number}, {verdict.name}: {verdict.reason}")
-    if len(result.vehicles) > 1:
-        platoon = result.platoon
-        for verdict in (
-            platoon.l2_strict,
-            platoon.l2_weak,
-            platoon.linf_strict,
-            platoon.linf_weak,
-        ):
-            lines.append(f"Platoon, {verdict.name}: {_answer(verdict)}. {verdict.reason}")
+            lines.append(f"{label}, {verdict.name}: {verdict.reason}")
+    if len(labels) > 1:
+        for name in PLATOON:
+            verdict = getattr(report.platoon, name)
+            lines.append(f"Platoon, {verdict.name}: {answer(verdict)}. {verdict.reason}")
     return "\n".join(lines)
-
-
-def _answer(verdict: Verdict) -> str:
-    return ("YES" if verdict.stable else "NO") + (" (marginal)" if verdict.marginal else "")

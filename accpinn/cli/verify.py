@@ -3,11 +3,12 @@
 import argparse
 from typing import Any
 
-from accpinn.cli.output import print_json, show, table
+from accpinn.cli.output import print_json, show
 from accpinn.recordings.openacc import read
 from accpinn.results.snapshot.checking import Verification, check
 from accpinn.results.snapshot.content import Snapshot
 from accpinn.results.snapshot.file import load
+from accpinn.results.tables.table import Column, Table
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
@@ -54,13 +55,12 @@ def _text(snapshot: Snapshot, result: Verification) -> str:
     info = snapshot.info
     window = f"{info.window}"
     about = [snapshot.name, f"{info.source}, {window}, {snapshot.fit.method}", snapshot.created]
-    rows = [
-        [check.name, "yes" if check.ok else "NO", check.stored, check.recomputed]
-        for check in result.checks
-    ]
+    titles = ("What", "Agrees", "Stored", "Recomputed")
+    rows = tuple((c.name, "yes" if c.ok else "NO", c.stored, c.recomputed) for c in result.checks)
+    table = Table("", tuple(map(Column, titles)), rows)
     faults = [f"{check.name}: {check.sentence}" for check in result.checks if not check.ok]
     lines = [", ".join(filter(None, about)), ""]
-    lines += [table(["what", "agrees", "stored", "recomputed"], rows), ""]
+    lines += [table.to_text(), ""]
     options = dict.fromkeys(one.cure for one in result.unchecked if one.cure)
     more = [f"More is checked with {' and '.join(options)}."] if options else []
     return "\n".join([*lines, *(faults or [result.sentence, *more])])

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from accpinn.channels import GAP, SPEED, Channel
+from accpinn.channels import GAP, SPEED, Quantity
 from accpinn.mask import Run, runs
 from accpinn.recordings.recording import Recording
 from accpinn.units import FloatArray, MetresPerSecond, Seconds
@@ -72,7 +72,7 @@ def _gaps(recording: Recording) -> list[int]:
     ]
 
 
-def _channels(recording: Recording) -> Iterator[tuple[Channel, int, FloatArray]]:
+def _channels(recording: Recording) -> Iterator[tuple[Quantity, int, FloatArray]]:
     for number in recording.present:
         yield SPEED, number, recording.speed_of(number)
     for number in _gaps(recording):

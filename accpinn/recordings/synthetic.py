@@ -20,6 +20,7 @@ from scipy.signal import lfilter
 from accpinn.channels import DRIVER, GAP, METADATA, SPEED, TIME
 from accpinn.errors import RecordingError
 from accpinn.model.cthp import Parameters, Trajectories, simulate
+from accpinn.model.published import ASTAZERO, VICOLUNGO
 from accpinn.units import FloatArray, Metres, MetresPerSecond, Seconds
 
 GENERATOR_VERSION = 1
@@ -196,14 +197,7 @@ _ASTAZERO = Scenario(
         "Mercedes(AClass-like)",
         "Tesla(Model3-like)",
     ),
-    parameters=Parameters.of(
-        [
-            [0.0612, 0.1200, 1.19],
-            [0.1000, 0.1470, 1.17],
-            [0.0766, 0.2220, 1.16],
-            [0.0409, 0.4450, 1.16],
-        ]
-    ),
+    parameters=ASTAZERO.parameters,
     driving=_TRACK,
     noise=Noise(),
     seed=19,
@@ -221,13 +215,7 @@ _VICOLUNGO = Scenario(
         "Peugeot(5008-like)",
         "KIA(Niro-like)",
     ),
-    parameters=Parameters.of(
-        [
-            [0.0766, 0.1660, 1.01],
-            [0.1760, 0.3921, 1.00],
-            [0.0705, 0.1930, 1.13],
-        ]
-    ),
+    parameters=VICOLUNGO.parameters,
     driving=_MOTORWAY,
     noise=Noise(),
     seed=2,

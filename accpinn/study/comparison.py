@@ -1,6 +1,6 @@
 """All methods on identical data, side by side, with errors and intervals that mean something."""
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -11,12 +11,10 @@ from accpinn.errors import AccpinnError, ConfigError
 from accpinn.evaluation.closed_loop import closed_loop_errors
 from accpinn.evaluation.evaluation import Evaluation, evaluate
 from accpinn.inference.intervals import Uncertainty, intervals
-from accpinn.methods.fit import Fit, Outcome, ShouldStop
+from accpinn.methods.fit import Fit, Outcome
 from accpinn.methods.method import TaskContext
-from accpinn.methods.pinn.config import FAST, PinnConfig
 from accpinn.methods.registry import METHODS
-from accpinn.methods.store import Store
-from accpinn.model.cthp import Case
+from accpinn.model.cthp import Case, Parameters
 from accpinn.recordings.recording import Recording
 from accpinn.segment.segment import Segment, SegmentInfo
 from accpinn.units import FloatArray
@@ -24,7 +22,7 @@ from accpinn.units import FloatArray
 
 @dataclass(frozen=True, eq=False)
 class MethodResult:
-    """What one method says of a segment, and what that is worth."""
+    """One method's estimate on a segment, with its uncertainty and its errors."""
 
     fit: Fit
     uncertainty: Uncertainty
@@ -33,34 +31,29 @@ class MethodResult:
 
 @dataclass(frozen=True)
 class MethodFailure:
-    """A method that has no row, and why."""
+    """A method that could not serve the segment."""
 
     method: str
-    """From `METHODS`."""
+    """Its key in `METHODS`."""
     fault: AccpinnError
-
-    @property
-    def reason(self) -> str:
-        """In a sentence."""
-        return str(self.fault)
 
 
 def result_of(segment: Segment, fit: Fit, recording: Recording | None = None) -> MethodResult:
-    """A fit that is there already; no block is held out, as that would mean to train it anew."""
+    """The result of a fit that exists already; without cross-validation, which would run it anew."""
     return MethodResult(fit, intervals(segment, fit), evaluate(segment, fit, recording=recording))
 
 
 @dataclass(frozen=True, eq=False)
 class FitRecord:
-    """A fit that is no longer current, without its data: enough to be held against another."""
+    """A fit that is no longer current, without its data: enough to compare it with another."""
 
     info: SegmentInfo
     method: str
     case: Case
     config: dict[str, Any]
     outcome: Outcome
-    parameters: FloatArray
-    """(M, 3) α, β, τ."""
+    parameters: Parameters
+    """(M,) parameters of the followers."""
     closed_loop: FloatArray
     """(M,) MAE of the space-gap in closed loop, in m; nan where it has no meaning."""
 
@@ -75,7 +68,7 @@ class FitRecord:
             fit.case,
             fit.config,
             fit.outcome,
-            fit.parameters.values,
+            fit.parameters,
             gaps,
         )
 
@@ -85,31 +78,31 @@ class FitRecord:
             (self.method, self.case, self.config) == (other.method, other.case, other.config)
         )
 
-    def of_vehicle(self, number: int) -> FloatArray | None:
-        """(3,) α, β, τ of the follower with that number in the file; None if it has none."""
+    def of_vehicle(self, number: int) -> Parameters | None:
+        """Those of the follower with that number in the file; None if it has none."""
         followers = self.info.vehicles[1:]
         return self.parameters[followers.index(number)] if number in followers else None
 
 
 def differences(one: FitRecord, other: FitRecord) -> tuple[str, ...]:
-    """What was asked differently in the two, a few words each; empty where nothing was."""
+    """The settings that differ between two fits, a few words each; empty where none does."""
     return tuple(
         f"{name.replace('_', ' ')}: {before} → {after}"
         for name, before, after in (
-            *_pairs(_asked(one), _asked(other)),
+            *_pairs(_request(one), _request(other)),
             *(_pairs(one.config, other.config) if one.method == other.method else ()),
         )
         if before != after
     )
 
 
-def _asked(run: FitRecord) -> dict[str, str]:
+def _request(run: FitRecord) -> dict[str, str]:
     info = run.info
     return {
         "recording": info.source,
-        "window": f"{info.window}",
+        "window": str(info.window),
         "vehicles": ", ".join(map(str, info.vehicles)),
-        "left out": ", ".join(info.excluded_regimes) or "nothing",
+        "excluded": ", ".join(info.excluded_regimes) or "nothing",
         "case": run.case,
         "method": run.method,
     }
@@ -142,52 +135,54 @@ def compare(
     case: Case = "II",
     methods: Sequence[str] = tuple(METHODS),
     *,
-    config: PinnConfig = FAST,
-    store: Store | None = None,
-    threads: int | None = None,
     recording: Recording | None = None,
-    should_stop: ShouldStop | None = None,
+    settings: Mapping[str, Any] | None = None,
+    context: TaskContext | None = None,
 ) -> Iterator[MethodResult | MethodFailure]:
-    """Run the methods one by one; each row comes as soon as it is known.
+    """Run the methods one by one; each result comes as soon as it is known.
 
-    A method that cannot serve the segment gives a `Refusal` in place of its row.
+    A method that cannot serve the segment gives a `MethodFailure`, and the others run on.
 
     Args:
-        segment: the data.
+        segment: speeds (N, M+1) in m/s and space-gaps (N, M) in m.
         case: "I" or "II".
-        methods: names from `METHODS`.
-        config: of the PiNN.
-        store: where the PiNN's results are kept.
-        threads: for the PiNN.
-        recording: the segment's; with it the law is also tested on what lies outside the window.
-        should_stop: asked between methods, and several times a second while the PiNN trains;
-            True ends the iteration, and a method that was not finished has no row.
+        methods: keys of `METHODS`.
+        recording: the segment's; with it the errors outside the window are computed as well.
+        settings: by method, for methods that have some; their defaults otherwise.
+        context: store, threads and progress; its ``should_stop`` ends the iteration, and a method
+            that was not finished has no result.
     """
-    context = TaskContext(store=store, threads=threads, should_stop=should_stop)
-    for name in methods:
-        settings = config if METHODS[name].parse_settings else None
-        estimate = partial(METHODS[name].fit, case=case, settings=settings, context=context)
-        if should_stop and should_stop():
+    context, chosen = context or TaskContext(), settings or {}
+
+    def stopped() -> bool:
+        return bool(context.should_stop and context.should_stop())
+
+    for key in methods:
+        estimate = partial(METHODS[key].fit, case=case, settings=chosen.get(key), context=context)
+        if stopped():
             return
         try:
             fit = estimate(segment)
-            if should_stop and should_stop():
+            if stopped():
                 return
             evaluation = evaluate(segment, fit, estimate, recording)
-            if should_stop and should_stop():
+            if stopped():
                 return
-            row = MethodResult(fit, intervals(segment, fit), evaluation)
+            result = MethodResult(fit, intervals(segment, fit), evaluation)
         except AccpinnError as fault:  # the others may well serve
-            yield MethodFailure(name, fault)
+            yield MethodFailure(key, fault)
         else:
-            yield row
+            yield result
 
 
-def results_among(results: Iterable[MethodResult | MethodFailure]) -> tuple[MethodResult, ...]:
-    """What the methods say, without those that refused."""
-    return tuple(result for result in results if isinstance(result, MethodResult))
+Outcomes = Iterable[MethodResult | MethodFailure]
 
 
-def failures_among(results: Iterable[MethodResult | MethodFailure]) -> tuple[MethodFailure, ...]:
-    """The methods that refused."""
-    return tuple(result for result in results if isinstance(result, MethodFailure))
+def results_among(outcomes: Outcomes) -> tuple[MethodResult, ...]:
+    """The methods that have a result."""
+    return tuple(one for one in outcomes if isinstance(one, MethodResult))
+
+
+def failures_among(outcomes: Outcomes) -> tuple[MethodFailure, ...]:
+    """The methods that could not serve the segment."""
+    return tuple(one for one in outcomes if isinstance(one, MethodFailure))

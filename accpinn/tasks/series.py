@@ -2,27 +2,16 @@
 
 import time
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
 from typing import Generic, TypeVar
 
 from accpinn.errors import AccpinnError
-from accpinn.methods.fit import OnProgress, Progress, ShouldStop
+from accpinn.methods.fit import Progress
+from accpinn.methods.method import TaskContext
 from accpinn.methods.store import Store
 from accpinn.tasks.task import Status, Task
 from accpinn.units import Seconds
 
 Result = TypeVar("Result")
-
-
-@dataclass(frozen=True)
-class TaskContext:
-    """What the worker lends to a series."""
-
-    store: Store | None
-    threads: int | None
-    on_progress: OnProgress
-    """To be called while one estimation runs, where that can tell."""
-    should_stop: ShouldStop
 
 
 Steps = Callable[[TaskContext], Iterator[Result]]

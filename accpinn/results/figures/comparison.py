@@ -10,7 +10,7 @@ import plotly.graph_objects as go
 from plotly.colors import hex_to_rgb
 from plotly.subplots import make_subplots
 
-from accpinn.channels import GAP, SPEED, TIME
+from accpinn.channels import GAP, PARAMETERS, SPEED, TIME, Quantity
 from accpinn.inference.intervals import Uncertainty
 from accpinn.inference.profiles import INCREASE, Profile
 from accpinn.methods.fit import ParameterTrack
@@ -27,7 +27,7 @@ from accpinn.results.figures.style import (
     vehicle_colour,
     with_legend,
 )
-from accpinn.results.figures.training import PARAMETERS, tracking
+from accpinn.results.figures.training import tracking
 from accpinn.segment.segment import Segment
 from accpinn.units import FloatArray, Seconds
 
@@ -70,7 +70,7 @@ def estimates(
     true = (truth.alpha, truth.beta, truth.tau) if truth else ()
     # What stands in brackets takes a line of its own, which leaves narrow windows room for dots.
     names = [html.escape(row.name).replace(" (", "<br>(", 1) for row in rows]
-    for which, (symbol, unit, _) in enumerate(PARAMETERS):
+    for which, quantity in enumerate(PARAMETERS):
         column = which + 1
         values = np.array([row.values[which] for row in rows])
         ends = float(uncertainty.lower[follower, which]), float(uncertainty.upper[follower, which])
@@ -89,7 +89,7 @@ def estimates(
             },
             selected={"marker": {"opacity": 1}},
             unselected={"marker": {"opacity": 1}},
-            hovertemplate=f"%{{y}}<br>{symbol} = %{{x:.4f}} {unit}<extra></extra>",
+            hovertemplate=f"%{{y}}<br>{_hover(quantity, 'x')}<extra></extra>",
             row=1,
             col=column,
         )
@@ -176,7 +176,7 @@ def courses(
     """
     figure = make_subplots(rows=3, cols=1, shared_xaxes=True, vertical_spacing=0.05)
     true = (truth.alpha, truth.beta, truth.tau) if truth else ()
-    for which, (symbol, unit, _) in enumerate(PARAMETERS):
+    for which, quantity in enumerate(PARAMETERS):
         late = [np.array(true[which : which + 1])]
         for (name, track), colour, dash in zip(followed, cycle(SERIES), cycle(DASHES)):
             values = track.parameters[:, follower, which]
@@ -194,7 +194,7 @@ def courses(
                 line={"color": colour, "width": 2, "dash": dash},
                 legendgroup=name,
                 showlegend=which == 0,
-                hovertemplate=f"{symbol} = %{{y:.4f}} {unit}<extra>{name}</extra>",
+                hovertemplate=f"{_hover(quantity, 'y')}<extra>{name}</extra>",
                 row=which + 1,
                 col=1,
             )
@@ -202,7 +202,7 @@ def courses(
             line = {"color": LEADER, "width": 1.5, "dash": "dash"}
             figure.add_hline(y=true[which], line=line, row=which + 1, col=1)
         figure.update_yaxes(
-            title_text=f"{symbol} [{unit}]", range=_range(np.concatenate(late)), row=which + 1,
+            title_text=quantity.heading, range=_range(np.concatenate(late)), row=which + 1,
             col=1,
         )  # fmt: skip
     figure.update_xaxes(title_text=TIME.axis, row=3, col=1)
@@ -221,7 +221,7 @@ def profiles(
         upper: (3,) may be infinite.
     """
     figure = make_subplots(rows=1, cols=3, shared_yaxes=True, horizontal_spacing=0.03)
-    for which, (one, (symbol, unit, _)) in enumerate(zip(found, PARAMETERS, strict=True)):
+    for which, (one, quantity) in enumerate(zip(found, PARAMETERS, strict=True)):
         column, ends = which + 1, (float(lower[which]), float(upper[which]))
         shown = _range(np.array([*ends, one.values[0], one.values[-1]]))
         figure.add_scatter(
@@ -229,7 +229,7 @@ def profiles(
             y=100 * one.increase,
             mode="lines",
             line={"color": colour, "width": 2.5},
-            hovertemplate=f"{symbol} = %{{x:.4f}} {unit}: %{{y:.2f}} % worse<extra></extra>",
+            hovertemplate=f"{_hover(quantity, 'x')}: %{{y:.2f}} % worse<extra></extra>",
             row=1,
             col=column,
         )
@@ -256,11 +256,14 @@ def _add_interval(
 
 
 def _name_axis(figure: go.Figure, column: int, shown: Sequence[float]) -> None:
-    symbol, unit, _ = PARAMETERS[column - 1]
-    title = f"{symbol} [{unit}]"
+    title = PARAMETERS[column - 1].heading
     figure.update_xaxes(
         title_text=title, range=shown, tickangle=0, **ticks(shown), row=1, col=column
     )
+
+
+def _hover(quantity: Quantity, axis: str) -> str:
+    return f"{quantity.symbol} = %{{{axis}:.4f}} {quantity.unit}"
 
 
 def _ribbon(time: FloatArray, values: FloatArray, around: FloatArray, colour: str) -> go.Scatter:

@@ -11,7 +11,7 @@ import numpy as np
 import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
-from accpinn.channels import Channel
+from accpinn.channels import Quantity
 from accpinn.units import FloatArray
 
 LEADER = "#7e8490"
@@ -84,7 +84,7 @@ def panels(rows: int, heights: list[float]) -> go.Figure:
     )
 
 
-def label_axes(figure: go.Figure, channels: tuple[Channel, ...]) -> None:
+def label_axes(figure: go.Figure, channels: tuple[Quantity, ...]) -> None:
     """Name and unit of each panel's channel, from the top down."""
     for row, channel in enumerate(channels, 1):
         figure.update_yaxes(title_text=channel.axis, row=row, col=1)

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import plotly.graph_objects as go
 
-from accpinn.channels import GAP, SPEED, TIME
+from accpinn.channels import GAP, PARAMETERS, SPEED, TIME
 from accpinn.evaluation.closed_loop import collisions
 from accpinn.methods.fit import History
 from accpinn.model.cthp import Parameters, Trajectories
@@ -26,12 +26,6 @@ from accpinn.units import FloatArray, Seconds
 
 FEW = 30
 """So few moments of a training are marked one by one."""
-PARAMETERS = (
-    ("α", "1/s²", "Gain on spacing"),
-    ("β", "1/s", "Gain on relative speed"),
-    ("τ", "s", "Time headway"),
-)
-"""Symbol, unit and plain name."""
 
 _SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
@@ -76,7 +70,7 @@ def parameter_course(
         segment: whose vehicles they belong to.
         truth: one entry a follower, or nothing.
     """
-    name, unit, title = PARAMETERS[which]
+    quantity = PARAMETERS[which]
     figure = go.Figure()
     sets = history.parameters.shape[1]
     leader = segment.vehicles[0]
@@ -96,8 +90,8 @@ def parameter_course(
     for k, value in enumerate(true):
         colour = vehicle_colour(segment.vehicles[k + 1], leader)
         figure.add_hline(y=value, line={"color": colour, "width": 1.5, "dash": "dash"})
-    figure.update_yaxes(title_text=f"{name} [{unit}]", range=_settled_range(history, which, true))
-    return _course(figure, title, f"parameter-{which}")
+    figure.update_yaxes(title_text=quantity.heading, range=_settled_range(history, which, true))
+    return _course(figure, quantity.name, f"parameter-{which}")
 
 
 def _course(figure: go.Figure, title: str, revision: str) -> go.Figure:

@@ -22,12 +22,10 @@ from accpinn.results.report.pictures import Picture
 from accpinn.results.snapshot.checking import Verification, check
 from accpinn.results.snapshot.content import Snapshot
 from accpinn.results.snapshot.create import stability
-from accpinn.results.tables.comparison import intervals_table, methods_table
+from accpinn.results.tables.estimates import intervals_table, methods_table, parameter_table
 from accpinn.results.tables.names import TITLES
-from accpinn.results.tables.results import parameter_table
-from accpinn.results.tables.stability import stability_table
+from accpinn.results.tables.stability import stability_interval_table, stability_table
 from accpinn.results.tables.table import STYLE, Table
-from accpinn.results.tables.uncertainty import stability_doubt_table
 
 HERE = Path(__file__).parent
 WIDE = 9
@@ -108,7 +106,7 @@ def _story(snapshot: Snapshot, checked: Verification, shown: list[Picture]) -> d
             stability_table(laws, snapshot.stability).coloured(colours(laws)), "stability"
         ) if snapshot.stability else None,
         "stability_doubt": _sheet(
-            stability_doubt_table(laws, uncertainty).coloured(colours(laws)), "stability_intervals"
+            stability_interval_table(laws, uncertainty).coloured(colours(laws)), "stability_intervals"
         ) if uncertainty and snapshot.stability else None,
         "reasons": _reasons(snapshot),
         "stability_pictures": _placed(pictures.stability(snapshot), shown),

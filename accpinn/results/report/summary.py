@@ -7,7 +7,7 @@ from accpinn.inference.intervals import Uncertainty
 from accpinn.methods.fit import unfinished
 from accpinn.model.cthp import Parameters
 from accpinn.results.snapshot.content import Snapshot
-from accpinn.results.tables.uncertainty import between
+from accpinn.results.tables.table import between
 
 FLAGS = {0: "human drivers", 1: "ACC", 2: "mixed"}
 """Of the whole recording; which vehicle was driven by whom it does not tell."""

@@ -1,55 +1,91 @@
-"""String stability as a table in the manner of the paper's Table III, with the exact L∞ gain."""
+"""String stability as tables in the manner of the paper's Table III, with the exact L∞ gain."""
 
+import numpy as np
+
+from accpinn.channels import FREQUENCY, LINF_GAIN, MAGNITUDE
+from accpinn.inference.intervals import Interval, Uncertainty
+from accpinn.model.cthp import Parameters
 from accpinn.model.published import ParameterSet
-from accpinn.results.tables.results import PARAMETER_COLUMNS
-from accpinn.results.tables.table import Cell, Column, Table
+from accpinn.platoon.simulation import PlatoonRun
+from accpinn.results.tables.estimates import PROBABILITY, parameter_cells
+from accpinn.results.tables.table import Cell, Column, Range, Table
 from accpinn.stability.report import StabilityReport
 from accpinn.stability.verdicts import Verdict
 
-L2, LINF = "L2: no frequency grows", "L∞: no peak grows"
-HEADWAY = "Stable from τ"
+L2, LINF = "L₂ string stability", "L∞ string stability"
+HEADWAY = "Smallest stable τ"
 
 
-def stability_table(laws: ParameterSet, report: StabilityReport) -> Table:
+def stability_table(vehicles: ParameterSet, report: StabilityReport) -> Table:
     """One row a vehicle: parameters, verdicts, peak, crossover, exact gain, smallest headways."""
-    columns = (
-        Column("Vehicle"),
-        *PARAMETER_COLUMNS,
-        Column("Stable", group=L2),
-        Column("Peak", "dB", 2, L2),
-        Column("at ω", "rad/s", 3, L2),
-        Column("Amplified below", "rad/s", 3, L2),
-        Column("Paper's criterion", group=LINF),
-        Column("Exact", group=LINF),
-        Column("‖h‖₁", "", 3, LINF),
-        Column("L2", "s", 2, HEADWAY),
-        Column("L∞", "s", 2, HEADWAY),
+    found = report.vehicles
+    headways = [vehicle.smallest_tau for vehicle in found]
+    frequency, digits = FREQUENCY.unit, FREQUENCY.digits
+    return Table.of(
+        f"String stability, {vehicles.title}",
+        [
+            (Column("Vehicle"), vehicles.labels),
+            *parameter_cells(Parameters.stack(vehicle.parameters for vehicle in found)),
+            (Column("Stable", group=L2), [answer(v.l2) for v in found]),
+            (Column("Peak", "dB", MAGNITUDE.digits, L2), [v.peak.db for v in found]),
+            (Column("at ω", frequency, digits, L2), [v.peak.omega or None for v in found]),
+            (Column("Amplified below", frequency, digits, L2), [v.crossover for v in found]),
+            (Column("Paper's criterion", group=LINF), [answer(v.linf_paper) for v in found]),
+            (Column("Exact criterion", group=LINF), [answer(v.linf_exact) for v in found]),
+            (Column("‖h‖₁", "", LINF_GAIN.digits, LINF), [v.linf_gain for v in found]),
+            (Column("L₂", "s", 2, HEADWAY), [h.l2 if h else None for h in headways]),
+            (Column("L∞", "s", 2, HEADWAY), [h.linf_exact if h else None for h in headways]),
+        ],
     )
-    rows: list[tuple[Cell, ...]] = []
-    for label, vehicle in zip(laws.labels, report.vehicles, strict=True):
-        law, headway = vehicle.parameters, vehicle.smallest_tau
-        grows = vehicle.peak.omega > 0
-        rows.append(
-            (
-                label,
-                law.alpha,
-                law.beta,
-                law.tau,
-                answer(vehicle.l2),
-                vehicle.peak.db,
-                vehicle.peak.omega if grows else None,
-                vehicle.crossover,
-                answer(vehicle.linf_paper),
-                answer(vehicle.linf_exact),
-                vehicle.linf_gain,
-                headway.l2 if headway else None,
-                headway.linf_exact if headway else None,
-            )
+
+
+def stability_interval_table(vehicles: ParameterSet, uncertainty: Uncertainty) -> Table:
+    """One row a vehicle: intervals of peak, crossover and gain; probability of stability."""
+    percent = f"{100 * uncertainty.level:.0f} % interval"
+    probabilities = (uncertainty.probability_l2, uncertainty.probability_linf, uncertainty.gapless)
+    l2, linf, no_gap_control = (100 * share for share in probabilities)
+    with np.errstate(divide="ignore"):  # minus infinity where nothing passes
+        decibels = Interval(
+            20 * np.log10(uncertainty.peak_gain.lower), 20 * np.log10(uncertainty.peak_gain.upper)
         )
-    return Table(f"String stability, {laws.title}", columns, tuple(rows))
+    return Table.of(
+        f"Uncertainty of string stability, {vehicles.title}",
+        [
+            (Column("Vehicle"), vehicles.labels),
+            (Column("Peak of |H|", "dB", MAGNITUDE.digits, percent), _ranges(decibels)),
+            (
+                Column("Amplified below", FREQUENCY.unit, FREQUENCY.digits, percent),
+                _ranges(uncertainty.crossover),
+            ),
+            (Column("‖h‖₁", "", 2, percent), _ranges(uncertainty.linf_gain)),
+            (Column("L₂", "%", 0, PROBABILITY), l2),
+            (Column("L∞", "%", 0, PROBABILITY), linf),
+            (Column("No gap control (α = 0)", "%", 0), no_gap_control),
+        ],
+    )
+
+
+def amplitude_table(run: PlatoonRun) -> Table:
+    """One row a vehicle, leader first: amplitudes behind a sinusoid, and the smallest gap."""
+    waves, followers = run.amplitudes, len(run.minimum_gap)
+    assert waves is not None
+    return Table.of(
+        "",
+        [
+            (Column("Vehicle"), ["Leader", *(f"Follower {k + 1}" for k in range(followers))]),
+            (Column("Amplitude", "m/s", 4), waves.measured),
+            (Column("Predicted", "m/s", 4), waves.predicted),
+            (Column("Smallest gap", "m", 2), [None, *run.minimum_gap]),
+        ],
+    )
 
 
 def answer(verdict: Verdict) -> str:
     """YES or NO as the paper prints it; marginal cases are named."""
     word = "YES" if verdict.stable else "NO"
     return f"{word}, marginal" if verdict.marginal else word
+
+
+def _ranges(interval: Interval) -> list[Cell]:
+    pairs = zip(interval.lower.tolist(), interval.upper.tolist(), strict=True)
+    return [Range(low, high) for low, high in pairs]

@@ -1,4 +1,4 @@
-"""A table as HTML, LaTeX and CSV.
+"""A table as text, CSV, LaTeX and HTML.
 
 Names come from files and may hold anything: each format escapes what it would interpret.
 """
@@ -8,11 +8,22 @@ import html
 import io
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from itertools import groupby
+from typing import NamedTuple
 
-Cell = str | float | None
+import numpy as np
+
+
+class Range(NamedTuple):
+    """An interval as one cell; an end may be infinite, both are nan where nothing is known."""
+
+    low: float
+    high: float
+
+
+Cell = str | float | Range | None
 
 ABSENT = "–"
 """Stands where a quantity has no meaning, as the leader's α."""
@@ -44,7 +55,8 @@ _LATIN = 0x24F
 """Letters up to here LaTeX knows; of others it shows the number."""
 _EVALUATED = re.compile(r"[=@+\-\t\r]")
 """A text that begins so is a formula to a spreadsheet."""
-_NUMBERS = re.compile(r"[+-]?[\d.e]+( or more| to [+-]?[\d.e]+)?")
+_NUMBER = re.compile(r"[+-]?[\d.e]+")
+_GREEK = {"α": "alpha", "β": "beta", "τ": "tau", "Δ": "delta ", "ω": "omega", "∞": "inf", "₂": "2"}
 LONG = 16
 """Characters of a row's name beyond which a narrow window may cut it."""
 
@@ -63,14 +75,27 @@ class Column:
     """Whether a cell above zero that the digits would show as zero says "< 0.01" instead."""
     prose: bool = False
     """Whether its texts may go on in further lines."""
+    key: str = ""
+    """Its name in CSV files; by default from group, title and unit."""
 
     @property
     def heading(self) -> str:
         """Title and unit."""
         return f"{self.title} [{self.unit}]" if self.unit else self.title
 
+    @property
+    def csv_name(self) -> str:
+        """Lower-case words joined by underscores, as "surrogate_fit_mae_p_m"."""
+        if self.key:
+            return self.key
+        words = f"{self.group} {self.title} {self.unit}".lower().replace("1/s", "per s")
+        spelt = "".join(_GREEK.get(letter, letter) for letter in words)
+        return re.sub(r"\W+", "_", spelt.replace("%", "percent").replace("/", " per ")).strip("_")
+
     def shown(self, cell: Cell) -> str:
         """A cell as the reader sees it."""
+        if isinstance(cell, Range):
+            return self._range(cell)
         if cell is None or (isinstance(cell, float) and not math.isfinite(cell)):
             return ABSENT
         if isinstance(cell, str):
@@ -80,6 +105,21 @@ class Column:
         if self.least and cell > 0 and float(shown) == 0:
             return f"< {10.0**-digits:.{digits}f}"
         return shown
+
+    def _range(self, cell: Range) -> str:
+        low, high = (math.isfinite(end) for end in cell)
+        if math.isnan(cell.low) or math.isnan(cell.high):
+            return ABSENT
+        if low and high:
+            return f"{self.shown(cell.low)} to {self.shown(cell.high)}"
+        if low:
+            return f"{self.shown(cell.low)} or more"
+        return f"up to {self.shown(cell.high)}" if high else "anything"
+
+
+def between(low: float, high: float, digits: int) -> str:
+    """An interval in words; an end may be infinite."""
+    return Column("", digits=digits).shown(Range(low, high))
 
 
 @dataclass(frozen=True)
@@ -92,18 +132,59 @@ class Table:
     colours: tuple[str, ...] = ()
     """A mark before each row's first cell, in HTML."""
 
+    @classmethod
+    def of(cls, caption: str, filled: Iterable[tuple[Column, Iterable[Cell]]]) -> "Table":
+        """A table from its columns with their cells, all of the same length."""
+        columns, cells = zip(*filled, strict=True)
+        rows = zip(*(map(_python, column) for column in cells), strict=True)
+        return cls(caption, tuple(columns), tuple(rows))
+
     def coloured(self, colours: Sequence[str]) -> "Table":
         """The same table with a mark for each row."""
         return replace(self, colours=tuple(colours))
 
+    def to_text(self) -> str:
+        """Columns as wide as they need to be; the first is set left, the others right."""
+        body = [[column.heading for column in self.columns], *self._shown()]
+        widths = [max(map(len, column)) for column in zip(*body, strict=True)]
+        groups, at = [], 0
+        for name, count in self._groups():
+            room = sum(widths[at : at + count]) + 2 * (count - 1)
+            widths[at + count - 1] += max(0, len(name) - room)
+            groups.append(name.rjust(max(room, len(name))))
+            at += count
+        lines = [self.caption] if self.caption else []
+        lines += ["  ".join(groups).rstrip()] if groups else []
+        for row in body:
+            cells = [row[0].ljust(widths[0])]
+            cells += [cell.rjust(width) for cell, width in zip(row[1:], widths[1:], strict=True)]
+            lines.append("  ".join(cells).rstrip())
+        return "\n".join(lines)
+
     def to_csv(self) -> str:
-        """Full precision; empty where there is no value; no text that a spreadsheet evaluates."""
+        """Full precision, an interval in two columns; empty where there is no value.
+
+        No text is such that a spreadsheet would evaluate it.
+        """
+        ranged = [any(isinstance(row[k], Range) for row in self.rows) for k in self._indices()]
         text = io.StringIO()
         writer = csv.writer(text, lineterminator="\n")
-        writer.writerow(f"{c.group}: {c.heading}" if c.group else c.heading for c in self.columns)
+        names = [column.csv_name for column in self.columns]
+        writer.writerow(
+            part
+            for name, pair in zip(names, ranged, strict=True)
+            for part in ((f"{name}_low", f"{name}_high") if pair else (name,))
+        )
         for row in self.rows:
-            writer.writerow(map(_csv_cell, row))
+            writer.writerow(
+                _csv_cell(part)
+                for cell, pair in zip(row, ranged, strict=True)
+                for part in (_ends(cell) if pair else (cell,))
+            )
         return text.getvalue()
+
+    def _indices(self) -> range:
+        return range(len(self.columns))
 
     def to_latex(self) -> str:
         """A table environment; its rules need the package booktabs."""
@@ -227,10 +308,19 @@ def _latex_letter(letter: str) -> str:
     return letter if known else f"(U+{ord(letter):04X})"
 
 
+def _ends(cell: Cell) -> tuple[Cell, Cell]:
+    return (cell.low, cell.high) if isinstance(cell, Range) else (cell, None)
+
+
+def _python(cell: Cell | np.generic) -> Cell:
+    """A cell without numpy's types."""
+    return cell.item() if isinstance(cell, np.generic) else cell
+
+
 def _csv_cell(cell: Cell) -> Cell:
     if cell is None or cell != cell:
         return ""
-    if isinstance(cell, str) and _EVALUATED.match(cell) and not _NUMBERS.fullmatch(cell):
+    if isinstance(cell, str) and _EVALUATED.match(cell) and not _NUMBER.fullmatch(cell):
         return f"'{cell}"
     return cell
 

@@ -6,7 +6,7 @@ import streamlit as st
 
 from accpinn.results.figures.comparison import Estimate
 from accpinn.results.tables import table as typeset
-from accpinn.results.tables.fit_records import earlier_table, title
+from accpinn.results.tables.estimates import fit_record_table, fit_record_title
 from accpinn.segment.segment import Segment
 from accpinn.study.comparison import FitRecord, MethodResult
 from pages.ui.session.workspace import Workspace
@@ -21,7 +21,7 @@ def choose_earlier(workspace: Workspace, segment: Segment, follower: int) -> lis
     known = [run for run in reversed(workspace.runs) if run.of_vehicle(number) is not None]
     if not known:
         return []
-    names = {f"{k}. {title(run)}": run for k, run in enumerate(known, 1)}
+    names = {f"{k}. {fit_record_title(run)}": run for k, run in enumerate(known, 1)}
     chosen = st.multiselect(
         "Earlier runs to lay over the chart",
         list(names),
@@ -30,7 +30,9 @@ def choose_earlier(workspace: Workspace, segment: Segment, follower: int) -> lis
         placeholder=f"{len(known)} kept",
     )
     values = [(name, names[name].of_vehicle(number)) for name in chosen if name in names]
-    return [Estimate(name, value, earlier=True) for name, value in values if value is not None]
+    return [
+        Estimate(name, value.values, earlier=True) for name, value in values if value is not None
+    ]
 
 
 def show_earlier(
@@ -44,7 +46,7 @@ def show_earlier(
     st.caption(f"Kept from earlier in this session: {count} fit{'s' if count != 1 else ''}.")
     # Of two fits by one method the first counts: the second is the session's own training.
     now = {row.fit.method: FitRecord.of(segment, row.fit) for row in reversed(rows)}
-    table = earlier_table(tuple(reversed(workspace.runs)), now, segment.vehicles[follower + 1])
+    table = fit_record_table(tuple(reversed(workspace.runs)), now, segment.vehicles[follower + 1])
     if table.rows:
         st.html(typeset.STYLE + table.to_html())
     else:

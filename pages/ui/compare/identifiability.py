@@ -10,8 +10,7 @@ from accpinn.methods.pinn.config import FAST, PAPER
 from accpinn.results.figures.comparison import profiles as profiles_chart
 from accpinn.results.figures.style import vehicle_colour
 from accpinn.results.tables import table as typeset
-from accpinn.results.tables.model_adequacy import extensions_table
-from accpinn.results.tables.multistart import starts_table
+from accpinn.results.tables.estimates import model_form_table, multistart_table
 from accpinn.segment.quality import LARGE_CONDITION, assess_quality
 from accpinn.segment.segment import Segment
 from accpinn.study.comparison import MethodResult
@@ -74,7 +73,7 @@ def show_extensions(segment: Segment, follower: int) -> None:
     found = model_forms(segment)
     if sentences := better(segment.labels[1:], found):
         st.info(bullets(sentences), icon=":material/lightbulb:")
-    st.html(typeset.STYLE + extensions_table(segment.info, found, follower).to_html())
+    st.html(typeset.STYLE + model_form_table(segment.info, found, follower).to_html())
     st.caption(
         "Intervals say what noise and disturbances leave open if the law holds. Real controllers"
         " keep a distance at standstill and act with a delay; a law without these puts them into α,"
@@ -114,6 +113,6 @@ def show_starts(workspace: Workspace, segment: Segment, follower: int) -> None:
 
 def _show_table(segment: Segment, found: MultistartResult, follower: int) -> None:
     if found.trials:
-        st.html(typeset.STYLE + starts_table(segment.info, found, follower).to_html())
+        st.html(typeset.STYLE + multistart_table(segment.info, found, follower).to_html())
     if found.notes:
         st.info(bullets(found.notes), icon=":material/info:")

@@ -7,7 +7,7 @@ import streamlit as st
 from accpinn.inference.intervals import Uncertainty
 from accpinn.methods.registry import METHODS
 from accpinn.results.tables import table as typeset
-from accpinn.results.tables.comparison import methods_table
+from accpinn.results.tables.estimates import methods_table
 from accpinn.results.tables.names import TITLES
 from accpinn.segment.segment import Segment
 from accpinn.study.comparison import MethodFailure, MethodResult
@@ -28,7 +28,7 @@ def show_refusals(refused: Sequence[MethodFailure]) -> None:
     """The methods that have no row, those with the same reason together."""
     reasons: dict[str, list[str]] = {}
     for one in refused:
-        reasons.setdefault(one.reason, []).append(TITLES[one.method])
+        reasons.setdefault(str(one.fault), []).append(TITLES[one.method])
     if reasons:
         said = tuple(
             f"No result from {', '.join(who) if len(who) < len(METHODS) else 'any method'}: {why}"

@@ -7,8 +7,8 @@ import streamlit as st
 
 from accpinn.evaluation.closed_loop import ALONE
 from accpinn.inference.identifiability import wide_intervals
+from accpinn.results.tables.estimates import PARAMETER_COLUMNS
 from accpinn.results.tables.names import name_of
-from accpinn.results.tables.results import PARAMETER_COLUMNS
 from accpinn.segment.segment import Segment
 from accpinn.study.comparison import MethodResult
 from accpinn.units import FloatArray

@@ -6,7 +6,7 @@ import streamlit as st
 
 from accpinn.methods.fit import Fit, unfinished
 from accpinn.results.snapshot.content import Snapshot
-from accpinn.results.tables.results import where
+from accpinn.results.tables.estimates import where
 from accpinn.segment.segment import SegmentInfo
 from pages.ui.components.text import escape_markdown
 from pages.ui.session.ui_state import Source

@@ -6,7 +6,7 @@ from accpinn.inference.intervals import Uncertainty, intervals
 from accpinn.model.published import ParameterSet
 from accpinn.results.figures import stability as figures
 from accpinn.results.tables import table as typeset
-from accpinn.results.tables.uncertainty import stability_doubt_table
+from accpinn.results.tables.stability import stability_interval_table
 from pages.ui.components.text import bullets
 from pages.ui.session.workspace import Workspace, sync_widget
 
@@ -52,7 +52,7 @@ def choose_doubt(workspace: Workspace, laws: ParameterSet) -> Uncertainty | None
 
 def show_doubt(laws: ParameterSet, uncertainty: Uncertainty) -> None:
     """Intervals of the figures of stability, and what they stand on."""
-    table = stability_doubt_table(laws, uncertainty).coloured(figures.colours(laws))
+    table = stability_interval_table(laws, uncertainty).coloured(figures.colours(laws))
     st.html(typeset.STYLE + table.to_html())
     st.caption(
         "From laws drawn as the recording allows them, with disturbances that last for seconds."

@@ -6,7 +6,7 @@ from accpinn.methods import least_squares
 from accpinn.methods.fit import headway_notes
 from accpinn.results.figures.style import vehicle_colour
 from accpinn.results.tables import table as typeset
-from accpinn.results.tables.results import quality_table
+from accpinn.results.tables.estimates import quality_table
 from accpinn.segment.quality import LARGE_CONDITION, assess_quality
 from accpinn.segment.segment import Segment
 from pages.ui.components.text import bullets, escape_markdown

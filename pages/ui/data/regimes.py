@@ -9,7 +9,7 @@ from accpinn.errors import SegmentError
 from accpinn.model.cthp import Case
 from accpinn.recordings.recording import Recording
 from accpinn.results.tables import table as typeset
-from accpinn.results.tables.regimes import regimes_table, sensitivity_table
+from accpinn.results.tables.estimates import regimes_table, sensitivity_table
 from accpinn.segment.cut import cut
 from accpinn.segment.regimes import EXCLUDABLE, label_regimes
 from accpinn.segment.segment import Segment
@@ -33,7 +33,7 @@ def show_regimes(workspace: Workspace, recording: Recording) -> None:
     regimes = label_regimes(segment, recording)
     # Its state is the server's, as what stands above it comes and goes.
     with st.expander("Regimes", icon=":material/category:", key="data_regimes", on_change="rerun"):
-        st.html(typeset.STYLE + regimes_table(segment, regimes).to_html())
+        st.html(typeset.STYLE + regimes_table(segment.info, regimes).to_html())
         if not any(regimes.mode_known):
             st.caption("This file does not say who drives, so no instant counts as manual.")
         st.markdown("**Leave out of the law's equations**")
@@ -83,7 +83,7 @@ def _show_sensitivity(workspace: Workspace, segment: Segment, recording: Recordi
         st.caption("None of these occurs in this window, so there is nothing to compare.")
         return
     for follower in range(segment.followers):
-        st.html(typeset.STYLE + sensitivity_table(segment, found, follower).to_html())
+        st.html(typeset.STYLE + sensitivity_table(segment.info, found, follower).to_html())
     if refusals := tuple(dict.fromkeys(row.refusal for row in found if row.refusal)):
         st.info(bullets(refusals), icon=":material/info:")
 

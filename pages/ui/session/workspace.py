@@ -11,6 +11,7 @@ from accpinn.errors import ConfigError, SegmentError
 from accpinn.inference.intervals import Uncertainty
 from accpinn.inference.multistart import Trial, multistart
 from accpinn.methods.fit import Fit
+from accpinn.methods.method import TaskContext
 from accpinn.methods.pinn.config import STARTS, PinnConfig, PresetName
 from accpinn.methods.registry import METHODS
 from accpinn.model.cthp import Case, Parameters
@@ -25,7 +26,7 @@ from accpinn.segment.segment import Segment, SegmentInfo, Window
 from accpinn.segment.vehicles import default_vehicles
 from accpinn.study.comparison import FitRecord, MethodFailure, MethodResult, compare, results_among
 from accpinn.tasks.job import Job
-from accpinn.tasks.series import Series, TaskContext
+from accpinn.tasks.series import Series
 from pages.ui.session.resources import task_queue
 from pages.ui.session.ui_state import MapChoice, ParameterChoice, PlatoonChoice
 
@@ -162,10 +163,7 @@ class Workspace:
             return
 
         def rows(means: TaskContext) -> Iterator[MethodResult | MethodFailure]:
-            yield from compare(
-                segment, case, store=means.store, threads=means.threads, recording=recording,
-                should_stop=means.should_stop,
-            )  # fmt: skip
+            yield from compare(segment, case, recording=recording, context=means)
 
         self._remember([row.fit for row in self.compared])
         self.comparison = task_queue().run(

@@ -13,8 +13,7 @@ from accpinn.results.figures.stability import bode
 from accpinn.results.figures.style import vehicle_colour
 from accpinn.results.snapshot.content import Snapshot
 from accpinn.results.snapshot.create import stability
-from accpinn.results.tables.table import ABSENT, STYLE, Cell, Column, Table
-from accpinn.results.tables.uncertainty import between
+from accpinn.results.tables.table import ABSENT, STYLE, Cell, Column, Table, between
 from pages.ui.components.charts import show_chart
 from pages.ui.components.text import escape_markdown
 

@@ -7,9 +7,9 @@ from accpinn.results.figures import training
 from accpinn.results.figures.recording import preview
 from accpinn.results.figures.style import vehicle_colour
 from accpinn.results.snapshot.content import Snapshot
-from accpinn.results.tables import results as tables
+from accpinn.results.tables import estimates as tables
 from accpinn.results.tables import table as typeset
-from accpinn.results.tables.comparison import methods_table
+from accpinn.results.tables.estimates import methods_table
 from accpinn.results.tables.names import name_of
 from accpinn.segment.segment import SegmentInfo
 from pages.ui.components import frame

@@ -4,7 +4,7 @@ from math import isnan
 
 from accpinn.inference.intervals import SYMBOLS, Uncertainty
 from accpinn.model.published import ParameterSet
-from accpinn.results.tables.uncertainty import between
+from accpinn.results.tables.table import between
 from accpinn.stability.report import StabilityReport
 from pages.ui.components.text import escape_markdown
 

@@ -12,9 +12,9 @@ from accpinn.methods.fit import Fit, Outcome, headway_notes
 from accpinn.model.cthp import Parameters
 from accpinn.results.figures.style import vehicle_colour
 from accpinn.results.figures.training import tracking
-from accpinn.results.tables import results as tables
+from accpinn.results.tables import estimates as tables
 from accpinn.results.tables import table as typeset
-from accpinn.results.tables.comparison import intervals_table
+from accpinn.results.tables.estimates import intervals_table
 from accpinn.segment.quality import assess_quality
 from accpinn.segment.segment import Segment, SegmentInfo
 from pages.ui.components.charts import show_chart

@@ -1,4 +1,4 @@
-"""One iteration of the paper's recipe as its authors run it, to be timed, not to be used.
+"""One iteration of the paper's training protocol as its authors run it; only to be timed.
 
 Network 1-60-60-60-(2M+1) in double precision on all instants, time derivatives by nested
 automatic differentiation (one gradient call an output), Adam on weights and parameters.
@@ -16,8 +16,8 @@ from accpinn.segment.segment import Segment
 WARM_UP = 3
 
 
-class PaperRecipe:
-    """The training state of the paper's recipe on one segment."""
+class PaperProtocol:
+    """The state of a training of one segment by the paper's protocol."""
 
     def __init__(self, segment: Segment) -> None:
         """Xavier-uniform weights, parameters from (1, 1, 1)."""
@@ -44,7 +44,7 @@ class PaperRecipe:
         self.optimiser.step()
 
     def loss(self) -> Tensor:
-        """Ψ, as `accpinn.methods.pinn.loss` has it with weights 1 (a test compares the two)."""
+        """Ψ with all weights 1, as `accpinn.methods.pinn.loss` has it; a test compares the two."""
         outputs = self.network(self.time)
         split = self.followers + 1
         speeds, gaps = outputs[:, :split], outputs[:, split:]
@@ -53,9 +53,9 @@ class PaperRecipe:
             gap, speed = gaps[:, follower], speeds[:, follower + 1]
             relative = speeds[:, follower] - speed
             alpha, beta, tau = self.parameters[follower]
-            law = alpha * (gap - tau * speed) + beta * relative
+            acceleration = alpha * (gap - tau * speed) + beta * relative
             loss = loss + ((self._rate(gap) - relative) ** 2).mean()
-            loss = loss + ((self._rate(speed) - law) ** 2).mean()
+            loss = loss + ((self._rate(speed) - acceleration) ** 2).mean()
         return loss / self.followers
 
     def _rate(self, output: Tensor) -> Tensor:
@@ -63,13 +63,13 @@ class PaperRecipe:
 
 
 def seconds_per_iteration(segment: Segment, iterations: int) -> list[float]:
-    """How long each of ``iterations`` takes, after a warm-up."""
-    recipe = PaperRecipe(segment)
+    """The duration of each of ``iterations`` in s, after a warm-up."""
+    training = PaperProtocol(segment)
     for _ in range(WARM_UP):
-        recipe.iterate()
+        training.iterate()
     durations = []
     for _ in range(iterations):
         started = time.perf_counter()
-        recipe.iterate()
+        training.iterate()
         durations.append(time.perf_counter() - started)
     return durations

@@ -1,0 +1,287 @@
+"""Estimates as tables, in the manner of the paper's Tables I to III."""
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from accpinn.channels import PARAMETERS
+from accpinn.evaluation.errors import TrackingErrors
+from accpinn.inference.intervals import Uncertainty
+from accpinn.inference.model_adequacy import ModelForm
+from accpinn.inference.multistart import MultistartResult
+from accpinn.methods.fit import Fit
+from accpinn.model.cthp import Parameters
+from accpinn.results.tables.names import TITLES, method_name, name_of
+from accpinn.results.tables.table import Cell, Column, Range, Table
+from accpinn.segment.quality import Quality
+from accpinn.segment.regimes import Regimes
+from accpinn.segment.segment import SegmentInfo
+from accpinn.study.comparison import FitRecord, MethodResult, differences
+from accpinn.study.sensitivity import COMPARED, SensitivityResult
+from accpinn.units import FloatArray
+
+Filled = tuple[Column, Iterable[Cell]]
+"""A column with its cells."""
+
+PARAMETER_COLUMNS = tuple(
+    Column(quantity.symbol, quantity.unit, quantity.digits, key=key)
+    for quantity, key in zip(PARAMETERS, ("alpha", "beta", "tau"), strict=True)
+)
+GAP = "MAE of the space-gap"
+PROBABILITY = "Probability of string stability"
+
+
+def where(info: SegmentInfo) -> str:
+    """The segment in a few words: file, window, and which regimes are excluded."""
+    excluded = info.excluded_regimes
+    return f"{info.source}, {info.window}" + (f", without {', '.join(excluded)}" * bool(excluded))
+
+
+def parameter_table(
+    info: SegmentInfo,
+    fit: Fit,
+    quality: Quality,
+    surrogate: TrackingErrors | None,
+    closed_loop: TrackingErrors | None,
+    uncertainty: Uncertainty | None = None,
+) -> Table:
+    """One row a vehicle, leader first: parameters, mean time gap, errors of both kinds, intervals.
+
+    Args:
+        info: of the segment with M followers.
+        fit: of any method.
+        quality: of the segment.
+        surrogate: errors of the method's own trajectories.
+        closed_loop: errors of the closed-loop simulation; its leader is given, so has none.
+        uncertainty: adds the intervals.
+    """
+    own, simulated = "Surrogate fit, MAE", "Closed-loop simulation, MAE"
+    case = f", Case {fit.case}" if info.followers > 1 else ""
+    return Table.of(
+        f"{name_of(fit)}, {where(info)}{case}",
+        [
+            (Column("Vehicle"), info.labels),
+            *parameter_cells(fit.parameters, above=1),
+            (Column("Mean time gap", "s", 2), _absent(1, quality.mean_time_gap)),
+            *_error_cells(info, surrogate, own, 3),
+            *_error_cells(info, closed_loop, simulated, 2, leader=False),
+            *(interval_cells(uncertainty, above=1) if uncertainty else ()),
+        ],
+    )
+
+
+def comparison_table(info: SegmentInfo, estimates: Mapping[str, Parameters]) -> Table:
+    """One row a follower; for each parameter, what each method finds, or the truth."""
+    filled = [
+        (
+            replace(column, title=name, unit="", group=column.heading, key=""),
+            parameters.values[:, k],
+        )
+        for k, column in enumerate(PARAMETER_COLUMNS)
+        for name, parameters in estimates.items()
+    ]
+    followers = (Column("Vehicle"), info.labels[1:])
+    return Table.of(f"Estimates side by side, {where(info)}", [followers, *filled])
+
+
+def quality_table(info: SegmentInfo, quality: Quality, estimate: Fit) -> Table:
+    """One row a follower: the window's figures, and the least-squares estimate from it."""
+    return Table.of(
+        where(info),
+        [
+            (Column("Follower"), info.labels[1:]),
+            *parameter_cells(estimate.parameters, "Least-squares estimate"),
+            (Column("Mean time gap", "s", 2), quality.mean_time_gap),
+            (Column("Car-following", "%", 0), _percent(quality.car_following)),
+            (Column("Δv, std.", "m/s", 2), quality.relative_deviation),
+            (Column("Condition number", "", 0), quality.condition),
+        ],
+    )
+
+
+def intervals_table(info: SegmentInfo, uncertainty: Uncertainty) -> Table:
+    """One row a follower: intervals, and how probable string stability is."""
+    return Table.of(
+        f"Uncertainty, {where(info)}",
+        [
+            (Column("Follower"), info.labels[1:]),
+            *interval_cells(uncertainty),
+            (Column("L₂", "%", 0, PROBABILITY), _percent(uncertainty.probability_l2)),
+            (Column("L∞", "%", 0, PROBABILITY), _percent(uncertainty.probability_linf)),
+        ],
+    )
+
+
+def methods_table(info: SegmentInfo, results: Sequence[MethodResult], follower: int) -> Table:
+    """One row a method, for one follower (0 for the first)."""
+    evaluations = [result.evaluation for result in results]
+
+    def gaps(name: str) -> list[Cell]:
+        return _gaps([getattr(evaluation, name) for evaluation in evaluations], follower)
+
+    return Table.of(
+        f"{info.labels[follower + 1]}, {where(info)}",
+        [
+            (Column("Method"), [name_of(result.fit) for result in results]),
+            *parameter_cells(Parameters.stack(r.fit.parameters[follower] for r in results)),
+            (Column("Surrogate fit", "m", 3, GAP), gaps("surrogate")),
+            (Column("Closed loop", "m", 2, GAP), gaps("closed_loop")),
+            (Column("Hold-out", "m", 2, GAP), gaps("held_out")),
+            (Column("Outside the window", "m", 2, GAP), gaps("unseen")),
+            (Column("Collides at", "s", 1), [e.collisions[follower] for e in evaluations]),
+            (Column("Time", "s", 2, least=True), [result.fit.seconds for result in results]),
+        ],
+    )
+
+
+def multistart_table(info: SegmentInfo, found: MultistartResult, follower: int) -> Table:
+    """One row a training of one follower (0 for the first), and the spread in the last."""
+    trials = found.trials
+    filled: list[Filled] = [
+        (Column("Start (α, β, τ)"), [", ".join(f"{v:g}" for v in t.initial) for t in trials]),
+        *parameter_cells(Parameters.stack(t.fit.parameters[follower] for t in trials), "Learned"),
+        (Column("Surrogate fit", "m", 3, GAP), _gaps([t.surrogate for t in trials], follower)),
+        (Column("Closed loop", "m", 2, GAP), _gaps([t.closed_loop for t in trials], follower)),
+        (Column("Iterations", "", 0), [float(t.fit.iterations) for t in trials]),
+        (Column("Time", "s", 1), [t.fit.seconds for t in trials]),
+    ]
+    table = Table.of(f"{info.labels[follower + 1]}, {where(info)}", filled)
+    if len(trials) < 2:
+        return table
+    spread = [f"{v:.2f} %" if np.isfinite(v) else None for v in found.spread[follower]]
+    last: tuple[Cell, ...] = ("Spread", *spread, None, None, None, None)
+    return replace(table, rows=(*table.rows, last))
+
+
+FORMS = {
+    "as it is": "The model as it is",
+    "standstill distance": "With a standstill distance s₀",
+    "delay": "With a delay d",
+}
+
+
+def model_form_table(info: SegmentInfo, forms: Sequence[ModelForm], follower: int) -> Table:
+    """One row a form of the model, for one follower (0 for the first)."""
+    explained = "Acceleration explained"
+    return Table.of(
+        f"{info.labels[follower + 1]}, {where(info)}",
+        [
+            (Column("Least squares of one-second means"), [FORMS[form.form] for form in forms]),
+            *parameter_cells(Parameters.of([form.parameters[follower] for form in forms])),
+            (Column("s₀", "m", 1), _extra(forms, "standstill distance", follower)),
+            (Column("d", "s", 1), _extra(forms, "delay", follower)),
+            (Column("whole window", "%", 0, explained),
+             _percent([form.explained[follower] for form in forms])),
+            (Column("held out", "%", 0, explained),
+             _percent([form.unseen[follower] for form in forms])),
+        ],
+    )  # fmt: skip
+
+
+def fit_record_table(
+    runs: Sequence[FitRecord], now: Mapping[str, FitRecord], vehicle: int
+) -> Table:
+    """One row an earlier fit that has the vehicle as a follower.
+
+    Args:
+        runs: in the order of the rows.
+        now: the present fit of each method; where there is none, no differences are shown.
+        vehicle: its number in the file.
+    """
+    kept = [(run, run.of_vehicle(vehicle)) for run in runs]
+    runs = [run for run, then in kept if then is not None]
+    then = Parameters.stack(value for _, value in kept if value is not None)
+    gaps = [run.closed_loop[run.info.vehicles[1:].index(vehicle)] for run in runs]
+    filled: list[Filled] = [
+        (Column("Earlier fit", prose=True), [fit_record_title(run) for run in runs]),
+        *parameter_cells(then),
+        (Column("Closed loop", "m", 2, GAP), gaps),
+    ]
+    if now:
+        present = [now.get(run.method) for run in runs]
+        values = [run.of_vehicle(vehicle) if run else None for run in present]
+        unknown = np.full(3, np.nan)
+        change = [unknown if v is None else v.values for v in values] - then.values
+        differs = [
+            "; ".join(differences(run, other)) or "nothing" if other and value is not None else None
+            for run, other, value in zip(runs, present, values, strict=True)
+        ]
+        filled += parameter_cells(Parameters.of(change), "Δ, now minus then")
+        filled += [(Column("Differs now in", prose=True), differs)]
+    return Table.of("", filled)
+
+
+def fit_record_title(run: FitRecord) -> str:
+    """Method, file and window in a few words."""
+    case = f", Case {run.case}" if run.info.followers > 1 else ""
+    return f"{method_name(run.method, run.config, run.outcome)}, {where(run.info)}{case}"
+
+
+def regimes_table(info: SegmentInfo, regimes: Regimes) -> Table:
+    """One row a follower: its share of instants in each regime."""
+    shares = np.transpose(regimes.shares)
+    filled = [
+        (Column(name.capitalize(), "%", 0), _percent(share))
+        for name, share in zip(regimes.names, shares, strict=True)
+    ]
+    followers = (Column("Follower"), info.labels[1:])
+    return Table.of(f"Regimes, {where(info)}", [followers, *filled])
+
+
+def sensitivity_table(
+    info: SegmentInfo, found: Sequence[SensitivityResult], follower: int
+) -> Table:
+    """One row a choice of instants: what each method estimates for one follower from them."""
+    of_method = {key: [row for row in found if row.method == key] for key in COMPARED}
+    rows = of_method[COMPARED[0]]
+    unknown = Parameters(np.nan, np.nan, np.nan)
+    filled: list[Filled] = [
+        (Column("Instants"), [row.choice.capitalize() for row in rows]),
+        (Column("Excluded", "%", 0), _percent([row.share[follower] for row in rows])),
+    ]
+    for key, results in of_method.items():
+        estimates = [r.parameters[follower] if r.parameters else unknown for r in results]
+        filled += parameter_cells(Parameters.stack(estimates), TITLES[key])
+    return Table.of(f"{info.labels[follower + 1]}, {where(info)}", filled)
+
+
+def parameter_cells(parameters: Parameters, group: str = "", above: int = 0) -> Iterator[Filled]:
+    """α, β and τ (K, 3) as three columns below ``above`` empty cells."""
+    for column, values in zip(PARAMETER_COLUMNS, parameters.values.T, strict=True):
+        named = replace(column, group=group, key="" if group else column.key)
+        yield named, _absent(above, values)
+
+
+def interval_cells(uncertainty: Uncertainty, above: int = 0) -> Iterator[Filled]:
+    """The intervals of α, β and τ as three columns below ``above`` empty cells."""
+    percent = f"{100 * uncertainty.level:.0f} % interval"
+    for k, column in enumerate(PARAMETER_COLUMNS):
+        ends = zip(uncertainty.lower[:, k].tolist(), uncertainty.upper[:, k].tolist(), strict=True)
+        yield replace(column, group=percent), _absent(above, [Range(*pair) for pair in ends])
+
+
+def _error_cells(
+    info: SegmentInfo, errors: TrackingErrors | None, group: str, digits: int, leader: bool = True
+) -> Iterator[Filled]:
+    """MAE of gap and speed of each vehicle, leader first; its own only where it is no input."""
+    nothing: list[Cell] = [None] * (info.followers + 1)
+    speeds = nothing if errors is None else _absent(0, errors.speed_mae)
+    yield Column("p", "m", digits, group), _absent(1, errors.gap_mae) if errors else nothing
+    yield Column("v", "m/s", 3, group), speeds if leader else _absent(1, speeds[1:])
+
+
+def _gaps(errors: Sequence[TrackingErrors | None], follower: int) -> list[Cell]:
+    return [float(one.gap_mae[follower]) if one else None for one in errors]
+
+
+def _extra(forms: Sequence[ModelForm], name: str, follower: int) -> list[Cell]:
+    return [float(form.extra[follower]) if form.form == name else None for form in forms]
+
+
+def _percent(shares: Sequence[float] | FloatArray) -> list[Cell]:
+    return [100 * float(share) for share in shares]
+
+
+def _absent(above: int, values: Iterable[Cell] | FloatArray) -> list[Cell]:
+    return [None] * above + list(values)

@@ -1,0 +1,103 @@
+"""The package as a whole: what importing it offers and loads, and what its files hold."""
+
+import ast
+import re
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+import pytest
+
+import accpinn
+
+ROOT = Path(__file__).parent.parent
+PACKAGE = ROOT / "accpinn"
+
+
+def loaded_after(code: str, *names: str) -> set[str]:
+    """Which of these modules a fresh interpreter has loaded after running the code."""
+    code += f"\nimport sys; print(*set({names!r}) & sys.modules.keys())"
+    found = subprocess.run(
+        [sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True
+    )
+    return set(found.stdout.split())
+
+
+def test_importing_the_package_loads_nothing_slow() -> None:
+    assert not loaded_after("import accpinn", "numpy", "torch", "pandas", "scipy")
+
+
+def test_no_module_of_the_core_loads_the_app_or_plots() -> None:
+    modules = [
+        ".".join(path.relative_to(ROOT).with_suffix("").parts)
+        for path in PACKAGE.rglob("*.py")
+        if path.name not in ("__init__.py", "__main__.py")
+    ]
+    code = f"import importlib\nfor name in {modules!r}: importlib.import_module(name)"
+    assert not loaded_after(code, "streamlit", "control", "matplotlib")
+
+
+def test_public_names_exist_and_are_documented() -> None:
+    assert accpinn.__doc__ is not None
+    for name in accpinn.__all__:
+        assert getattr(accpinn, name) is not None
+        assert re.search(rf"\b{name}\b", accpinn.__doc__), name
+
+
+def test_type_checkers_see_the_same_public_names() -> None:
+    tree = ast.parse((PACKAGE / "__init__.py").read_text(encoding="utf-8"))
+    [block] = [node for node in tree.body if isinstance(node, ast.If)]
+    declared = {
+        alias.asname: (node.module, alias.name)
+        for node in block.body
+        if isinstance(node, ast.ImportFrom)
+        for alias in node.names
+    }
+    assert sorted(filter(None, declared)) == accpinn.__all__
+    for name, (module, original) in declared.items():
+        assert original == name
+        assert getattr(sys.modules[str(module)], name) is getattr(accpinn, str(name))
+
+
+def test_an_unknown_name_is_an_attribute_error() -> None:
+    with pytest.raises(AttributeError, match="guess"):
+        accpinn.guess  # noqa: B018
+
+
+def project_files() -> list[str]:
+    """All files of the project, relative to its root; new ones too."""
+    listed = subprocess.run(
+        ["git", "ls-files", "--cached", "--others", "--exclude-standard", "-z"],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    if listed.returncode:
+        pytest.skip("not a git checkout, so there is no list of the project's files")
+    return [name for name in listed.stdout.split("\0") if name and (ROOT / name).is_file()]
+
+
+def test_no_file_names_a_place_on_one_machine() -> None:
+    folders = "|".join(("work", "tmp", "home", "root", "Users", "opt"))
+    hosts = "|".join(("pypi", "pythonhosted", "npmjs"))
+    forbidden = re.compile(rf"(?<![\w.\-/*])/({folders})/\w|\b({hosts})\.(org|com)\b")
+    found = [
+        f"{name}:{number}: {line.strip()[:80]}"
+        for name in project_files()
+        if not name.startswith("sample_data/")
+        for number, line in enumerate(
+            (ROOT / name).read_text(encoding="utf-8", errors="replace").splitlines(), 1
+        )
+        if forbidden.search(line)
+    ]
+    assert found == []
+
+
+def test_an_installed_package_has_every_file_it_reads() -> None:
+    settings = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+    patterns = settings["tool"]["setuptools"]["package-data"]["accpinn"]
+    declared = {path for pattern in patterns for path in (ROOT / "accpinn").glob(pattern)}
+    tracked = [ROOT / name for name in project_files() if name.startswith("accpinn/")]
+    assert {path for path in tracked if path.suffix != ".py"} == declared
