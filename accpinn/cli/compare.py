@@ -21,6 +21,7 @@ from accpinn.inference.identifiability import identifiability_warnings
 from accpinn.inference.intervals import Uncertainty
 from accpinn.inference.model_adequacy import better, model_forms
 from accpinn.model.published import parameter_set
+from accpinn.results.messages import messages
 from accpinn.results.tables.estimates import intervals_table, methods_table, model_form_table
 from accpinn.results.tables.stability import stability_interval_table
 from accpinn.segment.segment import Segment
@@ -120,7 +121,7 @@ def _describe_result(segment: Segment, result: MethodResult) -> dict[str, Any]:
         "seconds": fit.seconds,
         "cached": fit.cached,
         "outcome": fit.outcome.name.lower(),
-        "notes": [*fit.notes, *result.uncertainty.notes],
+        "notes": [*messages(fit.findings, segment), *result.uncertainty.notes],
     }
 
 

@@ -6,12 +6,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from accpinn.methods.fit import Fit
+from accpinn.methods.registry import METHODS
 from accpinn.model.cthp import Trajectories
 from accpinn.segment.segment import Segment
 from accpinn.units import FloatArray
-
-DRIVES = "simulation"
-"""The method that learns in closed loop: what it draws is no surrogate."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,7 +40,7 @@ def tracking_errors(segment: Segment, trajectories: Trajectories) -> TrackingErr
 
 def surrogate_errors(segment: Segment, fit: Fit) -> TrackingErrors | None:
     """Surrogate fit; None for a method whose trajectories are none or are its law's simulation."""
-    if fit.surrogate is None or fit.method == DRIVES:
+    if fit.surrogate is None or METHODS[fit.method].is_closed_loop:
         return None
     return tracking_errors(segment, fit.surrogate)
 

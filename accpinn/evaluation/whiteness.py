@@ -22,7 +22,7 @@ from scipy.linalg import toeplitz
 from scipy.stats import norm
 
 from accpinn.methods.fit import Fit
-from accpinn.methods.one_second_means import STEP, one_second_means
+from accpinn.methods.regression import STEP, one_second_means
 from accpinn.segment.segment import Segment
 from accpinn.units import FloatArray, Seconds
 
@@ -62,11 +62,11 @@ def whiteness(segment: Segment, fit: Fit) -> Whiteness:
     steps = one_second_means(segment)
     theta = np.nan_to_num(np.array([law.theta for law in fit.parameters]))
     residuals = steps.rates - np.einsum("mkc,mc->mk", steps.terms, theta)
-    pairs = list(zip(residuals, steps.known, strict=True))
+    pairs = list(zip(residuals, steps.mask, strict=True))
     figures = np.array([_figures(row, known, steps.length) for row, known in pairs])
     sentences = tuple(
         _sentence(label, int(known.sum()) * steps.samples, row)
-        for label, known, row in zip(segment.labels[1:], steps.known, figures, strict=True)
+        for label, known, row in zip(segment.labels[1:], steps.mask, figures, strict=True)
     )
     deviation, correlation, memory, independent, probability = figures.T
     return Whiteness(deviation, correlation, memory, independent, probability, sentences)

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import lsq_linear
 
-from accpinn.methods.one_second_means import one_second_means
+from accpinn.methods.regression import one_second_means
 from accpinn.segment.segment import Segment
 from accpinn.units import FloatArray, Seconds
 
@@ -156,7 +156,7 @@ def _solved(rows: _Rows) -> _Solution:
 def _rows(segment: Segment, first: int, shift: int) -> list[_Rows]:
     """The followers' seconds from sample ``first`` on, terms ``shift`` samples older than rates."""
     steps = one_second_means(segment, first, shift)
-    return [_Rows(*each) for each in zip(steps.terms, steps.rates, steps.known, strict=True)]
+    return [_Rows(*each) for each in zip(steps.terms, steps.rates, steps.mask, strict=True)]
 
 
 def _delayed(candidates: Sequence[_Rows], step: Seconds) -> _Solution:

@@ -16,7 +16,7 @@ from accpinn.evaluation.errors import TrackingErrors, surrogate_errors
 from accpinn.methods.fit import Fit, OnProgress, Outcome, ShouldStop
 from accpinn.methods.pinn.config import FAST, STARTS, PinnConfig
 from accpinn.methods.store import Store
-from accpinn.model.cthp import Case
+from accpinn.model.cthp import Case, Parameters
 from accpinn.segment.segment import Segment
 from accpinn.units import FloatArray
 
@@ -28,7 +28,7 @@ NOTICED = 1.0
 class Trial:
     """One training."""
 
-    initial: tuple[float, float, float]
+    initial: Parameters
     """α [1/s²], β [1/s], τ [s] before the first iteration."""
     seed: int
     fit: Fit
@@ -55,7 +55,7 @@ def multistart(
     case: Case = "II",
     config: PinnConfig = FAST,
     *,
-    initials: Sequence[tuple[float, float, float]] = STARTS,
+    initials: Sequence[Parameters] = STARTS,
     seeds: Sequence[int] | None = None,
     store: Store | None = None,
     threads: int | None = None,
@@ -102,7 +102,7 @@ def summarise(segment: Segment, trials: tuple[Trial, ...]) -> MultistartResult:
 
 def _configs(
     config: PinnConfig,
-    initials: Sequence[tuple[float, float, float]],
+    initials: Sequence[Parameters],
     seeds: Sequence[int] | None,
 ) -> Iterator[PinnConfig]:
     numbers = (config.seed,) if seeds is None else tuple(seeds)

@@ -19,7 +19,7 @@ from scipy.optimize import brentq
 
 from accpinn.errors import ConfigError
 from accpinn.methods.regression import Regression
-from accpinn.model.cthp import Case
+from accpinn.model.cthp import LARGEST, Case
 from accpinn.segment.segment import Segment
 from accpinn.units import FloatArray, frozen
 
@@ -29,7 +29,7 @@ SYMBOLS: tuple[Symbol, ...] = ("α", "β", "τ")
 INCREASE = 0.01
 """Increase of S that the width belongs to: 1 % of the least, hardly to be seen in any plot."""
 POINTS = 61
-LIMITS: dict[Symbol, float] = {"α": 10.0, "β": 10.0, "τ": 100.0}
+LIMITS = dict(zip(SYMBOLS, LARGEST.values.tolist(), strict=True))
 """Where the search for an end stops, in 1/s², 1/s and s; far beyond any vehicle."""
 FURTHER = 1.5
 """The default grid reaches so many widths beyond the estimate on either side."""

@@ -50,7 +50,7 @@ _TRAINING_CONVERGED = (
 
 def outcome_message(fit: Fit) -> str:
     """How an estimation ended."""
-    if fit.outcome is Outcome.CONVERGED and METHODS[fit.method].iterative:
+    if fit.outcome is Outcome.CONVERGED and METHODS[fit.method].is_iterative:
         return _TRAINING_CONVERGED
     return _OUTCOMES[fit.outcome]
 

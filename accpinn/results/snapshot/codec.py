@@ -20,10 +20,13 @@ from typing import (
     get_type_hints,
 )
 
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
 from accpinn.errors import SnapshotError
+from accpinn.findings import Finding
+from accpinn.methods.fit import MethodFinding
 from accpinn.results.snapshot.arrays import Sizes
 from accpinn.units import frozen
 
@@ -44,6 +47,8 @@ def encode(value: Any, leave: frozenset[str] = frozenset()) -> Any:
         return [encode(value.real), encode(value.imag)]
     if isinstance(value, np.ndarray | np.generic):
         return encode(value.tolist())
+    if isinstance(value, Finding):
+        return encode(msgspec.to_builtins(value))
     if isinstance(value, dict):
         return {str(key): encode(item) for key, item in value.items()}
     if isinstance(value, list | tuple):
@@ -87,6 +92,11 @@ class Decoder:
 
     def _value(self, kind: Any, tree: Any, place: str) -> Any:
         origin = get_origin(kind)
+        if origin is tuple and get_args(kind)[0] == MethodFinding:
+            try:
+                return msgspec.convert(tree, kind)
+            except msgspec.ValidationError:
+                self._refuse(place, "is not known")
         if origin in (Union, UnionType):
             return self._optional(kind, tree, place)
         if origin is Literal:

@@ -3,8 +3,9 @@
 import streamlit as st
 
 from accpinn.methods import least_squares
-from accpinn.methods.fit import headway_notes
+from accpinn.methods.fit import headway_findings
 from accpinn.results.figures.style import vehicle_colour
+from accpinn.results.messages import messages
 from accpinn.results.tables import table as typeset
 from accpinn.results.tables.estimates import quality_table
 from accpinn.segment.quality import LARGE_CONDITION, assess_quality
@@ -35,8 +36,9 @@ def show_segment(workspace: Workspace) -> None:
         " number says how alike gap, speed and relative speed move: above about"
         f" {LARGE_CONDITION:.0f}, α, β and τ cannot be told apart." + _what_counts(segment)
     )
-    unsure = headway_notes(segment.labels, estimate.parameters)
-    show_warnings(unsure + quality.warnings + estimate.notes, "this window")
+    unsure = messages(headway_findings(segment.vehicles, estimate.parameters), segment)
+    notes = messages(estimate.findings, segment)
+    show_warnings(unsure + quality.warnings + notes, "this window")
     if segment.notes:
         with st.expander("What was done to the data", icon=":material/build:"):
             st.markdown(bullets(segment.notes))
