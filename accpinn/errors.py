@@ -1,4 +1,4 @@
-"""What went wrong with something the user gave, as one sentence: the place, the fault, the cure."""
+"""Faults of what the user gave; a message is one sentence with place, fault and cure."""
 
 
 class AccpinnError(Exception):
@@ -22,4 +22,4 @@ class SnapshotError(AccpinnError):
 
 
 class ParameterError(AccpinnError):
-    """Parameters of the law, or of a simulation with it, that no vehicle can have."""
+    """Parameters, or settings of a simulation, that no vehicle can have."""

@@ -1,4 +1,4 @@
-"""Units in the signatures: SI everywhere inside the package, converted once at the door."""
+"""Units in the signatures: SI everywhere in the package, converted once when a file is read."""
 
 from typing import Annotated
 
@@ -19,7 +19,7 @@ MetresPerSecondArray = Annotated[FloatArray, "m/s"]
 
 
 def frozen(values: object, *, dtype: type = np.float64) -> FloatArray:
-    """A read-only copy of ``values``: what a value object keeps, nobody changes from outside."""
+    """A read-only copy of ``values``, for objects that must not change."""
     array: FloatArray = np.array(values, dtype=dtype)
     array.setflags(write=False)
     return array

@@ -3,7 +3,7 @@
 import streamlit as st
 
 from accpinn.results.figures import stability as figures
-from accpinn.results.figures.uncertainty import add_clouds, cloud_words
+from accpinn.results.figures.uncertainty import add_clouds, cloud_caption
 from pages.ui.components import frame
 from pages.ui.components.charts import show_chart
 from pages.ui.components.parameter_picker import checked_report, choose_parameters
@@ -38,7 +38,7 @@ def main() -> None:
             " that follower, through all vehicles before it."
         )
         frame.show_key(figures.CRITERIA_KEY)
-        show_chart(figures.criteria_course(laws, report), "stability_criteria")
+        show_chart(figures.criteria_by_vehicle(laws, report), "stability_criteria")
     with right:
         st.subheader("What would make it stable", anchor=False)
         held, plane = choose_map(workspace, laws)
@@ -53,7 +53,7 @@ def main() -> None:
             " stable."
             " Hatched: stable by the paper's L∞ criterion, but peaks grow."
             + (f" Rings: vehicles with a {kept} of their own." if len(laws) > 1 else "")
-            + (f" {cloud_words(chart, uncertainty, plane)}" if uncertainty else "")
+            + (f" {cloud_caption(chart, uncertainty, plane)}" if uncertainty else "")
         )
 
 

@@ -45,7 +45,7 @@ def main() -> None:
     left, right = st.columns(2, gap="large")
     with left:
         in_db = choose_scale(workspace, run)
-        show_chart(figures.amplitude_course(run, cast, in_db), "platoon_amplitude")
+        show_chart(figures.amplitude_by_vehicle(run, cast, in_db), "platoon_amplitude")
     with right:
         st.subheader("The wave in time", anchor=False)
         st.caption(

@@ -103,12 +103,12 @@ class TestClouds:
         draws = uncertainty.draws.copy()
         draws[..., 2] = 1.0
         whole = replace(uncertainty, draws=draws)
-        assert figures.cloud_words(chart, whole, "beta") == (
+        assert figures.cloud_caption(chart, whole, "beta") == (
             "Clouds: laws that the data allow as well."
         )
         draws[:100, :, 0], draws[:100, :, 2] = 0.0, np.nan
         draws[100:300, 0, 2] = 99.0
-        said = figures.cloud_words(chart, replace(uncertainty, draws=draws), "beta")
+        said = figures.cloud_caption(chart, replace(uncertainty, draws=draws), "beta")
         assert "not on the map: 5 % keep no gap (α = 0) and have no τ, 3 % lie beyond" in said
 
 

@@ -30,7 +30,7 @@ from accpinn.results.figures.stability import bode, stability_map
 from accpinn.segment.cut import cut
 from accpinn.segment.segment import Segment, Window
 from accpinn.stability.report import stability_report as stability_report
-from tests.openacc_files import csv, metadata, platoon
+from tests.support.openacc_files import csv, metadata, platoon
 
 ROOT = Path(__file__).parent.parent
 
@@ -97,7 +97,7 @@ def test_lines_of_no_vehicle_look_like_none() -> None:
     for colour in style.SERIES:
         apart = [np.linalg.norm(lab(colour, "normal") - lab(one, "normal")) for one in vehicles]
         assert min(apart) > 20
-    assert {trace.line.color for trace in training.loss_course(history()).data} <= {
+    assert {trace.line.color for trace in training.loss_history(history()).data} <= {
         style.LEADER,
         *style.SERIES,
     }
@@ -216,7 +216,7 @@ def test_names_from_files_are_not_read_as_html(segment: Segment) -> None:
     run = recording([nasty, "B<b>", "C"])  # type: ignore[arg-type]
     text = recording_figures.overview(run, (1, 2), Window(0.0, 20.0)).to_json()
     text += recording_figures.preview(cut(run, 0.0, 30.0)).to_json()
-    text += training.parameter_course(history(), 0, cut(run, 0.0, 30.0)).to_json()
+    text += training.parameter_history(history(), 0, cut(run, 0.0, 30.0)).to_json()
     assert not re.search(r"<script|\\u003cscript|<b>|\\u003cb\\u003e", text)
     assert "&lt;" in text or "\\u0026lt;" in text
 
@@ -225,7 +225,7 @@ def test_names_from_files_are_not_read_as_html(segment: Segment) -> None:
 
 
 def test_loss_is_drawn_on_whole_decades() -> None:
-    drawn = as_json(training.loss_course(history()))
+    drawn = as_json(training.loss_history(history()))
     assert len(drawn["data"]) == 3, "Ψ_R is not used, so it is not drawn"
     axis = drawn["layout"]["yaxis"]
     assert axis["type"] == "log"
@@ -240,7 +240,7 @@ def test_loss_that_is_zero_or_infinite_is_left_out() -> None:
     track = history()
     track.physics[:] = 0.0
     track.total[-1] = np.inf
-    drawn = as_json(training.loss_course(track))
+    drawn = as_json(training.loss_history(track))
     assert len(drawn["data"]) == 2
     assert all(np.isfinite(drawn["layout"]["yaxis"]["range"]))
 
@@ -250,7 +250,7 @@ def test_parameters_have_units_colours_and_the_truth(
     segment: Segment, which: int, label: str
 ) -> None:
     truth = (Parameters(0.1, 0.2, 1.2), Parameters(0.11, 0.21, 1.21))
-    drawn = as_json(training.parameter_course(history(), which, segment, truth))
+    drawn = as_json(training.parameter_history(history(), which, segment, truth))
     assert drawn["layout"]["yaxis"]["title"]["text"] == label
     assert [trace["name"] for trace in drawn["data"]] == ["2 B", "3 C"]
     colours = [trace["line"]["color"] for trace in drawn["data"]]
@@ -263,20 +263,20 @@ def test_parameters_have_units_colours_and_the_truth(
 
 
 def test_the_axis_shows_where_parameters_settle(segment: Segment) -> None:
-    drawn = as_json(training.parameter_course(history(), 0, segment))
+    drawn = as_json(training.parameter_history(history(), 0, segment))
     low, high = drawn["layout"]["yaxis"]["range"]
     assert 0.09 < low < 0.1 < high < 0.2
 
 
 def test_case_one_is_one_line_for_all(segment: Segment) -> None:
-    drawn = as_json(training.parameter_course(history(sets=1), 2, segment))
+    drawn = as_json(training.parameter_history(history(sets=1), 2, segment))
     assert [trace["name"] for trace in drawn["data"]] == ["all followers"]
 
 
 def test_undetermined_parameters_do_not_break_the_axis(segment: Segment) -> None:
     track = history()
     track.parameters[:] = np.nan
-    drawn = as_json(training.parameter_course(track, 2, segment))
+    drawn = as_json(training.parameter_history(track, 2, segment))
     assert "range" not in drawn["layout"]["yaxis"]
 
 
@@ -327,8 +327,8 @@ def test_grounds_are_transparent(segment: Segment, dark: str) -> None:
         recording_figures.overview(recording(), (1, 2), Window(0, 20)),
         recording_figures.preview(segment),
         training.tracking(segment, 0, None, None),
-        training.loss_course(history()),
-        training.parameter_course(history(), 0, segment),
+        training.loss_history(history()),
+        training.parameter_history(history(), 0, segment),
     ):
         assert figure.layout[dark] == "rgba(0,0,0,0)"
         assert figure.layout.uirevision
@@ -379,7 +379,7 @@ class TestLegends:
         whole = recording_figures.overview(recording(), (1, 2, 3), Window(0, 30))
         assert self.entries(whole) == names
         assert self.entries(recording_figures.preview(segment)) == names
-        track = training.parameter_course(history(), 0, segment)
+        track = training.parameter_history(history(), 0, segment)
         assert self.entries(track) == names[1:]
 
     def test_stability_and_platoon(self) -> None:

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import plotly.graph_objects as go
 import pytest
+from tests.references_stability import TABLE
 
 from accpinn.errors import ParameterError
 from accpinn.model.cthp import Parameters
@@ -29,7 +30,6 @@ from accpinn.results.figures.style import FOLLOWERS, LEADER, SERIES, with_legend
 from accpinn.results.tables.stability import stability_table
 from accpinn.stability.frequency import response
 from accpinn.stability.report import StabilityReport, stability_report
-from tests.references_stability import TABLE
 
 CALM = Parameters(0.05, 0.6, 1.8)
 """Stable by every criterion."""
@@ -178,7 +178,7 @@ def test_extreme_vehicles_stay_in_sight(law: Parameters) -> None:
     assert figure.layout.yaxis.range[1] <= figures_stability.CEILING
     for trace in figure.data[:2]:
         assert np.isfinite(trace.y).all()
-    figures_stability.criteria_course(laws, found)
+    figures_stability.criteria_by_vehicle(laws, found)
     for plane in ("beta", "alpha"):
         axis = figures_stability.stability_map(laws, found, 0, plane).layout.yaxis.range
         assert np.isfinite(axis).all()
@@ -198,8 +198,10 @@ def test_names_are_shown_as_they_are() -> None:
 # Criteria over the platoon
 
 
-def test_criteria_course_has_each_vehicles_criteria_and_gains(astazero: StabilityReport) -> None:
-    figure = figures_stability.criteria_course(ASTAZERO, astazero)
+def test_criteria_by_vehicle_has_each_vehicles_criteria_and_gains(
+    astazero: StabilityReport,
+) -> None:
+    figure = figures_stability.criteria_by_vehicle(ASTAZERO, astazero)
     expected = {
         "L2 criterion": [v.l2_criterion for v in astazero.vehicles],
         "L∞ criterion of the paper": [v.paper_criterion for v in astazero.vehicles],
@@ -302,9 +304,11 @@ def test_a_set_from_a_recording_keeps_its_colours() -> None:
 
 def test_a_recordings_followers_go_by_its_numbers() -> None:
     ours = ParameterSet("run", ("4 X", "5 Y"), (CALM, CALM), (4, 5), leader=3)
-    axis = figures_stability.criteria_course(ours, stability_report(ours.parameters)).layout.xaxis2
+    axis = figures_stability.criteria_by_vehicle(
+        ours, stability_report(ours.parameters)
+    ).layout.xaxis2
     assert (axis.title.text, axis.ticktext) == ("Vehicle", ("4", "5"))
-    theirs = figures_stability.criteria_course(ASTAZERO, stability_report(ASTAZERO.parameters))
+    theirs = figures_stability.criteria_by_vehicle(ASTAZERO, stability_report(ASTAZERO.parameters))
     assert theirs.layout.xaxis2.title.text == "Follower"
     assert theirs.layout.xaxis2.ticktext == ("1", "2", "3", "4")
     assert ours.spoken == ("vehicle 4 X", "vehicle 5 Y")
@@ -341,19 +345,19 @@ def test_a_collision_is_marked_and_what_follows_shaded() -> None:
 
 def test_amplitudes_stand_on_the_predicted_line(sinusoid: PlatoonRun) -> None:
     cast = figures_platoon.cast_of(ASTAZERO, [2] * 8)
-    figure = figures_platoon.amplitude_course(sinusoid, cast, in_db=False)
+    figure = figures_platoon.amplitude_by_vehicle(sinusoid, cast, in_db=False)
     gain = abs(response([ASTAZERO.parameters[2]], np.array([0.25]))[0, 0])
     predicted = named(figure, "Predicted by |H(jω)|")
     np.testing.assert_allclose(predicted.y, gain ** np.arange(9), rtol=1e-9)
     np.testing.assert_allclose(named(figure, "Simulated").y, predicted.y, rtol=0.01)
-    in_db = figures_platoon.amplitude_course(sinusoid, cast, in_db=True)
+    in_db = figures_platoon.amplitude_by_vehicle(sinusoid, cast, in_db=True)
     steps = np.diff(named(in_db, "Predicted by |H(jω)|").y)
     np.testing.assert_allclose(steps, 20 * np.log10(gain), rtol=1e-9)
     assert "dB" in in_db.layout.yaxis.title.text
 
 
 def test_other_disturbances_show_their_largest_deviation(mixed: PlatoonRun) -> None:
-    figure = figures_platoon.amplitude_course(
+    figure = figures_platoon.amplitude_by_vehicle(
         mixed, figures_platoon.cast_of(ASTAZERO, [0, 1, 2, 3]), in_db=False
     )
     (trace,) = figure.data
@@ -365,7 +369,7 @@ def test_nothing_is_drawn_of_what_comes_after_a_collision() -> None:
     cast = figures_platoon.cast_of(ASTAZERO, [0] * 8)
     (stripes,) = figures_platoon.speed_map(run, cast).data
     assert max(stripes.x) <= run.collisions[0].time
-    chart = figures_platoon.amplitude_course(run, cast, in_db=False)
+    chart = figures_platoon.amplitude_by_vehicle(run, cast, in_db=False)
     measured = named(chart, "Largest deviation before the collision")
     np.testing.assert_allclose(measured.y, run.largest_deviation)
 
@@ -373,7 +377,7 @@ def test_nothing_is_drawn_of_what_comes_after_a_collision() -> None:
 def test_a_leader_that_does_nothing_is_no_division_by_zero() -> None:
     run = simulate_platoon(ASTAZERO.parameters, SpeedStep(change=0.0))
     cast = figures_platoon.cast_of(ASTAZERO, [0, 1, 2, 3])
-    figure = figures_platoon.amplitude_course(run, cast, in_db=True)
+    figure = figures_platoon.amplitude_by_vehicle(run, cast, in_db=True)
     assert np.isnan(figure.data[0].y).all()
     assert figures_platoon.speed_map(run, cast).data[0].zmax > 0
     wave.animation(run, cast)

@@ -16,14 +16,14 @@ import pytest
 from accpinn.cli import main
 from accpinn.methods.fit import Outcome
 from accpinn.model.cthp import Parameters
+from accpinn.results.messages.summary import about_data, summary, title
 from accpinn.results.report.page import render_report
 from accpinn.results.report.pictures import fits, motion
-from accpinn.results.report.summary import about_data, summary, title
 from accpinn.results.snapshot.checking import check
 from accpinn.results.snapshot.create import stability as judged
 from accpinn.results.snapshot.file import load, save
-from tests.samples import FOLDER, PLATOON
 from tests.snapshots import small, whole
+from tests.support.samples import FOLDER, PLATOON
 
 HOSTILE = "</script><script>alert(1)</script>\"'><img src=x onerror=alert(1)>$y$_z_&amp;"
 ORDER = (

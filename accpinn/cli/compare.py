@@ -20,7 +20,7 @@ from accpinn.cli.output import print_json, show
 from accpinn.inference.identifiability import identifiability_warnings
 from accpinn.inference.intervals import Uncertainty
 from accpinn.inference.model_adequacy import better, model_forms
-from accpinn.model.published import parameter_set
+from accpinn.model.published import ParameterSet
 from accpinn.results.messages import messages
 from accpinn.results.tables.estimates import intervals_table, methods_table, model_form_table
 from accpinn.results.tables.stability import stability_interval_table
@@ -145,7 +145,7 @@ def _text(
     segment: Segment, results: tuple[MethodResult, ...], failures: tuple[MethodFailure, ...]
 ) -> str:
     info, uncertainty = segment.info, results[0].uncertainty
-    followers = parameter_set(info.source, info.labels[1:], results[0].fit.parameters)
+    followers = ParameterSet(info.source, info.labels[1:], results[0].fit.parameters)
     forms, each = model_forms(segment), range(segment.followers)
     tables = [
         *(methods_table(info, results, k) for k in each),
@@ -155,7 +155,7 @@ def _text(
     ]
     said = [
         *(f"{one.method} has no result: {one.fault}" for one in failures),
-        *segment.notes,
+        *messages(segment.findings, segment),
         *_warnings(segment, results[0]),
         *(f"{r.fit.method}: {incident}" for r in results for incident in r.evaluation.incidents),
         *results[0].evaluation.whiteness.sentences,

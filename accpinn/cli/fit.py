@@ -195,7 +195,7 @@ def describe(segment: Segment, fit: Fit, quality: Quality) -> dict[str, Any]:
         "cached": fit.cached,
         "outcome": fit.outcome.name.lower(),
         "outcome_sentence": outcome_message(fit),
-        "notes": [*segment.notes, *quality.warnings, *messages(fit.findings, segment)],
+        "notes": list(_notes(segment, fit, quality)),
     }
 
 
@@ -213,5 +213,9 @@ def _text(segment: Segment, fit: Fit, quality: Quality) -> str:
         ", answered from the cache" if fit.cached else ""
     )
     said = [f"{outcome_message(fit)} ({effort})", *incidents(segment, closed_loop(segment, fit))]
-    notes = (*segment.notes, *quality.warnings, *messages(fit.findings, segment))
-    return "\n".join([table.to_text(), "", *said, *(f"Note: {note}" for note in notes)])
+    notes = [f"Note: {note}" for note in _notes(segment, fit, quality)]
+    return "\n".join([table.to_text(), "", *said, *notes])
+
+
+def _notes(segment: Segment, fit: Fit, quality: Quality) -> tuple[str, ...]:
+    return messages((*segment.findings, *quality.findings, *fit.findings), segment)

@@ -9,6 +9,8 @@ from accpinn.errors import ConfigError
 from accpinn.model.cthp import Parameters
 from accpinn.platoon.leader import Sinusoid
 from accpinn.platoon.simulation import PlatoonRun, simulate_platoon
+from accpinn.results.messages import messages
+from accpinn.results.messages.platoon import PLACES
 from accpinn.results.tables.stability import amplitude_table
 
 MOST_VEHICLES = 100
@@ -46,18 +48,19 @@ def run(options: argparse.Namespace) -> int:
     return 0
 
 
-def _platoon(laws: Parameters, vehicles: int | None) -> Parameters:
+def _platoon(parameters: Parameters, vehicles: int | None) -> Parameters:
     """One set repeated, or the sets in their order."""
     if vehicles is not None and not 1 <= vehicles <= MOST_VEHICLES:
         raise ConfigError(f"vehicles: {vehicles} is not allowed; choose 1 to {MOST_VEHICLES}.")
-    if len(laws) == 1:
-        return laws[[0] * (8 if vehicles is None else vehicles)]
-    if vehicles not in (None, len(laws)):
+    count = len(parameters)
+    if count == 1:
+        return parameters[[0] * (8 if vehicles is None else vehicles)]
+    if vehicles not in (None, count):
         raise ConfigError(
-            f"vehicles: {len(laws)} parameter sets make {len(laws)} followers, not {vehicles};"
+            f"vehicles: {count} parameter sets make {count} followers, not {vehicles};"
             " leave the option out, or give one set."
         )
-    return laws
+    return parameters
 
 
 def describe(result: PlatoonRun) -> dict[str, Any]:
@@ -70,10 +73,10 @@ def describe(result: PlatoonRun) -> dict[str, Any]:
         "minimum_gap": result.minimum_gap.tolist(),
         "minimum_gap_time": result.minimum_gap_time.tolist(),
         "collisions": [{"follower": c.follower, "time": c.time} for c in result.collisions],
-        "warnings": list(result.warnings),
+        "warnings": list(messages(result.findings, PLACES)),
     }
 
 
 def _text(result: PlatoonRun) -> str:
-    notes = [f"Note: {warning}" for warning in result.warnings]
+    notes = [f"Note: {warning}" for warning in messages(result.findings, PLACES)]
     return "\n".join([amplitude_table(result).to_text(), *notes])

@@ -6,11 +6,16 @@ from typing import Any
 from accpinn.cli.options import add_parameter_options, chosen_parameters
 from accpinn.cli.output import print_json, show
 from accpinn.model.cthp import Parameters
-from accpinn.model.published import parameter_set
+from accpinn.model.published import ParameterSet
+from accpinn.results.messages.stability import TITLES, reason
 from accpinn.results.tables.stability import answer, stability_table
 from accpinn.stability.frequency import Peak
-from accpinn.stability.report import StabilityReport, VehicleStability, stability_report
-from accpinn.stability.verdicts import Verdict
+from accpinn.stability.report import (
+    StabilityReport,
+    VehicleStability,
+    Verdict,
+    stability_report,
+)
 
 PLATOON = ("l2_strict", "l2_weak", "linf_strict", "linf_weak")
 
@@ -41,7 +46,7 @@ def describe(report: StabilityReport) -> dict[str, Any]:
             "head_to_tail_peaks": [_peak(peak) for peak in platoon.peaks],
             "head_to_tail_linf": platoon.linf.gain.tolist(),
             "head_to_tail_linf_error": platoon.linf.error.tolist(),
-            **{name: _verdict(getattr(platoon, name)) for name in PLATOON},
+            **{name: _verdict(getattr(platoon, name), report) for name in PLATOON},
         },
     }
 
@@ -52,9 +57,12 @@ def _vehicle(vehicle: VehicleStability) -> dict[str, Any]:
         "alpha": parameters.alpha,
         "beta": parameters.beta,
         "tau": parameters.tau,
-        "l2": {"criterion": vehicle.l2_criterion, **_verdict(vehicle.l2)},
-        "linf_paper": {"criterion": vehicle.paper_criterion, **_verdict(vehicle.linf_paper)},
-        "linf_exact": {"gain": vehicle.linf_gain, **_verdict(vehicle.linf_exact)},
+        "l2": {"criterion": vehicle.l2.value, **_verdict(vehicle.l2, vehicle)},
+        "linf_paper": {
+            "criterion": vehicle.linf_paper.value,
+            **_verdict(vehicle.linf_paper, vehicle),
+        },
+        "linf_exact": {"gain": vehicle.linf_gain, **_verdict(vehicle.linf_exact, vehicle)},
         "peak": _peak(vehicle.peak),
         "crossover": vehicle.crossover,
         "overshoot": vehicle.overshoot,
@@ -68,19 +76,21 @@ def _peak(peak: Peak) -> dict[str, Any]:
     return {"gain": peak.gain, "db": peak.db, "omega": peak.omega}
 
 
-def _verdict(verdict: Verdict) -> dict[str, Any]:
-    return {"stable": verdict.stable, "marginal": verdict.marginal, "reason": verdict.reason}
+def _verdict(verdict: Verdict, of: VehicleStability | StabilityReport) -> dict[str, Any]:
+    why = reason(verdict, of)
+    return {"stable": verdict.stable, "marginal": verdict.marginal, "reason": why}
 
 
 def _text(parameters: Parameters, report: StabilityReport) -> str:
-    labels = [f"Vehicle {k + 1}" for k in range(len(parameters))]
-    table = stability_table(parameter_set("parameters given", labels, parameters), report)
+    labels = tuple(f"Vehicle {k + 1}" for k in range(len(parameters)))
+    table = stability_table(ParameterSet("parameters given", labels, parameters), report)
     lines = [table.to_text(), ""]
     for label, vehicle in zip(labels, report.vehicles, strict=True):
         for verdict in (vehicle.l2, vehicle.linf_paper, vehicle.linf_exact):
-            lines.append(f"{label}, {verdict.name}: {verdict.reason}")
+            lines.append(f"{label}, {TITLES[verdict.criterion]}: {reason(verdict, vehicle)}")
     if len(labels) > 1:
         for name in PLATOON:
             verdict = getattr(report.platoon, name)
-            lines.append(f"Platoon, {verdict.name}: {answer(verdict)}. {verdict.reason}")
+            title, why = TITLES[verdict.criterion], reason(verdict, report)
+            lines.append(f"Platoon, {title}: {answer(verdict)}. {why}")
     return "\n".join(lines)

@@ -37,7 +37,7 @@ from accpinn.model.cthp import Case, Parameters
 from accpinn.segment.segment import Segment
 from accpinn.stability.criteria import exact_margin, l2_margin
 from accpinn.stability.frequency import crossovers, peaks
-from accpinn.stability.impulse import step_metrics
+from accpinn.stability.linf_gain import step_metrics
 from accpinn.units import FloatArray, Seconds
 
 METHOD = "instrumental variables, blocks of time left out, 20,000 draws"

@@ -35,7 +35,7 @@ from scipy.optimize import OptimizeResult
 from scipy.optimize import least_squares as minimise
 
 from accpinn.errors import SegmentError
-from accpinn.mask import runs
+from accpinn.mask import stretches
 from accpinn.methods import least_squares, splines
 from accpinn.methods.fit import (
     Fit,
@@ -125,7 +125,7 @@ class Chain:
 
     def stretches(self, mask: Mask, least: Seconds) -> tuple["Chain", ...]:
         """Its parts where the mask (N,) is true, in runs of ``least`` or longer."""
-        kept = [run for run in runs(mask) if (len(run) - 1) * self.step >= least]
+        kept = [run for run in stretches(mask) if (len(run) - 1) * self.step >= least]
         rows = [slice(run.first, run.last + 1) for run in kept]
         return tuple(Chain(self.ahead[r], self.measured[r], self.step, r.start) for r in rows)
 

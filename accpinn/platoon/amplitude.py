@@ -1,4 +1,4 @@
-"""How large the sinusoid is along the platoon: measured in a simulation, and predicted from H.
+"""How large the sinusoid is along the platoon: measured in a simulation and predicted by H.
 
 Once the transient is over, follower k's speed is a sinusoid of amplitude A |H_1(jω) .. H_k(jω)|.
 The measured amplitude is the least-squares fit of a constant, a sine and a cosine over the last
@@ -7,11 +7,13 @@ from what the sinusoids would need and the equilibrium does not have.
 """
 
 from dataclasses import dataclass
+from math import ceil, isinf
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import expm
 
+from accpinn.findings import Finding
 from accpinn.model.cthp import Parameters, Trajectories, motion_matrix, orbit
 from accpinn.platoon.leader import Sinusoid
 from accpinn.stability.frequency import response, slowest_rate
@@ -30,6 +32,31 @@ HORIZONS = 20
 Phasors = NDArray[np.complex128]
 
 
+class NeverSettles(Finding, frozen=True):
+    """A follower's transient never ends, so its amplitude never becomes constant."""
+
+    follower: int
+
+
+class TooShort(Finding, frozen=True):
+    """The run holds no whole period after the transient."""
+
+    period: Seconds
+    duration: Seconds
+    """That would be enough."""
+
+
+class TransientLeft(Finding, frozen=True):
+    """A transient is above `SETTLED` where the amplitude is measured."""
+
+    follower: int
+    duration: Seconds
+    """That would be enough."""
+
+
+MeasurementFinding = NeverSettles | TooShort | TransientLeft
+
+
 @dataclass(frozen=True, eq=False)
 class Amplitudes:
     """Amplitudes of speed along the platoon, leader first."""
@@ -44,10 +71,18 @@ class Amplitudes:
     """How many of the last whole periods were measured."""
     free: bool
     """Whether all transients were over before that."""
+    findings: tuple[MeasurementFinding, ...]
+    """Why the measured amplitudes may differ from those predicted: one reason, or none."""
 
 
 def amplitudes(parameters: Parameters, leader: Sinusoid, run: Trajectories) -> Amplitudes:
-    """Measured and predicted, with the time until they can agree."""
+    """Measured and predicted amplitudes, with the time until they can agree.
+
+    Args:
+        parameters: (M,) of the followers.
+        leader: behind which they were simulated.
+        run: the simulation.
+    """
     single = response(parameters, np.array([leader.frequency]))[:, 0]
     settled = _settled(parameters, leader, single)
     driven = max(run.time[-1] - leader.settle, 0.0)
@@ -55,8 +90,25 @@ def amplitudes(parameters: Parameters, leader: Sinusoid, run: Trajectories) -> A
     periods = min(int(driven / leader.period + 1e-9), int(np.clip(free, 1, PERIODS)))
     measured = _measured(leader, run, periods) if periods else np.full(len(settled), np.nan)
     return Amplitudes(
-        frozen(measured), frozen(_predicted(leader, single)), frozen(settled), periods, free >= 1
+        frozen(measured),
+        frozen(_predicted(leader, single)),
+        frozen(settled),
+        periods,
+        free >= 1,
+        _findings(leader, settled, periods),
     )
+
+
+def _findings(
+    leader: Sinusoid, settled: FloatArray, periods: int
+) -> tuple[MeasurementFinding, ...]:
+    last = int(np.argmax(settled))
+    needed = leader.settle + float(settled[last]) + leader.period
+    if isinf(needed):
+        return (NeverSettles(last),)
+    if not periods:
+        return (TooShort(leader.period, ceil(needed)),)
+    return (TransientLeft(last, ceil(needed)),) if needed > leader.duration + 1e-9 else ()
 
 
 def _predicted(leader: Sinusoid, single: Phasors) -> FloatArray:
@@ -78,11 +130,12 @@ def _measured(leader: Sinusoid, run: Trajectories, periods: int) -> FloatArray:
 
 def _settled(parameters: Parameters, leader: Sinusoid, single: Phasors) -> FloatArray:
     """(M+1,) seconds until each speed's transient is, and stays, below `SETTLED`."""
-    endless = [law.alpha > 0 and not slowest_rate(law) for law in parameters]
-    count = endless.index(True) if any(endless) else len(parameters)
+    rates = [slowest_rate(vehicle) for vehicle in parameters]
+    endless = [k for k, rate in enumerate(rates) if not rate and parameters[k].alpha > 0]
+    count = min(endless, default=len(parameters))
     settled = np.full(len(parameters) + 1, np.inf)
     settled[: count + 1] = 0.0
-    rates = [rate for law in parameters[:count] if (rate := slowest_rate(law))]
+    rates = [rate for rate in rates[:count] if rate]
     if not rates:
         return settled
     system = motion_matrix(parameters[:count])[:, :-1]

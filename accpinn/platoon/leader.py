@@ -1,6 +1,6 @@
 """What the lead vehicle does: a sinusoid, a step, a brake manoeuvre, or what was recorded.
 
-The first three are pieces on each of which the leader's speed is
+The first three consist of phases, in each of which the leader's speed is
 
     v_0(t) = speed + level + slope (t - start) + amplitude sin(frequency (t - start))
 
@@ -17,23 +17,40 @@ from accpinn.units import FloatArray, MetresPerSecond, RadiansPerSecond, Seconds
 
 EVEN = 1e-6
 """Largest relative difference between the steps of a recorded leader."""
+POSITIVE = ("frequency", "deceleration", "acceleration", "duration")
+ANY_SIGN = ("change",)
+"""Settings are zero or more, but for these."""
 
 
 @dataclass(frozen=True)
 class Phase:
-    """One piece of the leader's drive, until the next one starts."""
+    """One phase of the leader's drive, until the next one starts."""
 
     start: Seconds
     level: MetresPerSecond = 0.0
-    """Deviation from the speed of the equilibrium when the piece starts."""
+    """Deviation from the speed of the equilibrium when the phase starts."""
     slope: float = 0.0
     """In m/s²."""
     amplitude: MetresPerSecond = 0.0
     frequency: RadiansPerSecond = 0.0
 
 
+class _Settings:
+    """Numbers that a leader can drive."""
+
+    def __post_init__(self) -> None:
+        """Refuse any others."""
+        for name, value in vars(self).items():
+            if not isfinite(value):
+                raise ParameterError(f"Leader: {name} = {value} is no number; give a finite one.")
+            if name in POSITIVE and value <= 0:
+                raise ParameterError(f"Leader: {name} = {value:g}, but it must be above zero.")
+            if name not in ANY_SIGN and value < 0:
+                raise ParameterError(f"Leader: {name} = {value:g}, but it must be zero or more.")
+
+
 @dataclass(frozen=True)
-class Sinusoid:
+class Sinusoid(_Settings):
     """The paper's leader: steady, then a sinusoid about the same speed."""
 
     frequency: RadiansPerSecond = 0.25
@@ -43,23 +60,19 @@ class Sinusoid:
     """How long the leader drives steadily first."""
     duration: Seconds = 500.0
 
-    def __post_init__(self) -> None:
-        """Refuse what no leader can drive."""
-        _check(self, positive=("frequency", "duration"))
-
     @property
     def period(self) -> Seconds:
         """Of the sinusoid."""
         return float(2.0 * np.pi / self.frequency)
 
     def phases(self) -> tuple[Phase, ...]:
-        """Its pieces."""
+        """The phases of the drive."""
         wave = Phase(self.settle, amplitude=self.amplitude, frequency=self.frequency)
         return Phase(0.0), wave
 
 
 @dataclass(frozen=True)
-class SpeedStep:
+class SpeedStep(_Settings):
     """Steady, then at once another speed."""
 
     change: MetresPerSecond = -2.0
@@ -67,17 +80,13 @@ class SpeedStep:
     settle: Seconds = 20.0
     duration: Seconds = 300.0
 
-    def __post_init__(self) -> None:
-        """Refuse what no leader can drive."""
-        _check(self, positive=("duration",), any_sign=("change",))
-
     def phases(self) -> tuple[Phase, ...]:
-        """Its pieces."""
+        """The phases of the drive."""
         return Phase(0.0), Phase(self.settle, level=self.change)
 
 
 @dataclass(frozen=True)
-class Brake:
+class Brake(_Settings):
     """Steady, then down to a lower speed, held for a while, and back."""
 
     drop: MetresPerSecond = 5.0
@@ -90,12 +99,8 @@ class Brake:
     settle: Seconds = 20.0
     duration: Seconds = 300.0
 
-    def __post_init__(self) -> None:
-        """Refuse what no leader can drive."""
-        _check(self, positive=("deceleration", "acceleration", "duration"))
-
     def phases(self) -> tuple[Phase, ...]:
-        """Its pieces."""
+        """The phases of the drive."""
         low = self.settle + self.drop / self.deceleration
         up = low + self.hold
         back = up + self.drop / self.acceleration
@@ -148,14 +153,3 @@ class Recorded:
 
 Planned = Sinusoid | SpeedStep | Brake
 Leader = Planned | Recorded
-
-
-def _check(leader: Planned, positive: tuple[str, ...], any_sign: tuple[str, ...] = ()) -> None:
-    """Every setting must be finite; most zero or more, some more than zero."""
-    for name, value in vars(leader).items():
-        if not isfinite(value):
-            raise ParameterError(f"Leader: {name} = {value} is no number; give a finite one.")
-        if name in positive and value <= 0:
-            raise ParameterError(f"Leader: {name} = {value:g}, but it must be above zero.")
-        if name not in any_sign and value < 0:
-            raise ParameterError(f"Leader: {name} = {value:g}, but it must be zero or more.")

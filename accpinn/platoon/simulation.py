@@ -1,20 +1,31 @@
-"""A platoon behind a leader: what was driven, how close it got, and what to think of it.
+"""A platoon behind a leader: its exact motion, how close it gets, and what limits the result.
 
-The law is linear: it knows no limit of acceleration, no standstill and no collision. A run says
-where it left what cars can do, and goes on.
+The deviations x from the equilibrium (v = speed, p = τ·speed) and the leader's own state
+e = (level, slope, a sin ωt, a cos ωt) obey one linear equation on each phase of its drive,
+
+    d/dt (x, e) = G (x, e),   so   (x, e)(t + h) = exp(Gh) (x, e)(t)
+
+whatever h is, so there is no step-size error. An equilibrium stays one to the last bit, as its
+deviations are zero. The model has no limit of acceleration, no standstill and no collision: a run
+says where it leaves what cars can do, and goes on.
 """
 
 from dataclasses import dataclass
-from math import isinf
+from itertools import pairwise
 
 import numpy as np
+from scipy.linalg import expm
 
 from accpinn.errors import ParameterError
+from accpinn.findings import Finding
 from accpinn.model import cthp
-from accpinn.model.cthp import Parameters, Trajectories
-from accpinn.platoon.amplitude import SETTLED, Amplitudes, amplitudes
+from accpinn.model.cthp import Parameters, Trajectories, motion_matrix, orbit
+from accpinn.platoon.amplitude import (
+    Amplitudes,
+    MeasurementFinding,
+    amplitudes,
+)
 from accpinn.platoon.leader import Leader, Planned, Recorded, Sinusoid
-from accpinn.platoon.motion import deviations
 from accpinn.stability.criteria import checked
 from accpinn.units import FloatArray, Metres, PerSecond, Seconds, frozen
 
@@ -22,23 +33,32 @@ SAMPLE_TIME: Seconds = 0.1
 """That of the recordings."""
 SAMPLES_PER_PERIOD = 24
 """A fast sinusoid gets more samples a second, at least so many a period."""
-AFTERWARDS = "what comes after has no meaning, as the law knows no collision."
-"""How the warning of a collision ends."""
 MOST_SAMPLES = 200_000
 FASTEST: PerSecond = 1e6
 """Above this a step of any use loses the slow motion to rounding."""
-
 TOUCH: Metres = 1e-6
 """A gap that rounding alone makes negative is none: behind a leader that stops it ends at 0."""
+SLACK: Seconds = 1e-9
+"""An instant this close before a phase belongs to it."""
 
 
-@dataclass(frozen=True)
-class Collision:
-    """A follower whose gap is used up."""
+class Collision(Finding, frozen=True):
+    """A follower's gap is used up; what is simulated afterwards has no physical meaning."""
 
     follower: int
     """1 = the one behind the leader."""
     time: Seconds
+
+
+class Reversal(Finding, frozen=True):
+    """A vehicle drives backwards for the first time, before any collision."""
+
+    follower: int
+    """0 = the leader."""
+    time: Seconds
+
+
+PlatoonFinding = Collision | Reversal | MeasurementFinding
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,8 +78,8 @@ class PlatoonRun:
     """The first of each follower that has one, in order of time."""
     amplitudes: Amplitudes | None
     """Behind a sinusoid only."""
-    warnings: tuple[str, ...]
-    """Where the run leaves what cars can do or what can be measured; one sentence each."""
+    findings: tuple[PlatoonFinding, ...]
+    """Where the run leaves what cars can do, and what keeps the amplitudes from being measured."""
 
     @property
     def meaningful(self) -> int:
@@ -80,43 +100,48 @@ def simulate_platoon(
     Raises:
         ParameterError: for parameters or settings that cannot be simulated.
     """
-    laws = _with_equilibrium(parameters)
+    parameters = _with_equilibrium(Parameters.of(parameters.values.reshape(-1, 3)))
     if isinstance(leader, Recorded):
-        driven = _behind_recorded(laws, leader)
+        still, time = np.zeros(len(parameters)), leader.time - leader.time[0]
+        moved = cthp.simulate(parameters, time, leader.speeds - leader.speed, still, still)
     else:
-        driven = _behind_planned(laws, leader, _instants(leader, sample_time))
-    wave = amplitudes(laws, leader, driven) if isinstance(leader, Sinusoid) else None
+        moved = _deviations(parameters, leader, _instants(leader, sample_time))
+    driven = Trajectories(
+        frozen(moved.time),
+        frozen(moved.speeds + leader.speed),
+        frozen(moved.gaps + leader.speed * parameters.tau),
+    )
+    wave = amplitudes(parameters, leader, driven) if isinstance(leader, Sinusoid) else None
     collisions = _collisions(driven)
-    count = _until(driven.time, collisions)
+    before = driven.speeds[: _until(driven.time, collisions)]
     return PlatoonRun(
-        laws,
+        parameters,
         leader,
         driven,
         frozen(driven.gaps.min(axis=0)),
         frozen(driven.time[driven.gaps.argmin(axis=0)]),
-        frozen(np.abs(driven.speeds[:count] - leader.speed).max(axis=0)),
+        frozen(np.abs(before - leader.speed).max(axis=0)),
         collisions,
         wave,
-        tuple(_warnings(driven, collisions, leader, wave)),
+        (*collisions[:1], *_reversals(driven.time, before), *(wave.findings if wave else ())),
     )
 
 
 def _with_equilibrium(parameters: Parameters) -> Parameters:
     """Checked, with the τ that says where each gap starts, also where α = 0."""
-    laws: list[Parameters] = []
-    for number, (law, clean) in enumerate(zip(parameters, checked(parameters), strict=True), 1):
-        if not (np.isfinite(law.tau) and law.tau >= 0):
-            raise ParameterError(
-                f"Parameter set {number}: α = 0 leaves the gap open; give τ as well, so that the"
-                " simulation can start from the gap τv."
-            )
-        if clean.alpha * clean.tau + clean.beta + clean.alpha**0.5 > FASTEST:
-            raise ParameterError(
-                f"Parameter set {number}: it reacts within a microsecond, which cannot be"
-                " simulated; give α in 1/s², β in 1/s and τ in s."
-            )
-        laws.append(Parameters(clean.alpha, clean.beta, law.tau))
-    return Parameters.stack(laws)
+    clean, tau = checked(parameters), parameters.tau
+    for k in np.flatnonzero(~(np.isfinite(tau) & (tau >= 0)))[:1]:
+        raise ParameterError(
+            f"Parameter set {k + 1}: with α = 0 the equilibrium gap is not determined; give τ as"
+            " well, so that the simulation can start from the gap τv."
+        )
+    rate = clean.alpha * clean.tau + clean.beta + np.sqrt(clean.alpha)
+    for k in np.flatnonzero(rate > FASTEST)[:1]:
+        raise ParameterError(
+            f"Parameter set {k + 1}: it reacts within a microsecond, which cannot be simulated;"
+            " give α in 1/s², β in 1/s and τ in s."
+        )
+    return Parameters(clean.alpha, clean.beta, tau)
 
 
 def _instants(leader: Planned, sample_time: Seconds | None) -> FloatArray:
@@ -138,23 +163,42 @@ def _instants(leader: Planned, sample_time: Seconds | None) -> FloatArray:
     return np.asarray(np.arange(int(count + 1e-9) + 1) * step)
 
 
-def _behind_planned(laws: Parameters, leader: Planned, time: FloatArray) -> Trajectories:
-    moved = deviations(laws, leader.phases(), time)
-    speeds = np.column_stack([moved[:, -1], moved[:, 1:-1:2]])
-    return _about(laws, leader.speed, Trajectories(time, speeds, moved[:, 0:-1:2]))
+def _deviations(parameters: Parameters, leader: Planned, time: FloatArray) -> Trajectories:
+    """Deviations from the equilibrium, in which the platoon starts; ``time`` (N,) in s."""
+    size, phases = 2 * len(parameters), leader.phases()
+    step = (time[-1] - time[0]) / (len(time) - 1)
+    result = np.zeros((len(time), size + 1))  # p_1, v_1, .., p_M, v_M and the leader's speed
+    followers = np.zeros(size)
+    starts = [phase.start for phase in phases] + [np.inf]
+    edges = np.searchsorted(time, np.array(starts) - SLACK)
+    for phase, (start, end), (first, last) in zip(
+        phases, pairwise(starts), pairwise(edges), strict=True
+    ):
+        generator = _generator(parameters, phase.frequency)
+        state = np.concatenate([followers, [phase.level, phase.slope, 0.0, phase.amplitude]])
+        if last > first:
+            offset = max(time[first] - start, 0.0)
+            begin = expm(generator * offset) @ state if offset else state
+            states = orbit(expm(generator * step), begin, int(last - first))
+            result[first:last, :size] = states[:, :size]
+            result[first:last, size] = states[:, size] + states[:, size + 2]
+        if np.isfinite(end):
+            followers = (expm(generator * (end - start)) @ state)[:size]
+    speeds = np.column_stack([result[:, -1], result[:, 1:-1:2]])
+    return Trajectories(time, speeds, result[:, 0:-1:2])
 
 
-def _behind_recorded(laws: Parameters, leader: Recorded) -> Trajectories:
-    still = np.zeros(len(laws))
-    time = leader.time - leader.time[0]
-    moved = cthp.simulate(laws, time, leader.speeds - leader.speed, still, still)
-    return _about(laws, leader.speed, moved)
-
-
-def _about(laws: Parameters, speed: float, moved: Trajectories) -> Trajectories:
-    """Deviations from the equilibrium, added to it."""
-    gaps = speed * np.array([law.tau for law in laws])
-    return Trajectories(frozen(moved.time), frozen(moved.speeds + speed), frozen(moved.gaps + gaps))
+def _generator(parameters: Parameters, frequency: float) -> FloatArray:
+    """(2M+4, 2M+4): G."""
+    size = 2 * len(parameters)
+    level, slope, sine, cosine = range(size, size + 4)
+    matrix = motion_matrix(parameters)
+    generator = np.zeros((size + 4, size + 4))
+    generator[:size, :size] = matrix[:, :size]
+    generator[:size, level] = generator[:size, sine] = matrix[:, size]
+    generator[level, slope] = 1.0
+    generator[sine, cosine], generator[cosine, sine] = frequency, -frequency
+    return generator
 
 
 def _collisions(driven: Trajectories) -> tuple[Collision, ...]:
@@ -170,51 +214,14 @@ def _collisions(driven: Trajectories) -> tuple[Collision, ...]:
     return tuple(sorted(found, key=lambda collision: collision.time))
 
 
+def _reversals(time: FloatArray, speeds: FloatArray) -> tuple[Reversal, ...]:
+    """The first one among the samples (K, M+1), if there is any."""
+    found = np.argwhere(speeds < 0)[:1].tolist()
+    return tuple(Reversal(vehicle, float(time[row])) for row, vehicle in found)
+
+
 def _until(time: FloatArray, collisions: tuple[Collision, ...]) -> int:
     """Samples until the first collision."""
     if not collisions:
         return len(time)
     return max(2, int(np.searchsorted(time, collisions[0].time, side="right")))
-
-
-def _warnings(
-    driven: Trajectories,
-    collisions: tuple[Collision, ...],
-    leader: Leader,
-    wave: Amplitudes | None,
-) -> list[str]:
-    found = []
-    if collisions:
-        first = collisions[0]
-        found.append(
-            f"Follower {first.follower} runs into the vehicle ahead at {first.time:.1f} s;"
-            f" {AFTERWARDS}"
-        )
-    backwards = np.argwhere(driven.speeds[: _until(driven.time, collisions)] < 0)
-    if len(backwards):
-        row, vehicle = backwards[0].tolist()
-        who = f"Follower {vehicle}" if vehicle else "The leader"
-        found.append(
-            f"{who} drives backwards at {driven.time[row]:.1f} s for the first time, as the law"
-            " knows no standstill."
-        )
-    if wave is not None and isinstance(leader, Sinusoid):
-        found += _measurement_warnings(leader, wave)
-    return found
-
-
-def _measurement_warnings(leader: Sinusoid, wave: Amplitudes) -> list[str]:
-    """Why the measured amplitudes may not be those predicted."""
-    last = int(np.argmax(wave.settled))
-    needed = leader.settle + float(wave.settled[last]) + leader.period
-    if isinf(needed):
-        return [f"Follower {last} never settles, so its amplitude never becomes constant."]
-    cure = f"a duration of {np.ceil(needed):.0f} s would do."
-    if not wave.periods:
-        return [f"The amplitudes need a whole period of {leader.period:.3g} s; {cure}"]
-    if needed > leader.duration + 1e-9:
-        return [
-            f"The transient of follower {last} is still above {100 * SETTLED:g} % of its amplitude"
-            f" where that is measured; {cure}"
-        ]
-    return []

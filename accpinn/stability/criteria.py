@@ -4,18 +4,18 @@ The speed of a vehicle answers that of the one ahead by
 
     H(s) = (βs + α) / (s² + (ατ+β)s + α),    H(0) = 1
 
-    L2          |H(jω)| < 1 for all ω > 0  ⇔  κ = α²τ² + 2αβτ - 2α ≥ 0   (the paper's form: > 0)
+    L₂          |H(jω)| < 1 for all ω > 0  ⇔  κ = α²τ² + 2αβτ - 2α ≥ 0   (the paper's form: > 0)
     L∞, paper   D = (ατ+β)² - 4α > 0, that is, real poles
     L∞, exact   ‖h‖₁ = 1  ⇔  h(t) ≥ 0 for all t  ⇔  βτ ≥ 1, or D ≥ 0 and β ≤ ατ
 
 ατ ≥ β puts the zero -α/β beyond the slow pole, once the poles are real. With α and β kept, each
 criterion holds from some headway on:
 
-    L2          τ = 2 / (β + √(β² + 2α))
+    L₂          τ = 2 / (β + √(β² + 2α))
     L∞, paper   τ = (2√α - β) / α, or 0
     L∞, exact   τ = (2√α - β) / α where β² < α, otherwise 1/β
 
-Source: Apostolakis and Ampountolas, IEEE TVT 2024, section III, for L2 and the paper's L∞; the
+Source: Apostolakis and Ampountolas, IEEE TVT 2024, section III, for L₂ and the paper's L∞; the
 exact condition is that of a second-order response without a change of sign.
 """
 
@@ -46,11 +46,26 @@ def checked(parameters: Parameters) -> Parameters:
     Raises:
         ParameterError: for values that are missing, negative or beyond all bounds.
     """
-    if not parameters.values.size:
+    values = parameters.values.reshape(-1, 3).copy()
+    if not values.size:
         raise ParameterError("There is no vehicle; give at least one set of α, β and τ.")
-    rows = parameters.values.reshape(-1, 3).tolist()
-    clean = [_checked(f"Parameter set {k}", *row) for k, row in enumerate(rows, 1)]
-    return Parameters.of(np.reshape(clean, parameters.values.shape))
+    values[values[:, 0] * LARGEST < 1.0, 2] = 0.0
+    for row, column in np.argwhere(~((values >= 0) & (values <= LARGEST)))[:1]:
+        fault = _fault("αβτ"[column], values[row, column])
+        raise ParameterError(f"Parameter set {row + 1}: {fault}.")
+    values[values * LARGEST < 1.0] = 0.0
+    return Parameters.of(values.reshape(parameters.values.shape))
+
+
+def _fault(name: str, value: float) -> str:
+    if isnan(value):
+        return f"{name} is missing; give α, β and τ as numbers"
+    if value < 0:
+        return (
+            f"{name} = {value:g} is negative, which the rational driving constraints rule out;"
+            " give zero or more"
+        )
+    return f"{name} = {value:g} is beyond any vehicle; give α in 1/s², β in 1/s, τ in s"
 
 
 def spacing_gain(parameters: Parameters) -> FloatArray:
@@ -58,28 +73,8 @@ def spacing_gain(parameters: Parameters) -> FloatArray:
     return np.where(parameters.alpha > 0, parameters.alpha, 1.0)
 
 
-def _checked(place: str, alpha: float, beta: float, tau: float) -> list[float]:
-    alpha, beta = _value(place, "α", alpha), _value(place, "β", beta)
-    return [alpha, beta, _value(place, "τ", tau) if alpha else 0.0]
-
-
-def _value(place: str, name: str, value: float) -> float:
-    if isnan(value):
-        raise ParameterError(f"{place}: {name} is missing; give α, β and τ as numbers.")
-    if value < 0:
-        raise ParameterError(
-            f"{place}: {name} = {value:g} is negative, which the rational driving constraints rule"
-            " out; give zero or more."
-        )
-    if value > LARGEST:
-        raise ParameterError(
-            f"{place}: {name} = {value:g} is beyond any vehicle; give α in 1/s², β in 1/s, τ in s."
-        )
-    return float(value) if value * LARGEST >= 1.0 else 0.0
-
-
 def l2_criterion(parameters: Parameters) -> FloatArray:
-    """κ in 1/s²; the paper calls the vehicle L2 string stable where it is positive."""
+    """κ in 1/s²; the paper calls the vehicle L₂ string stable where it is positive."""
     return np.asarray(parameters.alpha * l2_margin(parameters) * 2.0 + 0.0)  # + 0 turns -0 into 0
 
 
@@ -91,10 +86,8 @@ def l2_margin(parameters: Parameters) -> FloatArray:
 
 def paper_criterion(parameters: Parameters) -> FloatArray:
     """D in 1/s²; the paper calls the vehicle L∞ string stable where it is positive."""
-    root, total = (
-        2.0 * np.sqrt(parameters.alpha),
-        parameters.alpha * parameters.tau + parameters.beta,
-    )
+    root = 2.0 * np.sqrt(parameters.alpha)
+    total = parameters.alpha * parameters.tau + parameters.beta
     return np.asarray((total - root) * (total + root))
 
 
@@ -113,25 +106,24 @@ def exact_margin(parameters: Parameters) -> FloatArray:
 
 
 def smallest_headway_l2(parameters: Parameters) -> FloatArray:
-    """In s; where α = 0 the limit of small α."""
+    """The smallest L₂ stable τ in s; where α = 0 the limit of small α."""
     total = parameters.beta + np.hypot(parameters.beta, np.sqrt(2.0 * parameters.alpha))
     return np.asarray(2.0 / np.where(total > 0, total, np.nan))
 
 
 def smallest_headway_paper(parameters: Parameters) -> FloatArray:
-    """In s; where α = 0 the limit of small α."""
-    return np.where(parameters.alpha > 0, np.maximum(_real_poles_from(parameters), 0.0), 0.0)
+    """The τ in s above which the paper's L∞ criterion holds; where α = 0 the limit of small α."""
+    return np.where(parameters.alpha > 0, np.maximum(_critical_damping(parameters), 0.0), 0.0)
 
 
 def smallest_headway_exact(parameters: Parameters) -> FloatArray:
-    """In s; where α = 0 the limit of small α."""
+    """The smallest τ in s with ‖h‖₁ = 1; where α = 0 the limit of small α."""
     stiff = parameters.beta >= np.sqrt(parameters.alpha)
     inverse = 1.0 / np.where(stiff & (parameters.beta > 0), parameters.beta, np.nan)
-    return np.where(stiff, inverse, _real_poles_from(parameters))
+    return np.where(stiff, inverse, _critical_damping(parameters))
 
 
-def _real_poles_from(parameters: Parameters) -> FloatArray:
+def _critical_damping(parameters: Parameters) -> FloatArray:
     """The τ at which D = 0."""
-    return np.asarray(
-        (2.0 * np.sqrt(parameters.alpha) - parameters.beta) / spacing_gain(parameters)
-    )
+    root = 2.0 * np.sqrt(parameters.alpha)
+    return np.asarray((root - parameters.beta) / spacing_gain(parameters))

@@ -1,6 +1,6 @@
-"""What a vehicle does to a sinusoid: response, peak, crossover, poles, and export to `control`.
+"""The frequency response of a vehicle: H(jω), its peak, crossover and poles.
 
-With x = ω² and κ, the L2 criterion,
+With x = ω² and κ, the L₂ criterion,
 
     |H(jω)|² = N / (N + x(x + κ)),   N = α² + β²x
 
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Peak:
-    """The frequency that comes out largest; gain 1 at ω = 0 where none is amplified."""
+    """The largest amplification; gain 1 at ω = 0 where no frequency is amplified."""
 
     gain: float
     """max |H|; infinite for an undamped vehicle, 0 for one that does not react."""
@@ -42,7 +42,7 @@ class Peaks:
     log_gain: FloatArray
     """Natural logarithm of max |H|."""
     omega: FloatArray
-    """In rad/s."""
+    """ω of the peak in rad/s."""
 
     @property
     def gain(self) -> FloatArray:
@@ -69,14 +69,10 @@ def peaks(parameters: Parameters) -> Peaks:
     total = (parameters.alpha * parameters.tau + parameters.beta) ** 2 / spacing_gain(parameters)
     rest = total / (1.0 + root + beta_squared)  # 1 - q without cancellation
     with np.errstate(divide="ignore"):  # an undamped vehicle's gain is infinite
-        log_gain = -0.5 * np.where(q < 0.5, np.log1p(-(np.minimum(q, 0.5) ** 2)), _log_of(rest, q))
+        near, far = np.log1p(-(np.minimum(q, 0.5) ** 2)), np.log(rest) + np.log1p(q)  # log(1 - q²)
+    log_gain = -0.5 * np.where(q < 0.5, near, far)
     silent = (parameters.alpha == 0) & (parameters.beta == 0)
     return Peaks(np.where(silent, -np.inf, log_gain), np.sqrt(parameters.alpha * q))
-
-
-def _log_of(rest: FloatArray, q: FloatArray) -> FloatArray:
-    """log(1 - q²) from 1 - q and q."""
-    return np.asarray(np.log(rest) + np.log1p(q))
 
 
 def crossovers(parameters: Parameters) -> FloatArray:
@@ -86,7 +82,7 @@ def crossovers(parameters: Parameters) -> FloatArray:
 
 
 def response(parameters: Parameters, omega: FloatArray) -> "NDArray[np.complex128]":
-    """H(jω) of each vehicle; their product over vehicles is the head-to-tail response.
+    """H(jω) of each vehicle; the product over vehicles is the head-to-tail response.
 
     Args:
         parameters: V of them.
@@ -106,9 +102,9 @@ def response(parameters: Parameters, omega: FloatArray) -> "NDArray[np.complex12
     return np.where((alpha == 0) & (beta == 0), 0.0, result)
 
 
-def poles(law: Parameters) -> tuple[complex, complex]:
-    """The slow and the fast pole, or the pair with the positive imaginary part first."""
-    alpha, alpha_tau, beta = (float(value) for value in law.theta)
+def poles(parameters: Parameters) -> tuple[complex, complex]:
+    """A vehicle's slow and fast pole, or the pair with the positive imaginary part first."""
+    alpha, alpha_tau, beta = (float(value) for value in parameters.theta)
     total, root = alpha_tau + beta, 2.0 * alpha**0.5
     spread = (total - root) * (total + root)
     if spread < 0:
@@ -118,20 +114,14 @@ def poles(law: Parameters) -> tuple[complex, complex]:
     return complex(-alpha / fast if fast else 0.0), complex(-fast)
 
 
-def slowest_rate(law: Parameters) -> PerSecond:
-    """How fast the slowest part of a vehicle's transient fades; 0 where it never does."""
-    return -poles(law)[0].real if law.alpha else law.beta
+def slowest_rate(parameters: Parameters) -> PerSecond:
+    """How fast the slowest part of a vehicle's transient decays; 0 where it never does."""
+    return float(-poles(parameters)[0].real if parameters.alpha else parameters.beta)
 
 
-def zero(law: Parameters) -> float | None:
-    """The transfer function's zero; None where β = 0."""
-    return -law.alpha / law.beta if law.beta else None
-
-
-def transfer_function(law: Parameters) -> "TransferFunction":
-    """H(s) as an object of python-control, whose analyses and plots then apply."""
+def transfer_function(parameters: Parameters) -> "TransferFunction":
+    """H(s) of one vehicle as an object of python-control, whose analyses and plots then apply."""
     from control import TransferFunction  # late: it takes two seconds and loads pyplot
 
-    law = checked(law)
-    alpha, alpha_tau, beta = (float(value) for value in law.theta)
+    alpha, alpha_tau, beta = (float(value) for value in checked(parameters).theta)
     return TransferFunction([beta, alpha], [1.0, alpha_tau + beta, alpha])

@@ -1,32 +1,118 @@
-"""The whole stability report: every vehicle's numbers and verdicts, and those of the platoon."""
+"""The string stability of vehicles, and of the platoon they form, as numbers and verdicts.
 
+The sentences about them are in `results.messages.stability`.
+"""
+
+from collections.abc import Iterator
 from dataclasses import dataclass
-from math import isinf, isnan
+from enum import Enum
+from functools import partial
+from math import isnan
+
+import numpy as np
+from numpy.typing import NDArray
 
 from accpinn.model.cthp import Parameters
-from accpinn.stability.cascade import Gains, head_to_tail_gains
-from accpinn.stability.criteria import MARGINAL
-from accpinn.stability.frequency import Peak
-from accpinn.stability.head_to_tail import head_to_tail_peaks
-from accpinn.stability.vehicle import VehicleNumbers, numbers
-from accpinn.stability.verdicts import Verdict, exact_verdict, factor, l2_verdict, paper_verdict
+from accpinn.stability.criteria import (
+    MARGINAL,
+    checked,
+    exact_margin,
+    l2_criterion,
+    l2_margin,
+    paper_criterion,
+    paper_margin,
+    smallest_headway_exact,
+    smallest_headway_l2,
+    smallest_headway_paper,
+)
+from accpinn.stability.frequency import Peak, crossovers, peaks, poles
+from accpinn.stability.head_to_tail import Gains, head_to_tail_gains, head_to_tail_peaks
+from accpinn.stability.linf_gain import step_metrics
+from accpinn.units import FloatArray, RadiansPerSecond, Seconds
+
+Mask = NDArray[np.bool_]
+
+
+class Behaviour(Enum):
+    """What kind of motion the parameters make."""
+
+    REAL_POLES = "real poles"
+    COMPLEX_POLES = "complex poles"
+    UNDAMPED = "undamped"
+    NO_GAP_CONTROL = "no gap control"
+    NO_REACTION = "no reaction"
+
+
+class Criterion(Enum):
+    """A question that a verdict answers: three about a vehicle, four about a platoon."""
+
+    L2 = "L2"
+    LINF_PAPER = "Linf, paper"
+    LINF_EXACT = "Linf, exact"
+    L2_STRICT = "L2, strict"
+    L2_WEAK = "L2, weak"
+    LINF_STRICT = "Linf, strict"
+    LINF_WEAK = "Linf, weak"
 
 
 @dataclass(frozen=True)
-class VehicleStability(VehicleNumbers):
-    """One vehicle's numbers and what they mean."""
+class Verdict:
+    """Whether a vehicle or a platoon is string stable by one criterion."""
 
+    criterion: Criterion
+    stable: bool
+    marginal: bool
+    """So close to the boundary that the answer means nothing; see `criteria.MARGINAL`."""
+    value: float
+    """κ or D in 1/s² for `L2` and `LINF_PAPER`, stable above 0; otherwise the gain, stable at 1."""
+
+
+@dataclass(frozen=True)
+class Headways:
+    """The smallest τ that meets each criterion at the vehicle's α and β."""
+
+    l2: Seconds
+    linf_paper: Seconds
+    """The criterion requires more than this."""
+    linf_exact: Seconds
+
+
+@dataclass(frozen=True)
+class VehicleStability:
+    """The string stability of one vehicle."""
+
+    parameters: Parameters
+    behaviour: Behaviour
     l2: Verdict
+    """Is no frequency amplified? By κ = α²τ² + 2αβτ - 2α."""
     linf_paper: Verdict
+    """Are both poles real? By D = (ατ+β)² - 4α, the paper's criterion for L∞."""
     linf_exact: Verdict
+    """Is no peak amplified? By the exact gain ‖h‖₁."""
+    overshoot: float
+    """Of the response to a unit step of the speed ahead."""
+    peak: Peak
+    crossover: RadiansPerSecond | None
+    """ω_c: lower frequencies are amplified; None where none is."""
+    damping_ratio: float | None
+    """None where α = 0."""
+    poles: tuple[complex, complex]
+    """In rad/s, the slow one first."""
+    smallest_tau: Headways | None
+    """None where α = 0, as τ then has no effect."""
+
+    @property
+    def linf_gain(self) -> float:
+        """‖h‖₁: the largest factor by which a peak can grow."""
+        return self.linf_exact.value
 
 
 @dataclass(frozen=True, eq=False)
 class PlatoonStability:
     """The vehicles as a platoon, in the order given.
 
-    Strict: no vehicle makes a disturbance larger than it got it. Weak: the last follower's is no
-    larger than the leader's, whatever happened between.
+    Strict: no vehicle amplifies a disturbance. Weak: the last follower's disturbance is no larger
+    than the leader's, whatever happens between them.
     """
 
     peaks: tuple[Peak, ...]
@@ -41,97 +127,122 @@ class PlatoonStability:
 
 @dataclass(frozen=True, eq=False)
 class StabilityReport:
-    """What is to be said about the stability of some vehicles."""
+    """The string stability of some vehicles, one by one and as a platoon."""
 
     vehicles: tuple[VehicleStability, ...]
     platoon: PlatoonStability
 
 
 def stability_report(parameters: Parameters) -> StabilityReport:
-    """Numbers, verdicts and reasons for each vehicle and for the platoon they form in this order.
+    """Numbers and verdicts for each vehicle and for the platoon they form in this order.
+
+    Args:
+        parameters: one entry a follower, first follower first.
 
     Raises:
         ParameterError: for values that are missing, negative or beyond all bounds.
     """
-    vehicles = tuple(
-        VehicleStability(
-            **vars(item),
-            l2=l2_verdict(item),
-            linf_paper=paper_verdict(item),
-            linf_exact=exact_verdict(item),
-        )
-        for item in numbers(parameters)
+    parameters = Parameters.of(parameters.values.reshape(-1, 3))  # a single one as a platoon of one
+    clean = checked(parameters)
+    vehicles = tuple(_vehicles(parameters, clean))
+    return StabilityReport(vehicles, _platoon(vehicles, clean))
+
+
+def _vehicles(given: Parameters, clean: Parameters) -> Iterator[VehicleStability]:
+    metrics, top, paper = step_metrics(clean), peaks(clean), paper_margin(clean)
+    closeness = np.where(clean.alpha > 0, l2_margin(clean), 0.0)  # without α on the boundary
+    columns = zip(
+        given,
+        clean,
+        _verdicts(Criterion.L2, l2_criterion(clean), *_against(closeness, top.gain)),
+        _verdicts(
+            Criterion.LINF_PAPER, paper_criterion(clean), paper > MARGINAL, abs(paper) <= MARGINAL
+        ),
+        _verdicts(Criterion.LINF_EXACT, metrics.gain, *_against(exact_margin(clean), metrics.gain)),
+        metrics.overshoot.tolist(),
+        top.each(),
+        crossovers(clean).tolist(),
+        _headways(clean),
+        strict=True,
     )
-    return StabilityReport(vehicles, _platoon(vehicles))
+    for row, vehicle, l2, linf_paper, linf_exact, overshoot, peak, crossover, headways in columns:
+        yield VehicleStability(
+            parameters=row,
+            behaviour=_behaviour(vehicle, linf_paper),
+            l2=l2,
+            linf_paper=linf_paper,
+            linf_exact=linf_exact,
+            overshoot=overshoot,
+            peak=peak,
+            crossover=crossover if crossover > 0 else None,
+            damping_ratio=_damping_ratio(vehicle),
+            poles=poles(vehicle),
+            smallest_tau=headways if vehicle.alpha else None,
+        )
 
 
-def _platoon(vehicles: tuple[VehicleStability, ...]) -> PlatoonStability:
-    parameters = Parameters.stack(vehicle.parameters for vehicle in vehicles)
-    peaks = head_to_tail_peaks(parameters).each()
-    linf = head_to_tail_gains(parameters)
-    l2_strict = _strict("L2, every pair", [(v.l2, v.peak.gain) for v in vehicles], "disturbance")
-    linf_strict = _strict("L∞, every pair", [(v.linf_exact, v.linf_gain) for v in vehicles], "peak")
+def _verdicts(
+    criterion: Criterion, value: FloatArray, stable: Mask, marginal: Mask
+) -> Iterator[Verdict]:
+    """One a vehicle, from arrays (M,)."""
+    return map(partial(Verdict, criterion), stable.tolist(), marginal.tolist(), value.tolist())
+
+
+def _against(margin: FloatArray, gain: FloatArray) -> tuple[Mask, Mask]:
+    """Stable and marginal, (M,) each: by the distance to the boundary and the gain beyond it."""
+    stable = margin >= -MARGINAL
+    return stable, (abs(margin) <= MARGINAL) | (~stable & (gain <= 1.0 + MARGINAL))
+
+
+def _headways(parameters: Parameters) -> Iterator[Headways]:
+    kinds = (smallest_headway_l2, smallest_headway_paper, smallest_headway_exact)
+    return map(Headways, *(kind(parameters).tolist() for kind in kinds))
+
+
+def _behaviour(vehicle: Parameters, linf_paper: Verdict) -> Behaviour:
+    if not vehicle.alpha:
+        return Behaviour.NO_GAP_CONTROL if vehicle.beta else Behaviour.NO_REACTION
+    if not vehicle.beta and not vehicle.tau:
+        return Behaviour.UNDAMPED
+    return Behaviour.REAL_POLES if linf_paper.value >= 0 else Behaviour.COMPLEX_POLES
+
+
+def _damping_ratio(vehicle: Parameters) -> float | None:
+    """Of s² + (ατ+β)s + α."""
+    if not vehicle.alpha:
+        return None
+    return float((vehicle.alpha * vehicle.tau + vehicle.beta) / vehicle.alpha**0.5 / 2.0)
+
+
+def _platoon(vehicles: tuple[VehicleStability, ...], parameters: Parameters) -> PlatoonStability:
+    along, linf = head_to_tail_peaks(parameters).each(), head_to_tail_gains(parameters)
+    l2_strict = _strict(Criterion.L2_STRICT, [(v.l2, v.peak.gain) for v in vehicles])
+    linf_strict = _strict(Criterion.LINF_STRICT, [(v.linf_exact, v.linf_gain) for v in vehicles])
     return PlatoonStability(
-        peaks,
+        along,
         linf,
         l2_strict,
-        _l2_weak(l2_strict, peaks[-1]),
+        _l2_weak(l2_strict, along[-1].gain),
         linf_strict,
         _linf_weak(linf_strict, float(linf.gain[-1]), float(linf.error[-1])),
     )
 
 
-def _strict(name: str, pairs: list[tuple[Verdict, float]], what: str) -> Verdict:
+def _strict(criterion: Criterion, pairs: list[tuple[Verdict, float]]) -> Verdict:
     """Stable where every vehicle is; ``pairs`` are each vehicle's verdict and gain."""
-    amplifying = [k for k, (verdict, _) in enumerate(pairs, 1) if not verdict.stable]
     value = max(gain for _, gain in pairs)
     marginal = any(verdict.marginal for verdict, _ in pairs) and value <= 1.0 + MARGINAL
-    if not amplifying:
-        return Verdict(name, True, marginal, value, f"No follower lets a {what} come out larger.")
-    worst = max(amplifying, key=lambda k: pairs[k - 1][1])
-    if len(amplifying) == 1:
-        reason = f"Follower {worst} lets a {what} come out larger: {_extent(value)}."
-    else:
-        who = f"Followers {', '.join(map(str, amplifying[:-1]))} and {amplifying[-1]}"
-        reason = f"{who} let a {what} come out larger, {worst} the most: {_extent(value)}."
-    return Verdict(name, False, marginal, value, reason)
+    return Verdict(criterion, all(verdict.stable for verdict, _ in pairs), marginal, value)
 
 
-def _l2_weak(strict: Verdict, peak: Peak) -> Verdict:
+def _l2_weak(strict: Verdict, gain: float) -> Verdict:
     """Is no frequency larger at the last follower than at the leader?"""
-    stable = peak.gain <= 1.0
-    if strict.stable:
-        reason = "No follower amplifies any frequency, so neither do all of them together."
-    elif stable:
-        reason = (
-            "What some followers amplify others damp: no frequency reaches the last one larger."
-        )
-    else:
-        reason = (
-            f"A disturbance at {peak.omega:.3g} rad/s reaches the last follower larger:"
-            f" {_extent(peak.gain)}."
-        )
-    marginal = 1.0 < peak.gain <= 1.0 + MARGINAL or (strict.stable and strict.marginal)
-    return Verdict("L2, first to last", stable or strict.stable, marginal, peak.gain, reason)
+    marginal = 1.0 < gain <= 1.0 + MARGINAL or (strict.stable and strict.marginal)
+    return Verdict(Criterion.L2_WEAK, gain <= 1.0 or strict.stable, marginal, gain)
 
 
 def _linf_weak(strict: Verdict, gain: float, error: float) -> Verdict:
     """Is no peak larger at the last follower than at the leader, as far as can be computed?"""
     none = gain <= 1.0 + max(MARGINAL, error)
-    if strict.stable:
-        reason = "No follower lets a peak come out larger, so neither do all of them together."
-    elif isnan(gain):
-        reason = "The vehicles' time scales differ too much for this to be computed."
-    elif none:
-        reason = "As far as can be computed, no peak reaches the last follower larger."
-    else:
-        reason = (
-            "A peak of the leader's speed deviation can reach the last follower larger:"
-            f" {_extent(gain)}."
-        )
     marginal = strict.marginal if strict.stable else none or isnan(gain)
-    return Verdict("L∞, first to last", strict.stable or none, marginal, gain, reason)
-
-
-def _extent(gain: float) -> str:
-    return "without limit" if isinf(gain) else f"up to {factor(gain)} times"
+    return Verdict(Criterion.LINF_WEAK, strict.stable or none, marginal, gain)

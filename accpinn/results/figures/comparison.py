@@ -120,7 +120,7 @@ def curves(
         segment: the data.
         follower: 0 for the first.
         surrogate: the method's own trajectories.
-        closed_loop: its law driving behind the measured leader.
+        closed_loop: its simulation behind the measured leader.
         own: how its trajectories are called.
     """
     upper = tracking(segment, follower, surrogate, closed_loop, own)
@@ -212,7 +212,7 @@ def courses(
 def profiles(
     found: Sequence[Profile], colour: str, lower: FloatArray, upper: FloatArray
 ) -> go.Figure:
-    """How much worse the law explains the data with one parameter held, in percent.
+    """The increase of the least-squares criterion with one parameter held, in percent.
 
     Args:
         found: of α, β, τ.

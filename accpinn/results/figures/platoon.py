@@ -50,21 +50,21 @@ class Cast:
     colours: tuple[str, ...]
 
 
-def cast_of(laws: ParameterSet, order: Sequence[int]) -> Cast:
-    """Followers by their indices in ``laws``; who drives more than once gets shades of a colour."""
+def cast_of(vehicles: ParameterSet, order: Sequence[int]) -> Cast:
+    """Followers by their indices in ``vehicles``; repeated ones get shades of one colour."""
     total, seen = Counter(order), Counter[int]()
     names, paints = ["Leader"], [LEADER]
     for place, k in enumerate(order, 1):
-        names.append(follower_name(laws, k, place))
+        names.append(follower_name(vehicles, k, place))
         share = seen[k] / (total[k] - 1) if total[k] > 1 else None
-        paints.append(_shade(colours(laws)[k], share))
+        paints.append(_shade(colours(vehicles)[k], share))
         seen[k] += 1
     return Cast(tuple(html.escape(name) for name in names), tuple(paints))
 
 
-def follower_name(laws: ParameterSet, k: int, place: int) -> str:
+def follower_name(vehicles: ParameterSet, k: int, place: int) -> str:
     """Who drives at that place behind the leader; the recording's numbers would not fit here."""
-    return f"Follower {place}: {laws.names[k]}"
+    return f"Follower {place}: {vehicles.names[k]}"
 
 
 def _shade(colour: str, share: float | None) -> str:
@@ -127,7 +127,7 @@ def _line(
     )  # fmt: skip
 
 
-def amplitude_course(run: PlatoonRun, cast: Cast, in_db: bool) -> go.Figure:
+def amplitude_by_vehicle(run: PlatoonRun, cast: Cast, in_db: bool) -> go.Figure:
     """How large the disturbance is at each vehicle: simulated, and predicted where H tells."""
     wave = run.amplitudes
     # A sinusoid is measured at the end of the run, which a collision leaves without meaning.

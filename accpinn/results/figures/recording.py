@@ -10,8 +10,8 @@ import numpy as np
 import plotly.graph_objects as go
 
 from accpinn.channels import GAP, SPEED, TIME
-from accpinn.mask import runs
-from accpinn.recordings.recording import Mode, Recording
+from accpinn.mask import stretches
+from accpinn.recordings.recording import Mode, Recording, Window
 from accpinn.results.figures.style import (
     FOLLOWERS,
     finished,
@@ -20,7 +20,7 @@ from accpinn.results.figures.style import (
     thinned,
     vehicle_colour,
 )
-from accpinn.segment.segment import Segment, Window
+from accpinn.segment.segment import Segment
 from accpinn.units import FloatArray
 
 MISSING = "#c22f4f"
@@ -149,7 +149,7 @@ def _ribbons(recording: Recording) -> list[go.Scatter]:
         colour = vehicle_colour(number, 1)
         for name, mask, paint in (("by hand", by_hand, colour), ("missing", missing, MISSING)):
             x: list[float | None] = []
-            for run in runs(mask[:, number - 1]):
+            for run in stretches(mask[:, number - 1]):
                 x += [float(recording.time[run.first]), float(recording.time[run.last]), None]
             if x:
                 traces.append(
@@ -165,5 +165,4 @@ def _ribbons(recording: Recording) -> list[go.Scatter]:
 
 
 def _label(recording: Recording, number: int) -> str:
-    name = recording.vehicles[number - 1].name
-    return html.escape(name if name == f"Vehicle {number}" else f"{number} {name}")
+    return html.escape(recording.label(number))

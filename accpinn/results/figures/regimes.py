@@ -2,7 +2,7 @@
 
 import plotly.graph_objects as go
 
-from accpinn.mask import runs
+from accpinn.mask import stretches
 from accpinn.segment.regimes import CATCHING_UP, FOLLOWING, MANUAL, STANDSTILL, Regimes
 from accpinn.segment.segment import Segment
 
@@ -12,7 +12,7 @@ COLOURS = {
     MANUAL: "#b04a96",
     STANDSTILL: "#4f86b5",
 }
-"""By regime: a contrast of 3 or more on white and on the dark page; the law's own ground is grey
+"""By regime: a contrast of 3 or more on white and on the dark page; car-following, which the model is for, is grey
 and thin; the others differ under red-blind and green-blind vision, and from the first vehicles."""
 THIN, THICK = 3, 8
 
@@ -26,7 +26,7 @@ def ribbons(segment: Segment, regimes: Regimes) -> list[go.Scatter]:
     for column, number in zip(regimes.codes.T, segment.vehicles[1:], strict=True):
         for code, name in enumerate(regimes.names):
             x: list[float | None] = []
-            for run in runs(column == code):
+            for run in stretches(column == code):
                 x += [float(instants[run.first]) - half, float(instants[run.last]) + half, None]
             if x:
                 traces.append(

@@ -1,16 +1,22 @@
 """String stability as plotly figures: response over frequency, criteria over the platoon, maps."""
 
 import html
+from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
+from accpinn.model.cthp import Parameters
 from accpinn.model.published import ParameterSet
 from accpinn.results.figures.style import LEADER, MODEL, SERIES, finished, vehicle_colour
+from accpinn.stability.criteria import (
+    smallest_headway_exact,
+    smallest_headway_l2,
+    smallest_headway_paper,
+)
 from accpinn.stability.frequency import response
-from accpinn.stability.maps import Boundaries, boundaries_over_alpha, boundaries_over_beta
 from accpinn.stability.report import StabilityReport
 from accpinn.units import FloatArray
 
@@ -47,26 +53,27 @@ MAP_KEY = (
 )
 
 
-def colours(laws: ParameterSet) -> tuple[str, ...]:
+def colours(vehicles: ParameterSet) -> tuple[str, ...]:
     """Each follower's colour, the same on every page."""
-    return tuple(vehicle_colour(number, laws.leader) for number in laws.numbers)
+    leader, *followers = vehicles.vehicles
+    return tuple(vehicle_colour(number, leader) for number in followers)
 
 
-def bode(laws: ParameterSet, report: StabilityReport) -> go.Figure:
+def bode(vehicles: ParameterSet, report: StabilityReport) -> go.Figure:
     """|H| in dB over ω: every vehicle, and from the leader to the last.
 
     Every point carries the vehicle's index as its custom data, -1 for the whole platoon.
     """
     omega = _frequencies(report)
-    gains = np.abs(response(laws.parameters, omega))
+    gains = np.abs(response(vehicles.parameters, omega))
     figure = go.Figure()
-    names = [html.escape(label) for label in laws.labels]
-    for k, (name, colour) in enumerate(zip(names, colours(laws), strict=True)):
+    names = [html.escape(label) for label in vehicles.labels]
+    for k, (name, colour) in enumerate(zip(names, colours(vehicles), strict=True)):
         _curve(figure, omega, _db(gains[k]), k, name, {"color": colour, "width": 2.2})
-    if len(laws) > 1:
+    if len(vehicles) > 1:
         whole = {"color": LEADER, "width": 2, "dash": "dash"}
         _curve(figure, omega, _db(gains.prod(axis=0)), -1, "Leader to last follower", whole)
-    _marks(figure, laws, report)
+    _marks(figure, vehicles, report)
     tops = [vehicle.peak.db for vehicle in report.vehicles] + [report.platoon.peaks[-1].db]
     top = min(max(*tops, 1.0) * 1.12 + 0.4, CEILING)
     figure.add_shape(
@@ -117,11 +124,11 @@ def _curve(
     )  # fmt: skip
 
 
-def _marks(figure: go.Figure, laws: ParameterSet, report: StabilityReport) -> None:
+def _marks(figure: go.Figure, vehicles: ParameterSet, report: StabilityReport) -> None:
     """A diamond on each peak and a ring on each crossover, of those who amplify."""
-    names = [html.escape(label) for label in laws.labels]
+    names = [html.escape(label) for label in vehicles.labels]
     shown = [k for k, vehicle in enumerate(report.vehicles) if vehicle.crossover]
-    paints = [colours(laws)[k] for k in shown]
+    paints = [colours(vehicles)[k] for k in shown]
     peaks = [report.vehicles[k].peak for k in shown]
     kept = {"selected": {"marker": {"opacity": 1}}, "unselected": {"marker": {"opacity": 1}}}
     figure.add_scatter(
@@ -140,41 +147,41 @@ def _marks(figure: go.Figure, laws: ParameterSet, report: StabilityReport) -> No
     )  # fmt: skip
 
 
-def criteria_course(laws: ParameterSet, report: StabilityReport) -> go.Figure:
+def criteria_by_vehicle(vehicles: ParameterSet, report: StabilityReport) -> go.Figure:
     """Criteria and gains over the platoon: the paper's figure, with the exact gains below it."""
-    vehicles, platoon = report.vehicles, report.platoon
+    found, platoon = report.vehicles, report.platoon
     figure = make_subplots(rows=2, cols=1, shared_xaxes=True, vertical_spacing=0.1)
     upper = (
-        ("L2 criterion", [v.l2_criterion for v in vehicles], L2, "circle"),
-        ("L∞ criterion of the paper", [v.paper_criterion for v in vehicles], PAPER, "square"),
+        ("L₂ criterion", [v.l2.value for v in found], L2, "circle"),
+        ("L∞ criterion of the paper", [v.linf_paper.value for v in found], PAPER, "square"),
     )
     for name, values, colour, symbol in upper:
-        _course(figure, 1, laws, name, values, colour, symbol)
+        _along(figure, 1, vehicles, name, values, colour, symbol)
     lower = (
-        ("Peak of |H|", [v.peak.gain for v in vehicles], L2, "circle", "solid"),
-        ("Exact L∞ gain ‖h‖₁", [v.linf_gain for v in vehicles], EXACT, "diamond", "solid"),
+        ("Peak of |H|", [v.peak.gain for v in found], L2, "circle", "solid"),
+        ("Exact L∞ gain ‖h‖₁", [v.linf_gain for v in found], EXACT, "diamond", "solid"),
         ("|H| from the leader", [p.gain for p in platoon.peaks], L2, "circle-open", "dot"),
         ("‖h‖₁ from the leader", platoon.linf.gain.tolist(), EXACT, "diamond-open", "dot"),
     )
     for name, values, colour, symbol, dash in lower:
-        _course(figure, 2, laws, name, values, colour, symbol, dash)
+        _along(figure, 2, vehicles, name, values, colour, symbol, dash)
     figure.add_hline(y=0, line=EVEN, row=1, col=1)
     figure.add_hline(y=1, line=EVEN, row=2, col=1)
     figure.update_yaxes(title_text="Criterion [1/s²]", row=1, col=1)
     figure.update_yaxes(title_text="Gain", row=2, col=1)
-    places = list(range(1, len(laws) + 1))
-    numbers = laws.numbers if laws.numbered else places
+    places = list(range(1, len(vehicles) + 1))
+    numbers = vehicles.vehicles[1:] if vehicles.numbered else places
     figure.update_xaxes(tickvals=places, ticktext=[str(number) for number in numbers],
-                        range=[0.7, len(laws) + 0.3])  # fmt: skip
-    figure.update_xaxes(title_text="Vehicle" if laws.numbered else "Follower", row=2, col=1)
+                        range=[0.7, len(vehicles) + 0.3])  # fmt: skip
+    figure.update_xaxes(title_text="Vehicle" if vehicles.numbered else "Follower", row=2, col=1)
     return finished(figure, 400, "criteria")
 
 
-def _course(
-    figure: go.Figure, row: int, laws: ParameterSet, name: str, values: list[float], colour: str,
+def _along(
+    figure: go.Figure, row: int, vehicles: ParameterSet, name: str, values: list[float], colour: str,
     symbol: str, dash: str = "solid",
 ) -> None:  # fmt: skip
-    places = list(range(1, len(laws) + 1))
+    places = list(range(1, len(vehicles) + 1))
     figure.add_scatter(
         x=places, y=values, name=name, mode="lines+markers",
         line={"color": colour, "width": 2, "dash": dash},
@@ -184,36 +191,52 @@ def _course(
 
 
 def stability_map(
-    laws: ParameterSet, report: StabilityReport, held: int, plane: Plane
+    vehicles: ParameterSet, report: StabilityReport, held: int, plane: Plane
 ) -> go.Figure:
     """Where the criteria's boundaries run in the (β, τ) or (α, τ) plane, and the vehicles on it.
 
     Args:
-        laws: the vehicles.
+        vehicles: the vehicles.
         report: about them.
         held: index of the vehicle whose third parameter the map keeps.
         plane: "beta" keeps that vehicle's α, "alpha" its β.
     """
-    law = laws.parameters[held]
-    own = [each.beta if plane == "beta" else each.alpha for each in laws.parameters]
+    kept = vehicles.parameters[held]
+    own = (vehicles.parameters.beta if plane == "beta" else vehicles.parameters.alpha).tolist()
     right = max(1.35 * max(own), 0.6 if plane == "beta" else 0.15)
     along = np.linspace(right / ALONG, right, ALONG)
-    edges = (
-        boundaries_over_beta(law.alpha, along)
+    edges = _boundaries(
+        along,
+        Parameters(kept.alpha, along, 0.0)
         if plane == "beta"
-        else boundaries_over_alpha(law.beta, along)
+        else Parameters(along, kept.beta, 0.0),
     )
-    top = _highest(laws, report, held)
+    top = _highest(vehicles, report, held)
     figure = go.Figure()
     _regions(figure, edges, top)
     _lines(figure, edges)
-    _dots(figure, laws, own, held)
+    _dots(figure, vehicles, own, held)
     title = "β, gain on relative speed [1/s]" if plane == "beta" else "α, gain on spacing [1/s²]"
     figure.update_xaxes(title_text=title, range=[0, right])
     figure.update_yaxes(title_text="τ, time headway [s]", range=[0, top])
     _say(figure, "something grows", 0.015 if plane == "beta" else 0.985, 0.015)  # beside hatching
     _say(figure, "nothing grows", 0.985, 0.985)
     return finished(figure, 400, f"map-{plane}-{held}").update_layout(hovermode="closest")
+
+
+@dataclass(frozen=True, eq=False)
+class _Boundaries:
+    """The smallest τ in s of each criterion along a range of α or β; (K,) each."""
+
+    along: FloatArray
+    l2: FloatArray
+    linf_paper: FloatArray
+    linf_exact: FloatArray
+
+
+def _boundaries(along: FloatArray, parameters: Parameters) -> _Boundaries:
+    kinds = (smallest_headway_l2, smallest_headway_paper, smallest_headway_exact)
+    return _Boundaries(along, *(kind(parameters) for kind in kinds))
 
 
 def _say(figure: go.Figure, text: str, x: float, y: float) -> None:
@@ -224,15 +247,15 @@ def _say(figure: go.Figure, text: str, x: float, y: float) -> None:
     )  # fmt: skip
 
 
-def _highest(laws: ParameterSet, report: StabilityReport, held: int) -> float:
+def _highest(vehicles: ParameterSet, report: StabilityReport, held: int) -> float:
     """The map's upper edge in s: above all vehicles, and above what the held one needs."""
     needed = report.vehicles[held].smallest_tau
-    taus = [law.tau for law in laws.parameters if law.alpha]
+    taus = [float(one.tau) for one in vehicles.parameters if one.alpha]
     wanted = [*taus, needed.linf_exact if needed else 0.0, 2.0]
     return float(min(1.2 * max(wanted), max([12.0, *(1.2 * tau for tau in taus)])))
 
 
-def _regions(figure: go.Figure, edges: Boundaries, top: float) -> None:
+def _regions(figure: go.Figure, edges: _Boundaries, top: float) -> None:
     """Shades from below: something grows, only peaks grow, nothing grows; hatched: disagreement."""
     exact = np.minimum(edges.linf_exact, 2 * top)
     layers = (
@@ -259,7 +282,7 @@ def _band(figure: go.Figure, along: FloatArray, values: FloatArray, **fill: obje
     )  # fmt: skip
 
 
-def _lines(figure: go.Figure, edges: Boundaries) -> None:
+def _lines(figure: go.Figure, edges: _Boundaries) -> None:
     lines = (
         ("L2", edges.l2, {"color": L2, "width": 2}),
         ("L∞, exact", edges.linf_exact, {"color": EXACT, "width": 2}),
@@ -272,17 +295,17 @@ def _lines(figure: go.Figure, edges: Boundaries) -> None:
         )  # fmt: skip
 
 
-def _dots(figure: go.Figure, laws: ParameterSet, own: list[float], held: int) -> None:
+def _dots(figure: go.Figure, vehicles: ParameterSet, own: list[float], held: int) -> None:
     """The vehicles; the one whose parameter is held is filled."""
     figure.add_scatter(
-        x=own, y=[law.tau for law in laws.parameters], mode="markers", showlegend=False,
+        x=own, y=vehicles.parameters.tau, mode="markers", showlegend=False,
         text=[
-            f"{html.escape(label)}<br>α {law.alpha:.4g}, β {law.beta:.4g}, τ {law.tau:.4g}"
-            for label, law in zip(laws.labels, laws.parameters, strict=True)
+            f"{html.escape(label)}<br>α {one.alpha:.4g}, β {one.beta:.4g}, τ {one.tau:.4g}"
+            for label, one in zip(vehicles.labels, vehicles.parameters, strict=True)
         ],
         marker={
-            "size": 13, "color": colours(laws), "line": {"width": 2.5},
-            "symbol": ["circle" if k == held else "circle-open" for k in range(len(laws))],
+            "size": 13, "color": colours(vehicles), "line": {"width": 2.5},
+            "symbol": ["circle" if k == held else "circle-open" for k in range(len(vehicles))],
         },
         hovertemplate="%{text}<extra></extra>",
     )  # fmt: skip

@@ -25,7 +25,7 @@ SERIES = ("#55900f", "#d01cb4", "#84549c")
 """Lines that are of no vehicle, as methods or terms of a loss; unlike every vehicle's colour, with
 the same contrast."""
 MODEL = "#c22f4f"
-"""What the law drives in closed loop, beside the vehicle's own colour for its data."""
+"""The closed-loop simulation, beside the vehicle's own colour for its data."""
 GRID = "rgba(128, 140, 155, 0.25)"
 LINE = 20
 """Pixels of a line of a legend."""

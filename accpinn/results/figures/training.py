@@ -30,7 +30,7 @@ FEW = 30
 _SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
-def loss_course(history: History) -> go.Figure:
+def loss_history(history: History) -> go.Figure:
     """The loss terms over iterations, on a logarithmic axis."""
     figure = go.Figure()
     terms = (
@@ -56,7 +56,7 @@ def loss_course(history: History) -> go.Figure:
     return _course(figure, f"Loss: {', '.join(names)}", "loss")
 
 
-def parameter_course(
+def parameter_history(
     history: History,
     which: int,
     segment: SegmentInfo,
@@ -137,13 +137,13 @@ def tracking(
     closed_loop: Trajectories | None,
     own: str = "network",
 ) -> go.Figure:
-    """Gap and speed of one follower: data, the network's curve, and the law in closed loop.
+    """Gap and speed of one follower: data, the method's curve, and the closed-loop simulation.
 
     Args:
         segment: the data, or only what they are of.
         follower: 0 for the first.
         surrogate: the method's own trajectories.
-        closed_loop: the law driving behind the measured leader.
+        closed_loop: the simulation behind the measured leader.
         own: how the method's trajectories are called.
     """
     figure = panels(2, [0.5, 0.5])
@@ -181,7 +181,7 @@ def tracking(
 
 
 def _mark_collision(figure: go.Figure, when: Seconds) -> None:
-    """Where the law drives into the vehicle ahead, on a line at gap zero; nothing for nan."""
+    """Collisions of the closed-loop simulation, on a line at gap zero; nothing for nan."""
     if np.isnan(when):
         return
     figure.add_hline(y=0, line={"color": LEADER, "width": 1.5}, row=1, col=1)

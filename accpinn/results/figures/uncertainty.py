@@ -1,4 +1,4 @@
-"""What the data leave open, drawn under a figure: bands of response, clouds of laws."""
+"""Uncertainty drawn under a figure: bands of the Bode magnitude, clouds of parameter sets."""
 
 import numpy as np
 import plotly.graph_objects as go
@@ -19,7 +19,7 @@ LOWEST = -60.0
 """dB that stands for a gain of zero."""
 
 
-def add_bands(figure: go.Figure, laws: ParameterSet, uncertainty: Uncertainty) -> go.Figure:
+def add_bands(figure: go.Figure, vehicles: ParameterSet, uncertainty: Uncertainty) -> go.Figure:
     """Under the curves of `figures.stability.bode`, where |H| lies at the uncertainty's level.
 
     A vehicle whose parameters are not determined has no band.
@@ -27,7 +27,7 @@ def add_bands(figure: go.Figure, laws: ParameterSet, uncertainty: Uncertainty) -
     omega = np.asarray(figure.data[0].x, float)
     omega = np.geomspace(omega[0], omega[-1], POINTS)
     bands = []
-    for k, colour in enumerate(colours(laws)):
+    for k, colour in enumerate(colours(vehicles)):
         band = gain_band(uncertainty, k, omega)
         if np.isfinite(band.lower).all():
             around = np.concatenate([_db(band.lower), _db(band.upper)[::-1]])
@@ -42,15 +42,15 @@ def add_bands(figure: go.Figure, laws: ParameterSet, uncertainty: Uncertainty) -
 
 
 def add_clouds(
-    figure: go.Figure, laws: ParameterSet, uncertainty: Uncertainty, plane: Plane
+    figure: go.Figure, vehicles: ParameterSet, uncertainty: Uncertainty, plane: Plane
 ) -> go.Figure:
-    """Under the vehicles of `figures.stability.stability_map`, laws that the data allow as well.
+    """Under the vehicles of `figures.stability.stability_map`, parameter sets consistent with the data.
 
-    A draw without a headway (α = 0) has no place on the map.
+    A draw with α = 0 has no time headway, hence no place on the map.
     """
     across = {"alpha": 0, "beta": 1}[plane]
     clouds = []
-    for k, colour in enumerate(colours(laws)):
+    for k, colour in enumerate(colours(vehicles)):
         draws = uncertainty.draws[:, k]
         draws = draws[np.linspace(0, len(draws) - 1, CLOUD).astype(int)]
         draws = draws[np.isfinite(draws).all(axis=1)]
@@ -64,23 +64,26 @@ def add_clouds(
     return _beneath(figure, clouds)
 
 
-def cloud_words(figure: go.Figure, uncertainty: Uncertainty, plane: Plane) -> str:
-    """What the clouds are, and how many of the laws have no place in sight of the map."""
+def cloud_caption(figure: go.Figure, uncertainty: Uncertainty, plane: Plane) -> str:
+    """What the clouds show, and the share of the draws that the map does not show."""
     known = uncertainty.draws[:, ~np.isnan(uncertainty.draws[0, :, 0])]
     across = known[..., {"alpha": 0, "beta": 1}[plane]]
     right, top = figure.layout.xaxis.range[1], figure.layout.yaxis.range[1]
-    gapless = np.isnan(known[..., 2])
-    beyond = ~gapless & ((across > right) | (known[..., 2] > top))
+    no_gap_control = np.isnan(known[..., 2])
+    beyond = ~no_gap_control & ((across > right) | (known[..., 2] > top))
     parts = [
         f"{100 * share:.0f} % {what}"
         for share, what in (
-            (gapless.mean() if known.size else 0.0, "keep no gap (α = 0) and have no τ"),
+            (
+                no_gap_control.mean() if known.size else 0.0,
+                "have no gap control (α = 0), hence no τ",
+            ),
             (beyond.mean() if known.size else 0.0, "lie beyond its edges"),
         )
         if share >= 0.005
     ]
     missing = f"; not on the map: {', '.join(parts)}" if parts else ""
-    return f"Clouds: laws that the data allow as well{missing}."
+    return f"Clouds: parameter sets consistent with the data{missing}."
 
 
 def _beneath(figure: go.Figure, traces: list[go.Scatter]) -> go.Figure:

@@ -16,7 +16,7 @@ from accpinn.results.figures.style import LEADER, finished
 from accpinn.units import FloatArray, Metres, Seconds
 
 CAR_LENGTH: Metres = 4.5
-"""Between the fronts of two cars lie the gap and this; the law knows gaps only."""
+"""Between the fronts of two cars lie the gap and this; the model has gaps only."""
 FRAMES = 60
 FRAME_MS = 90
 PERIODS = 2

@@ -16,8 +16,11 @@ from plotly.offline import get_plotlyjs
 from accpinn import __version__
 from accpinn.results.figures.stability import colours
 from accpinn.results.figures.style import vehicle_colour
+from accpinn.results.messages import messages
+from accpinn.results.messages import summary as words
+from accpinn.results.messages.platoon import PLACES
+from accpinn.results.messages.stability import reason
 from accpinn.results.report import pictures
-from accpinn.results.report import summary as words
 from accpinn.results.report.pictures import Picture
 from accpinn.results.snapshot.checking import Verification, check
 from accpinn.results.snapshot.content import Snapshot
@@ -77,7 +80,7 @@ class Sheet:
 
 def _story(snapshot: Snapshot, checked: Verification, shown: list[Picture]) -> dict[str, Any]:
     info, worth, uncertainty = snapshot.info, snapshot.evaluation, snapshot.uncertainty
-    laws = pictures.learned_parameters(snapshot)
+    vehicles = pictures.learned_parameters(snapshot)
     leader = info.vehicles[0]
     all_colours = [vehicle_colour(number, leader) for number in info.vehicles]
     moving = pictures.motion(snapshot)
@@ -87,7 +90,7 @@ def _story(snapshot: Snapshot, checked: Verification, shown: list[Picture]) -> d
         "title": words.title(snapshot),
         "summary": words.summary(snapshot),
         "about": words.about_data(snapshot),
-        "beware": words.beware(snapshot),
+        "cautions": words.cautions(snapshot),
         "motion": _placed([moving] if moving else [], shown),
         "parameters": _sheet(
             parameter_table(
@@ -97,21 +100,22 @@ def _story(snapshot: Snapshot, checked: Verification, shown: list[Picture]) -> d
             "parameters",
         ),
         "intervals": _sheet(
-            intervals_table(info, uncertainty).coloured(colours(laws)), "intervals"
+            intervals_table(info, uncertainty).coloured(colours(vehicles)), "intervals"
         ) if uncertainty else None,
         "doubt": uncertainty,
         "fits": _placed(pictures.fits(snapshot), shown),
         "courses": _placed(pictures.courses(snapshot), shown),
         "stability": _sheet(
-            stability_table(laws, snapshot.stability).coloured(colours(laws)), "stability"
+            stability_table(vehicles, snapshot.stability).coloured(colours(vehicles)), "stability"
         ) if snapshot.stability else None,
         "stability_doubt": _sheet(
-            stability_interval_table(laws, uncertainty).coloured(colours(laws)), "stability_intervals"
+            stability_interval_table(vehicles, uncertainty).coloured(colours(vehicles)), "stability_intervals"
         ) if uncertainty and snapshot.stability else None,
         "reasons": _reasons(snapshot),
         "stability_pictures": _placed(pictures.stability(snapshot), shown),
         "platoon": _placed(driven[1] if driven else [], shown),
         "run": driven[0] if driven else None,
+        "run_warnings": messages(driven[0].findings, PLACES) if driven else (),
         "repeated": driven[2] if driven else "",
         "methods": [
             _sheet(methods_table(info, snapshot.rows, k), f"methods_{k + 1}")
@@ -132,12 +136,13 @@ def _reasons(snapshot: Snapshot) -> list[tuple[str, list[str]]]:
     if report is None:
         return []
     reasons = [
-        (label, [v.l2.reason, v.linf_paper.reason, v.linf_exact.reason])
+        (label, [reason(verdict, v) for verdict in (v.l2, v.linf_paper, v.linf_exact)])
         for label, v in zip(snapshot.info.labels[1:], report.vehicles, strict=True)
     ]
     if len(report.vehicles) > 1:
         platoon = report.platoon
-        reasons.append(("The platoon", [platoon.l2_weak.reason, platoon.linf_weak.reason]))
+        weak = (platoon.l2_weak, platoon.linf_weak)
+        reasons.append(("The platoon", [reason(verdict, report) for verdict in weak]))
     return reasons
 
 

@@ -27,8 +27,8 @@ from accpinn.results.figures.style import (
     vehicle_colour,
     with_legend,
 )
-from accpinn.results.figures.training import loss_course, parameter_course, tracking
-from accpinn.results.figures.uncertainty import add_bands, add_clouds, cloud_words
+from accpinn.results.figures.training import loss_history, parameter_history, tracking
+from accpinn.results.figures.uncertainty import add_bands, add_clouds, cloud_caption
 from accpinn.results.snapshot.content import Snapshot
 from accpinn.results.tables.names import name_of
 from accpinn.segment.segment import Segment, SegmentInfo
@@ -64,14 +64,10 @@ class Picture:
 
 
 def learned_parameters(snapshot: Snapshot) -> ParameterSet:
-    """The followers' laws under their labels."""
+    """The followers with their parameters."""
     info = snapshot.info
     return ParameterSet(
-        info.source,
-        info.labels[1:],
-        snapshot.fit.parameters,
-        info.vehicles[1:],
-        info.vehicles[0],
+        info.source, info.names[1:], snapshot.fit.parameters, info.vehicles, info.labels[1:]
     )
 
 
@@ -121,9 +117,9 @@ def courses(snapshot: Snapshot) -> Iterator[Picture]:
     history = snapshot.fit.history
     if history is None:
         return
-    yield Picture("loss", loss_course(history), "")
+    yield Picture("loss", loss_history(history), "")
     for which, name in enumerate(("alpha", "beta", "tau")):
-        yield Picture(name, parameter_course(history, which, snapshot.info), "")
+        yield Picture(name, parameter_history(history, which, snapshot.info), "")
 
 
 def stability(snapshot: Snapshot) -> Iterator[Picture]:
@@ -131,57 +127,53 @@ def stability(snapshot: Snapshot) -> Iterator[Picture]:
     report, uncertainty = snapshot.stability, snapshot.uncertainty
     if report is None:
         return
-    laws = learned_parameters(snapshot)
-    bode = stability_figures.bode(laws, report)
-    bode = with_legend(add_bands(bode, laws, uncertainty) if uncertainty else bode)
-    band = (
-        f" Shaded: {100 * uncertainty.level:.0f} % bands of what the data leave open."
-        if uncertainty
-        else ""
-    )
+    vehicles = learned_parameters(snapshot)
+    bode = stability_figures.bode(vehicles, report)
+    bode = with_legend(add_bands(bode, vehicles, uncertainty) if uncertainty else bode)
+    band = f" Shaded: {100 * uncertainty.level:.0f} % bands." if uncertainty else ""
     yield Picture(
         "response", bode,
         "Response to the speed of the vehicle ahead. Diamonds: peaks. Rings: below that frequency"
         f" the vehicle amplifies.{band}",
     )  # fmt: skip
-    if len(laws) > 1:
-        criteria = with_legend(stability_figures.criteria_course(laws, report))
+    if len(vehicles) > 1:
+        criteria = with_legend(stability_figures.criteria_by_vehicle(vehicles, report))
         words = (
             "Criteria (stable above 0) and gains (stable at 1) along the platoon; dotted: from the"
             " leader to that follower."
         )
         yield Picture("criteria", criteria, words)
-    held = len(laws) - 1
-    chart = stability_figures.stability_map(laws, report, held, "beta")
-    chart = add_clouds(chart, laws, uncertainty, "beta") if uncertainty else chart
+    held = len(vehicles) - 1
+    chart = stability_figures.stability_map(vehicles, report, held, "beta")
+    chart = add_clouds(chart, vehicles, uncertainty, "beta") if uncertainty else chart
     words = (
-        f"Boundaries at the α of {laws.labels[held]}; above a line the vehicle is stable by that"
+        f"Boundaries at the α of {vehicles.labels[held]}; above a line the vehicle is stable by that"
         " criterion. Hatched: stable by the paper's L∞ criterion, but peaks grow."
-        + (f" {cloud_words(chart, uncertainty, 'beta')}" if uncertainty else "")
+        + (f" {cloud_caption(chart, uncertainty, 'beta')}" if uncertainty else "")
     )
     yield Picture("map", with_legend(chart), words)
 
 
 def platoon(snapshot: Snapshot) -> tuple[PlatoonRun, tuple[Picture, Picture], str] | None:
     """Eight vehicles like the one that amplifies most, behind a leader at its worst frequency."""
-    report, laws = snapshot.stability, learned_parameters(snapshot)
+    report, vehicles = snapshot.stability, learned_parameters(snapshot)
     if report is None:
         return None
     peaks = [vehicle.peak for vehicle in report.vehicles]
     worst = max(range(len(peaks)), key=lambda k: peaks[k].gain)
     omega = peaks[worst].omega or QUIET
     try:
-        run = simulate_platoon(laws.parameters[[worst] * FOLLOWERS], Sinusoid(frequency=omega))
+        run = simulate_platoon(vehicles.parameters[[worst] * FOLLOWERS], Sinusoid(frequency=omega))
     except ParameterError:
         return None
-    cast = platoon_figures.cast_of(laws, [worst] * FOLLOWERS)
+    cast = platoon_figures.cast_of(vehicles, [worst] * FOLLOWERS)
     speeds = with_legend(platoon_figures.profiles(run, cast))
-    sizes = platoon_figures.amplitude_course(run, cast, False)
+    sizes = platoon_figures.amplitude_by_vehicle(run, cast, False)
     pictures = (
         Picture("platoon", speeds, "Speeds and gaps; light to dark: first to last follower."),
         Picture("amplitude", sizes, "Amplitude of the speed along the platoon; line: by |H|."),
     )
-    return run, pictures, laws.labels[worst]
+    return run, pictures, vehicles.labels[worst]
 
 
 def _colour(info: SegmentInfo, column: int) -> str:

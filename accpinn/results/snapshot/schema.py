@@ -177,7 +177,7 @@ and, where they are included, the speeds and gaps in this file derive from it:
 "OpenACC. An open database of car-following experiments to study the properties of commercial ACC
 systems", (c) European Union, European Commission, Joint Research Centre, licensed under
 CC BY 4.0 (https://creativecommons.org/licenses/by/4.0/),
-DOI 10.2905/9702C950-C80F-4D2F-982F-44D06EA0009F. SegmentInfo in M. Makridis, K. Mattas, A. Anesiadou
+DOI 10.2905/9702C950-C80F-4D2F-982F-44D06EA0009F. Described in M. Makridis, K. Mattas, A. Anesiadou
 and B. Ciuffo, Transportation Research Part C 125, 103047, 2021. Name both when you pass this file
 on or publish what is in it. What was changed is said in snapshot.json under "notes": a window was
 cut, and samples may have been bridged, resampled or left out.

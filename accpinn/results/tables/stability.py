@@ -9,8 +9,7 @@ from accpinn.model.published import ParameterSet
 from accpinn.platoon.simulation import PlatoonRun
 from accpinn.results.tables.estimates import PROBABILITY, parameter_cells
 from accpinn.results.tables.table import Cell, Column, Range, Table
-from accpinn.stability.report import StabilityReport
-from accpinn.stability.verdicts import Verdict
+from accpinn.stability.report import StabilityReport, Verdict
 
 L2, LINF = "L₂ string stability", "L∞ string stability"
 HEADWAY = "Smallest stable τ"

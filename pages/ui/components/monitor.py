@@ -75,10 +75,10 @@ def show_course(job: Job, truth: Parameters | None) -> None:
     vehicle_key(segment.info, with_truth=bool(truth))
     loss, *parameters = st.columns(4)
     with loss:
-        show_chart(training.loss_course(history), "train_loss")
+        show_chart(training.loss_history(history), "train_loss")
     for which, column in enumerate(parameters):
         with column:
-            figure = training.parameter_course(history, which, segment.info, truth)
+            figure = training.parameter_history(history, which, segment.info, truth)
             show_chart(figure, f"train_parameter_{which}")
     st.caption(
         "Training lowers the loss Ψ, the sum of its terms: Ψ_D, how far the network's curves are"

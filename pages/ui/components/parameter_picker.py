@@ -7,7 +7,7 @@ import streamlit as st
 
 from accpinn.errors import AccpinnError, ParameterError
 from accpinn.model.cthp import Parameters
-from accpinn.model.published import PUBLISHED, ParameterSet, parameter_set
+from accpinn.model.published import PUBLISHED, ParameterSet
 from accpinn.results.snapshot.library import Entry
 from accpinn.stability.report import StabilityReport, stability_report
 from pages.ui.components.parameter_origin import (
@@ -103,9 +103,8 @@ def _laws(workspace: Workspace, source: Source, learned: Learned | None) -> Para
     if learned:
         seen = learned.described
         return ParameterSet(
-            learned.title, seen.labels[1:], learned.fit.parameters, seen.vehicles[1:],
-            seen.vehicles[0],
-        )  # fmt: skip
+            learned.title, seen.names[1:], learned.fit.parameters, seen.vehicles, seen.labels[1:]
+        )
     if source == "hand":
         return _typed(workspace.laws.rows)
     return next(laws for laws in PUBLISHED if laws.title == workspace.laws.example)
@@ -214,6 +213,6 @@ def _typed(rows: tuple[TypedRow, ...]) -> ParameterSet:
         raise ParameterError(
             f"The table has {len(rows)} vehicles; give at least one and at most {MOST}."
         )
-    labels = [name.strip() or f"Vehicle {k}" for k, (name, *_) in enumerate(rows, 1)]
+    names = tuple(name.strip() or f"Vehicle {k}" for k, (name, *_) in enumerate(rows, 1))
     laws = Parameters.of([[math.nan if v is None else v for v in values] for _, *values in rows])
-    return parameter_set(BY_HAND, labels, laws)
+    return ParameterSet(BY_HAND, names, laws)

@@ -36,12 +36,12 @@ def show_segment(workspace: Workspace) -> None:
         " number says how alike gap, speed and relative speed move: above about"
         f" {LARGE_CONDITION:.0f}, α, β and τ cannot be told apart." + _what_counts(segment)
     )
-    unsure = messages(headway_findings(segment.vehicles, estimate.parameters), segment)
-    notes = messages(estimate.findings, segment)
-    show_warnings(unsure + quality.warnings + notes, "this window")
-    if segment.notes:
+    headways = headway_findings(segment.vehicles, estimate.parameters)
+    findings = (*headways, *quality.findings, *estimate.findings)
+    show_warnings(messages(findings, segment), "this window")
+    if segment.findings:
         with st.expander("What was done to the data", icon=":material/build:"):
-            st.markdown(bullets(segment.notes))
+            st.markdown(bullets(messages(segment.findings, segment)))
 
 
 def _what_counts(segment: Segment) -> str:

@@ -10,10 +10,12 @@ from accpinn.errors import AccpinnError
 from accpinn.model.cthp import Parameters
 from accpinn.model.published import ASTAZERO, ParameterSet
 from accpinn.platoon.leader import Leader
-from accpinn.platoon.simulation import AFTERWARDS, PlatoonRun, simulate_platoon
+from accpinn.platoon.simulation import Collision, PlatoonRun, simulate_platoon
 from accpinn.results.figures import platoon as figures
 from accpinn.results.figures.stability import colours
 from accpinn.results.figures.style import LEADER
+from accpinn.results.messages import messages
+from accpinn.results.messages.platoon import AFTER_COLLISION, PLACES
 from pages.ui.components.charts import show_chart
 from pages.ui.components.frame import show_key
 from pages.ui.components.text import bullets, escape_markdown
@@ -40,11 +42,11 @@ def show_course(run: PlatoonRun, laws: ParameterSet, order: Sequence[int]) -> No
     """The answer, what to beware of, and which colour is whom."""
     with st.container(border=True):
         st.markdown(f"#### {headline(run)}")
-        if told := detail(run, laws, order):
-            st.markdown(told)
+        if details := detail(run, laws, order):
+            st.markdown(details)
     # The headline names the collision; what follows from it stands below that.
-    if others := tuple(told for told in run.warnings if not told.endswith(AFTERWARDS)):
-        st.warning(bullets(others), icon=":material/warning:")
+    if others := [finding for finding in run.findings if not isinstance(finding, Collision)]:
+        st.warning(bullets(messages(others, PLACES)), icon=":material/warning:")
     cast = figures.cast_of(laws, order)
     names = ["Leader", *(figures.follower_name(laws, k, p) for p, k in enumerate(order, 1))]
     show_key(list(zip(names, cast.colours, strict=True)))
@@ -75,7 +77,7 @@ def detail(run: PlatoonRun, laws: ParameterSet, order: Sequence[int]) -> str:
     """What the response predicts for a sinusoid, and how close the vehicles get."""
     wave, parts = run.amplitudes, []
     if run.collisions:
-        parts.append(f"{AFTERWARDS[0].upper()}{AFTERWARDS[1:]}")
+        parts.append(AFTER_COLLISION)
     if wave:
         would = "would reach" if run.collisions else "reaches"
         parts.append(f"By |H| the last follower {would} {wave.predicted[-1]:.3g} m/s.")

@@ -113,9 +113,8 @@ def responses(one: Snapshot, other: Snapshot) -> go.Figure | None:
         if report is None:
             return None
         laws = ParameterSet(
-            info.source, info.labels[1:], snapshot.fit.parameters, info.vehicles[1:],
-            info.vehicles[0],
-        )  # fmt: skip
+            info.source, info.names[1:], snapshot.fit.parameters, info.vehicles, info.labels[1:]
+        )
         charts.append(bode(laws, report))
     whole = charts[0]
     for trace in charts[1].data:

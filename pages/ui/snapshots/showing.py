@@ -61,10 +61,10 @@ def show_history(snapshot: Snapshot) -> None:
     frame.vehicle_key(info)
     loss, *parameters = st.columns(4)
     with loss:
-        show_chart(training.loss_course(history), "snapshots_loss")
+        show_chart(training.loss_history(history), "snapshots_loss")
     for which, column in enumerate(parameters):
         with column:
-            figure = training.parameter_course(history, which, info)
+            figure = training.parameter_history(history, which, info)
             show_chart(figure, f"snapshots_parameter_{which}")
 
 

@@ -8,10 +8,10 @@ import streamlit as st
 from accpinn.inference.intervals import Uncertainty
 from accpinn.model.published import ParameterSet
 from accpinn.results.figures import stability as figures
+from accpinn.results.messages.stability import BEHAVIOURS, TITLES, reason
 from accpinn.results.tables import table as typeset
 from accpinn.results.tables.stability import answer, stability_table
-from accpinn.stability.report import StabilityReport
-from accpinn.stability.verdicts import Verdict
+from accpinn.stability.report import StabilityReport, VehicleStability, Verdict
 from pages.ui.components.text import escape_markdown
 from pages.ui.stability.certainty import certainty
 
@@ -29,8 +29,8 @@ def show_answer(
         if len(laws) > 1:
             st.markdown(platoon_line(report))
     wrong = [
-        f"**{escape_markdown(label)}: stable by the paper's L∞ criterion, not stable in truth.**"
-        f" {escape_markdown(vehicle.linf_exact.reason)}"
+        f"**{escape_markdown(label)}: L∞ stable by the paper's criterion, not by the exact one.**"
+        f" {escape_markdown(reason(vehicle.linf_exact, vehicle))}"
         for label, vehicle in zip(laws.labels, report.vehicles, strict=True)
         if vehicle.linf_paper.stable and not vehicle.linf_exact.stable
     ]
@@ -70,8 +70,9 @@ def platoon_line(report: StabilityReport) -> str:
         ("Strictly stable (nothing grows at any vehicle)", platoon.l2_strict, platoon.linf_strict),
         ("Weakly stable (nothing has grown at the last one)", platoon.l2_weak, platoon.linf_weak),
     )
-    parts = [f"{name}: L2 **{answer(l2)}**, L∞ **{answer(linf)}**." for name, l2, linf in questions]
-    return f"The platoon in this order. {' '.join(parts)} {escape_markdown(platoon.l2_weak.reason)}"
+    parts = [f"{name}: L₂ **{answer(l2)}**, L∞ **{answer(linf)}**." for name, l2, linf in questions]
+    why = escape_markdown(reason(platoon.l2_weak, report))
+    return f"The platoon in this order. {' '.join(parts)} {why}"
 
 
 def show_table(laws: ParameterSet, report: StabilityReport) -> None:
@@ -101,7 +102,8 @@ def show_reasons(laws: ParameterSet, report: StabilityReport) -> None:
         for label, vehicle in zip(laws.labels, report.vehicles, strict=True):
             verdicts: tuple[Verdict, ...] = (vehicle.l2, vehicle.linf_paper, vehicle.linf_exact)
             st.markdown(
-                f"**{escape_markdown(label)}.** {vehicle.behaviour.value}\n" + _listed(verdicts)
+                f"**{escape_markdown(label)}.** {BEHAVIOURS[vehicle.behaviour]}\n"
+                + _listed(verdicts, vehicle)
             )
         if len(laws) > 1:
             platoon = report.platoon
@@ -109,12 +111,13 @@ def show_reasons(laws: ParameterSet, report: StabilityReport) -> None:
                         platoon.linf_strict, platoon.linf_weak)  # fmt: skip
             followers = ", ".join(f"{k} {name}" for k, name in enumerate(laws.names, 1))
             counted = f"Followers are counted from the leader on: {escape_markdown(followers)}."
-            st.markdown(f"**The platoon.** {counted}\n" + _listed(verdicts))
+            st.markdown(f"**The platoon.** {counted}\n" + _listed(verdicts, report))
 
 
-def _listed(verdicts: tuple[Verdict, ...]) -> str:
+def _listed(verdicts: tuple[Verdict, ...], of: VehicleStability | StabilityReport) -> str:
     return "".join(
-        f"\n- {verdict.name}: **{answer(verdict)}**. {escape_markdown(verdict.reason)}"
+        f"\n- {TITLES[verdict.criterion]}: **{answer(verdict)}**."
+        f" {escape_markdown(reason(verdict, of))}"
         for verdict in verdicts
     )
 

@@ -1,4 +1,4 @@
-"""The report's sentences: what was found, in plain words with its numbers."""
+"""A result in a few sentences: what was found, with its numbers and their uncertainty."""
 
 from math import isfinite, isinf, isnan, pi
 from typing import Any
@@ -22,35 +22,35 @@ def title(snapshot: Snapshot) -> str:
 
 
 def summary(snapshot: Snapshot) -> tuple[str, ...]:
-    """The answer first: headway and gains, what they do to disturbances, how sure that is."""
+    """The answer first: headway and gains, string stability, and their uncertainty."""
     fit, info, uncertainty = snapshot.fit, snapshot.info, snapshot.uncertainty
     kind = METHODS[fit.method]
     method = kind.description or kind.title
     opening = (
-        f"From {info.window.duration:g} s of {info.source}, {method} learned the constant"
-        " time-headway law of"
+        f"From {info.window.duration:g} s of {info.source}, {method} learned the parameters"
+        " of the constant time-headway policy of"
     )
     if fit.case == "I" and info.followers > 1:
-        law = law_words(fit.parameters[0], headway_words(uncertainty, 0))
-        first = f"{opening} {_followers(snapshot)} as one set: {law}."
+        estimate = parameter_words(fit.parameters[0], headway_words(uncertainty, 0))
+        first = f"{opening} {_followers(snapshot)} as one set: {estimate}."
     elif info.followers == 1:
-        law = law_words(fit.parameters[0], headway_words(uncertainty, 0))
-        first = f"{opening} {info.labels[1]}: {law}."
+        estimate = parameter_words(fit.parameters[0], headway_words(uncertainty, 0))
+        first = f"{opening} {info.labels[1]}: {estimate}."
     else:
-        laws = "; ".join(
-            f"{label}: {law_words(law, headway_words(uncertainty, k))}"
-            for k, (label, law) in enumerate(zip(info.labels[1:], fit.parameters, strict=True))
+        estimates = "; ".join(
+            f"{label}: {parameter_words(one, headway_words(uncertainty, k))}"
+            for k, (label, one) in enumerate(zip(info.labels[1:], fit.parameters, strict=True))
         )
-        first = f"{opening} {_followers(snapshot)}. {laws}."
+        first = f"{opening} {_followers(snapshot)}. {estimates}."
     stopped = unfinished(fit)
     return (*((stopped,) if stopped else ()), first, *_consequences(snapshot))
 
 
-def law_words(law: Parameters, headway: str = "") -> str:
+def parameter_words(parameters: Parameters, headway: str = "") -> str:
     """Headway first, as drivers know it, with what stands in brackets behind it."""
-    tau = f"{law.tau:.2f} s" if isfinite(law.tau) else "not determined"
+    tau = f"{parameters.tau:.2f} s" if isfinite(parameters.tau) else "not determined"
     behind = f" ({headway})" if headway else ""
-    return f"time headway τ {tau}{behind}, gains α {law.alpha:.4f} 1/s² and β {law.beta:.4f} 1/s"
+    return f"time headway τ {tau}{behind}, gains α {parameters.alpha:.4f} 1/s² and β {parameters.beta:.4f} 1/s"
 
 
 def headway_words(uncertainty: Uncertainty | None, follower: int) -> str:
@@ -62,7 +62,7 @@ def headway_words(uncertainty: Uncertainty | None, follower: int) -> str:
         return ""
     percent = f"{100 * uncertainty.level:.0f} % interval"
     if isinf(high) and low < 0.005:
-        return "the data alone do not fix it"
+        return "not determined by the data"
     if isinf(high):
         return f"{percent}: {low:.2f} s or more"
     return f"{percent}: {between(low, high, 2)} s"
@@ -78,8 +78,8 @@ def _consequences(snapshot: Snapshot) -> tuple[str, ...]:
     if snapshot.stability:
         sentences.append(_amplifies(snapshot))
     if snapshot.uncertainty:
-        sentences.append(_how_sure(snapshot, snapshot.uncertainty))
-    sentences += [_worth(snapshot), _collisions(snapshot)]
+        sentences.append(_probability(snapshot, snapshot.uncertainty))
+    sentences += [_errors(snapshot), _collisions(snapshot)]
     return tuple(sentence for sentence in sentences if sentence)
 
 
@@ -91,7 +91,7 @@ def _amplifies(snapshot: Snapshot) -> str:
     if not who:
         growing = any(not vehicle.linf_exact.stable for vehicle in vehicles)
         also = ", though peaks can come out larger (L∞)" if growing else ""
-        return f"By these parameters no frequency of a disturbance is amplified{also}."
+        return f"With these parameters no frequency of a disturbance is amplified{also}."
     worst = max(who, key=lambda k: vehicles[k].peak.gain)
     peak = vehicles[worst].peak
     extent = "without limit" if isinf(peak.gain) else f"up to {peak.gain:.3g} times"
@@ -107,55 +107,55 @@ def _at(omega: float) -> str:
     return f" at {omega:.3g} rad/s (a period of {2 * pi / omega:.0f} s)" if omega > 0 else ""
 
 
-def _how_sure(snapshot: Snapshot, uncertainty: Uncertainty) -> str:
+def _probability(snapshot: Snapshot, uncertainty: Uncertainty) -> str:
     labels = snapshot.info.labels[1:]
     parts = [
-        f"{label} {100 * float(l2):.0f} % (L2) and {100 * float(linf):.0f} % (L∞)"
+        f"{label} {100 * float(l2):.0f} % (L₂) and {100 * float(linf):.0f} % (L∞)"
         for label, l2, linf in zip(
             labels, uncertainty.probability_l2, uncertainty.probability_linf, strict=True
         )
         if isfinite(float(l2))
     ]
     if not parts:
-        return "The data do not determine the parameters well enough to say how sure that is."
-    return f"Of the laws that the data allow, so many are string stable: {'; '.join(parts)}."
+        return "The data do not determine the parameters, so no probability of string stability is given."
+    return f"Probability of string stability: {'; '.join(parts)}."
 
 
-def _worth(snapshot: Snapshot) -> str:
-    worth = snapshot.evaluation
-    if worth is None or worth.closed_loop is None:
+def _errors(snapshot: Snapshot) -> str:
+    evaluation = snapshot.evaluation
+    if evaluation is None or evaluation.closed_loop is None:
         return ""
-    errors = [float(value) for value in worth.closed_loop.gap_mae]
+    errors = [float(value) for value in evaluation.closed_loop.gap_mae]
     gaps = ", ".join(f"{value:.1f}" for value in errors if isfinite(value))
     who = zip(snapshot.info.labels[1:], errors, strict=True)
     without = ", ".join(label for label, value in who if not isfinite(value))
     sentence = (
-        "Driving by itself behind the measured leader, the learned law misses the space-gap by"
-        f" {gaps} m in the mean"
+        f"The closed-loop simulation behind the measured leader misses the space-gap by {gaps} m on"
+        " average"
     )
     if not gaps:
-        sentence = "Driving by itself behind the measured leader, the learned law diverges"
+        sentence = "The closed-loop simulation behind the measured leader diverges"
     elif without:
         sentence += f" (without {without}, whose simulation diverges)"
-    if worth.surrogate is None:
+    if evaluation.surrogate is None:
         return f"{sentence}."
-    drawn = ", ".join(f"{value:.2f}" for value in worth.surrogate.gap_mae)
+    drawn = ", ".join(f"{value:.2f}" for value in evaluation.surrogate.gap_mae)
     curve = "the method's own curve misses the space-gap by"
     return f"{sentence}; {curve} {drawn} m (surrogate fit)."
 
 
 def _collisions(snapshot: Snapshot) -> str:
-    worth, labels = snapshot.evaluation, snapshot.info.labels[1:]
-    if worth is None:
+    evaluation, labels = snapshot.evaluation, snapshot.info.labels[1:]
+    if evaluation is None:
         return ""
-    when = [(k, float(time)) for k, time in enumerate(worth.collisions) if isfinite(time)]
+    when = [(k, float(time)) for k, time in enumerate(evaluation.collisions) if isfinite(time)]
     if not when:
         return ""
     if len(labels) == 1:
-        return f"In that simulation the law runs into the vehicle ahead at {when[0][1]:.1f} s."
+        return f"In that simulation the follower collides with the vehicle ahead at {when[0][1]:.1f} s."
     times = "; ".join(f"{labels[k]} at {time:.1f} s" for k, time in when)
-    who = f"{len(when)} of {len(labels)} laws {'runs' if len(when) == 1 else 'run'}"
-    return f"In that simulation {who} into the vehicle ahead: {times}."
+    who = f"{len(when)} of {len(labels)} vehicles {'collides' if len(when) == 1 else 'collide'}"
+    return f"In that simulation {who} with the vehicle ahead: {times}."
 
 
 def setting(value: Any) -> str:
@@ -181,7 +181,7 @@ def about_data(snapshot: Snapshot) -> tuple[tuple[str, str], ...]:
         ),
         ("Leader", info.labels[0]),
         ("Followers", ", ".join(info.labels[1:])),
-        ("Left out", _left_out(snapshot)),
+        ("Excluded", _excluded(snapshot)),
     ]
     return tuple((term, str(value)) for term, value in rows if value)
 
@@ -194,30 +194,30 @@ def _flag(flag: int | None) -> str:
     return f"{flag}{meaning}, for the recording as a whole; not every vehicle need be driven so"
 
 
-def _left_out(snapshot: Snapshot) -> str:
+def _excluded(snapshot: Snapshot) -> str:
     info = snapshot.info
     if not info.excluded_regimes:
-        return "nothing: every instant of the window counts"
+        return "nothing: every instant counts"
     shares = ", ".join(
         f"{100 * share:.0f} % of {label}"
         for label, share in zip(info.labels[1:], info.excluded_share, strict=True)
     )
-    return f"{', '.join(info.excluded_regimes)} from the law's equations: {shares}"
+    return f"{', '.join(info.excluded_regimes)} from the model's equation: {shares}"
 
 
-def beware(snapshot: Snapshot) -> dict[str, tuple[str, ...]]:
-    """What to beware of, by the part of the story that it belongs to."""
-    worth, uncertainty = snapshot.evaluation, snapshot.uncertainty
+def cautions(snapshot: Snapshot) -> dict[str, tuple[str, ...]]:
+    """Cautions, by the part of the report they belong to."""
+    evaluation, uncertainty = snapshot.evaluation, snapshot.uncertainty
     return {
-        "data": (*snapshot.info.notes, *snapshot.quality.warnings),
+        "data": messages((*snapshot.info.findings, *snapshot.quality.findings), snapshot.info),
         "parameters": tuple(
             dict.fromkeys(
                 (
                     *messages(snapshot.fit.findings, snapshot.info),
                     *(uncertainty.notes if uncertainty else ()),
-                    *(worth.whiteness.sentences if worth else ()),
+                    *(evaluation.whiteness.sentences if evaluation else ()),
                 )
             )
         ),
-        "driving": worth.incidents if worth else (),
+        "driving": evaluation.incidents if evaluation else (),
     }

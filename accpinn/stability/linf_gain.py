@@ -1,4 +1,4 @@
-"""What a vehicle does to a peak: impulse response, overshoot and the exact peak-to-peak gain.
+"""The exact L∞ gain ‖h‖₁ of a vehicle, in closed form, and the overshoot of its step response.
 
 The largest ratio of the peaks of two consecutive speed deviations is ‖h‖₁ = ∫|h|, the total
 variation of the step response u. In units of 1/√α, with
@@ -23,23 +23,22 @@ from dataclasses import dataclass
 import numpy as np
 
 from accpinn.model.cthp import Parameters
-from accpinn.stability.criteria import checked, spacing_gain
-from accpinn.stability.frequency import poles
+from accpinn.stability.criteria import spacing_gain
 from accpinn.units import FloatArray
 
 
 @dataclass(frozen=True, eq=False)
 class StepMetrics:
-    """How far the step response swings; arrays of the parameters' shape."""
+    """What follows from the step response; arrays of the parameters' shape."""
 
     overshoot: FloatArray
-    """M: how far the speed passes a unit step of the speed ahead; 0 where h keeps its sign."""
+    """M, relative to a step of the speed ahead; 0 where h keeps its sign."""
     gain: FloatArray
     """‖h‖₁, the exact L∞ gain; infinite for an undamped vehicle, 0 for one that does not react."""
 
 
 def step_metrics(parameters: Parameters) -> StepMetrics:
-    """Overshoot and exact peak-to-peak gain."""
+    """Overshoot and exact L∞ (peak-to-peak) gain."""
     root = np.sqrt(spacing_gain(parameters))
     zeta = (parameters.alpha * parameters.tau + parameters.beta) / root / 2.0
     delta = (parameters.beta - parameters.alpha * parameters.tau) / root / 2.0
@@ -53,7 +52,7 @@ def step_metrics(parameters: Parameters) -> StepMetrics:
     )
     overshoot = np.where(complex_poles | once, rho * np.exp(-exponent), 0.0)
     lost = -np.expm1(-np.pi * zeta / np.where(complex_poles, nu, 1.0))
-    with np.errstate(divide="ignore"):  # an undamped vehicle swings for ever
+    with np.errstate(divide="ignore"):  # an undamped vehicle oscillates for ever
         gain = 1.0 + 2.0 * overshoot / np.where(complex_poles, lost, 1.0)
     return StepMetrics(
         overshoot, np.where((parameters.alpha == 0) & (parameters.beta == 0), 0.0, gain)
@@ -72,27 +71,3 @@ def _real_exponent(zeta: FloatArray, rho: FloatArray, mu: FloatArray) -> FloatAr
     distinct = np.where(mu > 0, mu, 1.0)
     apart = (np.arcsinh(distinct) + np.arcsinh(distinct * inverse)) / distinct
     return np.asarray(zeta * np.where(mu > 0, apart, 1.0 + inverse))
-
-
-def impulse_response(law: Parameters, time: FloatArray) -> FloatArray:
-    """h(t) in 1/s: the speed that follows a unit impulse in the speed ahead.
-
-    Args:
-        law: of the vehicle.
-        time: (N,) in s, zero or more.
-    """
-    law = checked(law)
-    alpha, alpha_tau, beta = (float(value) for value in law.theta)
-    t = np.asarray(time, float)
-    if not alpha:
-        return np.asarray(beta * np.exp(-beta * t))
-    slow, fast = poles(law)
-    middle, half = (alpha_tau + beta) / 2.0, abs(slow - fast) / 2.0
-    if slow.imag:
-        swing, sine = np.exp(-middle * t) * np.cos(half * t), np.sinc(half * t / np.pi)
-        return np.asarray(beta * swing + (alpha - beta * middle) * t * np.exp(-middle * t) * sine)
-    # (e^{-slow t} - e^{-fast t}) / (fast - slow), kept exact when the poles meet.
-    gap = -2.0 * half * t
-    ratio = np.where(gap < 0, -np.expm1(gap) / np.where(gap < 0, -gap, 1.0), 1.0)
-    mixed = t * np.exp(slow.real * t) * ratio
-    return np.asarray(beta * np.exp(fast.real * t) + (alpha + beta * slow.real) * mixed)

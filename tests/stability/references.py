@@ -11,14 +11,17 @@ Where the numbers come from: none of the closed forms of `accpinn.stability` is 
 - ‖h‖₁: h(t) = C exp(At) B by `scipy.linalg.expm`, its changes of sign by brentq, |h| integrated
   between them by `scipy.integrate.quad` (epsabs 1e-13) until exp(At) has fallen to 1e-15.
 
-``python tests/references_stability.py`` computes the table again and prints it; a test compares.
+``python -m tests.stability.references`` computes the table again and prints it; a test compares.
 """
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import partial
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.integrate import quad
 from scipy.linalg import expm
 from scipy.optimize import brentq, minimize_scalar
@@ -31,7 +34,7 @@ class Reference:
     """One vehicle, what the paper says of it, and what independent methods find."""
 
     name: str
-    law: Parameters
+    vehicle: Parameters
     paper_l2: bool
     paper_linf: bool
     gain: float
@@ -53,27 +56,31 @@ Vicolungo 3, Kia Niro      0.0705 0.1930 1.13 NO  NO  1.289745 2.210079 0.211005
 Vicolungo, average         0.1077 0.2504 1.05 NO  NO  1.227402 1.779737 0.249898 0.382072 1.422038
 Casale, experiment 1       0.0104 0.0718 1.52 NO  NO  1.492357 3.477451 0.087862 0.135204 1.776276
 """
-"""Vehicle; α, β, τ; the paper's L2 and L∞; peak gain, dB and ω; crossover ω; ‖h‖₁."""
+"""Vehicle; α, β, τ; the paper's L₂ and L∞; peak gain, dB and ω; crossover ω; ‖h‖₁."""
 
 
 def _references() -> Iterator[Reference]:
     for line in _TABLE.strip().splitlines():
         *name, alpha, beta, tau, l2, linf, gain, db, omega, edge, area = line.split()
-        law = Parameters(float(alpha), float(beta), float(tau))
+        vehicle = Parameters(float(alpha), float(beta), float(tau))
         numbers = map(float, (gain, db, omega, edge, area))
-        yield Reference(" ".join(name), law, l2 == "YES", linf == "YES", *numbers)
+        yield Reference(" ".join(name), vehicle, l2 == "YES", linf == "YES", *numbers)
 
 
 TABLE = tuple(_references())
 
 
-def peak(law: Parameters) -> tuple[float, float]:
-    """Gain and frequency [rad/s] of the largest |G(jω)|."""
+def transfer_function(vehicle: Parameters) -> Callable[[Any], Any]:
+    """G(s), by python-control."""
     from control import TransferFunction
 
-    total = law.alpha * law.tau + law.beta
-    system = TransferFunction([law.beta, law.alpha], [1.0, total, law.alpha])
-    grid = np.geomspace(1e-3, 10.0, 4000)
+    total = vehicle.alpha * vehicle.tau + vehicle.beta
+    return TransferFunction([vehicle.beta, vehicle.alpha], [1.0, total, vehicle.alpha])
+
+
+def peak(vehicle: Parameters) -> tuple[float, float]:
+    """Gain and frequency [rad/s] of the largest |G(jω)|."""
+    system, grid = transfer_function(vehicle), np.geomspace(1e-3, 10.0, 4000)
     best = int(np.argmax(abs(system(1j * grid))))
     found = minimize_scalar(
         lambda omega: -abs(system(1j * omega)),
@@ -84,47 +91,45 @@ def peak(law: Parameters) -> tuple[float, float]:
     return float(-found.fun), float(found.x)
 
 
-def crossover(law: Parameters, above: float) -> float:
+def crossover(vehicle: Parameters, above: float) -> float:
     """The frequency [rad/s] above the peak's at which |G(jω)| = 1."""
-    from control import TransferFunction
-
-    total = law.alpha * law.tau + law.beta
-    system = TransferFunction([law.beta, law.alpha], [1.0, total, law.alpha])
+    system = transfer_function(vehicle)
     return float(brentq(lambda omega: abs(system(1j * omega)) - 1.0, above, 100.0, xtol=1e-14))
 
 
-def impulse(law: Parameters, time: float) -> float:
+def impulse(vehicle: Parameters, time: ArrayLike) -> Any:
     """h(t) = C exp(At) B in the controllable canonical form."""
-    a = np.array([[0.0, 1.0], [-law.alpha, -law.alpha * law.tau - law.beta]])
-    return float(np.array([law.alpha, law.beta]) @ expm(a * time)[:, 1])
+    a = np.array([[0.0, 1.0], [-vehicle.alpha, -vehicle.alpha * vehicle.tau - vehicle.beta]])
+    return expm(a * np.asarray(time)[..., None, None])[..., 1] @ [vehicle.alpha, vehicle.beta]
 
 
-def integral_of_magnitude(law: Parameters) -> float:
+def integral_of_magnitude(vehicle: Parameters) -> float:
     """∫|h| dt by quadrature between the changes of sign."""
-    a = np.array([[0.0, 1.0], [-law.alpha, -law.alpha * law.tau - law.beta]])
+    a = np.array([[0.0, 1.0], [-vehicle.alpha, -vehicle.alpha * vehicle.tau - vehicle.beta]])
     end = 1.0
     while np.abs(expm(a * end)).max() > 1e-15:
         end *= 2.0
     time = np.concatenate([[0.0], np.geomspace(end * 1e-6, end, 200), np.linspace(0, end, 1500)])
     time = np.unique(time)
-    values = np.array([impulse(law, t) for t in time])
+    values = impulse(vehicle, time)
     changes = np.flatnonzero((values[:-1] * values[1:] < 0) & (np.abs(values[:-1]) > 1e-15))
-    roots = [brentq(lambda t: impulse(law, t), time[k], time[k + 1], xtol=1e-14) for k in changes]
+    roots = [brentq(partial(impulse, vehicle), *time[k : k + 2], xtol=1e-14) for k in changes]
     # More cuts, so that every piece is smooth on its own scale.
     cuts = np.unique(np.concatenate([roots, [0.0], np.geomspace(end * 1e-5, end, 40)]))
     pieces = [
-        quad(lambda t: impulse(law, t), low, high, epsabs=1e-13, epsrel=1e-12)[0]
+        quad(partial(impulse, vehicle), low, high, epsabs=1e-13, epsrel=1e-12)[0]
         for low, high in pairwise(cuts)
     ]
     return float(np.abs(pieces).sum())
 
 
-def row(law: Parameters) -> tuple[float, float, float, float, float]:
+def row_of(vehicle: Parameters) -> tuple[float, float, float, float, float]:
     """Peak gain, dB, ω, crossover and ‖h‖₁."""
-    gain, omega = peak(law)
-    return gain, 20 * np.log10(gain), omega, crossover(law, omega), integral_of_magnitude(law)
+    gain, omega = peak(vehicle)
+    edge, area = crossover(vehicle, omega), integral_of_magnitude(vehicle)
+    return gain, 20 * np.log10(gain), omega, edge, area
 
 
 if __name__ == "__main__":
     for reference in TABLE:
-        print(reference.name, *(f"{value:.6f}" for value in row(reference.law)))
+        print(reference.name, *(f"{value:.6f}" for value in row_of(reference.vehicle)))

@@ -1,0 +1,181 @@
+"""Why a vehicle or a platoon is string stable or not, in sentences."""
+
+from collections.abc import Callable, Mapping
+from math import isinf, isnan
+
+from accpinn.stability.report import (
+    Behaviour,
+    Criterion,
+    StabilityReport,
+    VehicleStability,
+    Verdict,
+)
+
+TITLES: Mapping[Criterion, str] = {
+    Criterion.L2: "L₂ string stability",
+    Criterion.LINF_PAPER: "L∞ string stability, the paper's criterion",
+    Criterion.LINF_EXACT: "L∞ string stability, exact criterion",
+    Criterion.L2_STRICT: "Strict L₂ string stability",
+    Criterion.L2_WEAK: "Weak L₂ string stability",
+    Criterion.LINF_STRICT: "Strict L∞ string stability",
+    Criterion.LINF_WEAK: "Weak L∞ string stability",
+}
+
+BEHAVIOURS: Mapping[Behaviour, str] = {
+    Behaviour.REAL_POLES: "Both poles are real: the vehicle settles without oscillating.",
+    Behaviour.COMPLEX_POLES: "The poles are complex: the vehicle oscillates while it settles.",
+    Behaviour.UNDAMPED: "With β = 0 and τ = 0 the vehicle is undamped: it oscillates for ever.",
+    Behaviour.NO_GAP_CONTROL: (
+        "With α = 0 there is no gap control: the vehicle follows the speed ahead, so no speed"
+        " disturbance grows, but the gap stays wherever it ends up."
+    ),
+    Behaviour.NO_REACTION: (
+        "With α = 0 and β = 0 the vehicle does not react to the one ahead, so no disturbance"
+        " passes it."
+    ),
+}
+
+_UNDAMPED = "With β = 0 and τ = 0 the vehicle is undamped"
+
+
+def reason(verdict: Verdict, of: VehicleStability | StabilityReport) -> str:
+    """Why a verdict is as it is, in one sentence.
+
+    Args:
+        verdict: one of those that ``of`` holds.
+        of: the vehicle; or the report, for a verdict on its platoon.
+    """
+    if isinstance(of, StabilityReport):
+        return _OF_PLATOON[verdict.criterion](of)
+    if of.behaviour in (Behaviour.NO_GAP_CONTROL, Behaviour.NO_REACTION):
+        return BEHAVIOURS[of.behaviour]
+    return _OF_VEHICLE[verdict.criterion](of)
+
+
+def _l2(vehicle: VehicleStability) -> str:
+    verdict, peak = vehicle.l2, vehicle.peak
+    if verdict.stable and not verdict.marginal:
+        return "No frequency is amplified: |H| is below 1 at every ω above zero."
+    if verdict.stable:
+        return (
+            "On the boundary: |H| is below 1 at every ω above zero, but would not be at any smaller"
+            " headway; the paper's strict form counts this as unstable."
+        )
+    if vehicle.behaviour is Behaviour.UNDAMPED:
+        return f"{_UNDAMPED}: a disturbance at {peak.omega:.3g} rad/s grows without limit."
+    low = f"Disturbances below {vehicle.crossover:.3g} rad/s are amplified"
+    if verdict.marginal:
+        return f"{low}, but by one part in 10⁹ at most, so the verdict is marginal."
+    return (
+        f"{low}, most at {peak.omega:.3g} rad/s, by a factor of {factor(peak.gain)}"
+        f" ({peak.db:.2f} dB)."
+    )
+
+
+def _linf_paper(vehicle: VehicleStability) -> str:
+    if vehicle.linf_paper.marginal:
+        return "On the boundary: the poles coincide, and the paper's criterion requires two."
+    damping = f"(damping ratio {vehicle.damping_ratio:.3g})"
+    if vehicle.linf_paper.stable:
+        return f"Both poles are real {damping}, which is all that the paper's criterion requires."
+    return f"The poles are complex {damping}, but the paper's criterion requires real ones."
+
+
+def _linf_exact(vehicle: VehicleStability) -> str:
+    verdict = vehicle.linf_exact
+    if verdict.stable:
+        start = "On the boundary: the" if verdict.marginal else "The"
+        return (
+            f"{start} impulse response never changes sign, so no peak of the speed deviation ahead"
+            " is amplified."
+        )
+    if vehicle.behaviour is Behaviour.UNDAMPED:
+        return f"{_UNDAMPED}: a disturbance at its natural frequency makes peaks of any height."
+    if verdict.marginal:
+        return (
+            "The impulse response changes sign, but amplifies peaks by one part in 10⁹ at most, so"
+            " the verdict is marginal."
+        )
+    peak = f"a peak of the speed deviation ahead can grow {_extent(verdict.value)}"
+    if vehicle.linf_paper.stable:
+        return (
+            "Real poles, which the paper's criterion requires, are necessary but not sufficient:"
+            f" the impulse response changes sign, so {peak}."
+        )
+    return f"The vehicle oscillates, so its impulse response changes sign, and {peak}."
+
+
+def _strict(verdict: Verdict, gains: list[float], what: str) -> str:
+    """Who amplifies; ``gains`` are the vehicles' own, 0 for those that are stable."""
+    who = [k for k, gain in enumerate(gains, 1) if gain]
+    if not who:
+        return f"No follower amplifies {what}."
+    if len(who) == 1:
+        return f"Follower {who[0]} amplifies {what} {_extent(verdict.value)}."
+    listed = f"{', '.join(map(str, who[:-1]))} and {who[-1]}"
+    worst = max(who, key=lambda k: gains[k - 1])
+    return (
+        f"Followers {listed} amplify {what}, follower {worst} the most, {_extent(verdict.value)}."
+    )
+
+
+def _l2_strict(report: StabilityReport) -> str:
+    gains = [0.0 if v.l2.stable else v.peak.gain for v in report.vehicles]
+    return _strict(report.platoon.l2_strict, gains, "disturbances")
+
+
+def _linf_strict(report: StabilityReport) -> str:
+    gains = [0.0 if v.linf_exact.stable else v.linf_gain for v in report.vehicles]
+    return _strict(report.platoon.linf_strict, gains, "peaks")
+
+
+def _l2_weak(report: StabilityReport) -> str:
+    platoon = report.platoon
+    if platoon.l2_strict.stable:
+        return "No follower amplifies disturbances, so neither does the platoon."
+    if platoon.l2_weak.stable:
+        return "Some followers amplify, but others damp more: no frequency grows along the platoon."
+    peak = platoon.peaks[-1]
+    return (
+        f"A disturbance at {peak.omega:.3g} rad/s grows {_extent(peak.gain)} from the leader to the"
+        " last follower."
+    )
+
+
+def _linf_weak(report: StabilityReport) -> str:
+    platoon = report.platoon
+    if platoon.linf_strict.stable:
+        return "No follower amplifies peaks, so neither does the platoon."
+    if isnan(platoon.linf_weak.value):
+        return "The vehicles' time scales differ too much for this to be computed."
+    if platoon.linf_weak.stable:
+        return "As far as can be computed, no peak grows from the leader to the last follower."
+    return (
+        f"A peak of the speed deviation can grow {_extent(platoon.linf_weak.value)} from the leader"
+        " to the last follower."
+    )
+
+
+_OF_VEHICLE: Mapping[Criterion, Callable[[VehicleStability], str]] = {
+    Criterion.L2: _l2,
+    Criterion.LINF_PAPER: _linf_paper,
+    Criterion.LINF_EXACT: _linf_exact,
+}
+_OF_PLATOON: Mapping[Criterion, Callable[[StabilityReport], str]] = {
+    Criterion.L2_STRICT: _l2_strict,
+    Criterion.L2_WEAK: _l2_weak,
+    Criterion.LINF_STRICT: _linf_strict,
+    Criterion.LINF_WEAK: _linf_weak,
+}
+
+
+def _extent(gain: float) -> str:
+    return "without limit" if isinf(gain) else f"by a factor of up to {factor(gain)}"
+
+
+def factor(gain: float) -> str:
+    """A gain for a sentence: three digits, and more the closer it is to 1."""
+    excess = abs(gain - 1.0)
+    if excess >= 0.2:
+        return f"{gain:#.3g}".rstrip(".")
+    return f"{gain:.4g}" if excess >= 5e-4 else f"1 + {gain - 1.0:.2g}"

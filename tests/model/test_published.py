@@ -1,0 +1,40 @@
+"""Named parameter sets: those of the paper, and a recording's own."""
+
+import pytest
+
+from accpinn.errors import ParameterError
+from accpinn.model.cthp import Parameters
+from accpinn.model.published import ASTAZERO, PUBLISHED, ParameterSet
+from tests.stability.references import TABLE
+
+
+def test_published_sets_are_those_of_the_paper() -> None:
+    printed = [reference.vehicle for reference in TABLE if "average" not in reference.name]
+    assert [vehicle for group in PUBLISHED for vehicle in group.parameters] == printed
+    assert len({group.title for group in PUBLISHED}) == len(PUBLISHED)
+
+
+def test_followers_without_a_recording_go_by_their_names() -> None:
+    assert ASTAZERO.labels == ASTAZERO.spoken == ASTAZERO.names
+    assert ASTAZERO.vehicles == (1, 2, 3, 4, 5)
+    assert not ASTAZERO.numbered
+
+
+def test_a_recordings_followers_go_by_its_numbers() -> None:
+    ours = ParameterSet("run", ("X", "Y"), ASTAZERO.parameters[:2], (3, 4, 5), ("4 X", "5 Y"))
+    assert ours.numbered
+    assert ours.spoken == ("vehicle 4 X", "vehicle 5 Y")
+
+
+@pytest.mark.parametrize(
+    ("names", "parameters", "words"),
+    [
+        (("a", "b"), Parameters([0.1], [0.1], [1.0]), "2 names and 1 sets"),
+        ((), Parameters([], [], []), "at least one vehicle"),
+    ],
+)
+def test_names_and_parameters_must_match(
+    names: tuple[str, ...], parameters: Parameters, words: str
+) -> None:
+    with pytest.raises(ParameterError, match=words):
+        ParameterSet("Mine", names, parameters)

@@ -1,0 +1,70 @@
+"""The exact L∞ gain and the overshoot, against quadrature, the textbook and a state space."""
+
+from math import pi
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.linalg import expm
+
+from accpinn.model.cthp import Parameters
+from accpinn.stability.linf_gain import step_metrics
+from tests.stability.references import integral_of_magnitude
+from tests.support.vehicles import TESLA, ordinary
+
+
+def vehicle_with(total: float, share: float, alpha: float) -> Parameters:
+    """With ατ + β = ``total``, of which β is a share."""
+    return Parameters(alpha, share * total, (1 - share) * total / alpha)
+
+
+@given(st.floats(0.08, 3.0), st.floats(0.0, 1.0), st.floats(0.01, 1.0))
+@settings(max_examples=25)
+def test_gain_agrees_with_quadrature(zeta: float, share: float, alpha: float) -> None:
+    vehicle = vehicle_with(2 * zeta * alpha**0.5, share, alpha)
+    assert step_metrics(vehicle).gain == pytest.approx(integral_of_magnitude(vehicle), abs=1e-8)
+
+
+@pytest.mark.parametrize("off", [0.0, 1e-15, 1e-12, 1e-9, 1e-7, 1e-5, 1e-3])
+@pytest.mark.parametrize("side", [-1, 1])
+@pytest.mark.parametrize("share", [0.55, 0.7, 0.95, 1.0])
+def test_gain_loses_nothing_near_a_double_pole(off: float, side: int, share: float) -> None:
+    # With a double pole, t₁ = k/(k-1) and M = (k-1) exp(-t₁) for k = β/√α > 1.
+    vehicle = vehicle_with(1.0 + side * off, share, 0.25)
+    if off <= 1e-9:
+        k = 2 * share
+        expected = 1 + 2 * (k - 1) * np.exp(-k / (k - 1))
+        assert step_metrics(vehicle).gain == pytest.approx(expected, abs=max(1e-14, 30 * off))
+    else:
+        expected = integral_of_magnitude(vehicle)
+        assert step_metrics(vehicle).gain == pytest.approx(expected, abs=1e-10)
+
+
+def test_without_beta_it_is_the_second_order_lag_of_the_textbook() -> None:
+    # It overshoots by exp(-πζ/√(1-ζ²)), and each swing is smaller by the same factor.
+    found = step_metrics(Parameters(0.04, 0.0, 2.0))
+    swing = np.exp(-pi * 0.2 / np.sqrt(1 - 0.04))
+    assert found.overshoot == pytest.approx(swing, rel=1e-12)
+    assert found.gain == pytest.approx(1 + 2 * swing / (1 - swing), rel=1e-12)
+
+
+@given(ordinary)
+def test_gain_is_the_same_in_other_units_of_time(vehicle: Parameters) -> None:
+    scaled = Parameters(vehicle.alpha * 1e8, vehicle.beta * 1e4, vehicle.tau * 1e-4)
+    assert step_metrics(scaled).gain == pytest.approx(step_metrics(vehicle).gain, rel=1e-6)
+
+
+def test_overshoot_is_where_the_step_response_turns() -> None:
+    system = np.array([[0.0, 1.0], [-TESLA.alpha, -TESLA.alpha * TESLA.tau - TESLA.beta]])
+    outputs = np.array([TESLA.alpha, TESLA.beta])
+    start = np.linalg.solve(system, np.array([0.0, 1.0]))
+    steps = [outputs @ (expm(system * t) @ start - start) for t in np.arange(0, 60, 0.05)]
+    assert step_metrics(TESLA).overshoot == pytest.approx(max(steps) - 1, abs=1e-6)
+
+
+def test_arrays_broadcast() -> None:
+    grid = Parameters(0.07, np.linspace(0, 1, 4), np.linspace(0, 3, 5)[:, None])
+    gains = step_metrics(grid).gain
+    assert gains.shape == (5, 4)
+    assert gains[2, 1] == step_metrics(Parameters(0.07, 1 / 3, 1.5)).gain
