@@ -3,10 +3,12 @@
 import json
 from typing import Any
 
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from accpinn.methods.fit import Fit, History, Outcome, ParameterTrack
+from accpinn.methods.fit import Fit, MethodFinding, Outcome, ParameterTrack
+from accpinn.methods.history import History
 from accpinn.model.cthp import Parameters, Trajectories
 from accpinn.segment.segment import Segment
 from accpinn.units import FloatArray
@@ -30,7 +32,7 @@ def pack_fit(fit: Fit) -> Arrays:
     text: dict[str, Any] = {name: getattr(fit, name) for name in _PLAIN}
     text["outcome"] = fit.outcome.name
     text["active_bounds"] = [list(names) for names in fit.active_bounds]
-    text["notes"] = list(fit.notes)
+    text["findings"] = msgspec.to_builtins(fit.findings)
     arrays: Arrays = {
         "fit": np.array(json.dumps(text)),
         "parameters": _table(fit.parameters),
@@ -41,10 +43,11 @@ def pack_fit(fit: Fit) -> Arrays:
         arrays["surrogate.speeds"] = fit.surrogate.speeds
         arrays["surrogate.gaps"] = fit.surrogate.gaps
     if fit.history:
-        arrays |= {f"history.{name}": getattr(fit.history, name) for name in _HISTORY}
+        arrays |= {f"history.{name}": getattr(fit.history, name) for name in _HISTORY[:-1]}
+        arrays["history.parameters"] = fit.history.parameters.values
     if fit.track:
         arrays["track.time"] = fit.track.time
-        arrays["track.parameters"] = fit.track.parameters
+        arrays["track.parameters"] = fit.track.parameters.values
         if fit.track.deviation is not None:
             arrays["track.deviation"] = fit.track.deviation
     return arrays | {f"array.{name}": values for name, values in fit.arrays.items()}
@@ -64,13 +67,14 @@ def unpack_fit(arrays: Arrays) -> Fit:
         )
     history = None
     if "history.iteration" in arrays:
-        history = History(**{n: np.asarray(arrays[f"history.{n}"], float) for n in _HISTORY})
+        columns = {n: np.asarray(arrays[f"history.{n}"], float) for n in _HISTORY[:-1]}
+        history = History(**columns, parameters=_parameters(arrays["history.parameters"]))
     track = None
     if "track.time" in arrays:
         deviation = arrays.get("track.deviation")
         track = ParameterTrack(
             np.asarray(arrays["track.time"], float),
-            np.asarray(arrays["track.parameters"], float),
+            _parameters(arrays["track.parameters"]),
             None if deviation is None else np.asarray(deviation, float),
         )
     _require_types(text)
@@ -85,7 +89,7 @@ def unpack_fit(arrays: Arrays) -> Fit:
         active_bounds=tuple(tuple(names) for names in text["active_bounds"]),
         history=history,
         track=track,
-        notes=tuple(text["notes"]),
+        findings=msgspec.convert(text["findings"], tuple[MethodFinding, ...]),
         arrays={
             name.removeprefix("array."): np.asarray(values)
             for name, values in arrays.items()
@@ -109,8 +113,8 @@ def require_match(fit: Fit, segment: Segment) -> None:
     if fit.history:
         kept = len(fit.history.iteration)
         shapes += [(getattr(fit.history, name), (kept,)) for name in _HISTORY[:-1]]
-        laws = fit.history.parameters.shape[1]  # one in Case I
-        shapes += [(fit.history.parameters, (kept, laws, 3))]
+        sets = fit.history.parameters.values.shape[1]  # one in Case I
+        shapes += [(fit.history.parameters.values, (kept, sets, 3))]
     if any(values.shape != shape for values, shape in shapes):
         raise ValueError("its numbers are not those of the window")
     if len(fit.active_bounds) != followers or (
@@ -128,8 +132,6 @@ def _require_types(text: dict[str, Any]) -> None:
         raise TypeError("it holds other types")
     if not all(isinstance(value, int | float) for value in text["loss"].values()):
         raise TypeError("its loss is no number")
-    if not isinstance(text["notes"], list) or not all(isinstance(n, str) for n in text["notes"]):
-        raise TypeError("its notes are no sentences")
 
 
 def _table(parameters: Parameters | None) -> NDArray[np.float64]:

@@ -2,22 +2,20 @@
 
 from collections import deque
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Protocol
+from typing import Protocol
 
 import numpy as np
 
 from accpinn.errors import AccpinnError
-from accpinn.methods.fit import Fit, History, OnProgress, Outcome, Progress, ShouldStop
+from accpinn.methods.fit import Fit, OnProgress, Outcome, ShouldStop
+from accpinn.methods.history import History, Progress, Recorder
 from accpinn.methods.pinn.config import PinnConfig
-from accpinn.methods.pinn.history import Recorder
+from accpinn.methods.pinn.method import WarmStart
 from accpinn.methods.store import Store
-from accpinn.model.cthp import Case
+from accpinn.model.cthp import Case, Parameters
 from accpinn.segment.segment import Segment
 from accpinn.tasks.task import Status, Task
 from accpinn.units import Seconds
-
-if TYPE_CHECKING:  # whoever only watches a training need not load torch
-    from accpinn.methods.pinn.warm_start import WarmStart
 
 RATE_WINDOW: Seconds = 3.0
 """The rate of iterations is that of the last seconds, as it can change with the phase."""
@@ -36,7 +34,7 @@ class Train(Protocol):
         on_progress: OnProgress,
         should_stop: ShouldStop,
         threads: int | None,
-        warm: "WarmStart | None" = None,
+        warm: WarmStart | None = None,
     ) -> Fit:
         """Learn the parameters of a segment."""
 
@@ -48,7 +46,7 @@ class Request:
     segment: Segment
     case: Case
     config: PinnConfig
-    warm: "WarmStart | None" = None
+    warm: WarmStart | None = None
     """What it begins with in place of random weights."""
 
     def same_as(self, other: "Request") -> bool:
@@ -181,8 +179,9 @@ def load_train() -> Train:
 def _joined(before: History, after: History) -> History:
     """One course from two; what was repeated after a checkpoint is taken from the second."""
     kept = before.iteration < after.iteration[0]
-    names = ("iteration", "seconds", "total", "data", "physics", "initial", "parameters")
+    names = ("iteration", "seconds", "total", "data", "physics", "initial")
     parts = {
         name: np.concatenate([getattr(before, name)[kept], getattr(after, name)]) for name in names
     }
-    return History(**parts)
+    tables = np.concatenate([before.parameters.values[kept], after.parameters.values])
+    return History(**parts, parameters=Parameters.of(tables))

@@ -6,11 +6,15 @@ from collections import deque
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 from accpinn.methods.fit import Fit
 from accpinn.methods.pinn.config import PinnConfig
-from accpinn.methods.pinn.request import forget, request_keys, resume_iteration
+from accpinn.methods.pinn.method import (
+    WarmStart,
+    drop_checkpoints,
+    request_keys,
+    resume_iteration,
+)
 from accpinn.methods.store import Store
 from accpinn.model.cthp import Case
 from accpinn.segment.segment import Segment
@@ -18,9 +22,6 @@ from accpinn.tasks.job import Job, Request, Train, load_train
 from accpinn.tasks.series import Result, Series
 from accpinn.tasks.task import Status, Task
 from accpinn.units import Seconds
-
-if TYPE_CHECKING:  # whoever only watches a training need not load torch
-    from accpinn.methods.pinn.warm_start import WarmStart
 
 KEPT_JOBS = 100
 """Finished jobs beyond this number are forgotten, the oldest first."""
@@ -56,7 +57,7 @@ class TaskQueue:
         segment: Segment,
         case: Case,
         config: PinnConfig,
-        warm: "WarmStart | None" = None,
+        warm: WarmStart | None = None,
         anew: bool = False,
     ) -> Job:
         """Queue a training; an owner has one at a time, so a different earlier one is stopped.
@@ -76,7 +77,7 @@ class TaskQueue:
             elif earlier:
                 self.stop(earlier)
             if anew and self._store:
-                forget(self._store, segment, case, config, warm)
+                drop_checkpoints(self._store, segment, case, config, warm)
             job = Job(owner, request, self._train, track)
             self._jobs.append(job)
             if known:
@@ -87,7 +88,7 @@ class TaskQueue:
         return job
 
     def resume_iteration(
-        self, segment: Segment, case: Case, config: PinnConfig, warm: "WarmStart | None" = None
+        self, segment: Segment, case: Case, config: PinnConfig, warm: WarmStart | None = None
     ) -> int | None:
         """The iteration from which an earlier training of this request would go on, if any."""
         return resume_iteration(self._store, segment, case, config, warm) if self._store else None

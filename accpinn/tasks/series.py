@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterator, Sequence
 from typing import Generic, TypeVar
 
 from accpinn.errors import AccpinnError
-from accpinn.methods.fit import Progress
+from accpinn.methods.history import Progress
 from accpinn.methods.method import TaskContext
 from accpinn.methods.store import Store
 from accpinn.tasks.task import Status, Task

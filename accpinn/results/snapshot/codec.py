@@ -46,6 +46,8 @@ def encode(value: Any, leave: frozenset[str] = frozenset()) -> Any:
         return [encode(value.real), encode(value.imag)]
     if isinstance(value, np.ndarray | np.generic):
         return encode(value.tolist())
+    if isinstance(value, Finding):
+        return encode(msgspec.to_builtins(value))
     if isinstance(value, dict):
         return {str(key): encode(item) for key, item in value.items()}
     if isinstance(value, list | tuple):

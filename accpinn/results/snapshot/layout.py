@@ -9,7 +9,8 @@ import numpy as np
 from accpinn.errors import SnapshotError
 from accpinn.evaluation.evaluation import Evaluation
 from accpinn.inference.intervals import Uncertainty
-from accpinn.methods.fit import Fit, History, ParameterTrack
+from accpinn.methods.fit import Fit, ParameterTrack
+from accpinn.methods.history import History
 from accpinn.model.cthp import Parameters, Trajectories
 from accpinn.results.snapshot.arrays import Arrays, Shape, Sizes, check, check_finite
 from accpinn.results.snapshot.codec import Decoder, encode
@@ -118,7 +119,15 @@ def _fields(value: Trajectories | History | ParameterTrack | None) -> Arrays:
     if value is None:
         return {}
     named = {field.name: getattr(value, field.name) for field in fields(value)}
-    return {name: values for name, values in named.items() if values is not None}
+    return {
+        name: values.values if isinstance(values, Parameters) else values
+        for name, values in named.items()
+        if values is not None
+    }
+
+
+def _with_parameters(arrays: Arrays) -> dict[str, Any]:
+    return {**arrays, "parameters": Parameters.of(arrays["parameters"])}
 
 
 def _prefixed(groups: Mapping[str, Arrays]) -> Arrays:
@@ -191,8 +200,8 @@ class _Assembly:
             Fit,
             self.documents["fit.json"],
             surrogate=Trajectories(**groups["surrogate"]) if groups["surrogate"] else None,
-            history=History(**groups["history"]) if groups["history"] else None,
-            track=ParameterTrack(**groups["track"]) if groups["track"] else None,
+            history=History(**_with_parameters(groups["history"])) if groups["history"] else None,
+            track=ParameterTrack(**_with_parameters(groups["track"])) if groups["track"] else None,
             arrays=weights,
             cached=False,
         )
@@ -245,7 +254,7 @@ class _Assembly:
             f"{number}.fit",
             surrogate=None,
             history=None,
-            track=ParameterTrack(**track) if track else None,
+            track=ParameterTrack(**_with_parameters(track)) if track else None,
             arrays={},
             cached=False,
         )

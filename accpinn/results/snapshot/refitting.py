@@ -14,7 +14,6 @@ from accpinn.errors import AccpinnError, ConfigError
 from accpinn.evaluation.cross_validation import Block, cross_validate
 from accpinn.evaluation.evaluation import Evaluation
 from accpinn.methods.fit import Fit, Outcome
-from accpinn.methods.pinn.numpy_forward import curve
 from accpinn.methods.registry import METHODS
 from accpinn.model.cthp import Trajectories
 from accpinn.results.snapshot.agreement import Check, compared
@@ -27,8 +26,6 @@ from accpinn.units import Seconds
 
 SAME = 1e-6
 """Methods that solve or filter agree to this share on any machine."""
-TRAINED = 1e-3
-"""So do the parameters of a network trained on another machine."""
 INSTANTS = 300
 """At which the network's curves are computed."""
 BLOCK_TOLERANCE: Seconds = 1e-3
@@ -38,7 +35,8 @@ DRAWN = 1e-4
 
 def network_curve(fit: Fit) -> Iterator[Check]:
     """Whether the network's stored curves are what its weights give; nothing for other methods."""
-    if fit.method != "pinn":
+    redraw = METHODS[fit.method].redraw
+    if redraw is None:
         return
     name = "Network's curves"
     if fit.surrogate is None:
@@ -47,7 +45,7 @@ def network_curve(fit: Fit) -> Iterator[Check]:
     time = fit.surrogate.time
     some = np.unique(np.linspace(0, len(time) - 1, INSTANTS).round().astype(int))
     try:
-        drawn = curve(fit, time[some], float(time[-1]))
+        drawn = redraw(fit, time[some], float(time[-1]))
     except ConfigError as fault:
         yield Check(name, "stored", "not possible", False, str(fault))
         return
@@ -113,16 +111,16 @@ def _same_blocks(
 def _estimate(segment: Segment, fit: Fit) -> Fit:
     """The same method with the same settings, on a segment."""
     method = METHODS[fit.method]
-    settings = method.parse_settings(fit.config) if method.parse_settings else None
+    settings = method.settings.from_json(fit.config) if method.settings else None
     return method.fit(segment, fit.case, settings)
 
 
 def _same_fit(name: str, old: Fit, new: Fit) -> Check:
     texts = _law(old), _law(new)
     whole = compared(name, texts, _bare(old), _bare(new), SAME)
-    if whole.ok or old.method != "pinn":
+    if whole.ok or _tolerance(old) == SAME:
         return whole
-    parameters = compared(name, texts, old.parameters, new.parameters, TRAINED)
+    parameters = compared(name, texts, old.parameters, new.parameters, _tolerance(old))
     if not parameters.ok:
         return parameters
     sentence = "The parameters agree; other figures of the training differ, as between processors."
@@ -134,11 +132,11 @@ def _bare(fit: Fit) -> Fit:
     history = fit.history
     if history is not None:
         history = replace(history, seconds=np.zeros_like(history.seconds))
-    return replace(fit, seconds=0.0, cached=False, notes=(), history=history)
+    return replace(fit, seconds=0.0, cached=False, findings=(), history=history)
 
 
 def _tolerance(fit: Fit) -> float:
-    return TRAINED if fit.method == "pinn" else SAME
+    return METHODS[fit.method].tolerance
 
 
 def _law(fit: Fit) -> str:

@@ -4,7 +4,8 @@ from dataclasses import dataclass
 
 import streamlit as st
 
-from accpinn.methods.fit import Fit, unfinished
+from accpinn.methods.fit import Fit
+from accpinn.results.messages.methods import unfinished
 from accpinn.results.snapshot.content import Snapshot
 from accpinn.results.tables.estimates import where
 from accpinn.segment.segment import SegmentInfo

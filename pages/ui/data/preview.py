@@ -3,7 +3,7 @@
 import streamlit as st
 
 from accpinn.methods import least_squares
-from accpinn.methods.fit import headway_notes
+from accpinn.methods.fit import headway_findings
 from accpinn.results.figures.style import vehicle_colour
 from accpinn.results.messages import messages
 from accpinn.results.tables import table as typeset
@@ -36,8 +36,9 @@ def show_segment(workspace: Workspace) -> None:
         " number says how alike gap, speed and relative speed move: above about"
         f" {LARGE_CONDITION:.0f}, α, β and τ cannot be told apart." + _what_counts(segment)
     )
-    unsure = headway_notes(segment.labels, estimate.parameters)
-    show_warnings(unsure + messages(quality.findings, segment) + estimate.notes, "this window")
+    headways = headway_findings(segment.vehicles, estimate.parameters)
+    findings = (*headways, *quality.findings, *estimate.findings)
+    show_warnings(messages(findings, segment), "this window")
     if segment.findings:
         with st.expander("What was done to the data", icon=":material/build:"):
             st.markdown(bullets(messages(segment.findings, segment)))

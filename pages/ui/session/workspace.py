@@ -30,7 +30,7 @@ from pages.ui.session.resources import task_queue
 from pages.ui.session.ui_state import MapChoice, ParameterChoice, PlatoonChoice
 
 if TYPE_CHECKING:
-    from accpinn.methods.pinn.warm_start import WarmStart
+    from accpinn.methods.pinn.method import WarmStart
 
 KEPT_RUNS = 24
 """Three comparisons of eight methods."""
@@ -151,7 +151,7 @@ class Workspace:
         snapshot = self.snapshot
         if snapshot is None or not snapshot.fit.arrays:
             return None
-        from accpinn.methods.pinn.warm_start import WarmStart  # torch takes a second to import
+        from accpinn.methods.pinn.method import WarmStart
 
         return WarmStart.of(snapshot.fit, f"snapshot {snapshot.id}")
 

@@ -6,6 +6,7 @@ from accpinn.evaluation.closed_loop import closed_loop
 from accpinn.results.figures import training
 from accpinn.results.figures.recording import preview
 from accpinn.results.figures.style import vehicle_colour
+from accpinn.results.messages import messages
 from accpinn.results.snapshot.content import Snapshot
 from accpinn.results.tables import estimates as tables
 from accpinn.results.tables import table as typeset
@@ -49,8 +50,8 @@ def show_result(workspace: Workspace, snapshot: Snapshot) -> None:
     st.html(typeset.STYLE + table.coloured(colours).to_html())
     show_closed_loop_findings(worth.all_findings if worth else (), info)
     show_intervals(info, snapshot.uncertainty)
-    if fit.notes:
-        st.info(bullets(fit.notes), icon=":material/info:")
+    if fit.findings:
+        st.info(bullets(messages(fit.findings, snapshot.info)), icon=":material/info:")
     whole = tables.parameter_table(info, fit, snapshot.quality, *errors, snapshot.uncertainty)
     downloads(whole, info)
     show_history(snapshot)
@@ -80,7 +81,7 @@ def show_curves(workspace: Workspace, snapshot: Snapshot) -> None:
     st.subheader("The method's curve" + (" against data" if segment else ""), anchor=False)
     follower = choose_follower(info, "snapshots_follower")
     driven = closed_loop(segment, fit) if segment else None
-    own = "network" if fit.method == "pinn" else name_of(fit)
+    own = name_of(fit)
     figure = training.tracking(segment or info, follower, fit.surrogate, driven, own)
     show_chart(figure, "snapshots_tracking")
 

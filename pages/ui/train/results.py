@@ -13,11 +13,12 @@ from accpinn.evaluation.closed_loop import (
 )
 from accpinn.inference.intervals import Uncertainty
 from accpinn.methods import least_squares
-from accpinn.methods.fit import Fit, Outcome, headway_notes
+from accpinn.methods.fit import Fit, Outcome, headway_findings
 from accpinn.model.cthp import Parameters
 from accpinn.results.figures.style import vehicle_colour
 from accpinn.results.figures.training import tracking
 from accpinn.results.messages import messages
+from accpinn.results.messages.methods import outcome_message
 from accpinn.results.tables import estimates as tables
 from accpinn.results.tables import table as typeset
 from accpinn.results.tables.estimates import intervals_table
@@ -49,7 +50,8 @@ def show_result(workspace: Workspace) -> None:
         closed_loop_findings(segment, closed_loop(segment, fit)), segment.info
     )
     show_intervals(segment.info, uncertainty)
-    notes = fit.notes + headway_notes(segment.labels, fit.parameters)
+    headways = headway_findings(segment.vehicles, fit.parameters)
+    notes = messages(fit.findings + headways, segment)
     if uncertainty:
         notes += messages(uncertainty.findings, segment)
     if notes:
@@ -96,7 +98,7 @@ def show_outcome(fit: Fit) -> None:
         f" {fit.network_weights:,} network weights."
     )
     cache = " Answered from the cache: this exact request was trained before." if fit.cached else ""
-    sentence = f"{fit.outcome.value}  \n{cost}{cache}"
+    sentence = f"{outcome_message(fit)}  \n{cost}{cache}"
     if fit.outcome is Outcome.DIVERGED:
         st.error(sentence, icon=":material/error:")
     elif fit.outcome is Outcome.STOPPED:

@@ -6,6 +6,7 @@ import streamlit as st
 
 from accpinn.errors import ConfigError
 from accpinn.methods.pinn.config import PRESETS, STARTS, PinnConfig, preset
+from accpinn.model.cthp import Parameters
 from pages.ui.components.text import escape_markdown
 from pages.ui.session.workspace import Workspace, sync_widget
 
@@ -39,7 +40,10 @@ def chosen_config(workspace: Workspace) -> PinnConfig:
     Raises:
         ConfigError: a setting outside its range, as one sentence.
     """
-    return preset(workspace.preset, **workspace.settings.get(workspace.preset, {}))
+    changes = dict(workspace.settings.get(workspace.preset, {}))
+    if "initial" in changes:
+        changes["initial"] = Parameters.of(changes["initial"])
+    return preset(workspace.preset, **changes)
 
 
 def checked_config(workspace: Workspace) -> PinnConfig | None:
@@ -138,7 +142,8 @@ class _Fields:
         """Initial values, each by itself or one of five sets."""
         columns = st.columns(4)
         now = tuple(float(v) for v in self.value("initial"))
-        offered = STARTS if now in STARTS else (*STARTS, now)
+        starts = [tuple(start.values.tolist()) for start in STARTS]
+        offered = starts if now in starts else [*starts, now]
         key = self._key("start")
 
         def changed() -> None:
