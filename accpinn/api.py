@@ -175,7 +175,7 @@ def fit(
     segment = cut(source, start, duration, _numbers(vehicles))
     if exclude:
         segment = exclude_regimes(segment, label_regimes(segment, source), parse_regimes(exclude))
-    settings = named_config(preset, seed=int(seed)) if estimator.parse_settings else None
+    settings = named_config(preset, seed=int(seed)) if estimator.settings else None
     context = TaskContext(store=store, threads=threads)
     return Study(source, segment, estimator.fit(segment, case, settings, context))
 

@@ -180,7 +180,7 @@ def courses(
     for which, quantity in enumerate(PARAMETERS):
         late = [np.array(true[which : which + 1])]
         for (name, track), colour, dash in zip(followed, cycle(SERIES), cycle(DASHES)):
-            values = track.parameters[:, follower, which]
+            values = track.parameters.values[:, follower, which]
             late.append(values[int(SETTLED * len(values)) :])
             if track.deviation is not None:
                 late.append(values[-1] + track.deviation[-1, follower, which] * np.array([-1, 1]))

@@ -8,7 +8,7 @@ import plotly.graph_objects as go
 
 from accpinn.channels import GAP, PARAMETERS, SPEED, TIME
 from accpinn.evaluation.closed_loop import closed_loop_findings, collision_times
-from accpinn.methods.fit import History
+from accpinn.methods.history import History
 from accpinn.model.cthp import Parameters, Trajectories
 from accpinn.results.figures.style import (
     LEADER,
@@ -72,7 +72,7 @@ def parameter_history(
     """
     quantity = PARAMETERS[which]
     figure = go.Figure()
-    sets = history.parameters.shape[1]
+    sets = history.parameters.values.shape[1]
     leader = segment.vehicles[0]
     for k in range(sets):
         shared = sets == 1 and segment.followers > 1
@@ -80,7 +80,7 @@ def parameter_history(
         colour = LEADER if shared else vehicle_colour(segment.vehicles[k + 1], leader)
         figure.add_scatter(
             x=history.iteration,
-            y=history.parameters[:, k, which],
+            y=history.parameters.values[:, k, which],
             name=label,
             mode=_mode_for(len(history.iteration)),
             line={"color": colour, "width": 2},
@@ -117,7 +117,7 @@ def _decades(series: list[FloatArray]) -> dict[str, Any]:
 
 def _settled_range(history: History, which: int, truth: list[float]) -> list[float] | None:
     """Axis limits that show where the parameters settle, not where they happened to start."""
-    values = history.parameters[len(history.iteration) // 2 :, :, which]
+    values = history.parameters.values[len(history.iteration) // 2 :, :, which]
     values = np.concatenate([values[np.isfinite(values)], truth])
     if not len(values):
         return None

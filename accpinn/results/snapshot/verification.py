@@ -274,7 +274,7 @@ class _Work:
     def refit(self, method: str, fit: Fit, evaluation: Evaluation | None, segment: Segment) -> None:
         """Run a method again on the data, and without the blocks held out."""
         of = METHODS[fit.method]
-        settings = of.parse_settings(fit.config) if of.parse_settings else None
+        settings = of.settings.from_json(fit.config) if of.settings else None
         estimate = partial(of.fit, case=fit.case, settings=settings)
         try:
             again = estimate(segment)

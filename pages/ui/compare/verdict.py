@@ -42,9 +42,7 @@ def show_verdict(segment: Segment, rows: tuple[MethodResult, ...]) -> None:
         st.warning(f"{lead}{gap}{bullets(colliding)}", icon=":material/warning:")
     if events := event_list(segment, rows):
         count = sum(len(row.evaluation.all_findings) for row in rows)
-        title = (
-            f"All events in closed-loop simulation, inside and outside the window ({count})"
-        )
+        title = f"All events in closed-loop simulation, inside and outside the window ({count})"
         with st.expander(title, icon=":material/car_crash:"):
             st.markdown(events)
 
