@@ -9,6 +9,7 @@ import pytest
 from streamlit.testing.v1 import AppTest
 
 from accpinn.methods import least_squares
+from accpinn.methods.fit import Continued
 from accpinn.methods.pinn.config import preset
 from accpinn.model.cthp import Parameters, Trajectories
 from accpinn.recordings.openacc import read
@@ -308,7 +309,7 @@ def test_train_shows_table_curves_and_downloads() -> None:
     page.run()
     assert not page.exception
     written = texts(page)
-    assert "Settled" in written
+    assert "Converged" in written
     assert "Surrogate fit, MAE" in written
     assert "Closed-loop simulation, MAE" in written
     assert "0.0612" in written, "the truth of the first follower"
@@ -346,7 +347,7 @@ def test_train_says_what_goes_wrong_and_how_sure_it_is(
     collides = f"{segment.labels[1]} collides with the vehicle ahead at" in written
     assert collides == (parameters.tau < 1)
     assert ("errors include what follows" in written) == collides
-    assert ("does not determine the time headway of" in written) == (parameters.tau > 5)
+    assert ("does not determine the time headway" in written) == (parameters.tau > 5)
     assert "90 % interval" in written
     marks = [trace for trace in figures(page)[-1]["data"] if trace["name"] == "collision"]
     assert len(marks) == collides
@@ -417,7 +418,7 @@ def test_stop_continue_or_begin_anew() -> None:
     assert first.iteration[0] == 0
     stop_training(found)
     assert found.fit
-    assert not any("Continued" in note for note in found.fit.notes)
+    assert not any(isinstance(finding, Continued) for finding in found.fit.findings)
 
 
 def test_a_second_session_waits_and_is_told() -> None:
@@ -455,7 +456,12 @@ def test_options_reach_the_training_and_survive_a_visit_elsewhere() -> None:
     button(page, "Start training").click().run()
     assert found.training is not None
     config = found.training.request.config
-    assert (config.seed, config.weight_data, config.initial) == (7, (1.0, 2.0), (0.5, 0.5, 0.5))
+    chosen = (config.seed, config.weight_data, config.initial)
+    assert chosen == (7, (1.0, 2.0), Parameters(0.5, 0.5, 0.5))
+        7,
+        (1.0, 2.0),
+        Parameters(0.5, 0.5, 0.5),
+    )
     assert found.training.wait(WAIT)
 
 
@@ -463,7 +469,7 @@ def test_a_failed_training_says_why(monkeypatch: pytest.MonkeyPatch) -> None:
     def failing(*args: Any, **options: Any) -> Any:
         raise RuntimeError("boom")
 
-    monkeypatch.setattr("accpinn.methods.pinn.training.train", failing)
+    monkeypatch.setattr("accpinn.methods.pinn.training.training", failing)
     found = with_sample()
     page = open_page(TRAIN, found)
     button(page, "Start training").click().run()
