@@ -16,7 +16,7 @@ from accpinn.results.snapshot.file import sealed, to_bytes
 from accpinn.results.snapshot.schema import MANIFEST, PARTS, SCHEMA
 from accpinn.segment.segment import Segment
 from accpinn.study.comparison import compare
-from tests.driving import driven
+from tests.support.driving import driven
 from tests.support.methods import RIVALS as ESTIMATORS
 from tests.support.samples import PLATOON, sample
 

@@ -19,7 +19,7 @@ from accpinn.recordings.openacc import read
 from accpinn.segment.cut import cut
 from accpinn.segment.segment import Segment
 from bench.disturbed import Disturbance, disturbed
-from tests.driving import LAW, MIXED, driven, segment_of
+from tests.support.driving import LAW, MIXED, driven, segment_of
 from tests.support.methods import RIVALS as ESTIMATORS
 
 SAMPLES = Path(__file__).parent.parent / "sample_data"

@@ -24,7 +24,7 @@ from accpinn.results.tables.estimates import multistart_table
 from accpinn.segment.cut import cut
 from accpinn.segment.segment import Segment
 from bench.disturbed import Disturbance, disturbed
-from tests.driving import LAW, MIXED, driven, segment_of, standing_still
+from tests.support.driving import LAW, MIXED, driven, segment_of, standing_still
 
 SAMPLE = Path(__file__).parent.parent / "sample_data" / "synthetic_paper_study.csv"
 TRUTH = Parameters(*LAW)

@@ -15,7 +15,7 @@ from accpinn.methods.packing import Arrays, pack_fit, unpack_fit
 from accpinn.methods.pinn.config import preset
 from accpinn.methods.pinn.training import train
 from accpinn.model.cthp import Parameters
-from tests.driving import MIXED, driven
+from tests.support.driving import MIXED, driven
 
 FITS = {
     "least squares": lambda: least_squares.fit(driven(MIXED)),

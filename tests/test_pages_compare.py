@@ -22,7 +22,7 @@ from pages.ui.data.sources import FIRST_SAMPLE, sample
 from pages.ui.session import resources as server
 from pages.ui.session.workspace import KEPT_RUNS, Workspace
 from tests.apptest import COMPARE, WAIT, everything, open_page, texts, with_sample
-from tests.driving import MIXED, driven
+from tests.support.driving import MIXED, driven
 
 pytestmark = pytest.mark.usefixtures("fresh_server")
 

@@ -14,7 +14,7 @@ from accpinn.segment.cut import cut
 from accpinn.segment.regimes import label_regimes
 from accpinn.study.sensitivity import CHOICES, SensitivityResult, sensitivity
 from accpinn.study.sensitivity import COMPARED as METHODS
-from tests.driving import LAW, driven
+from tests.support.driving import LAW, driven
 
 STUDY = Path(__file__).parent.parent / "sample_data" / "synthetic_paper_study.csv"
 

@@ -29,7 +29,7 @@ from accpinn.results.snapshot.file import load, save, sealed, to_bytes
 from accpinn.results.snapshot.schema import ATTRIBUTION, MANIFEST, PARTS, SCHEMA
 from accpinn.segment.cut import cut
 from accpinn.segment.regimes import exclude_regimes, label_regimes
-from tests.driving import MIXED, driven, standing_still
+from tests.support.driving import MIXED, driven, standing_still
 from tests.snapshots import resealed, small, small_bytes, trained, whole
 from tests.support.methods import RIVALS as ESTIMATORS
 from tests.support.samples import FOLDER, NOISY

@@ -20,7 +20,7 @@ from accpinn.methods.packing import Arrays, pack_fit
 from accpinn.methods.pinn.config import preset
 from accpinn.methods.pinn.training import train
 from accpinn.methods.store import FOLDER_VARIABLE, Say, Store
-from tests.driving import driven
+from tests.support.driving import driven
 
 KEY = "0123abcd"
 NAME = f"{KEY}.state.npz"

@@ -16,7 +16,7 @@ from accpinn.model.cthp import Parameters
 from accpinn.segment.segment import Segment
 from accpinn.stability.vehicle import numbers
 from bench.disturbed import Disturbance, disturbed
-from tests.driving import LAW, driven, standing_still
+from tests.support.driving import LAW, driven, standing_still
 
 TRUTH = Parameters(*LAW)
 
