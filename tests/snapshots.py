@@ -5,7 +5,7 @@ from functools import cache
 from typing import Any
 
 from accpinn.inference.intervals import intervals
-from accpinn.methods.fit import Fit
+from accpinn.methods.fit import Fit, StartedFrom
 from accpinn.methods.pinn.config import preset
 from accpinn.methods.pinn.training import train
 from accpinn.results.snapshot import documents
@@ -47,7 +47,7 @@ def whole() -> Snapshot:
     """Of the synthetic platoon: network, comparison and data."""
     segment, fit = trained()
     rows = tuple(compare(segment, "II", ("least-squares", "recursive")))
-    fit = replace(fit, notes=("A note with “quotes”, <tags> and\nlines.",))
+    fit = replace(fit, findings=(StartedFrom("“quotes”, <tags> and\nlines"),))
     return create(segment, fit, rows=rows, name="whole", note="α β τ", with_data=True)
 
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from accpinn.inference.model_adequacy import ModelForm, better, model_forms
-from accpinn.methods.one_second_means import one_second_means
+from accpinn.methods.regression import one_second_means
 from accpinn.model.cthp import Parameters
 from accpinn.recordings.openacc import read
 from accpinn.results.tables.estimates import FORMS, model_form_table
@@ -57,7 +57,7 @@ def test_what_is_left_out_does_not_count() -> None:
     late = segment.time[:, None] >= 200.0
     spoilt = replace(segment, gaps=segment.gaps + np.where(late, 30.0, 0.0))
     masked = replace(spoilt, left_out=late, excluded_regimes=("catching up",))
-    assert not one_second_means(masked).known[0, -1]
+    assert not one_second_means(masked).mask[0, -1]
     found = by_form(masked)["as it is"]
     np.testing.assert_allclose(found.parameters[0], [0.1, 0.3, 1.2], rtol=0.1)
 

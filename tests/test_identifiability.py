@@ -209,7 +209,7 @@ class TestCommand:
     def test_one_document_holds_every_start(self, capsys: pytest.CaptureFixture[str]) -> None:
         assert main([*self.WORDS, "--threads", "1", "--json"]) == 0
         found = json.loads(capsys.readouterr().out)
-        assert [tuple(trial["initial"]) for trial in found["trials"]] == list(STARTS)
+        assert [Parameters(*trial["initial"]) for trial in found["trials"]] == list(STARTS)
         alphas = [trial["parameters"][0]["alpha"] for trial in found["trials"]]
         by_hand = 100 * np.ptp(alphas) / np.mean(alphas)
         assert found["spread_percent"][0]["alpha"] == pytest.approx(by_hand)

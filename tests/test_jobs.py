@@ -12,9 +12,10 @@ import numpy as np
 import pytest
 
 from accpinn.errors import ConfigError
-from accpinn.methods.fit import Fit, History, Outcome, Progress
+from accpinn.methods.fit import CacheProblem, Fit, Outcome
+from accpinn.methods.history import History, Progress
 from accpinn.methods.pinn.config import FAST, PAPER, PinnConfig
-from accpinn.methods.pinn.request import request_keys
+from accpinn.methods.pinn.method import request_keys
 from accpinn.methods.store import Store
 from accpinn.model.cthp import Parameters
 from accpinn.recordings.openacc import read
@@ -34,7 +35,9 @@ Command = Callable[[Any], Fit | None]
 
 def moment(iteration: int, seconds: float, iterations: int = 100) -> Progress:
     table = np.array([[0.1, 0.2, 1.0 + iteration]])
-    return Progress("Adam", iteration, iterations, seconds, 2.0, 1.5, 0.5, 0.0, table)
+    return Progress(
+        "Adam", iteration, iterations, seconds, 2.0, 1.5, 0.5, 0.0, Parameters.of(table)
+    )
 
 
 def result(outcome: Outcome = Outcome.FINISHED, **changes: Any) -> Fit:
@@ -142,10 +145,10 @@ def test_a_job_runs_to_its_end(trainings: TaskQueue, puppet: Puppet, segment: Se
     assert job.status is Status.RUNNING
     assert job.is_active
     assert job.fit is None
-    puppet.end(result(notes=("well done",)))
+    puppet.end(result(findings=(CacheProblem("well done"),)))
     assert finished(job).status is Status.DONE
     assert job.fit is not None
-    assert job.fit.notes == ("well done",)
+    assert job.fit.findings == (CacheProblem("well done"),)
     assert job.error == ""
     assert puppet.calls["threads"] == 1
 
@@ -199,7 +202,8 @@ def test_the_result_s_own_course_replaces_the_live_one(
     job = trainings.submit("ann", segment, "II", FAST)
     puppet.step(3, 0.1)
     zeros = np.zeros(2)
-    own = History(np.array([0.0, 7.0]), zeros, zeros, zeros, zeros, zeros, np.zeros((2, 1, 3)))
+    tables = Parameters.of(np.zeros((2, 1, 3)))
+    own = History(np.array([0.0, 7.0]), zeros, zeros, zeros, zeros, zeros, tables)
     puppet.end(result(history=own))
     assert finished(job).history() is own
 
@@ -361,10 +365,10 @@ def test_a_damaged_file_is_said_in_the_notes_of_the_job_that_met_it(
         for owner in ("ann", "ben"):
             job = finished(trainings.submit(owner, segment, "II", config))
             assert job.fit is not None
-            notes.append([note for note in job.fit.notes if "set aside" in note])
+            notes.append([f for f in job.fit.findings if isinstance(f, CacheProblem)])
     finally:
         trainings.close()
-    assert notes[0][0].startswith(name)
+    assert notes[0][0].sentence.startswith(name)
     assert notes[1] == [], "the next one is told nothing of it"
 
 

@@ -233,10 +233,10 @@ class TestDualUnscented:
         segment = driven((LAW,), noise=0.05)
         platoon = Measurements.of(segment, "II")
         measured = np.stack([segment.gaps[:, 0], segment.speeds[:, 1]], axis=1)
-        dual = dual_ukf._Dual(measured[:1, None], segment.sample_time)
+        dual = dual_ukf._Dual(platoon)
         theta = Parameters(*LAW).theta
         dual._drift = np.zeros((3, 3))
-        dual.theta = theta[None]
+        dual.mean = theta[None]
         dual.covariance = 1e-24 * np.eye(3)[None]
         still = np.array(0.0)
         transition = np.column_stack(
@@ -245,7 +245,7 @@ class TestDualUnscented:
         mean, spread = measured[0], online.measurement_noise()
         for now in range(1, 200):
             before, after = platoon.ahead[now - 1], platoon.ahead[now]
-            dual.update(before, after, measured[now][None, None], np.ones((1, 1)))
+            dual.update(before, after, State(*measured[now][:, None, None]), np.ones((1, 1)))
             mean = np.array(move(tuple(theta), State(*mean), before[0, 0], after[0, 0], 0.1))
             spread = transition @ spread @ transition.T + online.motion_noise(0.1)
             gain = spread @ np.linalg.inv(spread + online.measurement_noise())
@@ -297,7 +297,7 @@ class TestParticles:
         weights = np.exp(-0.5 * ((cloud._theta[0, 0] - 0.11) / 0.01) ** 2)
         cloud._weights = (weights / weights.sum())[None]
         cloud.mean = (cloud._theta @ cloud._weights[0]).T
-        before = cloud.covariance(0)
+        before = cloud._covariance(0)
         mean = cloud.mean.copy()
         cloud._redraw(0)
         after = cloud._theta[:, 0]

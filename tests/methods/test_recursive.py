@@ -155,7 +155,7 @@ class TestUncertainty:
     def test_tau_has_a_deviation_by_the_delta_method(self) -> None:
         theta = np.array([[[0.1, 0.15, 0.2]]])
         covariance = np.diag([1e-6, 4e-6, 9e-6])[None, None]
-        path = track(np.array([1.0]), theta, covariance, followers=1)
+        path = track(driven(step=0.5, duration=0.5), theta, covariance)
         assert path.deviation is not None
         draws = np.random.default_rng(0).multivariate_normal(theta[0, 0], covariance[0, 0], 100_000)
         expected = (1e-3, 3e-3, (draws[:, 1] / draws[:, 0]).std())
