@@ -15,7 +15,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from accpinn.methods.fit import History, ParameterTrack
+from accpinn.methods.fit import ParameterTrack
+from accpinn.methods.history import History
 from accpinn.model.cthp import Parameters, Trajectories
 from accpinn.model.published import CASALE
 from accpinn.platoon.leader import Sinusoid
@@ -50,9 +51,11 @@ def history(*, sets: int = 2, moments: int = 40) -> History:
     fading = 0.5**steps
     settled = np.array([0.1, 0.2, 1.2])
     table = settled + fading[:, None] * (1 - settled)
-    tables = np.repeat(table[:, None, :], sets, axis=1)
+    tables = Parameters.of(np.repeat(table[:, None, :], sets, axis=1))
     zeros = np.zeros(moments)
-    return History(steps, steps, fading + 0.01, fading, fading * 0 + 0.01, zeros, tables)
+    return History(
+        steps, steps, fading + 0.01, fading, fading * 0 + 0.01, zeros, Parameters.of(tables)
+    )
 
 
 def as_json(figure: Any) -> dict[str, Any]:
@@ -294,7 +297,9 @@ def test_tracking_shows_data_network_and_simulation(segment: Segment) -> None:
 def test_charts_of_a_window_run_in_the_recordings_time(segment: Segment) -> None:
     later = replace(segment, start=320.0)
     own = Trajectories(segment.time, segment.speeds, segment.gaps)
-    track = ParameterTrack(segment.time, np.ones((segment.samples, segment.followers, 3)))
+    track = ParameterTrack(
+        segment.time, Parameters.of(np.ones((segment.samples, segment.followers, 3)))
+    )
     for figure in (
         recording_figures.preview(later),
         training.tracking(later, 0, own, own),

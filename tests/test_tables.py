@@ -35,7 +35,7 @@ def segment() -> Segment:
 
 @pytest.fixture
 def fit() -> Fit:
-    return Fit("pinn", "II", LAWS, None, Outcome.SETTLED, 1.0, {"preset": "fast"})
+    return Fit("pinn", "II", LAWS, None, Outcome.CONVERGED, 1.0, {"preset": "fast"})
 
 
 def errors(scale: float) -> TrackingErrors:

@@ -68,7 +68,7 @@ def fit(segment: Segment, case: Case = "II", memory: Seconds = MEMORY) -> Fit:
         outcome=Outcome.FILTERED,
         seconds=time.perf_counter() - started,
         config={"memory": memory},
-        track=track(sums.time, theta, _covariance(sums, unconstrained), segment.followers),
+        track=track(segment, theta, _covariance(sums, unconstrained)),
         findings=_findings(segment, theta[late], solution),
     )
 
