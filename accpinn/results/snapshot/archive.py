@@ -124,9 +124,7 @@ def unpack_arrays(data: bytes, what: str) -> Arrays:
     members = unpack(data, f"The part with {what}")
     for name in members:
         if not _NAME.fullmatch(name):
-            raise SnapshotError(
-                f"The snapshot is refused: in {what}, {_shown(name)} is no name."
-            )
+            raise SnapshotError(f"The snapshot is refused: in {what}, {_shown(name)} is no name.")
     return {
         name.removesuffix(SUFFIX): _array(member, f"{what}, {name}")
         for name, member in members.items()
@@ -147,7 +145,6 @@ def _array(member: bytes, place: str) -> NDArray[Any]:
             raise ValueError("is not as numpy writes it")
     except Exception as fault:  # numpy's parser raises many kinds for foreign bytes
         raise SnapshotError(
-            f"The snapshot is refused: {place} is no plain array of numbers"
-            f" ({_shown(str(fault))})."
+            f"The snapshot is refused: {place} is no plain array of numbers ({_shown(str(fault))})."
         ) from None
     return values
