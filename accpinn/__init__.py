@@ -47,11 +47,11 @@ if TYPE_CHECKING:
     from accpinn.errors import AccpinnError as AccpinnError
     from accpinn.evaluation.evaluation import Evaluation as Evaluation
     from accpinn.evaluation.evaluation import evaluate as evaluate
+    from accpinn.inference.identifiability import profiles as profiles
     from accpinn.inference.intervals import Uncertainty as Uncertainty
     from accpinn.inference.intervals import intervals as intervals
     from accpinn.inference.model_adequacy import model_forms as model_forms
     from accpinn.inference.multistart import multistart as multistart
-    from accpinn.inference.profiles import profiles as profiles
     from accpinn.methods.fit import Fit as Fit
     from accpinn.methods.method import Method as Method
     from accpinn.methods.pinn.config import PinnConfig as PinnConfig
@@ -91,10 +91,10 @@ _HOMES = {
     "api": "Study fit load verify",
     "errors": "AccpinnError",
     "evaluation.evaluation": "Evaluation evaluate",
+    "inference.identifiability": "profiles",
     "inference.intervals": "Uncertainty intervals",
     "inference.model_adequacy": "model_forms",
     "inference.multistart": "multistart",
-    "inference.profiles": "profiles",
     "methods.fit": "Fit",
     "methods.method": "Method",
     "methods.pinn.config": "PinnConfig preset",

@@ -14,11 +14,13 @@ TITLES = {
     "uncertainty": "Intervals",
     "evaluation.surrogate": "Surrogate fit",
     "evaluation.closed_loop": "Closed-loop simulation",
-    "evaluation.held_out": "Hold-out",
+    "evaluation.holdout": "Hold-out",
     "evaluation.blocks": "Hold-out, block by block",
-    "evaluation.unseen": "Outside the window",
+    "evaluation.out_of_window": "Outside the window",
     "evaluation.out_of_window_seconds": "Time outside the window",
     "evaluation.whiteness": "Residual",
+    "evaluation.findings": "Collisions",
+    "evaluation.out_of_window_findings": "Collisions outside the window",
 }
 """Of the parts whose own names would not do."""
 ABSENT = "–"

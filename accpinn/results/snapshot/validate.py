@@ -45,8 +45,7 @@ SHAPES = FIT_SHAPES | {
     "Whiteness.memory": Shape("M"),
     "Whiteness.independent": Shape("M"),
     "Whiteness.probability": Shape("M"),
-    "Whiteness.sentences": Shape("M"),
-    "Evaluation.collisions": Shape("M"),
+    "Whiteness.findings": Shape("M"),
     "StabilityReport.vehicles": Shape("M"),
     "VehicleStability.parameters": Shape(3),
     "PlatoonStability.peaks": Shape("M"),
@@ -168,7 +167,7 @@ def _check_uncertainty(uncertainty: Uncertainty) -> None:
     gains = (uncertainty.peak_gain, uncertainty.linf_gain, uncertainty.crossover)
     for interval in gains:
         _require(not _negative(interval.lower), "an interval of a gain or frequency is negative")
-    for interval in (*gains, Interval(uncertainty.lower, uncertainty.upper)):
+    for interval in (*gains, Interval(uncertainty.lower.values, uncertainty.upper.values)):
         _require(not (interval.lower > interval.upper).any(), "an interval is upside down")
 
 

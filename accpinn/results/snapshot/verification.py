@@ -252,11 +252,9 @@ class _Work:
         if fit.surrogate is None:
             unknown.add("surrogate")
         if recording is None or not self.snapshot.facts:  # else nothing beyond the window was known
-            unknown |= {"unseen", "out_of_window_seconds"}
-            if stored:  # incidents beyond the window come last
-                stored = replace(stored, incidents=stored.incidents[: len(found.incidents)])
+            unknown |= {"out_of_window", "out_of_window_seconds", "out_of_window_findings"}
         if stored and stored.blocks:
-            found = replace(found, held_out=pooled_holdout_errors(stored.blocks))
+            found = replace(found, holdout=pooled_holdout_errors(stored.blocks))
         for field in fields(Evaluation):
             if field.name not in unknown:
                 old, new = (getattr(one, field.name, None) for one in (stored, found))
@@ -269,10 +267,9 @@ class _Work:
         estimate = partial(of.fit, case=fit.case, settings=settings)
         try:
             again = estimate(segment)
-            estimated = [
-                replace(one, config={}) for one in (fit, light(again) if method else again)
-            ]
-            found = compare("refit", *estimated, method, relative=SOLVED, numbers_only=True)
+            pair = (fit, light(again) if method else again)
+            old, new = (replace(one, config={}) for one in pair)
+            found = compare("refit", old, new, method, relative=SOLVED, numbers_only=True)
             if not found.ok and of.tolerance > SOLVED:
                 found = compare("refit", fit.parameters, again.parameters, method,
                                 relative=of.tolerance)  # fmt: skip
@@ -289,7 +286,7 @@ class _Work:
 
 
 def _times(blocks: tuple[Block, ...]) -> list[tuple[float, float]]:
-    return [(round(block.start, 3), round(block.duration, 3)) for block in blocks]
+    return [(round(block.window.start, 3), round(block.window.duration, 3)) for block in blocks]
 
 
 def compare(

@@ -1,31 +1,47 @@
-"""Reasons of verdicts: one sentence each, whatever the vehicle."""
+"""The answer on string stability: its counts, its certainty, and the words for its kinds."""
 
+import math
+from types import SimpleNamespace
 from typing import Any
 
+import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
+from accpinn.inference.intervals import Interval
 from accpinn.model.cthp import Parameters
-from accpinn.results.messages.stability import BEHAVIOURS, TITLES, factor, reason
-from accpinn.stability.report import (
-    Behaviour,
-    Criterion,
-    StabilityReport,
-    VehicleStability,
-    stability_report,
+from accpinn.model.published import ParameterSet
+from accpinn.results.messages.stability import (
+    BEHAVIOURS,
+    TITLES,
+    amplification,
+    certainty,
 )
-from tests.support.vehicles import AUDI, BMW, CALM, TESLA, UNDAMPED, extreme, ordinary, row
+from accpinn.stability.report import Behaviour, Criterion, stability_report
 
-DAMPED = Parameters(0.08, 0.02, 9.0)
+CALM, LOUD = Parameters(0.05, 0.6, 1.8), Parameters(0.08, 0.12, 1.5)
+UNDAMPED = Parameters(0.04, 0.0, 0.0)
 
 
-def reasons(of: VehicleStability | StabilityReport) -> dict[str, str]:
-    """By the verdict's name in the report."""
-    held: Any = of.platoon if isinstance(of, StabilityReport) else of
-    names = ("l2_strict", "l2_weak", "linf_strict", "linf_weak")
-    names = names if isinstance(of, StabilityReport) else ("l2", "linf_paper", "linf_exact")
-    return {name: reason(getattr(held, name), of) for name in names}
+def named(*vehicles: Parameters) -> ParameterSet:
+    names = tuple(f"V{k}" for k in range(1, len(vehicles) + 1))
+    return ParameterSet("Mine", names, Parameters.stack(vehicles))
+
+
+@pytest.mark.parametrize(
+    ("vehicles", "sentence"),
+    [
+        ((CALM,), "V1 does not amplify any frequency."),
+        ((CALM, CALM), "None of the vehicles amplifies any frequency."),
+        ((Parameters(0.05, 0.6, 1.62),) * 2, "peaks can still grow"),
+        ((CALM, UNDAMPED), "One of two vehicles amplifies disturbances: V2, without limit"),
+        ((CALM, LOUD), "One of two vehicles amplifies disturbances: V2, up to"),
+        ((LOUD, CALM, LOUD), "Two of three vehicles amplify disturbances, V1 the most"),
+        ((LOUD,) * 12, "All 12 vehicles amplify disturbances, V1 the most"),
+    ],
+)
+def test_the_headline_counts(vehicles: tuple[Parameters, ...], sentence: str) -> None:
+    chosen = named(*vehicles)
+    assert sentence in amplification(chosen, stability_report(chosen.parameters))
 
 
 def test_every_criterion_and_behaviour_has_its_words() -> None:
@@ -33,51 +49,26 @@ def test_every_criterion_and_behaviour_has_its_words() -> None:
     assert set(BEHAVIOURS) == set(Behaviour)
 
 
-@given(st.one_of(ordinary, extreme))
-def test_every_reason_is_one_sentence_without_odd_numbers(vehicle: Parameters) -> None:
-    report = stability_report(row(vehicle, AUDI))
-    for text in [*reasons(report.vehicles[0]).values(), *reasons(report).values()]:
-        assert text.endswith(".")
-        assert ". " not in text
-        assert "nan" not in text
-        assert "inf " not in text
-        assert "None" not in text
-
-
-def test_where_the_two_linf_criteria_differ_the_reason_says_why() -> None:
-    found = reasons(stability_report(TESLA).vehicles[0])
-    assert "real" in found["linf_paper"]
-    assert "necessary but not sufficient" in found["linf_exact"]
-    assert "1.095" in found["linf_exact"]
-
-
-@pytest.mark.parametrize("name", ["l2", "linf_exact"])
-def test_the_boundary_is_named(name: str) -> None:
-    headways = stability_report(TESLA).vehicles[0].smallest_tau
-    at = Parameters(TESLA.alpha, TESLA.beta, getattr(headways, name))
-    assert reasons(stability_report(at).vehicles[0])[name].startswith("On the boundary")
-
-
 @pytest.mark.parametrize(
-    ("vehicles", "name", "words"),
+    ("stable", "gapless", "said"),
     [
-        (row(CALM, TESLA), "l2_strict", "Follower 2 amplifies disturbances by"),
-        (row(AUDI, CALM, BMW), "linf_strict", "Followers 1 and 3 amplify peaks, follower 1 the m"),
-        (row(TESLA, DAMPED, DAMPED), "l2_weak", "others damp"),
-        (row(AUDI, UNDAMPED, CALM), "l2_weak", "at 0.5 rad/s grows without limit"),
-        (row(CALM, CALM), "linf_weak", "neither does the platoon"),
-        (row(TESLA, CALM), "linf_weak", "from the leader to the last"),
-        (row(Parameters(1e-12, 1.0, 0.1), Parameters(1e8, 1, 1e-5)), "linf_weak", "time scales"),
+        (0.01, 0.0, "certain: at least 95 %"),
+        (0.01, 0.09, "90 % amplify, 1 % do not, 9 % have no gap control"),
+        (0.60, 0.0, "40 % amplify, 60 % do not."),
+        (math.nan, math.nan, "do not determine whether V1"),
     ],
 )
-def test_a_platoons_reason_names_who_and_how_much(
-    vehicles: Parameters, name: str, words: str
-) -> None:
-    assert words in reasons(stability_report(vehicles))[name]
-
-
-@pytest.mark.parametrize(
-    ("gain", "text"), [(1.4, "1.40"), (12.0, "12.0"), (123.4, "123"), (1.00002, "1 + 2e-05")]
-)
-def test_a_factor_keeps_its_digits(gain: float, text: str) -> None:
-    assert factor(gain) == text
+def test_certainty_counts_posterior_samples(stable: float, gapless: float, said: str) -> None:
+    chosen = named(LOUD)
+    ends = Interval(np.array([1.0]), np.array([1.53]))
+    uncertainty: Any = SimpleNamespace(
+        level=0.9,
+        probability_l2=np.array([stable]),
+        gapless=np.array([gapless]),
+        peak_gain=ends,
+        inside=np.array([[True, False, True]]),
+    )
+    sentence = certainty(chosen, stability_report(chosen.parameters), uncertainty)
+    assert said in sentence
+    assert "outside their intervals: β." in sentence
+    assert ("90 % interval: 1.00 to 1.53" in sentence) == (stable == stable)

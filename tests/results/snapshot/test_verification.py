@@ -14,6 +14,7 @@ from accpinn.evaluation.cross_validation import pooled_holdout_errors
 from accpinn.methods.fit import Outcome
 from accpinn.model.cthp import Parameters
 from accpinn.recordings.openacc import read
+from accpinn.recordings.recording import Window
 from accpinn.results.messages.snapshot import summary
 from accpinn.results.snapshot.create import create
 from accpinn.results.snapshot.file import load, save, seal, to_bytes
@@ -90,11 +91,9 @@ class TestHonest:
         assert {check.part for check in found.checks if not check.method} == {
             "attribution", "stability", "fit.surrogate", "quality", "uncertainty",
             "evaluation.surrogate", "evaluation.closed_loop", "evaluation.whiteness",
-            "evaluation.collisions",
         }  # fmt: skip
         assert {check.part for check in found.checks if "Least" in check.method} == {
-            "uncertainty", "evaluation.closed_loop", "evaluation.held_out", "evaluation.whiteness",
-            "evaluation.collisions",
+            "uncertainty", "evaluation.closed_loop", "evaluation.holdout", "evaluation.whiteness",
         }  # fmt: skip
         assert all(check.count > 0 and check.place for check in found.checks[1:])
         assert kinds(found) == {"estimate", "data", "remarks"}
@@ -158,13 +157,16 @@ class TestForged:
     def test_intervals(self, figure: str) -> None:
         uncertainty = small().uncertainty
         assert uncertainty is not None
-        forged = replace(uncertainty, **{figure: getattr(uncertainty, figure) * 1.001 + 0.001})
+        value = getattr(uncertainty, figure)
+        other = getattr(value, "values", value) * 1.001 + 0.001
+        kind = Parameters.of if isinstance(value, Parameters) else np.asarray
+        forged = replace(uncertainty, **{figure: kind(other)})
         found = fault(verify(replace(small(), uncertainty=forged)))
         assert found.part == "uncertainty"
         assert found.place.startswith(figure)
 
     def test_intervals_of_another_method_unless_of_another_version(self) -> None:
-        older = replace(small().uncertainty, method="an older one", lower=np.zeros((1, 3)))  # type: ignore[type-var]
+        older = replace(small().uncertainty, method="an older one", lower=Parameters([0], [0], [0]))  # type: ignore[type-var]
         origin = replace(small().origin, accpinn="0.0.1")
         found = verify(replace(small(), uncertainty=older, origin=origin))
         assert found.ok
@@ -186,8 +188,8 @@ class TestForged:
         assert (found.part, found.method) == ("evaluation.closed_loop", "Least squares")
 
     def test_a_hold_out_that_does_not_follow_from_its_blocks(self) -> None:
-        found = fault(verify(with_evaluation(whole(), held_out=None)))
-        assert found.part == "evaluation.held_out"
+        found = fault(verify(with_evaluation(whole(), holdout=None)))
+        assert found.part == "evaluation.holdout"
 
     def test_blocks_but_not_those_held_out_otherwise(self) -> None:
         blocks = whole().methods[0].evaluation.blocks
@@ -195,10 +197,10 @@ class TestForged:
         def changed(**change: Any) -> Verification:
             own = tuple(replace(block, **change) for block in blocks)
             pooled = pooled_holdout_errors(own)
-            return verify(with_evaluation(whole(), blocks=own, held_out=pooled), refit=True)
+            return verify(with_evaluation(whole(), blocks=own, holdout=pooled), refit=True)
 
         assert fault(changed(errors=blocks[0].errors)).part == "evaluation.blocks"
-        elsewhere = changed(start=blocks[0].start + 1.0)
+        elsewhere = changed(window=Window(1.0, 2.0))
         assert elsewhere.ok
         assert "blocks" in kinds(elsewhere)
 
@@ -207,11 +209,11 @@ class TestForged:
         honest = create(*trained(), recording=recording)
         assert verify(honest, recording).ok
         assert honest.evaluation is not None
-        assert honest.evaluation.unseen is not None
-        errors = honest.evaluation.unseen
+        assert honest.evaluation.out_of_window is not None
+        errors = honest.evaluation.out_of_window
         better = replace(errors, gap_mae=errors.gap_mae / 2)
-        forged = replace(honest, evaluation=replace(honest.evaluation, unseen=better))
-        assert fault(verify(forged, recording)).part == "evaluation.unseen"
+        forged = replace(honest, evaluation=replace(honest.evaluation, out_of_window=better))
+        assert fault(verify(forged, recording)).part == "evaluation.out_of_window"
 
     def test_another_recording(self) -> None:
         found = verify(replace(whole(), segment=None), read(FOLDER / f"{NOISY}.csv"))
