@@ -2,9 +2,11 @@
 
 import streamlit as st
 
+from accpinn.stability.report import stability_report
 from pages.ui.components import frame
+from pages.ui.components.messages import attempt
 from pages.ui.components.parameter_picker import choose_parameters
-from pages.ui.stability.charts import checked_report, show_bode, show_criteria, show_map
+from pages.ui.stability.charts import show_bode, show_criteria, show_map
 from pages.ui.stability.views import (
     choose_uncertainty,
     show_answer,
@@ -20,14 +22,14 @@ def main() -> None:
         "Stability", "Which of these vehicles amplify the disturbances of the car ahead?"
     )
     chosen = choose_parameters(workspace, "stability")
-    report = checked_report(chosen) if chosen else None
+    report = attempt(lambda: stability_report(chosen.parameters)) if chosen else None
     if chosen is None or report is None:
         return
     show_answer(chosen, report, uncertainty_of(workspace, chosen))
     show_verdicts(chosen, report)
     uncertainty = choose_uncertainty(workspace, chosen)
-    if uncertainty:
-        show_intervals(chosen, uncertainty)
+    if uncertainty and workspace.fit_info:
+        show_intervals(chosen, uncertainty, workspace.fit_info)
     show_reasons(chosen, report)
     st.subheader("Bode magnitude", anchor=False)
     show_bode(workspace, chosen, report, uncertainty)

@@ -2,9 +2,11 @@
 
 import streamlit as st
 
+from accpinn.platoon.simulation import simulate_platoon
 from accpinn.results.figures.platoon import cast_of, profiles
 from pages.ui.components import frame
 from pages.ui.components.charts import show_chart
+from pages.ui.components.messages import attempt
 from pages.ui.components.parameter_picker import choose_parameters
 from pages.ui.platoon.controls import choose_leader, choose_order
 from pages.ui.platoon.views import (
@@ -14,7 +16,6 @@ from pages.ui.platoon.views import (
     show_panels,
     show_wave_in_time,
     show_wave_on_road,
-    simulated,
 )
 
 
@@ -35,7 +36,7 @@ def main() -> None:
         leader = choose_leader(workspace, platoon) if order else None
         panels_button(workspace, "The paper's four panels", "grid_view", "platoon_panels", True)
     with chart:
-        run = simulated(platoon, leader)
+        run = attempt(lambda: simulate_platoon(platoon, leader)) if leader else None
         if run is None or order is None:
             return
         cast = cast_of(chosen, order)

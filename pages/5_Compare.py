@@ -2,6 +2,7 @@
 
 import streamlit as st
 
+from accpinn.results.messages import messages
 from accpinn.study.comparison import failures_among
 from pages.ui.compare.charts import (
     choose_earlier,
@@ -75,7 +76,7 @@ def show(workspace: Workspace, running: bool) -> None:
     uncertainty = rows[0].uncertainty
     show_verdict(segment, rows)
     show_intervals(segment.info, uncertainty, GAP_ERROR)
-    show_messages(uncertainty.notes)
+    show_messages(messages(uncertainty.findings, segment))
     follower = pick_follower(segment, "compare_follower")
     show_methods(segment, rows, follower)
     earlier = choose_earlier(workspace, segment, follower)

@@ -65,8 +65,11 @@ class Task(Generic[Result]):
         self._steps, self._weights = steps, tuple(weights)
         self._lock = threading.Lock()
         self._stop, self._ended = threading.Event(), threading.Event()
-        self._status, self._error = Status.QUEUED, ""
-        self._results: tuple[Result, ...] = ()
+        self.status = Status.QUEUED
+        self.error = ""
+        """Why it failed, as a sentence; empty otherwise."""
+        self.results: tuple[Result, ...] = ()
+        """All results so far, also those of a task that was stopped or failed."""
         self._recent = deque[Progress](maxlen=200)
         self._recorder: Recorder | None = None
         self._began: Seconds | None = None
@@ -74,12 +77,6 @@ class Task(Generic[Result]):
         """The history of the training that this one continues."""
         self.ended_at: Seconds | None = None
         """By the clock of the queue it belongs to."""
-
-    @property
-    def status(self) -> Status:
-        """Where it stands."""
-        with self._lock:
-            return self._status
 
     @property
     def is_active(self) -> bool:
@@ -92,22 +89,9 @@ class Task(Generic[Result]):
         return self._stop.is_set() and self.is_active
 
     @property
-    def error(self) -> str:
-        """Why it failed, as a sentence; empty otherwise."""
-        with self._lock:
-            return self._error
-
-    @property
-    def results(self) -> tuple[Result, ...]:
-        """All results so far, also those of a task that was stopped or failed."""
-        with self._lock:
-            return self._results
-
-    @property
     def result(self) -> Result | None:
         """The latest result, None before the first."""
-        results = self.results
-        return results[-1] if results else None
+        return self.results[-1] if self.results else None
 
     @property
     def progress(self) -> Progress | None:
@@ -125,7 +109,7 @@ class Task(Generic[Result]):
     def share(self) -> float:
         """The share of the work that is done, 0 to 1."""
         with self._lock:
-            done, now = len(self._results), self._recent[-1] if self._recent else None
+            done, now = len(self.results), self._recent[-1] if self._recent else None
         weights = self._weights or (1.0,) * len(self.names)
         within = min(1.0, now.iteration / max(1, now.iterations)) if now else 0.0
         running = within * weights[done] if done < len(weights) else 0.0
@@ -157,7 +141,7 @@ class Task(Generic[Result]):
     def history(self) -> History | None:
         """The history of the running or latest estimation, None before its first moment."""
         with self._lock:
-            last = self._results[-1] if self._results and not self._recent else None
+            last = self.results[-1] if self.results and not self._recent else None
             if isinstance(last, Fit) and last.history:
                 return last.history
             if self._recorder is None:
@@ -193,8 +177,7 @@ class Task(Generic[Result]):
         if self._stop.is_set():
             self.cancel()
             return
-        with self._lock:
-            self._status, self._began = Status.RUNNING, time.monotonic()
+        self.status, self._began = Status.RUNNING, time.monotonic()
         try:
             for item in self._steps(TaskContext(store, threads, self._note, self._stop.is_set)):
                 if isinstance(item, Progress):
@@ -223,7 +206,7 @@ class Task(Generic[Result]):
 
     def _add(self, result: Result) -> None:
         with self._lock:
-            self._results = (*self._results, result)
+            self.results = (*self.results, result)
             self._recent.clear()
 
     def _is_complete(self) -> bool:
@@ -232,8 +215,7 @@ class Task(Generic[Result]):
         return len(self.results) == len(self.names) and not stopped
 
     def _end(self, status: Status, error: str = "") -> None:
-        with self._lock:
-            self._status, self._error = status, error
+        self.error, self.status = error, status  # whoever sees that it failed can ask why
         self._ended.set()
 
 

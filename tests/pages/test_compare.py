@@ -132,7 +132,7 @@ def test_a_training_with_other_settings_has_a_row_of_its_own(found: Workspace) -
     found.comparison = Task(found.id, "comparison", lambda context: iter(()))
     assert found.segment is not None
     least = compare(found.segment, "II", ("least-squares",))
-    found.comparison._results = tuple(least)
+    found.comparison.results = tuple(least)
     assert len(found.compared_with_training()) == 1
     found.train(replace(FAST, iterations=60))
     assert found.training is not None
@@ -141,9 +141,9 @@ def test_a_training_with_other_settings_has_a_row_of_its_own(found: Workspace) -
     assert own.fit is found.fit
     assert own.evaluation.held_out is None
     assert found.compared_with_training()[1] is own, "it is worked out once"
-    found.comparison._results = (own,)
+    found.comparison.results = (own,)
     assert found.compared_with_training() == (own,), "the same settings need no second row"
-    found.training._results = (replace(own.fit, outcome=Outcome.STOPPED),)
+    found.training.results = (replace(own.fit, outcome=Outcome.STOPPED),)
     assert found.compared_with_training() == (own,), "an unfinished training is no result"
 
 

@@ -236,11 +236,8 @@ def certainty(chosen: ParameterSet, report: StabilityReport, uncertainty: Uncert
 
 
 def _is_certain(report: StabilityReport, uncertainty: Uncertainty, k: int) -> bool:
-    stable, without_control = (
-        float(uncertainty.probability_l2[k]),
-        float(uncertainty.no_gap_control[k]),
-    )
-    agreeing = stable if report.vehicles[k].l2.stable else 1.0 - stable - without_control
+    stable, gapless = float(uncertainty.probability_l2[k]), float(uncertainty.no_gap_control[k])
+    agreeing = stable if report.vehicles[k].l2.stable else 1.0 - stable - gapless
     return agreeing >= CERTAIN
 
 
@@ -259,9 +256,7 @@ def _outside(chosen: ParameterSet, uncertainty: Uncertainty) -> str:
     """Which estimates lie outside their intervals."""
     parts = []
     for name, row in zip(chosen.spoken, uncertainty.inside, strict=True):
-        symbols = [
-            quantity.symbol for quantity, inside in zip(PARAMETERS, row, strict=True) if not inside
-        ]
+        symbols = [one.symbol for one, inside in zip(PARAMETERS, row, strict=True) if not inside]
         if symbols:
             whose = f" of {name}" if len(chosen) > 1 else ""
             parts.append(f"{' and '.join(symbols)}{whose}")
@@ -275,20 +270,13 @@ def _shares(chosen: ParameterSet, uncertainty: Uncertainty, unsure: list[int]) -
         return f"{which} certain: at least {_percent(CERTAIN)} of the posterior samples agree."
     parts = []
     for k in unsure:
-        stable, without_control = (
-            float(uncertainty.probability_l2[k]),
-            float(uncertainty.no_gap_control[k]),
-        )
+        stable, gapless = float(uncertainty.probability_l2[k]), float(uncertainty.no_gap_control[k])
         if isnan(stable):
             continue
         name = f"{chosen.spoken[k]} " if len(chosen) > 1 else ""
-        rest = max(0.0, 1.0 - stable - without_control)
+        rest = max(0.0, 1.0 - stable - gapless)
         share = f"{name}{_percent(rest)} amplify, {_percent(stable)} do not"
-        parts.append(
-            f"{share}, {_percent(without_control)} have no gap control"
-            if without_control
-            else share
-        )
+        parts.append(f"{share}, {_percent(gapless)} have no gap control" if gapless else share)
     return f"Not certain. Of the posterior samples: {'; '.join(parts)}." if parts else ""
 
 

@@ -5,7 +5,6 @@ from collections.abc import Sequence
 import numpy as np
 
 from accpinn.inference.identifiability import wide_intervals
-from accpinn.results.messages.inference import joined
 from accpinn.results.tables.estimates import PARAMETER_COLUMNS
 from accpinn.results.tables.names import name_of
 from accpinn.segment.segment import SegmentInfo
@@ -37,9 +36,9 @@ def agreement(rows: Sequence[MethodResult], k: int) -> str:
     if outside:
         said = f"no: by the {level}, {'; '.join(outside)}."
     else:
-        wide = [one.symbol for one in wide_intervals(uncertainty, k)]
+        wide = [quantity.symbol for quantity in wide_intervals(uncertainty, k)]
         which, are = ("that of", "is") if len(wide) == 1 else ("those of", "are")
-        reserve = f", but {which} {joined(wide)} {are} too wide to mean much" if wide else ""
+        reserve = f", but {which} {_joined(wide)} {are} too wide to mean much" if wide else ""
         said = f"yes, all estimates lie within the {level}{reserve}."
     return f"{said} {_largest_difference(estimates)}".rstrip()
 
@@ -64,12 +63,10 @@ def _largest_difference(estimates: FloatArray) -> str:
 def colliding_methods(info: SegmentInfo, rows: Sequence[MethodResult]) -> tuple[str, ...]:
     """For each follower that collides in a closed-loop simulation, by whose parameters it does."""
     names = [name_of(row.fit) for row in rows]
-    touching = np.array(
-        [np.isfinite(row.evaluation.collision_times(info.vehicles)) for row in rows]
-    )
+    times = [row.evaluation.collision_times(info.vehicles) for row in rows]
     return tuple(
         f"{label}, with the parameters of {listed_methods(names, by.tolist())}."
-        for label, by in zip(info.labels[1:], touching.T, strict=True)
+        for label, by in zip(info.labels[1:], np.isfinite(times).T, strict=True)
         if by.any()
     )
 
@@ -85,4 +82,8 @@ def listed_methods(names: Sequence[str], which: Sequence[bool]) -> str:
     others = [name for name, yes in zip(names, which, strict=True) if not yes]
     if not others:
         return "every method" if len(names) > 1 else names[0]
-    return f"all methods but {joined(others)}" if len(others) < len(marked) else joined(marked)
+    return f"all methods but {_joined(others)}" if len(others) < len(marked) else _joined(marked)
+
+
+def _joined(names: Sequence[str]) -> str:
+    return " and ".join([", ".join(names[:-1]), names[-1]] if len(names) > 1 else names)

@@ -48,7 +48,7 @@ def show_identifiability(
         f" acceleration {quality.acceleration_deviation[follower]:.2f} m/s²."
     )
     found = profiles(segment, case)
-    lower, upper = uncertainty.lower.values[follower], uncertainty.upper.values[follower]
+    lower, upper = (ends.values[follower] for ends in (uncertainty.lower, uncertainty.upper))
     colour = vehicle_colours(segment)[follower + 1]
     figure = profiles_chart(found[follower % len(found)], colour, lower, upper)
     show_chart(figure, "compare_profiles")
@@ -65,7 +65,8 @@ def show_adequacy(segment: Segment, follower: int) -> None:
     """Whether a model with one term more explains the data better."""
     st.subheader("Model adequacy", anchor=False)
     found = model_forms(segment)
-    show_messages(messages(better_forms(segment.vehicles, found), segment), icon="lightbulb")
+    better = better_forms(segment.vehicles, found)
+    show_messages(messages(better, segment), icon="lightbulb")
     show_table(model_form_table(segment.info, found, follower))
     st.caption(
         "The intervals hold if the model does. Real controllers keep a distance at standstill and"

@@ -42,23 +42,24 @@ def show_verdict(segment: Segment, rows: tuple[MethodResult, ...]) -> None:
         st.warning(f"{lead}{gap}{bullets(colliding)}", icon=":material/warning:")
     if events := event_list(segment, rows):
         count = sum(len(row.evaluation.all_findings) for row in rows)
-        title = f"All events in closed loop, inside and outside the window ({count})"
+        title = (
+            f"All events in closed-loop simulation, inside and outside the window ({count})"
+        )
         with st.expander(title, icon=":material/car_crash:"):
             st.markdown(events)
 
 
 def event_list(segment: Segment, rows: Sequence[MethodResult]) -> str:
-    """All closed-loop events by follower and method, as markdown; empty where there are none."""
+    """Closed-loop findings by follower and method, as markdown; empty where there are none."""
     parts = []
-    for number, label in zip(segment.vehicles[1:], segment.labels[1:], strict=True):
+    for vehicle in segment.vehicles[1:]:
         lines = []
         for row in rows:
-            found = [event for event in row.evaluation.all_findings if event.vehicle == number]
-            if found:
-                said = " · ".join(map(closed_loop_event, found))
-                lines.append(f"- {name_of(row.fit)}: {escape_markdown(said)}")
+            found = [one for one in row.evaluation.all_findings if one.vehicle == vehicle]
+            if events := " · ".join(map(closed_loop_event, found)):
+                lines.append(f"- {name_of(row.fit)}: {escape_markdown(events)}")
         if lines:
-            parts.append("\n".join((f"**{escape_markdown(label)}**\n", *lines)))
+            parts.append("\n".join((f"**{escape_markdown(segment.label(vehicle))}**\n", *lines)))
     return "\n\n".join(parts)
 
 

@@ -4,8 +4,7 @@ from pathlib import Path
 
 import streamlit as st
 
-from accpinn.results.snapshot.schema import Snapshot
-from accpinn.segment.segment import Segment
+from accpinn.segment.segment import Segment, SegmentInfo
 from accpinn.tasks.task import Status
 from pages.ui.components import charts
 from pages.ui.components.messages import escape_markdown, show_messages
@@ -103,35 +102,25 @@ def segment_line(segment: Segment, case: str, vehicles: bool = False) -> str:
 
 def session_state(workspace: Workspace) -> list[str]:
     """What is open, a line a step."""
-    segment, training = workspace.segment, workspace.training
-    if workspace.snapshot:
-        lines = snapshot_lines(workspace.snapshot)
-    elif workspace.recording is None:
-        return ["No recording is open yet."]
+    snapshot, recording, segment = workspace.snapshot, workspace.recording, workspace.segment
+    if snapshot:
+        info: SegmentInfo | None = snapshot.info
+        lines = [f"**Snapshot** {escape_markdown(snapshot.name[:60] or snapshot.id)}"]
+        lines.append(f"**Recording** {escape_markdown(snapshot.info.source)}")
+    elif recording:
+        info = segment.info if segment else None
+        lines = [f"**Recording** {escape_markdown(recording.source)}"]
     else:
-        lines = [f"**Recording** {escape_markdown(workspace.recording.source)}"]
-        if segment:
-            case = f", Case {workspace.case}" if segment.followers > 1 else ""
-            lines.append(f"**Window** {segment.window}, {_vehicles(segment.vehicles)}{case}")
-            if segment.excluded_regimes:
-                lines.append(f"**Without** {', '.join(segment.excluded_regimes)}")
-        else:
-            lines.append("**Window** cannot be used yet")
+        return ["No recording is open yet."]
+    if info:
+        case = f", Case {workspace.case}" if info.followers > 1 else ""
+        vehicles = f"vehicles {info.vehicles[0]}–{info.vehicles[-1]}"
+        lines.append(f"**Window** {info.window}, {vehicles}{case}")
+        lines += [f"**Without** {', '.join(info.excluded_regimes)}"] * bool(info.excluded_regimes)
+    else:
+        lines.append("**Window** cannot be used yet")
+    training = workspace.training
     return lines + ([f"**Training** {_STATUS[training.status]}"] if training else [])
-
-
-def snapshot_lines(snapshot: Snapshot) -> list[str]:
-    """The same of a snapshot."""
-    info = snapshot.info
-    return [
-        f"**Snapshot** {escape_markdown(snapshot.name[:60] or snapshot.id)}",
-        f"**Recording** {escape_markdown(info.source)}",
-        f"**Window** {info.window}, {_vehicles(info.vehicles)}",
-    ]
-
-
-def _vehicles(numbers: tuple[int, ...]) -> str:
-    return f"vehicles {numbers[0]}–{numbers[-1]}"
 
 
 def _sidebar(workspace: Workspace) -> None:

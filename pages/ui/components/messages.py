@@ -1,12 +1,15 @@
 """Sentences on a page: foreign text shown as it is, lists of findings in boxes, durations."""
 
 import re
-from collections.abc import Sequence
-from typing import Literal
+from collections.abc import Callable, Sequence
+from typing import Literal, TypeVar
 
 import streamlit as st
 
+from accpinn.errors import AccpinnError
 from accpinn.units import Seconds
+
+T = TypeVar("T")
 
 _PUNCTUATION = re.compile(r"([!-/:-@\[-`{-~])")
 _ICONS = {"info": "info", "success": "check_circle", "warning": "warning", "error": "error"}
@@ -42,6 +45,15 @@ def show_messages(
         said = bullets((sentences,) if isinstance(sentences, str) else sentences)
         said += f"\n\n{escape_markdown(after)}" if after else ""
         getattr(st, kind)(said, icon=f":material/{icon or _ICONS[kind]}:")
+
+
+def attempt(work: Callable[[], T]) -> T | None:
+    """The result of some work; None, with the reason shown, where it is refused."""
+    try:
+        return work()
+    except AccpinnError as fault:
+        show_error(fault)
+        return None
 
 
 def show_error(fault: Exception | str) -> None:

@@ -6,14 +6,14 @@ from dataclasses import dataclass
 import pandas as pd
 import streamlit as st
 
-from accpinn.errors import AccpinnError, ParameterError
+from accpinn.errors import ParameterError
 from accpinn.methods.fit import Fit, unfinished
 from accpinn.model.cthp import Parameters
 from accpinn.model.published import PUBLISHED, ParameterSet
 from accpinn.results.snapshot.library import Entry
 from accpinn.results.tables.estimates import where
 from accpinn.segment.segment import SegmentInfo
-from pages.ui.components.messages import escape_markdown, show_error, show_messages
+from pages.ui.components.messages import attempt, escape_markdown, show_messages
 from pages.ui.components.widgets import segments, select
 from pages.ui.session.resources import library, opened
 from pages.ui.session.ui_state import Source, TypedRow
@@ -53,7 +53,6 @@ def choose_parameters(workspace: Workspace, page: str) -> ParameterSet | None:
     missing = {"fit": not workspace.fit, "snapshot": not entries}
     offered = {source: name for source, name in SOURCES.items() if not missing.get(source)}
     source = _source(workspace, entries)
-    learned = None
     with st.container(horizontal=True, vertical_alignment="center"):
         segments(
             "Parameters of", offered, source, f"{page}_source",
@@ -63,23 +62,23 @@ def choose_parameters(workspace: Workspace, page: str) -> ParameterSet | None:
             _choose_example(workspace, page)
         elif source == "snapshot":
             _choose_snapshot(workspace, page, entries)
-        elif source == "fit" and (learned := _current(workspace)):
-            st.caption(escape_markdown(where(learned.info)))
+        elif source == "fit" and workspace.fit_info:
+            st.caption(escape_markdown(where(workspace.fit_info)))
     _warn_not_own(workspace, source)
     if source == "hand":
         _edit_rows(workspace, page)
-    try:
-        if source == "snapshot":
-            learned = _saved(workspace, entries)
-            if learned.info.excluded_regimes:
-                st.caption(escape_markdown(where(learned.info)))
-        if learned and (sentence := unfinished(learned.fit)):
-            cure = " Continue it on page Train." if source == "fit" else ""
-            show_messages(sentence + cure, "warning", "pause_circle")
-        return learned.parameters if learned else _without_fit(workspace, source)
-    except AccpinnError as fault:
-        show_error(fault)
-        return None
+    return attempt(lambda: _show_chosen(workspace, source, entries))
+
+
+def _show_chosen(workspace: Workspace, source: Source, entries: tuple[Entry, ...]) -> ParameterSet:
+    """The parameters chosen; what limits the fit that they are from is shown."""
+    learned = _learned(workspace, source, entries)
+    if learned and source == "snapshot" and learned.info.excluded_regimes:
+        st.caption(escape_markdown(where(learned.info)))
+    if learned and (sentence := unfinished(learned.fit)):
+        cure = " Continue it on page Train." if source == "fit" else ""
+        show_messages(sentence + cure, "warning", "pause_circle")
+    return learned.parameters if learned else _without_fit(workspace, source)
 
 
 def parameters_from(workspace: Workspace, source: Source) -> ParameterSet:
@@ -88,20 +87,17 @@ def parameters_from(workspace: Workspace, source: Source) -> ParameterSet:
     Raises:
         ParameterError: rows that are too few or too many.
     """
-    learned = _current(workspace) if source == "fit" else None
-    if source == "snapshot":
-        learned = _saved(workspace, readable_entries())
+    learned = _learned(workspace, source, readable_entries())
     return learned.parameters if learned else _without_fit(workspace, source)
 
 
-def _current(workspace: Workspace) -> Learned | None:
+def _learned(workspace: Workspace, source: Source, entries: tuple[Entry, ...]) -> Learned | None:
+    """The fit that the source holds; None for one that holds parameters alone."""
     fit, info = workspace.fit, workspace.fit_info
-    return Learned(info, fit) if fit and info else None
-
-
-def _saved(workspace: Workspace, entries: tuple[Entry, ...]) -> Learned:
-    snapshot = opened(_chosen_snapshot(workspace, entries))
-    return Learned(snapshot.info, snapshot.fit)
+    if source == "snapshot":
+        snapshot = opened(_chosen_snapshot(workspace, entries))
+        return Learned(snapshot.info, snapshot.fit)
+    return Learned(info, fit) if source == "fit" and fit and info else None
 
 
 def _without_fit(workspace: Workspace, source: Source) -> ParameterSet:

@@ -6,12 +6,12 @@ from itertools import cycle
 
 import streamlit as st
 
-from accpinn.errors import AccpinnError, ParameterError
+from accpinn.errors import ParameterError
 from accpinn.model.cthp import Parameters
 from accpinn.model.published import ParameterSet
 from accpinn.platoon.leader import Brake, Leader, Recorded, Sinusoid, SpeedStep
 from accpinn.stability.report import stability_report
-from pages.ui.components.messages import escape_markdown, show_error
+from pages.ui.components.messages import attempt, escape_markdown
 from pages.ui.components.widgets import number, segments, select, sync_widget
 from pages.ui.session.ui_state import MOST_FOLLOWERS, Disturbance, PlatoonChoice
 from pages.ui.session.workspace import Workspace
@@ -55,11 +55,7 @@ def choose_order(workspace: Workspace, chosen: ParameterSet) -> list[int] | None
         return _repeated(choice, chosen)
     if choice.order == "learned":
         return list(range(len(chosen)))
-    try:
-        return _own(choice, chosen)
-    except AccpinnError as fault:
-        show_error(fault)
-        return None
+    return attempt(lambda: _own(choice, chosen))
 
 
 def _repeated(choice: PlatoonChoice, chosen: ParameterSet) -> list[int]:
@@ -122,15 +118,11 @@ def choose_leader(workspace: Workspace, platoon: Parameters) -> Leader | None:
     kind = choice.kind if choice.kind in offered else "sinusoid"
     select("Disturbance of the leader", offered, kind, "platoon_kind",
            lambda kind: choice.set(kind=kind), KINDS.__getitem__)  # fmt: skip
-    try:
-        if kind == "recorded" and segment:
-            place = f"{segment.labels[0]} as recorded, {segment.source}, {segment.window}."
-            st.caption(escape_markdown(place))
-            return Recorded(segment.time, segment.speeds[:, 0])
-        return _planned(choice, kind, platoon)
-    except AccpinnError as fault:
-        show_error(fault)
-        return None
+    if kind == "recorded" and segment:
+        place = f"{segment.labels[0]} as recorded, {segment.source}, {segment.window}."
+        st.caption(escape_markdown(place))
+        return Recorded(segment.time, segment.speeds[:, 0])
+    return attempt(lambda: _planned(choice, kind, platoon))
 
 
 def _planned(choice: PlatoonChoice, kind: Disturbance, platoon: Parameters) -> Leader:

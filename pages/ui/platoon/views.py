@@ -6,11 +6,8 @@ import numpy as np
 import streamlit as st
 from numpy.typing import NDArray
 
-from accpinn.errors import AccpinnError
-from accpinn.model.cthp import Parameters
 from accpinn.model.published import ASTAZERO, ParameterSet
-from accpinn.platoon.leader import Leader
-from accpinn.platoon.simulation import Collision, PlatoonRun, simulate_platoon
+from accpinn.platoon.simulation import Collision, PlatoonRun
 from accpinn.results.figures import platoon as figures
 from accpinn.results.figures import wave
 from accpinn.results.figures.stability import colours
@@ -18,23 +15,12 @@ from accpinn.results.figures.style import LEADER
 from accpinn.results.messages import messages
 from accpinn.results.messages.platoon import PLACES, disturbance, disturbance_details
 from pages.ui.components.charts import show_chart, show_key
-from pages.ui.components.messages import escape_markdown, show_error, show_messages
+from pages.ui.components.messages import escape_markdown, show_messages
 from pages.ui.components.widgets import toggle
 from pages.ui.session.workspace import Workspace
 
 SHOWN_WHOLE = 0.99
 """A part of a run longer than this share of it is the run."""
-
-
-def simulated(platoon: Parameters, leader: Leader | None) -> PlatoonRun | None:
-    """The simulation; None, with a sentence, where there can be none."""
-    if not len(platoon) or leader is None:
-        return None
-    try:
-        return simulate_platoon(platoon, leader)
-    except AccpinnError as fault:
-        show_error(fault)
-        return None
 
 
 def show_answer(run: PlatoonRun, chosen: ParameterSet, order: Sequence[int]) -> None:

@@ -6,20 +6,18 @@ from accpinn.errors import SnapshotError
 from accpinn.evaluation.closed_loop import closed_loop
 from accpinn.results.figures.recording import preview
 from accpinn.results.figures.training import tracking
-from accpinn.results.messages import messages
 from accpinn.results.snapshot.schema import Snapshot
-from accpinn.results.tables import estimates as tables
 from accpinn.results.tables.estimates import methods_table
 from accpinn.results.tables.names import name_of
 from pages.ui.components import frame
 from pages.ui.components.charts import show_chart, vehicle_key
 from pages.ui.components.messages import escape_markdown, show_messages
-from pages.ui.components.table import show_downloads, show_table, stem_of, vehicle_colours
+from pages.ui.components.table import show_table
 from pages.ui.components.widgets import pick_follower
 from pages.ui.session.resources import library
 from pages.ui.session.workspace import Workspace
 from pages.ui.snapshots.saving import flash
-from pages.ui.train.results import show_events, show_history, show_intervals, show_outcome
+from pages.ui.train.results import show_fit, show_history, show_intervals
 
 
 def banner(workspace: Workspace) -> None:
@@ -93,15 +91,9 @@ def show_saved_result(workspace: Workspace, snapshot: Snapshot) -> None:
     """Outcome, tables, history and curves of a saved result."""
     fit, info, evaluation = snapshot.fit, snapshot.info, snapshot.evaluation
     _need_recording(workspace, snapshot, "To train on, the page needs")
-    show_outcome(fit)
     errors = (evaluation.surrogate, evaluation.closed_loop) if evaluation else (None, None)
-    table = tables.parameter_table(info, fit, snapshot.quality, *errors)
-    show_table(table, vehicle_colours(info))
-    show_events(messages(evaluation.all_findings if evaluation else (), info))
-    show_intervals(info, snapshot.uncertainty)
-    show_messages(fit.notes)
-    whole = tables.parameter_table(info, fit, snapshot.quality, *errors, snapshot.uncertainty)
-    show_downloads(whole, f"{stem_of(info)}_parameters", "snapshots")
+    events = evaluation.all_findings if evaluation else ()
+    show_fit(info, fit, snapshot.quality, errors, events, snapshot.uncertainty, "snapshots")
     if fit.history:
         show_history(fit.history, info, "snapshots")
     show_curves(workspace, snapshot)

@@ -4,17 +4,16 @@ from typing import Any
 
 import streamlit as st
 
-from accpinn.errors import AccpinnError
 from accpinn.inference.intervals import Uncertainty
 from accpinn.model.published import ParameterSet
 from accpinn.results.figures import stability as figures
 from accpinn.results.figures.style import LEADER
 from accpinn.results.figures.uncertainty import add_bands, add_clouds, cloud_caption
-from accpinn.stability.report import StabilityReport, stability_report
+from accpinn.stability.report import StabilityReport
 from accpinn.units import RadiansPerSecond
 from pages.ui.components import frame
 from pages.ui.components.charts import clicked_data, show_chart, show_key
-from pages.ui.components.messages import escape_markdown, show_error
+from pages.ui.components.messages import escape_markdown
 from pages.ui.components.widgets import segments, select
 from pages.ui.session.ui_state import Plane
 from pages.ui.session.workspace import Workspace
@@ -22,15 +21,6 @@ from pages.ui.session.workspace import Workspace
 WHOLE = -1
 """Stands for the platoon in place of one vehicle's index."""
 PLANES: dict[Plane, str] = {"beta": "β and τ", "alpha": "α and τ"}
-
-
-def checked_report(chosen: ParameterSet) -> StabilityReport | None:
-    """The stability of the vehicles; None, with a sentence, where parameters cannot be used."""
-    try:
-        return stability_report(chosen.parameters)
-    except AccpinnError as fault:
-        show_error(fault)
-        return None
 
 
 def show_bode(

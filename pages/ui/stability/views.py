@@ -8,6 +8,7 @@ from accpinn.results.figures import stability as figures
 from accpinn.results.messages import messages
 from accpinn.results.messages.stability import BEHAVIOURS, TITLES, amplification, certainty, reason
 from accpinn.results.tables.stability import answer, stability_interval_table, stability_table
+from accpinn.segment.segment import SegmentInfo
 from accpinn.stability.report import StabilityReport, VehicleStability, Verdict
 from pages.ui.components.messages import escape_markdown, show_messages
 from pages.ui.components.table import show_downloads, show_table
@@ -79,15 +80,21 @@ def choose_uncertainty(workspace: Workspace, chosen: ParameterSet) -> Uncertaint
     return uncertainty if choice.uncertainty else None
 
 
-def show_intervals(chosen: ParameterSet, uncertainty: Uncertainty) -> None:
-    """Intervals of the stability measures."""
+def show_intervals(chosen: ParameterSet, uncertainty: Uncertainty, info: SegmentInfo) -> None:
+    """Intervals of the stability measures.
+
+    Args:
+        chosen: the vehicles' names and parameters.
+        uncertainty: of the fit that these are from.
+        info: of its segment.
+    """
     show_table(stability_interval_table(chosen, uncertainty), figures.colours(chosen))
     st.caption(
         "From posterior samples, with disturbances that last for seconds. Probability of string"
         " stability: the share of samples that control the gap and are stable. Samples with α = 0"
         " have no gap control; they amplify nothing and are counted apart."
     )
-    show_messages(messages(uncertainty.findings, chosen))
+    show_messages(messages(uncertainty.findings, info))
 
 
 def show_reasons(chosen: ParameterSet, report: StabilityReport) -> None:

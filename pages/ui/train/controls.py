@@ -8,11 +8,11 @@ import streamlit as st
 from accpinn.errors import ConfigError
 from accpinn.methods.pinn.config import PinnConfig
 from accpinn.tasks.task import Status
+from pages.ui.components.messages import attempt
 from pages.ui.components.monitor import stop_button
 from pages.ui.session.resources import store
 from pages.ui.session.workspace import Workspace
 from pages.ui.train.settings import (
-    checked_config,
     choose_preset,
     chosen_config,
     options,
@@ -36,7 +36,7 @@ def controls(workspace: Workspace) -> None:
         st.caption(preset_line(workspace), width="stretch")
     with st.expander("Options", icon=":material/tune:"):
         options(workspace)
-    config = checked_config(workspace)
+    config = attempt(lambda: chosen_config(workspace))
     with place:
         buttons(workspace, config)
 

@@ -1,10 +1,13 @@
 """The result of a training: outcome, tables, curves, downloads."""
 
 from collections.abc import Sequence
+from functools import partial
 
 import streamlit as st
 
 from accpinn.evaluation.closed_loop import (
+    ClosedLoopFinding,
+    TrackingErrors,
     closed_loop,
     closed_loop_errors,
     closed_loop_findings,
@@ -18,8 +21,7 @@ from accpinn.results.figures import training as figures
 from accpinn.results.messages import messages
 from accpinn.results.tables import estimates as tables
 from accpinn.results.tables.estimates import intervals_table
-from accpinn.results.tables.table import Table
-from accpinn.segment.quality import assess_quality
+from accpinn.segment.quality import Quality, assess_quality
 from accpinn.segment.segment import Segment, SegmentInfo
 from accpinn.tasks.task import Task
 from pages.ui.components.charts import show_chart, vehicle_key
@@ -77,25 +79,52 @@ def show_result(workspace: Workspace) -> None:
     fit, segment = workspace.fit, workspace.segment
     if fit is None or segment is None:
         return
+    driven = closed_loop(segment, fit)
+    errors = surrogate_errors(segment, fit), closed_loop_errors(segment, fit)
+    show_fit(
+        segment.info, fit, assess_quality(segment), errors, closed_loop_findings(segment, driven),
+        workspace.uncertainty(), "train",
+    )  # fmt: skip
+    show_estimates(segment, fit, workspace.true_parameters)
+    st.subheader("Network against data", anchor=False)
+    follower = pick_follower(segment, "train_follower")
+    show_chart(figures.tracking(segment, follower, fit.surrogate, driven), "train_tracking")
+
+
+def show_fit(
+    info: SegmentInfo,
+    fit: Fit,
+    quality: Quality,
+    errors: tuple[TrackingErrors | None, TrackingErrors | None],
+    events: Sequence[ClosedLoopFinding],
+    uncertainty: Uncertainty | None,
+    page: str,
+) -> None:
+    """Outcome, parameters, errors and intervals of a fit, and what limits it.
+
+    Args:
+        info: names the vehicles.
+        fit: the result.
+        quality: of the segment.
+        errors: of the surrogate and of the closed-loop simulation.
+        events: collisions and the like in that simulation.
+        uncertainty: of the fit, where it is known.
+        page: the beginning of the buttons' keys.
+    """
     show_outcome(fit)
-    uncertainty = workspace.uncertainty()
-    show_table(parameter_table(segment, fit), vehicle_colours(segment))
+    table = partial(tables.parameter_table, info, fit, quality, *errors)
+    show_table(table(), vehicle_colours(info))
     st.caption(
         "Surrogate fit: error of the network's own curves, as in the paper's tables. Closed-loop"
         " simulation: error of the simulation with the learned parameters, with only the leader's"
         " speed given. MAE: mean absolute error of space-gap p and speed v."
     )
-    driven = closed_loop(segment, fit)
-    show_events(messages(closed_loop_findings(segment, driven), segment))
-    show_intervals(segment.info, uncertainty)
-    notes = fit.notes + headway_notes(segment.labels, fit.parameters)
-    show_messages(notes + messages(uncertainty.findings if uncertainty else (), segment))
-    table = parameter_table(segment, fit, uncertainty)
-    show_downloads(table, f"{stem_of(segment)}_parameters", "train")
-    show_estimates(segment, fit, workspace.true_parameters)
-    st.subheader("Network against data", anchor=False)
-    follower = pick_follower(segment, "train_follower")
-    show_chart(figures.tracking(segment, follower, fit.surrogate, driven), "train_tracking")
+    after = "The simulation continues, and the closed-loop errors include what follows."
+    show_messages(messages(events, info), "warning", "car_crash", after)
+    show_intervals(info, uncertainty)
+    notes = fit.notes + headway_notes(info.labels, fit.parameters)
+    show_messages(notes + messages(uncertainty.findings if uncertainty else (), info))
+    show_downloads(table(uncertainty), f"{stem_of(info)}_parameters", page)
 
 
 def show_intervals(
@@ -120,12 +149,6 @@ def show_intervals(
     )
 
 
-def show_events(incidents: Sequence[str]) -> None:
-    """Collisions and the like in the closed-loop simulation."""
-    after = "The simulation continues, and the closed-loop errors include what follows."
-    show_messages(incidents, "warning", "car_crash", after)
-
-
 def show_outcome(fit: Fit) -> None:
     """The outcome, and its cost."""
     took = f"{fit.seconds:.1f} s" if fit.seconds < 60 else format_duration(fit.seconds)
@@ -138,18 +161,6 @@ def show_outcome(fit: Fit) -> None:
         st.warning(sentence, icon=":material/pause_circle:")
     else:
         st.success(sentence, icon=":material/check_circle:")
-
-
-def parameter_table(segment: Segment, fit: Fit, uncertainty: Uncertainty | None = None) -> Table:
-    """As in the paper, with the simulation's errors and the intervals beside."""
-    return tables.parameter_table(
-        segment.info,
-        fit,
-        assess_quality(segment),
-        surrogate_errors(segment, fit),
-        closed_loop_errors(segment, fit),
-        uncertainty,
-    )
 
 
 def show_estimates(segment: Segment, fit: Fit, truth: Parameters | None) -> None:

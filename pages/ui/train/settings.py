@@ -5,9 +5,7 @@ from typing import Any
 
 import streamlit as st
 
-from accpinn.errors import ConfigError
 from accpinn.methods.pinn.config import PRESETS, STARTS, PinnConfig, preset
-from pages.ui.components.messages import show_error
 from pages.ui.components.widgets import number, segments, select
 from pages.ui.session.workspace import Workspace
 
@@ -38,15 +36,6 @@ def chosen_config(workspace: Workspace) -> PinnConfig:
         ConfigError: a setting outside its range, as one sentence.
     """
     return preset(workspace.preset, **workspace.settings.get(workspace.preset, {}))
-
-
-def checked_config(workspace: Workspace) -> PinnConfig | None:
-    """The same; what is wrong is shown, and then there is none."""
-    try:
-        return chosen_config(workspace)
-    except ConfigError as fault:
-        show_error(fault)
-        return None
 
 
 def options(workspace: Workspace) -> None:
