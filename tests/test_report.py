@@ -16,12 +16,13 @@ import pytest
 from accpinn.cli import main
 from accpinn.methods.fit import Outcome
 from accpinn.model.cthp import Parameters
+from accpinn.results.messages.snapshot import check_rows
 from accpinn.results.messages.summary import about_data, summary, title
 from accpinn.results.report.page import render_report
 from accpinn.results.report.pictures import fits, motion
 from accpinn.results.snapshot.create import stability as judged
 from accpinn.results.snapshot.file import load, save
-from accpinn.results.snapshot.verification import check
+from accpinn.results.snapshot.verification import verify
 from tests.support.samples import FOLDER, PLATOON
 from tests.support.snapshots import small, whole
 
@@ -132,7 +133,7 @@ class TestThePage:
 
     def test_a_bare_result_makes_a_page_too(self) -> None:
         bare = replace(
-            small(), uncertainty=None, evaluation=None, stability=None, segment=None, rows=()
+            small(), uncertainty=None, evaluation=None, stability=None, segment=None, methods=()
         )
         headings = [text.strip() for text in read(render_report(bare)).within("h2")]
         assert "Methods compared" not in headings
@@ -209,14 +210,14 @@ class TestItIsTrue:
         assert "Driven by" not in rows
 
     def test_one_quiet_vehicle_is_called_so(self) -> None:
-        fit = replace(small().fit, parameters=(Parameters(0.05, 0.6, 3.0),))
+        fit = replace(small().fit, parameters=Parameters([0.05], 0.6, 3.0))
         calm = replace(small(), fit=fit, stability=judged(fit))
         assert "no frequency of a disturbance is amplified" in " ".join(summary(calm))
 
     def test_stored_stands_beside_recomputed(self) -> None:
-        checked = check(whole())
+        checked = verify(whole())
         cells = read(page()).within("td")
-        for one in checked.checks:
+        for one in check_rows(checked, whole().info):
             assert one.stored in cells
             assert one.recomputed in cells
         assert "yes" in cells

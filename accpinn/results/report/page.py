@@ -25,7 +25,7 @@ from accpinn.results.report import pictures
 from accpinn.results.report.pictures import Picture
 from accpinn.results.snapshot.create import stability
 from accpinn.results.snapshot.schema import Snapshot
-from accpinn.results.snapshot.verification import Verification, check
+from accpinn.results.snapshot.verification import Verification, verify
 from accpinn.results.tables.estimates import intervals_table, methods_table, parameter_table
 from accpinn.results.tables.names import TITLES
 from accpinn.results.tables.stability import stability_interval_table, stability_table
@@ -45,7 +45,7 @@ def render_report(snapshot: Snapshot, verification: Verification | None = None) 
     """
     script = (HERE / "page.js").read_text(encoding="utf-8")
     shown = list[Picture]()
-    story = _story(_as_computed(snapshot), verification or check(snapshot), shown)
+    story = _story(_as_computed(snapshot), verification or verify(snapshot), shown)
     document = json.dumps(pictures.all_drawn(shown), ensure_ascii=False, separators=(",", ":"))
     return _template().render(
         story,
