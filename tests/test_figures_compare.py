@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from accpinn.evaluation.closed_loop import closed_loop
+from accpinn.inference.identifiability import INCREASE, profiles
 from accpinn.inference.intervals import Uncertainty, intervals
-from accpinn.inference.profiles import INCREASE, profiles
 from accpinn.methods import least_squares, recursive, splines
 from accpinn.methods.fit import Fit
 from accpinn.model.cthp import Parameters
@@ -51,18 +51,20 @@ class TestEstimates:
         assert list(figure.data[0].y) == ["PiNN<br>(fast preset)", "Before &lt;b&gt;"]
         assert figure.data[0].customdata[0] == "PiNN (fast preset)"
         bands = [shape for shape in figure.layout.shapes if shape.type == "rect"]
-        np.testing.assert_allclose([band.x0 for band in bands], uncertainty.lower[0])
-        np.testing.assert_allclose([band.x1 for band in bands], uncertainty.upper[0])
+        np.testing.assert_allclose([band.x0 for band in bands], uncertainty.lower[0].values)
+        np.testing.assert_allclose([band.x1 for band in bands], uncertainty.upper[0].values)
         dashed = [shape.x0 for shape in figure.layout.shapes if shape.type == "line"]
         np.testing.assert_allclose(dashed, sample(NOISY).truth[0])
 
     def test_an_open_end_and_an_unknown_tau_can_be_drawn(
         self, fit: Fit, uncertainty: Uncertainty
     ) -> None:
-        upper = uncertainty.upper.copy()
+        upper = uncertainty.upper.values.copy()
         upper[0, 2] = np.inf
         row = figures.Estimate("Least squares", np.array([0.0, 0.2, np.nan]))
-        figure = figures.estimates([row], "#0c7eae", replace(uncertainty, upper=upper), 0)
+        figure = figures.estimates(
+            [row], "#0c7eae", replace(uncertainty, upper=Parameters.of(upper)), 0
+        )
         ends = [shape.x1 for shape in figure.layout.shapes]
         assert np.isfinite(ends).all()
 

@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from accpinn.evaluation.errors import TrackingErrors
+from accpinn.evaluation.closed_loop import TrackingErrors
 from accpinn.inference.intervals import intervals
 from accpinn.methods.fit import Fit, Outcome
 from accpinn.model.cthp import Parameters

@@ -3,7 +3,6 @@
 from collections.abc import Callable, Generator, Iterable, Sequence
 from contextlib import closing
 from dataclasses import dataclass, field
-from enum import Enum
 from typing import Any, Self
 
 from accpinn.findings import Finding
@@ -11,10 +10,11 @@ from accpinn.methods.history import History, Progress
 from accpinn.methods.regression import Solution
 from accpinn.model.cthp import LONGEST_HEADWAY, Case, Parameters, Trajectories
 from accpinn.segment.segment import Segment
+from accpinn.serial import NamedEnum
 from accpinn.units import FloatArray, Seconds
 
 
-class Outcome(Enum):
+class Outcome(NamedEnum):
     """How an estimation ended."""
 
     SOLVED = "solved"

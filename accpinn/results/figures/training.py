@@ -7,7 +7,7 @@ import numpy as np
 import plotly.graph_objects as go
 
 from accpinn.channels import GAP, PARAMETERS, SPEED, TIME
-from accpinn.evaluation.closed_loop import collisions
+from accpinn.evaluation.closed_loop import closed_loop_findings, collision_times
 from accpinn.methods.history import History
 from accpinn.model.cthp import Parameters, Trajectories
 from accpinn.results.figures.style import (
@@ -174,7 +174,8 @@ def tracking(
                 col=1,
             )
     if data and closed_loop:
-        _mark_collision(figure, float(collisions(data, closed_loop)[follower]))
+        findings = closed_loop_findings(data, closed_loop)
+        _mark_collision(figure, float(collision_times(findings, data.vehicles)[follower]))
     label_axes(figure, (GAP, SPEED))
     figure.update_xaxes(title_text=TIME.axis, row=2, col=1)
     return with_legend(finished(figure, 460, f"tracking-{number}"))

@@ -1,10 +1,10 @@
-"""What all browsers share: the stores of results and of snapshots, and the queue of trainings."""
+"""What all browsers share: the stores of results and of snapshots, and the queue of tasks."""
 
 import streamlit as st
 
 from accpinn.methods.store import Store
-from accpinn.results.snapshot.content import Snapshot
 from accpinn.results.snapshot.library import Library
+from accpinn.results.snapshot.schema import Snapshot
 from accpinn.tasks.queue import TaskQueue
 
 
@@ -32,5 +32,5 @@ def opened(name: str) -> Snapshot:
 
 @st.cache_resource(show_spinner=False)
 def task_queue() -> TaskQueue:
-    """The server's one queue of trainings."""
+    """The server's one queue of tasks."""
     return TaskQueue(store=store())

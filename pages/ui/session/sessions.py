@@ -1,0 +1,112 @@
+"""The server's workspaces, one for each browser session; the address names which.
+
+The address carries ``?session=...``; so a reload, a page switch or a bookmark finds everything
+again. With ``?snapshot=...`` it opens one of the server's snapshots, on any page.
+"""
+
+import secrets
+import threading
+import time
+from collections import OrderedDict
+from collections.abc import Callable
+
+import streamlit as st
+
+from accpinn.errors import SnapshotError
+from accpinn.units import Seconds
+from pages.ui.session.resources import library, task_queue
+from pages.ui.session.workspace import Workspace
+
+KEPT_WORKSPACES = 200
+KEPT_FOR: Seconds = 3 * 24 * 3600.0
+SESSION = "session"
+"""Name of the query parameter, and of the entry in Streamlit's session state."""
+SNAPSHOT = "snapshot"
+"""Name of the query parameter that opens one of the server's snapshots."""
+
+FOLLOWED = "snapshot_followed"
+"""The entry that holds the snapshots whose links this browser has followed."""
+
+
+class Workspaces:
+    """All workspaces of a server, bounded in number and age."""
+
+    def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
+        """None yet."""
+        self._clock = clock
+        self._lock = threading.Lock()
+        self._kept: OrderedDict[str, tuple[float, Workspace]] = OrderedDict()
+
+    def find(self, name: str) -> Workspace | None:
+        """The workspace of that name, which counts as used now; None if it is not known."""
+        with self._lock:
+            self._forget()
+            _, workspace = self._kept.pop(name, (0.0, None))
+            if workspace:
+                self._kept[name] = (self._clock(), workspace)
+            return workspace
+
+    def new(self) -> Workspace:
+        """An empty one, under a name that nobody can guess."""
+        workspace = Workspace(secrets.token_urlsafe(16))
+        with self._lock:
+            self._kept[workspace.id] = (self._clock(), workspace)
+            self._forget()
+        return workspace
+
+    def _forget(self) -> None:
+        oldest = self._clock() - KEPT_FOR
+        while self._kept:
+            name, (used, workspace) = next(iter(self._kept.items()))
+            if used >= oldest and len(self._kept) <= KEPT_WORKSPACES:
+                return
+            for task in workspace.tasks:
+                task.stop()
+            del self._kept[name]
+
+
+@st.cache_resource(show_spinner=False)
+def workspaces() -> Workspaces:
+    """The server's one registry."""
+    return Workspaces()
+
+
+def current() -> Workspace:
+    """This browser's workspace; its name is put back into the address, which a page switch clears.
+
+    An unknown or expired name begins a new one, and `lost_session` becomes true for this run.
+    """
+    task_queue()  # its worker gets ready while the user still reads
+    asked = st.query_params.get(SESSION) or st.session_state.get(SESSION, "")
+    workspace = workspaces().find(asked)
+    st.session_state["lost_session"] = bool(asked) and workspace is None
+    workspace = workspace or workspaces().new()
+    st.session_state[SESSION] = workspace.id
+    if st.query_params.get(SESSION) != workspace.id:
+        st.query_params[SESSION] = workspace.id
+    _follow_link(workspace)
+    return workspace
+
+
+def _follow_link(workspace: Workspace) -> None:
+    """Open the snapshot that the address names; afterwards the address names the one shown.
+
+    Each browser follows an address once: what is opened by other means comes after it, and the
+    browser may still send the old address a moment later.
+    """
+    asked = st.query_params.get(SNAPSHOT, "")
+    st.session_state["snapshot_fault"] = ""
+    followed: set[str] = st.session_state.setdefault(FOLLOWED, set())
+    shown = workspace.snapshot.id if workspace.snapshot else ""
+    if asked and asked != shown and asked not in followed:
+        try:
+            workspace.restore(library().open(asked))
+        except SnapshotError as fault:
+            st.session_state["snapshot_fault"] = str(fault)
+            return
+        shown = asked
+    followed.add(shown)
+    if shown and shown != asked:
+        st.query_params[SNAPSHOT] = shown
+    elif asked and not shown:
+        del st.query_params[SNAPSHOT]

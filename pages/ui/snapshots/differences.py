@@ -1,0 +1,138 @@
+"""Two snapshots beside each other: parameters with intervals, response, settings."""
+
+import html
+from itertools import zip_longest
+from typing import Any
+
+import numpy as np
+import plotly.graph_objects as go
+import streamlit as st
+
+from accpinn.results.figures.stability import bode
+from accpinn.results.snapshot.create import stability
+from accpinn.results.snapshot.schema import Snapshot
+from accpinn.results.tables.estimates import PARAMETER_COLUMNS
+from accpinn.results.tables.table import ABSENT, Column, Range, Table
+from pages.ui.components.charts import show_chart
+from pages.ui.components.messages import show_messages
+from pages.ui.components.parameter_picker import Learned
+from pages.ui.components.table import show_table, vehicle_colours
+
+
+def show_both(one: Snapshot, other: Snapshot) -> None:
+    """Everything about two."""
+    show_messages(other_vehicles(one, other), "warning", "compare_arrows")
+    table = parameter_differences(one, other)
+    longer = max(one.info, other.info, key=lambda info: info.followers)
+    colours = [colour for colour in vehicle_colours(longer)[1:] for _ in PARAMETER_COLUMNS]
+    show_table(table, colours)
+    chart = responses(one, other)
+    if chart:
+        whole = " Dashed: the first one's whole platoon." if one.info.followers > 1 else ""
+        st.caption(f"Bode magnitude. Full lines: the first snapshot; dotted: the second.{whole}")
+        show_chart(chart, "snapshots_bode")
+    changes = differing_settings(one, other)
+    if not changes.rows:
+        st.caption("Both were made with the same settings, from the same window of one recording.")
+        return
+    show_table(changes)
+
+
+def other_vehicles(one: Snapshot, other: Snapshot) -> str:
+    """A warning where followers in the same place are not the same; else empty."""
+    pairs = zip_longest(one.info.labels[1:], other.info.labels[1:], fillvalue="no vehicle")
+    unlike = [f"{first} stands beside {second}" for first, second in pairs if first != second]
+    if not unlike:
+        return ""
+    return (
+        f"The followers are not the same: {'; '.join(unlike)}. The differences below are then"
+        " between vehicles, not between two results for one."
+    )
+
+
+def parameter_differences(one: Snapshot, other: Snapshot) -> Table:
+    """One row a follower and parameter: both values with intervals, and the second less the first.
+
+    Followers are matched in driving order.
+    """
+    columns = (
+        Column("Follower"), Column("Parameter"),
+        Column("First"), Column("interval"), Column("Second"), Column("interval "),
+        Column("Δ"), Column("Δ in %"),
+    )  # fmt: skip
+    rows = []
+    labels = zip_longest(one.info.labels[1:], other.info.labels[1:], fillvalue=ABSENT)
+    for k, (first, second) in enumerate(labels):
+        name = first if first == second else f"{first} / {second}"
+        for which, column in enumerate(PARAMETER_COLUMNS):
+            (a, *cells), (b, *others) = (_estimate(s, k, which) for s in (one, other))
+            change = 100 * (b - a) / a if a else np.nan
+            cells += [*others, _signed(b - a, column.digits or 0), _signed(change, 1)]
+            rows.append((name, column.heading, *cells))
+    return Table("Parameters", columns, tuple(rows))
+
+
+def _estimate(snapshot: Snapshot, follower: int, which: int) -> tuple[float, str, str]:
+    """A parameter, and how it and its interval are printed; nan for no follower."""
+    known, column = snapshot.uncertainty, PARAMETER_COLUMNS[which]
+    if follower >= snapshot.info.followers:
+        return np.nan, ABSENT, ABSENT
+    value = float(snapshot.fit.parameters.values[follower, which])
+    ends = (known.lower, known.upper) if known else ()
+    interval = Range(*(float(end.values[follower, which]) for end in ends)) if ends else None
+    return value, column.shown(value), column.shown(interval)
+
+
+def _signed(value: float, digits: int) -> str:
+    return f"{value:+.{digits}f}" if np.isfinite(value) else ABSENT
+
+
+def responses(one: Snapshot, other: Snapshot) -> go.Figure | None:
+    """Both Bode magnitudes in one chart; None where the parameters of either have none."""
+    charts = []
+    for snapshot in (one, other):
+        report = stability(snapshot.fit)
+        if report is None:
+            return None
+        charts.append(bode(Learned(snapshot.info, snapshot.fit).parameters, report))
+    whole = charts[0]
+    for trace in charts[1].data:
+        if trace.mode == "lines+markers" and (trace.customdata is None or trace.customdata[0] >= 0):
+            name = f"{trace.name}, {html.escape(other.name or other.id)}"
+            # The whole platoon's line is left to the first alone: the chart stays readable.
+            whole.add_scatter(
+                x=trace.x, y=trace.y, mode="lines", name=name,
+                line={**trace.line.to_plotly_json(), "dash": "dot"},
+                hovertemplate="%{y:.2f} dB at %{x:.3f} rad/s",
+            )  # fmt: skip
+    return whole
+
+
+def differing_settings(one: Snapshot, other: Snapshot) -> Table:
+    """The settings and data that differ, a line each."""
+    first, second = _settings(one), _settings(other)
+    names = [*first, *(name for name in second if name not in first)]
+    rows = tuple(
+        (name, first.get(name, ABSENT), second.get(name, ABSENT))
+        for name in names
+        if first.get(name) != second.get(name)
+    )
+    columns = (Column("Setting"), Column("First", prose=True), Column("Second", prose=True))
+    return Table("What differs", columns, rows)
+
+
+def _settings(snapshot: Snapshot) -> dict[str, str]:
+    info, fit = snapshot.info, snapshot.fit
+    found: dict[str, Any] = {
+        "recording": info.source,
+        "recording's SHA-256": info.sha256[:16],
+        "window": f"{info.window}",
+        "vehicles": ", ".join(info.labels),
+        "excluded": ", ".join(info.excluded_regimes) or "nothing",
+        "method": fit.method,
+        "case": fit.case,
+        "iterations done": fit.iterations,
+        "accpinn": snapshot.origin.accpinn,
+        **fit.config,
+    }
+    return {name: str(value) for name, value in found.items()}

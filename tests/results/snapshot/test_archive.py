@@ -1,0 +1,405 @@
+"""Files that nobody should trust: damaged, forged, or made to exhaust whoever opens them."""
+
+import io
+import json
+import os
+import re
+import struct
+import subprocess
+import sys
+import zipfile
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import example, given
+from hypothesis import strategies as st
+
+from accpinn.errors import SnapshotError
+from accpinn.results.snapshot.archive import pack, pack_arrays, unpack, unpack_arrays
+from accpinn.results.snapshot.file import seal, to_bytes
+from accpinn.results.snapshot.schema import MANIFEST, TITLES
+from accpinn.results.snapshot.verification import verify
+from accpinn.serial import read_json, write_json
+from tests.support.snapshots import entries, small, small_bytes
+
+ROOT = Path(__file__).parents[3]
+SEALED = small_bytes()
+
+
+def refused(data: bytes) -> str:
+    with pytest.raises(SnapshotError) as fault:
+        verify(data)
+    sentence = str(fault.value)
+    assert sentence.endswith(".")
+    assert "\n" not in sentence
+    return sentence
+
+
+def parts() -> dict[str, bytes]:
+    return entries(SEALED)
+
+
+def start_of(name: str, content: bytes) -> int:
+    return SEALED.index(name.encode() + content) + len(name)
+
+
+def with_part(name: str, content: bytes) -> bytes:
+    """Sealed anew, so that only its content can give it away."""
+    return seal(parts() | {name: content})
+
+
+def with_text(name: str, change: Callable[[str], str]) -> bytes:
+    before = parts()[name].decode()
+    after = change(before)
+    assert after != before
+    return with_part(name, after.encode())
+
+
+def with_array(name: str, member: str, values: np.ndarray) -> bytes:
+    group = unpack_arrays(parts()[name], name)
+    assert member in group
+    return with_part(name, pack_arrays(group | {member: values}))
+
+
+class TestDamage:
+    @given(st.integers(0, len(SEALED) - 1), st.integers(1, 255))
+    @example(0, 1)
+    @example(len(SEALED) - 1, 128)
+    def test_every_changed_byte_is_found(self, at: int, change: int) -> None:
+        data = bytearray(SEALED)
+        data[at] ^= change
+        refused(bytes(data))
+
+    def test_every_byte_outside_the_contents_counts(self) -> None:
+        """Those of the zip's own records, which no digest covers; one bit of each."""
+        inside = set()
+        for name, content in unpack(SEALED, "It").items():
+            start = start_of(name, content)
+            inside.update(range(start, start + len(content)))
+        records = [at for at in range(len(SEALED)) if at not in inside]
+        assert 1000 < len(records) < 5000
+        for at in records:
+            data = bytearray(SEALED)
+            data[at] ^= 1 << at % 8
+            refused(bytes(data))
+
+    @given(st.integers(0, len(SEALED) - 1))
+    def test_a_part_of_a_file_is_refused(self, length: int) -> None:
+        refused(SEALED[:length])
+
+    @given(st.binary(min_size=1, max_size=100))
+    def test_appended_bytes_are_refused(self, more: bytes) -> None:
+        refused(SEALED + more)
+        refused(more + SEALED)
+
+    @pytest.mark.parametrize("name", sorted(parts()))
+    def test_the_damaged_part_is_named(self, name: str) -> None:
+        data = bytearray(SEALED)
+        content = parts()[name]
+        data[start_of(name, content) + len(content) // 2] ^= 1
+        assert f"damaged in {name}" in refused(bytes(data))
+
+    def test_a_damaged_manifest_is_named(self) -> None:
+        at = SEALED.index(b'"sha256":"') + 12
+        data = bytearray(SEALED)
+        data[at] = ord("0") if data[at] != ord("0") else ord("1")
+        assert "damaged in manifest.json" in refused(bytes(data))
+
+    @given(st.binary(max_size=300))
+    def test_anything_else_is_refused(self, data: bytes) -> None:
+        refused(data)
+
+    def test_a_recording_is_refused(self) -> None:
+        assert "not an accpinn snapshot" in refused(b"Date,26,2,2019\n" * 1000)
+
+    @pytest.mark.skipif(sys.platform == "win32", reason="there are no pipes by name")
+    def test_a_pipe_is_refused_and_not_waited_for(self, tmp_path: Path) -> None:
+        os.mkfifo(tmp_path / "pipe")
+        with pytest.raises(SnapshotError, match="this is no file"):
+            verify(tmp_path / "pipe")
+
+    def test_a_part_that_is_no_archive_is_named_as_a_part(self) -> None:
+        said = refused(with_part("fit.npz", b"x"))
+        assert said.startswith("The part with the estimate is damaged")
+
+
+def zipped(entries: list[tuple[str, bytes]], method: int = zipfile.ZIP_STORED) -> bytes:
+    buffer = io.BytesIO()
+    with zipfile.ZipFile(buffer, "w", method) as archive:
+        for name, content in entries:
+            archive.writestr(name, content)
+    return buffer.getvalue()
+
+
+def symlink() -> bytes:
+    entry = zipfile.ZipInfo("fit.npz")
+    entry.external_attr = 0o120777 << 16
+    buffer = io.BytesIO()
+    with zipfile.ZipFile(buffer, "w") as archive:
+        archive.writestr(entry, "/etc/passwd")
+    return buffer.getvalue()
+
+
+def bomb() -> bytes:
+    return zipped([("fit.json", b"0" * 200_000_000)], zipfile.ZIP_DEFLATED)
+
+
+def pickled() -> bytes:
+    buffer = io.BytesIO()
+    np.save(buffer, np.array([{"a": 1}], dtype=object), allow_pickle=True)
+    return with_part("fit.npz", pack({"a.npy": buffer.getvalue()}))
+
+
+def huge_claim() -> bytes:
+    buffer = io.BytesIO()
+    np.lib.format.write_array_header_1_0(
+        buffer, {"descr": "<f8", "fortran_order": False, "shape": (10**12, 10**6)}
+    )
+    return with_part("fit.npz", pack({"a.npy": buffer.getvalue()}))
+
+
+def overlong_claim() -> bytes:
+    """Entries that all point at the same bytes, as in overlapping zip bombs."""
+    names = list(TITLES)
+    data = bytearray(
+        pack({name: b"x" * 5_000_000 if k == 0 else b"" for k, name in enumerate(names)})
+    )
+    for match in list(re.finditer(rb"PK\x01\x02", bytes(data)))[1:]:
+        struct.pack_into("<II", data, match.start() + 20, 5_000_000, 5_000_000)
+        struct.pack_into("<I", data, match.start() + 42, 0)
+    return bytes(data)
+
+
+def nested(depth: int, pair: str = "[]") -> bytes:
+    return with_part("quality.json", (pair[0] * depth + pair[1] * depth).encode())
+
+
+HOSTILE: dict[str, Callable[[], bytes]] = {
+    "zip bomb": bomb,
+    "overlapping entries": overlong_claim,
+    "path upwards": lambda: seal(parts() | {"../evil.json": b"{}"}),
+    "absolute path": lambda: seal(parts() | {"/etc/evil.json": b"{}"}),
+    "Windows path": lambda: seal(parts() | {"..\\evil.json": b"{}"}),
+    "folder": lambda: seal(parts() | {"evil/": b""}),
+    "unknown part": lambda: seal(parts() | {"evil.py": b"1"}),
+    "symlink": symlink,
+    "pickle": pickled,
+    "10,000 entries": lambda: zipped([(f"{k}.json", b"{}") for k in range(10_000)]),
+    "a name twice": lambda: pack({"fit.json": b"{}", "fit.jsoX": b"[]"}).replace(b"jsoX", b"json"),
+    "claimed shape": huge_claim,
+    "deep nesting": lambda: nested(1000),
+    "very deep nesting": lambda: nested(450_000),
+    "unclosed nesting": lambda: with_part("quality.json", b"[" * 950_000),
+    "many brackets in strings": lambda: with_part("quality.json", b'"' + b"[{" * 450_000 + b'"'),
+    "unclosed strings": lambda: with_part("quality.json", b'"\\' * 450_000),
+    "many empty lists": lambda: with_part("quality.json", b"[" + b"[]," * 300_000 + b"[]]"),
+    "a number of a million digits": lambda: with_part("quality.json", b"9" * 900_000),
+    "1e999": lambda: with_text(
+        "fit.json", lambda t: re.sub(r'"seconds":[\d.e-]+', '"seconds":1e999', t)
+    ),
+    "2 to the 70": lambda: with_text(
+        "snapshot.json", lambda t: re.sub(r'"samples":\d+', '"samples":1180591620717411303424', t)
+    ),
+    "too many bytes": lambda: SEALED + bytes(30_000_000),
+    "a huge part": lambda: with_part("quality.json", b" " * 3_000_000),
+    "a huge text": lambda: with_part("ATTRIBUTION.txt", b" " * 23_000_000),
+}
+
+SENTENCES = {
+    "zip bomb": "compressed",
+    "overlapping entries": "overlap",
+    "path upwards": "which no snapshot has",
+    "absolute path": "which no snapshot has",
+    "Windows path": "which no snapshot has",
+    "pickle": "no plain array",
+    "10,000 entries": "10,000 entries",
+    "a name twice": "twice",
+    "claimed shape": "no plain array",
+    "very deep nesting": "nested",
+}
+
+MEASURED = """
+import json, sys, time
+from pathlib import Path
+from accpinn.errors import (SnapshotError)
+from accpinn.results.snapshot.verification import (verify)
+def peak():
+    [line] = [line for line in open("/proc/self/status") if line.startswith("VmHWM")]
+    return int(line.split()[1]) / 1024
+found, before = {}, peak()
+for path in sorted(Path(sys.argv[1]).iterdir()):
+    started = time.perf_counter()
+    try:
+        verify(path)
+        sentence = ""
+    except SnapshotError as fault:
+        sentence = str(fault)
+    found[path.stem] = [sentence, time.perf_counter() - started]
+print(json.dumps([found, peak() - before]))
+"""
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="peaks of memory are read as Linux has them")
+def test_hostile_files_are_refused_quickly_and_cheaply(tmp_path: Path) -> None:
+    for name, make in HOSTILE.items():
+        (tmp_path / f"{name}.zip").write_bytes(make())
+    done = subprocess.run(
+        [sys.executable, "-c", MEASURED, str(tmp_path)],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=True,
+        timeout=60,
+    )
+    found, megabytes = json.loads(done.stdout)
+    assert found.keys() == HOSTILE.keys()
+    for name, (sentence, seconds) in found.items():
+        assert sentence.endswith("."), name
+        assert "\n" not in sentence, name
+        assert len(sentence.replace(str(tmp_path), "")) < 250, name
+        assert SENTENCES.get(name, "") in sentence
+        assert seconds < 1, (name, seconds)
+    assert megabytes < 200  # beyond what the packages themselves take
+
+
+NOT_NUMBERS = ['"nan"', '"inf"', "-0.1", "null", '"0.1"', "true", "[]", "NaN", "-Infinity", "1e999"]
+
+
+class TestContents:
+    @pytest.mark.parametrize("number", NOT_NUMBERS)
+    @pytest.mark.parametrize("which", range(3))
+    def test_parameters_no_vehicle_has(self, which: int, number: str) -> None:
+        before = rf'("parameters":\[\[{"[^,]*," * which})[^],]*'
+        data = with_text("fit.json", lambda t: re.sub(before, rf"\g<1>{number}", t))
+        refused(data)
+
+    @pytest.mark.parametrize("number", ["NaN", "Infinity", '"0.5"', "true", "null", "[]", "1e999"])
+    def test_what_is_no_number(self, number: str) -> None:
+        changed = lambda t: re.sub(r'("leader_deviation":)[^,]*', rf"\g<1>{number}", t)  # noqa: E731
+        assert "quality" in refused(with_text("quality.json", changed))
+
+    def test_a_follower_too_many(self) -> None:
+        data = with_text(
+            "fit.json", lambda t: re.sub(r'"parameters":\[(.*?\])', r'"parameters":[\1,\1', t)
+        )
+        assert "does not fit the rest" in refused(data)
+
+    def test_a_field_too_many(self) -> None:
+        assert '"a"' in refused(with_text("snapshot.json", lambda t: '{"a":1,' + t[1:]))
+
+    def test_a_field_too_few(self) -> None:
+        data = with_text("fit.json", lambda t: t.replace('"iterations":0,', ""))
+        assert "fit.iterations" in refused(data)
+
+    def test_a_field_twice(self) -> None:
+        assert "provenance" in refused(with_text("snapshot.json", lambda t: '{"name":"",' + t[1:]))
+
+    def test_an_unknown_outcome(self) -> None:
+        data = with_text("fit.json", lambda t: t.replace('"SOLVED"', '"__class__"'))
+        assert "outcome" in refused(data)
+
+    def test_spaces_between(self) -> None:
+        assert "not as it was written" in refused(with_text("fit.json", lambda t: t + " "))
+
+    def test_bytes_that_are_no_text(self) -> None:
+        refused(with_part("fit.json", b'"\xff"'))
+
+    @pytest.mark.parametrize("manifest", [b"[]", b"{}", b'{"format":"other"}', b"x", b"[" * 10_000])
+    def test_a_foreign_manifest(self, manifest: bytes) -> None:
+        assert "manifest" in refused(pack({MANIFEST: manifest, **parts()}))
+
+    @pytest.mark.parametrize("bad", [np.nan, np.inf])
+    def test_data_with_holes(self, bad: float) -> None:
+        speeds = np.array(unpack_arrays(parts()["segment.npz"], "data")["speeds"])
+        speeds[3, 0] = bad
+        refused(with_array("segment.npz", "speeds", speeds))
+
+    @pytest.mark.parametrize("number", ["nan", "inf"])
+    def test_weights_with_holes(self, number: str) -> None:
+        weights = np.full(100, float(number))
+        fit = replace(small().fit, arrays={"w": weights})
+        assert "nan or infinite" in refused(to_bytes(replace(small(), fit=fit)))
+
+    @pytest.mark.parametrize(
+        "values",
+        [
+            np.zeros((41, 3)),
+            np.zeros((40, 2)),
+            np.zeros(82),
+            np.zeros((41, 2), np.float32),
+            np.zeros((41, 2), np.bool_),
+        ],
+        ids=lambda values: f"{values.shape}{values.dtype}",
+    )
+    def test_data_of_another_shape_or_type(self, values: np.ndarray) -> None:
+        refused(with_array("segment.npz", "speeds", values))
+
+    @pytest.mark.parametrize(
+        "values",
+        [
+            np.asfortranarray(np.arange(6.0).reshape(2, 3)),
+            np.array(["text"]),
+            np.zeros(2, [("a", "f8")]),
+            np.zeros(2, ">f8"),
+            np.zeros(2, complex),
+            np.zeros(2, np.int64),
+        ],
+        ids=["order of columns", "text", "records", "big-endian", "complex", "integers"],
+    )
+    def test_arrays_in_other_forms(self, values: np.ndarray) -> None:
+        buffer = io.BytesIO()
+        np.lib.format.write_array(buffer, values, version=(1, 0), allow_pickle=False)
+        data = with_part("fit.npz", pack({"a.npy": buffer.getvalue()}))
+        assert "no plain array" in refused(data)
+
+    def test_data_of_another_window(self) -> None:
+        speeds = np.array(unpack_arrays(parts()["segment.npz"], "data")["speeds"]) + 1.0
+        assert "not the window" in refused(with_array("segment.npz", "speeds", speeds))
+
+    def test_an_array_that_nothing_names(self) -> None:
+        assert "fit.more" in refused(with_part("fit.npz", pack_arrays({"more": np.zeros(100)})))
+
+    def test_a_part_that_is_missing(self) -> None:
+        for name in parts():
+            kept = {other: content for other, content in parts().items() if other != name}
+            refused(seal(kept))
+            manifest = unpack(SEALED, "It")[MANIFEST]
+            assert f"{name} is missing" in refused(pack({MANIFEST: manifest, **kept}))
+
+    def test_too_few_vehicles(self) -> None:
+        refused(
+            with_text("snapshot.json", lambda t: t.replace('"vehicles":[1,2]', '"vehicles":[1]'))
+        )
+
+    @given(st.data())
+    def test_any_other_document_is_refused_or_read(self, data: st.DataObject) -> None:
+        """Whatever stands in a field, the answer is one sentence or a snapshot, no other error."""
+        name = data.draw(st.sampled_from([n for n in parts() if n.endswith(".json")]))
+        tree = read_json(parts()[name])
+        holder: Any = tree
+        while True:
+            keys = list(holder) if isinstance(holder, dict) else range(len(holder))
+            key = data.draw(st.sampled_from(keys))
+            if not (isinstance(holder[key], dict | list) and holder[key]) or data.draw(
+                st.booleans()
+            ):
+                break
+            holder = holder[key]
+        values = st.one_of(
+            st.none(),
+            st.booleans(),
+            st.integers(-(2**62), 2**62),
+            st.floats(allow_nan=False, allow_infinity=False),
+            st.sampled_from(["nan", "inf", "segment.speeds", "fit.surrogate.time"]),
+            st.text(max_size=5),
+            st.lists(st.integers(), max_size=3),
+            st.just({}),
+        )
+        holder[key] = data.draw(values)
+        with suppress(SnapshotError):
+            verify(with_part(name, write_json(tree)))

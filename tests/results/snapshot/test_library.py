@@ -1,0 +1,211 @@
+"""The server's store of snapshots: nothing is lost, nothing escapes, nothing breaks the list."""
+
+import os
+import subprocess
+import sys
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from accpinn.errors import SnapshotError
+from accpinn.results.snapshot.file import to_bytes
+from accpinn.results.snapshot.library import Library
+from accpinn.results.snapshot.schema import Snapshot
+from tests.support.snapshots import small, small_bytes
+
+
+@pytest.fixture
+def library(tmp_path: Path) -> Library:
+    return Library(tmp_path / "library")
+
+
+def named(name: str) -> Snapshot:
+    return replace(small(), name=name)
+
+
+def test_a_restart_finds_what_was_kept(library: Library) -> None:
+    name = library.add(small())
+    again = Library(library.folder)
+    (entry,) = again.entries()
+    assert (entry.id, entry.name, entry.fault) == (name, "small", "")
+    assert entry.source == small().info.source
+    assert entry.vehicles == small().info.labels
+    assert entry.parameters[0] == tuple(small().fit.parameters.values[0])
+    assert entry.with_data
+    assert (
+        again.open(name).fit.parameters.values.tobytes() == small().fit.parameters.values.tobytes()
+    )
+    assert again.raw(name) == small_bytes()
+
+
+def test_the_same_twice_is_one(library: Library) -> None:
+    assert library.add(small()) == library.add(small_bytes())
+    assert len(library.entries()) == 1
+
+
+def test_the_newest_comes_first(library: Library) -> None:
+    library.add(replace(small(), name="old", created="2026-01-01T00:00:00Z"))
+    library.add(replace(small(), name="new", created="2026-02-01T00:00:00Z"))
+    assert [entry.name for entry in library.entries()] == ["new", "old"]
+
+
+def test_of_two_of_one_second_the_one_written_last_comes_first(library: Library) -> None:
+    for name, written in (("last", 2), ("first", 1)):
+        path = library.folder / f"{library.add(named(name))}.accpinn.zip"
+        os.utime(path, (written, written))
+    assert [entry.name for entry in library.entries()] == ["last", "first"]
+
+
+def test_a_list_reads_only_what_changed(library: Library, monkeypatch: pytest.MonkeyPatch) -> None:
+    name = library.add(small())
+    before = library.entries()
+    monkeypatch.setattr(library, "open", lambda _: pytest.fail("read again"))
+    assert library.entries() == before
+    monkeypatch.undo()
+    (library.folder / f"{name}.accpinn.zip").write_bytes(b"short")
+    assert library.entries()[0].fault
+
+
+def test_an_empty_server_has_an_empty_list(library: Library) -> None:
+    assert library.entries() == ()
+
+
+@pytest.mark.parametrize(
+    "name", ["", "../secret", "a/b", "ABCDEF0123456789", "0123456789abcdef\n", "0" * 15, "0" * 17]
+)
+def test_what_is_no_name_never_becomes_a_path(library: Library, name: str) -> None:
+    for use in (library.open, library.raw, library.delete):
+        with pytest.raises(SnapshotError, match="There is no snapshot"):
+            use(name)
+
+
+def test_an_unknown_name_is_said(library: Library) -> None:
+    with pytest.raises(SnapshotError, match="may have been deleted"):
+        library.open("0" * 16)
+
+
+def test_a_full_library_refuses_and_keeps_what_is_there(library: Library) -> None:
+    for full in (Library(library.folder, cap_count=1), Library(library.folder, cap_bytes=100)):
+        if not library.entries():
+            library.add(small())
+        with pytest.raises(SnapshotError, match=r"is full .* delete some"):
+            full.add(named("one more"))
+        assert [entry.name for entry in library.entries()] == ["small"]
+    assert Library(library.folder, cap_count=1).add(small()), "what is there already needs no room"
+
+
+def test_damaged_bytes_are_refused(library: Library) -> None:
+    broken = bytearray(small_bytes())
+    broken[len(broken) // 2] ^= 1
+    with pytest.raises(SnapshotError):
+        library.add(bytes(broken))
+    assert library.entries() == ()
+
+
+def test_a_damaged_file_is_listed_with_the_reason(library: Library) -> None:
+    kept, broken = library.add(small()), library.add(named("soon broken"))
+    path = library.folder / f"{broken}.accpinn.zip"
+    path.write_bytes(path.read_bytes()[:-50])
+    found = {entry.id: entry for entry in library.entries()}
+    assert found[kept].fault == ""
+    assert found[broken].fault
+    assert library.entries()[-1].id == broken
+    library.delete(broken)
+    assert [entry.id for entry in library.entries()] == [kept]
+
+
+def test_a_file_under_another_s_name_is_damaged(library: Library) -> None:
+    name = library.add(small())
+    path = library.folder / f"{name}.accpinn.zip"
+    path.rename(library.folder / f"{'0' * 16}.accpinn.zip")
+    (entry,) = library.entries()
+    assert "its file holds" in entry.fault
+
+
+def test_another_of_the_same_short_name_is_not_written_over(
+    library: Library, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    name = library.add(small())
+    monkeypatch.setattr(Snapshot, "id", name)
+    with pytest.raises(SnapshotError, match="Another snapshot has the short name"):
+        library.add(named("another"))
+    assert library.raw(name) == small_bytes()
+
+
+def test_what_a_killed_process_left_is_swept(library: Library) -> None:
+    library.add(small())
+    old, new = (library.folder / f"{name}.part" for name in ("old", "new"))
+    for path in (old, new):
+        path.write_bytes(b"half")
+    os.utime(old, (1, 1))
+    library.add(named("another"))
+    assert not old.exists()
+    assert new.exists(), "it may still be written to"
+
+
+def test_a_damaged_one_is_mended_by_saving_it_again(library: Library) -> None:
+    path = library.folder / f"{library.add(small())}.accpinn.zip"
+    path.write_bytes(b"half")
+    library.add(small())
+    assert path.read_bytes() == small_bytes()
+
+
+def test_a_saving_that_fails_half_way_leaves_the_old_file(
+    library: Library, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    name = library.add(small())
+
+    def no_room(*_: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("accpinn.results.snapshot.file.os.replace", no_room)
+    with pytest.raises(SnapshotError, match="No space left"):
+        library.add(named("another"))
+    monkeypatch.undo()
+    assert [entry.id for entry in library.entries()] == [name]
+    assert sorted(path.name for path in library.folder.glob("[!.]*")) == [f"{name}.accpinn.zip"]
+
+
+def test_two_processes_that_save_at_once_lose_nothing(library: Library, tmp_path: Path) -> None:
+    code = (
+        "import sys; from pathlib import Path\n"
+        "from accpinn.results.snapshot.library import Library\n"
+        "library = Library(Path(sys.argv[1]))\n"
+        "for name in sys.argv[2:]: library.add(Path(name).read_bytes())\n"
+    )
+    groups: list[list[str]] = [[], []]
+    for k in range(10):
+        path = tmp_path / f"{k}"
+        path.write_bytes(to_bytes(named(f"number {k}")))
+        groups[k % 2] += [str(path)]
+        groups[1 - k % 2] += [str(path)] * (k < 3)  # some by both at once
+    writers = [
+        subprocess.Popen([sys.executable, "-c", code, str(library.folder), *group])
+        for group in groups
+    ]
+    assert [writer.wait(60) for writer in writers] == [0, 0]
+    assert {entry.name for entry in library.entries()} == {f"number {k}" for k in range(10)}
+
+
+def test_the_environment_names_the_folder(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setenv("ACCPINN_SNAPSHOTS", str(tmp_path / "elsewhere"))
+    Library().add(small_bytes())
+    assert len(list((tmp_path / "elsewhere").glob("*.accpinn.zip"))) == 1
+
+
+def test_servers_that_share_a_folder_keep_to_its_room(tmp_path: Path) -> None:
+    """Each has room for one more; together they must not add two."""
+    libraries = [Library(tmp_path, cap_count=1) for _ in range(6)]
+    contents = [replace(small(), name=f"number {k}") for k in range(6)]
+
+    def kept(library: Library, content: Snapshot) -> bool:
+        try:
+            return bool(library.add(content))
+        except SnapshotError:
+            return False
+
+    with ThreadPoolExecutor(6) as pool:
+        assert sum(pool.map(kept, libraries, contents)) == 1
+    assert len(libraries[0].entries()) == 1

@@ -1,0 +1,76 @@
+"""Pages run without a browser: opening them, and what is written on them."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+from streamlit.testing.v1 import AppTest
+
+from pages.ui.data.sources import FIRST_SAMPLE, sample
+from pages.ui.session import sessions
+from pages.ui.session.workspace import Workspace
+
+ROOT = Path(__file__).parents[2]
+HOME = "app.py"
+DATA, TRAIN, STABILITY = "pages/1_Data.py", "pages/2_Train.py", "pages/3_Stability.py"
+PLATOON, COMPARE, SNAPSHOTS = "pages/4_Platoon.py", "pages/5_Compare.py", "pages/6_Snapshots.py"
+PAGES = [HOME, *sorted(f"pages/{path.name}" for path in (ROOT / "pages").glob("[0-9]*.py"))]
+WAIT = 120.0
+"""Seconds a real training may take on a busy machine; it needs about one."""
+
+
+def open_page(path: str, found: Workspace | None = None, **address: str) -> AppTest:
+    """A page as a direct link opens it: the first page has not run before."""
+    page = AppTest.from_file(str(ROOT / HOME), default_timeout=60)
+    if path != HOME:
+        page.switch_page(path)
+    if found:
+        address["session"] = found.id
+    for name, value in address.items():
+        page.query_params[name] = value
+    page.run()
+    assert not page.exception, page.exception
+    return page
+
+
+def with_sample() -> Workspace:
+    """A session with the first sample open."""
+    found = sessions.workspaces().new()
+    found.open(*sample(FIRST_SAMPLE))
+    return found
+
+
+def workspace_of(page: AppTest) -> Workspace:
+    """The session that the page's address names."""
+    name = page.query_params["session"]
+    found = sessions.workspaces().find(name if isinstance(name, str) else name[0])
+    assert found is not None
+    return found
+
+
+def texts(page: AppTest) -> str:
+    """All that is written on a page but its tables."""
+    kinds = ("title", "subheader", "markdown", "caption", "text")
+    boxes = ("info", "warning", "error", "success")
+    written = [element.value for kind in (*kinds, *boxes) for element in page.get(kind)]
+    return "\n".join([*written, *(element.proto.body for element in page.get("html"))])
+
+
+def plain(page: AppTest) -> str:
+    """The same as a person reads it: without the marks that make foreign text literal."""
+    return texts(page).replace("\\", "")
+
+
+def boxes(page: AppTest, kind: str) -> list[str]:
+    """The sentences in its boxes of one kind, as "warning", without those marks."""
+    return [box.value.replace("\\", "") for box in page.get(kind)]
+
+
+def everything(page: AppTest) -> str:
+    """All that a page shows, tables and figures included."""
+    return " ".join(str(element.proto) for element in page.main if hasattr(element, "proto"))
+
+
+def figures(page: AppTest) -> list[dict[str, Any]]:
+    """The charts as plotly has them."""
+    return [json.loads(chart.proto.spec) for chart in page.get("plotly_chart")]
