@@ -60,16 +60,10 @@ class LongHeadway(Finding, frozen=True):
 
 
 class WeaklyDetermined(Finding, frozen=True):
-    """Other parameter sets reproduce the recording equally well."""
+    """The recording does not determine α, β and τ; other sets reproduce it equally well."""
 
     vehicle: int | None
     """None for the one set that all followers share."""
-
-
-class NeverDetermined(Finding, frozen=True):
-    """At no time do the samples of an online method determine α, β and τ."""
-
-    vehicle: int
 
 
 class FilterUncertain(Finding, frozen=True):
@@ -145,7 +139,6 @@ MethodFinding = (
     | BoundActiveAtTimes
     | LongHeadway
     | WeaklyDetermined
-    | NeverDetermined
     | FilterUncertain
     | FilterDiverged
     | SimulatedSeparately

@@ -29,7 +29,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.signal import lfilter
 
-from accpinn.methods.fit import BoundActiveAtTimes, Fit, MethodFinding, NeverDetermined, Outcome
+from accpinn.methods.fit import BoundActiveAtTimes, Fit, MethodFinding, Outcome, WeaklyDetermined
 from accpinn.methods.method import direct
 from accpinn.methods.online import kept_samples, track
 from accpinn.methods.regression import Mask, Solution, solve_bounded
@@ -172,7 +172,7 @@ def _findings(segment: Segment, theta: FloatArray, solution: Solution) -> list[M
     for k, vehicle in enumerate(segment.vehicles[1:]):
         values = theta[:, k % theta.shape[1]]
         if not np.isfinite(values).any():
-            found.append(NeverDetermined(vehicle))
+            found.append(WeaklyDetermined(vehicle))
             continue
         shares = (values == 0).mean(axis=0).tolist()
         found += [

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from accpinn.methods import recursive, splines
-from accpinn.methods.fit import BoundActiveAtTimes, NeverDetermined
+from accpinn.methods.fit import BoundActiveAtTimes, WeaklyDetermined
 from accpinn.methods.online import TRACK_EVERY, track
 from accpinn.model.cthp import regressors
 from accpinn.recordings.openacc import read
@@ -142,7 +142,7 @@ class TestUncertainty:
         fit = recursive.fit(standing_still())
         assert fit.track is not None
         assert np.isnan(fit.track.parameters.values).all()
-        assert fit.findings == (NeverDetermined(2),)
+        assert fit.findings == (WeaklyDetermined(2),)
 
     def test_reports_for_how_long_a_bound_was_active(self) -> None:
         fit = recursive.fit(driven((LAW,), duration=100.0, noise=0.5), memory=3.0)

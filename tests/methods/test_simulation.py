@@ -5,8 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from accpinn.evaluation.closed_loop import closed_loop_errors
-from accpinn.evaluation.errors import tracking_errors
+from accpinn.evaluation.closed_loop import closed_loop_errors, tracking_errors
 from accpinn.methods import least_squares, simulation, splines
 from accpinn.methods.fit import Fit, Outcome, SimulatedSeparately, WeaklyDetermined
 from accpinn.methods.simulation import Chain, chains

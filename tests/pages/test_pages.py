@@ -9,6 +9,7 @@ import pytest
 from streamlit.testing.v1 import AppTest
 
 from accpinn.methods import least_squares
+from accpinn.methods.fit import Continued
 from accpinn.methods.pinn.config import preset
 from accpinn.model.cthp import Parameters, Trajectories
 from accpinn.recordings.openacc import read
@@ -416,7 +417,7 @@ def test_stop_continue_or_begin_anew() -> None:
     assert first.iteration[0] == 0
     stop_training(found)
     assert found.fit
-    assert not any("Continued" in note for note in found.fit.notes)
+    assert not any(isinstance(f, Continued) for f in found.fit.findings)
 
 
 def test_a_second_session_waits_and_is_told() -> None:

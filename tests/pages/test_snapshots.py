@@ -6,10 +6,10 @@ from typing import Any
 import pytest
 from streamlit.testing.v1 import AppTest
 
-from accpinn.methods.fit import Outcome
+from accpinn.methods.fit import Outcome, StartedFrom
 from accpinn.methods.pinn.config import PAPER, preset
+from accpinn.methods.pinn.method import WarmStart
 from accpinn.methods.pinn.training import train
-from accpinn.methods.pinn.warm_start import WarmStart
 from accpinn.model.cthp import Parameters
 from accpinn.recordings.recording import Recording
 from accpinn.results.snapshot.library import Library
@@ -311,7 +311,7 @@ class TestRestoring:
         fit = found.fit
         assert fit is not None
         assert fit.history is not None
-        assert f"Started from the weights of snapshot {name}." in fit.notes
+        assert StartedFrom(f"snapshot {name}") in fit.findings
         assert fit.history.total[0] == pytest.approx(whole().fit.loss["total"], rel=1e-6)
 
     def test_a_stopped_one_goes_on_from_the_same_weights(self) -> None:

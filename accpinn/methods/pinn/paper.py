@@ -56,10 +56,7 @@ class PaperTraining:
     def begin_from(self, warm: WarmStart) -> None:
         """Begin anew, from what an earlier training has learned."""
         initial = warm.initial(self.problem.case, self.problem.followers)
-        try:
-            load_state(self.network, warm.arrays, "network.")
-        except ValueError:
-            raise warm.misfit() from None
+        load_state(self.network, warm.arrays, "network.")
         with torch.no_grad():
             self._parameters.copy_(torch.tensor(initial.values))
             self._look("Adam", self._loss())

@@ -24,7 +24,7 @@ from accpinn.results.snapshot.schema import SCHEMA
 from accpinn.results.snapshot.verification import verify
 from accpinn.segment.cut import cut
 from accpinn.segment.regimes import exclude_regimes, label_regimes
-from tests.driving import MIXED, driven
+from tests.support.driving import MIXED, driven
 from tests.support.methods import RIVALS as ESTIMATORS
 from tests.support.samples import FOLDER, NOISY
 from tests.support.snapshots import bits, entries, resealed, small, small_bytes, trained, whole

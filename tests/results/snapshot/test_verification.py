@@ -27,7 +27,7 @@ from accpinn.results.snapshot.verification import (
     compare,
     verify,
 )
-from tests.driving import driven, standing_still
+from tests.support.driving import driven, standing_still
 from tests.support.methods import RIVALS as ESTIMATORS
 from tests.support.samples import FOLDER, NOISY, PLATOON
 from tests.support.snapshots import entries, small, small_bytes, trained, whole
