@@ -3,7 +3,6 @@
 import streamlit as st
 
 from accpinn.results.figures import platoon as figures
-from accpinn.results.figures import wave
 from pages.ui.components import frame
 from pages.ui.components.charts import show_chart
 from pages.ui.components.parameter_picker import choose_parameters
@@ -56,10 +55,10 @@ def main() -> None:
     st.subheader("The wave on the road", anchor=False)
     st.caption(
         "Seen from the leader: press Play or drag the slider."
-        f" {seconds_shown(run, wave.watched(run))} Squares mark the cars, not to scale: from one to"
-        f" the next it is the space-gap simulated and {wave.CAR_LENGTH:g} m of car."
+        f" {seconds_shown(run, figures.watched(run))} Squares mark the cars, not to scale: from one to"
+        f" the next it is the space-gap simulated and {figures.CAR_LENGTH:g} m of car."
     )
-    show_chart(wave.animation(run, cast), "platoon_wave")
+    show_chart(figures.animation(run, cast), "platoon_wave")
 
 
 main()

@@ -76,7 +76,7 @@ def motion(snapshot: Snapshot) -> Picture | None:
     source: Segment | Trajectories | None = snapshot.segment or snapshot.fit.surrogate
     if source is None:
         return None
-    info, figure = snapshot.info, panels(2, [0.5, 0.5])
+    info, figure = snapshot.info, panels(0.5, 0.5)
     for column, label in enumerate(info.labels):
         line = {"color": _colour(info, column), "width": 1.8}
         name = html.escape(label) + (" (leader)" if column == 0 else "")

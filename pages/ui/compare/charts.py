@@ -9,6 +9,7 @@ from accpinn.evaluation.closed_loop import closed_loop
 from accpinn.model.cthp import Parameters
 from accpinn.results.figures import comparison as figures
 from accpinn.results.figures.style import vehicle_colour
+from accpinn.results.figures.training import tracking
 from accpinn.results.tables.names import name_of
 from accpinn.segment.segment import Segment
 from accpinn.study.comparison import MethodResult
@@ -83,8 +84,8 @@ def show_curves(segment: Segment, row: MethodResult, follower: int) -> None:
     """Gap, speed and the gap's error of one method."""
     title = name_of(row.fit)
     st.subheader(f"{title} against the data", anchor=False)
-    figure = figures.curves(
-        segment, follower, row.fit.surrogate, closed_loop(segment, row.fit), title
+    figure = tracking(
+        segment, follower, row.fit.surrogate, closed_loop(segment, row.fit), title, with_error=True
     )
     show_chart(figure, "compare_curves")
 

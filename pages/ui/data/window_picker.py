@@ -7,8 +7,7 @@ from math import ceil
 import streamlit as st
 
 from accpinn.recordings.recording import Recording
-from accpinn.results.figures import regimes as regime_figures
-from accpinn.results.figures.recording import has_ribbons
+from accpinn.results.figures.recording import has_ribbons, regime_key, regime_ribbons
 from accpinn.results.figures.recording import overview as draw_overview
 from accpinn.results.figures.style import vehicle_colour
 from accpinn.segment.missing import MINIMUM_DURATION
@@ -139,7 +138,7 @@ def overview(workspace: Workspace, recording: Recording) -> None:
     segment, ribbons = whole(workspace), []
     if segment:
         regimes = label_regimes(segment, recording)
-        ribbons = regime_figures.ribbons(segment, regimes)
+        ribbons = regime_ribbons(segment, regimes)
     show_chart(
         draw_overview(recording, workspace.vehicles, workspace.window, ribbons),
         CHART,
@@ -149,7 +148,7 @@ def overview(workspace: Workspace, recording: Recording) -> None:
     if has_ribbons(recording):
         st.caption("Vehicle: driven by hand (in the vehicle's colour) and missing data (red).")
     if segment:
-        show_key([(f"Regime: {name}", colour) for name, colour in regime_figures.key(regimes)])
+        show_key([(f"Regime: {name}", colour) for name, colour in regime_key(regimes)])
 
 
 def _dragged(workspace: Workspace, recording: Recording) -> Callable[[], None]:
