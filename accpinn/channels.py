@@ -1,6 +1,7 @@
 """Symbols, units, digits and plausible ranges of all quantities; the vocabulary of the files."""
 
 from dataclasses import dataclass
+from math import inf
 
 
 @dataclass(frozen=True)
@@ -18,6 +19,8 @@ class Quantity:
     """The greatest plausible value."""
     column: str = ""
     """Stem of the column name in an OpenACC file; empty for what is not recorded."""
+    possible: float = inf
+    """A recorded value that is larger, of either sign, is a fault of the file."""
 
     def of(self, number: int) -> str:
         """The column of vehicle ``number``: Speed1, IVS4, Driver2."""
@@ -42,10 +45,13 @@ def _with_unit(text: str, unit: str) -> str:
     return f"{text} [{unit}]" if unit else text
 
 
-TIME = Quantity("Time", "t", "s", 1, 0.0, 1e6, "Time")
-SPEED = Quantity("Speed", "v", "m/s", 2, 0.0, 70.0, "Speed")
-GAP = Quantity("Space-gap", "p", "m", 2, 0.0, 500.0, "IVS")
+TIME = Quantity("Time", "t", "s", 1, 0.0, 1e6, "Time", 1e12)
+SPEED = Quantity("Speed", "v", "m/s", 2, 0.0, 70.0, "Speed", 200.0)
+GAP = Quantity("Space-gap", "p", "m", 2, 0.0, 500.0, "IVS", 10_000.0)
 DRIVER = Quantity("Driver mode", "", "", 0, 0.0, 1.0, "Driver")
+RECORDED = {quantity.column: quantity for quantity in (TIME, SPEED, GAP, DRIVER)}
+"""By the stem of the column."""
+
 RELATIVE_SPEED = Quantity("Relative speed", "Δv", "m/s", 2, -30.0, 30.0)
 ACCELERATION = Quantity("Acceleration", "a", "m/s²", 2, -10.0, 6.0)
 TIME_GAP = Quantity("Time gap", "p/v", "s", 2, 0.0, 10.0)

@@ -1,13 +1,16 @@
-"""Stretches of consecutive samples for which something holds."""
+"""Masks, and the stretches of consecutive samples for which one is True."""
 
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
+
+Mask = NDArray[np.bool_]
+"""True where something holds."""
 
 
 @dataclass(frozen=True)
-class Run:
+class Stretch:
     """Samples ``first`` to ``last``, both included."""
 
     first: int
@@ -17,10 +20,15 @@ class Run:
         """How many samples it has."""
         return self.last - self.first + 1
 
+    @property
+    def rows(self) -> slice:
+        """The slice of an array that it covers."""
+        return slice(self.first, self.last + 1)
 
-def runs(mask: ArrayLike) -> tuple[Run, ...]:
-    """The maximal stretches of true values in a boolean vector, in order."""
+
+def stretches(mask: ArrayLike) -> tuple[Stretch, ...]:
+    """The maximal stretches of true values in a boolean vector (N,), in order."""
     padded = np.concatenate(([False], np.asarray(mask, bool), [False]))
     edges = np.flatnonzero(padded[1:] != padded[:-1])
     pairs = zip(edges[::2], edges[1::2], strict=True)
-    return tuple(Run(int(first), int(after) - 1) for first, after in pairs)
+    return tuple(Stretch(int(first), int(after) - 1) for first, after in pairs)

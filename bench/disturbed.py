@@ -17,11 +17,11 @@ from scipy.linalg import expm
 from scipy.signal import lfilter
 
 from accpinn.model.cthp import Parameters, Trajectories
-from accpinn.recordings.synthetic import SIMULATION_STEP, Driving, Noise, leader_speed, record
+from accpinn.recordings.synthetic import SIMULATION_STEP, LeaderProfile, Noise, leader_speed, record
 from accpinn.segment.segment import Segment
 from accpinn.units import FloatArray, Metres, Seconds
 
-MOTORWAY = Driving(28.0, 20.0, 34.0, (8.0, 25.0), (0.4, 1.2), 0.15)
+MOTORWAY = LeaderProfile(28.0, 20.0, 34.0, (8.0, 25.0), (0.4, 1.2), 0.15)
 
 
 @dataclass(frozen=True)
@@ -44,7 +44,7 @@ def disturbed(
     parameters: Iterable[Parameters],
     seed: int,
     disturbance: Disturbance,
-    driving: Driving = MOTORWAY,
+    driving: LeaderProfile = MOTORWAY,
     duration: Seconds = 300.0,
     noise: Noise | None = Noise(),  # noqa: B008 (a frozen value object)
 ) -> Segment:

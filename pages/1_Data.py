@@ -5,6 +5,7 @@ from contextlib import suppress
 import streamlit as st
 
 from accpinn.errors import ConfigError
+from accpinn.results.messages import messages
 from pages.ui.components import frame
 from pages.ui.components.text import escape_markdown
 from pages.ui.data.metadata import describe, show_warnings
@@ -34,7 +35,7 @@ def main() -> None:
     ):
         choose_source(workspace)
     st.markdown(describe(recording))
-    show_warnings(recording.warnings, "this recording")
+    show_warnings(messages(recording.findings, recording), "this recording")
     controls, chart = st.columns((1, 2.6), gap="medium")
     with controls:
         choose_vehicles(workspace, recording)

@@ -17,8 +17,8 @@ from accpinn.results.snapshot.schema import MANIFEST, PARTS, SCHEMA
 from accpinn.segment.segment import Segment
 from accpinn.study.comparison import compare
 from tests.driving import driven
-from tests.samples import PLATOON, sample
 from tests.support.methods import RIVALS as ESTIMATORS
+from tests.support.samples import PLATOON, sample
 
 
 @cache

@@ -8,7 +8,7 @@ import pytest
 import accpinn
 from accpinn.errors import AccpinnError, ConfigError, SnapshotError
 from accpinn.results.snapshot.checking import check
-from tests.samples import FOLDER, NOISY, sample
+from tests.support.samples import FOLDER, NOISY, sample
 
 ROOT = Path(__file__).parent.parent
 

@@ -7,18 +7,18 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
+from tests.samples import PLATOON, sample
 
 from accpinn.inference.intervals import LEVEL
 from accpinn.methods.pinn.config import PRESETS
 from accpinn.methods.pinn.loss import loss_terms
 from accpinn.methods.pinn.output_layout import output_columns
 from accpinn.model.cthp import Parameters, regressors
-from accpinn.recordings.synthetic import Driving
+from accpinn.recordings.synthetic import LeaderProfile
 from accpinn.segment.segment import Segment
 from bench import coverage, departures
 from bench.disturbed import Disturbance, disturbed
 from bench.paper_protocol import PaperProtocol
-from tests.samples import PLATOON, sample
 
 FEW = 4
 
@@ -90,7 +90,7 @@ class TestDisturbedRecordings:
     def test_equilibrium_gap_has_standstill_distance_and_slope(self) -> None:
         """At a constant speed ahead the gap is τv + s₀ - w/α."""
         parameters = Parameters([0.2], [0.4], [1.2])
-        calm = Driving(20.0, 10.0, 30.0, (500.0, 600.0), (0.4, 1.2), 0.0)
+        calm = LeaderProfile(20.0, 10.0, 30.0, (500.0, 600.0), (0.4, 1.2), 0.0)
         for standstill, slope in ((0.0, 0.0), (4.0, 0.0), (0.0, -0.1)):
             what = Disturbance(1e-9, 4.0, standstill=standstill, slope=slope)
             segment = disturbed(parameters, 1, what, calm, 120.0, noise=None)

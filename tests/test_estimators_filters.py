@@ -22,7 +22,7 @@ from accpinn.recordings.openacc import read
 from accpinn.segment.cut import cut
 from accpinn.segment.segment import Segment
 from tests.driving import LAW, MIXED, driven, segment_of, standing_still
-from tests.samples import NOISE_FREE, NOISY, PLATOON, sample
+from tests.support.samples import NOISE_FREE, NOISY, PLATOON, sample
 
 both_filters = pytest.mark.parametrize(
     "estimate", [particle.fit, dual_ukf.fit], ids=["particle", "dual-ukf"]

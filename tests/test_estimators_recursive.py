@@ -12,7 +12,7 @@ from accpinn.recordings.openacc import read
 from accpinn.segment.cut import cut
 from accpinn.segment.segment import Segment
 from tests.driving import LAW, MIXED, driven, segment_of, standing_still
-from tests.samples import NOISE_FREE, NOISY, PLATOON, sample
+from tests.support.samples import NOISE_FREE, NOISY, PLATOON, sample
 
 OTHER = (0.05, 0.3, 1.2)
 

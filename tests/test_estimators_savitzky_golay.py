@@ -5,7 +5,7 @@ import pytest
 
 from accpinn.methods import least_squares, savitzky_golay
 from tests.driving import LAW, driven, segment_of
-from tests.samples import NOISE_FREE, NOISY, PLATOON, sample
+from tests.support.samples import NOISE_FREE, NOISY, PLATOON, sample
 
 
 def test_recovers_the_noise_free_study() -> None:

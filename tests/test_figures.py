@@ -30,7 +30,7 @@ from accpinn.results.figures.stability import bode, stability_map
 from accpinn.segment.cut import cut
 from accpinn.segment.segment import Segment, Window
 from accpinn.stability.report import stability_report as stability_report
-from tests.openacc_files import csv, metadata, platoon
+from tests.support.openacc_files import csv, metadata, platoon
 
 ROOT = Path(__file__).parent.parent
 

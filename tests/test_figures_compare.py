@@ -16,7 +16,7 @@ from accpinn.results.figures.style import FOLLOWERS
 from accpinn.results.tables.estimates import fit_record_table, fit_record_title
 from accpinn.segment.segment import Segment
 from accpinn.study.comparison import FitRecord, differences
-from tests.samples import NOISY, PLATOON, sample
+from tests.support.samples import NOISY, PLATOON, sample
 
 
 @pytest.fixture(scope="module")

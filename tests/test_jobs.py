@@ -24,7 +24,7 @@ from accpinn.tasks.job import Job
 from accpinn.tasks.queue import KEPT_FOR, KEPT_JOBS, TaskQueue
 from accpinn.tasks.series import Series, TaskContext
 from accpinn.tasks.task import Status
-from tests.openacc_files import csv, platoon
+from tests.support.openacc_files import csv, platoon
 
 WAIT = 20.0
 """Seconds after which a test gives up; a sound queue needs none of them."""

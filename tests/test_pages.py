@@ -36,7 +36,7 @@ from tests.apptest import (
     texts,
     with_sample,
 )
-from tests.openacc_files import csv, metadata, platoon
+from tests.support.openacc_files import csv, metadata, platoon
 
 pytestmark = pytest.mark.usefixtures("fresh_server")
 

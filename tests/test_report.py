@@ -22,8 +22,8 @@ from accpinn.results.report.pictures import fits, motion
 from accpinn.results.snapshot.checking import check
 from accpinn.results.snapshot.create import stability as judged
 from accpinn.results.snapshot.file import load, save
-from tests.samples import FOLDER, PLATOON
 from tests.snapshots import small, whole
+from tests.support.samples import FOLDER, PLATOON
 
 HOSTILE = "</script><script>alert(1)</script>\"'><img src=x onerror=alert(1)>$y$_z_&amp;"
 ORDER = (

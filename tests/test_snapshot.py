@@ -30,9 +30,9 @@ from accpinn.results.snapshot.schema import ATTRIBUTION, MANIFEST, PARTS, SCHEMA
 from accpinn.segment.cut import cut
 from accpinn.segment.regimes import exclude_regimes, label_regimes
 from tests.driving import MIXED, driven, standing_still
-from tests.samples import FOLDER, NOISY
 from tests.snapshots import resealed, small, small_bytes, trained, whole
 from tests.support.methods import RIVALS as ESTIMATORS
+from tests.support.samples import FOLDER, NOISY
 
 ROOT = Path(__file__).parent.parent
 

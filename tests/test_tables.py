@@ -21,7 +21,7 @@ from accpinn.results.tables.table import ABSENT, Column, Table, latex
 from accpinn.segment.cut import cut
 from accpinn.segment.quality import assess_quality
 from accpinn.segment.segment import Segment
-from tests.openacc_files import csv, metadata, platoon
+from tests.support.openacc_files import csv, metadata, platoon
 
 LAWS = (Parameters(0.01037, 0.07235, 1.52034), Parameters(0.1, 0.2, 1.0))
 NASTY = ["<script>alert(1)</script>", "A&B_50%$x$^2", r"\input{secret}~#{}"]

@@ -21,6 +21,7 @@ from accpinn.inference.identifiability import identifiability_warnings
 from accpinn.inference.intervals import Uncertainty
 from accpinn.inference.model_adequacy import better, model_forms
 from accpinn.model.published import ParameterSet
+from accpinn.results.messages import messages
 from accpinn.results.tables.estimates import intervals_table, methods_table, model_form_table
 from accpinn.results.tables.stability import stability_interval_table
 from accpinn.segment.segment import Segment
@@ -154,7 +155,7 @@ def _text(
     ]
     said = [
         *(f"{one.method} has no result: {one.fault}" for one in failures),
-        *segment.notes,
+        *messages(segment.findings, segment),
         *_warnings(segment, results[0]),
         *(f"{r.fit.method}: {incident}" for r in results for incident in r.evaluation.incidents),
         *results[0].evaluation.whiteness.sentences,

@@ -26,6 +26,7 @@ from accpinn.methods.fit import Fit, Outcome, Progress
 from accpinn.methods.pinn.config import PinnConfig, preset
 from accpinn.methods.registry import METHODS
 from accpinn.recordings.recording import Recording
+from accpinn.results.messages import messages
 from accpinn.results.snapshot.create import check_texts, create
 from accpinn.results.snapshot.file import save
 from accpinn.results.snapshot.writable_path import SNAPSHOT, free_place
@@ -190,7 +191,7 @@ def describe(segment: Segment, fit: Fit, quality: Quality) -> dict[str, Any]:
         "cached": fit.cached,
         "outcome": fit.outcome.name.lower(),
         "outcome_sentence": fit.outcome.value,
-        "notes": [*segment.notes, *quality.warnings, *fit.notes],
+        "notes": [*_about_data(segment, quality), *fit.notes],
     }
 
 
@@ -208,5 +209,9 @@ def _text(segment: Segment, fit: Fit, quality: Quality) -> str:
         ", answered from the cache" if fit.cached else ""
     )
     said = [f"{fit.outcome.value} ({effort})", *incidents(segment, closed_loop(segment, fit))]
-    notes = [f"Note: {note}" for note in (*segment.notes, *quality.warnings, *fit.notes)]
+    notes = [f"Note: {note}" for note in (*_about_data(segment, quality), *fit.notes)]
     return "\n".join([table.to_text(), "", *said, *notes])
+
+
+def _about_data(segment: Segment, quality: Quality) -> tuple[str, ...]:
+    return messages((*segment.findings, *quality.findings), segment)

@@ -1,11 +1,15 @@
 """`info FILE`: what a recording holds and what to know about it."""
 
 import argparse
+from dataclasses import asdict
 from typing import Any
+
+import msgspec
 
 from accpinn.cli.output import print_json, show
 from accpinn.recordings.openacc import read
 from accpinn.recordings.recording import Recording
+from accpinn.results.messages import messages
 from accpinn.results.tables.table import Column, Table
 
 
@@ -38,18 +42,9 @@ def describe(recording: Recording) -> dict[str, Any]:
         "samples": recording.samples,
         "duration": recording.duration,
         "sample_time": recording.sample_time,
-        "vehicles": [
-            {
-                "index": vehicle.index,
-                "name": vehicle.name,
-                "present": vehicle.present,
-                "missing": vehicle.missing,
-                "missing_share": vehicle.missing_share,
-                "modes": vehicle.modes,
-            }
-            for vehicle in recording.vehicles
-        ],
-        "warnings": list(recording.warnings),
+        "vehicles": [asdict(vehicle) for vehicle in recording.vehicles],
+        "warnings": messages(recording.findings, recording),
+        "findings": msgspec.to_builtins(recording.findings),
     }
 
 
@@ -61,11 +56,11 @@ def _text(recording: Recording) -> str:
         f" {recording.date or 'date unknown'}, {recording.duration:g} s in"
         f" {recording.samples} samples of {recording.sample_time:g} s",
         [
-            (Column("Vehicle"), [f"{vehicle.index} {vehicle.name}" for vehicle in vehicles]),
+            (Column("Vehicle"), [recording.label(vehicle.index) for vehicle in vehicles]),
             (Column("Present"), ["yes" if vehicle.present else "no" for vehicle in vehicles]),
             (Column("Missing", "%", 0), [100 * vehicle.missing_share for vehicle in vehicles]),
             (Column("Driver mode"), [mode or "not recorded" for mode in modes]),
         ],
     )
-    notes = [f"Note: {warning}" for warning in recording.warnings]
+    notes = [f"Note: {warning}" for warning in messages(recording.findings, recording)]
     return "\n".join([table.to_text(), "", *notes]).rstrip()

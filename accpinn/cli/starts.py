@@ -20,6 +20,7 @@ from accpinn.cli.output import print_json, show
 from accpinn.errors import ConfigError
 from accpinn.inference.multistart import MultistartResult, Trial, multistart, summarise
 from accpinn.methods.pinn.config import STARTS, preset
+from accpinn.results.messages import messages
 from accpinn.results.tables.estimates import multistart_table
 from accpinn.segment.segment import Segment
 
@@ -67,7 +68,7 @@ def run(options: argparse.Namespace) -> int:
     else:
         tables = [multistart_table(segment.info, found, k) for k in range(segment.followers)]
         show("\n\n".join(table.to_text() for table in tables))
-        show("\n".join(["", *segment.notes, *found.notes]))
+        show("\n".join(["", *messages(segment.findings, segment), *found.notes]))
     return 0
 
 

@@ -17,10 +17,9 @@ from accpinn.evaluation.closed_loop import closed_loop, closed_loop_errors, inci
 from accpinn.evaluation.errors import TrackingErrors, pooled
 from accpinn.evaluation.masking import part, without
 from accpinn.methods.fit import Fit
-from accpinn.recordings.recording import Recording
-from accpinn.segment.cut import cut
-from accpinn.segment.missing import MINIMUM_DURATION, complete_windows
-from accpinn.segment.segment import Segment, Window
+from accpinn.recordings.recording import Recording, Window
+from accpinn.segment.cut import MINIMUM_DURATION, complete_windows, cut
+from accpinn.segment.segment import Segment
 from accpinn.units import Seconds
 
 BLOCKS = 3

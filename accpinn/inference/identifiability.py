@@ -4,9 +4,9 @@ import numpy as np
 
 from accpinn.inference.intervals import Uncertainty
 from accpinn.model.cthp import Case
+from accpinn.recordings.checks import LITTLE_LEADER_MOTION
 from accpinn.segment.quality import (
     LARGE_CONDITION,
-    LITTLE_LEADER_MOTION,
     LITTLE_RELATIVE_MOTION,
     Quality,
     assess_quality,

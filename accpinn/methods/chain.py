@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import expm
 
-from accpinn.mask import runs
+from accpinn.mask import stretches
 from accpinn.model.cthp import Case, Parameters, motion_matrix, orbit, respond
 from accpinn.segment.segment import Segment
 from accpinn.units import FloatArray, Seconds
@@ -39,7 +39,7 @@ class Chain:
 
     def stretches(self, mask: NDArray[np.bool_], least: Seconds) -> tuple["Chain", ...]:
         """What is left of it at the instants of the mask (N,), in runs of ``least`` or longer."""
-        kept = [run for run in runs(mask) if (len(run) - 1) * self.step >= least]
+        kept = [run for run in stretches(mask) if (len(run) - 1) * self.step >= least]
         rows = [slice(run.first, run.last + 1) for run in kept]
         return tuple(Chain(self.ahead[r], self.measured[r], self.step, r.start) for r in rows)
 

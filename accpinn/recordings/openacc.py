@@ -1,18 +1,91 @@
-"""The loader: bytes in, a `Recording` out."""
+"""The loader of OpenACC recordings: bytes in, a `Recording` out.
 
+A file has five rows of metadata, a row of column names, then one row every 0.1 s. Its columns are
+chosen by name: Time, Speed<i>, IVS<i>, Driver<i> (see `channels`).
+"""
+
+import csv
 import hashlib
-from dataclasses import replace
+import re
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from datetime import date
 
 import numpy as np
-from numpy.typing import NDArray
 
-from accpinn.recordings.body import Body, read_body
-from accpinn.recordings.campaigns import campaign_of
-from accpinn.recordings.checks import findings
-from accpinn.recordings.header import Header, read_header
-from accpinn.recordings.recording import Mode, Recording, Vehicle
-from accpinn.recordings.source import LIMIT_BYTES, Source, read_bytes, refusal
-from accpinn.units import FloatArray
+from accpinn.channels import DRIVER, GAP, MAX_VEHICLES, METADATA, SPEED, TIME
+from accpinn.errors import RecordingError
+from accpinn.recordings.checks import check
+from accpinn.recordings.recording import (
+    GapsUnused,
+    MetadataMissing,
+    MetadataUnreadable,
+    Mode,
+    NamesWithoutData,
+    Recording,
+    RecordingFinding,
+    Vehicle,
+    VehicleCountMismatch,
+    VehiclesWithoutName,
+    unnamed,
+)
+from accpinn.recordings.samples import Columns, Samples, read_samples
+from accpinn.recordings.source import LIMIT_BYTES, Source, SourceFile, excerpt, read_bytes
+
+LONGEST_NAME = 80
+"""Characters of a vehicle's name that are kept; the longest of the database has 22."""
+
+_READ_BYTES = 100_000
+_NUMBERED = re.compile(r"([A-Za-z]+)([1-9]\d?)")
+_CHOOSE_RUN = "choose the CSV file of a run"
+_TABLE_NAMES = re.compile(r"veh_specifications|^Long setting vehs", re.IGNORECASE)
+
+
+@dataclass(frozen=True)
+class Campaign:
+    """A campaign: its folder, how it names its files, and the days it took place."""
+
+    folder: str
+    files: re.Pattern[str]
+    days: tuple[date, ...]
+    unique: bool = True
+    """Whether no other campaign names its files like this."""
+
+
+_PART = re.compile(r"part\d+(_\d+)?\b")
+
+CAMPAIGNS = (
+    Campaign(
+        "AstaZero",
+        re.compile(r"ASta_\d{6}_platoon\d+"),
+        (date(2019, 7, 4), date(2019, 7, 5)),
+    ),
+    Campaign("Casale", _PART, (date(2020, 10, 27),), unique=False),
+    Campaign(
+        "Cherasco",
+        re.compile(r"(JRC-Cher|Cher-JRC)_"),
+        (date(2018, 8, 30), date(2018, 9, 24)),
+    ),
+    Campaign("JRC low speed", _PART, (date(2020, 9, 30),), unique=False),
+    Campaign(
+        "Vicolungo",
+        re.compile(r"(JRC-VC|VC-JRC)_"),
+        (date(2019, 2, 26), date(2019, 2, 27), date(2019, 2, 28)),
+    ),
+    Campaign(
+        "ZalaZone",
+        re.compile(r"(handling|dynamic)_part\d+"),
+        (date(2019, 10, 6), date(2019, 10, 7), date(2019, 10, 8), date(2019, 10, 9)),
+    ),
+)
+
+
+@dataclass(frozen=True)
+class _Row:
+    number: int
+    cells: tuple[str, ...]
+    end: int
+    """Offset of the byte behind the row."""
 
 
 def read(source: Source, name: str | None = None, limit_bytes: int = LIMIT_BYTES) -> Recording:
@@ -27,103 +100,203 @@ def read(source: Source, name: str | None = None, limit_bytes: int = LIMIT_BYTES
         RecordingError: one sentence of file, place, fault and cure.
     """
     source_file = read_bytes(source, name, limit_bytes)
-    header = read_header(source_file)
-    body = read_body(source_file, header)
-    speed, gap = _by_vehicle(header, body)
-    if np.isnan(speed).all() or np.isnan(gap).all():
-        kind = "speed" if np.isnan(speed).all() else "space-gap"
-        raise refusal(source_file.name, f"all {kind} columns are empty", "choose another recording")
-    mode = _modes(body, speed.shape[1])
+    metadata, columns = _read_header(source_file)
+    names = _names(source_file, metadata.get("Vehicle_order", ()))
+    findings: list[RecordingFinding] = [
+        MetadataMissing(key=key) for key in METADATA if key not in metadata
+    ]
+    day = _date(metadata.get("Date", ()), findings)
+    stated = _integer("Number_of_vehicles", metadata, range(1, 1000), findings)
+    acc_flag = _integer("ACC", metadata, range(3), findings)
+    distance_setting = excerpt(next(iter(metadata.get("Distance_setting", ())), "")) or None
+    findings += _check_layout(names, stated, columns)
+    vehicles = max(len(names), *columns.speed, 2)
+    samples = read_samples(source_file, columns, vehicles)
+    for values, kind in ((samples.speed, "speed"), (samples.gap, "space-gap")):
+        if np.isnan(values).all():
+            fault = f"all {kind} columns are empty"
+            raise source_file.refusal(fault, "choose another recording")
     recording = Recording(
         source=source_file.name,
         sha256=hashlib.sha256(source_file.raw).hexdigest(),
-        campaign=campaign_of(source_file.name, source_file.folder, header.date),
-        date=header.date,
-        acc_flag=header.acc_flag,
-        distance_setting=header.distance_setting,
-        vehicles=_vehicles(header, body, speed, mode),
-        time=body.time - body.time[0],
-        first_time=float(body.time[0]),
-        speed=speed,
-        gap=gap,
-        mode=mode,
+        campaign=_campaign(source_file, day),
+        date=day,
+        acc_flag=acc_flag,
+        distance_setting=distance_setting,
+        vehicles=tuple(
+            _vehicle(number, names.get(number) or unnamed(number), samples)
+            for number in range(1, vehicles + 1)
+        ),
+        time=samples.time - samples.time[0],
+        first_time=float(samples.time[0]),
+        speed=samples.speed,
+        gap=samples.gap,
+        mode=samples.mode,
     )
-    warnings = (*header.warnings, *_layout(header), *body.warnings, *findings(recording))
-    return replace(recording, warnings=warnings)
+    return replace(recording, findings=(*findings, *samples.findings, *check(recording)))
 
 
-def _by_vehicle(header: Header, body: Body) -> tuple[FloatArray, FloatArray]:
-    """Speeds (N, V) and gaps (N, V-1) with NaN for the columns the file lacks."""
-    count = max(len(header.names), *body.speed, 2)
-    speed = np.full((len(body.time), count), np.nan)
-    gap = np.full((len(body.time), count - 1), np.nan)
-    for number, values in body.speed.items():
-        speed[:, number - 1] = values
-    for number, values in body.gap.items():
-        if number < count:
-            gap[:, number - 1] = values
-    return speed, gap
-
-
-def _modes(body: Body, count: int) -> NDArray[np.int8]:
-    mode = np.full((len(body.time), count), Mode.UNKNOWN, dtype=np.int8)
-    for number, values in body.mode.items():
-        if number <= count:
-            mode[:, number - 1] = values
-    return mode
-
-
-def _vehicles(
-    header: Header, body: Body, speed: FloatArray, mode: NDArray[np.int8]
-) -> tuple[Vehicle, ...]:
-    samples, count = speed.shape
-    return tuple(
-        Vehicle(
-            index=number,
-            name=_name(header, number),
-            present=bool(absent < samples),
-            missing=int(absent),
-            missing_share=float(absent / samples),
-            modes={
-                "ACC": int((mode[:, number - 1] == Mode.ACC).sum()),
-                "Human": int((mode[:, number - 1] == Mode.HUMAN).sum()),
-            }
-            if (mode[:, number - 1] != Mode.UNKNOWN).any()
-            else None,
-        )
-        for number, absent in zip(range(1, count + 1), np.isnan(speed).sum(axis=0), strict=True)
+def _vehicle(number: int, name: str, samples: Samples) -> Vehicle:
+    absent, mode = np.isnan(samples.speed[:, number - 1]), samples.mode[:, number - 1]
+    counts = {name: int((mode == Mode[name.upper()]).sum()) for name in ("ACC", "Human")}
+    return Vehicle(
+        index=number,
+        name=name,
+        present=not absent.all(),
+        missing=int(absent.sum()),
+        missing_share=float(absent.mean()),
+        modes=counts if any(counts.values()) else None,
     )
 
 
-def _name(header: Header, number: int) -> str:
-    listed = header.names[number - 1] if number <= len(header.names) else ""
-    return listed or f"Vehicle {number}"
-
-
-def _layout(header: Header) -> list[str]:
+def _check_layout(
+    names: Mapping[int, str], stated: int | None, columns: Columns
+) -> Iterator[RecordingFinding]:
     """Where names, number of vehicles and columns disagree."""
-    names, speeds = header.names, header.columns.speed
-    warnings = []
-    absent = [number for number in range(1, len(names) + 1) if number not in speeds]
-    if absent:
-        listed = ", ".join(f"{number} ({names[number - 1] or 'unnamed'})" for number in absent)
-        warnings.append(f"The header names vehicles without data: {listed}.")
-    unnamed = [n for n in sorted(speeds) if n > len(names) or not names[n - 1]]
-    if unnamed:
-        listed = ", ".join(str(number) for number in unnamed)
-        warnings.append(f"The header gives no name for vehicle {listed}.")
-    if header.number is not None and header.number not in {len(names), max(speeds)}:
-        warnings.append(
-            f"The header speaks of {header.number} vehicles but names {len(names)}, and the"
-            f" columns hold {len(speeds)}; names and columns may not belong together."
-        )
-    elif header.number is not None and header.number < len(names):
-        warnings.append(
-            f"The header names {len(names)} vehicles for a platoon of {header.number}; a name may"
-            " stand at the wrong vehicle."
-        )
-    orphans = [n for n in sorted(header.columns.gap) if not {n, n + 1} <= set(speeds)]
-    if orphans:
-        listed = ", ".join(f"IVS{number}" for number in orphans)
-        warnings.append(f"Of {listed} one of the two vehicles has no speed column; it is not used.")
-    return warnings
+    speeds = columns.speed
+    if absent := tuple(number for number in names if number not in speeds):
+        yield NamesWithoutData(vehicles=absent)
+    if nameless := tuple(number for number in sorted(speeds) if not names.get(number)):
+        yield VehiclesWithoutName(vehicles=nameless)
+    if stated is not None and (stated not in {len(names), max(speeds)} or stated < len(names)):
+        yield VehicleCountMismatch(stated=stated, named=len(names), recorded=len(speeds))
+    if orphans := tuple(n for n in sorted(columns.gap) if not {n, n + 1} <= set(speeds)):
+        yield GapsUnused(gaps=orphans)
+
+
+def _campaign(source_file: SourceFile, day: date | None) -> str | None:
+    """The campaign of a file, or None where it is uncertain.
+
+    Folder or file name must point to it and the date must not contradict; file names that two
+    campaigns share (part7.csv) need the date as well.
+    """
+    folder = (source_file.folder or "").strip().lower()
+    found = [
+        campaign.folder
+        for campaign in CAMPAIGNS
+        if day is None or day in campaign.days
+        if folder == campaign.folder.lower()
+        or (campaign.files.match(source_file.name) and (campaign.unique or day is not None))
+    ]
+    return found[0] if len(found) == 1 else None
+
+
+# The rows above the numbers
+
+
+Metadata = dict[str, tuple[str, ...]]
+"""The cells behind each key."""
+
+
+def _read_header(source_file: SourceFile) -> tuple[Metadata, Columns]:
+    """Metadata and columns of a file, or the sentence why it is no OpenACC run."""
+    metadata: Metadata = {}
+    keys = {key.lower(): key for key in METADATA}
+    for row in _rows(source_file.text):
+        first = row.cells[0].lower()
+        if first == TIME.column.lower():
+            columns = _columns(source_file, row)
+            if metadata:
+                return metadata, columns
+            fault = f"the metadata rows ({', '.join(METADATA)}) above the column names are missing"
+            raise source_file.refusal(fault, "add them, or download the file again", "row 1")
+        if first not in keys:
+            raise _unexpected(source_file, row)
+        if keys[first] in metadata:
+            fault = f'"{keys[first]}" is given a second time'
+            raise source_file.refusal(fault, "delete one of the two rows", f"row {row.number}")
+        metadata[keys[first]] = row.cells[1:]
+    fault = f'no row of column names that starts with "{TIME.column}" is found'
+    raise source_file.refusal(fault, _CHOOSE_RUN)
+
+
+def _rows(text: bytes) -> Iterator[_Row]:
+    """The first rows with content, cell by cell."""
+    end = 0
+    for number, line in enumerate(text[:_READ_BYTES].splitlines(keepends=True), start=1):
+        end += len(line)
+        try:
+            decoded = line.decode("utf-8")
+        except UnicodeDecodeError:
+            decoded = line.decode("cp1252", errors="replace")
+        cells = tuple(cell.strip() for cell in next(csv.reader([decoded.strip()]), []))
+        if any(cells):
+            yield _Row(number, cells, end)
+
+
+def _unexpected(source_file: SourceFile, row: _Row) -> RecordingError:
+    if _TABLE_NAMES.search(source_file.name):
+        return source_file.refusal("this table accompanies the runs and is none", _CHOOSE_RUN)
+    place = f"row {row.number}"
+    if ";" in row.cells[0]:
+        cure = "save it with commas between cells and points in numbers"
+        return source_file.refusal("cells are separated by semicolons", cure, place)
+    expected = ", ".join((*METADATA[:-1], f"{METADATA[-1]} or {TIME.column}"))
+    fault = f'the row starts with "{excerpt(row.cells[0])}" where {expected} is expected'
+    return source_file.refusal(fault, _CHOOSE_RUN, place)
+
+
+def _columns(source_file: SourceFile, row: _Row) -> Columns:
+    place = f"row {row.number}"
+    found: dict[str, dict[int, int]] = {c.column: {} for c in (SPEED, GAP, DRIVER)}
+    positions: dict[str, int] = {}
+    for position, cell in enumerate(row.cells):
+        if cell in positions:
+            both = f"columns {positions[cell] + 1} and {position + 1}"
+            fault = f'"{excerpt(cell)}" names {both}'
+            raise source_file.refusal(fault, "delete or rename one of them", place)
+        if cell:
+            positions[cell] = position
+        numbered = _NUMBERED.fullmatch(cell)
+        if numbered and numbered[1] in found:
+            found[numbered[1]][int(numbered[2])] = position
+    speed, gap, driver = found.values()
+    if not speed:
+        fault = f"no numbered speed column (as {SPEED.of(1)}) is among the column names"
+        cure = f"this is no run of several vehicles, {_CHOOSE_RUN}"
+        raise source_file.refusal(fault, cure, place)
+    if not gap:
+        fault = f"no space-gap column (as {GAP.of(1)}) is among the column names"
+        cure = f"a model of car-following cannot be estimated without space-gaps, {_CHOOSE_RUN}"
+        raise source_file.refusal(fault, cure, place)
+    return Columns(row.cells, row.number, row.end, speed, gap, driver)
+
+
+def _names(source_file: SourceFile, cells: tuple[str, ...]) -> dict[int, str]:
+    """Names by vehicle number, as listed; trailing empty ones are dropped."""
+    last = max((number for number, cell in enumerate(cells, 1) if cell), default=0)
+    if last > MAX_VEHICLES:
+        fault = f"{last} vehicles are listed and at most {MAX_VEHICLES} can be read"
+        raise source_file.refusal(fault, "check the row Vehicle_order")
+    return {number: excerpt(cell, LONGEST_NAME) for number, cell in enumerate(cells[:last], 1)}
+
+
+def _date(cells: tuple[str, ...], findings: list[RecordingFinding]) -> date | None:
+    if not any(cells):
+        return None
+    try:
+        day, month, year = (int(cell) for cell in cells[:3])
+        return date(year, month, day)
+    except (ValueError, OverflowError):
+        text = excerpt(", ".join(filter(None, cells)))
+        findings.append(MetadataUnreadable(key="Date", text=text))
+        return None
+
+
+def _integer(
+    key: str,
+    metadata: Metadata,
+    allowed: range,
+    findings: list[RecordingFinding],
+) -> int | None:
+    cell = next(iter(metadata.get(key, ())), "")
+    if not cell:
+        return None
+    try:
+        value = float(cell)
+    except ValueError:
+        value = float("nan")
+    if value not in allowed:
+        findings.append(MetadataUnreadable(key=key, text=excerpt(cell)))
+        return None
+    return int(value)

@@ -7,7 +7,9 @@ from enum import IntEnum
 import numpy as np
 from numpy.typing import NDArray
 
-from accpinn.units import FloatArray, Seconds, frozen
+from accpinn.findings import Finding
+from accpinn.mask import Stretch
+from accpinn.units import FloatArray, MetresPerSecond, Seconds, frozen
 
 EVEN_TOLERANCE: Seconds = 1e-6
 """Time stamps this close to a regular grid count as even; float noise is below 1e-9 s."""
@@ -19,6 +21,141 @@ class Mode(IntEnum):
     UNKNOWN = -1
     HUMAN = 0
     ACC = 1
+
+
+@dataclass(frozen=True)
+class Window:
+    """An interval of a recording, in s from its first sample, both ends included."""
+
+    start: Seconds
+    end: Seconds
+
+    @property
+    def duration(self) -> Seconds:
+        """Its length in s."""
+        return round(self.end - self.start, 9)
+
+    def __str__(self) -> str:
+        """As tables and sentences name it: "0–300 s"."""
+        return f"{self.start:g} s" if self.end == self.start else f"{self.start:g}–{self.end:g} s"
+
+
+class MetadataMissing(Finding, frozen=True):
+    """A row above the column names is missing."""
+
+    key: str
+
+
+class MetadataUnreadable(Finding, frozen=True):
+    """A row above the column names holds something that its key does not allow; it is ignored."""
+
+    key: str
+    text: str
+
+
+class NamesWithoutData(Finding, frozen=True):
+    """The header names vehicles that have no speed column."""
+
+    vehicles: tuple[int, ...]
+
+
+class VehiclesWithoutName(Finding, frozen=True):
+    """Vehicles with a speed column have no name in the header."""
+
+    vehicles: tuple[int, ...]
+
+
+class VehicleCountMismatch(Finding, frozen=True):
+    """Number_of_vehicles, the list of names and the speed columns disagree."""
+
+    stated: int
+    named: int
+    recorded: int
+
+
+class GapsUnused(Finding, frozen=True):
+    """Space-gaps (numbered by the vehicle ahead) beside a vehicle without a speed column."""
+
+    gaps: tuple[int, ...]
+
+
+class LineEndMissing(Finding, frozen=True):
+    """The last row has no line end, so its last number may be cut short."""
+
+
+class ModesUnknown(Finding, frozen=True):
+    """Cells of a Driver column hold neither ACC nor Human."""
+
+    vehicle: int
+    samples: int
+    example: str
+
+
+class SamplesMissing(Finding, frozen=True):
+    """A channel of a vehicle has no value; for gaps, only where both speeds are known."""
+
+    channel: str
+    """Stem of the column's name in the file, as Speed or IVS; likewise below."""
+    vehicle: int
+    share: float
+    """Of all samples, 0 to 1."""
+    windows: tuple[Window, ...]
+    """The longest blocks, in order of time."""
+    shorter: int
+    """How many blocks there are besides."""
+
+
+class GapContradictsSpeeds(Finding, frozen=True):
+    """The space-gap behind a vehicle does not change as the two speeds demand."""
+
+    vehicle: int
+    correlation: float
+    """Of the gap's rate of change with the difference of the speeds; 1 for sound data."""
+
+
+class ValuesOutOfRange(Finding, frozen=True):
+    """A channel of a vehicle leaves its plausible range on one side."""
+
+    channel: str
+    vehicle: int
+    samples: int
+    extreme: float
+    """The value furthest outside."""
+
+
+class ValuesFrozen(Finding, frozen=True):
+    """A channel repeats one value while the vehicle behind the sensor moves."""
+
+    channel: str
+    vehicle: int
+    """The one whose speed, or whose gap to the vehicle ahead, it is."""
+    window: Window
+    """The longest repetition."""
+
+
+class LittleLeaderMotion(Finding, frozen=True):
+    """The leader's speed varies so little that it excites nothing."""
+
+    vehicle: int
+    deviation: MetresPerSecond
+    """Standard deviation."""
+
+
+RecordingFinding = (
+    MetadataMissing
+    | MetadataUnreadable
+    | NamesWithoutData
+    | VehiclesWithoutName
+    | VehicleCountMismatch
+    | GapsUnused
+    | LineEndMissing
+    | ModesUnknown
+    | SamplesMissing
+    | GapContradictsSpeeds
+    | ValuesOutOfRange
+    | ValuesFrozen
+    | LittleLeaderMotion
+)
 
 
 @dataclass(frozen=True)
@@ -38,6 +175,16 @@ class Vehicle:
     """Samples under "ACC" and under "Human"; None where the file does not say."""
 
 
+def vehicle_label(number: int, name: str) -> str:
+    """Number and name of a vehicle; the number alone where the file gives no name."""
+    return name if name == unnamed(number) else f"{number} {name}"
+
+
+def unnamed(number: int) -> str:
+    """What a vehicle is called that the file gives no name."""
+    return f"Vehicle {number}"
+
+
 @dataclass(frozen=True, eq=False)
 class Recording:
     """One OpenACC run; N samples, V vehicles. Arrays are read-only."""
@@ -47,7 +194,7 @@ class Recording:
     sha256: str
     """Of the file's bytes."""
     campaign: str | None
-    """None where neither folder, file name nor date tells."""
+    """None where folder, file name and date do not determine it."""
     date: date | None
     acc_flag: int | None
     """As in the file: 0 human, 1 ACC, 2 mixed. It does not give a vehicle's mode."""
@@ -64,8 +211,8 @@ class Recording:
     """(N, V-1) in m; NaN where missing, column i - 1 is IVS<i>, between vehicles i and i+1."""
     mode: NDArray[np.int8]
     """(N, V) values of `Mode`."""
-    warnings: tuple[str, ...] = ()
-    """What the user should know about the data, in plain sentences."""
+    findings: tuple[RecordingFinding, ...] = ()
+    """What the user should know about the data."""
 
     def __post_init__(self) -> None:
         """Copy the arrays and lock them."""
@@ -75,7 +222,7 @@ class Recording:
 
     @property
     def samples(self) -> int:
-        """N."""
+        """How many samples: N."""
         return len(self.time)
 
     @property
@@ -104,6 +251,10 @@ class Recording:
         """Numbers of the vehicles that have data."""
         return tuple(vehicle.index for vehicle in self.vehicles if vehicle.present)
 
+    def label(self, number: int) -> str:
+        """Number and name of vehicle ``number``."""
+        return vehicle_label(number, self.vehicles[number - 1].name)
+
     def speed_of(self, number: int) -> FloatArray:
         """(N,) speed of vehicle ``number`` in m/s."""
         return self.speed[:, number - 1]
@@ -111,3 +262,8 @@ class Recording:
     def gap_behind(self, number: int) -> FloatArray:
         """(N,) IVS<number>: space-gap between vehicles ``number`` and ``number`` + 1, in m."""
         return self.gap[:, number - 1]
+
+    def window(self, stretch: Stretch) -> Window:
+        """The time that a stretch of samples covers, to the microsecond."""
+        first, last = (round(float(self.time[at]), 6) for at in (stretch.first, stretch.last))
+        return Window(first, last)

@@ -1,4 +1,4 @@
-"""From a path or an upload to the text bytes of a file; anything else ends here in one sentence."""
+"""From a path or an upload to the text of a file; anything else is refused in one sentence."""
 
 import os
 from dataclasses import dataclass
@@ -12,14 +12,15 @@ LIMIT_BYTES = 100_000_000
 Source = str | os.PathLike[str] | bytes | bytearray | memoryview
 
 _NAME_LENGTH = 100
+_CHOOSE_CSV = "choose an OpenACC CSV file"
 _SIGNATURES = (
     (b"PK\x03\x04", "a zip archive or an Excel workbook", "unpack it, or save the sheet as CSV"),
     (b"\xd0\xcf\x11\xe0", "an old Excel workbook", "save the sheet as CSV"),
     (b"\x1f\x8b", "a gzip archive", "unpack it first"),
     (b"7z\xbc\xaf", "a 7z archive", "unpack it first"),
-    (b"\x89PNG", "a PNG image", "choose an OpenACC CSV file"),
-    (b"\xff\xd8\xff", "a JPEG image", "choose an OpenACC CSV file"),
-    (b"%PDF", "a PDF document", "choose an OpenACC CSV file"),
+    (b"\x89PNG", "a PNG image", _CHOOSE_CSV),
+    (b"\xff\xd8\xff", "a JPEG image", _CHOOSE_CSV),
+    (b"%PDF", "a PDF document", _CHOOSE_CSV),
     (b"\xff\xfe", "UTF-16 text", "save it as plain CSV (UTF-8)"),
     (b"\xfe\xff", "UTF-16 text", "save it as plain CSV (UTF-8)"),
 )
@@ -41,10 +42,12 @@ class SourceFile:
         """The bytes without a byte-order mark."""
         return self.raw.removeprefix(_BOM)
 
+    def refusal(self, fault: str, cure: str, place: str = "") -> RecordingError:
+        """The error that says in one sentence which file and place, what fault and what cure."""
+        return _refusal(f"{self.name}, {place}" if place else self.name, fault, cure)
 
-def refusal(name: str, fault: str, cure: str, place: str = "") -> RecordingError:
-    """One sentence of file, place, fault and cure."""
-    where = f"{name}, {place}" if place else name
+
+def _refusal(where: str, fault: str, cure: str) -> RecordingError:
     return RecordingError(f"{where}: {fault}; {cure}.")
 
 
@@ -55,15 +58,23 @@ def excerpt(text: str, length: int = 30) -> str:
 
 
 def read_bytes(source: Source, name: str | None, limit_bytes: int) -> SourceFile:
-    """The file's bytes, known to be text of a bearable size."""
+    """Read a file that holds text of a bearable size.
+
+    Args:
+        source: path of the file, or the bytes of an upload.
+        name: file name to show; by default that of the path.
+        limit_bytes: larger files are refused.
+
+    Raises:
+        RecordingError: when the file cannot be read, is too large or is no text.
+    """
     if isinstance(source, bytes | bytearray | memoryview):
         source_file = SourceFile(excerpt(name or "upload", _NAME_LENGTH), None, bytes(source))
+    elif not os.fspath(source):
+        raise RecordingError("No file is named; name an OpenACC CSV file.")
     else:
-        if not os.fspath(source):
-            raise RecordingError("No file is named; name an OpenACC CSV file.")
         source_file = _load(Path(source), name, limit_bytes)
-    if len(source_file.raw) > limit_bytes:
-        raise _too_large(source_file.name, len(source_file.raw), limit_bytes)
+    _require_size(source_file.name, len(source_file.raw), limit_bytes)
     _require_text(source_file)
     return source_file
 
@@ -72,47 +83,40 @@ def _load(path: Path, name: str | None, limit_bytes: int) -> SourceFile:
     shown = excerpt(name or path.name or str(path), _NAME_LENGTH)
     try:
         if path.is_dir():
-            raise refusal(shown, "this is a folder", "name one of the CSV files in it")
+            raise _refusal(shown, "this is a folder", "name one of the CSV files in it")
         if not path.exists():
-            raise refusal(shown, "there is no such file", "check its name and folder")
+            raise _refusal(shown, "there is no such file", "check its name and folder")
         if not path.is_file():
-            raise refusal(shown, "this is not an ordinary file", "choose an OpenACC CSV file")
-        if path.stat().st_size > limit_bytes:
-            raise _too_large(shown, path.stat().st_size, limit_bytes)
+            raise _refusal(shown, "this is not an ordinary file", _CHOOSE_CSV)
+        _require_size(shown, path.stat().st_size, limit_bytes)
         return SourceFile(shown, path.resolve().parent.name, path.read_bytes())
     except (OSError, ValueError) as error:
         reason = (getattr(error, "strerror", None) or "no valid path").lower()
-        raise refusal(
-            shown, f"the file cannot be opened ({reason})", "check its name and permissions"
-        ) from error
+        fault = f"the file cannot be opened ({reason})"
+        raise _refusal(shown, fault, "check its name and permissions") from error
 
 
-def _too_large(name: str, size: int, limit: int) -> RecordingError:
-    fault = f"the file has {size / 1e6:.1f} MB and the limit is {limit / 1e6:.1f} MB"
-    return refusal(name, fault, "split it, or choose a single run")
+def _require_size(name: str, size: int, limit: int) -> None:
+    if size > limit:
+        fault = f"the file has {size / 1e6:.1f} MB and the limit is {limit / 1e6:.1f} MB"
+        raise _refusal(name, fault, "split it, or choose a single run")
 
 
 def _require_text(source_file: SourceFile) -> None:
     text = source_file.text
     if not text.strip():
-        raise refusal(source_file.name, "the file is empty", "download or export it again")
+        raise source_file.refusal("the file is empty", "download or export it again")
     for signature, kind, cure in _SIGNATURES:
         if text.startswith(signature):
-            raise refusal(source_file.name, f"this is {kind}, not a CSV file", cure)
+            raise source_file.refusal(f"this is {kind}, not a CSV file", cure)
     if text[:200].lstrip().startswith(b"<"):
         cure = "download the CSV file itself"
-        raise refusal(source_file.name, "this is a web page or XML, not a CSV file", cure)
+        raise source_file.refusal("this is a web page or XML, not a CSV file", cure)
     if b"\0" in text[:1000]:
-        raise refusal(source_file.name, "this is binary data", "choose an OpenACC CSV file")
-    if b"\0" in text:
-        fault = "NUL bytes instead of text, as after a broken download"
-        place = _row_of(text, text.index(b"\0"))
-        raise refusal(source_file.name, fault, "download the file again", place)
+        raise source_file.refusal("this is binary data", _CHOOSE_CSV)
     if len(text.translate(None, _CONTROL)) != len(text):
-        place = _row_of(text, next(i for i, code in enumerate(text) if code in _CONTROL))
-        fault = "control characters, as in binary data"
-        raise refusal(source_file.name, fault, "download the file again", place)
-
-
-def _row_of(text: bytes, position: int) -> str:
-    return f"row {len(text[: position + 1].splitlines())}"
+        position = next(i for i, code in enumerate(text) if code in _CONTROL)
+        broken = "NUL bytes instead of text, as after a broken download"
+        fault = "control characters, as in binary data" if text[position] else broken
+        place = f"row {len(text[: position + 1].splitlines())}"
+        raise source_file.refusal(fault, "download the file again", place)

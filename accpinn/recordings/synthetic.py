@@ -9,10 +9,10 @@ V.D, Table III). What is written is what receivers would have recorded of it (se
 
 import json
 import sys
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Self
 
+import msgspec
 import numpy as np
 from scipy.interpolate import CubicSpline
 from scipy.signal import lfilter
@@ -24,7 +24,7 @@ from accpinn.model.published import ASTAZERO, VICOLUNGO
 from accpinn.units import FloatArray, Metres, MetresPerSecond, Seconds
 
 GENERATOR_VERSION = 1
-"""Raised whenever the same study would give other numbers."""
+"""Raised whenever the same scenario would give other numbers."""
 
 SAMPLE_TIME: Seconds = 0.1
 """Of an OpenACC file."""
@@ -64,7 +64,7 @@ class Noise:
 
 
 @dataclass(frozen=True)
-class Driving:
+class LeaderProfile:
     """How the leader drives: set speeds held and changed smoothly, and a wobble on top."""
 
     first: MetresPerSecond
@@ -90,7 +90,7 @@ class Scenario:
     """Leader first."""
     parameters: Parameters
     """One entry a follower."""
-    driving: Driving
+    leader: LeaderProfile
     noise: Noise | None
     seed: int
     duration: Seconds = 400.0
@@ -102,7 +102,7 @@ class Scenario:
 
 @dataclass(frozen=True)
 class Truth:
-    """What a synthetic recording was made from."""
+    """What a synthetic recording was made from; a truth file holds it as JSON."""
 
     description: str
     parameters: Parameters
@@ -111,30 +111,6 @@ class Truth:
     seed: int
     generator: int
     """`GENERATOR_VERSION` when the recording was written."""
-
-    def to_json(self) -> dict[str, Any]:
-        """As the truth file holds it."""
-        names = ("alpha", "beta", "tau")
-        rows = [dict(zip(names, row, strict=True)) for row in self.parameters.values.tolist()]
-        return {
-            "synthetic": True,
-            "description": self.description,
-            "parameters": rows,
-            "noise": asdict(self.noise) if self.noise else None,
-            "seed": self.seed,
-            "generator": self.generator,
-        }
-
-    @classmethod
-    def from_json(cls, data: dict[str, Any]) -> Self:
-        """The inverse of `to_json`."""
-        return cls(
-            description=str(data["description"]),
-            parameters=Parameters.stack(Parameters(**entry) for entry in data["parameters"]),
-            noise=Noise(**data["noise"]) if data["noise"] else None,
-            seed=int(data["seed"]),
-            generator=int(data["generator"]),
-        )
 
 
 def truth_path(recording: Path) -> Path:
@@ -149,17 +125,27 @@ def load_truth(path: Path) -> Truth:
         RecordingError: when it is not there or not one.
     """
     try:
-        return Truth.from_json(json.loads(path.read_text(encoding="utf-8")))
+        return msgspec.json.decode(path.read_bytes(), type=Truth, dec_hook=_parameters)
     except FileNotFoundError:
         fault = "there is no such truth file; write the samples again with make samples"
-    except (ValueError, KeyError, TypeError) as error:
+    except (ValueError, msgspec.ValidationError) as error:
         fault = f"not a truth file ({error}); write the samples again with make samples"
     raise RecordingError(f"{path.name}: {fault}.")
 
 
-_MOTORWAY = Driving(28.0, 20.0, 34.0, (8.0, 25.0), (0.4, 1.2), 0.15)
-_CASALE = Driving(21.2, 18.0, 32.0, (8.0, 25.0), (0.4, 1.2), 0.15)
-_TRACK = Driving(22.0, 17.0, 27.0, (15.0, 35.0), (0.5, 1.1), 0.03)
+def _parameters(_: type, entries: list[dict[str, float]]) -> Parameters:
+    return Parameters.stack(Parameters(**entry) for entry in entries)
+
+
+def _entries(parameters: Parameters) -> list[dict[str, float]]:
+    return [
+        dict(zip(("alpha", "beta", "tau"), row, strict=True)) for row in parameters.values.tolist()
+    ]
+
+
+_MOTORWAY = LeaderProfile(28.0, 20.0, 34.0, (8.0, 25.0), (0.4, 1.2), 0.15)
+_CASALE = LeaderProfile(21.2, 18.0, 32.0, (8.0, 25.0), (0.4, 1.2), 0.15)
+_TRACK = LeaderProfile(22.0, 17.0, 27.0, (15.0, 35.0), (0.5, 1.1), 0.03)
 
 _PAPER_STUDY = Scenario(
     name="synthetic_paper_study",
@@ -169,7 +155,7 @@ _PAPER_STUDY = Scenario(
     ),
     vehicles=("Synthetic(leader)", "Synthetic(ACC)"),
     parameters=Parameters([0.08], [0.12], [1.5]),
-    driving=_CASALE,
+    leader=_CASALE,
     noise=Noise(),
     seed=1,
     duration=300.0,
@@ -198,7 +184,7 @@ _ASTAZERO = Scenario(
         "Tesla(Model3-like)",
     ),
     parameters=ASTAZERO.parameters,
-    driving=_TRACK,
+    leader=_TRACK,
     noise=Noise(),
     seed=19,
 )
@@ -216,7 +202,7 @@ _VICOLUNGO = Scenario(
         "KIA(Niro-like)",
     ),
     parameters=VICOLUNGO.parameters,
-    driving=_MOTORWAY,
+    leader=_MOTORWAY,
     noise=Noise(),
     seed=2,
 )
@@ -225,38 +211,38 @@ SCENARIOS = (_PAPER_STUDY, _NOISE_FREE, _ASTAZERO, _VICOLUNGO)
 """Every recording of `sample_data`."""
 
 
-def leader_speed(driving: Driving, time: FloatArray, rng: np.random.Generator) -> FloatArray:
+def leader_speed(profile: LeaderProfile, time: FloatArray, rng: np.random.Generator) -> FloatArray:
     """The leader's speed at each instant, (N,) in m/s, twice continuously differentiable."""
-    speed = np.full(len(time), driving.first)
-    now, clock = driving.first, time[0] + rng.uniform(*driving.hold)
-    middle = (driving.slowest + driving.fastest) / 2
+    speed = np.full(len(time), profile.first)
+    now, clock = profile.first, time[0] + rng.uniform(*profile.hold)
+    middle = (profile.slowest + profile.fastest) / 2
     while clock < time[-1]:
         # The other half of the range, so that every change is one.
-        half = (driving.slowest, middle) if now > middle else (middle, driving.fastest)
+        half = (profile.slowest, middle) if now > middle else (middle, profile.fastest)
         target = rng.uniform(*half)
         # The steepest slope of s³(10 - 15s + 6s²) is 15/8.
-        length = 15 / 8 * abs(target - now) / rng.uniform(*driving.acceleration)
+        length = 15 / 8 * abs(target - now) / rng.uniform(*profile.acceleration)
         s = np.clip((time - clock) / length, 0, 1)
         speed += (target - now) * s**3 * (10 - 15 * s + 6 * s**2)
-        now, clock = target, clock + length + rng.uniform(*driving.hold)
+        now, clock = target, clock + length + rng.uniform(*profile.hold)
     frequencies = np.geomspace(0.05, 0.5, 12)  # rad/s
     phases = rng.uniform(0, 2 * np.pi, len(frequencies))
     waves: FloatArray = np.sin(np.outer(time, frequencies) + phases).sum(axis=1)
-    speed += driving.wobble * waves / np.sqrt(len(frequencies) / 2)
+    speed += profile.wobble * waves / np.sqrt(len(frequencies) / 2)
     return speed
 
 
-def drive(study: Scenario) -> Trajectories:
+def true_trajectories(scenario: Scenario) -> Trajectories:
     """What truly happened, every `SIMULATION_STEP`."""
-    time = np.linspace(0, study.duration, round(study.duration / SIMULATION_STEP) + 1)
-    ahead = leader_speed(study.driving, time, np.random.default_rng(study.seed))
-    if study.initial:
-        gap, speed = study.initial
-        gaps = np.full(len(study.parameters), gap)
+    time = np.linspace(0, scenario.duration, round(scenario.duration / SIMULATION_STEP) + 1)
+    ahead = leader_speed(scenario.leader, time, np.random.default_rng(scenario.seed))
+    if scenario.initial:
+        gap, speed = scenario.initial
+        gaps = np.full(len(scenario.parameters), gap)
     else:
         speed = float(ahead[0])
-        gaps = study.parameters.tau * speed
-    return simulate(study.parameters, time, ahead, np.full(len(gaps), speed), gaps)
+        gaps = scenario.parameters.tau * speed
+    return simulate(scenario.parameters, time, ahead, np.full(len(gaps), speed), gaps)
 
 
 def record(true: Trajectories, noise: Noise | None, seed: int) -> Trajectories:
@@ -267,7 +253,7 @@ def record(true: Trajectories, noise: Noise | None, seed: int) -> Trajectories:
         return Trajectories(time, true.speeds[kept], true.gaps[kept])
     reported = slice(None, None, round(REPORT_TIME / SIMULATION_STEP))
     reports = true.time[reported]
-    # Apart from the leader's draws, so that the noise may change while the drive stays.
+    # Apart from the leader's draws, so that the noise may change while the motion stays.
     rng = np.random.default_rng([seed, 1])
     shape = true.speeds[reported].shape
     positions = noise.position * rng.standard_normal(shape) + _drift(noise, shape, rng)
@@ -285,10 +271,10 @@ def _drift(noise: Noise, shape: tuple[int, ...], rng: np.random.Generator) -> Fl
     return drift
 
 
-def to_csv(study: Scenario, recorded: Trajectories) -> bytes:
+def to_csv(scenario: Scenario, recorded: Trajectories) -> bytes:
     """The recording as an OpenACC file, byte for byte: CRLF, SI units, tenths of a millimetre."""
-    count = len(study.vehicles)
-    values = ((*map(str, DATE),), study.vehicles, (str(count),), ("1",), ("min",))
+    count = len(scenario.vehicles)
+    values = ((*map(str, DATE),), scenario.vehicles, (str(count),), ("1",), ("min",))
     lines = [",".join((key, *cells)) for key, cells in zip(METADATA, values, strict=True)]
     followers = range(2, count + 1)
     names = [TIME.column]
@@ -298,34 +284,37 @@ def to_csv(study: Scenario, recorded: Trajectories) -> bytes:
     lines.append(",".join(names))
     modes = ["ACC"] * len(followers)
     for instant, speeds, gaps in zip(
-        study.first_time + recorded.time, recorded.speeds, recorded.gaps, strict=True
+        scenario.first_time + recorded.time, recorded.speeds, recorded.gaps, strict=True
     ):
         numbers = [f"{value:.4f}" for value in (*speeds, *gaps)]
         lines.append(",".join([f"{instant:.1f}", *numbers, *modes]))
     return ("\r\n".join(lines) + "\r\n").encode()
 
 
-def write(study: Scenario, folder: Path) -> Path:
-    """Write a study's recording and truth file; returns the recording's path."""
-    path = folder / f"{study.name}.csv"
-    recorded = record(drive(study), study.noise, study.seed)
-    path.write_bytes(to_csv(study, recorded))
-    truth = Truth(study.description, study.parameters, study.noise, study.seed, GENERATOR_VERSION)
-    text = json.dumps(truth.to_json(), indent=2, ensure_ascii=False) + "\n"
+def write(scenario: Scenario, folder: Path) -> Path:
+    """Write the recording and the truth file of a scenario; returns the recording's path."""
+    path = folder / f"{scenario.name}.csv"
+    recorded = record(true_trajectories(scenario), scenario.noise, scenario.seed)
+    path.write_bytes(to_csv(scenario, recorded))
+    truth = Truth(
+        scenario.description, scenario.parameters, scenario.noise, scenario.seed, GENERATOR_VERSION
+    )
+    entries = {"synthetic": True} | msgspec.to_builtins(truth, enc_hook=_entries)
+    text = json.dumps(entries, indent=2, ensure_ascii=False) + "\n"
     truth_path(path).write_bytes(text.encode())
     return path
 
 
 def main(arguments: list[str]) -> int:
-    """Write every study into the folder named on the command line."""
+    """Write every scenario into the folder named on the command line."""
     if len(arguments) != 1:
         print("usage: python -m accpinn.recordings.synthetic FOLDER", file=sys.stderr)
         return 2
     folder = Path(arguments[0])
     folder.mkdir(parents=True, exist_ok=True)
-    for study in SCENARIOS:
-        path = write(study, folder)
-        print(f"{path.name}: {path.stat().st_size / 1000:.0f} kB. {study.description}")
+    for scenario in SCENARIOS:
+        path = write(scenario, folder)
+        print(f"{path.name}: {path.stat().st_size / 1000:.0f} kB. {scenario.description}")
     return 0
 
 

@@ -1,28 +1,39 @@
-"""Cutting a segment: the window that can be had, on even instants, with short holes bridged."""
+"""Cutting a segment: the window that can be had, on even instants, with short holes bridged.
+
+Missing blocks of samples that are short enough are bridged by straight lines and reported; a window
+with longer ones is refused.
+"""
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
+from accpinn.channels import GAP, SPEED
 from accpinn.errors import SegmentError
-from accpinn.mask import Run
-from accpinn.recordings.recording import Recording
-from accpinn.segment.missing import (
-    BRIDGE,
-    MINIMUM_DURATION,
-    VehicleChannels,
-    platoon_data,
-    refuse_missing,
+from accpinn.mask import Stretch, stretches
+from accpinn.recordings.recording import Recording, Window
+from accpinn.segment.segment import (
+    Bridged,
+    Resampled,
+    Segment,
+    SegmentFinding,
+    WindowMoved,
+    WindowShortened,
 )
-from accpinn.segment.segment import Segment, Window
 from accpinn.segment.vehicles import check_vehicles, default_vehicles
 from accpinn.units import FloatArray, Seconds
 
 DURATION: Seconds = 300.0
-"""Length of a window unless told otherwise; that of the studies this package follows."""
+"""Default length of a window; that of the studies this package follows."""
+MINIMUM_DURATION: Seconds = 10.0
+"""A shorter window says too little about three parameters."""
+BRIDGE: Seconds = 1.0
+"""Missing blocks up to this long are bridged by a straight line, as the database's makers did."""
 SLACK: Seconds = 1e-6
 """Times closer than this are the same; float noise of time stamps is below 1e-9 s."""
+WINDOWS_LISTED = 3
 
 
 def cut(
@@ -38,9 +49,10 @@ def cut(
         recording: what to cut from.
         start: seconds from the recording's first sample.
         duration: seconds; 300 s at 0.1 s are 3001 samples, as both ends are in. A window that
-            reaches past the end is shortened, and the notes say so.
+            reaches past the end is shortened, which is among the findings.
         vehicles: consecutive numbers, leader first; by default see `default_vehicles`.
-        bridge: missing blocks up to this many seconds are bridged linearly, and the notes say so.
+        bridge: missing blocks up to this many seconds are bridged linearly, which is among the
+            findings.
 
     Raises:
         SegmentError: one sentence of what is wrong and what would be possible.
@@ -48,13 +60,13 @@ def cut(
     chosen = (
         default_vehicles(recording) if vehicles is None else check_vehicles(recording, vehicles)
     )
-    notes: list[str] = []
-    window = _fit_window(recording, start, duration, notes)
-    platoon = platoon_data(recording, chosen, bridge)
+    findings: list[SegmentFinding] = []
+    window = _fit_window(recording, start, duration, findings)
+    platoon = _platoon(recording, chosen, bridge)
     source = _source_rows(recording, window)
-    refuse_missing(platoon, source)
-    time, values = _on_grid(platoon, source, window, notes)
-    notes.extend(platoon.bridge_notes(source))
+    _refuse_missing(platoon, source)
+    time, values = _on_grid(platoon, source, window, findings)
+    findings.extend(platoon.bridged_among(source))
     return Segment(
         time=time,
         speeds=values[:, : len(chosen)],
@@ -64,12 +76,114 @@ def cut(
         start=window.start,
         source=recording.source,
         sha256=recording.sha256,
-        notes=tuple(notes),
+        findings=tuple(findings),
+    )
+
+
+def complete_windows(
+    recording: Recording,
+    vehicles: Sequence[int],
+    minimum: Seconds = MINIMUM_DURATION,
+    bridge: Seconds = BRIDGE,
+) -> tuple[Window, ...]:
+    """The windows in which no sample is missing.
+
+    Args:
+        recording: where to look.
+        vehicles: consecutive numbers, leader first.
+        minimum: windows shorter than this many seconds do not count.
+        bridge: missing blocks up to this many seconds do not count.
+
+    Raises:
+        SegmentError: when the vehicles are no platoon.
+    """
+    platoon = _platoon(recording, check_vehicles(recording, vehicles), bridge)
+    return platoon.complete(minimum)
+
+
+@dataclass(frozen=True, eq=False)
+class _Platoon:
+    """The channels of consecutive vehicles over a whole recording, short blocks bridged."""
+
+    recording: Recording
+    columns: tuple[str, ...]
+    """(2M+1,) their names in the file: speeds, leader first, then gaps."""
+    values: FloatArray
+    """(N, 2M+1) in m/s and m; NaN where a block could not be bridged."""
+    bridged: tuple[tuple[str, Stretch], ...]
+    """The bridged blocks of each column."""
+    bridge: Seconds
+
+    def bridged_among(self, rows: Stretch) -> list[Bridged]:
+        """One finding a column that has bridged samples among ``rows``."""
+        findings = []
+        for column in self.columns:
+            blocks = [
+                block
+                for name, block in self.bridged
+                if name == column and block.last >= rows.first and block.first <= rows.last
+            ]
+            if blocks:
+                windows = tuple(self.recording.window(block) for block in blocks)
+                findings.append(Bridged(column, sum(map(len, blocks)), windows))
+        return findings
+
+    def complete(self, minimum: Seconds) -> tuple[Window, ...]:
+        """The windows of at least ``minimum`` seconds without a missing value."""
+        complete = stretches(np.isfinite(self.values).all(axis=1))
+        windows = (self.recording.window(stretch) for stretch in complete)
+        return tuple(window for window in windows if window.duration >= minimum - SLACK)
+
+
+def _platoon(recording: Recording, vehicles: tuple[int, ...], bridge: Seconds) -> _Platoon:
+    """Speeds and gaps of the vehicles, blocks of up to ``bridge`` seconds filled linearly."""
+    if not (math.isfinite(bridge) and bridge >= 0):
+        raise SegmentError(f"The limit for bridging cannot be {bridge:g} s; give 0 s or more.")
+    channels = {SPEED.of(number): recording.speed_of(number) for number in vehicles}
+    channels |= {GAP.of(number): recording.gap_behind(number) for number in vehicles[:-1]}
+    values = np.column_stack(list(channels.values()))
+    time, bridged = recording.time, []
+    for column, series in zip(channels, values.T, strict=True):
+        for block in stretches(np.isnan(series)):
+            enclosed = block.first > 0 and block.last < recording.samples - 1
+            length = recording.window(block).duration + recording.sample_time
+            if enclosed and length <= bridge + SLACK:
+                ends = [block.first - 1, block.last + 1]
+                series[block.rows] = np.interp(time[block.rows], time[ends], series[ends])
+                bridged.append((column, block))
+    return _Platoon(recording, tuple(channels), values, tuple(bridged), bridge)
+
+
+def _refuse_missing(platoon: _Platoon, rows: Stretch) -> None:
+    """Raise if samples among ``rows`` are missing, and name the nearest complete windows."""
+    absent = np.isnan(platoon.values[rows.rows])
+    if not absent.any():
+        return
+    recording = platoon.recording
+    column = int(absent.any(axis=0).argmax())
+    inside = max(stretches(absent[:, column]), key=len)
+    block = Stretch(inside.first + rows.first, inside.last + rows.first)
+    if block.first == 0:
+        reason = "where no earlier sample helps"
+    elif block.last == recording.samples - 1:
+        reason = "where no later sample helps"
+    else:
+        reason = f"too long to bridge (limit {platoon.bridge:g} s)"
+    middle = float(recording.time[(rows.first + rows.last) // 2])
+    nearest = sorted(
+        platoon.complete(MINIMUM_DURATION),
+        key=lambda window: max(window.start - middle, middle - window.end, 0.0),
+    )
+    listed = sorted(nearest[:WINDOWS_LISTED], key=lambda window: window.start)
+    where = ", ".join(map(str, listed))
+    raise SegmentError(
+        f"{recording.source}: {platoon.columns[column]} is missing at {recording.window(block)},"
+        f" {reason}; {f'complete nearby: {where}' if where else 'choose other vehicles'}."
     )
 
 
 def _fit_window(
-    recording: Recording, start: Seconds, duration: Seconds, notes: list[str]
+    recording: Recording, start: Seconds, duration: Seconds, findings: list[SegmentFinding]
 ) -> Window:
     """The window as it can be had: inside the recording, on its samples where these are even."""
     end = recording.duration
@@ -78,7 +192,7 @@ def _fit_window(
             f"{recording.source}: no window can start at {start:g} s; start at 0 s or later."
         )
     if not MINIMUM_DURATION <= duration:
-        short = f"a window of {duration:g} s is too short to learn from"
+        short = f"a window of {duration:g} s is too short to estimate parameters from"
         fault = short if duration < MINIMUM_DURATION else "the window's length is no number"
         raise SegmentError(f"{recording.source}: {fault}; take at least {MINIMUM_DURATION:g} s.")
     if end - start < MINIMUM_DURATION:
@@ -91,40 +205,34 @@ def _fit_window(
     if recording.is_even:
         nearest = round(round(start / recording.sample_time) * recording.sample_time, 9)
         if abs(nearest - start) > SLACK:
-            notes.append(f"The window starts at {nearest:g} s, the sample nearest to {start:g} s.")
+            findings.append(WindowMoved(asked=start, start=nearest))
         start = nearest
     if end + SLACK < start + duration < math.inf:
-        notes.append(
-            f"The window ends with the recording at {end:.1f} s: {end - start:.1f} s instead of"
-            f" {duration:g} s."
-        )
+        findings.append(WindowShortened(asked=duration, window=Window(start, end)))
     return Window(start, min(start + duration, end))
 
 
-def _source_rows(recording: Recording, window: Window) -> Run:
+def _source_rows(recording: Recording, window: Window) -> Stretch:
     """The samples that a window draws on, including those just outside an uneven one's ends."""
     first = int(np.searchsorted(recording.time, window.start + SLACK, side="right")) - 1
     last = int(np.searchsorted(recording.time, window.end - SLACK, side="left"))
     if recording.is_even:
         last = first + math.floor((window.duration + SLACK) / recording.sample_time)
-    return Run(first, last)
+    return Stretch(first, last)
 
 
 def _on_grid(
-    platoon: VehicleChannels, source: Run, window: Window, notes: list[str]
+    platoon: _Platoon, source: Stretch, window: Window, findings: list[SegmentFinding]
 ) -> tuple[FloatArray, FloatArray]:
     """Even instants from 0 (N,) and the values there (N, 2M+1)."""
     recording = platoon.recording
     step = recording.sample_time
     count = math.floor((window.duration + SLACK) / step) + 1
     time: FloatArray = np.arange(count, dtype=np.float64) * step
-    rows = slice(source.first, source.last + 1)
-    values: FloatArray = platoon.values[rows]
+    values: FloatArray = platoon.values[source.rows]
     if recording.is_even:
         return time, values
-    notes.append(f"Resampled linearly to even steps of {step:g} s, as the file's steps vary.")
-    stamps, instants = recording.time[rows], window.start + time
-    resampled: FloatArray = np.empty((len(time), values.shape[1]))
-    for column, series in enumerate(values.T):
-        resampled[:, column] = np.interp(instants, stamps, series)
-    return time, resampled
+    findings.append(Resampled(step=step))
+    stamps, instants = recording.time[source.rows], window.start + time
+    resampled = [np.interp(instants, stamps, series) for series in values.T]
+    return time, np.column_stack(resampled)

@@ -1,33 +1,66 @@
-"""What a segment can tell about the law's parameters, before anything is estimated from it.
+"""How well a segment determines the model's parameters, before anything is estimated from it.
 
     mean time gap      mean of p/v over the instants in motion              [s]
     excitation         standard deviations of v_0, of Δv_i and of dv_i/dt
     condition number   of the regressors (p, -v, Δv), each scaled to unit length, over the instants
-                       that the segment does not leave out; all else is of all instants
+                       that the segment's mask does not exclude; all else is of all instants
     car-following      share of instants in motion with p/v at most 2 s
 
 Near equilibrium p is close to τv and Δv to zero: the regressors are then nearly collinear, and
 many (α, β, τ) explain the data equally well.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from itertools import compress
+from typing import Any
 
 import numpy as np
 
+from accpinn.findings import Finding
+from accpinn.mask import Mask
 from accpinn.model.cthp import regressors
+from accpinn.recordings.checks import LITTLE_LEADER_MOTION, MOVING
+from accpinn.recordings.recording import LittleLeaderMotion
 from accpinn.segment.segment import Segment
 from accpinn.units import FloatArray, MetresPerSecond, Seconds
 
-MOVING: MetresPerSecond = 1.0
-"""Slower vehicles have no meaningful time gap."""
 CAR_FOLLOWING: Seconds = 2.0
-"""With a longer time gap a vehicle catches up or drives freely, and the law does not hold."""
-LITTLE_LEADER_MOTION: MetresPerSecond = 0.5
+"""With a longer time gap a vehicle catches up or drives freely, and the model does not hold."""
 LITTLE_RELATIVE_MOTION: MetresPerSecond = 0.15
 """Smaller standard deviations come with the receivers' noise alone, or nearly so."""
 LARGE_CONDITION = 100.0
 """Windows with motion in them reach 5 to 25, windows near equilibrium several hundred."""
 LITTLE_CAR_FOLLOWING = 0.5
+
+
+class NearEquilibrium(Finding, frozen=True):
+    """Followers whose regressors are nearly collinear, so that α, β and τ are poorly identified."""
+
+    vehicles: tuple[int, ...]
+    deviations: tuple[MetresPerSecond, ...]
+    """Standard deviation of each one's Δv."""
+    conditions: tuple[float, ...]
+    """Condition number of each one's regressors."""
+
+
+class LittleCarFollowing(Finding, frozen=True):
+    """Followers that are in car-following for a small part of the window."""
+
+    vehicles: tuple[int, ...]
+    shares: tuple[float, ...]
+    """The share of instants in car-following of each, 0 to 1."""
+
+
+class GapsNegative(Finding, frozen=True):
+    """Followers with negative space-gaps."""
+
+    vehicles: tuple[int, ...]
+    instants: tuple[int, ...]
+    """How many instants of each."""
+
+
+QualityFinding = LittleLeaderMotion | NearEquilibrium | LittleCarFollowing | GapsNegative
 
 
 @dataclass(frozen=True)
@@ -46,8 +79,8 @@ class Quality:
     """(M,) condition number of the scaled regressors; inf where they are dependent."""
     car_following: tuple[float, ...]
     """(M,) share of instants, 0 to 1."""
-    warnings: tuple[str, ...]
-    """What the data cannot tell, in plain sentences."""
+    findings: tuple[QualityFinding, ...] = ()
+    """Why the parameters may be poorly identified."""
 
 
 def time_gaps(segment: Segment) -> FloatArray:
@@ -59,7 +92,7 @@ def time_gaps(segment: Segment) -> FloatArray:
 
 
 def assess_quality(segment: Segment) -> Quality:
-    """Mean time gap, excitation, conditioning and share of car-following, with warnings."""
+    """Mean time gap, excitation, conditioning and share of car-following, with findings."""
     gaps = time_gaps(segment)
     speeds = segment.speeds
     moving = np.isfinite(gaps)
@@ -68,75 +101,42 @@ def assess_quality(segment: Segment) -> Quality:
     mean = np.where(counts > 0, sums / np.maximum(counts, 1), np.nan)
     acceleration = np.gradient(speeds[:, 1:], segment.time, axis=0)
     figures = Quality(
-        mean_time_gap=_floats(mean),
+        mean_time_gap=tuple(mean.tolist()),
         leader_deviation=float(speeds[:, 0].std()),
-        relative_deviation=_floats((speeds[:, :-1] - speeds[:, 1:]).std(axis=0)),
-        acceleration_deviation=_floats(acceleration.std(axis=0)),
+        relative_deviation=tuple((speeds[:, :-1] - speeds[:, 1:]).std(axis=0).tolist()),
+        acceleration_deviation=tuple(acceleration.std(axis=0).tolist()),
         condition=_conditions(segment),
-        car_following=_floats((moving & (gaps <= CAR_FOLLOWING)).mean(axis=0)),
-        warnings=(),
+        car_following=tuple((moving & (gaps <= CAR_FOLLOWING)).mean(axis=0).tolist()),
     )
-    return replace(figures, warnings=_warnings(segment, figures))
-
-
-def _floats(values: FloatArray) -> tuple[float, ...]:
-    return tuple(float(value) for value in values)
+    return replace(figures, findings=tuple(_findings(segment, figures)))
 
 
 def _conditions(segment: Segment) -> tuple[float, ...]:
     """Of each follower's regressors, where its equation counts."""
     parts = regressors(segment.speeds, segment.gaps)
-    if segment.mask is None:
-        return tuple(_condition(part) for part in parts)
-    return tuple(
-        _condition(part[counts]) for part, counts in zip(parts, segment.mask.T, strict=True)
-    )
+    mask = np.ones(segment.gaps.shape, bool) if segment.mask is None else segment.mask
+    return tuple(_condition(part[counts]) for part, counts in zip(parts, mask.T, strict=True))
 
 
 def _condition(part: FloatArray) -> float:
-    """Of regressors (N, 3); inf where there are too few to tell."""
+    """Of regressors (N, 3); inf where there are fewer instants than parameters."""
     lengths = np.linalg.norm(part, axis=0)
-    return (
-        float(np.linalg.cond(part / lengths)) if len(part) > 2 and lengths.all() else float("inf")
-    )
+    return float(np.linalg.cond(part / lengths)) if len(part) > 2 and lengths.all() else np.inf
 
 
-def _warnings(segment: Segment, figures: Quality) -> tuple[str, ...]:
-    warnings = []
-    labels = segment.labels
+def _findings(segment: Segment, figures: Quality) -> Iterator[QualityFinding]:
+    def those(chosen: Mask, *parts: tuple[Any, ...]) -> Iterator[tuple[Any, ...]]:
+        return (tuple(compress(part, chosen)) for part in (segment.vehicles[1:], *parts))
+
     if figures.leader_deviation < LITTLE_LEADER_MOTION:
-        warnings.append(
-            f"The leader's speed varies by only {figures.leader_deviation:.2f} m/s (standard"
-            " deviation); a window in which it brakes and accelerates tells more."
-        )
-    followers = range(segment.followers)
-    still = [
-        f"{labels[k + 1]} (Δv varies by {figures.relative_deviation[k]:.2f} m/s, condition number"
-        f" {figures.condition[k]:.0f})"
-        for k in followers
-        if figures.relative_deviation[k] < LITTLE_RELATIVE_MOTION
-        or figures.condition[k] > LARGE_CONDITION
-    ]
-    if still:
-        warnings.append(
-            f"Near equilibrium, where α, β and τ cannot be told apart well: {', '.join(still)}."
-        )
-    elsewhere = [
-        f"{labels[k + 1]} ({100 * figures.car_following[k]:.0f} %)"
-        for k in followers
-        if figures.car_following[k] < LITTLE_CAR_FOLLOWING
-    ]
-    if elsewhere:
-        warnings.append(
-            f"In car-following (moving, time gap at most {CAR_FOLLOWING:g} s) for less than"
-            f" {100 * LITTLE_CAR_FOLLOWING:.0f} % of the time, and elsewhere the law does not hold:"
-            f" {', '.join(elsewhere)}."
-        )
-    negative = [
-        f"{labels[k + 1]} (at {count} instants)"
-        for k in followers
-        if (count := int((segment.gaps[:, k] < 0).sum()))
-    ]
-    if negative:
-        warnings.append(f"The space-gap is negative, which cannot be: {', '.join(negative)}.")
-    return tuple(warnings)
+        yield LittleLeaderMotion(segment.vehicles[0], figures.leader_deviation)
+    deviations, conditions = figures.relative_deviation, figures.condition
+    still = np.less(deviations, LITTLE_RELATIVE_MOTION) | np.greater(conditions, LARGE_CONDITION)
+    if still.any():
+        yield NearEquilibrium(*those(still, deviations, conditions))
+    elsewhere = np.less(figures.car_following, LITTLE_CAR_FOLLOWING)
+    if elsewhere.any():
+        yield LittleCarFollowing(*those(elsewhere, figures.car_following))
+    negative = (segment.gaps < 0).sum(axis=0)
+    if negative.any():
+        yield GapsNegative(*those(negative > 0, tuple(negative.tolist())))

@@ -1,32 +1,67 @@
 """A segment: a window of a recording and the vehicles in it, the data every method works on."""
 
 import hashlib
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from accpinn.errors import SegmentError
+from accpinn.findings import Finding
+from accpinn.mask import Mask
+from accpinn.recordings.recording import Window, vehicle_label
 from accpinn.units import FloatArray, Seconds, frozen
 
 
-@dataclass(frozen=True)
-class Window:
-    """An interval of a recording, in s from its first sample, both ends included."""
+class WindowMoved(Finding, frozen=True):
+    """The window starts at the sample nearest to the time that was asked for."""
 
+    asked: Seconds
     start: Seconds
-    end: Seconds
 
-    @property
-    def duration(self) -> Seconds:
-        """Its length in s."""
-        return round(self.end - self.start, 9)
 
-    def __str__(self) -> str:
-        """As tables and sentences name it: "0–300 s"."""
-        return f"{self.start:g} s" if self.end == self.start else f"{self.start:g}–{self.end:g} s"
+class WindowShortened(Finding, frozen=True):
+    """The window ends with the recording, before the duration that was asked for."""
+
+    asked: Seconds
+    window: Window
+
+
+class Resampled(Finding, frozen=True):
+    """The file's steps vary, so the data were resampled linearly to even ones."""
+
+    step: Seconds
+
+
+class Bridged(Finding, frozen=True):
+    """Missing samples were bridged by straight lines."""
+
+    column: str
+    """Its name in the file, as Speed2."""
+    samples: int
+    windows: tuple[Window, ...]
+    """Where, in the recording's time."""
+
+
+class RegimesExcluded(Finding, frozen=True):
+    """Instants of some regimes do not count in the equations of the model."""
+
+    regimes: tuple[str, ...]
+    vehicles: tuple[int, ...]
+    """The followers."""
+    shares: tuple[float, ...]
+    """The share of each one's instants that is excluded, 0 to 1."""
+
+
+class NothingToExclude(Finding, frozen=True):
+    """No instant has one of the regimes to exclude."""
+
+    regimes: tuple[str, ...]
+
+
+SegmentFinding = (
+    WindowMoved | WindowShortened | Resampled | Bridged | RegimesExcluded | NothingToExclude
+)
 
 
 class _Platoon:
@@ -43,7 +78,7 @@ class _Platoon:
     @property
     def labels(self) -> tuple[str, ...]:
         """(M+1,) number and name of each vehicle, for legends and tables."""
-        return labels(self.vehicles, self.names)
+        return tuple(map(vehicle_label, self.vehicles, self.names))
 
     def label(self, number: int) -> str:
         """The label of the vehicle with that number in the file."""
@@ -66,8 +101,8 @@ class SegmentInfo(_Platoon):
     """File name of the recording."""
     sha256: str
     """Of the recording's bytes; empty for data made in memory."""
-    notes: tuple[str, ...]
-    """What was done to the data (resampled, bridged, left out), in plain sentences."""
+    findings: tuple[SegmentFinding, ...]
+    """What was done to the data (moved, resampled, bridged, excluded)."""
     digest: str
     """SHA-256 of the segment's data: equal digests mean equal data."""
     excluded_regimes: tuple[str, ...] = ()
@@ -96,9 +131,9 @@ class Segment(_Platoon):
     """File name of the recording."""
     sha256: str
     """Of the recording's bytes; empty for data made in memory."""
-    notes: tuple[str, ...] = ()
-    """What was done to the data (resampled, bridged, left out), in plain sentences."""
-    mask: NDArray[np.bool_] | None = None
+    findings: tuple[SegmentFinding, ...] = ()
+    """What was done to the data (moved, resampled, bridged, excluded)."""
+    mask: Mask | None = None
     """(N, M) True where the model's equation of dv/dt counts; None where it does throughout."""
     excluded_regimes: tuple[str, ...] = ()
     """The regimes that the mask excludes (see `segment.regimes`)."""
@@ -155,7 +190,7 @@ class Segment(_Platoon):
             sample_time=self.sample_time,
             source=self.source,
             sha256=self.sha256,
-            notes=self.notes,
+            findings=self.findings,
             digest=self._digest(),
             excluded_regimes=self.excluded_regimes,
             excluded_share=share,
@@ -170,11 +205,3 @@ class Segment(_Platoon):
         if self.mask is not None:
             content.update(b"mask" + np.ascontiguousarray(self.mask).tobytes())
         return content.hexdigest()
-
-
-def labels(vehicles: Sequence[int], names: Sequence[str]) -> tuple[str, ...]:
-    """Number and name of each vehicle; the number alone where the file gives no name."""
-    return tuple(
-        name if name == f"Vehicle {number}" else f"{number} {name}"
-        for number, name in zip(vehicles, names, strict=True)
-    )

@@ -8,7 +8,7 @@ from playwright.sync_api import Locator, Page, expect
 
 from tests.browser.conftest import Open
 from tests.browser.running import idle
-from tests.openacc_files import csv, metadata, platoon
+from tests.support.openacc_files import csv, metadata, platoon
 
 pytestmark = pytest.mark.browser
 

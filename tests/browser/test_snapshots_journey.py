@@ -11,8 +11,8 @@ from accpinn.results.snapshot.content import Snapshot
 from accpinn.results.snapshot.file import load, to_bytes
 from tests.browser.conftest import Open
 from tests.browser.running import idle
-from tests.openacc_files import csv, metadata, platoon
 from tests.snapshots import whole
+from tests.support.openacc_files import csv, metadata, platoon
 
 pytestmark = pytest.mark.browser
 

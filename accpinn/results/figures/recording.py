@@ -11,8 +11,8 @@ import plotly.graph_objects as go
 from numpy.typing import NDArray
 
 from accpinn.channels import GAP, SPEED, TIME
-from accpinn.mask import runs
-from accpinn.recordings.recording import Mode, Recording
+from accpinn.mask import stretches
+from accpinn.recordings.recording import Mode, Recording, Window
 from accpinn.results.figures.style import (
     FOLLOWERS,
     finished,
@@ -22,7 +22,7 @@ from accpinn.results.figures.style import (
     vehicle_colour,
 )
 from accpinn.segment.regimes import CATCHING_UP, FOLLOWING, MANUAL, STANDSTILL, Regimes
-from accpinn.segment.segment import Segment, Window
+from accpinn.segment.segment import Segment
 from accpinn.units import FloatArray, Seconds
 
 MISSING = "#c22f4f"
@@ -188,7 +188,7 @@ def _bars(
 ) -> list[go.Scatter]:  # fmt: skip
     """One trace with a bar a run of instants, each of which stands for the ``step`` around it."""
     x: list[float | None] = []
-    for run in runs(mask):
+    for run in stretches(mask):
         x += [float(time[run.first]) - step / 2, float(time[run.last]) + step / 2, None]
     line, title = {"color": colour, "width": width}, f"{number} {name}"
     y = [str(number)] * len(x)
@@ -196,5 +196,4 @@ def _bars(
 
 
 def _label(recording: Recording, number: int) -> str:
-    name = recording.vehicles[number - 1].name
-    return html.escape(name if name == f"Vehicle {number}" else f"{number} {name}")
+    return html.escape(recording.label(number))

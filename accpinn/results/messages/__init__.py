@@ -5,6 +5,8 @@
 
 from collections.abc import Iterable
 from functools import singledispatch
+from importlib import import_module
+from pkgutil import iter_modules
 from typing import Protocol
 
 from accpinn.findings import Finding
@@ -38,3 +40,7 @@ def message(finding: Finding, about: Labelled) -> str:
 def messages(findings: Iterable[Finding], about: Labelled) -> tuple[str, ...]:
     """One sentence a finding, in their order."""
     return tuple(message(finding, about) for finding in findings)
+
+
+for _module in iter_modules(__path__):
+    import_module(f"{__name__}.{_module.name}")

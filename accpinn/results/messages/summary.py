@@ -6,6 +6,7 @@ from typing import Any
 from accpinn.inference.intervals import Uncertainty
 from accpinn.methods.fit import unfinished
 from accpinn.model.cthp import Parameters
+from accpinn.results.messages import messages
 from accpinn.results.snapshot.content import Snapshot
 from accpinn.results.tables.table import between
 
@@ -207,7 +208,7 @@ def cautions(snapshot: Snapshot) -> dict[str, tuple[str, ...]]:
     """Cautions, by the part of the report they belong to."""
     evaluation, uncertainty = snapshot.evaluation, snapshot.uncertainty
     return {
-        "data": (*snapshot.info.notes, *snapshot.quality.warnings),
+        "data": messages((*snapshot.info.findings, *snapshot.quality.findings), snapshot.info),
         "parameters": tuple(
             dict.fromkeys(
                 (

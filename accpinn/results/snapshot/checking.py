@@ -103,8 +103,8 @@ def _whole(snapshot: Snapshot) -> Check:
 def _provenance(snapshot: Snapshot, segment: Segment, recording: Recording, wording: bool) -> Check:
     """Names, notes and facts as the recording has them; the file itself may be called otherwise."""
     known, found = snapshot.info, segment.info
-    stored: list[Any] = [known.names, known.notes, known.excluded_share]
-    given: list[Any] = [found.names, found.notes, found.excluded_share]
+    stored: list[Any] = [known.names, known.findings, known.excluded_share]
+    given: list[Any] = [found.names, found.findings, found.excluded_share]
     if snapshot.facts:  # else it was taken without its recording
         stored.append(snapshot.facts)
         given.append(facts_of(recording))

@@ -20,10 +20,12 @@ from typing import (
     get_type_hints,
 )
 
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
 from accpinn.errors import SnapshotError
+from accpinn.findings import Finding
 from accpinn.results.snapshot.arrays import Sizes
 from accpinn.units import frozen
 
@@ -48,6 +50,8 @@ def encode(value: Any, leave: frozenset[str] = frozenset()) -> Any:
         return {str(key): encode(item) for key, item in value.items()}
     if isinstance(value, list | tuple):
         return [encode(item) for item in value]
+    if isinstance(value, Finding):
+        return encode(msgspec.to_builtins(value))
     names = [field.name for field in fields(value) if field.name not in leave]
     return {name: encode(getattr(value, name)) for name in names}
 
@@ -87,6 +91,9 @@ class Decoder:
 
     def _value(self, kind: Any, tree: Any, place: str) -> Any:
         origin = get_origin(kind)
+        parts = get_args(kind)
+        if parts and all(isinstance(part, type) and issubclass(part, Finding) for part in parts):
+            return self._finding(kind, tree, place)
         if origin in (Union, UnionType):
             return self._optional(kind, tree, place)
         if origin is Literal:
@@ -121,6 +128,12 @@ class Decoder:
         if type(tree) not in (int, float):
             self._refuse(place, "is no number")
         return float(tree)
+
+    def _finding(self, kind: Any, tree: Any, place: str) -> Any:
+        try:
+            return msgspec.convert(tree, kind, strict=False)
+        except msgspec.ValidationError as fault:
+            self._refuse(place, f"cannot be ({str(fault)[:60]})")
 
     def _optional(self, kind: Any, tree: Any, place: str) -> Any:
         if tree is None:

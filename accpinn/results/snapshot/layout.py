@@ -269,7 +269,7 @@ class _Assembly:
             start=info.window.start,
             source=info.source,
             sha256=info.sha256,
-            notes=info.notes,
+            findings=info.findings,
             excluded_regimes=info.excluded_regimes,
         )
         if segment.info.digest != info.digest:

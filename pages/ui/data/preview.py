@@ -5,6 +5,7 @@ import streamlit as st
 from accpinn.methods import least_squares
 from accpinn.methods.fit import headway_notes
 from accpinn.results.figures.style import vehicle_colour
+from accpinn.results.messages import messages
 from accpinn.results.tables import table as typeset
 from accpinn.results.tables.estimates import quality_table
 from accpinn.segment.quality import LARGE_CONDITION, assess_quality
@@ -36,10 +37,10 @@ def show_segment(workspace: Workspace) -> None:
         f" {LARGE_CONDITION:.0f}, α, β and τ cannot be told apart." + _what_counts(segment)
     )
     unsure = headway_notes(segment.labels, estimate.parameters)
-    show_warnings(unsure + quality.warnings + estimate.notes, "this window")
-    if segment.notes:
+    show_warnings(unsure + messages(quality.findings, segment) + estimate.notes, "this window")
+    if segment.findings:
         with st.expander("What was done to the data", icon=":material/build:"):
-            st.markdown(bullets(segment.notes))
+            st.markdown(bullets(messages(segment.findings, segment)))
 
 
 def _what_counts(segment: Segment) -> str:

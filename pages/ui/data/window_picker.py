@@ -6,13 +6,12 @@ from math import ceil
 
 import streamlit as st
 
-from accpinn.recordings.recording import Recording
+from accpinn.recordings.recording import Recording, Window
 from accpinn.results.figures.recording import has_ribbons, regime_key, regime_ribbons
 from accpinn.results.figures.recording import overview as draw_overview
 from accpinn.results.figures.style import vehicle_colour
-from accpinn.segment.missing import MINIMUM_DURATION
-from accpinn.segment.regimes import label_regimes as label_regimes
-from accpinn.segment.segment import Window
+from accpinn.segment.cut import MINIMUM_DURATION
+from accpinn.segment.regimes import label_regimes
 from accpinn.segment.vehicles import MAX_FOLLOWERS, chains
 from pages.ui.components.charts import show_chart
 from pages.ui.components.frame import show_key
@@ -37,10 +36,6 @@ def choose_vehicles(workspace: Workspace, recording: Recording) -> None:
     # Another recording gets widgets of its own: the same ones would show the former names.
     leader_key, last_key = (f"data_{end}_{recording.sha256[:12]}" for end in ("leader", "last"))
 
-    def label_regimes(number: int) -> str:
-        name = recording.vehicles[number - 1].name
-        return name if name == f"Vehicle {number}" else f"{number} {name}"
-
     def lead() -> None:
         leader = st.session_state[leader_key]
         last = max(chosen[-1], leader + 1)
@@ -55,7 +50,7 @@ def choose_vehicles(workspace: Workspace, recording: Recording) -> None:
         "Leader",
         leaders,
         index=leaders.index(chosen[0]),
-        format_func=label_regimes,
+        format_func=recording.label,
         key=sync_widget(leader_key, chosen[0]),
         on_change=lead,
     )
@@ -63,7 +58,7 @@ def choose_vehicles(workspace: Workspace, recording: Recording) -> None:
         "Last follower",
         followers,
         index=followers.index(chosen[-1]),
-        format_func=label_regimes,
+        format_func=recording.label,
         key=sync_widget(last_key, chosen[-1]),
         on_change=follow,
     )
@@ -128,8 +123,7 @@ def overview(workspace: Workspace, recording: Recording) -> None:
     leader = workspace.vehicles[0]
     entries, faint = [], set()
     for number in recording.present:
-        name = recording.vehicles[number - 1].name
-        label = name if name == f"Vehicle {number}" else f"{number} {name}"
+        label = recording.label(number)
         role = " (leader)" if number == leader else ""
         entries.append((label + role, vehicle_colour(number, leader)))
         if number not in workspace.vehicles:

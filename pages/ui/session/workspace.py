@@ -15,14 +15,13 @@ from accpinn.methods.method import TaskContext
 from accpinn.methods.pinn.config import STARTS, PinnConfig, PresetName
 from accpinn.methods.registry import METHODS
 from accpinn.model.cthp import Case, Parameters
-from accpinn.recordings.recording import Recording
+from accpinn.recordings.recording import Recording, Window
 from accpinn.recordings.synthetic import Truth
 from accpinn.results.snapshot.checking import recovered
 from accpinn.results.snapshot.content import Snapshot
 from accpinn.segment import regimes
-from accpinn.segment.cut import DURATION, cut
-from accpinn.segment.missing import complete_windows
-from accpinn.segment.segment import Segment, SegmentInfo, Window
+from accpinn.segment.cut import DURATION, complete_windows, cut
+from accpinn.segment.segment import Segment, SegmentInfo
 from accpinn.segment.vehicles import default_vehicles
 from accpinn.study.comparison import FitRecord, MethodFailure, MethodResult, compare, results_among
 from accpinn.tasks.job import Job

@@ -4,15 +4,13 @@ from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
-import numpy as np
-
 from accpinn.recordings.openacc import read
 from accpinn.recordings.synthetic import load_truth, truth_path
 from accpinn.segment.cut import cut
 from accpinn.segment.segment import Segment
 from accpinn.units import FloatArray
 
-FOLDER = Path(__file__).parent.parent / "sample_data"
+FOLDER = Path(__file__).parents[2] / "sample_data"
 NOISE_FREE = "synthetic_paper_study_noise_free"
 NOISY = "synthetic_paper_study"
 PLATOON = "synthetic_astazero_like"
@@ -29,6 +27,4 @@ class Sample:
 def sample(name: str) -> Sample:
     """The first 300 s."""
     path = FOLDER / f"{name}.csv"
-    laws = load_truth(truth_path(path)).parameters
-    table = np.array([[law.alpha, law.beta, law.tau] for law in laws])
-    return Sample(cut(read(path), 0, 300), table)
+    return Sample(cut(read(path), 0, 300), load_truth(truth_path(path)).parameters.values)

@@ -1,4 +1,4 @@
-"""Cutting windows: what comes out is even, complete and says what was done to it."""
+"""Cutting windows: what comes out is even and complete, and its findings are what was done."""
 
 from pathlib import Path
 
@@ -9,14 +9,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from accpinn.errors import AccpinnError, SegmentError
-from accpinn.mask import Run, runs
+from accpinn.mask import Stretch, stretches
 from accpinn.recordings.openacc import read
-from accpinn.recordings.recording import Recording
-from accpinn.segment.cut import cut
-from accpinn.segment.missing import complete_windows
-from accpinn.segment.segment import Segment, Window
+from accpinn.recordings.recording import Recording, Window
+from accpinn.segment.cut import complete_windows, cut
+from accpinn.segment.segment import Bridged, Resampled, Segment, WindowMoved, WindowShortened
 from accpinn.segment.vehicles import chains, default_vehicles, parse_vehicles
-from tests.openacc_files import csv, metadata, platoon
+from tests.support.openacc_files import csv, metadata, platoon
 
 
 def recording(frame: pd.DataFrame | None = None, names: str = "ABC") -> Recording:
@@ -35,28 +34,24 @@ def without(block: slice, *columns: str) -> pd.DataFrame:
 
 def test_both_ends_are_in() -> None:
     segment = cut(recording(), start=5.0, duration=20.0)
-    assert segment.samples == 201
-    assert segment.window.duration == 20.0
-    assert segment.sample_time == 0.1
-    assert segment.time[0] == 0.0
-    assert segment.start == 5.0
+    assert (segment.window, segment.start) == (Window(5.0, 25.0), 5.0)
+    assert (segment.samples, segment.sample_time, segment.time[0]) == (201, 0.1, 0.0)
     rows = platoon().iloc[50:251]
     np.testing.assert_array_equal(segment.speeds, rows[["Speed1", "Speed2", "Speed3"]])
     np.testing.assert_array_equal(segment.gaps, rows[["IVS1", "IVS2"]])
-    assert segment.notes == ()
+    assert segment.findings == ()
 
 
-def test_a_window_past_the_end_is_shortened_and_said() -> None:
+def test_a_window_past_the_end_is_shortened() -> None:
     segment = cut(recording(), start=20.0)
-    assert segment.window.duration == 19.9
-    assert len(segment.notes) == 1
-    assert "39.9 s: 19.9 s instead of 300 s" in segment.notes[0]
+    assert segment.window == Window(20.0, 39.9)
+    assert segment.findings == (WindowShortened(asked=300.0, window=segment.window),)
 
 
 def test_a_start_between_samples_moves_to_the_nearest() -> None:
     segment = cut(recording(), start=5.04, duration=20.0)
     assert segment.start == 5.0
-    assert "5 s, the sample nearest to 5.04 s" in segment.notes[0]
+    assert segment.findings == (WindowMoved(asked=5.04, start=5.0),)
 
 
 @pytest.mark.parametrize(
@@ -82,7 +77,7 @@ def test_windows_that_are_none(start: float, duration: float, words: str) -> Non
 def test_a_window_ends_with_the_recording_at_the_latest(duration: float) -> None:
     segment = cut(recording(), duration=duration)
     assert segment.window.duration == recording().duration
-    assert bool(segment.notes) == np.isfinite(duration)
+    assert bool(segment.findings) == np.isfinite(duration)
 
 
 def test_a_recording_too_short_for_any_window() -> None:
@@ -99,31 +94,30 @@ def test_even_steps_are_left_alone() -> None:
     frame["Time"] += 1e-9 * np.random.default_rng(1).normal(size=len(frame))
     segment = cut(recording(frame), duration=20.0)
     np.testing.assert_array_equal(segment.speeds, recording().speed[:201])
-    assert segment.notes == ()
+    assert segment.findings == ()
 
 
-def test_uneven_steps_are_resampled_and_said() -> None:
+def test_uneven_steps_are_resampled() -> None:
     """Speeds are smooth: linear interpolation within 0.1 s errs by ω²A dt²/8 < 1 mm/s."""
     full = platoon()
     rng = np.random.default_rng(2)
     kept = np.sort(rng.choice(np.arange(1, 399), size=360, replace=False))
     frame = full.iloc[[0, *kept, 399]]
     segment = cut(recording(frame), start=2.0, duration=30.0)
-    assert segment.sample_time == 0.1
-    assert segment.samples == 301
-    assert "Resampled" in segment.notes[0]
+    assert (segment.samples, segment.sample_time) == (301, 0.1)
+    assert segment.findings == (Resampled(step=0.1),)
     np.testing.assert_allclose(segment.speeds, recording(full).speed[20:321], atol=5e-3)
 
 
 # Missing samples
 
 
-def test_a_short_block_is_bridged_and_said() -> None:
+def test_a_short_block_is_bridged() -> None:
     frame = without(slice(100, 106), "Speed2", "IVS1", "IVS2")
     segment = cut(recording(frame), duration=30.0)
-    first = "Bridged 7 samples of Speed2 at 10.0-10.6 s."
-    assert segment.notes[0] == first
-    assert len(segment.notes) == 3
+    block = (Window(10.0, 10.6),)
+    columns = ("Speed2", "IVS1", "IVS2")
+    assert segment.findings == tuple(Bridged(column, 7, block) for column in columns)
     ends = platoon()["Speed2"].to_numpy()[[99, 107]]
     np.testing.assert_allclose(segment.speeds[99:108, 1], np.linspace(*ends, 9))
     np.testing.assert_allclose(segment.speeds[:, 1], platoon()["Speed2"][:301], atol=0.1)
@@ -131,10 +125,10 @@ def test_a_short_block_is_bridged_and_said() -> None:
 
 def test_the_limit_of_bridging_is_what_it_says() -> None:
     ten, eleven = (recording(without(slice(100, last), "Speed2")) for last in (109, 110))
-    assert cut(ten, duration=30.0).notes
+    assert cut(ten, duration=30.0).findings
     with pytest.raises(SegmentError, match="too long to bridge"):
         cut(eleven, duration=30.0)
-    assert cut(eleven, duration=30.0, bridge=1.1).notes
+    assert cut(eleven, duration=30.0, bridge=1.1).findings
     with pytest.raises(SegmentError):
         cut(ten, duration=30.0, bridge=0.0)
 
@@ -150,29 +144,29 @@ def test_a_long_block_is_refused_with_the_complete_windows() -> None:
     with pytest.raises(SegmentError) as caught:
         cut(missing)
     sentence = str(caught.value)
-    assert "Speed2 is missing at 15.0-19.9 s" in sentence
+    assert sentence.startswith("run.csv: Speed2 is missing at 15–19.9 s")
     assert "limit 1 s" in sentence
-    assert "0.0-14.9 s, 20.0-39.9 s" in sentence
+    assert "0–14.9 s, 20–39.9 s" in sentence
 
 
 def test_only_the_window_counts() -> None:
     missing = recording(without(slice(150, 199), "Speed2", "IVS1", "IVS2"))
-    assert cut(missing, start=20.0, duration=19.0).notes == ()
-    assert cut(missing, start=0.0, duration=14.9).notes == ()
+    assert cut(missing, start=20.0, duration=19.0).findings == ()
+    assert cut(missing, start=0.0, duration=14.9).findings == ()
     with pytest.raises(SegmentError):
         cut(missing, start=0.0, duration=15.0)
 
 
 def test_a_block_at_the_edge_has_nothing_to_be_bridged_from() -> None:
     missing = recording(without(slice(0, 2), "Speed1"))
-    with pytest.raises(SegmentError, match=r"no earlier sample helps; complete nearby: 0\.3-39\.9"):
+    with pytest.raises(SegmentError, match=r"no earlier sample helps; complete nearby: 0\.3–39\.9"):
         cut(missing)
-    assert cut(missing, start=0.3).notes
+    assert cut(missing, start=0.3).samples == 397
 
 
 def test_vehicles_outside_the_platoon_may_miss_anything() -> None:
     missing = recording(without(slice(0, 300), "Speed3", "IVS2"))
-    assert cut(missing, vehicles=(1, 2), duration=20.0).notes == ()
+    assert cut(missing, vehicles=(1, 2), duration=20.0).findings == ()
 
 
 def test_complete_windows() -> None:
@@ -181,7 +175,7 @@ def test_complete_windows() -> None:
     assert complete_windows(missing, (1, 2), minimum=15.0) == (Window(20.0, 39.9),)
     assert complete_windows(missing, (1, 2), bridge=5.0) == (Window(0.0, 39.9),)
     for window in complete_windows(missing, (1, 2)):
-        assert cut(missing, window.start, window.duration).notes == ()
+        assert cut(missing, window.start, window.duration).findings == ()
 
 
 # The vehicles
@@ -293,13 +287,22 @@ def test_a_segment_copies_and_locks_its_arrays() -> None:
 
 def test_a_segment_describes_itself() -> None:
     made = segment()
-    assert (made.followers, made.samples, made.sample_time, made.duration) == (1, 4, 0.1, 0.3)
-    assert made.labels == ("1 A", "Vehicle 2")
+    assert (made.followers, made.samples, made.sample_time) == (1, 4, 0.1)
+    assert made.window == Window(0.0, 0.3)
+    assert made.labels == (made.label(1), made.label(2)) == ("1 A", "Vehicle 2")
+
+
+@pytest.mark.parametrize(
+    ("window", "text"),
+    [(Window(0, 300), "0–300 s"), (Window(32.9, 33.4), "32.9–33.4 s"), (Window(7.5, 7.5), "7.5 s")],
+)
+def test_a_window_has_one_text(window: Window, text: str) -> None:
+    assert str(window) == text
 
 
 def test_the_digest_follows_content_only() -> None:
-    same = segment(names=("X", "Y"), source="other.csv", notes=("a",)).digest()
-    assert segment().digest() == same
+    same = segment(names=("X", "Y"), source="other.csv", findings=(Resampled(0.1),)).info.digest
+    assert segment().info.digest == same
     other = [
         segment(start=1.0),
         segment(vehicles=(2, 3)),
@@ -307,7 +310,7 @@ def test_the_digest_follows_content_only() -> None:
         segment(speeds=np.full((4, 2), 1 + 1e-15)),
         segment(gaps=np.full((4, 1), 5.1)),
     ]
-    digests = {made.digest() for made in other} | {same}
+    digests = {made.info.digest for made in other} | {same}
     assert len(digests) == 6
     assert all(len(digest) == 64 for digest in digests)
 
@@ -318,6 +321,7 @@ def test_the_digest_follows_content_only() -> None:
         {"time": np.zeros(1)},
         {"speeds": np.ones((3, 2))},
         {"gaps": np.ones((4, 2))},
+        {"mask": np.ones((4, 2), bool)},
         {"gaps": np.full((4, 1), np.nan)},
         {"speeds": np.full((4, 2), np.inf)},
         {"names": ("A",)},
@@ -329,10 +333,11 @@ def test_a_segment_that_no_method_could_use(changes: dict[str, object]) -> None:
         segment(**changes)
 
 
-def test_runs() -> None:
-    assert runs([1, 1, 0, 1, 0, 0, 1]) == (Run(0, 1), Run(3, 3), Run(6, 6))
-    assert runs([]) == runs([0, 0]) == ()
-    assert len(Run(3, 5)) == 3
+def test_stretches() -> None:
+    first, second, third = stretches([1, 1, 0, 1, 0, 0, 1])
+    assert (first, second, third) == (Stretch(0, 1), Stretch(3, 3), Stretch(6, 6))
+    assert (len(first), first.rows) == (2, slice(0, 2))
+    assert stretches([]) == stretches([0, 0]) == ()
 
 
 HOLES = recording(without(slice(120, 170), "Speed2", "IVS1", "IVS2"))
@@ -358,8 +363,8 @@ def test_any_choice_gives_a_segment_or_a_sentence(
         assert text.endswith(".")
         assert "\n" not in text
     else:
-        assert 9.9 <= made.duration <= duration + 1e-6
-        assert made.start + made.duration <= HOLES.duration + 1e-6
+        assert 9.9 <= made.window.duration <= duration + 1e-6
+        assert made.window.end <= HOLES.duration + 1e-6
         np.testing.assert_allclose(np.diff(made.time), 0.1, atol=1e-9)
 
 
@@ -368,20 +373,19 @@ def test_any_choice_gives_a_segment_or_a_sentence(
 
 def test_casale(openacc_dir: Path) -> None:
     made = cut(read(openacc_dir / "Casale/part7.csv"))
-    assert (made.samples, made.followers, made.notes) == (3001, 1, ())
+    assert (made.samples, made.followers, made.findings) == (3001, 1, ())
     assert made.labels == ("1 Rexton", "2 Hyundai")
 
 
 def test_vicolungo_keeps_time_in_double_precision(openacc_dir: Path) -> None:
     made = cut(read(openacc_dir / "Vicolungo/JRC-VC_260219_part3.csv"))
-    assert made.samples == 1455
-    assert made.sample_time == 0.1
-    assert not any("Resampled" in note for note in made.notes)
+    assert (made.samples, made.sample_time) == (1455, 0.1)
+    assert Resampled(step=0.1) not in made.findings
 
 
 def test_low_speed_is_refused_with_its_complete_windows(openacc_dir: Path) -> None:
     low = read(openacc_dir / "JRC low speed/part12.csv")
-    with pytest.raises(SegmentError, match=r"Speed2 is missing .* complete nearby: 76\.0-86\.8 s"):
+    with pytest.raises(SegmentError, match=r"Speed2 is missing .* complete nearby: 76–86\.8 s"):
         cut(low)
     windows = complete_windows(low, (1, 2, 3))
     assert len(windows) == 6
@@ -389,12 +393,12 @@ def test_low_speed_is_refused_with_its_complete_windows(openacc_dir: Path) -> No
         assert cut(low, window.start, window.duration).followers == 2
 
 
-def test_zalazone_bridges_and_says_so(openacc_dir: Path) -> None:
+def test_zalazone_is_bridged(openacc_dir: Path) -> None:
     zala = read(openacc_dir / "ZalaZone/handling_part10.csv")
-    with pytest.raises(SegmentError, match=r"0\.4-249\.9 s"):
+    with pytest.raises(SegmentError, match=r"0\.4–249\.9 s"):
         cut(zala)
     made = cut(zala, start=1.0)
     assert made.vehicles == (4, 5, 6, 7, 8, 9)
-    assert "Bridged 6 samples of Speed8 at 32.9-33.4 s." in made.notes
+    assert Bridged("Speed8", 6, (Window(32.9, 33.4),)) in made.findings
     with pytest.raises(SegmentError, match=r"vehicle 3 \(TOYOTA_RAV4\).*possible platoons: 4-9"):
         cut(zala, start=1.0, vehicles=(2, 3))

@@ -9,23 +9,23 @@ import pytest
 from scipy.signal import savgol_filter
 
 from accpinn.errors import RecordingError
-from accpinn.model.cthp import Trajectories, regressors, solve_linear
+from accpinn.model.cthp import Parameters, Trajectories, regressors, solve_linear
 from accpinn.recordings import openacc, synthetic
 from accpinn.recordings.synthetic import SCENARIOS, Noise, Scenario, Truth
 from accpinn.units import FloatArray
 
-SAMPLE_DATA = Path(__file__).parent.parent / "sample_data"
+SAMPLE_DATA = Path(__file__).parents[2] / "sample_data"
 LAST_DIGIT = 1e-4
-STUDY_BY_NAME = {study.name: study for study in SCENARIOS}
+BY_NAME = {scenario.name: scenario for scenario in SCENARIOS}
 
-every_study = pytest.mark.parametrize("study", SCENARIOS, ids=STUDY_BY_NAME)
+every_scenario = pytest.mark.parametrize("scenario", SCENARIOS, ids=BY_NAME)
 
 
 @pytest.fixture(scope="module")
 def written(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("samples")
-    for study in SCENARIOS:
-        synthetic.write(study, folder)
+    for scenario in SCENARIOS:
+        synthetic.write(scenario, folder)
     return folder
 
 
@@ -60,13 +60,8 @@ def least_squares(data: Trajectories, rates: FloatArray) -> FloatArray:
     found = []
     for columns, rate in zip(regressors(data.speeds, data.gaps), rates[:, 1:].T, strict=True):
         x, y = columns[inside], rate[inside]
-        alpha, alpha_tau, beta = solve_linear(x.T @ x, x.T @ y).theta
-        found.append([alpha, beta, alpha_tau / alpha])
+        found.append(Parameters.from_theta(solve_linear(x.T @ x, x.T @ y).theta).values)
     return np.array(found)
-
-
-def truth_table(study: Scenario) -> FloatArray:
-    return np.array([[law.alpha, law.beta, law.tau] for law in study.parameters])
 
 
 def read_back(path: Path) -> Trajectories:
@@ -80,96 +75,82 @@ def read_back(path: Path) -> Trajectories:
 
 
 class TestCommittedFiles:
-    @every_study
-    def test_are_what_the_generator_writes(self, study: Scenario, written: Path) -> None:
-        name = f"{study.name}.csv"
+    @every_scenario
+    def test_are_what_the_generator_writes(self, scenario: Scenario, written: Path) -> None:
+        name = f"{scenario.name}.csv"
         header, rows = table(SAMPLE_DATA / name)
         new_header, new_rows = table(written / name)
         assert header == new_header
         assert len(rows) == len(new_rows)
-        columns = 2 * len(study.vehicles)
+        columns = 2 * len(scenario.vehicles)
         assert [row[columns:] for row in rows] == [row[columns:] for row in new_rows]
         # Another machine's sine may differ in the last bit and so turn a rounding.
         np.testing.assert_allclose(
             numbers(rows, columns), numbers(new_rows, columns), rtol=0, atol=1.01 * LAST_DIGIT
         )
 
-    @every_study
-    def test_truth_is_what_the_generator_writes(self, study: Scenario, written: Path) -> None:
-        name = f"{study.name}.truth.json"
+    @every_scenario
+    def test_truth_is_what_the_generator_writes(self, scenario: Scenario, written: Path) -> None:
+        name = f"{scenario.name}.truth.json"
         assert (SAMPLE_DATA / name).read_bytes() == (written / name).read_bytes()
 
     def test_are_all_there_and_nothing_else(self) -> None:
         expected = {f"{s.name}{ending}" for s in SCENARIOS for ending in (".csv", ".truth.json")}
         assert {path.name for path in SAMPLE_DATA.iterdir()} == expected
 
-    @every_study
-    def test_say_that_they_are_synthetic(self, study: Scenario) -> None:
-        assert study.name.startswith("synthetic_")
-        assert all("-like" in name or "Synthetic" in name for name in study.vehicles)
-
-    @every_study
-    def test_stay_small(self, study: Scenario) -> None:
-        assert (SAMPLE_DATA / f"{study.name}.csv").stat().st_size < 700_000
-
-    @every_study
-    def test_read_as_recordings_without_a_warning(self, study: Scenario) -> None:
-        recording = openacc.read(SAMPLE_DATA / f"{study.name}.csv")
-        assert recording.warnings == ()
-        assert tuple(vehicle.name for vehicle in recording.vehicles) == study.vehicles
+    @every_scenario
+    def test_read_as_recordings_without_findings(self, scenario: Scenario) -> None:
+        recording = openacc.read(SAMPLE_DATA / f"{scenario.name}.csv")
+        assert recording.findings == ()
+        assert tuple(vehicle.name for vehicle in recording.vehicles) == scenario.vehicles
+        assert all("-like" in name or "Synthetic" in name for name in scenario.vehicles)
         assert recording.sample_time == pytest.approx(0.1, abs=1e-9)
-        assert recording.duration == pytest.approx(study.duration)
+        assert recording.duration == pytest.approx(scenario.duration)
 
 
-class TestDrive:
-    @every_study
-    def test_leader_is_a_realistic_motorway_driver(self, study: Scenario) -> None:
-        true = synthetic.drive(study)
-        speed = true.speeds[:, 0]
-        assert 15 < speed.min() < speed.max() < 36
-        assert np.abs(np.gradient(speed, true.time)).max() < 2
+class TestTrueTrajectories:
+    @every_scenario
+    def test_are_realistic(self, scenario: Scenario) -> None:
+        true = synthetic.true_trajectories(scenario)
+        leader = true.speeds[:, 0]
+        assert 15 < leader.min() < leader.max() < 36
+        assert 10 < true.speeds.min() < true.speeds.max() < 40
+        assert np.abs(np.gradient(true.speeds, true.time, axis=0)).max() < 2
+        assert true.gaps.min() > 5
 
-    @every_study
-    def test_leader_excites_the_band_that_identifies(self, study: Scenario) -> None:
-        speed = synthetic.drive(study).speeds[:, 0]
+    @every_scenario
+    def test_leader_excites_the_band_that_identifies(self, scenario: Scenario) -> None:
+        speed = synthetic.true_trajectories(scenario).speeds[:, 0]
         spectrum = np.abs(np.fft.rfft((speed - speed.mean()) * np.hanning(len(speed)))) ** 2
         omega = 2 * np.pi * np.fft.rfftfreq(len(speed), synthetic.SIMULATION_STEP)
         band = (omega > 0.02) & (omega < 0.5)
         assert spectrum[band].sum() > 0.5 * spectrum.sum()
         assert speed.std() > 2
 
-    @every_study
-    def test_followers_neither_touch_nor_race(self, study: Scenario) -> None:
-        true = synthetic.drive(study)
-        assert true.gaps.min() > 5
-        assert 10 < true.speeds.min() < true.speeds.max() < 40
-        assert np.abs(np.gradient(true.speeds, true.time, axis=0)).max() < 2
-
     def test_paper_study_starts_where_the_paper_does(self) -> None:
-        true = synthetic.drive(STUDY_BY_NAME["synthetic_paper_study"])
+        true = synthetic.true_trajectories(BY_NAME["synthetic_paper_study"])
         assert true.gaps[0, 0] == 20.3
         assert true.speeds[0, 1] == 21.3
         assert true.time[-1] == 300
 
     def test_platoons_start_in_equilibrium(self) -> None:
-        study = STUDY_BY_NAME["synthetic_astazero_like"]
-        true = synthetic.drive(study)
-        taus = [law.tau for law in study.parameters]
+        scenario = BY_NAME["synthetic_astazero_like"]
+        true = synthetic.true_trajectories(scenario)
         np.testing.assert_allclose(true.speeds[0], true.speeds[0, 0])
-        np.testing.assert_allclose(true.gaps[0], true.speeds[0, 0] * np.array(taus))
+        np.testing.assert_allclose(true.gaps[0], true.speeds[0, 0] * scenario.parameters.tau)
 
-    def test_another_seed_is_another_drive(self) -> None:
-        study = SCENARIOS[0]
-        other = synthetic.drive(replace(study, seed=study.seed + 1))
-        assert np.abs(other.speeds - synthetic.drive(study).speeds).max() > 1
+    def test_another_seed_gives_another_leader(self) -> None:
+        scenario = SCENARIOS[0]
+        other = synthetic.true_trajectories(replace(scenario, seed=scenario.seed + 1))
+        assert np.abs(other.speeds - synthetic.true_trajectories(scenario).speeds).max() > 1
 
 
 @pytest.fixture(scope="module")
 def errors() -> Trajectories:
     """Recorded minus true, over an hour."""
-    study = replace(STUDY_BY_NAME["synthetic_vicolungo_like"], duration=3600.0)
-    true = synthetic.drive(study)
-    recorded = synthetic.record(true, study.noise, study.seed)
+    scenario = replace(BY_NAME["synthetic_vicolungo_like"], duration=3600.0)
+    true = synthetic.true_trajectories(scenario)
+    recorded = synthetic.record(true, scenario.noise, scenario.seed)
     return Trajectories(
         recorded.time, recorded.speeds - true.speeds[::2], recorded.gaps - true.gaps[::2]
     )
@@ -191,7 +172,7 @@ class TestNoise:
         assert -0.75 < np.corrcoef(errors.gaps.T)[0, 1] < -0.25
 
     def test_none_records_the_truth(self) -> None:
-        true = synthetic.drive(SCENARIOS[0])
+        true = synthetic.true_trajectories(SCENARIOS[0])
         recorded = synthetic.record(true, None, 0)
         np.testing.assert_array_equal(recorded.gaps, true.gaps[::2])
         np.testing.assert_allclose(np.diff(recorded.time), 0.1)
@@ -199,33 +180,35 @@ class TestNoise:
 
 class TestRecovery:
     def test_noise_free_study_within_half_a_percent_by_central_differences(self) -> None:
-        study = STUDY_BY_NAME["synthetic_paper_study_noise_free"]
-        found = central_differences(read_back(SAMPLE_DATA / f"{study.name}.csv"))
-        np.testing.assert_allclose(found, truth_table(study), rtol=0.005)
+        scenario = BY_NAME["synthetic_paper_study_noise_free"]
+        found = central_differences(read_back(SAMPLE_DATA / f"{scenario.name}.csv"))
+        np.testing.assert_allclose(found, scenario.parameters.values, rtol=0.005)
 
-    @every_study
-    def test_all_within_three_percent_by_savitzky_golay(self, study: Scenario) -> None:
-        found = savitzky_golay(read_back(SAMPLE_DATA / f"{study.name}.csv"))
-        np.testing.assert_allclose(found, truth_table(study), rtol=0.03)
+    @every_scenario
+    def test_all_within_three_percent_by_savitzky_golay(self, scenario: Scenario) -> None:
+        found = savitzky_golay(read_back(SAMPLE_DATA / f"{scenario.name}.csv"))
+        np.testing.assert_allclose(found, scenario.parameters.values, rtol=0.03)
 
     def test_noisy_study_is_no_lucky_seed(self) -> None:
-        study = STUDY_BY_NAME["synthetic_paper_study"]
-        true = synthetic.drive(study)
-        found = [savitzky_golay(synthetic.record(true, study.noise, 100 + k))[0] for k in range(20)]
-        np.testing.assert_allclose(np.mean(found, axis=0), truth_table(study)[0], rtol=0.01)
-        assert (np.std(found, axis=0) < 0.02 * truth_table(study)[0]).all()
+        scenario = BY_NAME["synthetic_paper_study"]
+        true = synthetic.true_trajectories(scenario)
+        found = [
+            savitzky_golay(synthetic.record(true, scenario.noise, 100 + k))[0] for k in range(20)
+        ]
+        np.testing.assert_allclose(np.mean(found, axis=0), scenario.parameters.values[0], rtol=0.01)
+        assert (np.std(found, axis=0) < 0.02 * scenario.parameters.values[0]).all()
 
 
 class TestTruth:
-    @every_study
-    def test_loads_what_the_study_used(self, study: Scenario) -> None:
-        recording = SAMPLE_DATA / f"{study.name}.csv"
+    @every_scenario
+    def test_loads_what_the_scenario_used(self, scenario: Scenario) -> None:
+        recording = SAMPLE_DATA / f"{scenario.name}.csv"
         truth = synthetic.load_truth(synthetic.truth_path(recording))
         assert truth == Truth(
-            study.description,
-            study.parameters,
-            study.noise,
-            study.seed,
+            scenario.description,
+            scenario.parameters,
+            scenario.noise,
+            scenario.seed,
             synthetic.GENERATOR_VERSION,
         )
 

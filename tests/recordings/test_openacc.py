@@ -3,6 +3,7 @@
 import time
 from datetime import date
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 import pandas as pd
@@ -11,15 +12,36 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from accpinn.errors import RecordingError
+from accpinn.findings import Finding
 from accpinn.recordings.checks import agreement
 from accpinn.recordings.openacc import read
-from accpinn.recordings.recording import Mode, Recording
-from tests.openacc_files import csv, metadata, platoon
+from accpinn.recordings.recording import (
+    GapContradictsSpeeds,
+    GapsUnused,
+    LineEndMissing,
+    LittleLeaderMotion,
+    MetadataMissing,
+    MetadataUnreadable,
+    Mode,
+    ModesUnknown,
+    NamesWithoutData,
+    Recording,
+    SamplesMissing,
+    ValuesFrozen,
+    ValuesOutOfRange,
+    VehicleCountMismatch,
+    VehiclesWithoutName,
+    Window,
+)
+from tests.support.openacc_files import csv, metadata, platoon
+
+F = TypeVar("F", bound=Finding)
 
 
-def says(recording: Recording, *words: str) -> bool:
-    """Whether one warning has all the words."""
-    return any(all(word in warning for word in words) for warning in recording.warnings)
+def found(kind: type[F], recording: Recording) -> F:
+    """The one finding of a kind."""
+    [finding] = [finding for finding in recording.findings if isinstance(finding, kind)]
+    return finding
 
 
 def refusal(raw: bytes, name: str = "run.csv", **options: int) -> str:
@@ -43,23 +65,12 @@ def test_values_arrive_exactly(tmp_path: Path) -> None:
     recording = read(path)
     np.testing.assert_array_equal(recording.speed, frame[["Speed1", "Speed2", "Speed3"]])
     np.testing.assert_array_equal(recording.gap, frame[["IVS1", "IVS2"]])
-    assert recording.source == "run.csv"
-    assert recording.date == date(2019, 2, 26)
+    assert (recording.source, recording.date) == ("run.csv", date(2019, 2, 26))
     assert (recording.acc_flag, recording.distance_setting) == (1, "min")
-    assert [v.name for v in recording.vehicles] == ["Alpha", "Beta", "Gamma"]
-    assert recording.first_time == 100.0
-    assert recording.time[0] == 0.0
-    assert recording.sample_time == 0.1
-    assert recording.duration == 39.9
-    assert recording.warnings == ()
-
-
-def test_a_path_and_its_bytes_give_the_same(tmp_path: Path) -> None:
-    raw = csv(platoon())
-    (tmp_path / "run.csv").write_bytes(raw)
-    from_path, from_bytes = read(str(tmp_path / "run.csv")), read(raw, "run.csv")
-    assert from_path.sha256 == from_bytes.sha256
-    np.testing.assert_array_equal(from_path.gap, from_bytes.gap)
+    assert [recording.label(number) for number in (1, 2, 3)] == ["1 Alpha", "2 Beta", "3 Gamma"]
+    assert (recording.first_time, recording.time[0]) == (100.0, 0.0)
+    assert (recording.sample_time, recording.duration) == (0.1, 39.9)
+    assert recording.findings == ()
 
 
 def test_arrays_are_read_only() -> None:
@@ -79,31 +90,25 @@ def test_1_metadata_rows_are_padded_and_a_last_name_is_empty() -> None:
     recording = read(csv(platoon(), padded), "run.csv")
     assert [v.name for v in recording.vehicles] == ["Alpha", "Beta", "Gamma"]
     assert (recording.acc_flag, recording.distance_setting) == (1, "min")
-    assert recording.warnings == ()
+    assert recording.findings == ()
 
 
 @pytest.mark.parametrize(
-    ("cell", "flag"), [("0", 0), ("1", 1), (" 1 ", 1), ("2", 2), ("", None), ("1.0", 1)]
+    ("cell", "flag", "setting"),
+    [
+        ("0", 0, "min"),
+        ("1", 1, "none"),
+        (" 1 ", 1, "second shortest"),
+        ("2", 2, "SL"),
+        ("", None, ""),
+        ("1.0", 1, "M"),
+    ],
 )
-def test_2_the_acc_flag_may_be_mixed_or_blank(cell: str, flag: int | None) -> None:
-    recording = read(csv(platoon(), metadata(acc=cell)), "run.csv")
-    assert recording.acc_flag == flag
-    assert recording.warnings == ()
-
-
-@pytest.mark.parametrize(
-    "setting", ["min", "max", "none", "shortest", "second shortest", "S", "M", "L", "SL", ""]
-)
-def test_2_distance_settings_are_kept_as_written(setting: str) -> None:
-    recording = read(csv(platoon(), metadata(distance=setting)), "run.csv")
-    assert recording.distance_setting == (setting or None)
-    assert recording.warnings == ()
-
-
-def test_2_an_unknown_flag_is_ignored_and_said() -> None:
-    recording = read(csv(platoon(), metadata(acc="7")), "run.csv")
-    assert recording.acc_flag is None
-    assert says(recording, "ACC", '"7"')
+def test_2_flag_and_distance_setting_vary(cell: str, flag: int | None, setting: str) -> None:
+    """The flag may be mixed or blank; the distance setting is kept as written."""
+    recording = read(csv(platoon(), metadata(acc=cell, distance=setting)), "run.csv")
+    assert (recording.acc_flag, recording.distance_setting) == (flag, setting or None)
+    assert recording.findings == ()
 
 
 def test_3_only_driver_columns_give_modes_and_these_change() -> None:
@@ -127,7 +132,7 @@ def test_3_a_blank_or_odd_mode_is_unknown() -> None:
     frame["Driver2"] = ["ACC"] * 390 + [""] * 8 + ["Robot", "acc "]
     recording = read(csv(frame), "run.csv")
     assert recording.vehicles[1].modes == {"ACC": 391, "Human": 0}
-    assert says(recording, "Driver2", "1 samples", '"Robot"')
+    assert recording.findings == (ModesUnknown(vehicle=2, samples=1, example="Robot"),)
 
 
 def test_4_columns_are_chosen_by_name_in_any_order() -> None:
@@ -139,7 +144,7 @@ def test_4_columns_are_chosen_by_name_in_any_order() -> None:
     shuffled = read(csv(frame[order]), "run.csv")
     np.testing.assert_array_equal(shuffled.speed, plain.speed)
     np.testing.assert_array_equal(shuffled.gap, plain.gap)
-    assert shuffled.warnings == ()
+    assert shuffled.findings == ()
 
 
 def test_5_columns_of_absent_vehicles_leave_holes() -> None:
@@ -152,30 +157,26 @@ def test_5_columns_of_absent_vehicles_leave_holes() -> None:
     assert np.isnan(recording.speed_of(3)).all()
     np.testing.assert_array_equal(recording.gap_behind(4), frame["IVS4"])
     assert np.isnan(recording.gap[:, :3]).all()
-    assert says(recording, "without data", "1 (A), 3 (C)")
+    assert found(NamesWithoutData, recording).vehicles == (1, 3)
 
 
 def test_5_eleven_names_for_six_vehicles() -> None:
     recording = read(csv(platoon(6), metadata(tuple("ABCDEFGHIJK"), number="6")), "run.csv")
     assert recording.present == (1, 2, 3, 4, 5, 6)
     assert len(recording.vehicles) == 11
-    assert says(recording, "names 11 vehicles", "platoon of 6")
+    mismatch = VehicleCountMismatch(stated=6, named=11, recorded=6)
+    assert found(VehicleCountMismatch, recording) == mismatch
 
 
 def test_5_fewer_names_than_vehicles() -> None:
     recording = read(csv(platoon(), metadata(("Alpha", ""), number="3")), "run.csv")
-    assert [v.name for v in recording.vehicles] == ["Alpha", "Vehicle 2", "Vehicle 3"]
-    assert says(recording, "no name", "2, 3")
+    assert [recording.label(n) for n in (1, 2, 3)] == ["1 Alpha", "Vehicle 2", "Vehicle 3"]
+    assert found(VehiclesWithoutName, recording).vehicles == (2, 3)
 
 
-def test_5_number_of_vehicles_that_fits_nothing() -> None:
-    recording = read(csv(platoon(), metadata(number="5")), "run.csv")
-    assert says(recording, "speaks of 5", "names 3")
-
-
-def test_5_a_gap_beside_an_absent_vehicle_is_said() -> None:
+def test_5_a_gap_beside_an_absent_vehicle_is_unused() -> None:
     recording = read(csv(platoon(4).drop(columns="Speed4"), metadata()), "run.csv")
-    assert says(recording, "IVS3", "no speed column")
+    assert found(GapsUnused, recording).gaps == (3,)
 
 
 def test_6_missing_cells_come_in_blocks_with_the_adjacent_gaps() -> None:
@@ -184,14 +185,24 @@ def test_6_missing_cells_come_in_blocks_with_the_adjacent_gaps() -> None:
     recording = read(csv(frame), "run.csv")
     assert recording.vehicles[1].missing == 50
     assert recording.vehicles[1].missing_share == pytest.approx(0.125)
-    assert says(recording, "Speed2 (Beta)", "12 %", "10.0-14.9 s")
-    assert len(recording.warnings) == 1
+    missing = SamplesMissing("Speed", 2, share=0.125, windows=(Window(10.0, 14.9),), shorter=0)
+    assert recording.findings == (missing,)
 
 
-def test_6_a_gap_missing_alone_is_said() -> None:
+def test_6_a_gap_missing_alone_is_reported() -> None:
     frame = platoon()
     frame.loc[200:203, "IVS2"] = np.nan
-    assert says(read(csv(frame), "run.csv"), "IVS2", "both speeds", "20.0-20.3 s")
+    missing = SamplesMissing("IVS", 2, share=0.01, windows=(Window(20.0, 20.3),), shorter=0)
+    assert read(csv(frame), "run.csv").findings == (missing,)
+
+
+def test_6_the_longest_blocks_are_listed() -> None:
+    frame = platoon()
+    for first, last in ((10, 10), (50, 53), (90, 91), (130, 136), (170, 170)):
+        frame.loc[first:last, "Speed3"] = np.nan
+    missing = found(SamplesMissing, read(csv(frame), "run.csv"))
+    assert missing.windows == (Window(5.0, 5.3), Window(9.0, 9.1), Window(13.0, 13.6))
+    assert missing.shorter == 2
 
 
 def test_6_a_column_without_any_value_is_an_absent_vehicle() -> None:
@@ -217,28 +228,28 @@ def test_8_negative_gaps_are_counted_and_kept() -> None:
     frame.loc[10:12, "IVS1"] = [-0.5, -2.5, -1.0]
     recording = read(csv(frame), "run.csv")
     assert recording.gap[11, 0] == -2.5
-    assert says(recording, "IVS1", "3 samples", "-2.5 m")
+    assert found(ValuesOutOfRange, recording) == ValuesOutOfRange("IVS", 1, 3, extreme=-2.5)
 
 
 def test_8_negative_doppler_speeds() -> None:
     frame = platoon()
     frame.loc[5, "Speed1"] = -0.018
-    assert says(read(csv(frame), "run.csv"), "Speed1", "negative", "-0.018 m/s")
+    negative = ValuesOutOfRange("Speed", 1, 1, extreme=-0.018)
+    assert read(csv(frame), "run.csv").findings == (negative,)
 
 
 def test_8_frozen_samples_in_motion() -> None:
     frame = platoon()
     frame.loc[100:125, "Speed2"] = frame.loc[100, "Speed2"]
-    assert says(
-        read(csv(frame), "run.csv"), "The speed of 2 Beta", "2.5 s while it moves", "10.0-12.5 s"
-    )
+    frozen = ValuesFrozen("Speed", vehicle=2, window=Window(10.0, 12.5))
+    assert found(ValuesFrozen, read(csv(frame), "run.csv")) == frozen
 
 
 def test_8_a_standing_vehicle_is_not_frozen() -> None:
     frame = platoon()
     frame.loc[100:200, ["Speed1", "Speed2", "Speed3"]] = 0.0
     recording = read(csv(frame), "run.csv")
-    assert not says(recording, "frozen")
+    assert not any(isinstance(finding, ValuesFrozen) for finding in recording.findings)
 
 
 def test_9_a_gap_that_contradicts_the_speeds() -> None:
@@ -248,8 +259,9 @@ def test_9_a_gap_that_contradicts_the_speeds() -> None:
     recording = read(csv(frame), "run.csv")
     assert agreement(recording, 1) == pytest.approx(1.0, abs=1e-3)
     assert abs(agreement(recording, 2)) < 0.5
-    assert says(recording, "IVS2", "contradicts", "vehicles 2 and 3")
-    assert not says(recording, "IVS1")
+    contradiction = found(GapContradictsSpeeds, recording)
+    assert contradiction.vehicle == 2
+    assert contradiction.correlation == agreement(recording, 2)
 
 
 def test_9_vehicles_at_rest_to_each_other_are_not_judged() -> None:
@@ -299,7 +311,7 @@ def test_12_line_ends_and_marks_of_re_saved_copies(end: str, bom: bytes, tail: b
     copy = read(bom + csv(platoon(), end=end) + tail, "run.csv")
     np.testing.assert_array_equal(copy.speed, plain.speed)
     assert copy.date == plain.date
-    assert copy.warnings == ()
+    assert copy.findings == ()
 
 
 def test_12_a_spreadsheet_pads_all_rows_to_one_width() -> None:
@@ -352,28 +364,37 @@ def test_campaign_is_certain_or_none(
     assert read(path).campaign == campaign
 
 
-def test_a_date_that_is_none() -> None:
-    recording = read(csv(platoon(), metadata(day="31,2,2019")), "run.csv")
-    assert recording.date is None
-    assert says(recording, '"31, 2, 2019"')
+@pytest.mark.parametrize(
+    ("rows", "finding"),
+    [
+        (metadata(acc="7"), MetadataUnreadable(key="ACC", text="7")),
+        (metadata(day="31,2,2019"), MetadataUnreadable(key="Date", text="31, 2, 2019")),
+        (metadata()[:4], MetadataMissing(key="Distance_setting")),
+        (metadata(number="5"), VehicleCountMismatch(stated=5, named=3, recorded=3)),
+    ],
+)
+def test_odd_metadata_are_reported_and_ignored(rows: list[str], finding: Finding) -> None:
+    recording = read(csv(platoon(), rows), "run.csv")
+    assert recording.findings == (finding,)
+    assert (recording.date, recording.acc_flag, recording.distance_setting).count(None) == (
+        not isinstance(finding, VehicleCountMismatch)
+    )
 
 
-def test_a_missing_metadata_row_is_said() -> None:
-    recording = read(csv(platoon(), metadata()[:4]), "run.csv")
-    assert recording.distance_setting is None
-    assert says(recording, "Distance_setting", "missing")
-
-
-def test_a_leader_that_never_varies_is_said() -> None:
+def test_a_leader_that_never_varies_is_reported() -> None:
     frame = platoon()
     frame["Speed1"] = 20 + 0.001 * frame["Speed1"]
-    assert says(read(csv(frame), "run.csv"), "excitation", "vehicle 1")
+    still = found(LittleLeaderMotion, read(csv(frame), "run.csv"))
+    assert still.vehicle == 1
+    assert still.deviation == pytest.approx(frame["Speed1"].std(), rel=0.01)
 
 
 def test_kilometres_per_hour_are_noticed() -> None:
     frame = platoon()
     frame["Speed2"] *= 3.6
-    assert says(read(csv(frame), "run.csv"), "Speed2", "70 m/s", "unit")
+    implausible = found(ValuesOutOfRange, read(csv(frame), "run.csv"))
+    assert implausible.extreme == pytest.approx(frame["Speed2"].max())
+    assert implausible.samples == (frame["Speed2"] > 70).sum()
 
 
 # What is refused, and how
@@ -446,8 +467,8 @@ def test_columns_of_nothing_are_refused() -> None:
     assert "space-gap columns are empty" in refusal(csv(frame))
 
 
-def test_a_missing_last_line_end_is_said() -> None:
-    assert says(read(SOUND.rstrip(), "run.csv"), "last row", "cut short")
+def test_a_missing_last_line_end_is_reported() -> None:
+    assert read(SOUND.rstrip(), "run.csv").findings == (LineEndMissing(),)
 
 
 def test_an_upload_over_the_limit_is_refused(tmp_path: Path) -> None:
@@ -585,20 +606,12 @@ def test_every_file_of_the_folder_loads_or_is_refused(openacc_dir: Path) -> None
 def test_real_recordings(openacc_dir: Path, file: str) -> None:
     campaign, samples, present = RUNS[file]
     recording = read(openacc_dir / file)
-    assert (recording.campaign, recording.samples, recording.present) == (
-        campaign,
-        samples,
-        present,
-    )
-    assert recording.is_even
-    assert recording.sample_time == 0.1
+    found = (recording.campaign, recording.samples, recording.present)
+    assert found == (campaign, samples, present)
+    assert (recording.is_even, recording.sample_time) == (True, 0.1)
     assert (read((openacc_dir / file).read_bytes(), Path(file).name)).campaign == campaign
-
-
-@pytest.mark.parametrize("file", RUNS)
-def test_only_vicolungo_contradicts_itself(openacc_dir: Path, file: str) -> None:
-    contradicted = [w.split()[0] for w in read(openacc_dir / file).warnings if "contradicts" in w]
-    assert contradicted == (["IVS4"] if file.startswith("Vicolungo") else [])
+    kinds = (one for one in recording.findings if isinstance(one, GapContradictsSpeeds))
+    assert [one.vehicle for one in kinds] == ([4] if campaign == "Vicolungo" else [])
 
 
 def test_real_modes_blocks_and_holes(openacc_dir: Path) -> None:
@@ -609,11 +622,16 @@ def test_real_modes_blocks_and_holes(openacc_dir: Path) -> None:
         {"ACC": 3265, "Human": 501},
     ]
     assert low.vehicles[1].missing == 2157
-    assert says(low, "Speed2 (Hyundai)", "57 %", "219.2-376.5 s")
+    missing = next(one for one in low.findings if isinstance(one, SamplesMissing))
+    assert (missing.channel, missing.vehicle) == ("Speed", 2)
+    assert missing.share == pytest.approx(2157 / 3766)
+    assert Window(219.2, 376.5) in missing.windows
     zala = read(openacc_dir / "ZalaZone/handling_part10.csv")
-    assert says(zala, "1 (SKODA_TARGET), 3 (TOYOTA_RAV4)")
-    assert says(zala, "Speed2", "negative in 5 samples")
-    assert says(read(openacc_dir / "Vicolungo/JRC-VC_260219_part3.csv"), "2 Ford(S-Max)", "frozen")
+    assert found(NamesWithoutData, zala).vehicles == (1, 3)
+    negative = [one for one in zala.findings if isinstance(one, ValuesOutOfRange)]
+    assert ("Speed", 2, 5) in [(one.channel, one.vehicle, one.samples) for one in negative]
+    vicolungo = read(openacc_dir / "Vicolungo/JRC-VC_260219_part3.csv")
+    assert found(ValuesFrozen, vicolungo).vehicle == 2
 
 
 def test_real_corrupt_files(openacc_dir: Path) -> None:

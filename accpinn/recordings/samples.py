@@ -1,0 +1,258 @@
+"""The rows of numbers: read at the speed of pandas' C parser, diagnosed cell by cell on failure."""
+
+import io
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from accpinn.channels import GAP, MODE_NAMES, SPEED, TIME
+from accpinn.errors import RecordingError
+from accpinn.recordings.recording import LineEndMissing, Mode, ModesUnknown
+from accpinn.recordings.source import SourceFile, excerpt
+from accpinn.units import FloatArray, Seconds
+
+MINIMUM_SAMPLES = 10
+"""A file with fewer rows is not a recording."""
+SHORTEST_STEP: Seconds = 1e-3
+LONGEST_STEP: Seconds = 5.0
+"""Rows closer or further apart suggest that the time is not in seconds."""
+GAP_STEPS = 10
+"""A time step longer than this many typical ones is a hole in the recording."""
+
+_MISSING = ["", "NaN", "nan", "NA", "N/A", "null"]
+
+
+@dataclass(frozen=True)
+class Columns:
+    """The row of column names: where the needed columns stand, 0 = leftmost."""
+
+    names: tuple[str, ...]
+    """Of all columns, also those that are not read."""
+    row: int
+    """Which row of the file it is, 1 = first."""
+    end: int
+    """Offset of the first byte behind it."""
+    speed: Mapping[int, int]
+    """Position by vehicle number; likewise below."""
+    gap: Mapping[int, int]
+    driver: Mapping[int, int]
+    time: int = 0
+
+    @property
+    def numbers(self) -> list[int]:
+        """Positions of the columns that hold numbers."""
+        return sorted([self.time, *self.speed.values(), *self.gap.values()])
+
+
+@dataclass(frozen=True, eq=False)
+class Samples:
+    """N samples of V vehicles; NaN, or an unknown mode, where the file has none."""
+
+    time: FloatArray
+    """(N,) in s, as in the file."""
+    speed: FloatArray
+    """(N, V) in m/s."""
+    gap: FloatArray
+    """(N, V-1) in m."""
+    mode: NDArray[np.int8]
+    """(N, V) values of `Mode`."""
+    findings: tuple[LineEndMissing | ModesUnknown, ...]
+
+
+def read_samples(source_file: SourceFile, columns: Columns, vehicles: int) -> Samples:
+    """Read the rows below the column names.
+
+    Args:
+        source_file: the file.
+        columns: the needed columns.
+        vehicles: how many vehicles there are: V.
+
+    Raises:
+        RecordingError: which cell is wrong, and how to correct it.
+    """
+    text = source_file.text[columns.end :]
+    is_complete = text.endswith((b"\n", b"\r"))
+    table = _Table(source_file, text.rstrip(), columns)
+    rows = _count_rows(table, is_complete)
+    frame = _parse(table)
+    if len(frame) != rows:
+        raise _unreadable(table)
+    _require_numbers(table, frame)
+    _require_time(table, frame[columns.time].to_numpy())
+    findings: list[LineEndMissing | ModesUnknown] = []
+    if not is_complete and len(columns.names) - 1 not in columns.driver.values():
+        findings.append(LineEndMissing())
+    speed = {number: frame[at].to_numpy() for number, at in columns.speed.items()}
+    gap = {number: frame[at].to_numpy() for number, at in columns.gap.items()}
+    mode = {number: _modes(number, frame[at], findings) for number, at in columns.driver.items()}
+    return Samples(
+        time=frame[columns.time].to_numpy(),
+        speed=_by_vehicle(speed, np.full((rows, vehicles), np.nan)),
+        gap=_by_vehicle(gap, np.full((rows, vehicles - 1), np.nan)),
+        mode=_by_vehicle(mode, np.full((rows, vehicles), Mode.UNKNOWN, np.int8)),
+        findings=tuple(findings),
+    )
+
+
+def _by_vehicle(values: dict[int, NDArray[Any]], table: NDArray[Any]) -> NDArray[Any]:
+    """The table (N, K) with vehicle i's values in column i - 1."""
+    for number, series in values.items():
+        if number <= table.shape[1]:
+            table[:, number - 1] = series
+    return table
+
+
+@dataclass(frozen=True)
+class _Table:
+    """The text below the column names."""
+
+    source_file: SourceFile
+    text: bytes
+    columns: Columns
+
+    def read(self, positions: list[int], **options: Any) -> pd.DataFrame:
+        """Some columns as a frame, labelled by position."""
+        frame: pd.DataFrame = pd.read_csv(
+            io.BytesIO(self.text),
+            header=None,
+            usecols=positions,
+            encoding="latin-1",
+            engine="c",
+            keep_default_na=False,
+            na_values=_MISSING,
+            skip_blank_lines=False,
+            skipinitialspace=True,
+            low_memory=False,
+            **options,
+        )
+        return frame
+
+    def refusal(self, fault: str, cure: str, row: int, at: int | None = None) -> RecordingError:
+        """The sentence about a row, counted from 0, or about its cell ``at`` a position."""
+        column = "" if at is None else f", column {self.columns.names[at]}"
+        place = f"row {self.columns.row + row + 1}{column}"
+        return self.source_file.refusal(fault, cure, place)
+
+
+def _count_rows(table: _Table, is_complete: bool) -> int:
+    """How many rows there are, all as wide as the row of column names."""
+    lines = table.text.splitlines()
+    if len(lines) < MINIMUM_SAMPLES:
+        fault = f"only {len(lines)} rows of numbers follow the column names"
+        cure = f"a recording needs at least {MINIMUM_SAMPLES}, download it again"
+        raise table.source_file.refusal(fault, cure)
+    expected = len(table.columns.names)
+    ragged = next((i for i, line in enumerate(lines) if line.count(b",") != expected - 1), None)
+    if ragged is None:
+        return len(lines)
+    cells = lines[ragged].count(b",") + 1
+    if ragged == len(lines) - 1 and not is_complete and cells < expected:
+        fault = f"the file is cut short, its last row has {cells} of {expected} cells"
+        raise table.refusal(fault, "download it again, or delete that row", ragged)
+    found = f"has {cells} cells" if lines[ragged].strip() else "is empty"
+    fault = f"the row {found} where the column names ask for {expected} cells"
+    raise table.refusal(fault, "correct or delete it, or download the file again", ragged)
+
+
+def _parse(table: _Table) -> pd.DataFrame:
+    numbers, words = table.columns.numbers, list(table.columns.driver.values())
+    dtypes = dict.fromkeys(numbers, "float64") | dict.fromkeys(words, "category")
+    try:
+        return table.read(numbers + words, dtype=dtypes)
+    except ValueError as error:
+        if "Calling read" in str(error):  # memory always reads: pandas has hidden a Ctrl+C
+            raise KeyboardInterrupt from None
+        raise _not_numbers(table) from error
+
+
+def _not_numbers(table: _Table) -> RecordingError:
+    """The sentence about the first cell that is not a number."""
+    try:
+        cells = table.read(table.columns.numbers, dtype="str")
+    except ValueError:
+        return _unreadable(table)
+    wrong = (cells.notna() & cells.apply(pd.to_numeric, errors="coerce").isna()).to_numpy()
+    if not wrong.any():
+        return _unreadable(table)
+    row = int(wrong.any(axis=1).argmax())
+    position = table.columns.numbers[int(wrong[row].argmax())]
+    cell = str(cells.at[row, position]).encode("latin-1").decode("utf-8", "replace")
+    fault = f'"{excerpt(cell)}" is not a number'
+    return table.refusal(fault, "correct it, or leave the cell empty", row, position)
+
+
+def _unreadable(table: _Table) -> RecordingError:
+    """Why the parser finds other rows: almost always for one quotation mark too many."""
+    lines = table.text.splitlines()
+    quoted = next((i for i, line in enumerate(lines) if line.count(b'"') % 2), None)
+    if quoted is None:
+        cure = "download the file again, or re-save it"
+        return table.source_file.refusal("the rows cannot be read as numbers", cure)
+    fault = "a quotation mark is opened and not closed"
+    return table.refusal(fault, "delete it", quoted)
+
+
+def _require_numbers(table: _Table, frame: pd.DataFrame) -> None:
+    """All numbers finite and of a size that measurements have; missing ones are fine."""
+    columns = table.columns
+    for channel, positions in (
+        (TIME, [columns.time]),
+        (SPEED, columns.speed.values()),
+        (GAP, columns.gap.values()),
+    ):
+        for position in positions:
+            values = frame[position].to_numpy()
+            wrong = np.flatnonzero(np.abs(values) > channel.possible)
+            if len(wrong):
+                row = int(wrong[0])
+                fault = (
+                    f"{values[row]:g} cannot be a measurement, as at most"
+                    f" {channel.possible:,.0f} {channel.unit} is possible"
+                )
+                cure = f"correct it, give it in {channel.unit}, or leave the cell empty"
+                raise table.refusal(fault, cure, row, position)
+
+
+def _require_time(table: _Table, time: FloatArray) -> None:
+    """Time given everywhere, increasing, without holes."""
+    at = table.columns.time
+    missing = np.flatnonzero(np.isnan(time))
+    if len(missing):
+        cure = "fill it in or delete the row"
+        raise table.refusal("the time is missing", cure, int(missing[0]), at)
+    steps = np.diff(time)
+    backward = np.flatnonzero(steps <= 0)
+    if len(backward):
+        row = int(backward[0]) + 1
+        fault = f"the time does not increase, {time[row]:.10g} s follows {time[row - 1]:.10g} s"
+        raise table.refusal(fault, "sort or delete the rows", row, at)
+    typical = float(np.median(steps))
+    if not SHORTEST_STEP <= typical <= LONGEST_STEP:
+        fault = f"the rows are {typical:g} s apart where 0.1 s is usual"
+        cure = "give the time in seconds"
+        raise table.source_file.refusal(fault, cure, f"column {TIME.column}")
+    holes = np.flatnonzero(steps > GAP_STEPS * typical)
+    if len(holes):
+        row = int(holes[0]) + 1
+        fault = f"the recording pauses for {steps[row - 1]:.1f} s before this row"
+        raise table.refusal(fault, "split the file here into two recordings", row, at)
+
+
+def _modes(
+    number: int, words: pd.Series, findings: list[LineEndMissing | ModesUnknown]
+) -> NDArray[np.int8]:
+    """(N,) values of `Mode`; what is neither ACC nor Human is unknown, and a finding."""
+    known = {name.lower(): Mode[name.upper()] for name in MODE_NAMES}
+    names = [str(word) for word in words.cat.categories]
+    meanings = [known.get(name.strip().lower(), Mode.UNKNOWN) for name in names]
+    codes = words.cat.codes.to_numpy()
+    modes = np.array([*meanings, Mode.UNKNOWN], dtype=np.int8)[codes]
+    strange = int(((modes == Mode.UNKNOWN) & (codes >= 0)).sum())
+    if strange:
+        example = excerpt(names[meanings.index(Mode.UNKNOWN)])
+        findings.append(ModesUnknown(vehicle=number, samples=strange, example=example))
+    return modes
