@@ -47,11 +47,11 @@ if TYPE_CHECKING:
     from accpinn.errors import AccpinnError as AccpinnError
     from accpinn.evaluation.evaluation import Evaluation as Evaluation
     from accpinn.evaluation.evaluation import evaluate as evaluate
+    from accpinn.inference.identifiability import profiles as profiles
     from accpinn.inference.intervals import Uncertainty as Uncertainty
     from accpinn.inference.intervals import intervals as intervals
     from accpinn.inference.model_adequacy import model_forms as model_forms
     from accpinn.inference.multistart import multistart as multistart
-    from accpinn.inference.profiles import profiles as profiles
     from accpinn.methods.fit import Fit as Fit
     from accpinn.methods.method import Method as Method
     from accpinn.methods.pinn.config import PinnConfig as PinnConfig
@@ -69,8 +69,8 @@ if TYPE_CHECKING:
     from accpinn.recordings.recording import Recording as Recording
     from accpinn.results.messages import messages as messages
     from accpinn.results.report.page import render_report as render_report
-    from accpinn.results.snapshot.content import Snapshot as Snapshot
     from accpinn.results.snapshot.file import save as save
+    from accpinn.results.snapshot.schema import Snapshot as Snapshot
     from accpinn.results.tables.estimates import methods_table as methods_table
     from accpinn.results.tables.estimates import parameter_table as parameter_table
     from accpinn.results.tables.stability import stability_table as stability_table
@@ -91,10 +91,10 @@ _HOMES = {
     "api": "Study fit load verify",
     "errors": "AccpinnError",
     "evaluation.evaluation": "Evaluation evaluate",
+    "inference.identifiability": "profiles",
     "inference.intervals": "Uncertainty intervals",
     "inference.model_adequacy": "model_forms",
     "inference.multistart": "multistart",
-    "inference.profiles": "profiles",
     "methods.fit": "Fit",
     "methods.method": "Method",
     "methods.pinn.config": "PinnConfig preset",
@@ -107,7 +107,7 @@ _HOMES = {
     "recordings.recording": "Recording",
     "results.messages": "messages",
     "results.report.page": "render_report",
-    "results.snapshot.content": "Snapshot",
+    "results.snapshot.schema": "Snapshot",
     "results.snapshot.file": "save",
     "results.tables.estimates": "methods_table parameter_table",
     "results.tables.stability": "stability_table",

@@ -25,11 +25,10 @@ from accpinn.methods.store import Store
 from accpinn.model.cthp import Case, Parameters
 from accpinn.recordings.openacc import read
 from accpinn.recordings.recording import Recording
-from accpinn.results.snapshot.checking import Verification, check
-from accpinn.results.snapshot.content import Snapshot
 from accpinn.results.snapshot.create import create
-from accpinn.results.snapshot.file import load, save, write_whole
-from accpinn.results.snapshot.writable_path import REPORT, free_place
+from accpinn.results.snapshot.file import load, save, writable_path, write_whole
+from accpinn.results.snapshot.schema import Snapshot
+from accpinn.results.snapshot.verification import Verification, check
 from accpinn.segment.cut import DURATION, cut
 from accpinn.segment.regimes import exclude_regimes, label_regimes, parse_regimes
 from accpinn.segment.segment import Segment
@@ -128,10 +127,9 @@ class Study:
         """
         from accpinn.results.report.page import render_report  # plotly's script is read from disk
 
-        place = free_place(Path(path), REPORT)
-        return write_whole(
-            render_report(self.snapshot(with_data=True)).encode(), place, "the report"
-        )
+        place = writable_path(Path(path), "report")
+        page = render_report(self.snapshot(with_data=True))
+        return write_whole(page.encode(), place, "report")
 
 
 def fit(

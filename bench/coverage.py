@@ -112,7 +112,7 @@ def measure(
 
 def _ours(segment: Segment, fit: Fit, level: float) -> Interval:
     result = intervals(segment, fit, level)
-    return Interval(result.lower[0], result.upper[0])
+    return Interval(result.lower[0].values, result.upper[0].values)
 
 
 def _coverage(method: str, level: float, ends: list[Interval], truth: np.ndarray) -> Coverage:

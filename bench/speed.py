@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from accpinn.evaluation.errors import surrogate_errors
+from accpinn.evaluation.closed_loop import surrogate_errors
 from accpinn.methods import splines
 from accpinn.methods.fit import Fit
 from accpinn.methods.pinn.config import FAST

@@ -24,8 +24,8 @@ def main() -> None:
     show_answer(laws, report, doubt_of(workspace, laws))
     show_table(laws, report)
     uncertainty = choose_doubt(workspace, laws)
-    if uncertainty:
-        show_doubt(laws, uncertainty)
+    if uncertainty and workspace.described:
+        show_doubt(laws, uncertainty, workspace.described)
     show_reasons(laws, report)
     st.subheader("Response over frequency", anchor=False)
     show_key(laws)

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
-from tests.samples import PLATOON, sample
+from tests.support.samples import PLATOON, sample
 
 from accpinn.inference.intervals import LEVEL
 from accpinn.methods.pinn.config import PRESETS

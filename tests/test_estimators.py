@@ -11,7 +11,7 @@ from scipy.interpolate import make_lsq_spline
 from scipy.optimize import minimize
 
 from accpinn.errors import SegmentError
-from accpinn.evaluation.errors import surrogate_errors
+from accpinn.evaluation.closed_loop import surrogate_errors
 from accpinn.methods import least_squares, simulation, splines
 from accpinn.methods.fit import Fit, Outcome
 from accpinn.model.cthp import Case

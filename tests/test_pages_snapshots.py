@@ -11,8 +11,8 @@ from accpinn.methods.pinn.config import PAPER, preset
 from accpinn.methods.pinn.training import train
 from accpinn.methods.pinn.warm_start import WarmStart
 from accpinn.recordings.recording import Recording
-from accpinn.results.snapshot.content import Snapshot
 from accpinn.results.snapshot.library import Library
+from accpinn.results.snapshot.schema import Snapshot
 from accpinn.tasks.task import Status
 from pages.ui.components.parameter_picker import parameters_from
 from pages.ui.data.sources import FIRST_SAMPLE, sample
@@ -35,7 +35,7 @@ from tests.apptest import (
     with_sample,
     workspace_of,
 )
-from tests.snapshots import whole
+from tests.support.snapshots import whole
 
 pytestmark = pytest.mark.usefixtures("fresh_server")
 

@@ -19,7 +19,7 @@ from accpinn.cli.options import (
 from accpinn.cli.output import print_json, show
 from accpinn.inference.identifiability import identifiability_warnings
 from accpinn.inference.intervals import Uncertainty
-from accpinn.inference.model_adequacy import better, model_forms
+from accpinn.inference.model_adequacy import better_forms, model_forms
 from accpinn.model.published import ParameterSet
 from accpinn.results.messages import messages
 from accpinn.results.tables.estimates import intervals_table, methods_table, model_form_table
@@ -73,10 +73,10 @@ def _describe(
             {
                 "form": form.form,
                 "vehicle": vehicle,
-                **dict(zip(PARAMETER_NAMES, form.parameters[k], strict=True)),
+                **dict(zip(PARAMETER_NAMES, form.parameters.values[k], strict=True)),
                 "extra": form.extra[k],
                 "explained": form.explained[k],
-                "explained_unseen": form.unseen[k],
+                "explained_unseen": form.holdout[k],
             }
             for form in model_forms(segment)
             for k, vehicle in enumerate(segment.vehicles[1:])
@@ -94,19 +94,19 @@ def _describe_result(segment: Segment, result: MethodResult) -> dict[str, Any]:
         "level": result.uncertainty.level,
         "surrogate_mae": describe_errors(evaluation.surrogate),
         "closed_loop_mae": describe_errors(evaluation.closed_loop),
-        "collisions": evaluation.collisions.tolist(),
-        "incidents": list(evaluation.incidents),
-        "holdout_mae": describe_errors(evaluation.held_out),
+        "collisions": evaluation.collision_times(segment.vehicles).tolist(),
+        "incidents": list(messages(evaluation.all_findings, segment)),
+        "holdout_mae": describe_errors(evaluation.holdout),
         "blocks_mae": [
             {
-                "start": block.start,
-                "duration": block.duration,
+                "start": block.window.start,
+                "duration": block.window.duration,
                 "mae": describe_errors(block.errors),
-                "incidents": list(block.incidents),
+                "incidents": list(messages(block.findings, segment)),
             }
             for block in evaluation.blocks
         ],
-        "unseen_mae": describe_errors(evaluation.unseen),
+        "unseen_mae": describe_errors(evaluation.out_of_window),
         "unseen_seconds": evaluation.out_of_window_seconds,
         "whiteness": [
             {
@@ -121,12 +121,12 @@ def _describe_result(segment: Segment, result: MethodResult) -> dict[str, Any]:
         "seconds": fit.seconds,
         "cached": fit.cached,
         "outcome": fit.outcome.name.lower(),
-        "notes": [*fit.notes, *result.uncertainty.notes],
+        "notes": [*fit.notes, *messages(result.uncertainty.findings, segment)],
     }
 
 
 def _describe_intervals(segment: Segment, uncertainty: Uncertainty) -> list[dict[str, Any]]:
-    ends = zip(uncertainty.lower.tolist(), uncertainty.upper.tolist(), strict=True)
+    ends = zip(uncertainty.lower.values.tolist(), uncertainty.upper.values.tolist(), strict=True)
     gains = {name: getattr(uncertainty, name) for name in ("peak_gain", "linf_gain", "crossover")}
     return [
         {
@@ -134,7 +134,7 @@ def _describe_intervals(segment: Segment, uncertainty: Uncertainty) -> list[dict
             **{name: list(pair) for name, *pair in zip(PARAMETER_NAMES, *rows, strict=True)},
             "probability_l2": uncertainty.probability_l2[k],
             "probability_linf": uncertainty.probability_linf[k],
-            "probability_gapless": uncertainty.gapless[k],
+            "probability_gapless": uncertainty.no_gap_control[k],
             **{name: [one.lower[k], one.upper[k]] for name, one in gains.items()},
         }
         for k, (vehicle, rows) in enumerate(zip(segment.vehicles[1:], ends, strict=True))
@@ -157,13 +157,18 @@ def _text(
         *(f"{one.method} has no result: {one.fault}" for one in failures),
         *messages(segment.findings, segment),
         *_warnings(segment, results[0]),
-        *(f"{r.fit.method}: {incident}" for r in results for incident in r.evaluation.incidents),
-        *results[0].evaluation.whiteness.sentences,
-        *better(segment.labels[1:], forms),
+        *(
+            f"{result.fit.method}: {sentence}"
+            for result in results
+            for sentence in messages(result.evaluation.all_findings, segment)
+        ),
+        *messages(results[0].evaluation.whiteness.findings, segment),
+        *messages(better_forms(segment.vehicles, forms), segment),
     ]
     return "\n\n".join([*(table.to_text() for table in tables), "\n".join(said)])
 
 
 def _warnings(segment: Segment, result: MethodResult) -> list[str]:
     """On identifiability; the same for all methods."""
-    return list(identifiability_warnings(segment, result.uncertainty, result.fit.case))
+    found = identifiability_warnings(segment, result.uncertainty, result.fit.case)
+    return list(messages(found, segment))

@@ -20,16 +20,20 @@ from accpinn.cli.options import (
 )
 from accpinn.cli.output import one_line, print_json, show
 from accpinn.errors import ConfigError
-from accpinn.evaluation.closed_loop import closed_loop, closed_loop_errors, incidents
-from accpinn.evaluation.errors import TrackingErrors, surrogate_errors
+from accpinn.evaluation.closed_loop import (
+    TrackingErrors,
+    closed_loop,
+    closed_loop_errors,
+    closed_loop_findings,
+    surrogate_errors,
+)
 from accpinn.methods.fit import Fit, Outcome, Progress
 from accpinn.methods.pinn.config import PinnConfig, preset
 from accpinn.methods.registry import METHODS
 from accpinn.recordings.recording import Recording
 from accpinn.results.messages import messages
 from accpinn.results.snapshot.create import check_texts, create
-from accpinn.results.snapshot.file import save
-from accpinn.results.snapshot.writable_path import SNAPSHOT, free_place
+from accpinn.results.snapshot.file import save, writable_path
 from accpinn.results.tables.estimates import parameter_table
 from accpinn.segment.quality import Quality, assess_quality
 from accpinn.segment.segment import Segment
@@ -60,7 +64,7 @@ def run(options: argparse.Namespace) -> int:
     settings = _settings(options)
     if options.out:  # training takes long; what would spoil its keeping is said first
         check_texts(options.name, options.note)
-        free_place(Path(options.out), SNAPSHOT)
+        writable_path(Path(options.out), "snapshot")
     recording, segment = chosen_segment(options)
     with _Interrupt() as interrupted, _ProgressBar() as bar:
         context = replace(
@@ -182,7 +186,7 @@ def describe(segment: Segment, fit: Fit, quality: Quality) -> dict[str, Any]:
         "active_bounds": [list(names) for names in fit.active_bounds],
         "mae": describe_errors(surrogate_errors(segment, fit)),
         "closed_loop_mae": describe_errors(closed_loop_errors(segment, fit)),
-        "incidents": list(incidents(segment, closed_loop(segment, fit))),
+        "incidents": list(_events(segment, fit)),
         "mean_time_gap": list(quality.mean_time_gap),
         "loss": fit.loss,
         "network_weights": fit.network_weights,
@@ -202,13 +206,17 @@ def describe_errors(errors: TrackingErrors | None) -> dict[str, list[float]] | N
     return {"v": errors.speed_mae.tolist(), "p": errors.gap_mae.tolist()}
 
 
+def _events(segment: Segment, fit: Fit) -> tuple[str, ...]:
+    return messages(closed_loop_findings(segment, closed_loop(segment, fit)), segment)
+
+
 def _text(segment: Segment, fit: Fit, quality: Quality) -> str:
     errors = surrogate_errors(segment, fit), closed_loop_errors(segment, fit)
     table = parameter_table(segment.info, fit, quality, *errors)
     effort = f"{fit.iterations} iterations in {fit.seconds:.1f} s" + (
         ", answered from the cache" if fit.cached else ""
     )
-    said = [f"{fit.outcome.value} ({effort})", *incidents(segment, closed_loop(segment, fit))]
+    said = [f"{fit.outcome.value} ({effort})", *_events(segment, fit)]
     notes = [f"Note: {note}" for note in (*_about_data(segment, quality), *fit.notes)]
     return "\n".join([table.to_text(), "", *said, *notes])
 

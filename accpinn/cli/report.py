@@ -6,10 +6,10 @@ from pathlib import Path
 
 from accpinn.cli.output import complain, show
 from accpinn.recordings.openacc import read
-from accpinn.results.snapshot.checking import check, recovered
-from accpinn.results.snapshot.file import load, write_whole
+from accpinn.results.messages.snapshot import summary
+from accpinn.results.snapshot.file import load, writable_path, write_whole
 from accpinn.results.snapshot.schema import SUFFIX
-from accpinn.results.snapshot.writable_path import REPORT, free_place
+from accpinn.results.snapshot.verification import check, recover
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
@@ -27,19 +27,19 @@ def run(options: argparse.Namespace) -> int:
     from accpinn.results.report.page import render_report  # plotly's script is read from disk
 
     place = Path(options.out or options.file.removesuffix(SUFFIX) + ".html")
-    real = free_place(place, REPORT)
+    real = writable_path(place, "report")
     snapshot = load(options.file)
     recording = read(options.recording) if options.recording else None
     checked = check(snapshot, recording)
     if recording and snapshot.segment is None:
-        snapshot = replace(snapshot, segment=recovered(snapshot, recording))
+        snapshot = replace(snapshot, segment=recover(snapshot, recording).segment)
     page = render_report(snapshot, checked)
-    write_whole(page.encode(), real, "the report")
+    write_whole(page.encode(), real, "report")
     show(str(place))
     if checked.ok:
         return 0
     complain(
-        f"what the snapshot says does not follow from its contents. {checked.sentence} The report"
-        " was written, with a warning at its top."
+        "what the snapshot says does not follow from its contents."
+        f" {summary(checked, snapshot.info)} The report was written, with a warning at its top."
     )
     return 1

@@ -18,7 +18,7 @@ from accpinn.cli.options import (
 )
 from accpinn.cli.output import print_json, show
 from accpinn.errors import ConfigError
-from accpinn.inference.multistart import MultistartResult, Trial, multistart, summarise
+from accpinn.inference.multistart import MultistartResult, multistart, summarise
 from accpinn.methods.pinn.config import STARTS, preset
 from accpinn.results.messages import messages
 from accpinn.results.tables.estimates import multistart_table
@@ -48,27 +48,17 @@ def run(options: argparse.Namespace) -> int:
     if options.iterations is not None:
         config = replace(config, iterations=options.iterations)
     _, segment = chosen_segment(options)
-    context = chosen_context(options)
-    trials: list[Trial] = []
-    asked = [(initial, seed) for seed in range(options.seeds) for initial in STARTS]
-    for initial, seed in tqdm(asked, unit="training", file=sys.stderr):
-        one = multistart(
-            segment,
-            options.case,
-            config,
-            initials=[initial],
-            seeds=[seed],
-            store=context.store,
-            threads=context.threads,
-        )
-        trials.extend(one.trials)
-    found = summarise(segment, tuple(trials))
+    trials = multistart(
+        segment, options.case, config, seeds=range(options.seeds), context=chosen_context(options)
+    )
+    total = options.seeds * len(STARTS)
+    found = summarise(segment, list(tqdm(trials, total=total, unit="training", file=sys.stderr)))
     if options.json:
         print_json(_describe(segment, found))
     else:
         tables = [multistart_table(segment.info, found, k) for k in range(segment.followers)]
         show("\n\n".join(table.to_text() for table in tables))
-        show("\n".join(["", *messages(segment.findings, segment), *found.notes]))
+        show("\n".join(["", *messages((*segment.findings, *found.findings), segment)]))
     return 0
 
 
@@ -91,5 +81,5 @@ def _describe(segment: Segment, found: MultistartResult) -> dict[str, Any]:
             {"vehicle": vehicle, **dict(zip(PARAMETER_NAMES, row, strict=True))}
             for vehicle, row in zip(segment.vehicles[1:], found.spread.tolist(), strict=True)
         ],
-        "notes": list(found.notes),
+        "notes": list(messages(found.findings, segment)),
     }

@@ -5,9 +5,11 @@ from typing import Any
 
 from accpinn.cli.output import print_json, show
 from accpinn.recordings.openacc import read
-from accpinn.results.snapshot.checking import Verification, check
-from accpinn.results.snapshot.content import Snapshot
+from accpinn.results.messages import message
+from accpinn.results.messages.snapshot import check_rows, summary
 from accpinn.results.snapshot.file import load
+from accpinn.results.snapshot.schema import Snapshot
+from accpinn.results.snapshot.verification import Verification, check
 from accpinn.results.tables.table import Column, Table
 
 
@@ -30,7 +32,7 @@ def run(options: argparse.Namespace) -> int:
     """Check, and print stored beside recomputed; 1 when something does not match."""
     snapshot = load(options.file)
     recording = read(options.recording) if options.recording else None
-    result = check(snapshot, recording, again=options.refit)
+    result = check(snapshot, recording, refit=options.refit)
     if options.json:
         print_json(describe(snapshot, result))
     else:
@@ -45,9 +47,11 @@ def describe(snapshot: Snapshot, result: Verification) -> dict[str, Any]:
         "name": snapshot.name,
         "created": snapshot.created,
         "ok": result.ok,
-        "sentence": result.sentence,
-        "checks": [vars(check) for check in result.checks],
-        "not_checked": [vars(one) for one in result.unchecked],
+        "sentence": summary(result, snapshot.info),
+        "checks": [row._asdict() for row in check_rows(result, snapshot.info)],
+        "not_checked": [
+            {"what": message(one, snapshot.info), "cure": one.cure} for one in result.unchecked
+        ],
     }
 
 
@@ -56,11 +60,12 @@ def _text(snapshot: Snapshot, result: Verification) -> str:
     window = f"{info.window}"
     about = [snapshot.name, f"{info.source}, {window}, {snapshot.fit.method}", snapshot.created]
     titles = ("What", "Agrees", "Stored", "Recomputed")
-    rows = tuple((c.name, "yes" if c.ok else "NO", c.stored, c.recomputed) for c in result.checks)
-    table = Table("", tuple(map(Column, titles)), rows)
-    faults = [f"{check.name}: {check.sentence}" for check in result.checks if not check.ok]
+    checks = check_rows(result, info)
+    cells = tuple((c.name, "yes" if c.ok else "NO", c.stored, c.recomputed) for c in checks)
+    table = Table("", tuple(map(Column, titles)), cells)
+    faults = [f"{row.name}: {row.sentence}" for row in checks if not row.ok]
     lines = [", ".join(filter(None, about)), ""]
     lines += [table.to_text(), ""]
     options = dict.fromkeys(one.cure for one in result.unchecked if one.cure)
     more = [f"More is checked with {' and '.join(options)}."] if options else []
-    return "\n".join([*lines, *(faults or [result.sentence, *more])])
+    return "\n".join([*lines, *(faults or [summary(result, info), *more])])

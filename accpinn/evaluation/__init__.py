@@ -1,7 +1,7 @@
-"""What a fit is worth: errors of two kinds, never mixed, and what the law leaves unexplained.
+"""How good a fit is: errors of two kinds, never mixed, hold-out errors, and the residual.
 
-*Surrogate fit*: the method's own trajectories (the network's, the spline's) against the data.
-This is what the paper's tables report; it says how well a curve was drawn, not how well the law
-drives. *Closed-loop simulation*: only the leader's measured speed goes in, the law integrates its
-own state from the first measured instant.
+*Surrogate fit*: the method's own trajectories (the network's, the spline's) against the data. The
+paper's tables report this; it measures how well a curve was drawn, not how well the model predicts.
+*Closed-loop simulation*: only the leader's measured speed is given, and the model's own states are
+integrated from the first measured instant on.
 """

@@ -1,32 +1,99 @@
-"""The learned law driving by itself behind the measured leader, and what goes wrong with it.
+"""Errors of trajectories against the data, and the closed-loop simulation with its failures.
 
-A follower that is lost, and those behind it, get no errors: a mean over what comes after means
-nothing. One that collides or drives backwards keeps its errors, as the simulation goes on through
-the vehicle ahead; its incident belongs wherever such an error is shown.
+A follower that diverges has no errors, nor have those behind it, as a mean over what comes after
+has no meaning. One that collides or drives backwards keeps its errors, because the simulation goes
+on through the vehicle ahead; the finding belongs wherever such an error is shown.
 """
+
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from accpinn.evaluation.errors import TrackingErrors, tracking_errors
+from accpinn.findings import Finding
 from accpinn.methods.fit import Fit
 from accpinn.model.cthp import Trajectories, simulate
 from accpinn.segment.segment import Segment
-from accpinn.units import FloatArray, Metres, MetresPerSecond
+from accpinn.units import FloatArray, Metres, MetresPerSecond, Seconds
 
-LOST: Metres = 1000.0
-"""A follower this far behind follows no longer; measured gaps stay below 200 m."""
+SIMULATED = "simulation"
+"""The method that fits in closed loop: its trajectories are no surrogate."""
+DIVERGED: Metres = 1000.0
+"""A follower this far behind no longer follows; measured gaps stay below 200 m."""
 BACKWARDS: MetresPerSecond = -0.5
-"""The law knows no standstill; a slower creep backwards is its way to stop."""
-ALONE = " when its law drives by itself"
-"""Stands in every sentence about an incident; a heading that says so can do without."""
+"""The model has no standstill, and comes to rest in a creep backwards that is slower than this."""
+
+
+@dataclass(frozen=True, eq=False)
+class TrackingErrors:
+    """Errors of trajectories against the data, per vehicle; nan where they have no meaning."""
+
+    speed_mae: FloatArray
+    """(M+1,) in m/s, leader first."""
+    gap_mae: FloatArray
+    """(M,) in m."""
+    speed_rmse: FloatArray
+    """(M+1,) in m/s."""
+    gap_rmse: FloatArray
+    """(M,) in m."""
+
+
+class SimulatedCollision(Finding, frozen=True):
+    """A follower touches the vehicle ahead in the closed-loop simulation, but not in the data."""
+
+    vehicle: int
+    time: Seconds
+    """Of the first contact, from the recording's first sample."""
+    smallest_gap: Metres
+    """Over the whole simulation, so below zero."""
+
+
+class SimulatedReversing(Finding, frozen=True):
+    """A follower drives backwards in the closed-loop simulation."""
+
+    vehicle: int
+    time: Seconds
+    """Of the first such instant, from the recording's first sample."""
+    speed: MetresPerSecond
+    """The largest, backwards."""
+
+
+class SimulatedDivergence(Finding, frozen=True):
+    """A follower's gap leaves ±`DIVERGED` in the closed-loop simulation."""
+
+    vehicle: int
+    time: Seconds
+    """From the recording's first sample."""
+
+
+ClosedLoopFinding = SimulatedCollision | SimulatedReversing | SimulatedDivergence
+
+
+def tracking_errors(segment: Segment, trajectories: Trajectories) -> TrackingErrors:
+    """Errors of trajectories given on the segment's instants."""
+    speed = trajectories.speeds - segment.speeds
+    gap = trajectories.gaps - segment.gaps
+    return TrackingErrors(
+        np.abs(speed).mean(0),
+        np.abs(gap).mean(0),
+        np.sqrt((speed**2).mean(0)),
+        np.sqrt((gap**2).mean(0)),
+    )
+
+
+def surrogate_errors(segment: Segment, fit: Fit) -> TrackingErrors | None:
+    """Errors of the surrogate; None for a method that has none or whose curves are simulated."""
+    if fit.surrogate is None or fit.method == SIMULATED:
+        return None
+    return tracking_errors(segment, fit.surrogate)
 
 
 def closed_loop(segment: Segment, fit: Fit) -> Trajectories | None:
-    """The learned law driving behind the measured leader; None where τ is undetermined."""
+    """The closed-loop simulation behind the measured leader; None where τ is undetermined."""
     if not np.isfinite(fit.parameters.values).all():
         return None
-    with np.errstate(over="ignore", invalid="ignore"):  # a law that diverges is found below
+    with np.errstate(over="ignore", invalid="ignore"):  # divergence is found below
         return simulate(
             fit.parameters,
             segment.time,
@@ -37,78 +104,88 @@ def closed_loop(segment: Segment, fit: Fit) -> Trajectories | None:
 
 
 def closed_loop_errors(segment: Segment, fit: Fit) -> TrackingErrors | None:
-    """Closed-loop simulation; None where τ is undetermined, nan from a lost follower on."""
-    driven = closed_loop(segment, fit)
-    if driven is None:
+    """Errors of the closed-loop simulation, nan from the first follower that diverges on.
+
+    Returns:
+        None where τ is undetermined.
+    """
+    simulated = closed_loop(segment, fit)
+    if simulated is None:
         return None
     with np.errstate(over="ignore", invalid="ignore"):
-        errors = tracking_errors(segment, driven)
-    lost = _lost(driven).any(axis=0)
-    if not lost.any():
-        return errors
-    first = int(lost.argmax())
+        errors = tracking_errors(segment, simulated)
+    void = np.logical_or.accumulate(_diverged(simulated).any(axis=0))
+    speeds = np.r_[False, void]
     return TrackingErrors(
-        _void(errors.speed_mae, first + 1),
-        _void(errors.gap_mae, first),
-        _void(errors.speed_rmse, first + 1),
-        _void(errors.gap_rmse, first),
+        np.where(speeds, np.nan, errors.speed_mae),
+        np.where(void, np.nan, errors.gap_mae),
+        np.where(speeds, np.nan, errors.speed_rmse),
+        np.where(void, np.nan, errors.gap_rmse),
     )
 
 
-def collisions(segment: Segment, driven: Trajectories | None) -> FloatArray:
-    """When each follower first touches the vehicle ahead.
+def closed_loop_findings(
+    segment: Segment, simulated: Trajectories | None
+) -> tuple[ClosedLoopFinding, ...]:
+    """Collisions, reversing and divergence in a closed-loop simulation, follower by follower.
 
     Args:
-        segment: the data; where they touch themselves, the law is not to blame.
-        driven: the closed loop on the segment's instants.
+        segment: the data; a collision counts only where the measured gap is positive.
+        simulated: the closed-loop simulation on the segment's instants; None gives no findings.
+    """
+    if simulated is None:
+        return ()
+    touching = (simulated.gaps <= 0) & (segment.gaps > 0)
+    diverged = _diverged(simulated)
+    floor = np.minimum(BACKWARDS, segment.speeds[:, 1:].min(axis=0))
+    backwards = (simulated.speeds[:, 1:] < floor) & ~diverged
+    found: list[ClosedLoopFinding] = []
+    for k, vehicle in enumerate(segment.vehicles[1:]):
+        if touching[:, k].any():
+            smallest = float(np.nanmin(simulated.gaps[:, k]))
+            found.append(SimulatedCollision(vehicle, _first(segment, touching[:, k]), smallest))
+        if backwards[:, k].any():
+            speed = -float(simulated.speeds[backwards[:, k], k + 1].min())
+            found.append(SimulatedReversing(vehicle, _first(segment, backwards[:, k]), speed))
+        if diverged[:, k].any():
+            found.append(SimulatedDivergence(vehicle, _first(segment, diverged[:, k])))
+    return tuple(found)
+
+
+def collision_times(findings: Sequence[ClosedLoopFinding], vehicles: Sequence[int]) -> FloatArray:
+    """When each follower first collides.
+
+    Args:
+        findings: those of one closed-loop simulation.
+        vehicles: (M+1,) numbers in the file, leader first.
 
     Returns:
-        (M,) in s from the recording's first sample; nan for never.
+        (M,) in s from the recording's first sample; nan for a follower that never collides.
     """
-    if driven is None:
-        return np.full(segment.followers, np.nan)
-    touching = (driven.gaps <= 0) & (segment.gaps > 0)
-    return np.where(touching.any(axis=0), _first(segment, touching), np.nan)
+    times = {one.vehicle: one.time for one in findings if isinstance(one, SimulatedCollision)}
+    return np.array([times.get(vehicle, np.nan) for vehicle in vehicles[1:]])
 
 
-def incidents(segment: Segment, driven: Trajectories | None) -> tuple[str, ...]:
-    """What goes wrong in the closed loop on the segment's instants, a sentence each."""
-    if driven is None:
-        return ()
-    touched = collisions(segment, driven)
-    lost = _lost(driven)
-    floor = np.minimum(BACKWARDS, segment.speeds[:, 1:].min(axis=0))
-    backwards = (driven.speeds[:, 1:] < floor) & ~lost
-    said = []
-    for k, label in enumerate(segment.labels[1:]):
-        if np.isfinite(touched[k]):
-            said.append(
-                f"{label} runs into the vehicle ahead at {touched[k]:.1f} s{ALONE}; its gap then"
-                f" falls to {np.nanmin(driven.gaps[:, k]):z.1f} m."
-            )
-        if backwards[:, k].any():
-            said.append(
-                f"{label} drives backwards at {_first(segment, backwards)[k]:.1f} s{ALONE}, at up"
-                f" to {-driven.speeds[backwards[:, k], k + 1].min():.1f} m/s."
-            )
-        if lost[:, k].any():
-            said.append(
-                f"{label} diverges{ALONE}: its gap leaves ±{LOST:.0f} m at"
-                f" {_first(segment, lost)[k]:.1f} s, so it and those behind it have no closed-loop"
-                " errors."
-            )
-    return tuple(said)
+def pooled_errors(parts: Sequence[tuple[float, TrackingErrors]]) -> TrackingErrors | None:
+    """The errors of several stretches together, each with its weight (its duration)."""
+    if not parts:
+        return None
+    weights = np.array([weight for weight, _ in parts]) / sum(weight for weight, _ in parts)
+
+    def mean(name: str, power: int) -> FloatArray:
+        values = np.array([getattr(errors, name) for _, errors in parts])
+        return np.asarray((weights @ values**power) ** (1 / power))
+
+    return TrackingErrors(
+        mean("speed_mae", 1), mean("gap_mae", 1), mean("speed_rmse", 2), mean("gap_rmse", 2)
+    )
 
 
-def _lost(driven: Trajectories) -> NDArray[np.bool_]:
-    """(N, M) where a follower is no longer anywhere near, from the first such instant on."""
-    return np.asarray(np.logical_or.accumulate(~(np.abs(driven.gaps) <= LOST), axis=0))
+def _diverged(simulated: Trajectories) -> NDArray[np.bool_]:
+    """(N, M) True from the first instant on at which a follower's gap leaves ±`DIVERGED`."""
+    return np.asarray(np.logical_or.accumulate(~(np.abs(simulated.gaps) <= DIVERGED), axis=0))
 
 
-def _first(segment: Segment, when: NDArray[np.bool_]) -> FloatArray:
-    """(M,) the first instant at which each column of ``when`` (N, M) holds."""
-    return np.asarray(segment.start + segment.time[when.argmax(axis=0)])
-
-
-def _void(values: FloatArray, first: int) -> FloatArray:
-    return np.where(np.arange(len(values)) >= first, np.nan, values)
+def _first(segment: Segment, when: NDArray[np.bool_]) -> Seconds:
+    """The first instant at which ``when`` (N,) holds, from the recording's first sample."""
+    return float(segment.start + segment.time[when.argmax()])

@@ -1,17 +1,17 @@
-"""What the law leaves unexplained: how large it is, and how long it lasts.
+"""The residual of the model: how large it is, and how long it lasts.
 
     e(t) = (v(t + T) - v(t)) / T - mean over [t, t + T] of α(p - τv) + βΔv,    T = 1 s
 
-Means over a second quieten the receivers' noise, which differences between samples would consist
-of. What is left of it alternates: neighbouring seconds share a speed, with opposite signs, so their
-correlation lies between -0.5 (noise alone) and 0. Were the law all there is besides, seconds that
-are not neighbours would be independent. Whether they are is told from
+Means over a second reduce the receivers' noise, of which differences between samples would consist.
+What is left of that noise alternates: neighbouring seconds share a speed, with opposite signs, so
+their correlation lies between -0.5 (noise alone) and 0. If the model held but for noise, seconds
+that are not neighbours would be independent. The statistic
 
     z = √N (ρ₂ + .. + ρ₆) / √(Σ Σ c(j - k)),    c(0) = 1 + 2ρ₁², c(±1) = 2ρ₁, c(±2) = ρ₁²,
 
-which is standard normal then (Bartlett, JRSS Suppl. 8, 1946), and large where something lasts. The
+is then standard normal (Bartlett, JRSS Suppl. 8, 1946), and large where disturbances last. The
 integrated autocorrelation time (Geyer's initial positive sequence, Statistical Science 7, 1992)
-says for how long.
+measures how long.
 """
 
 from dataclasses import dataclass
@@ -21,24 +21,56 @@ from numpy.typing import NDArray
 from scipy.linalg import toeplitz
 from scipy.stats import norm
 
+from accpinn.findings import Finding
 from accpinn.methods.fit import Fit
 from accpinn.methods.one_second_means import STEP, one_second_means
 from accpinn.segment.segment import Segment
 from accpinn.units import FloatArray, Seconds
 
 LAGS = np.arange(2, 7)
-"""Seconds that the test looks back."""
+"""In s: those that the test sums over."""
 FEWEST = 30
-"""Seconds below which nothing is said."""
+"""Seconds below which no correlation is computed."""
 CORRELATED = 0.01
-"""A smaller probability of so much correlation by chance is called lasting."""
+"""Below this probability under independence, the residual is called correlated."""
 NEGLIGIBLE = 0.02
 """m/s²; as much comes from receivers' noise of 0.015 m/s, and from taking samples."""
 
 
+class ShortResidual(Finding, frozen=True):
+    """The window is too short to test a follower's residual for correlation."""
+
+    vehicle: int
+
+
+class WhiteResidual(Finding, frozen=True):
+    """A follower's residual is not correlated beyond a second."""
+
+    vehicle: int
+    deviation: float
+    """Root mean square in m/s²."""
+
+
+class CorrelatedResidual(Finding, frozen=True):
+    """A follower's residual lasts, so its samples are not independent."""
+
+    vehicle: int
+    deviation: float
+    """Root mean square in m/s²."""
+    memory: Seconds
+    """The integrated autocorrelation time."""
+    samples: int
+    """Samples of the window that count."""
+    independent: float
+    """Independent samples that estimate the mean as well."""
+
+
+WhitenessFinding = ShortResidual | WhiteResidual | CorrelatedResidual
+
+
 @dataclass(frozen=True, eq=False)
 class Whiteness:
-    """The law's residual of each of M followers; nan where the window is too short to tell."""
+    """The residual of each of M followers; nan where the window is too short."""
 
     deviation: FloatArray
     """(M,) root mean square in m/s²."""
@@ -47,52 +79,60 @@ class Whiteness:
     memory: FloatArray
     """(M,) in s, the integrated autocorrelation time: 1 s where seconds are independent."""
     independent: FloatArray
-    """(M,) how many independent samples the window is worth, as far as the residual's mean goes."""
+    """(M,) how many independent samples would estimate the residual's mean as well."""
     probability: FloatArray
-    """(M,) of so much correlation by chance, were all but neighbouring seconds independent."""
-    sentences: tuple[str, ...]
-    """(M,) the same in words."""
+    """(M,) of a correlation this large, were all but neighbouring seconds independent."""
+    findings: tuple[WhitenessFinding, ...]
+    """One a follower."""
 
 
 def whiteness(segment: Segment, fit: Fit) -> Whiteness:
-    """Of the law with the fit's parameters, over the instants that count.
+    """The residual of the model with the fit's parameters, over the instants that count.
 
     α = 0 with τ undetermined counts as ατ = 0.
     """
     steps = one_second_means(segment)
-    theta = np.nan_to_num(np.array([law.theta for law in fit.parameters]))
+    theta = np.nan_to_num(fit.parameters.theta)
     residuals = steps.rates - np.einsum("mkc,mc->mk", steps.terms, theta)
-    pairs = list(zip(residuals, steps.known, strict=True))
-    figures = np.array([_figures(row, known, steps.length) for row, known in pairs])
-    sentences = tuple(
-        _sentence(label, int(known.sum()) * steps.samples, row)
-        for label, known, row in zip(segment.labels[1:], steps.known, figures, strict=True)
-    )
+    pairs = zip(residuals, steps.known, strict=True)
+    figures = np.array([_figures(row, mask, steps.length) for row, mask in pairs])
+    samples = steps.known.sum(axis=1) * steps.samples
+    rows = zip(segment.vehicles[1:], samples.tolist(), figures.tolist(), strict=True)
+    findings = tuple(_finding(*row) for row in rows)
     deviation, correlation, memory, independent, probability = figures.T
-    return Whiteness(deviation, correlation, memory, independent, probability, sentences)
+    return Whiteness(deviation, correlation, memory, independent, probability, findings)
 
 
-def _figures(residual: FloatArray, known: NDArray[np.bool_], second: Seconds) -> list[float]:
+def _finding(vehicle: int, samples: int, figures: list[float]) -> WhitenessFinding:
+    deviation, _, memory, independent, probability = figures
+    if np.isnan(probability):
+        return ShortResidual(vehicle)
+    if deviation < NEGLIGIBLE or probability >= CORRELATED or memory < 2.0 * STEP:
+        return WhiteResidual(vehicle, deviation)
+    return CorrelatedResidual(vehicle, deviation, memory, samples, independent)
+
+
+def _figures(residual: FloatArray, mask: NDArray[np.bool_], second: Seconds) -> list[float]:
     """Deviation, correlation, memory, independent samples, probability."""
-    count = int(known.sum())
+    count = int(mask.sum())
     if not count:
         return 5 * [float("nan")]
-    deviation = float(np.sqrt((residual[known] ** 2).mean()))
-    centred = np.where(known, residual - residual[known].mean(), 0.0)
+    deviation = float(np.sqrt((residual[mask] ** 2).mean()))
+    centred = np.where(mask, residual - residual[mask].mean(), 0.0)
     if count < FEWEST or not centred.any():
         return [deviation, *4 * [float("nan")]]
-    rho = _correlations(centred, known)
+    rho = _correlations(centred, mask)
     memory = second * _integrated(rho)
     independent = min(count * second / memory, float(count))
     return [deviation, float(rho[1]), memory, independent, _by_chance(rho, count)]
 
 
-def _correlations(centred: FloatArray, known: NDArray[np.bool_]) -> FloatArray:
-    """ρ_k over the pairs of seconds that are both known, with far lags damped as usual."""
+def _correlations(centred: FloatArray, mask: NDArray[np.bool_]) -> FloatArray:
+    """ρ_k over the pairs of seconds that both count, with far lags damped as usual."""
     count = len(centred)
     products, pairs = (
         np.fft.irfft(np.abs(np.fft.rfft(series, 2 * count)) ** 2)[:count]
-        for series in (centred, known.astype(float))
+        for series in (centred, mask.astype(float))
     )
     covariance = products * (count - np.arange(count)) / np.maximum(pairs.round(), 1.0)
     return np.asarray(covariance / covariance[0])
@@ -112,18 +152,3 @@ def _integrated(rho: FloatArray) -> float:
     ended = even <= 0
     stop = int(ended.argmax()) if ended.any() else len(even)
     return max(1.0, float(2 * even[:stop].sum() - 1))
-
-
-def _sentence(label: str, samples: int, figures: FloatArray) -> str:
-    deviation, _, memory, independent, probability = figures
-    if np.isnan(probability):
-        return f"{label}: the window is too short to tell whether the law's residual is white."
-    left = f"{label}: what the law leaves of the acceleration ({deviation:.2f} m/s²)"
-    if deviation < NEGLIGIBLE:
-        return f"{left} is no more than noise and rounding make."
-    if probability >= CORRELATED or memory < 2.0 * STEP:
-        return f"{left} shows no memory beyond a second."
-    return (
-        f"{left} lasts for about {memory:.0f} s, so for its mean {samples:,} samples are worth some"
-        f" {independent:.0f} independent ones."
-    )

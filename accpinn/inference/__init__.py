@@ -1,1 +1,1 @@
-"""What the data say about the parameters: intervals, identifiability, and model adequacy."""
+"""How sure the parameters are: uncertainty, identifiability, model adequacy, and multistart."""

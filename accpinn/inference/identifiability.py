@@ -1,9 +1,28 @@
-"""Plain warnings where the data cannot tell α, β and τ, whichever method is asked."""
+"""Identifiability: which parameters the data determine, by intervals, excitation and profiles.
+
+The profile of a parameter is the least-squares criterion with that parameter held:
+
+    S(α, β, τ) = Σ_t (dv/dt - α(p - τv) - βΔv)²,      profile of x:  min over the other two of S
+
+within the rational driving constraints. With one parameter held the model is linear in what is
+left, so every point is the exact minimum of a quadratic. A flat profile is a parameter that these
+equations do not determine. A steep one proves less: S takes instants as independent and the model
+as true, so its minimum may be sharp and yet biased (see `inference.instrumental_variables`).
+
+Source: Raue et al., Bioinformatics 25 (2009) 1923-1929, for the use of profiles.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
+from scipy.optimize import brentq
 
-from accpinn.inference.intervals import Uncertainty
-from accpinn.model.cthp import Case
+from accpinn.channels import PARAMETERS, Quantity
+from accpinn.findings import Finding
+from accpinn.inference.intervals import ParameterInterval, Uncertainty, parameter_intervals
+from accpinn.methods.regression import Regression
+from accpinn.model.cthp import Case, Parameters, solve_linear
 from accpinn.recordings.checks import LITTLE_LEADER_MOTION
 from accpinn.segment.quality import (
     LARGE_CONDITION,
@@ -12,82 +31,178 @@ from accpinn.segment.quality import (
     assess_quality,
 )
 from accpinn.segment.segment import Segment
+from accpinn.units import FloatArray, MetresPerSecond, frozen
 
-SYMBOLS = ("α", "β", "τ")
-DIGITS = (4, 4, 3)
 WIDE = 5.0
-"""An interval whose upper end is more than so many times its lower one says little more than the
+"""An interval whose upper end is more than so many times its lower one gives little more than the
 order of magnitude."""
-MORE_MOTION = "take a window in which the vehicle ahead brakes and accelerates more"
-MORE_TIME = "the vehicle ahead moves enough here, so take a longer window if there is one"
+INCREASE = 0.01
+"""Increase of S that a profile's ends belong to: 1 %, hardly visible in any plot."""
+POINTS = 61
+FURTHER = 1.5
+"""The values reach so many times as far as the ends on either side."""
+
+
+class WeakIdentification(Finding, frozen=True):
+    """A follower's intervals are wide, or its data have little excitation."""
+
+    vehicle: int
+    """0 for all followers together."""
+    wide: tuple[ParameterInterval, ...] = ()
+    leader_deviation: MetresPerSecond | None = None
+    """Standard deviation of the leader's speed, if it is too small; so below."""
+    relative_deviation: MetresPerSecond | None = None
+    """Standard deviation of Δv."""
+    condition: float | None = None
+    """Condition number of the regressors, if it is too large."""
+
+    @property
+    def is_excited(self) -> bool:
+        """Whether nothing is wrong with the excitation."""
+        return self.leader_deviation is self.relative_deviation is self.condition is None
 
 
 def identifiability_warnings(
     segment: Segment, uncertainty: Uncertainty, case: Case = "II"
-) -> tuple[str, ...]:
-    """One sentence for each follower whose parameters the data leave open; empty where none is.
+) -> tuple[WeakIdentification, ...]:
+    """A finding for each follower whose parameters the data determine only weakly.
 
     Args:
         segment: the data.
-        uncertainty: its intervals.
-        case: "II"; in Case I all followers share one sentence.
+        uncertainty: of its parameters.
+        case: "II"; in Case I all followers share one finding.
     """
     quality = assess_quality(segment)
-    if case == "I":
-        told = [("All followers together", _leader_reasons(quality))]
-    else:
-        told = [(label, _reasons(quality, k)) for k, label in enumerate(segment.labels[1:])]
-    sentences = []
-    for k, (label, why) in enumerate(told):
-        open_ends = _open(uncertainty, k)
-        because = f", as {' and '.join(why)}" if why else ""
-        if open_ends:
-            sentences.append(
-                f"{label}: these data leave {_listed(open_ends)} open by more than a factor of"
-                f" {WIDE:g}{because}; {MORE_MOTION if why else MORE_TIME}."
-            )
-        elif why:
-            sentences.append(f"{label}: take the intervals with care{because}.")
-    return tuple(sentences)
+    found = [
+        _identification(uncertainty, quality, k, vehicle)
+        for k, vehicle in enumerate((0,) if case == "I" else segment.vehicles[1:])
+    ]
+    return tuple(one for one in found if one.wide or not one.is_excited)
 
 
-def wide_intervals(uncertainty: Uncertainty, follower: int) -> tuple[str, ...]:
-    """Those of α, β, τ whose interval says little more than the order of magnitude."""
-    ends = zip(uncertainty.lower[follower], uncertainty.upper[follower], strict=True)
-    # An interval that is 0 alone is narrow: `Uncertainty.notes` says what it means.
+def wide_intervals(uncertainty: Uncertainty, follower: int) -> tuple[ParameterInterval, ...]:
+    """Those of α, β, τ that give little more than the order of magnitude."""
+    # An interval that is 0 alone is narrow: `NegativeEstimate` says what it means.
     return tuple(
-        symbol for symbol, (low, high) in zip(SYMBOLS, ends, strict=True) if high > WIDE * low
+        one
+        for one in parameter_intervals(uncertainty, follower)
+        if one.upper is None or one.upper > WIDE * one.lower
     )
 
 
-def _open(uncertainty: Uncertainty, follower: int) -> list[str]:
-    """The parameters with wide intervals, each with its ends."""
-    found = []
-    for symbol in wide_intervals(uncertainty, follower):
-        which = SYMBOLS.index(symbol)
-        low, high = (ends[follower, which] for ends in (uncertainty.lower, uncertainty.upper))
-        to = f"to {high:.{DIGITS[which]}f}" if np.isfinite(high) else "or more"
-        found.append(f"{symbol} ({low:.{DIGITS[which]}f} {to})")
-    return found
+def _identification(
+    uncertainty: Uncertainty, quality: Quality, k: int, vehicle: int
+) -> WeakIdentification:
+    leader, relative = quality.leader_deviation, quality.relative_deviation[k]
+    condition, alone = quality.condition[k], vehicle > 0
+    return WeakIdentification(
+        vehicle,
+        wide_intervals(uncertainty, k),
+        leader if leader < LITTLE_LEADER_MOTION else None,
+        relative if alone and relative < LITTLE_RELATIVE_MOTION else None,
+        condition if alone and condition > LARGE_CONDITION else None,
+    )
 
 
-def _leader_reasons(quality: Quality) -> list[str]:
-    if quality.leader_deviation >= LITTLE_LEADER_MOTION:
-        return []
-    return [f"the leader's speed varies by only {quality.leader_deviation:.2f} m/s"]
+@dataclass(frozen=True, eq=False)
+class Profile:
+    """One parameter of one follower held at K values, all else optimal."""
+
+    parameter: str
+    """α, β or τ."""
+    best: float
+    """Where S is least; nan for τ where α = 0."""
+    values: FloatArray
+    """(K,) in the parameter's unit, ascending."""
+    increase: FloatArray
+    """(K,) S over its least value, minus one."""
+    lower: float
+    """The smallest value at which S is at most `INCREASE` above its least."""
+    upper: float
+    """The largest; infinite where the data set no limit within the plausible range."""
 
 
-def _reasons(quality: Quality, follower: int) -> list[str]:
-    reasons = _leader_reasons(quality)
-    if quality.relative_deviation[follower] < LITTLE_RELATIVE_MOTION:
-        reasons.append(f"Δv varies by only {quality.relative_deviation[follower]:.2f} m/s")
-    if quality.condition[follower] > LARGE_CONDITION:
-        reasons.append(
-            f"the law's terms are nearly proportional (condition number"
-            f" {quality.condition[follower]:.0f})"
-        )
-    return reasons
+def profiles(segment: Segment, case: Case = "II") -> tuple[tuple[Profile, ...], ...]:
+    """Those of α, β and τ of each follower; in Case I the one set that all share."""
+    return tuple(
+        tuple(_profile(criterion, which) for which in PARAMETERS)
+        for criterion in _criteria(segment, case)
+    )
 
 
-def _listed(parts: list[str]) -> str:
-    return " and ".join([", ".join(parts[:-1]), parts[-1]] if len(parts) > 1 else parts)
+@dataclass(frozen=True, eq=False)
+class _Criterion:
+    """S as a quadratic in θ = (α, ατ, β)."""
+
+    gram: FloatArray
+    """(3, 3) XᵀX."""
+    moment: FloatArray
+    """(3,) Xᵀ dv/dt."""
+    power: float
+    """Σ (dv/dt)²."""
+    best: FloatArray
+    """(3,) θ of the least S."""
+
+    def at(self, theta: FloatArray) -> float:
+        return float(self.power + theta @ self.gram @ theta - 2 * self.moment @ theta)
+
+    def held(self, symbol: str, value: float) -> float:
+        """The least S with one parameter at a value: θ = base + directions @ (unknowns ≥ 0)."""
+        base, directions = np.zeros(3), np.eye(3)
+        if symbol == "τ":
+            directions[1] = value, 0.0, 0.0
+        else:
+            which = 0 if symbol == "α" else 2
+            base[which], directions[which, which] = value, 0.0
+        gram = directions.T @ self.gram @ directions
+        moment = directions.T @ (self.moment - self.gram @ base)
+        return self.at(base + directions @ solve_linear(gram, moment).theta)
+
+
+def _criteria(segment: Segment, case: Case) -> list[_Criterion]:
+    regression = Regression.of(segment)
+    grams, moments = regression.grams(), regression.moments()
+    powers = (regression.rates**2).sum(axis=1)
+    theta = regression.solve(case).theta
+    if case == "I":
+        return [_Criterion(grams.sum(axis=0), moments.sum(axis=0), float(powers.sum()), theta[0])]
+    return list(map(_Criterion, grams, moments, powers.tolist(), theta))
+
+
+def _profile(criterion: _Criterion, parameter: Quantity) -> Profile:
+    estimate = Parameters.from_theta(criterion.best).values.tolist()
+    best = float(estimate[PARAMETERS.index(parameter)])
+    least = max(criterion.at(criterion.best), np.finfo(float).tiny)
+
+    def increase(value: float) -> float:
+        return max(criterion.held(parameter.symbol, value) / least - 1.0, 0.0)
+
+    lower, upper = _ends(increase, best, parameter.highest)
+    values = _grid(best, lower, upper, parameter.highest)
+    found = [increase(value) for value in values.tolist()]
+    return Profile(parameter.symbol, best, frozen(values), frozen(found), lower, upper)
+
+
+def _ends(increase: Callable[[float], float], best: float, limit: float) -> tuple[float, float]:
+    """Where the profile crosses `INCREASE` on either side of the best value."""
+    if not np.isfinite(best):
+        return 0.0, float("inf")
+
+    def beyond(value: float) -> float:
+        return increase(value) - INCREASE
+
+    lower = float(brentq(beyond, 0.0, best)) if best > 0 and beyond(0.0) > 0 else 0.0
+    far = max(2 * best, 1e-3)
+    while beyond(far) < 0:
+        if far >= limit:
+            return lower, float("inf")
+        far = min(2 * far, limit)
+    return lower, float(brentq(beyond, best, far))
+
+
+def _grid(best: float, lower: float, upper: float, limit: float) -> FloatArray:
+    if not np.isfinite(best):
+        return np.linspace(0.0, limit, POINTS)
+    above = upper - best if np.isfinite(upper) else max(best, 1e-3) * 4
+    first = max(0.0, best - FURTHER * (best - lower))
+    return np.linspace(first, best + FURTHER * above, POINTS)

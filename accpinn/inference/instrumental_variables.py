@@ -1,17 +1,17 @@
-"""Estimating equations that disturbances cannot bend: the law's instruments.
+"""Estimating equations that disturbances cannot bias: instrumental variables.
 
-A real vehicle does not obey the law exactly: dv/dt = X θ + r, X = (p, -v, Δv). The disturbance r
+A real vehicle does not follow the CTHP exactly: dv/dt = X θ + r, X = (p, -v, Δv). The disturbance r
 lasts for seconds and moves the vehicle's own speed and space-gap, so it is correlated with X, and
-whoever chooses θ to make r small (least squares, splines, the PiNN) is pulled away from the truth,
-usually towards smaller gains. No interval around such an estimate can be trusted.
+any method that chooses θ to make r small (least squares, splines, the PiNN) is biased, usually
+towards smaller gains. No interval around such an estimate can be trusted.
 
-The motion of the vehicle *ahead* does not know of r. Let Z = (p, -v, Δv) of the law driving in
-closed loop behind that motion alone: Z resembles X, yet is free of r. So
+The motion of the vehicle *ahead* is independent of r. Let Z = (p, -v, Δv) of the closed-loop
+simulation behind that motion: Z resembles X, yet is free of r. So
 
     Σ_t Z_tᵀ (dv/dt - X_t θ) = 0
 
-has the right expectation whatever the colour of r. Any law makes valid instruments and one near
-the truth makes sharp ones, so they are driven again with each new θ.
+has the right expectation whatever the colour of r. Any parameters make valid instruments and those
+near the truth make sharp ones, so they are simulated anew with each new θ.
 
 Source: Söderström and Stoica, Instrumental Variable Methods for System Identification, 1983.
 """
@@ -29,12 +29,12 @@ from accpinn.units import FloatArray, Seconds
 ROUNDS = 3
 """The third round moves no parameter by more than a tenth of its interval's width."""
 LEADER_SMOOTHING: Seconds = 0.5
-"""Standard deviation of the kernel over the speed ahead: the receiver's noise is in X as well."""
+"""Standard deviation of the kernel over the speed ahead, as its receiver's noise is in X too."""
 DEPENDENT = 1e8
 """With a larger condition number the equations do not determine three parameters."""
 LEAST_SAMPLES = 20
 INSTRUMENT_RANGE = (Parameters(0.01, 0.02, 0.3), Parameters(1.0, 2.0, 4.0))
-"""The laws that drive instruments stay within these: damped, and neither dull nor stiff."""
+"""Instruments are simulated with parameters within these: damped, and neither dull nor stiff."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,7 +42,7 @@ class Equations:
     """One set of estimating equations A θ = b, and what each instant adds to it."""
 
     theta: FloatArray
-    """(3,) their solution, without bounds: α, ατ, β."""
+    """(3,) θ = (α, ατ, β), their solution without bounds."""
     normal: FloatArray
     """(N, 3, 3) Z_tᵀ X_t, summed over the followers that share θ; A is their sum over time."""
     scores: FloatArray
@@ -52,7 +52,7 @@ class Equations:
 
 
 def solve_iv(segment: Segment, case: Case) -> tuple[Equations, ...]:
-    """The equations of each follower (Case II), or the one set for all of them (Case I)."""
+    """Solve the equations of each follower (Case II), or one set for all of them (Case I)."""
     regression = Regression.of(segment)
     ahead = gaussian_filter1d(
         segment.speeds[:, :-1], LEADER_SMOOTHING / segment.sample_time, axis=0, mode="nearest"
@@ -71,12 +71,12 @@ def _solve(
     followers: tuple[int, ...],
 ) -> Equations:
     terms, rates = regression.terms[list(followers)], regression.rates[list(followers)]
-    counted = terms.any(axis=2)  # what the segment leaves out is zero
-    determined = int(counted.sum(axis=1).max()) >= LEAST_SAMPLES
+    mask = terms.any(axis=2)  # rows that the segment masks are zero
+    determined = int(mask.sum(axis=1).max()) >= LEAST_SAMPLES
     for _ in range(ROUNDS):
-        law = _clip(theta)
-        instruments = np.stack([_drive(law, time, ahead[:, k]) for k in followers])
-        instruments[~counted] = 0.0
+        clipped = _clip(theta)
+        instruments = np.stack([_simulated(clipped, time, ahead[:, k]) for k in followers])
+        instruments[~mask] = 0.0
         whole = np.einsum("mti,mtj->ij", instruments, terms)
         determined = determined and _is_determined(instruments, terms, whole)
         if not determined:
@@ -91,16 +91,16 @@ def _solve(
     )
 
 
-def _drive(law: Parameters, time: FloatArray, ahead: FloatArray) -> FloatArray:
-    """(N, 3) p, -v, Δv of the law behind ``ahead``, from equilibrium: the measured start has r."""
+def _simulated(parameters: Parameters, time: FloatArray, ahead: FloatArray) -> FloatArray:
+    """(N, 3) p, -v, Δv simulated behind a speed, from equilibrium, as the measured start has r."""
     speed = ahead[:1]
-    motion = simulate(Parameters.stack([law]), time, ahead, speed, law.tau * speed)
+    motion = simulate(Parameters.stack([parameters]), time, ahead, speed, parameters.tau * speed)
     terms: FloatArray = regressors(motion.speeds, motion.gaps)[0]
     return terms
 
 
 def _clip(theta: FloatArray) -> Parameters:
-    """The law of θ, within `INSTRUMENT_RANGE`."""
+    """The parameters of θ, within `INSTRUMENT_RANGE`."""
     least, most = INSTRUMENT_RANGE
     alpha = float(np.clip(theta[0], least.alpha, most.alpha))
     beta = float(np.clip(theta[2], least.beta, most.beta))

@@ -1,176 +1,141 @@
-"""What α, β and τ would be if the law had one term more.
+"""Model adequacy: α, β and τ if the model had one term more.
 
-    as it is               dv/dt = α(p - τv) + βΔv
+    CTHP                   dv/dt = α(p - τv) + βΔv
     standstill distance    dv/dt = α(p - s₀ - τv) + βΔv
     delay                  dv/dt (t) = [α(p - τv) + βΔv] (t - d)
 
-Intervals say what noise and disturbances leave open *if the law holds*. Real controllers keep a
-distance at standstill and act with a delay, and a law that lacks these puts them into α, β and τ.
-Each form is fitted by least squares over steps of a second (see `seconds`), d is searched over
-whole samples. A form that explains seconds better which it was not learned from deserves belief.
+Intervals account for noise and disturbances *if the model holds*. Real controllers keep a distance
+at standstill and act with a delay, and a model that lacks these puts them into α, β and τ. Each
+form is fitted by least squares over steps of a second (see `methods.one_second_means`), d is
+searched over whole samples. A form that explains held-out seconds better is to be preferred.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import lsq_linear
 
-from accpinn.methods.one_second_means import one_second_means
+from accpinn.findings import Finding
+from accpinn.methods.one_second_means import OneSecondMeans, one_second_means
+from accpinn.model.cthp import Parameters
 from accpinn.segment.segment import Segment
 from accpinn.units import FloatArray, Seconds
 
 Form = Literal["as it is", "standstill distance", "delay"]
 LONGEST_DELAY: Seconds = 3.0
 DELAY_STEP: Seconds = 0.1
-UNSEEN = 1 / 3
-"""Share of the seconds, the last ones, that a form is tested on after learning from the others."""
+HOLDOUT = 1 / 3
+"""Share of the seconds, the last ones, that a form is tested on after fitting it to the others."""
 FEWEST = 30
-"""Seconds below which nothing is said."""
+"""Seconds below which no form is fitted."""
 BETTER = 0.02
-"""A form that explains so much more of unseen seconds is worth a sentence."""
+"""A form that explains so much more of the held-out seconds is better."""
+
+
+class BetterForm(Finding, frozen=True):
+    """Another form of the model explains a follower's held-out seconds better than the CTHP."""
+
+    vehicle: int
+    form: Form
+    extra: float
+    """s₀ in m or d in s."""
+    holdout: float
+    """Share of the acceleration's variance that it explains there."""
+    cthp_holdout: float
+    """Share that the CTHP explains there."""
+    alpha: float
+    beta: float
+    tau: float
 
 
 @dataclass(frozen=True, eq=False)
 class ModelForm:
-    """One form of the law for each of M followers; nan where the window says too little."""
+    """One form of the model for each of M followers; nan where the window is too short."""
 
     form: Form
-    parameters: FloatArray
-    """(M, 3) α [1/s²], β [1/s], τ [s]; τ is nan where α = 0."""
+    parameters: Parameters
+    """(M,)"""
     extra: FloatArray
-    """(M,) s₀ in m or d in s; 0 for the law as it is."""
+    """(M,) s₀ in m or d in s; 0 for the CTHP."""
     explained: FloatArray
     """(M,) share of the acceleration's variance, at most 1."""
-    unseen: FloatArray
-    """(M,) the same on the last third, by the form learned from the first two thirds."""
+    holdout: FloatArray
+    """(M,) the same on the last third, by the form fitted to the first two thirds."""
 
 
 def model_forms(segment: Segment) -> tuple[ModelForm, ModelForm, ModelForm]:
-    """The law as it is, with a standstill distance, and with a delay, each follower by itself.
+    """The CTHP, with a standstill distance, and with a delay, each follower by itself.
 
     All are judged on the same seconds, which begin after the longest delay.
     """
     first = min(round(LONGEST_DELAY / segment.sample_time), segment.samples // 4)
     stride = max(1, round(DELAY_STEP / segment.sample_time))
-    late = [_rows(segment, first, shift) for shift in range(0, first + 1, stride)]
-    plain, step = late[0], stride * segment.sample_time
+    delayed = [one_second_means(segment, first, shift) for shift in range(0, first + 1, stride)]
+    steps, followers = delayed[0], range(segment.followers)
     return (
-        _extension("as it is", [_solved(rows) for rows in plain]),
-        _extension("standstill distance", [_solved(rows.with_constant()) for rows in plain]),
-        _extension("delay", [_delayed(rows, step) for rows in zip(*late, strict=True)]),
+        _form("as it is", [_fitted(steps, k) for k in followers]),
+        _form("standstill distance", [_fitted(steps, k, constant=True) for k in followers]),
+        _form("delay", [_delay(delayed, k, stride * segment.sample_time) for k in followers]),
     )
 
 
-def better(labels: Sequence[str], found: Sequence[ModelForm]) -> tuple[str, ...]:
-    """One sentence for each follower of which another form explains unseen seconds better.
+def better_forms(vehicles: Sequence[int], forms: Sequence[ModelForm]) -> tuple[BetterForm, ...]:
+    """A finding for each follower of which another form explains held-out seconds better.
 
     Args:
-        labels: of the M followers.
-        found: what `extensions` gave.
+        vehicles: (M+1,) numbers in the file, leader first.
+        forms: the result of `model_forms`.
     """
-    plain, *others = found
-    sentences = []
-    for k, label in enumerate(labels):
-        best = max(others, key=lambda form: np.nan_to_num(form.unseen[k], nan=-np.inf))
-        if not best.unseen[k] > plain.unseen[k] + BETTER:
-            continue
-        alpha, beta, tau = best.parameters[k]
-        sentences.append(
-            f"{label}: with {_extra(best, k)} the law explains {100 * best.unseen[k]:.0f} % of the"
-            f" acceleration in seconds it was not learned from, instead of"
-            f" {100 * plain.unseen[k]:.0f} %;"
-            f" α, β, τ are then {alpha:.4f}, {beta:.4f}, {tau:.3f}."
-        )
-    return tuple(sentences)
+    cthp, *others = forms
+    found = []
+    for k, vehicle in enumerate(vehicles[1:]):
+        best = max(others, key=lambda form: np.nan_to_num(form.holdout[k], nan=-np.inf))
+        if best.holdout[k] > cthp.holdout[k] + BETTER:
+            figures = (best.extra[k], best.holdout[k], cthp.holdout[k], *best.parameters.values[k])
+            found.append(BetterForm(vehicle, best.form, *map(float, figures)))
+    return tuple(found)
 
 
-def _extra(form: ModelForm, follower: int) -> str:
-    if form.form == "delay":
-        delay = form.extra[follower]
-        longest = ", the longest tried," if delay > LONGEST_DELAY - DELAY_STEP / 2 else ""
-        return f"a delay of {delay:.1f} s{longest}"
-    return f"a distance of {form.extra[follower]:.1f} m at standstill"
+def _fitted(steps: OneSecondMeans, follower: int, constant: bool = False) -> FloatArray:
+    """(6,) α, ατ, β, the extra term, and the shares explained in all and in held-out seconds."""
+    mask = steps.known[follower]
+    terms, rates = steps.terms[follower][mask], steps.rates[follower][mask]
+    if len(rates) < FEWEST:
+        return np.full(6, np.nan)
+    if constant:  # a fourth column, whose coefficient is -α s₀
+        terms = np.hstack([terms, np.ones((len(terms), 1))])
+    early, late = np.split(np.arange(len(rates)), [round((1 - HOLDOUT) * len(rates))])
+    theta = _least_squares(terms, rates)
+    extra = 0.0
+    if constant:
+        extra = -theta[3] / theta[0] if theta[0] > 0 else np.nan
+    holdout = _explained(terms[late], rates[late], _least_squares(terms[early], rates[early]))
+    return np.array([*theta[:3], extra, _explained(terms, rates, theta), holdout])
 
 
-@dataclass(frozen=True, eq=False)
-class _Rows:
-    """The regression of one follower."""
-
-    terms: FloatArray
-    """(K, 3), or (K, 4) with a constant."""
-    rates: FloatArray
-    known: NDArray[np.bool_]
-
-    def with_constant(self) -> "_Rows":
-        """A fourth column, whose coefficient is -α s₀."""
-        constant = np.ones((len(self.terms), 1))
-        return _Rows(np.hstack([self.terms, constant]), self.rates, self.known)
-
-    def part(self, keep: NDArray[np.bool_]) -> "_Rows":
-        """Only the seconds in ``keep`` count."""
-        return _Rows(self.terms, self.rates, self.known & keep)
-
-    def theta(self) -> FloatArray:
-        """Least squares with α, ατ, β of at least 0."""
-        size = self.terms.shape[1]
-        lowest = np.r_[np.zeros(3), np.full(size - 3, -np.inf)]
-        found = lsq_linear(self.terms[self.known], self.rates[self.known], (lowest, np.inf))
-        return np.asarray(found.x)
-
-    def explained(self, theta: FloatArray) -> float:
-        """1 - residual variance / variance."""
-        left = (self.rates - self.terms @ theta)[self.known]
-        total = float(((self.rates[self.known] - self.rates[self.known].mean()) ** 2).sum())
-        return 1.0 - float((left**2).sum()) / total if total else float("nan")
+def _delay(delayed: Sequence[OneSecondMeans], follower: int, step: Seconds) -> FloatArray:
+    """The row of `_fitted` with the delay that explains most."""
+    found = [_fitted(steps, follower) for steps in delayed]
+    best = int(np.argmax([row[4] for row in found]))
+    found[best][3] = best * step
+    return found[best]
 
 
-@dataclass(frozen=True)
-class _Solution:
-    law: tuple[float, float, float]
-    extra: float
-    explained: float
-    unseen: float
+def _least_squares(terms: FloatArray, rates: FloatArray) -> FloatArray:
+    """θ with α, ατ, β of at least 0; further coefficients are free."""
+    size = terms.shape[1]
+    lowest = np.r_[np.zeros(3), np.full(size - 3, -np.inf)]
+    return np.asarray(lsq_linear(terms, rates, (lowest, np.inf)).x)
 
 
-_NOTHING = _Solution((np.nan,) * 3, np.nan, np.nan, np.nan)
+def _explained(terms: FloatArray, rates: FloatArray, theta: FloatArray) -> float:
+    """1 - residual variance / variance."""
+    total = float(((rates - rates.mean()) ** 2).sum())
+    return 1.0 - float(((rates - terms @ theta) ** 2).sum()) / total if total else float("nan")
 
 
-def _solved(rows: _Rows) -> _Solution:
-    if rows.known.sum() < FEWEST:
-        return _NOTHING
-    theta = rows.theta()
-    seconds = np.flatnonzero(rows.known)
-    late = np.arange(len(rows.known)) >= seconds[round((1 - UNSEEN) * len(seconds))]
-    unseen = rows.part(late).explained(rows.part(~late).theta())
-    alpha, alpha_tau, beta = theta[:3]
-    tau = alpha_tau / alpha if alpha > 0 else np.nan
-    distance = 0.0
-    if len(theta) > 3:
-        distance = -theta[3] / alpha if alpha > 0 else np.nan
-    return _Solution((alpha, beta, tau), distance, rows.explained(theta), unseen)
-
-
-def _rows(segment: Segment, first: int, shift: int) -> list[_Rows]:
-    """The followers' seconds from sample ``first`` on, terms ``shift`` samples older than rates."""
-    steps = one_second_means(segment, first, shift)
-    return [_Rows(*each) for each in zip(steps.terms, steps.rates, steps.known, strict=True)]
-
-
-def _delayed(candidates: Sequence[_Rows], step: Seconds) -> _Solution:
-    """The delay that explains most, with the law that belongs to it."""
-    found = [_solved(rows) for rows in candidates]
-    best = int(np.argmax([one.explained for one in found]))
-    return replace(found[best], extra=best * step)
-
-
-def _extension(form: Form, found: list[_Solution]) -> ModelForm:
-    return ModelForm(
-        form,
-        np.array([one.law for one in found]),
-        np.array([one.extra for one in found]),
-        np.array([one.explained for one in found]),
-        np.array([one.unseen for one in found]),
-    )
+def _form(form: Form, rows: list[FloatArray]) -> ModelForm:
+    table = np.array(rows)
+    return ModelForm(form, Parameters.from_theta(table[:, :3]), *table[:, 3:].T)

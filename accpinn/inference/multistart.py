@@ -1,8 +1,9 @@
-"""Dispersion of the PiNN over initial values and seeds: the paper's Table I, made anew.
+"""Multistart: the PiNN from several initial values and seeds, as in the paper's Table I.
 
 The paper trains one recording from five initial values of (α, β, τ) and prints where each ends.
-The recipe `fast` solves for α, β and τ, so its initial values are forgotten at once and only seeds
-make a difference; the recipe `paper` moves them step by step and depends on both.
+The preset `fast` solves for α, β and τ, so its initial values have no effect after the first
+iteration and only seeds make a difference; the preset `paper` moves them step by step and depends
+on both.
 """
 
 from collections.abc import Iterator, Sequence
@@ -10,18 +11,48 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from accpinn.errors import ConfigError
-from accpinn.evaluation.closed_loop import closed_loop_errors
-from accpinn.evaluation.errors import TrackingErrors, surrogate_errors
-from accpinn.methods.fit import Fit, OnProgress, Outcome, ShouldStop
+from accpinn.channels import PARAMETERS
+from accpinn.evaluation.closed_loop import (
+    TrackingErrors,
+    closed_loop_errors,
+    surrogate_errors,
+)
+from accpinn.findings import Finding
+from accpinn.methods.fit import Fit, Outcome
+from accpinn.methods.method import TaskContext
 from accpinn.methods.pinn.config import FAST, STARTS, PinnConfig
-from accpinn.methods.store import Store
+from accpinn.methods.registry import METHODS
 from accpinn.model.cthp import Case
 from accpinn.segment.segment import Segment
 from accpinn.units import FloatArray
 
 NOTICED = 1.0
-"""In percent: a larger spread of any parameter is worth a sentence."""
+"""In percent: trainings with a larger spread of any parameter disagree."""
+
+
+class TrainingSpread(Finding, frozen=True):
+    """How far the trainings end apart."""
+
+    trainings: int
+    largest: float
+    """Of any parameter's spread, in percent."""
+    every: bool
+    """Whether every parameter has a spread."""
+    unconverged: int
+    """Trainings that had not converged when their iterations were over."""
+
+
+class SpreadUndetermined(Finding, frozen=True):
+    """A parameter has no spread, as some trainings leave it undetermined."""
+
+    vehicle: int
+    """0 for all followers together."""
+    symbol: str
+    count: int
+    trainings: int
+
+
+MultistartFinding = TrainingSpread | SpreadUndetermined
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,8 +77,7 @@ class MultistartResult:
 
     It is nan for one trial, and where a trial leaves the parameter undetermined.
     """
-    notes: tuple[str, ...]
-    """What to make of it, in plain sentences."""
+    findings: tuple[MultistartFinding, ...]
 
 
 def multistart(
@@ -57,12 +87,9 @@ def multistart(
     *,
     initials: Sequence[tuple[float, float, float]] = STARTS,
     seeds: Sequence[int] | None = None,
-    store: Store | None = None,
-    threads: int | None = None,
-    on_progress: OnProgress | None = None,
-    should_stop: ShouldStop | None = None,
-) -> MultistartResult:
-    """Train from every initial value with every seed.
+    context: TaskContext | None = None,
+) -> Iterator[Trial]:
+    """Train from every initial value with every seed; each trial comes when it is finished.
 
     Args:
         segment: the data.
@@ -70,102 +97,47 @@ def multistart(
         config: of all trainings, but for initial values and seed.
         initials: of α, β, τ.
         seeds: by default that of ``config`` alone.
-        store: where results and checkpoints are kept.
-        threads: for torch.
-        on_progress: called several times a second while one trains.
-        should_stop: True ends the series; trainings that are finished by then count.
+        context: store, threads, progress and stop; a stop ends the series.
     """
-    trials = []
-    for chosen in _configs(config, initials, seeds):
-        if should_stop and should_stop():
-            break
-        fit = _train(segment, case, chosen, store, threads, on_progress, should_stop)
-        if fit.outcome is Outcome.STOPPED:
-            break
-        errors = surrogate_errors(segment, fit), closed_loop_errors(segment, fit)
-        trials.append(Trial(chosen.initial, chosen.seed, fit, *errors))
-    return summarise(segment, tuple(trials))
+    context = context or TaskContext()
+    for seed in (config.seed,) if seeds is None else seeds:
+        for initial in initials:
+            if context.should_stop and context.should_stop():
+                return
+            settings = replace(config, initial=initial, seed=seed)
+            fit = METHODS["pinn"].fit(segment, case, settings, context)
+            if fit.outcome is Outcome.STOPPED:
+                return
+            errors = surrogate_errors(segment, fit), closed_loop_errors(segment, fit)
+            yield Trial(initial, seed, fit, *errors)
 
 
-def summarise(segment: Segment, trials: tuple[Trial, ...]) -> MultistartResult:
+def summarise(segment: Segment, trials: Sequence[Trial]) -> MultistartResult:
     """Trainings of one segment side by side."""
     if len(trials) < 2:
-        return MultistartResult(trials, np.full((segment.followers, 3), np.nan), ())
+        return MultistartResult(tuple(trials), np.full((segment.followers, 3), np.nan), ())
     tables = np.array([trial.fit.parameters.values for trial in trials])
     mean = tables.mean(axis=0)
     spread = 100.0 * np.divide(
         np.ptp(tables, axis=0), mean, out=np.full_like(mean, np.nan), where=mean != 0
     )
-    notes = (*_notes(trials, spread), *_undetermined(segment, trials[0].fit.case, tables))
-    return MultistartResult(trials, spread, notes)
-
-
-def _configs(
-    config: PinnConfig,
-    initials: Sequence[tuple[float, float, float]],
-    seeds: Sequence[int] | None,
-) -> Iterator[PinnConfig]:
-    numbers = (config.seed,) if seeds is None else tuple(seeds)
-    if not (initials and numbers):
-        raise ConfigError("starts: nothing to train from; give initial values and a seed.")
-    for seed in numbers:
-        for initial in initials:
-            yield replace(config, initial=initial, seed=seed)
-
-
-def _notes(trials: tuple[Trial, ...], spread: FloatArray) -> tuple[str, ...]:
+    found: list[MultistartFinding] = []
     known = spread[np.isfinite(spread)]
-    if not known.size:
-        return ()
-    widest = float(known.max())
-    if widest <= NOTICED:
-        within = f"end within {max(widest, 0.01):.2g} % of each other"
-        but = "" if known.size == spread.size else " in the parameters that all of them determine"
-        return (f"All {len(trials)} trainings {within}{but}.",)
-    unsettled = sum(trial.fit.outcome is Outcome.FINISHED for trial in trials)
-    why = (
-        f"; {unsettled} of them had not settled when their iterations were over, so more"
-        " iterations may bring them together"
-        if unsettled
-        else ""
-    )
-    return (
-        f"The {len(trials)} trainings end up to {widest:.0f} % apart{why}. No single one of them"
-        " should be quoted alone.",
-    )
+    if known.size:
+        unconverged = sum(trial.fit.outcome is Outcome.FINISHED for trial in trials)
+        every = known.size == spread.size
+        found.append(TrainingSpread(len(trials), float(known.max()), every, unconverged))
+    found += _undetermined(segment, trials[0].fit.case, tables)
+    return MultistartResult(tuple(trials), spread, tuple(found))
 
 
-def _undetermined(segment: Segment, case: Case, tables: FloatArray) -> list[str]:
-    """Which parameter is nan in how many of the trials' tables (T, M, 3), a sentence each."""
+def _undetermined(segment: Segment, case: Case, tables: FloatArray) -> list[SpreadUndetermined]:
+    """Which parameter is nan in how many of the trials' tables (T, M, 3)."""
     shared = case == "I" and segment.followers > 1
-    labels = ["all followers"] if shared else segment.labels[1:]
-    counts = np.isnan(tables).sum(axis=0)
+    counts = np.isnan(tables).sum(axis=0).tolist()
     return [
-        f"{symbol} of {label} is undetermined in {count} of {len(tables)} trainings, so there is no"
-        " spread of it."
-        for label, row in zip(labels, counts, strict=False)
-        for symbol, count in zip("αβτ", row, strict=True)
+        SpreadUndetermined(vehicle, one.symbol, count, len(tables))
+        for vehicle, row in zip((0,) if shared else segment.vehicles[1:], counts, strict=False)
+        for one, count in zip(PARAMETERS, row, strict=True)
         if count
     ]
-
-
-def _train(
-    segment: Segment,
-    case: Case,
-    config: PinnConfig,
-    store: Store | None,
-    threads: int | None,
-    on_progress: OnProgress | None,
-    should_stop: ShouldStop | None,
-) -> Fit:
-    from accpinn.methods.pinn.training import train  # torch takes a second to import
-
-    return train(
-        segment,
-        case,
-        config,
-        store=store,
-        threads=threads,
-        on_progress=on_progress,
-        should_stop=should_stop,
-    )

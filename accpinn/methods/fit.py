@@ -2,14 +2,14 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from enum import Enum
 from typing import Any
 
 from accpinn.model.cthp import Case, Parameters, PlatoonSolution, Trajectories
+from accpinn.serial import NamedEnum
 from accpinn.units import FloatArray, Seconds
 
 
-class Outcome(Enum):
+class Outcome(NamedEnum):
     """How an estimation ended, as the sentence the user reads."""
 
     SOLVED = "Solved: no change of the estimate improves its criterion."

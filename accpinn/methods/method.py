@@ -6,9 +6,9 @@ from typing import Any
 
 from accpinn.methods.fit import Fit, OnProgress, ShouldStop
 from accpinn.methods.store import Store
-from accpinn.model.cthp import Case
+from accpinn.model.cthp import Case, Trajectories
 from accpinn.segment.segment import Segment
-from accpinn.units import Seconds
+from accpinn.units import FloatArray, Seconds
 
 
 @dataclass(frozen=True)
@@ -42,7 +42,10 @@ class Method:
     parse_settings: Callable[[Mapping[str, Any]], Any] | None = None
     """Settings from `Fit.config`; None for a method without settings."""
     variant: Callable[[Mapping[str, Any]], str] | None = None
-    """A few words on `Fit.config` that tell two fits of this method apart."""
+    """A few words on `Fit.config` that distinguish two fits of this method."""
+    redraw: Callable[[Fit, FloatArray, Seconds], Trajectories] | None = None
+    """The surrogate's curves at instants (N,) in s, from `Fit.arrays` alone, and the window's
+    duration in s; None for a method whose curves cannot be drawn again."""
 
     def fit(
         self,

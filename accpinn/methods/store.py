@@ -12,21 +12,42 @@ import tempfile
 import zipfile
 from collections.abc import Callable
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 from platformdirs import user_cache_path
 
 from accpinn.methods.fit import Fit
-from accpinn.methods.packing import Arrays, pack_fit, require_match, unpack_fit
 from accpinn.segment.segment import Segment
+from accpinn.serial import Arrays, Shape, check_shapes, dump, read_json, restore, write_json
 
-FORMAT = "accpinn store 1"
+FORMAT = "accpinn store 2"
 CAP_BYTES = 500_000_000
 """Of the whole folder; a result and its checkpoint for 300 s of data take about 0.4 MB."""
 FOLDER_VARIABLE = "ACCPINN_CACHE"
 """Environment variable that names another folder than the user's cache."""
 
+FIT_SHAPES = {
+    "Fit.parameters": Shape("M", 3),
+    "Fit.unconstrained": Shape("M", 3),
+    "Fit.active_bounds": Shape("M"),
+    "Fit.arrays": Shape(finite=True),
+    "Trajectories.time": Shape("N", finite=True),
+    "Trajectories.speeds": Shape("N", "V", finite=True),
+    "Trajectories.gaps": Shape("N", "M", finite=True),
+    "History.iteration": Shape("K", finite=True),
+    "History.seconds": Shape("K", finite=True),
+    "History.total": Shape("K", finite=True),
+    "History.data": Shape("K", finite=True),
+    "History.physics": Shape("K", finite=True),
+    "History.initial": Shape("K", finite=True),
+    "History.parameters": Shape("K", "P", 3, finite=True),
+    "ParameterTrack.time": Shape("K", finite=True),
+    "ParameterTrack.parameters": Shape("K", "M", 3),
+    "ParameterTrack.deviation": Shape("K", "M", 3),
+}
+"""N instants, M followers, V = M + 1 vehicles, K entries, P parameter sets (1 in Case I)."""
 
 Say = Callable[[str], object]
 """Takes a sentence for the user: what was set aside, or could not be read or written."""
@@ -47,10 +68,11 @@ class Store:
         if arrays is None:
             return None
         try:
-            fit = unpack_fit(arrays)
-            require_match(fit, segment)
+            text = arrays.pop("fit").tobytes()
+            fit = restore(Fit, read_json(text), arrays)
+            _check_match(fit, segment)
             return fit
-        except (KeyError, ValueError, TypeError, AttributeError, IndexError) as fault:
+        except (KeyError, ValueError) as fault:
             self._set_aside(f"{key}.fit.npz", fault, say)
             return None
 
@@ -60,7 +82,9 @@ class Store:
 
     def save_fit(self, key: str, fit: Fit, say: Say | None = None) -> None:
         """Keep a result."""
-        self._write(f"{key}.fit.npz", pack_fit(fit), say)
+        tree, arrays = dump(replace(fit, cached=False))
+        text = np.frombuffer(write_json(tree), np.uint8)
+        self._write(f"{key}.fit.npz", arrays | {"fit": text}, say)
 
     def load_state(self, key: str, say: Say | None = None) -> Arrays | None:
         """The checkpoint stored under ``key``, or None."""
@@ -113,7 +137,7 @@ class Store:
             handle, temporary = tempfile.mkstemp(dir=self.folder, suffix=".part")
             try:
                 with os.fdopen(handle, "wb") as file:
-                    np.savez(file, **marked)
+                    np.savez(file, allow_pickle=False, **marked)
                     file.flush()
                     os.fsync(file.fileno())
                 os.replace(temporary, self.folder / name)
@@ -172,6 +196,14 @@ _CONSEQUENCE = {
 def _kind(name: str) -> str:
     """Of a file: a key of `_CONSEQUENCE`."""
     return name.removesuffix(".npz").rpartition(".")[2]
+
+
+def _check_match(fit: Fit, segment: Segment) -> None:
+    """Refuse a result that is none of the segment's, or not finite."""
+    count = segment.followers
+    check_shapes(fit, FIT_SHAPES, {"N": segment.samples, "M": count, "V": count + 1})
+    if not np.isfinite(fit.parameters.values[:, :2]).all():  # τ is nan where α = 0
+        raise ValueError("its numbers are not finite")
 
 
 def _arrays_in(content: bytes) -> Arrays:

@@ -25,7 +25,7 @@ AGREEMENT_WINDOW: Seconds = 1.0
 AGREEMENT_MINIMUM = 30
 """Instants that a correlation takes."""
 RELATIVE_MOTION: MetresPerSecond = 0.2
-"""With less deviation of the speed difference, noise dominates and the correlation says nothing."""
+"""With less deviation of the speed difference, noise dominates the correlation."""
 FROZEN: Seconds = 0.5
 """A value repeated for longer while moving is a fault of the receiver."""
 MOVING: MetresPerSecond = 1.0

@@ -1,7 +1,10 @@
-"""The loader of OpenACC recordings: bytes in, a `Recording` out.
+"""The loader: a CSV file of the OpenACC database becomes a `Recording`, or one clear sentence.
 
-A file has five rows of metadata, a row of column names, then one row every 0.1 s. Its columns are
-chosen by name: Time, Speed<i>, IVS<i>, Driver<i> (see `channels`).
+Five metadata rows, a row of column names, then one row every 0.1 s, all in SI units. Columns are
+chosen by name, as their set and order vary between campaigns: Time, Speed<i>, IVS<i> (space-gap
+between vehicles i and i+1), Driver<i>. Positions are not read.
+
+Data format: Makridis et al., Transportation Research Part C 125, 2021, 103047.
 """
 
 import csv
@@ -30,7 +33,7 @@ from accpinn.recordings.recording import (
     unnamed,
 )
 from accpinn.recordings.samples import Columns, Samples, read_samples
-from accpinn.recordings.source import LIMIT_BYTES, Source, SourceFile, excerpt, read_bytes
+from accpinn.recordings.source import Source, SourceFile, excerpt, read_bytes
 
 LONGEST_NAME = 80
 """Characters of a vehicle's name that are kept; the longest of the database has 22."""
@@ -46,36 +49,26 @@ class Campaign:
     """A campaign: its folder, how it names its files, and the days it took place."""
 
     folder: str
-    files: re.Pattern[str]
-    days: tuple[date, ...]
+    files: str
+    """Regular expression of how the names of its files begin."""
+    days: tuple[str, ...]
+    """As 2019-07-04."""
     unique: bool = True
     """Whether no other campaign names its files like this."""
 
 
-_PART = re.compile(r"part\d+(_\d+)?\b")
+_PART = r"part\d+(_\d+)?\b"
 
 CAMPAIGNS = (
-    Campaign(
-        "AstaZero",
-        re.compile(r"ASta_\d{6}_platoon\d+"),
-        (date(2019, 7, 4), date(2019, 7, 5)),
-    ),
-    Campaign("Casale", _PART, (date(2020, 10, 27),), unique=False),
-    Campaign(
-        "Cherasco",
-        re.compile(r"(JRC-Cher|Cher-JRC)_"),
-        (date(2018, 8, 30), date(2018, 9, 24)),
-    ),
-    Campaign("JRC low speed", _PART, (date(2020, 9, 30),), unique=False),
-    Campaign(
-        "Vicolungo",
-        re.compile(r"(JRC-VC|VC-JRC)_"),
-        (date(2019, 2, 26), date(2019, 2, 27), date(2019, 2, 28)),
-    ),
+    Campaign("AstaZero", r"ASta_\d{6}_platoon\d+", ("2019-07-04", "2019-07-05")),
+    Campaign("Casale", _PART, ("2020-10-27",), unique=False),
+    Campaign("Cherasco", r"(JRC-Cher|Cher-JRC)_", ("2018-08-30", "2018-09-24")),
+    Campaign("JRC low speed", _PART, ("2020-09-30",), unique=False),
+    Campaign("Vicolungo", r"(JRC-VC|VC-JRC)_", ("2019-02-26", "2019-02-27", "2019-02-28")),
     Campaign(
         "ZalaZone",
-        re.compile(r"(handling|dynamic)_part\d+"),
-        (date(2019, 10, 6), date(2019, 10, 7), date(2019, 10, 8), date(2019, 10, 9)),
+        r"(handling|dynamic)_part\d+",
+        ("2019-10-06", "2019-10-07", "2019-10-08", "2019-10-09"),
     ),
 )
 
@@ -88,18 +81,17 @@ class _Row:
     """Offset of the byte behind the row."""
 
 
-def read(source: Source, name: str | None = None, limit_bytes: int = LIMIT_BYTES) -> Recording:
+def read(source: Source, name: str | None = None) -> Recording:
     """Read an OpenACC CSV file.
 
     Args:
         source: path of the file, or the bytes of an upload.
         name: file name to show; needed for bytes only.
-        limit_bytes: larger files are refused.
 
     Raises:
         RecordingError: one sentence of file, place, fault and cure.
     """
-    source_file = read_bytes(source, name, limit_bytes)
+    source_file = read_bytes(source, name)
     metadata, columns = _read_header(source_file)
     names = _names(source_file, metadata.get("Vehicle_order", ()))
     findings: list[RecordingFinding] = [
@@ -128,7 +120,6 @@ def read(source: Source, name: str | None = None, limit_bytes: int = LIMIT_BYTES
             for number in range(1, vehicles + 1)
         ),
         time=samples.time - samples.time[0],
-        first_time=float(samples.time[0]),
         speed=samples.speed,
         gap=samples.gap,
         mode=samples.mode,
@@ -174,9 +165,9 @@ def _campaign(source_file: SourceFile, day: date | None) -> str | None:
     found = [
         campaign.folder
         for campaign in CAMPAIGNS
-        if day is None or day in campaign.days
+        if day is None or day.isoformat() in campaign.days
         if folder == campaign.folder.lower()
-        or (campaign.files.match(source_file.name) and (campaign.unique or day is not None))
+        or (re.match(campaign.files, source_file.name) and (campaign.unique or day is not None))
     ]
     return found[0] if len(found) == 1 else None
 

@@ -172,7 +172,7 @@ class Vehicle:
     missing_share: float
     """The same as a share of all samples, 0 to 1."""
     modes: dict[str, int] | None
-    """Samples under "ACC" and under "Human"; None where the file does not say."""
+    """Samples under "ACC" and under "Human"; None where the file has no modes."""
 
 
 def vehicle_label(number: int, name: str) -> str:
@@ -203,8 +203,6 @@ class Recording:
     """(V,) also those the header names but the columns lack."""
     time: FloatArray
     """(N,) in s from the first sample."""
-    first_time: Seconds
-    """The first time stamp as it stands in the file."""
     speed: FloatArray
     """(N, V) in m/s; NaN where missing, column i - 1 is vehicle i."""
     gap: FloatArray

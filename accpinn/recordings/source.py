@@ -43,7 +43,7 @@ class SourceFile:
         return self.raw.removeprefix(_BOM)
 
     def refusal(self, fault: str, cure: str, place: str = "") -> RecordingError:
-        """The error that says in one sentence which file and place, what fault and what cure."""
+        """The error for this file: place, fault and cure in one sentence."""
         return _refusal(f"{self.name}, {place}" if place else self.name, fault, cure)
 
 
@@ -57,13 +57,12 @@ def excerpt(text: str, length: int = 30) -> str:
     return line if len(line) <= length else line[: length - 1] + "…"
 
 
-def read_bytes(source: Source, name: str | None, limit_bytes: int) -> SourceFile:
+def read_bytes(source: Source, name: str | None) -> SourceFile:
     """Read a file that holds text of a bearable size.
 
     Args:
         source: path of the file, or the bytes of an upload.
         name: file name to show; by default that of the path.
-        limit_bytes: larger files are refused.
 
     Raises:
         RecordingError: when the file cannot be read, is too large or is no text.
@@ -73,13 +72,13 @@ def read_bytes(source: Source, name: str | None, limit_bytes: int) -> SourceFile
     elif not os.fspath(source):
         raise RecordingError("No file is named; name an OpenACC CSV file.")
     else:
-        source_file = _load(Path(source), name, limit_bytes)
-    _require_size(source_file.name, len(source_file.raw), limit_bytes)
+        source_file = _load(Path(source), name)
+    _require_size(source_file.name, len(source_file.raw))
     _require_text(source_file)
     return source_file
 
 
-def _load(path: Path, name: str | None, limit_bytes: int) -> SourceFile:
+def _load(path: Path, name: str | None) -> SourceFile:
     shown = excerpt(name or path.name or str(path), _NAME_LENGTH)
     try:
         if path.is_dir():
@@ -88,7 +87,7 @@ def _load(path: Path, name: str | None, limit_bytes: int) -> SourceFile:
             raise _refusal(shown, "there is no such file", "check its name and folder")
         if not path.is_file():
             raise _refusal(shown, "this is not an ordinary file", _CHOOSE_CSV)
-        _require_size(shown, path.stat().st_size, limit_bytes)
+        _require_size(shown, path.stat().st_size)
         return SourceFile(shown, path.resolve().parent.name, path.read_bytes())
     except (OSError, ValueError) as error:
         reason = (getattr(error, "strerror", None) or "no valid path").lower()
@@ -96,9 +95,9 @@ def _load(path: Path, name: str | None, limit_bytes: int) -> SourceFile:
         raise _refusal(shown, fault, "check its name and permissions") from error
 
 
-def _require_size(name: str, size: int, limit: int) -> None:
-    if size > limit:
-        fault = f"the file has {size / 1e6:.1f} MB and the limit is {limit / 1e6:.1f} MB"
+def _require_size(name: str, size: int) -> None:
+    if size > LIMIT_BYTES:
+        fault = f"the file has {size / 1e6:.1f} MB and the limit is {LIMIT_BYTES / 1e6:.1f} MB"
         raise _refusal(name, fault, "split it, or choose a single run")
 
 

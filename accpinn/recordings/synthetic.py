@@ -35,6 +35,9 @@ REPORT_TIME: Seconds = 0.25
 SIMULATION_STEP: Seconds = 0.05
 """The largest step whose instants include those of both rates above."""
 
+FIRST_TIME: Seconds = 1.0
+"""The Time of the first sample; AstaZero's files start at 1, too."""
+
 DATE = (1, 1, 2024)
 """A day on which no campaign of OpenACC drove; the synthetic files have no date of their own."""
 
@@ -94,8 +97,6 @@ class Scenario:
     noise: Noise | None
     seed: int
     duration: Seconds = 400.0
-    first_time: Seconds = 1.0
-    """The Time of the first sample; AstaZero's files start at 1, too."""
     initial: tuple[Metres, MetresPerSecond] | None = None
     """Space-gap and speed of every follower at first; without it, equilibrium."""
 
@@ -284,7 +285,7 @@ def to_csv(scenario: Scenario, recorded: Trajectories) -> bytes:
     lines.append(",".join(names))
     modes = ["ACC"] * len(followers)
     for instant, speeds, gaps in zip(
-        scenario.first_time + recorded.time, recorded.speeds, recorded.gaps, strict=True
+        FIRST_TIME + recorded.time, recorded.speeds, recorded.gaps, strict=True
     ):
         numbers = [f"{value:.4f}" for value in (*speeds, *gaps)]
         lines.append(",".join([f"{instant:.1f}", *numbers, *modes]))

@@ -28,7 +28,7 @@ from accpinn.units import FloatArray, Seconds
 DURATION: Seconds = 300.0
 """Default length of a window; that of the studies this package follows."""
 MINIMUM_DURATION: Seconds = 10.0
-"""A shorter window says too little about three parameters."""
+"""A shorter window hardly identifies three parameters."""
 BRIDGE: Seconds = 1.0
 """Missing blocks up to this long are bridged by a straight line, as the database's makers did."""
 SLACK: Seconds = 1e-6
@@ -80,25 +80,13 @@ def cut(
     )
 
 
-def complete_windows(
-    recording: Recording,
-    vehicles: Sequence[int],
-    minimum: Seconds = MINIMUM_DURATION,
-    bridge: Seconds = BRIDGE,
-) -> tuple[Window, ...]:
-    """The windows in which no sample is missing.
-
-    Args:
-        recording: where to look.
-        vehicles: consecutive numbers, leader first.
-        minimum: windows shorter than this many seconds do not count.
-        bridge: missing blocks up to this many seconds do not count.
+def complete_windows(recording: Recording, vehicles: Sequence[int]) -> tuple[Window, ...]:
+    """The windows of at least `MINIMUM_DURATION` in which nothing is missing once bridged.
 
     Raises:
         SegmentError: when the vehicles are no platoon.
     """
-    platoon = _platoon(recording, check_vehicles(recording, vehicles), bridge)
-    return platoon.complete(minimum)
+    return _platoon(recording, check_vehicles(recording, vehicles), BRIDGE).complete()
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,11 +116,11 @@ class _Platoon:
                 findings.append(Bridged(column, sum(map(len, blocks)), windows))
         return findings
 
-    def complete(self, minimum: Seconds) -> tuple[Window, ...]:
-        """The windows of at least ``minimum`` seconds without a missing value."""
+    def complete(self) -> tuple[Window, ...]:
+        """The windows of at least `MINIMUM_DURATION` without a missing value."""
         complete = stretches(np.isfinite(self.values).all(axis=1))
         windows = (self.recording.window(stretch) for stretch in complete)
-        return tuple(window for window in windows if window.duration >= minimum - SLACK)
+        return tuple(window for window in windows if window.duration >= MINIMUM_DURATION - SLACK)
 
 
 def _platoon(recording: Recording, vehicles: tuple[int, ...], bridge: Seconds) -> _Platoon:
@@ -171,7 +159,7 @@ def _refuse_missing(platoon: _Platoon, rows: Stretch) -> None:
         reason = f"too long to bridge (limit {platoon.bridge:g} s)"
     middle = float(recording.time[(rows.first + rows.last) // 2])
     nearest = sorted(
-        platoon.complete(MINIMUM_DURATION),
+        platoon.complete(),
         key=lambda window: max(window.start - middle, middle - window.end, 0.0),
     )
     listed = sorted(nearest[:WINDOWS_LISTED], key=lambda window: window.start)

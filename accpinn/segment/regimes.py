@@ -1,12 +1,12 @@
 """Regimes: what a follower does at each instant, and which instants a segment excludes for it.
 
-    manual          a driver, not ACC, controls the vehicle (where the file says so)
+    manual          a driver, not ACC, controls the vehicle (where the file has modes)
     standstill      speed at most 1 m/s
     catching up     time gap p/v above 2 s: the vehicle catches up or drives freely
     car-following   all else: where the model is meant to hold
 
 Each instant has one regime, the first of these that applies. A file that gives no driver modes
-has no manual instants here, and `Regimes.mode_known` says so.
+has no manual instants here; `Regimes.mode_known` is False then.
 
 Nothing is excluded unless the user asks. Excluded instants keep their data: the motion there is
 measured as well as elsewhere, and dp/dt = Δv holds; only the equation of dv/dt does not count.
@@ -150,7 +150,7 @@ def _modes(segment: Segment, recording: Recording) -> NDArray[np.int8]:
 
 
 def _refuse_too_little(segment: Segment, mask: Mask, chosen: tuple[str, ...]) -> None:
-    """As a short window does, few instants say too little about three parameters."""
+    """Few instants, like a short window, hardly identify three parameters."""
     left = mask.sum(axis=0) * segment.sample_time
     worst = int(left.argmin())
     if left[worst] < MINIMUM_DURATION:

@@ -49,7 +49,8 @@ def checked(parameters: Parameters) -> Parameters:
     values = parameters.values.reshape(-1, 3).copy()
     if not values.size:
         raise ParameterError("There is no vehicle; give at least one set of α, β and τ.")
-    values[values[:, 0] * LARGEST < 1.0, 2] = 0.0
+    with np.errstate(over="ignore"):
+        values[values[:, 0] * LARGEST < 1.0, 2] = 0.0
     for row, column in np.argwhere(~((values >= 0) & (values <= LARGEST)))[:1]:
         fault = _fault("αβτ"[column], values[row, column])
         raise ParameterError(f"Parameter set {row + 1}: {fault}.")

@@ -1,9 +1,9 @@
-"""How much an estimate depends on instants at which the law may not hold.
+"""Sensitivity of the estimates to instants at which the model may not hold.
 
-The same methods learn from the same window four times: with all instants, and with the regimes of
-`segment.regimes` left out in turn. Car-following alone is the law's own ground, yet it is chosen by
-the time gap, which the law is to explain; so neither end is the truth, and the distance between
-them says how far the data and the law disagree.
+The same methods are applied to the same window four times: to all instants, and with the regimes of
+`segment.regimes` excluded in turn. The model is meant for car-following alone, yet car-following is
+selected by the time gap, which the model is to explain; so neither end is the truth, and the
+distance between them shows how far the data and the model disagree.
 """
 
 from dataclasses import dataclass, replace
@@ -23,33 +23,32 @@ CHOICES = {
     "without standstill and manual": ("standstill", "manual"),
     "car-following only": EXCLUDABLE,
 }
-"""What is left out, by what is left in."""
+"""The regimes excluded, by what is then left."""
 
 
 @dataclass(frozen=True)
 class SensitivityResult:
-    """What one method learns from a part of the instants; M followers."""
+    """The parameters that one method finds from a part of the instants; M followers."""
 
     choice: str
     """Which instants, a key of `CHOICES`."""
-    left_out: tuple[str, ...]
-    """The regimes left out."""
+    excluded_regimes: tuple[str, ...]
     share: tuple[float, ...]
-    """(M,) share of each follower's instants left out, 0 to 1."""
+    """(M,) share of each follower's instants excluded, 0 to 1."""
     method: str
     parameters: Parameters | None
     """(M,); None where too little is left."""
-    refusal: str = ""
+    fault: SegmentError | None = None
     """Why there are none."""
 
 
 def sensitivity(
     segment: Segment, recording: Recording | None = None, case: Case = "II"
 ) -> tuple[SensitivityResult, ...]:
-    """A row for each method and choice, choices first; two or three times the splines' time.
+    """A row for each method and choice, choices first; takes two or three times the splines' time.
 
     Args:
-        segment: the data; what it leaves out itself plays no part.
+        segment: the data; its own mask has no effect.
         recording: what it was cut from, for the driver modes.
         case: "I" or "II".
     """
@@ -63,8 +62,7 @@ def sensitivity(
             part = exclude_regimes(plain, regimes, names) if any(share) else plain
         except SegmentError as fault:
             rows += [
-                SensitivityResult(choice, names, share, method, None, str(fault))
-                for method in COMPARED
+                SensitivityResult(choice, names, share, method, None, fault) for method in COMPARED
             ]
             continue
         digest = part.info.digest  # a regime that does not occur changes nothing

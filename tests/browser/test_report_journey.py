@@ -9,9 +9,9 @@ import pytest
 from playwright.sync_api import Browser, Page
 
 from accpinn.results.report.page import render_report
-from accpinn.results.snapshot.content import Snapshot
+from accpinn.results.snapshot.schema import Snapshot
 from tests.browser.running import watched
-from tests.snapshots import whole
+from tests.support.snapshots import whole
 
 Show = Callable[..., Page]
 NAME = "<script>alert(1)</script>"

@@ -7,12 +7,12 @@ from pathlib import Path
 import pytest
 from playwright.sync_api import Download, Locator, Page, expect
 
-from accpinn.results.snapshot.content import Snapshot
 from accpinn.results.snapshot.file import load, to_bytes
+from accpinn.results.snapshot.schema import Snapshot
 from tests.browser.conftest import Open
 from tests.browser.running import idle
-from tests.snapshots import whole
 from tests.support.openacc_files import csv, metadata, platoon
+from tests.support.snapshots import whole
 
 pytestmark = pytest.mark.browser
 

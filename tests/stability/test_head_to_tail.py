@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from scipy.signal import impulse
 
 from accpinn.model.cthp import Parameters
-from accpinn.stability.frequency import peaks, response
+from accpinn.stability.frequency import response
 from accpinn.stability.head_to_tail import head_to_tail_gains, head_to_tail_peaks
 from accpinn.stability.linf_gain import step_metrics
 from tests.stability.references import TABLE
@@ -27,13 +27,6 @@ from tests.support.vehicles import (
 platoons = st.lists(
     ordinary.filter(lambda vehicle: damping(vehicle) > 0.05), min_size=2, max_size=5
 )
-
-
-def test_peak_of_equal_vehicles_is_the_power() -> None:
-    (single,) = peaks(row(AUDI)).each()
-    found = head_to_tail_peaks(row(*[AUDI] * 8))
-    np.testing.assert_allclose(found.gain, single.gain ** np.arange(1, 9), rtol=1e-10)
-    np.testing.assert_allclose(found.omega, single.omega, rtol=1e-6)
 
 
 def test_peak_is_the_largest_product_on_a_fine_grid() -> None:

@@ -6,12 +6,11 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy.linalg import expm
 
 from accpinn.model.cthp import Parameters
 from accpinn.stability.linf_gain import step_metrics
 from tests.stability.references import integral_of_magnitude
-from tests.support.vehicles import TESLA, ordinary
+from tests.support.vehicles import ordinary
 
 
 def vehicle_with(total: float, share: float, alpha: float) -> Parameters:
@@ -53,14 +52,6 @@ def test_without_beta_it_is_the_second_order_lag_of_the_textbook() -> None:
 def test_gain_is_the_same_in_other_units_of_time(vehicle: Parameters) -> None:
     scaled = Parameters(vehicle.alpha * 1e8, vehicle.beta * 1e4, vehicle.tau * 1e-4)
     assert step_metrics(scaled).gain == pytest.approx(step_metrics(vehicle).gain, rel=1e-6)
-
-
-def test_overshoot_is_where_the_step_response_turns() -> None:
-    system = np.array([[0.0, 1.0], [-TESLA.alpha, -TESLA.alpha * TESLA.tau - TESLA.beta]])
-    outputs = np.array([TESLA.alpha, TESLA.beta])
-    start = np.linalg.solve(system, np.array([0.0, 1.0]))
-    steps = [outputs @ (expm(system * t) @ start - start) for t in np.arange(0, 60, 0.05)]
-    assert step_metrics(TESLA).overshoot == pytest.approx(max(steps) - 1, abs=1e-6)
 
 
 def test_arrays_broadcast() -> None:

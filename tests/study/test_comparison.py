@@ -70,7 +70,7 @@ def test_rows_come_in_order_with_errors_of_every_kind(rows: list[MethodResult]) 
     assert rows[1].evaluation.surrogate is not None
     for row in rows:
         assert row.evaluation.closed_loop is not None
-        assert row.evaluation.held_out is not None
+        assert row.evaluation.holdout is not None
         assert (row.evaluation.closed_loop.gap_mae < 0.5).all()
 
 
@@ -116,11 +116,11 @@ def test_intervals_hold_the_truth_of_a_sample(segment: Segment, rows: list[Metho
     laws = load_truth(truth_path(SAMPLE)).parameters
     truth = np.array([[law.alpha, law.beta, law.tau] for law in laws])
     uncertainty = rows[0].uncertainty
-    held = (uncertainty.lower <= truth) & (truth <= uncertainty.upper)
+    held = (uncertainty.lower.values <= truth) & (truth <= uncertainty.upper.values)
     assert held[:, :2].all()
-    np.testing.assert_allclose(uncertainty.centre[:, 2], truth[:, 2], rtol=0.005)
+    np.testing.assert_allclose(uncertainty.centre.tau, truth[:, 2], rtol=0.005)
     assert (uncertainty.probability_l2 < 0.05).all()
-    assert uncertainty.draws.shape[1:] == (segment.followers, 3)
+    assert uncertainty.draws.values.shape[1:] == (segment.followers, 3)
 
 
 def test_intervals_hold_as_often_as_they_say_and_naive_ones_do_not() -> None:
@@ -144,9 +144,10 @@ def test_intervals_are_wide_where_nothing_moves(segment: Segment) -> None:
     )
     uncertainty = intervals(still, splines.fit(still))
     moving = intervals(segment, splines.fit(segment))
-    assert uncertainty.notes
-    assert np.isfinite(moving.upper).all()
-    assert (uncertainty.upper - uncertainty.lower > 3 * (moving.upper - moving.lower)).all()
+    assert uncertainty.findings
+    assert np.isfinite(moving.upper.values).all()
+    wide, narrow = (one.upper.values - one.lower.values for one in (uncertainty, moving))
+    assert (wide > 3 * narrow).all()
 
 
 def test_tables_name_method_and_interval(segment: Segment, rows: list[MethodResult]) -> None:
@@ -155,7 +156,7 @@ def test_tables_name_method_and_interval(segment: Segment, rows: list[MethodResu
     assert methods.rows[1][1] == rows[1].fit.parameters[1].alpha
     lines = intervals_table(segment, rows[0].uncertainty).rows
     assert len(lines) == segment.followers
-    low = rows[0].uncertainty.lower[0, 0]
+    low = rows[0].uncertainty.lower[0].alpha
     assert str(lines[0][1]).startswith(f"{low:.4f} ")
     assert where(segment) in intervals_table(segment, rows[0].uncertainty).caption
     time = methods.columns[-1]

@@ -6,6 +6,7 @@ from typing import Any
 from accpinn.methods.fit import Fit
 from accpinn.methods.method import Method, TaskContext
 from accpinn.methods.pinn.config import FAST, PRESETS, PinnConfig
+from accpinn.methods.pinn.numpy_forward import curve
 from accpinn.model.cthp import Case
 from accpinn.segment.segment import Segment
 
@@ -41,4 +42,5 @@ METHOD = Method(
     tolerance=1e-3,
     parse_settings=lambda config: PinnConfig.from_json(dict(config)),
     variant=_variant,
+    redraw=curve,
 )

@@ -10,8 +10,8 @@ import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
 from accpinn.channels import PARAMETERS, TIME, Quantity
+from accpinn.inference.identifiability import INCREASE, Profile
 from accpinn.inference.intervals import Uncertainty
-from accpinn.inference.profiles import INCREASE, Profile
 from accpinn.methods.fit import ParameterTrack
 from accpinn.model.cthp import Parameters
 from accpinn.results.figures.style import (
@@ -70,7 +70,8 @@ def estimates(
     for which, quantity in enumerate(PARAMETERS):
         column = which + 1
         values = np.array([row.values[which] for row in rows])
-        ends = float(uncertainty.lower[follower, which]), float(uncertainty.upper[follower, which])
+        low, high = uncertainty.lower.values, uncertainty.upper.values
+        ends = float(low[follower, which]), float(high[follower, which])
         shown = limits(np.concatenate([values, ends, true[which : which + 1]])) or [0.0, 1.0]
         figure.add_scatter(
             x=values,

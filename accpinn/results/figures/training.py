@@ -8,7 +8,7 @@ import numpy as np
 import plotly.graph_objects as go
 
 from accpinn.channels import GAP, PARAMETERS, SPEED, TIME
-from accpinn.evaluation.closed_loop import collisions
+from accpinn.evaluation.closed_loop import closed_loop_findings, collision_times
 from accpinn.methods.fit import History
 from accpinn.model.cthp import Parameters, Trajectories
 from accpinn.results.figures.style import (
@@ -175,7 +175,8 @@ def tracking(
                 col=1,
             )
     if data and closed_loop:
-        _mark_collision(figure, float(collisions(data, closed_loop)[follower]))
+        findings = closed_loop_findings(data, closed_loop)
+        _mark_collision(figure, float(collision_times(findings, data.vehicles)[follower]))
     if len(rows) > 2:
         figure.add_hline(y=0, line={"color": GRID, "width": 1.5}, row=3, col=1)
     label_axes(figure, rows)

@@ -3,8 +3,7 @@
 import numpy as np
 import plotly.graph_objects as go
 
-from accpinn.inference.bands import gain_band
-from accpinn.inference.intervals import Uncertainty
+from accpinn.inference.intervals import Uncertainty, gain_band
 from accpinn.model.published import ParameterSet
 from accpinn.results.figures.stability import CEILING, Plane, colours
 from accpinn.results.figures.style import band, translucent
@@ -45,7 +44,7 @@ def add_clouds(
     across = {"alpha": 0, "beta": 1}[plane]
     clouds = []
     for k, colour in enumerate(colours(vehicles)):
-        draws = uncertainty.draws[:, k]
+        draws = uncertainty.draws.values[:, k]
         draws = draws[np.linspace(0, len(draws) - 1, CLOUD).astype(int)]
         draws = draws[np.isfinite(draws).all(axis=1)]
         clouds.append(
@@ -60,7 +59,7 @@ def add_clouds(
 
 def cloud_caption(figure: go.Figure, uncertainty: Uncertainty, plane: Plane) -> str:
     """What the clouds show, and the share of the draws that the map does not show."""
-    known = uncertainty.draws[:, ~np.isnan(uncertainty.draws[0, :, 0])]
+    known = uncertainty.draws.values[:, ~np.isnan(uncertainty.draws.alpha[0])]
     across = known[..., {"alpha": 0, "beta": 1}[plane]]
     right, top = figure.layout.xaxis.range[1], figure.layout.yaxis.range[1]
     no_gap_control = np.isnan(known[..., 2])

@@ -4,7 +4,7 @@
 """
 
 from collections.abc import Iterable
-from functools import singledispatch
+from functools import cache, singledispatch
 from importlib import import_module
 from pkgutil import iter_modules
 from typing import Protocol
@@ -34,7 +34,11 @@ def message(finding: Finding, about: Labelled) -> str:
     Raises:
         NotImplementedError: for a kind of finding without a sentence.
     """
-    raise NotImplementedError(type(finding).__name__)
+    _register_all()
+    sentence = message.dispatch(type(finding))
+    if sentence is message.dispatch(object):
+        raise NotImplementedError(type(finding).__name__)
+    return sentence(finding, about)
 
 
 def messages(findings: Iterable[Finding], about: Labelled) -> tuple[str, ...]:
@@ -42,5 +46,8 @@ def messages(findings: Iterable[Finding], about: Labelled) -> tuple[str, ...]:
     return tuple(message(finding, about) for finding in findings)
 
 
-for _module in iter_modules(__path__):
-    import_module(f"{__name__}.{_module.name}")
+@cache
+def _register_all() -> None:
+    """Import the modules of this package, which register their sentences, as late as possible."""
+    for module in iter_modules(__path__):
+        import_module(f"{__name__}.{module.name}")

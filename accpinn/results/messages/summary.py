@@ -7,7 +7,7 @@ from accpinn.inference.intervals import Uncertainty
 from accpinn.methods.fit import unfinished
 from accpinn.model.cthp import Parameters
 from accpinn.results.messages import messages
-from accpinn.results.snapshot.content import Snapshot
+from accpinn.results.snapshot.schema import Snapshot
 from accpinn.results.tables.table import between
 
 FLAGS = {0: "human drivers", 1: "ACC", 2: "mixed"}
@@ -56,7 +56,7 @@ def headway_words(uncertainty: Uncertainty | None, follower: int) -> str:
     """The interval of τ; empty where there is none."""
     if uncertainty is None:
         return ""
-    low, high = float(uncertainty.lower[follower, 2]), float(uncertainty.upper[follower, 2])
+    low, high = (ends[follower].tau for ends in (uncertainty.lower, uncertainty.upper))
     if isnan(low) or isnan(high):
         return ""
     percent = f"{100 * uncertainty.level:.0f} % interval"
@@ -147,7 +147,8 @@ def _collisions(snapshot: Snapshot) -> str:
     evaluation, labels = snapshot.evaluation, snapshot.info.labels[1:]
     if evaluation is None:
         return ""
-    when = [(k, float(time)) for k, time in enumerate(evaluation.collisions) if isfinite(time)]
+    times = evaluation.collision_times(snapshot.info.vehicles).tolist()
+    when = [(k, time) for k, time in enumerate(times) if isfinite(time)]
     if not when:
         return ""
     if len(labels) == 1:
@@ -206,17 +207,17 @@ def _excluded(snapshot: Snapshot) -> str:
 
 def cautions(snapshot: Snapshot) -> dict[str, tuple[str, ...]]:
     """Cautions, by the part of the report they belong to."""
-    evaluation, uncertainty = snapshot.evaluation, snapshot.uncertainty
+    info, evaluation, uncertainty = snapshot.info, snapshot.evaluation, snapshot.uncertainty
     return {
         "data": messages((*snapshot.info.findings, *snapshot.quality.findings), snapshot.info),
         "parameters": tuple(
             dict.fromkeys(
                 (
                     *snapshot.fit.notes,
-                    *(uncertainty.notes if uncertainty else ()),
-                    *(evaluation.whiteness.sentences if evaluation else ()),
+                    *messages(uncertainty.findings if uncertainty else (), info),
+                    *messages(evaluation.whiteness.findings if evaluation else (), info),
                 )
             )
         ),
-        "driving": evaluation.incidents if evaluation else (),
+        "driving": messages(evaluation.all_findings if evaluation else (), info),
     }

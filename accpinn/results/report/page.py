@@ -19,12 +19,13 @@ from accpinn.results.figures.style import vehicle_colour
 from accpinn.results.messages import messages
 from accpinn.results.messages import summary as words
 from accpinn.results.messages.platoon import PLACES
+from accpinn.results.messages.snapshot import check_rows, summary
 from accpinn.results.messages.stability import reason
 from accpinn.results.report import pictures
 from accpinn.results.report.pictures import Picture
-from accpinn.results.snapshot.checking import Verification, check
-from accpinn.results.snapshot.content import Snapshot
 from accpinn.results.snapshot.create import stability
+from accpinn.results.snapshot.schema import Snapshot
+from accpinn.results.snapshot.verification import Verification, check
 from accpinn.results.tables.estimates import intervals_table, methods_table, parameter_table
 from accpinn.results.tables.names import TITLES
 from accpinn.results.tables.stability import stability_interval_table, stability_table
@@ -118,10 +119,12 @@ def _story(snapshot: Snapshot, checked: Verification, shown: list[Picture]) -> d
         "run_warnings": messages(driven[0].findings, PLACES) if driven else (),
         "repeated": driven[2] if driven else "",
         "methods": [
-            _sheet(methods_table(info, snapshot.rows, k), f"methods_{k + 1}")
-            for k in range(info.followers if snapshot.rows else 0)
+            _sheet(methods_table(info, snapshot.methods, k), f"methods_{k + 1}")
+            for k in range(info.followers if snapshot.methods else 0)
         ],
         "checked": checked,
+        "verdict": summary(checked, info),
+        "checks": check_rows(checked, info),
         "method": TITLES.get(snapshot.fit.method, snapshot.fit.method),
         "settings": [
             (key.replace("_", " "), words.setting(value))

@@ -29,7 +29,7 @@ from accpinn.results.figures.style import (
 )
 from accpinn.results.figures.training import loss_history, parameter_history, tracking
 from accpinn.results.figures.uncertainty import add_bands, add_clouds, cloud_caption
-from accpinn.results.snapshot.content import Snapshot
+from accpinn.results.snapshot.schema import Snapshot
 from accpinn.results.tables.names import name_of
 from accpinn.segment.segment import Segment, SegmentInfo
 

@@ -1,140 +1,150 @@
-"""Named bytes in one file: a zip in which every byte is determined by the names and contents.
+"""Named bytes, and named arrays, in one file: a zip in which every byte follows from the contents.
 
 Nothing is compressed, all times and attributes are fixed, the order is that of the names given, and
 there are neither comments nor extra fields. Reading therefore needs no trust: what `pack` would
-not have written, to the last byte, is refused.
+not have written, to the last byte, is refused. Arrays are `.npy` members as numpy writes them; a
+header is believed only once its shape accounts for every byte that follows.
 """
 
-import struct
-import zlib
+import re
+import zipfile
 from collections.abc import Mapping
-from dataclasses import dataclass
+from io import BytesIO
+from math import prod
+from typing import Any
+
+import numpy as np
+from numpy.lib import format as npy
+from numpy.typing import NDArray
 
 from accpinn.errors import SnapshotError
+from accpinn.serial import Arrays
 
-LOCAL = struct.Struct("<4s5H3I2H")
-CENTRAL = struct.Struct("<4s6H3I5H2I")
-END = struct.Struct("<4s4H2IH")
-LOCAL_MARK, CENTRAL_MARK, END_MARK = b"PK\3\4", b"PK\1\2", b"PK\5\6"
-VERSION = 20
-"""Of the format that is needed to read: plain zip."""
-UNIX = 3 << 8 | VERSION
-MIDNIGHT, NEW_YEAR_1980 = 0, 1 << 5 | 1
+BEGINNING = b"PK\3\4"
+_LISTED = b"PK\1\2"
+"""Begins the record of each entry in the list of contents."""
+MOST_ENTRIES = 2_000
+"""Of a file, those of the parts within it included; more are not even listed."""
 PLAIN_FILE = 0o100644 << 16
 """Attributes of every entry: a regular file that its owner may change and all may read."""
-STORED, ENCRYPTED = 0, 1
-LONGEST_NAME = 100
+NEW_YEAR_1980 = (1980, 1, 1, 0, 0, 0)
+UNIX, ENCRYPTED = 3, 1
+
+SUFFIX = ".npy"
+TYPES = ("<f8", "<f4", "|b1")
+_NAME = re.compile(r"[A-Za-z0-9_]+(\.[A-Za-z0-9_]+)*\.npy")
+"""Of an array, as "arrays.hidden.layers.0.weight.npy": nothing that could be a path."""
 
 
 def pack(entries: Mapping[str, bytes]) -> bytes:
     """The file with these entries, in this order."""
-    parts: list[bytes] = []
-    directory: list[bytes] = []
-    position = 0
-    for name, content in entries.items():
-        label, size, checksum = name.encode("ascii"), len(content), zlib.crc32(content)
-        about = (STORED, MIDNIGHT, NEW_YEAR_1980, checksum, size, size, len(label), 0)
-        parts += [LOCAL.pack(LOCAL_MARK, VERSION, 0, *about), label, content]
-        head = CENTRAL.pack(CENTRAL_MARK, UNIX, VERSION, 0, *about, 0, 0, 0, PLAIN_FILE, position)
-        directory += [head, label]
-        position += LOCAL.size + len(label) + size
-    listing = b"".join(directory)
-    count = len(entries)
-    end = END.pack(END_MARK, 0, 0, count, count, len(listing), position, 0)
-    return b"".join([*parts, listing, end])
+    buffer = BytesIO()
+    with zipfile.ZipFile(buffer, "w", zipfile.ZIP_STORED) as archive:
+        for name, content in entries.items():
+            entry = zipfile.ZipInfo(name, NEW_YEAR_1980)
+            entry.create_system, entry.external_attr = UNIX, PLAIN_FILE
+            archive.writestr(entry, content)
+    return buffer.getvalue()
 
 
-def contents(data: bytes, what: str, most: int) -> dict[str, bytes]:
-    """The entries of a file, which may still differ from what `pack` makes of them.
+def unpack(data: bytes, what: str) -> dict[str, bytes]:
+    """The entries of a file that `pack` wrote.
 
     Args:
-        data: the whole file.
+        data: its bytes; the caller has bounded their number.
         what: how sentences name it, as "The snapshot".
-        most: entries at most.
 
     Raises:
-        SnapshotError: for a list of entries that `pack` would not have written.
+        SnapshotError: for any other file; nothing is unpacked that is larger than the file.
     """
-    return {
-        entry.name: data[entry.start : entry.start + entry.size]
-        for entry in _listing(data, what, most)
-    }
-
-
-def check_packed(data: bytes, entries: Mapping[str, bytes], what: str) -> None:
-    """Refuse a file that is not, to the last byte, what `pack` makes of its entries.
-
-    Raises:
-        SnapshotError: in one sentence.
-    """
-    if data != pack(entries):
+    if data.count(_LISTED) > MOST_ENTRIES:
         raise SnapshotError(
-            f"{what} is damaged: the archive's own records differ from its contents; get the file"
-            " anew."
+            f"{what} lists {data.count(_LISTED):,} entries; a genuine one never has more than"
+            f" {MOST_ENTRIES:,}."
         )
-
-
-@dataclass(frozen=True)
-class _Entry:
-    name: str
-    place: int
-    """Where its own record begins."""
-    start: int
-    """Where its content begins."""
-    size: int
-
-
-def _listing(data: bytes, what: str, most: int) -> list[_Entry]:
-    """The entries that the directory at the end names, after all that can be checked early."""
-    end = len(data) - END.size
-    if end < 0 or data[end : end + 4] != END_MARK:
-        raise SnapshotError(
-            f"{what} is damaged: the list of its contents at the end is missing; get the file anew."
-        )
-    _, _, _, _, count, length, position, _ = END.unpack_from(data, end)
-    if count > most:
-        raise SnapshotError(
-            f"{what} lists {count:,} entries; a genuine one never has more than {most}."
-        )
-    if position + length != end:
-        raise SnapshotError(
-            f"{what} is damaged: the list of its contents is incomplete; get the file anew."
-        )
-    entries: list[_Entry] = []
-    free = 0
-    for _ in range(count):
-        entry, position = _entry(data, position, end, what)
-        if entry.place != free:
-            raise SnapshotError(
-                f'{what} is damaged: "{entry.name}" is not where it belongs; get the file anew.'
-            )
-        free = entry.start + entry.size
-        if any(entry.name == other.name for other in entries):
-            raise SnapshotError(f'{what} lists "{entry.name}" twice; a genuine one never does.')
-        entries.append(entry)
+    name = "the list of its contents"
+    try:
+        with zipfile.ZipFile(BytesIO(data)) as archive:
+            _check_listed(archive.infolist(), len(data), what)
+            entries = {}
+            for entry in archive.infolist():
+                name = entry.filename
+                entries[name] = archive.read(entry)
+        name = "the archive's own records"
+        same = pack(entries) == data
+    except SnapshotError:
+        raise
+    except Exception:  # zipfile raises many kinds for foreign bytes
+        same = False
+    if not same:
+        raise SnapshotError(f"{what} is damaged in {_shown(name)}; get the file anew.")
     return entries
 
 
-def _entry(data: bytes, position: int, end: int, what: str) -> tuple[_Entry, int]:
-    """One entry of the directory, and where the next one begins."""
-    damaged = SnapshotError(
-        f"{what} is damaged: the list of its contents cannot be read; get the file anew."
-    )
-    if position + CENTRAL.size > end or data[position : position + 4] != CENTRAL_MARK:
-        raise damaged
-    fields = CENTRAL.unpack_from(data, position)
-    _, _, _, flags, method, _, _, _, packed, size, length, extra, comment, _, _, mode, at = fields
-    begin, position = position + CENTRAL.size, position + CENTRAL.size + length
-    if length > LONGEST_NAME or extra or comment or position > end:
-        raise damaged
-    name = data[begin:position].decode("ascii", errors="backslashreplace")
-    if method != STORED or packed != size:
-        raise SnapshotError(f'{what} has "{name}" compressed; a genuine one has nothing so.')
-    if flags & ENCRYPTED:
-        raise SnapshotError(f'{what} has "{name}" encrypted; a genuine one has nothing so.')
-    if mode != PLAIN_FILE:
-        raise SnapshotError(f'{what} has "{name}", which is no plain file, so it is refused.')
-    start = at + LOCAL.size + length
-    if start + size > end:
-        raise damaged
-    return _Entry(name, at, start, size), position
+def _shown(text: str) -> str:
+    """Harmless on every terminal."""
+    return text.encode("ascii", "backslashreplace").decode()[:80]
+
+
+def _check_listed(listed: list[zipfile.ZipInfo], size: int, what: str) -> None:
+    for entry in listed:
+        name = _shown(entry.filename)
+        if entry.compress_type != zipfile.ZIP_STORED or entry.compress_size != entry.file_size:
+            raise SnapshotError(f'{what} has "{name}" compressed; a genuine one has nothing so.')
+        if entry.flag_bits & ENCRYPTED:
+            raise SnapshotError(f'{what} has "{name}" encrypted; a genuine one has nothing so.')
+    if len({entry.filename for entry in listed}) < len(listed):
+        raise SnapshotError(f"{what} lists a name twice; a genuine one never does.")
+    if sum(entry.file_size for entry in listed) > size:
+        raise SnapshotError(f"{what} is damaged: its entries overlap; get the file anew.")
+
+
+def pack_arrays(arrays: Mapping[str, NDArray[Any]]) -> bytes:
+    """The arrays as one uncompressed `.npz`."""
+    return pack({name + SUFFIX: _member(values) for name, values in sorted(arrays.items())})
+
+
+def _member(values: NDArray[Any]) -> bytes:
+    buffer = BytesIO()
+    plain = np.ascontiguousarray(values).reshape(values.shape)
+    npy.write_array(buffer, plain, version=(1, 0), allow_pickle=False)
+    return buffer.getvalue()
+
+
+def unpack_arrays(data: bytes, what: str) -> Arrays:
+    """The arrays of an `.npz` that `pack_arrays` wrote.
+
+    Args:
+        data: its bytes.
+        what: how sentences name it, as "the estimate".
+
+    Raises:
+        SnapshotError: for anything else; memory is taken only for what the file itself holds.
+    """
+    members = unpack(data, f"The part with {what}")
+    for name in members:
+        if not _NAME.fullmatch(name):
+            raise SnapshotError(f"The snapshot is refused: in {what}, {_shown(name)} is no name.")
+    return {
+        name.removesuffix(SUFFIX): _array(member, f"{what}, {name}")
+        for name, member in members.items()
+    }
+
+
+def _array(member: bytes, place: str) -> NDArray[Any]:
+    file = BytesIO(member)
+    try:
+        npy.read_magic(file)
+        shape, _, dtype = npy.read_array_header_1_0(file)
+        size = len(member) - file.tell()
+        if dtype.str not in TYPES or prod(shape) * dtype.itemsize != size:
+            raise ValueError(f"has {size:,} bytes and claims {shape} of {dtype}"[:80])
+        file.seek(0)
+        values: NDArray[Any] = npy.read_array(file, allow_pickle=False)
+        if _member(values) != member:
+            raise ValueError("is not as numpy writes it")
+    except Exception as fault:  # numpy's parser raises many kinds for foreign bytes
+        raise SnapshotError(
+            f"The snapshot is refused: {place} is no plain array of numbers ({_shown(str(fault))})."
+        ) from None
+    return values

@@ -1,4 +1,4 @@
-"""Taking a snapshot: what is at hand goes in, what is missing is computed."""
+"""Snapshots made from results: what is at hand goes in, what is missing is computed."""
 
 import os
 import platform
@@ -7,7 +7,6 @@ from contextlib import suppress
 from dataclasses import replace
 from datetime import UTC, datetime
 from importlib import metadata
-from typing import Any
 
 import numpy as np
 
@@ -17,8 +16,13 @@ from accpinn.evaluation.evaluation import Evaluation, evaluate
 from accpinn.inference.intervals import Uncertainty, intervals
 from accpinn.methods.fit import Fit, Outcome, ParameterTrack
 from accpinn.recordings.recording import Recording
-from accpinn.results.snapshot.content import Origin, Snapshot
-from accpinn.results.snapshot.schema import LONGEST_NAME, LONGEST_NOTE
+from accpinn.results.snapshot.schema import (
+    LONGEST_NAME,
+    LONGEST_NOTE,
+    Facts,
+    Origin,
+    Snapshot,
+)
 from accpinn.results.snapshot.validate import check_length
 from accpinn.segment.quality import assess_quality
 from accpinn.segment.segment import Segment
@@ -26,7 +30,7 @@ from accpinn.stability.report import StabilityReport, stability_report
 from accpinn.study.comparison import MethodResult
 
 PACKAGES = ("torch", "numpy", "scipy", "pandas", "plotly", "streamlit", "control")
-COURSE_INSTANTS = 500
+TRACK_INSTANTS = 500
 """Of a compared method; more are not seen in a figure."""
 
 
@@ -35,24 +39,24 @@ def create(
     fit: Fit,
     *,
     recording: Recording | None = None,
-    facts: dict[str, Any] | None = None,
+    facts: Facts | None = None,
     uncertainty: Uncertainty | None = None,
     evaluation: Evaluation | None = None,
-    rows: Sequence[MethodResult] = (),
+    methods: Sequence[MethodResult] = (),
     name: str = "",
     note: str = "",
     with_data: bool = False,
 ) -> Snapshot:
-    """A result as it can be sent to others; what is not given is computed.
+    """Make a snapshot of a result, ready to be sent to others; what is not given is computed.
 
     Args:
-        segment: the data that the fit was learned from.
+        segment: speeds (N, M+1) in m/s and space-gaps (N, M) in m that the fit was learned from.
         fit: any method's.
         recording: the segment's; with it the snapshot names campaign, date and settings.
-        facts: what is known of the recording where it is not at hand; see `Snapshot.facts`.
+        facts: what is known of the recording where it is not at hand.
         uncertainty: the fit's, if it is known already.
         evaluation: the fit's, if it is known already.
-        rows: the methods compared on the same segment.
+        methods: the results of the methods compared on the same segment.
         name: of the user's choice.
         note: of the user's choice.
         with_data: whether speeds and space-gaps of the window go in.
@@ -75,7 +79,7 @@ def create(
         uncertainty=uncertainty or intervals(segment, fit),
         evaluation=evaluation or evaluate(segment, fit, recording=recording),
         stability=stability(fit),
-        rows=tuple(replace(row, fit=light(row.fit)) for row in rows),
+        methods=tuple(replace(result, fit=light(result.fit)) for result in methods),
         segment=segment if with_data else None,
     )
 
@@ -102,7 +106,7 @@ def _is_unicode(text: str) -> bool:
 
 
 def stability(fit: Fit) -> StabilityReport | None:
-    """The report of the learned laws; None where they allow none."""
+    """The report on the estimated parameters; None where they allow none."""
     with suppress(ParameterError):
         return stability_report(fit.parameters)
     return None
@@ -127,8 +131,8 @@ def _version(package: str) -> str:
         return "not installed"
 
 
-def facts_of(recording: Recording | None) -> dict[str, Any]:
-    """What a snapshot says of its recording; see `Snapshot.facts`."""
+def facts_of(recording: Recording | None) -> Facts:
+    """What a snapshot says of its recording."""
     if recording is None:
         return {}
     return {
@@ -143,14 +147,14 @@ def facts_of(recording: Recording | None) -> dict[str, Any]:
 
 
 def light(fit: Fit) -> Fit:
-    """A compared method's fit, without curves and weights, its course at few instants."""
+    """A compared method's fit, without curves and weights, its track at few instants."""
     return replace(fit, surrogate=None, history=None, arrays={}, track=_thinned(fit.track))
 
 
 def _thinned(track: ParameterTrack | None) -> ParameterTrack | None:
-    if track is None or len(track.time) <= COURSE_INSTANTS:
+    if track is None or len(track.time) <= TRACK_INSTANTS:
         return track
-    keep = np.unique(np.linspace(0, len(track.time) - 1, COURSE_INSTANTS).round().astype(int))
+    keep = np.unique(np.linspace(0, len(track.time) - 1, TRACK_INSTANTS).round().astype(int))
     deviation = track.deviation
     return ParameterTrack(
         track.time[keep],

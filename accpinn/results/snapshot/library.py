@@ -17,9 +17,8 @@ from filelock import FileLock
 from platformdirs import user_data_path
 
 from accpinn.errors import SnapshotError
-from accpinn.results.snapshot.content import ID_LENGTH, Snapshot
 from accpinn.results.snapshot.file import UNFINISHED, load, to_bytes, write_whole
-from accpinn.results.snapshot.schema import SUFFIX
+from accpinn.results.snapshot.schema import ID_LENGTH, SUFFIX, Snapshot
 from accpinn.units import Seconds
 
 CAP_BYTES = 2_000_000_000
@@ -113,7 +112,7 @@ class Library:
             self._check_other(name)
         self._sweep()
         self._check_room(len(data))
-        write_whole(data, path)
+        write_whole(data, path, "snapshot")
 
     def _check_other(self, name: str) -> None:
         """Refuse to write over another snapshot that is whole; a damaged one is mended."""

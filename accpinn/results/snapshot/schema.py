@@ -1,173 +1,91 @@
-"""The written form of a snapshot: its parts, their versions, and how an older one is brought up.
+"""What a snapshot holds, and its written form: the parts of the file and their limits.
 
 A snapshot is a zip without compression (see `snapshot.archive`):
 
-    manifest.json      format, schema, the length and SHA-256 of every other part, and one over all
+    manifest.json      format, schema, and the length and SHA-256 of every other part
     ATTRIBUTION.txt    whose data and whose method
     snapshot.json      name, note, time, program and machine, window, vehicles, recording
-    quality.json       what the window can tell
-    fit.json           method, settings, parameters, outcome
-    fit.npz            curves of the method, history, course
-    weights.npz        the network's weights
-    uncertainty.json   intervals
-    draws.npz          their draws, each set once
-    evaluation.json    errors of all kinds
-    stability.json     verdicts, numbers and reasons
-    rows.json          the methods compared
-    rows.npz           their courses
-    data.npz           speeds and space-gaps of the window, only if the user asked
+    NAME.json          one field of `Snapshot` each, as a tree (see `accpinn.serial`)
+    NAME.npz           the larger arrays of that field
 
 SI units throughout; times in s from the window's start. From the recording's first sample count
-the starts of the window and of the blocks held out, and when each law first collides
-(`Assessment.collisions`).
+the starts of the window and of the blocks held out, and the times of collisions.
 """
 
-from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Annotated, TypedDict
 
-from accpinn.errors import SnapshotError
-from accpinn.results.snapshot.arrays import Shape
+from msgspec import Meta
+
+from accpinn.evaluation.evaluation import Evaluation
+from accpinn.inference.intervals import Uncertainty
+from accpinn.methods.fit import Fit
+from accpinn.segment.quality import Quality
+from accpinn.segment.segment import Segment, SegmentInfo
+from accpinn.stability.report import StabilityReport
+from accpinn.study.comparison import MethodResult
 
 FORMAT = "accpinn snapshot"
-SCHEMA = 2
+SCHEMA = 1
 SUFFIX = ".accpinn.zip"
 LARGEST = 24_000_000
 """Bytes of the whole file; an hour of ten followers with its data stays below."""
-MANIFEST, ATTRIBUTION = "manifest.json", "ATTRIBUTION.txt"
-MOST_ENTRIES = 64
-"""More are not even listed."""
+LARGEST_DOCUMENT = 1_000_000
+"""Bytes of a part that is text."""
 LONGEST_NAME, LONGEST_NOTE = 200, 10_000
-DOCUMENT, ARRAYS = 1_000_000, LARGEST
+ID_LENGTH = 16
+"""Hex digits of the digest that make the short name; no two of a server's will meet."""
+
+MANIFEST, ATTRIBUTION = "manifest.json", "ATTRIBUTION.txt"
+PARTS = {
+    "snapshot": "the provenance",
+    "quality": "the data's quality",
+    "fit": "the estimate",
+    "uncertainty": "the intervals",
+    "evaluation": "the errors",
+    "stability": "the stability report",
+    "methods": "the comparison",
+    "segment": "the data",
+}
+"""What sentences call each NAME.json and NAME.npz."""
+TITLES = {MANIFEST: "the manifest", ATTRIBUTION: "the attribution"} | {
+    f"{name}{suffix}": title for name, title in PARTS.items() for suffix in (".json", ".npz")
+}
+"""All names that an entry of the file may have."""
 
 
 @dataclass(frozen=True)
-class Part:
-    """One entry of the file."""
+class Origin:
+    """The program and the machine that made a snapshot; neither host nor user is named."""
 
-    title: str
-    """How sentences name it."""
-    largest: int
-    """Bytes at most."""
-    required: bool = False
-
-
-PARTS: Mapping[str, Part] = {
-    MANIFEST: Part("the manifest", 20_000, True),
-    ATTRIBUTION: Part("the attribution", 20_000, True),
-    "snapshot.json": Part("the provenance", DOCUMENT, True),
-    "quality.json": Part("the data's quality", DOCUMENT, True),
-    "fit.json": Part("the estimate", DOCUMENT, True),
-    "fit.npz": Part("the method's curves", ARRAYS, True),
-    "weights.npz": Part("the network's weights", ARRAYS, True),
-    "uncertainty.json": Part("the intervals", DOCUMENT),
-    "draws.npz": Part("the intervals' draws", ARRAYS, True),
-    "evaluation.json": Part("the errors", DOCUMENT),
-    "stability.json": Part("the stability report", DOCUMENT),
-    "rows.json": Part("the comparison", DOCUMENT, True),
-    "rows.npz": Part("the compared methods' courses", ARRAYS, True),
-    "data.npz": Part("the data slice", ARRAYS),
-}
-
-HISTORY = {
-    **{name: Shape(("K",)) for name in ("iteration", "seconds", "total", "data", "physics")},
-    "initial": Shape(("K",)),
-    "parameters": Shape(("K", "P", 3)),
-}
-SURROGATE = {
-    "time": Shape(("N",)),
-    "speeds": Shape(("N", "V")),
-    "gaps": Shape(("N", "M")),
-}
-COURSE = {
-    "time": Shape(("C",)),
-    "parameters": Shape(("C", "M", 3), finite=False),
-    "deviation": Shape(("C", "M", 3), finite=False),
-}
-DATA = {**SURROGATE, "mask": Shape(("N", "M"), "|b1")}
-DRAWS = Shape(("D", "M", 3), finite=False)
-
-FIELDS: Mapping[str, tuple[str | int, ...]] = {
-    "SegmentInfo.vehicles": ("V",),
-    "SegmentInfo.names": ("V",),
-    "Quality.mean_time_gap": ("M",),
-    "Quality.relative_deviation": ("M",),
-    "Quality.acceleration_deviation": ("M",),
-    "Quality.condition": ("M",),
-    "Quality.car_following": ("M",),
-    "Fit.parameters": ("M",),
-    "Uncertainty.centre": ("M", 3),
-    "Uncertainty.lower": ("M", 3),
-    "Uncertainty.upper": ("M", 3),
-    "Uncertainty.inside": ("M", 3),
-    "Uncertainty.probability_l2": ("M",),
-    "Uncertainty.probability_linf": ("M",),
-    "Interval.lower": ("M",),
-    "Interval.upper": ("M",),
-    "TrackingErrors.speed_mae": ("V",),
-    "TrackingErrors.gap_mae": ("M",),
-    "TrackingErrors.speed_rmse": ("V",),
-    "TrackingErrors.gap_rmse": ("M",),
-    "Whiteness.deviation": ("M",),
-    "Whiteness.correlation": ("M",),
-    "Whiteness.memory": ("M",),
-    "Whiteness.independent": ("M",),
-    "Whiteness.probability": ("M",),
-    "Whiteness.sentences": ("M",),
-    "Evaluation.collisions": ("M",),
-    "StabilityReport.vehicles": ("M",),
-    "PlatoonStability.peaks": ("M",),
-    "Gains.gain": ("M",),
-    "Gains.error": ("M",),
-}
-"""Lengths of what stands in the documents: M followers, V = M + 1 vehicles."""
-
-Documents = dict[str, Any]
+    accpinn: str
+    """Version."""
+    python: str
+    """Version."""
+    packages: dict[str, str]
+    """Versions by name: torch, numpy, scipy, pandas, plotly, streamlit, control."""
+    system: str
+    """"Linux", "Windows", "Darwin"."""
+    processor: str
+    """Architecture, as "x86_64"."""
+    cores: int
 
 
-def check_schema(schema: int) -> None:
-    """Refuse a schema that this program does not know.
+class Facts(TypedDict, total=False):
+    """What a recording says of itself; None where it does not."""
 
-    Raises:
-        SnapshotError: asking for an update where the schema is newer.
-    """
-    if schema > SCHEMA:
-        raise SnapshotError(
-            f"The snapshot was written by a newer accpinn (schema {schema}, this one reads up to"
-            f" {SCHEMA}); update accpinn to open it."
-        )
-    if schema < 1:
-        raise SnapshotError(f"The snapshot is refused: there is no schema {schema}.")
+    campaign: str | None
+    date: str | None
+    """ISO 8601."""
+    acc_flag: int | None
+    """0 human, 1 ACC, 2 mixed."""
+    distance_setting: str | None
+    samples: int | None
+    duration: float | None
+    """In s."""
+    sample_time: float | None
+    """In s."""
 
-
-def migrated(documents: Documents, schema: int) -> Documents:
-    """The documents of a known schema as the present one has them."""
-    for step in MIGRATIONS[schema - 1 :]:
-        documents = step(documents)
-    return documents
-
-
-def _from_1(documents: Documents) -> Documents:
-    """Schema 1 knew no regimes left out, no blocks held out, and nothing beyond the window."""
-    try:
-        info = documents["snapshot.json"]["info"]
-        later: list[tuple[Documents, Documents]] = [(info, {"left_out": [], "excluded_share": []})]
-        assessments = [row["evaluation"] for row in documents["rows.json"]]
-        if "evaluation.json" in documents:
-            assessments.append(documents["evaluation.json"])
-        for evaluation in assessments:
-            later.append((evaluation, {"blocks": [], "unseen": None, "unseen_seconds": 0.0}))
-        for tree, fields in later:
-            if tree.keys() & fields.keys():  # a later schema's, relabelled to lose these
-                raise KeyError
-            tree |= fields
-    except (KeyError, TypeError, AttributeError):
-        raise SnapshotError("The snapshot is refused: it does not keep to schema 1.") from None
-    return documents
-
-
-MIGRATIONS: tuple[Callable[[Documents], Documents], ...] = (_from_1,)
-"""From schema 1 to 2, and so on."""
 
 ATTRIBUTION_TEXT = """\
 Data
@@ -179,7 +97,7 @@ systems", (c) European Union, European Commission, Joint Research Centre, licens
 CC BY 4.0 (https://creativecommons.org/licenses/by/4.0/),
 DOI 10.2905/9702C950-C80F-4D2F-982F-44D06EA0009F. Described in M. Makridis, K. Mattas, A. Anesiadou
 and B. Ciuffo, Transportation Research Part C 125, 103047, 2021. Name both when you pass this file
-on or publish what is in it. What was changed is said in snapshot.json under "notes": a window was
+on or publish what is in it. What was changed is said in snapshot.json under "info": a window was
 cut, and samples may have been bridged, resampled or left out.
 
 Method
@@ -188,3 +106,42 @@ T. Apostolakis and K. Ampountolas, "Physics-inspired neural networks for paramet
 adaptive cruise control systems", IEEE Transactions on Vehicular Technology, 2024. Please cite that
 paper for the method.
 """
+
+
+@dataclass(frozen=True, eq=False)
+class Snapshot:
+    """A result that travels; see `create`, `save`, `load` and `verify`."""
+
+    name: Annotated[str, Meta(max_length=LONGEST_NAME)]
+    """The user's; may be empty."""
+    note: Annotated[str, Meta(max_length=LONGEST_NOTE)]
+    """The user's; may be empty and may have several lines."""
+    created: Annotated[str, Meta(pattern=r"^\d{4}-\d\d-\d\dT\d\d:\d\d:\d\dZ$")]
+    """ISO 8601 in UTC to the second, as "2026-03-01T12:00:00Z"."""
+    origin: Origin
+    info: SegmentInfo
+    """Window, vehicles and origin of the data."""
+    facts: Facts
+    """What is known of the recording; empty without one."""
+    quality: Quality
+    """How well the segment determines the parameters."""
+    fit: Fit
+    uncertainty: Uncertainty | None
+    """None where it was neither given nor could be computed."""
+    evaluation: Evaluation | None
+    """None where it was neither given nor could be computed."""
+    stability: StabilityReport | None
+    """As it stood at saving; None where τ is undetermined or the values allow no report."""
+    methods: tuple[MethodResult, ...] = ()
+    """The methods compared; without trajectories, tracks thinned to 500 instants at most."""
+    segment: Segment | None = None
+    """The speeds and space-gaps of the window; only if the user asked for them."""
+    attribution: str = ATTRIBUTION_TEXT
+    """Whose data and whose method, as the file says."""
+    digest: str = ""
+    """SHA-256 of the manifest, and so over the whole file; empty before the snapshot was packed."""
+
+    @property
+    def id(self) -> str:
+        """Short name: the first 16 hex digits of the digest; empty before it was packed."""
+        return self.digest[:ID_LENGTH]

@@ -1,57 +1,95 @@
 """What no genuine snapshot says, though its form allows it: refused before anything reads it."""
 
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from math import isfinite
 from typing import Any
 
 import numpy as np
 
-from accpinn.errors import ParameterError, SnapshotError
+from accpinn.errors import SnapshotError
 from accpinn.inference.intervals import Interval, Uncertainty
 from accpinn.methods.fit import Fit
 from accpinn.methods.registry import METHODS
-from accpinn.results.snapshot.content import Snapshot
-from accpinn.results.snapshot.schema import LONGEST_NAME, LONGEST_NOTE, PARTS
+from accpinn.methods.store import FIT_SHAPES
+from accpinn.results.snapshot.schema import LONGEST_NAME, Snapshot
 from accpinn.segment.segment import SegmentInfo
+from accpinn.serial import Shape, check_shapes
 from accpinn.stability.criteria import checked
-from accpinn.stability.frequency import Peak
 from accpinn.stability.report import StabilityReport
-from accpinn.study.comparison import MethodResult
 from accpinn.units import FloatArray
 
-FACTS: Mapping[str, type] = {
-    "campaign": str,
-    "date": str,
-    "acc_flag": int,
-    "distance_setting": str,
-    "samples": int,
-    "duration": float,
-    "sample_time": float,
+SHAPES = FIT_SHAPES | {
+    "SegmentInfo.vehicles": Shape("V"),
+    "SegmentInfo.names": Shape("V"),
+    "Quality.mean_time_gap": Shape("M"),
+    "Quality.relative_deviation": Shape("M"),
+    "Quality.acceleration_deviation": Shape("M"),
+    "Quality.condition": Shape("M"),
+    "Quality.car_following": Shape("M"),
+    "Uncertainty.centre": Shape("M", 3),
+    "Uncertainty.lower": Shape("M", 3),
+    "Uncertainty.upper": Shape("M", 3),
+    "Uncertainty.inside": Shape("M", 3),
+    "Uncertainty.draws": Shape("D", "M", 3),
+    "Uncertainty.probability_l2": Shape("M"),
+    "Uncertainty.probability_linf": Shape("M"),
+    "Interval.lower": Shape("M"),
+    "Interval.upper": Shape("M"),
+    "TrackingErrors.speed_mae": Shape("V"),
+    "TrackingErrors.gap_mae": Shape("M"),
+    "TrackingErrors.speed_rmse": Shape("V"),
+    "TrackingErrors.gap_rmse": Shape("M"),
+    "Whiteness.deviation": Shape("M"),
+    "Whiteness.correlation": Shape("M"),
+    "Whiteness.memory": Shape("M"),
+    "Whiteness.independent": Shape("M"),
+    "Whiteness.probability": Shape("M"),
+    "Whiteness.findings": Shape("M"),
+    "StabilityReport.vehicles": Shape("M"),
+    "VehicleStability.parameters": Shape(3),
+    "PlatoonStability.peaks": Shape("M"),
+    "Gains.gain": Shape("M"),
+    "Gains.error": Shape("M"),
+    "Segment.time": Shape("N", finite=True),
+    "Segment.speeds": Shape("N", "V", finite=True),
+    "Segment.gaps": Shape("N", "M", finite=True),
+    "Segment.mask": Shape("N", "M"),
 }
-_TIME = re.compile(r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\dZ")
+"""N instants, M followers, V = M + 1 vehicles, D draws; for the others see `FIT_SHAPES`."""
+
 _SHA256 = re.compile(r"([0-9a-f]{64})?")
+_CONTROL = r"\x00-\x08\x0b-\x1f\x7f-\x9f\u2028\u2029"
+"""All but tabs and line breaks."""
+_DIRECTION = r"\u061c\u200e\u200f\u202a-\u202e\u2066-\u2069"
+"""Marks that turn the order of letters round, so that a name reads as another."""
+_UNSEEN = re.compile(f"[{_CONTROL}{_DIRECTION}]")
+_BREAK = re.compile(r"[\t\n]+")
+REPLACEMENT = "\ufffd"
+LINES = ("note", "notes")
+"""Fields whose texts may have several lines."""
 
 
-def check_plausible(snapshot: Snapshot) -> None:
-    """Refuse texts without end, unknown facts, and figures outside their ranges.
+def is_harmless(text: str) -> bool:
+    """Whether a JSON text holds no such character, neither as it is nor escaped."""
+    return "\\" not in text and not _UNSEEN.search(text)
 
-    Raises:
-        SnapshotError: naming the part.
+
+def sanitise(tree: Any, lines: bool = False) -> Any:
+    """A tree of plain values without characters that a terminal or a page obeys, not shows.
+
+    Args:
+        tree: as read from JSON.
+        lines: whether texts keep their line breaks.
     """
-    _check_texts(snapshot)
-    _check_facts(snapshot.facts)
-    _check_fit(snapshot.fit, "fit.json")
-    if snapshot.fit.surrogate:
-        _check_times(snapshot.fit.surrogate.time, "fit.npz")
-    if snapshot.segment:
-        _check_times(snapshot.segment.time, "data.npz")
-    for row in snapshot.rows:
-        _check_row(row)
-    if snapshot.uncertainty:
-        _check_doubt(snapshot.uncertainty, "uncertainty.json")
-    if snapshot.stability:
-        _check_stability(snapshot.stability)
+    if isinstance(tree, str):
+        seen = _UNSEEN.sub(REPLACEMENT, tree)
+        return seen if lines else _BREAK.sub(" ", seen)
+    if isinstance(tree, dict):
+        return {sanitise(key): sanitise(item, key in LINES) for key, item in tree.items()}
+    if isinstance(tree, list):
+        return [sanitise(item, lines) for item in tree]
+    return tree
 
 
 def check_length(text: str, what: str, most: int) -> None:
@@ -66,101 +104,82 @@ def check_length(text: str, what: str, most: int) -> None:
         )
 
 
-def _check_texts(snapshot: Snapshot) -> None:
-    check_length(snapshot.name, "name", LONGEST_NAME)
-    check_length(snapshot.note, "note", LONGEST_NOTE)
-    if not _TIME.fullmatch(snapshot.created):
-        _refuse("snapshot.json", "the time it was saved is no time")
-
-
-def check_outline(info: SegmentInfo) -> None:
-    """Refuse a window and vehicles that no recording has.
+def validate(snapshot: Snapshot) -> None:
+    """Refuse lengths that contradict each other, and figures outside their ranges.
 
     Raises:
-        SnapshotError: in one sentence.
+        ValueError, AccpinnError: with what is wrong and where.
     """
-    first, part = info.vehicles[0], "snapshot.json"
+    info, count = snapshot.info, len(snapshot.info.vehicles)
+    _require(count > 1 and info.samples > 1, "its window has no followers or no data")
+    check_shapes(snapshot, SHAPES, {"M": count - 1, "V": count, "N": info.samples})
+    _check_info(info)
+    if snapshot.segment:
+        _check_times(snapshot.segment.time)
+        same = snapshot.segment.info == info
+        _require(same, "its data are not the window that the result was learned from")
+    _check_fit(snapshot.fit)
+    if snapshot.uncertainty:
+        _check_uncertainty(snapshot.uncertainty)
+    if snapshot.stability:
+        _check_stability(snapshot.stability)
+    for result in snapshot.methods:
+        _check_fit(result.fit)
+        _check_uncertainty(result.uncertainty)
+
+
+def _require(holds: bool, fault: str) -> None:
+    if not holds:
+        raise ValueError(fault)
+
+
+def _check_info(info: SegmentInfo) -> None:
     check_length(info.source, "recording's name", LONGEST_NAME)
     for name in info.names:
         check_length(name, "name of a vehicle", LONGEST_NAME)
-    if first < 1 or info.vehicles != tuple(range(first, first + len(info.vehicles))):
-        _refuse(part, "the vehicles are not consecutive numbers from 1 on")
-    if not _SHA256.fullmatch(info.sha256):
-        _refuse(part, "the recording's SHA-256 is none")
-    times = (info.window.start, info.window.duration, info.sample_time)
-    if not all(isfinite(value) for value in times) or min(times[1:]) <= 0:
-        _refuse(part, "the window has no length")
-    if not all(0 <= share <= 1 for share in info.excluded_share):
-        _refuse(part, "a share of instants left out is not within 0 to 1")
+    first = info.vehicles[0]
+    numbers = tuple(range(first, first + len(info.vehicles)))
+    _require(first > 0 and info.vehicles == numbers, "the vehicles are no consecutive numbers")
+    _require(bool(_SHA256.fullmatch(info.sha256)), "the recording's SHA-256 is none")
+    times = (info.window.duration, info.sample_time)
+    _require(all(isfinite(t) for t in (info.window.start, *times)), "the window has no length")
+    _require(min(times) > 0, "the window has no length")
+    _require(all(0 <= s <= 1 for s in info.excluded_share), "a share is not within 0 to 1")
 
 
-def _check_facts(facts: Mapping[str, Any]) -> None:
-    for name, value in facts.items():
-        kind = FACTS.get(name)
-        same = type(value) is kind or (kind is float and type(value) is int)
-        if kind is None or not (value is None or same):
-            _refuse("snapshot.json", f'"{name[:40]}" is not what is known of a recording')
+def _check_fit(fit: Fit) -> None:
+    _require(fit.method in METHODS, f'the method "{fit.method[:40]}" is not known')
+    _require(min(fit.iterations, fit.network_weights) >= 0, "a count is negative")
+    checked(fit.parameters)
+    if fit.surrogate:
+        _check_times(fit.surrogate.time)
 
 
-def _check_row(row: MethodResult) -> None:
-    _check_fit(row.fit, "rows.json")
-    _check_doubt(row.uncertainty, "rows.json")
+def _check_times(time: FloatArray) -> None:
+    ordered = time[0] >= 0 and (np.diff(time) > 0).all()
+    _require(bool(ordered), "the instants of a curve do not follow each other")
 
 
-def _check_fit(fit: Fit, part: str) -> None:
-    if fit.method not in METHODS:
-        _refuse(part, f'the method "{fit.method[:40]}" is not known')
-    if fit.iterations < 0 or fit.network_weights < 0:
-        _refuse(part, "a count is negative")
-    try:
-        checked(fit.parameters)
-    except ParameterError as fault:
-        _refuse(part, str(fault).rstrip("."))
-
-
-def _check_times(time: FloatArray, part: str) -> None:
-    if time[0] < 0 or (np.diff(time) <= 0).any():
-        _refuse(part, "the instants do not follow each other")
-
-
-def _check_doubt(uncertainty: Uncertainty, part: str) -> None:
-    if not 0 < uncertainty.level < 1:
-        _refuse(part, "the intervals' level is not between 0 and 1")
+def _check_uncertainty(uncertainty: Uncertainty) -> None:
+    _require(0 < uncertainty.level < 1, "the intervals' level is not between 0 and 1")
     for share in (uncertainty.probability_l2, uncertainty.probability_linf):
-        if ((share < 0) | (share > 1)).any():
-            _refuse(part, "a probability is not within 0 to 1")
-    for interval in (uncertainty.peak_gain, uncertainty.linf_gain, uncertainty.crossover):
-        if _negative(interval.lower) or _upside_down(interval):
-            _refuse(part, "an interval of a gain or frequency is negative or upside down")
-    if _upside_down(Interval(uncertainty.lower, uncertainty.upper)):
-        _refuse(part, "an interval of a parameter is upside down")
+        _require(not ((share < 0) | (share > 1)).any(), "a probability is not within 0 to 1")
+    gains = (uncertainty.peak_gain, uncertainty.linf_gain, uncertainty.crossover)
+    for interval in gains:
+        _require(not _negative(interval.lower), "an interval of a gain or frequency is negative")
+    for interval in (*gains, Interval(uncertainty.lower.values, uncertainty.upper.values)):
+        _require(not (interval.lower > interval.upper).any(), "an interval is upside down")
 
 
 def _check_stability(report: StabilityReport) -> None:
-    part = "stability.json"
     gains = [vehicle.linf_gain for vehicle in report.vehicles]
-    if _negative(gains) or _negative(report.platoon.linf.gain):
-        _refuse(part, "a gain is negative")
+    _require(not _negative((*gains, *report.platoon.linf.gain)), "a gain is negative")
     for vehicle in report.vehicles:
-        _check_peak(vehicle.peak)
-        if vehicle.crossover is not None and not 0 <= vehicle.crossover < np.inf:
-            _refuse(part, "a crossover is no frequency")
-    for peak in report.platoon.peaks:
-        _check_peak(peak)
-
-
-def _check_peak(peak: Peak) -> None:
-    if not (peak.gain >= 0 and 0 <= peak.omega < np.inf):
-        _refuse("stability.json", "a peak has no gain or no frequency")
+        crossover = vehicle.crossover
+        _require(crossover is None or 0 <= crossover < np.inf, "a crossover is no frequency")
+    for peak in (*(vehicle.peak for vehicle in report.vehicles), *report.platoon.peaks):
+        _require(peak.gain >= 0 and 0 <= peak.omega < np.inf, "a peak has no gain or frequency")
 
 
 def _negative(values: Iterable[float]) -> bool:
     return any(value < 0 for value in np.asarray(values).ravel())
-
-
-def _upside_down(interval: Interval) -> bool:
-    return bool((interval.lower > interval.upper).any())
-
-
-def _refuse(part: str, fault: str) -> None:
-    raise SnapshotError(f"The snapshot is refused: in {PARTS[part].title}, {fault}.")

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from accpinn.channels import PARAMETERS
-from accpinn.evaluation.errors import TrackingErrors
+from accpinn.evaluation.closed_loop import TrackingErrors
 from accpinn.inference.intervals import Uncertainty
 from accpinn.inference.model_adequacy import ModelForm
 from accpinn.inference.multistart import MultistartResult
@@ -120,6 +120,7 @@ def methods_table(info: SegmentInfo, results: Sequence[MethodResult], follower: 
     def gaps(name: str) -> list[Cell]:
         return _gaps([getattr(evaluation, name) for evaluation in evaluations], follower)
 
+    collisions = [e.collision_times(info.vehicles)[follower] for e in evaluations]
     return Table.of(
         f"{info.labels[follower + 1]}, {where(info)}",
         [
@@ -127,9 +128,9 @@ def methods_table(info: SegmentInfo, results: Sequence[MethodResult], follower: 
             *parameter_cells(Parameters.stack(r.fit.parameters[follower] for r in results)),
             (Column("Surrogate fit", "m", 3, GAP), gaps("surrogate")),
             (Column("Closed loop", "m", 2, GAP), gaps("closed_loop")),
-            (Column("Hold-out", "m", 2, GAP), gaps("held_out")),
-            (Column("Outside the window", "m", 2, GAP), gaps("unseen")),
-            (Column("Collides at", "s", 1), [e.collisions[follower] for e in evaluations]),
+            (Column("Hold-out", "m", 2, GAP), gaps("holdout")),
+            (Column("Outside the window", "m", 2, GAP), gaps("out_of_window")),
+            (Column("Collides at", "s", 1), collisions),
             (Column("Time", "s", 2, least=True), [result.fit.seconds for result in results]),
         ],
     )
@@ -168,13 +169,13 @@ def model_form_table(info: SegmentInfo, forms: Sequence[ModelForm], follower: in
         f"{info.labels[follower + 1]}, {where(info)}",
         [
             (Column("Least squares of one-second means"), [FORMS[form.form] for form in forms]),
-            *parameter_cells(Parameters.of([form.parameters[follower] for form in forms])),
+            *parameter_cells(Parameters.stack(form.parameters[follower] for form in forms)),
             (Column("s₀", "m", 1), _extra(forms, "standstill distance", follower)),
             (Column("d", "s", 1), _extra(forms, "delay", follower)),
             (Column("whole window", "%", 0, explained),
              _percent([form.explained[follower] for form in forms])),
             (Column("held out", "%", 0, explained),
-             _percent([form.unseen[follower] for form in forms])),
+             _percent([form.holdout[follower] for form in forms])),
         ],
     )  # fmt: skip
 
@@ -256,8 +257,9 @@ def parameter_cells(parameters: Parameters, group: str = "", above: int = 0) -> 
 def interval_cells(uncertainty: Uncertainty, above: int = 0) -> Iterator[Filled]:
     """The intervals of α, β and τ as three columns below ``above`` empty cells."""
     percent = f"{100 * uncertainty.level:.0f} % interval"
-    for k, column in enumerate(PARAMETER_COLUMNS):
-        ends = zip(uncertainty.lower[:, k].tolist(), uncertainty.upper[:, k].tolist(), strict=True)
+    lower, upper = uncertainty.lower.values.T, uncertainty.upper.values.T
+    for column, low, high in zip(PARAMETER_COLUMNS, lower, upper, strict=True):
+        ends = zip(low.tolist(), high.tolist(), strict=True)
         yield replace(column, group=percent), _absent(above, [Range(*pair) for pair in ends])
 
 

@@ -41,8 +41,7 @@ def stability_table(vehicles: ParameterSet, report: StabilityReport) -> Table:
 def stability_interval_table(vehicles: ParameterSet, uncertainty: Uncertainty) -> Table:
     """One row a vehicle: intervals of peak, crossover and gain; probability of stability."""
     percent = f"{100 * uncertainty.level:.0f} % interval"
-    probabilities = (uncertainty.probability_l2, uncertainty.probability_linf, uncertainty.gapless)
-    l2, linf, no_gap_control = (100 * share for share in probabilities)
+    l2, linf = 100 * uncertainty.probability_l2, 100 * uncertainty.probability_linf
     with np.errstate(divide="ignore"):  # minus infinity where nothing passes
         decibels = Interval(
             20 * np.log10(uncertainty.peak_gain.lower), 20 * np.log10(uncertainty.peak_gain.upper)
@@ -59,7 +58,7 @@ def stability_interval_table(vehicles: ParameterSet, uncertainty: Uncertainty) -
             (Column("‖h‖₁", "", 2, percent), _ranges(uncertainty.linf_gain)),
             (Column("L₂", "%", 0, PROBABILITY), l2),
             (Column("L∞", "%", 0, PROBABILITY), linf),
-            (Column("No gap control (α = 0)", "%", 0), no_gap_control),
+            (Column("No gap control (α = 0)", "%", 0), 100 * uncertainty.no_gap_control),
         ],
     )
 

@@ -2,13 +2,17 @@
 
 import streamlit as st
 
-from accpinn.inference.identifiability import identifiability_warnings
-from accpinn.inference.model_adequacy import better, model_forms
+from accpinn.inference.identifiability import (
+    INCREASE,
+    identifiability_warnings,
+    profiles,
+)
+from accpinn.inference.model_adequacy import better_forms, model_forms
 from accpinn.inference.multistart import MultistartResult, summarise
-from accpinn.inference.profiles import INCREASE, profiles
 from accpinn.methods.pinn.config import FAST, PAPER
 from accpinn.results.figures.comparison import profiles as profiles_chart
 from accpinn.results.figures.style import vehicle_colour
+from accpinn.results.messages import messages
 from accpinn.results.tables import table as typeset
 from accpinn.results.tables.estimates import model_form_table, multistart_table
 from accpinn.segment.quality import LARGE_CONDITION, assess_quality
@@ -30,7 +34,7 @@ def show_telling(
     st.subheader("Can the data tell?", anchor=False)
     warnings = identifiability_warnings(segment, rows[0].uncertainty, workspace.case)
     if warnings:
-        st.warning(bullets(warnings), icon=":material/warning:")
+        st.warning(bullets(messages(warnings, segment)), icon=":material/warning:")
     else:
         st.success(
             "The data tell α, β and τ apart: no interval spans more than a factor of five."
@@ -51,8 +55,8 @@ def show_telling(
     figure = profiles_chart(
         found[follower % len(found)],
         vehicle_colour(number, segment.vehicles[0]),
-        uncertainty.lower[follower],
-        uncertainty.upper[follower],
+        uncertainty.lower.values[follower],
+        uncertainty.upper.values[follower],
     )
     show_chart(figure, "compare_profiles")
     st.caption(
@@ -71,8 +75,8 @@ def show_extensions(segment: Segment, follower: int) -> None:
     """Whether the law with one term more would say something else."""
     st.subheader("Is the law all there is?", anchor=False)
     found = model_forms(segment)
-    if sentences := better(segment.labels[1:], found):
-        st.info(bullets(sentences), icon=":material/lightbulb:")
+    if better := better_forms(segment.vehicles, found):
+        st.info(bullets(messages(better, segment)), icon=":material/lightbulb:")
     st.html(typeset.STYLE + model_form_table(segment.info, found, follower).to_html())
     st.caption(
         "Intervals say what noise and disturbances leave open if the law holds. Real controllers"
@@ -114,5 +118,5 @@ def show_starts(workspace: Workspace, segment: Segment, follower: int) -> None:
 def _show_table(segment: Segment, found: MultistartResult, follower: int) -> None:
     if found.trials:
         st.html(typeset.STYLE + multistart_table(segment.info, found, follower).to_html())
-    if found.notes:
-        st.info(bullets(found.notes), icon=":material/info:")
+    if found.findings:
+        st.info(bullets(messages(found.findings, segment)), icon=":material/info:")

@@ -6,6 +6,7 @@ import streamlit as st
 
 from accpinn.inference.intervals import Uncertainty
 from accpinn.methods.registry import METHODS
+from accpinn.results.messages import messages
 from accpinn.results.tables import table as typeset
 from accpinn.results.tables.estimates import methods_table
 from accpinn.results.tables.names import TITLES
@@ -20,8 +21,8 @@ GAP_ERROR = "A lasting error of the measured gap shifts τ unseen: 0.1 m in 30 m
 def show_intervals(segment: Segment, uncertainty: Uncertainty) -> None:
     """What the recording allows, whichever method is asked."""
     results.show_intervals(segment.info, uncertainty, GAP_ERROR)
-    if uncertainty.notes:
-        st.info(bullets(uncertainty.notes), icon=":material/info:")
+    if uncertainty.findings:
+        st.info(bullets(messages(uncertainty.findings, segment)), icon=":material/info:")
 
 
 def show_refusals(refused: Sequence[MethodFailure]) -> None:

@@ -5,8 +5,8 @@ from collections.abc import Sequence
 import numpy as np
 import streamlit as st
 
-from accpinn.evaluation.closed_loop import ALONE
 from accpinn.inference.identifiability import wide_intervals
+from accpinn.results.messages.evaluation import closed_loop_event
 from accpinn.results.tables.estimates import PARAMETER_COLUMNS
 from accpinn.results.tables.names import name_of
 from accpinn.segment.segment import Segment
@@ -27,10 +27,10 @@ def show_verdict(segment: Segment, rows: tuple[MethodResult, ...]) -> None:
         )
         ahead = " " if len(touching) == 1 else "\n\n"
         st.warning(f"{said}{ahead}{_listed(touching)}", icon=":material/warning:")
-    told = incidents(segment, rows)
+    told = closed_loop_events(segment, rows)
     if told:
-        count = sum(len(row.evaluation.incidents) for row in rows)
-        title = f"Every incident in closed loop, here and on the rest ({count})"
+        count = sum(len(row.evaluation.all_findings) for row in rows)
+        title = f"All events in the closed-loop simulations, here and outside the window ({count})"
         with st.expander(title, icon=":material/car_crash:"):
             st.markdown(told)
 
@@ -48,7 +48,7 @@ def verdict(segment: Segment, rows: Sequence[MethodResult], k: int) -> str:
     label, uncertainty = f"**{escape_markdown(name)}**", rows[0].uncertainty
     names = [name_of(row.fit) for row in rows]
     tables = np.array([row.fit.parameters.values[k] for row in rows])
-    lower, upper = uncertainty.lower[k], uncertainty.upper[k]
+    lower, upper = uncertainty.lower[k].values, uncertainty.upper[k].values
     if np.isnan(lower).all():
         return f"{label}: the data determine nothing that the methods could be held against."
     level = f"{100 * uncertainty.level:.0f} %"
@@ -64,7 +64,7 @@ def verdict(segment: Segment, rows: Sequence[MethodResult], k: int) -> str:
         said = f"no: by the {level} intervals of the data, {'; '.join(outside)}."
     else:
         said = f"yes, all methods lie within the {level} intervals of the data"
-        wide = wide_intervals(uncertainty, k)
+        wide = [one.symbol for one in wide_intervals(uncertainty, k)]
         which, are = ("that of", "is") if len(wide) == 1 else ("those of", "are")
         reserve = f", but {which} {_joined(wide)} {are} too wide for that to say much"
         said += f"{reserve if wide else ''}."
@@ -91,7 +91,7 @@ def _most_apart(tables: FloatArray) -> str:
 def collision_lines(segment: Segment, rows: Sequence[MethodResult]) -> list[str]:
     """By whose laws each follower would not have driven this window without a collision."""
     names = [name_of(row.fit) for row in rows]
-    touching = np.array([np.isfinite(row.evaluation.collisions) for row in rows])
+    touching = np.isfinite([row.evaluation.collision_times(segment.vehicles) for row in rows])
     return [
         f"{escape_markdown(label)}, as learned by {_who(names, by.tolist())}."
         for label, by in zip(segment.labels[1:], touching.T, strict=True)
@@ -99,18 +99,21 @@ def collision_lines(segment: Segment, rows: Sequence[MethodResult]) -> list[str]
     ]
 
 
-def incidents(segment: Segment, rows: Sequence[MethodResult]) -> str:
+def closed_loop_events(segment: Segment, rows: Sequence[MethodResult]) -> str:
     """All of them by follower and method, as markdown; empty where there are none."""
     parts = []
-    for label in segment.labels[1:]:
+    for vehicle in segment.vehicles[1:]:
         lines = []
         for row in rows:
-            said = [s for s in row.evaluation.incidents if s.startswith(f"{label} ")]
-            if said:
-                told = (s.removeprefix(f"{label} ").replace(ALONE, "").rstrip(".") for s in said)
-                lines.append(f"{name_of(row.fit)}: {escape_markdown(' · '.join(told))}")
+            events = [
+                closed_loop_event(one)
+                for one in row.evaluation.all_findings
+                if one.vehicle == vehicle
+            ]
+            if events:
+                lines.append(f"{name_of(row.fit)}: {escape_markdown(' · '.join(events))}")
         if lines:
-            parts.append(f"**{escape_markdown(label)}**\n\n{_bulleted(lines)}")
+            parts.append(f"**{escape_markdown(segment.label(vehicle))}**\n\n{_bulleted(lines)}")
     return "\n\n".join(parts)
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import streamlit as st
 
 from accpinn.results.figures.style import vehicle_colour
-from accpinn.results.snapshot.content import Snapshot
+from accpinn.results.snapshot.schema import Snapshot
 from accpinn.segment.segment import SegmentInfo
 from accpinn.tasks.job import Job
 from accpinn.tasks.task import Status

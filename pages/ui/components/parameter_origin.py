@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import streamlit as st
 
 from accpinn.methods.fit import Fit, unfinished
-from accpinn.results.snapshot.content import Snapshot
+from accpinn.results.snapshot.schema import Snapshot
 from accpinn.results.tables.estimates import where
 from accpinn.segment.segment import SegmentInfo
 from pages.ui.components.text import escape_markdown

@@ -5,8 +5,10 @@ import streamlit as st
 from accpinn.inference.intervals import Uncertainty, intervals
 from accpinn.model.published import ParameterSet
 from accpinn.results.figures import stability as figures
+from accpinn.results.messages import messages
 from accpinn.results.tables import table as typeset
 from accpinn.results.tables.stability import stability_interval_table
+from accpinn.segment.segment import SegmentInfo
 from pages.ui.components.text import bullets
 from pages.ui.session.workspace import Workspace, sync_widget
 
@@ -50,7 +52,7 @@ def choose_doubt(workspace: Workspace, laws: ParameterSet) -> Uncertainty | None
     return uncertainty if workspace.map.uncertainty else None
 
 
-def show_doubt(laws: ParameterSet, uncertainty: Uncertainty) -> None:
+def show_doubt(laws: ParameterSet, uncertainty: Uncertainty, info: SegmentInfo) -> None:
     """Intervals of the figures of stability, and what they stand on."""
     table = stability_interval_table(laws, uncertainty).coloured(figures.colours(laws))
     st.html(typeset.STYLE + table.to_html())
@@ -59,5 +61,5 @@ def show_doubt(laws: ParameterSet, uncertainty: Uncertainty) -> None:
         " Stable laws: the share of these that keeps a gap and is stable. Laws with α = 0"
         " follow the speed ahead and keep no gap; they amplify nothing, and are counted apart."
     )
-    if uncertainty.notes:
-        st.info(bullets(uncertainty.notes), icon=":material/info:")
+    if uncertainty.findings:
+        st.info(bullets(messages(uncertainty.findings, info)), icon=":material/info:")

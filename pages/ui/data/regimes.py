@@ -84,8 +84,8 @@ def _show_sensitivity(workspace: Workspace, segment: Segment, recording: Recordi
         return
     for follower in range(segment.followers):
         st.html(typeset.STYLE + sensitivity_table(segment.info, found, follower).to_html())
-    if refusals := tuple(dict.fromkeys(row.refusal for row in found if row.refusal)):
-        st.info(bullets(refusals), icon=":material/info:")
+    if faults := tuple(dict.fromkeys(str(row.fault) for row in found if row.fault)):
+        st.info(bullets(faults), icon=":material/info:")
 
 
 @st.cache_data(max_entries=32, show_spinner="Estimating with and without them …")

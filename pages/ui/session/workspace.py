@@ -17,8 +17,8 @@ from accpinn.methods.registry import METHODS
 from accpinn.model.cthp import Case, Parameters
 from accpinn.recordings.recording import Recording, Window
 from accpinn.recordings.synthetic import Truth
-from accpinn.results.snapshot.checking import recovered
-from accpinn.results.snapshot.content import Snapshot
+from accpinn.results.snapshot.schema import Snapshot
+from accpinn.results.snapshot.verification import recover
 from accpinn.segment import regimes
 from accpinn.segment.cut import DURATION, complete_windows, cut
 from accpinn.segment.segment import Segment, SegmentInfo
@@ -82,7 +82,7 @@ class Workspace:
 
         If it is the one that the snapshot shown was learned from, it completes that instead.
         """
-        if self.snapshot and not self.recording and recovered(self.snapshot, recording):
+        if self.snapshot and not self.recording and recover(self.snapshot, recording).segment:
             self.restore(self.snapshot, recording, truth)
             return
         vehicles = default_vehicles(recording)
@@ -96,7 +96,7 @@ class Workspace:
         """Show a snapshot on every page; its recording stays open, or is opened, if it is given."""
         self.archive_and_stop()
         info, given = snapshot.info, recording or self.recording
-        cut_anew = recovered(snapshot, given) if given else None
+        cut_anew = recover(snapshot, given).segment if given else None
         self.recording = given if cut_anew else None
         self.truth = (truth or self.truth) if cut_anew else None
         self.segment = cut_anew or snapshot.segment
@@ -182,12 +182,7 @@ class Workspace:
             return
 
         def trials(means: TaskContext) -> Iterator[Trial]:
-            for initial in STARTS:
-                yield from multistart(
-                    segment, case, config, initials=(initial,), store=means.store,
-                    threads=means.threads, on_progress=means.on_progress,
-                    should_stop=means.should_stop,
-                ).trials  # fmt: skip
+            return multistart(segment, case, config, context=means)
 
         names = tuple(f"start {k} of {len(STARTS)}" for k in range(1, len(STARTS) + 1))
         series = Series(self.id, "series of starts", names, trials, (1.0,) * len(names))
@@ -220,7 +215,7 @@ class Workspace:
         """What the methods say of the segment, as far as they were run."""
         if self.comparison:
             return results_among(self.comparison.results)
-        return self.snapshot.rows if self.snapshot else ()
+        return self.snapshot.methods if self.snapshot else ()
 
     @property
     def fit(self) -> Fit | None:

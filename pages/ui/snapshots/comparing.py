@@ -11,8 +11,8 @@ import streamlit as st
 from accpinn.model.published import ParameterSet
 from accpinn.results.figures.stability import bode
 from accpinn.results.figures.style import vehicle_colour
-from accpinn.results.snapshot.content import Snapshot
 from accpinn.results.snapshot.create import stability
+from accpinn.results.snapshot.schema import Snapshot
 from accpinn.results.tables.table import ABSENT, STYLE, Cell, Column, Table, between
 from pages.ui.components.charts import show_chart
 from pages.ui.components.text import escape_markdown
@@ -101,7 +101,9 @@ def _interval(snapshot: Snapshot, follower: int, which: int, digits: int) -> str
     uncertainty = snapshot.uncertainty
     if uncertainty is None or follower >= len(uncertainty.lower):
         return ABSENT
-    low, high = float(uncertainty.lower[follower, which]), float(uncertainty.upper[follower, which])
+    low, high = (
+        float(ends.values[follower, which]) for ends in (uncertainty.lower, uncertainty.upper)
+    )
     return ABSENT if np.isnan(low) or np.isnan(high) else between(low, high, digits)
 
 

@@ -5,12 +5,11 @@ from urllib.parse import urlsplit
 import streamlit as st
 
 from accpinn.errors import SnapshotError
+from accpinn.results.messages.snapshot import check_rows, summary
 from accpinn.results.report.page import render_report
-from accpinn.results.snapshot.checking import check
-from accpinn.results.snapshot.content import Snapshot
 from accpinn.results.snapshot.library import Entry
-from accpinn.results.snapshot.refitting import repeatable
-from accpinn.results.snapshot.schema import SUFFIX
+from accpinn.results.snapshot.schema import SUFFIX, Snapshot
+from accpinn.results.snapshot.verification import check, obstacle
 from accpinn.results.tables.names import TITLES
 from accpinn.results.tables.table import STYLE, Column, Table
 from accpinn.units import Seconds
@@ -162,22 +161,22 @@ def show_verification(workspace: Workspace, snapshot: Snapshot) -> None:
     recording = workspace.recording
     same = recording if recording and recording.sha256 == snapshot.info.sha256 else None
     again = False
-    if snapshot.fit.seconds < QUICK and (snapshot.segment or same) and not repeatable(snapshot.fit):
+    if snapshot.fit.seconds < QUICK and (snapshot.segment or same) and not obstacle(snapshot.fit):
         again = st.toggle(
             "Run the methods again, too", key="snapshots_again",
             help="Every method of the snapshot is run anew on its data, with its settings.",
         )  # fmt: skip
     with st.spinner("Computing all of it anew"):
-        found = check(snapshot, same, again=again)
+        found = check(snapshot, same, refit=again)
     if found.ok:
-        st.success(escape_markdown(found.sentence), icon=":material/verified:")
+        st.success(escape_markdown(summary(found, snapshot.info)), icon=":material/verified:")
     else:
-        st.error(escape_markdown(found.sentence), icon=":material/error:")
+        st.error(escape_markdown(summary(found, snapshot.info)), icon=":material/error:")
     texts = (Column(title, prose=True) for title in ("Result", "Stored", "Recomputed"))
     columns = (Column("Checked"), *texts)
     rows = tuple(
         (c.name, c.sentence, c.stored, SAME if c.ok and c.stored == c.recomputed else c.recomputed)
-        for c in found.checks
+        for c in check_rows(found, snapshot.info)
     )
     st.html(STYLE + Table("", columns, rows).to_html())
 

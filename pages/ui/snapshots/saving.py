@@ -79,7 +79,7 @@ def save(workspace: Workspace) -> None:
             facts=old.facts if old else None,
             uncertainty=known[1] if known and known[0] is fit else None,
             evaluation=old.evaluation if old and old.fit is fit else None,
-            rows=workspace.compared,
+            methods=workspace.compared,
             name=st.session_state["snapshots_name"].strip(),
             note=st.session_state["snapshots_note"].strip(),
             with_data=st.session_state["snapshots_with_data"],

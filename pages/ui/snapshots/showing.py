@@ -6,7 +6,7 @@ from accpinn.evaluation.closed_loop import closed_loop
 from accpinn.results.figures import training
 from accpinn.results.figures.recording import preview
 from accpinn.results.figures.style import vehicle_colour
-from accpinn.results.snapshot.content import Snapshot
+from accpinn.results.snapshot.schema import Snapshot
 from accpinn.results.tables import estimates as tables
 from accpinn.results.tables import table as typeset
 from accpinn.results.tables.estimates import methods_table
@@ -17,7 +17,12 @@ from pages.ui.components.charts import show_chart
 from pages.ui.components.text import bullets
 from pages.ui.session.workspace import Workspace
 from pages.ui.snapshots.listing import banner, recording_needed, recording_needed_here
-from pages.ui.train.results import downloads, show_incidents, show_intervals, show_outcome
+from pages.ui.train.results import (
+    downloads,
+    show_closed_loop_findings,
+    show_intervals,
+    show_outcome,
+)
 
 
 def show_data(workspace: Workspace, snapshot: Snapshot) -> None:
@@ -42,7 +47,7 @@ def show_result(workspace: Workspace, snapshot: Snapshot) -> None:
     table = tables.parameter_table(info, fit, snapshot.quality, *errors)
     colours = [vehicle_colour(n, info.vehicles[0]) for n in info.vehicles]
     st.html(typeset.STYLE + table.coloured(colours).to_html())
-    show_incidents(worth.incidents if worth else ())
+    show_closed_loop_findings(worth.all_findings if worth else (), info)
     show_intervals(info, snapshot.uncertainty)
     if fit.notes:
         st.info(bullets(fit.notes), icon=":material/info:")
@@ -102,7 +107,7 @@ def show_rows(workspace: Workspace) -> None:
     banner(workspace)
     if workspace.segment is None:
         recording_needed(workspace, snapshot, "To run the methods, the page needs")
-    info, rows = snapshot.info, snapshot.rows
+    info, rows = snapshot.info, snapshot.methods
     show_intervals(info, snapshot.uncertainty, "")
     if not rows:
         st.caption("No comparison of the methods was saved with this snapshot.")

@@ -2,7 +2,8 @@
 
 from math import isnan
 
-from accpinn.inference.intervals import SYMBOLS, Uncertainty
+from accpinn.channels import PARAMETERS
+from accpinn.inference.intervals import Uncertainty
 from accpinn.model.published import ParameterSet
 from accpinn.results.tables.table import between
 from accpinn.stability.report import StabilityReport
@@ -25,8 +26,11 @@ def certainty(laws: ParameterSet, report: StabilityReport, uncertainty: Uncertai
 
 
 def _sure(report: StabilityReport, uncertainty: Uncertainty, k: int) -> bool:
-    stable, gapless = float(uncertainty.probability_l2[k]), float(uncertainty.gapless[k])
-    agreeing = stable if report.vehicles[k].l2.stable else 1.0 - stable - gapless
+    stable, no_gap_control = (
+        float(uncertainty.probability_l2[k]),
+        float(uncertainty.no_gap_control[k]),
+    )
+    agreeing = stable if report.vehicles[k].l2.stable else 1.0 - stable - no_gap_control
     return agreeing >= SURE
 
 
@@ -48,7 +52,7 @@ def _outside(laws: ParameterSet, uncertainty: Uncertainty) -> str:
     """Which estimates the data do not support."""
     parts = []
     for name, row in zip(laws.spoken, uncertainty.inside, strict=True):
-        symbols = [symbol for symbol, inside in zip(SYMBOLS, row, strict=True) if not inside]
+        symbols = [one.symbol for one, inside in zip(PARAMETERS, row, strict=True) if not inside]
         if symbols:
             whose = f" of {escape_markdown(name)}" if len(laws) > 1 else ""
             parts.append(f"{' and '.join(symbols)}{whose}")
@@ -73,10 +77,13 @@ def _verdicts(laws: ParameterSet, uncertainty: Uncertainty, unsure: list[int]) -
 
 def _shares(uncertainty: Uncertainty, k: int) -> str:
     """What the laws that the data allow do, as adds up to all of them."""
-    stable, gapless = float(uncertainty.probability_l2[k]), float(uncertainty.gapless[k])
-    rest = max(0.0, 1.0 - stable - gapless)
+    stable, no_gap_control = (
+        float(uncertainty.probability_l2[k]),
+        float(uncertainty.no_gap_control[k]),
+    )
+    rest = max(0.0, 1.0 - stable - no_gap_control)
     said = f"{_percent(rest)} amplify, {_percent(stable)} do not"
-    return f"{said}, {_percent(gapless)} keep no gap (α = 0)" if gapless else said
+    return f"{said}, {_percent(no_gap_control)} keep no gap (α = 0)" if no_gap_control else said
 
 
 def _percent(share: float) -> str:

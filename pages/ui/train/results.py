@@ -4,14 +4,20 @@ from pathlib import Path
 
 import streamlit as st
 
-from accpinn.evaluation.closed_loop import closed_loop, closed_loop_errors, incidents
-from accpinn.evaluation.errors import surrogate_errors
+from accpinn.evaluation.closed_loop import (
+    ClosedLoopFinding,
+    closed_loop,
+    closed_loop_errors,
+    closed_loop_findings,
+    surrogate_errors,
+)
 from accpinn.inference.intervals import Uncertainty
 from accpinn.methods import least_squares
 from accpinn.methods.fit import Fit, Outcome, headway_notes
 from accpinn.model.cthp import Parameters
 from accpinn.results.figures.style import vehicle_colour
 from accpinn.results.figures.training import tracking
+from accpinn.results.messages import messages
 from accpinn.results.tables import estimates as tables
 from accpinn.results.tables import table as typeset
 from accpinn.results.tables.estimates import intervals_table
@@ -39,11 +45,13 @@ def show_result(workspace: Workspace) -> None:
         " leader's speed only and everything else is its own doing. MAE: mean absolute error of"
         " space-gap p and speed v."
     )
-    show_incidents(incidents(segment, closed_loop(segment, fit)))
+    show_closed_loop_findings(
+        closed_loop_findings(segment, closed_loop(segment, fit)), segment.info
+    )
     show_intervals(segment.info, uncertainty)
     notes = fit.notes + headway_notes(segment.labels, fit.parameters)
     if uncertainty:
-        notes += uncertainty.notes
+        notes += messages(uncertainty.findings, segment)
     if notes:
         st.info(bullets(notes), icon=":material/info:")
     downloads(parameter_table(segment, fit, uncertainty), segment.info)
@@ -69,13 +77,13 @@ def show_intervals(
     )
 
 
-def show_incidents(incidents: tuple[str, ...]) -> None:
-    """What goes wrong where the law drives by itself; the errors beside it include that."""
-    if incidents:
+def show_closed_loop_findings(findings: tuple[ClosedLoopFinding, ...], info: SegmentInfo) -> None:
+    """Collisions, reversing and divergence; the closed-loop errors beside them include these."""
+    if findings:
         st.warning(
-            f"{bullets(incidents)}\n\n"
+            f"{bullets(messages(findings, info))}\n\n"
             + escape_markdown(
-                "The simulation drives on, and the closed-loop errors include what follows."
+                "The simulation continues, and the closed-loop errors include what follows."
             ),
             icon=":material/car_crash:",
         )

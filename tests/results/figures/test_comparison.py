@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from accpinn.inference.identifiability import INCREASE, profiles
 from accpinn.inference.intervals import Uncertainty, intervals
-from accpinn.inference.profiles import INCREASE, profiles
 from accpinn.methods import recursive, splines
 from accpinn.methods.fit import Fit
 from accpinn.model.cthp import Parameters
@@ -47,17 +47,18 @@ def test_estimates_intervals_and_truth_stand_where_they_belong(
     assert list(figure.data[0].y) == ["PiNN<br>(fast preset)", "Before &lt;b&gt;"]
     assert figure.data[0].customdata[0] == "PiNN (fast preset)"
     bands = [shape for shape in figure.layout.shapes if shape.type == "rect"]
-    np.testing.assert_allclose([band.x0 for band in bands], uncertainty.lower[0])
-    np.testing.assert_allclose([band.x1 for band in bands], uncertainty.upper[0])
+    np.testing.assert_allclose([band.x0 for band in bands], uncertainty.lower.values[0])
+    np.testing.assert_allclose([band.x1 for band in bands], uncertainty.upper.values[0])
     dashed = [shape.x0 for shape in figure.layout.shapes if shape.type == "line"]
     np.testing.assert_allclose(dashed, sample(NOISY).truth[0])
 
 
 def test_an_open_end_and_an_undetermined_headway_can_be_drawn(uncertainty: Uncertainty) -> None:
-    upper = uncertainty.upper.copy()
-    upper[0, 2] = np.inf
+    ends = uncertainty.upper.values.copy()
+    ends[0, 2] = np.inf
     row = figures.Estimate("Least squares", np.array([0.0, 0.2, np.nan]))
-    figure = figures.estimates([row], COLOUR, replace(uncertainty, upper=upper), 0)
+    unbounded = replace(uncertainty, upper=Parameters.of(ends))
+    figure = figures.estimates([row], COLOUR, unbounded, 0)
     assert np.isfinite([shape.x1 for shape in figure.layout.shapes]).all()
 
 

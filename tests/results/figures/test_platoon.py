@@ -73,9 +73,7 @@ class TestProfiles:
         for trace in speeds:
             k = EIGHT.names.index(trace.name)
             assert len(trace.x) <= 1500
-            assert max(trace.y) == pytest.approx(
-                sinusoid.trajectories.speeds[:, k].max(), abs=1e-4
-            )
+            assert max(trace.y) == pytest.approx(sinusoid.trajectories.speeds[:, k].max(), abs=1e-4)
         assert size(figure) <= 400_000
         legend = [trace for trace in with_legend(figure).data if trace.showlegend is not False]
         assert len(legend) == 9

@@ -50,7 +50,7 @@ class TestBands:
             count = len(band.x) // 2
             omega = np.asarray(band.x[:count])
             low, high = np.asarray(band.y[:count]), np.asarray(band.y[count:])[::-1]
-            draws = Parameters.of(uncertainty.draws[:, k])
+            draws = Parameters.of(uncertainty.draws.values[:, k])
             drawn = 20 * np.log10(np.abs(response(draws, omega)))
             share = ((low - 1e-3 <= drawn) & (drawn <= high + 1e-3)).mean(axis=0)
             assert (share > uncertainty.level - 0.01).all()
@@ -65,9 +65,11 @@ class TestBands:
         assert len(after.data) == len(before.data) + len(vehicles)
         assert {trace.fill for trace in after.data[: len(vehicles)]} == {"toself"}
         assert after.layout == before.layout
-        draws = uncertainty.draws.copy()
+        draws = uncertainty.draws.values.copy()
         draws[:, 0] = np.nan
-        after = figures.add_bands(before, vehicles, replace(uncertainty, draws=draws))
+        after = figures.add_bands(
+            before, vehicles, replace(uncertainty, draws=Parameters.of(draws))
+        )
         assert len(after.data) == len(before.data) + len(vehicles) - 1
 
 
@@ -79,7 +81,7 @@ class TestClouds:
         chart = stability_map(vehicles, stability_report(vehicles.parameters), 0, plane)
         cloud = named(figures.add_clouds(chart, vehicles, uncertainty, plane), "cloud 1")
         assert len(cloud.x) <= figures.CLOUD
-        drawn = uncertainty.draws[:, 1][:, [column, 2]]
+        drawn = uncertainty.draws.values[:, 1][:, [column, 2]]
         for x, y in zip(cloud.x[:20], cloud.y[:20], strict=True):
             assert np.abs(drawn - [x, y]).sum(axis=1).min() < 1e-3
 
@@ -87,15 +89,19 @@ class TestClouds:
         self, vehicles: ParameterSet, uncertainty: Uncertainty
     ) -> None:
         chart = stability_map(vehicles, stability_report(vehicles.parameters), 0, "beta")
-        draws = uncertainty.draws.copy()
+        draws = uncertainty.draws.values.copy()
         draws[..., 1:] = 0.1, 1.0
-        caption = figures.cloud_caption(chart, replace(uncertainty, draws=draws), "beta")
+        caption = figures.cloud_caption(
+            chart, replace(uncertainty, draws=Parameters.of(draws)), "beta"
+        )
         assert "not on the map" not in caption
         count = len(draws)
         draws[: count // 20, :, 0], draws[: count // 20, :, 2] = 0.0, np.nan
         draws[count // 20 : 3 * count // 20, 0, 2] = 99.0
-        caption = figures.cloud_caption(chart, replace(uncertainty, draws=draws), "beta")
+        caption = figures.cloud_caption(
+            chart, replace(uncertainty, draws=Parameters.of(draws)), "beta"
+        )
         assert "5 % have no gap control (α = 0)" in caption
         assert f"{10 / len(vehicles):.0f} % lie beyond" in caption
         draws[:] = np.nan
-        figures.cloud_caption(chart, replace(uncertainty, draws=draws), "beta")
+        figures.cloud_caption(chart, replace(uncertainty, draws=Parameters.of(draws)), "beta")

@@ -19,11 +19,11 @@ from accpinn.model.cthp import Parameters
 from accpinn.results.messages.summary import about_data, summary, title
 from accpinn.results.report.page import render_report
 from accpinn.results.report.pictures import fits, motion
-from accpinn.results.snapshot.checking import check
 from accpinn.results.snapshot.create import stability as judged
 from accpinn.results.snapshot.file import load, save
-from tests.snapshots import small, whole
+from accpinn.results.snapshot.verification import check
 from tests.support.samples import FOLDER, PLATOON
+from tests.support.snapshots import small, whole
 
 HOSTILE = "</script><script>alert(1)</script>\"'><img src=x onerror=alert(1)>$y$_z_&amp;"
 ORDER = (
@@ -227,7 +227,8 @@ class TestItIsTrue:
     def test_a_mismatch_is_shown(self) -> None:
         stability = whole().stability
         assert stability is not None
-        first = replace(stability.vehicles[0], linf_gain=9.0)
+        first = stability.vehicles[0]
+        first = replace(first, linf_exact=replace(first.linf_exact, value=9.0))
         wrong = replace(
             whole(), stability=replace(stability, vehicles=(first, *stability.vehicles[1:]))
         )

@@ -5,8 +5,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-
 from accpinn.evaluation.errors import TrackingErrors
+
 from accpinn.inference.intervals import intervals
 from accpinn.methods import least_squares
 from accpinn.methods.fit import Fit, Outcome
@@ -89,8 +89,8 @@ def test_without_simulation_the_cells_are_empty_not_zero(
 def test_intervals_stand_beside_the_parameters(
     segment: Segment, fit: Fit, quality: Quality
 ) -> None:
-    lower = np.array([[0.0, 0.05, 1.2], [0.01, 0.1, 1.0]])
-    upper = np.array([[0.02, 0.09, np.inf], [0.03, 0.2, 1.3]])
+    lower = Parameters.of([[0.0, 0.05, 1.2], [0.01, 0.1, 1.0]])
+    upper = Parameters.of([[0.02, 0.09, np.inf], [0.03, 0.2, 1.3]])
     uncertainty = replace(intervals(segment, fit, draws=10), lower=lower, upper=upper)
     table = parameter_table(segment.info, fit, quality, errors(0.01), errors(1.0), uncertainty)
     assert column(table, "τ", "90 % interval") == [None, Range(1.2, np.inf), Range(1.0, 1.3)]

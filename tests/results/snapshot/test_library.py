@@ -10,15 +10,15 @@ from pathlib import Path
 import pytest
 
 from accpinn.errors import SnapshotError
-from accpinn.results.snapshot.content import Snapshot
 from accpinn.results.snapshot.file import to_bytes
 from accpinn.results.snapshot.library import Library
-from tests.snapshots import small, small_bytes
+from accpinn.results.snapshot.schema import Snapshot
+from tests.support.snapshots import small, small_bytes
 
 
 @pytest.fixture
 def library(tmp_path: Path) -> Library:
-    return Library(tmp_path / "shelf")
+    return Library(tmp_path / "library")
 
 
 def named(name: str) -> Snapshot:
@@ -86,7 +86,7 @@ def test_an_unknown_name_is_said(library: Library) -> None:
         library.open("0" * 16)
 
 
-def test_a_full_shelf_refuses_and_keeps_what_is_there(library: Library) -> None:
+def test_a_full_library_refuses_and_keeps_what_is_there(library: Library) -> None:
     for full in (Library(library.folder, cap_count=1), Library(library.folder, cap_bytes=100)):
         if not library.entries():
             library.add(small())
@@ -170,9 +170,10 @@ def test_a_saving_that_fails_half_way_leaves_the_old_file(
 
 def test_two_processes_that_save_at_once_lose_nothing(library: Library, tmp_path: Path) -> None:
     code = (
-        "import sys; from pathlib import Path; from accpinn.results.snapshot.library import Shelf\n"
-        "shelf = Shelf(Path(sys.argv[1]))\n"
-        "for name in sys.argv[2:]: shelf.add(Path(name).read_bytes())\n"
+        "import sys; from pathlib import Path\n"
+        "from accpinn.results.snapshot.library import Library\n"
+        "library = Library(Path(sys.argv[1]))\n"
+        "for name in sys.argv[2:]: library.add(Path(name).read_bytes())\n"
     )
     groups: list[list[str]] = [[], []]
     for k in range(10):
@@ -196,7 +197,7 @@ def test_the_environment_names_the_folder(monkeypatch: pytest.MonkeyPatch, tmp_p
 
 def test_servers_that_share_a_folder_keep_to_its_room(tmp_path: Path) -> None:
     """Each has room for one more; together they must not add two."""
-    shelves = [Library(tmp_path, cap_count=1) for _ in range(6)]
+    libraries = [Library(tmp_path, cap_count=1) for _ in range(6)]
     contents = [replace(small(), name=f"number {k}") for k in range(6)]
 
     def kept(library: Library, content: Snapshot) -> bool:
@@ -206,5 +207,5 @@ def test_servers_that_share_a_folder_keep_to_its_room(tmp_path: Path) -> None:
             return False
 
     with ThreadPoolExecutor(6) as pool:
-        assert sum(pool.map(kept, shelves, contents)) == 1
-    assert len(shelves[0].entries()) == 1
+        assert sum(pool.map(kept, libraries, contents)) == 1
+    assert len(libraries[0].entries()) == 1

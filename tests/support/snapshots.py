@@ -1,6 +1,6 @@
 """Snapshots for tests: a small one made fast, and one with all that a snapshot can hold."""
 
-from dataclasses import replace
+from collections.abc import Callable
 from functools import cache
 from typing import Any
 
@@ -8,17 +8,18 @@ from accpinn.inference.intervals import intervals
 from accpinn.methods.fit import Fit
 from accpinn.methods.pinn.config import preset
 from accpinn.methods.pinn.training import train
-from accpinn.results.snapshot import documents
-from accpinn.results.snapshot.archive import contents
-from accpinn.results.snapshot.content import Snapshot
+from accpinn.results.snapshot.archive import unpack
 from accpinn.results.snapshot.create import create
-from accpinn.results.snapshot.file import sealed, to_bytes
-from accpinn.results.snapshot.schema import MANIFEST, PARTS, SCHEMA
+from accpinn.results.snapshot.file import seal, to_bytes
+from accpinn.results.snapshot.schema import MANIFEST, SCHEMA, Snapshot
 from accpinn.segment.segment import Segment
-from accpinn.study.comparison import compare
+from accpinn.serial import dump, read_json, write_json
+from accpinn.study.comparison import compare, results_among
 from tests.driving import driven
 from tests.support.methods import RIVALS as ESTIMATORS
 from tests.support.samples import PLATOON, sample
+
+NOTE = "α β τ, “quotes”, <tags> and\nlines."
 
 
 @cache
@@ -46,15 +47,26 @@ def trained() -> tuple[Segment, Fit]:
 def whole() -> Snapshot:
     """Of the synthetic platoon: network, comparison and data."""
     segment, fit = trained()
-    rows = tuple(compare(segment, "II", ("least-squares", "recursive")))
-    fit = replace(fit, notes=("A note with “quotes”, <tags> and\nlines.",))
-    return create(segment, fit, rows=rows, name="whole", note="α β τ", with_data=True)
+    methods = results_among(compare(segment, "II", ("least-squares", "recursive")))
+    return create(segment, fit, methods=methods, name="whole", note=NOTE, with_data=True)
 
 
-def resealed(change: Any, schema: int = SCHEMA) -> bytes:
+def entries(data: bytes) -> dict[str, bytes]:
+    """What a snapshot's file holds beside its manifest."""
+    found = unpack(data, "It")
+    del found[MANIFEST]
+    return found
+
+
+def resealed(change: Callable[[dict[str, Any]], None], schema: int = SCHEMA) -> bytes:
     """The small snapshot with its documents changed and everything sealed anew."""
-    parts = contents(small_bytes(), "It", len(PARTS))
-    del parts[MANIFEST]
-    trees = {n: documents.read(c, n) for n, c in parts.items() if n.endswith(".json")}
+    parts = entries(small_bytes())
+    trees = {name: read_json(text) for name, text in parts.items() if name.endswith(".json")}
     change(trees)
-    return sealed(parts | {n: documents.write(t) for n, t in trees.items()}, schema)
+    return seal(parts | {name: write_json(tree) for name, tree in trees.items()}, schema)
+
+
+def bits(value: Any) -> tuple[Any, dict[str, tuple[Any, ...]]]:
+    """What is equal exactly where all within two values is, to the last bit."""
+    tree, arrays = dump(value)
+    return tree, {name: (a.dtype, a.shape, a.tobytes()) for name, a in arrays.items()}

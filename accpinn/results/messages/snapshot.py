@@ -1,0 +1,147 @@
+"""What was checked of a snapshot, in words."""
+
+from itertools import zip_longest
+from typing import NamedTuple
+
+from accpinn.results.messages import Labelled, message, messages
+from accpinn.results.snapshot.verification import Check, Unchecked, Verification
+
+TITLES = {
+    "fit.surrogate": "Network's curves",
+    "info": "Names and notes",
+    "quality": "Data's quality",
+    "refit": "Method run again",
+    "uncertainty": "Intervals",
+    "evaluation.surrogate": "Surrogate fit",
+    "evaluation.closed_loop": "Closed-loop simulation",
+    "evaluation.holdout": "Hold-out",
+    "evaluation.blocks": "Hold-out, block by block",
+    "evaluation.out_of_window": "Outside the window",
+    "evaluation.out_of_window_seconds": "Time outside the window",
+    "evaluation.whiteness": "Residual",
+    "evaluation.findings": "Collisions",
+    "evaluation.out_of_window_findings": "Collisions outside the window",
+}
+"""Of the parts whose own names would not do."""
+ABSENT = "–"
+LONGEST = 60
+"""Characters of a text that is quoted."""
+BEFORE = 20
+"""Of these, the ones before two texts part."""
+
+WHAT = {
+    "errors": "its errors and intervals, as the data are not in it",
+    "estimate": "that {detail} finds these parameters",
+    "stopped": "that {detail} finds these parameters, as its training was stopped by hand",
+    "unknown start": "that {detail} finds these parameters, as its training began from weights that"
+    " are not in the snapshot",
+    "data": "that the data are those of {source} (SHA-256 {detail})",
+    "version": "its sentences, as accpinn {detail} wrote them",
+    "intervals": "its intervals, which another method gave: {detail}",
+    "blocks": "the hold-out of {detail}, as other blocks were held out then",
+    "remarks": "name, note, date, machine and the method's remarks, which anyone can write",
+}
+"""What was not checked, by kind."""
+
+
+def title(check: Check) -> str:
+    """The name of the part that was checked."""
+    own = check.part.rpartition(".")[2].replace("_", " ").capitalize()
+    return ", ".join(filter(None, [TITLES.get(check.part, own), check.method]))
+
+
+def values(check: Check) -> tuple[str, str]:
+    """One value of the part, as stored and as recomputed, with its place."""
+    if check.reason:
+        return ABSENT, "not possible"
+    stored, recomputed = _apart(check.stored, check.recomputed)
+    name = f"{check.place}: " if check.place else ""
+    return f"{name}{stored}", f"{name}{recomputed}"
+
+
+def _apart(one: float | str | None, other: float | str | None) -> tuple[str, str]:
+    """Two values with no more digits or words than it takes to see that they differ."""
+    if isinstance(one, float) and isinstance(other, float):
+        pairs = [(f"{one:.{d}g}", f"{other:.{d}g}") for d in range(6, 18)]
+        return next((pair for pair in pairs if pair[0] != pair[1]), pairs[0])
+    first, second = (_plain(value) for value in (one, other))
+    letters = enumerate(zip_longest(first, second))
+    start = next((k for k, (a, b) in letters if a != b), 0) - BEFORE
+    return _from(first, start), _from(second, start)
+
+
+def _plain(value: float | str | None) -> str:
+    return "nothing" if value is None else value if isinstance(value, str) else f"{value:.6g}"
+
+
+def _from(text: str, start: int) -> str:
+    shown = text if start <= 0 else f"…{text[start:]}"
+    return " ".join((shown if len(shown) <= LONGEST else f"{shown[: LONGEST - 1]}…").split())
+
+
+@message.register
+def _(check: Check, about: Labelled) -> str:
+    if check.reason:
+        return check.reason
+    if check.ok:
+        return "1 value agrees." if check.count == 1 else f"All {check.count:,} values agree."
+    if check.part == "recording":
+        return (
+            "This is not the recording the result was learned from; that is"
+            f" {about.source} with the SHA-256 {check.stored}."
+        )
+    if check.part == "window":
+        return (
+            "The recording is the same, but the window cut from it differs, as if bridged or"
+            " resampled in another way."
+        )
+    many = f"{check.differing:,} values differ, the first" if check.differing > 1 else "One differs"
+    place = f" in {check.place}" if check.place else ""
+    stored, recomputed = _apart(check.stored, check.recomputed)
+    return f"{many}{place}: stored {stored}, recomputed {recomputed}."
+
+
+@message.register
+def _(unchecked: Unchecked, about: Labelled) -> str:
+    return WHAT[unchecked.kind].format(detail=unchecked.detail, source=about.source)
+
+
+def summary(verification: Verification, about: Labelled) -> str:
+    """The first fault, or what agrees and what was not checked.
+
+    Args:
+        verification: of a snapshot.
+        about: the snapshot's `info`.
+    """
+    for check in verification.checks:
+        if not check.ok:
+            return f"{title(check)}: {message(check, about)}"
+    kinds = {one.kind for one in verification.unchecked}
+    what = "stability follows from its parameters"
+    if "errors" not in kinds:
+        what = "stability, errors and intervals follow from its contents"
+    believed = dict.fromkeys(messages(verification.unchecked, about))
+    return f"The snapshot is whole, and its {what}. Not checked: {'; '.join(believed)}."
+
+
+class Row(NamedTuple):
+    """A check in words."""
+
+    name: str
+    stored: str
+    recomputed: str
+    ok: bool
+    sentence: str
+
+
+def check_rows(verification: Verification, about: Labelled) -> tuple[Row, ...]:
+    """Every check in words, as tables and the command line's JSON have it.
+
+    Args:
+        verification: of a snapshot.
+        about: the snapshot's `info`.
+    """
+    return tuple(
+        Row(title(check), *values(check), check.ok, message(check, about))
+        for check in verification.checks
+    )

@@ -1,0 +1,379 @@
+"""What a snapshot says, held against what its own contents give when they are computed anew.
+
+Each part is computed from the parameters, and where the window's data are at hand from these; both
+objects become trees (see `accpinn.serial`), which are compared place by place. On one machine a
+method gives the same to the last digit. Another processor rounds otherwise, and an iterative
+training carries that on, so there its parameters count and no more (`Method.tolerance`).
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, fields, replace
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from accpinn import __version__
+from accpinn.errors import AccpinnError
+from accpinn.evaluation.cross_validation import Block, cross_validate, pooled_holdout_errors
+from accpinn.evaluation.evaluation import Evaluation, evaluate
+from accpinn.findings import Finding
+from accpinn.inference.intervals import Uncertainty, intervals
+from accpinn.methods.fit import Fit, Outcome
+from accpinn.methods.registry import METHODS
+from accpinn.model.cthp import Trajectories
+from accpinn.recordings.recording import Recording
+from accpinn.results.snapshot.create import facts_of, light, stability
+from accpinn.results.snapshot.file import Content, load
+from accpinn.results.snapshot.schema import ATTRIBUTION_TEXT, Snapshot
+from accpinn.results.snapshot.validate import sanitise
+from accpinn.results.tables.names import name_of
+from accpinn.segment.cut import cut
+from accpinn.segment.quality import assess_quality
+from accpinn.segment.regimes import exclude_regimes, label_regimes
+from accpinn.segment.segment import Segment
+from accpinn.serial import NOT_FINITE, dump, flatten
+
+RECORDING, REFIT = "--recording", "--refit"
+"""What checks more, as the command line has it."""
+
+RELATIVE, ABSOLUTE = 1e-9, 1e-11
+"""Figures closer than this are the same; other processors round differently."""
+INTERVALS = 1e-6
+"""The same for intervals, whose draws follow from solutions of nearly singular equations."""
+SOLVED = 1e-6
+"""The same for what a method finds; a larger `Method.tolerance` is for its parameters alone."""
+CURVES = 1e-4
+"""m and m/s by which curves may differ from those that the weights give."""
+INSTANTS = 300
+"""At which these are computed."""
+VARYING = {"seconds", "cached"}
+"""Fields that differ from run to run."""
+
+
+class Check(Finding, frozen=True):
+    """One part of a snapshot, as stored and as recomputed."""
+
+    part: str
+    """As "evaluation.closed_loop"."""
+    ok: bool
+    method: str = ""
+    """Name of the method compared whose part it is; empty for the snapshot's own."""
+    count: int = 0
+    """Values compared."""
+    place: str = ""
+    """Within the part: the first value that differs, else the first of all."""
+    stored: float | str | None = None
+    """The value there; None where there is none."""
+    recomputed: float | str | None = None
+    differing: int = 0
+    reason: str = ""
+    """Why nothing could be computed, as the error says."""
+
+
+class Unchecked(Finding, frozen=True):
+    """Something a snapshot says that was believed."""
+
+    kind: str
+    """"errors", "estimate", "stopped", "unknown start", "data", "version", "intervals", "blocks" or
+    "remarks"."""
+    cure: str = ""
+    """`RECORDING` or `REFIT`; empty where nothing can check it."""
+    detail: str = ""
+    """The method, the recording's SHA-256 or the version that it is about."""
+
+
+@dataclass(frozen=True)
+class Verification:
+    """All that was checked, and what was not."""
+
+    checks: tuple[Check, ...]
+    unchecked: tuple[Unchecked, ...] = ()
+
+    @property
+    def ok(self) -> bool:
+        """Whether all of it agrees."""
+        return all(check.ok for check in self.checks)
+
+
+def verify(
+    content: Content, recording: Recording | None = None, *, refit: bool = False
+) -> Verification:
+    """Read a snapshot, then compute its figures anew.
+
+    Args:
+        content: the file's path, or its bytes.
+        recording: what it was learned from; with it errors and intervals are checked too where the
+            snapshot has no data, and so are errors on the rest of the recording.
+        refit: whether every method is run again where the data are at hand.
+
+    Raises:
+        SnapshotError: when it cannot be read, naming the damaged part.
+    """
+    return check(load(content), recording, refit=refit)
+
+
+def check(
+    snapshot: Snapshot, recording: Recording | None = None, *, refit: bool = False
+) -> Verification:
+    """The same for a snapshot that was read already."""
+    work = _Work(snapshot)
+    work.compare("attribution", snapshot.attribution, ATTRIBUTION_TEXT)
+    segment, source = snapshot.segment, None
+    if recording is not None:
+        found = recover(snapshot, recording)
+        work.checks.append(found.check)
+        segment = segment or found.segment
+        if found.segment is not None:
+            source = recording
+            work.provenance(found.segment, recording)
+    work.compare("stability", snapshot.stability, stability(snapshot.fit))
+    work.curves()
+    if segment is None:
+        work.unchecked.append(Unchecked("errors", RECORDING))
+    else:
+        work.compare("quality", snapshot.quality, assess_quality(segment))
+    for method, fit, uncertainty, evaluation in _results(snapshot):
+        if segment is not None:
+            work.intervals(method, uncertainty, segment, fit)
+            work.evaluation(method, evaluation, segment, fit, source)
+        kind = obstacle(fit)
+        if kind:
+            work.unchecked.append(Unchecked(kind, detail=name_of(fit)))
+        elif segment is None or not refit:
+            work.unchecked.append(Unchecked("estimate", REFIT, name_of(fit)))
+        else:
+            work.refit(method, fit, evaluation, segment)
+    if source is None and snapshot.info.sha256:
+        work.unchecked.append(Unchecked("data", RECORDING, snapshot.info.sha256))
+    if not work.same_version:
+        work.unchecked.append(Unchecked("version", detail=snapshot.origin.accpinn))
+    work.unchecked.append(Unchecked("remarks"))
+    return Verification(tuple(work.checks), tuple(work.unchecked))
+
+
+def obstacle(fit: Fit) -> str:
+    """Why a method cannot be run again, as the kind of an `Unchecked`; empty where it can."""
+    if fit.outcome is Outcome.STOPPED:
+        return "stopped"
+    return "unknown start" if "started_from" in fit.config else ""
+
+
+@dataclass(frozen=True, eq=False)
+class Recovered:
+    """The window of a snapshot, cut anew from a recording."""
+
+    check: Check
+    segment: Segment | None = None
+    """None where the recording or the window is another one."""
+
+
+def recover(snapshot: Snapshot, recording: Recording) -> Recovered:
+    """Cut the window of a snapshot anew, if the recording is the one it was learned from."""
+    info = snapshot.info
+    if info.sha256 != recording.sha256:
+        return Recovered(compare("recording", info.sha256, recording.sha256))
+    try:
+        segment = cut(recording, info.window.start, info.window.duration, info.vehicles)
+        if info.excluded_regimes:
+            labelled = label_regimes(segment, recording)
+            segment = exclude_regimes(segment, labelled, info.excluded_regimes)
+    except AccpinnError as fault:
+        return Recovered(Check("window", False, reason=str(fault)))
+    found = compare("window", info.digest, segment.info.digest)
+    return Recovered(found, segment if found.ok else None)
+
+
+def _results(
+    snapshot: Snapshot,
+) -> Iterator[tuple[str, Fit, Uncertainty | None, Evaluation | None]]:
+    """The snapshot's own result and those of the methods compared, with the names of these."""
+    yield "", snapshot.fit, snapshot.uncertainty, snapshot.evaluation
+    for result in snapshot.methods:
+        yield name_of(result.fit), result.fit, result.uncertainty, result.evaluation
+
+
+class _Work:
+    """One verification while it runs."""
+
+    def __init__(self, snapshot: Snapshot) -> None:
+        self.snapshot = snapshot
+        self.same_version = snapshot.origin.accpinn == __version__
+        self.checks: list[Check] = []
+        self.unchecked: list[Unchecked] = []
+
+    def compare(self, part: str, stored: Any, found: Any, method: str = "", **more: Any) -> None:
+        """Enter a check of one part; where both have nothing there is none."""
+        more = {"numbers_only": not self.same_version} | more
+        done = compare(part, stored, found, method, **more)
+        if done.count:
+            self.checks.append(done)
+
+    def provenance(self, segment: Segment, recording: Recording) -> None:
+        """Names, notes and facts as the recording has them; its file may be called otherwise."""
+        stored = [self.snapshot.info, self.snapshot.facts]
+        found = [replace(segment.info, source=self.snapshot.info.source), facts_of(recording)]
+        some = slice(None if self.snapshot.facts else 1)  # else it was taken without its recording
+        self.compare("info", stored[some], found[some])
+
+    def curves(self) -> None:
+        """Whether the stored curves are what the method's stored state gives."""
+        fit, redraw = self.snapshot.fit, METHODS[self.snapshot.fit.method].redraw
+        if redraw is None:
+            return
+        stored = fit.surrogate
+        time = (
+            np.array([0.0, self.snapshot.info.window.duration]) if stored is None else stored.time
+        )
+        some = np.unique(np.linspace(0, len(time) - 1, INSTANTS).round().astype(int))
+        if stored:
+            stored = Trajectories(time[some], stored.speeds[some], stored.gaps[some])
+        try:
+            found = redraw(fit, time[some], float(time[-1]))
+        except AccpinnError as fault:
+            self.checks.append(Check("fit.surrogate", False, reason=str(fault)))
+            return
+        self.compare("fit.surrogate", stored, found, absolute=CURVES)
+
+    def intervals(
+        self, method: str, stored: Uncertainty | None, segment: Segment, fit: Fit
+    ) -> None:
+        """Whether the intervals follow from the data; those of another version's method may not."""
+        try:
+            found = (
+                intervals(segment, fit, stored.level, len(stored.draws))
+                if stored
+                else intervals(segment, fit)
+            )
+        except AccpinnError as fault:
+            self.checks.append(Check("uncertainty", False, method, reason=str(fault)))
+            return
+        if stored and stored.method != found.method and not self.same_version:
+            self.unchecked.append(Unchecked("intervals", detail=stored.method))
+            return
+        self.compare("uncertainty", stored, found, method, relative=INTERVALS)
+
+    def evaluation(
+        self, method: str, stored: Evaluation | None, segment: Segment, fit: Fit,
+        recording: Recording | None,
+    ) -> None:  # fmt: skip
+        """Whether errors and collisions follow from the data, and pooled errors from the blocks."""
+        found = evaluate(segment, fit, recording=recording)
+        unknown = {"blocks"}  # they follow from the method alone; see `refit`
+        if fit.surrogate is None:
+            unknown.add("surrogate")
+        if recording is None or not self.snapshot.facts:  # else nothing beyond the window was known
+            unknown |= {"out_of_window", "out_of_window_seconds", "out_of_window_findings"}
+        if stored and stored.blocks:
+            found = replace(found, holdout=pooled_holdout_errors(stored.blocks))
+        for field in fields(Evaluation):
+            if field.name not in unknown:
+                old, new = (getattr(one, field.name, None) for one in (stored, found))
+                self.compare(f"evaluation.{field.name}", old, new, method)
+
+    def refit(self, method: str, fit: Fit, evaluation: Evaluation | None, segment: Segment) -> None:
+        """Run a method again on the data, and without the blocks held out."""
+        of = METHODS[fit.method]
+        settings = of.parse_settings(fit.config) if of.parse_settings else None
+        estimate = partial(of.fit, case=fit.case, settings=settings)
+        try:
+            again = estimate(segment)
+            found = compare("refit", fit, light(again) if method else again, method,
+                            relative=SOLVED, numbers_only=True)  # fmt: skip
+            if not found.ok and of.tolerance > SOLVED:
+                found = compare("refit", fit.parameters, again.parameters, method,
+                                relative=of.tolerance)  # fmt: skip
+            self.checks.append(found)
+            if evaluation and evaluation.blocks:
+                blocks = cross_validate(segment, estimate)
+                if _times(blocks) != _times(evaluation.blocks):
+                    self.unchecked.append(Unchecked("blocks", detail=name_of(fit)))
+                else:
+                    self.compare("evaluation.blocks", evaluation.blocks, blocks, method,
+                                 relative=of.tolerance, numbers_only=True)  # fmt: skip
+        except (AccpinnError, ValueError) as fault:
+            self.checks.append(Check("refit", False, method, reason=str(fault)))
+
+
+def _times(blocks: tuple[Block, ...]) -> list[tuple[float, float]]:
+    return [(round(block.window.start, 3), round(block.window.duration, 3)) for block in blocks]
+
+
+def compare(
+    part: str,
+    stored: Any,
+    found: Any,
+    method: str = "",
+    *,
+    relative: float = RELATIVE,
+    absolute: float = ABSOLUTE,
+    numbers_only: bool = False,
+) -> Check:
+    """Compare two objects of one kind, place by place.
+
+    Args:
+        part: of the snapshot.
+        stored: as the snapshot has it.
+        found: as recomputed.
+        method: name of the method compared whose part it is.
+        relative: differences up to this share of a number are none.
+        absolute: nor are those up to this much.
+        numbers_only: whether texts and findings may differ, as between versions.
+    """
+    old, new = _leaves(stored, numbers_only), _leaves(found, numbers_only)
+    places = sorted(old.keys() | new.keys())
+    differing = {
+        place: at
+        for place in places
+        if (at := _differing(old.get(place), new.get(place), relative, absolute)) is not None
+    }
+    numbers = [place for place in places if isinstance(old.get(place), float)]
+    place = next(iter([*differing, *numbers, *places]), "")
+    index = differing.get(place, (0,) * np.ndim(old.get(place, 0.0)))
+    return Check(
+        part,
+        not differing,
+        method,
+        sum(np.size(leaf) for leaf in old.values()) or len(places),
+        ".".join([place, *map(str, index)] if place else map(str, index)),
+        _value(old.get(place), index),
+        _value(new.get(place), index),
+        len(differing),
+    )
+
+
+def _leaves(value: Any, numbers_only: bool) -> dict[str, Any]:
+    """Numbers, answers, texts and large arrays of a value by their places."""
+    tree, arrays = dump(value, share=False)
+    found: dict[str, Any] = {}
+    for place, leaf in flatten(sanitise(tree)):
+        names = set(place.split("."))
+        if place in arrays:
+            leaf = arrays[place]
+        elif isinstance(leaf, str) and leaf in NOT_FINITE:
+            leaf = float(leaf)
+        text = isinstance(leaf, str) or "findings" in names
+        if leaf is not None and not names & VARYING and not (text and numbers_only):
+            found[place] = leaf
+    return found
+
+
+def _differing(one: Any, other: Any, relative: float, absolute: float) -> tuple[int, ...] | None:
+    """Where two leaves first differ: an index, empty for a leaf as a whole; None where nowhere."""
+    if one is None or other is None or isinstance(one, str) or isinstance(other, str):
+        return None if isinstance(one, str) and one == other else ()
+    a, b = np.asarray(one, float), np.asarray(other, float)
+    if a.shape != b.shape:
+        return ()
+    with np.errstate(invalid="ignore", over="ignore"):
+        near = np.abs(a - b) <= absolute + relative * np.minimum(np.abs(a), np.abs(b))
+    same = near | (a == b) | (np.isnan(a) & np.isnan(b))
+    return None if same.all() else tuple(map(int, np.argwhere(~same)[0]))
+
+
+def _value(leaf: Any, index: tuple[int, ...]) -> float | str | None:
+    if leaf is None or isinstance(leaf, str):
+        return leaf
+    if np.ndim(leaf) != len(index):
+        return f"{np.shape(leaf)}"
+    return float(leaf[index] if index else leaf)

@@ -1,0 +1,95 @@
+"""The residual: noise is not taken for a disturbance, and what lasts is measured."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from accpinn.evaluation.cross_validation import part
+from accpinn.evaluation.whiteness import (
+    NEGLIGIBLE,
+    CorrelatedResidual,
+    ShortResidual,
+    Whiteness,
+    WhiteResidual,
+    whiteness,
+)
+from accpinn.methods import least_squares
+from accpinn.model.cthp import Parameters
+from accpinn.results.messages import messages
+from accpinn.segment.segment import Segment
+from bench.disturbed import Disturbance, disturbed
+from tests.driving import LAW, driven
+
+TRUTH = Parameters.of([LAW])
+
+
+def at_truth(segment: Segment) -> Whiteness:
+    return whiteness(segment, replace(least_squares.fit(segment), parameters=TRUTH))
+
+
+def test_noise_has_no_memory() -> None:
+    segment = disturbed(TRUTH, 1, Disturbance(0.3, 0.02), noise=None)
+    found = at_truth(segment)
+    assert found.probability[0] > 0.01
+    assert found.memory[0] < 2.0
+    assert isinstance(found.findings[0], WhiteResidual)
+    assert "not correlated" in messages(found.findings, segment)[0]
+
+
+@pytest.mark.parametrize("noise", [0.02, 0.1])
+def test_receivers_noise_is_not_taken_for_a_disturbance(noise: float) -> None:
+    """Differences of a noisy speed alternate: they are correlated, but nothing lasts."""
+    clean = disturbed(TRUTH, 1, Disturbance(1e-9, 4.0), noise=None)
+    speeds = clean.speeds + noise * np.random.default_rng(1).standard_normal(clean.speeds.shape)
+    found = at_truth(replace(clean, speeds=speeds))
+    assert found.correlation[0] < -0.3
+    assert found.probability[0] > 0.01
+    assert isinstance(found.findings[0], WhiteResidual)
+    exact = at_truth(clean)
+    assert exact.deviation[0] < NEGLIGIBLE
+    assert "noise and rounding" in messages(exact.findings, clean)[0]
+
+
+def test_a_lasting_disturbance_is_measured() -> None:
+    """A first-order process with memory T has an integrated autocorrelation time of 2T."""
+    times, deviations = [], []
+    for seed in range(4):
+        segment = disturbed(TRUTH, seed, Disturbance(0.25, 4.0), duration=900.0)
+        found = at_truth(segment)
+        (finding,) = found.findings
+        assert isinstance(finding, CorrelatedResidual)
+        assert finding.samples == segment.samples - 1
+        assert f"over about {finding.memory:.0f} s" in messages([finding], segment)[0]
+        assert found.probability[0] < 1e-6
+        assert found.independent[0] == pytest.approx(900.0 / found.memory[0], rel=0.01)
+        times.append(found.memory[0])
+        deviations.append(found.deviation[0])
+    assert np.mean(times) == pytest.approx(8.0, rel=0.35)
+    # A second's mean of the process: a little below its own 0.25 m/s².
+    assert np.mean(deviations) == pytest.approx(0.24, rel=0.15)
+
+
+def test_masked_seconds_do_not_count() -> None:
+    segment = disturbed(TRUTH, 1, Disturbance(0.25, 4.0))
+    early = segment.time[:, None] < 150.0
+    spoilt = replace(segment, gaps=segment.gaps + np.where(early, 0.0, 50.0))
+    masked = replace(spoilt, mask=early)
+    expected = at_truth(part(segment, 0, 1501)).deviation[0]
+    assert at_truth(spoilt).deviation[0] > 5 * expected
+    assert at_truth(masked).deviation[0] == pytest.approx(expected, rel=0.02)
+    # Seconds on either side of masked ones are no neighbours.
+    sparse = at_truth(replace(segment, mask=segment.time[:, None] % 15.0 < 12.0))
+    whole = at_truth(segment)
+    assert sparse.memory[0] == pytest.approx(whole.memory[0], rel=0.35)
+    assert sparse.correlation[0] == pytest.approx(whole.correlation[0], abs=0.1)
+    nothing = replace(segment, mask=np.zeros_like(early))
+    assert np.isnan(at_truth(nothing).deviation[0])
+
+
+def test_a_short_window_has_no_test() -> None:
+    segment = driven((LAW,), duration=20.0)
+    found = at_truth(segment)
+    assert np.isnan(found.probability[0])
+    assert found.findings == (ShortResidual(2),)
+    assert "too short" in messages(found.findings, segment)[0]

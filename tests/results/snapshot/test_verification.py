@@ -1,0 +1,336 @@
+"""What a snapshot says against what its contents give: every forged figure is found."""
+
+import json
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from accpinn.cli import main
+from accpinn.evaluation.cross_validation import pooled_holdout_errors
+from accpinn.methods.fit import Outcome
+from accpinn.model.cthp import Parameters
+from accpinn.recordings.openacc import read
+from accpinn.recordings.recording import Window
+from accpinn.results.messages.snapshot import summary
+from accpinn.results.snapshot.create import create
+from accpinn.results.snapshot.file import load, save, seal, to_bytes
+from accpinn.results.snapshot.schema import ATTRIBUTION, Snapshot
+from accpinn.results.snapshot.verification import (
+    RECORDING,
+    REFIT,
+    Check,
+    Verification,
+    check,
+    compare,
+    verify,
+)
+from tests.driving import driven, standing_still
+from tests.support.methods import RIVALS as ESTIMATORS
+from tests.support.samples import FOLDER, NOISY, PLATOON
+from tests.support.snapshots import entries, small, small_bytes, trained, whole
+
+
+def fault(found: Verification) -> Check:
+    """The first check that fails."""
+    assert not found.ok
+    return next(check for check in found.checks if not check.ok)
+
+
+def kinds(found: Verification) -> set[str]:
+    return {one.kind for one in found.unchecked}
+
+
+def with_evaluation(snapshot: Snapshot, **change: Any) -> Snapshot:
+    """With another evaluation of the first method compared."""
+    first, *others = snapshot.methods
+    first = replace(first, evaluation=replace(first.evaluation, **change))
+    return replace(snapshot, methods=(first, *others))
+
+
+class TestCompare:
+    @pytest.mark.parametrize(
+        ("stored", "found", "place", "count"),
+        [
+            ({"a": 1.0, "b": (2.0, 3.0)}, {"a": 1.0, "b": (2.0, 3.1)}, "b.1", 3),
+            ({"a": 1.0}, {"a": 1.0, "b": 2.0}, "b", 1),
+            ({"a": None}, {"a": 1.0}, "a", 1),
+            ({"a": True}, {"a": False}, "a", 1),
+            ({"a": "one"}, {"a": "two"}, "a", 1),
+            ({"a": float("inf")}, {"a": 1e300}, "a", 1),
+            ({"a": float("nan")}, {"a": 0.0}, "a", 1),
+            ({"a": np.arange(100.0)}, {"a": np.r_[np.arange(99.0), 98.9]}, "a.99", 100),
+            ({"a": np.zeros((50, 2))}, {"a": np.zeros((2, 50))}, "a", 100),
+        ],
+    )
+    def test_it_names_the_first_difference(
+        self, stored: Any, found: Any, place: str, count: int
+    ) -> None:
+        done = compare("part", stored, found)
+        assert (done.ok, done.place, done.count) == (False, place, count)
+        assert done.stored != done.recomputed or "nan" in str(done.stored)
+
+    def test_rounding_and_times_do_not_count(self) -> None:
+        stored = {"a": 1.0, "seconds": 5.0, "b": float("nan"), "c": np.full(100, np.inf)}
+        found = {"a": 1 + 1e-12, "seconds": 6.0, "b": float("nan"), "c": np.full(100, np.inf)}
+        assert compare("part", stored, found).ok
+        assert not compare("part", stored, found | {"a": 1 + 1e-6}).ok
+        assert compare("part", stored, found | {"a": 1 + 1e-6}, relative=1e-5).ok
+
+    def test_between_versions_only_numbers_count(self) -> None:
+        stored, found = {"a": "one", "findings": (1.0,)}, {"a": "two", "findings": (2.0, 3.0)}
+        assert compare("part", stored, found, numbers_only=True).ok
+
+
+class TestHonest:
+    def test_all_that_can_be_computed_agrees(self) -> None:
+        found = verify(to_bytes(whole()))
+        assert found.ok
+        assert {check.part for check in found.checks if not check.method} == {
+            "attribution", "stability", "fit.surrogate", "quality", "uncertainty",
+            "evaluation.surrogate", "evaluation.closed_loop", "evaluation.whiteness",
+        }  # fmt: skip
+        assert {check.part for check in found.checks if "Least" in check.method} == {
+            "uncertainty", "evaluation.closed_loop", "evaluation.holdout", "evaluation.whiteness",
+        }  # fmt: skip
+        assert all(check.count > 0 and check.place for check in found.checks[1:])
+        assert kinds(found) == {"estimate", "data", "remarks"}
+
+    def test_the_recording_stands_in_for_missing_data(self) -> None:
+        bare = replace(whole(), segment=None)
+        assert {one.cure for one in check(bare).unchecked} == {"", RECORDING, REFIT}
+        assert whole().info.sha256 in summary(check(bare), bare.info)
+        found = check(bare, read(FOLDER / f"{PLATOON}.csv"))
+        assert found.ok
+        assert {"window", "info", "uncertainty"} <= {check.part for check in found.checks}
+        assert RECORDING not in {one.cure for one in found.unchecked}
+
+    @pytest.mark.parametrize("honest", [small, whole])
+    def test_every_method_finds_the_same_again(self, honest: Callable[[], Snapshot]) -> None:
+        found = check(honest(), refit=True)
+        assert found.ok, summary(found, honest().info)
+        assert REFIT not in {one.cure for one in found.unchecked}
+        assert "refit" in {check.part for check in found.checks}
+
+    def test_a_stopped_training_cannot_be_run_again(self) -> None:
+        fit = replace(whole().fit, outcome=Outcome.STOPPED)
+        found = check(replace(whole(), fit=fit, methods=()), refit=True)
+        assert "stopped" in kinds(found)
+        assert "refit" not in {check.part for check in found.checks}
+
+    def test_a_vehicle_without_gap_control_has_no_headway(self) -> None:
+        segment = driven(duration=30.0)
+        fit = ESTIMATORS["least-squares"](segment, "II")
+        free = replace(fit, parameters=Parameters([0.0], [0.4], [np.nan]))
+        snapshot = load(to_bytes(create(segment, free, with_data=True)))
+        assert snapshot.fit.parameters == free.parameters
+        assert check(snapshot).ok
+
+    def test_what_does_not_move_can_be_kept(self) -> None:
+        segment = standing_still()
+        snapshot = create(segment, ESTIMATORS["least-squares"](segment, "II"), with_data=True)
+        assert check(load(to_bytes(snapshot))).ok
+
+
+class TestForged:
+    def test_stability(self) -> None:
+        report = whole().stability
+        assert report is not None
+        first = report.vehicles[0]
+        first = replace(first, linf_exact=replace(first.linf_exact, value=1.0))
+        vehicles = (first, *report.vehicles[1:])
+        found = check(replace(whole(), stability=replace(report, vehicles=vehicles)))
+        assert (fault(found).part, fault(found).place) == (
+            "stability",
+            "vehicles.0.linf_exact.value",
+        )
+        assert fault(found).stored == 1.0
+
+    def test_parameters(self) -> None:
+        values = small().fit.parameters.values * [1, 1, 1 + 1e-7]
+        fit = replace(small().fit, parameters=Parameters.of(values))
+        assert not check(replace(small(), fit=fit)).ok
+
+    @pytest.mark.parametrize("figure", ["lower", "draws", "probability_l2"])
+    def test_intervals(self, figure: str) -> None:
+        uncertainty = small().uncertainty
+        assert uncertainty is not None
+        forged = replace(uncertainty, **{figure: getattr(uncertainty, figure) * 1.001 + 0.001})
+        found = fault(check(replace(small(), uncertainty=forged)))
+        assert found.part == "uncertainty"
+        assert found.place.startswith(figure)
+
+    def test_intervals_of_another_method_unless_of_another_version(self) -> None:
+        older = replace(small().uncertainty, method="an older one", lower=Parameters([0], [0], [0]))  # type: ignore[type-var]
+        origin = replace(small().origin, accpinn="0.0.1")
+        found = check(replace(small(), uncertainty=older, origin=origin))
+        assert found.ok
+        assert {"intervals", "version"} <= kinds(found)
+        assert not check(replace(small(), uncertainty=older)).ok, "this version has no other"
+
+    @pytest.mark.parametrize("number", [1.5, 0])
+    def test_intervals_that_cannot_be_computed(self, number: float) -> None:
+        uncertainty = small().uncertainty
+        assert uncertainty is not None
+        odd = replace(uncertainty, draws=uncertainty.draws[: 3 if number else 0])
+        assert fault(check(replace(small(), uncertainty=odd))).reason
+
+    def test_errors_of_a_method_compared(self) -> None:
+        errors = whole().methods[0].evaluation.closed_loop
+        assert errors is not None
+        better = replace(errors, gap_mae=errors.gap_mae / 2)
+        found = fault(check(with_evaluation(whole(), closed_loop=better)))
+        assert (found.part, found.method) == ("evaluation.closed_loop", "Least squares")
+
+    def test_a_hold_out_that_does_not_follow_from_its_blocks(self) -> None:
+        found = fault(check(with_evaluation(whole(), holdout=None)))
+        assert found.part == "evaluation.holdout"
+
+    def test_blocks_but_not_those_held_out_otherwise(self) -> None:
+        blocks = whole().methods[0].evaluation.blocks
+
+        def changed(**change: Any) -> Verification:
+            own = tuple(replace(block, **change) for block in blocks)
+            pooled = pooled_holdout_errors(own)
+            return check(with_evaluation(whole(), blocks=own, holdout=pooled), refit=True)
+
+        assert fault(changed(errors=blocks[0].errors)).part == "evaluation.blocks"
+        elsewhere = changed(window=Window(1.0, 2.0))
+        assert elsewhere.ok
+        assert "blocks" in kinds(elsewhere)
+
+    def test_errors_outside_the_window(self) -> None:
+        recording = read(FOLDER / f"{PLATOON}.csv")
+        honest = create(*trained(), recording=recording)
+        assert check(honest, recording).ok
+        assert honest.evaluation is not None
+        assert honest.evaluation.out_of_window is not None
+        errors = honest.evaluation.out_of_window
+        better = replace(errors, gap_mae=errors.gap_mae / 2)
+        forged = replace(honest, evaluation=replace(honest.evaluation, out_of_window=better))
+        assert fault(check(forged, recording)).part == "evaluation.out_of_window"
+
+    def test_another_recording(self) -> None:
+        found = check(replace(whole(), segment=None), read(FOLDER / f"{NOISY}.csv"))
+        assert fault(found).part == "recording"
+        assert "not the recording" in summary(found, whole().info)
+
+    def test_names_that_the_recording_does_not_have(self) -> None:
+        info = replace(whole().info, names=("Lada",) * 5)
+        bare = replace(whole(), info=info, segment=None)
+        assert fault(check(bare, read(FOLDER / f"{PLATOON}.csv"))).part == "info"
+
+    @pytest.mark.parametrize("name", ["evaluation", "uncertainty", "stability"])
+    def test_a_removed_part(self, name: str) -> None:
+        found = fault(check(replace(small(), **{name: None})))
+        assert found.part.startswith(name)
+        assert found.stored is None
+
+    def test_weights_that_give_other_curves(self) -> None:
+        fit = whole().fit
+        zero = {name: np.zeros_like(values) for name, values in fit.arrays.items()}
+        for arrays in (zero, {}):
+            forged = replace(whole(), fit=replace(fit, arrays=arrays), segment=None)
+            assert fault(check(forged)).part == "fit.surrogate"
+        assert not check(replace(whole(), fit=replace(fit, surrogate=None), segment=None)).ok
+
+    def test_an_attribution(self) -> None:
+        forged = verify(seal(entries(small_bytes()) | {ATTRIBUTION: b"All mine."}))
+        assert fault(forged).part == "attribution"
+
+    def test_texts_but_not_those_of_other_versions(self) -> None:
+        forged = replace(small(), attribution="All is well.")
+        assert "All is well." in summary(check(forged), forged.info)
+        older = replace(forged, origin=replace(small().origin, accpinn="0.0.9"))
+        assert check(older).ok
+        assert "version" in kinds(check(older))
+
+    @pytest.mark.parametrize("honest", [small, whole])
+    def test_parameters_no_method_found(self, honest: Callable[[], Snapshot]) -> None:
+        segment, fit = honest().segment, honest().fit
+        assert segment is not None
+        doubled = Parameters.of(fit.parameters.values * [1, 2, 1])
+        forged = create(segment, replace(fit, parameters=doubled), with_data=True)
+        assert check(forged).ok
+        assert fault(check(forged, refit=True)).part == "refit"
+
+
+class TestCommands:
+    def test_verify_says_yes(self, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+        path = save(small(), tmp_path / "a.accpinn.zip")
+        assert main(["verify", str(path), "--json"]) == 0
+        printed = json.loads(capsys.readouterr().out)
+        assert printed["ok"] is True
+        assert REFIT in [one["cure"] for one in printed["not_checked"]]
+        assert main(["verify", str(path)]) == 0
+        assert capsys.readouterr().out.rstrip().endswith("More is checked with --refit.")
+        assert main(["verify", str(path), REFIT]) == 0
+        assert "Method run again" in capsys.readouterr().out
+
+    def test_verify_says_why_not(self, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+        values = small().fit.parameters.values * [1, 2, 1]
+        fit = replace(small().fit, parameters=Parameters.of(values))
+        path = save(replace(small(), fit=fit), tmp_path / "a.accpinn.zip")
+        assert main(["verify", str(path)]) == 1
+        assert "stored" in capsys.readouterr().out
+
+    def test_verify_names_the_damaged_part(
+        self, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    ) -> None:
+        data = bytearray(to_bytes(whole()))
+        data[data.index(b"output.weight.npy") + 300] ^= 1
+        path = tmp_path / "a.accpinn.zip"
+        path.write_bytes(data)
+        assert main(["verify", str(path)]) == 1
+        said = capsys.readouterr().err
+        assert "damaged in fit.npz" in said
+        assert str(path) in said
+
+    def test_fit_keeps_a_snapshot_that_others_read(
+        self, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    ) -> None:
+        path = tmp_path / "a.accpinn.zip"
+        recording = FOLDER / f"{NOISY}.csv"
+        command = ["fit", recording, "--duration", 60, "--method", "splines", "--out", path]
+        assert main([*map(str, command), "--name", "mine", "--json"]) == 0
+        printed = json.loads(capsys.readouterr().out)["parameters"][0]
+        assert main(["stability", "--snapshot", str(path), "--json"]) == 0
+        judged = json.loads(capsys.readouterr().out)["vehicles"][0]
+        assert judged["alpha"] == printed["alpha"]
+        assert main(["simulate", "--snapshot", str(path), "--duration", "60", "--json"]) == 0
+        assert len(json.loads(capsys.readouterr().out)["minimum_gap"]) == 8
+        assert main(["verify", str(path), "--recording", str(recording)]) == 0
+        assert load(path).facts["samples"] == read(recording).samples
+
+    def test_no_command_replaces_what_it_reads(
+        self, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    ) -> None:
+        path, recording = save(small(), tmp_path / "a.accpinn.zip"), tmp_path / "a.csv"
+        recording.write_bytes((FOLDER / f"{NOISY}.csv").read_bytes())
+        before = [file.read_bytes() for file in (path, recording)]
+        assert main(["report", str(path), "-o", str(path)]) == 1
+        assert main(["fit", str(recording), "--out", str(recording)]) == 1
+        assert capsys.readouterr().err.count("is not overwritten") == 2
+        assert [file.read_bytes() for file in (path, recording)] == before
+
+    @pytest.mark.parametrize(
+        "options",
+        [("--out", "missing/a"), ("--out", "x" * 300), ("--out", "a", "--name", "x" * 300)],
+    )
+    def test_what_cannot_be_kept_is_said_before_any_work(
+        self,
+        capsys: pytest.CaptureFixture[str],
+        tmp_path: Path,
+        monkeypatch: pytest.MonkeyPatch,
+        options: tuple[str, ...],
+    ) -> None:
+        monkeypatch.chdir(tmp_path)
+        assert main(["fit", "not even read.csv", *options]) == 1
+        assert "not even read" not in capsys.readouterr().err
+
+    def test_parameters_come_from_one_place(self, capsys: pytest.CaptureFixture[str]) -> None:
+        assert main(["stability", "--snapshot", "x", "--alpha", "1"]) == 2
+        assert "not both" in capsys.readouterr().err
