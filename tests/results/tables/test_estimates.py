@@ -5,8 +5,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from accpinn.evaluation.errors import TrackingErrors
 
+from accpinn.evaluation.closed_loop import TrackingErrors
 from accpinn.inference.intervals import intervals
 from accpinn.methods import least_squares
 from accpinn.methods.fit import Fit, Outcome
