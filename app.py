@@ -1,4 +1,4 @@
-"""Home: what this is, one click to a trained sample, and where the session stands."""
+"""Home: what this is, one click to a trained sample, and the state of the session."""
 
 import streamlit as st
 
@@ -6,14 +6,16 @@ from accpinn.methods.pinn.config import FAST
 from accpinn.results.figures.recording import preview
 from accpinn.segment.cut import cut
 from pages.ui.components import frame
+from pages.ui.components.charts import vehicle_key
+from pages.ui.components.messages import show_error
 from pages.ui.data.sources import FIRST_SAMPLE, open_with, sample
 from pages.ui.session.workspace import Workspace
 
 STEPS = (
     ("1. Open a recording", "A car-following run of the OpenACC database, or a sample."),
     ("2. Choose a window", "Who follows whom, from when to when; one set of parameters or many."),
-    ("3. Train", "Watch α, β and τ settle, then see how well they explain the drive."),
-    ("4. Judge", "Which of these cars amplify disturbances, and what a platoon of them does."),
+    ("3. Train", "Watch α, β and τ converge, then see how well they explain the drive."),
+    ("4. Assess", "Which of these cars amplify disturbances, and what a platoon of them does."),
 )
 
 
@@ -40,15 +42,15 @@ def hero(workspace: Workspace) -> None:
     st.markdown(
         "accpinn learns the parameters of a car's **adaptive cruise control** from a recorded"
         " drive: the gains α and β and the time headway τ of the constant time-headway policy."
-        " A physics-inspired neural network does the learning, and every answer comes with the"
-        " errors that say how far to trust it."
+        " A physics-inspired neural network does the learning, and every result comes with its"
+        " errors and intervals."
     )
     if st.button("Train a sample now", type="primary", icon=":material/play_arrow:"):
         open_with(workspace, lambda: sample(FIRST_SAMPLE))
         if not workspace.refusal:
             workspace.train(FAST)
             frame.go(frame.TRAIN, workspace)
-        st.error(workspace.refusal)
+        show_error(workspace.refusal)
     frame.link(frame.DATA, "Load your own OpenACC recording", workspace, "upload_file")
 
 
@@ -56,22 +58,19 @@ def show_sample() -> None:
     """Five cars of the sample, to show what this is about."""
     recording, _ = sample(FIRST_SAMPLE)
     segment = cut(recording)
-    frame.vehicle_key(segment)
+    vehicle_key(segment)
     st.plotly_chart(preview(segment), key="home_preview", config={"staticPlot": True})
-    st.caption(
-        "A synthetic sample: every change of the leader's speed grows from car to car, and the"
-        " parameters say why."
-    )
+    st.caption("A synthetic sample: every change of the leader's speed grows from car to car.")
 
 
 def resume(workspace: Workspace) -> None:
-    """Where the session stands, and the way back to it."""
+    """The state of the session, and the way back to it."""
     with st.container(border=True):
-        st.markdown("**Where you are**  \n" + "  \n".join(frame.standing(workspace)))
-        if workspace.job:
-            frame.link(frame.TRAIN, "Back to the training", workspace, "arrow_forward")
+        st.markdown("**Your session**  \n" + "  \n".join(frame.session_state(workspace)))
+        if workspace.training:
+            frame.link(frame.TRAIN, "Back to the training", workspace)
         else:
-            frame.link(frame.DATA, "Back to the recording", workspace, "arrow_forward")
+            frame.link(frame.DATA, "Back to the recording", workspace)
 
 
 main()

@@ -1,4 +1,4 @@
-"""Data: open a recording, choose vehicles and a window, see what it can tell."""
+"""Data: open a recording, choose vehicles and a window, preview what it holds."""
 
 from contextlib import suppress
 
@@ -7,14 +7,12 @@ import streamlit as st
 from accpinn.errors import ConfigError
 from accpinn.results.messages import messages
 from pages.ui.components import frame
-from pages.ui.components.text import escape_markdown
-from pages.ui.data.metadata import describe, show_warnings
-from pages.ui.data.preview import show_segment
+from pages.ui.components.messages import escape_markdown
+from pages.ui.data.preview import describe, show_preview, show_warnings
 from pages.ui.data.regimes import show_regimes
 from pages.ui.data.sources import choose_source
-from pages.ui.data.window_picker import choose_vehicles, choose_window, overview
-from pages.ui.snapshots.listing import banner
-from pages.ui.snapshots.showing import show_data
+from pages.ui.data.window_picker import choose_vehicles, choose_window, show_overview
+from pages.ui.snapshots.restored import banner, show_data
 from pages.ui.train.settings import chosen_config
 
 
@@ -26,7 +24,7 @@ def main() -> None:
             show_data(workspace, workspace.snapshot)
         with st.container(border=True):
             choose_source(workspace)
-        show_segment(workspace)
+        show_preview(workspace)
         return
     banner(workspace)
     with st.expander(
@@ -48,12 +46,12 @@ def main() -> None:
             width="stretch",
             disabled=workspace.segment is None,
         ):
-            with suppress(ConfigError):  # the Train page says what is wrong with a setting
+            with suppress(ConfigError):  # the Train page shows what is wrong with a setting
                 workspace.train(chosen_config(workspace))
             frame.go(frame.TRAIN, workspace)
     with chart:
-        overview(workspace, recording)
-    show_segment(workspace)
+        show_overview(workspace, recording)
+    show_preview(workspace)
     show_regimes(workspace, recording)
 
 

@@ -3,13 +3,10 @@
 import streamlit as st
 
 from pages.ui.components import frame
-from pages.ui.components.empty_state import show_missing
-from pages.ui.components.monitor import watch
-from pages.ui.components.text import escape_markdown, left_out
-from pages.ui.snapshots.listing import banner
-from pages.ui.snapshots.showing import show_result as show_saved
+from pages.ui.components.monitor import monitor
+from pages.ui.snapshots.restored import banner, show_saved_result
 from pages.ui.train.controls import continue_button, controls
-from pages.ui.train.results import show_result
+from pages.ui.train.results import show_result, show_training
 
 
 def main() -> None:
@@ -18,29 +15,23 @@ def main() -> None:
     if segment is None:
         if snapshot:
             banner(workspace)
-            show_saved(workspace, snapshot)
+            show_saved_result(workspace, snapshot)
         else:
-            show_missing(workspace, "Nothing to train on")
+            frame.empty_state(workspace, "Nothing to train on")
         return
     banner(workspace)
-    first, last = segment.labels[0], segment.labels[-1]
-    case = f" · Case {workspace.case}" if segment.followers > 1 else ""
-    st.caption(
-        escape_markdown(f"{segment.source} · {segment.window}")
-        + f" · {escape_markdown(first)} to {escape_markdown(last)}{case}"
-        + left_out(segment.excluded_regimes)
-    )
+    st.caption(frame.segment_line(segment, workspace.case, vehicles=True))
     controls(workspace)
     continue_button(workspace)
-    if workspace.job:
-        watch(workspace.job, workspace.true_parameters)
-        if not workspace.job.is_active:
+    if training := workspace.training:
+        truth = workspace.true_parameters
+        monitor(workspace, training, lambda running: show_training(training, truth, running))
+        if not training.is_active:
             show_result(workspace)
     elif snapshot:
-        show_saved(workspace, snapshot)
+        show_saved_result(workspace, snapshot)
     if workspace.fit:
-        frame.link(frame.STABILITY, "Next: do these vehicles amplify disturbances?", workspace,
-                   "arrow_forward")  # fmt: skip
+        frame.link(frame.STABILITY, "Next: do these vehicles amplify disturbances?", workspace)
 
 
 main()

@@ -2,63 +2,52 @@
 
 import streamlit as st
 
-from accpinn.results.figures import platoon as figures
+from accpinn.platoon.simulation import simulate_platoon
+from accpinn.results.figures.platoon import cast_of, profiles
 from pages.ui.components import frame
 from pages.ui.components.charts import show_chart
+from pages.ui.components.messages import attempt
 from pages.ui.components.parameter_picker import choose_parameters
-from pages.ui.platoon.leader import choose_leader
-from pages.ui.platoon.order import choose_order
+from pages.ui.platoon.controls import choose_leader, choose_order
 from pages.ui.platoon.views import (
-    choose_panels,
-    choose_scale,
-    driven,
-    seconds_shown,
-    show_course,
+    panels_button,
+    show_amplitudes,
+    show_answer,
     show_panels,
+    show_wave_in_time,
+    show_wave_on_road,
 )
 
 
 def main() -> None:
     workspace = frame.begin(
-        "Platoon", "What a row of these vehicles makes of a disturbance of its leader."
+        "Platoon", "A disturbance of the leader, in a platoon of these vehicles."
     )
-    if workspace.drive.panels:
+    if workspace.platoon_choice.panels:
         show_panels(workspace)
         return
-    laws = choose_parameters(workspace, "platoon")
-    if laws is None:
+    chosen = choose_parameters(workspace, "platoon")
+    if chosen is None:
         return
     controls, chart = st.columns((1, 2.6), gap="medium")
     with controls:
-        order = choose_order(workspace, laws)
-        platoon = laws.parameters[order or []]
+        order = choose_order(workspace, chosen)
+        platoon = chosen.parameters[order or []]
         leader = choose_leader(workspace, platoon) if order else None
-        choose_panels(workspace)
+        panels_button(workspace, "The paper's four panels", "grid_view", "platoon_panels", True)
     with chart:
-        run = driven(platoon, leader)
+        run = attempt(lambda: simulate_platoon(platoon, leader)) if leader else None
         if run is None or order is None:
             return
-        cast = figures.cast_of(laws, order)
-        show_course(run, laws, order)
-        show_chart(figures.profiles(run, cast), "platoon_profiles")
+        cast = cast_of(chosen, order)
+        show_answer(run, chosen, order)
+        show_chart(profiles(run, cast), "platoon_profiles")
     left, right = st.columns(2, gap="large")
     with left:
-        in_db = choose_scale(workspace, run)
-        show_chart(figures.amplitude_by_vehicle(run, cast, in_db), "platoon_amplitude")
+        show_amplitudes(workspace, run, cast)
     with right:
-        st.subheader("The wave in time", anchor=False)
-        st.caption(
-            "Each vehicle's speed against the speed before the disturbance."
-            f" {seconds_shown(run, figures.stretch(run))}"
-        )
-        show_chart(figures.speed_map(run, cast), "platoon_map")
-    st.subheader("The wave on the road", anchor=False)
-    st.caption(
-        "Seen from the leader: press Play or drag the slider."
-        f" {seconds_shown(run, figures.watched(run))} Squares mark the cars, not to scale: from one to"
-        f" the next it is the space-gap simulated and {figures.CAR_LENGTH:g} m of car."
-    )
-    show_chart(figures.animation(run, cast), "platoon_wave")
+        show_wave_in_time(run, cast)
+    show_wave_on_road(run, cast)
 
 
 main()

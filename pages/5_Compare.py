@@ -1,88 +1,94 @@
-"""Compare: every method on the same window, and what the recording leaves open."""
+"""Compare: every method on the same window, and what the data identify."""
 
 import streamlit as st
 
+from accpinn.results.messages import messages
 from accpinn.study.comparison import failures_among
-from pages.ui.compare.charts import choose_follower, show_courses, show_curves, show_estimates
-from pages.ui.compare.fit_records import choose_earlier, show_earlier
-from pages.ui.compare.identifiability import show_telling
-from pages.ui.compare.own import rows_of
-from pages.ui.compare.tables import show_intervals, show_methods, show_refusals
-from pages.ui.compare.verdict import show_verdict
-from pages.ui.compare.waiting import show_busy
-from pages.ui.compare.watch import watch
+from pages.ui.compare.charts import (
+    choose_earlier,
+    show_curves,
+    show_estimates,
+    show_records,
+    show_tracks,
+)
+from pages.ui.compare.identifiability import show_adequacy, show_identifiability, show_starts
+from pages.ui.compare.verdict import show_failures, show_methods, show_verdict
 from pages.ui.components import frame
-from pages.ui.components.empty_state import show_missing
-from pages.ui.components.text import escape_markdown, left_out
-from pages.ui.session.resources import task_queue
+from pages.ui.components.messages import show_messages
+from pages.ui.components.monitor import monitor, own_task_line, stop_button
+from pages.ui.components.widgets import pick_follower
 from pages.ui.session.workspace import Workspace
-from pages.ui.snapshots.showing import show_rows
+from pages.ui.snapshots.restored import show_saved_rows
+from pages.ui.train.results import show_intervals
+
+GAP_ERROR = "A constant error of the measured gap shifts τ: 0.1 m in 30 m by 0.3 %."
 
 
 def main() -> None:
     workspace = frame.begin("Compare", "Every method on the same data: do they agree?")
     segment = workspace.segment
-    show_rows(workspace)
-    if segment is None and workspace.snapshot:
-        return
+    show_saved_rows(workspace)
     if segment is None:
-        show_missing(workspace, "Nothing to compare on")
+        if not workspace.snapshot:
+            frame.empty_state(workspace, "Nothing to compare on")
         return
-    place = f"{segment.source} · {segment.window}"
-    case = f" · Case {workspace.case}" if segment.followers > 1 else ""
-    st.caption(escape_markdown(place) + case + left_out(segment.excluded_regimes))
+    st.caption(frame.segment_line(segment, workspace.case))
     controls(workspace)
     if workspace.comparison:
-        watch(workspace, workspace.comparison, lambda: show(workspace))
-    elif workspace.runs and not workspace.snapshot:
-        show_earlier(workspace, segment, (), choose_follower(segment))
+        monitor(workspace, workspace.comparison, lambda running: show(workspace, running))
+    elif workspace.records and not workspace.snapshot:
+        show_records(workspace.records, segment, (), pick_follower(segment, "compare_follower"))
 
 
 def controls(workspace: Workspace) -> None:
     """Run, or stop what runs."""
-    series = workspace.comparison
-    if series and series.is_active:
-        if st.button("Stop", icon=":material/stop:", disabled=series.is_stopping):
-            task_queue().stop(series)
-            st.rerun()
+    task, training = workspace.comparison, workspace.training
+    if task and task.is_active:
+        stop_button(task, "Stop", "compare_stop")
         return
-    if series is None:
+    if task is None:
         st.markdown(
             "Eight ways to estimate α, β and τ, with the errors of each, take some seconds."
         )
-        show_busy(workspace)
-    whole = series is not None and len(series.results) == len(series.names)
-    if not whole and st.button(
+        if training and training.is_active:
+            first = own_task_line(training, training.time_left)
+            st.caption(f"{first} The methods would run after it.")
+    complete = task is not None and len(task.results) == len(task.names)
+    if not complete and st.button(
         "Run all methods", type="primary", icon=":material/play_arrow:", key="compare_run"
     ):
         workspace.compare()
         st.rerun()
 
 
-def show(workspace: Workspace) -> None:
+def show(workspace: Workspace, running: bool) -> None:
     """The rows so far; what takes a choice or a while only comes once all have ended."""
-    segment, series = workspace.segment, workspace.comparison
-    if segment is None or series is None:
+    segment, task = workspace.segment, workspace.comparison
+    if segment is None or task is None:
         return
-    show_refusals(failures_among(series.results))
+    show_failures(failures_among(task.results))
     if not workspace.compared:
         return
-    if series.is_active:
+    if running:
         show_methods(segment, workspace.compared, 0, running=True)
         return
-    rows = rows_of(workspace)
+    rows = workspace.compared_with_training()
+    uncertainty = rows[0].uncertainty
     show_verdict(segment, rows)
-    show_intervals(segment, rows[0].uncertainty)
-    follower = choose_follower(segment)
+    show_intervals(segment.info, uncertainty, GAP_ERROR)
+    show_messages(messages(uncertainty.findings, segment))
+    follower = pick_follower(segment, "compare_follower")
     show_methods(segment, rows, follower)
     earlier = choose_earlier(workspace, segment, follower)
     truth = workspace.true_parameters
     true = truth[follower] if truth else None
-    chosen = show_estimates(segment, rows, follower, true, earlier)
-    show_curves(segment, chosen, follower)
-    show_courses(segment, rows, follower, true)
-    show_telling(workspace, segment, rows, follower)
-    show_earlier(workspace, segment, rows, follower)
+    picked = show_estimates(segment, rows, follower, true, earlier)
+    show_curves(segment, picked, follower)
+    show_tracks(segment, rows, follower, true)
+    show_identifiability(workspace, segment, rows, follower)
+    show_adequacy(segment, follower)
+    show_starts(workspace, segment, follower)
+    show_records(workspace.records, segment, rows, follower)
 
 
 main()

@@ -1,14 +1,15 @@
-"""Snapshots: keep a result, send it, open a colleague's, and compare two."""
+"""Snapshots: save a result, send it, import another, and compare two."""
 
 import streamlit as st
 
 from accpinn.errors import SnapshotError
-from accpinn.results.tables.table import STYLE
 from pages.ui.components import frame
-from pages.ui.components.text import escape_markdown
+from pages.ui.components.messages import show_error
+from pages.ui.components.table import show_table
 from pages.ui.session.resources import library, opened
-from pages.ui.snapshots.comparing import show_both
-from pages.ui.snapshots.listing import banner, choose, listing, show_one
+from pages.ui.snapshots.differences import show_both
+from pages.ui.snapshots.listing import choose, listing, show_one
+from pages.ui.snapshots.restored import banner
 from pages.ui.snapshots.saving import save_form, show_flash, upload_form
 
 
@@ -28,7 +29,7 @@ def main() -> None:
     if not entries:
         st.caption("No snapshot is kept here yet.")
         return
-    st.html(STYLE + listing(entries).to_html())
+    show_table(listing(entries))
     shown = workspace.snapshot.id if workspace.snapshot else ""
     entry = choose("Snapshot", "snapshots_chosen", entries, first=shown)
     if entry is None:
@@ -36,7 +37,7 @@ def main() -> None:
     try:
         show_one(workspace, entry)
     except SnapshotError as fault:  # deleted or damaged since the list was read
-        st.error(escape_markdown(str(fault)), icon=":material/error:")
+        show_error(fault)
         return
     whole = tuple(one for one in entries if not one.fault and one.id != entry.id)
     if whole and not entry.fault:

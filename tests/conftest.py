@@ -42,7 +42,7 @@ def shelf_of_its_own(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
 def fresh_server(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path, shelf_of_its_own: None
 ) -> Iterator[None]:
-    """A server of its own for a page's test: no sessions, no jobs, an empty store."""
+    """A server of its own for a page's test: no sessions, no tasks, an empty store."""
     import streamlit as st  # takes a second, which most tests need not wait
 
     from pages.ui.session import resources as server
@@ -52,5 +52,5 @@ def fresh_server(
     monkeypatch.delenv("ACCPINN_RECORDINGS", raising=False)
     st.cache_resource.clear()
     yield
-    server.trainings().close()
+    server.task_queue().close()
     st.cache_resource.clear()

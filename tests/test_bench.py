@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
-from tests.support.samples import PLATOON, sample
 
 from accpinn.inference.intervals import LEVEL
 from accpinn.methods.pinn.config import PRESETS
@@ -19,6 +18,7 @@ from accpinn.segment.segment import Segment
 from bench import coverage, departures
 from bench.disturbed import Disturbance, disturbed
 from bench.paper_protocol import PaperProtocol
+from tests.support.samples import PLATOON, sample
 
 FEW = 4
 

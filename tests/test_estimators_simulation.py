@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from accpinn.errors import SegmentError
-from accpinn.evaluation.closed_loop import closed_loop_errors
-from accpinn.evaluation.closed_loop import tracking_errors
+from accpinn.evaluation.closed_loop import closed_loop_errors, tracking_errors
 from accpinn.methods import least_squares, simulation, splines
 from accpinn.methods.chain import Chain, chains
 from accpinn.methods.fit import Fit, Outcome

@@ -12,8 +12,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from accpinn.evaluation.closed_loop import closed_loop_errors
-from accpinn.evaluation.closed_loop import surrogate_errors
+from accpinn.evaluation.closed_loop import closed_loop_errors, surrogate_errors
 from accpinn.methods import simulation, splines
 from accpinn.methods.fit import Fit
 from accpinn.methods.pinn.config import preset

@@ -43,6 +43,15 @@ class ParameterSet:
         return self.labels != self.names
 
     @property
+    def source(self) -> str:
+        """Where the parameters are from, as messages name it."""
+        return self.title
+
+    def label(self, number: int) -> str:
+        """The label of the vehicle with that number in the recording."""
+        return self.labels[self.vehicles.index(number) - 1]
+
+    @property
     def spoken(self) -> tuple[str, ...]:
         """(M,) the labels within a sentence, where a number alone would count vehicles."""
         pairs = zip(self.labels, self.names, strict=True)

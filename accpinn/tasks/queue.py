@@ -1,182 +1,143 @@
-"""The queue of trainings and comparisons and the one thread that works on them."""
+"""The queue of tasks and the one thread that works on them."""
 
 import threading
 import time
 from collections import deque
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import Any
 
-from accpinn.methods.fit import Fit
-from accpinn.methods.pinn.config import PinnConfig
-from accpinn.methods.pinn.request import forget, request_keys, resume_iteration
 from accpinn.methods.store import Store
-from accpinn.model.cthp import Case
-from accpinn.segment.segment import Segment
-from accpinn.tasks.job import Job, Request, Train, load_train
-from accpinn.tasks.series import Result, Series
-from accpinn.tasks.task import Status, Task
+from accpinn.tasks.estimations import load_torch
+from accpinn.tasks.task import Result, Status, Task
 from accpinn.units import Seconds
 
-if TYPE_CHECKING:  # whoever only watches a training need not load torch
-    from accpinn.methods.pinn.warm_start import WarmStart
-
-KEPT_JOBS = 100
-"""Finished jobs beyond this number are forgotten, the oldest first."""
+KEPT_TASKS = 100
+"""Finished tasks beyond this number are forgotten, the oldest first."""
 KEPT_FOR: Seconds = 24 * 3600.0
-"""A finished job is forgotten after this time."""
+"""A finished task is forgotten after this time."""
 
 
 class TaskQueue:
-    """All jobs of a server, and the one thread that works on them."""
+    """All tasks of a server, and the one thread that works on them."""
 
     def __init__(
         self,
-        train: Train | None = None,
         store: Store | None = None,
         threads: int | None = None,
         clock: Callable[[], float] = time.monotonic,
+        prepare: Callable[[], object] = load_torch,
     ) -> None:
-        """Start the worker; by default it leaves one processor core to others."""
-        self._train, self._store = train, store
-        self._threads = threads
-        self._clock = clock
+        """Start the worker.
+
+        Args:
+            store: where results and checkpoints are kept.
+            threads: processor threads for an estimation; None leaves one core to others.
+            clock: in s; finished tasks are forgotten by it.
+            prepare: called in the worker before the first task comes.
+        """
+        self._store, self._threads = store, threads
+        self._clock, self._prepare = clock, prepare
         self._changed = threading.Condition()
-        self._queue: deque[Task] = deque()
-        self._running: Task | None = None
-        self._jobs: list[Task] = []
+        self._queue: deque[Task[Any]] = deque()
+        self._running: Task[Any] | None = None
+        self._tasks: list[Task[Any]] = []
         self._closed = False
-        self._worker = threading.Thread(target=self._serve, name="trainings", daemon=True)
+        self._worker = threading.Thread(target=self._serve, name="tasks", daemon=True)
         self._worker.start()
 
-    def submit(
-        self,
-        owner: str,
-        segment: Segment,
-        case: Case,
-        config: PinnConfig,
-        warm: "WarmStart | None" = None,
-        anew: bool = False,
-    ) -> Job:
-        """Queue a training; an owner has one at a time, so a different earlier one is stopped.
+    def submit(self, task: Task[Result], anew: bool = False) -> Task[Result]:
+        """Queue a task; an active one of the same owner and kind is stopped.
 
-        It goes on where a stopped one of the same request ended, unless it is to begin ``anew``.
+        An active task of an equal request is returned in its place. A stored result is the answer
+        at once. A stopped training of an equal request goes on from its checkpoint.
+
+        Args:
+            task: not queued yet.
+            anew: begin at the first iteration, whatever checkpoint there is.
         """
-        request = Request(segment, case, config, warm)
-        known = self._recall(request)  # before the lock: others need not wait for the disk
+        request, store = task.request, self._store
+        known: Any = None
+        if request and store:  # before the lock: others need not wait for the disk
+            known = request.recall(store)
         with self._changed:
             self._forget()
-            earlier, track = self.of(owner), None
-            if earlier and earlier.request.same_as(request):
+            earlier = self.of(task.owner, task.kind)
+            asked = earlier.request if earlier else None
+            if earlier and request and asked and request.key == asked.key:
                 if earlier.is_active and not earlier.is_stopping:
                     return earlier
-                goes_on = earlier.status is not Status.DONE and not anew
-                track = earlier.history() if goes_on else None
+                if earlier.status is not Status.DONE and not anew:
+                    task.earlier = earlier.history()
             elif earlier:
                 self.stop(earlier)
-            if anew and self._store:
-                forget(self._store, segment, case, config, warm)
-            job = Job(owner, request, self._train, track)
-            self._jobs.append(job)
+            if anew and request and store:
+                request.drop_checkpoints(store)
+            self._tasks.append(task)
             if known:
-                job.answer(known)
-                job.ended_at = self._clock()
+                task.answer(known)
+                task.ended_at = self._clock()
             else:
-                self._enqueue(job)
-        return job
+                self._queue.append(task)
+                self._changed.notify_all()
+        return task
 
-    def resume_iteration(
-        self, segment: Segment, case: Case, config: PinnConfig, warm: "WarmStart | None" = None
-    ) -> int | None:
-        """The iteration from which an earlier training of this request would go on, if any."""
-        return resume_iteration(self._store, segment, case, config, warm) if self._store else None
-
-    def run(self, series: Series[Result]) -> Series[Result]:
-        """Queue a series; an earlier one of its owner and kind is stopped."""
+    def of(self, owner: str, kind: str = "training") -> Task[Any] | None:
+        """The owner's latest task of that kind that is not forgotten."""
         with self._changed:
-            self._forget()
-            for other in self._jobs:
-                if (
-                    isinstance(other, Series)
-                    and other.is_active
-                    and (other.owner, other.what) == (series.owner, series.what)
-                ):
-                    self.stop(other)
-            self._jobs.append(series)
-            self._enqueue(series)
-        return series
+            tasks = reversed(self._tasks)
+            return next((task for task in tasks if (task.owner, task.kind) == (owner, kind)), None)
 
-    def _enqueue(self, task: Task) -> None:
-        self._queue.append(task)
-        self._changed.notify_all()
-
-    def _recall(self, request: Request) -> Fit | None:
-        """The stored result of an identical request, which need not wait for its turn."""
-        if self._store is None:
-            return None
-        result_key, _ = request_keys(request.segment, request.case, request.config, request.warm)
-        known = self._store.load_fit(result_key, request.segment)
-        return replace(known, cached=True) if known else None
-
-    def of(self, owner: str) -> Job | None:
-        """The owner's latest job that is not forgotten."""
+    def ahead_of(self, task: Task[Any]) -> tuple[Task[Any], ...]:
+        """The tasks that run or wait before a queued one; none once it runs."""
         with self._changed:
-            jobs = (job for job in reversed(self._jobs) if isinstance(job, Job))
-            return next((job for job in jobs if job.owner == owner), None)
-
-    def ahead_of(self, job: Task) -> tuple[Task, ...]:
-        """What runs or waits before a queued job; nothing once it runs."""
-        with self._changed:
-            if job not in self._queue:
+            if task not in self._queue:
                 return ()
-            waiting = list(self._queue)[: self._queue.index(job)]
+            waiting = list(self._queue)[: self._queue.index(task)]
             return (self._running, *waiting) if self._running else tuple(waiting)
 
-    def wait_for(self, job: Task) -> Seconds | None:
-        """Until a queued job starts at the latest; None where that cannot be told."""
-        times = [other.time_left for other in self.ahead_of(job)]
+    def wait_for(self, task: Task[Any]) -> Seconds | None:
+        """Until a queued task starts at the latest; None where that is not known."""
+        times = [other.time_left for other in self.ahead_of(task)]
         known = [seconds for seconds in times if seconds is not None]
         return sum(known) if len(known) == len(times) else None
 
-    def stop(self, job: Task) -> None:
-        """Stop a job; one that still waits ends at once."""
+    def stop(self, task: Task[Any]) -> None:
+        """Stop a task; one that still waits ends at once."""
         with self._changed:
-            if job in self._queue:
-                self._queue.remove(job)
-                job.cancel()
-                job.ended_at = self._clock()
+            if task in self._queue:
+                self._queue.remove(task)
+                task.cancel()
+                task.ended_at = self._clock()
             else:
-                job.stop()
+                task.stop()
 
     def close(self) -> None:
         """Stop everything and end the worker."""
         with self._changed:
             self._closed = True
-            for job in self._jobs:
-                job.stop()
+            for task in self._tasks:
+                task.stop()
             self._changed.notify_all()
         self._worker.join()
 
     def _serve(self) -> None:
-        # Loading the network's library takes a second or two: done before the first job comes.
-        if self._train is None:
-            with suppress(Exception):  # said by every job that needs it
-                load_train()
+        with suppress(Exception):  # reported by every task that needs what is prepared
+            self._prepare()
         while True:
             with self._changed:
                 self._changed.wait_for(lambda: self._queue or self._closed)
                 if not self._queue:
                     return
-                self._running = job = self._queue.popleft()
-            job.work(self._store, self._threads)
+                self._running = task = self._queue.popleft()
+            task.work(self._store, self._threads)
             with self._changed:
                 self._running = None
-                job.ended_at = self._clock()
+                task.ended_at = self._clock()
 
     def _forget(self) -> None:
         """Drop what ended long ago, and the oldest of too many."""
         now = self._clock()
-        finished = [job for job in self._jobs if not job.is_active]
-        kept = [j for j in finished[-KEPT_JOBS:] if now - (j.ended_at or now) <= KEPT_FOR]
-        self._jobs = [job for job in self._jobs if job.is_active or job in kept]
+        finished = [task for task in self._tasks if not task.is_active]
+        kept = [t for t in finished[-KEPT_TASKS:] if now - (t.ended_at or now) <= KEPT_FOR]
+        self._tasks = [task for task in self._tasks if task.is_active or task in kept]

@@ -1,14 +1,31 @@
-"""A piece of work in the background: where it stands, how it ends, and a way to stop it."""
+"""A piece of work in the background: its progress, its results, and a way to stop it."""
 
 import logging
 import threading
-from abc import ABC, abstractmethod
+import time
+from collections import deque
+from collections.abc import Callable, Iterator, Sequence
 from enum import Enum
+from typing import Generic, TypeVar
 
+import numpy as np
+
+from accpinn.errors import AccpinnError
+from accpinn.methods.fit import Fit, History, Outcome, Progress
+from accpinn.methods.method import TaskContext
+from accpinn.methods.pinn.history import Recorder
 from accpinn.methods.store import Store
+from accpinn.tasks.request import TrainingRequest
 from accpinn.units import Seconds
 
 _log = logging.getLogger(__name__)
+
+RATE_WINDOW: Seconds = 3.0
+"""The rate of iterations is that of the last seconds, as it can change with the phase."""
+
+Result = TypeVar("Result")
+Steps = Callable[[TaskContext], Iterator[Progress | Result]]
+"""The work: yields its progress and each result, and ends early once it should stop."""
 
 
 class Status(Enum):
@@ -21,23 +38,45 @@ class Status(Enum):
     FAILED = "failed"
 
 
-class Task(ABC):
-    """What the queue works on; everything may be asked from any thread."""
+class Task(Generic[Result]):
+    """One or several estimations, one after the other; every method may be called in any thread."""
 
-    def __init__(self, owner: str) -> None:
-        """Queued."""
-        self.owner = owner
+    def __init__(
+        self,
+        owner: str,
+        kind: str,
+        steps: Steps[Result],
+        names: tuple[str, ...] = ("",),
+        weights: Sequence[float] = (),
+        request: TrainingRequest | None = None,
+    ) -> None:
+        """Queued.
+
+        Args:
+            owner: who asked; an owner has one active task of a kind.
+            kind: its name in sentences, as "comparison".
+            steps: the work.
+            names: of the results, in their order.
+            weights: how long each result takes compared with the others, which the time left is
+                estimated from; empty for a task whose iterations have a rate.
+            request: what a training is to learn; a task of an equal request is not run twice.
+        """
+        self.owner, self.kind, self.names, self.request = owner, kind, names, request
+        self._steps, self._weights = steps, tuple(weights)
         self._lock = threading.Lock()
         self._stop, self._ended = threading.Event(), threading.Event()
-        self._status, self._error = Status.QUEUED, ""
+        self.status = Status.QUEUED
+        self.error = ""
+        """Why it failed, as a sentence; empty otherwise."""
+        self.results: tuple[Result, ...] = ()
+        """All results so far, also those of a task that was stopped or failed."""
+        self._recent = deque[Progress](maxlen=200)
+        self._recorder: Recorder | None = None
+        self._began: Seconds | None = None
+        self.earlier: History | None = None
+        """The history of the training that this one continues."""
         self.ended_at: Seconds | None = None
         """By the clock of the queue it belongs to."""
-
-    @property
-    def status(self) -> Status:
-        """Where it stands."""
-        with self._lock:
-            return self._status
 
     @property
     def is_active(self) -> bool:
@@ -46,26 +85,72 @@ class Task(ABC):
 
     @property
     def is_stopping(self) -> bool:
-        """Whether it was told to stop, and has not ended yet."""
+        """Whether it was asked to stop and has not ended yet."""
         return self._stop.is_set() and self.is_active
 
     @property
-    def error(self) -> str:
-        """Why it failed, as a sentence; empty otherwise."""
-        with self._lock:
-            return self._error
+    def result(self) -> Result | None:
+        """The latest result, None before the first."""
+        return self.results[-1] if self.results else None
 
     @property
-    @abstractmethod
-    def time_left(self) -> Seconds | None:
-        """Until its end at the latest; None where that cannot be told."""
+    def progress(self) -> Progress | None:
+        """The latest moment of the running estimation, None where it has reported none."""
+        with self._lock:
+            return self._recent[-1] if self._recent else None
 
-    @abstractmethod
-    def work(self, store: Store | None, threads: int | None) -> None:
-        """Run it to its end, whatever that is; only the worker calls this."""
+    @property
+    def current(self) -> str:
+        """The name of the running estimation; empty where none runs."""
+        done = len(self.results)
+        return self.names[done] if self.is_active and done < len(self.names) else ""
+
+    @property
+    def share(self) -> float:
+        """The share of the work that is done, 0 to 1."""
+        with self._lock:
+            done, now = len(self.results), self._recent[-1] if self._recent else None
+        weights = self._weights or (1.0,) * len(self.names)
+        within = min(1.0, now.iteration / max(1, now.iterations)) if now else 0.0
+        running = within * weights[done] if done < len(weights) else 0.0
+        return min(1.0, (sum(weights[:done]) + running) / sum(weights))
+
+    @property
+    def rate(self) -> float | None:
+        """Iterations per second over the last seconds; None before two moments are known."""
+        with self._lock:
+            recent = list(self._recent)
+        if not recent:
+            return None
+        last = recent[-1]
+        first = next(p for p in recent if last.seconds - p.seconds <= RATE_WINDOW)
+        elapsed = last.seconds - first.seconds
+        return (last.iteration - first.iteration) / elapsed if elapsed > 0 else None
+
+    @property
+    def time_left(self) -> Seconds | None:
+        """Until its end at the latest; None where nothing is known of it."""
+        if self._weights:
+            share = self.share
+            if self._began is None or share <= 0:
+                return None
+            return (time.monotonic() - self._began) * (1 - share) / share
+        now, rate = self.progress, self.rate
+        return (now.iterations - now.iteration) / rate if now and rate else None
+
+    def history(self) -> History | None:
+        """The history of the running or latest estimation, None before its first moment."""
+        with self._lock:
+            last = self.results[-1] if self.results and not self._recent else None
+            if isinstance(last, Fit) and last.history:
+                return last.history
+            if self._recorder is None:
+                return self.earlier
+            history = self._recorder.history()
+        return _joined(self.earlier, history) if self.earlier else history
 
     def stop(self) -> None:
-        """Ask it to end soon; its result so far is kept."""
+        """Ask it to end soon; its results so far are kept."""
         self._stop.set()
 
     def cancel(self) -> None:
@@ -73,29 +158,72 @@ class Task(ABC):
         self.stop()
         self._end(Status.STOPPED)
 
+    def answer(self, result: Result) -> None:
+        """End it with a result that is known already."""
+        self._add(result)
+        self._end(Status.DONE)
+
     def wait(self, timeout: Seconds | None = None) -> bool:
         """Wait for its end; False if that did not come in time."""
         return self._ended.wait(timeout)
 
-    def _begin(self) -> bool:
-        """Whether it may run: it was not stopped while it waited."""
+    def work(self, store: Store | None, threads: int | None) -> None:
+        """Run it to its end, whatever that is; only the queue's worker calls this.
+
+        Args:
+            store: where results and checkpoints are kept.
+            threads: processor threads for an estimation.
+        """
         if self._stop.is_set():
             self.cancel()
-            return False
+            return
+        self.status, self._began = Status.RUNNING, time.monotonic()
+        try:
+            for item in self._steps(TaskContext(store, threads, self._note, self._stop.is_set)):
+                if isinstance(item, Progress):
+                    self._note(item)
+                else:
+                    self._add(item)
+        except AccpinnError as fault:
+            self._end(Status.FAILED, str(fault))
+        except Exception as fault:
+            _log.exception("A %s ended unexpectedly", self.kind)
+            self._end(
+                Status.FAILED,
+                f"The {self.kind} ended unexpectedly ({type(fault).__name__}): a fault of this"
+                " program, not of your data; its log has the details. Try other settings.",
+            )
+        else:
+            self._end(Status.DONE if self._is_complete() else Status.STOPPED)
+
+    def _note(self, progress: Progress) -> None:
         with self._lock:
-            self._status = Status.RUNNING
-        return True
+            if not self._recent:
+                self._recorder = Recorder()
+            self._recent.append(progress)
+            if self._recorder:
+                self._recorder.add(progress)
+
+    def _add(self, result: Result) -> None:
+        with self._lock:
+            self.results = (*self.results, result)
+            self._recent.clear()
+
+    def _is_complete(self) -> bool:
+        fits = [result for result in self.results if isinstance(result, Fit)]
+        stopped = any(fit.outcome is Outcome.STOPPED for fit in fits)
+        return len(self.results) == len(self.names) and not stopped
 
     def _end(self, status: Status, error: str = "") -> None:
-        with self._lock:
-            self._status, self._error = status, error
+        self.error, self.status = error, status  # whoever sees that it failed can ask why
         self._ended.set()
 
-    def _fail(self, fault: Exception, what: str) -> None:
-        """End it with a fault that nobody foresaw; called while that is handled."""
-        _log.exception("A %s ended unexpectedly", what)
-        self._end(
-            Status.FAILED,
-            error=f"The {what} ended unexpectedly ({type(fault).__name__}), a fault of this"
-            " program and not of your data; its log has the details. Try other settings.",
-        )
+
+def _joined(before: History, after: History) -> History:
+    """One history from two; what was repeated after a checkpoint is taken from the second."""
+    kept = before.iteration < after.iteration[0]
+    names = ("iteration", "seconds", "total", "data", "physics", "initial", "parameters")
+    parts = {
+        name: np.concatenate([getattr(before, name)[kept], getattr(after, name)]) for name in names
+    }
+    return History(**parts)

@@ -93,7 +93,7 @@ def home(camera: Camera) -> None:
         camera.shoot(page, "train_sample_fold", whole=False)
         camera.shoot(page, "train_sample")
         page.get_by_text("Next: do these vehicles amplify").click()
-        page.get_by_text("Show what the data leave open").wait_for()
+        page.get_by_text("Show the uncertainty").wait_for()
         page.locator(".st-key-stability_map .js-plotly-plot").wait_for()
         idle(page)
         camera.shoot(page, "stability_learned")
@@ -108,7 +108,7 @@ def empty(camera: Camera) -> None:
 def sample(camera: Camera) -> None:
     with camera.page("/Data") as page:
         page.get_by_role("button", name="Open this sample").click()
-        page.get_by_text("What this window tells").wait_for()
+        page.get_by_text("Preview of the window").wait_for()
         idle(page)
         camera.shoot(page, "data_sample_fold", whole=False)
         camera.shoot(page, "data_sample")
@@ -117,7 +117,7 @@ def sample(camera: Camera) -> None:
 def training(camera: Camera) -> None:
     with camera.page("/Data") as page:
         page.get_by_role("button", name="Open this sample").click()
-        page.get_by_text("What this window tells").wait_for()
+        page.get_by_text("Preview of the window").wait_for()
         page.goto(page.url.replace("/Data", "/Train"))
         page.get_by_text("Paper", exact=True).click()
         page.get_by_text("Options", exact=True).click()
@@ -168,14 +168,14 @@ def regimes(camera: Camera) -> None:
     with camera.page("/Data") as page:
         for name in ("Casale/part7", "ZalaZone/handling_part10"):
             upload(page, REAL / f"{name}.csv")
-            if not page.get_by_text("Leave out of the law's equations").is_visible():
+            if not page.get_by_text("Leave out of the model's equations").is_visible():
                 page.get_by_text("Regimes", exact=True).click()
             for regime in ("Standstill", "Catching up"):
                 idle(page)
                 page.get_by_test_id("stCheckbox").filter(has_text=regime).click()
-            page.get_by_text("Left out of the law").first.wait_for()
+            page.get_by_text("Without").first.wait_for()
             if not page.get_by_text("Car-following only").first.is_visible():
-                page.get_by_text("Show how much the estimates depend").click()
+                page.get_by_text("Show the sensitivity of the estimates").click()
             page.get_by_text("Car-following only").first.wait_for()
             idle(page)
             camera.shoot(page, f"regimes_{name.split('/')[0].replace(' ', '')}")
@@ -185,7 +185,7 @@ def stability(camera: Camera) -> None:
     with camera.page("/Stability") as page:
         page.locator(".st-key-stability_map .js-plotly-plot").wait_for()
         camera.shoot(page, "stability_fold", whole=False)
-        page.get_by_text("Why: a sentence").click()
+        page.get_by_text("Reasons for the verdicts").click()
         page.get_by_text("α and τ").click()
         idle(page)
         camera.shoot(page, "stability")
@@ -212,13 +212,13 @@ def platoon(camera: Camera) -> None:
 def compare(camera: Camera) -> None:
     with camera.page("/Data") as page:
         page.get_by_role("button", name="Open this sample").click()
-        page.get_by_text("What this window tells").wait_for()
+        page.get_by_text("Preview of the window").wait_for()
         idle(page)
         page.goto(page.url.replace("/Data", "/Compare"))
         page.get_by_role("button", name="Run all methods").click()
         page.locator("table.figures tbody tr").first.wait_for()
         camera.shoot(page, "compare_running", whole=False)
-        page.get_by_text("Can the data tell?").wait_for(timeout=SLOW_MS)
+        page.get_by_text("Identifiability").wait_for(timeout=SLOW_MS)
         idle(page)
         page.get_by_role("button", name="Five starts").click()
         page.get_by_text("All 5 trainings").wait_for(timeout=SLOW_MS)
@@ -238,7 +238,7 @@ def snapshots(camera: Camera) -> None:
             page.locator("td").filter(has_text=name).wait_for()
             idle(page)
         page.get_by_text("Show both side by side").click()
-        page.get_by_text("Stored beside recomputed").click()
+        page.get_by_text("stored beside recomputed").click()
         page.locator(".js-plotly-plot").wait_for()
         idle(page)
         camera.shoot(page, "snapshots")

@@ -17,7 +17,7 @@ def test_methods_run_stop_survive_a_reload_and_are_held_against_earlier_ones(ope
     expect(page.get_by_text("Nothing to compare on yet")).to_be_visible()
     page.get_by_role("link", name="Go to Data").click()
     page.get_by_role("button", name="Open this sample").click()
-    expect(page.get_by_text("What this window tells")).to_be_visible()
+    expect(page.get_by_text("Preview of the window")).to_be_visible()
     idle(page)
     page.get_by_label("and lasts").fill("60")  # enough to see, and soon done
     page.get_by_label("and lasts").press("Enter")
@@ -29,7 +29,7 @@ def test_methods_run_stop_survive_a_reload_and_are_held_against_earlier_ones(ope
     page.get_by_role("button", name="Stop", exact=True).click()
     expect(page.get_by_text("Stopped: ")).to_be_visible()
     page.get_by_role("button", name="Run all methods").click()
-    expect(page.get_by_text("Can the data tell?")).to_be_visible(timeout=ALL_METHODS_MS)
+    expect(page.get_by_text("Identifiability")).to_be_visible(timeout=ALL_METHODS_MS)
     intervals, methods = page.locator("table.figures").first, page.locator("table.figures").nth(1)
     expect(methods.locator("tbody tr")).to_have_count(8)
     expect(methods).to_contain_text("Dual UKF")

@@ -113,7 +113,7 @@ def test_dragging_over_the_overview_sets_the_window(opened: Open) -> None:
 def test_a_paper_training_is_stopped_and_continued(opened: Open) -> None:
     page = opened("/Data")
     page.get_by_role("button", name="Open this sample").click()
-    expect(page.get_by_text("What this window tells")).to_be_visible()
+    expect(page.get_by_text("Preview of the window")).to_be_visible()
     page.get_by_test_id("stSidebar").get_by_role("link", name="Train").click()
     page.get_by_text("Paper", exact=True).click()
     page.get_by_role("button", name="Start training").click()
@@ -158,7 +158,7 @@ def test_a_name_from_a_file_does_nothing(opened: Open) -> None:
     page.on("dialog", lambda dialog: pytest.fail("a script ran"))
     raw = csv(platoon(vehicles=2), metadata((name, "Follower")))
     upload(page, {"name": "<i>nasty</i>*run*.csv", "mimeType": "text/csv", "buffer": raw})
-    expect(page.get_by_text("What this window tells")).to_be_visible()
+    expect(page.get_by_text("Preview of the window")).to_be_visible()
     expect(page.locator(".vehicle-key").first).to_contain_text(name)
     expect(page.locator("strong").filter(has_text="*run*.csv").first).to_be_visible()
     page.get_by_role("button", name="Train on this window").click()
@@ -169,12 +169,12 @@ def test_a_name_from_a_file_does_nothing(opened: Open) -> None:
 def test_a_corrupt_file_is_refused_and_nothing_is_lost(opened: Open, openacc_dir: Path) -> None:
     page = opened("/Data")
     page.get_by_role("button", name="Open this sample").click()
-    expect(page.get_by_text("What this window tells")).to_be_visible()
+    expect(page.get_by_text("Preview of the window")).to_be_visible()
     page.get_by_text("Open another recording").click()
     upload(page, openacc_dir / "corrupt" / "ZalaZone_handling_part12_TRUNCATED_NUL.csv")
     expect(page.get_by_text("NUL bytes instead of text")).to_be_visible()
     expect(page.get_by_text("The recording opened before is kept")).to_be_visible()
-    expect(page.get_by_text("What this window tells")).to_be_visible()
+    expect(page.get_by_text("Preview of the window")).to_be_visible()
 
 
 @pytest.mark.parametrize("path", ["/Data", "/Train"])

@@ -129,7 +129,7 @@ def test_a_hostile_name_does_nothing_on_any_page_or_in_the_report(
     page.locator('input[type="file"]').set_input_files(
         {"name": f"{NASTY.replace('/', '')}.csv", "mimeType": "text/csv", "buffer": raw}
     )
-    expect(page.get_by_text("What this window tells")).to_be_visible()
+    expect(page.get_by_text("Preview of the window")).to_be_visible()
     page.get_by_role("button", name="Train on this window").click()
     expect(table(page, "Surrogate fit")).to_contain_text(NASTY, timeout=TRAINING_MS)
     go(page, "Snapshots")

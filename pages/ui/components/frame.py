@@ -1,25 +1,21 @@
-"""What every page begins with: its title, the way to the other pages, and where things stand."""
+"""What every page begins with: its title, links to the other pages, and the session's state."""
 
-import html
-from collections.abc import Container, Sequence
 from pathlib import Path
 
 import streamlit as st
 
-from accpinn.results.figures.style import vehicle_colour
-from accpinn.results.snapshot.schema import Snapshot
-from accpinn.segment.segment import SegmentInfo
-from accpinn.tasks.job import Job
+from accpinn.segment.segment import Segment, SegmentInfo
 from accpinn.tasks.task import Status
 from pages.ui.components import charts
-from pages.ui.components.text import escape_markdown
-from pages.ui.session.registry import SESSION, current
-from pages.ui.session.workspace import Workspace, sync_widget
+from pages.ui.components.messages import escape_markdown, show_messages
+from pages.ui.components.widgets import segments, toggle
+from pages.ui.session.sessions import SESSION, current
+from pages.ui.session.workspace import Workspace
 
 HERE = Path(__file__).parent
 ROOT = HERE.parents[2]
 HOME, DATA, TRAIN = "app.py", "pages/1_Data.py", "pages/2_Train.py"
-STABILITY, SNAPSHOTS = "pages/3_Stability.py", "pages/6_Snapshots.py"
+STABILITY, PLATOON = "pages/3_Stability.py", "pages/4_Platoon.py"
 
 _ICONS = {
     "Home": "home",
@@ -41,6 +37,14 @@ _STYLE = """<style>
   margin-right: .45em; vertical-align: middle; }
 </style>"""
 
+_STATUS = {
+    Status.QUEUED: "is waiting",
+    Status.RUNNING: "is running",
+    Status.DONE: "is done",
+    Status.STOPPED: "was stopped",
+    Status.FAILED: "failed",
+}
+
 
 def begin(title: str, lead: str = "") -> Workspace:
     """Set up a page; everything on it comes after this."""
@@ -57,24 +61,19 @@ def begin(title: str, lead: str = "") -> Workspace:
     if lead:
         st.caption(lead)
     if st.session_state["lost_session"]:
-        st.info(
+        show_messages(
             "That session is no longer on this server, so a new one has begun. Finished trainings"
-            " are kept: open the same recording and the answer comes from the cache.",
-            icon=":material/history:",
+            " are kept: open the same recording, and its result comes from the cache.",
+            icon="history",
         )
-    if fault := st.session_state["snapshot_fault"]:
-        st.error(escape_markdown(fault), icon=":material/link_off:")
+    show_messages(st.session_state["snapshot_fault"], "error", "link_off")
     return workspace
 
 
-def link(page: str, label: str, workspace: Workspace, icon: str = "") -> None:
+def link(page: str, label: str, workspace: Workspace, icon: str = "arrow_forward") -> None:
     """A link to another page that keeps the session in the address."""
-    st.page_link(
-        page,
-        label=label,
-        icon=f":material/{icon}:" if icon else "",
-        query_params={SESSION: workspace.id},
-    )
+    parameters = {SESSION: workspace.id}
+    st.page_link(page, label=label, icon=f":material/{icon}:", query_params=parameters)
 
 
 def go(page: str, workspace: Workspace) -> None:
@@ -82,28 +81,46 @@ def go(page: str, workspace: Workspace) -> None:
     st.switch_page(page, query_params={SESSION: workspace.id})
 
 
-def vehicle_key(segment: SegmentInfo, with_truth: bool = False) -> None:
-    """Which colour is which vehicle, once for all charts below."""
-    leader = segment.vehicles[0]
-    entries = [
-        (f"{label} (leader)" if number == leader else label, vehicle_colour(number, leader))
-        for number, label in zip(segment.vehicles, segment.labels, strict=True)
-    ]
-    show_key(entries, dashed="true value" if with_truth else "")
+def empty_state(workspace: Workspace, nothing: str) -> None:
+    """Why there is no segment to work on, and the way to one; ``nothing`` begins the sentence."""
+    if workspace.recording is None:
+        show_messages(f"{nothing} yet: first open a recording.")
+    else:
+        show_messages(f"The window cannot be used yet. {workspace.fault}", "warning")
+    link(DATA, "Go to Data", workspace)
 
 
-def show_key(
-    entries: Sequence[tuple[str, str]], faint: Container[str] = (), dashed: str = ""
-) -> None:
-    """Names beside their colours, some faint, and what a dashed line means."""
-    spans = [
-        f"<span{' class=faint' if name in faint else ''}>"
-        f'<i style="background:{colour}"></i>{html.escape(name)}</span>'
-        for name, colour in entries
-    ]
-    if dashed:
-        spans.append(f'<span><b aria-hidden="true">- -</b> {html.escape(dashed)}</span>')
-    st.html(f'<div class="vehicle-key">{"".join(spans)}</div>')
+def segment_line(segment: Segment, case: str, vehicles: bool = False) -> str:
+    """File, window, vehicles, Case and excluded regimes, for a caption."""
+    parts = [segment.source, str(segment.window)]
+    parts += [f"{segment.labels[0]} to {segment.labels[-1]}"] if vehicles else []
+    parts += [f"Case {case}"] if segment.followers > 1 else []
+    excluded = segment.excluded_regimes
+    parts += [f"without {', '.join(excluded)}"] if excluded else []
+    return " · ".join(map(escape_markdown, parts))
+
+
+def session_state(workspace: Workspace) -> list[str]:
+    """What is open, a line a step."""
+    snapshot, recording, segment = workspace.snapshot, workspace.recording, workspace.segment
+    if snapshot:
+        info: SegmentInfo | None = snapshot.info
+        lines = [f"**Snapshot** {escape_markdown(snapshot.name[:60] or snapshot.id)}"]
+        lines.append(f"**Recording** {escape_markdown(snapshot.info.source)}")
+    elif recording:
+        info = segment.info if segment else None
+        lines = [f"**Recording** {escape_markdown(recording.source)}"]
+    else:
+        return ["No recording is open yet."]
+    if info:
+        case = f", Case {workspace.case}" if info.followers > 1 else ""
+        vehicles = f"vehicles {info.vehicles[0]}–{info.vehicles[-1]}"
+        lines.append(f"**Window** {info.window}, {vehicles}{case}")
+        lines += [f"**Without** {', '.join(info.excluded_regimes)}"] * bool(info.excluded_regimes)
+    else:
+        lines.append("**Window** cannot be used yet")
+    training = workspace.training
+    return lines + ([f"**Training** {_STATUS[training.status]}"] if training else [])
 
 
 def _sidebar(workspace: Workspace) -> None:
@@ -114,78 +131,18 @@ def _sidebar(workspace: Workspace) -> None:
             name = path.stem.split("_", 1)[1].replace("_", " ")
             link(f"pages/{path.name}", name, workspace, _ICONS.get(name, "article"))
         st.divider()
-        st.caption("  \n".join(standing(workspace)))
-        _choose_pictures(workspace)
+        st.caption("  \n".join(session_state(workspace)))
+        segments(
+            "Charts are saved as", {name: name for name in charts.FORMATS}, workspace.pictures,
+            charts.FORMAT, lambda name: setattr(workspace, "pictures", name), labelled=True,
+            help="Point at a chart: the camera in its corner saves it as such a picture.",
+        )  # fmt: skip
+        toggle(
+            "Legend in every chart", workspace.legends, charts.LEGEND,
+            lambda on: setattr(workspace, "legends", on),
+            help="A saved picture then shows which colour is which vehicle.",
+        )  # fmt: skip
         st.caption(
-            "This page's address opens this very session, so whoever has it can change or stop"
-            " things here; to show a result, send a snapshot's link instead."
+            "Anyone with this address controls this session. To show a result, send a snapshot's"
+            " link instead."
         )
-
-
-def _choose_pictures(workspace: Workspace) -> None:
-    """As what a chart's button saves it."""
-
-    def changed() -> None:
-        workspace.pictures = st.session_state[charts.FORMAT]
-        workspace.legends = st.session_state[charts.LEGEND]
-
-    st.segmented_control(
-        "Charts are saved as",
-        charts.FORMATS,
-        default=workspace.pictures,
-        key=sync_widget(charts.FORMAT, workspace.pictures),
-        on_change=changed,
-        required=True,
-        help="Point at a chart: the camera in its corner saves it as such a picture.",
-    )
-    st.toggle(
-        "Legend in every chart",
-        value=workspace.legends,
-        key=sync_widget(charts.LEGEND, workspace.legends),
-        on_change=changed,
-        help="A saved picture then says by itself which colour is which vehicle.",
-    )
-
-
-def standing(workspace: Workspace) -> list[str]:
-    """Where the session stands, a line a step."""
-    recording, segment, job = workspace.recording, workspace.segment, workspace.job
-    if workspace.snapshot:
-        return snapshot_standing(workspace.snapshot) + _training_line(job)
-    if recording is None:
-        return ["No recording is open yet."]
-    lines = [f"**Recording** {escape_markdown(recording.source)}"]
-    if segment:
-        lines.append(
-            f"**Window** {segment.window}, vehicles"
-            f" {segment.vehicles[0]}–{segment.vehicles[-1]}"
-            + (f", Case {workspace.case}" if segment.followers > 1 else "")
-        )
-        if segment.excluded_regimes:
-            lines.append(f"**Left out** of the law: {', '.join(segment.excluded_regimes)}")
-    else:
-        lines.append("**Window** cannot be used yet")
-    return lines + _training_line(job)
-
-
-def snapshot_standing(snapshot: Snapshot) -> list[str]:
-    """The same of a snapshot."""
-    info = snapshot.info
-    return [
-        f"**Snapshot** {escape_markdown(snapshot.name[:60] or snapshot.id)}",
-        f"**Recording** {escape_markdown(info.source)}",
-        f"**Window** {info.window}, vehicles {info.vehicles[0]}–{info.vehicles[-1]}",
-    ]
-
-
-def _training_line(job: Job | None) -> list[str]:
-    return [f"**Training** {_STANDING[job.status]}"] if job else []
-
-
-_STANDING = {
-    Status.QUEUED: "waits for its turn",
-    Status.RUNNING: "is running",
-    Status.DONE: "is done",
-    Status.STOPPED: "was stopped",
-    Status.FAILED: "failed",
-}

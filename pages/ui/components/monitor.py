@@ -1,86 +1,108 @@
-"""A training as it runs: one fragment looks at the job twice a second, and draws."""
+"""A task as it runs: one fragment polls it, shows where it stands, and draws what is known."""
+
+from collections.abc import Callable
+from typing import Any
 
 import streamlit as st
 
-from accpinn.model.cthp import Parameters
-from accpinn.results.figures import training
-from accpinn.tasks.job import Job
 from accpinn.tasks.task import Status, Task
-from pages.ui.components.charts import show_chart
-from pages.ui.components.frame import vehicle_key
-from pages.ui.components.text import escape_markdown, format_duration
+from pages.ui.components import frame
+from pages.ui.components.messages import format_duration, show_error, show_messages
 from pages.ui.session.resources import task_queue
+from pages.ui.session.workspace import Workspace
 
 POLL = 0.5
 """Seconds between two looks."""
-FIRST_DRAWING = 1.0
-"""Seconds of training before the first curves: a short one would be slowed by drawing it."""
 
 
-def watch(job: Job, truth: Parameters | None) -> None:
-    """Show the job; while it is active, again and again, and once it has ended, the whole page."""
-    active = job.is_active
+def monitor(workspace: Workspace, task: Task[Any], draw: Callable[[bool], None]) -> None:
+    """Show a task, again and again while it is active; at its end the whole page is drawn anew.
+
+    Args:
+        workspace: the session.
+        task: the one to be shown.
+        draw: draws what is known of it. Its argument is whether the task is polled: fragments that
+            poll must not be nested, so it then calls no other monitor and draws no widgets.
+    """
+    active = task.is_active
 
     def look() -> None:
-        if active and not job.is_active:
+        if active and not task.is_active:
             st.rerun()
-        show_status(job)
-        if not active or _long_enough(job):
-            show_course(job, truth)
+        show_status(workspace, task)
+        draw(active)
 
-    st.fragment(look, run_every=POLL if active else None)()
-
-
-def _long_enough(job: Job) -> bool:
-    history = job.history()
-    return history is not None and history.seconds[-1] > FIRST_DRAWING
-
-
-def show_status(job: Job) -> None:
-    """One line, and a bar: where it stands, how fast, how long still."""
-    status, now = job.status, job.progress
-    if status is Status.QUEUED:
-        st.info(waiting_line(job), icon=":material/hourglass_top:")
-    elif status is Status.RUNNING and now is None:
-        st.progress(0.0, "Getting ready …")
-    elif status is Status.RUNNING and now:
-        share = min(1.0, now.iteration / max(1, now.iterations))
-        parts = [f"{now.phase}: iteration {now.iteration:,} of {now.iterations:,}"]
-        parts += [f"{job.rate:,.0f} iterations/s"] if job.rate else []
-        parts += [f"{format_duration(job.time_left)} left at most"] if job.time_left else []
-        stopping = "Stopping … " if job.is_stopping else ""
-        st.progress(share, stopping + " · ".join(parts))
-    elif status is Status.FAILED:
-        st.error(escape_markdown(job.error), icon=":material/error:")
-    elif status is Status.STOPPED and job.fit is None:
-        st.info("Stopped before it began.", icon=":material/stop_circle:")
-
-
-def waiting_line(job: Task) -> str:
-    """Who is ahead, and for how long."""
-    ahead, seconds = task_queue().ahead_of(job), task_queue().wait_for(job)
-    if len(ahead) <= 1:
-        who = "Another estimation runs; yours is next"
+    if active:
+        st.fragment(look, run_every=POLL)()
     else:
-        who = f"{len(ahead)} estimations are ahead of yours"
-    when = f"starts in about {format_duration(seconds)}" if seconds else "starts by itself"
-    return f"{who} and {when}."
+        look()
 
 
-def show_course(job: Job, truth: Parameters | None) -> None:
-    """Loss terms and parameters over iterations."""
-    history, segment = job.history(), job.request.segment
-    if history is None:
+def stop_button(task: Task[Any], label: str, key: str) -> None:
+    """Stop the task; what it has found so far is kept."""
+    st.button(
+        label, icon=":material/stop:", key=key, disabled=task.is_stopping,
+        on_click=task_queue().stop, args=(task,),
+    )  # fmt: skip
+
+
+def show_status(workspace: Workspace, task: Task[Any]) -> None:
+    """One line, and a bar while it runs."""
+    status, done, planned = task.status, len(task.results), len(task.names)
+    if status is Status.QUEUED:
+        show_waiting(workspace, task)
+    elif status is Status.RUNNING:
+        stopping = "Stopping … " if task.is_stopping else ""
+        st.progress(task.share, stopping + " · ".join(progress_parts(task)))
+    elif status is Status.FAILED:
+        show_error(task.error)
+    elif status is Status.STOPPED and planned > 1:
+        kept = f"{done} of {planned} results are kept" if done else "no result is there yet"
+        show_messages(f"Stopped: {kept}.", icon="stop_circle")
+    elif status is Status.STOPPED and not done:
+        show_messages("Stopped before it began.", icon="stop_circle")
+
+
+def progress_parts(task: Task[Any]) -> list[str]:
+    """What runs, how far it is, how fast, and how long it still takes."""
+    now, left = task.progress, task.time_left
+    duration = format_duration(left) if left else ""
+    if len(task.names) > 1:
+        parts = [f"{task.current} …", f"{len(task.results)} of {len(task.names)} done"]
+        return parts + ([f"about {duration} left"] if duration else [])
+    if now is None:
+        return ["Getting ready …"]
+    parts = [f"{now.phase}: iteration {now.iteration:,} of {now.iterations:,}"]
+    parts += [f"{task.rate:,.0f} iterations/s"] if task.rate else []
+    return parts + ([f"{duration} left at most"] if duration else [])
+
+
+def show_waiting(workspace: Workspace, task: Task[Any]) -> None:
+    """Which tasks are ahead of a queued one, for how long, and how to stop one's own."""
+    ahead, seconds = task_queue().ahead_of(task), task_queue().wait_for(task)
+    own = next((other for other in ahead if other.owner == task.owner), None)
+    if own is None:
+        count = len(ahead)
+        who = f"{count} tasks of others are ahead of yours" if count > 1 else (
+            "Another task is running; yours is next"
+        )  # fmt: skip
+        when = f"starts in about {format_duration(seconds)}" if seconds else "starts by itself"
+        show_messages(f"{who} and {when}.", icon="hourglass_top")
         return
-    vehicle_key(segment.info, with_truth=bool(truth))
-    loss, *parameters = st.columns(4)
-    with loss:
-        show_chart(training.loss_history(history), "train_loss")
-    for which, column in enumerate(parameters):
-        with column:
-            figure = training.parameter_history(history, which, segment.info, truth)
-            show_chart(figure, f"train_parameter_{which}")
-    st.caption(
-        "Training lowers the loss Ψ, the sum of its terms: Ψ_D, how far the network's curves are"
-        " from the data, and Ψ_F, how far they are from obeying the law."
+    kept = "can be continued later" if own.request else "keeps its results so far"
+    show_messages(
+        f"{own_task_line(own, seconds)} The {task.kind} then starts by itself. To have it sooner,"
+        f" stop the {own.kind}; it {kept}.",
+        icon="hourglass_top",
     )
+    if own.request:
+        frame.link(frame.TRAIN, "Go to Train to stop it", workspace)
+    else:
+        stop_button(own, f"Stop the {own.kind}", f"monitor_stop_{own.kind}")
+
+
+def own_task_line(own: Task[Any], seconds: float | None) -> str:
+    """Which of the user's own tasks comes first, and how long it takes at most."""
+    preset = f" with the {own.request.config.preset} preset" if own.request else ""
+    at_most = f", for {format_duration(seconds)} at most" if seconds else ""
+    return f"Your own {own.kind}{preset} comes first{at_most}."

@@ -1,26 +1,23 @@
-"""Whose α, β, τ the pages Stability and Platoon speak of: learned, published, or typed in."""
+"""Whose α, β, τ the pages Stability and Platoon show: learned, published, or typed in."""
 
 import math
+from dataclasses import dataclass
 
 import pandas as pd
 import streamlit as st
 
-from accpinn.errors import AccpinnError, ParameterError
+from accpinn.errors import ParameterError
+from accpinn.methods.fit import Fit, unfinished
 from accpinn.model.cthp import Parameters
 from accpinn.model.published import PUBLISHED, ParameterSet
 from accpinn.results.snapshot.library import Entry
-from accpinn.stability.report import StabilityReport, stability_report
-from pages.ui.components.parameter_origin import (
-    Learned,
-    current,
-    saved,
-    say_not_ones_own,
-    warn_unfinished,
-)
-from pages.ui.components.text import escape_markdown
+from accpinn.results.tables.estimates import where
+from accpinn.segment.segment import SegmentInfo
+from pages.ui.components.messages import attempt, escape_markdown, show_messages
+from pages.ui.components.widgets import segments, select
 from pages.ui.session.resources import library, opened
 from pages.ui.session.ui_state import Source, TypedRow
-from pages.ui.session.workspace import Workspace, sync_widget
+from pages.ui.session.workspace import Workspace
 
 SOURCES: dict[Source, str] = {
     "fit": "Current fit",
@@ -34,89 +31,89 @@ MOST = 20
 """Vehicles typed in at most."""
 
 
-def choose_parameters(workspace: Workspace, page: str) -> ParameterSet | None:
-    """The picker, and what it stands at; None, with a sentence, where that cannot be used."""
-    entries = whole_entries()
-    there = {"fit": bool(workspace.fit), "snapshot": bool(entries)}
-    offered = [source for source in SOURCES if there.get(source, True)]
-    now = _source(workspace, entries)
-    with st.container(horizontal=True, vertical_alignment="center"):
-        st.segmented_control(
-            "Parameters of",
-            offered,
-            default=now,
-            format_func=SOURCES.__getitem__,
-            key=sync_widget(f"{page}_source", now),
-            on_change=lambda: _turn_to(workspace, st.session_state[f"{page}_source"]),
-            required=True,
-            label_visibility="collapsed",
+@dataclass(frozen=True, eq=False)
+class Learned:
+    """A fit and the segment that it is of."""
+
+    info: SegmentInfo
+    fit: Fit
+
+    @property
+    def parameters(self) -> ParameterSet:
+        """The followers' parameters, titled with file, window and excluded regimes."""
+        info = self.info
+        return ParameterSet(
+            where(info), info.names[1:], self.fit.parameters, info.vehicles, info.labels[1:]
         )
-        if now == "published":
+
+
+def choose_parameters(workspace: Workspace, page: str) -> ParameterSet | None:
+    """The picker, and the parameters chosen; None, with a sentence, where they cannot be used."""
+    entries = readable_entries()
+    missing = {"fit": not workspace.fit, "snapshot": not entries}
+    offered = {source: name for source, name in SOURCES.items() if not missing.get(source)}
+    source = _source(workspace, entries)
+    with st.container(horizontal=True, vertical_alignment="center"):
+        segments(
+            "Parameters of", offered, source, f"{page}_source",
+            lambda chosen: _turn_to(workspace, chosen),
+        )  # fmt: skip
+        if source == "published":
             _choose_example(workspace, page)
-        elif now == "snapshot":
+        elif source == "snapshot":
             _choose_snapshot(workspace, page, entries)
-        elif learned := current(workspace) if now == "fit" else None:
-            st.caption(escape_markdown(learned.title))
-    say_not_ones_own(workspace, now)
-    if now == "hand":
+        elif source == "fit" and workspace.fit_info:
+            st.caption(escape_markdown(where(workspace.fit_info)))
+    _warn_not_own(workspace, source)
+    if source == "hand":
         _edit_rows(workspace, page)
-    try:
-        learned = _learned(workspace, now, entries)
-        if learned:
-            if now == "snapshot" and learned.described.excluded_regimes:
-                st.caption(escape_markdown(learned.title))
-            warn_unfinished(learned, now)
-        return _laws(workspace, now, learned)
-    except AccpinnError as fault:
-        st.error(escape_markdown(str(fault)), icon=":material/error:")
-        return None
+    return attempt(lambda: _show_chosen(workspace, source, entries))
 
 
-def checked_report(laws: ParameterSet | None) -> StabilityReport | None:
-    """What is to be said about them; None, with a sentence, where they make no sense."""
-    if laws is None:
-        return None
-    try:
-        return stability_report(laws.parameters)
-    except AccpinnError as fault:
-        st.error(escape_markdown(str(fault)), icon=":material/error:")
-        return None
+def _show_chosen(workspace: Workspace, source: Source, entries: tuple[Entry, ...]) -> ParameterSet:
+    """The parameters chosen; what limits the fit that they are from is shown."""
+    learned = _learned(workspace, source, entries)
+    if learned and source == "snapshot" and learned.info.excluded_regimes:
+        st.caption(escape_markdown(where(learned.info)))
+    if learned and (sentence := unfinished(learned.fit)):
+        cure = " Continue it on page Train." if source == "fit" else ""
+        show_messages(sentence + cure, "warning", "pause_circle")
+    return learned.parameters if learned else _without_fit(workspace, source)
 
 
 def parameters_from(workspace: Workspace, source: Source) -> ParameterSet:
-    """The laws that a source holds now.
+    """The parameters that a source holds now.
 
     Raises:
         ParameterError: rows that are too few or too many.
     """
-    return _laws(workspace, source, _learned(workspace, source, whole_entries()))
+    learned = _learned(workspace, source, readable_entries())
+    return learned.parameters if learned else _without_fit(workspace, source)
 
 
 def _learned(workspace: Workspace, source: Source, entries: tuple[Entry, ...]) -> Learned | None:
-    """The fit that the source holds; None for one that holds laws alone."""
+    """The fit that the source holds; None for one that holds parameters alone."""
+    fit, info = workspace.fit, workspace.fit_info
     if source == "snapshot":
-        return saved(opened(_chosen_snapshot(workspace, entries)))
-    return current(workspace) if source == "fit" else None
+        snapshot = opened(_chosen_snapshot(workspace, entries))
+        return Learned(snapshot.info, snapshot.fit)
+    return Learned(info, fit) if source == "fit" and fit and info else None
 
 
-def _laws(workspace: Workspace, source: Source, learned: Learned | None) -> ParameterSet:
-    if learned:
-        seen = learned.described
-        return ParameterSet(
-            learned.title, seen.names[1:], learned.fit.parameters, seen.vehicles, seen.labels[1:]
-        )
+def _without_fit(workspace: Workspace, source: Source) -> ParameterSet:
+    choice = workspace.parameter_choice
     if source == "hand":
-        return _typed(workspace.laws.rows)
-    return next(laws for laws in PUBLISHED if laws.title == workspace.laws.example)
+        return _typed(choice.rows)
+    return next(published for published in PUBLISHED if published.title == choice.example)
 
 
 def _source(workspace: Workspace, entries: tuple[Entry, ...]) -> Source:
-    chosen = workspace.laws.source or "fit"
+    chosen = workspace.parameter_choice.source or "fit"
     gone = (chosen == "fit" and not workspace.fit) or (chosen == "snapshot" and not entries)
     return "published" if gone else chosen
 
 
-def whole_entries() -> tuple[Entry, ...]:
+def readable_entries() -> tuple[Entry, ...]:
     """The server's snapshots that can be read, the newest first; every call looks at all files."""
     return tuple(entry for entry in library().entries() if not entry.fault)
 
@@ -124,63 +121,60 @@ def whole_entries() -> tuple[Entry, ...]:
 def _chosen_snapshot(workspace: Workspace, entries: tuple[Entry, ...]) -> str:
     """The one chosen, or the newest where that was deleted meanwhile."""
     names = [entry.id for entry in entries]
-    return workspace.laws.snapshot if workspace.laws.snapshot in names else names[0]
+    chosen = workspace.parameter_choice.snapshot
+    return chosen if chosen in names else names[0]
 
 
-def _choose_snapshot(workspace: Workspace, page: str, entries: tuple[Entry, ...]) -> None:
-    key, now = f"{page}_snapshot", _chosen_snapshot(workspace, entries)
-    titles = {e.id: f"{e.name.strip() or e.id} · {e.source}" for e in entries}
-
-    def changed() -> None:
-        workspace.laws.snapshot = st.session_state[key]
-        workspace.drive.forget()
-
-    st.selectbox(
-        "Snapshot",
-        list(titles),
-        index=list(titles).index(now),
-        format_func=lambda name: titles.get(name, name),
-        key=sync_widget(key, now),
-        on_change=changed,
-        label_visibility="collapsed",
-        width=420,
-    )
+def _warn_not_own(workspace: Workspace, source: Source) -> None:
+    """Published parameters are shown until one's own are learned."""
+    choice, training = workspace.parameter_choice, workspace.training
+    asked = choice.source in (None, "fit")
+    if source == "published" and asked and training and training.is_active:
+        show_messages(
+            f"These are published parameters, those of {choice.example}: your own training is not"
+            " finished. Once it is done, this page shows its parameters.",
+            icon="hourglass_top",
+        )
 
 
 def _turn_to(workspace: Workspace, source: Source) -> None:
     """Change the source; the first rows by hand are a copy of what was shown."""
-    choice = workspace.laws
+    choice = workspace.parameter_choice
     if source == "hand" and not choice.rows:
-        laws = parameters_from(workspace, _source(workspace, whole_entries()))
+        shown = parameters_from(workspace, _source(workspace, readable_entries()))
         choice.rows = tuple(
-            (label, law.alpha, law.beta, law.tau)
-            for label, law in zip(laws.labels, laws.parameters, strict=True)
+            (label, vehicle.alpha, vehicle.beta, vehicle.tau)
+            for label, vehicle in zip(shown.labels, shown.parameters, strict=True)
         )
-    choice.source = source
-    workspace.drive.forget()
+    _set(workspace, source=source)
+
+
+def _set(workspace: Workspace, **choices: str) -> None:
+    for name, value in choices.items():
+        setattr(workspace.parameter_choice, name, value)
+    workspace.platoon_choice.reset()
+
+
+def _choose_snapshot(workspace: Workspace, page: str, entries: tuple[Entry, ...]) -> None:
+    titles = {e.id: f"{e.name.strip() or e.id} · {e.source}" for e in entries}
+    select(
+        "Snapshot", titles, _chosen_snapshot(workspace, entries), f"{page}_snapshot",
+        lambda name: _set(workspace, snapshot=name), lambda name: titles.get(name, name),
+        labelled=False, width=420,
+    )  # fmt: skip
 
 
 def _choose_example(workspace: Workspace, page: str) -> None:
-    key, titles = f"{page}_example", [laws.title for laws in PUBLISHED]
-
-    def changed() -> None:
-        workspace.laws.example = st.session_state[key]
-        workspace.drive.forget()
-
-    st.selectbox(
-        "Published set",
-        titles,
-        index=titles.index(workspace.laws.example),
-        key=sync_widget(key, workspace.laws.example),
-        on_change=changed,
-        label_visibility="collapsed",
-        width=320,
-    )
+    select(
+        "Published set", [published.title for published in PUBLISHED],
+        workspace.parameter_choice.example, f"{page}_example",
+        lambda title: _set(workspace, example=title), labelled=False, width=320,
+    )  # fmt: skip
 
 
 def _edit_rows(workspace: Workspace, page: str) -> None:
     """A table of vehicles to type into; it keeps its own changes while it is on the page."""
-    choice, key = workspace.laws, f"{page}_rows"
+    choice, key = workspace.parameter_choice, f"{page}_rows"
     if key not in st.session_state:
         choice.base = choice.rows
     number = st.column_config.NumberColumn
@@ -199,7 +193,7 @@ def _edit_rows(workspace: Workspace, page: str) -> None:
     )
     rows = tuple(_row(*row) for row in edited.itertuples(index=False, name=None))
     if len(rows) != len(choice.rows):
-        workspace.drive.forget()
+        workspace.platoon_choice.reset()
     choice.rows = rows
 
 
@@ -214,5 +208,5 @@ def _typed(rows: tuple[TypedRow, ...]) -> ParameterSet:
             f"The table has {len(rows)} vehicles; give at least one and at most {MOST}."
         )
     names = tuple(name.strip() or f"Vehicle {k}" for k, (name, *_) in enumerate(rows, 1))
-    laws = Parameters.of([[math.nan if v is None else v for v in values] for _, *values in rows])
-    return ParameterSet(BY_HAND, names, laws)
+    values = [[math.nan if v is None else v for v in values] for _, *values in rows]
+    return ParameterSet(BY_HAND, names, Parameters.of(values))

@@ -1,4 +1,4 @@
-"""Where a recording comes from: a sample, an upload, or a folder on the server."""
+"""Opening a recording: a sample, an upload, or a file in a folder on the server."""
 
 import hashlib
 import os
@@ -13,7 +13,7 @@ from accpinn.errors import AccpinnError
 from accpinn.recordings import openacc
 from accpinn.recordings.recording import Recording
 from accpinn.recordings.synthetic import Truth, load_truth, truth_path
-from pages.ui.components.text import escape_markdown
+from pages.ui.components.messages import escape_markdown, show_error
 from pages.ui.session.workspace import Workspace
 
 SAMPLES = Path(__file__).parents[3] / "sample_data"
@@ -33,7 +33,7 @@ Load = Callable[[], tuple[Recording, Truth | None]]
 
 @st.cache_resource(max_entries=16, show_spinner="Reading the recording …")
 def _parse(sha256: str, name: str, _raw: bytes) -> Recording:
-    """Recordings are read-only, so all who ask for the same bytes may share one."""
+    """Recordings are read-only, so all sessions may share one of the same bytes."""
     return openacc.read(_raw, name)
 
 
@@ -57,7 +57,7 @@ def from_file(path: Path) -> Recording:
 
 
 def sample(path: Path) -> tuple[Recording, Truth]:
-    """A sample and what it was made from."""
+    """A sample and its true parameters."""
     return from_file(path), load_truth(truth_path(path))
 
 
@@ -70,9 +70,9 @@ def open_with(workspace: Workspace, load: Load) -> None:
 
 
 def choose_source(workspace: Workspace) -> None:
-    """The three ways in, one at a time."""
+    """One of the three sources, and its controls."""
     kind = st.segmented_control(
-        "Where is the recording?",
+        "Source of the recording",
         ("Sample", "Upload", "Folder on the server"),
         key="data_source",
         default="Sample",
@@ -87,7 +87,7 @@ def choose_source(workspace: Workspace) -> None:
         _choose_file(workspace)
     if workspace.refusal:
         kept = " The recording opened before is kept." if workspace.recording else ""
-        st.error(escape_markdown(workspace.refusal + kept), icon=":material/error:")
+        show_error(workspace.refusal + kept)
 
 
 def _choose_sample(workspace: Workspace) -> None:
@@ -109,7 +109,7 @@ def _choose_sample(workspace: Workspace) -> None:
 
 
 def _open_button(label: str, workspace: Workspace, load: Load) -> None:
-    """The next step as long as nothing is open."""
+    """The primary button as long as nothing is open."""
     kind: Literal["primary", "secondary"] = "secondary" if workspace.recording else "primary"
     st.button(label, type=kind, on_click=open_with, args=(workspace, load))
 

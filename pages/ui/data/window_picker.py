@@ -1,22 +1,24 @@
-"""What is cut from a recording: vehicles, Case and window, by widgets or on the chart."""
+"""The segment to cut from a recording: vehicles, Case and window, by widgets or on the chart."""
 
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from itertools import takewhile
 from math import ceil
+from typing import Any
 
 import streamlit as st
 
+from accpinn.errors import SegmentError
 from accpinn.recordings.recording import Recording, Window
-from accpinn.results.figures.recording import has_ribbons, regime_key, regime_ribbons
-from accpinn.results.figures.recording import overview as draw_overview
+from accpinn.results.figures import recording as figures
+from accpinn.results.figures.recording import regime_key, regime_ribbons
 from accpinn.results.figures.style import vehicle_colour
 from accpinn.segment.cut import MINIMUM_DURATION
 from accpinn.segment.regimes import label_regimes
 from accpinn.segment.vehicles import MAX_FOLLOWERS, chains
-from pages.ui.components.charts import show_chart
-from pages.ui.components.frame import show_key
-from pages.ui.data.regimes import whole
-from pages.ui.session.workspace import Workspace, sync_widget
+from pages.ui.components.charts import show_chart, show_key
+from pages.ui.components.widgets import number, segments, select
+from pages.ui.session.workspace import Workspace
 
 CASES = {
     "I": "Case I: one set of α, β, τ for the whole platoon, as if all followers were the same car.",
@@ -36,119 +38,80 @@ def choose_vehicles(workspace: Workspace, recording: Recording) -> None:
     # Another recording gets widgets of its own: the same ones would show the former names.
     leader_key, last_key = (f"data_{end}_{recording.sha256[:12]}" for end in ("leader", "last"))
 
-    def lead() -> None:
-        leader = st.session_state[leader_key]
-        last = max(chosen[-1], leader + 1)
-        workspace.choose(vehicles=_up_to(possible[leader], last))
+    def lead(leader: int) -> None:
+        workspace.choose(_up_to(possible[leader], max(chosen[-1], leader + 1)))
 
-    def follow() -> None:
-        last = st.session_state[last_key]
-        workspace.choose(vehicles=_up_to(possible[chosen[0]], last))
+    def follow(last: int) -> None:
+        workspace.choose(_up_to(possible[chosen[0]], last))
 
-    leaders, followers = list(possible), possible[chosen[0]][1:]
-    st.selectbox(
-        "Leader",
-        leaders,
-        index=leaders.index(chosen[0]),
-        format_func=recording.label,
-        key=sync_widget(leader_key, chosen[0]),
-        on_change=lead,
-    )
-    st.selectbox(
-        "Last follower",
-        followers,
-        index=followers.index(chosen[-1]),
-        format_func=recording.label,
-        key=sync_widget(last_key, chosen[-1]),
-        on_change=follow,
-    )
+    select("Leader", possible, chosen[0], leader_key, lead, recording.label)
+    select("Last follower", possible[chosen[0]][1:], chosen[-1], last_key, follow, recording.label)
     if len(chosen) > 2:
-        _choose_case(workspace)
+        segments(
+            "Case", {case: f"Case {case}" for case in CASES}, workspace.case, "data_case",
+            lambda case: workspace.choose(case=case),
+        )  # fmt: skip
+        st.caption(CASES[workspace.case])
 
 
 def _up_to(chain: tuple[int, ...], last: int) -> tuple[int, ...]:
-    return tuple(takewhile(lambda number: number <= last, chain))
-
-
-def _choose_case(workspace: Workspace) -> None:
-    st.segmented_control(
-        "Case",
-        list(CASES),
-        default=workspace.case,
-        format_func=lambda case: f"Case {case}",
-        key=sync_widget("data_case", workspace.case),
-        on_change=lambda: workspace.choose(case=st.session_state["data_case"]),
-        required=True,
-        label_visibility="collapsed",
-    )
-    st.caption(CASES[workspace.case])
+    return tuple(takewhile(lambda vehicle: vehicle <= last, chain))
 
 
 def choose_window(workspace: Workspace, recording: Recording) -> None:
     """Start and length in seconds."""
     window = workspace.window
 
-    def moved() -> None:
-        start = st.session_state["data_start"]
-        length = st.session_state["data_length"]
+    def moved(_: float) -> None:
+        start, length = st.session_state["data_start"], st.session_state["data_length"]
         if start is not None and length is not None:
             workspace.choose(window=Window(start, start + length))
 
     left, right = st.columns(2)
     start, length = float(window.start), float(window.duration)
-    left.number_input(
-        "Window starts at [s]",
-        0.0,
-        max(recording.duration, start),
-        start,
-        key=sync_widget("data_start", start),
-        step=10.0,
-        format="%.1f",
-        on_change=moved,
-    )
-    right.number_input(
-        "and lasts [s]",
-        0.0,
-        max(float(ceil(recording.duration)), length),
-        length,
-        key=sync_widget("data_length", length),
-        step=10.0,
-        format="%.1f",
-        on_change=moved,
-    )
+    longest = float(ceil(recording.duration))
+    look: dict[str, Any] = {"min_value": 0.0, "step": 10.0, "format": "%.1f"}
+    number(
+        "Window starts at [s]", start, "data_start", moved, left,
+        max_value=max(recording.duration, start), **look,
+    )  # fmt: skip
+    number(
+        "and lasts [s]", length, "data_length", moved, right,
+        max_value=max(longest, length), **look,
+    )  # fmt: skip
 
 
-def overview(workspace: Workspace, recording: Recording) -> None:
+def show_overview(workspace: Workspace, recording: Recording) -> None:
     """Speeds and gaps over the whole recording; dragging over them sets the window."""
     leader = workspace.vehicles[0]
     entries, faint = [], set()
-    for number in recording.present:
-        label = recording.label(number)
-        role = " (leader)" if number == leader else ""
-        entries.append((label + role, vehicle_colour(number, leader)))
-        if number not in workspace.vehicles:
-            faint.add(label)
+    for vehicle in recording.present:
+        role = " (leader)" if vehicle == leader else ""
+        entries.append((recording.label(vehicle) + role, vehicle_colour(vehicle, leader)))
+        if vehicle not in workspace.vehicles:
+            faint.add(recording.label(vehicle))
     show_key(entries, faint)
-    segment, ribbons = whole(workspace), []
+    segment, ribbons = None, []
+    with suppress(SegmentError):
+        segment = workspace.whole_segment()
     if segment:
         regimes = label_regimes(segment, recording)
         ribbons = regime_ribbons(segment, regimes)
     show_chart(
-        draw_overview(recording, workspace.vehicles, workspace.window, ribbons),
+        figures.overview(recording, workspace.vehicles, workspace.window, ribbons),
         CHART,
         on_select=_dragged(workspace, recording),
         selection_mode="box",
     )
-    if has_ribbons(recording):
+    if figures.has_ribbons(recording):
         st.caption("Vehicle: driven by hand (in the vehicle's colour) and missing data (red).")
     if segment:
-        show_key([(f"Regime: {name}", colour) for name, colour in regime_key(regimes)])
+        show_key((f"Regime: {name}", colour) for name, colour in regime_key(regimes))
 
 
 def _dragged(workspace: Workspace, recording: Recording) -> Callable[[], None]:
     def moved() -> None:
-        window = window_of(st.session_state[CHART], recording)
-        if window:
+        if window := window_of(st.session_state[CHART], recording):
             workspace.choose(window=window)
 
     return moved

@@ -1,4 +1,4 @@
-"""What all browsers share: the stores of results and of snapshots, and the queue of trainings."""
+"""What all browsers share: the stores of results and of snapshots, and the queue of tasks."""
 
 import streamlit as st
 
@@ -32,5 +32,5 @@ def opened(name: str) -> Snapshot:
 
 @st.cache_resource(show_spinner=False)
 def task_queue() -> TaskQueue:
-    """The server's one queue of trainings."""
+    """The server's one queue of tasks."""
     return TaskQueue(store=store())

@@ -1,4 +1,4 @@
-"""What the pages Stability and Platoon remember: whose laws, and which disturbance."""
+"""The user's choices on the pages Stability and Platoon: parameters, map and disturbance."""
 
 from dataclasses import dataclass, field
 from typing import Any, Literal
@@ -7,6 +7,7 @@ from accpinn.model.published import ASTAZERO
 from accpinn.units import RadiansPerSecond
 
 Source = Literal["fit", "published", "snapshot", "hand"]
+Plane = Literal["beta", "alpha"]
 Disturbance = Literal["sinusoid", "step", "brake", "recorded"]
 MOST_FOLLOWERS = 20
 TypedRow = tuple[str, float | None, float | None, float | None]
@@ -25,27 +26,27 @@ class ParameterChoice:
     rows: tuple[TypedRow, ...] = ()
     """By hand; a copy of what was shown before once that is chosen."""
     base: tuple[TypedRow, ...] = ()
-    """What the table of rows began with when it came to the page."""
+    """The rows with which the table came to the page."""
 
 
 @dataclass(eq=False)
 class MapChoice:
     """Which plane of parameters is drawn."""
 
-    plane: Literal["beta", "alpha"] = "beta"
+    plane: Plane = "beta"
     held: int = -1
     """Index of the vehicle whose third parameter is kept; -1 is the last."""
     uncertainty: bool = True
-    """Show what the data leave open."""
+    """Show the uncertainty."""
 
 
 @dataclass(eq=False)
 class PlatoonChoice:
-    """Which platoon drives, and what its leader does."""
+    """Which platoon is simulated, and its leader's disturbance."""
 
     order: Literal["learned", "repeated", "own"] = "learned"
     vehicle: int = 0
-    """Index of the law that is repeated."""
+    """Index of the vehicle that is repeated."""
     followers: int = 8
     own: str = ""
     """Own order, as typed in."""
@@ -59,12 +60,11 @@ class PlatoonChoice:
     in_db: bool = False
     """Amplitudes in dB."""
 
-    def change(self, **choices: Any) -> None:
-        """Note what a widget was set to; without a frequency it is the platoon's peak again."""
+    def set(self, **choices: Any) -> None:
+        """Set one or several of the choices."""
         for name, value in choices.items():
-            if value is not None or name == "omega":
-                setattr(self, name, value)
+            setattr(self, name, value)
 
-    def forget(self) -> None:
-        """Other vehicles are spoken of: what was chosen among the former ones means nothing."""
+    def reset(self) -> None:
+        """Forget what was chosen among other vehicles."""
         self.vehicle, self.omega, self.own = 0, None, ""

@@ -1,19 +1,15 @@
 """What one browser has loaded, chosen and trained; setting an early step drops the later ones."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
-import streamlit as st
-
 from accpinn.errors import ConfigError, SegmentError
-from accpinn.inference.intervals import Uncertainty
-from accpinn.inference.multistart import Trial, multistart
-from accpinn.methods.fit import Fit
-from accpinn.methods.method import TaskContext
-from accpinn.methods.pinn.config import STARTS, PinnConfig, PresetName
-from accpinn.methods.registry import METHODS
+from accpinn.inference.intervals import Uncertainty, intervals
+from accpinn.inference.multistart import Trial
+from accpinn.methods.fit import Fit, Outcome
+from accpinn.methods.pinn.config import PinnConfig, PresetName
 from accpinn.model.cthp import Case, Parameters
 from accpinn.recordings.recording import Recording, Window
 from accpinn.recordings.synthetic import Truth
@@ -23,16 +19,23 @@ from accpinn.segment import regimes
 from accpinn.segment.cut import DURATION, complete_windows, cut
 from accpinn.segment.segment import Segment, SegmentInfo
 from accpinn.segment.vehicles import default_vehicles
-from accpinn.study.comparison import FitRecord, MethodFailure, MethodResult, compare, results_among
-from accpinn.tasks.job import Job
-from accpinn.tasks.series import Series
+from accpinn.study.comparison import (
+    FitRecord,
+    MethodFailure,
+    MethodResult,
+    result_of,
+    results_among,
+)
+from accpinn.tasks import estimations
+from accpinn.tasks.request import TrainingRequest
+from accpinn.tasks.task import Task
 from pages.ui.session.resources import task_queue
 from pages.ui.session.ui_state import MapChoice, ParameterChoice, PlatoonChoice
 
 if TYPE_CHECKING:
     from accpinn.methods.pinn.warm_start import WarmStart
 
-KEPT_RUNS = 24
+KEPT_RECORDS = 24
 """Three comparisons of eight methods."""
 
 
@@ -48,34 +51,34 @@ class Workspace:
     vehicles: tuple[int, ...] = ()
     window: Window = field(default_factory=lambda: Window(0.0, DURATION))
     case: Case = "II"
-    exclude_regimes: tuple[str, ...] = ()
-    """Regimes that the user leaves out of the law's equations."""
+    excluded_regimes: tuple[str, ...] = ()
+    """Regimes that the user leaves out of the model's equations."""
     segment: Segment | None = None
     fault: str = ""
     """Why there is no segment."""
     preset: PresetName = "fast"
     settings: dict[str, dict[str, Any]] = field(default_factory=dict)
     """Per preset, the settings that differ from it."""
-    job: Job | None = None
-    uncertainty: tuple[Fit, Uncertainty] | None = None
-    """What the data leave open about a fit, kept with that fit."""
-    comparison: Series[MethodResult | MethodFailure] | None = None
+    training: Task[Fit] | None = None
+    comparison: Task[MethodResult | MethodFailure] | None = None
     """All methods on the segment, while they run and when they are done."""
-    own: MethodResult | None = None
-    """What the training is worth beside the methods, kept with its fit."""
-    starts: Series[Trial] | None = None
+    starts: Task[Trial] | None = None
     """Trainings of the segment from several initial values."""
-    runs: tuple[FitRecord, ...] = ()
+    records: tuple[FitRecord, ...] = ()
     """Fits that are no longer current, oldest first."""
     snapshot: Snapshot | None = None
     """The result that is shown as it was saved; without its data there may be no segment."""
-    laws: ParameterChoice = field(default_factory=ParameterChoice)
+    parameter_choice: ParameterChoice = field(default_factory=ParameterChoice)
+    map_choice: MapChoice = field(default_factory=MapChoice)
+    platoon_choice: PlatoonChoice = field(default_factory=PlatoonChoice)
     pictures: str = "SVG"
     """The format in which charts are saved."""
     legends: bool = False
     """Whether each chart has one of its own, beside the key that serves a whole page."""
-    map: MapChoice = field(default_factory=MapChoice)
-    drive: PlatoonChoice = field(default_factory=PlatoonChoice)
+    _uncertainty: tuple[Fit, Uncertainty] | None = None
+    """That of a fit, kept with it."""
+    _own: MethodResult | None = None
+    """The evaluated training, kept with its fit."""
 
     def open(self, recording: Recording, truth: Truth | None = None) -> None:
         """Begin with a recording: its longest platoon, and the first window without holes.
@@ -87,23 +90,28 @@ class Workspace:
             return
         vehicles = default_vehicles(recording)
         self.recording, self.truth, self.refusal = recording, truth, ""
-        window = _first_window(recording, vehicles)
-        self.choose(vehicles=vehicles, window=window, exclude_regimes=())
+        self.choose(vehicles, _first_window(recording, vehicles), excluded_regimes=())
 
     def restore(
         self, snapshot: Snapshot, recording: Recording | None = None, truth: Truth | None = None
     ) -> None:
-        """Show a snapshot on every page; its recording stays open, or is opened, if it is given."""
+        """Show a snapshot on every page.
+
+        Args:
+            snapshot: to be shown.
+            recording: in place of the open one; it stays open if the snapshot is of it.
+            truth: of the recording, where it is known.
+        """
         self.archive_and_stop()
         info, given = snapshot.info, recording or self.recording
-        cut_anew = recover(snapshot, given).segment if given else None
-        self.recording = given if cut_anew else None
-        self.truth = (truth or self.truth) if cut_anew else None
-        self.segment = cut_anew or snapshot.segment
+        segment = recover(snapshot, given).segment if given else None
+        self.recording = given if segment else None
+        self.truth = (truth or self.truth) if segment else None
+        self.segment = segment or snapshot.segment
         self.vehicles, self.case = info.vehicles, snapshot.fit.case
-        self.window = Window(info.window.start, info.window.start + info.window.duration)
-        self.leave_out, self.fault, self.refusal = info.excluded_regimes, "", ""
-        self.uncertainty = (snapshot.fit, snapshot.uncertainty) if snapshot.uncertainty else None
+        self.window = Window(info.window.start, info.window.end)
+        self.excluded_regimes, self.fault, self.refusal = info.excluded_regimes, "", ""
+        self._uncertainty = (snapshot.fit, snapshot.uncertainty) if snapshot.uncertainty else None
         self.snapshot = snapshot
         with suppress(ConfigError):  # another method's result leaves the preset as it is
             config = PinnConfig.from_json(snapshot.fit.config)
@@ -114,36 +122,60 @@ class Workspace:
         vehicles: Sequence[int] | None = None,
         window: Window | None = None,
         case: Case | None = None,
-        exclude_regimes: tuple[str, ...] | None = None,
+        excluded_regimes: tuple[str, ...] | None = None,
     ) -> None:
-        """Change the segment or the case; what was trained before is let go."""
+        """Change the segment or the case; earlier results become records.
+
+        Args:
+            vehicles: numbers in the file, leader first.
+            window: of the recording.
+            case: "I" or "II".
+            excluded_regimes: left out of the model's equations.
+        """
         self.archive_and_stop()
         self.snapshot = None
         self.vehicles = tuple(vehicles or self.vehicles)
         self.window, self.case = window or self.window, case or self.case
-        self.leave_out = self.leave_out if exclude_regimes is None else exclude_regimes
-        if self.recording is None:
-            return
+        if excluded_regimes is not None:
+            self.excluded_regimes = excluded_regimes
         try:
-            window = self.window
-            whole = cut(self.recording, window.start, window.duration, self.vehicles)
-            self.segment = regimes.exclude_regimes(
-                whole, regimes.label_regimes(whole, self.recording), self.leave_out
-            )
+            whole = self.whole_segment()
+            if whole and self.recording:
+                labels = regimes.label_regimes(whole, self.recording)
+                self.segment = regimes.exclude_regimes(whole, labels, self.excluded_regimes)
             self.fault = ""
         except SegmentError as fault:
             self.segment, self.fault = None, str(fault)
+
+    def whole_segment(self) -> Segment | None:
+        """The chosen segment with all its instants; None where no recording is open.
+
+        Raises:
+            SegmentError: where the window cannot be used.
+        """
+        if self.recording is None:
+            return None
+        return cut(self.recording, self.window.start, self.window.duration, self.vehicles)
+
+    def request(
+        self, config: PinnConfig, warm: "WarmStart | None" = None
+    ) -> TrainingRequest | None:
+        """The request for a training of the segment; None where there is no segment."""
+        return TrainingRequest(self.segment, self.case, config, warm) if self.segment else None
 
     def train(
         self, config: PinnConfig, warm: "WarmStart | None" = None, anew: bool = False
     ) -> None:
         """Queue a training of the segment.
 
-        It may begin with the weights of ``warm``, or ``anew`` where an earlier one stopped.
+        Args:
+            config: all settings.
+            warm: an earlier fit to begin with.
+            anew: begin at the first iteration, also where an earlier training stopped later.
         """
-        if self.segment:
-            self._remember([self.fit] if self.fit else [])
-            self.job = task_queue().submit(self.id, self.segment, self.case, config, warm, anew)
+        if request := self.request(config, warm):
+            self._record([self.fit] if self.fit else [])
+            self.training = task_queue().submit(estimations.training(self.id, request), anew)
 
     @property
     def warm(self) -> "WarmStart | None":
@@ -157,83 +189,90 @@ class Workspace:
 
     def compare(self) -> None:
         """Queue all methods on the segment."""
-        segment, case, recording = self.segment, self.case, self.recording
-        if segment is None:
-            return
-
-        def rows(means: TaskContext) -> Iterator[MethodResult | MethodFailure]:
-            yield from compare(segment, case, recording=recording, context=means)
-
-        self._remember([row.fit for row in self.compared])
-        self.comparison = task_queue().run(
-            Series(
-                self.id,
-                "comparison",
-                tuple(METHODS),
-                rows,
-                [method.typical_seconds for method in METHODS.values()],
-            )
-        )
+        if self.segment:
+            self._record([row.fit for row in self.compared])
+            task = estimations.comparison(self.id, self.segment, self.case, self.recording)
+            self.comparison = task_queue().submit(task)
 
     def train_starts(self, config: PinnConfig) -> None:
         """Queue a training of the segment from each of five initial values."""
-        segment, case = self.segment, self.case
-        if segment is None:
-            return
+        if self.segment:
+            task = estimations.starts(self.id, self.segment, self.case, config)
+            self.starts = task_queue().submit(task)
 
-        def trials(means: TaskContext) -> Iterator[Trial]:
-            return multistart(segment, case, config, context=means)
-
-        names = tuple(f"start {k} of {len(STARTS)}" for k in range(1, len(STARTS) + 1))
-        series = Series(self.id, "series of starts", names, trials, (1.0,) * len(names))
-        self.starts = task_queue().run(series)
+    @property
+    def tasks(self) -> tuple[Task[Any], ...]:
+        """All that were asked for on this segment."""
+        every = (self.training, self.comparison, self.starts)
+        return tuple(task for task in every if task)
 
     def archive_and_stop(self) -> None:
-        """Keep what the present fits say among the earlier runs, and end what still runs.
+        """Keep a record of the present fits, and end what still runs.
 
         A training that is stopped leaves its checkpoint, from which the same request goes on.
         """
-        self._remember([row.fit for row in self.compared] + ([self.fit] if self.fit else []))
-        for task in (self.job, self.comparison, self.starts):
-            if task:
-                task_queue().stop(task)
-        self.job = self.comparison = self.starts = None
-        if self.laws.source in (None, "fit"):
-            self.drive.forget()
-            self.map.held = -1
+        self._record([row.fit for row in self.compared] + ([self.fit] if self.fit else []))
+        for task in self.tasks:
+            task_queue().stop(task)
+        self.training = self.comparison = self.starts = None
+        if self.parameter_choice.source in (None, "fit"):
+            self.platoon_choice.reset()
+            self.map_choice.held = -1
 
-    def _remember(self, fits: Sequence[Fit]) -> None:
+    def _record(self, fits: Sequence[Fit]) -> None:
         if self.segment is None:
             return
         for fit in fits:
-            run = FitRecord.of(self.segment, fit)
-            others = [other for other in self.runs if not other.same_as(run)]
-            self.runs = (*others, run)[-KEPT_RUNS:]
+            record = FitRecord.of(self.segment, fit)
+            others = [other for other in self.records if not other.same_as(record)]
+            self.records = (*others, record)[-KEPT_RECORDS:]
 
     @property
     def compared(self) -> tuple[MethodResult, ...]:
-        """What the methods say of the segment, as far as they were run."""
+        """The results of the methods, as far as they were run."""
         if self.comparison:
             return results_among(self.comparison.results)
         return self.snapshot.methods if self.snapshot else ()
 
+    def compared_with_training(self) -> tuple[MethodResult, ...]:
+        """The same, and the finished training where no method ran with its settings."""
+        rows, fit, segment = self.compared, self.fit, self.segment
+        if not rows or segment is None or fit is None or fit.method != "pinn":
+            return rows
+        known = any((row.fit.method, row.fit.config) == ("pinn", fit.config) for row in rows)
+        if known or fit.outcome not in (Outcome.FINISHED, Outcome.SETTLED):
+            return rows
+        if self._own is None or self._own.fit is not fit:
+            self._own = result_of(segment, fit, self.recording)
+        return (*rows, self._own)
+
     @property
     def fit(self) -> Fit | None:
         """The result of the training, or else of the snapshot shown, if there is one yet."""
-        if self.job:
-            return self.job.fit
+        if self.training:
+            return self.training.result
         return self.snapshot.fit if self.snapshot else None
 
     @property
-    def described(self) -> SegmentInfo | None:
-        """What the fit is of; it is known also where the data are not."""
+    def fit_info(self) -> SegmentInfo | None:
+        """The segment that the fit is of; it is known also where the data are not."""
         if self.segment:
             return self.segment.info
         return self.snapshot.info if self.snapshot else None
 
+    def uncertainty(self) -> Uncertainty | None:
+        """That of the current fit; None where there is none, or its data are not here."""
+        if self.fit is None:
+            return None
+        if self._uncertainty is None or self._uncertainty[0] is not self.fit:
+            if self.segment is None:
+                return None
+            self._uncertainty = (self.fit, intervals(self.segment, self.fit))
+        return self._uncertainty[1]
+
     @property
     def true_parameters(self) -> Parameters | None:
-        """One entry a follower of the segment; nothing where the truth is not known."""
+        """One entry a follower of the segment; None where the truth is not known."""
         if self.truth is None:
             return None
         return self.truth.parameters[[number - 2 for number in self.vehicles[1:]]]
@@ -246,16 +285,3 @@ def _first_window(recording: Recording, vehicles: tuple[int, ...]) -> Window:
         return Window(0.0, min(DURATION, recording.duration))
     best = max(complete, key=lambda window: (min(window.duration, DURATION), -window.start))
     return Window(best.start, min(best.end, best.start + DURATION))
-
-
-def sync_widget(key: str, value: object) -> str:
-    """Let the widget of that key show ``value``, whatever it showed before; returns the key.
-
-    The workspace is the one place where choices live: a widget reports a change through its
-    callback and is told here what to show, so page switches and reloads lose nothing. Give the
-    widget the same value as its default, too: a browser that is still loading may miss what is
-    told here, and would then report the default as the user's choice.
-    """
-    if st.session_state.get(key) != value:
-        st.session_state[key] = value
-    return key

@@ -1,31 +1,30 @@
-"""The server's snapshots on a page: the list, one of them in full, and what can be done with it."""
+"""The server's snapshots: the list, one of them in full, and how to open or verify it."""
 
 from urllib.parse import urlsplit
 
 import streamlit as st
 
-from accpinn.errors import SnapshotError
 from accpinn.results.messages.snapshot import check_rows, summary
 from accpinn.results.report.page import render_report
 from accpinn.results.snapshot.library import Entry
 from accpinn.results.snapshot.schema import SUFFIX, Snapshot
 from accpinn.results.snapshot.verification import check, obstacle
 from accpinn.results.tables.names import TITLES
-from accpinn.results.tables.table import STYLE, Column, Table
+from accpinn.results.tables.table import Column, Table
 from accpinn.units import Seconds
-from pages.ui.components import frame
-from pages.ui.components.text import escape_markdown
-from pages.ui.session.registry import SNAPSHOT
+from pages.ui.components.messages import show_error, show_messages
+from pages.ui.components.table import show_table
 from pages.ui.session.resources import library, opened
+from pages.ui.session.sessions import SNAPSHOT
 from pages.ui.session.workspace import Workspace
-from pages.ui.snapshots.saving import flash
+from pages.ui.snapshots.saving import flash, flashing
 
 LISTED = 50
 """Snapshots in the table; all can be chosen below it."""
 WIDEST = 28
 """Characters of a name or file name in that table."""
 SAME = "the same"
-"""In place of a figure recomputed that need not be read twice."""
+"""In place of a recomputed value that equals the stored one."""
 QUICK: Seconds = 20.0
 """A method that took longer is not run again while the page waits."""
 
@@ -83,9 +82,9 @@ def choose(label: str, key: str, entries: tuple[Entry, ...], first: str = "") ->
 
 
 def show_one(workspace: Workspace, entry: Entry) -> None:
-    """What it is, the buttons, its link, and whether it is what it says."""
+    """Note, buttons, link, and verification."""
     if entry.fault:
-        st.error(escape_markdown(entry.fault), icon=":material/error:")
+        show_error(entry.fault)
         _delete_button(entry)
         return
     if entry.note:
@@ -115,7 +114,7 @@ def show_one(workspace: Workspace, entry: Entry) -> None:
         _delete_button(entry)
     st.caption("Link to this snapshot; it opens on any page of this server.")
     st.code(link_to(entry.id), language=None)
-    with st.expander("Is it what it says? Stored beside recomputed", icon=":material/fact_check:"):
+    with st.expander("Verify: stored beside recomputed", icon=":material/fact_check:"):
         show_verification(workspace, opened(entry.id))
 
 
@@ -127,27 +126,21 @@ def link_to(name: str) -> str:
 
 
 def _open(workspace: Workspace, name: str) -> None:
-    try:
+    with flashing():
         workspace.restore(opened(name))
-    except SnapshotError as fault:
-        flash("error", str(fault))
-        return
-    flash("success", "Opened: every page now shows this snapshot.")
+        flash("success", "Opened: every page now shows this snapshot.")
 
 
 def _delete_button(entry: Entry) -> None:
     with st.popover("Delete", icon=":material/delete:"):
-        st.write("Delete it from the server for everyone? Links to it will end here.")
+        st.write("Delete it from the server for everyone? Links to it will stop working.")
         st.button("Yes, delete it", key="snapshots_delete", on_click=_delete, args=(entry,))
 
 
 def _delete(entry: Entry) -> None:
-    try:
+    with flashing():
         library().delete(entry.id)
-    except SnapshotError as fault:
-        flash("error", str(fault))
-        return
-    flash("success", f"Deleted: {title(entry)}.")
+        flash("success", f"Deleted: {title(entry)}.")
 
 
 def _file_name(entry: Entry) -> str:
@@ -157,7 +150,7 @@ def _file_name(entry: Entry) -> str:
 
 
 def show_verification(workspace: Workspace, snapshot: Snapshot) -> None:
-    """Every figure checked, as stored and as computed now from the snapshot's own contents."""
+    """Every number checked, as stored and as computed now from the snapshot's own contents."""
     recording = workspace.recording
     same = recording if recording and recording.sha256 == snapshot.info.sha256 else None
     again = False
@@ -169,64 +162,13 @@ def show_verification(workspace: Workspace, snapshot: Snapshot) -> None:
     with st.spinner("Computing all of it anew"):
         found = check(snapshot, same, refit=again)
     if found.ok:
-        st.success(escape_markdown(summary(found, snapshot.info)), icon=":material/verified:")
+        show_messages(summary(found, snapshot.info), "success", "verified")
     else:
-        st.error(escape_markdown(summary(found, snapshot.info)), icon=":material/error:")
+        show_error(summary(found, snapshot.info))
     texts = (Column(title, prose=True) for title in ("Result", "Stored", "Recomputed"))
     columns = (Column("Checked"), *texts)
     rows = tuple(
         (c.name, c.sentence, c.stored, SAME if c.ok and c.stored == c.recomputed else c.recomputed)
         for c in check_rows(found, snapshot.info)
     )
-    st.html(STYLE + Table("", columns, rows).to_html())
-
-
-def banner(workspace: Workspace) -> None:
-    """On a page that shows a snapshot: which one, and what would complete it."""
-    snapshot = workspace.snapshot
-    if snapshot is None:
-        return
-    name = escape_markdown(snapshot.name or snapshot.id)
-    if workspace.job:
-        state = "the training is new, on the same window."
-    elif workspace.recording:
-        state = "its recording is open, so everything is complete."
-    elif workspace.segment:
-        state = "its data came with it."
-    else:
-        state = "it came without its data."
-    st.info(f"From the snapshot **{name}**; {state}", icon=":material/inventory_2:")
-    if snapshot.id and not library().has(snapshot.id):
-        st.warning(
-            "This snapshot was deleted from the server and lasts only as long as this session;"
-            " keep it again, and its link works again.",
-            icon=":material/delete:",
-        )
-        st.button("Keep it again", key="snapshots_keep", on_click=_keep, args=(snapshot,))
-
-
-def _keep(snapshot: Snapshot) -> None:
-    try:
-        library().add(snapshot)
-    except SnapshotError as fault:
-        flash("error", str(fault))
-
-
-def recording_needed(workspace: Workspace, snapshot: Snapshot, what: str) -> None:
-    """Why a page cannot show something, which recording would help, and the way to open it."""
-    _name_recording(snapshot, what, "Open that file on the Data page, and the window is restored.")
-    frame.link(frame.DATA, "Open the recording on Data", workspace, "arrow_forward")
-
-
-def recording_needed_here(snapshot: Snapshot, what: str) -> None:
-    """The same on the page Data itself, which opens it."""
-    _name_recording(snapshot, what, "Open that file below, and the window is restored.")
-
-
-def _name_recording(snapshot: Snapshot, what: str, cure: str) -> None:
-    info = snapshot.info
-    st.warning(
-        f"{what} the recording, which is not part of the snapshot. It is"
-        f" **{escape_markdown(info.source)}**, SHA-256 `{info.sha256 or 'not known'}`. {cure}",
-        icon=":material/database:",
-    )
+    show_table(Table("", columns, rows))

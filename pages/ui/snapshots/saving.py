@@ -1,6 +1,9 @@
-"""How a snapshot comes to the server's store: saved from the current result, or brought along."""
+"""Saving the current result as a snapshot, and importing a snapshot's file."""
 
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Literal
 
 import streamlit as st
 
@@ -10,29 +13,35 @@ from accpinn.results.snapshot.create import create
 from accpinn.results.snapshot.schema import LARGEST, LONGEST_NAME, LONGEST_NOTE
 from accpinn.units import Seconds
 from pages.ui.components import frame
-from pages.ui.components.text import escape_markdown
+from pages.ui.components.messages import show_messages
 from pages.ui.session.resources import library
 from pages.ui.session.workspace import Workspace
 
-SAID = "snapshots_said"
-"""The entry in Streamlit's session state with what a click came to: kind, sentence, and when."""
-SAID_FOR: Seconds = 20.0
+FLASH = "snapshots_flash"
+"""The entry in Streamlit's session state with the outcome of a click: kind, sentence, and when."""
+FLASH_FOR: Seconds = 20.0
 
 
-def flash(kind: str, sentence: str) -> None:
+def flash(kind: Literal["success", "error"], sentence: str) -> None:
     """Show a sentence on this page for a while."""
-    st.session_state[SAID] = (kind, sentence, time.monotonic())
+    st.session_state[FLASH] = (kind, sentence, time.monotonic())
+
+
+@contextmanager
+def flashing(about: str = "") -> Iterator[None]:
+    """Show why a snapshot cannot be stored or opened, and end the block; ``about`` names it."""
+    try:
+        yield
+    except SnapshotError as fault:
+        flash("error", f"{about}{fault}")
 
 
 def show_flash() -> None:
-    """What the last click came to; a second run right after the first must not swallow it."""
-    kind, sentence, said = st.session_state.get(SAID, ("", "", 0.0))
-    if time.monotonic() - said > SAID_FOR:
-        return
-    if kind == "error":
-        st.error(escape_markdown(sentence), icon=":material/error:")
-    elif kind:
-        st.success(escape_markdown(sentence), icon=":material/check_circle:")
+    """The outcome of the last click; a second run right after the first must not swallow it."""
+    if FLASH in st.session_state:
+        kind, sentence, since = st.session_state[FLASH]
+        if time.monotonic() - since <= FLASH_FOR:
+            show_messages(sentence, kind)
 
 
 def save_form(workspace: Workspace) -> None:
@@ -41,14 +50,12 @@ def save_form(workspace: Workspace) -> None:
     st.subheader("Save the current result", anchor=False)
     if fit is None or fit.outcome is Outcome.DIVERGED:
         st.caption("There is no result to save yet: train on a window first.")
-        frame.link(frame.TRAIN, "Go to Train", workspace, "arrow_forward")
+        frame.link(frame.TRAIN, "Go to Train", workspace)
         return
     if segment is None:
         st.caption("The result shown is a snapshot already, and its data are not open.")
         return
-    stopped = unfinished(fit)
-    if stopped:
-        st.warning(escape_markdown(stopped), icon=":material/pause_circle:")
+    show_messages(unfinished(fit), "warning", "pause_circle")
     with st.form("snapshots_form", border=False):
         st.text_input("Name", key="snapshots_name", max_chars=LONGEST_NAME)
         st.text_area("Note", key="snapshots_note", max_chars=LONGEST_NOTE, height=80)
@@ -67,51 +74,45 @@ def save_form(workspace: Workspace) -> None:
 
 def save(workspace: Workspace) -> None:
     """Keep the current result with all that the session knows of it."""
-    fit, segment, known = workspace.fit, workspace.segment, workspace.uncertainty
+    fit, segment, old = workspace.fit, workspace.segment, workspace.snapshot
     if fit is None or segment is None:
         return
-    old = workspace.snapshot
-    try:
-        found = create(
+    with flashing():
+        snapshot = create(
             segment,
             fit,
             recording=workspace.recording,
             facts=old.facts if old else None,
-            uncertainty=known[1] if known and known[0] is fit else None,
+            uncertainty=workspace.uncertainty(),
             evaluation=old.evaluation if old and old.fit is fit else None,
             methods=workspace.compared,
             name=st.session_state["snapshots_name"].strip(),
             note=st.session_state["snapshots_note"].strip(),
             with_data=st.session_state["snapshots_with_data"],
         )
-        kept = library().add(found)
-    except SnapshotError as fault:
-        flash("error", str(fault))
-        return
-    st.session_state["snapshots_chosen"] = kept
-    flash("success", f"Saved as “{found.name}”." if found.name else f"Saved as snapshot {kept}.")
+        kept = library().add(snapshot)
+        st.session_state["snapshots_chosen"] = kept
+        name = f"“{snapshot.name}”" if snapshot.name else f"snapshot {kept}"
+        flash("success", f"Saved as {name}.")
 
 
 def upload_form() -> None:
-    """A colleague's file, kept only once it is known to be whole."""
+    """A file from elsewhere, kept only once it is known to be whole."""
 
-    def brought() -> None:
+    def uploaded() -> None:
         upload = st.session_state["snapshots_upload"]
         if upload is None:
             return
-        try:
+        with flashing(f"{upload.name}: "):
             kept = library().add(upload.getvalue())
-        except SnapshotError as fault:
-            flash("error", f"{upload.name}: {fault}")
-            return
-        st.session_state["snapshots_chosen"] = kept
-        flash("success", f"{upload.name} is whole and now in the list as {kept}.")
+            st.session_state["snapshots_chosen"] = kept
+            flash("success", f"{upload.name} is whole and now in the list as {kept}.")
 
-    st.subheader("Bring one from a colleague", anchor=False)
+    st.subheader("Import a snapshot", anchor=False)
     st.file_uploader(
         f"A file that ends in .accpinn.zip, up to {LARGEST / 1e6:.0f} MB; it is checked first.",
         type="zip",
         key="snapshots_upload",
-        on_change=brought,
+        on_change=uploaded,
         max_upload_size=int(LARGEST / 1e6),
     )

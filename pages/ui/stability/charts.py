@@ -1,7 +1,6 @@
-"""The response over frequency, which can be clicked, and what the map of parameters shows."""
+"""The Bode magnitude, which can be clicked, the criteria and the map of parameters."""
 
-from collections.abc import Mapping, Sequence
-from typing import Any, Literal
+from typing import Any
 
 import streamlit as st
 
@@ -9,37 +8,42 @@ from accpinn.inference.intervals import Uncertainty
 from accpinn.model.published import ParameterSet
 from accpinn.results.figures import stability as figures
 from accpinn.results.figures.style import LEADER
-from accpinn.results.figures.uncertainty import add_bands
+from accpinn.results.figures.uncertainty import add_bands, add_clouds, cloud_caption
 from accpinn.stability.report import StabilityReport
 from accpinn.units import RadiansPerSecond
 from pages.ui.components import frame
-from pages.ui.components.charts import show_chart
-from pages.ui.components.text import escape_markdown
-from pages.ui.session.workspace import Workspace, sync_widget
+from pages.ui.components.charts import clicked_data, show_chart, show_key
+from pages.ui.components.messages import escape_markdown
+from pages.ui.components.widgets import segments, select
+from pages.ui.session.ui_state import Plane
+from pages.ui.session.workspace import Workspace
 
-PLATOON = "pages/4_Platoon.py"
 WHOLE = -1
 """Stands for the platoon in place of one vehicle's index."""
-
-
-def show_key(laws: ParameterSet) -> None:
-    """Which colour is which vehicle."""
-    entries = list(zip(laws.labels, figures.colours(laws), strict=True))
-    if len(laws) > 1:
-        entries.append(("Leader to last follower (dashed)", LEADER))
-    frame.show_key(entries)
+PLANES: dict[Plane, str] = {"beta": "β and τ", "alpha": "α and τ"}
 
 
 def show_bode(
     workspace: Workspace,
-    laws: ParameterSet,
+    chosen: ParameterSet,
     report: StabilityReport,
     uncertainty: Uncertainty | None,
 ) -> None:
-    """The chart, and a button for each peak; either leads to the platoon at that frequency."""
-    figure = figures.bode(laws, report)
+    """The chart, and a button for each peak; either leads to the platoon at that frequency.
+
+    Args:
+        workspace: the session.
+        chosen: the vehicles' names and parameters.
+        report: theirs.
+        uncertainty: to be drawn as bands.
+    """
+    entries = list(zip(chosen.labels, figures.colours(chosen), strict=True))
+    if len(chosen) > 1:
+        entries.append(("Leader to last follower (dashed)", LEADER))
+    show_key(entries)
+    figure = figures.bode(chosen, report)
     event = show_chart(
-        add_bands(figure, laws, uncertainty) if uncertainty else figure,
+        add_bands(figure, chosen, uncertainty) if uncertainty else figure,
         "stability_bode",
         on_select="rerun",
         selection_mode="points",
@@ -47,22 +51,20 @@ def show_bode(
     band = f" Shaded: {100 * uncertainty.level:.0f} % bands." if uncertainty else ""
     st.caption(
         "Diamonds: peaks. Rings: below that frequency the vehicle amplifies. Click on a curve to"
-        f" see what a platoon does to that frequency, or take a peak.{band}"
+        f" simulate a platoon at that frequency, or take a peak.{band}"
     )
-    _peak_buttons(workspace, laws, report)
-    clicked = clicked_point(event["selection"]["points"])
-    if clicked:
+    _peak_buttons(workspace, chosen, report)
+    if clicked := clicked_point(event["selection"]["points"]):
         open_platoon(workspace, *clicked)
 
 
-def _peak_buttons(workspace: Workspace, laws: ParameterSet, report: StabilityReport) -> None:
-    whole = report.platoon.peaks[-1]
+def _peak_buttons(workspace: Workspace, chosen: ParameterSet, report: StabilityReport) -> None:
     entries = [
         (k, label, vehicle.peak)
-        for k, (label, vehicle) in enumerate(zip(laws.spoken, report.vehicles, strict=True))
+        for k, (label, vehicle) in enumerate(zip(chosen.spoken, report.vehicles, strict=True))
     ]
-    if len(laws) > 1:
-        entries.append((WHOLE, "the platoon in order", whole))
+    if len(chosen) > 1:
+        entries.append((WHOLE, "the platoon in order", report.platoon.peaks[-1]))
     with st.container(horizontal=True):
         for k, label, peak in entries:
             if peak.omega and st.button(
@@ -73,53 +75,77 @@ def _peak_buttons(workspace: Workspace, laws: ParameterSet, report: StabilityRep
                 open_platoon(workspace, peak.omega, k)
 
 
-def clicked_point(points: Sequence[Mapping[str, Any]]) -> tuple[RadiansPerSecond, int] | None:
+def clicked_point(points: list[dict[str, Any]]) -> tuple[RadiansPerSecond, int] | None:
     """Frequency and vehicle of the point clicked on; None where there is none."""
+    vehicle = clicked_data(points)
     if not points:
         return None
-    which = points[0].get("customdata", WHOLE)
-    return float(points[0]["x"]), int(which[0] if isinstance(which, list) else which)
+    return float(points[0]["x"]), WHOLE if vehicle is None else int(vehicle)
 
 
 def open_platoon(workspace: Workspace, omega: RadiansPerSecond, vehicle: int) -> None:
-    """To the platoon of that vehicle, or of all in order, at that frequency."""
-    drive = workspace.drive
-    drive.order = "learned" if vehicle == WHOLE else "repeated"
-    drive.vehicle = max(vehicle, 0)
-    drive.omega = float(f"{omega:.4g}")
-    drive.kind = "sinusoid"
-    frame.go(PLATOON, workspace)
+    """Turn to the platoon of that vehicle, or of all in order, at that frequency."""
+    workspace.platoon_choice.set(
+        order="learned" if vehicle == WHOLE else "repeated",
+        vehicle=max(vehicle, 0),
+        omega=float(f"{omega:.4g}"),
+        kind="sinusoid",
+    )
+    frame.go(frame.PLATOON, workspace)
 
 
-def choose_map(workspace: Workspace, laws: ParameterSet) -> tuple[int, Literal["beta", "alpha"]]:
-    """Which plane, and which vehicle's third parameter is kept."""
-    choice = workspace.map
-    held = choice.held if 0 <= choice.held < len(laws) else len(laws) - 1
+def show_criteria(chosen: ParameterSet, report: StabilityReport) -> None:
+    """Each vehicle's criteria, and those of the platoon up to it."""
+    st.subheader("Criteria over the platoon", anchor=False)
+    st.caption(
+        "Stable where a criterion is above 0 and a gain is at 1. Dotted: from the leader to that"
+        " follower, through all vehicles before it."
+    )
+    show_key(figures.CRITERIA_KEY)
+    show_chart(figures.criteria_by_vehicle(chosen, report), "stability_criteria")
 
-    def changed() -> None:
-        choice.plane = st.session_state["stability_plane"]
-        choice.held = st.session_state.get("stability_held", held)
 
+def show_map(
+    workspace: Workspace,
+    chosen: ParameterSet,
+    report: StabilityReport,
+    uncertainty: Uncertainty | None,
+) -> None:
+    """The boundaries of stability in a plane of two parameters.
+
+    Args:
+        workspace: the session.
+        chosen: the vehicles' names and parameters.
+        report: theirs.
+        uncertainty: to be drawn as posterior samples.
+    """
+    st.subheader("Map of stability", anchor=False)
+    held, plane = choose_map(workspace, chosen)
+    show_key(figures.MAP_KEY)
+    chart = figures.stability_map(chosen, report, held, plane)
+    if uncertainty:
+        chart = add_clouds(chart, chosen, uncertainty, plane)
+    show_chart(chart, "stability_map")
+    kept = "α" if plane == "beta" else "β"
+    st.caption(
+        f"Boundaries at {escape_markdown(chosen.labels[held])}'s {kept}; above them the vehicle is"
+        " stable. Hatched: stable by the paper's L∞ criterion, but peaks grow."
+        + (f" Rings: vehicles with a {kept} of their own." if len(chosen) > 1 else "")
+        + (f" {cloud_caption(chart, uncertainty, plane)}" if uncertainty else "")
+    )
+
+
+def choose_map(workspace: Workspace, chosen: ParameterSet) -> tuple[int, Plane]:
+    """The vehicle whose third parameter is kept, and the plane."""
+    choice = workspace.map_choice
+    held = choice.held if 0 <= choice.held < len(chosen) else len(chosen) - 1
     with st.container(horizontal=True, vertical_alignment="center"):
-        st.segmented_control(
-            "Plane",
-            ("beta", "alpha"),
-            default=choice.plane,
-            format_func=lambda plane: {"beta": "β and τ", "alpha": "α and τ"}[plane],
-            key=sync_widget("stability_plane", choice.plane),
-            on_change=changed,
-            required=True,
-            label_visibility="collapsed",
-        )
-        if len(laws) > 1:
-            st.selectbox(
-                "Vehicle",
-                range(len(laws)),
-                index=held,
-                format_func=lambda k: laws.labels[k],
-                key=sync_widget("stability_held", held),
-                on_change=changed,
-                label_visibility="collapsed",
-                width=240,
-            )
+        segments("Plane", PLANES, choice.plane, "stability_plane",
+                 lambda plane: setattr(choice, "plane", plane))  # fmt: skip
+        if len(chosen) > 1:
+            select(
+                "Vehicle", range(len(chosen)), held, "stability_held",
+                lambda k: setattr(choice, "held", k), lambda k: chosen.labels[k],
+                labelled=False, width=240,
+            )  # fmt: skip
     return held, choice.plane

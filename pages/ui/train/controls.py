@@ -1,4 +1,4 @@
-"""What starts, stops and continues a training."""
+"""Buttons that start, stop and continue a training."""
 
 from contextlib import suppress
 from typing import TYPE_CHECKING
@@ -7,12 +7,12 @@ import streamlit as st
 
 from accpinn.errors import ConfigError
 from accpinn.methods.pinn.config import PinnConfig
-from accpinn.tasks.job import Job
 from accpinn.tasks.task import Status
-from pages.ui.session.resources import task_queue
+from pages.ui.components.messages import attempt
+from pages.ui.components.monitor import stop_button
+from pages.ui.session.resources import store
 from pages.ui.session.workspace import Workspace
 from pages.ui.train.settings import (
-    checked_config,
     choose_preset,
     chosen_config,
     options,
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 CONTINUES = (
     "A training of this window with these settings, here or in another session, was stopped there;"
-    " the server keeps where it stood."
+    " the server keeps its checkpoint."
 )
 
 
@@ -36,34 +36,25 @@ def controls(workspace: Workspace) -> None:
         st.caption(preset_line(workspace), width="stretch")
     with st.expander("Options", icon=":material/tune:"):
         options(workspace)
-    config = checked_config(workspace)
+    config = attempt(lambda: chosen_config(workspace))
     with place:
         buttons(workspace, config)
 
 
 def buttons(workspace: Workspace, config: PinnConfig | None) -> None:
     """Start, Stop or Continue: whichever makes sense now."""
-    job = workspace.job
-    if job and job.is_active:
-        st.button(
-            "Stop training",
-            icon=":material/stop:",
-            key="train_stop",
-            disabled=job.is_stopping,
-            on_click=task_queue().stop,
-            args=(job,),
-        )
+    training = workspace.training
+    if training and training.is_active:
+        stop_button(training, "Stop training", "train_stop")
         return
-    at = None
-    if config and workspace.segment:
-        warm = stopped_warm(workspace, config)
-        at = task_queue().resume_iteration(workspace.segment, workspace.case, config, warm)
+    at = resume_iteration(workspace, config, stopped_warm(workspace, config)) if config else None
     label, icon = ("Start training", "play_arrow")
     if at is not None:
         label, icon = (f"Continue from iteration {at:,}", "resume")
+    done = training and training.status is Status.DONE and training.request
     st.button(
         label,
-        type="primary" if not is_done(job, config) else "secondary",
+        type="secondary" if done and done.config == config else "primary",
         icon=f":material/{icon}:",
         key="train_start",
         disabled=config is None,
@@ -73,18 +64,15 @@ def buttons(workspace: Workspace, config: PinnConfig | None) -> None:
     )
     if at is not None:
         st.button(
-            "Start anew",
-            icon=":material/restart_alt:",
-            key="train_anew",
-            on_click=start,
+            "Start anew", icon=":material/restart_alt:", key="train_anew", on_click=start,
             args=(workspace, False, True),
-        )
+        )  # fmt: skip
 
 
 def continue_button(workspace: Workspace) -> None:
     """Train on from the weights of the snapshot shown, where it has some and the data are here."""
-    snapshot, job = workspace.snapshot, workspace.job
-    if snapshot is None or not snapshot.fit.arrays or (job and job.is_active):
+    snapshot, training = workspace.snapshot, workspace.training
+    if snapshot is None or not snapshot.fit.arrays or (training and training.is_active):
         return
     st.button(
         "Continue from these weights",
@@ -98,8 +86,14 @@ def continue_button(workspace: Workspace) -> None:
 
 
 def start(workspace: Workspace, from_snapshot: bool = False, anew: bool = False) -> None:
-    """Train with what is chosen at the moment of the click, also when that was not drawn yet."""
-    with suppress(ConfigError):  # the page says what is wrong with a setting
+    """Train with the settings at the moment of the click, also when they were not drawn yet.
+
+    Args:
+        workspace: the session.
+        from_snapshot: begin with the weights of the snapshot shown.
+        anew: begin at the first iteration, also where an earlier training stopped later.
+    """
+    with suppress(ConfigError):  # the page shows what is wrong with a setting
         config = chosen_config(workspace)
         warm = workspace.warm if from_snapshot else None
         if not (from_snapshot or anew):
@@ -107,17 +101,18 @@ def start(workspace: Workspace, from_snapshot: bool = False, anew: bool = False)
         workspace.train(config, warm, anew)
 
 
-def stopped_warm(workspace: Workspace, config: PinnConfig) -> "WarmStart | None":
-    """What the training that was stopped had begun with, so that going on is the same request."""
-    job = workspace.job
-    if job is None or job.status is not Status.STOPPED or job.request.config != config:
-        return None
-    asked = job.request
-    if task_queue().resume_iteration(asked.segment, asked.case, config, asked.warm) is None:
+def resume_iteration(
+    workspace: Workspace, config: PinnConfig, warm: "WarmStart | None"
+) -> int | None:
+    """The iteration from which an earlier training would go on; None where there is none."""
+    request = workspace.request(config, warm)
+    return request.resume_iteration(store()) if request else None
+
+
+def stopped_warm(workspace: Workspace, config: PinnConfig | None) -> "WarmStart | None":
+    """The weights with which the stopped training began: going on is the same request."""
+    training = workspace.training
+    asked = training.request if training and training.status is Status.STOPPED else None
+    if asked is None or asked.config != config or asked.resume_iteration(store()) is None:
         return None
     return asked.warm
-
-
-def is_done(job: Job | None, config: PinnConfig | None) -> bool:
-    """Whether just this was trained already."""
-    return job is not None and job.status is Status.DONE and job.request.config == config

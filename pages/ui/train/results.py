@@ -1,11 +1,13 @@
-"""What a training has learned: outcome, table, curves, downloads."""
+"""The result of a training: outcome, tables, curves, downloads."""
 
-from pathlib import Path
+from collections.abc import Sequence
+from functools import partial
 
 import streamlit as st
 
 from accpinn.evaluation.closed_loop import (
     ClosedLoopFinding,
+    TrackingErrors,
     closed_loop,
     closed_loop_errors,
     closed_loop_findings,
@@ -13,20 +15,63 @@ from accpinn.evaluation.closed_loop import (
 )
 from accpinn.inference.intervals import Uncertainty
 from accpinn.methods import least_squares
-from accpinn.methods.fit import Fit, Outcome, headway_notes
+from accpinn.methods.fit import Fit, History, Outcome, headway_notes
 from accpinn.model.cthp import Parameters
-from accpinn.results.figures.style import vehicle_colour
-from accpinn.results.figures.training import tracking
+from accpinn.results.figures import training as figures
 from accpinn.results.messages import messages
 from accpinn.results.tables import estimates as tables
-from accpinn.results.tables import table as typeset
 from accpinn.results.tables.estimates import intervals_table
-from accpinn.segment.quality import assess_quality
+from accpinn.segment.quality import Quality, assess_quality
 from accpinn.segment.segment import Segment, SegmentInfo
-from pages.ui.components.charts import show_chart
-from pages.ui.components.text import bullets, escape_markdown, format_duration
-from pages.ui.components.uncertainty import doubt_of_fit
+from accpinn.tasks.task import Task
+from pages.ui.components.charts import show_chart, vehicle_key
+from pages.ui.components.messages import format_duration, show_messages
+from pages.ui.components.table import show_downloads, show_table, stem_of, vehicle_colours
+from pages.ui.components.widgets import pick_follower
 from pages.ui.session.workspace import Workspace
+
+FIRST_DRAWING = 1.0
+"""Seconds of training before the first curves: a short one would be slowed by drawing it."""
+
+
+def show_training(training: Task[Fit], truth: Parameters | None, running: bool) -> None:
+    """Loss terms and parameters over iterations.
+
+    Args:
+        training: whose history is shown as far as it is known.
+        truth: the true parameters, where they are known.
+        running: nothing is drawn of the first moments.
+    """
+    history, request = training.history(), training.request
+    if history is None or request is None:
+        return
+    if not running or history.seconds[-1] > FIRST_DRAWING:
+        show_history(history, request.segment.info, "train", truth)
+        st.caption(
+            "Training minimises the loss Ψ, the sum of its terms: Ψ_D, the distance of the"
+            " network's curves from the data, and Ψ_F, the residuals of the model's equations."
+        )
+
+
+def show_history(
+    history: History, info: SegmentInfo, page: str, truth: Parameters | None = None
+) -> None:
+    """Loss terms and parameters over iterations.
+
+    Args:
+        history: of a training.
+        info: names the vehicles.
+        page: the beginning of the charts' keys.
+        truth: the true parameters, where they are known.
+    """
+    vehicle_key(info, with_truth=bool(truth))
+    loss, *parameters = st.columns(4)
+    with loss:
+        show_chart(figures.loss_history(history), f"{page}_loss")
+    for which, column in enumerate(parameters):
+        with column:
+            figure = figures.parameter_history(history, which, info, truth)
+            show_chart(figure, f"{page}_parameter_{which}")
 
 
 def show_result(workspace: Workspace) -> None:
@@ -34,68 +79,81 @@ def show_result(workspace: Workspace) -> None:
     fit, segment = workspace.fit, workspace.segment
     if fit is None or segment is None:
         return
+    driven = closed_loop(segment, fit)
+    errors = surrogate_errors(segment, fit), closed_loop_errors(segment, fit)
+    show_fit(
+        segment.info, fit, assess_quality(segment), errors, closed_loop_findings(segment, driven),
+        workspace.uncertainty(), "train",
+    )  # fmt: skip
+    show_estimates(segment, fit, workspace.true_parameters)
+    st.subheader("Network against data", anchor=False)
+    follower = pick_follower(segment, "train_follower")
+    show_chart(figures.tracking(segment, follower, fit.surrogate, driven), "train_tracking")
+
+
+def show_fit(
+    info: SegmentInfo,
+    fit: Fit,
+    quality: Quality,
+    errors: tuple[TrackingErrors | None, TrackingErrors | None],
+    events: Sequence[ClosedLoopFinding],
+    uncertainty: Uncertainty | None,
+    page: str,
+) -> None:
+    """Outcome, parameters, errors and intervals of a fit, and what limits it.
+
+    Args:
+        info: names the vehicles.
+        fit: the result.
+        quality: of the segment.
+        errors: of the surrogate and of the closed-loop simulation.
+        events: collisions and the like in that simulation.
+        uncertainty: of the fit, where it is known.
+        page: the beginning of the buttons' keys.
+    """
     show_outcome(fit)
-    uncertainty = doubt_of_fit(workspace)
-    table = parameter_table(segment, fit)
-    colours = [vehicle_colour(n, segment.vehicles[0]) for n in segment.vehicles]
-    st.html(typeset.STYLE + table.coloured(colours).to_html())
+    table = partial(tables.parameter_table, info, fit, quality, *errors)
+    show_table(table(), vehicle_colours(info))
     st.caption(
-        "Surrogate fit: how far the network's own curves are from the data, as the paper's tables"
-        " report it. Closed-loop simulation: how far the learned law drives off when it gets the"
-        " leader's speed only and everything else is its own doing. MAE: mean absolute error of"
-        " space-gap p and speed v."
+        "Surrogate fit: error of the network's own curves, as in the paper's tables. Closed-loop"
+        " simulation: error of the simulation with the learned parameters, with only the leader's"
+        " speed given. MAE: mean absolute error of space-gap p and speed v."
     )
-    show_closed_loop_findings(
-        closed_loop_findings(segment, closed_loop(segment, fit)), segment.info
-    )
-    show_intervals(segment.info, uncertainty)
-    notes = fit.notes + headway_notes(segment.labels, fit.parameters)
-    if uncertainty:
-        notes += messages(uncertainty.findings, segment)
-    if notes:
-        st.info(bullets(notes), icon=":material/info:")
-    downloads(parameter_table(segment, fit, uncertainty), segment.info)
-    compare(segment, fit, workspace.true_parameters)
-    show_curves(segment, fit)
+    after = "The simulation continues, and the closed-loop errors include what follows."
+    show_messages(messages(events, info), "warning", "car_crash", after)
+    show_intervals(info, uncertainty)
+    notes = fit.notes + headway_notes(info.labels, fit.parameters)
+    show_messages(notes + messages(uncertainty.findings if uncertainty else (), info))
+    show_downloads(table(uncertainty), f"{stem_of(info)}_parameters", page)
 
 
 def show_intervals(
-    segment: SegmentInfo,
+    info: SegmentInfo,
     uncertainty: Uncertainty | None,
-    more: str = "Compare and Stability say more.",
+    more: str = "Pages Compare and Stability show more.",
 ) -> None:
-    """What the data leave open about the parameters, whichever method is asked."""
+    """Intervals of the parameters and the probability of string stability.
+
+    Args:
+        info: names the vehicles.
+        uncertainty: None shows nothing.
+        more: the end of the caption.
+    """
     if uncertainty is None:
         return
-    table = intervals_table(segment, uncertainty)
-    colours = [vehicle_colour(n, segment.vehicles[0]) for n in segment.vehicles[1:]]
-    st.html(typeset.STYLE + table.coloured(colours).to_html())
+    show_table(intervals_table(info, uncertainty), vehicle_colours(info)[1:])
     st.caption(
-        "Interval: the values that the data support where disturbances last for seconds, as on a"
-        " road. Stable laws: the share of the laws that the data support that is string stable."
-        f" {more}"
+        "Interval: the values consistent with the data, with disturbances that last for seconds,"
+        " as on a road. Probability of string stability: the share of parameter sets consistent"
+        f" with the data (posterior samples) that are string stable. {more}"
     )
-
-
-def show_closed_loop_findings(findings: tuple[ClosedLoopFinding, ...], info: SegmentInfo) -> None:
-    """Collisions, reversing and divergence; the closed-loop errors beside them include these."""
-    if findings:
-        st.warning(
-            f"{bullets(messages(findings, info))}\n\n"
-            + escape_markdown(
-                "The simulation continues, and the closed-loop errors include what follows."
-            ),
-            icon=":material/car_crash:",
-        )
 
 
 def show_outcome(fit: Fit) -> None:
-    """How it ended, and at what cost."""
-    cost = (
-        f"{fit.iterations:,} iterations in {_duration(fit.seconds)},"
-        f" {fit.network_weights:,} network weights."
-    )
-    cache = " Answered from the cache: this exact request was trained before." if fit.cached else ""
+    """The outcome, and its cost."""
+    took = f"{fit.seconds:.1f} s" if fit.seconds < 60 else format_duration(fit.seconds)
+    cost = f"{fit.iterations:,} iterations in {took}, {fit.network_weights:,} network weights."
+    cache = " From the cache: this exact request was trained before." if fit.cached else ""
     sentence = f"{fit.outcome.value}  \n{cost}{cache}"
     if fit.outcome is Outcome.DIVERGED:
         st.error(sentence, icon=":material/error:")
@@ -105,72 +163,10 @@ def show_outcome(fit: Fit) -> None:
         st.success(sentence, icon=":material/check_circle:")
 
 
-def parameter_table(
-    segment: Segment, fit: Fit, uncertainty: Uncertainty | None = None
-) -> typeset.Table:
-    """As in the paper, with the simulation's errors and the intervals beside."""
-    return tables.parameter_table(
-        segment.info,
-        fit,
-        assess_quality(segment),
-        surrogate_errors(segment, fit),
-        closed_loop_errors(segment, fit),
-        uncertainty,
-    )
-
-
-def downloads(table: typeset.Table, segment: SegmentInfo) -> None:
-    """The table as files."""
-    name = f"{Path(segment.source).stem}_parameters"
-    with st.container(horizontal=True):
-        st.download_button(
-            "CSV",
-            table.to_csv(),
-            f"{name}.csv",
-            "text/csv",
-            on_click="ignore",
-            icon=":material/download:",
-        )
-        st.download_button(
-            "LaTeX",
-            table.to_latex(),
-            f"{name}.tex",
-            "application/x-tex",
-            on_click="ignore",
-            icon=":material/download:",
-        )
-
-
-def compare(segment: Segment, fit: Fit, truth: Parameters | None) -> None:
+def show_estimates(segment: Segment, fit: Fit, truth: Parameters | None) -> None:
     """The network's parameters beside those of one least-squares solve, and the truth."""
-    estimates = {
-        "PiNN": fit.parameters,
-        "Least squares": least_squares.fit(segment, fit.case).parameters,
-    }
-    if truth:
-        estimates["Truth"] = truth
-    table = tables.comparison_table(segment.info, estimates)
-    colours = [vehicle_colour(n, segment.vehicles[0]) for n in segment.vehicles[1:]]
-    st.subheader("Beside other estimates", anchor=False)
-    st.html(typeset.STYLE + table.coloured(colours).to_html())
-
-
-def show_curves(segment: Segment, fit: Fit) -> None:
-    """Network against data, a follower at a time."""
-    st.subheader("Network against data", anchor=False)
-    follower = 0
-    if segment.followers > 1:
-        follower = st.selectbox(
-            "Follower",
-            range(segment.followers),
-            format_func=lambda k: segment.labels[k + 1],
-            key="train_follower",
-            width=320,
-        )
-    driven = closed_loop(segment, fit)
-    figure = tracking(segment, follower, fit.surrogate, driven)
-    show_chart(figure, "train_tracking")
-
-
-def _duration(seconds: float) -> str:
-    return f"{seconds:.1f} s" if seconds < 60 else format_duration(seconds)
+    solved = least_squares.fit(segment, fit.case).parameters
+    estimates = {"PiNN": fit.parameters, "Least squares": solved}
+    estimates |= {"Truth": truth} if truth else {}
+    st.subheader("Comparison with least squares", anchor=False)
+    show_table(tables.comparison_table(segment.info, estimates), vehicle_colours(segment)[1:])

@@ -158,7 +158,10 @@ class TestForged:
     def test_intervals(self, figure: str) -> None:
         uncertainty = small().uncertainty
         assert uncertainty is not None
-        forged = replace(uncertainty, **{figure: getattr(uncertainty, figure) * 1.001 + 0.001})
+        honest = getattr(uncertainty, figure)
+        values = 1.001 * getattr(honest, "values", honest) + 0.001
+        other = Parameters.of(values) if isinstance(honest, Parameters) else values
+        forged = replace(uncertainty, **{figure: other})
         found = fault(check(replace(small(), uncertainty=forged)))
         assert found.part == "uncertainty"
         assert found.place.startswith(figure)

@@ -1,4 +1,4 @@
-"""Which browser's workspace it is: the server keeps them, the address names them.
+"""The server's workspaces, one for each browser session; the address names which.
 
 The address carries ``?session=...``; so a reload, a page switch or a bookmark finds everything
 again. With ``?snapshot=...`` it opens one of the server's snapshots, on any page.
@@ -25,7 +25,7 @@ SNAPSHOT = "snapshot"
 """Name of the query parameter that opens one of the server's snapshots."""
 
 FOLLOWED = "snapshot_followed"
-"""The entry that holds the snapshots which this browser was shown already."""
+"""The entry that holds the snapshots whose links this browser has followed."""
 
 
 class Workspaces:
@@ -60,9 +60,8 @@ class Workspaces:
             name, (used, workspace) = next(iter(self._kept.items()))
             if used >= oldest and len(self._kept) <= KEPT_WORKSPACES:
                 return
-            for task in (workspace.job, workspace.comparison, workspace.starts):
-                if task:
-                    task.stop()
+            for task in workspace.tasks:
+                task.stop()
             del self._kept[name]
 
 

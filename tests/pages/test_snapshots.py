@@ -10,18 +10,19 @@ from accpinn.methods.fit import Outcome
 from accpinn.methods.pinn.config import PAPER, preset
 from accpinn.methods.pinn.training import train
 from accpinn.methods.pinn.warm_start import WarmStart
+from accpinn.model.cthp import Parameters
 from accpinn.recordings.recording import Recording
 from accpinn.results.snapshot.library import Library
 from accpinn.results.snapshot.schema import Snapshot
 from accpinn.tasks.task import Status
 from pages.ui.components.parameter_picker import parameters_from
 from pages.ui.data.sources import FIRST_SAMPLE, sample
-from pages.ui.session import registry as sessions
+from pages.ui.session import sessions
 from pages.ui.session.resources import library, task_queue
 from pages.ui.session.workspace import Workspace
-from pages.ui.snapshots.comparing import differing_settings, other_vehicles, parameter_differences
+from pages.ui.snapshots.differences import differing_settings, other_vehicles, parameter_differences
 from pages.ui.train.settings import chosen_config
-from tests.apptest import (
+from tests.support.apptest import (
     COMPARE,
     DATA,
     PAGES,
@@ -31,6 +32,7 @@ from tests.apptest import (
     TRAIN,
     figures,
     open_page,
+    plain,
     texts,
     with_sample,
     workspace_of,
@@ -56,9 +58,9 @@ def recording() -> Recording:
 def with_fit() -> Workspace:
     found = with_sample()
     found.train(preset("fast", iterations=20))
-    assert found.job is not None
-    assert found.job.wait(120)
-    assert found.job.status is Status.DONE
+    assert found.training is not None
+    assert found.training.wait(120)
+    assert found.training.status is Status.DONE
     return found
 
 
@@ -70,11 +72,11 @@ class TestSaving:
         page.text_area(key="snapshots_note").input("first try")
         next(b for b in page.button if b.label == "Save").click().run()
         assert not page.exception
-        assert "Saved as" in texts(page)
+        assert "Saved as" in plain(page)
         assert "“\\<b\\>mine" in texts(page)
         (entry,) = library().entries()
         assert (entry.name, entry.note, entry.with_data) == ("<b>mine</b>", "first try", False)
-        assert "&lt;b&gt;mine&lt;/b&gt;" in texts(page)
+        assert "&lt;b&gt;mine&lt;/b&gt;" in plain(page)
         assert "<b>mine</b>" not in texts(page)
         kept = library().open(entry.id)
         assert found.fit is not None
@@ -98,20 +100,20 @@ class TestSaving:
 
     def test_without_a_result_there_is_a_way_to_one(self) -> None:
         page = open_page(SNAPSHOTS)
-        assert "no result to save yet" in texts(page)
-        assert "No snapshot is kept here yet" in texts(page)
+        assert "no result to save yet" in plain(page)
+        assert "No snapshot is kept here yet" in plain(page)
 
     def test_a_stopped_training_is_called_so(self) -> None:
         fit = replace(whole().fit, outcome=Outcome.STOPPED, iterations=7)
         page = open_page(SNAPSHOTS, snapshot=library().add(replace(whole(), fit=fit)))
-        assert "stopped at 7 of 20 iterations" in texts(page)
+        assert "stopped at 7 of 20 iterations" in plain(page)
 
     def test_a_full_store_says_so(self) -> None:
         found = with_fit()
         page = open_page(SNAPSHOTS, found)
         library().cap_count = 0
         next(b for b in page.button if b.label == "Save").click().run()
-        assert "is full" in texts(page)
+        assert "is full" in plain(page)
 
 
 class TestList:
@@ -119,12 +121,12 @@ class TestList:
         name = library().add(whole())
         page = open_page(SNAPSHOTS)
         assert f"/Snapshots?snapshot={name}" in page.code[0].value
-        assert "The snapshot is whole" in texts(page).replace("\\", "")
-        assert "Recomputed" in texts(page)
-        assert "the same" in texts(page)
+        assert "The snapshot is whole" in plain(page)
+        assert "Recomputed" in plain(page)
+        assert "the same" in plain(page)
         button(page, "snapshots_open").click().run()
         assert workspace_of(page).snapshot is not None
-        assert "From the snapshot" in texts(page)
+        assert "From the snapshot" in plain(page)
         button(page, "snapshots_delete").click().run()
         assert not page.exception
         assert library().entries() == ()
@@ -136,34 +138,34 @@ class TestList:
         assert page.selectbox(key="snapshots_chosen").value == name
         next(b for b in page.button if b.label == "Save").click().run()
         kept = page.selectbox(key="snapshots_chosen").value
-        assert f"Saved as snapshot {kept}" in texts(page)
+        assert f"Saved as snapshot {kept}" in plain(page)
         assert not page.warning
 
     def test_one_deleted_elsewhere_can_be_kept_again(self) -> None:
         name = library().add(whole())
         page = open_page(TRAIN, snapshot=name)
-        assert "deleted from the server" not in texts(page)
+        assert "deleted from the server" not in plain(page)
         library().delete(name)
         page.run()
-        assert "deleted from the server" in texts(page)
+        assert "deleted from the server" in plain(page)
         button(page, "snapshots_keep").click().run()
-        assert "deleted from the server" not in texts(page)
+        assert "deleted from the server" not in plain(page)
         assert library().has(name)
 
     def test_the_methods_are_run_again_on_demand(self) -> None:
         library().add(whole())
         page = open_page(SNAPSHOTS)
-        assert "that PiNN finds these parameters" in texts(page)
+        assert "that PiNN finds these parameters" in plain(page)
         page.toggle(key="snapshots_again").set_value(True).run()
-        assert "that PiNN finds these parameters" not in texts(page)
-        assert "Method run again, Recursive" in texts(page)
+        assert "that PiNN finds these parameters" not in plain(page)
+        assert "Method run again, Recursive" in plain(page)
 
     def test_a_damaged_one_is_named_and_can_be_deleted(self) -> None:
         name = library().add(whole())
         path = library().folder / f"{name}.accpinn.zip"
         path.write_bytes(path.read_bytes()[:-9])
         page = open_page(SNAPSHOTS)
-        assert "(damaged)" in texts(page)
+        assert "(damaged)" in plain(page)
         assert page.error
         button(page, "snapshots_delete").click().run()
         assert library().entries() == ()
@@ -176,13 +178,14 @@ class TestList:
         page.toggle(key="snapshots_compare").set_value(True).run()
         assert not page.exception
         assert len(figures(page)) == 1
-        assert "What differs" in texts(page)
+        assert "What differs" in plain(page)
 
 
 def test_differences_are_those_of_the_second_against_the_first() -> None:
     one = whole()
-    laws = (replace(one.fit.parameters[0], alpha=1.5 * one.fit.parameters[0].alpha),)
-    other = replace(one, fit=replace(one.fit, parameters=laws + one.fit.parameters[1:]))
+    values = one.fit.parameters.values.copy()
+    values[0, 0] *= 1.5
+    other = replace(one, fit=replace(one.fit, parameters=Parameters.of(values)))
     table = parameter_differences(one, other)
     assert table.rows[0][-1] == "+50.0"
     assert [row[-1] for row in table.rows[1:]] == ["+0.0"] * (3 * one.info.followers - 1)
@@ -217,7 +220,7 @@ class TestLink:
     @pytest.mark.parametrize("name", ["0" * 16, "../../etc"])
     def test_to_nothing_says_so(self, name: str) -> None:
         page = open_page(TRAIN, snapshot=name)
-        assert "There is no snapshot" in texts(page)
+        assert "There is no snapshot" in plain(page)
 
     def test_in_a_session_that_exists(self) -> None:
         found, name = with_fit(), library().add(bare())
@@ -250,7 +253,7 @@ class TestLink:
         open_page(TRAIN, found, snapshot=name)
         found.train(preset("fast", iterations=20), found.warm)
         open_page(TRAIN, found, snapshot=name)
-        assert found.job is not None
+        assert found.training is not None
 
 
 class TestRestoring:
@@ -259,7 +262,7 @@ class TestRestoring:
         assert len(figures(open_page(DATA, snapshot=name))) >= 1
         assert len(figures(open_page(TRAIN, snapshot=name))) == 5
         assert len(figures(open_page(STABILITY, snapshot=name))) == 3
-        assert "Least squares" in texts(open_page(COMPARE, snapshot=name))
+        assert "Least squares" in plain(open_page(COMPARE, snapshot=name))
         page = open_page(TRAIN, snapshot=name)
         (table, *_) = [e.proto.body for e in page.get("html") if "<table" in e.proto.body]
         assert f"{whole().fit.parameters[0].alpha:.4f}" in table
@@ -267,7 +270,7 @@ class TestRestoring:
     def test_without_data_the_recording_is_named(self) -> None:
         name, info = library().add(bare()), whole().info
         for path in (DATA, COMPARE, TRAIN):
-            assert info.sha256 in texts(open_page(path, snapshot=name)), path
+            assert info.sha256 in plain(open_page(path, snapshot=name)), path
         page = open_page(TRAIN, snapshot=name)
         assert len(figures(page)) == 5, "history and the network's curves are in the snapshot"
         assert len(figures(open_page(STABILITY, snapshot=name))) == 3
@@ -302,13 +305,14 @@ class TestRestoring:
         name = library().add(whole())
         page = open_page(TRAIN, snapshot=name)
         button(page, "train_warm").click().run()
-        job = workspace_of(page).job
-        assert job is not None
-        assert job.wait(120)
-        assert job.fit is not None
-        assert job.fit.history is not None
-        assert f"Started from the weights of snapshot {name}." in job.fit.notes
-        assert job.fit.history.total[0] == pytest.approx(whole().fit.loss["total"], rel=1e-6)
+        found = workspace_of(page)
+        assert found.training is not None
+        assert found.training.wait(120)
+        fit = found.fit
+        assert fit is not None
+        assert fit.history is not None
+        assert f"Started from the weights of snapshot {name}." in fit.notes
+        assert fit.history.total[0] == pytest.approx(whole().fit.loss["total"], rel=1e-6)
 
     def test_a_stopped_one_goes_on_from_the_same_weights(self) -> None:
         found = sessions.workspaces().new()
@@ -318,7 +322,7 @@ class TestRestoring:
         early = train(found.segment, "II", replace(PAPER, iterations=1), threads=1)
         found.train(config, WarmStart.of(early, "another snapshot"))
         found.preset, found.settings["paper"] = "paper", config.changes()
-        job = found.job
+        job = found.training
         assert job is not None
         while job.progress is None or job.progress.iteration < 2:
             assert not job.wait(0.01)
@@ -327,49 +331,53 @@ class TestRestoring:
         page = open_page(TRAIN, found)
         assert "Continue from iteration" in button(page, "train_start").label
         button(page, "train_start").click().run()
-        assert found.job is not None
-        assert found.job is not job
-        assert found.job.request.warm is job.request.warm
-        task_queue().stop(found.job)
-        assert found.job.wait(60)
+        assert found.training is not None
+        assert found.training is not job
+        assert found.training.request.warm is job.request.warm
+        task_queue().stop(found.training)
+        assert found.training.wait(60)
         page.run()
         button(page, "train_anew").click().run()
-        assert found.job.request.warm is None
-        task_queue().stop(found.job)
+        assert found.training.request.warm is None
+        task_queue().stop(found.training)
 
     def test_goes_on_with_the_settings_it_was_trained_with(self) -> None:
         page = open_page(TRAIN, snapshot=library().add(whole()))
         found = workspace_of(page)
         assert chosen_config(found).to_json() == whole().fit.config
         button(page, "train_warm").click().run()
-        assert found.job is not None
-        assert found.job.request.config.iterations == 20
-        assert "the training is new" in texts(page)
+        assert found.training is not None
+        assert found.training.request.config.iterations == 20
+        assert "the training is new" in plain(page)
 
     def test_without_the_data_no_training_is_offered(self) -> None:
         page = open_page(TRAIN, snapshot=library().add(bare()))
         assert not [b for b in page.button if b.key in ("train_warm", "train_start")]
 
 
-class TestLaws:
+class TestParameters:
     @pytest.mark.parametrize("path", [STABILITY, PLATOON])
     def test_a_snapshot_is_a_source(self, path: str) -> None:
         found = sessions.workspaces().new()
-        found.laws.source = "snapshot"
-        laws = tuple(replace(law, alpha=0.05) for law in whole().fit.parameters)
-        other = replace(whole(), name="other", fit=replace(whole().fit, parameters=laws))
+        found.parameter_choice.source = "snapshot"
+        known = whole().fit.parameters
+        changed = Parameters(0.05 + 0 * known.alpha, known.beta, known.tau)
+        other = replace(whole(), name="other", fit=replace(whole().fit, parameters=changed))
         name, _ = library().add(other), library().add(whole())
-        found.laws.snapshot = name
+        found.parameter_choice.snapshot = name
         page = open_page(path, found)
         assert not page.error
-        assert parameters_from(found, "snapshot").parameters == laws
+        assert parameters_from(found, "snapshot").parameters == changed
 
     @pytest.mark.parametrize("path", [STABILITY, PLATOON])
     def test_a_run_looks_at_the_shelf_once_and_reads_a_snapshot_once(
         self, path: str, monkeypatch: pytest.MonkeyPatch
     ) -> None:
         found = sessions.workspaces().new()
-        found.laws.source, found.laws.snapshot = "snapshot", library().add(whole())
+        found.parameter_choice.source, found.parameter_choice.snapshot = (
+            "snapshot",
+            library().add(whole()),
+        )
         looks, reads = [], []
         entries, opening = Library.entries, Library.open
         monkeypatch.setattr(Library, "entries", lambda s: looks.append(1) or entries(s))
@@ -381,8 +389,11 @@ class TestLaws:
 
     def test_one_deleted_meanwhile_gives_way_to_another_source(self) -> None:
         found = sessions.workspaces().new()
-        found.laws.source, found.laws.snapshot = "snapshot", library().add(whole())
-        library().delete(found.laws.snapshot)
+        found.parameter_choice.source, found.parameter_choice.snapshot = (
+            "snapshot",
+            library().add(whole()),
+        )
+        library().delete(found.parameter_choice.snapshot)
         page = open_page(STABILITY, found)
         assert not page.error
         assert page.get("plotly_chart")

@@ -12,20 +12,19 @@ from accpinn.methods import least_squares
 from accpinn.methods.pinn.config import preset
 from accpinn.model.cthp import Parameters, Trajectories
 from accpinn.recordings.openacc import read
-from accpinn.recordings.recording import Recording
-from accpinn.segment.segment import Segment, Window
-from accpinn.tasks.job import Job, Request
-from accpinn.tasks.queue import TaskQueue
+from accpinn.recordings.recording import Recording, Window
+from accpinn.segment.segment import Segment
+from accpinn.tasks.estimations import training
+from accpinn.tasks.request import TrainingRequest
 from accpinn.tasks.task import Status
-from pages.ui.components.text import bullets, escape_markdown, format_duration
+from pages.ui.components.messages import bullets, escape_markdown, format_duration
 from pages.ui.data import sources
 from pages.ui.data.window_picker import window_of
-from pages.ui.session import registry as sessions
-from pages.ui.session import workspace
-from pages.ui.session.registry import KEPT_FOR, KEPT_WORKSPACES, Workspaces
+from pages.ui.session import sessions
 from pages.ui.session.resources import task_queue
+from pages.ui.session.sessions import KEPT_FOR, KEPT_WORKSPACES, Workspaces
 from pages.ui.session.workspace import Workspace
-from tests.apptest import (
+from tests.support.apptest import (
     COMPARE,
     DATA,
     PAGES,
@@ -104,18 +103,19 @@ def test_one_click_trains_a_sample() -> None:
     assert not page.exception
     found = sessions.workspaces().find(page.query_params["session"])
     assert found is not None
-    assert found.job is not None
-    assert found.job.wait(WAIT)
+    assert found.training is not None
+    assert found.training.wait(WAIT)
     assert found.fit is not None
-    truth = np.array([[law.alpha, law.beta, law.tau] for law in found.true_parameters])
+    assert found.true_parameters is not None
+    truth = found.true_parameters.values
     np.testing.assert_allclose(found.fit.parameters.values, truth, rtol=0.03)
 
 
 def test_home_says_where_the_session_stands() -> None:
     page = open_page("app.py", with_sample())
-    assert "Where you are" in texts(page)
+    assert "Your session" in texts(page)
     assert "vehicles 1–5" in texts(page)
-    assert "Where you are" not in texts(open_page("app.py"))
+    assert "Your session" not in texts(open_page("app.py"))
 
 
 # Data
@@ -142,19 +142,19 @@ def test_regimes_are_left_out_when_ticked_and_said_everywhere() -> None:
     page = open_page(DATA, found)
     assert found.segment is not None
     assert found.segment.mask is None
-    assert "Left out" not in texts(page)
-    page.checkbox(key="data_leave_out_catching up").check().run()
+    assert "Without" not in texts(page)
+    page.checkbox(key="data_exclude_catching up").check().run()
     assert not page.exception
     assert found.segment.mask is not None
-    assert found.segment.left_out[:, 0].tolist() == (time < 100).tolist()
-    assert "**Left out** of the law: catching up" in texts(page)
+    assert found.segment.mask[:, 0].tolist() == (time >= 100).tolist()
+    assert "**Without** catching up" in texts(page)
     assert "(2 B: 25 % of the instants)" in texts(page).replace("\\", "")
     for path in (TRAIN, "pages/5_Compare.py"):
-        assert "catching up left out" in texts(open_page(path, found))
+        assert "without catching up" in texts(open_page(path, found))
     page.toggle(key="data_sensitivity").set_value(True).run()
     assert not page.exception
     assert "Without catching up" in texts(page)
-    page.checkbox(key="data_leave_out_catching up").uncheck().run()
+    page.checkbox(key="data_exclude_catching up").uncheck().run()
     assert found.segment.mask is None
 
 
@@ -185,7 +185,7 @@ def test_a_bad_upload_is_one_sentence_and_loses_nothing() -> None:
     (error,) = page.error
     assert "this is a PNG image, not a CSV file" in error.value.replace("\\", "")
     assert (found.recording, found.segment) == before
-    assert "What this window tells" in texts(page)
+    assert "Preview of the window" in texts(page)
 
 
 def test_the_folder_on_the_server(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
@@ -247,17 +247,18 @@ def test_vehicles_and_case() -> None:
     last.set_value(4).run()
     assert found.vehicles == (3, 4)
     assert "one set of α, β, τ" not in texts(page)
-    assert [law.alpha for law in found.true_parameters] == [0.0766]
+    assert found.true_parameters is not None
+    assert found.true_parameters.alpha.tolist() == [0.0766]
 
 
 def test_a_new_recording_drops_what_came_after() -> None:
     found = with_sample()
     page = open_page(DATA, found)
     button(page, "Train on this window").click().run()
-    assert found.job is not None
+    assert found.training is not None
     page = open_page(DATA, found)
     page.number_input(key="data_start").set_value(20.0).run()
-    assert found.job is None
+    assert found.training is None
 
 
 def test_names_from_a_file_are_shown_as_they_are() -> None:
@@ -301,8 +302,8 @@ def test_train_shows_table_curves_and_downloads() -> None:
     found = with_sample()
     page = open_page(TRAIN, found)
     button(page, "Start training").click().run()
-    assert found.job is not None
-    assert found.job.wait(WAIT)
+    assert found.training is not None
+    assert found.training.wait(WAIT)
     page.run()
     assert not page.exception
     written = texts(page)
@@ -318,47 +319,46 @@ def test_train_shows_table_curves_and_downloads() -> None:
     assert figures(page)[-1]["layout"]["uirevision"] == "tracking-5"
 
 
-def leaving_out(segment: Segment | None, regimes: tuple[str, ...]) -> Segment:
+def excluding(segment: Segment | None, regimes: tuple[str, ...]) -> Segment:
     """The same with some instants left out, if any regimes are."""
     assert segment
     some = np.zeros_like(segment.gaps, dtype=bool)
     some[:50] = True
-    return replace(segment, left_out=some if regimes else None, excluded_regimes=regimes)
+    return replace(segment, mask=~some if regimes else None, excluded_regimes=regimes)
 
 
-@pytest.mark.parametrize("left_out", [(), ("catching up",)])
-@pytest.mark.parametrize("law", [Parameters(0.01, 0.02, 0.2), Parameters(0.0001, 0.3, 26.3)])
+@pytest.mark.parametrize("excluded", [(), ("catching up",)])
+@pytest.mark.parametrize("parameters", [Parameters(0.01, 0.02, 0.2), Parameters(0.0001, 0.3, 26.3)])
 def test_train_says_what_goes_wrong_and_how_sure_it_is(
-    law: Parameters, left_out: tuple[str, ...]
+    parameters: Parameters, excluded: tuple[str, ...]
 ) -> None:
-    """One law runs into the vehicle ahead, the other's τ is no time headway."""
+    """With one set of parameters vehicles collide, the other's τ is no time headway."""
     found = with_sample()
-    segment = found.segment = leaving_out(found.segment, left_out)
+    segment = found.segment = excluding(found.segment, excluded)
     known = least_squares.fit(segment)
     own = Trajectories(segment.time, segment.speeds, segment.gaps)
-    laws = (law,) * segment.followers
-    request = Request(segment, "II", preset("fast"))
-    found.job = Job(found.id, request)
-    found.job.answer(replace(known, method="pinn", parameters=laws, surrogate=own))
+    same = Parameters.stack([parameters] * segment.followers)
+    found.training = training(found.id, TrainingRequest(segment, "II", preset("fast")))
+    found.training.answer(replace(known, method="pinn", parameters=same, surrogate=own))
     page = open_page(TRAIN, found)
     written = texts(page)
     runs_in = f"{escape_markdown(segment.labels[1])} runs into the vehicle ahead at" in written
-    assert runs_in == (law.tau < 1)
+    assert runs_in == (parameters.tau < 1)
     assert ("errors include what follows" in written) == runs_in
-    assert ("does not determine the time headway of" in written) == (law.tau > 5)
+    assert ("does not determine the time headway of" in written) == (parameters.tau > 5)
     assert "90 % interval" in written
     marks = [trace for trace in figures(page)[-1]["data"] if trace["name"] == "collision"]
     assert len(marks) == runs_in
-    titles = written.count(f"s, {''.join(left_out)} left out")
-    assert titles == 3 * len(left_out), "of the parameters, the intervals and the estimates"
+    titles = written.count(f"s, without {''.join(excluded)}")
+    assert titles == 3 * len(excluded), "of the parameters, the intervals and the estimates"
 
 
 def test_data_says_what_its_figures_are_of() -> None:
     found = with_sample()
     assert "all other figures are of all instants" not in texts(open_page(DATA, found))
-    found.segment = leaving_out(found.segment, ("standstill",))
+    found.segment = excluding(found.segment, ("standstill",))
     written = texts(open_page(DATA, found))
-    assert "s, standstill left out" in written
+    assert "s, without standstill" in written
     assert "all other figures are of all instants" in written
 
 
@@ -367,17 +367,17 @@ def test_the_second_time_the_answer_comes_from_the_cache() -> None:
     for _ in range(2):
         page = open_page(TRAIN, found)
         button(page, "Start training").click().run()
-        assert found.job is not None
-        assert found.job.wait(WAIT)
+        assert found.training is not None
+        assert found.training.wait(WAIT)
     page.run()
-    assert "Answered from the cache" in texts(page)
+    assert "From the cache" in texts(page)
 
 
 def stop_training(found: Workspace) -> None:
     """As the button does, and wait for it."""
-    assert found.job
-    task_queue().stop(found.job)
-    assert found.job.wait(WAIT)
+    assert found.training
+    task_queue().stop(found.training)
+    assert found.training.wait(WAIT)
 
 
 def test_stop_continue_or_begin_anew() -> None:
@@ -387,7 +387,7 @@ def test_stop_continue_or_begin_anew() -> None:
     button(page, "Start training").click().run()
     assert "Stop training" in labels(page)
     assert "Start training" not in labels(page)
-    job = found.job
+    job = found.training
     assert job is not None
     while not (job.progress and job.progress.iteration):
         assert job.is_active
@@ -395,28 +395,28 @@ def test_stop_continue_or_begin_anew() -> None:
     button(page, "Stop training").click().run()
     assert job.wait(WAIT)
     assert job.status is Status.STOPPED
-    assert job.fit
-    at = job.fit.iterations
+    assert job.result
+    at = job.result.iterations
     other = open_page(TRAIN, with_sample())
     other.segmented_control(key="train_preset").set_value("paper").run()
     for one in (page.run(), other):
         assert f"Continue from iteration {at:,}" in labels(one), "another session goes on there too"
         assert "Start training" not in labels(one)
     button(page, f"Continue from iteration {at:,}").click().run()
-    assert found.job is not job
+    assert found.training is not job
     assert "Stop training" in labels(page)
     stop_training(found)
     page.run()
     button(page, "Start anew").click().run()
-    assert found.job
-    while found.job.progress is None:
-        found.job.wait(0.05)
-    first = found.job.history()
+    assert found.training
+    while found.training.progress is None:
+        found.training.wait(0.05)
+    first = found.training.history()
     assert first
     assert first.iteration[0] == 0
     stop_training(found)
-    assert found.job.fit
-    assert not any("Continued" in note for note in found.job.fit.notes)
+    assert found.fit
+    assert not any("Continued" in note for note in found.fit.notes)
 
 
 def test_a_second_session_waits_and_is_told() -> None:
@@ -427,7 +427,7 @@ def test_a_second_session_waits_and_is_told() -> None:
     other = open_page(TRAIN, second)
     button(other, "Start training").click().run()
     assert "yours is next" in texts(other)
-    assert second.job is not None
+    assert second.training is not None
     button(other, "Stop training").click().run()
     assert "Stopped before it began" in texts(other)
 
@@ -452,25 +452,23 @@ def test_options_reach_the_training_and_survive_a_visit_elsewhere() -> None:
     page = open_page(TRAIN, found)  # as after a reload
     assert page.number_input(key="train_fast_seed").value == 7
     button(page, "Start training").click().run()
-    assert found.job is not None
-    config = found.job.request.config
+    assert found.training is not None
+    config = found.training.request.config
     assert (config.seed, config.weight_data, config.initial) == (7, (1.0, 2.0), (0.5, 0.5, 0.5))
-    assert found.job.wait(WAIT)
+    assert found.training.wait(WAIT)
 
 
 def test_a_failed_training_says_why(monkeypatch: pytest.MonkeyPatch) -> None:
     def failing(*args: Any, **options: Any) -> Any:
         raise RuntimeError("boom")
 
-    broken = TaskQueue(train=failing)
-    monkeypatch.setattr(workspace, "task_queue", lambda: broken)
+    monkeypatch.setattr("accpinn.methods.pinn.training.train", failing)
     found = with_sample()
     page = open_page(TRAIN, found)
     button(page, "Start training").click().run()
-    assert found.job is not None
-    assert found.job.wait(WAIT)
+    assert found.training is not None
+    assert found.training.wait(WAIT)
     page.run()
-    broken.close()
     assert not page.exception
     assert "ended unexpectedly" in texts(page)
     assert "boom" not in texts(page)
@@ -532,7 +530,7 @@ def test_durations_in_words(seconds: float, said: str) -> None:
 def test_another_window_ends_a_training_that_nobody_could_stop_any_more() -> None:
     found = with_sample()
     found.train(preset("paper", iterations=20_000))
-    job = found.job
+    job = found.training
     found.choose(window=Window(10.0, 200.0))
     assert job is not None
     assert job.wait(WAIT)
@@ -541,9 +539,13 @@ def test_another_window_ends_a_training_that_nobody_could_stop_any_more() -> Non
 
 def test_another_window_forgets_what_was_chosen_among_the_former_vehicles() -> None:
     found = with_sample()
-    found.drive.own, found.drive.omega, found.map.held = "1-4", 0.3, 3
+    found.platoon_choice.own, found.platoon_choice.omega, found.map_choice.held = "1-4", 0.3, 3
     found.choose(vehicles=(1, 2))
-    assert (found.drive.own, found.drive.omega, found.map.held) == ("", None, -1)
-    found.laws.source, found.drive.own = "published", "1-4"
+    assert (found.platoon_choice.own, found.platoon_choice.omega, found.map_choice.held) == (
+        "",
+        None,
+        -1,
+    )
+    found.parameter_choice.source, found.platoon_choice.own = "published", "1-4"
     found.choose(vehicles=(1, 2, 3))
-    assert found.drive.own == "1-4", "the published laws stay the same"
+    assert found.platoon_choice.own == "1-4", "the published laws stay the same"

@@ -7,10 +7,10 @@ from typing import Any
 from streamlit.testing.v1 import AppTest
 
 from pages.ui.data.sources import FIRST_SAMPLE, sample
-from pages.ui.session import registry as sessions
+from pages.ui.session import sessions
 from pages.ui.session.workspace import Workspace
 
-ROOT = Path(__file__).parent.parent
+ROOT = Path(__file__).parents[2]
 HOME = "app.py"
 DATA, TRAIN, STABILITY = "pages/1_Data.py", "pages/2_Train.py", "pages/3_Stability.py"
 PLATOON, COMPARE, SNAPSHOTS = "pages/4_Platoon.py", "pages/5_Compare.py", "pages/6_Snapshots.py"
@@ -54,6 +54,16 @@ def texts(page: AppTest) -> str:
     boxes = ("info", "warning", "error", "success")
     written = [element.value for kind in (*kinds, *boxes) for element in page.get(kind)]
     return "\n".join([*written, *(element.proto.body for element in page.get("html"))])
+
+
+def plain(page: AppTest) -> str:
+    """The same as a person reads it: without the marks that make foreign text literal."""
+    return texts(page).replace("\\", "")
+
+
+def boxes(page: AppTest, kind: str) -> list[str]:
+    """The sentences in its boxes of one kind, as "warning", without those marks."""
+    return [box.value.replace("\\", "") for box in page.get(kind)]
 
 
 def everything(page: AppTest) -> str:

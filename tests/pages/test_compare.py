@@ -1,0 +1,169 @@
+"""The Compare page without a browser: rows, a stop, five starts, and the session's earlier runs."""
+
+from dataclasses import replace
+
+import pytest
+
+from accpinn.errors import SegmentError
+from accpinn.methods import least_squares
+from accpinn.methods.fit import Outcome
+from accpinn.methods.pinn.config import FAST, PAPER
+from accpinn.methods.registry import METHODS
+from accpinn.recordings.recording import Window
+from accpinn.study.comparison import MethodFailure, compare, result_of
+from accpinn.tasks.task import Status, Task
+from pages.ui.components.charts import clicked_data
+from pages.ui.data.sources import FIRST_SAMPLE, sample
+from pages.ui.session.resources import task_queue
+from pages.ui.session.workspace import KEPT_RECORDS, Workspace
+from tests.support.apptest import (
+    COMPARE,
+    WAIT,
+    boxes,
+    everything,
+    open_page,
+    plain,
+    with_sample,
+)
+
+pytestmark = pytest.mark.usefixtures("fresh_server")
+
+
+@pytest.fixture
+def found(fresh_server: None) -> Workspace:
+    made = with_sample()
+    made.choose(window=Window(0.0, 60.0), vehicles=(1, 2))
+    return made
+
+
+def test_rows_pictures_warnings_starts_and_earlier_fits(found: Workspace) -> None:
+    page = open_page(COMPARE, found)
+    page.button(key="compare_run").click().run()
+    assert found.comparison is not None
+    assert found.comparison.wait(WAIT)
+    assert found.comparison.status is Status.DONE
+    page = open_page(COMPARE, found)
+    shown = everything(page)
+    assert "**2 Audi(A6-like)**: " in plain(page)
+    assert "The estimates differ most in" in shown
+    for part in ("Agreement of the methods", "Identifiability", "Model adequacy"):
+        assert part in shown
+    assert "Earlier fits" not in shown
+    page.selectbox(key="compare_method").set_value("Splines").run()
+    assert "Splines against the data" in everything(page)
+
+    found.train_starts(FAST)
+    assert found.starts is not None
+    assert found.starts.wait(WAIT)
+    assert "Spread" in everything(open_page(COMPARE, found))
+
+    before = found.compared[0].fit
+    found.choose(window=Window(10.0, 60.0))
+    assert found.compared == ()
+    assert found.starts is None
+    assert [run.method for run in found.records] == [
+        "pinn", "least-squares", "savitzky-golay", "splines",
+        "simulation", "recursive", "particle", "dual-ukf",
+    ]  # fmt: skip
+    assert found.records[0].parameters.values[0] == pytest.approx(before.parameters.values[0])
+
+    found.compare()
+    assert found.comparison.wait(WAIT)
+    page = open_page(COMPARE, found)
+    assert "0–60 s → 10–60 s" in everything(page)
+    page.multiselect(key="compare_earlier").set_value(
+        [page.multiselect(key="compare_earlier").options[0]]
+    ).run()
+    assert not page.exception
+    assert "Rings: earlier fits." in everything(page)
+
+
+@pytest.mark.parametrize("failing", [("splines", "particle"), tuple(METHODS)])
+def test_methods_that_fail_are_named_and_the_others_shown(
+    found: Workspace, failing: tuple[str, ...]
+) -> None:
+    assert found.segment is not None
+    fault = SegmentError("Too little is left of the window; choose a longer one.")
+    row = result_of(found.segment, least_squares.fit(found.segment))
+    results = [MethodFailure(name, fault) if name in failing else row for name in METHODS]
+    task = Task(found.id, "comparison", lambda context: iter(results), tuple(METHODS))
+    found.comparison = task_queue().submit(task)
+    assert task.wait(WAIT)
+    assert task.status is Status.DONE
+    page = open_page(COMPARE, found)
+    (failures,) = [box for box in boxes(page, "warning") if box.startswith("No result from ")]
+    who = "Splines, Particle filter" if len(failing) == 2 else "any method"
+    assert failures == f"No result from {who}: {fault}"
+    assert ("Least squares" in everything(page)) == (len(failing) == 2)
+    assert len(found.compared) == len(METHODS) - len(failing)
+
+
+def test_a_stop_keeps_the_rows_and_offers_to_run_again(found: Workspace) -> None:
+    found.compare()
+    assert found.comparison is not None
+    task_queue().stop(found.comparison)
+    assert found.comparison.wait(WAIT)
+    assert found.comparison.status is Status.STOPPED
+    page = open_page(COMPARE, found)
+    assert "Stopped: no result" in plain(page)
+    assert page.button(key="compare_run").label == "Run all methods"
+
+
+def test_earlier_fits_are_bounded_and_none_is_kept_twice(found: Workspace) -> None:
+    assert found.segment is not None
+    fit = least_squares.fit(found.segment)
+    found._record([fit, fit])
+    assert len(found.records) == 1
+    for seed in range(KEPT_RECORDS + 3):
+        found._record([replace(fit, config={"seed": seed})])
+    assert len(found.records) == KEPT_RECORDS
+    assert found.records[-1].config == {"seed": KEPT_RECORDS + 2}
+    found.open(*sample(FIRST_SAMPLE))
+    assert len(found.records) == KEPT_RECORDS, "an early step does not drop them"
+
+
+def test_a_click_has_the_data_of_its_point() -> None:
+    assert clicked_data([]) is None
+    assert clicked_data([{"customdata": "PiNN"}]) == "PiNN"
+    assert clicked_data([{"customdata": ["Splines"]}]) == "Splines"
+
+
+def test_a_training_with_other_settings_has_a_row_of_its_own(found: Workspace) -> None:
+    found.comparison = Task(found.id, "comparison", lambda context: iter(()))
+    assert found.segment is not None
+    least = compare(found.segment, "II", ("least-squares",))
+    found.comparison.results = tuple(least)
+    assert len(found.compared_with_training()) == 1
+    found.train(replace(FAST, iterations=60))
+    assert found.training is not None
+    assert found.training.wait(WAIT)
+    _, own = found.compared_with_training()
+    assert own.fit is found.fit
+    assert own.evaluation.held_out is None
+    assert found.compared_with_training()[1] is own, "it is worked out once"
+    found.comparison.results = (own,)
+    assert found.compared_with_training() == (own,), "the same settings need no second row"
+    found.training.results = (replace(own.fit, outcome=Outcome.STOPPED),)
+    assert found.compared_with_training() == (own,), "an unfinished training is no result"
+
+
+def test_a_comparison_names_one_s_own_training_that_it_waits_for(found: Workspace) -> None:
+    found.train(PAPER)
+    page = open_page(COMPARE, found)
+    assert "Your own training with the paper preset comes first" in plain(page)
+    page.button(key="compare_run").click().run()
+    said = "Your own training with the paper preset comes first"
+    assert said in plain(page)
+    assert "The comparison then starts by itself." in plain(page)
+    assert "Go to Train to stop it" in everything(page)
+
+
+def test_earlier_fits_are_shown_without_a_comparison(found: Workspace) -> None:
+    assert found.segment is not None
+    fit = replace(least_squares.fit(found.segment), method="pinn", config=PAPER.to_json())
+    found._record([replace(fit, outcome=Outcome.STOPPED)])
+    page = open_page(COMPARE, found)
+    assert "Kept from earlier in this session: 1 fit." in plain(page)
+    assert "PiNN (paper preset, stopped), " in plain(page)
+    assert "synthetic_astazero_like.csv, 0–60 s" in plain(page)
+    assert "Differs now in" not in plain(page)
