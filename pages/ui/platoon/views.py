@@ -67,8 +67,8 @@ def show_wave_on_road(run: PlatoonRun, cast: figures.Cast) -> None:
     st.subheader("The wave on the road", anchor=False)
     st.caption(
         "Seen from the leader: press Play or drag the slider."
-        f" {seconds_shown(run, figures.watched(run))} Squares mark the cars, not to scale: from one to"
-        f" the next it is the simulated space-gap and {figures.CAR_LENGTH:g} m of car."
+        f" {seconds_shown(run, figures.watched(run))} Squares mark the cars, not to scale: from one"
+        f" to the next it is the simulated space-gap and {figures.CAR_LENGTH:g} m of car."
     )
     show_chart(figures.animation(run, cast), "platoon_wave")
 
