@@ -121,7 +121,7 @@ def _describe_result(segment: Segment, result: MethodResult) -> dict[str, Any]:
         "seconds": fit.seconds,
         "cached": fit.cached,
         "outcome": fit.outcome.name.lower(),
-        "notes": [*fit.notes, *messages(result.uncertainty.findings, segment)],
+        "notes": list(messages((*fit.findings, *result.uncertainty.findings), segment)),
     }
 
 

@@ -27,11 +27,14 @@ from accpinn.evaluation.closed_loop import (
     closed_loop_findings,
     surrogate_errors,
 )
-from accpinn.methods.fit import Fit, Outcome, Progress
+from accpinn.methods.fit import Fit, Outcome
+from accpinn.methods.history import Progress
 from accpinn.methods.pinn.config import PinnConfig, preset
 from accpinn.methods.registry import METHODS
+from accpinn.model.cthp import Parameters
 from accpinn.recordings.recording import Recording
 from accpinn.results.messages import messages
+from accpinn.results.messages.methods import outcome_message
 from accpinn.results.snapshot.create import check_texts, create
 from accpinn.results.snapshot.file import save, writable_path
 from accpinn.results.tables.estimates import parameter_table
@@ -105,7 +108,7 @@ def _settings(options: argparse.Namespace) -> PinnConfig | None:
     if options.lbfgs is not None:
         changes["lbfgs_iterations"] = options.lbfgs
     settings = preset(options.preset or "fast", **changes)
-    if METHODS[options.method].parse_settings:
+    if METHODS[options.method].settings:
         return settings
     idle = [f"--{name}" for name in _SETTINGS if getattr(options, name) is not None]
     if idle:
@@ -114,14 +117,14 @@ def _settings(options: argparse.Namespace) -> PinnConfig | None:
     return None
 
 
-def _three_numbers(text: str) -> tuple[float, float, float]:
+def _three_numbers(text: str) -> Parameters:
     try:
         alpha, beta, tau = (float(part) for part in text.split(","))
     except ValueError:
         raise ConfigError(
             f'initial: "{text[:40]}" is not α,β,τ; write three numbers as 1,1,1.'
         ) from None
-    return alpha, beta, tau
+    return Parameters(alpha, beta, tau)
 
 
 class _Interrupt:
@@ -166,9 +169,10 @@ class _ProgressBar:
                 file=sys.stderr,
                 mininterval=0.2,
             )
-        alpha, beta, tau = progress.parameters[0]
+        first = progress.parameters[0]
         self._bar.set_postfix_str(
-            f"Ψ={progress.total:.3g} α={alpha:.4f} β={beta:.4f} τ={tau:.3f}", refresh=False
+            f"Ψ={progress.total:.3g} α={first.alpha:.4f} β={first.beta:.4f} τ={first.tau:.3f}",
+            refresh=False,
         )
         self._bar.update(progress.iteration - self._bar.n)
 
@@ -194,8 +198,8 @@ def describe(segment: Segment, fit: Fit, quality: Quality) -> dict[str, Any]:
         "seconds": fit.seconds,
         "cached": fit.cached,
         "outcome": fit.outcome.name.lower(),
-        "outcome_sentence": fit.outcome.value,
-        "notes": [*_about_data(segment, quality), *fit.notes],
+        "outcome_sentence": outcome_message(fit),
+        "notes": list(_notes(segment, fit, quality)),
     }
 
 
@@ -216,10 +220,10 @@ def _text(segment: Segment, fit: Fit, quality: Quality) -> str:
     effort = f"{fit.iterations} iterations in {fit.seconds:.1f} s" + (
         ", answered from the cache" if fit.cached else ""
     )
-    said = [f"{fit.outcome.value} ({effort})", *_events(segment, fit)]
-    notes = [f"Note: {note}" for note in (*_about_data(segment, quality), *fit.notes)]
+    said = [f"{outcome_message(fit)} ({effort})", *_events(segment, fit)]
+    notes = [f"Note: {note}" for note in _notes(segment, fit, quality)]
     return "\n".join([table.to_text(), "", *said, *notes])
 
 
-def _about_data(segment: Segment, quality: Quality) -> tuple[str, ...]:
-    return messages((*segment.findings, *quality.findings), segment)
+def _notes(segment: Segment, fit: Fit, quality: Quality) -> tuple[str, ...]:
+    return messages((*segment.findings, *quality.findings, *fit.findings), segment)

@@ -67,7 +67,7 @@ def _describe(segment: Segment, found: MultistartResult) -> dict[str, Any]:
         "segment": describe_segment(segment),
         "trials": [
             {
-                "initial": list(trial.initial),
+                "initial": trial.initial.values.tolist(),
                 "seed": trial.seed,
                 "parameters": describe_parameters(segment, trial.fit.parameters),
                 "surrogate_gap_mae": trial.surrogate and trial.surrogate.gap_mae.tolist(),

@@ -13,12 +13,11 @@ from numpy.typing import NDArray
 
 from accpinn.findings import Finding
 from accpinn.methods.fit import Fit
+from accpinn.methods.registry import METHODS
 from accpinn.model.cthp import Trajectories, simulate
 from accpinn.segment.segment import Segment
 from accpinn.units import FloatArray, Metres, MetresPerSecond, Seconds
 
-SIMULATED = "simulation"
-"""The method that fits in closed loop: its trajectories are no surrogate."""
 DIVERGED: Metres = 1000.0
 """A follower this far behind no longer follows; measured gaps stay below 200 m."""
 BACKWARDS: MetresPerSecond = -0.5
@@ -83,8 +82,8 @@ def tracking_errors(segment: Segment, trajectories: Trajectories) -> TrackingErr
 
 
 def surrogate_errors(segment: Segment, fit: Fit) -> TrackingErrors | None:
-    """Errors of the surrogate; None for a method that has none or whose curves are simulated."""
-    if fit.surrogate is None or fit.method == SIMULATED:
+    """Errors of the surrogate; None for a method that has none or that fits in closed loop."""
+    if fit.surrogate is None or METHODS[fit.method].is_closed_loop:
         return None
     return tracking_errors(segment, fit.surrogate)
 

@@ -23,7 +23,7 @@ from scipy.stats import norm
 
 from accpinn.findings import Finding
 from accpinn.methods.fit import Fit
-from accpinn.methods.one_second_means import STEP, one_second_means
+from accpinn.methods.regression import STEP, one_second_means
 from accpinn.segment.segment import Segment
 from accpinn.units import FloatArray, Seconds
 
@@ -94,9 +94,9 @@ def whiteness(segment: Segment, fit: Fit) -> Whiteness:
     steps = one_second_means(segment)
     theta = np.nan_to_num(fit.parameters.theta)
     residuals = steps.rates - np.einsum("mkc,mc->mk", steps.terms, theta)
-    pairs = zip(residuals, steps.known, strict=True)
+    pairs = zip(residuals, steps.mask, strict=True)
     figures = np.array([_figures(row, mask, steps.length) for row, mask in pairs])
-    samples = steps.known.sum(axis=1) * steps.samples
+    samples = steps.mask.sum(axis=1) * steps.samples
     rows = zip(segment.vehicles[1:], samples.tolist(), figures.tolist(), strict=True)
     findings = tuple(_finding(*row) for row in rows)
     deviation, correlation, memory, independent, probability = figures.T

@@ -18,11 +18,11 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import brentq
 
-from accpinn.channels import PARAMETERS, Quantity
+from accpinn.channels import PARAMETERS
 from accpinn.findings import Finding
 from accpinn.inference.intervals import ParameterInterval, Uncertainty, parameter_intervals
-from accpinn.methods.regression import Regression
-from accpinn.model.cthp import Case, Parameters, solve_linear
+from accpinn.methods.regression import Regression, solve_bounded
+from accpinn.model.cthp import LARGEST, Case, Parameters
 from accpinn.recordings.checks import LITTLE_LEADER_MOTION
 from accpinn.segment.quality import (
     LARGE_CONDITION,
@@ -125,7 +125,7 @@ class Profile:
 def profiles(segment: Segment, case: Case = "II") -> tuple[tuple[Profile, ...], ...]:
     """Those of α, β and τ of each follower; in Case I the one set that all share."""
     return tuple(
-        tuple(_profile(criterion, which) for which in PARAMETERS)
+        tuple(_profile(criterion, which) for which in range(3))
         for criterion in _criteria(segment, case)
     )
 
@@ -147,16 +147,17 @@ class _Criterion:
         return float(self.power + theta @ self.gram @ theta - 2 * self.moment @ theta)
 
     def held(self, symbol: str, value: float) -> float:
-        """The least S with one parameter at a value: θ = base + directions @ (unknowns ≥ 0)."""
-        base, directions = np.zeros(3), np.eye(3)
+        """The least S with one parameter at a value: θ = base + directions @ (two unknowns ≥ 0)."""
+        base = np.zeros(3)
         if symbol == "τ":
-            directions[1] = value, 0.0, 0.0
+            directions = np.array([[1.0, 0.0], [value, 0.0], [0.0, 1.0]])
         else:
             which = 0 if symbol == "α" else 2
-            base[which], directions[which, which] = value, 0.0
+            base[which] = value
+            directions = np.delete(np.eye(3), which, axis=1)
         gram = directions.T @ self.gram @ directions
         moment = directions.T @ (self.moment - self.gram @ base)
-        return self.at(base + directions @ solve_linear(gram, moment).theta)
+        return self.at(base + directions @ solve_bounded(gram, moment).theta)
 
 
 def _criteria(segment: Segment, case: Case) -> list[_Criterion]:
@@ -169,18 +170,18 @@ def _criteria(segment: Segment, case: Case) -> list[_Criterion]:
     return list(map(_Criterion, grams, moments, powers.tolist(), theta))
 
 
-def _profile(criterion: _Criterion, parameter: Quantity) -> Profile:
-    estimate = Parameters.from_theta(criterion.best).values.tolist()
-    best = float(estimate[PARAMETERS.index(parameter)])
+def _profile(criterion: _Criterion, which: int) -> Profile:
+    symbol, limit = PARAMETERS[which].symbol, float(LARGEST.values[which])
+    best = float(Parameters.from_theta(criterion.best).values[which])
     least = max(criterion.at(criterion.best), np.finfo(float).tiny)
 
     def increase(value: float) -> float:
-        return max(criterion.held(parameter.symbol, value) / least - 1.0, 0.0)
+        return max(criterion.held(symbol, value) / least - 1.0, 0.0)
 
-    lower, upper = _ends(increase, best, parameter.highest)
-    values = _grid(best, lower, upper, parameter.highest)
+    lower, upper = _ends(increase, best, limit)
+    values = _grid(best, lower, upper, limit)
     found = [increase(value) for value in values.tolist()]
-    return Profile(parameter.symbol, best, frozen(values), frozen(found), lower, upper)
+    return Profile(symbol, best, frozen(values), frozen(found), lower, upper)
 
 
 def _ends(increase: Callable[[float], float], best: float, limit: float) -> tuple[float, float]:

@@ -22,7 +22,7 @@ import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
 from accpinn.methods.regression import Regression
-from accpinn.model.cthp import Case, Parameters, regressors, simulate
+from accpinn.model.cthp import RESPONSIVE, Case, Parameters, regressors, simulate
 from accpinn.segment.segment import Segment
 from accpinn.units import FloatArray, Seconds
 
@@ -33,8 +33,6 @@ LEADER_SMOOTHING: Seconds = 0.5
 DEPENDENT = 1e8
 """With a larger condition number the equations do not determine three parameters."""
 LEAST_SAMPLES = 20
-INSTRUMENT_RANGE = (Parameters(0.01, 0.02, 0.3), Parameters(1.0, 2.0, 4.0))
-"""Instruments are simulated with parameters within these: damped, and neither dull nor stiff."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,8 +98,8 @@ def _simulated(parameters: Parameters, time: FloatArray, ahead: FloatArray) -> F
 
 
 def _clip(theta: FloatArray) -> Parameters:
-    """The parameters of θ, within `INSTRUMENT_RANGE`."""
-    least, most = INSTRUMENT_RANGE
+    """The parameters of θ, within `RESPONSIVE`."""
+    least, most = RESPONSIVE
     alpha = float(np.clip(theta[0], least.alpha, most.alpha))
     beta = float(np.clip(theta[2], least.beta, most.beta))
     return Parameters(alpha, beta, float(np.clip(theta[1] / alpha, least.tau, most.tau)))

@@ -6,7 +6,7 @@
 
 Intervals account for noise and disturbances *if the model holds*. Real controllers keep a distance
 at standstill and act with a delay, and a model that lacks these puts them into α, β and τ. Each
-form is fitted by least squares over steps of a second (see `methods.one_second_means`), d is
+form is fitted by least squares over steps of a second (see `methods.regression`), d is
 searched over whole samples. A form that explains held-out seconds better is to be preferred.
 """
 
@@ -18,7 +18,7 @@ import numpy as np
 from scipy.optimize import lsq_linear
 
 from accpinn.findings import Finding
-from accpinn.methods.one_second_means import OneSecondMeans, one_second_means
+from accpinn.methods.regression import OneSecondMeans, one_second_means
 from accpinn.model.cthp import Parameters
 from accpinn.segment.segment import Segment
 from accpinn.units import FloatArray, Seconds
@@ -100,7 +100,7 @@ def better_forms(vehicles: Sequence[int], forms: Sequence[ModelForm]) -> tuple[B
 
 def _fitted(steps: OneSecondMeans, follower: int, constant: bool = False) -> FloatArray:
     """(6,) α, ατ, β, the extra term, and the shares explained in all and in held-out seconds."""
-    mask = steps.known[follower]
+    mask = steps.mask[follower]
     terms, rates = steps.terms[follower][mask], steps.rates[follower][mask]
     if len(rates) < FEWEST:
         return np.full(6, np.nan)

@@ -22,7 +22,7 @@ from accpinn.methods.fit import Fit, Outcome
 from accpinn.methods.method import TaskContext
 from accpinn.methods.pinn.config import FAST, STARTS, PinnConfig
 from accpinn.methods.registry import METHODS
-from accpinn.model.cthp import Case
+from accpinn.model.cthp import Case, Parameters
 from accpinn.segment.segment import Segment
 from accpinn.units import FloatArray
 
@@ -59,7 +59,7 @@ MultistartFinding = TrainingSpread | SpreadUndetermined
 class Trial:
     """One training."""
 
-    initial: tuple[float, float, float]
+    initial: Parameters
     """α [1/s²], β [1/s], τ [s] before the first iteration."""
     seed: int
     fit: Fit
@@ -85,7 +85,7 @@ def multistart(
     case: Case = "II",
     config: PinnConfig = FAST,
     *,
-    initials: Sequence[tuple[float, float, float]] = STARTS,
+    initials: Sequence[Parameters] = STARTS,
     seeds: Sequence[int] | None = None,
     context: TaskContext | None = None,
 ) -> Iterator[Trial]:

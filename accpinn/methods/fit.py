@@ -1,89 +1,174 @@
 """What every estimation method returns: one `Fit`, read by pages, command line and snapshots."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Generator, Iterable, Sequence
+from contextlib import closing
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, Self
 
-from accpinn.model.cthp import Case, Parameters, PlatoonSolution, Trajectories
+from accpinn.findings import Finding
+from accpinn.methods.history import History, Progress
+from accpinn.methods.regression import Solution
+from accpinn.model.cthp import LONGEST_HEADWAY, Case, Parameters, Trajectories
+from accpinn.segment.segment import Segment
 from accpinn.serial import NamedEnum
 from accpinn.units import FloatArray, Seconds
 
 
 class Outcome(NamedEnum):
-    """How an estimation ended, as the sentence the user reads."""
+    """How an estimation ended."""
 
-    SOLVED = "Solved: no change of the estimate improves its criterion."
-    CONVERGED = (
-        "Converged: the best of several starts is kept; no small change of the parameters improves"
-        " it."
-    )
-    FILTERED = "Filtered: every instant was taken in once, in the order of time."
-    SETTLED = (
-        "Settled: twice in a row, 50 iterations moved no parameter by more than 0.1 % and lowered"
-        " Ψ by less than 1 %, so training ended early."
-    )
-    FINISHED = "Finished: all planned iterations were run."
-    STOPPED = (
-        "Stopped by the user: the parameters are those of the last iteration; continue to go on."
-    )
-    DIVERGED = (
-        "Diverged: the numbers are no longer finite; choose another window, or train with a lower"
-        " learning rate or from other initial values."
-    )
+    SOLVED = "solved"
+    """No change of the estimate improves its criterion."""
+    CONVERGED = "converged"
+    """By the method's own rule, further iterations would change nothing."""
+    FILTERED = "filtered"
+    """Every instant was processed once, in the order of time."""
+    FINISHED = "finished"
+    """All planned iterations were run."""
+    STOPPED = "stopped"
+    """By the user."""
+    DIVERGED = "diverged"
+    """The numbers are no longer finite."""
 
 
-LONGEST_HEADWAY: Seconds = 5.0
-"""No cruise control keeps a longer one: their settings end near 3 s."""
+class BoundActive(Finding, frozen=True):
+    """The rational driving constraints hold components of θ at zero."""
+
+    vehicle: int
+    names: tuple[str, ...]
+    """Of α, ατ, β."""
+    unconstrained: tuple[float, float, float]
+    """θ without them."""
 
 
-@dataclass(frozen=True, eq=False)
-class History:
-    """How loss and parameters moved; K kept entries, oldest first."""
+class BoundActiveAtTimes(Finding, frozen=True):
+    """A bound was active for a part of the time over which an online estimate is averaged."""
 
-    iteration: FloatArray
-    """(K,)"""
-    seconds: FloatArray
-    """(K,) since training began, without pauses."""
-    total: FloatArray
-    """(K,) Ψ, the weighted sum of the terms below."""
-    data: FloatArray
-    """(K,) Ψ_D."""
-    physics: FloatArray
-    """(K,) Ψ_F."""
-    initial: FloatArray
-    """(K,) Ψ_R, zero where the term is not used."""
-    parameters: FloatArray
-    """(K, P, 3): α, β, τ; P = 1 in Case I, M in Case II."""
+    vehicle: int
+    name: str
+    """Of α, ατ, β."""
+    share: float
+    """Of the time, 0 to 1."""
+
+
+class LongHeadway(Finding, frozen=True):
+    """A time headway that no vehicle keeps: with α this small, τ is poorly determined."""
+
+    vehicle: int
+    alpha: float
+    tau: Seconds
+
+
+class WeaklyDetermined(Finding, frozen=True):
+    """Other parameter sets reproduce the recording equally well."""
+
+    vehicle: int | None
+    """None for the one set that all followers share."""
+
+
+class NeverDetermined(Finding, frozen=True):
+    """At no time do the samples of an online method determine α, β and τ."""
+
+    vehicle: int
+
+
+class FilterUncertain(Finding, frozen=True):
+    """A filter's gain that is not significantly different from zero at the end."""
+
+    vehicle: int
+    name: str
+    """α or β."""
+    value: float
+    deviation: float
+    """The filter's standard deviation."""
+
+
+class FilterDiverged(Finding, frozen=True):
+    """The measurements jump by more than vehicles can, and a covariance lost its meaning."""
+
+
+class SimulatedSeparately(Finding, frozen=True):
+    """Each follower was simulated behind its measured predecessor."""
+
+
+class SimulatedInStretches(Finding, frozen=True):
+    """The simulation starts anew after each masked stretch."""
+
+    least: Seconds
+    """Shorter stretches are left out too."""
+
+
+class HiddenLayersGain(Finding, frozen=True):
+    """What training the hidden layers contributed: Ψ before and after."""
+
+    before: float
+    after: float
+
+
+class IterationsExhausted(Finding, frozen=True):
+    """Ψ or a parameter still moved when the planned iterations ended."""
+
+    iterations: int
+
+
+class HoldoutLoss(Finding, frozen=True):
+    """The loss at random instants that were kept out of training."""
+
+    instants: int
+    data: float
+    """Ψ_D."""
+    physics: float
+    """Ψ_F."""
+
+
+class Continued(Finding, frozen=True):
+    """The training resumed from a checkpoint."""
+
+    iteration: int
+
+
+class StartedFrom(Finding, frozen=True):
+    """The training began from another fit's weights."""
+
+    origin: str
+
+
+class CacheProblem(Finding, frozen=True):
+    """A file of the cache that could not be used, read or written."""
+
+    sentence: str
+    """From the store; it names the file and the cure."""
+
+
+MethodFinding = (
+    BoundActive
+    | BoundActiveAtTimes
+    | LongHeadway
+    | WeaklyDetermined
+    | NeverDetermined
+    | FilterUncertain
+    | FilterDiverged
+    | SimulatedSeparately
+    | SimulatedInStretches
+    | HiddenLayersGain
+    | IterationsExhausted
+    | HoldoutLoss
+    | Continued
+    | StartedFrom
+    | CacheProblem
+)
 
 
 @dataclass(frozen=True, eq=False)
 class ParameterTrack:
-    """Parameters over time, as an online method followed them; K instants."""
+    """Parameters over time, as an online method estimated them; K instants."""
 
     time: FloatArray
     """(K,) in s from the segment's start."""
-    parameters: FloatArray
-    """(K, M, 3): α, β, τ per follower; nan where the method cannot tell yet."""
+    parameters: Parameters
+    """(K, M); nan where the samples so far do not determine them."""
     deviation: FloatArray | None = None
     """(K, M, 3): the method's own standard deviations, where it has them."""
-
-
-@dataclass(frozen=True, eq=False)
-class Progress:
-    """One moment of a running estimation, handed to whoever watches."""
-
-    phase: str
-    """What runs: "start", "Adam", "L-BFGS", ..."""
-    iteration: int
-    iterations: int
-    """How many are planned at most."""
-    seconds: Seconds
-    total: float
-    data: float
-    physics: float
-    initial: float
-    parameters: FloatArray
-    """(P, 3): α, β, τ."""
 
 
 OnProgress = Callable[[Progress], None]
@@ -99,10 +184,10 @@ class Fit:
     parameters: Parameters
     """One entry a follower, also in Case I, where all are the same."""
     surrogate: Trajectories | None
-    """What the method takes the true motion to be, on the segment's instants."""
+    """The method's estimate of the true motion, on the segment's instants."""
     outcome: Outcome
     seconds: Seconds
-    """Time the estimation took; unchanged when the result comes from the cache."""
+    """Duration of the estimation; unchanged when the result comes from the cache."""
     config: dict[str, Any]
     """Every setting that determined the result, ready for JSON."""
     loss: dict[str, float] = field(default_factory=dict)
@@ -113,57 +198,96 @@ class Fit:
     """Per follower, which of α, ατ, β stand at zero only because of the constraints."""
     history: History | None = None
     track: ParameterTrack | None = None
-    """What an online method estimated at each instant; None for batch methods."""
+    """Estimates over time; None for batch methods."""
     iterations: int = 0
     network_weights: int = 0
     cached: bool = False
-    notes: tuple[str, ...] = ()
-    """What the user should know about this result, in plain sentences."""
+    findings: tuple[MethodFinding, ...] = ()
+    """What the user should know about this result."""
     arrays: dict[str, FloatArray] = field(default_factory=dict)
-    """The method's own state by name (a network's weights), enough to continue or to share."""
+    """The method's own state by name, such as a network's weights: enough to start from it."""
+
+    @classmethod
+    def of(
+        cls,
+        method: str,
+        segment: Segment,
+        case: Case,
+        solution: Solution,
+        *,
+        outcome: Outcome,
+        seconds: Seconds,
+        config: dict[str, Any],
+        surrogate: Trajectories | None = None,
+        findings: Iterable[MethodFinding] = (),
+        **others: Any,
+    ) -> Self:
+        """The fit of a bounded least-squares solution.
+
+        Args:
+            method: key of the method.
+            segment: what was fitted.
+            case: "I" or "II".
+            solution: (M, 3)
+            outcome: how the estimation ended.
+            seconds: its duration.
+            config: see `Fit`.
+            surrogate: see `Fit`.
+            findings: beside those about active bounds.
+            others: further fields of `Fit`.
+        """
+        rows = zip(segment.vehicles[1:], solution.active_names, solution.unconstrained, strict=True)
+        bounds = [BoundActive(n, names, tuple(free.tolist())) for n, names, free in rows if names]
+        return cls(
+            method=method,
+            case=case,
+            parameters=solution.parameters,
+            surrogate=surrogate,
+            outcome=outcome,
+            seconds=seconds,
+            config=config,
+            unconstrained=Parameters.from_theta(solution.unconstrained),
+            active_bounds=solution.active_names,
+            findings=(*bounds, *findings),
+            **others,
+        )
 
 
-def unfinished(fit: Fit) -> str:
-    """What to say wherever the parameters of a stopped training are used; empty for others."""
-    if fit.outcome is not Outcome.STOPPED:
-        return ""
-    planned = fit.config.get("iterations")
-    of = f" of {planned:,}" if isinstance(planned, int) else ""
-    return (
-        f"Training was stopped at {fit.iterations:,}{of} iterations; these are not yet the"
-        " vehicle's parameters."
-    )
+Run = Generator[Progress, None, Fit]
+"""An estimation at work: it yields the present moment and returns the fit.
+
+A method that iterates yields several times a second, and can be closed at each of them; one that
+takes no time yields nothing.
+"""
 
 
-def headway_notes(labels: Sequence[str], parameters: Parameters) -> tuple[str, ...]:
-    """A sentence for the followers whose τ is no time headway; ``labels`` has the leader first.
+def drive(run: Run, on_progress: OnProgress | None = None) -> Fit:
+    """Run an estimation to its end.
 
-    With α near zero the law hardly minds the gap, and τ, which it keeps only through ατ, may come
-    out as anything.
+    Args:
+        run: not begun yet.
+        on_progress: called with each moment.
     """
-    loose = [
-        f"{label} (τ = {law.tau:.1f} s, α = {law.alpha:.4f} 1/s²)"
-        for label, law in zip(labels[1:], parameters, strict=True)
-        if law.tau > LONGEST_HEADWAY
-    ]
-    if not loose:
-        return ()
-    return (
-        f"The window does not determine the time headway of {', '.join(loose)}: with so little"
-        " gain on spacing the law hardly minds the gap, and τ may come out as anything.",
+    with closing(run):
+        while True:
+            try:
+                now = next(run)
+            except StopIteration as end:
+                fit: Fit = end.value
+                return fit
+            if on_progress:
+                on_progress(now)
+
+
+def headway_findings(vehicles: Sequence[int], parameters: Parameters) -> tuple[LongHeadway, ...]:
+    """One finding for each follower whose τ exceeds `LONGEST_HEADWAY`.
+
+    Args:
+        vehicles: (M+1,) numbers in the file, leader first.
+        parameters: (M,)
+    """
+    return tuple(
+        LongHeadway(vehicle, follower.alpha, follower.tau)
+        for vehicle, follower in zip(vehicles[1:], parameters, strict=True)
+        if follower.tau > LONGEST_HEADWAY
     )
-
-
-def bound_notes(vehicles: tuple[int, ...], solution: PlatoonSolution) -> tuple[str, ...]:
-    """A sentence for each follower at a bound; ``vehicles`` (M+1,) has the leader first."""
-    notes = []
-    rows = zip(vehicles[1:], solution.active, solution.unconstrained, strict=True)
-    for vehicle, names, free_theta in rows:
-        if names:
-            free = Parameters.from_theta(free_theta)
-            notes.append(
-                f"Vehicle {vehicle}: the rational driving constraints hold {' and '.join(names)}"
-                f" at zero; without them the estimate is α = {free.alpha:.4f}, β = {free.beta:.4f},"
-                f" τ = {free.tau:.3f}, a hint at a delay or at a law that does not fit."
-            )
-    return tuple(notes)

@@ -2,9 +2,9 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Protocol, Self
 
-from accpinn.methods.fit import Fit, OnProgress, ShouldStop
+from accpinn.methods.fit import Fit, OnProgress, Run, ShouldStop, drive
 from accpinn.methods.store import Store
 from accpinn.model.cthp import Case, Trajectories
 from accpinn.segment.segment import Segment
@@ -23,6 +23,23 @@ class TaskContext:
     """Called several times a second while an iterative method runs."""
     should_stop: ShouldStop | None = None
     """Asked several times a second; True ends an iterative method early."""
+    warm: Any = None
+    """An earlier fit to begin with, of the type that an iterative method defines."""
+
+
+class Settings(Protocol):
+    """What a method's settings offer to those who store them."""
+
+    @classmethod
+    def from_json(cls, settings: dict[str, Any]) -> Self:
+        """The settings of a `Fit.config`.
+
+        Raises:
+            ConfigError: when they are another method's, or outside their ranges.
+        """
+
+    def to_json(self) -> dict[str, Any]:
+        """All settings, ready for JSON."""
 
 
 @dataclass(frozen=True)
@@ -33,16 +50,22 @@ class Method:
     """Its name on the command line, in results and in files."""
     title: str
     """Its name on pages, in tables and in figures."""
-    estimate: Callable[[Segment, Case, Any, TaskContext], Fit]
-    """Segment, case, settings (None for the defaults) and context to a fit."""
+    run: Callable[[Segment, Case, Any, TaskContext], Run]
+    """Segment, case, settings (None for the defaults) and context to an estimation at work."""
     typical_seconds: Seconds
     """Four followers over 300 s on two cores, cross-validation included."""
     tolerance: float = 1e-6
     """Relative difference of parameters between two machines that run it alike."""
-    parse_settings: Callable[[Mapping[str, Any]], Any] | None = None
-    """Settings from `Fit.config`; None for a method without settings."""
+    settings: type[Settings] | None = None
+    """None for a method without settings."""
     variant: Callable[[Mapping[str, Any]], str] | None = None
     """A few words on `Fit.config` that distinguish two fits of this method."""
+    description: str = ""
+    """Its name in a report's sentence; the title where empty."""
+    is_iterative: bool = False
+    """Whether it reports progress, can be stopped, continued, and begun from another fit."""
+    is_closed_loop: bool = False
+    """Whether its trajectories are its closed-loop simulation and so no surrogate."""
     redraw: Callable[[Fit, FloatArray, Seconds], Trajectories] | None = None
     """The surrogate's curves at instants (N,) in s, from `Fit.arrays` alone, and the window's
     duration in s; None for a method whose curves cannot be drawn again."""
@@ -65,12 +88,22 @@ class Method:
         Raises:
             AccpinnError: when the segment or the settings cannot serve the method.
         """
-        return self.estimate(segment, case, settings, context or TaskContext())
+        context = context or TaskContext()
+        return drive(self.run(segment, case, settings, context), context.on_progress)
 
 
-def direct(
-    key: str, title: str, fit: Callable[[Segment, Case], Fit], typical_seconds: Seconds
-) -> Method:
-    """A method without settings, so fast that neither progress nor stop is needed."""
-    return Method(key, title, lambda segment, case, _settings, _context: fit(segment, case),
-                  typical_seconds)  # fmt: skip
+def direct(key: str, title: str, fit: Callable[[Segment, Case], Fit], **others: Any) -> Method:
+    """A method without settings, so fast that neither progress nor stop is needed.
+
+    Args:
+        key: see `Method`, as all others.
+        title: its name for people.
+        fit: estimates the parameters of a segment.
+        others: further fields of `Method`.
+    """
+
+    def run(segment: Segment, case: Case, _settings: Any, _context: TaskContext) -> Run:
+        yield from ()
+        return fit(segment, case)
+
+    return Method(key, title, run, **others)

@@ -1,34 +1,58 @@
-"""What the online methods share: estimates instant by instant, and what becomes of them."""
+"""What the online methods share: the track of their estimates, and the assumptions of the filters.
+
+The state of a follower is (p, v). Between two samples it obeys the model, one step of the classical
+Runge-Kutta method with the predecessor's measured speed taken as straight. Measured are (p, v) with
+the receivers' errors. What the model leaves out (slopes, gears, delays) is taken as a white
+acceleration, as strong at low frequencies as errors that last: σ² held for T seconds on either side
+have the spectral density 2 σ² T. As that is large, a filtered motion stays close to the measured
+one, noise and all; the less a recording moves, the more this noise biases β upwards.
+
+A step that the segment masks does not change θ, and the motion is reset to the measured one.
+
+θ = (α, ατ, β) may drift slowly, as α, τ and β each in a random walk of its own.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple, Protocol, Self
 
 import numpy as np
 
-from accpinn.methods.fit import ParameterTrack
-from accpinn.model.cthp import LinearSolution, solve_linear
+from accpinn.methods.fit import FilterUncertain, ParameterTrack
+from accpinn.model.cthp import TYPICAL, Case, Parameters, Trajectories
 from accpinn.segment.segment import Segment
-from accpinn.units import FloatArray, Seconds, SecondsArray
+from accpinn.units import FloatArray, Metres, MetresPerSecond, Seconds
 
-COURSE_EVERY: Seconds = 0.5
-"""Between kept instants; the law changes more slowly than this shows."""
-NEAR_ZERO = 1.5
-"""Deviations from zero that say nothing; a cloud pressed against zero has its mean at 1.3."""
+TRACK_EVERY: Seconds = 0.5
+"""Between kept instants; the parameters change more slowly than this resolves."""
+INSIGNIFICANT = 1.5
+"""Deviations from zero below which a gain may be zero; a cloud at the bound has a mean of 1.3."""
+SPEED_ERROR: MetresPerSecond = 0.05
+"""Of a receiver's Doppler speed, standard deviation."""
+GAP_ERROR: Metres = 0.1
+"""Of a space-gap from two receivers, whose positions wander by decimetres."""
+UNEXPLAINED = 0.3
+"""In m/s²: the model's residual of the accelerations in OpenACC's runs is 0.27 to 0.46."""
+LASTING: Seconds = 2.0
+"""Correlation time of that residual; its means over 3 s are hardly smaller than those over 1 s."""
+DRIFT = (5e-4, 2e-3, 2e-3)
+"""Of α, τ, β in a second, standard deviation; in five minutes 0.009, 0.035 and 0.035. Without it
+a filter ends up certain of the parameters of the first minutes, whatever comes later."""
 
 
 def kept_samples(segment: Segment) -> list[int]:
-    """Which samples a course keeps, the last among them; the first tells nothing of the law."""
-    stride = max(1, round(COURSE_EVERY / segment.sample_time))
+    """The samples that a track keeps, the last among them and never the first."""
+    stride = max(1, round(TRACK_EVERY / segment.sample_time))
     return list(range(segment.samples - 1, 0, -stride))[::-1]
 
 
-def track(
-    time: SecondsArray, theta: FloatArray, covariance: FloatArray, followers: int
-) -> ParameterTrack:
-    """Parameters and their deviations over time; one law for all where G = 1.
+def track(segment: Segment, theta: FloatArray, covariance: FloatArray) -> ParameterTrack:
+    """Parameters and their deviations at the kept samples.
 
     Args:
-        time: (K,) in s from the segment's start.
-        theta: (K, G, 3), α, ατ, β of G laws.
+        segment: the data.
+        theta: (K, G, 3), α, ατ, β of G parameter sets; G is 1 (shared by all followers) or M.
         covariance: (K, G, 3, 3) of θ.
-        followers: M.
     """
     alpha, alpha_tau, beta = np.moveaxis(theta, -1, 0)
     per_alpha = np.full_like(alpha, np.nan)
@@ -37,32 +61,187 @@ def track(
     variance = np.moveaxis(np.diagonal(covariance, axis1=2, axis2=3), -1, 0)
     # τ = ατ / α to first order.
     of_tau = variance[1] - 2 * tau * covariance[..., 0, 1] + tau**2 * variance[0]
-    shape = (len(time), followers, 3)
+    shape = (len(theta), segment.followers, 3)
     squares = np.stack([variance[0], variance[2], np.maximum(of_tau, 0) * per_alpha**2], -1)
     return ParameterTrack(
-        time,
-        np.broadcast_to(np.stack([alpha, beta, tau], -1), shape),
+        segment.time[kept_samples(segment)],
+        Parameters.of(np.broadcast_to(np.stack([alpha, beta, tau], -1), shape)),
         np.broadcast_to(np.sqrt(squares), shape),
     )
 
 
-def doubts(segment: Segment, path: ParameterTrack) -> tuple[str, ...]:
-    """A sentence for each gain that its filter hardly tells from zero at the end."""
+def filter_findings(segment: Segment, path: ParameterTrack) -> tuple[FilterUncertain, ...]:
+    """One finding for each gain that is not significantly different from zero at the end."""
     assert path.deviation is not None
-    notes = []
-    for vehicle, values, deviations in zip(
-        segment.vehicles[1:], path.parameters[-1], path.deviation[-1], strict=True
-    ):
-        for name, value, deviation in zip("αβ", values, deviations, strict=False):
-            if 0 < value < NEAR_ZERO * deviation:
-                notes.append(
-                    f"Vehicle {vehicle}: {name} = {value:.4f} has a standard deviation of"
-                    f" {deviation:.4f} in the filter, so the recording hardly tells it from zero."
-                )
-    return tuple(notes)
+    rows = zip(segment.vehicles[1:], path.parameters.values[-1], path.deviation[-1], strict=True)
+    return tuple(
+        FilterUncertain(vehicle, name, float(value), float(deviation))
+        for vehicle, values, deviations in rows
+        for name, value, deviation in zip("αβ", values, deviations, strict=False)
+        if 0 < value < INSIGNIFICANT * deviation
+    )
 
 
-def nearest_lawful(theta: FloatArray, covariance: FloatArray) -> LinearSolution:
-    """The most likely θ >= 0 of a normal distribution: mean (3,) and covariance (3, 3)."""
-    information = np.asarray(np.linalg.inv(covariance), np.float64)
-    return solve_linear(information, information @ theta)
+class State(NamedTuple):
+    """Gap and speed, or rates of them; arrays of one shape."""
+
+    gap: FloatArray
+    speed: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class Measurements:
+    """The measurements, ordered for G parameter sets with F followers each; G F = M."""
+
+    gaps: FloatArray
+    """(N, G, F) in m."""
+    speeds: FloatArray
+    """(N, G, F) in m/s."""
+    ahead: FloatArray
+    """(N, G, F) in m/s, each predecessor's."""
+    step: Seconds
+    mask: FloatArray
+    """(N, G, F) 1 where the step that ends there counts, else 0."""
+
+    @classmethod
+    def of(cls, segment: Segment, case: Case) -> Self:
+        """Case I: one set, M followers. Case II: M sets, one follower each."""
+        sets = 1 if case == "I" else segment.followers
+        shape = (segment.samples, sets, segment.followers // sets)
+        mask = np.ones(segment.gaps.shape)
+        if segment.mask is not None:  # a step needs both of its samples
+            mask[1:] = segment.mask[1:] & segment.mask[:-1]
+        return cls(
+            segment.gaps.reshape(shape),
+            segment.speeds[:, 1:].reshape(shape),
+            segment.speeds[:, :-1].reshape(shape),
+            segment.sample_time,
+            mask.reshape(shape),
+        )
+
+
+def move(
+    theta: Sequence[FloatArray], state: State, before: FloatArray, after: FloatArray, step: Seconds
+) -> State:
+    """The state one step later.
+
+    Args:
+        theta: α, ατ, β; they, states and speeds broadcast against each other.
+        state: at the step's beginning.
+        before: the predecessor's speed then.
+        after: the predecessor's speed at the step's end.
+        step: in s.
+    """
+    alpha, alpha_tau, beta = theta
+
+    def rates(at: State, ahead: FloatArray) -> State:
+        relative = ahead - at.speed
+        return State(relative, alpha * at.gap - alpha_tau * at.speed + beta * relative)
+
+    def onward(rate: State, by: Seconds) -> State:
+        return State(state.gap + by * rate.gap, state.speed + by * rate.speed)
+
+    middle = (before + after) / 2
+    first = rates(state, before)
+    second = rates(onward(first, step / 2), middle)
+    third = rates(onward(second, step / 2), middle)
+    last = rates(onward(third, step), after)
+    return State(
+        *(
+            x + step / 6 * (a + 2 * (b + c) + d)
+            for x, a, b, c, d in zip(state, first, second, third, last, strict=True)
+        )
+    )
+
+
+class Filter(Protocol):
+    """Estimates of G parameter sets with F followers each, sample by sample."""
+
+    @property
+    def mean(self) -> FloatArray:
+        """(G, 3) of θ."""
+
+    @property
+    def covariance(self) -> FloatArray:
+        """(G, 3, 3) of θ."""
+
+    @property
+    def motion(self) -> State:
+        """(G, F) each, the mean of the state."""
+
+    def update(self, before: FloatArray, after: FloatArray, now: State, mask: FloatArray) -> None:
+        """Process one more sample.
+
+        Args:
+            before: (G, F) the predecessors' speeds at the step's beginning.
+            after: (G, F) the same at its end.
+            now: (G, F) each, as measured.
+            mask: (G, F) 1 where the step counts, else 0.
+        """
+
+
+@dataclass(frozen=True, eq=False)
+class Filtered:
+    """The estimates of a filter over a segment."""
+
+    theta: FloatArray
+    """(K, G, 3) at the kept samples."""
+    covariance: FloatArray
+    """(K, G, 3, 3)"""
+    trajectories: Trajectories
+    """The filtered motion at every sample."""
+
+
+def run(filter_: Filter, segment: Segment, platoon: Measurements) -> Filtered:
+    """Run a filter, which knows the first sample, over all others."""
+    motion = State(platoon.gaps.copy(), platoon.speeds.copy())
+    thetas, covariances, kept = [], [], set(kept_samples(segment))
+    for now in range(1, segment.samples):
+        measured = State(platoon.gaps[now], platoon.speeds[now])
+        filter_.update(platoon.ahead[now - 1], platoon.ahead[now], measured, platoon.mask[now])
+        motion.gap[now], motion.speed[now] = filter_.motion
+        if now in kept:
+            thetas.append(filter_.mean)
+            covariances.append(filter_.covariance)
+    shape = segment.gaps.shape
+    speeds = np.column_stack([segment.speeds[:, 0], motion.speed.reshape(shape)])
+    path = Trajectories(segment.time, speeds, motion.gap.reshape(shape))
+    return Filtered(np.array(thetas), np.array(covariances), path)
+
+
+def measurement_noise() -> FloatArray:
+    """(2, 2) covariance of a measured (p, v)."""
+    return np.diag([GAP_ERROR**2, SPEED_ERROR**2])
+
+
+def motion_noise(step: Seconds) -> FloatArray:
+    """(2, 2) covariance that a white acceleration adds to (p, v) in one step."""
+    density = 2 * UNEXPLAINED**2 * LASTING
+    return density * np.array([[step**3 / 3, -(step**2) / 2], [-(step**2) / 2, step]])
+
+
+def theta_covariance(deviation: tuple[float, float, float]) -> FloatArray:
+    """(3, 3) of θ near `TYPICAL`, for independent deviations of α, τ, β."""
+    slopes = np.array([[1.0, 0, 0], [TYPICAL.tau, TYPICAL.alpha, 0], [0, 0, 1]])
+    return np.asarray(slopes @ np.diag(np.square(deviation)) @ slopes.T)
+
+
+def drift(step: Seconds) -> FloatArray:
+    """(3, 3) covariance that drift adds to θ in one step."""
+    return step * theta_covariance(DRIFT)
+
+
+def settings() -> dict[str, Any]:
+    """The assumptions above, as a fit's configuration has them."""
+    return {
+        "speed_error": SPEED_ERROR,
+        "gap_error": GAP_ERROR,
+        "unexplained": UNEXPLAINED,
+        "lasting": LASTING,
+        "drift": list(DRIFT),
+    }
+
+
+def symmetric(matrix: FloatArray) -> FloatArray:
+    """What rounding has made unequal, made equal again."""
+    return np.asarray((matrix + matrix.swapaxes(-1, -2)) / 2)

@@ -1,26 +1,25 @@
-"""Particle filter: many laws drive along, and those that predict the motion well multiply.
+"""Particle filter: many parameter sets, of which those that predict the motion well multiply.
 
-Each particle is a law θ with a motion x̂ = (p, v) of its own. From one sample to the next
+Each particle is a θ with a motion x̂ = (p, v) of its own. From one sample to the next
 
     x̂ = f(x̂, θ, u) + K (y - f(x̂, θ, u)),      weight × exp(-½ eᵀ S⁻¹ e),   e = y - f(x̂, θ, u),
 
-with f the law's motion over one step behind the predecessor's measured speed u, S the covariance
+with f the model's motion over one step behind the predecessor's measured speed u, S the covariance
 of e and K the Kalman gain. Given θ the motion is linear and its noise normal, so the distribution
-of x need not be sampled: only laws are. S and K depend on θ hardly at all and are those of the
-cloud's mean law, so that laws are judged by their predictions alone.
+of x need not be sampled: only θ is. S and K hardly depend on θ and are those of the cloud's mean,
+so that particles are weighted by their predictions alone.
 
 Where fewer than half of the particles count (effective number 1 / Σ weight²), they are drawn anew
 by systematic resampling and moved a little, so that no two are the same:
 
     θ -> a θ + (1 - a) θ̄ + N(0, (1 - a²) V + drift since the last time),
 
-which keeps the cloud's mean θ̄ and covariance V, but for the law's drift. A component below zero
-changes its sign: the rational driving constraints hold for every particle.
+which keeps the cloud's mean θ̄ and covariance V, but for the drift. A component below zero changes
+its sign: the rational driving constraints hold for every particle.
 
-The parameters of the fit are the cloud's mean at the end: what the filter holds once it has seen
-the whole window, the older parts a little less than the newer ones. The surrogate is the cloud's
-mean motion, which follows the recording closely whatever the law. Case I gives each particle all
-followers to drive, and weighs it by all of them.
+The parameters of the fit are the cloud's mean at the end, in which older parts of the window count
+a little less than newer ones. The surrogate is the cloud's mean motion, which follows the recording
+closely whatever the parameters. Case I weighs each particle by all followers.
 
 Source: Wang, Gunter, Nice, Delle Monache and Work, IEEE Transactions on Intelligent Vehicles 6
 (2021) 288-298. They sample the motion too; that it need not be is Schön, Gustafsson and Nordlund,
@@ -29,33 +28,31 @@ Sequential Monte Carlo Methods in Practice (2001), chapter 10.
 """
 
 import time
-from dataclasses import dataclass
 
 import numpy as np
 
-from accpinn.methods.filtering import (
-    TYPICAL,
+from accpinn.methods.fit import Fit, Outcome
+from accpinn.methods.method import direct
+from accpinn.methods.online import (
     Measurements,
     State,
     drift,
+    filter_findings,
     measurement_noise,
     motion_noise,
     move,
+    run,
     settings,
+    symmetric,
+    track,
 )
-from accpinn.methods.fit import Fit, Outcome
-from accpinn.methods.method import direct
-from accpinn.methods.online import doubts, kept_samples, track
-from accpinn.methods.unscented import symmetric
-from accpinn.model.cthp import Case, Parameters, Trajectories
+from accpinn.model.cthp import SPREAD, TYPICAL, Case, Parameters
 from accpinn.segment.segment import Segment
 from accpinn.units import FloatArray
 
 PARTICLES = 4000
 """Twice as many, or another seed, move no parameter of OpenACC's Casale and AstaZero runs by more
 than its own deviation."""
-SPREAD = (1.0, 1.0, 0.3)
-"""Of log α, log β, log τ about `TYPICAL` at first, standard deviation: α from 0.01 to 0.6 /s²."""
 SHRINK = 0.995
 """The a above; Liu and West's discount factor is then 0.99."""
 LEAST_EFFECTIVE = 0.5
@@ -63,120 +60,88 @@ LEAST_EFFECTIVE = 0.5
 
 
 def fit(segment: Segment, case: Case = "II", particles: int = PARTICLES, seed: int = 0) -> Fit:
-    """The last mean of the cloud, its course, and its mean motion."""
+    """The last mean of the cloud, its track, and its mean motion.
+
+    Args:
+        segment: the data.
+        case: "I" or "II".
+        particles: P for each parameter set.
+        seed: of the draws.
+    """
     started = time.perf_counter()
-    kept = kept_samples(segment)
-    followed = _run(Measurements.of(segment, case), kept, particles, seed)
-    copies = segment.followers // followed.theta.shape[1]
-    shape = (segment.samples, segment.followers)
-    path = track(segment.time[kept], followed.theta, followed.covariance, segment.followers)
+    platoon = Measurements.of(segment, case)
+    filtered = run(_Cloud(platoon, particles, seed), segment, platoon)
+    copies = segment.followers // filtered.theta.shape[1]
+    path = track(segment, filtered.theta, filtered.covariance)
     return Fit(
         method="particle",
         case=case,
-        parameters=Parameters.from_theta(np.repeat(followed.theta[-1], copies, axis=0)),
-        surrogate=Trajectories(
-            segment.time,
-            np.column_stack([segment.speeds[:, 0], followed.motion.speed.reshape(shape)]),
-            followed.motion.gap.reshape(shape),
-        ),
+        parameters=Parameters.from_theta(np.repeat(filtered.theta[-1], copies, axis=0)),
+        surrogate=filtered.trajectories,
         outcome=Outcome.FILTERED,
         seconds=time.perf_counter() - started,
         config={**settings(), "particles": particles, "seed": seed, "shrink": SHRINK},
         active_bounds=((),) * segment.followers,
         track=path,
-        notes=doubts(segment, path),
+        findings=filter_findings(segment, path),
     )
 
 
-@dataclass(frozen=True, eq=False)
-class _Followed:
-    """Means and covariance of the cloud, G laws for F followers each."""
-
-    theta: FloatArray
-    """(K, G, 3) at the kept instants."""
-    covariance: FloatArray
-    """(K, G, 3, 3)"""
-    motion: State
-    """(N, G, F) each, at every instant."""
-
-
-def _run(platoon: Measurements, kept: list[int], particles: int, seed: int) -> _Followed:
-    cloud = _Cloud(platoon, particles, seed)
-    motion = State(platoon.gaps.copy(), platoon.speeds.copy())
-    thetas, covariances = [], []
-    keep = set(kept)
-    for now in range(1, len(platoon.gaps)):
-        measured = State(platoon.gaps[now], platoon.speeds[now])
-        cloud.take_in(platoon.ahead[now - 1], platoon.ahead[now], measured, platoon.told[now])
-        motion.gap[now], motion.speed[now] = cloud.mean_motion()
-        if now in keep:
-            thetas.append(cloud.mean)
-            covariances.append([cloud.covariance(law) for law in range(len(cloud.mean))])
-        cloud.renew()
-    return _Followed(np.array(thetas), np.array(covariances), motion)
-
-
 class _Cloud:
-    """P particles for each of G laws, with F followers each."""
+    """P particles for each of G parameter sets, with F followers each."""
 
     def __init__(self, platoon: Measurements, particles: int, seed: int) -> None:
-        laws, followers = platoon.gaps.shape[1:]
+        sets, followers = platoon.gaps.shape[1:]
         self._random = np.random.default_rng(seed)
         self._step = platoon.step
         self._noise, self._motion_noise = measurement_noise(), motion_noise(platoon.step)
         self._drift = drift(platoon.step)
-        self._spread = np.tile(self._noise, (laws, 1, 1))
-        self._theta = _first_laws(self._random, laws, particles)
-        every = (laws, particles, followers)
+        self._spread = np.tile(self._noise, (sets, 1, 1))
+        self._theta = _first_theta(self._random, sets, particles)
+        every = (sets, particles, followers)
         self._motion = State(
             np.broadcast_to(platoon.gaps[0, :, None], every).copy(),
             np.broadcast_to(platoon.speeds[0, :, None], every).copy(),
         )
-        self._logs = np.zeros((laws, particles))
-        self._weights = np.full((laws, particles), 1 / particles)
-        self._steps_since = np.zeros(laws)
+        self._logs = np.zeros((sets, particles))
+        self._weights = np.full((sets, particles), 1 / particles)
+        self._steps_since = np.full(sets, -1)
         self.mean = self._theta.mean(axis=2).T
-        """(G, 3) of θ."""
 
-    def take_in(
-        self, before: FloatArray, after: FloatArray, measured: State, told: FloatArray
-    ) -> None:
-        """One more sample (G, F).
-
-        Args:
-            before: the predecessors' speeds (G, F) at the step's beginning.
-            after: the same at its end.
-            measured: (G, F) each.
-            told: (G, F) whether the step tells of the law.
-        """
+    def update(self, before: FloatArray, after: FloatArray, now: State, mask: FloatArray) -> None:
+        """See `online.Filter`; where too few particles count, they are drawn anew first."""
+        self._steps_since += 1
+        effective = 1 / (self._weights**2).sum(axis=1)
+        for k in np.flatnonzero(effective < LEAST_EFFECTIVE * self._weights.shape[1]):
+            self._redraw(int(k))
         precision, gain = self._gains()
-        laws = self._theta[..., None]
-        moved = move(tuple(laws), self._motion, before[:, None], after[:, None], self._step)
-        gap, speed = measured.gap[:, None] - moved.gap, measured.speed[:, None] - moved.speed
+        theta = self._theta[..., None]
+        moved = move(tuple(theta), self._motion, before[:, None], after[:, None], self._step)
+        gap, speed = now.gap[:, None] - moved.gap, now.speed[:, None] - moved.speed
         self._motion = State(
             moved.gap + gain[0][0] * gap + gain[0][1] * speed,
             moved.speed + gain[1][0] * gap + gain[1][1] * speed,
         )
         squares = gap * (precision[0][0] * gap + 2 * precision[0][1] * speed)
         squares += precision[1][1] * speed**2
-        if not told.all():
-            squares *= told[:, None]
-            self._measure_anew(measured, told)
+        if not mask.all():
+            squares *= mask[:, None]
+            self._reset(now, mask)
         self._logs -= squares.sum(axis=2) / 2
         self._logs -= self._logs.max(axis=1, keepdims=True)
         self._weights = np.exp(self._logs)
         self._weights /= self._weights.sum(axis=1, keepdims=True)
         self.mean = np.einsum("cgp,gp->gc", self._theta, self._weights)
 
-    def _measure_anew(self, measured: State, told: FloatArray) -> None:
-        """The motion of those whose step is left out is what was measured, errors and all."""
-        untold = told[:, None] == 0
-        for part, known in zip(self._motion, measured, strict=True):
-            np.copyto(part, known[:, None], where=untold)
-        self._spread[untold.any(axis=(1, 2))] = self._noise
+    def _reset(self, measured: State, mask: FloatArray) -> None:
+        """A masked motion becomes the measured one, errors and all."""
+        masked = mask[:, None] == 0
+        for part, values in zip(self._motion, measured, strict=True):
+            np.copyto(part, values[:, None], where=masked)
+        self._spread[masked.any(axis=(1, 2))] = self._noise
 
     def _gains(self) -> tuple[FloatArray, FloatArray]:
-        """S⁻¹ and K of the mean law, (2, 2, G, 1, 1) each, and the motion's spread after them."""
+        """S⁻¹ and K of the mean θ, (2, 2, G, 1, 1) each; the motion's spread is updated."""
         unit, still = np.eye(2), np.zeros(2)
         moved = move(tuple(self.mean.T[..., None]), State(*unit), still, still, self._step)
         transition = np.stack(moved, axis=1)
@@ -189,43 +154,40 @@ class _Cloud:
             gain.transpose(1, 2, 0)[..., None, None],
         )
 
-    def mean_motion(self) -> State:
-        """(G, F) each."""
+    @property
+    def motion(self) -> State:
+        """(G, F) each, the mean of the state."""
         weights = self._weights[:, None]
         return State(*((weights @ part)[:, 0] for part in self._motion))
 
-    def covariance(self, law: int) -> FloatArray:
-        """(3, 3) of one law's θ."""
-        apart = self._theta[:, law] - self.mean[law, :, None]
-        return np.asarray((apart * self._weights[law]) @ apart.T)
+    @property
+    def covariance(self) -> FloatArray:
+        """(G, 3, 3) of θ."""
+        return np.array([self._covariance(k) for k in range(len(self.mean))])
 
-    def renew(self) -> None:
-        """Draw the particles anew where too few of them count."""
-        self._steps_since += 1
-        effective = 1 / (self._weights**2).sum(axis=1)
-        for law in np.flatnonzero(effective < LEAST_EFFECTIVE * self._weights.shape[1]):
-            self._redraw(int(law))
+    def _covariance(self, k: int) -> FloatArray:
+        apart = self._theta[:, k] - self.mean[k, :, None]
+        return np.asarray((apart * self._weights[k]) @ apart.T)
 
-    def _redraw(self, law: int) -> None:
+    def _redraw(self, k: int) -> None:
         particles = self._weights.shape[1]
         ladder = (np.arange(particles) + self._random.random()) / particles
-        chosen = np.searchsorted(np.cumsum(self._weights[law]), ladder).clip(max=particles - 1)
-        mean = self.mean[law, :, None]
-        kernel = (1 - SHRINK**2) * self.covariance(law) + self._steps_since[law] * self._drift
-        apart = SHRINK * (self._theta[:, law, chosen] - mean)
+        chosen = np.searchsorted(np.cumsum(self._weights[k]), ladder).clip(max=particles - 1)
+        mean = self.mean[k, :, None]
+        kernel = (1 - SHRINK**2) * self._covariance(k) + self._steps_since[k] * self._drift
+        apart = SHRINK * (self._theta[:, k, chosen] - mean)
         noise = np.linalg.cholesky(kernel) @ self._random.standard_normal((3, particles))
-        self._theta[:, law] = np.abs(mean + apart + noise)
+        self._theta[:, k] = np.abs(mean + apart + noise)
         for part in self._motion:
-            part[law] = part[law, chosen]
-        self._logs[law] = 0.0
-        self._steps_since[law] = 0
+            part[k] = part[k, chosen]
+        self._logs[k] = 0.0
+        self._steps_since[k] = 0
 
 
-def _first_laws(random: np.random.Generator, laws: int, particles: int) -> FloatArray:
+def _first_theta(random: np.random.Generator, sets: int, particles: int) -> FloatArray:
     """(3, G, P) α, ατ, β."""
-    draws = random.standard_normal((3, laws, particles)).T * SPREAD
-    middle = np.array([TYPICAL.alpha, TYPICAL.beta, TYPICAL.tau])
-    alpha, beta, tau = (middle * np.exp(draws)).T
+    draws = random.standard_normal((3, sets, particles)).T * SPREAD
+    alpha, beta, tau = (TYPICAL.values * np.exp(draws)).T
     return np.stack([alpha, alpha * tau, beta])
 
 

@@ -1,10 +1,10 @@
-"""Recursive least squares with exponential forgetting: the law as it looks from here and now.
+"""Recursive least squares with exponential forgetting: the parameters of the last minute or so.
 
-Between two samples the law holds for the means of its terms, with φ = (p, -v, Δv):
+Between two samples the model holds for the means of its terms, with φ = (p, -v, Δv):
 
     (v_k - v_{k-1}) / h = θ · (φ_k + φ_{k-1}) / 2 + error
 
-Each sample adds its row to what is known, and the old counts less and less:
+Each sample adds its row to the sums, and older rows count less and less:
 
     G_k = λ G_{k-1} + φ̄_k φ̄_kᵀ,   m_k = λ m_{k-1} + φ̄_k y_k,   λ = exp(-h / memory),
 
@@ -14,11 +14,10 @@ This is the information form of the recursion: it needs no first guess, and G_k 
 definiteness to rounding. The means on the right keep a receiver's white noise on v from being
 correlated with the difference on the left, which would bias a forward difference.
 
-The parameters of the fit are the mean of θ_k over the settled part of the window, that is, after
-one memory or half of the window. The last θ_k would speak for the last minute only.
+The parameters of the fit are the mean of θ_k after one memory or half of the window; the last θ_k
+would represent the last minute only.
 
-Case I adds up the rows of all followers, one law for the platoon. Rows that the segment leaves out
-add nothing; the memory fades meanwhile.
+Case I sums the rows of all followers. Masked rows add nothing; the memory fades meanwhile.
 
 Source: Wang, Gunter, Nice, Delle Monache and Work, IEEE Transactions on Intelligent Vehicles 6
 (2021) 288-298; forgetting as in Ljung, System Identification, 2nd edition, section 11.2.
@@ -30,58 +29,53 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.signal import lfilter
 
-from accpinn.methods.fit import Fit, Outcome, bound_notes
+from accpinn.methods.fit import BoundActiveAtTimes, Fit, MethodFinding, NeverDetermined, Outcome
 from accpinn.methods.method import direct
 from accpinn.methods.online import kept_samples, track
-from accpinn.model.cthp import (
-    LINEAR_NAMES,
-    Case,
-    LinearSolution,
-    Parameters,
-    PlatoonSolution,
-    regressors,
-    solve_linear,
-)
+from accpinn.methods.regression import Mask, Solution, solve_bounded
+from accpinn.model.cthp import LINEAR_NAMES, Case, regressors
 from accpinn.segment.segment import Segment
 from accpinn.units import FloatArray, Seconds, frozen
 
 MEMORY: Seconds = 60.0
-"""Older samples count less than 1/e: long enough for a few changes of speed, which the law is
-learned from, and short enough to see it change within a window of five minutes."""
+"""Older samples count less than 1/e: long enough for a few changes of speed, which determine the
+parameters, and short enough to see them change within a window of five minutes."""
 UNDETERMINED = 1e10
 """Condition number of G, scaled to a unit diagonal, beyond which rounding decides."""
 
 
 def fit(segment: Segment, case: Case = "II", memory: Seconds = MEMORY) -> Fit:
-    """The mean of the settled estimates, and their course; there is no surrogate."""
+    """The mean of the estimates after a run-in, and their track; there is no surrogate.
+
+    Args:
+        segment: the data.
+        case: "I" or "II".
+        memory: time constant of forgetting.
+    """
     started = time.perf_counter()
-    known = _accumulate(segment, case, memory)
-    theta, unconstrained = _solve(known)
-    settled = known.time >= min(memory, segment.window.duration / 2)
+    sums = _accumulate(segment, case, memory)
+    theta, unconstrained = _solve(sums)
+    late = sums.time >= min(memory, segment.window.duration / 2)
     solutions = [
-        _settled(known, law, theta[settled, law], unconstrained[settled, law])
-        for law in range(theta.shape[1])
+        _mean(sums, k, theta[late, k], unconstrained[late, k]) for k in range(theta.shape[1])
     ]
-    solution = PlatoonSolution.of(solutions, segment.followers)
-    return Fit(
-        method="recursive",
-        case=case,
-        parameters=Parameters.from_theta(solution.theta),
-        surrogate=None,
+    solution = Solution.stack(solutions, segment.followers)
+    return Fit.of(
+        "recursive",
+        segment,
+        case,
+        solution,
         outcome=Outcome.FILTERED,
         seconds=time.perf_counter() - started,
         config={"memory": memory},
-        unconstrained=Parameters.from_theta(solution.unconstrained),
-        active_bounds=solution.active,
-        track=track(known.time, theta, _covariance(known, unconstrained), segment.followers),
-        notes=bound_notes(segment.vehicles, solution)
-        + _notes(segment, theta[settled], solution.active),
+        track=track(segment, theta, _covariance(sums, unconstrained)),
+        findings=_findings(segment, theta[late], solution),
     )
 
 
 @dataclass(frozen=True, eq=False)
-class _Known:
-    """Weighted sums up to each of K instants, for each of G laws."""
+class _Sums:
+    """Weighted sums up to each of K instants, for each of G parameter sets."""
 
     time: FloatArray
     """(K,)"""
@@ -97,7 +91,7 @@ class _Known:
     """(K, G) sum of the weights."""
 
 
-def _accumulate(segment: Segment, case: Case, memory: Seconds) -> _Known:
+def _accumulate(segment: Segment, case: Case, memory: Seconds) -> _Sums:
     step = segment.sample_time
     terms = regressors(segment.speeds, segment.gaps)
     rows = (terms[:, 1:] + terms[:, :-1]) / 2
@@ -117,7 +111,7 @@ def _accumulate(segment: Segment, case: Case, memory: Seconds) -> _Known:
 
     keep = float(np.exp(-step / memory))
     products = rows[..., :, None] * rows[..., None, :]
-    return _Known(
+    return _Sums(
         segment.time[kept],
         summed(products, keep),
         summed(rows * rates[..., None], keep),
@@ -127,19 +121,19 @@ def _accumulate(segment: Segment, case: Case, memory: Seconds) -> _Known:
     )
 
 
-def _solve(known: _Known) -> tuple[FloatArray, FloatArray]:
-    """θ within the bounds and without, each (K, G, 3); nan where the rows do not tell yet."""
-    theta = np.full_like(known.moment, np.nan)
-    unconstrained = np.full_like(known.moment, np.nan)
-    for index in np.argwhere(_determined(known.gram)):
+def _solve(sums: _Sums) -> tuple[FloatArray, FloatArray]:
+    """θ within the bounds and without, each (K, G, 3); nan where it is not yet determined."""
+    theta = np.full_like(sums.moment, np.nan)
+    unconstrained = np.full_like(sums.moment, np.nan)
+    for index in np.argwhere(_determined(sums.gram)):
         at = tuple(index)
-        solution = solve_linear(known.gram[at], known.moment[at])
+        solution = solve_bounded(sums.gram[at], sums.moment[at])
         theta[at], unconstrained[at] = solution.theta, solution.unconstrained
     return theta, unconstrained
 
 
-def _determined(gram: FloatArray) -> FloatArray:
-    """(K, G) whether the rows so far tell all three parameters apart."""
+def _determined(gram: FloatArray) -> Mask:
+    """(K, G) whether the rows so far determine all three parameters."""
     lengths = np.sqrt(np.diagonal(gram, axis1=2, axis2=3))
     present = (lengths > 0).all(axis=2)
     lengths = np.where(lengths > 0, lengths, 1.0)
@@ -147,50 +141,46 @@ def _determined(gram: FloatArray) -> FloatArray:
     return np.asarray(present & (values[..., 0] * UNDETERMINED > values[..., -1]))
 
 
-def _covariance(known: _Known, theta: FloatArray) -> FloatArray:
+def _covariance(sums: _Sums, theta: FloatArray) -> FloatArray:
     """(K, G, 3, 3) of the unconstrained θ, as if the errors were independent of one another."""
-    told = np.isfinite(theta[..., :1, None])
-    inverse = np.linalg.inv(np.where(told, known.gram, np.eye(3)))
-    explained = np.einsum("kgi,kgi->kg", known.moment, theta)
-    weight = np.where(known.weight > 0, known.weight, 1.0)
-    variance = np.maximum(known.square - explained, 0.0) / weight
-    return np.asarray(variance[..., None, None] * (inverse @ known.gram_of_squares @ inverse))
+    determined = np.isfinite(theta[..., :1, None])
+    inverse = np.linalg.inv(np.where(determined, sums.gram, np.eye(3)))
+    explained = np.einsum("kgi,kgi->kg", sums.moment, theta)
+    weight = np.where(sums.weight > 0, sums.weight, 1.0)
+    variance = np.maximum(sums.square - explained, 0.0) / weight
+    return np.asarray(variance[..., None, None] * (inverse @ sums.gram_of_squares @ inverse))
 
 
-def _settled(
-    known: _Known, law: int, theta: FloatArray, unconstrained: FloatArray
-) -> LinearSolution:
-    """The mean over settled instants, (.., 3) each; if none tells, the shortest θ that fits."""
-    told = np.isfinite(theta[:, 0])
-    if not told.any():
-        return solve_linear(known.gram[-1, law], known.moment[-1, law])
-    mean, free = theta[told].mean(axis=0), unconstrained[told].mean(axis=0)
-    names = zip(LINEAR_NAMES, mean, strict=True)
-    return LinearSolution(
-        frozen(mean), frozen(free), tuple(name for name, value in names if value == 0)
-    )
+def _mean(sums: _Sums, k: int, theta: FloatArray, unconstrained: FloatArray) -> Solution:
+    """The mean over instants, (.., 3) each; if none determines θ, the shortest θ that fits."""
+    determined = np.isfinite(theta[:, 0])
+    if not determined.any():
+        return solve_bounded(sums.gram[-1, k], sums.moment[-1, k])
+    mean, free = theta[determined].mean(axis=0), unconstrained[determined].mean(axis=0)
+    return Solution(frozen(mean), frozen(free), mean == 0)
 
 
-def _notes(
-    segment: Segment, theta: FloatArray, active: tuple[tuple[str, ...], ...]
-) -> tuple[str, ...]:
-    """What the means hide: laws never told, and bounds that held for a part of the time."""
-    notes = []
-    for index, vehicle in enumerate(segment.vehicles[1:]):
-        values = theta[:, index % theta.shape[1]]
+def _findings(segment: Segment, theta: FloatArray, solution: Solution) -> list[MethodFinding]:
+    """What the means hide: θ never determined, and bounds that were active for a part of the time.
+
+    Args:
+        segment: the data.
+        theta: (K, G, 3) the estimates averaged over.
+        solution: their mean.
+    """
+    found: list[MethodFinding] = []
+    for k, vehicle in enumerate(segment.vehicles[1:]):
+        values = theta[:, k % theta.shape[1]]
         if not np.isfinite(values).any():
-            notes.append(
-                f"Vehicle {vehicle}: at no time do the samples tell α, β and τ apart; the numbers"
-                " are one possibility of many."
-            )
+            found.append(NeverDetermined(vehicle))
             continue
-        for name, share in zip(LINEAR_NAMES, (values == 0).mean(axis=0), strict=True):
-            if share and name not in active[index]:
-                notes.append(
-                    f"Vehicle {vehicle}: {name} stood at zero, its bound, for {100 * share:.0f} %"
-                    " of the time that the parameters are averaged over."
-                )
-    return tuple(notes)
+        shares = (values == 0).mean(axis=0).tolist()
+        found += [
+            BoundActiveAtTimes(vehicle, name, share)
+            for name, share, always in zip(LINEAR_NAMES, shares, solution.active[k], strict=True)
+            if share and not always
+        ]
+    return found
 
 
 METHOD = direct("recursive", "Recursive", fit, typical_seconds=0.3)

@@ -1,27 +1,126 @@
-"""The law as a regression: what the measured motion says about θ = (α, ατ, β), row by row.
+"""The model as a regression, and the one bounded least-squares solver of this package.
 
-    dv/dt = X θ + r,    X = (p, -v, Δv)
+    dv/dt = X θ + r,    X = (p, -v, Δv),    θ = (α, ατ, β) ≥ 0
 
-with dv/dt by central differences. Rows can be left out, so that a part of the time can be looked
-at; nothing is left out unless the segment or the caller says which.
+The rates dv/dt are central differences, or means over steps of a second, which are less noisy:
+
+    (v(t + T) - v(t)) / T = mean over [t, t + T] of X θ,    T = 1 s
+
+Instants that the segment masks do not count.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import combinations
 from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from accpinn.model.cthp import Case, PlatoonSolution, regressors, solve_platoon
+from accpinn.model.cthp import LINEAR_NAMES, Case, Parameters, regressors
 from accpinn.segment.segment import Segment
-from accpinn.units import FloatArray
+from accpinn.units import FloatArray, Seconds, frozen
+
+STEP: Seconds = 1.0
+"""T."""
 
 Mask = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, eq=False)
+class Solution:
+    """The θ of least squares within its bounds, of one vehicle or of M."""
+
+    theta: FloatArray
+    """(3,) or (M, 3) α, ατ, β ≥ 0."""
+    unconstrained: FloatArray
+    """Of the same shape, without the bounds."""
+    active: Mask
+    """Of the same shape: which components are zero because of the bounds."""
+
+    @classmethod
+    def stack(cls, parts: Sequence["Solution"], followers: int) -> Self:
+        """(M, 3): one solution a follower, or a single one that all of them share."""
+        rows = parts if len(parts) == followers else [parts[0]] * followers
+        return cls(
+            frozen([row.theta for row in rows]),
+            frozen([row.unconstrained for row in rows]),
+            np.array([row.active for row in rows]),
+        )
+
+    @classmethod
+    def of(cls, theta: FloatArray) -> Self:
+        """A θ at which no bound is active."""
+        return cls(theta, theta, np.zeros(theta.shape, dtype=np.bool_))
+
+    @property
+    def parameters(self) -> Parameters:
+        """α, β, τ within the bounds."""
+        return Parameters.from_theta(self.theta)
+
+    @property
+    def active_names(self) -> tuple[tuple[str, ...], ...]:
+        """Per follower, the names of the components at their bounds."""
+        return tuple(
+            tuple(name for name, held in zip(LINEAR_NAMES, row, strict=True) if held)
+            for row in np.atleast_2d(self.active)
+        )
+
+
+def solve_bounded(
+    gram: FloatArray, moment: FloatArray, bounded: Sequence[bool] | None = None
+) -> Solution:
+    """Minimise xᵀGx - 2mᵀx over x ≥ 0 exactly.
+
+    Every active set is tried, so the answer is the global optimum; K is 2 to 4 in this package.
+
+    Args:
+        gram: (K, K) G, symmetric positive semi-definite.
+        moment: (K,) m.
+        bounded: (K,) which unknowns have the bound; by default all.
+    """
+    size = len(moment)
+    held = [k for k in range(size) if bounded is None or bounded[k]]
+    always = [k for k in range(size) if k not in held]
+    unconstrained = frozen(np.linalg.lstsq(gram, moment, rcond=None)[0])
+    if (unconstrained[held] >= 0).all():
+        return Solution.of(unconstrained)
+    best, best_cost = np.zeros(size), np.inf if always else 0.0
+    active = np.isin(np.arange(size), held)
+    for count in range(0 if always else 1, len(held)):
+        for chosen in combinations(held, count):
+            free = sorted([*always, *chosen])
+            part = np.linalg.lstsq(gram[np.ix_(free, free)], moment[free], rcond=None)[0]
+            trial = np.zeros(size)
+            trial[free] = part
+            cost = float(-part @ moment[free])
+            if (trial[held] >= 0).all() and cost < best_cost:
+                best, best_cost = trial, cost
+                active = ~np.isin(np.arange(size), free)
+    return Solution(frozen(best), unconstrained, active)
+
+
+def solve_platoon(grams: FloatArray, moments: FloatArray, case: Case) -> Solution:
+    """`solve_bounded` for each follower (Case II) or for all of them together (Case I).
+
+    Args:
+        grams: (M, 3, 3), one normal matrix a follower.
+        moments: (M, 3).
+        case: "I" or "II".
+
+    Returns:
+        A solution (M, 3); in Case I its rows are equal.
+    """
+    followers = len(grams)
+    if case == "I":
+        grams, moments = grams.sum(0, keepdims=True), moments.sum(0, keepdims=True)
+    parts = [solve_bounded(g, m) for g, m in zip(grams, moments, strict=True)]
+    return Solution.stack(parts, followers)
+
+
+@dataclass(frozen=True, eq=False)
 class Regression:
-    """The rows of every follower; M followers, N instants."""
+    """The rows of M followers at N instants; zero where an instant does not count."""
 
     terms: FloatArray
     """(M, N, 3) X: p [m], -v [m/s], Δv [m/s]."""
@@ -30,14 +129,26 @@ class Regression:
 
     @classmethod
     def of(cls, segment: Segment) -> Self:
-        """The rows of a segment; those that it leaves out are zero."""
+        """The rows of a segment, with central differences of its speeds."""
         rates = np.gradient(segment.speeds[:, 1:], segment.sample_time, axis=0)
-        rows = cls(regressors(segment.speeds, segment.gaps), rates.T)
-        return rows if segment.mask is None else rows.kept(segment.mask)
+        return cls.of_motion(segment.speeds, segment.gaps, rates, segment.mask)
 
-    def kept(self, keep: Mask) -> Self:
-        """The rows in ``keep`` (N, M) count, the others are zero and so do not."""
-        return type(self)(self.terms * keep.T[:, :, None], self.rates * keep.T)
+    @classmethod
+    def of_motion(
+        cls, speeds: FloatArray, gaps: FloatArray, rates: FloatArray, mask: Mask | None
+    ) -> Self:
+        """The rows of any motion.
+
+        Args:
+            speeds: (N, M+1) in m/s, leader first.
+            gaps: (N, M) in m.
+            rates: (N, M) the followers' dv/dt in m/s².
+            mask: (N, M) True where an instant counts; None where all do.
+        """
+        terms = regressors(speeds, gaps)
+        if mask is None:
+            return cls(terms, rates.T)
+        return cls(np.where(mask.T[:, :, None], terms, 0.0), np.where(mask, rates, 0.0).T)
 
     def grams(self) -> FloatArray:
         """(M, 3, 3) XᵀX."""
@@ -47,10 +158,52 @@ class Regression:
         """(M, 3) Xᵀ dv/dt."""
         return np.asarray(np.einsum("mnk,mn->mk", self.terms, self.rates))
 
-    def solve(self, case: Case) -> PlatoonSolution:
+    def solve(self, case: Case) -> Solution:
         """The least-squares θ within the rational driving constraints."""
         return solve_platoon(self.grams(), self.moments(), case)
 
-    def residuals(self, theta: FloatArray) -> FloatArray:
-        """(M, N) r in m/s² at θ (M, 3)."""
-        return np.asarray(self.rates - np.einsum("mnk,mk->mn", self.terms, theta))
+
+@dataclass(frozen=True, eq=False)
+class OneSecondMeans:
+    """K steps of M followers."""
+
+    rates: FloatArray
+    """(M, K) mean dv/dt in m/s²."""
+    terms: FloatArray
+    """(M, K, 3) means of p [m], -v [m/s], Δv [m/s]."""
+    mask: Mask
+    """(M, K) False where a step contains a masked sample."""
+    samples: int
+    """In a step."""
+    length: Seconds
+    """Of a step: T, or the sample time if that is longer."""
+
+
+def one_second_means(segment: Segment, first: int = 0, delay: int = 0) -> OneSecondMeans:
+    """The steps of a segment; what is left of a second at its end is dropped.
+
+    Args:
+        segment: the data.
+        first: sample at which the first step begins.
+        delay: samples by which the terms are older than the rates, at most ``first``.
+    """
+    samples = max(1, round(STEP / segment.sample_time))
+    count = (segment.samples - 1 - first) // samples
+    last, length = first + count * samples, samples * segment.sample_time
+    speeds = segment.speeds[first : last + 1 : samples, 1:]
+    terms = regressors(segment.speeds, segment.gaps)[:, first - delay : last - delay + 1]
+    trapezoid = (terms[:, 1:] + terms[:, :-1]) / 2
+    mask: Mask = np.ones((segment.followers, count), dtype=bool)
+    if segment.mask is not None:
+        kept = segment.mask
+        # A step has both its ends in it, and so have its terms.
+        both = kept[first : last + 1] & kept[first - delay : last - delay + 1]
+        pairs = both[1:] & both[:-1]
+        mask = np.asarray(pairs.reshape(count, samples, -1).all(axis=1).T)
+    return OneSecondMeans(
+        rates=np.diff(speeds, axis=0).T / length,
+        terms=trapezoid.reshape(len(terms), count, samples, 3).mean(axis=2),
+        mask=mask,
+        samples=samples,
+        length=length,
+    )

@@ -5,9 +5,9 @@ the instant are the smoothed signal and its derivative. With v, p and dv/dt so o
 
     θ = argmin Σ_t (dv/dt - α p + ατ v - β Δv)²   subject to α, ατ, β ≥ 0.
 
-Smoothing is a convolution, and the law is linear: what holds for the signals holds for the
-smoothed ones. So the window costs hardly any bias where the law holds, while receivers' noise is
-averaged out of the regressors, whose noise would pull the gains towards zero.
+Smoothing is a convolution and the model is linear, so what holds for the signals holds for the
+smoothed ones: the window adds hardly any bias where the model holds, and it averages out the
+receivers' noise, which in the regressors would bias the gains towards zero.
 
 Source: Savitzky and Golay, Analytical Chemistry 36 (1964) 1627-1639; the pass band after Schafer,
 IEEE Signal Processing Magazine 28 (2011) 111-117.
@@ -18,9 +18,10 @@ from functools import partial
 
 from scipy.signal import savgol_filter
 
-from accpinn.methods.fit import Fit, Outcome, bound_notes
+from accpinn.methods.fit import Fit, Outcome
 from accpinn.methods.method import direct
-from accpinn.model.cthp import Case, Parameters, Trajectories, regressors, solve_rows
+from accpinn.methods.regression import Regression
+from accpinn.model.cthp import Case, Trajectories
 from accpinn.segment.segment import Segment
 from accpinn.units import Seconds
 
@@ -29,7 +30,7 @@ WINDOW: Seconds = 2.0
 well below the 3-5 Hz of the receivers' reports, whose splining leaves ripples."""
 DEGREE = 3
 LEAST_SAMPLES = 5
-"""Of a window: with fewer, the cubic runs through every sample and smooths nothing."""
+"""In a window: with fewer, the cubic interpolates every sample and smooths nothing."""
 
 
 def fit(segment: Segment, case: Case = "II", window: Seconds = WINDOW) -> Fit:
@@ -42,19 +43,17 @@ def fit(segment: Segment, case: Case = "II", window: Seconds = WINDOW) -> Fit:
     )
     speeds, gaps = smoothing(segment.speeds), smoothing(segment.gaps)
     acceleration = smoothing(segment.speeds[:, 1:], deriv=1)
-    # The window reaches into what is left out, as the signals there are as good as elsewhere.
-    solution = solve_rows(regressors(speeds, gaps), acceleration, case, segment.mask)
-    return Fit(
-        method="savitzky-golay",
-        case=case,
-        parameters=Parameters.from_theta(solution.theta),
+    # The window reaches into masked instants, as the signals there are as good as elsewhere.
+    solution = Regression.of_motion(speeds, gaps, acceleration, segment.mask).solve(case)
+    return Fit.of(
+        "savitzky-golay",
+        segment,
+        case,
+        solution,
         surrogate=Trajectories(segment.time, speeds, gaps),
         outcome=Outcome.SOLVED,
         seconds=time.perf_counter() - started,
         config={"window": samples * segment.sample_time, "degree": degree},
-        unconstrained=Parameters.from_theta(solution.unconstrained),
-        active_bounds=solution.active,
-        notes=bound_notes(segment.vehicles, solution),
     )
 
 

@@ -1,98 +1,104 @@
-"""Closed-loop simulation least squares: the law whose own drive comes closest to the recording.
+"""Closed-loop simulation least squares: the parameters whose simulation is nearest the recording.
 
-The followers are simulated from their first state on, with nothing measured but a speed ahead:
+The followers are simulated from their first state on, with only a speed ahead measured:
 
     (θ, x_0) = argmin Σ_t Σ_i (p̂_i - p_i)² + (v̂_i - v_i)²   subject to α, ατ, β ≥ 0,
 
-gap errors in m and speed errors in m/s counted alike, as in the PiNN's Ψ_D. Case II simulates
+gap errors in m and speed errors in m/s weighted equally, as in the PiNN's Ψ_D. Case II simulates
 each follower by itself behind its measured predecessor; Case I simulates the whole platoon behind
-its measured leader, with one law. The first states x_0 are estimated too, within what a receiver
-leaves open. Unlike the methods that weigh dv/dt against the law, this one never lets the recording
-put the simulated motion right: what the law gets wrong adds up over time and counts in full.
+its measured leader, with one parameter set. The first states x_0 are estimated too, within the
+receivers' errors. Unlike in the methods that compare dv/dt with the model, the recording never
+corrects the simulated motion: the model's errors accumulate over time and count in full.
 
-What the segment leaves out of the law is not simulated: the motion starts anew where the law counts
-again, with a first state of its own. In Case I an instant counts if it does for every follower.
+Masked instants are not simulated: the motion starts anew after them, with a first state of its own.
+In Case I an instant counts if it does for every follower. The criterion can have several optima, so
+the search starts from several parameter sets.
 
-The criterion can have several optima, so the search starts from several laws.
+The motion of K followers with one parameter set, x = (p_1, v_1, .., p_K, v_K), is a linear system
+driven by the speed u of the vehicle ahead of the first, and A, b are linear in θ = (α, ατ, β). So
+the derivatives s_j = ∂x/∂θ_j obey a linear system again, stepped exactly between the samples of u:
+
+    dx/dt = A(θ) x + b(θ) u,        ds_j/dt = A s_j + A_j x + b_j u,    s_j(0) = 0.
 
 Source: Gunter et al., IEEE Transactions on Intelligent Transportation Systems 22 (2021) 6992-7003,
-who fit simulations of this law to recordings; the search is scipy's trust-region method.
+who fit simulations of this model to recordings; the search is scipy's trust-region method.
 """
 
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import compress
+from functools import cached_property
 
 import numpy as np
+from scipy.linalg import expm
 from scipy.optimize import OptimizeResult
 from scipy.optimize import least_squares as minimise
 
 from accpinn.errors import SegmentError
+from accpinn.mask import stretches
 from accpinn.methods import least_squares, splines
-from accpinn.methods.chain import Chain, chains
-from accpinn.methods.fit import Fit, Outcome, bound_notes
+from accpinn.methods.fit import (
+    Fit,
+    MethodFinding,
+    Outcome,
+    SimulatedInStretches,
+    SimulatedSeparately,
+    WeaklyDetermined,
+)
 from accpinn.methods.method import direct
+from accpinn.methods.regression import Mask, Solution
 from accpinn.model.cthp import (
-    LINEAR_NAMES,
+    LARGEST,
+    LARGEST_ALPHA_TAU,
+    TYPICAL,
     Case,
-    LinearSolution,
     Parameters,
-    PlatoonSolution,
     Trajectories,
+    motion_matrix,
+    orbit,
+    respond,
 )
 from accpinn.segment.segment import Segment
 from accpinn.units import FloatArray, Seconds, frozen
 
 SCALE = np.array([0.05, 0.05, 0.2])
-"""Of α, ατ, β: what the optimiser counts as one."""
+"""Of α, ατ, β: the optimiser's units."""
 START_ERROR = (0.5, 0.15)
-"""In m and m/s, how far x_0 may be from the first sample: three standard deviations of a
-receiver's errors. Left free, x_0 would take on part of what the law gets wrong."""
-TYPICAL = Parameters(0.08, 0.2, 1.4)
-"""A law to start from, beside the estimates of least squares and of splines."""
-APART = (
-    "Each follower is fitted behind its measured predecessor; where the platoon is simulated behind"
-    " its leader alone, the errors of those ahead come on top."
-)
+"""In m and m/s, the largest distance of x_0 from the first sample: three standard deviations of a
+receiver's errors. Without a limit, x_0 would absorb part of the model's error."""
 AT_ZERO = 1e-6
-"""In units of `SCALE`: the search comes near to a bound and never stands on it."""
-HIGHEST = np.array([10.0, 10.0, 10.0])
-"""Of α, ατ, β, in the units of SI: a hundred times what cars have. Where nothing but noise moves,
-the best simulation would repeat it with gains beyond all bounds."""
-TELLING = 1e-8
-"""Ratio of the derivatives' singular values below which some change of the law changes nothing."""
+"""In units of `SCALE`: the search approaches a bound and never reaches it."""
+HIGHEST = np.array([LARGEST.alpha, LARGEST_ALPHA_TAU, LARGEST.beta])
+"""Of α, ατ, β: where nothing but noise moves, the best simulation would repeat it with unbounded
+gains."""
+SINGULAR = 1e-8
+"""Ratio of the derivatives' singular values below which θ is not identifiable."""
 TOLERANCE = 1e-10
 LEAST_STRETCH: Seconds = 5.0
-"""Between instants left out: in less time, an unknown first state explains the motion by itself."""
-ANEW = (
-    "What is left out was not simulated while the law was fitted: each stretch between starts anew"
-    f" from its measured state, and stretches shorter than {LEAST_STRETCH:g} s are left out too."
-)
+"""Between masked instants: in less time, an unknown first state explains the motion by itself."""
 
 
 def fit(segment: Segment, case: Case = "II") -> Fit:
-    """The law of the best closed-loop simulation; the surrogate is that simulation.
+    """The parameters of the best closed-loop simulation; the surrogate is that simulation.
 
     Raises:
         SegmentError: when there are too few samples for the splines that the search starts from,
-            or when no stretch that is not left out is long enough.
+            or when no stretch between masked instants is long enough.
     """
     started = time.perf_counter()
     guesses = [method.fit(segment, case).parameters for method in (least_squares, splines)]
     guesses.append(Parameters.of([TYPICAL.values] * segment.followers))
-    platoon = chains(segment, case)
     ends = [
-        _best(chain, _stretches(segment, index, chain), [laws[index].theta for laws in guesses])
-        for index, chain in enumerate(platoon)
+        _best(chain, _stretches(segment, k, chain), [guess[k].theta for guess in guesses])
+        for k, chain in enumerate(chains(segment, case))
     ]
     states = np.concatenate([end.states for end in ends], axis=1)
     errors = np.concatenate([end.errors for end in ends], axis=1)
-    solution = PlatoonSolution.of([end.solution for end in ends], segment.followers)
-    return Fit(
-        method="simulation",
-        case=case,
-        parameters=Parameters.from_theta(solution.theta),
+    return Fit.of(
+        "simulation",
+        segment,
+        case,
+        Solution.stack([end.solution for end in ends], segment.followers),
         surrogate=Trajectories(
             segment.time, np.column_stack([segment.speeds[:, 0], states[:, 1::2]]), states[:, ::2]
         ),
@@ -100,30 +106,93 @@ def fit(segment: Segment, case: Case = "II") -> Fit:
         seconds=time.perf_counter() - started,
         config={"starts": len(guesses), "start_error": list(START_ERROR)},
         loss={"total": float((errors**2).sum() / (segment.samples * segment.followers))},
-        unconstrained=Parameters.from_theta(solution.unconstrained),
-        active_bounds=solution.active,
         iterations=sum(end.rounds for end in ends),
-        notes=(*bound_notes(segment.vehicles, solution), *_notes(segment, ends)),
+        findings=_findings(segment, ends),
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class Chain:
+    """K followers that share one parameter set; N instants."""
+
+    ahead: FloatArray
+    """(N,) u in m/s."""
+    measured: FloatArray
+    """(N, 2K) x as recorded."""
+    step: Seconds
+    first: int = 0
+    """The sample of the segment at which it begins."""
+
+    def stretches(self, mask: Mask, least: Seconds) -> tuple["Chain", ...]:
+        """Its parts where the mask (N,) is true, in runs of ``least`` or longer."""
+        kept = [run for run in stretches(mask) if (len(run) - 1) * self.step >= least]
+        rows = [slice(run.first, run.last + 1) for run in kept]
+        return tuple(Chain(self.ahead[r], self.measured[r], self.step, r.start) for r in rows)
+
+    @cached_property
+    def parts(self) -> FloatArray:
+        """(4, 2K, 2K+1): [A | b] at θ = 0, and its derivatives by α, ατ, β."""
+        followers = self.measured.shape[1] // 2
+
+        def at(alpha: float, beta: float, tau: float) -> FloatArray:
+            return motion_matrix(Parameters(*([value] * followers for value in (alpha, beta, tau))))
+
+        rest, gain = at(0, 0, 0), at(1, 0, 0)
+        return np.stack([rest, gain - rest, at(1, 0, 1) - gain, at(0, 1, 0) - rest])
+
+    def states(self, theta: FloatArray, start: FloatArray) -> FloatArray:
+        """(N, 2K) x for θ (3,) from the first state (2K,) on."""
+        return respond(self._matrix(theta), self.ahead, self.step, start)
+
+    def slopes(self, theta: FloatArray, start: FloatArray) -> FloatArray:
+        """(N, 2K, 3 + 2K): the derivatives of `states` by θ, then by the first state."""
+        matrix, size = self._matrix(theta), len(start)
+        joint = np.kron(np.eye(4), matrix[:, :-1])
+        joint[size:, :size] += self.parts[1:, :, :-1].reshape(3 * size, size)
+        drive = np.concatenate([matrix[:, -1], self.parts[1:, :, -1].ravel()])
+        begin = np.concatenate([start, np.zeros(3 * size)])
+        driven = respond(np.column_stack([joint, drive]), self.ahead, self.step, begin)
+        by_theta = driven[:, size:].reshape(-1, 3, size).transpose(0, 2, 1)
+        transition = expm(matrix[:, :-1] * self.step)
+        by_start = [orbit(transition, unit, len(driven)) for unit in np.eye(size)]
+        return np.concatenate([by_theta, np.stack(by_start, axis=2)], axis=2)
+
+    def _matrix(self, theta: FloatArray) -> FloatArray:
+        """[A | b], (2K, 2K+1)."""
+        return np.asarray(self.parts[0] + np.tensordot(theta, self.parts[1:], 1))
+
+
+def chains(segment: Segment, case: Case) -> tuple[Chain, ...]:
+    """Case I: the platoon behind its leader. Case II: each follower behind its predecessor."""
+    size = segment.followers if case == "I" else 1
+    states = np.stack([segment.gaps, segment.speeds[:, 1:]], axis=2)
+    return tuple(
+        Chain(
+            segment.speeds[:, first],
+            states[:, first : first + size].reshape(segment.samples, -1),
+            segment.sample_time,
+        )
+        for first in range(0, segment.followers, size)
     )
 
 
 @dataclass(frozen=True, eq=False)
 class _End:
-    """The law of one chain of followers."""
+    """The result for one chain of followers."""
 
-    solution: LinearSolution
+    solution: Solution
     states: FloatArray
-    """(N, 2K) simulated with it from the first instant on, also over what is left out."""
+    """(N, 2K) simulated with it from the first instant on, also over masked instants."""
     errors: FloatArray
     """(N, 2K) of the simulated stretches; zero where nothing was simulated."""
     converged: bool
     rounds: int
-    telling: bool
-    """Whether every change of the law changes the simulation."""
+    identifiable: bool
+    """Whether every change of θ changes the simulation."""
 
 
 def _stretches(segment: Segment, index: int, chain: Chain) -> tuple[Chain, ...]:
-    """What is simulated of the chain with that index: all of it, unless something is left out."""
+    """The simulated parts of the chain with that index: all of it, unless there is a mask."""
     if segment.mask is None:
         return (chain,)
     size = chain.measured.shape[1] // 2
@@ -131,36 +200,37 @@ def _stretches(segment: Segment, index: int, chain: Chain) -> tuple[Chain, ...]:
     stretches = chain.stretches(np.asarray(mask.all(axis=1)), LEAST_STRETCH)
     if not stretches:
         raise SegmentError(
-            f"{segment.source}: what is left of {segment.labels[index + 1]} has no stretch of"
-            f" {LEAST_STRETCH:g} s to simulate; leave out less, or choose another method."
+            f"{segment.source}: without the instants left out, {segment.labels[index + 1]} has no"
+            f" stretch of {LEAST_STRETCH:g} s to simulate; leave out less, or choose another"
+            " method."
         )
     return stretches
 
 
 def _best(chain: Chain, stretches: tuple[Chain, ...], guesses: list[FloatArray]) -> _End:
-    """The best law within the bounds, and the one that would be best without them."""
+    """The best θ within the bounds, and the best one without them."""
     search = _Search(stretches, (True, True, True))
     found = [search.run(guess) for guess in guesses]
     best = min(found, key=lambda end: float(end.cost))
-    theta = unconstrained = search.law(best.x)
+    theta = unconstrained = search.theta(best.x)
     positive = theta > AT_ZERO * SCALE
-    active = tuple(compress(LINEAR_NAMES, ~positive))
-    if active:
-        unconstrained = search.law(search.run(theta, bounded=False).x)
+    active = ~positive
+    if active.any():
+        unconstrained = search.theta(search.run(theta, bounded=False).x)
         # Without α there is no τ, and so no ατ either.
         positive[1] &= positive[0]
         search = _Search(stretches, positive.tolist())
         best = search.run(theta)
         found.append(best)
-        theta = search.law(best.x)
+        theta = search.theta(best.x)
     whole = len(stretches[0].ahead) == len(chain.ahead)
     return _End(
-        LinearSolution(frozen(theta), frozen(unconstrained), active),
+        Solution(frozen(theta), frozen(unconstrained), active),
         chain.states(theta, search.starts(best.x)[0] if whole else chain.measured[0]),
         _placed(stretches, search.errors(best.x), chain.measured.shape),
         bool(best.success),
         sum(end.nfev for end in found),
-        search.telling(best),
+        search.is_identifiable(best),
     )
 
 
@@ -174,18 +244,14 @@ def _placed(stretches: tuple[Chain, ...], errors: FloatArray, shape: tuple[int, 
     return placed
 
 
-def _notes(segment: Segment, ends: list[_End]) -> list[str]:
-    notes = [] if len(ends) == 1 else [APART]
+def _findings(segment: Segment, ends: list[_End]) -> list[MethodFinding]:
+    found: list[MethodFinding] = [] if len(ends) == 1 else [SimulatedSeparately()]
     if segment.mask is not None:
-        notes.append(ANEW)
+        found.append(SimulatedInStretches(LEAST_STRETCH))
     for vehicle, end in zip(segment.vehicles[1:], ends, strict=False):
-        whose = "Case I" if len(ends) < segment.followers else f"Vehicle {vehicle}"
-        if not end.telling or (end.solution.theta >= HIGHEST * (1 - AT_ZERO)).any():
-            notes.append(
-                f"{whose}: the recording does not tell α, β and τ apart, as other laws drive just"
-                " as near to it; the numbers are one possibility of many."
-            )
-    return notes
+        if not end.identifiable or (end.solution.theta >= HIGHEST * (1 - AT_ZERO)).any():
+            found.append(WeaklyDetermined(None if len(ends) < segment.followers else vehicle))
+    return found
 
 
 class _Search:
@@ -198,8 +264,8 @@ class _Search:
         self._error = np.tile(START_ERROR, len(self._first) // 2)
         self._unit = np.concatenate([SCALE[self._free], self._error])
 
-    def law(self, x: FloatArray) -> FloatArray:
-        """θ, (3,), of what the optimiser works on."""
+    def theta(self, x: FloatArray) -> FloatArray:
+        """θ, (3,), of the optimiser's unknowns."""
         theta = np.zeros(3)
         theta[self._free] = SCALE[self._free] * x[: len(self._free)]
         return theta
@@ -211,50 +277,49 @@ class _Search:
 
     def errors(self, x: FloatArray) -> FloatArray:
         """(2KN,) simulated less measured."""
-        law = self.law(x)
+        theta = self.theta(x)
         return np.concatenate(
             [
-                (part.states(law, start) - part.measured).ravel()
+                (part.states(theta, start) - part.measured).ravel()
                 for part, start in zip(self._stretches, self.starts(x), strict=True)
             ]
         )
 
     def slopes(self, x: FloatArray) -> FloatArray:
         """(2KN, len(x)) their derivatives."""
-        law, laws = self.law(x), len(self._free)
-        starts = self.starts(x)
+        theta, free, starts = self.theta(x), len(self._free), self.starts(x)
         rows, size = [part.measured.size for part in self._stretches], starts.shape[1]
         slopes = np.zeros((sum(rows), len(x)), order="F")
         taken = 0
         for index, (part, start, count) in enumerate(
             zip(self._stretches, starts, rows, strict=True)
         ):
-            own = part.slopes(law, start).reshape(count, -1)
+            own = part.slopes(theta, start).reshape(count, -1)
             at = slice(taken, taken + count)
-            slopes[at, :laws] = own[:, self._free]
-            slopes[at, laws + index * size : laws + (index + 1) * size] = own[:, 3:]
+            slopes[at, :free] = own[:, self._free]
+            slopes[at, free + index * size : free + (index + 1) * size] = own[:, 3:]
             taken += count
         slopes *= self._unit
         return slopes
 
-    def telling(self, end: OptimizeResult) -> bool:
-        """Whether no change of the free part of θ leaves the simulation as it is."""
+    def is_identifiable(self, end: OptimizeResult) -> bool:
+        """Whether every change of the free part of θ changes the simulation."""
         values = np.linalg.svd(end.jac[:, : len(self._free)], compute_uv=False)
-        return bool(values.size == 0 or values[-1] > TELLING * values[0])
+        return bool(values.size == 0 or values[-1] > SINGULAR * values[0])
 
     def run(self, guess: FloatArray, bounded: bool = True) -> OptimizeResult:
-        """From a law (3,) and the measured first state to the nearest optimum."""
-        laws, states = len(self._free), len(self._first)
+        """From a guess of θ (3,) and the measured first state to the nearest optimum."""
+        states = len(self._first)
         x = np.concatenate([guess[self._free] / SCALE[self._free], np.zeros(states)])
         top = HIGHEST[self._free] / SCALE[self._free]
-        lowest = np.concatenate([np.zeros(laws) if bounded else -top, -np.ones(states)])
+        lowest = np.concatenate([np.zeros(len(top)) if bounded else -top, -np.ones(states)])
         highest = np.concatenate([top, np.ones(states)])
         x = x.clip(lowest, highest)
-        # A trial step may lead to a law whose simulation runs away; the search then turns back.
+        # The simulation of a trial step may diverge; the search then turns back.
         with np.errstate(over="ignore", invalid="ignore"):
             return minimise(
                 self.errors, x, self.slopes, (lowest, highest), ftol=TOLERANCE, xtol=TOLERANCE
             )
 
 
-METHOD = direct("simulation", "Simulation", fit, typical_seconds=1.4)
+METHOD = direct("simulation", "Simulation", fit, typical_seconds=1.4, is_closed_loop=True)

@@ -7,8 +7,8 @@ overlap only their neighbours:
 
     A = Σ_residuals (a D + b B)ᵀ(a D + b B) + BᵀB,     bandwidth (degree + 1)(2M + 1) - 1,
 
-and for fixed coefficients the parameters are a 3x3 solve. The two alternate until they stand. What
-the segment leaves out of the law has no residual of dv/dt there; all other terms stay.
+and for fixed coefficients the parameters are a 3x3 solve. The two alternate until they converge. At
+masked instants there is no residual of dv/dt; all other terms remain.
 
 Source: Ramsay, Hooker, Campbell and Cao, J. R. Statist. Soc. B 69 (2007) 741-796.
 """
@@ -24,9 +24,10 @@ from scipy.linalg import solveh_banded
 from scipy.sparse import csr_array, diags_array
 
 from accpinn.errors import SegmentError
-from accpinn.methods.fit import Fit, Outcome, bound_notes
+from accpinn.methods.fit import Fit, Outcome
 from accpinn.methods.method import direct
-from accpinn.model.cthp import Case, Parameters, Trajectories, regressors, solve_rows
+from accpinn.methods.regression import Regression
+from accpinn.model.cthp import Case, Trajectories, regressors
 from accpinn.segment.segment import Segment
 from accpinn.units import FloatArray, Seconds
 
@@ -37,7 +38,7 @@ LEAST_SAMPLES = 5
 DEGREE = 4
 ROUNDS = 100
 TOLERANCE = 1e-9
-"""Largest relative change of θ at which the alternation stands."""
+"""Largest relative change of θ at which the alternation ends."""
 
 
 def fit(segment: Segment, case: Case = "II", knots_every: Seconds = KNOTS_EVERY) -> Fit:
@@ -54,33 +55,25 @@ def fit(segment: Segment, case: Case = "II", knots_every: Seconds = KNOTS_EVERY)
         )
     knots_every = max(knots_every, LEAST_SAMPLES * segment.sample_time)
     basis = _Basis(segment.time, knots_every, segment.mask)
-    terms = regressors(segment.speeds, segment.gaps)
-    solution = solve_rows(terms, _slopes(segment), case, segment.mask)
+    solution = Regression.of(segment).solve(case)
     for rounds in range(1, ROUNDS + 1):  # noqa: B007 (used below)
         speeds, gaps, rates = basis.smooth(segment, solution.theta)
         before = solution.theta
-        solution = solve_rows(regressors(speeds, gaps), rates, case, segment.mask)
+        solution = Regression.of_motion(speeds, gaps, rates, segment.mask).solve(case)
         if np.abs(solution.theta - before).max() <= TOLERANCE * np.abs(solution.theta).max():
             break
-    return Fit(
-        method="splines",
-        case=case,
-        parameters=Parameters.from_theta(solution.theta),
+    return Fit.of(
+        "splines",
+        segment,
+        case,
+        solution,
         surrogate=Trajectories(segment.time, speeds, gaps),
         outcome=Outcome.SOLVED if rounds < ROUNDS else Outcome.FINISHED,
         seconds=time.perf_counter() - started,
         config={"knots_every": knots_every, "degree": DEGREE},
         loss=basis.loss(segment, solution.theta),
-        unconstrained=Parameters.from_theta(solution.unconstrained),
-        active_bounds=solution.active,
         iterations=rounds,
-        notes=bound_notes(segment.vehicles, solution),
     )
-
-
-def _slopes(segment: Segment) -> FloatArray:
-    slopes: FloatArray = np.gradient(segment.speeds[:, 1:], segment.sample_time, axis=0)
-    return slopes
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,7 +120,7 @@ class _Basis:
         self.size, self.count = size, len(instants)
         self._bands = _Bands.of(self.value, self.rate)
         self._mask = mask
-        self._bands_of_law = (
+        self._masked_bands = (
             []
             if mask is None
             else [_Bands.of(self.value[kept], self.rate[kept]) for kept in mask.T]
@@ -158,14 +151,14 @@ class _Basis:
         outputs = 2 * len(theta) + 1
         banded = np.zeros(((DEGREE + 1) * outputs, self.size * outputs))
         data = np.eye(outputs)
-        kinematic, lawful = _residuals(theta)
+        kinematic, dynamic = _residuals(theta)
         if self._mask is None:
-            residuals = [one for pair in zip(kinematic, lawful, strict=True) for one in pair]
+            residuals = [one for pair in zip(kinematic, dynamic, strict=True) for one in pair]
             self._add_squares(banded, self._bands, residuals, data)
             return banded
         self._add_squares(banded, self._bands, kinematic, data)
-        for bands, law in zip(self._bands_of_law, lawful, strict=True):
-            self._add_squares(banded, bands, [law], np.zeros_like(data))
+        for bands, residual in zip(self._masked_bands, dynamic, strict=True):
+            self._add_squares(banded, bands, [residual], np.zeros_like(data))
         return banded
 
     def _add_squares(
@@ -191,13 +184,13 @@ class _Basis:
         values, rates = self._evaluate()
         split = followers + 1
         speeds, gaps = values[:, :split], values[:, split:]
-        law = np.einsum("mnk,mk->nm", regressors(speeds, gaps), theta)
+        model = np.einsum("mnk,mk->nm", regressors(speeds, gaps), theta)
         relative = speeds[:, :-1] - speeds[:, 1:]
         scale = 1.0 / (self.count * followers)
-        disobeyed = rates[:, 1:split] - law
+        residual = rates[:, 1:split] - model
         if self._mask is not None:
-            disobeyed = np.where(self._mask, disobeyed, 0.0)
-        physics = ((rates[:, split:] - relative) ** 2).sum() + (disobeyed**2).sum()
+            residual = np.where(self._mask, residual, 0.0)
+        physics = ((rates[:, split:] - relative) ** 2).sum() + (residual**2).sum()
         data = ((speeds - segment.speeds) ** 2).sum() + ((gaps - segment.gaps) ** 2).sum()
         return {
             "total": float(scale * (physics + data)),
@@ -218,13 +211,13 @@ def _residuals(theta: FloatArray) -> tuple[list[_Residual], list[_Residual]]:
     """Of dp/dt = Δv and of dv/dt = .., each for M followers."""
     followers = len(theta)
     unit = np.eye(2 * followers + 1)
-    kinematic, lawful = [], []
+    kinematic, dynamic = [], []
     for follower, (alpha, alpha_tau, beta) in enumerate(theta):
         ahead, own, gap = unit[follower], unit[follower + 1], unit[followers + 1 + follower]
         kinematic.append(_Residual(gap, own - ahead))
         damping = alpha_tau + beta
-        lawful.append(_Residual(own, -alpha * gap + damping * own - beta * ahead))
-    return kinematic, lawful
+        dynamic.append(_Residual(own, -alpha * gap + damping * own - beta * ahead))
+    return kinematic, dynamic
 
 
 def _coefficients_of_squares(

@@ -1,4 +1,4 @@
-"""The constant time-headway policy (CTHP), the law every method of this package estimates.
+"""The constant time-headway policy (CTHP), the model whose parameters every method estimates.
 
 Vehicle i follows vehicle i-1; p_i is the space-gap [m], v_i the speed [m/s], Δv_i = v_{i-1} - v_i:
 
@@ -11,13 +11,12 @@ constraints are α ≥ 0, c ≥ 0, β ≥ 0 (Wilson and Ward 2011).
 Source: Apostolakis and Ampountolas, IEEE Transactions on Vehicular Technology, 2024, section III.
 """
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
-from itertools import combinations
 from typing import Any, Literal, Self
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.linalg import expm
 
 from accpinn.units import FloatArray, Seconds, frozen
@@ -26,7 +25,7 @@ Case = Literal["I", "II"]
 """Case I: one parameter set for the platoon. Case II: one per follower."""
 
 LINEAR_NAMES = ("α", "ατ", "β")
-"""The quantities the law is linear in, in the order every θ of this package has them."""
+"""The components of θ, in which the model is linear, in the order of every θ in this package."""
 
 
 BLOCK = 256
@@ -131,6 +130,20 @@ def _scalar(values: FloatArray) -> Any:
     return float(values) if values.ndim == 0 else values
 
 
+TYPICAL = Parameters(0.08, 0.2, 1.4)
+"""The middle of published parameters of ACC cars; filters and searches start from it."""
+SPREAD = (1.0, 1.0, 0.3)
+"""Standard deviations of ln α, ln β, ln τ about `TYPICAL`: 95 % of α lie in 0.01 to 0.6 1/s²."""
+RESPONSIVE = (Parameters(0.01, 0.02, 0.3), Parameters(1.0, 2.0, 4.0))
+"""Least and most: within these a vehicle is damped, and neither sluggish nor stiff."""
+LONGEST_HEADWAY: Seconds = 5.0
+"""No cruise control keeps a longer one: their settings end near 3 s."""
+LARGEST = Parameters(10.0, 10.0, 100.0)
+"""Where searches end: gains a hundred times, a headway fifty times what cars have."""
+LARGEST_ALPHA_TAU = 10.0
+"""In 1/s; where searches over θ end."""
+
+
 def regressors(speeds: FloatArray, gaps: FloatArray) -> FloatArray:
     """What multiplies θ in dv/dt, per follower.
 
@@ -143,98 +156,6 @@ def regressors(speeds: FloatArray, gaps: FloatArray) -> FloatArray:
     """
     follower = speeds[:, 1:]
     return np.stack([gaps, -follower, speeds[:, :-1] - follower], axis=-1).transpose(1, 0, 2)
-
-
-@dataclass(frozen=True, eq=False)
-class LinearSolution:
-    """The least-squares θ within the rational driving constraints, and without them."""
-
-    theta: FloatArray
-    """(3,): the solution with α, ατ, β ≥ 0."""
-    unconstrained: FloatArray
-    """(3,): the solution that ignores the bounds."""
-    active: tuple[str, ...]
-    """Which of α, ατ, β stand at zero because of the bounds."""
-
-
-def solve_linear(gram: FloatArray, moment: FloatArray) -> LinearSolution:
-    """Minimise θᵀGθ - 2mᵀθ over θ ≥ 0 exactly.
-
-    With three unknowns every active set can be tried, so the answer is the global optimum.
-
-    Args:
-        gram: (3, 3), symmetric positive semi-definite.
-        moment: (3,).
-    """
-    unconstrained = frozen(np.linalg.lstsq(gram, moment, rcond=None)[0])
-    if (unconstrained >= 0).all():
-        return LinearSolution(unconstrained, unconstrained, ())
-    best, best_cost = np.zeros(3), 0.0
-    active: tuple[str, ...] = LINEAR_NAMES
-    for size in (1, 2):
-        for free in combinations(range(3), size):
-            index = list(free)
-            part = np.linalg.lstsq(gram[np.ix_(index, index)], moment[index], rcond=None)[0]
-            cost = float(-part @ moment[index])
-            if (part >= 0).all() and cost < best_cost:
-                best, best_cost = np.zeros(3), cost
-                best[index] = part
-                active = tuple(name for i, name in enumerate(LINEAR_NAMES) if i not in free)
-    return LinearSolution(frozen(best), unconstrained, active)
-
-
-@dataclass(frozen=True, eq=False)
-class PlatoonSolution:
-    """The least-squares parameters of every follower; in Case I all rows are equal."""
-
-    theta: FloatArray
-    """(M, 3) α, ατ, β within the rational driving constraints."""
-    unconstrained: FloatArray
-    """(M, 3) the same without them."""
-    active: tuple[tuple[str, ...], ...]
-    """Per follower, the names of those that stand at zero because of the constraints."""
-
-    @classmethod
-    def of(cls, solutions: Sequence[LinearSolution], followers: int) -> Self:
-        """One solution a follower, or a single one that all share."""
-        rows = solutions if len(solutions) == followers else [solutions[0]] * followers
-        return cls(
-            np.stack([row.theta for row in rows]),
-            np.stack([row.unconstrained for row in rows]),
-            tuple(row.active for row in rows),
-        )
-
-
-def solve_platoon(grams: FloatArray, moments: FloatArray, case: Case) -> PlatoonSolution:
-    """`solve_linear` for each follower (Case II) or for all of them together (Case I).
-
-    Args:
-        grams: (M, 3, 3), one normal matrix a follower.
-        moments: (M, 3).
-        case: "I" or "II".
-    """
-    followers = len(grams)
-    if case == "I":
-        grams, moments = grams.sum(0, keepdims=True), moments.sum(0, keepdims=True)
-    solutions = [solve_linear(g, m) for g, m in zip(grams, moments, strict=True)]
-    return PlatoonSolution.of(solutions, followers)
-
-
-def solve_rows(
-    terms: FloatArray, rates: FloatArray, case: Case, mask: NDArray[np.bool_] | None = None
-) -> PlatoonSolution:
-    """The least-squares θ of dv/dt = Xθ over all instants that count.
-
-    Args:
-        terms: (M, N, 3) X, the `regressors`.
-        rates: (N, M) dv/dt in m/s².
-        case: "I" or "II".
-        mask: (N, M) True where a row counts; None where all do.
-    """
-    if mask is not None:
-        terms = np.where(mask.T[:, :, None], terms, 0.0)
-    grams = terms.transpose(0, 2, 1) @ terms
-    return solve_platoon(grams, np.einsum("mnk,nm->mk", terms, rates), case)
 
 
 @dataclass(frozen=True, eq=False)

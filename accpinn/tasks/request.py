@@ -2,17 +2,14 @@
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING
 
 from accpinn.methods.fit import Fit
-from accpinn.methods.pinn import request as stored
+from accpinn.methods.pinn import method as pinn
 from accpinn.methods.pinn.config import PinnConfig
+from accpinn.methods.pinn.method import WarmStart
 from accpinn.methods.store import Store
 from accpinn.model.cthp import Case
 from accpinn.segment.segment import Segment
-
-if TYPE_CHECKING:  # whoever only watches a training need not load torch
-    from accpinn.methods.pinn.warm_start import WarmStart
 
 
 @dataclass(frozen=True, eq=False)
@@ -22,13 +19,13 @@ class TrainingRequest:
     segment: Segment
     case: Case
     config: PinnConfig
-    warm: "WarmStart | None" = None
+    warm: WarmStart | None = None
     """The weights it begins with in place of random ones."""
 
     @cached_property
     def key(self) -> str:
         """Its content address: requests of equal keys have the same result."""
-        return stored.request_keys(self.segment, self.case, self.config, self.warm)[0]
+        return pinn.request_keys(self.segment, self.case, self.config, self.warm)[0]
 
     def recall(self, store: Store) -> Fit | None:
         """The stored result, None where there is none."""
@@ -37,8 +34,8 @@ class TrainingRequest:
 
     def resume_iteration(self, store: Store) -> int | None:
         """The iteration from which a stopped training of it would go on; None where it is new."""
-        return stored.resume_iteration(store, self.segment, self.case, self.config, self.warm)
+        return pinn.resume_iteration(store, self.segment, self.case, self.config, self.warm)
 
     def drop_checkpoints(self, store: Store) -> None:
         """Let its next training begin anew."""
-        stored.forget(store, self.segment, self.case, self.config, self.warm)
+        pinn.drop_checkpoints(store, self.segment, self.case, self.config, self.warm)

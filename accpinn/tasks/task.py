@@ -11,10 +11,11 @@ from typing import Generic, TypeVar
 import numpy as np
 
 from accpinn.errors import AccpinnError
-from accpinn.methods.fit import Fit, History, Outcome, Progress
+from accpinn.methods.fit import Fit, Outcome
+from accpinn.methods.history import History, Progress, Recorder
 from accpinn.methods.method import TaskContext
-from accpinn.methods.pinn.history import Recorder
 from accpinn.methods.store import Store
+from accpinn.model.cthp import Parameters
 from accpinn.tasks.request import TrainingRequest
 from accpinn.units import Seconds
 
@@ -222,8 +223,10 @@ class Task(Generic[Result]):
 def _joined(before: History, after: History) -> History:
     """One history from two; what was repeated after a checkpoint is taken from the second."""
     kept = before.iteration < after.iteration[0]
-    names = ("iteration", "seconds", "total", "data", "physics", "initial", "parameters")
+    scalars = ("iteration", "seconds", "total", "data", "physics", "initial")
     parts = {
-        name: np.concatenate([getattr(before, name)[kept], getattr(after, name)]) for name in names
+        name: np.concatenate([getattr(before, name)[kept], getattr(after, name)])
+        for name in scalars
     }
-    return History(**parts)
+    tables = np.concatenate([before.parameters.values[kept], after.parameters.values])
+    return History(**parts, parameters=Parameters.of(tables))

@@ -30,8 +30,8 @@ TRUTH = Parameters.of([LAW])
 def by_brute_force(segment: Segment, profile: Profile) -> list[float]:
     """The first follower's increase of S, by another solver on all rows."""
     regression = Regression.of(segment)
-    theta = regression.solve("II").theta
-    least = float((regression.residuals(theta)[0] ** 2).sum())
+    theta = regression.solve("II").theta[0]
+    least = float(((regression.rates[0] - regression.terms[0] @ theta) ** 2).sum())
     rates, (alpha, alpha_tau, beta) = regression.rates[0], regression.terms[0].T
 
     def squares(value: float) -> float:

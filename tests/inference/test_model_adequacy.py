@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from accpinn.inference.model_adequacy import BetterForm, ModelForm, better_forms, model_forms
-from accpinn.methods.one_second_means import one_second_means
+from accpinn.methods.regression import one_second_means
 from accpinn.model.cthp import Parameters
 from accpinn.recordings.openacc import read
 from accpinn.results.messages import message
@@ -71,7 +71,7 @@ def test_masked_seconds_do_not_count() -> None:
     segment = recorded()
     early = segment.time[:, None] < 200.0
     masked = replace(segment, gaps=segment.gaps + np.where(early, 0.0, 30.0), mask=early)
-    assert not one_second_means(masked).known[0, -1]
+    assert not one_second_means(masked).mask[0, -1]
     found = by_form(masked)["as it is"]
     np.testing.assert_allclose(found.parameters[0].values, TRUE, rtol=0.1)
 

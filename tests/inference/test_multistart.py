@@ -102,7 +102,7 @@ def test_the_command_prints_every_start(
         assert "0.01, 0.5, 2" in printed
         return
     found = json.loads(printed)
-    assert [tuple(trial["initial"]) for trial in found["trials"]] == list(STARTS)
+    assert [Parameters.of(trial["initial"]) for trial in found["trials"]] == list(STARTS)
     alphas = [trial["parameters"][0]["alpha"] for trial in found["trials"]]
     by_hand = 100 * np.ptp(alphas) / np.mean(alphas)
     assert found["spread_percent"][0]["alpha"] == pytest.approx(by_hand)

@@ -35,7 +35,7 @@ from accpinn.segment.regimes import (
 )
 from accpinn.segment.segment import NothingToExclude, RegimesExcluded, Segment
 from accpinn.units import FloatArray
-from tests.driving import leader_speed
+from tests.support.driving import leader_speed
 from tests.support.methods import RIVALS as ESTIMATORS
 from tests.support.openacc_files import STEP, csv, metadata
 

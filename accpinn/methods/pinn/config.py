@@ -1,10 +1,11 @@
 """Every setting of the PiNN, and the two presets: `paper` (faithful) and `fast` (default)."""
 
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from math import isfinite
 from typing import Any, Literal
 
 from accpinn.errors import ConfigError
+from accpinn.model.cthp import Parameters
 
 METHOD_VERSION = 2
 """Raised whenever a change of the method changes its numbers; cached results then expire."""
@@ -12,13 +13,22 @@ METHOD_VERSION = 2
 PresetName = Literal["fast", "paper"]
 
 STARTS = (
-    (1.0, 1.0, 1.0),
-    (0.5, 0.5, 0.5),
-    (0.1, 0.1, 1.0),
-    (0.01, 0.5, 2.0),
-    (2.0, 2.0, 2.0),
+    Parameters(1.0, 1.0, 1.0),
+    Parameters(0.5, 0.5, 0.5),
+    Parameters(0.1, 0.1, 1.0),
+    Parameters(0.01, 0.5, 2.0),
+    Parameters(2.0, 2.0, 2.0),
 )
-"""Five initial values of (α, β, τ); the paper trains from five and prints none but these ends."""
+"""Five initial values; the paper trains from five, and prints only where they end."""
+_RANGES: dict[str, tuple[float, float, str]] = {
+    "iterations": (1, 1_000_000, ""),
+    "seed": (0, 2**32 - 1, ""),
+    "lbfgs_iterations": (0, 100_000, ""),
+    "test_share": (0, 0.5, ""),
+    "highest_frequency": (0.01, 2, " Hz"),
+    "batch": (10, 100_000, ""),
+}
+"""Least, most and unit."""
 
 
 @dataclass(frozen=True)
@@ -26,13 +36,13 @@ class PinnConfig:
     """What determines a training, and nothing else: equal configs give equal results."""
 
     preset: PresetName = "fast"
-    """Which training recipe runs."""
+    """Which training runs."""
     iterations: int = 600
-    """Adam iterations at most; `fast` ends earlier once the parameters have settled."""
+    """Adam iterations at most; `fast` ends earlier once it has converged."""
     seed: int = 0
     """Of the network's initial weights, the minibatches and the train/test split."""
-    initial: tuple[float, float, float] = (1.0, 1.0, 1.0)
-    """α [1/s²], β [1/s], τ [s] before the first iteration; the paper's notebooks start at ones."""
+    initial: Parameters = STARTS[0]
+    """Before the first iteration; the paper's notebooks start at ones."""
     weight_physics: tuple[float, float] = (1.0, 1.0)
     """Q: weights of the squared residuals of dp/dt and dv/dt in Ψ_F."""
     weight_initial: float = 0.0
@@ -57,41 +67,30 @@ class PinnConfig:
             ConfigError: naming the setting, its range and the value given.
         """
         _require(self.preset in ("fast", "paper"), "preset", "fast or paper", self.preset)
-        _require(1 <= self.iterations <= 1_000_000, "iterations", "1 to 1,000,000", self.iterations)
-        _require(0 <= self.seed < 2**32, "seed", "0 to 4,294,967,295", self.seed)
+        for setting, (least, most, unit) in _RANGES.items():
+            given, title = getattr(self, setting), setting.replace("_", " ")
+            title = title.replace("lbfgs", "L-BFGS")
+            _require(least <= given <= most, title, f"{least:,} to {most:,}{unit}", given)
+        initial = self.initial.values
         _require(
-            len(self.initial) == 3 and all(isfinite(v) and 0 <= v <= 100 for v in self.initial),
+            initial.shape == (3,) and bool(((initial >= 0) & (initial <= 100)).all()),
             "initial",
             "three numbers α, β, τ from 0 to 100 (the rational driving constraints)",
-            self.initial,
+            initial.tolist(),
         )
         weights = (*self.weight_physics, self.weight_initial, *self.weight_data)
         _require(all(isfinite(w) and w >= 0 for w in weights), "weights", "0 or more", weights)
         _require(min(self.weight_data) > 0, "data weights S", "above 0", self.weight_data)
         _require(min(self.weight_physics) > 0, "physics weights Q", "above 0", self.weight_physics)
         _require(0 < self.learning_rate <= 1, "learning rate", "above 0 to 1", self.learning_rate)
-        _require(
-            0 <= self.lbfgs_iterations <= 100_000,
-            "L-BFGS iterations",
-            "0 to 100,000",
-            self.lbfgs_iterations,
-        )
-        _require(0 <= self.test_share <= 0.5, "test share", "0 to 0.5", self.test_share)
-        _require(
-            0.01 <= self.highest_frequency <= 2,
-            "highest frequency",
-            "0.01 to 2 Hz",
-            self.highest_frequency,
-        )
-        _require(10 <= self.batch <= 100_000, "batch", "10 to 100,000", self.batch)
         if self.preset == "fast":
             for setting in ("lbfgs_iterations", "test_share"):
                 given = getattr(self, setting)
                 _require(not given, setting, "0, or the paper preset, which has it", given)
 
     def to_json(self) -> dict[str, Any]:
-        """All settings, with lists in place of tuples."""
-        return {k: list(v) if isinstance(v, tuple) else v for k, v in asdict(self).items()}
+        """All settings, with lists in place of tuples and parameters."""
+        return {name: _plain(value) for name, value in vars(self).items()}
 
     @classmethod
     def from_json(cls, settings: dict[str, Any]) -> "PinnConfig":
@@ -109,12 +108,20 @@ class PinnConfig:
 
     def changes(self) -> dict[str, Any]:
         """The settings that differ from the preset."""
-        usual = asdict(PRESETS[self.preset])
-        return {name: value for name, value in asdict(self).items() if value != usual[name]}
+        usual = vars(PRESETS[self.preset])
+        return {name: value for name, value in vars(self).items() if value != usual[name]}
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, Parameters):
+        return value.values.tolist()
+    return list(value) if isinstance(value, tuple) else value
 
 
 def _like(example: object, value: Any) -> Any:
     """A value read from JSON as the type that ``example`` has."""
+    if isinstance(example, Parameters):
+        return Parameters.of(value)
     if isinstance(example, tuple):
         return tuple(float(v) for v in value)
     if isinstance(example, float):

@@ -1,29 +1,39 @@
-"""The `fast` recipe: gradient descent where the network is nonlinear, exact solves where it is not.
+"""The `fast` preset: gradient descent where the network is nonlinear, exact solves where it is not.
 
-The surrogate is y(t) = [φ(t), h(φ(t))] W: Fourier features φ of time (`features`), three tanh
+The surrogate is y(t) = [φ(t), h(φ(t))] W: Fourier features φ of time (`surrogate`), three tanh
 layers h on top of them, and one output layer W that sees both. Three kinds of unknowns, each
 learned by what suits it:
 
     hidden layers      Adam on minibatches of Ψ
-    output layer W     Ψ is quadratic in it: solved exactly (`exact`)
-    α, ατ, β           Ψ is quadratic in them: solved exactly, within their bounds (`exact`)
+    output layer W     Ψ is quadratic in it: solved exactly (`variable_projection`)
+    α, ατ, β           Ψ is quadratic in them: solved exactly, within their bounds
 
 Training starts with rounds of the two exact solves from the user's initial values, until the
-parameters stand still; that is the best the untrained hidden layers can do. Then cycles of
+parameters stand still; that is the optimum for the untrained hidden layers. Then cycles of
 `CYCLE` Adam iterations, each followed by exact solves, train the hidden layers. Each exact round
 and each Adam iteration counts as one iteration.
 """
+
+from dataclasses import replace
 
 import numpy as np
 import torch
 from torch import Tensor
 
-from accpinn.methods.fit import Outcome, Progress
-from accpinn.methods.pinn.adam import Adam
-from accpinn.methods.pinn.features import FourierFeatures
+from accpinn.methods.fit import HiddenLayersGain, IterationsExhausted, MethodFinding, Outcome
+from accpinn.methods.history import Checkpoint, Progress
 from accpinn.methods.pinn.loss import loss_terms
-from accpinn.methods.pinn.network import HIDDEN, HiddenLayers, count_weights
-from accpinn.methods.pinn.protocol import Checkpoint, Learned, Problem, as_table, from_table
+from accpinn.methods.pinn.method import WarmStart
+from accpinn.methods.pinn.network import (
+    HIDDEN,
+    Adam,
+    HiddenLayers,
+    count_weights,
+    load_state,
+    state_of,
+)
+from accpinn.methods.pinn.protocol import Learned, Problem
+from accpinn.methods.pinn.surrogate import FourierFeatures
 from accpinn.methods.pinn.variable_projection import (
     RIDGE,
     GramMatrices,
@@ -31,27 +41,24 @@ from accpinn.methods.pinn.variable_projection import (
     solve_output,
     solve_parameters,
 )
-from accpinn.methods.pinn.warm_start import WarmStart
-from accpinn.model.cthp import PlatoonSolution
-from accpinn.units import FloatArray
+from accpinn.methods.regression import Solution
+from accpinn.model.cthp import Parameters
 
 CYCLE = 50
 """Adam iterations between exact solves."""
 HALF_LIFE = 100
-"""Iterations in which Adam's learning rate halves: minibatch noise must fade for Ψ to settle."""
+"""Iterations in which Adam's learning rate halves: minibatch noise must fade for Ψ to converge."""
 STANDSTILL = 1e-4
 """Exact rounds go on until no parameter moves by more than this share."""
 START_ROUNDS = 50
 """At most so many exact rounds before the hidden layers are trained."""
 CYCLE_ROUNDS = 3
 """At most so many exact rounds after a cycle."""
-SETTLED_PARAMETERS = 1e-3
-SETTLED_LOSS = 1e-2
-"""Settled: over a cycle no parameter moved by more than 0.1 % and Ψ fell by less than 1 %,
+CONVERGED_PARAMETERS = 1e-3
+CONVERGED_LOSS = 1e-2
+CONVERGED_CYCLES = 2
+"""Converged: over a cycle no parameter moved by more than 0.1 % and Ψ fell by less than 1 %,
 twice in a row."""
-SETTLED_CYCLES = 2
-LITTLE_GAIN = 0.02
-"""Training the hidden layers is said to bring little when Ψ falls by less than this share."""
 
 
 class FastTraining:
@@ -62,30 +69,33 @@ class FastTraining:
         self.problem = problem
         config = problem.config
         self._features = FourierFeatures(float(problem.time[-1]), config.highest_frequency)
-        self._static = _StaticMoments(problem, self._features)
+        self._static = _StaticSums(problem, self._features)
         self._hidden = HiddenLayers(self._features.size - 1, config.seed, torch.float32)
         self._adam = Adam(self._hidden.parameters(), b2=0.99)
         self._generator = torch.Generator().manual_seed(config.seed)
-        self._theta = from_table(np.tile(np.array(config.initial), (problem.followers, 1)))
-        self._exact = PlatoonSolution(self._theta, self._theta, ((),) * problem.followers)
+        initial = Parameters.of([config.initial.values] * problem.followers)
+        self._solution = Solution.of(initial.theta)
         self._starting, self._iteration, self._quiet_cycles = True, 0, 0
         self._start_loss = float("nan")
         self._measure()
-        self._weights = solve_output(self._moments, self._theta, config)
+        self._weights = solve_output(self._sums, self._solution.theta, config)
         self.progress = self._look("start")
         self.outcome = self._end()
 
     def begin_from(self, warm: WarmStart) -> None:
         """Begin anew, from what an earlier training has learned."""
         problem, angular = self.problem, warm.arrays.get("features.angular")
-        table = warm.parameters(problem.case, problem.followers)
+        initial = warm.initial(problem.case, problem.followers).values
         weights = warm.arrays.get("output.weight")
         fits = weights is not None and weights.shape == tuple(self._weights.shape)
         if not fits or angular is None or not np.array_equal(angular, self._features.angular):
             raise warm.misfit()
-        warm.load_into(self._hidden, "hidden.")
-        self._theta = from_table(np.broadcast_to(table, (problem.followers, 3)))
-        self._exact = PlatoonSolution(self._theta, self._theta, ((),) * problem.followers)
+        try:
+            load_state(self._hidden, warm.arrays, "hidden.")
+        except ValueError:
+            raise warm.misfit() from None
+        everyone = Parameters.of(np.broadcast_to(initial, (problem.followers, 3)))
+        self._solution = Solution.of(everyone.theta)
         self._measure()
         self._weights = torch.from_numpy(np.array(weights, float))
         self.progress = self._look("start")
@@ -117,8 +127,8 @@ class FastTraining:
         """Count quiet cycles, the present one against the one ``before``."""
         now = self.progress
         if now.phase == before.phase == "Adam":
-            still = _largest_move(now.parameters, before.parameters) <= SETTLED_PARAMETERS
-            still = still and now.total >= (1 - SETTLED_LOSS) * before.total
+            still = _largest_move(now.parameters, before.parameters) <= CONVERGED_PARAMETERS
+            still = still and now.total >= (1 - CONVERGED_LOSS) * before.total
             self._quiet_cycles = self._quiet_cycles + 1 if still else 0
         return self._end()
 
@@ -126,17 +136,16 @@ class FastTraining:
         """How the training has ended, if it has."""
         if not np.isfinite(self.progress.total):
             return Outcome.DIVERGED
-        if self._quiet_cycles >= SETTLED_CYCLES:
-            return Outcome.SETTLED
+        if self._quiet_cycles >= CONVERGED_CYCLES:
+            return Outcome.CONVERGED
         return Outcome.FINISHED if self._iteration >= self.problem.config.iterations else None
 
     def _round(self) -> float:
         """One exact solve of output layer and parameters; the parameters' largest move."""
-        problem, before = self.problem, as_table(self._theta)
-        self._weights = solve_output(self._moments, self._theta, problem.config)
-        self._exact = solve_parameters(self._moments, self._weights, problem.case)
-        self._theta = self._exact.theta
-        return _largest_move(as_table(self._theta), before)
+        problem, before = self.problem, self._solution
+        self._weights = solve_output(self._sums, before.theta, problem.config)
+        self._solution = solve_parameters(self._sums, self._weights, problem.case)
+        return _largest_move(self._solution.parameters, before.parameters)
 
     def _descend(self, iterations: int) -> None:
         """Adam on the hidden layers, on minibatches, everything else fixed."""
@@ -144,9 +153,9 @@ class FastTraining:
         weights = self._weights.float()
         skip = (self._static.value @ self._weights[:size]).float()
         skip_rate = (self._static.rate @ self._weights[:size]).float()
-        theta = torch.from_numpy(self._theta).float()
-        measured, counted = self._static.measured_single, problem.counted
-        counted = None if counted is None else counted.float()
+        theta = torch.tensor(self._solution.theta).float()
+        measured = self._static.measured_single
+        mask = None if problem.mask is None else problem.mask.float()
         count = len(problem.time)
         batch = min(problem.config.batch, count)
         learning_rate = problem.config.learning_rate * 0.5 ** (self._iteration / HALF_LIFE)
@@ -159,16 +168,16 @@ class FastTraining:
             )
             outputs = skip[pick] + active @ weights[size:]
             rates = skip_rate[pick] + active_rate @ weights[size:]
-            told = None if counted is None else counted[pick]
-            terms = loss_terms(outputs, rates, measured[pick], theta, problem.config, told)
+            some = None if mask is None else mask[pick]
+            terms = loss_terms(outputs, rates, measured[pick], theta, problem.config, some)
             terms.total.backward()
             self._adam.step(learning_rate)
         self._iteration += iterations
 
     def _measure(self) -> None:
-        """The activations on all instants in double precision, and their moments."""
+        """The activations on all instants in double precision, and their sums."""
         self._active, self._active_rate = self._activations()
-        self._moments = self._static.with_hidden(self._active, self._active_rate)
+        self._sums = self._static.with_hidden(self._active, self._active_rate)
 
     @torch.no_grad()
     def _activations(self) -> tuple[Tensor, Tensor]:
@@ -184,52 +193,42 @@ class FastTraining:
         return outputs, rates
 
     def _look(self, phase: str) -> Progress:
-        terms = self.problem.evaluate(*self._surrogate(), self._theta)
-        planned = self.problem.config.iterations
-        return self.problem.progress(phase, self._iteration, terms, as_table(self._theta), planned)
+        problem, solution = self.problem, self._solution
+        terms = problem.evaluate(*self._surrogate(), solution.theta)
+        planned = problem.config.iterations
+        return problem.progress(phase, self._iteration, terms, solution.parameters, planned)
 
     def learned(self) -> Learned:
         """The surrogate, the parameters, and what training the hidden layers brought."""
         now = self.progress
-        arrays = {f"hidden.{k}": v.numpy() for k, v in self._hidden.state_dict().items()}
+        arrays = state_of(self._hidden, "hidden.")
         arrays["output.weight"] = self._weights.numpy()
         arrays["features.angular"] = self._features.angular
         loss = {"total": now.total, "data": now.data, "physics": now.physics}
         loss |= {"initial": now.initial, "start": self._start_loss}
         return Learned(
             outputs=self._surrogate()[0].numpy(),
-            solution=self._exact,
+            solution=self._solution,
             loss=loss,
             network_weights=count_weights(self._hidden) + self._weights.numel(),
             arrays=arrays,
-            notes=self._notes(),
+            findings=self._findings(),
         )
 
-    def _notes(self) -> tuple[str, ...]:
-        notes = []
+    def _findings(self) -> tuple[MethodFinding, ...]:
+        found: list[MethodFinding] = []
         now, start = self.progress, self._start_loss
         if now.phase == "Adam" and start > 0:
-            gain = 1 - now.total / start
-            notes.append(
-                f"Training the hidden layers lowered Ψ from {start:#.3g} to {now.total:#.3g}"
-                f" ({100 * gain:.0f} % lower)."
-                if gain >= LITTLE_GAIN
-                else f"Training the hidden layers brought little here: Ψ was {start:#.4g} before"
-                f" and is {now.total:#.4g} now; the exact solve did the work."
-            )
+            found.append(HiddenLayersGain(start, now.total))
         if self.outcome is Outcome.FINISHED:
-            notes.append(
-                f"Ψ or a parameter was still moving when the {self._iteration:,} planned iterations"
-                " ended; more iterations, or other initial values, may bring a better result."
-            )
-        return tuple(notes)
+            found.append(IterationsExhausted(self._iteration))
+        return tuple(found)
 
     def state(self) -> Checkpoint:
         """Hidden layers, Adam's moments, output layer, parameters and the random generator."""
-        state: Checkpoint = {f"hidden.{k}": v.numpy() for k, v in self._hidden.state_dict().items()}
-        state |= self._adam.state()
+        state = state_of(self._hidden, "hidden.") | self._adam.state()
         state["generator"] = self._generator.get_state().numpy()
-        state["theta"] = self._theta
+        state["theta"] = self._solution.theta
         state["output.weight"] = self._weights.numpy()
         state["counters"] = np.array([self._starting, self._iteration, self._quiet_cycles])
         state["start_loss"] = np.array(self._start_loss)
@@ -238,26 +237,24 @@ class FastTraining:
 
     def restore(self, state: Checkpoint) -> None:
         """Go on from ``state``."""
-        layers = {k: v for k, v in state.items() if k.startswith("hidden.")}
-        self._hidden.load_state_dict(
-            {k.removeprefix("hidden."): torch.from_numpy(np.array(v)) for k, v in layers.items()}
-        )
+        load_state(self._hidden, state, "hidden.")
         self._adam.restore(state)
         self._generator.set_state(torch.from_numpy(np.array(state["generator"])))
-        self._theta = np.array(state["theta"], float)
+        self._solution = Solution.of(np.array(state["theta"], float))
         self._starting = bool(state["counters"][0])
         self._iteration, self._quiet_cycles = (int(v) for v in state["counters"][1:])
         self._start_loss = float(state["start_loss"])
         self._measure()
         self._weights = torch.from_numpy(np.array(state["output.weight"], float))
         if self._iteration:
-            self._exact = solve_parameters(self._moments, self._weights, self.problem.case)
+            solution = solve_parameters(self._sums, self._weights, self.problem.case)
+            self._solution = replace(solution, theta=self._solution.theta)
         self.progress = self._look(str(state["phase"]))
         self.outcome = self._end()
 
 
-class _StaticMoments:
-    """Moments of the input features, computed once, to which those of the hidden layers join."""
+class _StaticSums:
+    """Sums of products of the input features, computed once; the hidden layers' join them."""
 
     def __init__(self, problem: Problem, features: FourierFeatures) -> None:
         value = features(problem.time)
@@ -270,12 +267,12 @@ class _StaticMoments:
         self.measured_single = self.measured.float()
         self._slope = torch.from_numpy(slope)
         self._count = len(value)
-        self._counted = problem.counted
+        self._mask = problem.mask
         self._gram = self.value.T @ self.value / self._count
         self._data = self.value.T @ self.measured / self._count
 
     def with_hidden(self, active: Tensor, active_rate: Tensor) -> NormalEquations:
-        """Moments of Φ = [φ, h] from the activations h (N, H) and their rates."""
+        """The sums for Φ = [φ, h] from the activations h (N, H) and their rates."""
         slope, width = self._slope, HIDDEN[-1]
         both = torch.cat([active, active_rate], 1)
         cross = self.value.T @ both / self._count
@@ -308,20 +305,20 @@ class _StaticMoments:
             value_data=torch.cat([self._data, active.T @ self.measured / self._count], 0),
             first=torch.cat([self.value[0], active[0]]),
             first_data=self.measured[0],
-            lawful=self._lawful(active, active_rate),
+            masked=self._masked(active, active_rate),
         )
 
-    def _lawful(self, active: Tensor, active_rate: Tensor) -> tuple[GramMatrices, ...]:
-        """Products over each follower's instants that count; none where all do."""
-        if self._counted is None:
+    def _masked(self, active: Tensor, active_rate: Tensor) -> tuple[GramMatrices, ...]:
+        """Sums over the instants of each follower that count; empty where all do."""
+        if self._mask is None:
             return ()
         value = torch.cat([self.value, active], 1)
         rate = torch.cat([self.rate, active_rate], 1)
-        rows = [column.nonzero()[:, 0] for column in self._counted.T]
+        rows = [column.nonzero()[:, 0] for column in self._mask.T]
         return tuple(GramMatrices.of(value[at], rate[at], self._count) for at in rows)
 
 
-def _largest_move(now: FloatArray, before: FloatArray) -> float:
+def _largest_move(now: Parameters, before: Parameters) -> float:
     """Largest relative change of any parameter; one at zero counts by its absolute change."""
-    scale = np.where(np.abs(before) > 1e-9, np.abs(before), 1.0)
-    return float(np.nanmax(np.abs(now - before) / scale, initial=0.0))
+    scale = np.where(np.abs(before.values) > 1e-9, np.abs(before.values), 1.0)
+    return float(np.nanmax(np.abs(now.values - before.values) / scale, initial=0.0))

@@ -5,7 +5,7 @@
     Ψ_D = 1/(|T| M) Σ_t  [ S₂ (v_0 - v̂_0)² + Σ_i S₁ (p_i - p̂_i)² + S₂ (v_i - v̂_i)² ]
     Ψ_R = R/M Σ_i (p_i - p̂_i)² + (v_i - v̂_i)²   at the first instant
 
-Where the segment leaves the law out, the term with Q₂ is zero; |T| counts all instants.
+At masked instants the term with Q₂ is zero; |T| counts all instants.
 
 Source: Apostolakis and Ampountolas 2024, section V.B, extended there from M = 1; the leader's
 term stands inside the same average, which reproduces the paper's Tables II and III.
@@ -17,7 +17,7 @@ import torch
 from torch import Tensor
 
 from accpinn.methods.pinn.config import PinnConfig
-from accpinn.methods.pinn.output_layout import output_columns
+from accpinn.methods.pinn.surrogate import output_columns
 
 
 @dataclass(frozen=True)
@@ -33,6 +33,11 @@ class LossTerms:
         """Ψ."""
         return self.data + self.physics + self.initial
 
+    def values(self) -> dict[str, float]:
+        """Ψ and its terms by name."""
+        names = ("total", "data", "physics", "initial")
+        return {name: float(getattr(self, name).detach()) for name in names}
+
 
 def loss_terms(
     outputs: Tensor,
@@ -40,7 +45,7 @@ def loss_terms(
     measured: Tensor,
     theta: Tensor,
     config: PinnConfig,
-    counted: Tensor | None = None,
+    mask: Tensor | None = None,
 ) -> LossTerms:
     """Ψ of a surrogate; the first row must be the first instant where Ψ_R is used.
 
@@ -48,9 +53,9 @@ def loss_terms(
         outputs: (N, 2M+1) in m and m/s, in the order of `output_columns`.
         rates: (N, 2M+1) their time derivative.
         measured: (N, 2M+1) the data, in the same order.
-        theta: (M, 3) the law's linear parameters α, ατ, β per follower.
+        theta: (M, 3) α, ατ, β per follower.
         config: holds the weights Q, R, S.
-        counted: (N, M) 1 where the law's equation counts, else 0; None where it does throughout.
+        mask: (N, M) 1 where the residual of dv/dt counts, else 0; None where it does throughout.
     """
     count, followers = len(outputs), theta.shape[0]
     speed_columns, gap_columns = output_columns(followers)
@@ -60,10 +65,10 @@ def loss_terms(
     alpha, alpha_tau, beta = theta.T
 
     gap_residual = rates[:, gap_columns] - relative
-    law = alpha * gaps - alpha_tau * own + beta * relative
-    speed_residual = rates[:, speed_columns[1:]] - law
-    if counted is not None:
-        speed_residual = speed_residual * counted
+    model = alpha * gaps - alpha_tau * own + beta * relative
+    speed_residual = rates[:, speed_columns[1:]] - model
+    if mask is not None:
+        speed_residual = speed_residual * mask
     error = outputs - measured
     gap_error, speed_error = error[:, gap_columns], error[:, speed_columns]
 

@@ -1,4 +1,4 @@
-"""The surrogate network Ξ̂(t; θ) and its exact time derivative.
+"""The surrogate network Ξ̂(t; θ), its exact time derivative, and Adam, which trains it.
 
 Hidden layers are h ← tanh(W h + b). Their time derivative needs no nested automatic
 differentiation: the tangent (h, dh/dt) passes through each layer together,
@@ -6,15 +6,29 @@ differentiation: the tangent (h, dh/dt) passes through each layer together,
     dh/dt ← (1 - tanh²) · (W dh/dt),
 
 so one backward pass serves all 2M+1 outputs.
+
+Adam is as in Kingma and Ba (2014); torch's own takes a second to be imported:
+
+    m ← b₁ m + (1 - b₁) g        v ← b₂ v + (1 - b₂) g²
+    w ← w - lr · m̂ / (√v̂ + ε),   m̂ = m / (1 - b₁ᵏ),  v̂ = v / (1 - b₂ᵏ)
 """
 
+from collections.abc import Iterable, Mapping
 from itertools import pairwise
+from math import sqrt
+from typing import Any
 
+import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor, nn
+
+from accpinn.methods.history import Checkpoint
 
 HIDDEN = (60, 60, 60)
 """Neurons of the hidden layers, as in the paper."""
+EPSILON = 1e-8
+"""Adam's ε."""
 
 
 class HiddenLayers(nn.Module):
@@ -67,3 +81,63 @@ def xavier(layer: nn.Module, generator: torch.Generator) -> None:
 def count_weights(module: nn.Module) -> int:
     """How many numbers the module learns."""
     return sum(parameter.numel() for parameter in module.parameters())
+
+
+def state_of(module: nn.Module, prefix: str) -> dict[str, NDArray[Any]]:
+    """A module's weights by name, each with the prefix."""
+    return {f"{prefix}{name}": value.numpy() for name, value in module.state_dict().items()}
+
+
+def load_state(module: nn.Module, state: Mapping[str, NDArray[Any]], prefix: str) -> None:
+    """Give a module the weights whose names begin with the prefix.
+
+    Raises:
+        ValueError: when they are another module's.
+    """
+    given = {
+        name.removeprefix(prefix): torch.from_numpy(np.array(values))
+        for name, values in state.items()
+        if name.startswith(prefix)
+    }
+    shapes = {name: value.shape for name, value in module.state_dict().items()}
+    if {name: value.shape for name, value in given.items()} != shapes:
+        raise ValueError("the weights are another network's")
+    module.load_state_dict(given)
+
+
+class Adam:
+    """Moves tensors along their gradients; its state is plain arrays."""
+
+    def __init__(self, weights: Iterable[Tensor], b1: float = 0.9, b2: float = 0.999) -> None:
+        """Moments start at zero."""
+        self.weights = list(weights)
+        self.b1, self.b2, self.steps = b1, b2, 0
+        self._mean = [torch.zeros_like(weight) for weight in self.weights]
+        self._square = [torch.zeros_like(weight) for weight in self.weights]
+
+    @torch.no_grad()
+    def step(self, learning_rate: float) -> None:
+        """One step along the present gradients, which are cleared."""
+        self.steps += 1
+        size = learning_rate / (1 - self.b1**self.steps)
+        correction = sqrt(1 - self.b2**self.steps)
+        for weight, mean, square in zip(self.weights, self._mean, self._square, strict=True):
+            gradient = weight.grad
+            assert gradient is not None
+            mean.lerp_(gradient, 1 - self.b1)
+            square.mul_(self.b2).addcmul_(gradient, gradient, value=1 - self.b2)
+            weight.addcdiv_(mean, (square.sqrt() / correction).add_(EPSILON), value=-size)
+            weight.grad = None
+
+    def state(self) -> Checkpoint:
+        """Moments and step count by name."""
+        moments = {f"adam.mean.{k}": v.numpy().copy() for k, v in enumerate(self._mean)}
+        squares = {f"adam.square.{k}": v.numpy().copy() for k, v in enumerate(self._square)}
+        return {**moments, **squares, "adam.steps": np.array(self.steps)}
+
+    def restore(self, state: Checkpoint) -> None:
+        """Go on from ``state``."""
+        for k, (mean, square) in enumerate(zip(self._mean, self._square, strict=True)):
+            mean.copy_(torch.from_numpy(np.array(state[f"adam.mean.{k}"])))
+            square.copy_(torch.from_numpy(np.array(state[f"adam.square.{k}"])))
+        self.steps = int(state["adam.steps"])

@@ -1,4 +1,4 @@
-"""The `paper` recipe: everything by gradient, as Apostolakis and Ampountolas (2024) train.
+"""The `paper` preset: everything by gradient, as Apostolakis and Ampountolas (2024) train.
 
 Raw time in seconds goes in, the full training set is used in every iteration, all in double
 precision; network weights and (α, β, τ) are learned together by Adam, then, if asked for, by
@@ -10,20 +10,18 @@ After each iteration α, β and τ are clipped at zero, the rational driving con
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 from torch import Tensor
 
-from accpinn.methods.fit import Outcome
-from accpinn.methods.pinn.adam import Adam
+from accpinn.methods.fit import HoldoutLoss, Outcome
+from accpinn.methods.history import Checkpoint
 from accpinn.methods.pinn.loss import LossTerms, loss_terms
-from accpinn.methods.pinn.network import PaperNetwork, count_weights
-from accpinn.methods.pinn.output_layout import output_columns
-from accpinn.methods.pinn.protocol import Checkpoint, Learned, Problem
-from accpinn.methods.pinn.warm_start import WarmStart
-from accpinn.model.cthp import LINEAR_NAMES, PlatoonSolution, regressors, solve_rows
+from accpinn.methods.pinn.method import WarmStart
+from accpinn.methods.pinn.network import Adam, PaperNetwork, count_weights, load_state, state_of
+from accpinn.methods.pinn.protocol import Learned, Problem
+from accpinn.methods.pinn.surrogate import output_columns
+from accpinn.methods.regression import Mask, Regression, Solution
+from accpinn.model.cthp import Parameters
 from accpinn.units import FloatArray
-
-Mask = NDArray[np.bool_]
 
 CHUNK = 5
 """Iterations per `advance`: some tens of milliseconds, so that a stop is felt at once."""
@@ -38,16 +36,17 @@ class PaperTraining:
         config = problem.config
         self.network = PaperNetwork(problem.followers, config.seed)
         sets = 1 if problem.case == "I" else problem.followers
-        self.table = torch.tensor([config.initial] * sets, dtype=torch.float64, requires_grad=True)
-        self._unknowns = [*self.network.parameters(), self.table]
+        initial = np.tile(config.initial.values, (sets, 1))
+        self._parameters = torch.tensor(initial, requires_grad=True)  # (sets, 3) α, β, τ
+        self._unknowns = [*self.network.parameters(), self._parameters]
         self._adam = Adam(self._unknowns)
         self._second_order: torch.optim.LBFGS | None = None
         self._test = _draw_test(len(problem.time), config.test_share, config.seed)
         self._time = torch.tensor(problem.time)
         self._train_time = torch.from_numpy(problem.time[~self._test])
         self._train_data = torch.from_numpy(problem.measured[~self._test])
-        counted = problem.counted
-        self._train_counted = None if counted is None else counted[torch.from_numpy(~self._test)]
+        mask = problem.mask
+        self._train_mask = None if mask is None else mask[torch.from_numpy(~self._test)]
         self._iteration = 0
         self._planned = config.iterations + config.lbfgs_iterations
         with torch.no_grad():
@@ -56,10 +55,13 @@ class PaperTraining:
 
     def begin_from(self, warm: WarmStart) -> None:
         """Begin anew, from what an earlier training has learned."""
-        table = warm.parameters(self.problem.case, self.problem.followers)
-        warm.load_into(self.network, "network.")
+        initial = warm.initial(self.problem.case, self.problem.followers)
+        try:
+            load_state(self.network, warm.arrays, "network.")
+        except ValueError:
+            raise warm.misfit() from None
         with torch.no_grad():
-            self.table.copy_(torch.from_numpy(np.array(table)))
+            self._parameters.copy_(torch.tensor(initial.values))
             self._look("Adam", self._loss())
         self.outcome = self._end()
 
@@ -112,96 +114,74 @@ class PaperTraining:
 
     def _clip(self) -> None:
         with torch.no_grad():
-            self.table.clamp_(min=0.0)
+            self._parameters.clamp_(min=0.0)
 
     def _theta(self) -> Tensor:
         """(M, 3) α, ατ, β of the present parameters, also where a line search tries some < 0."""
-        table = self.table.clamp(min=0.0).expand(self.problem.followers, 3)
-        return torch.stack([table[:, 0], table[:, 0] * table[:, 2], table[:, 1]], 1)
+        alpha, beta, tau = self._parameters.clamp(min=0.0).expand(self.problem.followers, 3).T
+        return torch.stack([alpha, alpha * tau, beta], 1)
 
     def _loss(self) -> LossTerms:
         outputs, rates = self.network(self._train_time)
-        data, counted = self._train_data, self._train_counted
-        return loss_terms(outputs, rates, data, self._theta(), self.problem.config, counted)
+        data, mask = self._train_data, self._train_mask
+        return loss_terms(outputs, rates, data, self._theta(), self.problem.config, mask)
 
     def _look(self, phase: str, terms: LossTerms) -> None:
-        table = self.table.detach().numpy().copy()
-        self.progress = self.problem.progress(phase, self._iteration, terms, table, self._planned)
+        now = Parameters.of(self._parameters.detach().numpy())
+        self.progress = self.problem.progress(phase, self._iteration, terms, now, self._planned)
 
     @torch.no_grad()
     def learned(self) -> Learned:
         """The surrogate on all instants, the parameters, and the losses on both parts."""
         outputs, rates = self.network(self._time)
-        terms = self._loss_at(~self._test, outputs, rates)
-        loss = {
-            "total": float(terms.total),
-            "data": float(terms.data),
-            "physics": float(terms.physics),
-            "initial": float(terms.initial),
-        }
-        arrays = {f"network.{k}": v.numpy() for k, v in self.network.state_dict().items()}
-        notes: tuple[str, ...] = ()
+        loss = self._loss_at(~self._test, outputs, rates).values()
+        arrays = state_of(self.network, "network.")
+        findings: tuple[HoldoutLoss, ...] = ()
         if self._test.any():
             arrays["test"] = self._test.astype(float)
-            kept_out = self._loss_at(self._test, outputs, rates)
-            loss |= {
-                "test_data": float(kept_out.data),
-                "test_physics": float(kept_out.physics),
-            }
-            notes = (
-                f"{self._test.sum()} random instants were kept out of training; there Ψ_D is"
-                f" {loss['test_data']:,.4f} and Ψ_F {loss['test_physics']:,.4f}, which is too kind"
-                " to the network, as neighbouring instants are nearly equal.",
-            )
+            kept_out = self._loss_at(self._test, outputs, rates).values()
+            loss |= {"test_data": kept_out["data"], "test_physics": kept_out["physics"]}
+            instants = int(self._test.sum())
+            findings = (HoldoutLoss(instants, kept_out["data"], kept_out["physics"]),)
         return Learned(
             outputs=outputs.numpy(),
             solution=self._solution(outputs.numpy(), rates.numpy()),
             loss=loss,
             network_weights=count_weights(self.network),
             arrays=arrays,
-            notes=notes,
+            findings=findings,
         )
 
     def _loss_at(self, instants: Mask, outputs: Tensor, rates: Tensor) -> LossTerms:
         rows = torch.from_numpy(instants)
         measured = torch.from_numpy(self.problem.measured)[rows]
-        counted, config = self.problem.counted, self.problem.config
-        counted = None if counted is None else counted[rows]
-        return loss_terms(outputs[rows], rates[rows], measured, self._theta(), config, counted)
+        mask, config = self.problem.mask, self.problem.config
+        mask = None if mask is None else mask[rows]
+        return loss_terms(outputs[rows], rates[rows], measured, self._theta(), config, mask)
 
-    def _solution(self, outputs: FloatArray, rates: FloatArray) -> PlatoonSolution:
+    def _solution(self, outputs: FloatArray, rates: FloatArray) -> Solution:
         """The learned parameters; where one was clipped, least squares on the surrogate beside."""
         theta = self._theta().detach().numpy()
-        active = tuple(
-            tuple(name for name, value in zip(LINEAR_NAMES, row, strict=True) if value == 0)
-            for row in theta
-        )
-        if not any(active) or not np.isfinite(rates).all():
-            return PlatoonSolution(theta, theta, active)
+        active = theta == 0
+        if not active.any() or not np.isfinite(rates).all():
+            return Solution(theta, theta, active)
         speeds, gaps = output_columns(self.problem.followers)
-        terms = regressors(outputs[:, speeds], outputs[:, gaps])
-        problem, slopes = self.problem, rates[:, speeds[1:]]
-        free = solve_rows(terms, slopes, problem.case, problem.segment.mask).unconstrained
-        return PlatoonSolution(theta, free, active)
+        motion = outputs[:, speeds], outputs[:, gaps], rates[:, speeds[1:]]
+        free = Regression.of_motion(*motion, self.problem.segment.mask).solve(self.problem.case)
+        return Solution(theta, free.unconstrained, active)
 
     def state(self) -> Checkpoint:
         """Network, parameters and Adam's moments; L-BFGS begins its curvature anew."""
-        state: Checkpoint = {
-            f"network.{k}": v.numpy() for k, v in self.network.state_dict().items()
-        }
-        state |= self._adam.state()
-        state["table"] = self.table.detach().numpy()
+        state = state_of(self.network, "network.") | self._adam.state()
+        state["table"] = self._parameters.detach().numpy()
         state["iteration"] = np.array(self._iteration)
         return state
 
     def restore(self, state: Checkpoint) -> None:
         """Go on from ``state``."""
-        layers = {k: v for k, v in state.items() if k.startswith("network.")}
-        self.network.load_state_dict(
-            {k.removeprefix("network."): torch.from_numpy(np.array(v)) for k, v in layers.items()}
-        )
+        load_state(self.network, state, "network.")
         with torch.no_grad():
-            self.table.copy_(torch.from_numpy(np.array(state["table"])))
+            self._parameters.copy_(torch.from_numpy(np.array(state["table"])))
         self._adam.restore(state)
         self._iteration = int(state["iteration"])
         with torch.no_grad():

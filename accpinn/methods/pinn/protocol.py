@@ -1,24 +1,22 @@
-"""What both training recipes have in common: the data as tensors, and the shape of a training."""
+"""What both presets have in common: the data as tensors, and the interface of a training."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from functools import cached_property
 from typing import Protocol
 
-import numpy as np
 import torch
-from numpy.typing import NDArray
 from torch import Tensor
 
-from accpinn.methods.fit import Outcome, Progress
+from accpinn.methods.fit import MethodFinding, Outcome
+from accpinn.methods.history import Checkpoint, Progress
 from accpinn.methods.pinn.config import PinnConfig
 from accpinn.methods.pinn.loss import LossTerms, loss_terms
-from accpinn.methods.pinn.output_layout import stack_outputs
-from accpinn.methods.pinn.warm_start import WarmStart
-from accpinn.model.cthp import Case, PlatoonSolution
+from accpinn.methods.pinn.method import WarmStart
+from accpinn.methods.pinn.surrogate import stack_outputs
+from accpinn.methods.regression import Solution
+from accpinn.model.cthp import Case, Parameters
 from accpinn.segment.segment import Segment
 from accpinn.units import FloatArray
-
-Checkpoint = dict[str, NDArray[np.generic]]
-"""Everything a training needs to go on, by name, as plain arrays."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,21 +26,22 @@ class Problem:
     segment: Segment
     case: Case
     config: PinnConfig
-    time: FloatArray = field(init=False)
-    """(N,) in s."""
-    measured: FloatArray = field(init=False)
-    """(N, 2M+1) the data in the order of the network's outputs."""
-    counted: Tensor | None = field(init=False)
-    """(N, M) 1 where the law's equation counts, else 0; None where it does throughout."""
 
-    def __post_init__(self) -> None:
-        """Arrange the data once."""
-        object.__setattr__(self, "time", np.asarray(self.segment.time))
-        stacked = stack_outputs(self.segment.speeds, self.segment.gaps)
-        object.__setattr__(self, "measured", stacked)
+    @property
+    def time(self) -> FloatArray:
+        """(N,) in s."""
+        return self.segment.time
+
+    @cached_property
+    def measured(self) -> FloatArray:
+        """(N, 2M+1) the data in the order of the network's outputs."""
+        return stack_outputs(self.segment.speeds, self.segment.gaps)
+
+    @cached_property
+    def mask(self) -> Tensor | None:
+        """(N, M) 1 where the residual of dv/dt counts, else 0; None where it does throughout."""
         mask = self.segment.mask
-        counted = None if mask is None else torch.from_numpy(mask.astype(float))
-        object.__setattr__(self, "counted", counted)
+        return None if mask is None else torch.from_numpy(mask.astype(float))
 
     @property
     def followers(self) -> int:
@@ -50,45 +49,49 @@ class Problem:
         return self.segment.followers
 
     def evaluate(self, outputs: Tensor, rates: Tensor, theta: FloatArray) -> LossTerms:
-        """Ψ over all instants of outputs and rates (N, 2M+1) with parameters θ (M, 3)."""
-        measured = torch.from_numpy(self.measured)
-        law = torch.from_numpy(theta)
-        return loss_terms(outputs, rates, measured, law, self.config, self.counted)
+        """Ψ over all instants of outputs and rates (N, 2M+1) with θ (M, 3)."""
+        measured, fixed = torch.from_numpy(self.measured), torch.tensor(theta)
+        return loss_terms(outputs, rates, measured, fixed, self.config, self.mask)
 
     def progress(
-        self, phase: str, iteration: int, terms: LossTerms, parameters: FloatArray, planned: int
+        self, phase: str, iteration: int, terms: LossTerms, parameters: Parameters, planned: int
     ) -> Progress:
-        """A moment of the training; ``parameters`` (M, 3) or (1, 3) as α, β, τ."""
+        """A moment of the training; its seconds are left to whoever drives it.
+
+        Args:
+            phase: what runs.
+            iteration: how many are done.
+            terms: Ψ.
+            parameters: (M,) or (1,)
+            planned: iterations at most.
+        """
         return Progress(
             phase=phase,
             iteration=iteration,
             iterations=planned,
             seconds=0.0,
-            total=float(terms.total.detach()),
-            data=float(terms.data.detach()),
-            physics=float(terms.physics.detach()),
-            initial=float(terms.initial.detach()),
+            **terms.values(),
             parameters=parameters[:1] if self.case == "I" else parameters,
         )
 
 
 @dataclass(frozen=True, eq=False)
 class Learned:
-    """What a training has learned so far."""
+    """The present result of a training."""
 
     outputs: FloatArray
     """(N, 2M+1) the surrogate on all instants."""
-    solution: PlatoonSolution
+    solution: Solution
     """The parameters within the rational driving constraints, and what they would be without."""
     loss: dict[str, float]
     network_weights: int
     arrays: dict[str, FloatArray]
     """The network."""
-    notes: tuple[str, ...]
+    findings: tuple[MethodFinding, ...]
 
 
 class Training(Protocol):
-    """A recipe at work: `advance` in small steps, look at `progress`, stop at any moment."""
+    """A preset at work: `advance` in small steps, look at `progress`, stop at any moment."""
 
     problem: Problem
     progress: Progress
@@ -114,16 +117,3 @@ class Training(Protocol):
 
     def learned(self) -> Learned:
         """The present surrogate and parameters."""
-
-
-def as_table(theta: FloatArray) -> FloatArray:
-    """(M, 3) linear α, ατ, β to α, β, τ; τ is nan where α = 0."""
-    alpha, alpha_tau, beta = theta.T
-    tau = np.divide(alpha_tau, alpha, out=np.full_like(alpha, np.nan), where=alpha > 0)
-    return np.stack([alpha, beta, tau], 1)
-
-
-def from_table(table: FloatArray) -> FloatArray:
-    """(M, 3) α, β, τ to linear α, ατ, β."""
-    alpha, beta, tau = table.T
-    return np.stack([alpha, alpha * tau, beta], 1)

@@ -1,6 +1,6 @@
 """Training from request to result: cache, checkpoints, progress, stop and continue.
 
-Every recipe is driven the same way. An identical request is answered from the cache; a training
+Both presets are driven the same way. An identical request is answered from the cache; a training
 that was stopped, or whose process died, goes on from its last checkpoint.
 """
 
@@ -13,24 +13,26 @@ import torch
 
 from accpinn.errors import ConfigError
 from accpinn.methods.fit import (
+    CacheProblem,
+    Continued,
     Fit,
+    MethodFinding,
     OnProgress,
     Outcome,
-    Progress,
+    Run,
     ShouldStop,
-    bound_notes,
+    StartedFrom,
+    drive,
 )
+from accpinn.methods.history import Checkpoint, Progress, Recorder
 from accpinn.methods.pinn.config import FAST, PinnConfig
 from accpinn.methods.pinn.fast import FastTraining
-from accpinn.methods.pinn.history import Recorder
-from accpinn.methods.pinn.memory import require_memory
-from accpinn.methods.pinn.output_layout import output_columns
+from accpinn.methods.pinn.method import WarmStart, request_keys, require_memory
 from accpinn.methods.pinn.paper import PaperTraining
-from accpinn.methods.pinn.protocol import Checkpoint, Learned, Problem, Training
-from accpinn.methods.pinn.request import request_keys
-from accpinn.methods.pinn.warm_start import WarmStart
+from accpinn.methods.pinn.protocol import Problem, Training
+from accpinn.methods.pinn.surrogate import output_columns
 from accpinn.methods.store import Say, Store
-from accpinn.model.cthp import Case, Parameters, Trajectories
+from accpinn.model.cthp import Case, Trajectories
 from accpinn.segment.segment import Segment
 from accpinn.units import Seconds
 
@@ -41,7 +43,7 @@ MOST_THREADS = 4 * (os.cpu_count() or 2)
 CHECKPOINT_EVERY = 5.0
 """Seconds between checkpoints: what a killed process can lose."""
 
-RECIPES: dict[str, type[FastTraining] | type[PaperTraining]] = {
+TRAININGS: dict[str, type[FastTraining] | type[PaperTraining]] = {
     "fast": FastTraining,
     "paper": PaperTraining,
 }
@@ -58,18 +60,53 @@ def train(
     threads: int | None = None,
     warm: WarmStart | None = None,
 ) -> Fit:
-    """Learn the parameters of a segment with the physics-inspired neural network.
+    """Learn the parameters of a segment; `training` driven to its end.
+
+    Args:
+        segment: see `training`, as all others.
+        case: "I" or "II".
+        config: preset and settings.
+        store: for results and checkpoints.
+        on_progress: called several times a second with the present moment.
+        should_stop: asked several times a second; True ends with `Outcome.STOPPED`.
+        threads: for torch.
+        warm: an earlier fit to begin with.
+    """
+    run = training(
+        segment, case, config, store=store, should_stop=should_stop, threads=threads, warm=warm
+    )
+    return drive(run, on_progress)
+
+
+def training(
+    segment: Segment,
+    case: Case = "II",
+    config: PinnConfig = FAST,
+    *,
+    store: Store | None = None,
+    should_stop: ShouldStop | None = None,
+    threads: int | None = None,
+    warm: WarmStart | None = None,
+) -> Run:
+    """Learn the parameters of a segment with the physics-inspired neural network, step by step.
+
+    Closing it keeps a checkpoint; a training of the same request goes on from there.
 
     Args:
         segment: speeds (N, M+1) in m/s and space-gaps (N, M) in m.
         case: "I" for one parameter set, "II" for one per follower.
-        config: recipe and settings.
+        config: preset and settings.
         store: where results and checkpoints are kept; None keeps nothing.
-        on_progress: called several times a second with the present moment.
         should_stop: asked several times a second; True ends with `Outcome.STOPPED`.
         threads: processor threads for torch; by default `DEFAULT_THREADS`.
         warm: an earlier fit's weights and parameters to begin with, in place of random weights and
             the initial values.
+
+    Yields:
+        The present moment, several times a second.
+
+    Returns:
+        The fit.
 
     Raises:
         ConfigError: when ``warm`` is another network's, or ``threads`` no sensible number.
@@ -78,7 +115,7 @@ def train(
     before = torch.get_num_threads()
     torch.set_num_threads(_allowed(threads))
     try:
-        return _train(Problem(segment, case, config), warm, store, on_progress, should_stop)
+        return (yield from _train(Problem(segment, case, config), warm, store, should_stop))
     finally:
         torch.set_num_threads(before)
 
@@ -95,65 +132,58 @@ def _allowed(threads: int | None) -> int:
 
 
 def _train(
-    problem: Problem,
-    warm: WarmStart | None,
-    store: Store | None,
-    on_progress: OnProgress | None,
-    should_stop: ShouldStop | None,
-) -> Fit:
+    problem: Problem, warm: WarmStart | None, store: Store | None, should_stop: ShouldStop | None
+) -> Run:
     segment, case, config = problem.segment, problem.case, problem.config
     result_key, resume_key = request_keys(segment, case, config, warm)
-    said: list[str] = []
-    if store and (known := store.load_fit(result_key, segment, said.append)):
+    faults: list[str] = []
+    if store and (known := store.load_fit(result_key, segment, faults.append)):
         return replace(known, cached=True)
     require_memory(segment, config)
-    started = time.perf_counter()
-    run = _begin(problem, warm, store, (resume_key, result_key), said.append)
-    training, recorder = run.training, run.recorder
-    saved = started
+    started = saved = time.perf_counter()
+    run = _begin(problem, warm, store, (resume_key, result_key), faults.append)
+    training, recorder, outcome = run.training, run.recorder, run.training.outcome
 
-    def elapsed() -> float:
+    def elapsed() -> Seconds:
         return run.earlier + time.perf_counter() - started
 
     def report() -> Progress:
         now = replace(training.progress, seconds=elapsed())
         recorder.add(now)
-        if on_progress:
-            on_progress(now)
         return now
 
     def save() -> None:
         if store:
             state = training.state() | recorder.state() | {"seconds": np.array(elapsed())}
-            store.save_state(run.key, state, said.append)
+            store.save_state(run.key, state, faults.append)
 
-    now = replace(training.progress, seconds=run.earlier) if run.earlier else report()
-    outcome = training.outcome
-    while outcome is None:
-        if should_stop and should_stop():
-            outcome = Outcome.STOPPED
-            break
-        training.advance()
-        now, outcome = report(), training.outcome
-        if outcome is None and time.perf_counter() - saved > CHECKPOINT_EVERY:
+    try:
+        if not run.earlier:
+            yield report()
+        while outcome is None:
+            if should_stop and should_stop():
+                outcome = Outcome.STOPPED
+                break
+            training.advance()
+            outcome = training.outcome
+            yield report()
+            if outcome is None and time.perf_counter() - saved > CHECKPOINT_EVERY:
+                save()
+                saved = time.perf_counter()
+    finally:  # also where whoever drives it ends it
+        if outcome is not Outcome.DIVERGED:
             save()
-            saved = time.perf_counter()
-    if outcome is not Outcome.DIVERGED:
-        save()
-    fit = _as_fit(segment, case, config, training.learned(), outcome, recorder, elapsed())
-    fit = replace(fit, iterations=now.iteration, notes=fit.notes + run.notes)
-    if warm:
-        beginning = {"started_from": warm.digest()}
-        fit = replace(fit, config=fit.config | beginning, notes=(warm.note, *fit.notes))
-    if store and outcome in (Outcome.SETTLED, Outcome.FINISHED):
-        store.save_fit(result_key, fit, said.append)
+    fit = _as_fit(run, outcome, elapsed(), warm)
+    if store and outcome in (Outcome.CONVERGED, Outcome.FINISHED):
+        store.save_fit(result_key, fit, faults.append)
     # One may come at every checkpoint; they are about this run, so a kept result has none.
-    return replace(fit, notes=(*fit.notes, *dict.fromkeys(said)))
+    problems = tuple(CacheProblem(sentence) for sentence in dict.fromkeys(faults))
+    return replace(fit, findings=fit.findings + problems)
 
 
 @dataclass(frozen=True, eq=False)
-class _Run:
-    """A training at its beginning, or where an earlier one left it."""
+class _TrainingRun:
+    """A training at its beginning, or where an earlier one ended."""
 
     training: Training
     recorder: Recorder
@@ -161,12 +191,12 @@ class _Run:
     """Where its checkpoints are kept."""
     earlier: Seconds = 0.0
     """Time already spent."""
-    notes: tuple[str, ...] = ()
+    findings: tuple[MethodFinding, ...] = ()
 
 
 def _begin(
     problem: Problem, warm: WarmStart | None, store: Store | None, keys: tuple[str, str], say: Say
-) -> _Run:
+) -> _TrainingRun:
     """Go on from the checkpoint under the first of ``keys``, if there is one.
 
     A checkpoint beyond the planned iterations is a longer training's and stays untouched; the
@@ -187,47 +217,42 @@ def _begin(
     return run
 
 
-def _new(problem: Problem, warm: WarmStart | None, key: str) -> _Run:
+def _new(problem: Problem, warm: WarmStart | None, key: str) -> _TrainingRun:
     """A training at its beginning."""
-    training = RECIPES[problem.config.preset](problem)
+    training = TRAININGS[problem.config.preset](problem)
     if warm:
         training.begin_from(warm)
-    return _Run(training, Recorder(), key)
+    return _TrainingRun(training, Recorder(), key)
 
 
-def _resume(run: _Run, state: Checkpoint) -> _Run:
+def _resume(run: _TrainingRun, state: Checkpoint) -> _TrainingRun:
     run.training.restore(state)
     run.recorder.restore(state)
-    iteration = run.training.progress.iteration
-    note = f"Continued from iteration {iteration:,} of an earlier training."
-    return replace(run, earlier=float(state["seconds"]), notes=(note,))
+    continued = Continued(run.training.progress.iteration)
+    return replace(run, earlier=float(state["seconds"]), findings=(continued,))
 
 
-def _as_fit(
-    segment: Segment,
-    case: Case,
-    config: PinnConfig,
-    learned: Learned,
-    outcome: Outcome,
-    recorder: Recorder,
-    seconds: float,
-) -> Fit:
-    speed_columns, gap_columns = output_columns(segment.gaps.shape[1])
-    return Fit(
-        method="pinn",
-        case=case,
-        parameters=Parameters.from_theta(learned.solution.theta),
-        surrogate=Trajectories(
-            segment.time, learned.outputs[:, speed_columns], learned.outputs[:, gap_columns]
-        ),
+def _as_fit(run: _TrainingRun, outcome: Outcome, seconds: Seconds, warm: WarmStart | None) -> Fit:
+    training = run.training
+    problem, learned = training.problem, training.learned()
+    speeds, gaps = output_columns(problem.followers)
+    return Fit.of(
+        "pinn",
+        problem.segment,
+        problem.case,
+        learned.solution,
+        surrogate=Trajectories(problem.time, learned.outputs[:, speeds], learned.outputs[:, gaps]),
         outcome=outcome,
         seconds=seconds,
-        config=config.to_json(),
+        config=problem.config.to_json() | ({"started_from": warm.digest()} if warm else {}),
         loss=learned.loss,
-        unconstrained=Parameters.from_theta(learned.solution.unconstrained),
-        active_bounds=learned.solution.active,
-        history=recorder.history(),
+        history=run.recorder.history(),
+        iterations=training.progress.iteration,
         network_weights=learned.network_weights,
-        notes=learned.notes + bound_notes(segment.vehicles, learned.solution),
         arrays=learned.arrays,
+        findings=[
+            *([StartedFrom(warm.origin)] if warm else []),
+            *learned.findings,
+            *run.findings,
+        ],
     )

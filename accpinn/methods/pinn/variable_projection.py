@@ -19,8 +19,9 @@ import torch
 from torch import Tensor
 
 from accpinn.methods.pinn.config import PinnConfig
-from accpinn.methods.pinn.output_layout import output_columns
-from accpinn.model.cthp import Case, PlatoonSolution, solve_platoon
+from accpinn.methods.pinn.surrogate import output_columns
+from accpinn.methods.regression import Solution, solve_platoon
+from accpinn.model.cthp import Case
 from accpinn.units import FloatArray
 
 RIDGE = 1e-10
@@ -54,33 +55,33 @@ class NormalEquations(GramMatrices):
     """(K,) Φ at the first instant, for Ψ_R."""
     first_data: Tensor
     """(2M+1,) the data at the first instant."""
-    lawful: tuple[GramMatrices, ...] = ()
-    """(M,) over the instants at which a follower's law counts; empty where all do."""
+    masked: tuple[GramMatrices, ...] = ()
+    """(M,) over the instants at which a follower's dv/dt counts; empty where all do."""
 
-    def of_law(self, follower: int) -> GramMatrices:
+    def of_dynamics(self, follower: int) -> GramMatrices:
         """The products in the residual of a follower's dv/dt."""
-        return self.lawful[follower] if self.lawful else self
+        return self.masked[follower] if self.masked else self
 
 
-def solve_output(moments: NormalEquations, theta: FloatArray, config: PinnConfig) -> Tensor:
+def solve_output(sums: NormalEquations, theta: FloatArray, config: PinnConfig) -> Tensor:
     """The output layer W (K, 2M+1) that minimises Ψ for the parameters θ (M, 3)."""
-    size, followers = len(moments.value_value), len(theta)
+    size, followers = len(sums.value_value), len(theta)
     speed_columns, gap_columns = output_columns(followers)
     (s_gap, s_speed), restart = config.weight_data, config.weight_initial
-    at_first = restart * torch.outer(moments.first, moments.first)
-    target = moments.value_data.clone()
+    at_first = restart * torch.outer(sums.first, sums.first)
+    target = sums.value_data.clone()
     target[:, gap_columns] *= s_gap
     target[:, speed_columns] *= s_speed
     for column in (*gap_columns, *speed_columns[1:]):
-        target[:, column] += restart * moments.first_data[column] * moments.first
+        target[:, column] += restart * sums.first_data[column] * sums.first
 
     from_behind: tuple[Tensor, Tensor] | None = None
     eliminated: list[tuple[Tensor, Tensor, Tensor]] = []
     for follower in reversed(range(followers)):
-        law = moments.of_law(follower)
-        own, coupling, ahead = _follower_blocks(moments, law, theta[follower], config)
-        own[:size, :size] += s_speed * moments.value_value + at_first
-        own[size:, size:] += s_gap * moments.value_value + at_first
+        dynamics = sums.of_dynamics(follower)
+        own, coupling, ahead = _follower_blocks(sums, dynamics, theta[follower], config)
+        own[:size, :size] += s_speed * sums.value_value + at_first
+        own[size:, size:] += s_gap * sums.value_value + at_first
         right = target[:, [speed_columns[follower + 1], gap_columns[follower]]].T.reshape(-1)
         if from_behind is not None:
             own[:size, :size] += from_behind[0]
@@ -94,7 +95,7 @@ def solve_output(moments: NormalEquations, theta: FloatArray, config: PinnConfig
         from_behind = ahead - reach.T @ reach, -reach.T @ half_right
     assert from_behind is not None
 
-    leader = s_speed * moments.value_value + from_behind[0]
+    leader = s_speed * sums.value_value + from_behind[0]
     factor = torch.linalg.cholesky(leader)
     right = target[:, 0] + from_behind[1]
     weights = torch.empty_like(target)
@@ -108,33 +109,33 @@ def solve_output(moments: NormalEquations, theta: FloatArray, config: PinnConfig
 
 
 def _follower_blocks(
-    moments: NormalEquations, law: GramMatrices, theta: FloatArray, config: PinnConfig
+    sums: NormalEquations, dynamics: GramMatrices, theta: FloatArray, config: PinnConfig
 ) -> tuple[Tensor, Tensor, Tensor]:
     """A follower's residuals squared: on itself (2K, 2K), to the speed ahead (2K, K), on it."""
-    vv, rv, rr = moments.value_value, moments.rate_value, moments.rate_rate
-    vv_law, rv_law, rr_law = law.value_value, law.rate_value, law.rate_rate
+    vv, rv, rr = sums.value_value, sums.rate_value, sums.rate_rate
+    vv_dyn, rv_dyn, rr_dyn = dynamics.value_value, dynamics.rate_value, dynamics.rate_rate
     alpha, alpha_tau, beta = theta
     damping = alpha_tau + beta
     q_gap, q_speed = config.weight_physics
     # Residuals: g = p' - v_ahead + v  and  a = v' - αp + (ατ+β)v - βv_ahead.
     speed_speed = q_gap * vv + q_speed * (
-        rr_law + damping * (rv_law + rv_law.T) + damping**2 * vv_law
+        rr_dyn + damping * (rv_dyn + rv_dyn.T) + damping**2 * vv_dyn
     )
-    gap_gap = q_gap * rr + q_speed * alpha**2 * vv_law
-    gap_speed = q_gap * rv - q_speed * alpha * (rv_law.T + damping * vv_law)
+    gap_gap = q_gap * rr + q_speed * alpha**2 * vv_dyn
+    gap_speed = q_gap * rv - q_speed * alpha * (rv_dyn.T + damping * vv_dyn)
     own = torch.cat(
         [torch.cat([speed_speed, gap_speed.T], 1), torch.cat([gap_speed, gap_gap], 1)], 0
     )
-    speed_ahead = -q_gap * vv - q_speed * beta * (rv_law + damping * vv_law)
-    gap_ahead = -q_gap * rv + q_speed * alpha * beta * vv_law
+    speed_ahead = -q_gap * vv - q_speed * beta * (rv_dyn + damping * vv_dyn)
+    gap_ahead = -q_gap * rv + q_speed * alpha * beta * vv_dyn
     coupling = torch.cat([speed_ahead, gap_ahead], 0)
     ahead = (q_gap + q_speed * beta**2) * vv
-    if law is not moments:
-        ahead = q_gap * vv + q_speed * beta**2 * vv_law
+    if dynamics is not sums:
+        ahead = q_gap * vv + q_speed * beta**2 * vv_dyn
     return own, coupling, ahead
 
 
-def solve_parameters(moments: NormalEquations, weights: Tensor, case: Case) -> PlatoonSolution:
+def solve_parameters(sums: NormalEquations, weights: Tensor, case: Case) -> Solution:
     """The parameters that minimise Ψ for the output layer ``weights`` (K, 2M+1)."""
     followers = weights.shape[1] // 2
     speed_columns, gap_columns = output_columns(followers)
@@ -143,7 +144,7 @@ def solve_parameters(moments: NormalEquations, weights: Tensor, case: Case) -> P
         own = weights[:, speed_columns[follower + 1]]
         relative = weights[:, speed_columns[follower]] - own
         terms = torch.stack([weights[:, gap_columns[follower]], -own, relative], 1)
-        law = moments.of_law(follower)
-        grams.append((terms.T @ law.value_value @ terms).numpy())
-        targets.append((terms.T @ (law.rate_value.T @ own)).numpy())
+        dynamics = sums.of_dynamics(follower)
+        grams.append((terms.T @ dynamics.value_value @ terms).numpy())
+        targets.append((terms.T @ (dynamics.rate_value.T @ own)).numpy())
     return solve_platoon(np.stack(grams), np.stack(targets), case)

@@ -124,7 +124,7 @@ def courses(
     for which, quantity in enumerate(PARAMETERS):
         late = [np.array(true[which : which + 1])]
         for (name, track), colour, dash in zip(followed, cycle(SERIES), cycle(DASHES)):
-            values = track.parameters[:, follower, which]
+            values = track.parameters.values[:, follower, which]
             late.append(values[int(EARLY * len(values)) :])
             time, shown = thinned(start + track.time, values)
             if track.deviation is not None:

@@ -9,7 +9,7 @@ import plotly.graph_objects as go
 
 from accpinn.channels import GAP, PARAMETERS, SPEED, TIME
 from accpinn.evaluation.closed_loop import closed_loop_findings, collision_times
-from accpinn.methods.fit import History
+from accpinn.methods.history import History
 from accpinn.model.cthp import Parameters, Trajectories
 from accpinn.results.figures.style import (
     GRID,
@@ -76,7 +76,7 @@ def parameter_history(
     """
     quantity = PARAMETERS[which]
     figure = go.Figure()
-    sets = history.parameters.shape[1]
+    sets = history.parameters.values.shape[1]
     leader = segment.vehicles[0]
     for k in range(sets):
         shared = sets == 1 and segment.followers > 1
@@ -84,7 +84,7 @@ def parameter_history(
         colour = LEADER if shared else vehicle_colour(segment.vehicles[k + 1], leader)
         figure.add_scatter(
             x=history.iteration,
-            y=history.parameters[:, k, which],
+            y=history.parameters.values[:, k, which],
             name=label,
             mode=_mode_for(len(history.iteration)),
             line={"color": colour, "width": 2},
@@ -95,7 +95,7 @@ def parameter_history(
         colour = vehicle_colour(segment.vehicles[k + 1], leader)
         figure.add_hline(y=value, line={"color": colour, "width": 1.5, "dash": "dash"})
     # Where the parameters converge, not where they happened to start.
-    late = history.parameters[len(history.iteration) // 2 :, :, which]
+    late = history.parameters.values[len(history.iteration) // 2 :, :, which]
     shown = limits(np.append(late, true), 0.12) or None
     figure.update_yaxes(title_text=quantity.heading, range=shown)
     return _over_iterations(figure, quantity.name, f"parameter-{which}")

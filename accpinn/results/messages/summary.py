@@ -4,15 +4,15 @@ from math import isfinite, isinf, isnan, pi
 from typing import Any
 
 from accpinn.inference.intervals import Uncertainty
-from accpinn.methods.fit import unfinished
+from accpinn.methods.registry import METHODS
 from accpinn.model.cthp import Parameters
 from accpinn.results.messages import messages
+from accpinn.results.messages.methods import unfinished
 from accpinn.results.snapshot.schema import Snapshot
 from accpinn.results.tables.table import between
 
 FLAGS = {0: "human drivers", 1: "ACC", 2: "mixed"}
 """Of the whole recording; it does not say which vehicle was driven by whom."""
-METHOD_TITLES = {"pinn": "a physics-inspired neural network (PiNN)"}
 
 
 def title(snapshot: Snapshot) -> str:
@@ -24,7 +24,8 @@ def title(snapshot: Snapshot) -> str:
 def summary(snapshot: Snapshot) -> tuple[str, ...]:
     """The answer first: headway and gains, string stability, and their uncertainty."""
     fit, info, uncertainty = snapshot.fit, snapshot.info, snapshot.uncertainty
-    method = METHOD_TITLES.get(fit.method, fit.method)
+    kind = METHODS[fit.method]
+    method = kind.description or kind.title
     opening = (
         f"From {info.window.duration:g} s of {info.source}, {method} learned the parameters"
         " of the constant time-headway policy of"
@@ -218,7 +219,7 @@ def cautions(snapshot: Snapshot) -> dict[str, tuple[str, ...]]:
         "parameters": tuple(
             dict.fromkeys(
                 (
-                    *snapshot.fit.notes,
+                    *messages(snapshot.fit.findings, info),
                     *messages(uncertainty.findings if uncertainty else (), info),
                     *messages(evaluation.whiteness.findings if evaluation else (), info),
                 )

@@ -18,6 +18,7 @@ from accpinn import __version__
 from accpinn.results.figures.style import vehicle_colour
 from accpinn.results.messages import messages
 from accpinn.results.messages import summary as words
+from accpinn.results.messages.methods import outcome_message
 from accpinn.results.messages.platoon import PLACES
 from accpinn.results.messages.snapshot import check_rows, summary
 from accpinn.results.messages.stability import reason
@@ -25,7 +26,7 @@ from accpinn.results.report import pictures
 from accpinn.results.report.pictures import Picture
 from accpinn.results.snapshot.create import stability
 from accpinn.results.snapshot.schema import Snapshot
-from accpinn.results.snapshot.verification import Verification, check
+from accpinn.results.snapshot.verification import Verification, verify
 from accpinn.results.tables.estimates import intervals_table, methods_table, parameter_table
 from accpinn.results.tables.names import TITLES
 from accpinn.results.tables.stability import stability_interval_table, stability_table
@@ -43,7 +44,7 @@ def render_report(snapshot: Snapshot, verification: Verification | None = None) 
         snapshot: what it is about.
         verification: what was checked; by default done now, from the snapshot's own contents.
     """
-    verification = verification or check(snapshot)
+    verification = verification or verify(snapshot)
     if snapshot.stability:  # shown as it follows from the parameters, whatever was stored
         snapshot = replace(snapshot, stability=stability(snapshot.fit))
     script = (HERE / "page.js").read_text(encoding="utf-8")
@@ -112,6 +113,7 @@ def _story(snapshot: Snapshot, checked: Verification, shown: list[Picture]) -> d
         "checked": checked,
         "verdict": summary(checked, info),
         "checks": check_rows(checked, info),
+        "outcome": outcome_message(fit),
         "method": TITLES.get(fit.method, fit.method),
         "settings": [
             (key.replace("_", " "), words.setting(value))

@@ -105,7 +105,7 @@ def fits(snapshot: Snapshot) -> Iterator[Picture]:
         return
     driven = closed_loop(segment, fit) if segment else None
     for k, label in enumerate(snapshot.info.labels[1:]):
-        own = "network" if fit.method == "pinn" else name_of(fit)
+        own = name_of(fit)
         figure = tracking(segment or snapshot.info, k, fit.surrogate, driven, own)
         yield Picture(f"fit_{k + 1}", figure, f"{label}: space-gap and speed.")
 

@@ -9,7 +9,7 @@ from accpinn.channels import PARAMETERS
 from accpinn.evaluation.closed_loop import TrackingErrors
 from accpinn.inference.intervals import Uncertainty
 from accpinn.inference.model_adequacy import ModelForm
-from accpinn.inference.multistart import MultistartResult
+from accpinn.inference.multistart import MultistartResult, Trial
 from accpinn.methods.fit import Fit
 from accpinn.model.cthp import Parameters
 from accpinn.results.tables.names import TITLES, method_name, name_of
@@ -140,7 +140,7 @@ def multistart_table(info: SegmentInfo, found: MultistartResult, follower: int) 
     """One row a training of one follower (0 for the first), and the spread in the last."""
     trials = found.trials
     filled: list[Filled] = [
-        (Column("Start (α, β, τ)"), [", ".join(f"{v:g}" for v in t.initial) for t in trials]),
+        (Column("Start (α, β, τ)"), [_start(trial) for trial in trials]),
         *parameter_cells(Parameters.stack(t.fit.parameters[follower] for t in trials), "Learned"),
         (Column("Surrogate fit", "m", 3, GAP), _gaps([t.surrogate for t in trials], follower)),
         (Column("Closed loop", "m", 2, GAP), _gaps([t.closed_loop for t in trials], follower)),
@@ -287,3 +287,7 @@ def _percent(shares: Sequence[float] | FloatArray) -> list[Cell]:
 
 def _absent(above: int, values: Iterable[Cell] | FloatArray) -> list[Cell]:
     return [None] * above + list(values)
+
+
+def _start(trial: Trial) -> str:
+    return ", ".join(f"{value:g}" for value in trial.initial.values)

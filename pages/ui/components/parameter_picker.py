@@ -7,9 +7,10 @@ import pandas as pd
 import streamlit as st
 
 from accpinn.errors import ParameterError
-from accpinn.methods.fit import Fit, unfinished
+from accpinn.methods.fit import Fit
 from accpinn.model.cthp import Parameters
 from accpinn.model.published import PUBLISHED, ParameterSet
+from accpinn.results.messages.methods import unfinished
 from accpinn.results.snapshot.library import Entry
 from accpinn.results.tables.estimates import where
 from accpinn.segment.segment import SegmentInfo

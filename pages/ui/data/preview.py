@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import streamlit as st
 
 from accpinn.methods import least_squares
-from accpinn.methods.fit import headway_notes
+from accpinn.methods.fit import headway_findings
 from accpinn.recordings.recording import Recording
 from accpinn.results.messages import messages
 from accpinn.results.tables.estimates import quality_table
@@ -64,8 +64,9 @@ def show_preview(workspace: Workspace) -> None:
         f" {LARGE_CONDITION:.0f}, gap, speed and relative speed move so alike that α, β and τ are"
         " not identifiable." + _excluded_line(segment)
     )
-    headways = headway_notes(segment.labels, estimate.parameters)
-    show_warnings(headways + messages(quality.findings, segment) + estimate.notes, "this window")
+    headways = headway_findings(segment.vehicles, estimate.parameters)
+    findings = (*headways, *quality.findings, *estimate.findings)
+    show_warnings(messages(findings, segment), "this window")
     if segment.findings:
         with st.expander("Changes to the data", icon=":material/build:"):
             st.markdown(bullets(messages(segment.findings, segment)))

@@ -33,7 +33,7 @@ from pages.ui.session.resources import task_queue
 from pages.ui.session.ui_state import MapChoice, ParameterChoice, PlatoonChoice
 
 if TYPE_CHECKING:
-    from accpinn.methods.pinn.warm_start import WarmStart
+    from accpinn.methods.pinn.method import WarmStart
 
 KEPT_RECORDS = 24
 """Three comparisons of eight methods."""
@@ -183,7 +183,7 @@ class Workspace:
         snapshot = self.snapshot
         if snapshot is None or not snapshot.fit.arrays:
             return None
-        from accpinn.methods.pinn.warm_start import WarmStart  # torch takes a second to import
+        from accpinn.methods.pinn.method import WarmStart
 
         return WarmStart.of(snapshot.fit, f"snapshot {snapshot.id}")
 
@@ -240,7 +240,7 @@ class Workspace:
         if not rows or segment is None or fit is None or fit.method != "pinn":
             return rows
         known = any((row.fit.method, row.fit.config) == ("pinn", fit.config) for row in rows)
-        if known or fit.outcome not in (Outcome.FINISHED, Outcome.SETTLED):
+        if known or fit.outcome not in (Outcome.FINISHED, Outcome.CONVERGED):
             return rows
         if self._own is None or self._own.fit is not fit:
             self._own = result_of(segment, fit, self.recording)

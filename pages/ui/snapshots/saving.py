@@ -8,7 +8,8 @@ from typing import Literal
 import streamlit as st
 
 from accpinn.errors import SnapshotError
-from accpinn.methods.fit import Outcome, unfinished
+from accpinn.methods.fit import Outcome
+from accpinn.results.messages.methods import unfinished
 from accpinn.results.snapshot.create import create
 from accpinn.results.snapshot.schema import LARGEST, LONGEST_NAME, LONGEST_NOTE
 from accpinn.units import Seconds

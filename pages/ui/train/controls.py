@@ -20,7 +20,7 @@ from pages.ui.train.settings import (
 )
 
 if TYPE_CHECKING:
-    from accpinn.methods.pinn.warm_start import WarmStart
+    from accpinn.methods.pinn.method import WarmStart
 
 CONTINUES = (
     "A training of this window with these settings, here or in another session, was stopped there;"

@@ -15,10 +15,12 @@ from accpinn.evaluation.closed_loop import (
 )
 from accpinn.inference.intervals import Uncertainty
 from accpinn.methods import least_squares
-from accpinn.methods.fit import Fit, History, Outcome, headway_notes
+from accpinn.methods.fit import Fit, Outcome, headway_findings
+from accpinn.methods.history import History
 from accpinn.model.cthp import Parameters
 from accpinn.results.figures import training as figures
 from accpinn.results.messages import messages
+from accpinn.results.messages.methods import outcome_message
 from accpinn.results.tables import estimates as tables
 from accpinn.results.tables.estimates import intervals_table
 from accpinn.segment.quality import Quality, assess_quality
@@ -122,8 +124,8 @@ def show_fit(
     after = "The simulation continues, and the closed-loop errors include what follows."
     show_messages(messages(events, info), "warning", "car_crash", after)
     show_intervals(info, uncertainty)
-    notes = fit.notes + headway_notes(info.labels, fit.parameters)
-    show_messages(notes + messages(uncertainty.findings if uncertainty else (), info))
+    findings = (*fit.findings, *headway_findings(info.vehicles, fit.parameters))
+    show_messages(messages((*findings, *(uncertainty.findings if uncertainty else ())), info))
     show_downloads(table(uncertainty), f"{stem_of(info)}_parameters", page)
 
 
@@ -154,7 +156,7 @@ def show_outcome(fit: Fit) -> None:
     took = f"{fit.seconds:.1f} s" if fit.seconds < 60 else format_duration(fit.seconds)
     cost = f"{fit.iterations:,} iterations in {took}, {fit.network_weights:,} network weights."
     cache = " From the cache: this exact request was trained before." if fit.cached else ""
-    sentence = f"{fit.outcome.value}  \n{cost}{cache}"
+    sentence = f"{outcome_message(fit)}  \n{cost}{cache}"
     if fit.outcome is Outcome.DIVERGED:
         st.error(sentence, icon=":material/error:")
     elif fit.outcome is Outcome.STOPPED:

@@ -6,6 +6,7 @@ from typing import Any
 import streamlit as st
 
 from accpinn.methods.pinn.config import PRESETS, STARTS, PinnConfig, preset
+from accpinn.model.cthp import Parameters
 from pages.ui.components.widgets import number, segments, select
 from pages.ui.session.workspace import Workspace
 
@@ -35,7 +36,10 @@ def chosen_config(workspace: Workspace) -> PinnConfig:
     Raises:
         ConfigError: a setting outside its range, as one sentence.
     """
-    return preset(workspace.preset, **workspace.settings.get(workspace.preset, {}))
+    changes = dict(workspace.settings.get(workspace.preset, {}))
+    if "initial" in changes:
+        changes["initial"] = Parameters.of(changes["initial"])
+    return preset(workspace.preset, **changes)
 
 
 def options(workspace: Workspace) -> None:
@@ -103,8 +107,9 @@ class _Fields:
     def start(self, columns: Sequence[Any]) -> None:
         """Initial values, each by itself or one of five sets."""
         now = tuple(float(value) for value in self._value("initial"))
+        starts = [tuple(start.values.tolist()) for start in STARTS]
         select(
-            "Start from", STARTS if now in STARTS else (*STARTS, now), now, self._key("start"),
+            "Start from", starts if now in starts else [*starts, now], now, self._key("start"),
             lambda initial: self._changes.update(initial=initial),
             lambda initial: "α {:g}, β {:g}, τ {:g}".format(*initial), place=columns[0],
         )  # fmt: skip

@@ -69,12 +69,13 @@ def test_tracks_end_at_the_estimate_in_the_recordings_time(segment: Segment) -> 
     truth = Parameters.of(sample(NOISY).truth[0])
     figure = figures.courses([("A", track), ("B", track)], 0, truth, start=320.0)
     lines = [trace for trace in figure.data if trace.name == "A"]
-    np.testing.assert_allclose([line.y[-1] for line in lines], track.parameters[-1, 0])
+    last = track.parameters.values[-1, 0]
+    np.testing.assert_allclose([line.y[-1] for line in lines], last)
     assert lines[0].x[-1] == pytest.approx(320.0 + track.time[-1])
     bands = [trace for trace in figure.data if trace.fill]
     assert len(bands) == 6, "one standard deviation around each"
-    middle, deviation = track.parameters[-1, 0, 0], track.deviation[-1, 0, 0]
-    assert bands[0].y[len(bands[0].y) // 2] == pytest.approx(middle + deviation, rel=0.01)
+    end = last[0] + track.deviation[-1, 0, 0]
+    assert bands[0].y[len(bands[0].y) // 2] == pytest.approx(end, rel=0.01)
     colours = {trace.line.color for trace in figure.data if trace.name}
     assert len(colours) == 2
     assert colours.isdisjoint(FOLLOWERS), "lines of methods do not look like vehicles"

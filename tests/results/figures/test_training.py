@@ -8,7 +8,7 @@ import pytest
 
 from accpinn.evaluation.closed_loop import closed_loop
 from accpinn.methods import splines
-from accpinn.methods.fit import History
+from accpinn.methods.history import History
 from accpinn.model.cthp import Parameters, Trajectories
 from accpinn.recordings.openacc import read
 from accpinn.results.figures import style, training
@@ -31,7 +31,9 @@ def history(*, sets: int = 2, moments: int = 40) -> History:
     table = final + fading[:, None] * (1 - final)
     tables = np.repeat(table[:, None, :], sets, axis=1)
     zeros = np.zeros(moments)
-    return History(steps, steps, fading + 0.01, fading, zeros + 0.01, zeros, tables)
+    return History(
+        steps, steps, fading + 0.01, fading, zeros + 0.01, zeros, Parameters.of(tables)
+    )
 
 
 class TestLoss:
@@ -76,8 +78,8 @@ class TestParameters:
     def test_axis_shows_where_they_converge(self, segment: Segment) -> None:
         low, high = training.parameter_history(history(), 0, segment.info).layout.yaxis.range
         assert 0.09 < low < 0.1 < high < 0.2
-        undetermined = history()
-        undetermined.parameters[:] = np.nan
+        unknown = Parameters.of(np.full((40, 2, 3), np.nan))
+        undetermined = replace(history(), parameters=unknown)
         figure = training.parameter_history(undetermined, 2, segment.info)
         assert figure.layout.yaxis.range is None
 

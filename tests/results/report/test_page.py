@@ -15,7 +15,7 @@ import pytest
 from accpinn.results.messages.snapshot import check_rows
 from accpinn.results.report.page import render_report
 from accpinn.results.report.pictures import fits, motion, platoon
-from accpinn.results.snapshot.verification import check
+from accpinn.results.snapshot.verification import verify
 from tests.support.snapshots import small, whole
 
 HOSTILE = "</script><script>alert(1)</script>\"'><img src=x onerror=alert(1)>$y$_z_&amp;"
@@ -138,7 +138,7 @@ class TestContents:
         assert str(whole().fit.parameters.alpha[0]) in text
 
     def test_stored_stands_beside_recomputed(self) -> None:
-        reader, rows = Reader(page()), check_rows(check(whole()), whole().info)
+        reader, rows = Reader(page()), check_rows(verify(whole()), whole().info)
         cells = reader.within("td")
         assert rows
         for one in rows:
