@@ -31,9 +31,7 @@ def history(*, sets: int = 2, moments: int = 40) -> History:
     table = final + fading[:, None] * (1 - final)
     tables = np.repeat(table[:, None, :], sets, axis=1)
     zeros = np.zeros(moments)
-    return History(
-        steps, steps, fading + 0.01, fading, zeros + 0.01, zeros, Parameters.of(tables)
-    )
+    return History(steps, steps, fading + 0.01, fading, zeros + 0.01, zeros, Parameters.of(tables))
 
 
 class TestLoss:
