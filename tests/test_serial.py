@@ -18,7 +18,7 @@ from accpinn.methods.pinn.training import train
 from accpinn.model.cthp import Parameters
 from accpinn.serial import Shape, check_shapes, dump, read_json, restore, write_json
 from accpinn.units import FloatArray, Seconds
-from tests.driving import MIXED, driven
+from tests.support.driving import MIXED, driven
 from tests.support.snapshots import bits
 
 FITS = {

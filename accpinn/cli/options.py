@@ -4,6 +4,7 @@ import argparse
 from collections.abc import Callable
 from typing import Any
 
+from accpinn.channels import PARAMETERS
 from accpinn.errors import ConfigError, SegmentError
 from accpinn.methods.method import TaskContext
 from accpinn.methods.store import Store
@@ -57,13 +58,13 @@ def add_run_options(parser: argparse.ArgumentParser) -> None:
 
 def add_parameter_options(parser: argparse.ArgumentParser) -> None:
     """Declare α, β, τ with one value a vehicle, first follower first; or a snapshot."""
-    for name, symbol, unit in zip(PARAMETER_NAMES, "αβτ", ("1/s²", "1/s", "s"), strict=True):
+    for name, parameter in zip(PARAMETER_NAMES, PARAMETERS, strict=True):
         parser.add_argument(
             f"--{name}",
             type=float,
             nargs="+",
             metavar=name[0].upper(),
-            help=f"{symbol} in {unit}, one value a vehicle",
+            help=f"{parameter.symbol} in {parameter.unit}, one value a vehicle",
         )
     parser.add_argument(
         "--snapshot", metavar="FILE", help="take the estimated parameters of a snapshot instead"

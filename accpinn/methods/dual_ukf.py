@@ -37,19 +37,19 @@ from accpinn.methods.online import (
     State,
     drift,
     filter_findings,
-    kept_samples,
     measurement_noise,
     motion_noise,
     move,
+    run,
     settings,
     symmetric,
     theta_covariance,
     track,
 )
 from accpinn.methods.regression import Solution, solve_bounded
-from accpinn.model.cthp import TYPICAL, Case, Parameters, Trajectories
+from accpinn.model.cthp import TYPICAL, Case, Parameters
 from accpinn.segment.segment import Segment
-from accpinn.units import FloatArray, Seconds
+from accpinn.units import FloatArray
 
 UNCERTAIN = (0.3, 1.0, 1.0)
 """Standard deviations of α, τ, β at first: so large that `TYPICAL` soon has no influence."""
@@ -65,15 +65,16 @@ def fit(segment: Segment, case: Case = "II") -> Fit:
     """The last estimate of the parameters, their track, and the filtered motion."""
     started = time.perf_counter()
     config = {**settings(), "uncertain": list(UNCERTAIN)}
-    kept = kept_samples(segment)
+    platoon = Measurements.of(segment, case)
     try:
-        filtered = _run(Measurements.of(segment, case), kept)
+        filtered = run(_Dual(platoon), segment, platoon)
     except np.linalg.LinAlgError:  # no motion follows the measurements
         unknown = Parameters.of(np.full((segment.followers, 3), np.nan))
         return Fit(
             method="dual-ukf",
             case=case,
             parameters=unknown,
+            surrogate=None,
             outcome=Outcome.DIVERGED,
             seconds=time.perf_counter() - started,
             config=config,
@@ -86,18 +87,13 @@ def fit(segment: Segment, case: Case = "II") -> Fit:
         for now in zip(filtered.theta, filtered.covariance, strict=True)
     ]
     theta = np.array([[one.theta for one in now] for now in solutions])
-    path = track(segment.time[kept], theta, filtered.covariance, segment.followers)
-    shape = (segment.samples, segment.followers)
+    path = track(segment, theta, filtered.covariance)
     return Fit.of(
         "dual-ukf",
         segment,
         case,
         Solution.stack(solutions[-1], segment.followers),
-        surrogate=Trajectories(
-            segment.time,
-            np.column_stack([segment.speeds[:, 0], filtered.states[..., 1].reshape(shape)]),
-            filtered.states[..., 0].reshape(shape),
-        ),
+        surrogate=filtered.trajectories,
         outcome=Outcome.FILTERED,
         seconds=time.perf_counter() - started,
         config=config,
@@ -112,62 +108,31 @@ def _within_bounds(theta: FloatArray, covariance: FloatArray) -> Solution:
     return solve_bounded(information, information @ theta)
 
 
-@dataclass(frozen=True, eq=False)
-class _Filtered:
-    """The estimates of both filters, G parameter sets for F followers each."""
-
-    theta: FloatArray
-    """(K, G, 3) at the kept instants."""
-    covariance: FloatArray
-    """(K, G, 3, 3)"""
-    states: FloatArray
-    """(N, G, F, 2) p, v at every instant."""
-
-
-def _run(platoon: Measurements, kept: list[int]) -> _Filtered:
-    measured = np.stack([platoon.gaps, platoon.speeds], axis=-1)
-    dual = _Dual(measured[0], platoon.step)
-    states = np.empty_like(measured)
-    states[0] = dual.states
-    thetas, covariances = [], []
-    keep = set(kept)
-    for now in range(1, len(measured)):
-        dual.update(platoon.ahead[now - 1], platoon.ahead[now], measured[now], platoon.mask[now])
-        states[now] = dual.states
-        if now in keep:
-            thetas.append(dual.theta)
-            covariances.append(dual.covariance)
-    return _Filtered(np.array(thetas), np.array(covariances), states)
-
-
 class _Dual:
     """Means and covariances of both filters; G parameter sets, F followers each."""
 
-    def __init__(self, first: FloatArray, step: Seconds) -> None:
-        sets, followers, _ = first.shape
-        self._step = step
-        self._noise, self._motion_noise = measurement_noise(), motion_noise(step)
-        self._drift = drift(step)
+    def __init__(self, platoon: Measurements) -> None:
+        sets, followers = platoon.gaps.shape[1:]
+        self._step = platoon.step
+        self._noise, self._motion_noise = measurement_noise(), motion_noise(platoon.step)
+        self._drift = drift(platoon.step)
         self._of_state, self._of_theta = Unscented(2), Unscented(3)
-        self.states = first
+        self.states = np.stack([platoon.gaps[0], platoon.speeds[0]], axis=-1)  # (G, F, 2)
         self.spread = np.tile(self._noise, (sets, followers, 1, 1))
-        self.theta = np.tile(TYPICAL.theta, (sets, 1))
+        self.mean = np.tile(TYPICAL.theta, (sets, 1))
         self.covariance = np.tile(theta_covariance(UNCERTAIN), (sets, 1, 1))
 
-    def update(
-        self, before: FloatArray, after: FloatArray, measured: FloatArray, mask: FloatArray
-    ) -> None:
-        """One more sample (G, F, 2).
+    @property
+    def motion(self) -> State:
+        """(G, F) each, the mean of the state."""
+        return State(self.states[..., 0], self.states[..., 1])
 
-        Args:
-            before: the predecessors' speeds (G, F) at the step's beginning.
-            after: the same at its end.
-            measured: (G, F, 2) p, v.
-            mask: (G, F) whether the step counts.
-        """
+    def update(self, before: FloatArray, after: FloatArray, now: State, mask: FloatArray) -> None:
+        """See `online.Filter`."""
+        measured = np.stack(now, axis=-1)
         points = self._of_state.points(self.states, self.spread)
         motion = self._of_state.moments(
-            self._moved(self.theta[:, None, None], points, before[..., None], after[..., None])
+            self._moved(self.mean[:, None, None], points, before[..., None], after[..., None])
         )
         predicted = motion.covariance + self._motion_noise
         innovation = predicted + self._noise
@@ -187,7 +152,7 @@ class _Dual:
     ) -> None:
         """The filter of the parameters, with innovations of covariance (G, F, 2, 2)."""
         self.covariance = self.covariance + self._drift
-        points = self._of_theta.points(self.theta, self.covariance)
+        points = self._of_theta.points(self.mean, self.covariance)
         moved = self._moved(
             points[:, :, None], self.states[:, None], before[:, None], after[:, None]
         )
@@ -197,10 +162,10 @@ class _Dual:
         # The followers' blocks on the diagonal, as a view.
         blocks = error.reshape(sets, followers, 2, followers, 2)
         np.einsum("gfifj->gfij", blocks)[...] += innovation
-        crossed = predicted.weighted @ (points - self.theta[:, None])
+        crossed = predicted.weighted @ (points - self.mean[:, None])
         gain = np.linalg.solve(error, crossed).swapaxes(1, 2)
         surprise = measured.reshape(sets, -1, 1) - predicted.mean[..., None]
-        self.theta = self.theta + (gain @ surprise)[..., 0]
+        self.mean = self.mean + (gain @ surprise)[..., 0]
         self.covariance = symmetric(self.covariance - gain @ crossed)
 
     def _moved(

@@ -60,16 +60,10 @@ class LongHeadway(Finding, frozen=True):
 
 
 class WeaklyDetermined(Finding, frozen=True):
-    """Other parameter sets reproduce the recording equally well."""
+    """The recording does not determine α, β and τ; other sets reproduce it equally well."""
 
     vehicle: int | None
     """None for the one set that all followers share."""
-
-
-class NeverDetermined(Finding, frozen=True):
-    """At no time do the samples of an online method determine α, β and τ."""
-
-    vehicle: int
 
 
 class FilterUncertain(Finding, frozen=True):
@@ -145,7 +139,6 @@ MethodFinding = (
     | BoundActiveAtTimes
     | LongHeadway
     | WeaklyDetermined
-    | NeverDetermined
     | FilterUncertain
     | FilterDiverged
     | SimulatedSeparately
@@ -183,13 +176,13 @@ class Fit:
     case: Case
     parameters: Parameters
     """One entry a follower, also in Case I, where all are the same."""
+    surrogate: Trajectories | None
+    """The method's estimate of the true motion, on the segment's instants."""
     outcome: Outcome
     seconds: Seconds
     """Duration of the estimation; unchanged when the result comes from the cache."""
     config: dict[str, Any]
     """Every setting that determined the result, ready for JSON."""
-    surrogate: Trajectories | None = None
-    """The method's estimate of the true motion, on the segment's instants."""
     loss: dict[str, float] = field(default_factory=dict)
     """"total", "data", "physics", and for a network also "initial" and what it started from."""
     unconstrained: Parameters | None = None
@@ -218,6 +211,7 @@ class Fit:
         outcome: Outcome,
         seconds: Seconds,
         config: dict[str, Any],
+        surrogate: Trajectories | None = None,
         findings: Iterable[MethodFinding] = (),
         **others: Any,
     ) -> Self:
@@ -231,6 +225,7 @@ class Fit:
             outcome: how the estimation ended.
             seconds: its duration.
             config: see `Fit`.
+            surrogate: see `Fit`.
             findings: beside those about active bounds.
             others: further fields of `Fit`.
         """
@@ -240,6 +235,7 @@ class Fit:
             method=method,
             case=case,
             parameters=solution.parameters,
+            surrogate=surrogate,
             outcome=outcome,
             seconds=seconds,
             config=config,

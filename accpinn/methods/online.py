@@ -14,14 +14,14 @@ A step that the segment masks does not change θ, and the motion is reset to the
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple, Self
+from typing import Any, NamedTuple, Protocol, Self
 
 import numpy as np
 
 from accpinn.methods.fit import FilterUncertain, ParameterTrack
-from accpinn.model.cthp import TYPICAL, Case, Parameters
+from accpinn.model.cthp import TYPICAL, Case, Parameters, Trajectories
 from accpinn.segment.segment import Segment
-from accpinn.units import FloatArray, Metres, MetresPerSecond, Seconds, SecondsArray
+from accpinn.units import FloatArray, Metres, MetresPerSecond, Seconds
 
 TRACK_EVERY: Seconds = 0.5
 """Between kept instants; the parameters change more slowly than this resolves."""
@@ -46,16 +46,13 @@ def kept_samples(segment: Segment) -> list[int]:
     return list(range(segment.samples - 1, 0, -stride))[::-1]
 
 
-def track(
-    time: SecondsArray, theta: FloatArray, covariance: FloatArray, followers: int
-) -> ParameterTrack:
-    """Parameters and their deviations over time.
+def track(segment: Segment, theta: FloatArray, covariance: FloatArray) -> ParameterTrack:
+    """Parameters and their deviations at the kept samples.
 
     Args:
-        time: (K,) in s from the segment's start.
+        segment: the data.
         theta: (K, G, 3), α, ατ, β of G parameter sets; G is 1 (shared by all followers) or M.
         covariance: (K, G, 3, 3) of θ.
-        followers: M.
     """
     alpha, alpha_tau, beta = np.moveaxis(theta, -1, 0)
     per_alpha = np.full_like(alpha, np.nan)
@@ -64,10 +61,10 @@ def track(
     variance = np.moveaxis(np.diagonal(covariance, axis1=2, axis2=3), -1, 0)
     # τ = ατ / α to first order.
     of_tau = variance[1] - 2 * tau * covariance[..., 0, 1] + tau**2 * variance[0]
-    shape = (len(time), followers, 3)
+    shape = (len(theta), segment.followers, 3)
     squares = np.stack([variance[0], variance[2], np.maximum(of_tau, 0) * per_alpha**2], -1)
     return ParameterTrack(
-        time,
+        segment.time[kept_samples(segment)],
         Parameters.of(np.broadcast_to(np.stack([alpha, beta, tau], -1), shape)),
         np.broadcast_to(np.sqrt(squares), shape),
     )
@@ -155,6 +152,61 @@ def move(
             for x, a, b, c, d in zip(state, first, second, third, last, strict=True)
         )
     )
+
+
+class Filter(Protocol):
+    """Estimates of G parameter sets with F followers each, sample by sample."""
+
+    @property
+    def mean(self) -> FloatArray:
+        """(G, 3) of θ."""
+
+    @property
+    def covariance(self) -> FloatArray:
+        """(G, 3, 3) of θ."""
+
+    @property
+    def motion(self) -> State:
+        """(G, F) each, the mean of the state."""
+
+    def update(self, before: FloatArray, after: FloatArray, now: State, mask: FloatArray) -> None:
+        """Process one more sample.
+
+        Args:
+            before: (G, F) the predecessors' speeds at the step's beginning.
+            after: (G, F) the same at its end.
+            now: (G, F) each, as measured.
+            mask: (G, F) 1 where the step counts, else 0.
+        """
+
+
+@dataclass(frozen=True, eq=False)
+class Filtered:
+    """The estimates of a filter over a segment."""
+
+    theta: FloatArray
+    """(K, G, 3) at the kept samples."""
+    covariance: FloatArray
+    """(K, G, 3, 3)"""
+    trajectories: Trajectories
+    """The filtered motion at every sample."""
+
+
+def run(filter_: Filter, segment: Segment, platoon: Measurements) -> Filtered:
+    """Run a filter, which knows the first sample, over all others."""
+    motion = State(platoon.gaps.copy(), platoon.speeds.copy())
+    thetas, covariances, kept = [], [], set(kept_samples(segment))
+    for now in range(1, segment.samples):
+        measured = State(platoon.gaps[now], platoon.speeds[now])
+        filter_.update(platoon.ahead[now - 1], platoon.ahead[now], measured, platoon.mask[now])
+        motion.gap[now], motion.speed[now] = filter_.motion
+        if now in kept:
+            thetas.append(filter_.mean)
+            covariances.append(filter_.covariance)
+    shape = segment.gaps.shape
+    speeds = np.column_stack([segment.speeds[:, 0], motion.speed.reshape(shape)])
+    path = Trajectories(segment.time, speeds, motion.gap.reshape(shape))
+    return Filtered(np.array(thetas), np.array(covariances), path)
 
 
 def measurement_noise() -> FloatArray:

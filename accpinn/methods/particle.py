@@ -28,7 +28,6 @@ Sequential Monte Carlo Methods in Practice (2001), chapter 10.
 """
 
 import time
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -39,15 +38,15 @@ from accpinn.methods.online import (
     State,
     drift,
     filter_findings,
-    kept_samples,
     measurement_noise,
     motion_noise,
     move,
+    run,
     settings,
     symmetric,
     track,
 )
-from accpinn.model.cthp import SPREAD, TYPICAL, Case, Parameters, Trajectories
+from accpinn.model.cthp import SPREAD, TYPICAL, Case, Parameters
 from accpinn.segment.segment import Segment
 from accpinn.units import FloatArray
 
@@ -70,20 +69,15 @@ def fit(segment: Segment, case: Case = "II", particles: int = PARTICLES, seed: i
         seed: of the draws.
     """
     started = time.perf_counter()
-    kept = kept_samples(segment)
-    followed = _run(Measurements.of(segment, case), kept, particles, seed)
-    copies = segment.followers // followed.theta.shape[1]
-    shape = (segment.samples, segment.followers)
-    path = track(segment.time[kept], followed.theta, followed.covariance, segment.followers)
+    platoon = Measurements.of(segment, case)
+    filtered = run(_Cloud(platoon, particles, seed), segment, platoon)
+    copies = segment.followers // filtered.theta.shape[1]
+    path = track(segment, filtered.theta, filtered.covariance)
     return Fit(
         method="particle",
         case=case,
-        parameters=Parameters.from_theta(np.repeat(followed.theta[-1], copies, axis=0)),
-        surrogate=Trajectories(
-            segment.time,
-            np.column_stack([segment.speeds[:, 0], followed.motion.speed.reshape(shape)]),
-            followed.motion.gap.reshape(shape),
-        ),
+        parameters=Parameters.from_theta(np.repeat(filtered.theta[-1], copies, axis=0)),
+        surrogate=filtered.trajectories,
         outcome=Outcome.FILTERED,
         seconds=time.perf_counter() - started,
         config={**settings(), "particles": particles, "seed": seed, "shrink": SHRINK},
@@ -91,34 +85,6 @@ def fit(segment: Segment, case: Case = "II", particles: int = PARTICLES, seed: i
         track=path,
         findings=filter_findings(segment, path),
     )
-
-
-@dataclass(frozen=True, eq=False)
-class _Followed:
-    """Means and covariance of the cloud, G parameter sets for F followers each."""
-
-    theta: FloatArray
-    """(K, G, 3) at the kept instants."""
-    covariance: FloatArray
-    """(K, G, 3, 3)"""
-    motion: State
-    """(N, G, F) each, at every instant."""
-
-
-def _run(platoon: Measurements, kept: list[int], particles: int, seed: int) -> _Followed:
-    cloud = _Cloud(platoon, particles, seed)
-    motion = State(platoon.gaps.copy(), platoon.speeds.copy())
-    thetas, covariances = [], []
-    keep = set(kept)
-    for now in range(1, len(platoon.gaps)):
-        measured = State(platoon.gaps[now], platoon.speeds[now])
-        cloud.update(platoon.ahead[now - 1], platoon.ahead[now], measured, platoon.mask[now])
-        motion.gap[now], motion.speed[now] = cloud.mean_motion()
-        if now in keep:
-            thetas.append(cloud.mean)
-            covariances.append([cloud.covariance(k) for k in range(len(cloud.mean))])
-        cloud.renew()
-    return _Followed(np.array(thetas), np.array(covariances), motion)
 
 
 class _Cloud:
@@ -139,25 +105,19 @@ class _Cloud:
         )
         self._logs = np.zeros((sets, particles))
         self._weights = np.full((sets, particles), 1 / particles)
-        self._steps_since = np.zeros(sets)
+        self._steps_since = np.full(sets, -1)
         self.mean = self._theta.mean(axis=2).T
-        """(G, 3) of θ."""
 
-    def update(
-        self, before: FloatArray, after: FloatArray, measured: State, mask: FloatArray
-    ) -> None:
-        """One more sample (G, F).
-
-        Args:
-            before: the predecessors' speeds (G, F) at the step's beginning.
-            after: the same at its end.
-            measured: (G, F) each.
-            mask: (G, F) whether the step counts.
-        """
+    def update(self, before: FloatArray, after: FloatArray, now: State, mask: FloatArray) -> None:
+        """See `online.Filter`; where too few particles count, they are drawn anew first."""
+        self._steps_since += 1
+        effective = 1 / (self._weights**2).sum(axis=1)
+        for k in np.flatnonzero(effective < LEAST_EFFECTIVE * self._weights.shape[1]):
+            self._redraw(int(k))
         precision, gain = self._gains()
         theta = self._theta[..., None]
         moved = move(tuple(theta), self._motion, before[:, None], after[:, None], self._step)
-        gap, speed = measured.gap[:, None] - moved.gap, measured.speed[:, None] - moved.speed
+        gap, speed = now.gap[:, None] - moved.gap, now.speed[:, None] - moved.speed
         self._motion = State(
             moved.gap + gain[0][0] * gap + gain[0][1] * speed,
             moved.speed + gain[1][0] * gap + gain[1][1] * speed,
@@ -166,7 +126,7 @@ class _Cloud:
         squares += precision[1][1] * speed**2
         if not mask.all():
             squares *= mask[:, None]
-            self._reset(measured, mask)
+            self._reset(now, mask)
         self._logs -= squares.sum(axis=2) / 2
         self._logs -= self._logs.max(axis=1, keepdims=True)
         self._weights = np.exp(self._logs)
@@ -194,29 +154,27 @@ class _Cloud:
             gain.transpose(1, 2, 0)[..., None, None],
         )
 
-    def mean_motion(self) -> State:
-        """(G, F) each."""
+    @property
+    def motion(self) -> State:
+        """(G, F) each, the mean of the state."""
         weights = self._weights[:, None]
         return State(*((weights @ part)[:, 0] for part in self._motion))
 
-    def covariance(self, k: int) -> FloatArray:
-        """(3, 3) of θ of the set k."""
+    @property
+    def covariance(self) -> FloatArray:
+        """(G, 3, 3) of θ."""
+        return np.array([self._covariance(k) for k in range(len(self.mean))])
+
+    def _covariance(self, k: int) -> FloatArray:
         apart = self._theta[:, k] - self.mean[k, :, None]
         return np.asarray((apart * self._weights[k]) @ apart.T)
-
-    def renew(self) -> None:
-        """Draw the particles anew where too few of them count."""
-        self._steps_since += 1
-        effective = 1 / (self._weights**2).sum(axis=1)
-        for k in np.flatnonzero(effective < LEAST_EFFECTIVE * self._weights.shape[1]):
-            self._redraw(int(k))
 
     def _redraw(self, k: int) -> None:
         particles = self._weights.shape[1]
         ladder = (np.arange(particles) + self._random.random()) / particles
         chosen = np.searchsorted(np.cumsum(self._weights[k]), ladder).clip(max=particles - 1)
         mean = self.mean[k, :, None]
-        kernel = (1 - SHRINK**2) * self.covariance(k) + self._steps_since[k] * self._drift
+        kernel = (1 - SHRINK**2) * self._covariance(k) + self._steps_since[k] * self._drift
         apart = SHRINK * (self._theta[:, k, chosen] - mean)
         noise = np.linalg.cholesky(kernel) @ self._random.standard_normal((3, particles))
         self._theta[:, k] = np.abs(mean + apart + noise)

@@ -29,10 +29,11 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.signal import lfilter
 
-from accpinn.methods.fit import BoundActiveAtTimes, Fit, MethodFinding, NeverDetermined, Outcome
+from accpinn.mask import Mask
+from accpinn.methods.fit import BoundActiveAtTimes, Fit, MethodFinding, Outcome, WeaklyDetermined
 from accpinn.methods.method import direct
 from accpinn.methods.online import kept_samples, track
-from accpinn.methods.regression import Mask, Solution, solve_bounded
+from accpinn.methods.regression import Solution, solve_bounded
 from accpinn.model.cthp import LINEAR_NAMES, Case, regressors
 from accpinn.segment.segment import Segment
 from accpinn.units import FloatArray, Seconds, frozen
@@ -68,7 +69,7 @@ def fit(segment: Segment, case: Case = "II", memory: Seconds = MEMORY) -> Fit:
         outcome=Outcome.FILTERED,
         seconds=time.perf_counter() - started,
         config={"memory": memory},
-        track=track(sums.time, theta, _covariance(sums, unconstrained), segment.followers),
+        track=track(segment, theta, _covariance(sums, unconstrained)),
         findings=_findings(segment, theta[late], solution),
     )
 
@@ -172,7 +173,7 @@ def _findings(segment: Segment, theta: FloatArray, solution: Solution) -> list[M
     for k, vehicle in enumerate(segment.vehicles[1:]):
         values = theta[:, k % theta.shape[1]]
         if not np.isfinite(values).any():
-            found.append(NeverDetermined(vehicle))
+            found.append(WeaklyDetermined(vehicle))
             continue
         shares = (values == 0).mean(axis=0).tolist()
         found += [

@@ -25,7 +25,7 @@ from accpinn.recordings.openacc import read
 from accpinn.results.messages import messages
 from accpinn.segment.cut import cut
 from accpinn.segment.segment import Segment
-from tests.driving import LAW, MIXED, driven, segment_of
+from tests.support.driving import LAW, MIXED, driven, segment_of
 
 TRUTH = Parameters.of(MIXED)
 SWAYING = Parameters.of([[0.05, 0.0, 1.0]])

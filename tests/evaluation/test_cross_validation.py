@@ -21,7 +21,7 @@ from accpinn.recordings.openacc import read
 from accpinn.recordings.recording import Window
 from accpinn.segment.cut import cut
 from accpinn.segment.segment import Segment
-from tests.driving import MIXED, driven
+from tests.support.driving import MIXED, driven
 from tests.support.methods import RIVALS
 
 SAMPLES = Path(__file__).parents[2] / "sample_data"

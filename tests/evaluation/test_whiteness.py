@@ -19,7 +19,7 @@ from accpinn.model.cthp import Parameters
 from accpinn.results.messages import messages
 from accpinn.segment.segment import Segment
 from bench.disturbed import Disturbance, disturbed
-from tests.driving import LAW, driven
+from tests.support.driving import LAW, driven
 
 TRUTH = Parameters.of([LAW])
 

@@ -22,7 +22,7 @@ from accpinn.results.messages import messages
 from accpinn.segment.cut import cut
 from accpinn.segment.segment import Segment
 from bench.disturbed import Disturbance, disturbed
-from tests.driving import LAW, MIXED, driven, segment_of, standing_still
+from tests.support.driving import LAW, MIXED, driven, segment_of, standing_still
 
 TRUTH = Parameters.of([LAW])
 

@@ -24,7 +24,7 @@ from accpinn.results.messages import messages
 from accpinn.segment.segment import Segment
 from accpinn.stability.criteria import l2_criterion
 from bench.disturbed import Disturbance, disturbed
-from tests.driving import LAW, driven, standing_still
+from tests.support.driving import LAW, driven, standing_still
 
 
 @pytest.fixture(scope="module")

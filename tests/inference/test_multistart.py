@@ -23,7 +23,7 @@ from accpinn.methods.method import TaskContext
 from accpinn.methods.pinn.config import STARTS, preset
 from accpinn.model.cthp import Case, Parameters
 from accpinn.results.messages import message, messages
-from tests.driving import MIXED, driven
+from tests.support.driving import MIXED, driven
 
 SAMPLE = Path(__file__).parents[2] / "sample_data" / "synthetic_paper_study.csv"
 ONE_THREAD = TaskContext(threads=1)

@@ -8,7 +8,7 @@ from accpinn.inference.sampling import block_length, jackknife, project, quantil
 from accpinn.methods import least_squares
 from accpinn.model.cthp import Parameters
 from bench.disturbed import Disturbance, disturbed
-from tests.driving import LAW, standing_still
+from tests.support.driving import LAW, standing_still
 
 TRUTH = Parameters.of([LAW])
 

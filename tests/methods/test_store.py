@@ -20,7 +20,7 @@ from accpinn.methods.pinn.config import preset
 from accpinn.methods.pinn.training import train
 from accpinn.methods.store import FOLDER_VARIABLE, Say, Store
 from accpinn.serial import Arrays, dump, write_json
-from tests.driving import driven
+from tests.support.driving import driven
 
 KEY = "0123abcd"
 NAME = f"{KEY}.state.npz"

@@ -458,10 +458,6 @@ def test_options_reach_the_training_and_survive_a_visit_elsewhere() -> None:
     config = found.training.request.config
     chosen = (config.seed, config.weight_data, config.initial)
     assert chosen == (7, (1.0, 2.0), Parameters(0.5, 0.5, 0.5))
-        7,
-        (1.0, 2.0),
-        Parameters(0.5, 0.5, 0.5),
-    )
     assert found.training.wait(WAIT)
 
 

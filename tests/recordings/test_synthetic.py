@@ -9,7 +9,8 @@ import pytest
 from scipy.signal import savgol_filter
 
 from accpinn.errors import RecordingError
-from accpinn.model.cthp import Parameters, Trajectories, regressors, solve_linear
+from accpinn.methods.regression import solve_bounded
+from accpinn.model.cthp import Trajectories, regressors
 from accpinn.recordings import openacc, synthetic
 from accpinn.recordings.synthetic import SCENARIOS, Noise, Scenario, Truth
 from accpinn.units import FloatArray
@@ -60,7 +61,7 @@ def least_squares(data: Trajectories, rates: FloatArray) -> FloatArray:
     found = []
     for columns, rate in zip(regressors(data.speeds, data.gaps), rates[:, 1:].T, strict=True):
         x, y = columns[inside], rate[inside]
-        found.append(Parameters.from_theta(solve_linear(x.T @ x, x.T @ y).theta).values)
+        found.append(solve_bounded(x.T @ x, x.T @ y).parameters.values)
     return np.array(found)
 
 

@@ -18,7 +18,7 @@ from accpinn.segment.quality import (
     time_gaps,
 )
 from accpinn.segment.segment import Segment
-from tests.driving import segment_of
+from tests.support.driving import segment_of
 
 PARAMETERS = Parameters([0.08], [0.12], [1.5])
 

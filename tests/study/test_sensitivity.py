@@ -14,7 +14,7 @@ from accpinn.results.tables.estimates import regimes_table, sensitivity_table
 from accpinn.segment.cut import cut
 from accpinn.segment.regimes import label_regimes
 from accpinn.study.sensitivity import CHOICES, COMPARED, SensitivityResult, sensitivity
-from tests.driving import LAW, driven
+from tests.support.driving import LAW, driven
 
 
 def of(rows: tuple[SensitivityResult, ...], choice: str, method: str) -> SensitivityResult:

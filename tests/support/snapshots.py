@@ -15,7 +15,7 @@ from accpinn.results.snapshot.schema import MANIFEST, SCHEMA, Snapshot
 from accpinn.segment.segment import Segment
 from accpinn.serial import dump, read_json, write_json
 from accpinn.study.comparison import compare, results_among
-from tests.driving import driven
+from tests.support.driving import driven
 from tests.support.methods import RIVALS as ESTIMATORS
 from tests.support.samples import PLATOON, sample
 

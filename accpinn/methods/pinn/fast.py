@@ -89,11 +89,8 @@ class FastTraining:
         weights = warm.arrays.get("output.weight")
         fits = weights is not None and weights.shape == tuple(self._weights.shape)
         if not fits or angular is None or not np.array_equal(angular, self._features.angular):
-            raise warm.misfit()
-        try:
-            load_state(self._hidden, warm.arrays, "hidden.")
-        except ValueError:
-            raise warm.misfit() from None
+            raise ValueError("the weights are another network's")
+        load_state(self._hidden, warm.arrays, "hidden.")
         everyone = Parameters.of(np.broadcast_to(initial, (problem.followers, 3)))
         self._solution = Solution.of(everyone.theta)
         self._measure()

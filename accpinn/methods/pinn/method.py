@@ -75,13 +75,6 @@ class WarmStart:
         alike = (values == values[0]).all()
         return Parameters.of(values[:1] if alike else values.mean(axis=0)[None])
 
-    def misfit(self) -> ConfigError:
-        """The sentence for weights that another network has."""
-        return ConfigError(
-            f"The weights of {self.origin} do not fit this network; choose the preset, the window"
-            " and the highest frequency they were trained with, or start without them."
-        )
-
 
 def request_keys(
     segment: Segment, case: Case, config: PinnConfig, warm: WarmStart | None = None

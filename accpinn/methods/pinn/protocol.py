@@ -103,7 +103,7 @@ class Training(Protocol):
         """Begin at an earlier fit's weights and parameters; called before anything else.
 
         Raises:
-            ConfigError: when they are another network's.
+            ValueError: when they are another network's.
         """
 
     def advance(self) -> None:

@@ -221,7 +221,13 @@ def _new(problem: Problem, warm: WarmStart | None, key: str) -> _TrainingRun:
     """A training at its beginning."""
     training = TRAININGS[problem.config.preset](problem)
     if warm:
-        training.begin_from(warm)
+        try:
+            training.begin_from(warm)
+        except ValueError:
+            raise ConfigError(
+                f"The weights of {warm.origin} do not fit this network; choose the preset, the"
+                " window and the highest frequency they were trained with, or start without them."
+            ) from None
     return _TrainingRun(training, Recorder(), key)
 
 

@@ -12,7 +12,6 @@ from accpinn.methods.fit import (
     HoldoutLoss,
     IterationsExhausted,
     LongHeadway,
-    NeverDetermined,
     Outcome,
     SimulatedInStretches,
     SimulatedSeparately,
@@ -99,16 +98,8 @@ def _(finding: LongHeadway, about: Labelled) -> str:
 def _(finding: WeaklyDetermined, about: Labelled) -> str:
     whose = "All followers" if finding.vehicle is None else about.label(finding.vehicle)
     return (
-        f"{whose}: the recording does not determine α, β and τ, as the simulation fits equally well"
-        " with other parameters; these are one possibility of many."
-    )
-
-
-@message.register
-def _(finding: NeverDetermined, about: Labelled) -> str:
-    return (
-        f"{about.label(finding.vehicle)}: at no time do the samples determine α, β and τ; these"
-        " parameters are one possibility of many."
+        f"{whose}: the recording does not determine α, β and τ; these parameters are one"
+        " possibility of many."
     )
 
 

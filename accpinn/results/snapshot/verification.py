@@ -24,14 +24,13 @@ from accpinn.methods.registry import METHODS
 from accpinn.model.cthp import Trajectories
 from accpinn.recordings.recording import Recording
 from accpinn.results.snapshot.create import facts_of, light, stability
-from accpinn.results.snapshot.file import Content, load
 from accpinn.results.snapshot.schema import ATTRIBUTION_TEXT, Snapshot
 from accpinn.results.snapshot.validate import sanitise
 from accpinn.results.tables.names import name_of
 from accpinn.segment.cut import cut
 from accpinn.segment.quality import assess_quality
 from accpinn.segment.regimes import exclude_regimes, label_regimes
-from accpinn.segment.segment import Segment
+from accpinn.segment.segment import Segment, WindowMoved, WindowShortened
 from accpinn.serial import NOT_FINITE, dump, flatten
 
 RECORDING, REFIT = "--recording", "--refit"
@@ -97,26 +96,16 @@ class Verification:
 
 
 def verify(
-    content: Content, recording: Recording | None = None, *, refit: bool = False
+    snapshot: Snapshot, recording: Recording | None = None, *, refit: bool = False
 ) -> Verification:
-    """Read a snapshot, then compute its figures anew.
+    """Compute the figures of a snapshot anew, and compare.
 
     Args:
-        content: the file's path, or its bytes.
+        snapshot: as `load` reads it.
         recording: what it was learned from; with it errors and intervals are checked too where the
             snapshot has no data, and so are errors on the rest of the recording.
         refit: whether every method is run again where the data are at hand.
-
-    Raises:
-        SnapshotError: when it cannot be read, naming the damaged part.
     """
-    return check(load(content), recording, refit=refit)
-
-
-def check(
-    snapshot: Snapshot, recording: Recording | None = None, *, refit: bool = False
-) -> Verification:
-    """The same for a snapshot that was read already."""
     work = _Work(snapshot)
     work.compare("attribution", snapshot.attribution, ATTRIBUTION_TEXT)
     segment, source = snapshot.segment, None
@@ -210,9 +199,15 @@ class _Work:
             self.checks.append(done)
 
     def provenance(self, segment: Segment, recording: Recording) -> None:
-        """Names, notes and facts as the recording has them; its file may be called otherwise."""
-        stored = [self.snapshot.info, self.snapshot.facts]
-        found = [replace(segment.info, source=self.snapshot.info.source), facts_of(recording)]
+        """Names, findings and facts as the recording has them; its file may be called otherwise.
+
+        How a window was moved or shortened cannot be seen again: it is cut as it then was.
+        """
+        info = self.snapshot.info
+        moved = WindowMoved | WindowShortened
+        kept = tuple(finding for finding in info.findings if not isinstance(finding, moved))
+        stored = [replace(info, findings=kept), self.snapshot.facts]
+        found = [replace(segment.info, source=info.source), facts_of(recording)]
         some = slice(None if self.snapshot.facts else 1)  # else it was taken without its recording
         self.compare("info", stored[some], found[some])
 
@@ -278,8 +273,9 @@ class _Work:
         estimate = partial(of.fit, case=fit.case, settings=settings)
         try:
             again = estimate(segment)
-            found = compare("refit", fit, light(again) if method else again, method,
-                            relative=SOLVED, numbers_only=True)  # fmt: skip
+            pair = (fit, light(again) if method else again)
+            old, new = (replace(one, config={}) for one in pair)
+            found = compare("refit", old, new, method, relative=SOLVED, numbers_only=True)
             if not found.ok and of.tolerance > SOLVED:
                 found = compare("refit", fit.parameters, again.parameters, method,
                                 relative=of.tolerance)  # fmt: skip

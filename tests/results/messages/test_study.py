@@ -10,7 +10,7 @@ from accpinn.model.cthp import Parameters
 from accpinn.results.messages.study import agreement, colliding_methods
 from accpinn.segment.segment import Segment
 from accpinn.study.comparison import MethodResult, compare
-from tests.driving import MIXED, driven
+from tests.support.driving import MIXED, driven
 
 Two = tuple[Segment, list[MethodResult]]
 

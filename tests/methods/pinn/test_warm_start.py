@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 
 from accpinn.errors import ConfigError
-from accpinn.methods.fit import Fit
+from accpinn.methods.fit import Fit, StartedFrom
 from accpinn.methods.pinn.config import FAST, PAPER, PinnConfig
-from accpinn.methods.pinn.request import request_keys
+from accpinn.methods.pinn.method import WarmStart, request_keys
 from accpinn.methods.pinn.training import train
-from accpinn.methods.pinn.warm_start import WarmStart
 from accpinn.methods.store import Store
+from accpinn.model.cthp import Parameters
 from accpinn.segment.segment import Segment
-from tests.driving import MIXED, driven
+from tests.support.driving import MIXED, driven
 
 PAPER_SHORT = replace(PAPER, iterations=100)
 FAST_SHORT = replace(FAST, iterations=60)
@@ -47,8 +47,9 @@ def test_begins_where_the_other_ended(config: PinnConfig) -> None:
     assert first_loss(after) == pytest.approx(before.loss["total"], rel=1e-6)
     assert first_loss(after) < first_loss(before)
     assert after.loss["total"] < 1.01 * before.loss["total"]
-    assert "Started from the weights of snapshot abc." in after.notes
-    np.testing.assert_array_equal(after.history.parameters[0], before.parameters.values)  # type: ignore[union-attr]
+    assert StartedFrom("snapshot abc") in after.findings
+    assert after.history is not None
+    assert after.history.parameters[0] == before.parameters
 
 
 def test_the_paper_s_training_goes_on_lowering_the_loss() -> None:
@@ -63,7 +64,9 @@ def test_one_set_of_parameters_from_several() -> None:
     several = train(platoon, "II", config, threads=1)
     one = train(platoon, "I", config, threads=1, warm=warm(several))
     assert one.history is not None
-    np.testing.assert_allclose(one.history.parameters[0, 0], several.parameters.values.mean(axis=0))
+    np.testing.assert_allclose(
+        one.history.parameters.values[0, 0], several.parameters.values.mean(axis=0)
+    )
 
 
 def test_is_never_taken_for_a_cold_one(tmp_path: Path) -> None:
@@ -75,12 +78,9 @@ def test_is_never_taken_for_a_cold_one(tmp_path: Path) -> None:
     again = train(segment(), "II", config, threads=1, store=store, warm=start)
     assert again.cached
     assert again.parameters.values.tobytes() == after.parameters.values.tobytes()
-    other = WarmStart(start.arrays, start.table + 1e-9, start.origin)
-    keys = {
-        key
-        for resume_iteration in (None, start, other)
-        for key in request_keys(segment(), "II", config, resume_iteration)
-    }
+    other = WarmStart(start.arrays, Parameters.of(start.parameters.values + 1e-9), start.origin)
+    requests = [request_keys(segment(), "II", config, begin) for begin in (None, start, other)]
+    keys = {key for request in requests for key in request}
     assert len(keys) == 6
 
 
@@ -91,13 +91,18 @@ def test_what_does_not_fit_is_refused_in_one_sentence(config: PinnConfig) -> Non
     shorter = {name: values[..., :-1] for name, values in good.arrays.items()}
     for start in (
         warm(cold(other)),
-        WarmStart({}, good.table, "nothing"),
-        WarmStart(shorter, good.table, "a smaller one"),
+        WarmStart({}, good.parameters, "nothing"),
+        WarmStart(shorter, good.parameters, "a smaller one"),
     ):
         with pytest.raises(ConfigError, match="do not fit this network"):
             train(segment(), "II", config, threads=1, warm=start)
     with pytest.raises(ConfigError, match="3 followers"):
-        train(segment(), "II", config, warm=WarmStart(good.arrays, np.ones((3, 3)), "three"))
+        train(
+            segment(),
+            "II",
+            config,
+            warm=WarmStart(good.arrays, Parameters.of(np.ones((3, 3))), "three"),
+        )
 
 
 def test_fast_weights_of_another_window_are_refused() -> None:

@@ -1,4 +1,4 @@
-"""The course of a training, thinned as it grows."""
+"""The history of a training, thinned as it grows."""
 
 from dataclasses import fields
 
@@ -7,9 +7,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from accpinn.methods.fit import History, Progress
-from accpinn.methods.pinn import history
-from accpinn.methods.pinn.history import Recorder
+from accpinn.methods import history
+from accpinn.methods.history import History, Progress, Recorder
+from accpinn.model.cthp import Parameters
 
 
 def moment(iteration: int) -> Progress:
@@ -22,7 +22,7 @@ def moment(iteration: int) -> Progress:
         data=1.0 + iteration,
         physics=2.0 + iteration,
         initial=3.0,
-        parameters=np.full((2, 3), float(iteration)),
+        parameters=Parameters.of(np.full((2, 3), float(iteration))),
     )
 
 
@@ -41,8 +41,8 @@ def test_keeps_everything_while_it_is_short() -> None:
     assert kept.data.tolist() == [1, 2, 3]
     assert kept.physics.tolist() == [2, 3, 4]
     assert kept.initial.tolist() == [3, 3, 3]
-    assert kept.parameters.shape == (3, 2, 3)
-    assert kept.parameters[:, 0, 0].tolist() == [0, 1, 2]
+    assert kept.parameters.values.shape == (3, 2, 3)
+    assert kept.parameters.values[:, 0, 0].tolist() == [0, 1, 2]
 
 
 @given(st.integers(1, 400))
@@ -77,11 +77,4 @@ def test_goes_on_from_its_state_as_if_never_interrupted(before: int, after: int)
             second.add(moment(iteration))
         resumed = second.history()
     for name in (field.name for field in fields(History)):
-        np.testing.assert_array_equal(getattr(resumed, name), getattr(straight, name))
-
-
-def test_parameters_are_copied() -> None:
-    recorder, now = Recorder(), moment(1)
-    recorder.add(now)
-    now.parameters[:] = 99.0
-    assert recorder.history().parameters.max() == 1.0
+        assert np.all(getattr(resumed, name) == getattr(straight, name))

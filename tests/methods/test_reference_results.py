@@ -86,11 +86,11 @@ def test_verdicts_of_table_iii() -> None:
     assert [v.linf_exact.stable for v in vehicles] == [False] * 4
 
 
-def test_simulation_least_squares_drives_nearer_than_the_papers_law() -> None:
-    """13.6 m in closed loop for Table I's law; the best law for driving comes below 12 m."""
+def test_simulation_least_squares_is_nearer_than_the_papers_parameters() -> None:
+    """13.6 m in closed loop for Table I's parameters; the best simulation comes below 12 m."""
     casale = segment("Casale")
     fit = simulation.fit(casale)
-    printed = replace(fit, parameters=(Parameters(*TABLE_I[0]),))
+    printed = replace(fit, parameters=Parameters.of(TABLE_I))
     errors, least = closed_loop_errors(casale, printed), closed_loop_errors(casale, fit)
     assert errors is not None
     assert least is not None

@@ -56,7 +56,7 @@ def test_every_method_has_a_title() -> None:
 
 
 def test_a_pinn_is_called_by_what_it_was_trained_with() -> None:
-    fast, done = FAST.to_json(), Outcome.SETTLED
+    fast, done = FAST.to_json(), Outcome.CONVERGED
     assert method_name("pinn", fast, done) == "PiNN (fast preset)"
     assert method_name("pinn", fast | {"seed": 3}, done) == "PiNN (fast preset, own options)"
     stopped = method_name("pinn", PAPER.to_json(), Outcome.STOPPED)

@@ -6,7 +6,7 @@ import torch
 
 from accpinn.methods.pinn.config import PinnConfig
 from accpinn.methods.pinn.loss import loss_terms
-from accpinn.methods.pinn.output_layout import stack_outputs
+from accpinn.methods.pinn.surrogate import stack_outputs
 
 WEIGHTED = PinnConfig(weight_physics=(2.0, 0.5), weight_initial=1.5, weight_data=(3.0, 0.7))
 
@@ -19,15 +19,15 @@ def draw(followers: int, seed: int = 0, instants: int = 7) -> list[np.ndarray]:
 
 
 def by_loops(drawn: list[np.ndarray], config: PinnConfig) -> tuple[float, float, float]:
-    """Ψ_D, Ψ_F and Ψ_R as METHOD and paper write them."""
-    v, p, dv, dp, v_data, p_data, law = drawn
+    """Ψ_D, Ψ_F and Ψ_R as the paper writes them."""
+    v, p, dv, dp, v_data, p_data, table = drawn
     instants, followers = p.shape
     (q_gap, q_speed), (s_gap, s_speed) = config.weight_physics, config.weight_data
     data = physics = initial = 0.0
     for t in range(instants):
         data += s_speed * (v_data[t, 0] - v[t, 0]) ** 2
         for i in range(1, followers + 1):
-            alpha, beta, tau = law[i - 1]
+            alpha, beta, tau = table[i - 1]
             gap, ahead, own = p[t, i - 1], v[t, i - 1], v[t, i]
             data += s_gap * (p_data[t, i - 1] - gap) ** 2 + s_speed * (v_data[t, i] - own) ** 2
             physics += q_gap * (dp[t, i - 1] - ahead + own) ** 2
@@ -40,8 +40,8 @@ def by_loops(drawn: list[np.ndarray], config: PinnConfig) -> tuple[float, float,
 
 
 def evaluate(drawn: list[np.ndarray], config: PinnConfig) -> tuple[float, float, float, float]:
-    v, p, dv, dp, v_data, p_data, law = drawn
-    alpha, beta, tau = law.T
+    v, p, dv, dp, v_data, p_data, table = drawn
+    alpha, beta, tau = table.T
     tensors = [
         torch.from_numpy(array)
         for array in (
@@ -74,12 +74,12 @@ def test_each_weight_scales_its_own_term_only() -> None:
     np.testing.assert_allclose(evaluate(drawn, heavy)[:2], (10 * data, physics), rtol=1e-12)
 
 
-def test_motion_that_obeys_the_law_and_meets_the_data_has_no_loss() -> None:
-    v, p, dv, dp, _, _, law = draw(2)
+def test_motion_that_obeys_the_model_and_the_data_has_no_loss() -> None:
+    v, p, dv, dp, _, _, table = draw(2)
     dp[:] = v[:, :-1] - v[:, 1:]
-    alpha, beta, tau = law.T
+    alpha, beta, tau = table.T
     dv[:, 1:] = alpha * (p - tau * v[:, 1:]) + beta * dp
-    assert evaluate([v, p, dv, dp, v, p, law], WEIGHTED) == pytest.approx((0, 0, 0, 0), abs=1e-28)
+    assert evaluate([v, p, dv, dp, v, p, table], WEIGHTED) == pytest.approx((0, 0, 0, 0), abs=1e-28)
 
 
 def test_the_leaders_acceleration_is_free() -> None:
@@ -94,3 +94,22 @@ def test_the_leader_has_no_part_in_the_initial_condition() -> None:
     _, _, before, _ = evaluate(drawn, WEIGHTED)
     drawn[4][0, 0] += 5.0
     assert evaluate(drawn, WEIGHTED)[2] == before
+
+
+def test_a_masked_instant_has_no_residual_of_the_acceleration() -> None:
+    v, p, dv, dp, *_, table = draw(2)
+    mask = torch.ones(p.shape)
+    mask[3, 1] = 0.0
+
+    def physics(rates: np.ndarray) -> float:
+        alpha, beta, tau = table.T
+        theta = torch.from_numpy(np.stack([alpha, alpha * tau, beta], 1))
+        outputs = torch.from_numpy(stack_outputs(v, p))
+        terms = loss_terms(outputs, torch.from_numpy(rates), outputs, theta, PinnConfig(), mask)
+        return float(terms.physics)
+
+    before = physics(stack_outputs(dv, dp))
+    dv[3, 2] += 5.0
+    assert physics(stack_outputs(dv, dp)) == before
+    dv[3, 1] += 5.0
+    assert physics(stack_outputs(dv, dp)) > before

@@ -19,7 +19,7 @@ from accpinn.cli.output import print_json, show, table
 from accpinn.methods.store import FOLDER_VARIABLE
 from accpinn.model.cthp import Parameters
 from accpinn.segment.quality import assess_quality
-from tests.driving import driven
+from tests.support.driving import driven
 from tests.support.methods import RIVALS as ESTIMATORS
 
 ROOT = Path(__file__).parent.parent

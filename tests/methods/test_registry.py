@@ -1,0 +1,129 @@
+"""All methods but the PiNN: the truth recovered, bounds, and bad data."""
+
+import json
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from accpinn.errors import ConfigError, SegmentError
+from accpinn.methods.fit import BoundActive, Fit, Outcome
+from accpinn.methods.registry import METHODS, method_of
+from accpinn.model.cthp import Case
+from accpinn.segment.segment import Segment
+from tests.support.driving import LAW, MIXED, driven, segment_of, standing_still
+from tests.support.methods import RIVALS as ESTIMATORS
+
+Estimator = Callable[[Segment, Case], Fit]
+
+FILTERS = ("particle", "dual-ukf")
+"""They assume a large model error and have tolerances of their own, in their tests."""
+PRECISE = {name: method for name, method in ESTIMATORS.items() if name not in FILTERS}
+
+every_method = pytest.mark.parametrize("estimate", ESTIMATORS.values(), ids=list(ESTIMATORS))
+precise_method = pytest.mark.parametrize("estimate", PRECISE.values(), ids=list(PRECISE))
+
+
+class TestEvery:
+    @precise_method
+    def test_recovers_the_truth(self, estimate: Estimator) -> None:
+        fit = estimate(driven(MIXED, duration=100.0), "II")
+        # Central differences of sines at up to 0.4 rad/s are 3e-4 short.
+        np.testing.assert_allclose(fit.parameters.values, MIXED, rtol=2e-3)
+
+    @precise_method
+    def test_recovers_it_from_noisy_data(self, estimate: Estimator) -> None:
+        fit = estimate(driven(MIXED, duration=100.0, noise=0.02), "II")
+        np.testing.assert_allclose(fit.parameters.values, MIXED, rtol=0.03)
+
+    @precise_method
+    def test_gives_one_set_in_case_i(self, estimate: Estimator) -> None:
+        same = driven((LAW, LAW, LAW))
+        fit = estimate(same, "I")
+        assert len(set(fit.parameters)) == 1
+        np.testing.assert_allclose(fit.parameters.values, [LAW] * 3, rtol=1e-3)
+
+    @precise_method
+    def test_holds_the_bounds_and_reports_them(self, estimate: Estimator) -> None:
+        fit = estimate(driven(((0.08, -0.03, 1.5), LAW)), "II")
+        assert fit.active_bounds == (("β",), ())
+        assert fit.parameters[0].beta == 0
+        free = fit.unconstrained[0]
+        assert (free.alpha, free.beta, free.tau) == pytest.approx((0.08, -0.03, 1.5), rel=0.1)
+        (found,) = [finding for finding in fit.findings if isinstance(finding, BoundActive)]
+        assert (found.vehicle, found.names) == (2, ("β",))
+        assert found.unconstrained[2] == free.beta
+
+    @every_method
+    def test_names_itself_and_its_end(self, estimate: Estimator) -> None:
+        fit = estimate(driven(), "II")
+        assert ESTIMATORS[fit.method] is estimate
+        assert fit.outcome in (Outcome.SOLVED, Outcome.CONVERGED, Outcome.FILTERED)
+        assert fit.case == "II"
+        assert fit.seconds > 0
+
+    @every_method
+    @pytest.mark.parametrize("speed", [0.0, 20.0])
+    def test_survives_data_without_motion(self, estimate: Estimator, speed: float) -> None:
+        fit = estimate(standing_still(speed), "II")
+        assert fit.outcome is not Outcome.DIVERGED
+        assert (fit.parameters.values[:, :2] >= 0).all()
+
+    @every_method
+    @pytest.mark.parametrize("samples", [2, 3, 4, 5, 10])
+    def test_survives_tiny_windows(self, estimate: Estimator, samples: int) -> None:
+        whole = driven(MIXED)
+        tiny = segment_of(whole.time[:samples], whole.speeds[:samples], whole.gaps[:samples])
+        if samples < 5 and estimate in (ESTIMATORS["splines"], ESTIMATORS["simulation"]):
+            with pytest.raises(SegmentError, match="too few for a spline; take a window of"):
+                estimate(tiny, "II")
+        else:
+            assert (estimate(tiny, "II").parameters.values[:, :2] >= 0).all()
+
+    @every_method
+    @pytest.mark.parametrize("case", ["I", "II"])
+    def test_handles_ten_followers(self, estimate: Estimator, case: Case) -> None:
+        fit = estimate(driven((LAW,) * 10, noise=0.02), case)
+        assert fit.parameters.values.shape == (10, 3)
+        assert len(fit.active_bounds) == 10
+        np.testing.assert_allclose(fit.parameters.values, [LAW] * 10, rtol=0.2)
+        assert len(set(fit.parameters)) == (1 if case == "I" else 10)
+
+    @every_method
+    def test_survives_a_recording_of_noise(self, estimate: Estimator) -> None:
+        rng = np.random.default_rng(0)
+        values = 100 * rng.standard_normal((301, 5))
+        fit = estimate(segment_of(0.1 * np.arange(301), values[:, :3], values[:, 3:]), "II")
+        assert (fit.parameters.values[:, :2] >= 0).all()
+        assert not (fit.parameters.values[:, 2] < 0).any()
+
+    @every_method
+    def test_is_the_same_every_time(self, estimate: Estimator) -> None:
+        first, second = (estimate(driven(MIXED, noise=0.05), "II") for _ in range(2))
+        assert first.parameters == second.parameters
+        if first.track is not None:
+            assert second.track is not None
+            np.testing.assert_array_equal(
+                first.track.parameters.values, second.track.parameters.values
+            )
+
+    @every_method
+    def test_settings_fit_into_json(self, estimate: Estimator) -> None:
+        fit = estimate(driven(), "II")
+        assert json.loads(json.dumps(fit.config)) == fit.config
+
+    @precise_method
+    def test_followers_behind_change_little(self, estimate: Estimator) -> None:
+        alone, behind = estimate(driven((LAW,)), "II"), estimate(driven(MIXED), "II")
+        np.testing.assert_allclose(
+            behind.parameters.values[0], alone.parameters.values[0], rtol=1e-3
+        )
+
+
+def test_adding_a_method_takes_its_module_and_a_line() -> None:
+    for key, method in METHODS.items():
+        assert method.key == key
+        assert method.title
+        assert method.typical_seconds > 0
+    with pytest.raises(ConfigError, match="choose pinn, least-squares"):
+        method_of("kalman")

@@ -1,0 +1,143 @@
+"""Bounded least squares against scipy, and the rows of a regression."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import assume, given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+from scipy.optimize import lsq_linear, nnls
+
+from accpinn.methods.regression import Regression, Solution, one_second_means, solve_bounded
+from accpinn.model.cthp import Parameters
+from accpinn.units import FloatArray
+from tests.support.driving import LAW, MIXED, driven
+
+entries = st.floats(-10, 10).map(lambda value: round(value, 3))
+
+
+def problems_of(size: int) -> st.SearchStrategy[tuple[FloatArray, FloatArray]]:
+    return st.tuples(
+        arrays(float, (12, size), elements=entries), arrays(float, 12, elements=entries)
+    )
+
+
+problems = problems_of(3)
+
+
+def solve(problem: tuple[FloatArray, FloatArray]) -> Solution:
+    x, y = problem
+    return solve_bounded(x.T @ x, x.T @ y)
+
+
+class TestSolveBounded:
+    @given(problems)
+    def test_reaches_the_optimum_that_scipy_finds(
+        self, problem: tuple[FloatArray, FloatArray]
+    ) -> None:
+        x, y = problem
+        assume(np.linalg.cond(x) < 1e4)
+        found = solve(problem).theta
+        assert (found >= 0).all()
+        np.testing.assert_allclose(found, nnls(x, y)[0], rtol=1e-6, atol=1e-7)
+        reference = lsq_linear(x, y, bounds=(0, np.inf), tol=1e-14)
+        cost = 0.5 * float(np.sum((x @ found - y) ** 2))
+        assert cost <= reference.cost * (1 + 1e-8) + 1e-9
+
+    @given(problems)
+    def test_names_exactly_the_bounds_that_hold_it(
+        self, problem: tuple[FloatArray, FloatArray]
+    ) -> None:
+        x, y = problem
+        assume(np.linalg.cond(x) < 1e4)
+        solution = solve(problem)
+        held = solution.active
+        assert (solution.theta[held] == 0).all()
+        # Where a bound holds, lowering the cost would take a step out of bounds.
+        slope = x.T @ (x @ solution.theta - y)
+        scale = 1 + np.abs(x.T @ y)
+        assert (slope[held] >= -1e-7 * scale[held]).all()
+        free = np.logical_not(held)
+        assert (np.abs(slope[free]) <= 1e-6 * scale[free]).all()
+
+    @given(problems)
+    def test_keeps_the_unconstrained_optimum(self, problem: tuple[FloatArray, FloatArray]) -> None:
+        x, y = problem
+        assume(np.linalg.cond(x) < 1e4)
+        solution = solve(problem)
+        np.testing.assert_allclose(
+            solution.unconstrained, np.linalg.lstsq(x, y)[0], rtol=1e-6, atol=1e-7
+        )
+        inside = bool((solution.unconstrained >= 0).all())
+        assert inside == (not solution.active.any())
+
+    def test_a_negative_beta_is_held_at_zero_and_said(self) -> None:
+        x = np.eye(3)
+        solution = solve((x, np.array([0.1, 0.15, -0.18])))
+        np.testing.assert_allclose(solution.theta, [0.1, 0.15, 0.0])
+        np.testing.assert_allclose(solution.unconstrained, [0.1, 0.15, -0.18])
+        assert solution.active_names == (("β",),)
+
+    def test_all_bounds_can_hold(self) -> None:
+        solution = solve((np.eye(3), -np.ones(3)))
+        np.testing.assert_array_equal(solution.theta, np.zeros(3))
+        assert solution.active.all()
+
+    def test_survives_collinear_data(self) -> None:
+        # Constant speed: gap, speed and a zero relative speed leave α and ατ inseparable.
+        x = np.tile([30.0, -20.0, 0.0], (50, 1))
+        solution = solve((x, np.zeros(50)))
+        assert np.isfinite(solution.theta).all()
+        assert (solution.theta >= 0).all()
+
+    @given(problems_of(4))
+    def test_unbounded_unknowns_may_be_negative(
+        self, problem: tuple[FloatArray, FloatArray]
+    ) -> None:
+        x, y = problem
+        assume(np.linalg.cond(x) < 1e4)
+        found = solve_bounded(x.T @ x, x.T @ y, (True, True, True, False))
+        lowest = np.array([0.0, 0.0, 0.0, -np.inf])
+        expected = lsq_linear(x, y, bounds=(lowest, np.inf), tol=1e-14)
+        cost = 0.5 * float(np.sum((x @ found.theta - y) ** 2))
+        assert (found.theta >= lowest).all()
+        assert not found.active[3]
+        assert cost <= expected.cost * (1 + 1e-8) + 1e-9
+
+
+class TestRegression:
+    def test_masked_instants_do_not_count(self) -> None:
+        segment = driven(MIXED)
+        mask = np.ones(segment.gaps.shape, dtype=bool)
+        mask[100:200, 1] = False
+        gaps = segment.gaps.copy()
+        gaps[120:180, 1] += 100.0
+        bent = Regression.of(replace(segment, gaps=gaps, mask=mask)).solve("II")
+        whole = Regression.of(replace(segment, mask=mask)).solve("II")
+        np.testing.assert_array_equal(bent.theta, whole.theta)
+        np.testing.assert_allclose(bent.parameters.values, MIXED, rtol=2e-3)
+
+    def test_case_i_pools_the_rows_of_all_followers(self) -> None:
+        rows = Regression.of(driven(MIXED, noise=0.02))
+        solution = rows.solve("I")
+        pooled = np.linalg.lstsq(rows.terms.reshape(-1, 3), rows.rates.ravel())[0]
+        np.testing.assert_allclose(solution.theta, [pooled] * 3, rtol=1e-9)
+        assert solution.active_names == ((), (), ())
+
+
+class TestOneSecondMeans:
+    def test_obey_the_model(self) -> None:
+        means = one_second_means(driven((LAW,)))
+        assert (means.samples, means.length) == (10, 1.0)
+        residual = means.rates - means.terms @ Parameters(*LAW).theta
+        np.testing.assert_allclose(residual, 0.0, atol=1e-3)
+
+    @pytest.mark.parametrize(("delay", "masked"), [(0, [8]), (8, [8, 9])])
+    def test_a_step_with_a_masked_sample_is_masked(self, delay: int, masked: list[int]) -> None:
+        segment = driven((LAW,))
+        mask = np.ones(segment.gaps.shape, dtype=bool)
+        mask[103] = False
+        means = one_second_means(replace(segment, mask=mask), 20, delay)
+        # Steps begin at sample 20; terms are older by the delay.
+        assert np.flatnonzero(~means.mask[0]).tolist() == masked

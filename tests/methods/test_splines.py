@@ -1,0 +1,96 @@
+"""Generalised smoothing with splines: the optimum of its loss, and published limits."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.interpolate import make_lsq_spline
+from scipy.optimize import minimize
+
+from accpinn.methods import splines
+from accpinn.methods.fit import Fit
+from accpinn.recordings.openacc import read
+from accpinn.segment.cut import cut
+from tests.support.driving import LAW, MIXED, driven
+
+
+class TestSplines:
+    def test_data_loss_is_that_of_its_trajectories(self) -> None:
+        segment = driven(MIXED, noise=0.05)
+        fit = splines.fit(segment)
+        assert fit.surrogate is not None
+        data = ((fit.surrogate.speeds - segment.speeds) ** 2).sum()
+        data += ((fit.surrogate.gaps - segment.gaps) ** 2).sum()
+        assert fit.loss["data"] == pytest.approx(data / (segment.samples * 3), rel=1e-12)
+        assert fit.loss["total"] == fit.loss["data"] + fit.loss["physics"]
+
+    def test_physics_loss_is_that_of_its_trajectories(self) -> None:
+        """A spline through the trajectories has their derivatives."""
+        segment = driven(MIXED, noise=0.05)
+        fit = splines.fit(segment)
+        assert fit.surrogate is not None
+        time = segment.time
+        knots = np.r_[[0.0] * 4, np.linspace(0, 60, 121), [60.0] * 4]
+        speeds, gaps = fit.surrogate.speeds, fit.surrogate.gaps
+        dv = make_lsq_spline(time, speeds, knots, 4).derivative()(time)
+        dp = make_lsq_spline(time, gaps, knots, 4).derivative()(time)
+        relative = speeds[:, :-1] - speeds[:, 1:]
+        alpha, beta, tau = fit.parameters.values.T
+        model = alpha * (gaps - tau * speeds[:, 1:]) + beta * relative
+        physics = ((dp - relative) ** 2).sum() + ((dv[:, 1:] - model) ** 2).sum()
+        assert fit.loss["physics"] == pytest.approx(physics / (segment.samples * 3), rel=1e-6)
+
+    def test_no_other_parameters_have_a_lower_loss(self) -> None:
+        """Ψ, minimised over the splines, as a function of the parameters alone."""
+        segment = driven((LAW,), noise=0.05)
+        fit = splines.fit(segment)
+        basis = splines._Basis(segment.time, splines.KNOTS_EVERY)
+
+        def lowest(theta: np.ndarray) -> float:
+            basis.smooth(segment, theta[None] * scale)
+            return 1e3 * basis.loss(segment, theta[None] * scale)["total"]
+
+        scale = fit.parameters[0].theta
+        found = minimize(lowest, [0.9, 1.1, 0.8], method="Nelder-Mead", options={"xatol": 1e-6})
+        np.testing.assert_allclose(found.x, 1.0, atol=2e-4)
+        assert 1e3 * fit.loss["total"] <= found.fun * (1 + 1e-9)
+
+    def test_finer_knots_change_little(self) -> None:
+        segment = driven(noise=0.05)
+        coarse, fine = splines.fit(segment, knots_every=1.0), splines.fit(segment)
+        np.testing.assert_allclose(fine.parameters.values, coarse.parameters.values, rtol=1e-3)
+        assert fine.loss["total"] <= coarse.loss["total"] * (1 + 1e-6)
+
+    @pytest.mark.parametrize("step", [0.05, 0.5, 1.0])
+    def test_other_sampling_times_than_the_recordings(self, step: float) -> None:
+        fit = splines.fit(driven(step=step, duration=100.0))
+        np.testing.assert_allclose(fit.parameters.values, [LAW], rtol=0.02)
+        assert fit.config["knots_every"] == max(0.5, 5 * step)
+
+
+class TestLimitOnRealRecordings:
+    """The limits of the loss published with the method, to one unit of their last digit."""
+
+    @staticmethod
+    def assert_limit(fit: Fit, expected: list[tuple[float, float, float]], *units: float) -> None:
+        for (alpha, beta, tau), limit in zip(fit.parameters.values, expected, strict=True):
+            assert alpha == pytest.approx(limit[0], abs=units[0])
+            assert beta == pytest.approx(limit[1], abs=units[1])
+            assert tau == pytest.approx(limit[2], abs=units[2])
+
+    def test_casale(self, openacc_dir: Path) -> None:
+        fit = splines.fit(cut(read(openacc_dir / "Casale" / "part7.csv"), 0, 300))
+        self.assert_limit(fit, [(0.01045, 0.07176, 1.5222)], 1e-5, 1e-5, 1.5e-4)
+
+    def test_astazero(self, openacc_dir: Path) -> None:
+        segment = cut(read(openacc_dir / "AstaZero" / "ASta_040719_platoon5.csv"), 320, 300)
+        fit = splines.fit(segment, "I")
+        self.assert_limit(fit, [(0.0638, 0.2604, 1.171)] * 4, 1e-4, 1e-4, 1e-3)
+        fit = splines.fit(segment, "II")
+        expected = [
+            (0.0615, 0.1197, 1.197),
+            (0.1058, 0.1291, 1.176),
+            (0.0766, 0.2299, 1.152),
+            (0.0410, 0.4327, 1.155),
+        ]
+        self.assert_limit(fit, expected, 1e-4, 1e-4, 1e-3)

@@ -1,0 +1,172 @@
+"""The model: its parameters, its regressors, and its exact simulation."""
+
+from itertools import pairwise
+from math import isnan
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.integrate import solve_ivp
+
+from accpinn.model.cthp import (
+    LINEAR_NAMES,
+    Parameters,
+    motion_matrix,
+    orbit,
+    regressors,
+    simulate,
+)
+from accpinn.units import FloatArray
+
+rates = st.floats(0.001, 2.0)
+vehicles = st.builds(Parameters, alpha=rates, beta=st.floats(0.0, 2.0), tau=st.floats(0.1, 4.0))
+platoons = st.lists(vehicles, min_size=1, max_size=4).map(Parameters.stack)
+TWO = Parameters([0.0612, 0.176], [0.12, 0.3921], [1.19, 1.0])
+
+
+class TestParameters:
+    @given(vehicles)
+    def test_survive_the_way_through_theta(self, one: Parameters) -> None:
+        back = Parameters.from_theta(one.theta)
+        assert (back.alpha, back.beta) == (one.alpha, one.beta)
+        assert back.tau == pytest.approx(one.tau, rel=1e-14)
+
+    def test_theta_is_alpha_alphatau_beta(self) -> None:
+        np.testing.assert_allclose(Parameters(0.08, 0.12, 1.5).theta, [0.08, 0.12, 0.12])
+        assert LINEAR_NAMES == ("α", "ατ", "β")
+
+    def test_without_alpha_tau_is_unknown(self) -> None:
+        one = Parameters.from_theta(np.array([0.0, 0.0, 0.3]))
+        assert one.alpha == 0
+        assert one.beta == 0.3
+        assert isnan(one.tau)
+        np.testing.assert_array_equal(one.theta, [0.0, 0.0, 0.3])
+
+    def test_cannot_be_changed(self) -> None:
+        one = Parameters(1.0, 1.0, 1.0)
+        with pytest.raises(AttributeError):
+            one.alpha = 2.0  # type: ignore[misc]
+        with pytest.raises(ValueError, match="read-only"):
+            one.values[0] = 2.0
+
+
+class TestRegressors:
+    def test_have_one_block_a_follower_with_gap_minus_speed_and_relative_speed(self) -> None:
+        speeds = np.array([[20.0, 19.0, 21.0], [22.0, 20.0, 20.5]])
+        gaps = np.array([[30.0, 25.0], [31.0, 24.0]])
+        found = regressors(speeds, gaps)
+        assert found.shape == (2, 2, 3)
+        np.testing.assert_array_equal(found[0], [[30.0, -19.0, 1.0], [31.0, -20.0, 2.0]])
+        np.testing.assert_array_equal(found[1], [[25.0, -21.0, -2.0], [24.0, -20.5, -0.5]])
+
+    @given(vehicles, st.floats(0, 40), st.floats(0, 40), st.floats(0, 200))
+    def test_times_theta_are_the_acceleration(
+        self, one: Parameters, ahead: float, speed: float, gap: float
+    ) -> None:
+        row = regressors(np.array([[ahead, speed]]), np.array([[gap]]))[0, 0]
+        expected = one.alpha * (gap - one.tau * speed) + one.beta * (ahead - speed)
+        assert row @ one.theta == pytest.approx(expected, abs=1e-9)
+
+
+def integrate(
+    platoon: Parameters, time: FloatArray, ahead: FloatArray, start: FloatArray
+) -> FloatArray:
+    """(N, 2M) p_1, v_1, p_2, v_2, ..: the model written out per vehicle, integrated tightly.
+
+    One call a sample, as the leader's speed has a kink at each.
+    """
+
+    def derivative(instant: float, state: FloatArray) -> FloatArray:
+        before = float(np.interp(instant, time, ahead))
+        rates = np.empty_like(state)
+        for i, one in enumerate(platoon):
+            gap, speed = state[2 * i : 2 * i + 2]
+            rates[2 * i] = before - speed
+            rates[2 * i + 1] = one.alpha * (gap - one.tau * speed) + one.beta * (before - speed)
+            before = speed
+        return rates
+
+    states = [start]
+    for span in pairwise(time):
+        step = solve_ivp(derivative, span, states[-1], method="DOP853", rtol=1e-12, atol=1e-12)
+        states.append(step.y[:, -1])
+    return np.array(states)
+
+
+class TestSimulate:
+    def test_agrees_with_a_tight_numerical_integration(self) -> None:
+        time = np.arange(151) * 0.1
+        rng = np.random.default_rng(3)
+        ahead = 25 + np.cumsum(rng.normal(0, 0.1, len(time)))
+        speeds, gaps = np.array([22.0, 27.0]), np.array([20.0, 45.0])
+        found = simulate(TWO, time, ahead, speeds, gaps)
+        reference = integrate(TWO, time, ahead, np.stack([gaps, speeds], axis=1).ravel())
+        np.testing.assert_allclose(found.gaps, reference[:, 0::2], rtol=0, atol=1e-9)
+        np.testing.assert_allclose(found.speeds[:, 1:], reference[:, 1::2], rtol=0, atol=1e-9)
+
+    @given(platoons, st.floats(0.5, 40))
+    @settings(max_examples=25)
+    def test_equilibrium_stays(self, platoon: Parameters, speed: float) -> None:
+        time = np.arange(201) * 0.1
+        gaps = platoon.tau * speed
+        found = simulate(platoon, time, np.full(201, speed), np.full(len(platoon), speed), gaps)
+        np.testing.assert_allclose(found.speeds, speed, rtol=1e-9)
+        np.testing.assert_allclose(found.gaps, np.broadcast_to(gaps, found.gaps.shape), rtol=1e-9)
+
+    def test_a_long_run_is_that_of_single_steps(self) -> None:
+        time = np.arange(1001) * 0.1
+        ahead = 20 + 3 * np.sin(0.2 * time)
+        found = simulate(TWO, time, ahead, np.array([18.0, 21.0]), np.array([20.0, 25.0]))
+        speeds, gaps = found.speeds[0, 1:], found.gaps[0]
+        for k in range(1000):
+            step = simulate(TWO, time[:2], ahead[k : k + 2], speeds, gaps)
+            speeds, gaps = step.speeds[1, 1:], step.gaps[1]
+        np.testing.assert_allclose(found.speeds[-1, 1:], speeds, rtol=0, atol=1e-10)
+        np.testing.assert_allclose(found.gaps[-1], gaps, rtol=0, atol=1e-10)
+
+    def test_shapes_and_the_leader_are_kept(self) -> None:
+        time = np.arange(11) * 0.5
+        ahead = np.linspace(20, 25, 11)
+        platoon = Parameters([0.1] * 3, 0.1, 1.0)
+        found = simulate(platoon, time, ahead, np.full(3, 20.0), np.full(3, 20.0))
+        assert found.speeds.shape == (11, 4)
+        assert found.gaps.shape == (11, 3)
+        np.testing.assert_array_equal(found.speeds[:, 0], ahead)
+        np.testing.assert_array_equal(found.time, time)
+
+    def test_a_follower_too_few_is_refused(self) -> None:
+        with pytest.raises(ValueError, match="broadcast"):
+            simulate(
+                Parameters([0.1] * 2, 0.1, 1.0),
+                np.arange(3.0),
+                np.full(3, 20.0),
+                np.array([20.0]),
+                np.array([20.0]),
+            )
+
+
+class TestOrbit:
+    @pytest.mark.parametrize("count", [1, 2, 3, 255, 257, 700])
+    def test_is_the_powers_of_the_step(self, count: int) -> None:
+        transition = np.array([[0.99, 0.1, 0.0], [-0.1, 0.98, 0.02], [0.0, 0.05, 0.9]])
+        start = np.array([1.0, -2.0, 0.5])
+        found = orbit(transition, start, count)
+        assert found.shape == (count, 3)
+        np.testing.assert_array_equal(found[0], start)
+        last = np.linalg.matrix_power(transition, count - 1) @ start
+        np.testing.assert_allclose(found[-1], last, atol=1e-12)
+        np.testing.assert_allclose(found[1:], found[:-1] @ transition.T, atol=1e-13)
+
+
+class TestMotionMatrix:
+    @given(platoons, st.integers(0, 1000))
+    def test_is_the_model(self, platoon: Parameters, seed: int) -> None:
+        rng = np.random.default_rng(seed)
+        speeds, gaps = rng.uniform(0, 40, len(platoon) + 1), rng.uniform(0, 80, len(platoon))
+        state = np.append(np.stack([gaps, speeds[1:]], axis=1).ravel(), speeds[0])
+        rates = motion_matrix(platoon) @ state
+        rows = regressors(speeds[None], gaps[None])[:, 0]
+        expected = [one.theta @ row for one, row in zip(platoon, rows, strict=True)]
+        np.testing.assert_allclose(rates[0::2], -np.diff(speeds), atol=1e-12)
+        np.testing.assert_allclose(rates[1::2], expected, rtol=1e-9, atol=1e-9)
