@@ -184,4 +184,7 @@ def _findings(segment: Segment, theta: FloatArray, solution: Solution) -> list[M
     return found
 
 
-METHOD = direct("recursive", "Recursive", fit, typical_seconds=0.3)
+METHOD = direct(
+    "recursive", "Recursive", fit, typical_seconds=0.3,
+    summary="recursive least squares with exponential forgetting",
+)  # fmt: skip
