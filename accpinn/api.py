@@ -28,7 +28,8 @@ from accpinn.recordings.recording import Recording
 from accpinn.results.snapshot.create import create
 from accpinn.results.snapshot.file import load, save, writable_path, write_whole
 from accpinn.results.snapshot.schema import Snapshot
-from accpinn.results.snapshot.verification import Verification, check
+from accpinn.results.snapshot.verification import Verification
+from accpinn.results.snapshot.verification import verify as verify_snapshot
 from accpinn.segment.cut import DURATION, cut
 from accpinn.segment.regimes import exclude_regimes, label_regimes, parse_regimes
 from accpinn.segment.segment import Segment
@@ -194,7 +195,7 @@ def verify(
     Raises:
         AccpinnError: when one of them cannot be read.
     """
-    return check(load(content), None if recording is None else _recording(recording))
+    return verify_snapshot(load(content), None if recording is None else _recording(recording))
 
 
 def _recording(source: str | os.PathLike[str] | Recording) -> Recording:

@@ -7,7 +7,7 @@ import pytest
 
 import accpinn
 from accpinn.errors import AccpinnError, ConfigError, SnapshotError
-from accpinn.results.snapshot.verification import check
+from accpinn.results.snapshot.verification import verify
 from tests.support.samples import FOLDER, NOISY, sample
 
 ROOT = Path(__file__).parent.parent
@@ -40,7 +40,7 @@ def test_a_study_computes_what_it_is_asked_for() -> None:
     assert abs(transfer(1j * peak.omega)) == pytest.approx(peak.gain)
     snapshot = study.snapshot(name="mine", with_data=True)
     assert snapshot.name == "mine"
-    assert check(snapshot).ok
+    assert verify(snapshot).ok
 
 
 def test_an_unknown_method_is_named() -> None:

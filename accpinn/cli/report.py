@@ -9,7 +9,7 @@ from accpinn.recordings.openacc import read
 from accpinn.results.messages.snapshot import summary
 from accpinn.results.snapshot.file import load, writable_path, write_whole
 from accpinn.results.snapshot.schema import SUFFIX
-from accpinn.results.snapshot.verification import check, recover
+from accpinn.results.snapshot.verification import recover, verify
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
@@ -30,7 +30,7 @@ def run(options: argparse.Namespace) -> int:
     real = writable_path(place, "report")
     snapshot = load(options.file)
     recording = read(options.recording) if options.recording else None
-    checked = check(snapshot, recording)
+    checked = verify(snapshot, recording)
     if recording and snapshot.segment is None:
         snapshot = replace(snapshot, segment=recover(snapshot, recording).segment)
     page = render_report(snapshot, checked)

@@ -1,4 +1,4 @@
-"""`verify FILE`: is a snapshot whole, and does what it says follow from what is in it?"""
+"""`verify FILE`: whether a snapshot is whole, and its figures follow from its contents."""
 
 import argparse
 from typing import Any
@@ -9,7 +9,7 @@ from accpinn.results.messages import message
 from accpinn.results.messages.snapshot import check_rows, summary
 from accpinn.results.snapshot.file import load
 from accpinn.results.snapshot.schema import Snapshot
-from accpinn.results.snapshot.verification import Verification, check
+from accpinn.results.snapshot.verification import Verification, verify
 from accpinn.results.tables.table import Column, Table
 
 
@@ -32,7 +32,7 @@ def run(options: argparse.Namespace) -> int:
     """Check, and print stored beside recomputed; 1 when something does not match."""
     snapshot = load(options.file)
     recording = read(options.recording) if options.recording else None
-    result = check(snapshot, recording, refit=options.refit)
+    result = verify(snapshot, recording, refit=options.refit)
     if options.json:
         print_json(describe(snapshot, result))
     else:

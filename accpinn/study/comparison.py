@@ -39,7 +39,7 @@ class MethodFailure:
 
 
 def result_of(segment: Segment, fit: Fit, recording: Recording | None = None) -> MethodResult:
-    """The result of a fit that exists already; without cross-validation, which would run it anew."""
+    """The result of a fit that exists already, without cross-validation, which would repeat it."""
     return MethodResult(fit, intervals(segment, fit), evaluate(segment, fit, recording=recording))
 
 

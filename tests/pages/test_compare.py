@@ -139,7 +139,7 @@ def test_a_training_with_other_settings_has_a_row_of_its_own(found: Workspace) -
     assert found.training.wait(WAIT)
     _, own = found.compared_with_training()
     assert own.fit is found.fit
-    assert own.evaluation.held_out is None
+    assert own.evaluation.holdout is None
     assert found.compared_with_training()[1] is own, "it is worked out once"
     found.comparison.results = (own,)
     assert found.compared_with_training() == (own,), "the same settings need no second row"

@@ -33,6 +33,7 @@ from tests.support.apptest import (
     WAIT,
     figures,
     open_page,
+    plain,
     texts,
     with_sample,
 )
@@ -342,14 +343,14 @@ def test_train_says_what_goes_wrong_and_how_sure_it_is(
     found.training = training(found.id, TrainingRequest(segment, "II", preset("fast")))
     found.training.answer(replace(known, method="pinn", parameters=same, surrogate=own))
     page = open_page(TRAIN, found)
-    written = texts(page)
-    runs_in = f"{escape_markdown(segment.labels[1])} runs into the vehicle ahead at" in written
-    assert runs_in == (parameters.tau < 1)
-    assert ("errors include what follows" in written) == runs_in
+    written = plain(page)
+    collides = f"{segment.labels[1]} collides with the vehicle ahead at" in written
+    assert collides == (parameters.tau < 1)
+    assert ("errors include what follows" in written) == collides
     assert ("does not determine the time headway of" in written) == (parameters.tau > 5)
     assert "90 % interval" in written
     marks = [trace for trace in figures(page)[-1]["data"] if trace["name"] == "collision"]
-    assert len(marks) == runs_in
+    assert len(marks) == collides
     titles = written.count(f"s, without {''.join(excluded)}")
     assert titles == 3 * len(excluded), "of the parameters, the intervals and the estimates"
 

@@ -155,9 +155,9 @@ class TestList:
     def test_the_methods_are_run_again_on_demand(self) -> None:
         library().add(whole())
         page = open_page(SNAPSHOTS)
-        assert "that PiNN finds these parameters" in plain(page)
+        assert "finds these parameters" in plain(page)
         page.toggle(key="snapshots_again").set_value(True).run()
-        assert "that PiNN finds these parameters" not in plain(page)
+        assert "finds these parameters" not in plain(page)
         assert "Method run again, Recursive" in plain(page)
 
     def test_a_damaged_one_is_named_and_can_be_deleted(self) -> None:

@@ -21,8 +21,7 @@ from accpinn.methods.pinn.training import train
 from accpinn.model.cthp import Case, Parameters, simulate
 from accpinn.recordings.openacc import read
 from accpinn.recordings.recording import Mode, Recording, Window
-from accpinn.results.figures.recording import overview
-from accpinn.results.figures.regimes import key, ribbons
+from accpinn.results.figures.recording import overview, regime_key, regime_ribbons
 from accpinn.segment.cut import cut
 from accpinn.segment.regimes import (
     CATCHING_UP,
@@ -258,7 +257,7 @@ class TestLabels:
 class TestRibbons:
     def test_cover_the_window_in_the_recordings_time(self, recording: Recording) -> None:
         segment = cut(recording, 5.0, 40.0)
-        drawn = ribbons(segment, label_regimes(segment, recording))
+        drawn = regime_ribbons(segment, label_regimes(segment, recording))
         ends = {trace.name: [x for x in trace.x if x is not None] for trace in drawn}
         assert set(ends) == {f"2 {name}" for name in REGIMES}
         assert ends["2 catching up"] == pytest.approx([9.95, 29.95])
@@ -268,7 +267,7 @@ class TestRibbons:
 
     def test_stand_on_a_strip_of_the_overview(self, recording: Recording) -> None:
         segment = cut(recording, 5.0, 40.0)
-        drawn = ribbons(segment, label_regimes(segment, recording))
+        drawn = regime_ribbons(segment, label_regimes(segment, recording))
         plain = overview(recording, (1, 2), Window(5.0, 45.0))
         figure = overview(recording, (1, 2), Window(5.0, 45.0), drawn)
         assert len(figure.data) - len(plain.data) == len(drawn)
@@ -276,7 +275,7 @@ class TestRibbons:
 
     def test_colours_are_explained_for_what_occurs(self, recording: Recording) -> None:
         segment = cut(recording, 0, 12.0)
-        names = [name for name, _ in key(label_regimes(segment, recording))]
+        names = [name for name, _ in regime_key(label_regimes(segment, recording))]
         assert names == ["car-following", "catching up"]
 
 

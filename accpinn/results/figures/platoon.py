@@ -1,23 +1,23 @@
-"""A simulated platoon as plotly figures: profiles, amplitudes, speeds at a glance, the paper's."""
+"""A simulated platoon as figures: profiles, amplitudes, map of speeds, animation, the paper's."""
 
 import colorsys
 import html
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import plotly.graph_objects as go
 from numpy.typing import NDArray
-from plotly.subplots import make_subplots
 
 from accpinn.channels import GAP, SPEED, TIME
 from accpinn.model.published import ASTAZERO, ParameterSet
-from accpinn.platoon.leader import Sinusoid
+from accpinn.platoon.leader import Recorded, Sinusoid
 from accpinn.platoon.simulation import PlatoonRun, simulate_platoon
 from accpinn.results.figures.stability import colours
-from accpinn.results.figures.style import FOLLOWERS, LEADER, finished, thinned
-from accpinn.units import FloatArray, Metres
+from accpinn.results.figures.style import FOLLOWERS, LEADER, finished, label_axes, panels, thinned
+from accpinn.units import FloatArray, Metres, Seconds
 
 CLOSE: Metres = 5.0
 """Gaps below this make the figure show where zero is."""
@@ -26,7 +26,15 @@ POINTS = 1000
 COLUMNS = 240
 """Instants of the map of speeds."""
 STRIPES = 8
-"""Periods of a sinusoid on it: more would hide how the wave slants."""
+"""Periods of a sinusoid on it; with more the wave's slope is not seen."""
+CAR_LENGTH: Metres = 4.5
+"""Between the fronts of two cars lie the gap and this; the model has gaps only."""
+FRAMES = 60
+FRAME_MS = 90
+PERIODS = 2
+"""Of a sinusoid that are shown."""
+WATCHED: Seconds = 120.0
+"""What is shown of any other planned disturbance."""
 PANEL_POINTS = 500
 """Drawn per line of the paper's panels."""
 PANEL_FOLLOWERS = 8
@@ -81,9 +89,7 @@ def _shade(colour: str, share: float | None) -> str:
 def profiles(run: PlatoonRun, cast: Cast) -> go.Figure:
     """Speeds of all vehicles, and the gaps of the followers, over time."""
     driven = run.trajectories
-    figure = make_subplots(
-        rows=2, cols=1, shared_xaxes=True, row_heights=[0.58, 0.42], vertical_spacing=0.06
-    )
+    figure = panels(0.58, 0.42, spacing=0.06)
     for k in _back_to_front(len(cast.names)):
         kept = slice(run.meaningful if k else None)  # the leader's drive is given
         _line(figure, driven.time[kept], driven.speeds[kept, k], cast, k, 1)
@@ -93,8 +99,7 @@ def profiles(run: PlatoonRun, cast: Cast) -> go.Figure:
         figure.add_hline(y=0, line={"color": SLOWER, "width": 1.5, "dash": "dash"}, row=2, col=1)
     if run.collisions:
         _mark_collision(figure, run)
-    figure.update_yaxes(title_text=SPEED.axis, row=1, col=1)
-    figure.update_yaxes(title_text=GAP.axis, row=2, col=1)
+    label_axes(figure, (SPEED, GAP))
     figure.update_xaxes(title_text=TIME.axis, row=2, col=1)
     return finished(figure, 540, "platoon-profiles")
 
@@ -128,7 +133,7 @@ def _line(
 
 
 def amplitude_by_vehicle(run: PlatoonRun, cast: Cast, in_db: bool) -> go.Figure:
-    """How large the disturbance is at each vehicle: simulated, and predicted where H tells."""
+    """The amplitude at each vehicle: simulated, and for a sinusoid predicted by |H(jω)|."""
     wave = run.amplitudes
     # A sinusoid is measured at the end of the run, which a collision leaves without meaning.
     measured = wave.measured if wave and not run.collisions else run.largest_deviation
@@ -137,18 +142,18 @@ def amplitude_by_vehicle(run: PlatoonRun, cast: Cast, in_db: bool) -> go.Figure:
         simulated = "Largest deviation before the collision"
     figure = go.Figure()
     places = np.arange(len(cast.names))
-    scale = _decibels if in_db else _as_is
     unit = "dB" if in_db else "m/s"
     if wave:
+        predicted = _decibels(wave.predicted) if in_db else wave.predicted
         figure.add_scatter(
-            x=places, y=scale(wave.predicted), name="Predicted by |H(jω)|", mode="lines",
+            x=places, y=predicted, name="Predicted by |H(jω)|", mode="lines",
             line={"color": LEADER, "width": 2.5},
             hovertemplate=f"predicted %{{y:.3f}} {unit}<extra></extra>",
         )  # fmt: skip
     figure.add_scatter(
-        x=places, y=scale(measured), name=simulated, mode="markers" if wave else "lines+markers",
-        text=cast.names, marker={"size": 10, "color": cast.colours},
-        line={"color": LEADER, "width": 1.5},
+        x=places, y=_decibels(measured) if in_db else measured, name=simulated,
+        mode="markers" if wave else "lines+markers", text=cast.names,
+        marker={"size": 10, "color": cast.colours}, line={"color": LEADER, "width": 1.5},
         hovertemplate=f"%{{text}}<br>{simulated.lower()} %{{y:.3f}} {unit}<extra></extra>",
     )  # fmt: skip
     what = "Amplitude of speed" if wave else "Largest speed deviation"
@@ -162,10 +167,6 @@ def amplitude_by_vehicle(run: PlatoonRun, cast: Cast, in_db: bool) -> go.Figure:
     )
 
 
-def _as_is(values: FloatArray) -> FloatArray:
-    return values
-
-
 def _decibels(values: FloatArray) -> FloatArray:
     """Relative to the leader's; nan where there is nothing to compare."""
     base = values[0] if values[0] > 0 else np.nan
@@ -173,7 +174,7 @@ def _decibels(values: FloatArray) -> FloatArray:
 
 
 def speed_map(run: PlatoonRun, cast: Cast) -> go.Figure:
-    """Who is faster or slower than the platoon's first speed, when: the wave as stripes."""
+    """Speeds relative to the first one, over time and along the platoon."""
     driven = run.trajectories
     rows = stretch(run)
     deviation = (driven.speeds[rows] - run.leader.speed).T
@@ -193,17 +194,124 @@ def speed_map(run: PlatoonRun, cast: Cast) -> go.Figure:
 
 
 def stretch(run: PlatoonRun) -> NDArray[np.intp]:
-    """Samples from just before the disturbance on, and of a sinusoid no more than can be told.
-
-    Those after a collision have no meaning.
-    """
-    time, leader = run.trajectories.time[: run.meaningful], run.leader
-    start, end = 0.0, float(time[-1])
+    """The samples of the map: from just before the disturbance on; of a sinusoid, few periods."""
+    leader, start, end = run.leader, 0.0, _end(run)
     if isinstance(leader, Sinusoid):
         start = min(max(0.0, leader.settle - leader.period / 2), end)
         end = min(end, start + STRIPES * leader.period)
-    instants = np.linspace(start, end, COLUMNS)
+    return _samples(run, start, end, COLUMNS)
+
+
+def watched(run: PlatoonRun) -> NDArray[np.intp]:
+    """The samples that become frames: the last periods, or what follows the disturbance."""
+    leader, start, end = run.leader, 0.0, _end(run)
+    if isinstance(leader, Sinusoid):
+        start = max(0.0, end - PERIODS * leader.period)
+    elif not isinstance(leader, Recorded):
+        start = min(max(0.0, leader.settle - 5.0), end)
+        end = min(end, start + WATCHED)
+    return _samples(run, start, end, FRAMES)
+
+
+def _end(run: PlatoonRun) -> float:
+    """Of the run, or the first collision, after which it has no meaning."""
+    return float(run.trajectories.time[: run.meaningful][-1])
+
+
+def _samples(run: PlatoonRun, start: Seconds, end: Seconds, count: int) -> NDArray[np.intp]:
+    """At most ``count`` samples, evenly spread."""
+    time = run.trajectories.time[: run.meaningful]
+    instants = np.linspace(start, end, count)
     return np.unique(np.clip(np.searchsorted(time, instants - 1e-9), 0, len(time) - 1))
+
+
+def animation(run: PlatoonRun, cast: Cast) -> go.Figure:
+    """The cars on the road, seen from the leader, and their speeds: an animation with a slider."""
+    driven = run.trajectories
+    rows = watched(run)
+    behind = np.zeros((len(rows), len(cast.names)))
+    behind[:, 1:] = -np.cumsum(driven.gaps[rows] + CAR_LENGTH, axis=1)
+    speeds = driven.speeds[rows]
+    moments = [f"{driven.time[row]:.1f}" for row in rows]
+    pictures = [_pictures(behind[i], speeds[i]) for i in range(len(rows))]
+    figure = panels(0.2, 0.8, spacing=0.04)
+    look = {"color": cast.colours, "line": {"width": 0}}
+    road, track = pictures[0]
+    figure.add_scatter(
+        **road, mode="markers", marker={**look, "symbol": "square", "size": 13}, text=cast.names,
+        hovertemplate="%{text}<br>%{x:.1f} m<extra></extra>", row=1, col=1,
+    )  # fmt: skip
+    figure.add_scatter(
+        **track, mode="lines+markers", line={"color": LEADER, "width": 1.2}, text=cast.names,
+        marker={**look, "size": 10}, hovertemplate="%{text}<br>%{y:.2f} m/s<extra></extra>",
+        row=2, col=1,
+    )  # fmt: skip
+    for name, colour in zip(cast.names, cast.colours, strict=True):  # for `with_legend`
+        figure.add_scatter(
+            x=[None], y=[None], mode="markers", name=name, hoverinfo="skip",
+            marker={"symbol": "square", "size": 13, "color": colour}, row=1, col=1,
+        )  # fmt: skip
+    figure.frames = [
+        go.Frame(name=moment, data=list(picture), traces=[0, 1])
+        for moment, picture in zip(moments, pictures, strict=True)
+    ]
+    _ranges(figure, behind, speeds)
+    figure = finished(figure, 490, "platoon-wave")
+    return figure.update_layout(
+        hovermode="closest", margin_b=156, updatemenus=[_buttons()], sliders=[_slider(moments)]
+    )
+
+
+def _pictures(behind: FloatArray, speeds: FloatArray) -> tuple[dict[str, Any], ...]:
+    """One frame, rounded to what a screen shows."""
+    x = np.round(behind, 2).tolist()
+    return {"x": x, "y": [0.0] * len(x)}, {"x": x, "y": np.round(speeds, 3).tolist()}
+
+
+def _ranges(figure: go.Figure, behind: FloatArray, speeds: FloatArray) -> None:
+    """Axes that stand still while the cars move."""
+    margin = 0.06 * float(np.ptp(behind)) + 2.0
+    figure.update_xaxes(range=[float(behind.min()) - margin, float(behind.max()) + margin])
+    low, high = float(speeds.min()), float(speeds.max())
+    rim = 0.1 * (high - low) + 0.05
+    figure.update_yaxes(visible=False, range=[-1, 1], row=1, col=1)
+    figure.add_hline(y=-0.55, line={"color": LEADER, "width": 1}, row=1, col=1)
+    figure.update_yaxes(title_text=SPEED.axis, range=[low - rim, high + rim], row=2, col=1)
+    figure.update_xaxes(title_text="Position behind the leader [m], driving to the right",
+                        row=2, col=1)  # fmt: skip
+
+
+def _motion(duration: int) -> dict[str, Any]:
+    return {
+        "mode": "immediate",
+        "fromcurrent": True,
+        "frame": {"duration": duration, "redraw": False},
+        "transition": {"duration": duration, "easing": "linear"},
+    }
+
+
+def _buttons() -> dict[str, Any]:
+    play = {"label": "▶ Play", "method": "animate", "args": [None, _motion(FRAME_MS)]}
+    pause = {"label": "Pause", "method": "animate", "args": [[None], _motion(0)]}
+    return {
+        "type": "buttons", "direction": "left", "buttons": [play, pause], "showactive": False,
+        "x": 0, "xanchor": "left", "y": 0, "yanchor": "top", "pad": {"t": 112, "r": 8},
+        "bgcolor": "rgba(128, 140, 155, 0.18)", "borderwidth": 0,
+    }  # fmt: skip
+
+
+def _slider(moments: Sequence[str]) -> dict[str, Any]:
+    steps = [
+        {"label": moment, "method": "animate", "args": [[moment], _motion(0)]} for moment in moments
+    ]
+    return {
+        "steps": steps, "x": 0, "len": 1, "y": 0, "yanchor": "top", "pad": {"t": 58},
+        "ticklen": 0, "minorticklen": 0, "bordercolor": "rgba(0,0,0,0)",
+        "bgcolor": "rgba(128, 140, 155, 0.35)", "font": {"color": "rgba(0,0,0,0)"},
+        "currentvalue": {
+            "prefix": "t = ", "suffix": " s", "xanchor": "right", "font": {"color": LEADER},
+        },
+    }  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -237,7 +345,7 @@ def paper_panels() -> tuple[Panel, ...]:
 
 
 def _panel(run: PlatoonRun, k: int, letter: str, reach: float) -> go.Figure:
-    figure = make_subplots(rows=1, cols=1)
+    figure = panels(1)
     cast, driven = cast_of(ASTAZERO, [k] * PANEL_FOLLOWERS), run.trajectories
     for who in _back_to_front(PANEL_FOLLOWERS + 1):
         _line(figure, driven.time, driven.speeds[:, who], cast, who, 1, PANEL_POINTS)
@@ -248,7 +356,7 @@ def _panel(run: PlatoonRun, k: int, letter: str, reach: float) -> go.Figure:
 
 
 def _fate(run: PlatoonRun) -> str:
-    """What has become of the wave at the last follower."""
+    """Whether the wave grows or fades along the platoon, and its amplitude at the last follower."""
     size = run.amplitudes
     if size is None or not size.periods:
         return "not settled"

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 
 import numpy as np
 import plotly.graph_objects as go
+from numpy.typing import NDArray
 
 from accpinn.channels import GAP, SPEED, TIME
 from accpinn.mask import stretches
@@ -20,13 +21,22 @@ from accpinn.results.figures.style import (
     thinned,
     vehicle_colour,
 )
+from accpinn.segment.regimes import CATCHING_UP, FOLLOWING, MANUAL, STANDSTILL, Regimes
 from accpinn.segment.segment import Segment
-from accpinn.units import FloatArray
+from accpinn.units import FloatArray, Seconds
 
 MISSING = "#c22f4f"
 WINDOW = "rgba(12, 126, 174, 0.16)"
 FAINT = 0.35
 """Opacity of what is not chosen."""
+REGIME_COLOURS = {
+    FOLLOWING: "#8b93a1",
+    CATCHING_UP: "#b07d00",
+    MANUAL: "#b04a96",
+    STANDSTILL: "#4f86b5",
+}
+"""Each with a contrast of 3 or more on white and on the dark page; car-following, which the model
+is for, is grey; the others differ under any vision, and from the first vehicles."""
 
 
 def overview(
@@ -41,15 +51,13 @@ def overview(
         recording: all of it is drawn.
         vehicles: those chosen, leader first; the others are faint.
         window: the interval chosen.
-        regimes: ribbons of what the followers do in it (see `figures.regimes`).
+        regimes: ribbons of what the followers do in it (see `regime_ribbons`).
     """
-    strips = [
-        (title, traces)
-        for title, traces in (("Vehicle", _ribbons(recording)), ("Regime", list(regimes)))
-        if traces
-    ]
-    heights = [0.5, 0.36] + [max(0.14, 0.03 * len(vehicles))] * len(strips)
-    figure = panels(len(heights), heights if strips else [0.58, 0.42])
+    strips = {"Vehicle": _ribbons(recording), "Regime": list(regimes)}
+    strips = {title: traces for title, traces in strips.items() if traces}
+    strip = max(0.14, 0.03 * len(vehicles))
+    heights = [0.5, 0.36, *[strip] * len(strips)] if strips else [0.58, 0.42]
+    figure = panels(*heights)
     for number in recording.present:
         chosen = number in vehicles
         label = _label(recording, number)
@@ -59,7 +67,7 @@ def overview(
             gap = recording.gap_behind(number - 1)
             followed = chosen and number != vehicles[0]
             _line(figure, recording.time, gap, 2, label, colour, followed)
-    for row, (title, traces) in enumerate(strips, 3):
+    for row, (title, traces) in enumerate(strips.items(), 3):
         _strip(figure, row, title, traces)
     figure.add_shape(
         type="rect",
@@ -144,24 +152,47 @@ def _ribbons(recording: Recording) -> list[go.Scatter]:
     missing = np.isnan(recording.speed)
     if not (recording.mode == Mode.ACC).any():
         by_hand = np.zeros_like(missing)  # a recording without ACC is by hand throughout
-    traces = []
-    for number in recording.present:
-        colour = vehicle_colour(number, 1)
-        for name, mask, paint in (("by hand", by_hand, colour), ("missing", missing, MISSING)):
-            x: list[float | None] = []
-            for run in stretches(mask[:, number - 1]):
-                x += [float(recording.time[run.first]), float(recording.time[run.last]), None]
-            if x:
-                traces.append(
-                    go.Scatter(
-                        x=x,
-                        y=[str(number)] * len(x),
-                        name=f"{number} {name}",
-                        mode="lines",
-                        line={"color": paint, "width": 7},
-                    )
-                )
-    return traces
+    return [
+        bars
+        for number in recording.present
+        for name, mask, colour in (
+            ("by hand", by_hand, vehicle_colour(number, 1)),
+            ("missing", missing, MISSING),
+        )
+        for bars in _bars(number, name, mask[:, number - 1], recording.time, colour, 7)
+    ]
+
+
+def regime_ribbons(segment: Segment, regimes: Regimes) -> list[go.Scatter]:
+    """A trace for each follower and regime that occurs, over the recording's time."""
+    time, step = segment.window.start + segment.time, segment.sample_time
+    return [
+        bars.update(hoverinfo="skip")
+        for codes, number in zip(regimes.codes.T, segment.vehicles[1:], strict=True)
+        for code, name in enumerate(regimes.names)
+        for bars in _bars(
+            number, name, codes == code, time, REGIME_COLOURS[code], 8 if code else 3, step
+        )
+    ]
+
+
+def regime_key(regimes: Regimes) -> list[tuple[str, str]]:
+    """Name and colour of each regime that occurs."""
+    occurring = [code for code in REGIME_COLOURS if (regimes.codes == code).any()]
+    return [(regimes.names[code], REGIME_COLOURS[code]) for code in occurring]
+
+
+def _bars(
+    number: int, name: str, mask: NDArray[np.bool_], time: FloatArray, colour: str, width: float,
+    step: Seconds = 0.0,
+) -> list[go.Scatter]:  # fmt: skip
+    """One trace with a bar a run of instants, each of which stands for the ``step`` around it."""
+    x: list[float | None] = []
+    for run in stretches(mask):
+        x += [float(time[run.first]) - step / 2, float(time[run.last]) + step / 2, None]
+    line, title = {"color": colour, "width": width}, f"{number} {name}"
+    y = [str(number)] * len(x)
+    return [go.Scatter(x=x, y=y, name=title, mode="lines", line=line)] if x else []
 
 
 def _label(recording: Recording, number: int) -> str:

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import plotly.graph_objects as go
+from plotly.colors import hex_to_rgb
 from plotly.subplots import make_subplots
 
 from accpinn.channels import Quantity
@@ -36,6 +37,33 @@ POINTS = 1500
 def vehicle_colour(number: int, leader: int) -> str:
     """The colour of a vehicle, by its number in the file; the platoon's leader has its own."""
     return LEADER if number in (leader, 1) else FOLLOWERS[(number - 2) % len(FOLLOWERS)]
+
+
+def translucent(colour: str, opacity: float) -> str:
+    """A colour #rrggbb that shows what lies beneath."""
+    red, green, blue = hex_to_rgb(colour)
+    return f"rgba({red}, {green}, {blue}, {opacity})"
+
+
+def band(
+    x: FloatArray, low: FloatArray, high: FloatArray, colour: str, opacity: float, name: str = ""
+) -> go.Scatter:
+    """The area between two lines over (K,) ``x``; in no legend."""
+    return go.Scatter(
+        x=np.concatenate([x, x[::-1]]), y=np.concatenate([low, high[::-1]]), mode="none",
+        fill="toself", fillcolor=translucent(colour, opacity), hoverinfo="skip", name=name,
+        showlegend=False,
+    )  # fmt: skip
+
+
+def limits(values: FloatArray, margin: float = 0.08) -> list[float]:
+    """Axis limits around what is finite, with a share of its range as margin; else empty."""
+    values = values[np.isfinite(values)]
+    if not len(values):
+        return []
+    low, high = float(values.min()), float(values.max())
+    rim = max(margin * (high - low), 0.02 * abs(high), 1e-4)
+    return [low - rim, high + rim]
 
 
 def thinned(time: FloatArray, values: FloatArray, points: int = POINTS) -> tuple[FloatArray, ...]:
@@ -77,10 +105,10 @@ def ticks(ends: Sequence[float]) -> dict[str, Any]:
     return {"tickvals": values, "ticktext": [f"{v + 0.0:.{digits}f}" for v in values]}
 
 
-def panels(rows: int, heights: list[float]) -> go.Figure:
-    """Stacked panels over one time axis."""
+def panels(*heights: float, spacing: float = 0.05) -> go.Figure:
+    """Stacked panels over one axis of time, with their relative heights from the top down."""
     return make_subplots(
-        rows=rows, cols=1, shared_xaxes=True, row_heights=heights, vertical_spacing=0.05
+        rows=len(heights), cols=1, shared_xaxes=True, row_heights=heights, vertical_spacing=spacing
     )
 
 

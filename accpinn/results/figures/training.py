@@ -1,6 +1,7 @@
-"""The course of a training as figures: loss terms and parameters over iterations."""
+"""A fit as figures: loss and parameters over iterations, and its curves beside the data."""
 
 import html
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -11,11 +12,13 @@ from accpinn.evaluation.closed_loop import closed_loop_findings, collision_times
 from accpinn.methods.history import History
 from accpinn.model.cthp import Parameters, Trajectories
 from accpinn.results.figures.style import (
+    GRID,
     LEADER,
     MODEL,
     SERIES,
     finished,
     label_axes,
+    limits,
     panels,
     thinned,
     vehicle_colour,
@@ -26,6 +29,7 @@ from accpinn.units import FloatArray, Seconds
 
 FEW = 30
 """So few moments of a training are marked one by one."""
+GAP_ERROR = replace(GAP, name="Error of the space-gap")
 
 _SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
@@ -53,7 +57,7 @@ def loss_history(history: History) -> go.Figure:
         )
     figure.update_yaxes(type="log", title_text="Loss", **_decades([term[2] for term in used]))
     names = [f'<span style="color:{colour}">{name}</span>' for _, name, _, colour, _ in used]
-    return _course(figure, f"Loss: {', '.join(names)}", "loss")
+    return _over_iterations(figure, f"Loss: {', '.join(names)}", "loss")
 
 
 def parameter_history(
@@ -90,11 +94,14 @@ def parameter_history(
     for k, value in enumerate(true):
         colour = vehicle_colour(segment.vehicles[k + 1], leader)
         figure.add_hline(y=value, line={"color": colour, "width": 1.5, "dash": "dash"})
-    figure.update_yaxes(title_text=quantity.heading, range=_settled_range(history, which, true))
-    return _course(figure, quantity.name, f"parameter-{which}")
+    # Where the parameters converge, not where they happened to start.
+    late = history.parameters.values[len(history.iteration) // 2 :, :, which]
+    shown = limits(np.append(late, true), 0.12) or None
+    figure.update_yaxes(title_text=quantity.heading, range=shown)
+    return _over_iterations(figure, quantity.name, f"parameter-{which}")
 
 
-def _course(figure: go.Figure, title: str, revision: str) -> go.Figure:
+def _over_iterations(figure: go.Figure, title: str, revision: str) -> go.Figure:
     """The looks of a small panel over iterations."""
     figure.update_xaxes(title_text="Iteration")
     figure = finished(figure, 250, revision)
@@ -115,17 +122,6 @@ def _decades(series: list[FloatArray]) -> dict[str, Any]:
     return {"range": [low, high], "tickvals": [10.0**k for k in named], "ticktext": texts}
 
 
-def _settled_range(history: History, which: int, truth: list[float]) -> list[float] | None:
-    """Axis limits that show where the parameters settle, not where they happened to start."""
-    values = history.parameters.values[len(history.iteration) // 2 :, :, which]
-    values = np.concatenate([values[np.isfinite(values)], truth])
-    if not len(values):
-        return None
-    low, high = float(values.min()), float(values.max())
-    margin = max(0.12 * (high - low), 0.02 * abs(high), 1e-4)
-    return [low - margin, high + margin]
-
-
 def _mode_for(moments: int) -> str:
     return "lines+markers" if moments <= FEW else "lines"
 
@@ -136,6 +132,7 @@ def tracking(
     surrogate: Trajectories | None,
     closed_loop: Trajectories | None,
     own: str = "network",
+    with_error: bool = False,
 ) -> go.Figure:
     """Gap and speed of one follower: data, the method's curve, and the closed-loop simulation.
 
@@ -145,9 +142,11 @@ def tracking(
         surrogate: the method's own trajectories.
         closed_loop: the simulation behind the measured leader.
         own: how the method's trajectories are called.
+        with_error: adds a panel with the error of the gap; needs the data.
     """
-    figure = panels(2, [0.5, 0.5])
     data = segment if isinstance(segment, Segment) else None
+    rows = (GAP, SPEED, GAP_ERROR)[: 3 if data and with_error else 2]
+    figure = panels(*((0.36, 0.32, 0.32) if len(rows) > 2 else (0.5, 0.5)))
     number = segment.vehicles[follower + 1]
     colour = vehicle_colour(number, segment.vehicles[0])
     sources = (
@@ -158,8 +157,10 @@ def tracking(
     for name, source, line, opacity in sources:
         if source is None:
             continue
-        channels = ((GAP, source.gaps[:, follower]), (SPEED, source.speeds[:, follower + 1]))
-        for row, (channel, values) in enumerate(channels, 1):
+        drawn = [source.gaps[:, follower], source.speeds[:, follower + 1]]
+        if data and source is not data:
+            drawn.append((source.gaps - data.gaps)[:, follower])
+        for row, (channel, values) in enumerate(zip(rows, drawn, strict=False), 1):
             time, shown = thinned(segment.window.start + source.time, values)
             figure.add_scatter(
                 x=time,
@@ -176,9 +177,11 @@ def tracking(
     if data and closed_loop:
         findings = closed_loop_findings(data, closed_loop)
         _mark_collision(figure, float(collision_times(findings, data.vehicles)[follower]))
-    label_axes(figure, (GAP, SPEED))
-    figure.update_xaxes(title_text=TIME.axis, row=2, col=1)
-    return with_legend(finished(figure, 460, f"tracking-{number}"))
+    if len(rows) > 2:
+        figure.add_hline(y=0, line={"color": GRID, "width": 1.5}, row=3, col=1)
+    label_axes(figure, rows)
+    figure.update_xaxes(title_text=TIME.axis, row=len(rows), col=1)
+    return with_legend(finished(figure, 620 if len(rows) > 2 else 460, f"tracking-{number}"))
 
 
 def _mark_collision(figure: go.Figure, when: Seconds) -> None:

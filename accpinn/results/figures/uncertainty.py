@@ -2,11 +2,11 @@
 
 import numpy as np
 import plotly.graph_objects as go
-from plotly.colors import hex_to_rgb
 
 from accpinn.inference.intervals import Uncertainty, gain_band
 from accpinn.model.published import ParameterSet
 from accpinn.results.figures.stability import CEILING, Plane, colours
+from accpinn.results.figures.style import band, translucent
 from accpinn.units import FloatArray
 
 BAND_OPACITY, DOT_OPACITY = 0.16, 0.35
@@ -19,7 +19,7 @@ LOWEST = -60.0
 
 
 def add_bands(figure: go.Figure, vehicles: ParameterSet, uncertainty: Uncertainty) -> go.Figure:
-    """Under the curves of `figures.stability.bode`, where |H| lies at the uncertainty's level.
+    """The interval of |H| at the uncertainty's level, under the curves of `bode`.
 
     A vehicle whose parameters are not determined has no band.
     """
@@ -27,23 +27,17 @@ def add_bands(figure: go.Figure, vehicles: ParameterSet, uncertainty: Uncertaint
     omega = np.geomspace(omega[0], omega[-1], POINTS)
     bands = []
     for k, colour in enumerate(colours(vehicles)):
-        band = gain_band(uncertainty, k, omega)
-        if np.isfinite(band.lower).all():
-            around = np.concatenate([_db(band.lower), _db(band.upper)[::-1]])
-            bands.append(
-                go.Scatter(
-                    x=np.concatenate([omega, omega[::-1]]), y=around, mode="none",
-                    fill="toself", fillcolor=_pale(colour, BAND_OPACITY), hoverinfo="skip",
-                    name=f"band {k}", showlegend=False,
-                )
-            )  # fmt: skip
+        gain = gain_band(uncertainty, k, omega)
+        if np.isfinite(gain.lower).all():
+            ends = _db(gain.lower), _db(gain.upper)
+            bands.append(band(omega, *ends, colour, BAND_OPACITY, f"band {k}"))
     return _beneath(figure, bands)
 
 
 def add_clouds(
     figure: go.Figure, vehicles: ParameterSet, uncertainty: Uncertainty, plane: Plane
 ) -> go.Figure:
-    """Under the vehicles of `figures.stability.stability_map`, parameter sets consistent with the data.
+    """Parameter sets consistent with the data, under the vehicles of a `stability_map`.
 
     A draw with α = 0 has no time headway, hence no place on the map.
     """
@@ -56,7 +50,7 @@ def add_clouds(
         clouds.append(
             go.Scatter(
                 x=draws[:, across].round(5), y=draws[:, 2].round(4), mode="markers",
-                marker={"size": 3.5, "color": _pale(colour, DOT_OPACITY)}, hoverinfo="skip",
+                marker={"size": 3.5, "color": translucent(colour, DOT_OPACITY)}, hoverinfo="skip",
                 name=f"cloud {k}", showlegend=False,
             )
         )  # fmt: skip
@@ -70,16 +64,14 @@ def cloud_caption(figure: go.Figure, uncertainty: Uncertainty, plane: Plane) -> 
     right, top = figure.layout.xaxis.range[1], figure.layout.yaxis.range[1]
     no_gap_control = np.isnan(known[..., 2])
     beyond = ~no_gap_control & ((across > right) | (known[..., 2] > top))
+    shares = {
+        "have no gap control (α = 0), hence no τ": no_gap_control,
+        "lie beyond its edges": beyond,
+    }
     parts = [
-        f"{100 * share:.0f} % {what}"
-        for share, what in (
-            (
-                no_gap_control.mean() if known.size else 0.0,
-                "have no gap control (α = 0), hence no τ",
-            ),
-            (beyond.mean() if known.size else 0.0, "lie beyond its edges"),
-        )
-        if share >= 0.005
+        f"{100 * mask.mean():.0f} % {what}"
+        for what, mask in shares.items()
+        if known.size and mask.mean() >= 0.005
     ]
     missing = f"; not on the map: {', '.join(parts)}" if parts else ""
     return f"Clouds: parameter sets consistent with the data{missing}."
@@ -93,8 +85,3 @@ def _beneath(figure: go.Figure, traces: list[go.Scatter]) -> go.Figure:
 def _db(gain: FloatArray) -> FloatArray:
     level = 20 * np.log10(np.clip(gain, 10 ** (LOWEST / 20), None))
     return np.asarray(np.minimum(level, 2 * CEILING).round(3))
-
-
-def _pale(colour: str, opacity: float) -> str:
-    red, green, blue = hex_to_rgb(colour)
-    return f"rgba({red}, {green}, {blue}, {opacity})"

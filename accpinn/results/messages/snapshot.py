@@ -24,7 +24,7 @@ TITLES = {
 }
 """Of the parts whose own names would not do."""
 ABSENT = "–"
-LONGEST = 60
+LONGEST = 40
 """Characters of a text that is quoted."""
 BEFORE = 20
 """Of these, the ones before two texts part."""
@@ -54,7 +54,8 @@ def values(check: Check) -> tuple[str, str]:
     """One value of the part, as stored and as recomputed, with its place."""
     if check.reason:
         return ABSENT, "not possible"
-    stored, recomputed = _apart(check.stored, check.recomputed)
+    pair = (check.stored, check.recomputed)
+    stored, recomputed = map(_brief, pair) if check.ok else _apart(*pair)
     name = f"{check.place}: " if check.place else ""
     return f"{name}{stored}", f"{name}{recomputed}"
 
@@ -68,6 +69,10 @@ def _apart(one: float | str | None, other: float | str | None) -> tuple[str, str
     letters = enumerate(zip_longest(first, second))
     start = next((k for k, (a, b) in letters if a != b), 0) - BEFORE
     return _from(first, start), _from(second, start)
+
+
+def _brief(value: float | str | None) -> str:
+    return _from(_plain(value), 0)
 
 
 def _plain(value: float | str | None) -> str:

@@ -12,7 +12,7 @@ from accpinn.results.snapshot.schema import Snapshot
 from accpinn.results.tables.table import between
 
 FLAGS = {0: "human drivers", 1: "ACC", 2: "mixed"}
-"""Of the whole recording; which vehicle was driven by whom it does not tell."""
+"""Of the whole recording; it does not say which vehicle was driven by whom."""
 
 
 def title(snapshot: Snapshot) -> str:
@@ -50,7 +50,8 @@ def parameter_words(parameters: Parameters, headway: str = "") -> str:
     """Headway first, as drivers know it, with what stands in brackets behind it."""
     tau = f"{parameters.tau:.2f} s" if isfinite(parameters.tau) else "not determined"
     behind = f" ({headway})" if headway else ""
-    return f"time headway τ {tau}{behind}, gains α {parameters.alpha:.4f} 1/s² and β {parameters.beta:.4f} 1/s"
+    gains = f"gains α {parameters.alpha:.4f} 1/s² and β {parameters.beta:.4f} 1/s"
+    return f"time headway τ {tau}{behind}, {gains}"
 
 
 def headway_words(uncertainty: Uncertainty | None, follower: int) -> str:
@@ -117,7 +118,10 @@ def _probability(snapshot: Snapshot, uncertainty: Uncertainty) -> str:
         if isfinite(float(l2))
     ]
     if not parts:
-        return "The data do not determine the parameters, so no probability of string stability is given."
+        return (
+            "The data do not determine the parameters, so no probability of string stability is"
+            " given."
+        )
     return f"Probability of string stability: {'; '.join(parts)}."
 
 
@@ -152,11 +156,12 @@ def _collisions(snapshot: Snapshot) -> str:
     when = [(k, time) for k, time in enumerate(times) if isfinite(time)]
     if not when:
         return ""
-    if len(labels) == 1:
-        return f"In that simulation the follower collides with the vehicle ahead at {when[0][1]:.1f} s."
-    times = "; ".join(f"{labels[k]} at {time:.1f} s" for k, time in when)
-    who = f"{len(when)} of {len(labels)} vehicles {'collides' if len(when) == 1 else 'collide'}"
-    return f"In that simulation {who} with the vehicle ahead: {times}."
+    who, times = "the follower", f" at {when[0][1]:.1f} s"
+    if len(labels) > 1:
+        who = f"{len(when)} of {len(labels)} vehicles"
+        times = ": " + "; ".join(f"{labels[k]} at {time:.1f} s" for k, time in when)
+    verb = "collides" if len(when) == 1 else "collide"
+    return f"In that simulation {who} {verb} with the vehicle ahead{times}."
 
 
 def setting(value: Any) -> str:
@@ -220,5 +225,5 @@ def cautions(snapshot: Snapshot) -> dict[str, tuple[str, ...]]:
                 )
             )
         ),
-        "driving": messages(evaluation.all_findings if evaluation else (), info),
+        "closed_loop": messages(evaluation.all_findings if evaluation else (), info),
     }

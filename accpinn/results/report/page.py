@@ -4,6 +4,7 @@ import base64
 import hashlib
 import json
 import re
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
@@ -14,10 +15,10 @@ from markupsafe import Markup
 from plotly.offline import get_plotlyjs
 
 from accpinn import __version__
-from accpinn.results.figures.stability import colours
 from accpinn.results.figures.style import vehicle_colour
 from accpinn.results.messages import messages
 from accpinn.results.messages import summary as words
+from accpinn.results.messages.methods import outcome_message
 from accpinn.results.messages.platoon import PLACES
 from accpinn.results.messages.snapshot import check_rows, summary
 from accpinn.results.messages.stability import reason
@@ -25,7 +26,7 @@ from accpinn.results.report import pictures
 from accpinn.results.report.pictures import Picture
 from accpinn.results.snapshot.create import stability
 from accpinn.results.snapshot.schema import Snapshot
-from accpinn.results.snapshot.verification import Verification, check
+from accpinn.results.snapshot.verification import Verification, verify
 from accpinn.results.tables.estimates import intervals_table, methods_table, parameter_table
 from accpinn.results.tables.names import TITLES
 from accpinn.results.tables.stability import stability_interval_table, stability_table
@@ -43,9 +44,12 @@ def render_report(snapshot: Snapshot, verification: Verification | None = None) 
         snapshot: what it is about.
         verification: what was checked; by default done now, from the snapshot's own contents.
     """
+    verification = verification or verify(snapshot)
+    if snapshot.stability:  # shown as it follows from the parameters, whatever was stored
+        snapshot = replace(snapshot, stability=stability(snapshot.fit))
     script = (HERE / "page.js").read_text(encoding="utf-8")
     shown = list[Picture]()
-    story = _story(_as_computed(snapshot), verification or check(snapshot), shown)
+    story = _story(snapshot, verification, shown)
     document = json.dumps(pictures.all_drawn(shown), ensure_ascii=False, separators=(",", ":"))
     return _template().render(
         story,
@@ -60,15 +64,6 @@ def render_report(snapshot: Snapshot, verification: Verification | None = None) 
     )
 
 
-def _as_computed(snapshot: Snapshot) -> Snapshot:
-    """With its stability as it follows from its parameters, whatever was stored."""
-    return (
-        snapshot
-        if snapshot.stability is None
-        else replace(snapshot, stability=stability(snapshot.fit))
-    )
-
-
 @dataclass(frozen=True)
 class Sheet:
     """A table on the page, and as files."""
@@ -80,44 +75,37 @@ class Sheet:
 
 
 def _story(snapshot: Snapshot, checked: Verification, shown: list[Picture]) -> dict[str, Any]:
-    info, worth, uncertainty = snapshot.info, snapshot.evaluation, snapshot.uncertainty
+    info, evaluation, uncertainty = snapshot.info, snapshot.evaluation, snapshot.uncertainty
+    fit, report = snapshot.fit, snapshot.stability
     vehicles = pictures.learned_parameters(snapshot)
-    leader = info.vehicles[0]
-    all_colours = [vehicle_colour(number, leader) for number in info.vehicles]
-    moving = pictures.motion(snapshot)
-    driven = pictures.platoon(snapshot)
+    paints = [vehicle_colour(number, info.vehicles[0]) for number in info.vehicles]
+    motion, run = pictures.motion(snapshot), pictures.platoon(snapshot)
+    errors = (evaluation.surrogate, evaluation.closed_loop) if evaluation else (None, None)
+    tables = {"parameters": parameter_table(info, fit, snapshot.quality, *errors).coloured(paints)}
+    if uncertainty:
+        tables["intervals"] = intervals_table(info, uncertainty).coloured(paints[1:])
+    if report:
+        tables["stability"] = stability_table(vehicles, report).coloured(paints[1:])
+    if report and uncertainty:
+        table = stability_interval_table(vehicles, uncertainty)
+        tables["stability_intervals"] = table.coloured(paints[1:])
     return {
         "snapshot": snapshot,
         "title": words.title(snapshot),
         "summary": words.summary(snapshot),
         "about": words.about_data(snapshot),
         "cautions": words.cautions(snapshot),
-        "motion": _placed([moving] if moving else [], shown),
-        "parameters": _sheet(
-            parameter_table(
-                info, snapshot.fit, snapshot.quality,
-                worth.surrogate if worth else None, worth.closed_loop if worth else None,
-            ).coloured(all_colours),
-            "parameters",
-        ),
-        "intervals": _sheet(
-            intervals_table(info, uncertainty).coloured(colours(vehicles)), "intervals"
-        ) if uncertainty else None,
-        "doubt": uncertainty,
+        "motion": _placed([motion] if motion else [], shown),
+        "sheets": {name: _sheet(table, name) for name, table in tables.items()},
+        "uncertainty": uncertainty,
         "fits": _placed(pictures.fits(snapshot), shown),
-        "courses": _placed(pictures.courses(snapshot), shown),
-        "stability": _sheet(
-            stability_table(vehicles, snapshot.stability).coloured(colours(vehicles)), "stability"
-        ) if snapshot.stability else None,
-        "stability_doubt": _sheet(
-            stability_interval_table(vehicles, uncertainty).coloured(colours(vehicles)), "stability_intervals"
-        ) if uncertainty and snapshot.stability else None,
+        "training": _placed(pictures.training(snapshot), shown),
         "reasons": _reasons(snapshot),
         "stability_pictures": _placed(pictures.stability(snapshot), shown),
-        "platoon": _placed(driven[1] if driven else [], shown),
-        "run": driven[0] if driven else None,
-        "run_warnings": messages(driven[0].findings, PLACES) if driven else (),
-        "repeated": driven[2] if driven else "",
+        "platoon": _placed(run[1] if run else [], shown),
+        "run": run[0] if run else None,
+        "run_warnings": messages(run[0].findings, PLACES) if run else (),
+        "repeated": run[2] if run else "",
         "methods": [
             _sheet(methods_table(info, snapshot.methods, k), f"methods_{k + 1}")
             for k in range(info.followers if snapshot.methods else 0)
@@ -125,12 +113,13 @@ def _story(snapshot: Snapshot, checked: Verification, shown: list[Picture]) -> d
         "checked": checked,
         "verdict": summary(checked, info),
         "checks": check_rows(checked, info),
-        "method": TITLES.get(snapshot.fit.method, snapshot.fit.method),
+        "outcome": outcome_message(fit),
+        "method": TITLES.get(fit.method, fit.method),
         "settings": [
             (key.replace("_", " "), words.setting(value))
-            for key, value in sorted(snapshot.fit.config.items())
+            for key, value in sorted(fit.config.items())
         ],
-    }  # fmt: skip
+    }
 
 
 def _reasons(snapshot: Snapshot) -> list[tuple[str, list[str]]]:
@@ -149,13 +138,11 @@ def _reasons(snapshot: Snapshot) -> list[tuple[str, list[str]]]:
     return reasons
 
 
-def _placed(new: Any, shown: list[Picture]) -> list[tuple[int, Picture]]:
-    """The pictures with their places in the list that the script draws."""
-    placed = []
-    for picture in new:
-        placed.append((len(shown), picture))
-        shown.append(picture)
-    return placed
+def _placed(new: Iterable[Picture], shown: list[Picture]) -> list[tuple[int, Picture]]:
+    """The pictures with their places in the list that the script draws, to which they are added."""
+    first = len(shown)
+    shown.extend(new)
+    return list(enumerate(shown[first:], first))
 
 
 def _sheet(table: Table, name: str) -> Sheet:
@@ -166,19 +153,20 @@ def _sheet(table: Table, name: str) -> Sheet:
     return Sheet(
         Markup(table.to_html()),
         len(table.columns) > WIDE,
-        tuple((label, file, _address(mime, text)) for label, file, mime, text in files),
+        tuple(
+            (label, file, f"data:{mime};charset=utf-8;base64,{_base64(text.encode())}")
+            for label, file, mime, text in files
+        ),
     )
 
 
-def _address(mime: str, text: str) -> str:
-    return f"data:{mime};charset=utf-8;base64,{base64.b64encode(text.encode()).decode()}"
+def _base64(content: bytes) -> str:
+    return base64.b64encode(content).decode()
 
 
 def _policy(*scripts: str) -> str:
     """Only these scripts run, and nothing is loaded from anywhere."""
-    hashes = (
-        base64.b64encode(hashlib.sha256(script.encode()).digest()).decode() for script in scripts
-    )
+    hashes = (_base64(hashlib.sha256(script.encode()).digest()) for script in scripts)
     allowed = " ".join(f"'sha256-{digest}'" for digest in hashes)
     return (
         f"default-src 'none'; script-src {allowed}; style-src 'unsafe-inline';"

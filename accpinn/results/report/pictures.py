@@ -1,7 +1,6 @@
 """The report's figures: those of the pages, with legends and with rounded numbers."""
 
 import html
-from base64 import b64decode
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -31,7 +30,7 @@ from accpinn.results.figures.training import loss_history, parameter_history, tr
 from accpinn.results.figures.uncertainty import add_bands, add_clouds, cloud_caption
 from accpinn.results.snapshot.schema import Snapshot
 from accpinn.results.tables.names import name_of
-from accpinn.segment.segment import Segment, SegmentInfo
+from accpinn.segment.segment import Segment
 
 FOLLOWERS = 8
 """Of the simulated platoon."""
@@ -53,13 +52,13 @@ class Picture:
 
     def drawn(self, points: int) -> dict[str, Any]:
         """Data and layout for plotly, rounded, with about so many points a line at most."""
-        content = self.figure.to_plotly_json()
+        # A whole figure would hand out its numbers as bytes in base 64; its parts do not.
         layout = {
             key: _roomy(part) if key[1:5] == "axis" else part
-            for key, part in content["layout"].items()
+            for key, part in self.figure.layout.to_plotly_json().items()
             if key != "template"
         }
-        traces = [_coarse(_unpacked(trace), points) for trace in content["data"]]
+        traces = [_coarse(trace.to_plotly_json(), points) for trace in self.figure.data]
         return {"name": self.name, "data": _plain(traces), "layout": _plain(layout)}
 
 
@@ -76,9 +75,9 @@ def motion(snapshot: Snapshot) -> Picture | None:
     source: Segment | Trajectories | None = snapshot.segment or snapshot.fit.surrogate
     if source is None:
         return None
-    info, figure = snapshot.info, panels(2, [0.5, 0.5])
-    for column, label in enumerate(info.labels):
-        line = {"color": _colour(info, column), "width": 1.8}
+    info, figure = snapshot.info, panels(0.5, 0.5)
+    for column, (number, label) in enumerate(zip(info.vehicles, info.labels, strict=True)):
+        line = {"color": vehicle_colour(number, info.vehicles[0]), "width": 1.8}
         name = html.escape(label) + (" (leader)" if column == 0 else "")
         drawn = [(2, source.speeds[:, column], SPEED)]
         if column:
@@ -94,8 +93,7 @@ def motion(snapshot: Snapshot) -> Picture | None:
     words = (
         "Measured space-gaps and speeds."
         if snapshot.segment
-        else "The data are not part of this report: these are the curves that the method takes the"
-        " true motion to be."
+        else "The data are not part of this report: these are the method's own trajectories."
     )
     return Picture("motion", with_legend(finished(figure, 460, "motion")), words)
 
@@ -112,8 +110,8 @@ def fits(snapshot: Snapshot) -> Iterator[Picture]:
         yield Picture(f"fit_{k + 1}", figure, f"{label}: space-gap and speed.")
 
 
-def courses(snapshot: Snapshot) -> Iterator[Picture]:
-    """How loss and parameters moved while the network learned."""
+def training(snapshot: Snapshot) -> Iterator[Picture]:
+    """Loss and parameters over the iterations."""
     history = snapshot.fit.history
     if history is None:
         return
@@ -123,32 +121,32 @@ def courses(snapshot: Snapshot) -> Iterator[Picture]:
 
 
 def stability(snapshot: Snapshot) -> Iterator[Picture]:
-    """Response over frequency, criteria over the platoon, and the map around the last vehicle."""
+    """Bode magnitude, criteria along the platoon, and the map around the last vehicle."""
     report, uncertainty = snapshot.stability, snapshot.uncertainty
     if report is None:
         return
     vehicles = learned_parameters(snapshot)
     bode = stability_figures.bode(vehicles, report)
-    bode = with_legend(add_bands(bode, vehicles, uncertainty) if uncertainty else bode)
-    band = f" Shaded: {100 * uncertainty.level:.0f} % bands." if uncertainty else ""
-    yield Picture(
-        "response", bode,
-        "Response to the speed of the vehicle ahead. Diamonds: peaks. Rings: below that frequency"
-        f" the vehicle amplifies.{band}",
-    )  # fmt: skip
+    bode = add_bands(bode, vehicles, uncertainty) if uncertainty else bode
+    words = (
+        "Bode magnitude from the speed of the vehicle ahead to the vehicle's own. Diamonds: peaks."
+        " Rings: below that frequency the vehicle amplifies."
+        + (f" Shaded: {100 * uncertainty.level:.0f} % intervals." if uncertainty else "")
+    )
+    yield Picture("bode", with_legend(bode), words)
     if len(vehicles) > 1:
-        criteria = with_legend(stability_figures.criteria_by_vehicle(vehicles, report))
         words = (
             "Criteria (stable above 0) and gains (stable at 1) along the platoon; dotted: from the"
             " leader to that follower."
         )
-        yield Picture("criteria", criteria, words)
+        chart = stability_figures.criteria_by_vehicle(vehicles, report)
+        yield Picture("criteria", with_legend(chart), words)
     held = len(vehicles) - 1
     chart = stability_figures.stability_map(vehicles, report, held, "beta")
     chart = add_clouds(chart, vehicles, uncertainty, "beta") if uncertainty else chart
     words = (
-        f"Boundaries at the α of {vehicles.labels[held]}; above a line the vehicle is stable by that"
-        " criterion. Hatched: stable by the paper's L∞ criterion, but peaks grow."
+        f"Boundaries at the α of {vehicles.labels[held]}; above a line a vehicle is stable by that"
+        " criterion. Hatched: L∞ stable by the paper's criterion, but not by the exact one."
         + (f" {cloud_caption(chart, uncertainty, 'beta')}" if uncertainty else "")
     )
     yield Picture("map", with_legend(chart), words)
@@ -167,17 +165,13 @@ def platoon(snapshot: Snapshot) -> tuple[PlatoonRun, tuple[Picture, Picture], st
     except ParameterError:
         return None
     cast = platoon_figures.cast_of(vehicles, [worst] * FOLLOWERS)
-    speeds = with_legend(platoon_figures.profiles(run, cast))
-    sizes = platoon_figures.amplitude_by_vehicle(run, cast, False)
+    profiles = with_legend(platoon_figures.profiles(run, cast))
+    amplitudes = platoon_figures.amplitude_by_vehicle(run, cast, in_db=False)
     pictures = (
-        Picture("platoon", speeds, "Speeds and gaps; light to dark: first to last follower."),
-        Picture("amplitude", sizes, "Amplitude of the speed along the platoon; line: by |H|."),
+        Picture("platoon", profiles, "Speeds and gaps; light to dark: first to last follower."),
+        Picture("amplitude", amplitudes, "Amplitude of the speed along the platoon; line: by |H|."),
     )
     return run, pictures, vehicles.labels[worst]
-
-
-def _colour(info: SegmentInfo, column: int) -> str:
-    return vehicle_colour(info.vehicles[column], info.vehicles[0])
 
 
 def _plain(part: Any) -> Any:
@@ -201,27 +195,14 @@ def _roomy(axis: dict[str, Any]) -> dict[str, Any]:
     return axis | {"automargin": True} | titled
 
 
-def _unpacked(trace: dict[str, Any]) -> dict[str, Any]:
-    """A trace with its numbers as arrays; plotly hands them out as bytes in base 64."""
-    return {
-        key: np.frombuffer(b64decode(part["bdata"]), part["dtype"])
-        if isinstance(part, dict) and "bdata" in part and "shape" not in part
-        else part
-        for key, part in trace.items()
-    }
-
-
 def _coarse(trace: dict[str, Any], points: int) -> dict[str, Any]:
     """A line with fewer points, its peaks kept; anything else as it is."""
-    x, y = trace.get("x"), trace.get("y")
-    if trace.get("mode") == "markers" or trace.get("fill") or not _numbers(x) or not _numbers(y):
+    x, y = (np.asarray(trace.get(axis)) for axis in "xy")
+    numeric = x.dtype.kind in "fiu" and y.dtype.kind in "fiu"
+    if trace.get("mode") == "markers" or trace.get("fill") or not numeric:
         return trace
-    x, y = thinned(np.asarray(x, float), np.asarray(y, float), points)
+    x, y = thinned(x.astype(float), y.astype(float), points)
     return {key: part for key, part in trace.items() if key != "customdata"} | {"x": x, "y": y}
-
-
-def _numbers(values: Any) -> bool:
-    return isinstance(values, np.ndarray) and values.dtype.kind in "fiu"
 
 
 def all_drawn(pictures: Sequence[Picture]) -> list[dict[str, Any]]:

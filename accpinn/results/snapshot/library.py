@@ -1,7 +1,7 @@
-"""The server's store of snapshots: a folder in which nothing is ever lost.
+"""The library of snapshots: a folder of the server in which nothing is ever lost.
 
 A snapshot lies there under the first digits of its own digest, so that a link to it names what it
-holds. A full shelf refuses new ones; only a user deletes. Files that cannot be read are listed
+holds. A full library refuses new ones; only a user deletes. Files that cannot be read are listed
 with the reason.
 """
 
@@ -22,7 +22,7 @@ from accpinn.results.snapshot.schema import ID_LENGTH, SUFFIX, Snapshot
 from accpinn.units import Seconds
 
 CAP_BYTES = 2_000_000_000
-"""Of the whole shelf; a result of 300 s without its data takes well below 1 MB."""
+"""Of the whole library; a result of 300 s without its data takes well below 1 MB."""
 CAP_COUNT = 1000
 ABANDONED: Seconds = 3600.0
 """A file that was begun so long ago is nobody's any more."""
@@ -78,7 +78,7 @@ class Library:
         """Keep a snapshot, or the bytes of one, once they are known to be whole; its short name.
 
         Raises:
-            SnapshotError: for damaged bytes, a full shelf, or a folder that cannot be written to.
+            SnapshotError: for damaged bytes, a full library, or a folder that cannot be written to.
         """
         data = content if isinstance(content, bytes) else to_bytes(content)
         name = load(data).id
@@ -205,7 +205,7 @@ class Library:
                 total += path.stat().st_size
         if len(files) >= self.cap_count or total + size > self.cap_bytes:
             raise SnapshotError(
-                f"The server's store of snapshots is full ({len(files):,} snapshots,"
+                f"The server's library of snapshots is full ({len(files):,} snapshots,"
                 f" {total / 1e6:.0f} MB); delete some that are no longer needed, then save again."
             )
 

@@ -24,7 +24,6 @@ from accpinn.methods.registry import METHODS
 from accpinn.model.cthp import Trajectories
 from accpinn.recordings.recording import Recording
 from accpinn.results.snapshot.create import facts_of, light, stability
-from accpinn.results.snapshot.file import Content, load
 from accpinn.results.snapshot.schema import ATTRIBUTION_TEXT, Snapshot
 from accpinn.results.snapshot.validate import sanitise
 from accpinn.results.tables.names import name_of
@@ -97,26 +96,16 @@ class Verification:
 
 
 def verify(
-    content: Content, recording: Recording | None = None, *, refit: bool = False
+    snapshot: Snapshot, recording: Recording | None = None, *, refit: bool = False
 ) -> Verification:
-    """Read a snapshot, then compute its figures anew.
+    """Compute the figures of a snapshot anew, and compare.
 
     Args:
-        content: the file's path, or its bytes.
+        snapshot: as `load` reads it.
         recording: what it was learned from; with it errors and intervals are checked too where the
             snapshot has no data, and so are errors on the rest of the recording.
         refit: whether every method is run again where the data are at hand.
-
-    Raises:
-        SnapshotError: when it cannot be read, naming the damaged part.
     """
-    return check(load(content), recording, refit=refit)
-
-
-def check(
-    snapshot: Snapshot, recording: Recording | None = None, *, refit: bool = False
-) -> Verification:
-    """The same for a snapshot that was read already."""
     work = _Work(snapshot)
     work.compare("attribution", snapshot.attribution, ATTRIBUTION_TEXT)
     segment, source = snapshot.segment, None
@@ -278,8 +267,9 @@ class _Work:
         estimate = partial(of.fit, case=fit.case, settings=settings)
         try:
             again = estimate(segment)
-            found = compare("refit", fit, light(again) if method else again, method,
-                            relative=SOLVED, numbers_only=True)  # fmt: skip
+            pair = (fit, light(again) if method else again)
+            old, new = (replace(one, config={}) for one in pair)
+            found = compare("refit", old, new, method, relative=SOLVED, numbers_only=True)
             if not found.ok and of.tolerance > SOLVED:
                 found = compare("refit", fit.parameters, again.parameters, method,
                                 relative=of.tolerance)  # fmt: skip

@@ -56,7 +56,10 @@ _LATIN = 0x24F
 _EVALUATED = re.compile(r"[=@+\-\t\r]")
 """A text that begins so is a formula to a spreadsheet."""
 _NUMBER = re.compile(r"[+-]?[\d.e]+")
-_GREEK = {"α": "alpha", "β": "beta", "τ": "tau", "Δ": "delta ", "ω": "omega", "∞": "inf", "₂": "2"}
+_SPELT = str.maketrans(
+    {"α": "alpha", "β": "beta", "τ": "tau", "Δ": "delta ", "ω": "omega", "∞": "inf",
+     "₁": "1", "₂": "2", "²": "2", "%": "percent", "/": " per "}
+)  # fmt: skip
 LONG = 16
 """Characters of a row's name beyond which a narrow window may cut it."""
 
@@ -88,9 +91,8 @@ class Column:
         """Lower-case words joined by underscores, as "surrogate_fit_mae_p_m"."""
         if self.key:
             return self.key
-        words = f"{self.group} {self.title} {self.unit}".lower().replace("1/s", "per s")
-        spelt = "".join(_GREEK.get(letter, letter) for letter in words)
-        return re.sub(r"\W+", "_", spelt.replace("%", "percent").replace("/", " per ")).strip("_")
+        words = f"{self.group} {self.title} {self.unit}".replace("1/s", "per s")
+        return re.sub(r"\W+", "_", words.translate(_SPELT).lower()).strip("_")
 
     def shown(self, cell: Cell) -> str:
         """A cell as the reader sees it."""

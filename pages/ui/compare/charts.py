@@ -5,6 +5,7 @@ import streamlit as st
 from accpinn.evaluation.closed_loop import closed_loop
 from accpinn.model.cthp import Parameters
 from accpinn.results.figures import comparison as figures
+from accpinn.results.figures.training import tracking
 from accpinn.results.tables.estimates import fit_record_table, fit_record_title
 from accpinn.results.tables.names import name_of
 from accpinn.segment.segment import Segment
@@ -69,7 +70,7 @@ def show_curves(segment: Segment, row: MethodResult, follower: int) -> None:
     """Gap, speed and the gap's error of one method."""
     name, driven = name_of(row.fit), closed_loop(segment, row.fit)
     st.subheader(f"{name} against the data", anchor=False)
-    figure = figures.curves(segment, follower, row.fit.surrogate, driven, name)
+    figure = tracking(segment, follower, row.fit.surrogate, driven, name, with_error=True)
     show_chart(figure, "compare_curves")
 
 

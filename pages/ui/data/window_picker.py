@@ -11,7 +11,7 @@ import streamlit as st
 from accpinn.errors import SegmentError
 from accpinn.recordings.recording import Recording, Window
 from accpinn.results.figures import recording as figures
-from accpinn.results.figures import regimes as regime_figures
+from accpinn.results.figures.recording import regime_key, regime_ribbons
 from accpinn.results.figures.style import vehicle_colour
 from accpinn.segment.cut import MINIMUM_DURATION
 from accpinn.segment.regimes import label_regimes
@@ -96,7 +96,7 @@ def show_overview(workspace: Workspace, recording: Recording) -> None:
         segment = workspace.whole_segment()
     if segment:
         regimes = label_regimes(segment, recording)
-        ribbons = regime_figures.ribbons(segment, regimes)
+        ribbons = regime_ribbons(segment, regimes)
     show_chart(
         figures.overview(recording, workspace.vehicles, workspace.window, ribbons),
         CHART,
@@ -106,7 +106,7 @@ def show_overview(workspace: Workspace, recording: Recording) -> None:
     if figures.has_ribbons(recording):
         st.caption("Vehicle: driven by hand (in the vehicle's colour) and missing data (red).")
     if segment:
-        show_key((f"Regime: {name}", colour) for name, colour in regime_figures.key(regimes))
+        show_key((f"Regime: {name}", colour) for name, colour in regime_key(regimes))
 
 
 def _dragged(workspace: Workspace, recording: Recording) -> Callable[[], None]:

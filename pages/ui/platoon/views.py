@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 from accpinn.model.published import ASTAZERO, ParameterSet
 from accpinn.platoon.simulation import Collision, PlatoonRun
 from accpinn.results.figures import platoon as figures
-from accpinn.results.figures import wave
 from accpinn.results.figures.stability import colours
 from accpinn.results.figures.style import LEADER
 from accpinn.results.messages import messages
@@ -68,10 +67,10 @@ def show_wave_on_road(run: PlatoonRun, cast: figures.Cast) -> None:
     st.subheader("The wave on the road", anchor=False)
     st.caption(
         "Seen from the leader: press Play or drag the slider."
-        f" {seconds_shown(run, wave.watched(run))} Squares mark the cars, not to scale: from one to"
-        f" the next it is the simulated space-gap and {wave.CAR_LENGTH:g} m of car."
+        f" {seconds_shown(run, figures.watched(run))} Squares mark the cars, not to scale: from one"
+        f" to the next it is the simulated space-gap and {figures.CAR_LENGTH:g} m of car."
     )
-    show_chart(wave.animation(run, cast), "platoon_wave")
+    show_chart(figures.animation(run, cast), "platoon_wave")
 
 
 def seconds_shown(run: PlatoonRun, rows: NDArray[np.intp]) -> str:

@@ -8,7 +8,7 @@ from accpinn.results.messages.snapshot import check_rows, summary
 from accpinn.results.report.page import render_report
 from accpinn.results.snapshot.library import Entry
 from accpinn.results.snapshot.schema import SUFFIX, Snapshot
-from accpinn.results.snapshot.verification import check, obstacle
+from accpinn.results.snapshot.verification import obstacle, verify
 from accpinn.results.tables.names import TITLES
 from accpinn.results.tables.table import Column, Table
 from accpinn.units import Seconds
@@ -160,7 +160,7 @@ def show_verification(workspace: Workspace, snapshot: Snapshot) -> None:
             help="Every method of the snapshot is run anew on its data, with its settings.",
         )  # fmt: skip
     with st.spinner("Computing all of it anew"):
-        found = check(snapshot, same, refit=again)
+        found = verify(snapshot, same, refit=again)
     if found.ok:
         show_messages(summary(found, snapshot.info), "success", "verified")
     else:

@@ -5,6 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from accpinn.evaluation.closed_loop import SimulatedCollision
+from accpinn.model.cthp import Parameters
 from accpinn.results.messages.study import agreement, colliding_methods
 from accpinn.segment.segment import Segment
 from accpinn.study.comparison import MethodResult, compare
@@ -30,7 +32,7 @@ class TestAgreement:
         table = rows[0].fit.parameters.values
 
         def around(lower: float, upper: float) -> list[MethodResult]:
-            ends = {"lower": lower * table, "upper": upper * table}
+            ends = {"lower": Parameters.of(lower * table), "upper": Parameters.of(upper * table)}
             return [replace(row, uncertainty=replace(uncertainty, **ends)) for row in rows]
 
         said = agreement(around(0.5, 1.5), 0)
@@ -44,14 +46,15 @@ class TestAgreement:
         _, rows = two
         uncertainty = rows[0].uncertainty
         between = np.sort([row.fit.parameters[0].beta for row in rows])
-        lower, upper = 0.0 * uncertainty.lower, np.full_like(uncertainty.upper, np.inf)
+        upper = np.full_like(uncertainty.upper.values, np.inf)
         upper[0, 1] = between[:2].mean()
-        judged = [replace(rows[0], uncertainty=replace(uncertainty, lower=lower, upper=upper))]
+        ends = {"lower": Parameters.of(np.zeros_like(upper)), "upper": Parameters.of(upper)}
+        judged = [replace(rows[0], uncertainty=replace(uncertainty, **ends))]
         assert "β is too high for all methods but " in agreement([*judged, *rows[1:]], 0)
 
     def test_data_that_determine_nothing_are_no_measure(self, two: Two) -> None:
         _, rows = two
-        nothing = np.full_like(rows[0].uncertainty.lower, np.nan)
+        nothing = Parameters.of(np.full_like(rows[0].uncertainty.lower.values, np.nan))
         judged = replace(rows[0], uncertainty=replace(rows[0].uncertainty, lower=nothing))
         assert "determine no parameter" in agreement([judged, *rows[1:]], 0)
 
@@ -60,11 +63,15 @@ def test_collisions_name_follower_and_methods(two: Two) -> None:
     segment, rows = two
     first, second = segment.labels[1:3]
     assert colliding_methods(segment.info, rows) == ()
-    never = float("nan")
-    times = ((5.0, never), (5.0, 7.0), (5.0, never))
     some = [
-        replace(row, evaluation=replace(row.evaluation, collisions=np.array(when)))
-        for row, when in zip(rows, times, strict=True)
+        replace(
+            row,
+            evaluation=replace(
+                row.evaluation,
+                findings=tuple(SimulatedCollision(vehicle, 5.0, -1.0) for vehicle in vehicles),
+            ),
+        )
+        for row, vehicles in zip(rows, ((2,), (2, 3), (2,)), strict=True)
     ]
     assert colliding_methods(segment.info, some) == (
         f"{first}, with the parameters of every method.",

@@ -21,7 +21,7 @@ from hypothesis import strategies as st
 
 from accpinn.errors import SnapshotError
 from accpinn.results.snapshot.archive import pack, pack_arrays, unpack, unpack_arrays
-from accpinn.results.snapshot.file import seal, to_bytes
+from accpinn.results.snapshot.file import load, seal, to_bytes
 from accpinn.results.snapshot.schema import MANIFEST, TITLES
 from accpinn.results.snapshot.verification import verify
 from accpinn.serial import read_json, write_json
@@ -33,7 +33,7 @@ SEALED = small_bytes()
 
 def refused(data: bytes) -> str:
     with pytest.raises(SnapshotError) as fault:
-        verify(data)
+        verify(load(data))
     sentence = str(fault.value)
     assert sentence.endswith(".")
     assert "\n" not in sentence
@@ -121,7 +121,7 @@ class TestDamage:
     def test_a_pipe_is_refused_and_not_waited_for(self, tmp_path: Path) -> None:
         os.mkfifo(tmp_path / "pipe")
         with pytest.raises(SnapshotError, match="this is no file"):
-            verify(tmp_path / "pipe")
+            load(tmp_path / "pipe")
 
     def test_a_part_that_is_no_archive_is_named_as_a_part(self) -> None:
         said = refused(with_part("fit.npz", b"x"))
@@ -228,6 +228,7 @@ import json, sys, time
 from pathlib import Path
 from accpinn.errors import (SnapshotError)
 from accpinn.results.snapshot.verification import (verify)
+from accpinn.results.snapshot.file import (load)
 def peak():
     [line] = [line for line in open("/proc/self/status") if line.startswith("VmHWM")]
     return int(line.split()[1]) / 1024
@@ -235,7 +236,7 @@ found, before = {}, peak()
 for path in sorted(Path(sys.argv[1]).iterdir()):
     started = time.perf_counter()
     try:
-        verify(path)
+        verify(load(path))
         sentence = ""
     except SnapshotError as fault:
         sentence = str(fault)
@@ -402,4 +403,4 @@ class TestContents:
         )
         holder[key] = data.draw(values)
         with suppress(SnapshotError):
-            verify(with_part(name, write_json(tree)))
+            verify(load(with_part(name, write_json(tree))))

@@ -34,9 +34,9 @@ ROOT = Path(__file__).parents[3]
 IN_A_FRESH_PROCESS = """
 import json, sys
 from accpinn.results.snapshot.file import (load)
-from accpinn.results.snapshot.verification import (check)
+from accpinn.results.snapshot.verification import (verify)
 snapshot = load(sys.argv[1])
-result = check(snapshot)
+result = verify(snapshot)
 found = [snapshot.fit.parameters.values.tobytes().hex(), result.ok, "torch" in sys.modules]
 print(json.dumps(found))
 """
@@ -126,7 +126,7 @@ class TestRoundTrip:
         target = save(create(segment, fit, recording=recording), tmp_path / "casale.accpinn.zip")
         assert target.stat().st_size < 300_000
         assert_opens_without_torch(target, fit.parameters.values.tobytes().hex())
-        assert verify(target, recording).ok
+        assert verify(load(target), recording).ok
 
 
 class TestCreate:
@@ -171,7 +171,7 @@ class TestFile:
         target = tmp_path / "a.accpinn.zip"
         target.write_bytes(to_bytes(whole()))
         save(small(), target)
-        assert verify(target).ok
+        assert verify(load(target)).ok
         assert [path.name for path in tmp_path.iterdir()] == [target.name]
 
     @pytest.mark.skipif(sys.platform == "win32", reason="there is no umask")
@@ -200,7 +200,7 @@ class TestFile:
         ]
         assert [process.wait() for process in running] == [0, 0]
         assert load(target).name in ("one", "two")
-        assert all(verify(source).ok for source in sources)
+        assert all(verify(load(source)).ok for source in sources)
 
     def test_a_place_that_cannot_be_written_is_named(self, tmp_path: Path) -> None:
         with pytest.raises(SnapshotError, match="could not be written"):

@@ -1,0 +1,193 @@
+"""Bode magnitude, criteria along the platoon and maps: what they draw."""
+
+from typing import Any
+
+import numpy as np
+import plotly.graph_objects as go
+import pytest
+
+from accpinn.model.cthp import Parameters
+from accpinn.model.published import ASTAZERO, ParameterSet
+from accpinn.results.figures import stability as figures
+from accpinn.results.figures.style import FOLLOWERS, SERIES, with_legend
+from accpinn.stability.frequency import response
+from accpinn.stability.report import StabilityReport, VehicleStability, stability_report
+from tests.support.vehicles import CALM, NO_REACTION, UNDAMPED, row
+
+
+def named(figure: go.Figure, name: str) -> Any:
+    (trace,) = [trace for trace in figure.data if trace.name == name]
+    return trace
+
+
+@pytest.fixture(scope="module")
+def astazero() -> StabilityReport:
+    return stability_report(ASTAZERO.parameters)
+
+
+@pytest.fixture(scope="module")
+def figure(astazero: StabilityReport) -> go.Figure:
+    return figures.bode(ASTAZERO, astazero)
+
+
+class TestBode:
+    def test_curves_are_the_magnitude_in_db(self, figure: go.Figure) -> None:
+        curve = named(figure, "Audi A6")
+        expected = 20 * np.log10(np.abs(response(ASTAZERO.parameters[:1], np.asarray(curve.x))[0]))
+        np.testing.assert_allclose(curve.y, expected, atol=1e-9)
+        whole = named(figure, "Leader to last follower")
+        parts = sum(np.asarray(named(figure, label).y) for label in ASTAZERO.labels)
+        np.testing.assert_allclose(whole.y, parts, atol=1e-9)
+        assert whole.line.dash == "dash"
+
+    def test_peaks_and_crossovers_are_marked_on_the_curves(
+        self, figure: go.Figure, astazero: StabilityReport
+    ) -> None:
+        peaks = [vehicle.peak for vehicle in astazero.vehicles]
+        for name, x, y in (
+            ("peak", [p.omega for p in peaks], [p.db for p in peaks]),
+            ("crossover", [v.crossover for v in astazero.vehicles], [0.0] * 4),
+        ):
+            marks = named(figure, name)
+            assert (list(marks.x), list(marks.y)) == (x, y)
+            assert list(marks.marker.color) == list(figures.colours(ASTAZERO))
+            curves = [np.interp(at, named(figure, label).x, named(figure, label).y)
+                      for at, label in zip(x, ASTAZERO.labels, strict=True)]  # fmt: skip
+            np.testing.assert_allclose(curves, y, atol=0.02)
+
+    def test_every_point_says_whose_it_is(self, figure: go.Figure) -> None:
+        for k, label in enumerate(ASTAZERO.labels):
+            assert set(named(figure, label).customdata) == {k}
+            assert "markers" in named(figure, label).mode, "lines alone cannot be clicked"
+        assert set(named(figure, "Leader to last follower").customdata) == {-1}
+        assert list(named(figure, "peak").customdata) == [0, 1, 2, 3]
+        assert figure.layout.clickmode == "event+select"
+
+    def test_the_amplified_range_is_shaded_from_0_db_up(
+        self, figure: go.Figure, astazero: StabilityReport
+    ) -> None:
+        area = next(shape for shape in figure.layout.shapes if shape.type == "rect")
+        assert (area.y0, area.y1) == (0, figure.layout.yaxis.range[1])
+        assert figure.layout.yaxis.range[1] > astazero.platoon.peaks[-1].db
+        assert figure.layout.yaxis.range[0] < figures.FLOOR, "room below the lowest tick"
+        assert figure.layout.xaxis.type == "log"
+        assert figure.layout.yaxis.title.text == "Bode magnitude |H(jω)| [dB]"
+
+    def test_a_legend_names_each_vehicle(self, figure: go.Figure) -> None:
+        shown = with_legend(figure).data
+        names = [trace.name for trace in shown if trace.showlegend is not False]
+        assert names == [*ASTAZERO.labels, "Leader to last follower"]
+
+    def test_stable_and_single_vehicles_are_drawn_without_marks(self) -> None:
+        alone = ParameterSet("Mine", ("calm",), row(CALM))
+        figure = figures.bode(alone, stability_report(alone.parameters))
+        assert {trace.name for trace in figure.data} == {"calm", "peak", "crossover"}
+        assert len(named(figure, "peak").x) == 0
+        assert max(named(figure, "calm").y) < 0
+
+
+@pytest.mark.parametrize("vehicle", [UNDAMPED, NO_REACTION, Parameters(1e-4, 0.01, 0.1)])
+def test_extreme_vehicles_stay_in_sight(vehicle: Parameters) -> None:
+    pair = ParameterSet("Mine", ("odd", "calm"), row(vehicle, CALM))
+    report = stability_report(pair.parameters)
+    figure = figures.bode(pair, report)
+    assert np.isfinite(figure.layout.yaxis.range).all()
+    assert figure.layout.yaxis.range[1] <= figures.CEILING
+    for trace in figure.data[:2]:
+        assert np.isfinite(trace.y).all()
+    figures.criteria_by_vehicle(pair, report)
+    for plane in ("beta", "alpha"):
+        axis = figures.stability_map(pair, report, 0, plane).layout.yaxis.range
+        assert np.isfinite(axis).all()
+
+
+def test_names_are_shown_as_they_are() -> None:
+    nasty = ParameterSet("Mine", ("<b>bold</b>",), row(CALM))
+    report = stability_report(nasty.parameters)
+    for figure in (figures.bode(nasty, report), figures.stability_map(nasty, report, 0, "beta")):
+        assert "<b>" not in figure.to_json()
+
+
+class TestCriteria:
+    def test_are_those_of_each_vehicle(self, astazero: StabilityReport) -> None:
+        figure = figures.criteria_by_vehicle(ASTAZERO, astazero)
+        expected = {
+            "L₂ criterion": [v.l2.value for v in astazero.vehicles],
+            "L∞ criterion of the paper": [v.linf_paper.value for v in astazero.vehicles],
+            "Peak of |H|": [v.peak.gain for v in astazero.vehicles],
+            "Exact L∞ gain ‖h‖₁": [v.linf_gain for v in astazero.vehicles],
+            "|H| from the leader": [peak.gain for peak in astazero.platoon.peaks],
+            "‖h‖₁ from the leader": list(astazero.platoon.linf.gain),
+        }
+        assert {trace.name: list(trace.y) for trace in figure.data} == expected
+        assert all(list(trace.x) == [1, 2, 3, 4] for trace in figure.data)
+        # The paper's valley: both criteria are lowest at the second vehicle.
+        for name in ("L₂ criterion", "L∞ criterion of the paper"):
+            assert int(np.argmin(expected[name])) == 1
+        levels = [shape.y0 for shape in figure.layout.shapes]
+        assert levels == [0, 1], "one line a panel between stable and unstable"
+
+    def test_have_colours_of_no_vehicle(self) -> None:
+        keys = (*figures.CRITERIA_KEY, *figures.MAP_KEY)
+        assert {colour for _, colour in keys}.isdisjoint(FOLLOWERS)
+        assert figures.L2 in SERIES, "whose contrast and likeness to vehicles are tested"
+
+    def test_a_recordings_followers_go_by_its_numbers(self, astazero: StabilityReport) -> None:
+        ours = ParameterSet("run", ("X", "Y"), row(CALM, CALM), (3, 4, 5), ("4 X", "5 Y"))
+        report = stability_report(ours.parameters)
+        axis = figures.criteria_by_vehicle(ours, report).layout.xaxis2
+        assert (axis.title.text, axis.ticktext) == ("Vehicle", ("4", "5"))
+        axis = figures.criteria_by_vehicle(ASTAZERO, astazero).layout.xaxis2
+        assert (axis.title.text, axis.ticktext) == ("Follower", ("1", "2", "3", "4"))
+
+
+class TestMap:
+    @pytest.mark.parametrize("plane", ["beta", "alpha"])
+    @pytest.mark.parametrize("held", [0, 3])
+    def test_boundaries_separate_stable_from_unstable(
+        self, astazero: StabilityReport, plane: figures.Plane, held: int
+    ) -> None:
+        def verdicts(vehicle: VehicleStability) -> dict[str, bool]:
+            verdicts = (vehicle.l2, vehicle.linf_paper, vehicle.linf_exact)
+            return dict(zip(figures.BOUNDARIES, (v.stable for v in verdicts), strict=True))
+
+        figure = figures.stability_map(ASTAZERO, astazero, held, plane)
+        kept = ASTAZERO.parameters[held]
+        for name in figures.BOUNDARIES:
+            line = named(figure, name)
+            for x, tau in list(zip(line.x, line.y, strict=True))[20::60]:
+                if tau <= 0:
+                    continue
+                gains = (kept.alpha, x) if plane == "beta" else (x, kept.beta)
+                pair = Parameters.of([[*gains, tau * 0.999], [*gains, tau * 1.001]])
+                below, above = map(verdicts, stability_report(pair).vehicles)
+                assert (below[name], above[name]) == (False, True)
+
+    def test_shows_every_vehicle_and_fills_the_one_it_is_about(
+        self, astazero: StabilityReport
+    ) -> None:
+        figure = figures.stability_map(ASTAZERO, astazero, 1, "beta")
+        dots = figure.data[-1]
+        assert list(dots.x) == ASTAZERO.parameters.beta.tolist()
+        assert list(dots.y) == ASTAZERO.parameters.tau.tolist()
+        assert list(dots.marker.symbol) == ["circle-open", "circle", "circle-open", "circle-open"]
+        (left, right), (low, high) = figure.layout.xaxis.range, figure.layout.yaxis.range
+        assert left <= min(dots.x) <= max(dots.x) <= right
+        assert low <= min(dots.y) <= max(dots.y) <= high
+        needed = astazero.vehicles[1].smallest_tau
+        assert needed is not None
+        assert high > needed.linf_exact
+        assert figure.layout.xaxis.title.text == "β, gain on relative speed [1/s]"
+        legend = [trace.name for trace in with_legend(figure).data if trace.showlegend is not False]
+        assert legend == list(figures.BOUNDARIES)
+
+    def test_areas_do_not_overlap_and_hatch_where_the_paper_differs(
+        self, astazero: StabilityReport
+    ) -> None:
+        figure = figures.stability_map(ASTAZERO, astazero, 3, "beta")
+        areas = [np.asarray(trace.y) for trace in figure.data if trace.line.width == 0]
+        l2_unstable, only_linf, stable, *hatched = areas[1:]
+        assert (l2_unstable <= only_linf + 1e-12).all()
+        assert (only_linf <= stable).all()
+        assert (hatched[0] <= hatched[1]).all()
+        assert (hatched[0] < hatched[1]).any(), "the paper's criterion calls the Tesla stable"

@@ -1,0 +1,152 @@
+"""Loss and parameters over iterations; a follower's data and curves."""
+
+from dataclasses import replace
+
+import numpy as np
+import plotly.graph_objects as go
+import pytest
+
+from accpinn.evaluation.closed_loop import closed_loop
+from accpinn.methods import splines
+from accpinn.methods.history import History
+from accpinn.model.cthp import Parameters, Trajectories
+from accpinn.recordings.openacc import read
+from accpinn.results.figures import style, training
+from accpinn.segment.cut import cut
+from accpinn.segment.segment import Segment
+from tests.support.openacc_files import csv, metadata, platoon
+from tests.support.samples import NOISY, sample
+
+
+@pytest.fixture
+def segment() -> Segment:
+    return cut(read(csv(platoon(), metadata(("A", "B", "C"))), "run.csv"), 0.0, 30.0)
+
+
+def history(*, sets: int = 2, moments: int = 40) -> History:
+    """From 1 to the final values 0.1, 0.2 and 1.2, by half each time."""
+    steps = np.arange(moments, dtype=float)
+    fading = 0.5**steps
+    final = np.array([0.1, 0.2, 1.2])
+    table = final + fading[:, None] * (1 - final)
+    tables = np.repeat(table[:, None, :], sets, axis=1)
+    zeros = np.zeros(moments)
+    return History(steps, steps, fading + 0.01, fading, zeros + 0.01, zeros, Parameters.of(tables))
+
+
+class TestLoss:
+    def test_is_drawn_on_whole_decades(self) -> None:
+        figure = training.loss_history(history())
+        assert len(figure.data) == 3, "Ψ_R is not used, so it is not drawn"
+        colours = {trace.line.color for trace in figure.data}
+        assert colours <= {style.LEADER, *style.SERIES}, "no vehicle's"
+        axis = figure.layout.yaxis
+        assert axis.type == "log"
+        assert axis.range[0] % 1 == 0
+        assert axis.range[1] == 1, "the loss starts a little above 1"
+        assert "10⁻³" in axis.ticktext
+        assert len(axis.ticktext) <= 8
+
+    def test_that_is_zero_or_infinite_is_omitted(self) -> None:
+        track = history()
+        track.physics[:] = 0.0
+        track.total[-1] = np.inf
+        figure = training.loss_history(track)
+        assert len(figure.data) == 2
+        assert np.isfinite(figure.layout.yaxis.range).all()
+        track.total[:] = track.data[:] = np.nan
+        assert training.loss_history(track).layout.yaxis.range is None
+
+
+class TestParameters:
+    @pytest.mark.parametrize(("which", "label"), [*enumerate(("α [1/s²]", "β [1/s]", "τ [s]"))])
+    def test_have_units_colours_and_the_truth(
+        self, segment: Segment, which: int, label: str
+    ) -> None:
+        truth = Parameters.of([[0.1, 0.2, 1.2], [0.11, 0.21, 1.21]])
+        figure = training.parameter_history(history(), which, segment.info, truth)
+        assert figure.layout.yaxis.title.text == label
+        assert [trace.name for trace in figure.data] == ["2 B", "3 C"]
+        colours = [trace.line.color for trace in figure.data]
+        assert colours == [style.vehicle_colour(2, 1), style.vehicle_colour(3, 1)]
+        lines = figure.layout.shapes
+        assert [line.line.color for line in lines] == colours
+        assert [line.y0 for line in lines] == truth.values[:, which].tolist()
+
+    def test_axis_shows_where_they_converge(self, segment: Segment) -> None:
+        low, high = training.parameter_history(history(), 0, segment.info).layout.yaxis.range
+        assert 0.09 < low < 0.1 < high < 0.2
+        unknown = Parameters.of(np.full((40, 2, 3), np.nan))
+        undetermined = replace(history(), parameters=unknown)
+        figure = training.parameter_history(undetermined, 2, segment.info)
+        assert figure.layout.yaxis.range is None
+
+    def test_case_one_is_one_line_for_all(self, segment: Segment) -> None:
+        figure = training.parameter_history(history(sets=1), 2, segment.info)
+        assert [trace.name for trace in figure.data] == ["all followers"]
+
+
+class TestTracking:
+    def test_shows_data_network_and_simulation(self, segment: Segment) -> None:
+        curves = Trajectories(segment.time, segment.speeds + 1, segment.gaps + 1)
+        figure = training.tracking(segment, 1, curves, curves)
+        names = [trace.name for trace in figure.data]
+        assert names == [n for n in ("data", "network", "closed-loop simulation") for _ in range(2)]
+        np.testing.assert_array_equal(figure.data[0].y, segment.gaps[:, 1])
+        np.testing.assert_array_equal(figure.data[1].y, segment.speeds[:, 2])
+        np.testing.assert_array_equal(figure.data[2].y, segment.gaps[:, 1] + 1)
+        for with_error in (False, True):
+            alone = training.tracking(segment, 0, None, None, with_error=with_error)
+            assert {trace.name for trace in alone.data} == {"data"}
+
+    def test_without_data_has_the_methods_own_curves_only(self, segment: Segment) -> None:
+        curves = Trajectories(segment.time, segment.speeds, segment.gaps)
+        figure = training.tracking(segment.info, 0, curves, None, with_error=True)
+        assert {trace.yaxis for trace in figure.data} == {"y", "y2"}
+        assert {trace.name for trace in figure.data} == {"network"}
+
+    def test_the_error_has_a_panel_on_the_same_axis_of_time(self) -> None:
+        noisy = sample(NOISY).segment
+        fit = splines.fit(noisy)
+        simulated = closed_loop(noisy, fit)
+        assert simulated is not None
+        figure = training.tracking(noisy, 0, fit.surrogate, simulated, "Splines", with_error=True)
+        assert {figure.layout.xaxis.matches, figure.layout.xaxis2.matches} == {"x3"}
+        errors = [trace for trace in figure.data if trace.yaxis == "y3"]
+        assert [trace.name for trace in errors] == ["Splines", "closed-loop simulation"]
+        worst = np.abs(simulated.gaps - noisy.gaps).max()
+        assert np.abs(errors[1].y).max() == pytest.approx(worst)
+        shown = [trace.name for trace in figure.data if trace.showlegend]
+        assert shown == ["data", "Splines", "closed-loop simulation"], "each once"
+
+    @pytest.mark.parametrize("with_error", [False, True])
+    def test_runs_in_the_recordings_time_and_marks_a_collision(
+        self, segment: Segment, with_error: bool
+    ) -> None:
+        later = replace(segment, start=320.0)
+        gaps = segment.gaps.copy()
+        gaps[100:] = -1.0
+        colliding = Trajectories(segment.time, segment.speeds, gaps)
+
+        def draw(simulated: Trajectories | None) -> go.Figure:
+            return training.tracking(later, 0, None, simulated, with_error=with_error)
+
+        assert "collision" not in [trace.name for trace in draw(None).data]
+        figure = draw(colliding)
+        [mark] = [trace for trace in figure.data if trace.name == "collision"]
+        assert (mark.x[0], mark.y[0]) == (320.0 + segment.time[100], 0.0)
+        assert any(shape.y0 == shape.y1 == 0 for shape in figure.layout.shapes)
+        for trace in figure.data:
+            if trace is not mark:
+                assert (trace.x[0], trace.x[-1]) == (320.0, pytest.approx(350.0))
+
+
+def test_grounds_are_transparent_and_the_zoom_is_kept(segment: Segment) -> None:
+    for figure in (
+        training.tracking(segment, 0, None, None),
+        training.loss_history(history()),
+        training.parameter_history(history(), 0, segment.info),
+    ):
+        assert {figure.layout.paper_bgcolor, figure.layout.plot_bgcolor} == {"rgba(0,0,0,0)"}
+        assert figure.layout.uirevision
+        assert figure.layout.height

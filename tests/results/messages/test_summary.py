@@ -1,0 +1,125 @@
+"""A result in a few sentences: its numbers, their uncertainty, and what goes wrong."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from accpinn.evaluation.closed_loop import SimulatedCollision
+from accpinn.inference.intervals import Uncertainty
+from accpinn.methods.fit import Outcome
+from accpinn.model.cthp import Parameters
+from accpinn.results.messages.summary import (
+    about_data,
+    cautions,
+    headway_words,
+    setting,
+    summary,
+    title,
+)
+from accpinn.results.snapshot.create import stability
+from accpinn.results.snapshot.schema import Snapshot
+from tests.support.snapshots import small, whole
+
+
+def said(snapshot: Snapshot) -> str:
+    return " ".join(summary(snapshot))
+
+
+def colliding(snapshot: Snapshot, vehicle: int, time: float) -> Snapshot:
+    assert snapshot.evaluation
+    findings = (SimulatedCollision(vehicle, time, -1.5),)
+    return replace(snapshot, evaluation=replace(snapshot.evaluation, findings=findings))
+
+
+def test_title_agrees_in_number() -> None:
+    assert title(whole()) == "whole"
+    assert title(replace(whole(), name="")) == "How 4 vehicles follow the vehicle ahead"
+    assert "follows the vehicle ahead" in title(replace(small(), name=""))
+
+
+def test_summary_gives_parameters_with_intervals_and_probabilities() -> None:
+    text, uncertainty = said(whole()), whole().uncertainty
+    assert uncertainty is not None
+    for one in whole().fit.parameters:
+        assert f"τ {one.tau:.2f} s" in text
+    low, high = uncertainty.lower.tau[0], uncertainty.upper.tau[0]
+    assert f"(90 % interval: {low:.2f} to {high:.2f} s)" in text
+    assert "All 4 vehicles amplify" in text
+    assert "Probability of string stability: " in text
+    assert "misses the space-gap by" in text
+    shared = replace(whole(), fit=replace(whole().fit, case="I"))
+    assert "4 vehicles as one set: time headway" in said(shared)
+
+
+def test_undetermined_headways_and_probabilities_are_called_so() -> None:
+    uncertainty = small().uncertainty
+    assert uncertainty is not None
+
+    def words(low: float, high: float) -> str:
+        ends = Parameters.of([[0.1, 0.1, low]]), Parameters.of([[0.1, 0.1, high]])
+        return headway_words(replace(uncertainty, lower=ends[0], upper=ends[1]), 0)
+
+    assert words(1.0, np.inf) == "90 % interval: 1.00 s or more"
+    assert words(0.0, np.inf) == "not determined by the data"
+    assert words(np.nan, np.nan) == headway_words(None, 0) == ""
+    nothing = np.full_like(uncertainty.probability_l2, np.nan)
+    unknown: Uncertainty = replace(uncertainty, probability_l2=nothing, probability_linf=nothing)
+    assert "no probability of string stability" in said(replace(small(), uncertainty=unknown))
+
+
+def test_collisions_are_named_with_vehicle_and_time() -> None:
+    assert "collide" not in said(whole())
+    text = said(colliding(whole(), 3, 12.34))
+    label = whole().info.labels[2]
+    assert f"1 of 4 vehicles collides with the vehicle ahead: {label} at 12.3 s." in text
+    assert "the follower collides with the vehicle ahead at 22.6 s." in said(
+        colliding(small(), 2, 22.6)
+    )
+    assert len(cautions(colliding(whole(), 3, 12.34))["closed_loop"]) == 1
+
+
+@pytest.mark.parametrize("lost", [(3,), (2, 3), (0, 1, 2, 3)])
+def test_followers_without_closed_loop_errors_are_named(lost: tuple[int, ...]) -> None:
+    evaluation = whole().evaluation
+    assert evaluation is not None
+    assert evaluation.closed_loop is not None
+    gaps = np.array([1.23, 2.34, 3.45, 4.56])
+    gaps[list(lost)] = np.nan
+    errors = replace(evaluation.closed_loop, gap_mae=gaps)
+    text = said(replace(whole(), evaluation=replace(evaluation, closed_loop=errors)))
+    assert "nan" not in text
+    named = ", ".join(whole().info.labels[1 + k] for k in lost)
+    assert (f"(without {named}, whose simulation diverges)" in text) == (len(lost) < 4)
+    assert ("misses the space-gap by 1.2" in text) == (len(lost) < 4)
+
+
+def test_a_stopped_training_is_called_so_first() -> None:
+    fit = replace(whole().fit, outcome=Outcome.STOPPED, iterations=12)
+    first = summary(replace(whole(), fit=fit))[0]
+    assert "stopped at 12 of 20 iterations" in first
+
+
+def test_stable_vehicles_are_called_so() -> None:
+    fit = replace(small().fit, parameters=Parameters.of([[0.05, 0.6, 3.0]]))
+    assert "no frequency of a disturbance is amplified." in said(
+        replace(small(), fit=fit, stability=stability(fit))
+    )
+    fit = replace(small().fit, parameters=Parameters.of([[0.0546, 0.1205, 2.1]]))
+    text = said(replace(small(), fit=fit, stability=stability(fit)))
+    assert "amplif" in text
+
+
+def test_facts_of_the_data_are_terms_and_descriptions() -> None:
+    facts = {"acc_flag": 1, "campaign": "AstaZero", "distance_setting": None}
+    info = replace(whole().info, excluded_regimes=("manual",), excluded_share=(0.25, 0, 0, 0))
+    rows = dict(about_data(replace(whole(), facts=facts, info=info)))
+    assert rows["ACC flag of the file"].startswith("1 (ACC), for the recording as a whole")
+    assert rows["Campaign"] == "AstaZero"
+    assert "Distance setting" not in rows
+    assert rows["Excluded"].startswith("manual from the model's equation: 25 % of")
+
+
+def test_settings_are_short() -> None:
+    assert setting([1.0, 0.5]) == "1, 0.5"
+    assert setting("fast") == "fast"

@@ -1,0 +1,197 @@
+"""The report: complete, in order, escaped, self-contained, and true to its snapshot."""
+
+import base64
+import hashlib
+import json
+import re
+from dataclasses import replace
+from functools import cache
+from html.parser import HTMLParser
+from typing import Any
+
+import numpy as np
+import pytest
+
+from accpinn.results.messages.snapshot import check_rows
+from accpinn.results.report.page import render_report
+from accpinn.results.report.pictures import fits, motion, platoon
+from accpinn.results.snapshot.verification import verify
+from tests.support.snapshots import small, whole
+
+HOSTILE = "</script><script>alert(1)</script>\"'><img src=x onerror=alert(1)>$y$_z_&amp;"
+ORDER = [
+    "Data", "Parameters", "Fit", "String stability", "A platoon of such vehicles",
+    "Methods compared", "Provenance", "How to cite",
+]  # fmt: skip
+VOID = {"meta", "img", "br", "link", "input"}
+
+
+class Reader(HTMLParser):
+    """Elements, texts and scripts of a page; anything left open or closed twice is a fault."""
+
+    def __init__(self, page: str) -> None:
+        """Read at once."""
+        super().__init__()
+        self.open: list[str] = []
+        self.tags: list[tuple[str, dict[str, str | None]]] = []
+        self.texts: list[tuple[str, str]] = []
+        self.feed(page)
+        self.close()
+        assert self.open == []
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.tags.append((tag, dict(attrs)))
+        if tag not in VOID:
+            self.open.append(tag)
+
+    def handle_endtag(self, tag: str) -> None:
+        assert self.open.pop() == tag
+
+    def handle_data(self, data: str) -> None:
+        self.texts.append((self.open[-1] if self.open else "", data))
+
+    def within(self, tag: str) -> list[str]:
+        return [text for inside, text in self.texts if inside == tag]
+
+    @property
+    def warned(self) -> bool:
+        return any(attributes.get("class") == "wrong" for _, attributes in self.tags)
+
+
+@cache
+def page() -> str:
+    return render_report(whole())
+
+
+@cache
+def hostile_page() -> str:
+    info = replace(whole().info, names=(HOSTILE,) * 5, source=HOSTILE)
+    return render_report(
+        replace(whole(), name=HOSTILE, note=HOSTILE, info=info, facts={"campaign": HOSTILE})
+    )
+
+
+def drawings(text: str) -> list[dict[str, Any]]:
+    found = re.search(r'id="drawings">(.*?)</script>', text, re.DOTALL)
+    assert found
+    drawn: list[dict[str, Any]] = json.loads(found[1])
+    return drawn
+
+
+class TestPage:
+    def test_has_its_sections_in_order(self) -> None:
+        assert [text.strip() for text in Reader(page()).within("h2")] == ORDER
+
+    def test_holds_plotly_once_loads_nothing_and_stays_below_6_mb(self) -> None:
+        assert page().count("plotly.js v") == 1
+        assert len(page().encode()) < 6_000_000
+        allowed = ("data:", "https://creativecommons.org/", "https://doi.org/")
+        for _, attributes in Reader(page()).tags:
+            assert "src" not in attributes
+            assert (attributes.get("href") or "data:").startswith(allowed)
+
+    def test_only_its_own_scripts_may_run(self) -> None:
+        policy = next(a["content"] for _, a in Reader(page()).tags if a.get("http-equiv"))
+        assert policy is not None
+        assert "default-src 'none'" in policy
+        scripts = re.findall(r"<script(?: id=\"plotly\")?>(.*?)</script>", page(), re.DOTALL)
+        assert len(scripts) == 2
+        for script in scripts:
+            digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
+            assert f"'sha256-{digest}'" in policy
+
+    def test_every_drawing_has_a_place_and_few_digits(self) -> None:
+        made = drawings(page())
+        places = [int(a["data-place"] or -1) for _, a in Reader(page()).tags if "data-place" in a]
+        assert places == list(range(len(made)))
+        assert [drawing["name"] for drawing in made][:2] == ["motion", "fit_1"]
+        for drawing in made:
+            for trace in drawing["data"]:
+                for axis in ("x", "y"):
+                    numbers = [v for v in trace[axis] if isinstance(v, float)]
+                    assert all(v == float(f"{v:.5g}") for v in numbers)
+
+    def test_a_bare_result_makes_a_page_too(self) -> None:
+        bare = replace(
+            small(), uncertainty=None, evaluation=None, stability=None, segment=None, methods=()
+        )
+        headings = [text.strip() for text in Reader(render_report(bare)).within("h2")]
+        assert headings == [ORDER[0], ORDER[1], ORDER[3], *ORDER[-2:]]
+
+
+class TestContents:
+    def test_tables_hold_the_snapshots_numbers(self) -> None:
+        cells = Reader(page()).within("td")
+        for one in whole().fit.parameters:
+            assert f"{one.alpha:.4f}" in cells
+            assert f"{one.tau:.3f}" in cells
+        assert whole().stability
+        for vehicle in whole().stability.vehicles:
+            assert f"{vehicle.linf_gain:.3f}" in cells
+
+    def test_tables_are_offered_as_files(self) -> None:
+        files = {a["download"]: a["href"] for _, a in Reader(page()).tags if "download" in a}
+        assert {"parameters.csv", "intervals.tex", "stability.csv", "methods_1.csv"} <= set(files)
+        address = files["parameters.csv"]
+        assert address
+        text = base64.b64decode(address.split("base64,")[1]).decode()
+        assert str(whole().fit.parameters.alpha[0]) in text
+
+    def test_stored_stands_beside_recomputed(self) -> None:
+        reader, rows = Reader(page()), check_rows(verify(whole()), whole().info)
+        cells = reader.within("td")
+        assert rows
+        for one in rows:
+            assert {one.stored, one.recomputed} <= set(cells)
+        assert not reader.warned
+
+    def test_a_mismatch_is_shown(self) -> None:
+        stability = whole().stability
+        assert stability is not None
+        first = stability.vehicles[0]
+        first = replace(first, linf_exact=replace(first.linf_exact, value=9.0))
+        changed = replace(stability, vehicles=(first, *stability.vehicles[1:]))
+        reader = Reader(render_report(replace(whole(), stability=changed)))
+        assert any(cell.startswith("NO: ") for cell in reader.within("td"))
+        assert reader.warned
+        assert "9.000" not in reader.within("td"), "stability is shown as it was recomputed"
+
+    def test_curves_are_the_data_where_they_are_known(self) -> None:
+        made, segment = motion(whole()), whole().segment
+        assert made is not None
+        assert segment is not None
+        speed = next(t for t in made.figure.data if t.yaxis == "y2")
+        assert np.max(speed.y) == pytest.approx(segment.speeds[:, 0].max())
+        without = replace(whole(), segment=None)
+        made = motion(without)
+        assert made is not None
+        assert "not part of this report" in made.caption
+        names = {trace.name for picture in fits(without) for trace in picture.figure.data}
+        assert names == {"network"}
+
+    def test_the_platoon_repeats_the_vehicle_that_amplifies_most(self) -> None:
+        stability, made = whole().stability, platoon(whole())
+        assert stability is not None
+        assert made is not None
+        run, pictures, label = made
+        worst = max(range(4), key=lambda k: stability.vehicles[k].peak.gain)
+        assert label == whole().info.labels[1 + worst]
+        assert run.trajectories.gaps.shape[1] == 8
+        assert [picture.name for picture in pictures] == ["platoon", "amplitude"]
+
+
+class TestForeignText:
+    def test_is_shown_as_it_is(self) -> None:
+        reader = Reader(hostile_page())
+        assert any(HOSTILE in text for text in reader.within("h1"))
+        assert any(HOSTILE in text for text in reader.within("blockquote"))
+        assert not any(tag == "img" for tag, _ in reader.tags)
+        assert len([tag for tag, _ in reader.tags if tag == "script"]) == 3
+        for _, attributes in reader.tags:
+            assert not any(name.startswith("on") for name in attributes)
+
+    def test_cannot_end_the_drawings(self) -> None:
+        traces = [trace for drawn in drawings(hostile_page()) for trace in drawn["data"]]
+        names = [str(trace.get("name", "")) for trace in traces]
+        assert any("&lt;/script&gt;" in name for name in names), "plotly reads a little HTML"
+        assert not any("<" in name for name in names if "alert" in name)

@@ -1,0 +1,74 @@
+"""Tables of string stability and of amplitudes."""
+
+import csv
+import io
+
+import numpy as np
+import pytest
+
+from accpinn.inference.intervals import intervals
+from accpinn.methods import splines
+from accpinn.model.published import ASTAZERO, ParameterSet
+from accpinn.platoon.leader import Sinusoid
+from accpinn.platoon.simulation import simulate_platoon
+from accpinn.results.tables.stability import (
+    amplitude_table,
+    stability_interval_table,
+    stability_table,
+)
+from accpinn.results.tables.table import Range
+from accpinn.stability.report import stability_report
+from tests.support.samples import PLATOON, sample
+from tests.support.vehicles import CALM, NO_GAP_CONTROL, row
+
+L2, LINF = "L₂ string stability", "L∞ string stability"
+
+
+def test_the_papers_verdicts_and_the_exact_gain_beside() -> None:
+    table = stability_table(ASTAZERO, stability_report(ASTAZERO.parameters))
+    heads = [(column.group, column.title) for column in table.columns]
+    tesla = dict(zip(heads, table.rows[3], strict=True))
+    assert tesla["", "Vehicle"] == "Tesla Model 3"
+    assert tesla[L2, "Stable"] == "NO"
+    assert tesla[LINF, "Paper's criterion"] == "YES"
+    assert tesla[LINF, "Exact criterion"] == "NO"
+    assert tesla[LINF, "‖h‖₁"] == pytest.approx(1.0954, abs=5e-5)
+    assert tesla[L2, "Peak"] == pytest.approx(0.3395, abs=5e-5)
+    assert tesla["Smallest stable τ", "L₂"] == pytest.approx(2.0534, abs=5e-5)
+    assert table.to_latex().isascii(), "every letter has its command"
+
+
+def test_what_has_no_meaning_is_empty() -> None:
+    pair = ParameterSet("Mine", ("calm", "stuck"), row(CALM, NO_GAP_CONTROL))
+    table = stability_table(pair, stability_report(pair.parameters))
+    head, *rows = csv.reader(io.StringIO(table.to_csv()))
+    calm, stuck = (dict(zip(head, cells, strict=True)) for cells in rows)
+    assert calm["l2_string_stability_amplified_below_rad_per_s"] == ""
+    assert calm["l2_string_stability_at_omega_rad_per_s"] == ""
+    assert calm["l2_string_stability_stable"] == "YES"
+    assert stuck["tau"] == stuck["smallest_stable_tau_l2_s"] == ""
+    assert stuck["l2_string_stability_stable"] == "YES, marginal"
+
+
+def test_intervals_and_probabilities() -> None:
+    segment = sample(PLATOON).segment
+    fit = splines.fit(segment)
+    uncertainty = intervals(segment, fit)
+    learned = ParameterSet("Learned", segment.names[1:], fit.parameters)
+    table = stability_interval_table(learned, uncertainty)
+    first, gain = table.rows[0], uncertainty.peak_gain
+    decibels = 20 * np.log10([gain.lower[0], gain.upper[0]])
+    assert first[0] == learned.labels[0]
+    assert first[1] == Range(*decibels)
+    assert first[4] == pytest.approx(100 * uncertainty.probability_l2[0])
+    assert first[6] == pytest.approx(100 * uncertainty.no_gap_control[0])
+    assert {column.group for column in table.columns[1:4]} == {"90 % interval"}
+
+
+def test_amplitudes_and_smallest_gaps() -> None:
+    run = simulate_platoon(ASTAZERO.parameters, Sinusoid(0.25))
+    assert run.amplitudes is not None
+    table = amplitude_table(run)
+    assert [cells[0] for cells in table.rows][:2] == ["Leader", "Follower 1"]
+    assert [cells[1] for cells in table.rows] == run.amplitudes.measured.tolist()
+    assert [cells[3] for cells in table.rows] == [None, *run.minimum_gap.tolist()]

@@ -1,0 +1,181 @@
+"""Tables in four formats: the same cells, and nothing of a name interpreted."""
+
+import csv
+import io
+import re
+from html.parser import HTMLParser
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from accpinn.results.tables.table import ABSENT, Column, Range, Table, between, latex
+
+NASTY = ["<script>alert(1)</script>", "A&B_50%$x$^2", r"\input{secret}~#{}"]
+INF, NAN = float("inf"), float("nan")
+TABLE = Table.of(
+    "Two followers",
+    [
+        (Column("Follower"), ["2 BMW", "3 Tesla"]),
+        (Column("α", "1/s²", 4, "90 % interval", key="alpha"), [Range(0.01, 0.02), None]),
+        (Column("τ", "s", 3, "90 % interval", key="tau"), [Range(1.2, INF), Range(NAN, NAN)]),
+        (Column("p", "m", 2, "Surrogate fit, MAE"), np.array([0.123456789, NAN])),
+    ],
+)
+
+
+class Cells(HTMLParser):
+    """The texts of a table's cells, row by row, and every element there is."""
+
+    def __init__(self, text: str) -> None:
+        """Read at once."""
+        super().__init__()
+        self.rows: list[list[str]] = []
+        self.elements: set[str] = set()
+        self._open = False
+        self.feed(text)
+
+    def handle_starttag(self, tag: str, attrs: object) -> None:
+        self.elements.add(tag)
+        if tag == "tr":
+            self.rows.append([])
+        if tag in ("td", "th"):
+            self.rows[-1].append("")
+            self._open = True
+
+    def handle_endtag(self, tag: str) -> None:
+        if tag in ("td", "th"):
+            self._open = False
+
+    def handle_data(self, data: str) -> None:
+        if self._open:
+            self.rows[-1][-1] += data
+
+
+def read_csv(table: Table) -> list[list[str]]:
+    return list(csv.reader(io.StringIO(table.to_csv())))
+
+
+class TestCells:
+    def test_a_dash_stands_for_what_does_not_exist(self) -> None:
+        column = Column("τ", "s", 3)
+        assert {column.shown(value) for value in (None, NAN, INF)} == {ABSENT}
+        assert column.shown(1.5204) == "1.520"
+        assert column.heading == "τ [s]"
+
+    @pytest.mark.parametrize(
+        ("low", "high", "shown"),
+        [(0.5, 1.25, "0.50 to 1.25"), (0.5, INF, "0.50 or more"), (-INF, 2.0, "up to 2.00"),
+         (-INF, INF, "anything"), (NAN, INF, ABSENT)],
+    )  # fmt: skip
+    def test_an_interval_in_words(self, low: float, high: float, shown: str) -> None:
+        assert between(low, high, 2) == shown
+
+    def test_a_short_time_is_not_shown_as_none(self) -> None:
+        column = Column("Time", "s", 2, least=True)
+        assert [column.shown(v) for v in (0.0, 0.0004, 0.006)] == ["0.00", "< 0.01", "0.01"]
+
+
+class TestText:
+    def test_columns_are_aligned_below_their_groups(self) -> None:
+        lines = TABLE.to_text().splitlines()
+        assert lines[0] == "Two followers"
+        assert len({len(line) for line in lines[1:]}) == 1, "right edges are flush"
+        assert lines[1].split("  ")[-1] == "Surrogate fit, MAE"
+        assert lines[3].split("  ")[0] == "2 BMW"
+        assert "0.0100 to 0.0200  1.200 or more" in lines[3]
+        assert lines[4].split() == ["3", "Tesla", ABSENT, ABSENT, ABSENT]
+
+    def test_a_table_without_caption_and_groups_is_its_rows(self) -> None:
+        table = Table.of("", [(Column("Vehicle"), ["a"]), (Column("Gap", "m", 1), [2.0])])
+        assert table.to_text() == "Vehicle  Gap [m]\na            2.0"
+
+
+class TestCsv:
+    def test_intervals_take_two_columns_and_numbers_all_digits(self) -> None:
+        head, first, second = read_csv(TABLE)
+        assert head == [
+            "follower", "alpha_low", "alpha_high", "tau_low", "tau_high", "surrogate_fit_mae_p_m",
+        ]  # fmt: skip
+        assert first == ["2 BMW", "0.01", "0.02", "1.2", "inf", "0.123456789"]
+        assert second == ["3 Tesla", "", "", "", "", ""]
+
+    @pytest.mark.parametrize(
+        ("column", "name"),
+        [
+            (Column("Car-following", "%"), "car_following_percent"),
+            (Column("Δv, std.", "m/s"), "delta_v_std_m_per_s"),
+            (Column("α", "1/s²", group="Learned"), "learned_alpha_per_s2"),
+            (Column("L₂", "%", group="Stability"), "stability_l2_percent"),
+            (Column("τ", "s", key="tau"), "tau"),
+        ],
+    )
+    def test_names_are_words_joined_by_underscores(self, column: Column, name: str) -> None:
+        assert column.csv_name == name
+
+    @pytest.mark.parametrize(
+        "text", ["=1+1", "+1+cmd|' /C calc'!A0", "-2+3", "@SUM(A1)", "\t=1", "-x"]
+    )
+    def test_no_text_is_a_formula_to_a_spreadsheet(self, text: str) -> None:
+        table = Table.of("", [(Column("Vehicle"), [text]), (Column("τ", digits=2), [-1.5])])
+        assert read_csv(table)[1] == [f"'{text}", "-1.5"]
+
+    @pytest.mark.parametrize("text", ["-0.12", "+1.2", "2 Tesla"])
+    def test_numbers_as_texts_stay_as_they_are(self, text: str) -> None:
+        assert read_csv(Table.of("", [(Column("Vehicle"), [text])]))[1] == [text]
+
+
+class TestLatex:
+    def test_is_a_table_of_the_same_cells(self) -> None:
+        text = TABLE.to_latex()
+        assert r"\begin{tabular}{lrrr}" in text
+        assert r"$\alpha$ [1/s$^2$]" in text
+        assert r"2 BMW & 0.0100 to 0.0200 & 1.200 or more & 0.12 \\" in text
+        assert r"\cmidrule(lr){2-3} \cmidrule(lr){4-4}" in text
+        assert text.count(r"\\") == 2 + len(TABLE.rows)
+
+    @pytest.mark.parametrize(
+        ("text", "shown"),
+        [("a\n\nb", "a  b"), ("[x]", "{}[x]"), ("\u202ea", "(U+202E)a"), ("😀", "(U+1F600)"),
+         ("Škoda é", "Škoda é")],
+    )  # fmt: skip
+    def test_is_stopped_by_no_name(self, text: str, shown: str) -> None:
+        assert latex(text) == shown
+
+    @pytest.mark.parametrize("name", NASTY)
+    def test_interprets_nothing_of_a_name(self, name: str) -> None:
+        shown = latex(name)
+        commands = set(re.findall(r"\\[a-zA-Z]+", shown))
+        assert commands <= {r"\textbackslash", r"\textasciitilde", r"\textasciicircum",
+                            r"\textless", r"\textgreater"}  # fmt: skip
+        bare = re.sub(r"\\[a-zA-Z]+\{\}|\\[{}$&#%_]", "", shown)
+        assert not set(bare) & set("\\{}$&#%_^~<>")
+
+
+class TestHtml:
+    def test_has_groups_headings_and_rows(self) -> None:
+        groups, head, first, _ = Cells(TABLE.to_html()).rows
+        assert groups == ["", "90 % interval", "Surrogate fit, MAE"]
+        assert head == ["Follower", "α [1/s²]", "τ [s]", "p [m]"]
+        assert first == ["2 BMW", "0.0100 to 0.0200", "1.200 or more", "0.12"]
+
+    @pytest.mark.parametrize("name", NASTY)
+    def test_shows_a_name_as_it_is(self, name: str) -> None:
+        read = Cells(Table(name, (Column(name),), ((name,),)).coloured(["#123456"]).to_html())
+        assert read.rows == [[name], [name]]
+        assert "script" not in read.elements
+
+    @given(st.text(st.characters(codec="utf-8", exclude_characters="\r\n"), max_size=30))
+    def test_any_name_survives_html_and_csv(self, name: str) -> None:
+        table = Table("", (Column("Vehicle"), Column("α", digits=2)), ((name, 1.0),))
+        assert Cells(table.to_html()).elements == {
+            "figure", "div", "table", "thead", "tr", "th", "tbody", "td",
+        }  # fmt: skip
+        assert read_csv(table)[1][0].removeprefix("'") == name.removeprefix("'")
+
+    def test_a_long_name_is_whole_in_the_cells_title(self) -> None:
+        name = 'A "very" long name of a vehicle'
+        table = Table("", (Column("Vehicle"),), ((name,), ("2 Tesla",)))
+        assert table.to_html().count(" title=") == 1
+        assert 'title="A &quot;very&quot; long name of a vehicle"' in table.to_html()
