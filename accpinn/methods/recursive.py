@@ -103,11 +103,11 @@ def _accumulate(segment: Segment, case: Case, memory: Seconds) -> _Sums:
         weights[~(segment.mask[1:] & segment.mask[:-1]).T] = 0.0
         rows, rates = rows * weights[..., None], rates * weights
 
-    def summed(values: FloatArray, forget: float) -> FloatArray:
+    def summed(values: FloatArray, forgetting: float) -> FloatArray:
         """(M, N-1, ..) to (K, G, ..)."""
         if case == "I":
             values = values.sum(axis=0, keepdims=True)
-        sums: FloatArray = lfilter([1.0], [1.0, -forget], values, axis=1)
+        sums: FloatArray = lfilter([1.0], [1.0, -forgetting], values, axis=1)
         return sums[:, np.array(kept) - 1].swapaxes(0, 1)
 
     keep = float(np.exp(-step / memory))
@@ -184,4 +184,7 @@ def _findings(segment: Segment, theta: FloatArray, solution: Solution) -> list[M
     return found
 
 
-METHOD = direct("recursive", "Recursive", fit, typical_seconds=0.3)
+METHOD = direct(
+    "recursive", "Recursive", fit, typical_seconds=0.3,
+    summary="recursive least squares with exponential forgetting",
+)  # fmt: skip

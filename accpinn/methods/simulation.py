@@ -322,4 +322,7 @@ class _Search:
             )
 
 
-METHOD = direct("simulation", "Simulation", fit, typical_seconds=1.4, is_closed_loop=True)
+METHOD = direct(
+    "simulation", "Simulation", fit, typical_seconds=1.4, is_closed_loop=True,
+    summary="the parameters whose closed-loop simulation is nearest the recording",
+)  # fmt: skip

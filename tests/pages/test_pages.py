@@ -309,7 +309,7 @@ def test_train_shows_table_curves_and_downloads() -> None:
     page.run()
     assert not page.exception
     written = texts(page)
-    assert "Converged" in written
+    assert "Settled" in written
     assert "Surrogate fit, MAE" in written
     assert "Closed-loop simulation, MAE" in written
     assert "0.0612" in written, "the truth of the first follower"
@@ -347,7 +347,7 @@ def test_train_says_what_goes_wrong_and_how_sure_it_is(
     collides = f"{segment.labels[1]} collides with the vehicle ahead at" in written
     assert collides == (parameters.tau < 1)
     assert ("errors include what follows" in written) == collides
-    assert ("does not determine the time headway" in written) == (parameters.tau > 5)
+    assert ("does not determine the time headway of" in written) == (parameters.tau > 5)
     assert "90 % interval" in written
     marks = [trace for trace in figures(page)[-1]["data"] if trace["name"] == "collision"]
     assert len(marks) == collides
@@ -418,7 +418,7 @@ def test_stop_continue_or_begin_anew() -> None:
     assert first.iteration[0] == 0
     stop_training(found)
     assert found.fit
-    assert not any(isinstance(finding, Continued) for finding in found.fit.findings)
+    assert not any(isinstance(f, Continued) for f in found.fit.findings)
 
 
 def test_a_second_session_waits_and_is_told() -> None:
@@ -456,8 +456,7 @@ def test_options_reach_the_training_and_survive_a_visit_elsewhere() -> None:
     button(page, "Start training").click().run()
     assert found.training is not None
     config = found.training.request.config
-    chosen = (config.seed, config.weight_data, config.initial)
-    assert chosen == (7, (1.0, 2.0), Parameters(0.5, 0.5, 0.5))
+    assert (config.seed, config.weight_data, config.initial) == (7, (1.0, 2.0), (0.5, 0.5, 0.5))
     assert found.training.wait(WAIT)
 
 
@@ -465,7 +464,7 @@ def test_a_failed_training_says_why(monkeypatch: pytest.MonkeyPatch) -> None:
     def failing(*args: Any, **options: Any) -> Any:
         raise RuntimeError("boom")
 
-    monkeypatch.setattr("accpinn.methods.pinn.training.training", failing)
+    monkeypatch.setattr("accpinn.methods.pinn.training.train", failing)
     found = with_sample()
     page = open_page(TRAIN, found)
     button(page, "Start training").click().run()

@@ -35,12 +35,12 @@ END = None
 
 
 def moment(iteration: int, seconds: float, iterations: int = 100) -> Progress:
-    parameters = Parameters([0.1], [0.2], [1.0 + iteration])
+    parameters = Parameters.of([[0.1, 0.2, 1.0 + iteration]])
     return Progress("Adam", iteration, iterations, seconds, 2.0, 1.5, 0.5, 0.0, parameters)
 
 
 def result(outcome: Outcome = Outcome.FINISHED, **changes: Any) -> Fit:
-    fit = Fit("pinn", "II", Parameters([0.1], [0.2], [1.0]), outcome, 1.0, {})
+    fit = Fit("pinn", "II", Parameters([0.1], [0.2], [1.0]), None, outcome, 1.0, {})
     return replace(fit, **changes)
 
 
@@ -167,7 +167,7 @@ def test_progress_rate_and_time_left(queue: TaskQueue, puppet: Puppet, segment: 
     history = task.history()
     assert history is not None
     np.testing.assert_array_equal(history.iteration, [0, 10, 30, 90])
-    np.testing.assert_array_equal(history.parameters.tau[:, 0], [1, 11, 31, 91])
+    np.testing.assert_array_equal(history.parameters.values[:, 0, 2], [1, 11, 31, 91])
     assert puppet.context.on_progress is not None
     puppet.context.on_progress(moment(95, 6.0))  # as estimations report that yield nothing
     assert task.progress is not None
@@ -192,8 +192,8 @@ def test_the_history_of_the_result_replaces_the_live_one(
     task = queue.submit(puppet.training("ann", segment))
     puppet.step(moment(3, 0.1))
     zeros = np.zeros(2)
-    table = Parameters.of(np.zeros((2, 1, 3)))
-    own = History(np.array([0.0, 7.0]), zeros, zeros, zeros, zeros, zeros, table)
+    tables = Parameters.of(np.zeros((2, 1, 3)))
+    own = History(np.array([0.0, 7.0]), zeros, zeros, zeros, zeros, zeros, tables)
     puppet.give(result(history=own))
     assert finished(task).history() is own
 
@@ -431,8 +431,8 @@ class TestStore:
             for owner in ("ann", "ben")
         ]
         queue.close()
-        assert any(name in str(finding) for finding in fits[0].findings)
-        assert not any(name in str(finding) for finding in fits[1].findings)
+        assert any(name in str(note) for note in fits[0].findings)
+        assert not any(name in str(note) for note in fits[1].findings)
 
     def test_it_is_read_while_others_may_ask(
         self, puppet: Puppet, segment: Segment, tmp_path: Path

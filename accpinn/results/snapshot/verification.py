@@ -48,6 +48,11 @@ INSTANTS = 300
 """At which these are computed."""
 VARYING = {"seconds", "cached"}
 """Fields that differ from run to run."""
+FEATURED = (
+    "0.samples", "vehicles.0.linf_exact.value", "mean_time_gap.0", "parameters.0.2", "centre.0.2",
+    "gap_mae.0", "0.errors.gap_mae.0", "deviation.0",
+)  # fmt: skip
+"""Places of values that stand for their part where all of it agrees."""
 
 
 class Check(Finding, frozen=True):
@@ -61,7 +66,7 @@ class Check(Finding, frozen=True):
     count: int = 0
     """Values compared."""
     place: str = ""
-    """Within the part: the first value that differs, else the first of all."""
+    """Within the part: of the first value that differs, else one of `FEATURED`, else the first."""
     stored: float | str | None = None
     """The value there; None where there is none."""
     recomputed: float | str | None = None
@@ -323,8 +328,8 @@ def compare(
         for place in places
         if (at := _differing(old.get(place), new.get(place), relative, absolute)) is not None
     }
-    numbers = [place for place in places if isinstance(old.get(place), float)]
-    place = next(iter([*differing, *numbers, *places]), "")
+    featured = [place for place in FEATURED if place in old]
+    place = next(iter([*differing, *featured, *places]), "")
     index = differing.get(place, (0,) * np.ndim(old.get(place, 0.0)))
     return Check(
         part,

@@ -6,8 +6,7 @@ from typing import Any
 import streamlit as st
 
 from accpinn.channels import PARAMETERS
-from accpinn.methods.pinn.config import PRESETS, STARTS, PinnConfig, preset
-from accpinn.model.cthp import Parameters
+from accpinn.methods.pinn.config import PRESETS, STARTS, PinnConfig
 from pages.ui.components.widgets import number, segments, select
 from pages.ui.session.workspace import Workspace
 
@@ -37,10 +36,8 @@ def chosen_config(workspace: Workspace) -> PinnConfig:
     Raises:
         ConfigError: a setting outside its range, as one sentence.
     """
-    changes = dict(workspace.settings.get(workspace.preset, {}))
-    if "initial" in changes:
-        changes["initial"] = Parameters.of(changes["initial"])
-    return preset(workspace.preset, **changes)
+    changes = workspace.settings.get(workspace.preset, {})
+    return PinnConfig.from_json(PRESETS[workspace.preset].to_json() | changes)
 
 
 def options(workspace: Workspace) -> None:
