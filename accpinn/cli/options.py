@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from accpinn.channels import PARAMETERS
 from accpinn.errors import ConfigError, SegmentError
 from accpinn.evaluation.closed_loop import TrackingErrors
 from accpinn.methods.method import TaskContext
@@ -67,13 +68,13 @@ def add_run_options(parser: argparse.ArgumentParser) -> None:
 
 def add_parameter_options(parser: argparse.ArgumentParser) -> None:
     """Declare α, β, τ with one value a vehicle, first follower first; or a snapshot."""
-    for name, symbol, unit in zip(PARAMETER_NAMES, "αβτ", ("1/s²", "1/s", "s"), strict=True):
+    for name, parameter in zip(PARAMETER_NAMES, PARAMETERS, strict=True):
         parser.add_argument(
             f"--{name}",
             type=float,
             nargs="+",
             metavar=name[0].upper(),
-            help=f"{symbol} in {unit}, one value a vehicle",
+            help=f"{parameter.symbol} in {parameter.unit}, one value a vehicle",
         )
     parser.add_argument(
         "--snapshot", metavar="FILE", help="take the estimated parameters of a snapshot instead"

@@ -29,10 +29,11 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.signal import lfilter
 
+from accpinn.mask import Mask
 from accpinn.methods.fit import BoundActiveAtTimes, Fit, MethodFinding, Outcome, WeaklyDetermined
 from accpinn.methods.method import direct
 from accpinn.methods.online import kept_samples, track
-from accpinn.methods.regression import Mask, Solution, solve_bounded
+from accpinn.methods.regression import Solution, solve_bounded
 from accpinn.model.cthp import LINEAR_NAMES, Case, regressors
 from accpinn.segment.segment import Segment
 from accpinn.units import FloatArray, Seconds, frozen
@@ -102,11 +103,11 @@ def _accumulate(segment: Segment, case: Case, memory: Seconds) -> _Sums:
         weights[~(segment.mask[1:] & segment.mask[:-1]).T] = 0.0
         rows, rates = rows * weights[..., None], rates * weights
 
-    def summed(values: FloatArray, forget: float) -> FloatArray:
+    def summed(values: FloatArray, forgetting: float) -> FloatArray:
         """(M, N-1, ..) to (K, G, ..)."""
         if case == "I":
             values = values.sum(axis=0, keepdims=True)
-        sums: FloatArray = lfilter([1.0], [1.0, -forget], values, axis=1)
+        sums: FloatArray = lfilter([1.0], [1.0, -forgetting], values, axis=1)
         return sums[:, np.array(kept) - 1].swapaxes(0, 1)
 
     keep = float(np.exp(-step / memory))

@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
-from accpinn.evaluation.errors import surrogate_errors
 
+from accpinn.evaluation.closed_loop import surrogate_errors
 from accpinn.methods import least_squares
 from accpinn.model.cthp import Case
 from tests.support.driving import MIXED, driven

@@ -6,28 +6,14 @@ import numpy as np
 import pytest
 
 from accpinn.evaluation.closed_loop import closed_loop_errors, tracking_errors
-from accpinn.methods import least_squares, simulation, splines
-from accpinn.methods.fit import Fit, Outcome, SimulatedSeparately, WeaklyDetermined
+from accpinn.methods import simulation, splines
+from accpinn.methods.fit import Outcome, SimulatedSeparately, WeaklyDetermined
 from accpinn.methods.simulation import Chain, chains
 from accpinn.model.cthp import Parameters, simulate
 from accpinn.recordings.openacc import read
 from accpinn.segment.cut import cut
-from accpinn.segment.segment import Segment
 from tests.support.driving import LAW, MIXED, driven, segment_of, standing_still
 from tests.support.samples import NOISE_FREE, NOISY, PLATOON, sample
-
-
-def squares(segment: Segment, fit: Fit) -> float:
-    """The criterion of Case I, with the measured first state."""
-    driven_by_law = simulate(
-        fit.parameters,
-        segment.time,
-        segment.speeds[:, 0],
-        segment.speeds[0, 1:],
-        segment.gaps[0],
-    )
-    gaps = ((driven_by_law.gaps - segment.gaps) ** 2).sum()
-    return float(gaps + ((driven_by_law.speeds - segment.speeds) ** 2).sum())
 
 
 class TestChain:
@@ -133,13 +119,6 @@ class TestCriterion:
             fit.surrogate.gaps[0],
         )
         np.testing.assert_allclose(fit.surrogate.gaps, again.gaps, atol=1e-8)
-
-    def test_platoon_drives_better_than_with_other_estimates(self) -> None:
-        """Three different cars under one law: no estimate is true, and the criteria part."""
-        segment = driven(MIXED, duration=200.0)
-        ours = squares(segment, simulation.fit(segment, "I"))
-        assert ours < 0.9 * squares(segment, least_squares.fit(segment, "I"))
-        assert ours < 0.9 * squares(segment, splines.fit(segment, "I"))
 
 
 class TestBounds:

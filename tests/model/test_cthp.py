@@ -125,16 +125,6 @@ class TestSimulate:
         np.testing.assert_allclose(found.speeds[-1, 1:], speeds, rtol=0, atol=1e-10)
         np.testing.assert_allclose(found.gaps[-1], gaps, rtol=0, atol=1e-10)
 
-    def test_shapes_and_the_leader_are_kept(self) -> None:
-        time = np.arange(11) * 0.5
-        ahead = np.linspace(20, 25, 11)
-        platoon = Parameters([0.1] * 3, 0.1, 1.0)
-        found = simulate(platoon, time, ahead, np.full(3, 20.0), np.full(3, 20.0))
-        assert found.speeds.shape == (11, 4)
-        assert found.gaps.shape == (11, 3)
-        np.testing.assert_array_equal(found.speeds[:, 0], ahead)
-        np.testing.assert_array_equal(found.time, time)
-
     def test_a_follower_too_few_is_refused(self) -> None:
         with pytest.raises(ValueError, match="broadcast"):
             simulate(

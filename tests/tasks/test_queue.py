@@ -12,10 +12,11 @@ import numpy as np
 import pytest
 
 from accpinn.errors import ConfigError
-from accpinn.methods.fit import Fit, History, Outcome, Progress
+from accpinn.methods.fit import Fit, Outcome
+from accpinn.methods.history import History, Progress
 from accpinn.methods.method import TaskContext
 from accpinn.methods.pinn.config import FAST, PAPER, PinnConfig
-from accpinn.methods.pinn.request import request_keys
+from accpinn.methods.pinn.method import request_keys
 from accpinn.methods.store import Store
 from accpinn.model.cthp import Parameters
 from accpinn.recordings.openacc import read
@@ -34,8 +35,8 @@ END = None
 
 
 def moment(iteration: int, seconds: float, iterations: int = 100) -> Progress:
-    table = np.array([[0.1, 0.2, 1.0 + iteration]])
-    return Progress("Adam", iteration, iterations, seconds, 2.0, 1.5, 0.5, 0.0, table)
+    parameters = Parameters.of([[0.1, 0.2, 1.0 + iteration]])
+    return Progress("Adam", iteration, iterations, seconds, 2.0, 1.5, 0.5, 0.0, parameters)
 
 
 def result(outcome: Outcome = Outcome.FINISHED, **changes: Any) -> Fit:
@@ -166,7 +167,7 @@ def test_progress_rate_and_time_left(queue: TaskQueue, puppet: Puppet, segment: 
     history = task.history()
     assert history is not None
     np.testing.assert_array_equal(history.iteration, [0, 10, 30, 90])
-    np.testing.assert_array_equal(history.parameters[:, 0, 2], [1, 11, 31, 91])
+    np.testing.assert_array_equal(history.parameters.values[:, 0, 2], [1, 11, 31, 91])
     assert puppet.context.on_progress is not None
     puppet.context.on_progress(moment(95, 6.0))  # as estimations report that yield nothing
     assert task.progress is not None
@@ -191,7 +192,8 @@ def test_the_history_of_the_result_replaces_the_live_one(
     task = queue.submit(puppet.training("ann", segment))
     puppet.step(moment(3, 0.1))
     zeros = np.zeros(2)
-    own = History(np.array([0.0, 7.0]), zeros, zeros, zeros, zeros, zeros, np.zeros((2, 1, 3)))
+    tables = Parameters.of(np.zeros((2, 1, 3)))
+    own = History(np.array([0.0, 7.0]), zeros, zeros, zeros, zeros, zeros, tables)
     puppet.give(result(history=own))
     assert finished(task).history() is own
 
@@ -429,8 +431,8 @@ class TestStore:
             for owner in ("ann", "ben")
         ]
         queue.close()
-        assert any(name in str(note) for note in fits[0].notes)
-        assert not any(name in str(note) for note in fits[1].notes)
+        assert any(name in str(note) for note in fits[0].findings)
+        assert not any(name in str(note) for note in fits[1].findings)
 
     def test_it_is_read_while_others_may_ask(
         self, puppet: Puppet, segment: Segment, tmp_path: Path

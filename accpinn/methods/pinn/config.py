@@ -107,9 +107,9 @@ class PinnConfig:
             raise ConfigError("settings: not all are numbers; choose a preset instead.") from None
 
     def changes(self) -> dict[str, Any]:
-        """The settings that differ from the preset."""
-        usual = vars(PRESETS[self.preset])
-        return {name: value for name, value in vars(self).items() if value != usual[name]}
+        """The settings that differ from the preset, as in `to_json`."""
+        usual = PRESETS[self.preset].to_json()
+        return {name: value for name, value in self.to_json().items() if value != usual[name]}
 
 
 def _plain(value: Any) -> Any:

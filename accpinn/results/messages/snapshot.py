@@ -23,7 +23,20 @@ TITLES = {
     "evaluation.out_of_window_findings": "Collisions outside the window",
 }
 """Of the parts whose own names would not do."""
+PLACES = {
+    "0.samples": "{} samples",
+    "vehicles.0.linf_exact.value": "‖h‖₁ {}",
+    "mean_time_gap.0": "mean time gap {} s",
+    "parameters.0.2": "τ {} s",
+    "centre.0.2": "τ {} s",
+    "gap_mae.0": "gap MAE {} m",
+    "0.errors.gap_mae.0": "gap MAE {} m",
+    "deviation.0": "{} m/s²",
+}
+"""A value in words, by its place, where that names a quantity; of the first follower."""
 ABSENT = "–"
+DIGEST = 16
+"""Digits of a digest that tell it from all others."""
 LONGEST = 40
 """Characters of a text that is quoted."""
 BEFORE = 20
@@ -56,8 +69,8 @@ def values(check: Check) -> tuple[str, str]:
         return ABSENT, "not possible"
     pair = (check.stored, check.recomputed)
     stored, recomputed = map(_brief, pair) if check.ok else _apart(*pair)
-    name = f"{check.place}: " if check.place else ""
-    return f"{name}{stored}", f"{name}{recomputed}"
+    named = PLACES.get(check.place, f"{check.place}: {{}}" if check.place else "{}")
+    return named.format(stored), named.format(recomputed)
 
 
 def _apart(one: float | str | None, other: float | str | None) -> tuple[str, str]:
@@ -72,7 +85,8 @@ def _apart(one: float | str | None, other: float | str | None) -> tuple[str, str
 
 
 def _brief(value: float | str | None) -> str:
-    return _from(_plain(value), 0)
+    text = _plain(value)
+    return text if len(text) <= DIGEST else ABSENT if " " in text else text[:DIGEST]
 
 
 def _plain(value: float | str | None) -> str:

@@ -30,7 +30,7 @@ from accpinn.results.tables.names import name_of
 from accpinn.segment.cut import cut
 from accpinn.segment.quality import assess_quality
 from accpinn.segment.regimes import exclude_regimes, label_regimes
-from accpinn.segment.segment import Segment
+from accpinn.segment.segment import Segment, WindowMoved, WindowShortened
 from accpinn.serial import NOT_FINITE, dump, flatten
 
 RECORDING, REFIT = "--recording", "--refit"
@@ -48,6 +48,11 @@ INSTANTS = 300
 """At which these are computed."""
 VARYING = {"seconds", "cached"}
 """Fields that differ from run to run."""
+FEATURED = (
+    "0.samples", "vehicles.0.linf_exact.value", "mean_time_gap.0", "parameters.0.2", "centre.0.2",
+    "gap_mae.0", "0.errors.gap_mae.0", "deviation.0",
+)  # fmt: skip
+"""Places of values that stand for their part where all of it agrees."""
 
 
 class Check(Finding, frozen=True):
@@ -61,7 +66,7 @@ class Check(Finding, frozen=True):
     count: int = 0
     """Values compared."""
     place: str = ""
-    """Within the part: the first value that differs, else the first of all."""
+    """Within the part: of the first value that differs, else one of `FEATURED`, else the first."""
     stored: float | str | None = None
     """The value there; None where there is none."""
     recomputed: float | str | None = None
@@ -199,9 +204,15 @@ class _Work:
             self.checks.append(done)
 
     def provenance(self, segment: Segment, recording: Recording) -> None:
-        """Names, notes and facts as the recording has them; its file may be called otherwise."""
-        stored = [self.snapshot.info, self.snapshot.facts]
-        found = [replace(segment.info, source=self.snapshot.info.source), facts_of(recording)]
+        """Names, findings and facts as the recording has them; its file may be called otherwise.
+
+        How a window was moved or shortened cannot be seen again: it is cut as it then was.
+        """
+        info = self.snapshot.info
+        moved = WindowMoved | WindowShortened
+        kept = tuple(finding for finding in info.findings if not isinstance(finding, moved))
+        stored = [replace(info, findings=kept), self.snapshot.facts]
+        found = [replace(segment.info, source=info.source), facts_of(recording)]
         some = slice(None if self.snapshot.facts else 1)  # else it was taken without its recording
         self.compare("info", stored[some], found[some])
 
@@ -317,8 +328,8 @@ def compare(
         for place in places
         if (at := _differing(old.get(place), new.get(place), relative, absolute)) is not None
     }
-    numbers = [place for place in places if isinstance(old.get(place), float)]
-    place = next(iter([*differing, *numbers, *places]), "")
+    featured = [place for place in FEATURED if place in old]
+    place = next(iter([*differing, *featured, *places]), "")
     index = differing.get(place, (0,) * np.ndim(old.get(place, 0.0)))
     return Check(
         part,

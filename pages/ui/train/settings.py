@@ -5,8 +5,8 @@ from typing import Any
 
 import streamlit as st
 
-from accpinn.methods.pinn.config import PRESETS, STARTS, PinnConfig, preset
-from accpinn.model.cthp import Parameters
+from accpinn.channels import PARAMETERS
+from accpinn.methods.pinn.config import PRESETS, STARTS, PinnConfig
 from pages.ui.components.widgets import number, segments, select
 from pages.ui.session.workspace import Workspace
 
@@ -36,10 +36,8 @@ def chosen_config(workspace: Workspace) -> PinnConfig:
     Raises:
         ConfigError: a setting outside its range, as one sentence.
     """
-    changes = dict(workspace.settings.get(workspace.preset, {}))
-    if "initial" in changes:
-        changes["initial"] = Parameters.of(changes["initial"])
-    return preset(workspace.preset, **changes)
+    changes = workspace.settings.get(workspace.preset, {})
+    return PinnConfig.from_json(PRESETS[workspace.preset].to_json() | changes)
 
 
 def options(workspace: Workspace) -> None:
@@ -113,7 +111,7 @@ class _Fields:
             lambda initial: self._changes.update(initial=initial),
             lambda initial: "α {:g}, β {:g}, τ {:g}".format(*initial), place=columns[0],
         )  # fmt: skip
-        labels = ("Initial α [1/s²]", "Initial β [1/s]", "Initial τ [s]")
+        labels = tuple(f"Initial {parameter.heading}" for parameter in PARAMETERS)
         self.several("initial", labels, columns[1:])
 
     def reset(self) -> None:

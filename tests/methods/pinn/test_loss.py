@@ -65,37 +65,6 @@ def test_is_what_the_formulas_say(followers: int, config: PinnConfig) -> None:
     assert total == pytest.approx(sum(expected), rel=1e-12)
 
 
-def test_each_weight_scales_its_own_term_only() -> None:
-    drawn = draw(2)
-    data, physics, _, _ = evaluate(drawn, PinnConfig())
-    heavy = PinnConfig(weight_physics=(10.0, 10.0))
-    np.testing.assert_allclose(evaluate(drawn, heavy)[:2], (data, 10 * physics), rtol=1e-12)
-    heavy = PinnConfig(weight_data=(10.0, 10.0))
-    np.testing.assert_allclose(evaluate(drawn, heavy)[:2], (10 * data, physics), rtol=1e-12)
-
-
-def test_motion_that_obeys_the_model_and_the_data_has_no_loss() -> None:
-    v, p, dv, dp, _, _, table = draw(2)
-    dp[:] = v[:, :-1] - v[:, 1:]
-    alpha, beta, tau = table.T
-    dv[:, 1:] = alpha * (p - tau * v[:, 1:]) + beta * dp
-    assert evaluate([v, p, dv, dp, v, p, table], WEIGHTED) == pytest.approx((0, 0, 0, 0), abs=1e-28)
-
-
-def test_the_leaders_acceleration_is_free() -> None:
-    drawn = draw(2)
-    before = evaluate(drawn, WEIGHTED)
-    drawn[2][:, 0] += 5.0
-    assert evaluate(drawn, WEIGHTED) == before
-
-
-def test_the_leader_has_no_part_in_the_initial_condition() -> None:
-    drawn = draw(1)
-    _, _, before, _ = evaluate(drawn, WEIGHTED)
-    drawn[4][0, 0] += 5.0
-    assert evaluate(drawn, WEIGHTED)[2] == before
-
-
 def test_a_masked_instant_has_no_residual_of_the_acceleration() -> None:
     v, p, dv, dp, *_, table = draw(2)
     mask = torch.ones(p.shape)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import torch
 
-from accpinn.methods.pinn.network import Adam, HiddenLayers, PaperNetwork, count_weights
+from accpinn.methods.pinn.network import Adam, PaperNetwork, count_weights
 from accpinn.methods.pinn.surrogate import FourierFeatures, output_columns, stack_outputs
 
 DOUBLE = torch.float64
@@ -42,21 +42,6 @@ def test_gradient_through_the_tangent_is_that_through_nested_differentiation() -
         torch.testing.assert_close(mine, nested, rtol=1e-9, atol=1e-12)
 
 
-def test_tangent_of_features_follows_the_chain_rule() -> None:
-    features = FourierFeatures(60.0, 0.2)
-    layers = HiddenLayers(features.size, 1, DOUBLE)
-    at, width = np.array([1.0, 17.3, 42.0]), 1e-5
-
-    def activations(time: np.ndarray) -> torch.Tensor:
-        value = torch.from_numpy(features(time))
-        return layers(value, torch.zeros_like(value))[0]
-
-    value = features(at)
-    _, rate = layers(torch.from_numpy(value), torch.from_numpy(value @ features.derivative()))
-    numerical = (activations(at + width) - activations(at - width)) / (2 * width)
-    torch.testing.assert_close(rate, numerical, rtol=1e-6, atol=1e-8)
-
-
 @pytest.mark.parametrize(("followers", "weights"), [(1, 7623), (3, 7867), (4, 7989)])
 def test_has_as_many_weights_as_the_paper_says(followers: int, weights: int) -> None:
     assert count_weights(PaperNetwork(followers, seed=0)) == weights
@@ -90,11 +75,6 @@ def test_first_weights_depend_on_the_seed_alone() -> None:
     assert not torch.equal(first(0), first(1))
 
 
-def test_two_hidden_layers_of_equal_shape_start_differently() -> None:
-    second, third = list(PaperNetwork(1, seed=0).hidden.layers)[1:]
-    assert not torch.equal(second.weight, third.weight)
-
-
 @pytest.mark.parametrize("followers", [1, 2, 10])
 def test_output_order_there_and_back(followers: int) -> None:
     rng = np.random.default_rng(followers)
@@ -126,14 +106,6 @@ class TestFeatures:
 
     def test_a_short_window_still_has_four_frequencies(self) -> None:
         assert len(FourierFeatures(10.0, 0.01).angular) == 4
-
-    def test_are_all_of_order_one(self) -> None:
-        features = FourierFeatures(300.0, 0.1)
-        values = features(np.linspace(0, 300, 500))
-        assert values.shape == (500, features.size)
-        assert np.abs(values).max() <= 1 + 1e-12
-        assert values[:, 0].tolist() == [1.0] * 500
-        assert values[[0, -1], 1].tolist() == [-1.0, 1.0]
 
 
 SHAPES = ((3, 2), (4,), (2, 3))
@@ -192,16 +164,3 @@ def test_adam_continues_from_its_state_bit_for_bit() -> None:
     assert second.steps == 10
     for mine, other in zip(straight, broken, strict=True):
         assert torch.equal(mine, other)
-
-
-def test_adams_state_stays_as_it_was_when_taken() -> None:
-    tensors = weights()
-    adam = Adam(tensors)
-    descend(tensors, 0)
-    adam.step(0.01)
-    state = adam.state()
-    kept = {name: values.copy() for name, values in state.items()}
-    descend(tensors, 1)
-    adam.step(0.01)
-    for name, values in kept.items():
-        np.testing.assert_array_equal(state[name], values)

@@ -52,12 +52,6 @@ def test_begins_where_the_other_ended(config: PinnConfig) -> None:
     assert after.history.parameters[0] == before.parameters
 
 
-def test_the_paper_s_training_goes_on_lowering_the_loss() -> None:
-    before = cold(PAPER_SHORT)
-    after = train(segment(), "II", PAPER_SHORT, threads=1, warm=warm(before))
-    assert after.loss["total"] < 0.9 * before.loss["total"]
-
-
 def test_one_set_of_parameters_from_several() -> None:
     platoon = driven(MIXED, noise=0.05)
     config = replace(PAPER, iterations=5)
