@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import replace
-from typing import Any, NoReturn
+from typing import NoReturn
 
 import numpy as np
 import pytest
@@ -14,6 +14,7 @@ from accpinn.methods.method import TaskContext
 from accpinn.methods.registry import METHODS
 from accpinn.model.cthp import Parameters
 from accpinn.recordings.openacc import read
+from accpinn.recordings.recording import Window
 from accpinn.segment.cut import cut
 from accpinn.segment.segment import Segment
 from accpinn.study.comparison import (
@@ -150,7 +151,7 @@ class TestFitRecords:
         shared = FitRecord.of(four, least_squares.fit(four, "I"))
         assert "case: II → I" in differences(one, shared)
         assert not one.same_as(shared)
-        changed: Any = replace(one.info, start=40.0, excluded_regimes=("manual",))
+        changed = replace(one.info, window=Window(40.0, 340.0), excluded_regimes=("manual",))
         moved = differences(one, replace(one, info=changed))
         assert "window: 0–300 s → 40–340 s" in moved
         assert "excluded: nothing → manual" in moved
