@@ -52,10 +52,6 @@ DRIVER = Quantity("Driver mode", "", "", 0, 0.0, 1.0, "Driver")
 RECORDED = {quantity.column: quantity for quantity in (TIME, SPEED, GAP, DRIVER)}
 """By the stem of the column."""
 
-RELATIVE_SPEED = Quantity("Relative speed", "Δv", "m/s", 2, -30.0, 30.0)
-ACCELERATION = Quantity("Acceleration", "a", "m/s²", 2, -10.0, 6.0)
-TIME_GAP = Quantity("Time gap", "p/v", "s", 2, 0.0, 10.0)
-
 ALPHA = Quantity("Gain on spacing", "α", "1/s²", 4, 0.0, 10.0)
 BETA = Quantity("Gain on relative speed", "β", "1/s", 4, 0.0, 10.0)
 TAU = Quantity("Time headway", "τ", "s", 3, 0.0, 5.0)

@@ -9,13 +9,9 @@ Seconds = Annotated[float, "s"]
 Metres = Annotated[float, "m"]
 MetresPerSecond = Annotated[float, "m/s"]
 PerSecond = Annotated[float, "1/s"]
-PerSecondSquared = Annotated[float, "1/s²"]
 RadiansPerSecond = Annotated[float, "rad/s"]
 
 FloatArray = NDArray[np.float64]
-SecondsArray = Annotated[FloatArray, "s"]
-MetresArray = Annotated[FloatArray, "m"]
-MetresPerSecondArray = Annotated[FloatArray, "m/s"]
 
 
 def frozen(values: object, *, dtype: type = np.float64) -> FloatArray:

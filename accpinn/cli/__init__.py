@@ -10,6 +10,7 @@ import re
 import sys
 from collections.abc import Sequence
 from importlib import import_module
+from textwrap import fill
 from typing import NoReturn
 
 from accpinn import __version__
@@ -19,7 +20,7 @@ from accpinn.errors import AccpinnError, ConfigError, ParameterError
 COMMANDS = {
     "info": "what a recording holds, and warnings about it",
     "fit": "learn α, β and τ from a window of a recording",
-    "starts": "the PiNN from five initial values, one table",
+    "starts": "train the PiNN from five initial values, one table",
     "compare": "all methods on the same window, side by side",
     "stability": "string stability of given parameters",
     "simulate": "a platoon behind a sinusoidal leader",
@@ -70,14 +71,14 @@ def _parser(arguments: Sequence[str]) -> argparse.ArgumentParser:
     parser = _Parser(
         prog="python -m accpinn",
         description="Learn the parameters of adaptive cruise control from OpenACC recordings.",
-        epilog=CONVENTIONS,
+        epilog=fill(CONVENTIONS),
     )
     parser.add_argument("--version", action="version", version=f"accpinn {__version__}")
     subparsers = parser.add_subparsers(metavar="COMMAND", required=True)
     for name, meaning in COMMANDS.items():
         sentence = f"{meaning[0].upper()}{meaning[1:]}."
         command = subparsers.add_parser(
-            name, help=meaning, description=sentence, epilog=CONVENTIONS
+            name, help=meaning, description=sentence, epilog=fill(CONVENTIONS)
         )
         if name in arguments:
             import_module(f"accpinn.cli.{name}").add_options(command)
@@ -92,6 +93,7 @@ class _Parser(argparse.ArgumentParser):
 
     def __init__(self, **settings: object) -> None:
         """With the settings of an `ArgumentParser`."""
+        settings["formatter_class"] = argparse.RawDescriptionHelpFormatter
         super().__init__(**settings)  # type: ignore[arg-type]
         self._negative_number_matcher = _NUMBERS  # else -1,1,1 would be taken for an option
 

@@ -6,15 +6,17 @@ from typing import Any
 
 from tqdm import tqdm
 
-from accpinn.cli.fit import describe_errors
 from accpinn.cli.options import (
     PARAMETER_NAMES,
+    add_method_help,
     add_run_options,
     add_segment_options,
     chosen_context,
     chosen_segment,
+    describe_errors,
     describe_parameters,
     describe_segment,
+    fields,
 )
 from accpinn.cli.output import print_json, show
 from accpinn.inference.identifiability import identifiability_warnings
@@ -34,11 +36,23 @@ from accpinn.study.comparison import (
     results_among,
 )
 
+WHITENESS = {
+    "deviation": "deviation",
+    "correlation": "correlation",
+    "memory": "memory",
+    "independent_samples": "independent",
+    "probability_white": "probability",
+}
+"""Keys of the document, and the attributes they hold."""
+
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Declare the command's options."""
     add_segment_options(parser)
-    parser.add_argument("--methods", default="all", metavar="all | A,B", help="which (all)")
+    add_method_help(parser)
+    parser.add_argument(
+        "--methods", default="all", metavar="all | A,B", help="some of those below (all)"
+    )
     add_run_options(parser)
     parser.set_defaults(run=run)
 
@@ -87,39 +101,29 @@ def _describe(
 def _describe_result(segment: Segment, result: MethodResult) -> dict[str, Any]:
     fit, evaluation = result.fit, result.evaluation
     return {
-        "method": fit.method,
-        "case": fit.case,
+        **fields(fit, "method", "case", "seconds", "cached"),
         "parameters": describe_parameters(segment, fit.parameters),
         "intervals": _describe_intervals(segment, result.uncertainty),
         "level": result.uncertainty.level,
         "surrogate_mae": describe_errors(evaluation.surrogate),
         "closed_loop_mae": describe_errors(evaluation.closed_loop),
         "collisions": evaluation.collision_times(segment.vehicles).tolist(),
-        "incidents": list(messages(evaluation.all_findings, segment)),
+        "incidents": messages(evaluation.all_findings, segment),
         "holdout_mae": describe_errors(evaluation.holdout),
         "blocks_mae": [
             {
-                "start": block.window.start,
-                "duration": block.window.duration,
+                **vars(block.window),
                 "mae": describe_errors(block.errors),
-                "incidents": list(messages(block.findings, segment)),
+                "incidents": messages(block.findings, segment),
             }
             for block in evaluation.blocks
         ],
         "unseen_mae": describe_errors(evaluation.out_of_window),
         "unseen_seconds": evaluation.out_of_window_seconds,
         "whiteness": [
-            {
-                "deviation": evaluation.whiteness.deviation[k],
-                "correlation": evaluation.whiteness.correlation[k],
-                "memory": evaluation.whiteness.memory[k],
-                "independent_samples": evaluation.whiteness.independent[k],
-                "probability_white": evaluation.whiteness.probability[k],
-            }
+            {key: getattr(evaluation.whiteness, name)[k] for key, name in WHITENESS.items()}
             for k in range(segment.followers)
         ],
-        "seconds": fit.seconds,
-        "cached": fit.cached,
         "outcome": fit.outcome.name.lower(),
         "notes": list(messages((*fit.findings, *result.uncertainty.findings), segment)),
     }

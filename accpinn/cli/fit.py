@@ -11,17 +11,19 @@ from typing import Any
 from tqdm import tqdm
 
 from accpinn.cli.options import (
+    add_method_help,
     add_run_options,
     add_segment_options,
     chosen_context,
     chosen_segment,
+    describe_errors,
     describe_parameters,
     describe_segment,
+    fields,
 )
 from accpinn.cli.output import one_line, print_json, show
 from accpinn.errors import ConfigError
 from accpinn.evaluation.closed_loop import (
-    TrackingErrors,
     closed_loop,
     closed_loop_errors,
     closed_loop_findings,
@@ -48,17 +50,19 @@ _SETTINGS = ("preset", "initial", "iterations", "lbfgs", "seed", "threads")
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Declare the command's options."""
     add_segment_options(parser)
-    parser.add_argument("--method", choices=list(METHODS), default="pinn", help="(pinn)")
-    parser.add_argument("--preset", choices=["fast", "paper"], help="of the PiNN (fast)")
-    parser.add_argument("--initial", metavar="A,B,T", help="α,β,τ to start from (1,1,1)")
-    parser.add_argument("--iterations", type=int, metavar="N", help="at most so many")
-    parser.add_argument("--lbfgs", type=int, metavar="N", help="paper: L-BFGS iterations, last")
-    parser.add_argument("--seed", type=int, metavar="N", help="of the PiNN (0)")
+    add_method_help(parser)
+    option = parser.add_argument
+    option("--method", choices=list(METHODS), default="pinn", metavar="NAME", help="(pinn)")
+    option("--preset", choices=["fast", "paper"], help="of the PiNN: seconds, or minutes (fast)")
+    option("--initial", metavar="A,B,T", help="α,β,τ to start from (1,1,1)")
+    option("--iterations", type=int, metavar="N", help="of the PiNN, at most")
+    option("--lbfgs", type=int, metavar="N", help="L-BFGS iterations that end the paper preset")
+    option("--seed", type=int, metavar="N", help="of the PiNN's random numbers (0)")
     add_run_options(parser)
-    parser.add_argument("--out", metavar="SNAPSHOT", help="keep the whole result in this file")
-    parser.add_argument("--with-data", action="store_true", help="speeds and gaps in it too")
-    parser.add_argument("--name", default="", help="of the snapshot")
-    parser.add_argument("--note", default="", help="in the snapshot")
+    option("--out", metavar="SNAPSHOT", help="save the result in this file")
+    option("--with-data", action="store_true", help="speeds and gaps in the snapshot, too")
+    option("--name", default="", help="of the snapshot")
+    option("--note", default="", help="in the snapshot")
     parser.set_defaults(run=run)
 
 
@@ -87,32 +91,26 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _keep(recording: Recording, segment: Segment, fit: Fit, options: argparse.Namespace) -> None:
-    snapshot = create(
-        segment,
-        fit,
-        recording=recording,
-        name=options.name,
-        note=options.note,
-        with_data=options.with_data,
-    )
+    about = {name: getattr(options, name) for name in ("name", "note", "with_data")}
+    snapshot = create(segment, fit, recording=recording, **about)
     print(one_line(f"Saved as {save(snapshot, options.out)}."), file=sys.stderr)
 
 
 def _settings(options: argparse.Namespace) -> PinnConfig | None:
     """The PiNN's settings; checked for any method, used by a method that has settings."""
-    changes: dict[str, Any] = {"seed": options.seed or 0}
-    if options.initial is not None:
-        changes["initial"] = _three_numbers(options.initial)
-    if options.iterations is not None:
-        changes["iterations"] = options.iterations
-    if options.lbfgs is not None:
-        changes["lbfgs_iterations"] = options.lbfgs
+    given = {
+        "initial": options.initial and _three_numbers(options.initial),
+        "iterations": options.iterations,
+        "lbfgs_iterations": options.lbfgs,
+        "seed": options.seed,
+    }
+    changes = {name: value for name, value in given.items() if value is not None}
     settings = preset(options.preset or "fast", **changes)
     if METHODS[options.method].settings:
         return settings
     idle = [f"--{name}" for name in _SETTINGS if getattr(options, name) is not None]
     if idle:
-        note = f"Note: {', '.join(idle)} has no effect, as only the PiNN has such a setting."
+        note = f"Note: {', '.join(idle)} has no effect: only the PiNN has such a setting."
         print(note, file=sys.stderr)
     return None
 
@@ -180,34 +178,22 @@ class _ProgressBar:
 def describe(segment: Segment, fit: Fit, quality: Quality) -> dict[str, Any]:
     """The result as the command-line contract has it."""
     return {
-        "method": fit.method,
-        "case": fit.case,
+        **fields(fit, "method", "case", "loss", "network_weights", "iterations"),
+        **fields(fit, "seconds", "cached"),
         "preset": fit.config.get("preset"),
         "seed": fit.config.get("seed"),
         "segment": describe_segment(segment),
         "parameters": describe_parameters(segment, fit.parameters),
         "unconstrained": describe_parameters(segment, fit.unconstrained),
-        "active_bounds": [list(names) for names in fit.active_bounds],
+        "active_bounds": fit.active_bounds,
         "mae": describe_errors(surrogate_errors(segment, fit)),
         "closed_loop_mae": describe_errors(closed_loop_errors(segment, fit)),
-        "incidents": list(_events(segment, fit)),
-        "mean_time_gap": list(quality.mean_time_gap),
-        "loss": fit.loss,
-        "network_weights": fit.network_weights,
-        "iterations": fit.iterations,
-        "seconds": fit.seconds,
-        "cached": fit.cached,
+        "incidents": _events(segment, fit),
+        "mean_time_gap": quality.mean_time_gap,
         "outcome": fit.outcome.name.lower(),
         "outcome_sentence": outcome_message(fit),
-        "notes": list(_notes(segment, fit, quality)),
+        "notes": _notes(segment, fit, quality),
     }
-
-
-def describe_errors(errors: TrackingErrors | None) -> dict[str, list[float]] | None:
-    """Mean absolute errors of speeds (M+1) in m/s and gaps (M) in m."""
-    if errors is None:
-        return None
-    return {"v": errors.speed_mae.tolist(), "p": errors.gap_mae.tolist()}
 
 
 def _events(segment: Segment, fit: Fit) -> tuple[str, ...]:

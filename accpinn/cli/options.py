@@ -4,7 +4,11 @@ import argparse
 from collections.abc import Callable
 from typing import Any
 
+import numpy as np
+
+from accpinn.channels import PARAMETERS
 from accpinn.errors import ConfigError, SegmentError
+from accpinn.evaluation.closed_loop import TrackingErrors
 from accpinn.methods.method import TaskContext
 from accpinn.methods.store import Store
 from accpinn.model.cthp import Parameters
@@ -24,46 +28,53 @@ from accpinn.segment.vehicles import parse_vehicles
 PARAMETER_NAMES = ("alpha", "beta", "tau")
 
 
+def add_method_help(parser: argparse.ArgumentParser) -> None:
+    """Explain the methods below the options."""
+    from accpinn.methods.registry import METHODS  # not needed for parameters given by hand
+
+    lines = [f"  {key:<16} {method.summary}" for key, method in METHODS.items()]
+    parser.epilog = "\n".join(["methods:", *lines, "", parser.epilog or ""])
+
+
 def add_segment_options(parser: argparse.ArgumentParser) -> None:
     """Declare the options that choose data, the same for every command that estimates."""
     parser.add_argument("file", metavar="FILE", help="an OpenACC recording (CSV)")
-    parser.add_argument("--start", type=float, default=0.0, metavar="S", help="window start in s")
-    parser.add_argument(
-        "--duration", type=float, default=DURATION, metavar="S", help="window length in s"
-    )
-    parser.add_argument(
+    option = parser.add_argument
+    option("--start", type=float, default=0.0, metavar="S", help="of the window in s (0)")
+    option("--duration", type=float, default=DURATION, metavar="S", help=f"in s ({DURATION:g})")
+    option(
         "--vehicles",
         type=_parsed(parse_vehicles),
         metavar="1-5 | 1,2",
-        help="leader first; default: the longest run of vehicles that starts at the first",
+        help="leader first (the longest run of recorded vehicles from the first on)",
     )
-    parser.add_argument(
+    option(
         "--leave-out",
         type=_parsed(parse_regimes),
         default=(),
         metavar="REGIME,..",
-        help="regimes whose instants do not count in the model's equation:"
+        help="regimes to exclude from the model's equation:"
         f" {', '.join(map(as_typed, EXCLUDABLE))}",
     )
-    parser.add_argument("--case", choices=["I", "II"], default="II", help="I: one set for all (II)")
+    option("--case", choices=["I", "II"], default="II", help="I: one set for all followers (II)")
 
 
 def add_run_options(parser: argparse.ArgumentParser) -> None:
     """Declare how estimations run and how the result is printed."""
     parser.add_argument("--threads", type=int, metavar="N", help="processor threads for training")
-    parser.add_argument("--no-cache", action="store_true", help="neither read nor keep results")
+    parser.add_argument("--no-cache", action="store_true", help="neither read nor store results")
     parser.add_argument("--json", action="store_true", help="one JSON document")
 
 
 def add_parameter_options(parser: argparse.ArgumentParser) -> None:
     """Declare α, β, τ with one value a vehicle, first follower first; or a snapshot."""
-    for name, symbol, unit in zip(PARAMETER_NAMES, "αβτ", ("1/s²", "1/s", "s"), strict=True):
+    for name, parameter in zip(PARAMETER_NAMES, PARAMETERS, strict=True):
         parser.add_argument(
             f"--{name}",
             type=float,
             nargs="+",
             metavar=name[0].upper(),
-            help=f"{symbol} in {unit}, one value a vehicle",
+            help=f"{parameter.symbol} in {parameter.unit}, one value a vehicle",
         )
     parser.add_argument(
         "--snapshot", metavar="FILE", help="take the estimated parameters of a snapshot instead"
@@ -127,13 +138,9 @@ def describe_segment(segment: Segment) -> dict[str, Any]:
     """Which data a result rests on, as the command-line contract has it."""
     info = segment.info
     return {
-        "source": info.source,
-        "start": info.window.start,
-        "duration": info.window.duration,
-        "samples": info.samples,
-        "vehicles": list(info.vehicles),
-        "names": list(info.names),
-        "left_out": {"regimes": list(info.excluded_regimes), "share": list(info.excluded_share)},
+        **vars(info.window),
+        **fields(info, "source", "samples", "vehicles", "names"),
+        "left_out": {"regimes": info.excluded_regimes, "share": info.excluded_share},
     }
 
 
@@ -146,3 +153,19 @@ def describe_parameters(segment: Segment, parameters: Parameters | None) -> list
         {"vehicle": vehicle, "name": name, **dict(zip(PARAMETER_NAMES, row, strict=True))}
         for vehicle, name, row in rows
     ]
+
+
+def describe_errors(errors: TrackingErrors | None) -> dict[str, list[float]] | None:
+    """Mean absolute errors of speeds (M+1) in m/s and gaps (M) in m."""
+    return (
+        None if errors is None else {"v": errors.speed_mae.tolist(), "p": errors.gap_mae.tolist()}
+    )
+
+
+def fields(of: object, *names: str) -> dict[str, Any]:
+    """Those attributes of an object under their own names, arrays as lists."""
+    values = {name: getattr(of, name) for name in names}
+    return {
+        name: value.tolist() if isinstance(value, np.ndarray) else value
+        for name, value in values.items()
+    }

@@ -3,7 +3,7 @@
 import argparse
 from typing import Any
 
-from accpinn.cli.options import add_parameter_options, chosen_parameters
+from accpinn.cli.options import add_parameter_options, chosen_parameters, fields
 from accpinn.cli.output import print_json, show
 from accpinn.errors import ConfigError
 from accpinn.model.cthp import Parameters
@@ -66,14 +66,14 @@ def _platoon(parameters: Parameters, vehicles: int | None) -> Parameters:
 def describe(result: PlatoonRun) -> dict[str, Any]:
     """The run as the command-line contract has it."""
     waves = result.amplitudes
+    assert waves is not None  # behind a sinusoid there are some
     return {
-        "amplitude": waves.measured.tolist() if waves else None,
-        "predicted_amplitude": waves.predicted.tolist() if waves else None,
-        "settled": waves.settled.tolist() if waves else None,
-        "minimum_gap": result.minimum_gap.tolist(),
-        "minimum_gap_time": result.minimum_gap_time.tolist(),
-        "collisions": [{"follower": c.follower, "time": c.time} for c in result.collisions],
-        "warnings": list(messages(result.findings, PLACES)),
+        "amplitude": waves.measured.tolist(),
+        "predicted_amplitude": waves.predicted.tolist(),
+        "settled": waves.settled.tolist(),
+        **fields(result, "minimum_gap", "minimum_gap_time"),
+        "collisions": [fields(collision, "follower", "time") for collision in result.collisions],
+        "warnings": messages(result.findings, PLACES),
     }
 
 

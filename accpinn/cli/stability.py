@@ -3,13 +3,12 @@
 import argparse
 from typing import Any
 
-from accpinn.cli.options import add_parameter_options, chosen_parameters
+from accpinn.cli.options import PARAMETER_NAMES, add_parameter_options, chosen_parameters, fields
 from accpinn.cli.output import print_json, show
 from accpinn.model.cthp import Parameters
 from accpinn.model.published import ParameterSet
 from accpinn.results.messages.stability import TITLES, reason
 from accpinn.results.tables.stability import answer, stability_table
-from accpinn.stability.frequency import Peak
 from accpinn.stability.report import (
     StabilityReport,
     VehicleStability,
@@ -43,7 +42,7 @@ def describe(report: StabilityReport) -> dict[str, Any]:
     return {
         "vehicles": [_vehicle(vehicle) for vehicle in report.vehicles],
         "platoon": {
-            "head_to_tail_peaks": [_peak(peak) for peak in platoon.peaks],
+            "head_to_tail_peaks": [vars(peak) for peak in platoon.peaks],
             "head_to_tail_linf": platoon.linf.gain.tolist(),
             "head_to_tail_linf_error": platoon.linf.error.tolist(),
             **{name: _verdict(getattr(platoon, name), report) for name in PLATOON},
@@ -52,33 +51,24 @@ def describe(report: StabilityReport) -> dict[str, Any]:
 
 
 def _vehicle(vehicle: VehicleStability) -> dict[str, Any]:
-    parameters, smallest = vehicle.parameters, vehicle.smallest_tau
+    smallest = vehicle.smallest_tau
+    found = {
+        "l2": {"criterion": vehicle.l2.value},
+        "linf_paper": {"criterion": vehicle.linf_paper.value},
+        "linf_exact": {"gain": vehicle.linf_gain},
+    }
     return {
-        "alpha": parameters.alpha,
-        "beta": parameters.beta,
-        "tau": parameters.tau,
-        "l2": {"criterion": vehicle.l2.value, **_verdict(vehicle.l2, vehicle)},
-        "linf_paper": {
-            "criterion": vehicle.linf_paper.value,
-            **_verdict(vehicle.linf_paper, vehicle),
-        },
-        "linf_exact": {"gain": vehicle.linf_gain, **_verdict(vehicle.linf_exact, vehicle)},
-        "peak": _peak(vehicle.peak),
-        "crossover": vehicle.crossover,
-        "overshoot": vehicle.overshoot,
-        "damping_ratio": vehicle.damping_ratio,
+        **fields(vehicle.parameters, *PARAMETER_NAMES),
+        **{name: one | _verdict(getattr(vehicle, name), vehicle) for name, one in found.items()},
+        **fields(vehicle, "crossover", "overshoot", "damping_ratio"),
+        "peak": vars(vehicle.peak),
         "poles": [[pole.real, pole.imag] for pole in vehicle.poles],
-        "smallest_tau": smallest and dict(vars(smallest)),
+        "smallest_tau": smallest and vars(smallest),
     }
 
 
-def _peak(peak: Peak) -> dict[str, Any]:
-    return {"gain": peak.gain, "db": peak.db, "omega": peak.omega}
-
-
 def _verdict(verdict: Verdict, of: VehicleStability | StabilityReport) -> dict[str, Any]:
-    why = reason(verdict, of)
-    return {"stable": verdict.stable, "marginal": verdict.marginal, "reason": why}
+    return {**fields(verdict, "stable", "marginal"), "reason": reason(verdict, of)}
 
 
 def _text(parameters: Parameters, report: StabilityReport) -> str:

@@ -3,6 +3,7 @@
 import argparse
 import sys
 from dataclasses import replace
+from textwrap import fill
 from typing import Any
 
 from tqdm import tqdm
@@ -15,6 +16,7 @@ from accpinn.cli.options import (
     chosen_segment,
     describe_parameters,
     describe_segment,
+    fields,
 )
 from accpinn.cli.output import print_json, show
 from accpinn.errors import ConfigError
@@ -25,14 +27,20 @@ from accpinn.results.tables.estimates import multistart_table
 from accpinn.segment.segment import Segment
 
 MOST_SEEDS = 100
+ABOUT = fill(
+    "The PiNN is trained from each initial (α, β, τ) of the paper's Table I, once a seed:"
+    f" {len(STARTS)} trainings with one seed, as long as `fit` takes each. The table has a row a"
+    " training; its last row is the spread of the estimates, in percent."
+)
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Declare the command's options."""
     add_segment_options(parser)
+    parser.epilog = f"{ABOUT}\n\n{parser.epilog}"
     parser.add_argument("--preset", choices=["fast", "paper"], default="fast", help="(fast)")
-    parser.add_argument("--iterations", type=int, metavar="N", help="at most so many each")
-    parser.add_argument("--seeds", type=int, default=1, metavar="N", help="as many seeds each (1)")
+    parser.add_argument("--iterations", type=int, metavar="N", help="of each training, at most")
+    parser.add_argument("--seeds", type=int, default=1, metavar="N", help="per start (1)")
     add_run_options(parser)
     parser.set_defaults(run=run)
 
@@ -72,8 +80,7 @@ def _describe(segment: Segment, found: MultistartResult) -> dict[str, Any]:
                 "parameters": describe_parameters(segment, trial.fit.parameters),
                 "surrogate_gap_mae": trial.surrogate and trial.surrogate.gap_mae.tolist(),
                 "outcome": trial.fit.outcome.name.lower(),
-                "iterations": trial.fit.iterations,
-                "seconds": trial.fit.seconds,
+                **fields(trial.fit, "iterations", "seconds"),
             }
             for trial in found.trials
         ],

@@ -219,4 +219,7 @@ class Unscented:
         return Moments(mean, deviations, deviations.swapaxes(-1, -2) * self._squares)
 
 
-METHOD = direct("dual-ukf", "Dual UKF", fit, typical_seconds=2.0)
+METHOD = direct(
+    "dual-ukf", "Dual UKF", fit, typical_seconds=2.0,
+    summary="dual unscented Kalman filter: motion and parameters, side by side",
+)  # fmt: skip

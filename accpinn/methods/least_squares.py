@@ -32,4 +32,7 @@ def fit(segment: Segment, case: Case = "II") -> Fit:
     )
 
 
-METHOD = direct("least-squares", "Least squares", fit, typical_seconds=0.1)
+METHOD = direct(
+    "least-squares", "Least squares", fit, typical_seconds=0.1,
+    summary="batch least squares on finite differences of the speeds",
+)  # fmt: skip

@@ -52,6 +52,8 @@ class Method:
     """Its name on pages, in tables and in figures."""
     run: Callable[[Segment, Case, Any, TaskContext], Run]
     """Segment, case, settings (None for the defaults) and context to an estimation at work."""
+    summary: str
+    """What it does, in one line, for the help of the command line."""
     typical_seconds: Seconds
     """Four followers over 300 s on two cores, cross-validation included."""
     tolerance: float = 1e-6

@@ -191,4 +191,7 @@ def _first_theta(random: np.random.Generator, sets: int, particles: int) -> Floa
     return np.stack([alpha, alpha * tau, beta])
 
 
-METHOD = direct("particle", "Particle filter", fit, typical_seconds=6.7)
+METHOD = direct(
+    "particle", "Particle filter", fit, typical_seconds=6.7,
+    summary="particle filter over motion and parameters",
+)  # fmt: skip

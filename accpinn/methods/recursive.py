@@ -29,10 +29,11 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.signal import lfilter
 
+from accpinn.mask import Mask
 from accpinn.methods.fit import BoundActiveAtTimes, Fit, MethodFinding, Outcome, WeaklyDetermined
 from accpinn.methods.method import direct
 from accpinn.methods.online import kept_samples, track
-from accpinn.methods.regression import Mask, Solution, solve_bounded
+from accpinn.methods.regression import Solution, solve_bounded
 from accpinn.model.cthp import LINEAR_NAMES, Case, regressors
 from accpinn.segment.segment import Segment
 from accpinn.units import FloatArray, Seconds, frozen
@@ -183,4 +184,7 @@ def _findings(segment: Segment, theta: FloatArray, solution: Solution) -> list[M
     return found
 
 
-METHOD = direct("recursive", "Recursive", fit, typical_seconds=0.3)
+METHOD = direct(
+    "recursive", "Recursive", fit, typical_seconds=0.3,
+    summary="recursive least squares with exponential forgetting",
+)  # fmt: skip

@@ -15,16 +15,14 @@ from itertools import combinations
 from typing import Self
 
 import numpy as np
-from numpy.typing import NDArray
 
+from accpinn.mask import Mask
 from accpinn.model.cthp import LINEAR_NAMES, Case, Parameters, regressors
 from accpinn.segment.segment import Segment
 from accpinn.units import FloatArray, Seconds, frozen
 
 STEP: Seconds = 1.0
 """T."""
-
-Mask = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, eq=False)

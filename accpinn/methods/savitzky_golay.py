@@ -63,4 +63,7 @@ def _window_samples(segment: Segment, window: Seconds) -> int:
     return min(wanted, segment.samples - 1 + segment.samples % 2)
 
 
-METHOD = direct("savitzky-golay", "Savitzky-Golay", fit, typical_seconds=0.1)
+METHOD = direct(
+    "savitzky-golay", "Savitzky-Golay", fit, typical_seconds=0.1,
+    summary="batch least squares on smoothed signals",
+)  # fmt: skip

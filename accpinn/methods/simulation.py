@@ -35,7 +35,7 @@ from scipy.optimize import OptimizeResult
 from scipy.optimize import least_squares as minimise
 
 from accpinn.errors import SegmentError
-from accpinn.mask import stretches
+from accpinn.mask import Mask, stretches
 from accpinn.methods import least_squares, splines
 from accpinn.methods.fit import (
     Fit,
@@ -46,7 +46,7 @@ from accpinn.methods.fit import (
     WeaklyDetermined,
 )
 from accpinn.methods.method import direct
-from accpinn.methods.regression import Mask, Solution
+from accpinn.methods.regression import Solution
 from accpinn.model.cthp import (
     LARGEST,
     LARGEST_ALPHA_TAU,
@@ -322,4 +322,7 @@ class _Search:
             )
 
 
-METHOD = direct("simulation", "Simulation", fit, typical_seconds=1.4, is_closed_loop=True)
+METHOD = direct(
+    "simulation", "Simulation", fit, typical_seconds=1.4, is_closed_loop=True,
+    summary="the parameters whose closed-loop simulation is nearest the recording",
+)  # fmt: skip

@@ -232,4 +232,7 @@ def _coefficients_of_squares(
     return rr, rv, vv
 
 
-METHOD = direct("splines", "Splines", fit, typical_seconds=0.3)
+METHOD = direct(
+    "splines", "Splines", fit, typical_seconds=0.3,
+    summary="smoothing with splines: the limit of the PiNN's loss",
+)  # fmt: skip

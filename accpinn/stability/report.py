@@ -10,8 +10,8 @@ from functools import partial
 from math import isnan
 
 import numpy as np
-from numpy.typing import NDArray
 
+from accpinn.mask import Mask
 from accpinn.model.cthp import Parameters
 from accpinn.stability.criteria import (
     MARGINAL,
@@ -29,8 +29,6 @@ from accpinn.stability.frequency import Peak, crossovers, peaks, poles
 from accpinn.stability.head_to_tail import Gains, head_to_tail_gains, head_to_tail_peaks
 from accpinn.stability.linf_gain import step_metrics
 from accpinn.units import FloatArray, RadiansPerSecond, Seconds
-
-Mask = NDArray[np.bool_]
 
 
 class Behaviour(Enum):

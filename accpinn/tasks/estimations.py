@@ -28,18 +28,18 @@ def training(owner: str, request: TrainingRequest) -> Task[Fit]:
 
     def steps(context: TaskContext) -> Iterator[Progress | Fit]:
         load_torch()
-        from accpinn.methods.pinn.training import train
+        from accpinn.methods.pinn.training import training as run
 
-        yield train(
+        fit = yield from run(
             request.segment,
             request.case,
             request.config,
             store=context.store,
-            on_progress=context.on_progress,
             should_stop=context.should_stop,
             threads=context.threads,
             warm=request.warm,
         )
+        yield fit
 
     return Task(owner, "training", steps, request=request)
 

@@ -181,6 +181,7 @@ METHOD = Method(
     key="pinn",
     title="PiNN",
     run=_run,
+    summary="physics-inspired neural network: trajectories and parameters learned together",
     typical_seconds=2.9,
     tolerance=1e-3,
     settings=PinnConfig,

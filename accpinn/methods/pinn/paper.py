@@ -12,6 +12,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from accpinn.mask import Mask
 from accpinn.methods.fit import HoldoutLoss, Outcome
 from accpinn.methods.history import Checkpoint
 from accpinn.methods.pinn.loss import LossTerms, loss_terms
@@ -19,7 +20,7 @@ from accpinn.methods.pinn.method import WarmStart
 from accpinn.methods.pinn.network import Adam, PaperNetwork, count_weights, load_state, state_of
 from accpinn.methods.pinn.protocol import Learned, Problem
 from accpinn.methods.pinn.surrogate import output_columns
-from accpinn.methods.regression import Mask, Regression, Solution
+from accpinn.methods.regression import Regression, Solution
 from accpinn.model.cthp import Parameters
 from accpinn.units import FloatArray
 

@@ -30,7 +30,7 @@ from accpinn.results.tables.names import name_of
 from accpinn.segment.cut import cut
 from accpinn.segment.quality import assess_quality
 from accpinn.segment.regimes import exclude_regimes, label_regimes
-from accpinn.segment.segment import Segment
+from accpinn.segment.segment import Segment, WindowMoved, WindowShortened
 from accpinn.serial import NOT_FINITE, dump, flatten
 
 RECORDING, REFIT = "--recording", "--refit"
@@ -199,9 +199,15 @@ class _Work:
             self.checks.append(done)
 
     def provenance(self, segment: Segment, recording: Recording) -> None:
-        """Names, notes and facts as the recording has them; its file may be called otherwise."""
-        stored = [self.snapshot.info, self.snapshot.facts]
-        found = [replace(segment.info, source=self.snapshot.info.source), facts_of(recording)]
+        """Names, findings and facts as the recording has them; its file may be called otherwise.
+
+        How a window was moved or shortened cannot be seen again: it is cut as it then was.
+        """
+        info = self.snapshot.info
+        moved = WindowMoved | WindowShortened
+        kept = tuple(finding for finding in info.findings if not isinstance(finding, moved))
+        stored = [replace(info, findings=kept), self.snapshot.facts]
+        found = [replace(segment.info, source=info.source), facts_of(recording)]
         some = slice(None if self.snapshot.facts else 1)  # else it was taken without its recording
         self.compare("info", stored[some], found[some])
 

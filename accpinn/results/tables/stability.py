@@ -19,6 +19,7 @@ def stability_table(vehicles: ParameterSet, report: StabilityReport) -> Table:
     """One row a vehicle: parameters, verdicts, peak, crossover, exact gain, smallest headways."""
     found = report.vehicles
     headways = [vehicle.smallest_tau for vehicle in found]
+    gain = Column(LINF_GAIN.symbol, "", LINF_GAIN.digits, LINF, key="linf_gain")
     frequency, digits = FREQUENCY.unit, FREQUENCY.digits
     return Table.of(
         f"String stability, {vehicles.title}",
@@ -31,7 +32,7 @@ def stability_table(vehicles: ParameterSet, report: StabilityReport) -> Table:
             (Column("Amplified below", frequency, digits, L2), [v.crossover for v in found]),
             (Column("Paper's criterion", group=LINF), [answer(v.linf_paper) for v in found]),
             (Column("Exact criterion", group=LINF), [answer(v.linf_exact) for v in found]),
-            (Column("‖h‖₁", "", LINF_GAIN.digits, LINF), [v.linf_gain for v in found]),
+            (gain, [v.linf_gain for v in found]),
             (Column("L₂", "s", 2, HEADWAY), [h.l2 if h else None for h in headways]),
             (Column("L∞", "s", 2, HEADWAY), [h.linf_exact if h else None for h in headways]),
         ],

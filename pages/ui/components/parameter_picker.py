@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import pandas as pd
 import streamlit as st
 
+from accpinn.channels import PARAMETERS
 from accpinn.errors import ParameterError
 from accpinn.methods.fit import Fit
 from accpinn.model.cthp import Parameters
@@ -26,7 +27,7 @@ SOURCES: dict[Source, str] = {
     "snapshot": "Snapshot",
     "hand": "By hand",
 }
-COLUMNS = ("Vehicle", "α [1/s²]", "β [1/s]", "τ [s]")
+COLUMNS = ("Vehicle", *(parameter.heading for parameter in PARAMETERS))
 BY_HAND = "parameters by hand"
 MOST = 20
 """Vehicles typed in at most."""

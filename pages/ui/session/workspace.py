@@ -3,13 +3,14 @@
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from accpinn.errors import ConfigError, SegmentError
 from accpinn.inference.intervals import Uncertainty, intervals
 from accpinn.inference.multistart import Trial
 from accpinn.methods.fit import Fit, Outcome
 from accpinn.methods.pinn.config import PinnConfig, PresetName
+from accpinn.methods.pinn.method import WarmStart
 from accpinn.model.cthp import Case, Parameters
 from accpinn.recordings.recording import Recording, Window
 from accpinn.recordings.synthetic import Truth
@@ -31,9 +32,6 @@ from accpinn.tasks.request import TrainingRequest
 from accpinn.tasks.task import Task
 from pages.ui.session.resources import task_queue
 from pages.ui.session.ui_state import MapChoice, ParameterChoice, PlatoonChoice
-
-if TYPE_CHECKING:
-    from accpinn.methods.pinn.method import WarmStart
 
 KEPT_RECORDS = 24
 """Three comparisons of eight methods."""
@@ -157,15 +155,11 @@ class Workspace:
             return None
         return cut(self.recording, self.window.start, self.window.duration, self.vehicles)
 
-    def request(
-        self, config: PinnConfig, warm: "WarmStart | None" = None
-    ) -> TrainingRequest | None:
+    def request(self, config: PinnConfig, warm: WarmStart | None = None) -> TrainingRequest | None:
         """The request for a training of the segment; None where there is no segment."""
         return TrainingRequest(self.segment, self.case, config, warm) if self.segment else None
 
-    def train(
-        self, config: PinnConfig, warm: "WarmStart | None" = None, anew: bool = False
-    ) -> None:
+    def train(self, config: PinnConfig, warm: WarmStart | None = None, anew: bool = False) -> None:
         """Queue a training of the segment.
 
         Args:
@@ -178,13 +172,11 @@ class Workspace:
             self.training = task_queue().submit(estimations.training(self.id, request), anew)
 
     @property
-    def warm(self) -> "WarmStart | None":
+    def warm(self) -> WarmStart | None:
         """The network of the snapshot shown, if it has one."""
         snapshot = self.snapshot
         if snapshot is None or not snapshot.fit.arrays:
             return None
-        from accpinn.methods.pinn.method import WarmStart
-
         return WarmStart.of(snapshot.fit, f"snapshot {snapshot.id}")
 
     def compare(self) -> None:

@@ -1,12 +1,12 @@
 """Buttons that start, stop and continue a training."""
 
 from contextlib import suppress
-from typing import TYPE_CHECKING
 
 import streamlit as st
 
 from accpinn.errors import ConfigError
 from accpinn.methods.pinn.config import PinnConfig
+from accpinn.methods.pinn.method import WarmStart
 from accpinn.tasks.task import Status
 from pages.ui.components.messages import attempt
 from pages.ui.components.monitor import stop_button
@@ -18,9 +18,6 @@ from pages.ui.train.settings import (
     options,
     preset_line,
 )
-
-if TYPE_CHECKING:
-    from accpinn.methods.pinn.method import WarmStart
 
 CONTINUES = (
     "A training of this window with these settings, here or in another session, was stopped there;"
@@ -102,14 +99,14 @@ def start(workspace: Workspace, from_snapshot: bool = False, anew: bool = False)
 
 
 def resume_iteration(
-    workspace: Workspace, config: PinnConfig, warm: "WarmStart | None"
+    workspace: Workspace, config: PinnConfig, warm: WarmStart | None
 ) -> int | None:
     """The iteration from which an earlier training would go on; None where there is none."""
     request = workspace.request(config, warm)
     return request.resume_iteration(store()) if request else None
 
 
-def stopped_warm(workspace: Workspace, config: PinnConfig | None) -> "WarmStart | None":
+def stopped_warm(workspace: Workspace, config: PinnConfig | None) -> WarmStart | None:
     """The weights with which the stopped training began: going on is the same request."""
     training = workspace.training
     asked = training.request if training and training.status is Status.STOPPED else None

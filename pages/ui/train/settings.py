@@ -5,6 +5,7 @@ from typing import Any
 
 import streamlit as st
 
+from accpinn.channels import PARAMETERS
 from accpinn.methods.pinn.config import PRESETS, STARTS, PinnConfig
 from pages.ui.components.widgets import number, segments, select
 from pages.ui.session.workspace import Workspace
@@ -110,7 +111,7 @@ class _Fields:
             lambda initial: self._changes.update(initial=initial),
             lambda initial: "α {:g}, β {:g}, τ {:g}".format(*initial), place=columns[0],
         )  # fmt: skip
-        labels = ("Initial α [1/s²]", "Initial β [1/s]", "Initial τ [s]")
+        labels = tuple(f"Initial {parameter.heading}" for parameter in PARAMETERS)
         self.several("initial", labels, columns[1:])
 
     def reset(self) -> None:

@@ -16,6 +16,7 @@ from accpinn.results.messages.snapshot import check_rows
 from accpinn.results.report.page import render_report
 from accpinn.results.report.pictures import fits, motion, platoon
 from accpinn.results.snapshot.verification import verify
+from accpinn.results.tables.names import name_of
 from tests.support.snapshots import small, whole
 
 HOSTILE = "</script><script>alert(1)</script>\"'><img src=x onerror=alert(1)>$y$_z_&amp;"
@@ -167,7 +168,7 @@ class TestContents:
         assert made is not None
         assert "not part of this report" in made.caption
         names = {trace.name for picture in fits(without) for trace in picture.figure.data}
-        assert names == {"network"}
+        assert names == {name_of(whole().fit)}
 
     def test_the_platoon_repeats_the_vehicle_that_amplifies_most(self) -> None:
         stability, made = whole().stability, platoon(whole())

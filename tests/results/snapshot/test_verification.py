@@ -11,6 +11,7 @@ import pytest
 
 from accpinn.cli import main
 from accpinn.evaluation.cross_validation import pooled_holdout_errors
+from accpinn.methods import splines
 from accpinn.methods.fit import Outcome
 from accpinn.model.cthp import Parameters
 from accpinn.recordings.openacc import read
@@ -27,6 +28,8 @@ from accpinn.results.snapshot.verification import (
     compare,
     verify,
 )
+from accpinn.segment.cut import cut
+from accpinn.segment.segment import WindowShortened
 from tests.support.driving import driven, standing_still
 from tests.support.methods import RIVALS as ESTIMATORS
 from tests.support.samples import FOLDER, NOISY, PLATOON
@@ -106,6 +109,13 @@ class TestHonest:
         assert found.ok
         assert {"window", "info", "uncertainty"} <= {check.part for check in found.checks}
         assert RECORDING not in {one.cure for one in found.unchecked}
+
+    def test_a_window_that_was_shortened(self) -> None:
+        recording = read(FOLDER / f"{NOISY}.csv")
+        segment = cut(recording, recording.duration - 60, 300, (1, 2))
+        assert any(isinstance(finding, WindowShortened) for finding in segment.findings)
+        kept = create(segment, splines.fit(segment), recording=recording, name="end")
+        assert verify(kept, recording).ok
 
     @pytest.mark.parametrize("honest", [small, whole])
     def test_every_method_finds_the_same_again(self, honest: Callable[[], Snapshot]) -> None:
