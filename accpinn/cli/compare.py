@@ -112,7 +112,7 @@ def _describe_result(segment: Segment, result: MethodResult) -> dict[str, Any]:
         "holdout_mae": describe_errors(evaluation.holdout),
         "blocks_mae": [
             {
-                **vars(block.window),
+                **fields(block.window, "start", "duration"),
                 "mae": describe_errors(block.errors),
                 "incidents": messages(block.findings, segment),
             }

@@ -138,7 +138,7 @@ def describe_segment(segment: Segment) -> dict[str, Any]:
     """Which data a result rests on, as the command-line contract has it."""
     info = segment.info
     return {
-        **vars(info.window),
+        **fields(info.window, "start", "duration"),
         **fields(info, "source", "samples", "vehicles", "names"),
         "left_out": {"regimes": info.excluded_regimes, "share": info.excluded_share},
     }

@@ -1,0 +1,193 @@
+"""The command line as a process: streams, exit codes, interrupts and kills."""
+
+import os
+import re
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from accpinn.cli import main
+from accpinn.cli.fit import _Interrupt
+from accpinn.cli.output import print_json, show
+from tests.support.command import ROOT, SHORT, STUDY, strict
+
+
+def command(*arguments: object) -> list[str]:
+    return [sys.executable, "-m", "accpinn", *map(str, arguments)]
+
+
+@pytest.mark.parametrize("text", ["\x1b[31m", "\u202egnp", "\x9b", "\udcff", "two\nlines"])
+def test_texts_and_documents_do_not_steer_a_terminal(
+    capsys: pytest.CaptureFixture[str], text: str
+) -> None:
+    show(f"a  {text}  1")
+    assert all(line.isprintable() for line in capsys.readouterr().out.splitlines())
+    print_json({"name": text, "nothing": float("inf")})
+    printed = capsys.readouterr().out
+    assert all(line.isprintable() for line in printed.splitlines())
+    assert strict(printed) == {"name": text, "nothing": None}
+
+
+class TestAsAProcess:
+    def test_exit_codes_and_streams(self) -> None:
+        found = [
+            subprocess.run(command(*arguments), cwd=ROOT, capture_output=True, text=True)
+            for arguments in (
+                ("info", STUDY, "--json"),
+                ("info", "nowhere.csv"),
+                ("fit", STUDY, "--case", "III"),
+            )
+        ]
+        assert [done.returncode for done in found] == [0, 1, 2]
+        assert strict(found[0].stdout)["samples"] == 3001
+        assert found[0].stderr == ""
+        assert found[1].stderr.splitlines() == [found[1].stderr.rstrip()]
+        assert not any("Traceback" in done.stderr for done in found)
+
+    @pytest.mark.skipif(not Path("/dev/full").exists(), reason="no device that is always full")
+    @pytest.mark.parametrize("unbuffered", ["", "1"])
+    def test_an_output_that_is_full_is_said_in_one_line(self, unbuffered: str) -> None:
+        with open("/dev/full", "w") as full:
+            done = subprocess.run(
+                command("info", STUDY),
+                cwd=ROOT,
+                stdout=full,
+                stderr=subprocess.PIPE,
+                text=True,
+                env=os.environ | {"PYTHONUNBUFFERED": unbuffered},
+            )
+        assert done.returncode == 1
+        assert done.stderr.startswith("error: standard output: ")
+        assert done.stderr.count("\n") == 1
+
+    def test_a_reader_that_has_seen_enough_is_no_fault(self) -> None:
+        reading, writing = os.pipe()
+        os.close(reading)
+        environment = {k: v for k, v in os.environ.items() if k != "PYTHONUNBUFFERED"}
+        done = subprocess.run(
+            command("info", STUDY), cwd=ROOT, stdout=writing, stderr=-1, env=environment
+        )
+        os.close(writing)
+        assert (done.returncode, done.stderr) == (0, b"")
+
+    @pytest.mark.skipif(os.name == "nt", reason="needs a POSIX shell")
+    @pytest.mark.parametrize(("closed", "status"), [(">&-", 0), ("2>&-", 0), (">&- 2>&-", 0)])
+    def test_closed_streams_are_borne(self, closed: str, status: int) -> None:
+        line = f'"{sys.executable}" -m accpinn stability --alpha 1 --beta 1 --tau 1 {closed}'
+        done = subprocess.run(["sh", "-c", line], cwd=ROOT, capture_output=True)
+        assert (done.returncode, done.stderr) == (status, b"")
+
+    @pytest.mark.skipif(os.name == "nt", reason="names are no bytes there")
+    @pytest.mark.parametrize(
+        ("name", "shown"), [(b"x\xff.zip", "\\udcff"), (b"a\nb", "a\\nb"), (b"\x1b[2J", "\\u001b")]
+    )
+    def test_any_file_name_is_printed_on_one_line(self, name: bytes, shown: str) -> None:
+        done = subprocess.run([*command("verify"), name], cwd=ROOT, stdout=-1, stderr=-1, text=True)
+        assert (done.returncode, done.stdout) == (1, "")
+        assert done.stderr.splitlines() == [done.stderr.rstrip("\n")]
+        assert shown in done.stderr
+        assert done.stderr.rstrip("\n").isprintable()
+
+    def test_help_imports_no_command(self) -> None:
+        code = (
+            "import sys, accpinn.cli\n"
+            "try: accpinn.cli.main(['--help'])\n"
+            "except SystemExit: print(sorted({'numpy', 'pandas'} & set(sys.modules)))\n"
+        )
+        done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True)
+        assert done.stdout.decode().splitlines()[-1] == "[]"
+
+    def test_a_pipe_without_greek_letters_gets_them_as_utf_8(self) -> None:
+        """As on Windows, where a pipe has the code page of the country."""
+        done = subprocess.run(
+            command("fit", STUDY, "--method", "splines"),
+            cwd=ROOT,
+            capture_output=True,
+            env=os.environ | {"PYTHONIOENCODING": "cp1252"},
+        )
+        assert done.returncode == 0
+        assert "α [1/s²]" in done.stdout.decode()
+
+    def test_an_interrupt_stops_keeps_a_checkpoint_and_says_so(self, cache: Path) -> None:
+        long = ("fit", STUDY, *SHORT, "--preset", "paper", "--iterations", 1_000_000)
+        running = subprocess.Popen(
+            command(*long, "--json"), cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE
+        )
+        assert running.stderr is not None
+        shown = b""
+        while not re.search(rb" [1-9]\d*/1000000 ", shown):  # training is under way
+            piece = os.read(running.stderr.fileno(), 4096)
+            assert piece, "it ended before it was interrupted"
+            shown += piece
+        running.send_signal(signal.SIGINT)
+        out, _ = running.communicate(timeout=60)
+        assert running.returncode == 130
+        document = strict(out.decode())
+        assert document["outcome"] == "stopped"
+        assert 0 < document["iterations"] < 1_000_000
+        assert len(list(cache.glob("*.state.npz"))) == 1
+
+
+@pytest.mark.parametrize("kind", [signal.SIGINT, signal.SIGTERM])
+def test_an_interrupt_and_a_polite_kill_ask_the_training_to_stop(kind: signal.Signals) -> None:
+    before = signal.getsignal(kind)
+    with _Interrupt() as interrupted:
+        signal.raise_signal(kind)
+        assert interrupted.raised
+        with pytest.raises(KeyboardInterrupt):
+            signal.raise_signal(kind)
+    assert signal.getsignal(kind) is before
+
+
+KILLED = """
+import sys
+from accpinn.cli import (main)
+from accpinn.methods.pinn import (training)
+from accpinn.methods.store import (Store)
+
+keep = Store.save_state
+
+def save_state(self, key, state, say=None):
+    keep(self, key, state, say)
+    print("kept", int(state["history.rows"][-1][0]), flush=True)
+
+training.CHECKPOINT_EVERY = 0.1
+Store.save_state = save_state
+main(sys.argv[1:])
+"""
+
+
+def test_a_killed_training_continues_from_its_last_checkpoint(
+    capsys: pytest.CaptureFixture[str], cache: Path
+) -> None:
+    request = ("fit", str(STUDY), *SHORT, "--preset", "paper", "--threads", "1")
+    running = subprocess.Popen(
+        [sys.executable, "-c", KILLED, *request, "--iterations", "1000000"],
+        cwd=ROOT,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.DEVNULL,
+        text=True,
+    )
+    assert running.stdout is not None
+    kept = [int(running.stdout.readline().split()[1]) for _ in range(3)]
+    running.kill()
+    rest = running.stdout.read()
+    assert running.wait() == -signal.SIGKILL
+    running.stdout.close()
+    kept += [int(line.split()[1]) for line in rest.splitlines()]
+    assert kept[0] > 0
+
+    planned = kept[-1] + 200
+    assert main([*request, "--iterations", str(planned), "--json"]) == 0
+    document = strict(capsys.readouterr().out)
+    (note,) = [note for note in document["notes"] if note.startswith("Continued")]
+    continued = int(note.split()[3].replace(",", ""))
+    # At most the checkpoint that was being written when the process died is newer.
+    assert continued >= kept[-1]
+    assert document["iterations"] == planned
+    assert document["outcome"] == "finished"
+    assert not list(cache.glob("*.damaged"))
+    assert kept[-1] - kept[-2] < 1000, "a tenth of a second's work, so little is lost"

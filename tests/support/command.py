@@ -1,0 +1,41 @@
+"""The command line as tests call it: in this process, with its one JSON document read strictly."""
+
+import json
+from pathlib import Path
+from typing import Any, NoReturn
+
+import pytest
+
+from accpinn.cli import main
+
+ROOT = Path(__file__).parents[2]
+STUDY = ROOT / "sample_data" / "synthetic_paper_study.csv"
+PLATOON = ROOT / "sample_data" / "synthetic_astazero_like.csv"
+THREE = ROOT / "sample_data" / "synthetic_vicolungo_like.csv"
+SHORT = ("--duration", "30")
+
+
+def strict(text: str) -> Any:
+    """The one JSON document in ``text``, in which NaN and infinity have no place."""
+
+    def refuse(constant: str) -> NoReturn:
+        pytest.fail(f"{constant} is no JSON")
+
+    return json.loads(text, parse_constant=refuse)
+
+
+def document(capsys: pytest.CaptureFixture[str], *arguments: object) -> dict[str, Any]:
+    """What a command prints with --json."""
+    assert main([*map(str, arguments), "--json"]) == 0
+    found: dict[str, Any] = strict(capsys.readouterr().out)
+    return found
+
+
+def refused(capsys: pytest.CaptureFixture[str], status: int, *arguments: object) -> str:
+    """The one line on standard error of a command that fails with that status."""
+    assert main(list(map(str, arguments))) == status
+    printed = capsys.readouterr()
+    assert printed.out == ""
+    assert printed.err.startswith("error: ")
+    assert printed.err.count("\n") == 1
+    return printed.err
