@@ -456,13 +456,8 @@ def test_options_reach_the_training_and_survive_a_visit_elsewhere() -> None:
     button(page, "Start training").click().run()
     assert found.training is not None
     config = found.training.request.config
-<<<<<<< HEAD
     assert (config.seed, config.weight_data) == (7, (1.0, 2.0))
     assert config.initial.values.tolist() == [0.5, 0.5, 0.5]
-=======
-    chosen = (config.seed, config.weight_data, config.initial)
-    assert chosen == (7, (1.0, 2.0), Parameters(0.5, 0.5, 0.5))
->>>>>>> pages
     assert found.training.wait(WAIT)
 
 
