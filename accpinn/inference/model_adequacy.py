@@ -15,10 +15,9 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from scipy.optimize import lsq_linear
 
 from accpinn.findings import Finding
-from accpinn.methods.regression import OneSecondMeans, one_second_means
+from accpinn.methods.regression import OneSecondMeans, one_second_means, solve_bounded
 from accpinn.model.cthp import Parameters
 from accpinn.segment.segment import Segment
 from accpinn.units import FloatArray, Seconds
@@ -125,9 +124,8 @@ def _delay(delayed: Sequence[OneSecondMeans], follower: int, step: Seconds) -> F
 
 def _least_squares(terms: FloatArray, rates: FloatArray) -> FloatArray:
     """θ with α, ατ, β of at least 0; further coefficients are free."""
-    size = terms.shape[1]
-    lowest = np.r_[np.zeros(3), np.full(size - 3, -np.inf)]
-    return np.asarray(lsq_linear(terms, rates, (lowest, np.inf)).x)
+    bounded = np.arange(terms.shape[1]) < 3
+    return solve_bounded(terms.T @ terms, terms.T @ rates, bounded).theta
 
 
 def _explained(terms: FloatArray, rates: FloatArray, theta: FloatArray) -> float:

@@ -15,6 +15,7 @@ from itertools import combinations
 from typing import Self
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from accpinn.mask import Mask
 from accpinn.model.cthp import LINEAR_NAMES, Case, Parameters, regressors
@@ -66,7 +67,7 @@ class Solution:
 
 
 def solve_bounded(
-    gram: FloatArray, moment: FloatArray, bounded: Sequence[bool] | None = None
+    gram: FloatArray, moment: FloatArray, bounded: ArrayLike | None = None
 ) -> Solution:
     """Minimise xᵀGx - 2mᵀx over x ≥ 0 exactly.
 
@@ -78,14 +79,14 @@ def solve_bounded(
         bounded: (K,) which unknowns have the bound; by default all.
     """
     size = len(moment)
-    held = [k for k in range(size) if bounded is None or bounded[k]]
-    always = [k for k in range(size) if k not in held]
+    has_bound = np.ones(size, bool) if bounded is None else np.asarray(bounded, bool)
+    held, always = np.flatnonzero(has_bound), np.flatnonzero(~has_bound)
     unconstrained = frozen(np.linalg.lstsq(gram, moment, rcond=None)[0])
     if (unconstrained[held] >= 0).all():
         return Solution.of(unconstrained)
-    best, best_cost = np.zeros(size), np.inf if always else 0.0
+    best, best_cost = np.zeros(size), np.inf if always.size else 0.0
     active = np.isin(np.arange(size), held)
-    for count in range(0 if always else 1, len(held)):
+    for count in range(0 if always.size else 1, len(held)):
         for chosen in combinations(held, count):
             free = sorted([*always, *chosen])
             part = np.linalg.lstsq(gram[np.ix_(free, free)], moment[free], rcond=None)[0]

@@ -68,7 +68,7 @@ def test_the_whole_journey_with_a_real_recording(opened: Open, casale: Path) -> 
     fill(page, "Window starts at", "0")
     expect(page.get_by_test_id("stSidebar")).to_contain_text("Window 0–300 s")
     idle(page)
-    estimate = rows(page, "Condition number")[0]
+    estimate = rows(page, "Least-squares estimate")[0]
     assert float(estimate[1]) == pytest.approx(0.0105, abs=0.0003)
 
     page.get_by_role("button", name="Train on this window").click()

@@ -71,7 +71,7 @@ def cast_of(vehicles: ParameterSet, order: Sequence[int]) -> Cast:
 
 
 def follower_name(vehicles: ParameterSet, k: int, place: int) -> str:
-    """Who drives at that place behind the leader; the recording's numbers would not fit here."""
+    """The label of the follower at that place; the recording's numbers would not fit here."""
     return f"Follower {place}: {vehicles.names[k]}"
 
 
@@ -356,7 +356,7 @@ def _panel(run: PlatoonRun, k: int, letter: str, reach: float) -> go.Figure:
 
 
 def _fate(run: PlatoonRun) -> str:
-    """Whether the wave grows or fades along the platoon, and its amplitude at the last follower."""
+    """Whether the wave grows or fades along the platoon; its amplitude at the last follower."""
     size = run.amplitudes
     if size is None or not size.periods:
         return "not settled"

@@ -90,8 +90,8 @@ def _amplifies(snapshot: Snapshot) -> str:
     labels = snapshot.info.labels[1:]
     who = [k for k, vehicle in enumerate(vehicles) if not vehicle.l2.stable]
     if not who:
-        growing = any(not vehicle.linf_exact.stable for vehicle in vehicles)
-        also = ", though peaks can come out larger (L∞)" if growing else ""
+        unstable = any(not vehicle.linf_exact.stable for vehicle in vehicles)
+        also = ", though peaks may grow (L∞ unstable)" if unstable else ""
         return f"With these parameters no frequency of a disturbance is amplified{also}."
     worst = max(who, key=lambda k: vehicles[k].peak.gain)
     peak = vehicles[worst].peak

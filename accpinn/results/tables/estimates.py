@@ -174,7 +174,7 @@ def model_form_table(info: SegmentInfo, forms: Sequence[ModelForm], follower: in
             (Column("d", "s", 1), _extra(forms, "delay", follower)),
             (Column("whole window", "%", 0, explained),
              _percent([form.explained[follower] for form in forms])),
-            (Column("held out", "%", 0, explained),
+            (Column("hold-out", "%", 0, explained),
              _percent([form.holdout[follower] for form in forms])),
         ],
     )  # fmt: skip

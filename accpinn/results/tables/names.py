@@ -10,7 +10,7 @@ TITLES = {key: method.title for key, method in METHODS.items()}
 
 
 def method_name(key: str, config: Mapping[str, Any], outcome: Outcome) -> str:
-    """The title of a method, and in brackets what tells this fit from others of the same method."""
+    """The title of a method, and in brackets what distinguishes the fit from others of it."""
     method = METHODS.get(key)
     if method is None:
         return key
