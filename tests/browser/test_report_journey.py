@@ -65,7 +65,7 @@ def test_all_figures_are_drawn_in_both_themes_and_saved(shown: Show) -> None:
     assert Path(download.value.path()).read_bytes().startswith(b"<svg")
     with page.expect_download() as download:
         page.get_by_role("link", name="CSV").first.click()
-    assert "τ [s]" in Path(download.value.path()).read_text(encoding="utf-8")
+    assert "closed_loop_simulation_mae" in Path(download.value.path()).read_text(encoding="utf-8")
 
 
 def test_a_figure_saved_as_a_page_stands_alone(shown: Show, tmp_path: Path) -> None:
