@@ -125,7 +125,7 @@ class TestMethods:
         segment = without_block(disturbed())
         fit = ESTIMATORS["least-squares"](segment, "II")
         assert intervals(segment, fit).centre.values == pytest.approx(PLATOON.values, rel=1e-3)
-        misled = intervals(disturbed(), fit).centre
+        misled = intervals(disturbed(), fit).centre.values
         assert np.abs(misled / PLATOON.values - 1).max(axis=1).min() > 0.1
 
     @pytest.mark.parametrize(("name", "kind"), [("paper", PaperTraining), ("fast", FastTraining)])
