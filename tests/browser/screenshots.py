@@ -136,6 +136,9 @@ def training(camera: Camera) -> None:
         camera.shoot(page, "train_live", whole=False)
         with camera.page("/Data") as other:
             other.get_by_role("button", name="Open this sample").click()
+            other.get_by_label("Window starts at").fill("10")  # else an earlier result is shown
+            other.get_by_label("Window starts at").press("Enter")
+            idle(other)
             other.get_by_role("button", name="Train on this window").click()
             other.get_by_text("yours is next").wait_for()
             camera.shoot(other, "train_queued", whole=False)

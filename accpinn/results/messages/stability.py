@@ -208,7 +208,7 @@ def amplification(chosen: ParameterSet, report: StabilityReport) -> str:
     worst = max(who, key=lambda k: report.vehicles[k].peak.gain)
     peak, name = report.vehicles[worst].peak, chosen.spoken[worst]
     extent = "without limit" if isinf(peak.gain) else f"up to {peak.gain:.3g} times"
-    most = f"{extent} at {peak.omega:.3g} rad/s"
+    most = extent + (f" at {peak.omega:.3g} rad/s" if peak.omega > 0 else "")
     if total == 1:
         return f"{_capital(name)} amplifies disturbances {most}."
     if count == 1:

@@ -1,6 +1,6 @@
 """A result in a few sentences: what was found, with its numbers and their uncertainty."""
 
-from math import isfinite, isinf, isnan, pi
+from math import isfinite, isinf, isnan
 from typing import Any
 
 from accpinn.inference.intervals import Uncertainty
@@ -8,7 +8,9 @@ from accpinn.methods.registry import METHODS
 from accpinn.model.cthp import Parameters
 from accpinn.results.messages import messages
 from accpinn.results.messages.methods import unfinished
+from accpinn.results.messages.stability import amplification
 from accpinn.results.snapshot.schema import Snapshot
+from accpinn.results.tables.estimates import learned_parameters
 from accpinn.results.tables.table import between
 
 FLAGS = {0: "human drivers", 1: "ACC", 2: "mixed"}
@@ -77,35 +79,12 @@ def _followers(snapshot: Snapshot) -> str:
 def _consequences(snapshot: Snapshot) -> tuple[str, ...]:
     sentences = []
     if snapshot.stability:
-        sentences.append(_amplifies(snapshot))
+        chosen = learned_parameters(snapshot.info, snapshot.fit)
+        sentences.append(amplification(chosen, snapshot.stability))
     if snapshot.uncertainty:
         sentences.append(_probability(snapshot, snapshot.uncertainty))
     sentences += [_errors(snapshot), _collisions(snapshot)]
     return tuple(sentence for sentence in sentences if sentence)
-
-
-def _amplifies(snapshot: Snapshot) -> str:
-    assert snapshot.stability is not None
-    vehicles = snapshot.stability.vehicles
-    labels = snapshot.info.labels[1:]
-    who = [k for k, vehicle in enumerate(vehicles) if not vehicle.l2.stable]
-    if not who:
-        unstable = any(not vehicle.linf_exact.stable for vehicle in vehicles)
-        also = ", though peaks may grow (L∞ unstable)" if unstable else ""
-        return f"With these parameters no frequency of a disturbance is amplified{also}."
-    worst = max(who, key=lambda k: vehicles[k].peak.gain)
-    peak = vehicles[worst].peak
-    extent = "without limit" if isinf(peak.gain) else f"up to {peak.gain:.3g} times"
-    count = f"{len(who)} of {len(vehicles)} vehicles amplify"
-    if len(who) == len(vehicles):
-        count = "It amplifies" if len(who) == 1 else f"All {len(who)} vehicles amplify"
-    most = "" if len(who) == 1 else f"{labels[worst]} the most: "
-    return f"{count} the disturbances of the vehicle ahead, {most}{extent}{_at(peak.omega)}."
-
-
-def _at(omega: float) -> str:
-    """A frequency; nothing for a disturbance that lasts."""
-    return f" at {omega:.3g} rad/s (a period of {2 * pi / omega:.0f} s)" if omega > 0 else ""
 
 
 def _probability(snapshot: Snapshot, uncertainty: Uncertainty) -> str:

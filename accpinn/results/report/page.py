@@ -27,7 +27,12 @@ from accpinn.results.report.pictures import Picture
 from accpinn.results.snapshot.create import stability
 from accpinn.results.snapshot.schema import Snapshot
 from accpinn.results.snapshot.verification import Verification, verify
-from accpinn.results.tables.estimates import intervals_table, methods_table, parameter_table
+from accpinn.results.tables.estimates import (
+    intervals_table,
+    learned_parameters,
+    methods_table,
+    parameter_table,
+)
 from accpinn.results.tables.names import TITLES
 from accpinn.results.tables.stability import stability_interval_table, stability_table
 from accpinn.results.tables.table import STYLE, Table
@@ -77,7 +82,7 @@ class Sheet:
 def _story(snapshot: Snapshot, checked: Verification, shown: list[Picture]) -> dict[str, Any]:
     info, evaluation, uncertainty = snapshot.info, snapshot.evaluation, snapshot.uncertainty
     fit, report = snapshot.fit, snapshot.stability
-    vehicles = pictures.learned_parameters(snapshot)
+    vehicles = learned_parameters(info, fit)
     paints = [vehicle_colour(number, info.vehicles[0]) for number in info.vehicles]
     motion, run = pictures.motion(snapshot), pictures.platoon(snapshot)
     errors = (evaluation.surrogate, evaluation.closed_loop) if evaluation else (None, None)

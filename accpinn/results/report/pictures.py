@@ -12,7 +12,6 @@ from accpinn.channels import GAP, SPEED, TIME
 from accpinn.errors import ParameterError
 from accpinn.evaluation.closed_loop import closed_loop
 from accpinn.model.cthp import Trajectories
-from accpinn.model.published import ParameterSet
 from accpinn.platoon.leader import Sinusoid
 from accpinn.platoon.simulation import PlatoonRun, simulate_platoon
 from accpinn.results.figures import platoon as platoon_figures
@@ -29,6 +28,7 @@ from accpinn.results.figures.style import (
 from accpinn.results.figures.training import loss_history, parameter_history, tracking
 from accpinn.results.figures.uncertainty import add_bands, add_clouds, cloud_caption
 from accpinn.results.snapshot.schema import Snapshot
+from accpinn.results.tables.estimates import learned_parameters
 from accpinn.results.tables.names import name_of
 from accpinn.segment.segment import Segment
 
@@ -60,14 +60,6 @@ class Picture:
         }
         traces = [_coarse(trace.to_plotly_json(), points) for trace in self.figure.data]
         return {"name": self.name, "data": _plain(traces), "layout": _plain(layout)}
-
-
-def learned_parameters(snapshot: Snapshot) -> ParameterSet:
-    """The followers with their parameters."""
-    info = snapshot.info
-    return ParameterSet(
-        info.source, info.names[1:], snapshot.fit.parameters, info.vehicles, info.labels[1:]
-    )
 
 
 def motion(snapshot: Snapshot) -> Picture | None:
@@ -125,7 +117,7 @@ def stability(snapshot: Snapshot) -> Iterator[Picture]:
     report, uncertainty = snapshot.stability, snapshot.uncertainty
     if report is None:
         return
-    vehicles = learned_parameters(snapshot)
+    vehicles = learned_parameters(snapshot.info, snapshot.fit)
     bode = stability_figures.bode(vehicles, report)
     bode = add_bands(bode, vehicles, uncertainty) if uncertainty else bode
     words = (
@@ -154,7 +146,7 @@ def stability(snapshot: Snapshot) -> Iterator[Picture]:
 
 def platoon(snapshot: Snapshot) -> tuple[PlatoonRun, tuple[Picture, Picture], str] | None:
     """Eight vehicles like the one that amplifies most, behind a leader at its worst frequency."""
-    report, vehicles = snapshot.stability, learned_parameters(snapshot)
+    report, vehicles = snapshot.stability, learned_parameters(snapshot.info, snapshot.fit)
     if report is None:
         return None
     peaks = [vehicle.peak for vehicle in report.vehicles]

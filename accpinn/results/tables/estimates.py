@@ -12,6 +12,7 @@ from accpinn.inference.model_adequacy import ModelForm
 from accpinn.inference.multistart import MultistartResult, Trial
 from accpinn.methods.fit import Fit
 from accpinn.model.cthp import Parameters
+from accpinn.model.published import ParameterSet
 from accpinn.results.tables.names import TITLES, method_name, name_of
 from accpinn.results.tables.table import Cell, Column, Range, Table
 from accpinn.segment.quality import Quality
@@ -36,6 +37,11 @@ def where(info: SegmentInfo) -> str:
     """The segment in a few words: file, window, and which regimes are excluded."""
     excluded = info.excluded_regimes
     return f"{info.source}, {info.window}" + (f", without {', '.join(excluded)}" * bool(excluded))
+
+
+def learned_parameters(info: SegmentInfo, fit: Fit) -> ParameterSet:
+    """The followers' parameters, titled with file, window and excluded regimes."""
+    return ParameterSet(where(info), info.names[1:], fit.parameters, info.vehicles, info.labels[1:])
 
 
 def parameter_table(

@@ -1,7 +1,6 @@
 """Whose α, β, τ the pages Stability and Platoon show: learned, published, or typed in."""
 
 import math
-from dataclasses import dataclass
 
 import pandas as pd
 import streamlit as st
@@ -13,7 +12,7 @@ from accpinn.model.cthp import Parameters
 from accpinn.model.published import PUBLISHED, ParameterSet
 from accpinn.results.messages.methods import unfinished
 from accpinn.results.snapshot.library import Entry
-from accpinn.results.tables.estimates import where
+from accpinn.results.tables.estimates import learned_parameters, where
 from accpinn.segment.segment import SegmentInfo
 from pages.ui.components.messages import attempt, escape_markdown, show_messages
 from pages.ui.components.widgets import segments, select
@@ -31,22 +30,6 @@ COLUMNS = ("Vehicle", *(parameter.heading for parameter in PARAMETERS))
 BY_HAND = "parameters by hand"
 MOST = 20
 """Vehicles typed in at most."""
-
-
-@dataclass(frozen=True, eq=False)
-class Learned:
-    """A fit and the segment that it is of."""
-
-    info: SegmentInfo
-    fit: Fit
-
-    @property
-    def parameters(self) -> ParameterSet:
-        """The followers' parameters, titled with file, window and excluded regimes."""
-        info = self.info
-        return ParameterSet(
-            where(info), info.names[1:], self.fit.parameters, info.vehicles, info.labels[1:]
-        )
 
 
 def choose_parameters(workspace: Workspace, page: str) -> ParameterSet | None:
@@ -75,12 +58,15 @@ def choose_parameters(workspace: Workspace, page: str) -> ParameterSet | None:
 def _show_chosen(workspace: Workspace, source: Source, entries: tuple[Entry, ...]) -> ParameterSet:
     """The parameters chosen; what limits the fit that they are from is shown."""
     learned = _learned(workspace, source, entries)
-    if learned and source == "snapshot" and learned.info.excluded_regimes:
-        st.caption(escape_markdown(where(learned.info)))
-    if learned and (sentence := unfinished(learned.fit)):
+    if not learned:
+        return _without_fit(workspace, source)
+    info, fit = learned
+    if source == "snapshot" and info.excluded_regimes:
+        st.caption(escape_markdown(where(info)))
+    if sentence := unfinished(fit):
         cure = " Continue it on page Train." if source == "fit" else ""
         show_messages(sentence + cure, "warning", "pause_circle")
-    return learned.parameters if learned else _without_fit(workspace, source)
+    return learned_parameters(info, fit)
 
 
 def parameters_from(workspace: Workspace, source: Source) -> ParameterSet:
@@ -90,16 +76,18 @@ def parameters_from(workspace: Workspace, source: Source) -> ParameterSet:
         ParameterError: rows that are too few or too many.
     """
     learned = _learned(workspace, source, readable_entries())
-    return learned.parameters if learned else _without_fit(workspace, source)
+    return learned_parameters(*learned) if learned else _without_fit(workspace, source)
 
 
-def _learned(workspace: Workspace, source: Source, entries: tuple[Entry, ...]) -> Learned | None:
+def _learned(
+    workspace: Workspace, source: Source, entries: tuple[Entry, ...]
+) -> tuple[SegmentInfo, Fit] | None:
     """The fit that the source holds; None for one that holds parameters alone."""
     fit, info = workspace.fit, workspace.fit_info
     if source == "snapshot":
         snapshot = opened(_chosen_snapshot(workspace, entries))
-        return Learned(snapshot.info, snapshot.fit)
-    return Learned(info, fit) if source == "fit" and fit and info else None
+        return snapshot.info, snapshot.fit
+    return (info, fit) if source == "fit" and fit and info else None
 
 
 def _without_fit(workspace: Workspace, source: Source) -> ParameterSet:

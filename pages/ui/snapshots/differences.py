@@ -11,11 +11,10 @@ import streamlit as st
 from accpinn.results.figures.stability import bode
 from accpinn.results.snapshot.create import stability
 from accpinn.results.snapshot.schema import Snapshot
-from accpinn.results.tables.estimates import PARAMETER_COLUMNS
+from accpinn.results.tables.estimates import PARAMETER_COLUMNS, learned_parameters
 from accpinn.results.tables.table import ABSENT, Column, Range, Table
 from pages.ui.components.charts import show_chart
 from pages.ui.components.messages import show_messages
-from pages.ui.components.parameter_picker import Learned
 from pages.ui.components.table import show_table, vehicle_colours
 
 
@@ -94,7 +93,7 @@ def responses(one: Snapshot, other: Snapshot) -> go.Figure | None:
         report = stability(snapshot.fit)
         if report is None:
             return None
-        charts.append(bode(Learned(snapshot.info, snapshot.fit).parameters, report))
+        charts.append(bode(learned_parameters(snapshot.info, snapshot.fit), report))
     whole = charts[0]
     for trace in charts[1].data:
         if trace.mode == "lines+markers" and (trace.customdata is None or trace.customdata[0] >= 0):

@@ -45,7 +45,7 @@ def test_summary_gives_parameters_with_intervals_and_probabilities() -> None:
         assert f"τ {one.tau:.2f} s" in text
     low, high = uncertainty.lower.tau[0], uncertainty.upper.tau[0]
     assert f"(90 % interval: {low:.2f} to {high:.2f} s)" in text
-    assert "All 4 vehicles amplify" in text
+    assert "All four vehicles amplify" in text
     assert "Probability of string stability: " in text
     assert "misses the space-gap by" in text
     shared = replace(whole(), fit=replace(whole().fit, case="I"))
@@ -102,7 +102,7 @@ def test_a_stopped_training_is_called_so_first() -> None:
 
 def test_stable_vehicles_are_called_so() -> None:
     fit = replace(small().fit, parameters=Parameters.of([[0.05, 0.6, 3.0]]))
-    assert "no frequency of a disturbance is amplified." in said(
+    assert "does not amplify any frequency." in said(
         replace(small(), fit=fit, stability=stability(fit))
     )
     fit = replace(small().fit, parameters=Parameters.of([[0.0546, 0.1205, 2.1]]))
