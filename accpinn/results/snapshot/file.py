@@ -174,10 +174,14 @@ def _check_manifest(text: bytes, entries: Mapping[str, bytes]) -> None:
     schema, listed = manifest.get("schema"), manifest.get("entries")
     if not isinstance(schema, int) or schema < 1 or not isinstance(listed, dict):
         raise SnapshotError("The snapshot is refused: its manifest is incomplete.")
-    if schema > SCHEMA:
+    if schema != SCHEMA:
+        newer = schema > SCHEMA
+        age, cure = (
+            ("a newer", "update accpinn") if newer else ("an earlier", "learn and save it again")
+        )
         raise SnapshotError(
-            f"The snapshot was written by a newer accpinn (schema {schema}, this one reads up to"
-            f" {SCHEMA}); update accpinn to open it."
+            f"The snapshot was written by {age} accpinn (schema {schema}, this one reads"
+            f" {SCHEMA}); {cure}."
         )
     for name, content in entries.items():
         if name not in TITLES:

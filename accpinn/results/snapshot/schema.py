@@ -26,7 +26,7 @@ from accpinn.stability.report import StabilityReport
 from accpinn.study.comparison import MethodResult
 
 FORMAT = "accpinn snapshot"
-SCHEMA = 1
+SCHEMA = 3
 SUFFIX = ".accpinn.zip"
 LARGEST = 24_000_000
 """Bytes of the whole file; an hour of ten followers with its data stays below."""

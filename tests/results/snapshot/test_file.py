@@ -144,6 +144,8 @@ class TestCreate:
 def test_a_newer_schema_asks_for_an_update() -> None:
     with pytest.raises(SnapshotError, match=r"newer accpinn.*update"):
         load(resealed(lambda _: None, schema=SCHEMA + 1))
+    with pytest.raises(SnapshotError, match="earlier accpinn"):
+        load(resealed(lambda _: None, schema=SCHEMA - 1))
 
 
 KILLED = """
