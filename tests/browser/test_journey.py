@@ -126,7 +126,9 @@ def test_a_paper_training_is_stopped_and_continued(opened: Open) -> None:
 
     page.get_by_role("button", name="Stop training").click()
     expect(page.get_by_text("Stopped by the user")).to_be_visible()
-    stopped_at = int(re.search(r"([\d,]+) iterations in", page.inner_text("body"))[1])  # type: ignore[index]
+    count = page.get_by_text(re.compile(r"[\d,]+ iterations in")).first
+    expect(count).to_be_visible()
+    stopped_at = int(re.search(r"([\d,]+) iterations in", count.inner_text())[1])  # type: ignore[index]
     page.get_by_role("button", name="Continue").click()
     expect(page.get_by_role("button", name="Stop training")).to_be_visible()
     shown = page.get_by_text(re.compile(r"iteration \d+ of 20,000"))
