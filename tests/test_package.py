@@ -5,6 +5,7 @@ import re
 import subprocess
 import sys
 import tomllib
+from importlib import import_module
 from pathlib import Path
 
 import pytest
@@ -57,7 +58,7 @@ def test_type_checkers_see_the_same_public_names() -> None:
     assert sorted(filter(None, declared)) == accpinn.__all__
     for name, (module, original) in declared.items():
         assert original == name
-        assert getattr(sys.modules[str(module)], name) is getattr(accpinn, str(name))
+        assert getattr(import_module(str(module)), name) is getattr(accpinn, str(name))
 
 
 def test_an_unknown_name_is_an_attribute_error() -> None:

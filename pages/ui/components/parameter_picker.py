@@ -11,7 +11,7 @@ from accpinn.methods.fit import Fit
 from accpinn.model.cthp import Parameters
 from accpinn.model.published import PUBLISHED, ParameterSet
 from accpinn.results.messages.methods import unfinished
-from accpinn.results.snapshot.library import Entry
+from accpinn.results.snapshot.saved import Entry
 from accpinn.results.tables.estimates import learned_parameters, where
 from accpinn.segment.segment import SegmentInfo
 from pages.ui.components.messages import attempt, escape_markdown, show_messages

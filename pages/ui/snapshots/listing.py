@@ -6,7 +6,7 @@ import streamlit as st
 
 from accpinn.results.messages.snapshot import check_rows, summary
 from accpinn.results.report.page import render_report
-from accpinn.results.snapshot.library import Entry
+from accpinn.results.snapshot.saved import Entry
 from accpinn.results.snapshot.schema import SUFFIX, Snapshot
 from accpinn.results.snapshot.verification import obstacle, verify
 from accpinn.results.tables.names import TITLES

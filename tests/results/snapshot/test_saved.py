@@ -11,7 +11,7 @@ import pytest
 
 from accpinn.errors import SnapshotError
 from accpinn.results.snapshot.file import to_bytes
-from accpinn.results.snapshot.library import Library
+from accpinn.results.snapshot.saved import Library
 from accpinn.results.snapshot.schema import Snapshot
 from tests.support.snapshots import small, small_bytes
 
@@ -171,7 +171,7 @@ def test_a_saving_that_fails_half_way_leaves_the_old_file(
 def test_two_processes_that_save_at_once_lose_nothing(library: Library, tmp_path: Path) -> None:
     code = (
         "import sys; from pathlib import Path\n"
-        "from accpinn.results.snapshot.library import Library\n"
+        "from accpinn.results.snapshot.saved import Library\n"
         "library = Library(Path(sys.argv[1]))\n"
         "for name in sys.argv[2:]: library.add(Path(name).read_bytes())\n"
     )
