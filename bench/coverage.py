@@ -4,24 +4,26 @@ Each recording has its own leader on a motorway, one of the published parameter 
 disturbances as on real roads (`bench.disturbed`) and the receivers' noise. The intervals are those
 of accpinn, those of independent errors, and two block bootstraps (`bench.other_intervals`). Here
 the model holds except for zero-mean disturbances; `bench.departures` measures what follows where
-it does not.
+it does not. The exit status says whether the coverage of each parameter lies between 86 and 94 %,
+of all three together between 70 and 85 %, and the bias of maximum likelihood within 3 %.
 """
 
 import argparse
 import json
+import os
 import sys
-import time
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import asdict, dataclass
+from functools import partial
+from multiprocessing import get_context
 
 import numpy as np
 
 from accpinn.channels import PARAMETERS
 from accpinn.inference.intervals import LEVEL, Interval, intervals
-from accpinn.methods.fit import Fit
 from accpinn.methods.registry import METHODS
 from accpinn.model.cthp import Parameters
 from accpinn.model.published import PUBLISHED
-from accpinn.segment.segment import Segment
 from accpinn.units import FloatArray
 from bench.disturbed import Disturbance, disturbed
 from bench.other_intervals import OTHERS, Smooth
@@ -29,10 +31,12 @@ from bench.other_intervals import OTHERS, Smooth
 SETS = Parameters.stack(one for group in PUBLISHED for one in group.parameters)
 SYMBOLS = tuple(quantity.symbol for quantity in PARAMETERS)
 OURS = "accpinn"
-SPLINES = "splines"
-"""The method whose estimate the intervals belong to; that of the PiNN is the same."""
-BIASED = ("least-squares", "simulation")
-"""Other methods whose bias is measured."""
+LIKELIHOOD = "maximum-likelihood"
+"""The method that the intervals come from."""
+OTHER_METHODS = ("splines", "least-squares", "simulation")
+"""Methods whose bias is measured; that of the PiNN's preset `fast` is that of the splines."""
+EACH, ALL_THREE, BIAS = (0.86, 0.94), (0.70, 0.85), 0.03
+"""What the study is to show."""
 
 
 @dataclass(frozen=True)
@@ -64,6 +68,19 @@ class CoverageStudy:
     """Median time of accpinn's intervals."""
 
 
+@dataclass(frozen=True, eq=False)
+class Recorded:
+    """What one recording contributes."""
+
+    truth: FloatArray
+    """(3,)"""
+    ends: dict[str, Interval]
+    estimates: dict[str, FloatArray]
+    """(3,) by method."""
+    seconds: float
+    """Time of accpinn's intervals, the estimate included."""
+
+
 def measure(
     recordings: int = 100,
     disturbance: Disturbance = Disturbance(),  # noqa: B008 (a frozen value object)
@@ -72,7 +89,7 @@ def measure(
     others: bool = True,
     sets: Parameters = SETS,
 ) -> CoverageStudy:
-    """Run the study; the same arguments give the same coverage.
+    """Run the study on all cores; the same arguments give the same coverage.
 
     Args:
         recordings: how many.
@@ -82,37 +99,46 @@ def measure(
         others: whether other intervals and other methods' bias are measured too.
         sets: the true parameters, one set a recording in turn.
     """
-    found: dict[str, list[Interval]] = {name: [] for name in (OURS, *(OTHERS if others else ()))}
-    biased = (SPLINES, *(BIASED if others else ()))
-    estimates: dict[str, list[FloatArray]] = {name: [] for name in biased}
-    truths, times = [], []
-    for seed in range(recordings):
-        true = sets[[seed % len(sets)]]
-        segment = disturbed(true, seed, disturbance, duration=duration)
-        fit = METHODS[SPLINES].fit(segment, "II")
-        started = time.perf_counter()
-        found[OURS].append(_ours(segment, fit, level))
-        times.append(time.perf_counter() - started)
-        if others:
-            smooth, rng = Smooth(segment, fit), np.random.default_rng(seed)
-            for name, method in OTHERS.items():
-                found[name].append(method(smooth, level, rng))
-        truths.append(true.values[0])
-        for name, found_so_far in estimates.items():
-            estimate = fit if name == SPLINES else METHODS[name].fit(segment, "II")
-            found_so_far.append(estimate.parameters.values[0])
-    truth = np.array(truths)
-    rows = tuple(_coverage(name, level, ends, truth) for name, ends in found.items())
+    one = partial(
+        record, sets=sets, disturbance=disturbance, duration=duration, level=level, others=others
+    )
+    with ProcessPoolExecutor(os.cpu_count(), get_context("spawn")) as pool:
+        found = list(pool.map(one, range(recordings), chunksize=4))
+    truth = np.array([each.truth for each in found])
+    rows = tuple(
+        _coverage(name, level, [each.ends[name] for each in found], truth) for name in found[0].ends
+    )
     bias = {
-        name: tuple(np.nanmean(np.array(table) / truth - 1.0, axis=0).tolist())
-        for name, table in estimates.items()
+        name: tuple(
+            np.nanmean(np.array([e.estimates[name] for e in found]) / truth - 1, axis=0).tolist()
+        )
+        for name in found[0].estimates
     }
-    return CoverageStudy(disturbance, duration, bias, rows, 1e3 * float(np.median(times)))
+    milliseconds = 1e3 * float(np.median([each.seconds for each in found]))
+    return CoverageStudy(disturbance, duration, bias, rows, milliseconds)
 
 
-def _ours(segment: Segment, fit: Fit, level: float) -> Interval:
+def record(
+    seed: int,
+    sets: Parameters,
+    disturbance: Disturbance,
+    duration: float,
+    level: float,
+    others: bool,
+) -> Recorded:
+    """One recording; the arguments are those of `measure`."""
+    true = sets[[seed % len(sets)]]
+    segment = disturbed(true, seed, disturbance, duration=duration)
+    fit = METHODS[LIKELIHOOD].fit(segment, "II")
     result = intervals(segment, fit, level)
-    return Interval(result.lower[0].values, result.upper[0].values)
+    ends = {OURS: Interval(result.lower[0].values, result.upper[0].values)}
+    estimates = {LIKELIHOOD: fit.parameters.values[0]}
+    if others:
+        for name in OTHER_METHODS:
+            estimates[name] = METHODS[name].fit(segment, "II").parameters.values[0]
+        smooth, rng = Smooth(segment, METHODS["splines"].fit(segment)), np.random.default_rng(seed)
+        ends |= {name: method(smooth, level, rng) for name, method in OTHERS.items()}
+    return Recorded(true.values[0], ends, estimates, fit.seconds + result.seconds)
 
 
 def _coverage(method: str, level: float, ends: list[Interval], truth: np.ndarray) -> Coverage:
@@ -152,12 +178,12 @@ def text(study: CoverageStudy) -> str:
     for name, bias in study.bias.items():
         errors = ", ".join(f"{s} {100 * b:+.1f} %" for s, b in zip(SYMBOLS, bias, strict=True))
         lines.append(f"Mean error of {name}: {errors}.")
-    lines.append(f"Time for the intervals of one recording: {study.milliseconds:.0f} ms.")
+    lines.append(f"Time for estimate and intervals of one recording: {study.milliseconds:.0f} ms.")
     return "\n".join(lines)
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Measure and print; exit status 1 when a coverage is not between 85 and 95 %."""
+    """Measure and print; see above for the exit status."""
     parser = argparse.ArgumentParser(prog="python -m bench.coverage", description=__doc__)
     parser.add_argument("--recordings", type=int, default=100, help="how many (100)")
     parser.add_argument("--duration", type=float, default=300.0, help="seconds of each recording")
@@ -178,7 +204,17 @@ def main(arguments: list[str] | None = None) -> int:
     )
     study = measure(options.recordings, disturbance, options.duration)
     print(json.dumps(asdict(study), indent=2) if options.json else text(study))
-    return int(not all(0.85 <= share <= 0.95 for share in study.rows[0].covered))
+    return int(not is_as_promised(study))
+
+
+def is_as_promised(study: CoverageStudy) -> bool:
+    """Whether the study shows what accpinn promises."""
+    ours = study.rows[0]
+    return (
+        all(EACH[0] <= share <= EACH[1] for share in ours.covered)
+        and ALL_THREE[0] <= ours.jointly <= ALL_THREE[1]
+        and all(abs(error) <= BIAS for error in study.bias[LIKELIHOOD])
+    )
 
 
 if __name__ == "__main__":

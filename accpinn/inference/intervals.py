@@ -1,16 +1,10 @@
 """The uncertainty of α, β, τ and of what follows from them; the probability of string stability.
 
-The intervals depend on the recording alone, so one set of them serves every method: an estimate is
-judged by whether it lies inside. Least squares, splines and the PiNN minimise the residual of the
-model and are biased by disturbances (see `inference.instrumental_variables`), so their estimates
-may lie outside; a finding then says so.
-
-A vehicle with α = 0 has no gap control: it follows the speed ahead. It amplifies nothing, but to
-call it string stable would hide that it keeps no time headway, so such draws are counted apart. The
-shares of stable draws, amplifying draws and draws without gap control add up to one.
-
-A draw with α = 0 has no τ and stands for any time headway: it counts as 0 at the lower and as
-infinite at the upper end, so that an interval of τ is as wide as the data demand (Fieller 1954).
+The intervals are those of the posterior distribution (see `inference.posterior`), whose model has
+disturbances that last and to which the vehicle itself responds. They depend on the recording alone,
+so one set of them serves every method: an estimate is judged by whether it lies inside. Least
+squares, splines and the PiNN's presets `fast` and `paper` minimise the residual of the model and
+are biased by disturbances, so their estimates may lie outside; a finding then says so.
 """
 
 import time
@@ -23,18 +17,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from accpinn.channels import PARAMETERS
-from accpinn.errors import ConfigError
+from accpinn.errors import ConfigError, SegmentError
 from accpinn.findings import Finding
-from accpinn.inference.instrumental_variables import solve_iv
-from accpinn.inference.sampling import (
-    SHORTEST_BLOCK,
-    block_length,
-    draw,
-    jackknife,
-    project,
-    quantile_interval,
-)
+from accpinn.inference.posterior import sample
 from accpinn.methods.fit import Fit, Outcome
+from accpinn.methods.maximum_likelihood import maxima_of, series_of
 from accpinn.model.cthp import Case, Parameters
 from accpinn.segment.segment import Segment
 from accpinn.stability.criteria import exact_margin, l2_margin
@@ -42,15 +29,10 @@ from accpinn.stability.frequency import crossovers, peaks, response
 from accpinn.stability.linf_gain import step_metrics
 from accpinn.units import FloatArray, Seconds
 
-METHOD = "instrumental variables, blocks of time left out, 20,000 draws"
+METHOD = "posterior of the exact likelihood, by importance sampling"
 LEVEL = 0.9
 DRAWS = 2000
-"""Kept, for bands and clouds."""
-OVERSAMPLING = 10
-"""So many times more are drawn for the ends of intervals, which then move by at most 4 % of an
-interval's width from seed to seed; with those kept alone a τ that is hardly determined moved by
-39 %."""
-SEED = 0
+"""Of equal weight, for ends of intervals, bands and clouds."""
 SLACK = 0.04
 """Of an interval's width: its ends are drawn, and move by up to as much from seed to seed."""
 
@@ -70,31 +52,15 @@ class ParameterInterval(msgspec.Struct, frozen=True):
     """One of α, β, τ."""
     lower: float
     upper: float | None
-    """None where the data set no limit."""
+    """None where nothing is known."""
     estimate: float | None = None
 
 
-class ShortWindow(Finding, frozen=True):
-    """The window is so short that its intervals are rough."""
-
-    duration: Seconds
-    block: Seconds
-    """The length of the blocks that had to be used."""
-
-
 class NotDetermined(Finding, frozen=True):
-    """The data determine none of a follower's parameters."""
+    """The window is too short for the likelihood of a follower's parameters."""
 
     vehicle: int
     """0 for all followers together."""
-
-
-class NegativeEstimate(Finding, frozen=True):
-    """The data ask for a negative parameter, so that its interval is 0 alone."""
-
-    vehicle: int
-    """0 for all followers together."""
-    symbol: str
 
 
 class OutsideInterval(Finding, frozen=True):
@@ -106,7 +72,7 @@ class OutsideInterval(Finding, frozen=True):
     cause: Cause
 
 
-UncertaintyFinding = ShortWindow | NotDetermined | NegativeEstimate | OutsideInterval
+UncertaintyFinding = NotDetermined | OutsideInterval
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,7 +81,6 @@ class Interval:
 
     lower: FloatArray
     upper: FloatArray
-    """May be infinite."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,21 +89,21 @@ class Uncertainty:
 
     method: str
     level: float
-    """How often such intervals cover the truth, if the model holds but for disturbances."""
+    """How often such intervals cover the truth, if the model holds."""
     centre: Parameters
-    """(M,) free of the disturbances' bias; nan where the data do not determine them."""
+    """(M,) the maximum-likelihood estimate; nan where the window is too short."""
     lower: Parameters
     """(M,)"""
     upper: Parameters
-    """(M,) infinite where the data set no limit."""
+    """(M,)"""
     inside: NDArray[np.bool_]
     """(M, 3) whether the fit's own estimate lies within, or no further outside than `SLACK`."""
     draws: Parameters
-    """(n, M) τ is nan where α = 0, all are nan where nothing is determined."""
+    """(n, M) from the posterior, of equal weight; nan where the window is too short."""
     probability_l2: FloatArray
-    """(M,) of L₂ string stability with gap control (α > 0); nan where nothing is determined."""
+    """(M,) of L₂ string stability; nan where the window is too short."""
     probability_linf: FloatArray
-    """(M,) of L∞ string stability, by the exact criterion, with gap control."""
+    """(M,) of L∞ string stability, by the exact criterion."""
     peak_gain: Interval
     """max |H|; 1 where no frequency is amplified."""
     linf_gain: Interval
@@ -148,29 +113,23 @@ class Uncertainty:
     seconds: Seconds
     findings: tuple[UncertaintyFinding, ...]
 
-    @property
-    def no_gap_control(self) -> FloatArray:
-        """(M,) share of draws without gap control (α = 0); nan where nothing is determined."""
-        alpha = self.draws.alpha
-        return _share(alpha == 0, ~np.isnan(alpha[0]))
-
 
 def intervals(segment: Segment, fit: Fit, level: float = LEVEL, draws: int = DRAWS) -> Uncertainty:
-    """The uncertainty of the parameters, given a segment; takes well under a second.
+    """The uncertainty of the parameters, given a segment; takes about a second.
 
     Args:
         segment: the data.
         fit: any method's estimate on them; its case counts, and its parameters are judged.
         level: how often the intervals are to cover the truth, above 0 and below 1.
-        draws: how many are kept, an even number; `OVERSAMPLING` times as many set the ends.
+        draws: how many are kept.
 
     Raises:
         ConfigError: for a level or a number of draws that is not allowed.
     """
     if not 0.0 < level < 1.0:
         raise ConfigError(f"level: {level:g} is not allowed; choose above 0 and below 1, as 0.9.")
-    if draws < 2 or draws % 2:
-        raise ConfigError(f"draws: {draws} is not allowed; choose an even number, as {DRAWS}.")
+    if draws < 2:
+        raise ConfigError(f"draws: {draws} is not allowed; choose at least 2, as {DRAWS}.")
     started = time.perf_counter()
     shared = _shared(segment, fit.case, level, draws)
     inside = within(fit.parameters.values, shared.lower.values, shared.upper.values)
@@ -186,14 +145,13 @@ def within(estimate: FloatArray, lower: FloatArray, upper: FloatArray) -> NDArra
     """Whether estimates lie in their intervals, up to the `SLACK` of the drawn ends.
 
     Args:
-        estimate: (M, 3); nan lies within an interval without an upper end.
-        lower: (M, 3).
+        estimate: (M, 3); nan lies outside.
+        lower: (M, 3); nan where nothing is known, and everything lies inside.
         upper: (M, 3).
     """
-    width = upper - lower
-    slack = SLACK * np.where(np.isfinite(width), width, 0.0)
+    slack = SLACK * (upper - lower)
     inside = (estimate >= lower - slack) & (estimate <= upper + slack)
-    return np.asarray(inside | np.isnan(estimate) & np.isinf(upper))
+    return np.asarray(inside | np.isnan(lower))
 
 
 def gain_band(uncertainty: Uncertainty, follower: int, omega: FloatArray) -> Interval:
@@ -205,76 +163,70 @@ def gain_band(uncertainty: Uncertainty, follower: int, omega: FloatArray) -> Int
         omega: (K,) in rad/s, above zero.
 
     Returns:
-        (K,); nan where nothing is determined.
+        (K,); nan where nothing is known.
     """
     draws = uncertainty.draws[:, follower]
     if np.isnan(draws.alpha).any():
         return Interval(*np.full((2, len(omega)), np.nan))
-    return Interval(*quantile_interval(np.abs(response(draws, omega)), uncertainty.level))
+    return Interval(*_ends(np.abs(response(draws, omega)), uncertainty.level))
 
 
 @lru_cache(maxsize=4)
 def _shared(segment: Segment, case: Case, level: float, draws: int) -> Uncertainty:
     """What does not depend on the fit; many methods on one segment share it."""
-    centre, drawn = _sample(segment, case, OVERSAMPLING * draws, np.random.default_rng(SEED))
-    sample = Parameters.from_theta(drawn)
-    lower, upper = quantile_interval(sample.values, level)
-    determined = ~np.isnan(sample.alpha[0])
-    # τ has no effect where α = 0, and what is not determined is masked below.
-    finite = Parameters.of(np.nan_to_num(sample.values))
-    spaced = finite.alpha > 0
+    centre, theta = _sample(segment, case, draws)
+    known = ~np.isnan(theta[0, :, 0])
+    sampled = Parameters.from_theta(theta)
+    lower, upper = _ends(sampled.values, level)
     return Uncertainty(
         method=METHOD,
         level=level,
-        centre=Parameters.from_theta(centre),
+        centre=centre,
         lower=Parameters.of(lower),
         upper=Parameters.of(upper),
         inside=np.ones_like(lower, dtype=bool),
-        draws=sample[::OVERSAMPLING],
-        probability_l2=_share((l2_margin(finite) >= 0) & spaced, determined),
-        probability_linf=_share((exact_margin(finite) >= 0) & spaced, determined),
-        peak_gain=_interval(peaks(finite).gain, level, determined),
-        linf_gain=_interval(step_metrics(finite).gain, level, determined),
-        crossover=_interval(np.nan_to_num(crossovers(finite)), level, determined),
+        draws=sampled,
+        probability_l2=_where(known, (l2_margin(sampled) >= 0).mean(axis=0)),
+        probability_linf=_where(known, (exact_margin(sampled) >= 0).mean(axis=0)),
+        peak_gain=Interval(*_ends(peaks(sampled).gain, level)),
+        linf_gain=Interval(*_ends(step_metrics(sampled).gain, level)),
+        crossover=Interval(*_ends(np.nan_to_num(crossovers(sampled)), level)),
         seconds=0.0,
         findings=(),
     )
 
 
-def _sample(
-    segment: Segment, case: Case, count: int, rng: np.random.Generator
-) -> tuple[FloatArray, FloatArray]:
-    """θ (M, 3) and its draws (count, M, 3); equal followers in Case I."""
-    centre = np.full((segment.followers, 3), np.nan)
-    drawn = np.full((count, segment.followers, 3), np.nan)
-    for k, equations in enumerate(solve_iv(segment, case)):
-        of = slice(None) if case == "I" else k
-        scatter = jackknife(equations, segment.sample_time)
-        if scatter:
-            centre[of] = project(equations.theta[None], scatter.scale)[0]
-            sample = draw(equations.theta, scatter, count, rng)
-            drawn[:, of] = sample[:, None] if case == "I" else sample
-    return centre, drawn
+def _sample(segment: Segment, case: Case, count: int) -> tuple[Parameters, FloatArray]:
+    """The estimate (M,), and draws of θ (count, M, 3); equal followers in Case I."""
+    try:
+        series, maxima = series_of([segment], case), maxima_of(segment, case)
+    except SegmentError:  # too short
+        unknown = np.full((segment.followers, 3), np.nan)
+        return Parameters.of(unknown), np.tile(unknown, (count, 1, 1))
+    posteriors = sample(series, maxima)
+    theta = np.stack([one.evenly(count) for one in posteriors], axis=1)
+    centre = np.array([one.theta for one in maxima])
+    times = segment.followers if case == "I" else 1
+    return Parameters.from_theta(np.tile(centre, (times, 1))), np.tile(theta, (1, times, 1))
 
 
-def _share(holds: NDArray[np.bool_], determined: NDArray[np.bool_]) -> FloatArray:
-    return np.where(determined, holds.mean(axis=0), np.nan)
+def _ends(values: FloatArray, level: float) -> tuple[FloatArray, FloatArray]:
+    """Lower and upper quantiles over the first axis; nan where a value is."""
+    tail = (1.0 - level) / 2.0
+    lower, upper = np.quantile(values, (tail, 1.0 - tail), axis=0)
+    return lower, upper
 
 
-def _interval(values: FloatArray, level: float, determined: NDArray[np.bool_]) -> Interval:
-    return Interval(*quantile_interval(np.where(determined, values, np.nan), level))
+def _where(known: NDArray[np.bool_], shares: FloatArray) -> FloatArray:
+    return np.where(known, shares, np.nan)
 
 
 def _findings(segment: Segment, fit: Fit, judged: Uncertainty) -> list[UncertaintyFinding]:
     found: list[UncertaintyFinding] = []
-    duration = segment.window.duration
-    if block_length(duration) < SHORTEST_BLOCK:
-        found.append(ShortWindow(duration, block_length(duration)))
     for k, vehicle in enumerate((0,) if fit.case == "I" else segment.vehicles[1:]):
         if np.isnan(judged.centre[k].alpha):
             found.append(NotDetermined(vehicle))
         rows = parameter_intervals(judged, k, fit.parameters)
-        found += [NegativeEstimate(vehicle, row.symbol) for row in rows if row.upper == 0.0]
         outside = [row for row, yes in zip(rows, judged.inside[k], strict=True) if not yes]
         if outside:
             cause = CAUSES.get(fit.outcome, "disturbances")

@@ -4,6 +4,7 @@ from accpinn.errors import ConfigError
 from accpinn.methods import (
     dual_ukf,
     least_squares,
+    maximum_likelihood,
     particle,
     recursive,
     savitzky_golay,
@@ -17,6 +18,7 @@ METHODS: dict[str, Method] = {
     method.key: method
     for method in (
         pinn.METHOD,
+        maximum_likelihood.METHOD,
         least_squares.METHOD,
         savitzky_golay.METHOD,
         splines.METHOD,

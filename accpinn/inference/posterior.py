@@ -1,0 +1,169 @@
+"""The posterior distribution of the parameters, given the exact likelihood, by weighted draws.
+
+    p(z | recording) ∝ L(z) p(z),   z = ln of all unknowns (see `methods.maximum_likelihood`)
+
+is sampled by importance sampling: proposals from a multivariate Student's t, weighted by posterior
+over proposal. The first proposal has the curvature at the maximum; each further one has the
+weighted mean and covariance of the draws before it. What a bound holds at the maximum stays there,
+α, ατ and β excepted.
+
+The prior of α, β and τ is wide: normal in their logarithms, so that 95 % of α lie within a factor
+of ten of 0.08 1/s², of β within as much of 0.2 1/s, and of τ within a factor of three of 1.4 s. It
+matters only where a recording says little, and keeps intervals finite there.
+
+Source: Cappé, Douc, Guillin, Marin and Robert, Statistics and Computing 18 (2008) 447-459.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from accpinn.methods.maximum_likelihood import Criterion, Maximum, Series, vanishing
+from accpinn.methods.state_space import Form
+from accpinn.model.cthp import TYPICAL
+from accpinn.units import FloatArray
+
+PRIOR_SPREAD = (1.2, 1.2, 0.6)
+"""Deviations of ln α, ln β, ln τ."""
+STAGES = (200, 200, 1000)
+"""Proposals of each stage; the last one's are kept."""
+FURTHER = 3
+"""Stages as large as the last that are added at most, for groups with few effective draws."""
+ENOUGH = 0.2
+"""Effective draws per proposal at which no further stage is needed."""
+FREEDOM = 5.0
+"""Of Student's t: its tails are wider than those of any posterior met so far."""
+INFLATION = 1.15
+"""Of the proposal's deviations, for the same reason."""
+TRUST = 10.0
+"""Effective draws at which a covariance of draws counts half."""
+LEAST_PRECISION = 0.25
+"""In any direction, of the first proposal: a flat criterion is no reason to look far away."""
+
+
+@dataclass(frozen=True, eq=False)
+class Posterior:
+    """Weighted draws of one group's unknowns."""
+
+    coordinates: FloatArray
+    """(n, P) z."""
+    theta: FloatArray
+    """(n, 3) α, ατ, β."""
+    weights: FloatArray
+    """(n,) sum to one."""
+
+    @property
+    def effective(self) -> float:
+        """How many independent draws these are worth."""
+        return float(1.0 / (self.weights**2).sum())
+
+    def evenly(self, count: int) -> FloatArray:
+        """(count, 3) draws of θ of equal weight, in no particular order of time."""
+        edges = np.cumsum(self.weights)
+        at = (np.arange(count) + 0.5) / count * edges[-1]
+        return self.theta[np.searchsorted(edges, at)]
+
+
+def log_prior_of_theta(z: FloatArray) -> FloatArray:
+    """(..) of coordinates (.., P): that of ln α, ln β and ln τ, up to a constant."""
+    logs = np.stack([z[..., 0], z[..., 2], z[..., 1] - z[..., 0]], axis=-1)
+    away = (logs - np.log(TYPICAL.values)) / PRIOR_SPREAD
+    return np.asarray(-0.5 * (away**2).sum(axis=-1))
+
+
+def sample(
+    series: Series,
+    maxima: Sequence[Maximum],
+    form: Form = "cthp",
+    seed: int = 0,
+    stages: Sequence[int] = STAGES,
+) -> tuple[Posterior, ...]:
+    """The posterior of each group.
+
+    Args:
+        series: G groups.
+        maxima: (G,) where the search for each of them ended.
+        form: of the model.
+        seed: of the proposals.
+        stages: how many proposals each stage has.
+    """
+    criterion, rng = Criterion(series, form), np.random.default_rng(seed)
+    proposals = [_Proposal.at(one) for one in maxima]
+    best: list[Posterior | None] = [None] * len(maxima)
+    wanted = list(range(len(maxima)))
+    for stage, count in enumerate((*stages, *[stages[-1]] * FURTHER)):
+        drawn, densities = zip(*(proposals[g].draw(count, rng) for g in wanted), strict=True)
+        log = _log_posterior(criterion, np.concatenate(drawn), np.repeat(wanted, count))
+        for g, z, rows, density in zip(
+            wanted, drawn, log.reshape(-1, count), densities, strict=True
+        ):
+            found = Posterior(z, vanishing(form, z), _weights(rows - density))
+            proposals[g] = proposals[g].adapted(found)
+            before = best[g]
+            if stage < len(stages) or before is None or found.effective > before.effective:
+                best[g] = found
+        if stage >= len(stages) - 1:
+            wanted = [g for g in wanted if best[g].effective < ENOUGH * count]
+        if not wanted:
+            break
+    return tuple(one for one in best if one is not None)
+
+
+def _log_posterior(criterion: Criterion, z: FloatArray, groups: FloatArray) -> FloatArray:
+    inside = ((z >= criterion.lower - 1e-12) & (z <= criterion.upper + 1e-12)).all(axis=1)
+    log = np.full(len(z), -np.inf)
+    plausible = z[inside]
+    log[inside] = (
+        criterion.log_likelihood(plausible, groups[inside])
+        + criterion.log_prior(plausible)
+        + log_prior_of_theta(plausible)
+    )
+    return np.where(np.isfinite(log), log, -np.inf)
+
+
+def _weights(log: FloatArray) -> FloatArray:
+    if not np.isfinite(log.max()):  # nothing plausible was proposed
+        return np.full(len(log), 1.0 / len(log))
+    weights = np.exp(log - log.max())
+    return np.asarray(weights / weights.sum())
+
+
+@dataclass(frozen=True, eq=False)
+class _Proposal:
+    """A multivariate Student's t."""
+
+    centre: FloatArray
+    """(P,)"""
+    scale: FloatArray
+    """(P, P); rows and columns of what a bound holds are zero."""
+
+    @classmethod
+    def at(cls, maximum: Maximum) -> "_Proposal":
+        free = np.diag(maximum.curvature) > 0
+        free[:3] = True
+        values, vectors = np.linalg.eigh(maximum.curvature[np.ix_(free, free)])
+        scale = np.zeros_like(maximum.curvature)
+        scale[np.ix_(free, free)] = vectors / np.maximum(values, LEAST_PRECISION) @ vectors.T
+        return cls(maximum.coordinates, scale)
+
+    def adapted(self, draws: Posterior) -> "_Proposal":
+        centre = draws.weights @ draws.coordinates
+        away = draws.coordinates - centre
+        covariance = (away * draws.weights[:, None]).T @ away
+        trust = draws.effective / (draws.effective + TRUST)
+        return _Proposal(centre, trust * covariance + (1.0 - trust) * self.scale)
+
+    def draw(self, count: int, rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
+        """Draws (count, P), and ln of their density (count,) up to a constant."""
+        values, vectors = np.linalg.eigh(self.scale)
+        # An eigenvector's sign is the library's choice; the draws are to be the same everywhere.
+        vectors = vectors * np.sign(vectors[np.abs(vectors).argmax(axis=0), range(len(values))])
+        moving = values > 1e-14 * values.max()
+        root = vectors[:, moving] * np.sqrt(values[moving]) * INFLATION
+        size = root.shape[1]
+        normal = rng.standard_normal((count, size))
+        stretch = FREEDOM / rng.chisquare(FREEDOM, count)
+        distance = (normal**2).sum(axis=1) * stretch
+        drawn = self.centre + (normal * np.sqrt(stretch)[:, None]) @ root.T
+        return drawn, -0.5 * (FREEDOM + size) * np.log1p(distance / FREEDOM)

@@ -1,0 +1,405 @@
+"""Maximum likelihood: the parameters under which the recording is most probable.
+
+The model of `state_space` says how probable a recording is, disturbance and noise included, and
+its Kalman filter computes it exactly. So α, ατ and β are sought together with the size, memory and
+rise of the disturbance and the receivers' noise:
+
+    maximise  log L(z) + log prior(z),   z = ln of all unknowns,
+
+the prior weak and on disturbance and noise alone. The search is scoring: the gradient g of the
+criterion and the expected information I, both from central differences of the innovations, give
+z + I⁻¹g; after a few rounds the curvature is corrected by what the gradient shows (BFGS), as the
+expected information is not the curvature where the model is incomplete.
+
+One set of parameters may hold for several series: the followers of a platoon (Case I), or several
+windows of one vehicle. Their log-likelihoods add up; disturbance and noise are shared as well.
+
+Samples: receivers report every 0.25 s and files of 10 Hz are smooth curves through the reports, so
+neighbouring samples share their noise. One sample each 0.5 s is used.
+
+Source: Ljung, System Identification, 2nd ed., 1999, chapters 7 and 10.
+"""
+
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from scipy.interpolate import CubicHermiteSpline
+
+from accpinn.errors import SegmentError
+from accpinn.mask import stretches
+from accpinn.methods.fit import Fit, Outcome
+from accpinn.methods.kalman import SmoothedStates, innovations, log_likelihood, smooth
+from accpinn.methods.method import direct
+from accpinn.methods.regression import Solution
+from accpinn.methods.state_space import (
+    Coordinate,
+    Form,
+    StateSpace,
+    coordinates,
+    state_space,
+)
+from accpinn.model.cthp import Case, Trajectories
+from accpinn.segment.segment import Segment
+from accpinn.units import FloatArray, Seconds, frozen
+
+KEY = "maximum-likelihood"
+SPACING: Seconds = 0.5
+"""Between the samples used; see above."""
+DIFFERENCE = 1e-4
+"""Of a coordinate, for central differences."""
+ROUNDS = 60
+SCORING = 5
+"""Rounds that use the expected information alone."""
+LONGEST_STEP = 1.5
+"""In ln of an unknown."""
+CLOSE = 1e-5
+"""The search ends when a full step would gain less than this in log L."""
+LEAST_SAMPLES = 40
+SHORTEST_STRETCH = 10
+"""Samples; what is left between masked instants and is shorter says next to nothing."""
+LARGEST_BATCH = 3_000_000
+"""Samples times models filtered at once, which bounds the memory."""
+STARTS = (0.0, -1.5)
+"""ln of the factor on α and ατ that each search starts with: near the middle of published
+parameters, and far below it, where long headways lie."""
+
+
+@dataclass(frozen=True, eq=False)
+class Series:
+    """Measurements of p, v, u, one sample each `step`, and which of them share one set."""
+
+    measured: FloatArray
+    """(N, 3, S); nan where missing, and after the end of a series shorter than others."""
+    group: tuple[int, ...]
+    """(S,) 0 to G-1: the set of parameters that each series belongs to."""
+    step: Seconds
+
+    @property
+    def groups(self) -> int:
+        """G."""
+        return max(self.group) + 1
+
+    def members(self, group: int) -> list[int]:
+        """The series of a group."""
+        return [k for k, of in enumerate(self.group) if of == group]
+
+    def until(self, share: float) -> "Series":
+        """The same with what comes after a share of the time missing."""
+        kept = self.measured.copy()
+        kept[round(share * len(kept)) :] = np.nan
+        return Series(kept, self.group, self.step)
+
+
+def series_of(segments: Sequence[Segment], case: Case) -> Series:
+    """The series of each follower; one group a follower (Case II), or one for all (Case I).
+
+    Where the model's equation does not count (the segment's mask), a series ends, and another one
+    begins after it.
+
+    Args:
+        segments: of the same vehicles and with the same step; several are taken as further windows
+            of these vehicles.
+        case: "I" or "II".
+    """
+    parts, group = [], []
+    for segment in segments:
+        measured, mask = measured_of(segment), segment.mask
+        for k in range(segment.followers):
+            rows = np.ones(len(measured), bool) if mask is None else mask[:: stride_of(segment), k]
+            for stretch in stretches(rows):
+                if len(stretch) >= SHORTEST_STRETCH:
+                    parts.append(measured[stretch.rows, :, k])
+                    group.append(0 if case == "I" else k)
+    groups = 1 if case == "I" else segments[0].followers
+    if set(group) != set(range(groups)) or max(map(len, parts)) < LEAST_SAMPLES:
+        first = segments[0]
+        raise SegmentError(
+            f"{first.source}: what is left of {first.window} is too short for the likelihood; take"
+            f" a window in which at least {LEAST_SAMPLES * SPACING:g} s on end count."
+        )
+    longest = max(map(len, parts))
+    missing = {"constant_values": np.nan}
+    padded = [np.pad(part, ((0, longest - len(part)), (0, 0)), **missing) for part in parts]
+    step = stride_of(segments[0]) * segments[0].sample_time
+    return Series(np.stack(padded, axis=2), tuple(group), step)
+
+
+def stride_of(segment: Segment) -> int:
+    """Samples of the segment from one that is used to the next."""
+    return max(1, round(SPACING / segment.sample_time))
+
+
+def measured_of(segment: Segment) -> FloatArray:
+    """(N, 3, M): p, v and the speed ahead of each follower at the samples used; nan if missing."""
+    pairs = (segment.gaps, segment.speeds[:, 1:], segment.speeds[:, :-1])
+    return np.stack(pairs, axis=1)[:: stride_of(segment)]
+
+
+@dataclass(frozen=True, eq=False)
+class Maximum:
+    """Where the criterion of one group is largest."""
+
+    form: Form
+    coordinates: FloatArray
+    """(P,) z."""
+    criterion: float
+    """log L + log prior."""
+    log_likelihood: float
+    curvature: FloatArray
+    """(P, P): -d²/dz² of the criterion, positive definite; without those held by a bound, where
+    rows and columns are zero."""
+    converged: bool
+    rounds: int
+
+    @property
+    def values(self) -> FloatArray:
+        """(P,) the unknowns in their own units; α, ατ, β at their least value stand for zero."""
+        return natural(self.form, self.coordinates)
+
+    @property
+    def theta(self) -> FloatArray:
+        """(3,) α, ατ, β; 0 where the search ends at the least value."""
+        return vanishing(self.form, self.coordinates)
+
+
+def natural(form: Form, z: FloatArray) -> FloatArray:
+    """Unknowns in their own units from coordinates (.., P)."""
+    logarithmic = np.array([one.logarithmic for one in coordinates(form)])
+    return np.where(logarithmic, np.exp(np.where(logarithmic, z, 0.0)), z)
+
+
+def vanishing(form: Form, z: FloatArray) -> FloatArray:
+    """θ (.., 3) from coordinates (.., P); components at their least value are 0."""
+    theta = natural(form, z)[..., :3]
+    least = np.array([one.lower for one in coordinates(form)[:3]])
+    return np.where(theta <= least * (1 + 1e-9), 0.0, theta)
+
+
+class Criterion:
+    """log L + log prior of every group, as a function of its coordinates."""
+
+    def __init__(self, series: Series, form: Form = "cthp") -> None:
+        """For series, under a form of the model."""
+        self.series, self.form = series, form
+        unknowns: tuple[Coordinate, ...] = coordinates(form)
+        self.size = len(unknowns)
+        self.lower, self.upper = np.array([one.bounds for one in unknowns]).T
+        self.start = np.array([one.centre for one in unknowns])
+        self._weight = np.array([0.0 if one.spread is None else one.spread**-2 for one in unknowns])
+        self._members = [series.members(g) for g in range(series.groups)]
+
+    def model(self, z: FloatArray) -> StateSpace:
+        """The models of coordinates (B, P)."""
+        return state_space(self.form, natural(self.form, z), self.series.step)
+
+    def log_prior(self, z: FloatArray) -> FloatArray:
+        """(..) of coordinates (.., P), up to a constant."""
+        return np.asarray(-0.5 * ((z - self.start) ** 2 * self._weight).sum(axis=-1))
+
+    def log_likelihood(self, z: FloatArray, groups: FloatArray) -> FloatArray:
+        """(K,) log L at coordinates (K, P), each of the group (K,) that is named with it."""
+        found = np.zeros(len(z))
+        pairs = np.array([(k, j) for k, g in enumerate(groups) for j in self._members[g]])
+        most = max(1, LARGEST_BATCH // len(self.series.measured))
+        for part in np.array_split(pairs, range(most, len(pairs), most)):
+            which, series = part.T
+            total = log_likelihood(self.model(z[which]), self.series.measured[:, :, series])
+            np.add.at(found, which, total)
+        return found
+
+    def score(self, z: FloatArray, groups: Sequence[int]) -> tuple[FloatArray, ...]:
+        """Criterion (K,), gradient (K, P) and expected information (K, P, P), prior included.
+
+        Args:
+            z: (K, P)
+            groups: (K,) which group each row belongs to.
+        """
+        size = self.size
+        moves = DIFFERENCE * np.eye(size)
+        around = np.stack([z, *(z + sign * move for move in moves for sign in (1, -1))], axis=1)
+        pairs = [(k, j) for k, g in enumerate(groups) for j in self._members[g]]
+        which, series = np.array(pairs).T
+        model = self.model(around[which].reshape(-1, size))
+        measured = np.repeat(self.series.measured[:, :, series], 2 * size + 1, axis=2)
+        total, found = innovations(model, measured)
+        total = total.reshape(len(pairs), -1)
+        errors = found.errors.reshape(-1, len(pairs), 2 * size + 1)
+        variances = found.variances.reshape(errors.shape)
+        slope = (errors[..., 1::2] - errors[..., 2::2]) / np.sqrt(variances[..., :1])
+        growth = np.log(variances[..., 1::2] / variances[..., 2::2]) / np.sqrt(2.0)
+        information = sum(
+            np.einsum("tbi,tbj->bij", one, one, optimize=True) for one in (slope, growth)
+        )
+        value, gradient = self.log_prior(z), -(z - self.start) * self._weight
+        curvature = np.tile(np.diag(self._weight), (len(z), 1, 1))
+        step = 2 * DIFFERENCE
+        np.add.at(value, which, total[:, 0])
+        np.add.at(gradient, which, (total[:, 1::2] - total[:, 2::2]) / step)
+        np.add.at(curvature, which, information / step**2)
+        return value, gradient, curvature
+
+
+def maximise(
+    series: Series, form: Form = "cthp", starts: Sequence[float] = STARTS
+) -> tuple[Maximum, ...]:
+    """The maximum of each group, the best of several searches.
+
+    Args:
+        series: G groups.
+        form: of the model.
+        starts: ln of the factor on α and ατ that each search starts with.
+    """
+    criterion = Criterion(series, form)
+    z = np.tile(criterion.start, (len(starts) * series.groups, 1))
+    z[:, :2] += np.repeat(starts, series.groups)[:, None]
+    found = _search(criterion, z, np.tile(np.arange(series.groups), len(starts)))
+    best = []
+    for group in range(series.groups):
+        best.append(max(found[group :: series.groups], key=lambda one: one.criterion))
+    return tuple(best)
+
+
+def _search(criterion: Criterion, z: FloatArray, groups: FloatArray) -> list[Maximum]:
+    """Ascend from each row of z (K, P); all rows move at once."""
+    z = np.clip(z, criterion.lower, criterion.upper)
+    value, gradient, curvature = criterion.score(z, groups)
+    damping = np.full(len(z), 1e-2)
+    rounds = np.zeros(len(z), int)
+    done = np.zeros(len(z), bool)
+    for _ in range(ROUNDS):
+        active = np.flatnonzero(~done)
+        if not len(active):
+            break
+        trial = z.copy()
+        for k in active:
+            free = _free(criterion, z[k], gradient[k])
+            step = _step(curvature[k], gradient[k], free, damping[k])
+            trial[k] = np.clip(z[k] + step, criterion.lower, criterion.upper)
+            done[k] = gradient[k] @ step < CLOSE and damping[k] < 1.0
+        active = active[~done[active]]
+        if not len(active):
+            break
+        found = criterion.score(trial[active], groups[active])
+        rounds[active] += 1
+        for k, new, slope, information in zip(active, *found, strict=True):
+            if not new > value[k] - 1e-9:
+                damping[k] *= 8.0
+                done[k] = damping[k] > 1e8
+                continue
+            if rounds[k] > SCORING:
+                curvature[k] = _corrected(curvature[k], trial[k] - z[k], gradient[k] - slope)
+            else:
+                curvature[k] = information
+            z[k], value[k], gradient[k] = trial[k], new, slope
+            damping[k] = max(damping[k] / 8.0, 1e-9)
+    return [
+        Maximum(
+            criterion.form,
+            z[k],
+            float(value[k]),
+            float(value[k] - criterion.log_prior(z[k])),
+            np.where(
+                np.logical_and.outer(*2 * [_free(criterion, z[k], gradient[k])]), curvature[k], 0.0
+            ),
+            bool(done[k] and damping[k] < 1.0),
+            int(rounds[k]),
+        )
+        for k in range(len(z))
+    ]
+
+
+def _free(criterion: Criterion, z: FloatArray, gradient: FloatArray) -> FloatArray:
+    """(P,) whether a coordinate is not held by a bound."""
+    held = (z <= criterion.lower) & (gradient < 0) | (z >= criterion.upper) & (gradient > 0)
+    return np.asarray(~held)
+
+
+def _step(
+    curvature: FloatArray, gradient: FloatArray, free: FloatArray, damping: float
+) -> FloatArray:
+    part = curvature[np.ix_(free, free)]
+    part = part + np.diag(damping * np.diag(part) + 1e-9)
+    step = np.zeros(len(gradient))
+    step[free] = np.linalg.solve(part, gradient[free])
+    return step * min(1.0, LONGEST_STEP / max(float(np.abs(step).max()), 1e-300))
+
+
+def _corrected(curvature: FloatArray, move: FloatArray, fall: FloatArray) -> FloatArray:
+    """The BFGS update of a curvature, where the gradient falls along the move."""
+    along = float(move @ fall)
+    pulled = curvature @ move
+    expected = float(move @ pulled)
+    if along <= 1e-10 * max(expected, 1e-300):
+        return curvature
+    change = np.outer(fall, fall) / along - np.outer(pulled, pulled) / expected
+    return np.asarray(curvature + change)
+
+
+@lru_cache(maxsize=16)
+def maxima_of(segment: Segment, case: Case, form: Form = "cthp") -> tuple[Maximum, ...]:
+    """The maximum of each follower, or in Case I of all together; remembered for a few segments."""
+    return maximise(series_of([segment], case), form)
+
+
+def fit(segment: Segment, case: Case = "II") -> Fit:
+    """The parameters that make the segment most probable, and the smoothed motion.
+
+    Args:
+        segment: speeds (N, M+1) in m/s and space-gaps (N, M) in m.
+        case: "I" or "II".
+
+    Raises:
+        SegmentError: when the window is too short to say anything.
+    """
+    started = time.perf_counter()
+    maxima = maxima_of(segment, case)
+    of = maxima * segment.followers if case == "I" else maxima
+    theta = np.array([one.theta for one in of])
+    active = theta == 0.0
+    free = np.array([one.values[:3] for one in of])
+    step = stride_of(segment) * segment.sample_time
+    model = state_space("cthp", np.array([one.values for one in of]), step)
+    states = smooth(model, measured_of(segment))
+    surrogate, disturbance = _at_instants(segment, step, model, states)
+    return Fit.of(
+        KEY,
+        segment,
+        case,
+        Solution(frozen(theta), frozen(free), frozen(active, dtype=np.bool_)),
+        outcome=Outcome.SOLVED if all(one.converged for one in maxima) else Outcome.FINISHED,
+        seconds=time.perf_counter() - started,
+        config={"spacing": step},
+        surrogate=surrogate,
+        loss={"log_likelihood": sum(one.log_likelihood for one in maxima)},
+        iterations=max(one.rounds for one in maxima),
+        arrays={
+            "disturbance": disturbance,
+            "unknowns": np.array([one.values for one in of]),
+        },
+    )
+
+
+def _at_instants(
+    segment: Segment, step: Seconds, model: StateSpace, states: SmoothedStates
+) -> tuple[Trajectories, FloatArray]:
+    """The smoothed motion, and the disturbance (N, M) in m/s², at all instants of the segment.
+
+    Between the samples used the motion is the cubic that has the smoothed values and rates.
+    """
+    means = states.means
+    time = step * np.arange(len(means))
+    rates = np.einsum("ijb,kjb->kib", model.rates, means)
+    curves = CubicHermiteSpline(time, means[:, :3], rates[:, :3])(segment.time)
+    gaps, speeds, ahead = np.moveaxis(curves, 1, 0)
+    disturbance = np.stack([np.interp(segment.time, time, one) for one in means[:, 3].T], axis=1)
+    motion = Trajectories(segment.time, np.column_stack([ahead[:, 0], speeds]), gaps)
+    return motion, disturbance
+
+
+METHOD = direct(
+    KEY, "Maximum likelihood", fit, typical_seconds=0.5, tolerance=1e-3,
+    summary="exact likelihood of a model with lasting disturbances; unbiased, with intervals",
+)  # fmt: skip

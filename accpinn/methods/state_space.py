@@ -1,0 +1,215 @@
+"""The CTHP and what disturbs it, as a linear state-space model of one follower.
+
+A vehicle does not obey the CTHP exactly. Its disturbance r lasts for seconds and moves its own
+speed and space-gap, so that a method which only makes r small is biased. Here r is part of the
+model, and so is the noise of the receivers:
+
+    dp = (u - v) dt + √q dB                           space-gap p [m], wandering with the receivers
+    dv = (α (p - τ v) + β (u - v) + r) dt             own speed v [m/s]
+    dr = (w - r)/T₂ dt,  dw = -w/T dt + .. dW         disturbance r [m/s²]: deviation s, memory T,
+                                                      rise T₂ (a red process; T₂ -> 0 is a
+                                                      first-order Gauss-Markov process)
+    du = a dt,  da = -a/3 dt + .. dW                  speed ahead u [m/s], acceleration's deviation
+    y  = (p, v, u) + white noise                      measured at even steps; samples may be missing
+
+Forms of the model add one term: a constant acceleration (a standstill distance or a slope, which
+cannot be told apart), a first-order actuator lag, or a delay (Padé, second order).
+
+The discretisation is exact (matrix exponential; Van Loan, IEEE Trans. Autom. Control 23, 1978).
+Source of the approach: Kristensen, Madsen and Jørgensen, Automatica 40 (2004) 225-237.
+"""
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from scipy.linalg import expm
+
+from accpinn.model.cthp import LARGEST, LARGEST_ALPHA_TAU, TYPICAL
+from accpinn.units import FloatArray, Seconds
+
+Form = Literal["cthp", "offset", "lag", "delay"]
+FORMS: tuple[Form, ...] = ("cthp", "offset", "lag", "delay")
+OBSERVED = (0, 1, 2)
+"""The states p, v, u, which are measured."""
+LEADER_MEMORY: Seconds = 3.0
+GAP_DRIFT = 2 * 0.14**2 / 60
+"""q in m²/s: two positions' errors make a deviation of 0.14 m that lasts a minute."""
+DOUBLINGS = 6
+FIRST = (100.0, 50.0, 50.0)
+"""Deviations of the first p, v, u, about zero: nothing is known of them before the first sample."""
+
+
+@dataclass(frozen=True)
+class Coordinate:
+    """One unknown of the model, and the interval and prior that keep it plausible."""
+
+    name: str
+    start: float
+    lower: float
+    upper: float
+    spread: float | None = None
+    """Deviation of its weak normal prior about ``start``; None for a flat one."""
+    logarithmic: bool = True
+    """Whether search and prior use its logarithm."""
+
+    @property
+    def bounds(self) -> tuple[float, float]:
+        """Lower and upper end in the search's coordinate."""
+        if self.logarithmic:
+            return float(np.log(self.lower)), float(np.log(self.upper))
+        return self.lower, self.upper
+
+    @property
+    def centre(self) -> float:
+        """The start in the search's coordinate."""
+        return float(np.log(self.start)) if self.logarithmic else self.start
+
+
+_ALPHA, _BETA, _TAU = TYPICAL.values.tolist()
+LEAST = 1e-4
+"""A smaller α [1/s²] or β [1/s] has no effect that a recording could show: it stands for zero."""
+COMMON = (
+    Coordinate("alpha", _ALPHA, LEAST, LARGEST.alpha),
+    Coordinate("alpha_tau", _ALPHA * _TAU, LEAST, LARGEST_ALPHA_TAU),
+    Coordinate("beta", _BETA, LEAST, LARGEST.beta),
+    Coordinate("disturbance", 0.25, 0.01, 3.0, 1.0),
+    Coordinate("memory", 4.0, 0.3, 60.0, 0.7),
+    Coordinate("rise", 0.15, 0.005, 20.0, 1.5),
+    Coordinate("gap_noise", 0.03, 0.01, 3.0, 1.0),
+    Coordinate("speed_noise", 0.05, 0.02, 1.0, 1.0),
+    Coordinate("leader_acceleration", 0.5, 0.02, 3.0, 0.5),
+)
+"""θ = (α, ατ, β) first. The least noise is what the receivers can resolve: with less, recordings
+that were smoothed drive the disturbance's memory to absurd values."""
+EXTRA: dict[Form, Coordinate] = {
+    "offset": Coordinate("offset", 0.0, -2.0, 2.0, 0.5, logarithmic=False),
+    "lag": Coordinate("lag", 0.4, 0.05, 4.0, 1.0),
+    "delay": Coordinate("delay", 0.4, 0.05, 4.0, 1.0),
+}
+"""The offset is in m/s², a standstill distance times -α; lag and delay are in s."""
+
+
+def coordinates(form: Form) -> tuple[Coordinate, ...]:
+    """The unknowns of a form of the model: nine, and one more where it adds a term."""
+    return (*COMMON, EXTRA[form]) if form in EXTRA else COMMON
+
+
+@dataclass(frozen=True, eq=False)
+class StateSpace:
+    """B discrete models with n states each; the models are the last axis of every array."""
+
+    transition: FloatArray
+    """(n, n, B): the states a step later."""
+    process: FloatArray
+    """(n, n, B): covariance of what is added in a step."""
+    noise: FloatArray
+    """(3, B): variances of the measurements of p, v, u."""
+    first: FloatArray
+    """(n, B): means of the states before the first sample."""
+    first_covariance: FloatArray
+    """(n, n, B)."""
+    rates: FloatArray
+    """(n, n, B): d/dt of the states, without noise."""
+
+
+def state_space(form: Form, values: FloatArray, step: Seconds) -> StateSpace:
+    """The model for several sets of its unknowns.
+
+    Args:
+        form: of the model.
+        values: (B, P) the unknowns in the order of `coordinates`, in their own units.
+        step: between samples in s.
+    """
+    alpha, alpha_tau, beta, deviation, memory, rise, gap, speed, leader = values[:, :9].T
+    count = len(values)
+    size = 6 + {"cthp": 0, "offset": 1, "lag": 1, "delay": 2}[form]
+    rates, density, covariance = (np.zeros((count, size, size)) for _ in range(3))
+    mean = np.zeros((count, size))
+    p, v, u, r, w, a = range(6)
+
+    rates[:, p, u], rates[:, p, v] = 1.0, -1.0
+    density[:, p, p] = GAP_DRIFT
+    command = np.zeros((count, size))
+    command[:, p], command[:, v], command[:, u] = alpha, -alpha_tau - beta, beta
+    _add_command(form, rates, command, values[:, -1], covariance, mean)
+    rates[:, v, r] += 1.0
+    rates[:, r, r], rates[:, r, w] = -1.0 / rise, 1.0 / rise
+    rates[:, w, w] = -1.0 / memory
+    # Stationary: r has the deviation that is asked for, w is larger by what the rise smooths.
+    white = deviation**2 * (memory + rise) / memory
+    density[:, w, w] = 2.0 * white / memory
+    rates[:, u, a] = 1.0
+    rates[:, a, a] = -1.0 / LEADER_MEMORY
+    density[:, a, a] = 2.0 * leader**2 / LEADER_MEMORY
+
+    covariance[:, range(3), range(3)] = np.square(FIRST)
+    covariance[:, r, r] = covariance[:, r, w] = covariance[:, w, r] = deviation**2
+    covariance[:, w, w] = white
+    covariance[:, a, a] = leader**2
+
+    transition, process = _discretise(rates, density, step)
+    return StateSpace(
+        transition=_last(transition),
+        process=_last(process),
+        noise=np.stack([gap, speed, speed]) ** 2,
+        first=mean.T.copy(),
+        first_covariance=_last(covariance),
+        rates=_last(rates),
+    )
+
+
+def _add_command(
+    form: Form,
+    rates: FloatArray,
+    command: FloatArray,
+    extra: FloatArray,
+    covariance: FloatArray,
+    mean: FloatArray,
+) -> None:
+    """What the controller asks for (B, n) becomes acceleration, by way of the form's own states."""
+    v, own = 1, 6
+    usual = 0.25
+    if form == "lag":
+        rates[:, own] = command / extra[:, None]
+        rates[:, own, own] -= 1.0 / extra
+        rates[:, v, own] = 1.0
+        covariance[:, own, own] = usual**2
+        return
+    rates[:, v] += command
+    if form == "offset":  # a state that never moves
+        rates[:, v, own] = 1.0
+        mean[:, own] = extra
+    elif form == "delay":
+        # exp(-ds) is about 1 - 12ds / (d²s² + 6ds + 12).
+        rates[:, own, own + 1] = 1.0
+        rates[:, own + 1] = command
+        rates[:, own + 1, own] -= 12.0 / extra**2
+        rates[:, own + 1, own + 1] -= 6.0 / extra
+        rates[:, v, own + 1] -= 12.0 / extra
+        covariance[:, own, own] = (usual * extra**2 / 12.0) ** 2
+        covariance[:, own + 1, own + 1] = (usual * extra / 6.0) ** 2
+
+
+def _discretise(
+    rates: FloatArray, density: FloatArray, step: Seconds
+) -> tuple[FloatArray, FloatArray]:
+    """Transition and added covariance (B, n, n) of a step, by one exponential of twice the size."""
+    size = rates.shape[1]
+    block = np.zeros((len(rates), 2 * size, 2 * size))
+    block[:, :size, :size], block[:, :size, size:] = -rates, density
+    block[:, size:, size:] = rates.transpose(0, 2, 1)
+    # The block grows as fast as the model decays, so it is taken over a short part of the step,
+    # which is then doubled.
+    whole = expm(block * (step / 2**DOUBLINGS))
+    transition = whole[:, size:, size:].transpose(0, 2, 1)
+    process = transition @ whole[:, :size, size:]
+    for _ in range(DOUBLINGS):
+        process = process + transition @ process @ transition.transpose(0, 2, 1)
+        transition = transition @ transition
+    return transition, (process + process.transpose(0, 2, 1)) / 2
+
+
+def _last(stacked: FloatArray) -> FloatArray:
+    """(B, n, n) to (n, n, B), which the filter reads fastest."""
+    return np.ascontiguousarray(np.moveaxis(stacked, 0, -1))
