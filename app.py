@@ -6,8 +6,7 @@ from accpinn.methods.pinn.config import FAST
 from accpinn.results.figures.recording import preview
 from accpinn.segment.cut import cut
 from pages.ui.components import frame
-from pages.ui.components.charts import vehicle_key
-from pages.ui.components.messages import show_error
+from pages.ui.components.output import show_messages, vehicle_key
 from pages.ui.data.sources import FIRST_SAMPLE, open_with, sample
 from pages.ui.session.workspace import Workspace
 
@@ -50,7 +49,7 @@ def hero(workspace: Workspace) -> None:
         if not workspace.refusal:
             workspace.train(FAST)
             frame.go(frame.TRAIN, workspace)
-        show_error(workspace.refusal)
+        show_messages(workspace.refusal, "error")
     frame.link(frame.DATA, "Load your own OpenACC recording", workspace, "upload_file")
 
 

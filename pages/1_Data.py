@@ -7,13 +7,11 @@ import streamlit as st
 from accpinn.errors import ConfigError
 from accpinn.results.messages import messages
 from pages.ui.components import frame
-from pages.ui.components.messages import escape_markdown
-from pages.ui.data.preview import describe, show_preview, show_warnings
-from pages.ui.data.regimes import show_regimes
+from pages.ui.components.output import escape_markdown
+from pages.ui.data import window
 from pages.ui.data.sources import choose_source
-from pages.ui.data.window_picker import choose_vehicles, choose_window, show_overview
-from pages.ui.snapshots.restored import banner, show_data
-from pages.ui.train.settings import chosen_config
+from pages.ui.restored import banner, show_data
+from pages.ui.train.controls import chosen_config
 
 
 def main() -> None:
@@ -24,7 +22,7 @@ def main() -> None:
             show_data(workspace, workspace.snapshot)
         with st.container(border=True):
             choose_source(workspace)
-        show_preview(workspace)
+        window.show_preview(workspace)
         return
     banner(workspace)
     with st.expander(
@@ -32,12 +30,12 @@ def main() -> None:
         icon=":material/folder_open:",
     ):
         choose_source(workspace)
-    st.markdown(describe(recording))
-    show_warnings(messages(recording.findings, recording), "this recording")
+    st.markdown(window.describe(recording))
+    window.show_warnings(messages(recording.findings, recording), "this recording")
     controls, chart = st.columns((1, 2.6), gap="medium")
     with controls:
-        choose_vehicles(workspace, recording)
-        choose_window(workspace, recording)
+        window.choose_vehicles(workspace, recording)
+        window.choose_window(workspace, recording)
         st.caption("Or drag over the chart to set the window.")
         if st.button(
             "Train on this window",
@@ -50,9 +48,9 @@ def main() -> None:
                 workspace.train(chosen_config(workspace))
             frame.go(frame.TRAIN, workspace)
     with chart:
-        show_overview(workspace, recording)
-    show_preview(workspace)
-    show_regimes(workspace, recording)
+        window.show_overview(workspace, recording)
+    window.show_preview(workspace)
+    window.show_regimes(workspace, recording)
 
 
 main()

@@ -4,7 +4,7 @@ import streamlit as st
 
 from pages.ui.components import frame
 from pages.ui.components.monitor import monitor
-from pages.ui.snapshots.restored import banner, show_saved_result
+from pages.ui.restored import banner, show_saved_result
 from pages.ui.train.controls import continue_button, controls
 from pages.ui.train.results import show_result, show_training
 

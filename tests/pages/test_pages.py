@@ -18,9 +18,9 @@ from accpinn.segment.segment import Segment
 from accpinn.tasks.estimations import training
 from accpinn.tasks.request import TrainingRequest
 from accpinn.tasks.task import Status
-from pages.ui.components.messages import bullets, escape_markdown, format_duration
+from pages.ui.components.output import bullets, escape_markdown, format_duration
 from pages.ui.data import sources
-from pages.ui.data.window_picker import window_of
+from pages.ui.data.window import window_of
 from pages.ui.session import sessions
 from pages.ui.session.resources import task_queue
 from pages.ui.session.sessions import KEPT_FOR, KEPT_WORKSPACES, Workspaces

@@ -20,8 +20,8 @@ from pages.ui.data.sources import FIRST_SAMPLE, sample
 from pages.ui.session import sessions
 from pages.ui.session.resources import library, task_queue
 from pages.ui.session.workspace import Workspace
-from pages.ui.snapshots.differences import differing_settings, other_vehicles, parameter_differences
-from pages.ui.train.settings import chosen_config
+from pages.ui.snapshots import differing_settings, other_vehicles, parameter_differences
+from pages.ui.train.controls import chosen_config
 from tests.support.apptest import (
     COMPARE,
     DATA,
@@ -367,7 +367,7 @@ class TestParameters:
         found.parameter_choice.snapshot = name
         page = open_page(path, found)
         assert not page.error
-        assert parameters_from(found, "snapshot").parameters == changed
+        assert parameters_from(found, "snapshot", library().entries()).parameters == changed
 
     @pytest.mark.parametrize("path", [STABILITY, PLATOON])
     def test_a_run_looks_at_the_shelf_once_and_reads_a_snapshot_once(

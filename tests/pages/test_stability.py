@@ -22,10 +22,10 @@ from accpinn.results.snapshot.create import create
 from accpinn.stability.report import stability_report
 from accpinn.tasks.estimations import training
 from accpinn.tasks.request import TrainingRequest
-from pages.ui.platoon.controls import parse_order
+from pages.ui.platoon import parse_order
 from pages.ui.session.resources import library
 from pages.ui.session.workspace import Workspace
-from pages.ui.stability.charts import clicked_point
+from pages.ui.stability import clicked_point
 from tests.support.apptest import (
     PLATOON,
     STABILITY,

@@ -7,7 +7,7 @@ import streamlit as st
 
 from accpinn.tasks.task import Status, Task
 from pages.ui.components import frame
-from pages.ui.components.messages import format_duration, show_error, show_messages
+from pages.ui.components.output import format_duration, show_messages
 from pages.ui.session.resources import task_queue
 from pages.ui.session.workspace import Workspace
 
@@ -55,7 +55,7 @@ def show_status(workspace: Workspace, task: Task[Any]) -> None:
         stopping = "Stopping … " if task.is_stopping else ""
         st.progress(task.share, stopping + " · ".join(progress_parts(task)))
     elif status is Status.FAILED:
-        show_error(task.error)
+        show_messages(task.error, "error")
     elif status is Status.STOPPED and planned > 1:
         kept = f"{done} of {planned} results are kept" if done else "no result is there yet"
         show_messages(f"Stopped: {kept}.", icon="stop_circle")

@@ -13,7 +13,7 @@ from accpinn.errors import AccpinnError
 from accpinn.recordings import openacc
 from accpinn.recordings.recording import Recording
 from accpinn.recordings.synthetic import Truth, load_truth, truth_path
-from pages.ui.components.messages import escape_markdown, show_error
+from pages.ui.components.output import escape_markdown, show_messages
 from pages.ui.session.workspace import Workspace
 
 SAMPLES = Path(__file__).parents[3] / "sample_data"
@@ -87,7 +87,7 @@ def choose_source(workspace: Workspace) -> None:
         _choose_file(workspace)
     if workspace.refusal:
         kept = " The recording opened before is kept." if workspace.recording else ""
-        show_error(workspace.refusal + kept)
+        show_messages(workspace.refusal + kept, "error")
 
 
 def _choose_sample(workspace: Workspace) -> None:

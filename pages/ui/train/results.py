@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from functools import partial
+from pathlib import Path
 
 import streamlit as st
 
@@ -22,13 +23,18 @@ from accpinn.results.figures import training as figures
 from accpinn.results.messages import messages
 from accpinn.results.messages.methods import outcome_message
 from accpinn.results.tables import estimates as tables
-from accpinn.results.tables.estimates import intervals_table
 from accpinn.segment.quality import Quality, assess_quality
-from accpinn.segment.segment import Segment, SegmentInfo
+from accpinn.segment.segment import SegmentInfo
 from accpinn.tasks.task import Task
-from pages.ui.components.charts import show_chart, vehicle_key
-from pages.ui.components.messages import format_duration, show_messages
-from pages.ui.components.table import show_downloads, show_table, stem_of, vehicle_colours
+from pages.ui.components.output import (
+    format_duration,
+    show_chart,
+    show_downloads,
+    show_messages,
+    show_table,
+    vehicle_colours,
+    vehicle_key,
+)
 from pages.ui.components.widgets import pick_follower
 from pages.ui.session.workspace import Workspace
 
@@ -87,7 +93,11 @@ def show_result(workspace: Workspace) -> None:
         segment.info, fit, assess_quality(segment), errors, closed_loop_findings(segment, driven),
         workspace.uncertainty(), "train",
     )  # fmt: skip
-    show_estimates(segment, fit, workspace.true_parameters)
+    solved, truth = least_squares.fit(segment, fit.case).parameters, workspace.true_parameters
+    estimates = {"PiNN": fit.parameters, "Least squares": solved}
+    estimates |= {"Truth": truth} if truth else {}
+    st.subheader("Comparison with least squares", anchor=False)
+    show_table(tables.comparison_table(segment.info, estimates), vehicle_colours(segment)[1:])
     st.subheader("Network against data", anchor=False)
     follower = pick_follower(segment, "train_follower")
     show_chart(figures.tracking(segment, follower, fit.surrogate, driven), "train_tracking")
@@ -113,7 +123,16 @@ def show_fit(
         uncertainty: of the fit, where it is known.
         page: the beginning of the buttons' keys.
     """
-    show_outcome(fit)
+    took = f"{fit.seconds:.1f} s" if fit.seconds < 60 else format_duration(fit.seconds)
+    cost = f"{fit.iterations:,} iterations in {took}, {fit.network_weights:,} network weights."
+    cache = " From the cache: this exact request was trained before." if fit.cached else ""
+    sentence = f"{outcome_message(fit)}  \n{cost}{cache}"
+    if fit.outcome is Outcome.DIVERGED:
+        st.error(sentence, icon=":material/error:")
+    elif fit.outcome is Outcome.STOPPED:
+        st.warning(sentence, icon=":material/pause_circle:")
+    else:
+        st.success(sentence, icon=":material/check_circle:")
     table = partial(tables.parameter_table, info, fit, quality, *errors)
     show_table(table(), vehicle_colours(info))
     st.caption(
@@ -126,7 +145,7 @@ def show_fit(
     show_intervals(info, uncertainty)
     findings = (*fit.findings, *headway_findings(info.vehicles, fit.parameters))
     show_messages(messages((*findings, *(uncertainty.findings if uncertainty else ())), info))
-    show_downloads(table(uncertainty), f"{stem_of(info)}_parameters", page)
+    show_downloads(table(uncertainty), f"{Path(info.source).stem}_parameters", page)
 
 
 def show_intervals(
@@ -143,32 +162,9 @@ def show_intervals(
     """
     if uncertainty is None:
         return
-    show_table(intervals_table(info, uncertainty), vehicle_colours(info)[1:])
+    show_table(tables.intervals_table(info, uncertainty), vehicle_colours(info)[1:])
     st.caption(
         "Interval: the values consistent with the data, with disturbances that last for seconds,"
         " as on a road. Probability of string stability: the share of parameter sets consistent"
         f" with the data (posterior samples) that are string stable. {more}"
     )
-
-
-def show_outcome(fit: Fit) -> None:
-    """The outcome, and its cost."""
-    took = f"{fit.seconds:.1f} s" if fit.seconds < 60 else format_duration(fit.seconds)
-    cost = f"{fit.iterations:,} iterations in {took}, {fit.network_weights:,} network weights."
-    cache = " From the cache: this exact request was trained before." if fit.cached else ""
-    sentence = f"{outcome_message(fit)}  \n{cost}{cache}"
-    if fit.outcome is Outcome.DIVERGED:
-        st.error(sentence, icon=":material/error:")
-    elif fit.outcome is Outcome.STOPPED:
-        st.warning(sentence, icon=":material/pause_circle:")
-    else:
-        st.success(sentence, icon=":material/check_circle:")
-
-
-def show_estimates(segment: Segment, fit: Fit, truth: Parameters | None) -> None:
-    """The network's parameters beside those of one least-squares solve, and the truth."""
-    solved = least_squares.fit(segment, fit.case).parameters
-    estimates = {"PiNN": fit.parameters, "Least squares": solved}
-    estimates |= {"Truth": truth} if truth else {}
-    st.subheader("Comparison with least squares", anchor=False)
-    show_table(tables.comparison_table(segment.info, estimates), vehicle_colours(segment)[1:])

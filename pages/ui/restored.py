@@ -2,7 +2,6 @@
 
 import streamlit as st
 
-from accpinn.errors import SnapshotError
 from accpinn.evaluation.closed_loop import closed_loop
 from accpinn.results.figures.recording import preview
 from accpinn.results.figures.training import tracking
@@ -10,13 +9,17 @@ from accpinn.results.snapshot.schema import Snapshot
 from accpinn.results.tables.estimates import methods_table
 from accpinn.results.tables.names import name_of
 from pages.ui.components import frame
-from pages.ui.components.charts import show_chart, vehicle_key
-from pages.ui.components.messages import escape_markdown, show_messages
-from pages.ui.components.table import show_table
+from pages.ui.components.output import (
+    escape_markdown,
+    flashing,
+    show_chart,
+    show_messages,
+    show_table,
+    vehicle_key,
+)
 from pages.ui.components.widgets import pick_follower
 from pages.ui.session.resources import library
 from pages.ui.session.workspace import Workspace
-from pages.ui.snapshots.saving import flash
 from pages.ui.train.results import show_fit, show_history, show_intervals
 
 
@@ -35,6 +38,11 @@ def banner(workspace: Workspace) -> None:
     else:
         state = "it came without its data."
     st.info(f"From the snapshot **{name}**; {state}", icon=":material/inventory_2:")
+
+    def keep() -> None:
+        with flashing():
+            library().add(snapshot)
+
     if snapshot.id and not library().has(snapshot.id):
         show_messages(
             "This snapshot was deleted from the server and lasts only as long as this session;"
@@ -42,17 +50,10 @@ def banner(workspace: Workspace) -> None:
             "warning",
             "delete",
         )
-        st.button("Keep it again", key="snapshots_keep", on_click=_keep, args=(snapshot,))
+        st.button("Keep it again", key="snapshots_keep", on_click=keep)
 
 
-def _keep(snapshot: Snapshot) -> None:
-    try:
-        library().add(snapshot)
-    except SnapshotError as fault:
-        flash("error", str(fault))
-
-
-def recording_needed(snapshot: Snapshot, what: str, where: str) -> None:
+def _recording_needed(snapshot: Snapshot, what: str, where: str) -> None:
     """Which recording would complete a page.
 
     Args:
@@ -71,7 +72,7 @@ def recording_needed(snapshot: Snapshot, what: str, where: str) -> None:
 
 def _need_recording(workspace: Workspace, snapshot: Snapshot, what: str) -> None:
     if workspace.segment is None:
-        recording_needed(snapshot, what, "on the Data page")
+        _recording_needed(snapshot, what, "on the Data page")
         frame.link(frame.DATA, "Open the recording on Data", workspace)
 
 
@@ -80,7 +81,7 @@ def show_data(workspace: Workspace, snapshot: Snapshot) -> None:
     banner(workspace)
     segment = snapshot.segment
     if segment is None:
-        recording_needed(snapshot, "Speeds and gaps are in", "below")
+        _recording_needed(snapshot, "Speeds and gaps are in", "below")
         return
     st.caption("These curves are the snapshot's; the whole recording is not part of it.")
     vehicle_key(segment)
@@ -90,25 +91,19 @@ def show_data(workspace: Workspace, snapshot: Snapshot) -> None:
 def show_saved_result(workspace: Workspace, snapshot: Snapshot) -> None:
     """Outcome, tables, history and curves of a saved result."""
     fit, info, evaluation = snapshot.fit, snapshot.info, snapshot.evaluation
+    segment = workspace.segment
     _need_recording(workspace, snapshot, "To train on, the page needs")
     errors = (evaluation.surrogate, evaluation.closed_loop) if evaluation else (None, None)
     events = evaluation.all_findings if evaluation else ()
     show_fit(info, fit, snapshot.quality, errors, events, snapshot.uncertainty, "snapshots")
     if fit.history:
         show_history(fit.history, info, "snapshots")
-    show_curves(workspace, snapshot)
-
-
-def show_curves(workspace: Workspace, snapshot: Snapshot) -> None:
-    """The surrogate, with the data and the closed loop where these are known."""
-    fit, segment, info = snapshot.fit, workspace.segment, snapshot.info
     if segment is None and fit.surrogate is None:
         return
     st.subheader("The method's curve" + (" against data" if segment else ""), anchor=False)
     follower = pick_follower(info, "snapshots_follower")
     driven = closed_loop(segment, fit) if segment else None
-    own = "network" if fit.method == "pinn" else name_of(fit)
-    figure = tracking(segment or info, follower, fit.surrogate, driven, own)
+    figure = tracking(segment or info, follower, fit.surrogate, driven, name_of(fit))
     show_chart(figure, "snapshots_tracking")
 
 
