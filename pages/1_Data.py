@@ -7,11 +7,11 @@ import streamlit as st
 from accpinn.errors import ConfigError
 from accpinn.results.messages import messages
 from pages.ui.components import frame
-from pages.ui.components.output import escape_markdown
+from pages.ui.components.show import escape_markdown
 from pages.ui.data import window
 from pages.ui.data.sources import choose_source
-from pages.ui.restored import banner, show_data
-from pages.ui.train.controls import chosen_config
+from pages.ui.results import banner, show_data
+from pages.ui.train import chosen_config
 
 
 def main() -> None:

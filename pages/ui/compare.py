@@ -25,22 +25,12 @@ from accpinn.segment.quality import LARGE_CONDITION, assess_quality
 from accpinn.segment.segment import Segment
 from accpinn.study.comparison import FitRecord, MethodFailure, MethodResult, failures_among
 from accpinn.units import FloatArray
-from pages.ui.components import frame
+from pages.ui.components import frame, show
 from pages.ui.components.monitor import monitor, own_task_line, stop_button
-from pages.ui.components.output import (
-    bullets,
-    clicked_data,
-    escape_markdown,
-    show_chart,
-    show_downloads,
-    show_messages,
-    show_table,
-    vehicle_colours,
-)
+from pages.ui.components.show import escape_markdown
 from pages.ui.components.widgets import pick_follower
-from pages.ui.restored import show_saved_rows
+from pages.ui.results import show_intervals, show_saved_rows
 from pages.ui.session.workspace import Workspace
-from pages.ui.train.results import show_intervals
 
 GAP_ERROR = "A constant error of the measured gap shifts τ: 0.1 m in 30 m by 0.3 %."
 MOST = 8
@@ -77,7 +67,7 @@ class _Shown:
     @property
     def colour(self) -> str:
         """The follower's."""
-        return vehicle_colours(self.segment)[self.follower + 1]
+        return show.vehicle_colours(self.segment)[self.follower + 1]
 
 
 def show_page() -> None:
@@ -126,12 +116,12 @@ def _show(workspace: Workspace, segment: Segment, running: bool) -> None:
     if not workspace.compared:
         return
     if running:
-        show_table(tables.methods_table(segment.info, workspace.compared, 0))
+        show.table(tables.methods_table(segment.info, workspace.compared, 0))
         return
     rows = workspace.compared_with_training()
     _show_verdict(segment, rows)
     show_intervals(segment.info, rows[0].uncertainty, GAP_ERROR)
-    show_messages(messages(rows[0].uncertainty.findings, segment))
+    show.messages(messages(rows[0].uncertainty.findings, segment))
     shown = _Shown(workspace, segment, rows, pick_follower(segment, "compare_follower"))
     _show_methods(shown)
     _show_estimates(shown)
@@ -151,7 +141,7 @@ def _show_failures(failures: Sequence[MethodFailure]) -> None:
         f"No result from {', '.join(who) if len(who) < len(METHODS) else 'any method'}: {why}"
         for why, who in reasons.items()
     ]
-    show_messages(sentences, "warning")
+    show.messages(sentences, "warning")
 
 
 def _show_verdict(segment: Segment, rows: tuple[MethodResult, ...]) -> None:
@@ -166,7 +156,7 @@ def _show_verdict(segment: Segment, rows: tuple[MethodResult, ...]) -> None:
     if colliding := colliding_methods(segment.info, rows):
         lead = "In closed-loop simulation on this window, these collide with the vehicle ahead:"
         gap = " " if len(colliding) == 1 else "\n\n"
-        st.warning(f"{lead}{gap}{bullets(colliding)}", icon=":material/warning:")
+        st.warning(f"{lead}{gap}{show.bullets(colliding)}", icon=":material/warning:")
     events = []
     for vehicle in segment.vehicles[1:]:
         lines = []
@@ -187,7 +177,7 @@ def _show_methods(shown: _Shown) -> None:
     """Each method's estimates and errors."""
     segment, rows = shown.segment, shown.rows
     table = tables.methods_table(segment.info, rows, shown.follower)
-    show_table(table)
+    show.table(table)
     own = not all(row.evaluation.blocks for row in rows)
     gap = segment.gaps[:, shown.follower]
     st.caption(
@@ -200,7 +190,7 @@ def _show_methods(shown: _Shown) -> None:
         f" deviates by {abs(gap - gap.mean()).mean():.2f} m from its mean."
         + (" Hold-out is not computed for your own training." * own)
     )
-    show_downloads(table, f"{Path(segment.source).stem}_methods", "compare")
+    show.downloads(table, f"{Path(segment.source).stem}_methods", "compare")
 
 
 def _show_estimates(shown: _Shown) -> None:
@@ -222,12 +212,12 @@ def _show_estimates(shown: _Shown) -> None:
     )
 
     def clicked() -> None:
-        picked = clicked_data(st.session_state["compare_estimates"]["selection"]["points"])
+        picked = show.clicked_data(st.session_state["compare_estimates"]["selection"]["points"])
         if picked in by_name:
             st.session_state["compare_method"] = picked
 
     with chart:
-        show_chart(figure, "compare_estimates", on_select=clicked, selection_mode="points")
+        show.chart(figure, "compare_estimates", on_select=clicked, selection_mode="points")
         st.caption(
             f"Grey: {100 * uncertainty.level:.0f} % interval."
             + (" Dashed: true value." if shown.truth else "")
@@ -237,7 +227,7 @@ def _show_estimates(shown: _Shown) -> None:
     st.subheader(f"{name} against the data", anchor=False)
     driven = closed_loop(segment, fit)
     figure = tracking(segment, follower, fit.surrogate, driven, name, with_error=True)
-    show_chart(figure, "compare_curves")
+    show.chart(figure, "compare_curves")
 
 
 def _choose_earlier(shown: _Shown) -> list[figures.Estimate]:
@@ -262,7 +252,7 @@ def _show_tracks(shown: _Shown) -> None:
         return
     st.subheader("Parameters over time, by the online methods", anchor=False)
     figure = figures.courses(tracks, shown.follower, shown.truth, shown.segment.start)
-    show_chart(figure, "compare_tracks")
+    show.chart(figure, "compare_tracks")
     st.caption(
         "Shaded: one standard deviation by the method itself, which is far too small for α and β"
         " where disturbances last for seconds." + (" Dashed: true value." if shown.truth else "")
@@ -275,9 +265,9 @@ def _show_identifiability(shown: _Shown) -> None:
     case = shown.workspace.case
     st.subheader("Identifiability", anchor=False)
     warnings = identifiability_warnings(segment, uncertainty, case)
-    show_messages(messages(warnings, segment), "warning")
+    show.messages(messages(warnings, segment), "warning")
     if not warnings:
-        show_messages(
+        show.messages(
             "α, β and τ are identifiable: no interval spans more than a factor of five, provided"
             " that the model is adequate (see below).",
             "success",
@@ -292,7 +282,7 @@ def _show_identifiability(shown: _Shown) -> None:
     found = profiles(segment, case)
     lower, upper = (ends.values[follower] for ends in (uncertainty.lower, uncertainty.upper))
     figure = figures.profiles(found[follower % len(found)], shown.colour, lower, upper)
-    show_chart(figure, "compare_profiles")
+    show.chart(figure, "compare_profiles")
     st.caption(
         "Profile of the loss: the misfit of the accelerations with one parameter held and the"
         f" others at their best. Dashed: {100 * INCREASE:.0f} % worse, hardly visible in any plot."
@@ -308,8 +298,8 @@ def _show_adequacy(shown: _Shown) -> None:
     st.subheader("Model adequacy", anchor=False)
     found = model_forms(segment)
     better = better_forms(segment.vehicles, found)
-    show_messages(messages(better, segment), icon="lightbulb")
-    show_table(tables.model_form_table(segment.info, found, shown.follower))
+    show.messages(messages(better, segment), icon="lightbulb")
+    show.table(tables.model_form_table(segment.info, found, shown.follower))
     st.caption(
         "The intervals hold if the model does. Real controllers keep a distance at standstill and"
         " act with a delay; a model without these terms shifts them into α, β and τ. Unseen: the"
@@ -344,8 +334,8 @@ def _show_starts(shown: _Shown) -> None:
     def draw(_: bool) -> None:
         found = summarise(segment, task.results)
         if found.trials:
-            show_table(tables.multistart_table(segment.info, found, shown.follower))
-        show_messages(messages(found.findings, segment))
+            show.table(tables.multistart_table(segment.info, found, shown.follower))
+        show.messages(messages(found.findings, segment))
 
     monitor(workspace, task, draw)
 
@@ -362,6 +352,6 @@ def _show_records(shown: _Shown) -> None:
     now = {row.fit.method: FitRecord.of(shown.segment, row.fit) for row in reversed(shown.rows)}
     table = tables.fit_record_table(tuple(reversed(records)), now, shown.vehicle)
     if table.rows:
-        show_table(table)
+        show.table(table)
     else:
         st.caption("None of them has this vehicle as a follower.")

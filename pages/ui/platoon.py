@@ -20,15 +20,9 @@ from accpinn.results.figures.style import LEADER
 from accpinn.results.messages import messages
 from accpinn.results.messages.platoon import PLACES, disturbance, disturbance_details
 from accpinn.stability.report import stability_report
-from pages.ui.components import frame
-from pages.ui.components.output import (
-    attempt,
-    escape_markdown,
-    show_chart,
-    show_key,
-    show_messages,
-)
+from pages.ui.components import frame, show
 from pages.ui.components.parameter_picker import choose_parameters
+from pages.ui.components.show import escape_markdown
 from pages.ui.components.widgets import bound, segments, select
 from pages.ui.session.workspace import Disturbance, PlatoonChoice, Workspace
 
@@ -77,12 +71,12 @@ def show_page() -> None:
         leader = _choose_leader(workspace, platoon) if order else None
         _panels_button(choice, "The paper's four panels", "grid_view", "platoon_panels", True)
     with chart:
-        run = attempt(lambda: simulate_platoon(platoon, leader)) if leader else None
+        run = show.attempt(lambda: simulate_platoon(platoon, leader)) if leader else None
         if run is None or order is None:
             return
         cast = figures.cast_of(chosen, order)
         _show_answer(run, chosen, order, cast)
-        show_chart(figures.profiles(run, cast), "platoon_profiles")
+        show.chart(figures.profiles(run, cast), "platoon_profiles")
     left, right = st.columns(2, gap="large")
     with left:
         _show_amplitudes(choice, run, cast)
@@ -92,14 +86,14 @@ def show_page() -> None:
             "Each vehicle's speed relative to the speed before the disturbance."
             f" {_seconds_shown(run, figures.stretch(run))}"
         )
-        show_chart(figures.speed_map(run, cast), "platoon_map")
+        show.chart(figures.speed_map(run, cast), "platoon_map")
     st.subheader("The wave on the road", anchor=False)
     st.caption(
         "Seen from the leader: press Play or drag the slider."
         f" {_seconds_shown(run, figures.watched(run))} Squares mark the cars, not to scale: from"
         f" one to the next it is the simulated space-gap and {figures.CAR_LENGTH:g} m of car."
     )
-    show_chart(figures.animation(run, cast), "platoon_wave")
+    show.chart(figures.animation(run, cast), "platoon_wave")
 
 
 def _choose_order(choice: PlatoonChoice, chosen: ParameterSet) -> list[int] | None:
@@ -123,7 +117,7 @@ def _choose_order(choice: PlatoonChoice, chosen: ParameterSet) -> list[int] | No
         help="Numbers and ranges: 1-3, 2, 2",
     )  # fmt: skip
     st.caption(" · ".join(f"{k} = {escape_markdown(n)}" for k, n in enumerate(chosen.names, 1)))
-    return attempt(lambda: parse_order(text, len(chosen)))
+    return show.attempt(lambda: parse_order(text, len(chosen)))
 
 
 def parse_order(text: str, count: int) -> list[int]:
@@ -167,7 +161,7 @@ def _choose_leader(workspace: Workspace, platoon: Parameters) -> Leader | None:
         place = f"{segment.labels[0]} as recorded, {segment.source}, {segment.window}."
         st.caption(escape_markdown(place))
         return Recorded(segment.time, segment.speeds[:, 0])
-    return attempt(lambda: _planned(choice, kind, platoon))
+    return show.attempt(lambda: _planned(choice, kind, platoon))
 
 
 def _planned(choice: PlatoonChoice, kind: Disturbance, platoon: Parameters) -> Leader:
@@ -217,9 +211,9 @@ def _show_answer(
             st.markdown(escape_markdown(details))
     # The answer names the collision already.
     others = [finding for finding in run.findings if not isinstance(finding, Collision)]
-    show_messages(messages(others, PLACES), "warning")
+    show.messages(messages(others, PLACES), "warning")
     labels = ["Leader", *(figures.follower_name(chosen, k, p) for p, k in enumerate(order, 1))]
-    show_key(zip(labels, cast.colours, strict=True))
+    show.key(zip(labels, cast.colours, strict=True))
 
 
 def _show_amplitudes(choice: PlatoonChoice, run: PlatoonRun, cast: figures.Cast) -> None:
@@ -235,7 +229,7 @@ def _show_amplitudes(choice: PlatoonChoice, run: PlatoonRun, cast: figures.Cast)
             periods = "period" if wave.periods == 1 else f"{wave.periods} periods"
             when = "after the transient" if wave.free else "within the transient: simulate longer"
             st.caption(f"Measured over the last {periods}, {when}.")
-    show_chart(figures.amplitude_by_vehicle(run, cast, choice.in_db), "platoon_amplitude")
+    show.chart(figures.amplitude_by_vehicle(run, cast, choice.in_db), "platoon_amplitude")
 
 
 def _seconds_shown(run: PlatoonRun, rows: NDArray[np.intp]) -> str:
@@ -263,9 +257,9 @@ def _show_panels(choice: PlatoonChoice) -> None:
         " grow depends on their frequency."
     )
     vehicles = sorted({k for k, _ in figures.PANELS})
-    show_key([("Leader", LEADER)] + [(ASTAZERO.labels[k], colours(ASTAZERO)[k]) for k in vehicles])
+    show.key([("Leader", LEADER)] + [(ASTAZERO.labels[k], colours(ASTAZERO)[k]) for k in vehicles])
     grid = (*st.columns(2), *st.columns(2))
     for place, (panel, cell) in enumerate(zip(figures.paper_panels(), grid, strict=True)):
         with cell:
             st.markdown(escape_markdown(panel.title))
-            show_chart(panel.figure, f"platoon_panel_{place}")
+            show.chart(panel.figure, f"platoon_panel_{place}")

@@ -22,17 +22,8 @@ from accpinn.results.tables.estimates import PARAMETER_COLUMNS, learned_paramete
 from accpinn.results.tables.names import TITLES
 from accpinn.results.tables.table import ABSENT, Column, Range, Table
 from accpinn.units import Seconds
-from pages.ui.components import frame
-from pages.ui.components.output import (
-    flash,
-    flashing,
-    show_chart,
-    show_flash,
-    show_messages,
-    show_table,
-    vehicle_colours,
-)
-from pages.ui.restored import banner
+from pages.ui.components import frame, show
+from pages.ui.results import banner
 from pages.ui.session.resources import library, opened
 from pages.ui.session.sessions import SNAPSHOT
 from pages.ui.session.workspace import Workspace
@@ -54,7 +45,7 @@ def show_page() -> None:
     workspace = frame.begin(
         "Snapshots", "Results as files: keep them, send them, open them again, compare them."
     )
-    show_flash()
+    show.flashed()
     banner(workspace)
     left, right = st.columns((1.4, 1), gap="large")
     with left:
@@ -66,7 +57,7 @@ def show_page() -> None:
     if not entries:
         st.caption("No snapshot is kept here yet.")
         return
-    show_table(_listing(entries))
+    show.table(_listing(entries))
     shown = workspace.snapshot.id if workspace.snapshot else ""
     entry = _choose("Snapshot", CHOSEN, entries, first=shown)
     if entry is None:
@@ -74,7 +65,7 @@ def show_page() -> None:
     try:
         _show_one(workspace, entry)
     except SnapshotError as fault:  # deleted or damaged since the list was read
-        show_messages(str(fault), "error")
+        show.messages(str(fault), "error")
         return
     whole = tuple(one for one in entries if not one.fault and one.id != entry.id)
     if whole and not entry.fault:
@@ -98,7 +89,7 @@ def _save_form(workspace: Workspace) -> None:
     if segment is None:
         st.caption("The result shown is a snapshot already, and its data are not open.")
         return
-    show_messages(unfinished(fit), "warning", "pause_circle")
+    show.messages(unfinished(fit), "warning", "pause_circle")
     with st.form("snapshots_form", border=False):
         st.text_input("Name", key="snapshots_name", max_chars=LONGEST_NAME)
         st.text_area("Note", key="snapshots_note", max_chars=LONGEST_NOTE, height=80)
@@ -118,7 +109,7 @@ def _save(workspace: Workspace) -> None:
     fit, segment, old = workspace.fit, workspace.segment, workspace.snapshot
     if fit is None or segment is None:
         return
-    with flashing():
+    with show.flashing():
         snapshot = create(
             segment,
             fit,
@@ -133,7 +124,7 @@ def _save(workspace: Workspace) -> None:
         )
         kept = st.session_state[CHOSEN] = library().add(snapshot)
         name = f"“{snapshot.name}”" if snapshot.name else f"snapshot {kept}"
-        flash("success", f"Saved as {name}.")
+        show.flash("success", f"Saved as {name}.")
 
 
 def _upload_form() -> None:
@@ -143,9 +134,9 @@ def _upload_form() -> None:
         upload = st.session_state["snapshots_upload"]
         if upload is None:
             return
-        with flashing(f"{upload.name}: "):
+        with show.flashing(f"{upload.name}: "):
             kept = st.session_state[CHOSEN] = library().add(upload.getvalue())
-            flash("success", f"{upload.name} is whole and now in the list as {kept}.")
+            show.flash("success", f"{upload.name} is whole and now in the list as {kept}.")
 
     st.subheader("Import a snapshot", anchor=False)
     st.file_uploader(
@@ -201,7 +192,7 @@ def _choose(label: str, key: str, entries: tuple[Entry, ...], first: str = "") -
 def _show_one(workspace: Workspace, entry: Entry) -> None:
     """Note, buttons, link, and verification."""
     if entry.fault:
-        show_messages(entry.fault, "error")
+        show.messages(entry.fault, "error")
         _delete_button(entry)
         return
     if entry.note:
@@ -233,16 +224,16 @@ def _show_one(workspace: Workspace, entry: Entry) -> None:
 
 
 def _open(workspace: Workspace, name: str) -> None:
-    with flashing():
+    with show.flashing():
         workspace.restore(opened(name))
-        flash("success", "Opened: every page now shows this snapshot.")
+        show.flash("success", "Opened: every page now shows this snapshot.")
 
 
 def _delete_button(entry: Entry) -> None:
     def delete() -> None:
-        with flashing():
+        with show.flashing():
             library().delete(entry.id)
-            flash("success", f"Deleted: {_title(entry)}.")
+            show.flash("success", f"Deleted: {_title(entry)}.")
 
     with st.popover("Delete", icon=":material/delete:"):
         st.write("Delete it from the server for everyone? Links to it will stop working.")
@@ -262,14 +253,14 @@ def _show_verification(workspace: Workspace, snapshot: Snapshot) -> None:
     with st.spinner("Computing all of it anew"):
         found = verify(snapshot, same, refit=again)
     said = summary(found, snapshot.info)
-    show_messages(said, *(("success", "verified") if found.ok else ("error",)))
+    show.messages(said, *(("success", "verified") if found.ok else ("error",)))
     texts = (Column(title, prose=True) for title in ("Result", "Stored", "Recomputed"))
     columns = (Column("Checked"), *texts)
     rows = tuple(
         (c.name, c.sentence, c.stored, SAME if c.ok and c.stored == c.recomputed else c.recomputed)
         for c in check_rows(found, snapshot.info)
     )
-    show_table(Table("", columns, rows))
+    show.table(Table("", columns, rows))
 
 
 # Two beside each other
@@ -277,14 +268,14 @@ def _show_verification(workspace: Workspace, snapshot: Snapshot) -> None:
 
 def _show_both(one: Snapshot, other: Snapshot) -> None:
     """Parameters with intervals, Bode magnitudes, and what differs in settings and data."""
-    show_messages(other_vehicles(one, other), "warning", "compare_arrows")
+    show.messages(other_vehicles(one, other), "warning", "compare_arrows")
     longer = max(one.info, other.info, key=lambda info: info.followers)
-    colours = [colour for colour in vehicle_colours(longer)[1:] for _ in PARAMETER_COLUMNS]
-    show_table(parameter_differences(one, other), colours)
+    colours = [colour for colour in show.vehicle_colours(longer)[1:] for _ in PARAMETER_COLUMNS]
+    show.table(parameter_differences(one, other), colours)
     _show_responses(one, other)
     changes = differing_settings(one, other)
     if changes.rows:
-        show_table(changes)
+        show.table(changes)
     else:
         st.caption("Both were made with the same settings, from the same window of one recording.")
 
@@ -358,7 +349,7 @@ def _show_responses(one: Snapshot, other: Snapshot) -> None:
             )  # fmt: skip
     whole = " Dashed: the first one's whole platoon." if one.info.followers > 1 else ""
     st.caption(f"Bode magnitude. Full lines: the first snapshot; dotted: the second.{whole}")
-    show_chart(chart, "snapshots_bode")
+    show.chart(chart, "snapshots_bode")
 
 
 def differing_settings(one: Snapshot, other: Snapshot) -> Table:

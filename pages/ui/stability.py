@@ -13,25 +13,11 @@ from accpinn.results.figures.uncertainty import add_bands, add_clouds, cloud_cap
 from accpinn.results.messages import messages
 from accpinn.results.messages.stability import BEHAVIOURS, TITLES, amplification, certainty, reason
 from accpinn.results.tables.stability import answer, stability_interval_table, stability_table
-from accpinn.stability.report import (
-    StabilityReport,
-    VehicleStability,
-    Verdict,
-    stability_report,
-)
+from accpinn.stability.report import StabilityReport, VehicleStability, Verdict, stability_report
 from accpinn.units import RadiansPerSecond
-from pages.ui.components import frame
-from pages.ui.components.output import (
-    attempt,
-    clicked_data,
-    escape_markdown,
-    show_chart,
-    show_downloads,
-    show_key,
-    show_messages,
-    show_table,
-)
+from pages.ui.components import frame, show
 from pages.ui.components.parameter_picker import choose_parameters
+from pages.ui.components.show import escape_markdown
 from pages.ui.components.widgets import bound, segments, select
 from pages.ui.session.workspace import Plane, Workspace
 
@@ -74,7 +60,7 @@ def show_page() -> None:
         "Stability", "Which of these vehicles amplify the disturbances of the car ahead?"
     )
     chosen = choose_parameters(workspace, "stability")
-    report = attempt(lambda: stability_report(chosen.parameters)) if chosen else None
+    report = show.attempt(lambda: stability_report(chosen.parameters)) if chosen else None
     if chosen is None or report is None:
         return
     shown = _Shown(workspace, chosen, report)
@@ -122,12 +108,12 @@ def _show_verdicts(shown: _Shown) -> None:
     """As the paper's Table III, with the exact gain beside its criterion; and the intervals."""
     chosen, choice = shown.chosen, shown.workspace.map_choice
     table = stability_table(chosen, shown.report)
-    show_table(table, shown.colours)
+    show.table(table, shown.colours)
     st.caption(
         "‖h‖₁: the largest factor by which a peak of the speed deviation can grow. Smallest stable"
         " time headway: that of this vehicle with its α and β."
     )
-    show_downloads(table, f"stability_{chosen.title}".lower(), "stability")
+    show.downloads(table, f"stability_{chosen.title}".lower(), "stability")
     if shown.known:
         st.toggle(
             "Show the uncertainty",
@@ -137,13 +123,13 @@ def _show_verdicts(shown: _Shown) -> None:
             " stability measures.",
         )  # fmt: skip
     if (uncertainty := shown.uncertainty) and (info := shown.workspace.fit_info):
-        show_table(stability_interval_table(chosen, uncertainty), shown.colours)
+        show.table(stability_interval_table(chosen, uncertainty), shown.colours)
         st.caption(
             "From posterior samples, with disturbances that last for seconds. Probability of"
             " string stability: the share of samples that control the gap and are stable. Samples"
             " with α = 0 have no gap control; they amplify nothing and are counted apart."
         )
-        show_messages(messages(uncertainty.findings, info))
+        show.messages(messages(uncertainty.findings, info))
 
 
 def _show_reasons(shown: _Shown) -> None:
@@ -179,9 +165,9 @@ def _show_bode(shown: _Shown) -> None:
     st.subheader("Bode magnitude", anchor=False)
     key = list(zip(chosen.labels, shown.colours, strict=True))
     key += [("Leader to last follower (dashed)", LEADER)] if len(chosen) > 1 else []
-    show_key(key)
+    show.key(key)
     figure = figures.bode(chosen, report)
-    event = show_chart(
+    event = show.chart(
         add_bands(figure, chosen, uncertainty) if uncertainty else figure,
         "stability_bode", on_select="rerun", selection_mode="points",
     )  # fmt: skip
@@ -210,7 +196,7 @@ def _show_bode(shown: _Shown) -> None:
 
 def clicked_point(points: list[dict[str, Any]]) -> tuple[RadiansPerSecond, int] | None:
     """Frequency and vehicle of the point clicked on; None where there is none."""
-    vehicle = clicked_data(points)
+    vehicle = show.clicked_data(points)
     if not points:
         return None
     return float(points[0]["x"]), WHOLE if vehicle is None else int(vehicle)
@@ -234,8 +220,8 @@ def _show_criteria(shown: _Shown) -> None:
         "Stable where a criterion is above 0 and a gain is at 1. Dotted: from the leader to that"
         " follower, through all vehicles before it."
     )
-    show_key(figures.CRITERIA_KEY)
-    show_chart(figures.criteria_by_vehicle(shown.chosen, shown.report), "stability_criteria")
+    show.key(figures.CRITERIA_KEY)
+    show.chart(figures.criteria_by_vehicle(shown.chosen, shown.report), "stability_criteria")
 
 
 def _show_map(shown: _Shown) -> None:
@@ -252,11 +238,11 @@ def _show_map(shown: _Shown) -> None:
                 "Vehicle", dict(enumerate(chosen.labels)), held, "stability_held",
                 lambda k: setattr(choice, "held", k), labelled=False, width=240,
             )  # fmt: skip
-    show_key(figures.MAP_KEY)
+    show.key(figures.MAP_KEY)
     chart = figures.stability_map(chosen, shown.report, held, plane)
     if uncertainty:
         chart = add_clouds(chart, chosen, uncertainty, plane)
-    show_chart(chart, "stability_map")
+    show.chart(chart, "stability_map")
     kept = "α" if plane == "beta" else "β"
     st.caption(
         f"Boundaries at {escape_markdown(chosen.labels[held])}'s {kept}; above them the vehicle is"

@@ -12,7 +12,7 @@ from accpinn.methods.registry import METHODS
 from accpinn.recordings.recording import Window
 from accpinn.study.comparison import MethodFailure, compare, result_of
 from accpinn.tasks.task import Status, Task
-from pages.ui.components.output import clicked_data
+from pages.ui.components.show import clicked_data
 from pages.ui.data.sources import FIRST_SAMPLE, sample
 from pages.ui.session.resources import task_queue
 from pages.ui.session.workspace import KEPT_RECORDS, Workspace

@@ -18,7 +18,7 @@ from accpinn.segment.segment import Segment
 from accpinn.tasks.estimations import training
 from accpinn.tasks.request import TrainingRequest
 from accpinn.tasks.task import Status
-from pages.ui.components.output import bullets, escape_markdown, format_duration
+from pages.ui.components.show import bullets, escape_markdown, format_duration
 from pages.ui.data import sources
 from pages.ui.data.window import window_of
 from pages.ui.session import sessions

@@ -6,7 +6,8 @@ import streamlit as st
 
 from accpinn.segment.segment import Segment
 from accpinn.tasks.task import Status
-from pages.ui.components.output import FORMAT, FORMATS, LEGEND, escape_markdown, show_messages
+from pages.ui.components import show
+from pages.ui.components.show import escape_markdown
 from pages.ui.components.widgets import bound, segments
 from pages.ui.session.sessions import SESSION, current
 from pages.ui.session.workspace import Workspace
@@ -60,12 +61,12 @@ def begin(title: str, lead: str = "") -> Workspace:
     if lead:
         st.caption(lead)
     if st.session_state["lost_session"]:
-        show_messages(
+        show.messages(
             "That session is no longer on this server, so a new one has begun. Finished trainings"
             " are kept: open the same recording, and its result comes from the cache.",
             icon="history",
         )
-    show_messages(st.session_state["snapshot_fault"], "error", "link_off")
+    show.messages(st.session_state["snapshot_fault"], "error", "link_off")
     return workspace
 
 
@@ -83,9 +84,9 @@ def go(page: str, workspace: Workspace) -> None:
 def empty_state(workspace: Workspace, nothing: str) -> None:
     """Why there is no segment to work on, and the way to one; ``nothing`` begins the sentence."""
     if workspace.recording is None:
-        show_messages(f"{nothing} yet: first open a recording.")
+        show.messages(f"{nothing} yet: first open a recording.")
     else:
-        show_messages(f"The window cannot be used yet. {workspace.fault}", "warning")
+        show.messages(f"The window cannot be used yet. {workspace.fault}", "warning")
     link(DATA, "Go to Data", workspace)
 
 
@@ -128,13 +129,13 @@ def _sidebar(workspace: Workspace) -> None:
         st.divider()
         st.caption("  \n".join(session_state(workspace)))
         segments(
-            "Charts are saved as", {name: name for name in FORMATS}, workspace.pictures, FORMAT,
-            lambda name: setattr(workspace, "pictures", name), labelled=True,
+            "Charts are saved as", {name: name for name in show.FORMATS}, workspace.pictures,
+            show.FORMAT, lambda name: setattr(workspace, "pictures", name), labelled=True,
             help="Point at a chart: the camera in its corner saves it as such a picture.",
         )  # fmt: skip
         st.toggle(
             "Legend in every chart",
-            **bound(LEGEND, workspace.legends, lambda on: setattr(workspace, "legends", on)),
+            **bound(show.LEGEND, workspace.legends, lambda on: setattr(workspace, "legends", on)),
             help="A saved picture then shows which colour is which vehicle.",
         )
         st.caption(

@@ -14,7 +14,8 @@ from accpinn.results.messages.methods import unfinished
 from accpinn.results.snapshot.saved import Entry
 from accpinn.results.tables.estimates import learned_parameters, where
 from accpinn.segment.segment import SegmentInfo
-from pages.ui.components.output import attempt, escape_markdown, show_messages
+from pages.ui.components import show
+from pages.ui.components.show import escape_markdown
 from pages.ui.components.widgets import segments, select
 from pages.ui.session.resources import library, opened
 from pages.ui.session.workspace import Source, TypedRow, Workspace
@@ -73,7 +74,7 @@ def choose_parameters(workspace: Workspace, page: str) -> ParameterSet | None:
         elif source == "fit" and workspace.fit_info:
             st.caption(escape_markdown(where(workspace.fit_info)))
     if source == "published" and asked == "fit" and training and training.is_active:
-        show_messages(
+        show.messages(
             f"These are published parameters, those of {choice.example}: your own training is not"
             " finished. Once it is done, this page shows its parameters.",
             icon="hourglass_top",
@@ -86,7 +87,7 @@ def choose_parameters(workspace: Workspace, page: str) -> ParameterSet | None:
             _show_limits(source, *learned)
         return parameters_from(workspace, source, entries)
 
-    return attempt(chosen)
+    return show.attempt(chosen)
 
 
 def _show_limits(source: Source, info: SegmentInfo, fit: Fit) -> None:
@@ -94,7 +95,7 @@ def _show_limits(source: Source, info: SegmentInfo, fit: Fit) -> None:
         st.caption(escape_markdown(where(info)))
     if sentence := unfinished(fit):
         cure = " Continue it on page Train." if source == "fit" else ""
-        show_messages(sentence + cure, "warning", "pause_circle")
+        show.messages(sentence + cure, "warning", "pause_circle")
 
 
 def parameters_from(

@@ -22,15 +22,8 @@ from accpinn.segment.regimes import EXCLUDABLE, label_regimes
 from accpinn.segment.segment import Segment
 from accpinn.segment.vehicles import MAX_FOLLOWERS, chains
 from accpinn.study.sensitivity import SensitivityResult, sensitivity
-from pages.ui.components.output import (
-    bullets,
-    escape_markdown,
-    show_chart,
-    show_key,
-    show_messages,
-    show_table,
-    vehicle_colours,
-)
+from pages.ui.components import show
+from pages.ui.components.show import escape_markdown
 from pages.ui.components.widgets import bound, segments, select
 from pages.ui.session.workspace import Workspace
 
@@ -67,10 +60,10 @@ def describe(recording: Recording) -> str:
 
 def show_warnings(warnings: Sequence[str], about: str) -> None:
     """The first few openly, the rest on demand."""
-    show_messages(warnings[:SHOWN], "warning")
+    show.messages(warnings[:SHOWN], "warning")
     if warnings[SHOWN:]:
         with st.expander(f"{len(warnings) - SHOWN} more about {about}"):
-            st.markdown(bullets(warnings[SHOWN:]))
+            st.markdown(show.bullets(warnings[SHOWN:]))
 
 
 def choose_vehicles(workspace: Workspace, recording: Recording) -> None:
@@ -131,7 +124,7 @@ def show_overview(workspace: Workspace, recording: Recording) -> None:
         entries.append((recording.label(vehicle) + role, vehicle_colour(vehicle, leader)))
         if vehicle not in workspace.vehicles:
             faint.add(recording.label(vehicle))
-    show_key(entries, faint)
+    show.key(entries, faint)
     segment = _whole_segment(workspace)
     regimes = label_regimes(segment, recording) if segment else None
     ribbons = figures.regime_ribbons(segment, regimes) if segment and regimes else []
@@ -140,14 +133,14 @@ def show_overview(workspace: Workspace, recording: Recording) -> None:
         if window := window_of(st.session_state[CHART], recording):
             workspace.choose(window=window)
 
-    show_chart(
+    show.chart(
         figures.overview(recording, workspace.vehicles, workspace.window, ribbons),
         CHART, on_select=dragged, selection_mode="box",
     )  # fmt: skip
     if figures.has_ribbons(recording):
         st.caption("Vehicle: driven by hand (in the vehicle's colour) and missing data (red).")
     if regimes:
-        show_key((f"Regime: {name}", colour) for name, colour in figures.regime_key(regimes))
+        show.key((f"Regime: {name}", colour) for name, colour in figures.regime_key(regimes))
 
 
 def _whole_segment(workspace: Workspace) -> Segment | None:
@@ -173,12 +166,12 @@ def show_preview(workspace: Workspace) -> None:
     """The window's figures, and the estimate that needs no training."""
     segment = workspace.segment
     if segment is None:
-        show_messages(workspace.fault, "error")
+        show.messages(workspace.fault, "error")
         return
     quality = assess_quality(segment)
     estimate = least_squares.fit(segment, workspace.case)
     st.subheader("Preview of the window", anchor=False)
-    show_table(quality_table(segment.info, quality, estimate), vehicle_colours(segment)[1:])
+    show.table(quality_table(segment.info, quality, estimate), show.vehicle_colours(segment)[1:])
     excluded = (
         f" Without {', '.join(segment.excluded_regimes)}: the estimate and the condition number;"
         " all other figures are of all instants."
@@ -196,7 +189,7 @@ def show_preview(workspace: Workspace) -> None:
     show_warnings(messages(findings, segment), "this window")
     if segment.findings:
         with st.expander("Changes to the data", icon=":material/build:"):
-            st.markdown(bullets(messages(segment.findings, segment)))
+            st.markdown(show.bullets(messages(segment.findings, segment)))
 
 
 def show_regimes(workspace: Workspace, recording: Recording) -> None:
@@ -207,7 +200,7 @@ def show_regimes(workspace: Workspace, recording: Recording) -> None:
     regimes, excluded = label_regimes(segment, recording), workspace.excluded_regimes
     # Its state is the server's, as what stands above it comes and goes.
     with st.expander("Regimes", icon=":material/category:", key="data_regimes", on_change="rerun"):
-        show_table(regimes_table(segment.info, regimes))
+        show.table(regimes_table(segment.info, regimes))
         if not any(regimes.mode_known):
             st.caption("The file has no driver modes, so no instant counts as manual.")
         st.markdown("**Leave out of the model's equations**")
@@ -238,8 +231,8 @@ def _show_sensitivity(workspace: Workspace, segment: Segment, recording: Recordi
         st.caption("None of these occurs in this window, so there is nothing to compare.")
         return
     for follower in range(segment.followers):
-        show_table(sensitivity_table(segment.info, found, follower))
-    show_messages(tuple(dict.fromkeys(str(row.fault) for row in found if row.fault)))
+        show.table(sensitivity_table(segment.info, found, follower))
+    show.messages(tuple(dict.fromkeys(str(row.fault) for row in found if row.fault)))
 
 
 @st.cache_data(max_entries=32, show_spinner="Estimating with and without them …")

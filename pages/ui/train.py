@@ -1,4 +1,4 @@
-"""Preset and options of a training, and the buttons that start, stop and continue it."""
+"""The page Train: preset, options, the buttons that start and stop, and what is learned."""
 
 from collections.abc import Sequence
 from contextlib import suppress
@@ -11,9 +11,10 @@ from accpinn.errors import ConfigError
 from accpinn.methods.pinn.config import PRESETS, STARTS, PinnConfig
 from accpinn.methods.pinn.method import WarmStart
 from accpinn.tasks.task import Status
-from pages.ui.components.monitor import stop_button
-from pages.ui.components.output import attempt
+from pages.ui.components import frame, show
+from pages.ui.components.monitor import monitor, stop_button
 from pages.ui.components.widgets import bound, segments, select
+from pages.ui.results import banner, show_result, show_saved_result, show_training
 from pages.ui.session.resources import store
 from pages.ui.session.workspace import Workspace
 
@@ -27,7 +28,33 @@ CONTINUES = (
 )
 
 
-def controls(workspace: Workspace) -> None:
+def show_page() -> None:
+    """Draw the page."""
+    workspace = frame.begin("Train")
+    segment, snapshot = workspace.segment, workspace.snapshot
+    if segment is None:
+        if snapshot:
+            banner(workspace)
+            show_saved_result(workspace, snapshot)
+        else:
+            frame.empty_state(workspace, "Nothing to train on")
+        return
+    banner(workspace)
+    st.caption(frame.segment_line(segment, workspace.case, vehicles=True))
+    _controls(workspace)
+    _continue_button(workspace)
+    if training := workspace.training:
+        truth = workspace.true_parameters
+        monitor(workspace, training, lambda running: show_training(training, truth, running))
+        if not training.is_active:
+            show_result(workspace)
+    elif snapshot:
+        show_saved_result(workspace, snapshot)
+    if workspace.fit:
+        frame.link(frame.STABILITY, "Next: do these vehicles amplify disturbances?", workspace)
+
+
+def _controls(workspace: Workspace) -> None:
     """Preset, options and the buttons."""
     preset = workspace.preset
     with st.container(horizontal=True, vertical_alignment="center"):
@@ -40,7 +67,7 @@ def controls(workspace: Workspace) -> None:
         st.caption(PRESET_LINES[preset] + changed, width="stretch")
     with st.expander("Options", icon=":material/tune:"):
         _options(workspace)
-    config = attempt(lambda: chosen_config(workspace))
+    config = show.attempt(lambda: chosen_config(workspace))
     with place:
         _buttons(workspace, config)
 
@@ -85,7 +112,7 @@ def _buttons(workspace: Workspace, config: PinnConfig | None) -> None:
         )  # fmt: skip
 
 
-def continue_button(workspace: Workspace) -> None:
+def _continue_button(workspace: Workspace) -> None:
     """Train on from the weights of the snapshot shown, where it has some and the data are here."""
     training = workspace.training
     if workspace.warm is None or (training and training.is_active):

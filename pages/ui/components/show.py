@@ -45,7 +45,7 @@ def bullets(sentences: Sequence[str]) -> str:
     return "\n".join(f"- {escape_markdown(sentence)}" for sentence in sentences)
 
 
-def show_messages(
+def messages(
     sentences: str | Sequence[str],
     kind: Literal["info", "success", "warning", "error"] = "info",
     icon: str = "",
@@ -70,12 +70,12 @@ def attempt(work: Callable[[], T]) -> T | None:
     try:
         return work()
     except AccpinnError as fault:
-        show_messages(str(fault), "error")
+        messages(str(fault), "error")
         return None
 
 
 def flash(kind: Literal["success", "error"], sentence: str) -> None:
-    """Keep a click's outcome for `show_flash`, which shows it for a while."""
+    """Keep a click's outcome for `flashed`, which shows it for a while."""
     st.session_state[FLASH] = (kind, sentence, time.monotonic())
 
 
@@ -88,12 +88,12 @@ def flashing(about: str = "") -> Iterator[None]:
         flash("error", f"{about}{fault}")
 
 
-def show_flash() -> None:
+def flashed() -> None:
     """The outcome of the last click; a second run right after the first must not swallow it."""
     if FLASH in st.session_state:
         kind, sentence, since = st.session_state[FLASH]
         if time.monotonic() - since <= FLASH_FOR:
-            show_messages(sentence, kind)
+            messages(sentence, kind)
 
 
 def format_duration(seconds: Seconds) -> str:
@@ -110,12 +110,12 @@ def format_duration(seconds: Seconds) -> str:
     return f"{hours} h {minutes} min"
 
 
-def show_table(table: Table, colours: Sequence[str] = ()) -> None:
+def table(table: Table, colours: Sequence[str] = ()) -> None:
     """Draw it, with a mark of colour before each row if ``colours`` are given."""
     st.html(STYLE + (table.coloured(colours) if colours else table).to_html())
 
 
-def show_downloads(table: Table, name: str, key: str) -> None:
+def downloads(table: Table, name: str, key: str) -> None:
     """Buttons that save the table as CSV and LaTeX; marks in ``name`` become underscores."""
     stem = re.sub(r"[^\w-]+", "_", name).strip("_")
     kinds = (("CSV", table.to_csv(), "csv", "text/csv"),
@@ -128,7 +128,7 @@ def show_downloads(table: Table, name: str, key: str) -> None:
             )  # fmt: skip
 
 
-def show_chart(figure: go.Figure, key: str, **options: Any) -> Any:
+def chart(figure: go.Figure, key: str, **options: Any) -> Any:
     """Draw it; on hovering a button saves it as a picture named after ``key``."""
     if st.session_state.get(LEGEND):
         figure = with_legend(go.Figure(figure))
@@ -146,9 +146,7 @@ def show_chart(figure: go.Figure, key: str, **options: Any) -> Any:
     return st.plotly_chart(figure, key=key, config=config, **options)
 
 
-def show_key(
-    entries: Iterable[tuple[str, str]], faint: Container[str] = (), dashed: str = ""
-) -> None:
+def key(entries: Iterable[tuple[str, str]], faint: Container[str] = (), dashed: str = "") -> None:
     """Names beside their colours.
 
     Args:
@@ -175,7 +173,7 @@ def vehicle_key(segment: Segment | SegmentInfo, with_truth: bool = False) -> Non
     """The colour of each vehicle, once for all charts below."""
     leader, *followers = segment.labels
     entries = zip((f"{leader} (leader)", *followers), vehicle_colours(segment), strict=True)
-    show_key(entries, dashed="true value" if with_truth else "")
+    key(entries, dashed="true value" if with_truth else "")
 
 
 def clicked_data(points: list[dict[str, Any]]) -> Any:
