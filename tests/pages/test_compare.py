@@ -12,19 +12,10 @@ from accpinn.methods.registry import METHODS
 from accpinn.recordings.recording import Window
 from accpinn.study.comparison import MethodFailure, compare, result_of
 from accpinn.tasks.task import Status, Task
-from pages.ui.components.show import clicked_data
 from pages.ui.data.sources import FIRST_SAMPLE, sample
 from pages.ui.session.resources import task_queue
 from pages.ui.session.workspace import KEPT_RECORDS, Workspace
-from tests.support.apptest import (
-    COMPARE,
-    WAIT,
-    boxes,
-    everything,
-    open_page,
-    plain,
-    with_sample,
-)
+from tests.support.apptest import COMPARE, WAIT, boxes, everything, open_page, plain, with_sample
 
 pytestmark = pytest.mark.usefixtures("fresh_server")
 
@@ -109,23 +100,23 @@ def test_a_stop_keeps_the_rows_and_offers_to_run_again(found: Workspace) -> None
     assert page.button(key="compare_run").label == "Run all methods"
 
 
-def test_earlier_fits_are_bounded_and_none_is_kept_twice(found: Workspace) -> None:
+def test_earlier_fits_are_bounded_and_shown_without_a_comparison(found: Workspace) -> None:
     assert found.segment is not None
-    fit = least_squares.fit(found.segment)
-    found._record([fit, fit])
-    assert len(found.records) == 1
+    fit = replace(least_squares.fit(found.segment), method="pinn", config=PAPER.to_json())
+    for _ in range(2):
+        found._record([replace(fit, outcome=Outcome.STOPPED)])
+    assert len(found.records) == 1, "none is kept twice"
+    said = plain(open_page(COMPARE, found))
+    assert "Kept from earlier in this session: 1 fit." in said
+    assert "PiNN (paper preset, stopped), " in said
+    assert "synthetic_astazero_like.csv, 0–60 s" in said
+    assert "Differs now in" not in said
     for seed in range(KEPT_RECORDS + 3):
         found._record([replace(fit, config={"seed": seed})])
     assert len(found.records) == KEPT_RECORDS
     assert found.records[-1].config == {"seed": KEPT_RECORDS + 2}
     found.open(*sample(FIRST_SAMPLE))
     assert len(found.records) == KEPT_RECORDS, "an early step does not drop them"
-
-
-def test_a_click_has_the_data_of_its_point() -> None:
-    assert clicked_data([]) is None
-    assert clicked_data([{"customdata": "PiNN"}]) == "PiNN"
-    assert clicked_data([{"customdata": ["Splines"]}]) == "Splines"
 
 
 def test_a_training_with_other_settings_has_a_row_of_its_own(found: Workspace) -> None:
@@ -150,20 +141,9 @@ def test_a_training_with_other_settings_has_a_row_of_its_own(found: Workspace) -
 def test_a_comparison_names_one_s_own_training_that_it_waits_for(found: Workspace) -> None:
     found.train(PAPER)
     page = open_page(COMPARE, found)
-    assert "Your own training with the paper preset comes first" in plain(page)
-    page.button(key="compare_run").click().run()
     said = "Your own training with the paper preset comes first"
+    assert said in plain(page)
+    page.button(key="compare_run").click().run()
     assert said in plain(page)
     assert "The comparison then starts by itself." in plain(page)
     assert "Go to Train to stop it" in everything(page)
-
-
-def test_earlier_fits_are_shown_without_a_comparison(found: Workspace) -> None:
-    assert found.segment is not None
-    fit = replace(least_squares.fit(found.segment), method="pinn", config=PAPER.to_json())
-    found._record([replace(fit, outcome=Outcome.STOPPED)])
-    page = open_page(COMPARE, found)
-    assert "Kept from earlier in this session: 1 fit." in plain(page)
-    assert "PiNN (paper preset, stopped), " in plain(page)
-    assert "synthetic_astazero_like.csv, 0–60 s" in plain(page)
-    assert "Differs now in" not in plain(page)
