@@ -51,24 +51,17 @@ def show_training(training: Task[Fit], truth: Parameters | None, running: bool) 
     if history is None or request is None:
         return
     if not running or history.seconds[-1] > FIRST_DRAWING:
-        show_history(history, request.segment.info, "train", truth)
+        _show_history(history, request.segment.info, "train", truth)
         st.caption(
             "Training minimises the loss Ψ, the sum of its terms: Ψ_D, the distance of the"
             " network's curves from the data, and Ψ_F, the residuals of the model's equations."
         )
 
 
-def show_history(
+def _show_history(
     history: History, info: SegmentInfo, page: str, truth: Parameters | None = None
 ) -> None:
-    """Loss terms and parameters over iterations.
-
-    Args:
-        history: of a training.
-        info: names the vehicles.
-        page: the beginning of the charts' keys.
-        truth: the true parameters, where they are known.
-    """
+    """Loss terms and parameters over iterations."""
     show.vehicle_key(info, with_truth=bool(truth))
     loss, *parameters = st.columns(4)
     with loss:
@@ -86,7 +79,7 @@ def show_result(workspace: Workspace) -> None:
         return
     driven = closed_loop(segment, fit)
     errors = surrogate_errors(segment, fit), closed_loop_errors(segment, fit)
-    show_fit(
+    _show_fit(
         segment.info, fit, assess_quality(segment), errors, closed_loop_findings(segment, driven),
         workspace.uncertainty(), "train",
     )  # fmt: skip
@@ -100,7 +93,7 @@ def show_result(workspace: Workspace) -> None:
     show.chart(figures.tracking(segment, follower, fit.surrogate, driven), "train_tracking")
 
 
-def show_fit(
+def _show_fit(
     info: SegmentInfo,
     fit: Fit,
     quality: Quality,
@@ -109,17 +102,7 @@ def show_fit(
     uncertainty: Uncertainty | None,
     page: str,
 ) -> None:
-    """Outcome, parameters, errors and intervals of a fit, and what limits it.
-
-    Args:
-        info: names the vehicles.
-        fit: the result.
-        quality: of the segment.
-        errors: of the surrogate and of the closed-loop simulation.
-        events: collisions and the like in that simulation.
-        uncertainty: of the fit, where it is known.
-        page: the beginning of the buttons' keys.
-    """
+    """Outcome, parameters, errors (surrogate's, simulation's) and intervals of a fit, and limits."""
     took = f"{fit.seconds:.1f} s" if fit.seconds < 60 else show.format_duration(fit.seconds)
     cost = f"{fit.iterations:,} iterations in {took}, {fit.network_weights:,} network weights."
     cache = " From the cache: this exact request was trained before." if fit.cached else ""
@@ -200,14 +183,7 @@ def banner(workspace: Workspace) -> None:
 def _recording_needed(
     workspace: Workspace, snapshot: Snapshot, what: str, here: bool = False
 ) -> None:
-    """Which recording would complete a page without data.
-
-    Args:
-        workspace: the session.
-        snapshot: the one shown.
-        what: the beginning of the sentence, as "Speeds and gaps are in".
-        here: the page itself opens recordings.
-    """
+    """Which recording would complete a page without data, which may be opened ``here``."""
     if workspace.segment:
         return
     info = snapshot.info
@@ -240,9 +216,9 @@ def show_saved_result(workspace: Workspace, snapshot: Snapshot) -> None:
     _recording_needed(workspace, snapshot, "To train on, the page needs")
     errors = (evaluation.surrogate, evaluation.closed_loop) if evaluation else (None, None)
     events = evaluation.all_findings if evaluation else ()
-    show_fit(info, fit, snapshot.quality, errors, events, snapshot.uncertainty, "snapshots")
+    _show_fit(info, fit, snapshot.quality, errors, events, snapshot.uncertainty, "snapshots")
     if fit.history:
-        show_history(fit.history, info, "snapshots")
+        _show_history(fit.history, info, "snapshots")
     if segment is None and fit.surrogate is None:
         return
     st.subheader("The method's curve" + (" against data" if segment else ""), anchor=False)

@@ -37,11 +37,6 @@ class _Shown:
     """Theirs."""
 
     @property
-    def colours(self) -> tuple[str, ...]:
-        """One for each vehicle."""
-        return figures.colours(self.chosen)
-
-    @property
     def known(self) -> Uncertainty | None:
         """The uncertainty of the fit that the parameters are from; None for others."""
         fit = self.workspace.fit
@@ -108,7 +103,7 @@ def _show_verdicts(shown: _Shown) -> None:
     """As the paper's Table III, with the exact gain beside its criterion; and the intervals."""
     chosen, choice = shown.chosen, shown.workspace.map_choice
     table = stability_table(chosen, shown.report)
-    show.table(table, shown.colours)
+    show.table(table, figures.colours(chosen))
     st.caption(
         "‖h‖₁: the largest factor by which a peak of the speed deviation can grow. Smallest stable"
         " time headway: that of this vehicle with its α and β."
@@ -123,7 +118,7 @@ def _show_verdicts(shown: _Shown) -> None:
             " stability measures.",
         )  # fmt: skip
     if (uncertainty := shown.uncertainty) and (info := shown.workspace.fit_info):
-        show.table(stability_interval_table(chosen, uncertainty), shown.colours)
+        show.table(stability_interval_table(chosen, uncertainty), figures.colours(chosen))
         st.caption(
             "From posterior samples, with disturbances that last for seconds. Probability of"
             " string stability: the share of samples that control the gap and are stable. Samples"
@@ -163,7 +158,7 @@ def _show_bode(shown: _Shown) -> None:
     """The chart, and a button for each peak; either leads to the platoon at that frequency."""
     chosen, report, uncertainty = shown.chosen, shown.report, shown.uncertainty
     st.subheader("Bode magnitude", anchor=False)
-    key = list(zip(chosen.labels, shown.colours, strict=True))
+    key = list(zip(chosen.labels, figures.colours(chosen), strict=True))
     key += [("Leader to last follower (dashed)", LEADER)] if len(chosen) > 1 else []
     show.key(key)
     figure = figures.bode(chosen, report)

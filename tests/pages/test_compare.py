@@ -30,7 +30,6 @@ def found(fresh_server: None) -> Workspace:
 def test_rows_pictures_warnings_starts_and_earlier_fits(found: Workspace) -> None:
     page = open_page(COMPARE, found)
     page.button(key="compare_run").click().run()
-    assert found.comparison is not None
     assert found.comparison.wait(WAIT)
     assert found.comparison.status is Status.DONE
     page = open_page(COMPARE, found)
@@ -44,7 +43,6 @@ def test_rows_pictures_warnings_starts_and_earlier_fits(found: Workspace) -> Non
     assert "Splines against the data" in everything(page)
 
     found.train_starts(FAST)
-    assert found.starts is not None
     assert found.starts.wait(WAIT)
     assert "Spread" in everything(open_page(COMPARE, found))
 
@@ -73,7 +71,6 @@ def test_rows_pictures_warnings_starts_and_earlier_fits(found: Workspace) -> Non
 def test_methods_that_fail_are_named_and_the_others_shown(
     found: Workspace, failing: tuple[str, ...]
 ) -> None:
-    assert found.segment is not None
     fault = SegmentError("Too little is left of the window; choose a longer one.")
     row = result_of(found.segment, least_squares.fit(found.segment))
     results = [MethodFailure(name, fault) if name in failing else row for name in METHODS]
@@ -91,7 +88,6 @@ def test_methods_that_fail_are_named_and_the_others_shown(
 
 def test_a_stop_keeps_the_rows_and_offers_to_run_again(found: Workspace) -> None:
     found.compare()
-    assert found.comparison is not None
     task_queue().stop(found.comparison)
     assert found.comparison.wait(WAIT)
     assert found.comparison.status is Status.STOPPED
@@ -101,7 +97,6 @@ def test_a_stop_keeps_the_rows_and_offers_to_run_again(found: Workspace) -> None
 
 
 def test_earlier_fits_are_bounded_and_shown_without_a_comparison(found: Workspace) -> None:
-    assert found.segment is not None
     fit = replace(least_squares.fit(found.segment), method="pinn", config=PAPER.to_json())
     for _ in range(2):
         found._record([replace(fit, outcome=Outcome.STOPPED)])
@@ -121,12 +116,10 @@ def test_earlier_fits_are_bounded_and_shown_without_a_comparison(found: Workspac
 
 def test_a_training_with_other_settings_has_a_row_of_its_own(found: Workspace) -> None:
     found.comparison = Task(found.id, "comparison", lambda context: iter(()))
-    assert found.segment is not None
     least = compare(found.segment, "II", ("least-squares",))
     found.comparison.results = tuple(least)
     assert len(found.compared_with_training()) == 1
     found.train(replace(FAST, iterations=60))
-    assert found.training is not None
     assert found.training.wait(WAIT)
     _, own = found.compared_with_training()
     assert own.fit is found.fit

@@ -18,8 +18,7 @@ from accpinn.tasks.estimations import training
 from accpinn.tasks.request import TrainingRequest
 from accpinn.tasks.task import Status
 from pages.ui.components.show import bullets, clicked_data, escape_markdown, format_duration
-from pages.ui.data import sources
-from pages.ui.data.window import window_of
+from pages.ui.data.page import window_of
 from pages.ui.session import sessions
 from pages.ui.session.resources import task_queue
 from pages.ui.session.sessions import KEPT_FOR, KEPT_WORKSPACES, Workspaces
@@ -92,10 +91,7 @@ def test_with_a_recording_and_with_a_window_that_cannot_be_used(path: str) -> No
 
 def test_one_click_on_home_trains_a_sample() -> None:
     found = workspace_of(press(open_page(HOME), "Train a sample now"))
-    assert found.training is not None
     assert found.training.wait(WAIT)
-    assert found.fit is not None
-    assert found.true_parameters is not None
     truth = found.true_parameters.values
     np.testing.assert_allclose(found.fit.parameters.values, truth, rtol=0.03)
 
@@ -135,11 +131,9 @@ def test_regimes_are_left_out_when_ticked_and_said_everywhere() -> None:
     gap = np.where((time < 100)[:, None], 60.0, run.gap)
     found = with_recording(replace(run, gap=gap))
     page = open_page(DATA, found)
-    assert found.segment is not None
     assert found.segment.mask is None
     assert "Without" not in texts(page)
     choose(page, "data_exclude_catching up", True)
-    assert found.segment.mask is not None
     assert found.segment.mask[:, 0].tolist() == (time >= 100).tolist()
     for said in ("**Without** catching up", "(2 B: 25 % of the instants)",
                  "s, without catching up", "all other figures are of all instants"):  # fmt: skip
@@ -152,7 +146,7 @@ def test_regimes_are_left_out_when_ticked_and_said_everywhere() -> None:
     assert found.segment.mask is None
 
 
-def test_a_bad_upload_is_one_sentence_and_loses_nothing() -> None:
+def test_a_bad_upload_is_one_sentence_and_loses_nothing_and_a_good_one_is_opened() -> None:
     found = with_sample()
     page = open_page(DATA, found)
     before = found.recording, found.segment
@@ -163,11 +157,6 @@ def test_a_bad_upload_is_one_sentence_and_loses_nothing() -> None:
     assert "this is a PNG image, not a CSV file" in error.value.replace("\\", "")
     assert (found.recording, found.segment) == before
     assert "Preview of the window" in texts(page)
-
-
-def test_upload_a_recording() -> None:
-    page = open_page(DATA)
-    page.segmented_control(key="data_source").set_value("Upload").run()
     raw = csv(platoon(vehicles=2), metadata(("A", "B")))
     page.file_uploader(key="data_upload").upload("mine.csv", raw, "text/csv").run()
     assert not page.exception
@@ -192,7 +181,6 @@ def test_the_folder_on_the_server(monkeypatch: pytest.MonkeyPatch, tmp_path: Pat
 
 def test_the_length_that_is_shown_rounded_is_accepted() -> None:
     found = with_sample()
-    assert found.recording is not None
     end = found.recording.duration
     arrays = ("time", "speed", "gap", "mode")
     shorter = {name: getattr(found.recording, name)[:-1] for name in arrays}
@@ -200,7 +188,6 @@ def test_the_length_that_is_shown_rounded_is_accepted() -> None:
     page = open_page(DATA, found)
     assert page.number_input(key="data_length").max == end
     choose(page, "data_length", end)
-    assert found.segment is not None
     assert found.segment.window.duration == pytest.approx(end - 0.1)
 
 
@@ -217,7 +204,6 @@ def test_vehicles_and_case() -> None:
     page.selectbox[-1].set_value(4).run()
     assert found.vehicles == (3, 4)
     assert "one set of α, β, τ" not in texts(page)
-    assert found.true_parameters is not None
     assert found.true_parameters.alpha.tolist() == [0.0766]
 
 
@@ -260,7 +246,6 @@ def test_train_shows_table_curves_and_downloads_and_keeps_the_result() -> None:
     page = open_page(TRAIN, found)
     for cached in (False, True):
         press(page, "Start training")
-        assert found.training is not None
         assert found.training.wait(WAIT)
         page.run()
         assert not page.exception
@@ -285,7 +270,6 @@ def test_train_says_what_goes_wrong_and_how_sure_it_is(
     parameters: Parameters, excluded: tuple[str, ...]
 ) -> None:
     found = with_sample()
-    assert found.segment
     if excluded:
         mask = np.ones_like(found.segment.gaps, dtype=bool)
         mask[:50] = False
@@ -311,7 +295,6 @@ def test_train_says_what_goes_wrong_and_how_sure_it_is(
 
 def stop_training(found: Workspace) -> None:
     """As the button does, and wait for it."""
-    assert found.training
     task_queue().stop(found.training)
     assert found.training.wait(WAIT)
 
@@ -324,14 +307,12 @@ def test_stop_continue_or_begin_anew() -> None:
     assert "Stop training" in labels(page)
     assert "Start training" not in labels(page)
     job = found.training
-    assert job is not None
     while not (job.progress and job.progress.iteration):
         assert job.is_active
         job.wait(0.05)
     press(page, "Stop training")
     assert job.wait(WAIT)
     assert job.status is Status.STOPPED
-    assert job.result
     at = job.result.iterations
     other = open_page(TRAIN, with_sample())
     other.segmented_control(key="train_preset").set_value("paper").run()
@@ -344,14 +325,11 @@ def test_stop_continue_or_begin_anew() -> None:
     stop_training(found)
     page.run()
     press(page, "Start anew")
-    assert found.training
     while found.training.progress is None:
         found.training.wait(0.05)
     first = found.training.history()
-    assert first
     assert first.iteration[0] == 0
     stop_training(found)
-    assert found.fit
     assert not any(isinstance(f, Continued) for f in found.fit.findings)
 
 
@@ -379,7 +357,6 @@ def test_options_are_refused_reach_the_training_and_survive_a_visit_elsewhere() 
     page = open_page(TRAIN, found)  # as after a reload
     assert page.number_input(key="train_fast_seed").value == 7
     press(page, "Start training")
-    assert found.training is not None
     config = found.training.request.config
     assert (config.seed, config.weight_data) == (7, (1.0, 2.0))
     assert config.initial.values.tolist() == [0.5, 0.5, 0.5]
@@ -392,7 +369,6 @@ def test_a_failed_training_says_why(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("accpinn.methods.pinn.training.training", failing)
     found = with_sample()
     page = press(open_page(TRAIN, found), "Start training")
-    assert found.training is not None
     assert found.training.wait(WAIT)
     page.run()
     assert not page.exception
@@ -420,14 +396,6 @@ def test_sessions_cannot_be_guessed_and_are_bounded() -> None:
     assert kept.find(last.id) is last, "it was used in between"
     now[0] = KEPT_FOR * 3
     assert kept.find(last.id) is None
-
-
-def test_recordings_are_read_once() -> None:
-    raw = csv(platoon())
-    one = sources.from_bytes(raw, "a.csv")
-    assert sources.from_bytes(raw, "a.csv") is one
-    assert sources.from_bytes(raw, "b.csv").source == "b.csv"
-    assert sources.from_bytes(csv(platoon(samples=300)), "a.csv") is not one
 
 
 def test_foreign_text_is_made_literal() -> None:
@@ -460,7 +428,6 @@ def test_another_window_ends_a_training_and_forgets_choices_among_the_former_veh
     drive.own, drive.omega, found.map_choice.held = "1-4", 0.3, 3
     found.choose(window=Window(10.0, 200.0), vehicles=(1, 2))
     assert (drive.own, drive.omega, found.map_choice.held) == ("", None, -1)
-    assert job is not None
     assert job.wait(WAIT)
     assert job.status is Status.STOPPED, "nobody could stop it any more"
     found.parameter_choice.source, drive.own = "published", "1-4"

@@ -68,7 +68,6 @@ def test_published_vehicles_are_answered_before_anything_was_trained() -> None:
 def test_the_fit_is_shown_with_its_certainty_until_it_is_lost() -> None:
     found = fitted()
     page = open_page(STABILITY, found)
-    assert found.segment
     for label in found.segment.labels[1:]:
         assert label in plain(page)
     headline = next(m.value for m in page.markdown if m.value.startswith("####"))
@@ -98,7 +97,6 @@ def test_a_stopped_training_is_no_result_and_excluded_regimes_are_named(path: st
     page = open_page(path, found)
     assert "stopped at 930 of 20,000 iterations" in boxes(page, "warning")[0]
     assert "without catching up" not in plain(page)
-    assert found.segment
     found.segment = replace(found.segment, excluded_regimes=("catching up",))
     where = "synthetic_astazero_like.csv, 0–300 s, without catching up"
     page.run()
@@ -107,7 +105,6 @@ def test_a_stopped_training_is_no_result_and_excluded_regimes_are_named(path: st
     choose(page, f"{path[8:].lower()[:-3]}_source", "published")
     assert "stopped at" not in plain(page)
 
-    assert found.fit
     library().add(create(found.segment, found.fit, name="early"))
     found.parameter_choice.source = "snapshot"
     page.run()
@@ -116,8 +113,6 @@ def test_a_stopped_training_is_no_result_and_excluded_regimes_are_named(path: st
 
 def test_published_parameters_do_not_pass_for_ones_own_while_training_runs() -> None:
     found = fitted()
-    assert found.training
-    assert found.training.request
     found.training = training(found.id, found.training.request)  # waits
     page = open_page(STABILITY, found)
     assert any("your own training is not finished" in info for info in boxes(page, "info"))

@@ -84,18 +84,15 @@ def choose_parameters(workspace: Workspace, page: str) -> ParameterSet | None:
 
     def chosen() -> ParameterSet:
         if learned := _learned(workspace, source, entries):
-            _show_limits(source, *learned)
+            info, fit = learned
+            if source == "snapshot" and info.excluded_regimes:
+                st.caption(escape_markdown(where(info)))
+            cure = " Continue it on page Train." if source == "fit" else ""
+            if sentence := unfinished(fit):
+                show.messages(sentence + cure, "warning", "pause_circle")
         return parameters_from(workspace, source, entries)
 
     return show.attempt(chosen)
-
-
-def _show_limits(source: Source, info: SegmentInfo, fit: Fit) -> None:
-    if source == "snapshot" and info.excluded_regimes:
-        st.caption(escape_markdown(where(info)))
-    if sentence := unfinished(fit):
-        cure = " Continue it on page Train." if source == "fit" else ""
-        show.messages(sentence + cure, "warning", "pause_circle")
 
 
 def parameters_from(

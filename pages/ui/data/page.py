@@ -1,4 +1,4 @@
-"""The segment cut from a recording: vehicles, Case, window and regimes, and a preview of it."""
+"""The page Data: the recording, the segment cut from it, its regimes, and a preview."""
 
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
@@ -7,7 +7,7 @@ from math import ceil
 
 import streamlit as st
 
-from accpinn.errors import SegmentError
+from accpinn.errors import ConfigError, SegmentError
 from accpinn.methods import least_squares
 from accpinn.methods.fit import headway_findings
 from accpinn.model.cthp import Case
@@ -22,10 +22,13 @@ from accpinn.segment.regimes import EXCLUDABLE, label_regimes
 from accpinn.segment.segment import Segment
 from accpinn.segment.vehicles import MAX_FOLLOWERS, chains
 from accpinn.study.sensitivity import SensitivityResult, sensitivity
-from pages.ui.components import show
+from pages.ui.components import frame, show
 from pages.ui.components.show import escape_markdown
 from pages.ui.components.widgets import bound, segments, select
+from pages.ui.data.sources import choose_source
+from pages.ui.results import banner, show_data
 from pages.ui.session.workspace import Workspace
+from pages.ui.train import chosen_config
 
 CASES = {
     "I": "Case I: one set of α, β, τ for the whole platoon, as if all followers were the same car.",
@@ -42,7 +45,47 @@ REGIMES = {
 }
 
 
-def describe(recording: Recording) -> str:
+def show_page() -> None:
+    """Draw the page."""
+    workspace = frame.begin("Data", "Open a recording, choose who follows whom, and when.")
+    recording = workspace.recording
+    if recording is None:
+        if workspace.snapshot:
+            show_data(workspace, workspace.snapshot)
+        with st.container(border=True):
+            choose_source(workspace)
+        _show_preview(workspace)
+        return
+    banner(workspace)
+    with st.expander(
+        f"Open another recording instead of {escape_markdown(recording.source)}",
+        icon=":material/folder_open:",
+    ):
+        choose_source(workspace)
+    st.markdown(_describe(recording))
+    _show_warnings(messages(recording.findings, recording), "this recording")
+    controls, chart = st.columns((1, 2.6), gap="medium")
+    with controls:
+        _choose_vehicles(workspace, recording)
+        _choose_window(workspace, recording)
+        st.caption("Or drag over the chart to set the window.")
+        if st.button(
+            "Train on this window",
+            type="primary",
+            icon=":material/play_arrow:",
+            width="stretch",
+            disabled=workspace.segment is None,
+        ):
+            with suppress(ConfigError):  # the Train page shows what is wrong with a setting
+                workspace.train(chosen_config(workspace))
+            frame.go(frame.TRAIN, workspace)
+    with chart:
+        _show_overview(workspace, recording)
+    _show_preview(workspace)
+    _show_regimes(workspace, recording)
+
+
+def _describe(recording: Recording) -> str:
     """The recording's metadata in one line."""
     rate, setting = 1 / recording.sample_time, recording.distance_setting
     parts = [
@@ -58,7 +101,7 @@ def describe(recording: Recording) -> str:
     return " · ".join(part for part in parts if part)
 
 
-def show_warnings(warnings: Sequence[str], about: str) -> None:
+def _show_warnings(warnings: Sequence[str], about: str) -> None:
     """The first few openly, the rest on demand."""
     show.messages(warnings[:SHOWN], "warning")
     if warnings[SHOWN:]:
@@ -66,7 +109,7 @@ def show_warnings(warnings: Sequence[str], about: str) -> None:
             st.markdown(show.bullets(warnings[SHOWN:]))
 
 
-def choose_vehicles(workspace: Workspace, recording: Recording) -> None:
+def _choose_vehicles(workspace: Workspace, recording: Recording) -> None:
     """Leader and last follower, from the chains the recording has; and the Case."""
     possible = {
         leader: chain[position : position + MAX_FOLLOWERS + 1]
@@ -94,7 +137,7 @@ def choose_vehicles(workspace: Workspace, recording: Recording) -> None:
         st.caption(CASES[workspace.case])
 
 
-def choose_window(workspace: Workspace, recording: Recording) -> None:
+def _choose_window(workspace: Workspace, recording: Recording) -> None:
     """Start and length in seconds."""
     start, length = float(workspace.window.start), float(workspace.window.duration)
     longest = float(ceil(recording.duration))
@@ -115,7 +158,7 @@ def choose_window(workspace: Workspace, recording: Recording) -> None:
         )  # fmt: skip
 
 
-def show_overview(workspace: Workspace, recording: Recording) -> None:
+def _show_overview(workspace: Workspace, recording: Recording) -> None:
     """Speeds and gaps over the whole recording; dragging over them sets the window."""
     leader = workspace.vehicles[0]
     entries, faint = [], set()
@@ -162,7 +205,7 @@ def window_of(
     return Window(start, end) if end - start >= MINIMUM_DURATION else None
 
 
-def show_preview(workspace: Workspace) -> None:
+def _show_preview(workspace: Workspace) -> None:
     """The window's figures, and the estimate that needs no training."""
     segment = workspace.segment
     if segment is None:
@@ -186,13 +229,13 @@ def show_preview(workspace: Workspace) -> None:
     )
     headways = headway_findings(segment.vehicles, estimate.parameters)
     findings = (*headways, *quality.findings, *estimate.findings)
-    show_warnings(messages(findings, segment), "this window")
+    _show_warnings(messages(findings, segment), "this window")
     if segment.findings:
         with st.expander("Changes to the data", icon=":material/build:"):
             st.markdown(show.bullets(messages(segment.findings, segment)))
 
 
-def show_regimes(workspace: Workspace, recording: Recording) -> None:
+def _show_regimes(workspace: Workspace, recording: Recording) -> None:
     """Shares, the user's choice, and on request the sensitivity of the estimates to it."""
     segment = _whole_segment(workspace)
     if segment is None:
