@@ -102,7 +102,7 @@ def _show_fit(
     uncertainty: Uncertainty | None,
     page: str,
 ) -> None:
-    """Outcome, parameters, errors (surrogate's, simulation's) and intervals of a fit, and limits."""
+    """Outcome, parameters, errors (surrogate, simulation), intervals of a fit, and its limits."""
     took = f"{fit.seconds:.1f} s" if fit.seconds < 60 else show.format_duration(fit.seconds)
     cost = f"{fit.iterations:,} iterations in {took}, {fit.network_weights:,} network weights."
     cache = " From the cache: this exact request was trained before." if fit.cached else ""
