@@ -188,11 +188,12 @@ class _Fields:
 
     def one(self, name: str, label: str, column: Any, **look: Any) -> None:
         """One number, whole or not as the preset has it."""
-        key, change = (
-            f"train_{self._preset}_{name}",
-            lambda value: self.changes.update({name: value}),
-        )
-        column.number_input(label, **bound(key, self._value(name), change), **look)
+
+        def changed(value: float) -> None:
+            self.changes[name] = value
+
+        shown = bound(f"train_{self._preset}_{name}", self._value(name), changed)
+        column.number_input(label, **shown, **look)
 
     def several(self, name: str, labels: tuple[str, ...], columns: Sequence[Any]) -> None:
         """A setting of several numbers, or of one that is a float."""

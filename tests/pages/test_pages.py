@@ -17,7 +17,7 @@ from accpinn.recordings.recording import Recording, Window
 from accpinn.tasks.estimations import training
 from accpinn.tasks.request import TrainingRequest
 from accpinn.tasks.task import Status
-from pages.ui.components.show import bullets, clicked_data, escape_markdown, format_duration
+from pages.ui.components.show import bullets, escape_markdown, format_duration
 from pages.ui.data.page import window_of
 from pages.ui.session import sessions
 from pages.ui.session.resources import task_queue
@@ -404,12 +404,6 @@ def test_foreign_text_is_made_literal() -> None:
     )
     assert bullets(("one.",)) == r"one\."
     assert bullets(("one", "two")) == "- one\n- two"
-
-
-def test_a_click_has_the_data_of_its_point() -> None:
-    assert clicked_data([]) is None
-    assert clicked_data([{"customdata": "PiNN"}]) == "PiNN"
-    assert clicked_data([{"customdata": ["Splines"]}]) == "Splines"
 
 
 @pytest.mark.parametrize(

@@ -2,6 +2,7 @@
 
 import os
 from collections.abc import Callable
+from itertools import islice
 from pathlib import Path
 from typing import Literal
 
@@ -134,7 +135,10 @@ def _choose_file(workspace: Workspace) -> None:
         )
         return
     root = Path(named).resolve()
-    paths = _csv_files(root)
+    found = (path for path in sorted(root.rglob("*.[cC][sS][vV]")) if path.is_file())
+    # A link that leads out of the folder is left out.
+    inside = (path for path in found if path.resolve().is_relative_to(root))
+    paths = list(islice(inside, LISTED))
     if not paths:
         st.info(f"`{FOLDER_VARIABLE}` names a folder without CSV files.")
         return
@@ -146,10 +150,3 @@ def _choose_file(workspace: Workspace) -> None:
     )
     if path:
         _open_button("Open this recording", workspace, lambda: (from_file(path), None))
-
-
-def _csv_files(root: Path) -> list[Path]:
-    """CSV files below a folder; links that lead out of it are left out."""
-    found = (path for path in sorted(root.rglob("*.[cC][sS][vV]")) if path.is_file())
-    inside = (path for path in found if path.resolve().is_relative_to(root))
-    return [path for path, _ in zip(inside, range(LISTED), strict=False)]
