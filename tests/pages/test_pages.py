@@ -94,6 +94,7 @@ def test_one_click_on_home_trains_a_sample() -> None:
     assert found.training.wait(WAIT)
     truth = found.true_parameters.values
     np.testing.assert_allclose(found.fit.parameters.values, truth, rtol=0.03)
+    assert "**Training** is done" in texts(open_page(HOME, found))
 
 
 # Data

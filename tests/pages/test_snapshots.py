@@ -143,15 +143,18 @@ class TestList:
         assert "deleted from the server" not in plain(press(page, "snapshots_keep"))
         assert library().has(name)
 
-    def test_a_damaged_one_is_named_and_can_be_deleted(self) -> None:
+    def test_a_damaged_one_is_named_and_can_be_deleted_and_imported_anew(self) -> None:
         name = library().add(whole())
         path = library().folder / f"{name}.accpinn.zip"
-        path.write_bytes(path.read_bytes()[:-9])
+        sound = path.read_bytes()
+        path.write_bytes(sound[:-9])
         page = open_page(SNAPSHOTS)
         assert "(damaged)" in plain(page)
         assert page.error
         press(page, "snapshots_delete")
         assert library().entries() == ()
+        page.file_uploader(key="snapshots_upload").upload("it.accpinn.zip", sound).run()
+        assert f"it.accpinn.zip is whole and now in the list as {name}" in plain(page)
 
 
 class TestTwo:
