@@ -15,9 +15,7 @@ from accpinn.model.cthp import Parameters, Trajectories
 from accpinn.recordings.openacc import read
 from accpinn.recordings.recording import Recording, Window
 from accpinn.segment.segment import Segment
-from accpinn.tasks.estimations import training
-from accpinn.tasks.request import TrainingRequest
-from accpinn.tasks.task import Status
+from accpinn.tasks.task import Status, TrainingRequest, training_task
 from pages.ui.components.messages import bullets, escape_markdown, format_duration
 from pages.ui.data import sources
 from pages.ui.data.window_picker import window_of
@@ -340,7 +338,7 @@ def test_train_says_what_goes_wrong_and_how_sure_it_is(
     known = least_squares.fit(segment)
     own = Trajectories(segment.time, segment.speeds, segment.gaps)
     same = Parameters.stack([parameters] * segment.followers)
-    found.training = training(found.id, TrainingRequest(segment, "II", preset("fast")))
+    found.training = training_task(found.id, TrainingRequest(segment, "II", preset("fast")))
     found.training.answer(replace(known, method="pinn", parameters=same, surrogate=own))
     page = open_page(TRAIN, found)
     written = plain(page)

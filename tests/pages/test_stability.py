@@ -20,8 +20,7 @@ from accpinn.results.messages.platoon import AFTER_COLLISION
 from accpinn.results.messages.stability import reason
 from accpinn.results.snapshot.create import create
 from accpinn.stability.report import stability_report
-from accpinn.tasks.estimations import training
-from accpinn.tasks.request import TrainingRequest
+from accpinn.tasks.task import TrainingRequest, training_task
 from pages.ui.platoon.controls import parse_order
 from pages.ui.session.resources import library
 from pages.ui.session.workspace import Workspace
@@ -49,7 +48,7 @@ def fitted(window: Window | None = None, **changes: Any) -> Workspace:
     found.choose(window=window, vehicles=(2, 3, 4, 5))
     assert found.segment
     fit = replace(least_squares.fit(found.segment, "II"), **changes)
-    task = training(found.id, TrainingRequest(found.segment, "II", FAST))
+    task = training_task(found.id, TrainingRequest(found.segment, "II", FAST))
     task.answer(fit)
     found.training = task
     return found
@@ -155,7 +154,7 @@ def test_published_parameters_do_not_pass_for_ones_own_while_training_runs() -> 
     found = fitted()
     assert found.training
     assert found.training.request
-    found.training = training(found.id, found.training.request)  # waits
+    found.training = training_task(found.id, found.training.request)  # waits
     page = open_page(STABILITY, found)
     assert any("your own training is not finished" in info for info in boxes(page, "info"))
     found.parameter_choice.source = "published"

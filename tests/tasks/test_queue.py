@@ -22,10 +22,8 @@ from accpinn.model.cthp import Parameters
 from accpinn.recordings.openacc import read
 from accpinn.segment.cut import cut
 from accpinn.segment.segment import Segment
-from accpinn.tasks import estimations
 from accpinn.tasks.queue import KEPT_FOR, KEPT_TASKS, TaskQueue
-from accpinn.tasks.request import TrainingRequest
-from accpinn.tasks.task import Status, Task
+from accpinn.tasks.task import Status, Task, TrainingRequest, training_task
 from tests.support.openacc_files import csv, platoon
 
 WAIT = 20.0
@@ -69,7 +67,10 @@ class Puppet:
                         raise item
                     if item is END:
                         return
-                    yield item
+                    if isinstance(item, Progress):
+                        context.on_progress(item)
+                    else:
+                        yield item
                     taken.set()
                     if isinstance(item, Fit):
                         return
@@ -427,8 +428,7 @@ class TestStore:
         assert request.resume_iteration(store) is None
         queue = TaskQueue(store=store, threads=1)
         fits = [
-            finished(queue.submit(estimations.training(owner, request))).result
-            for owner in ("ann", "ben")
+            finished(queue.submit(training_task(owner, request))).result for owner in ("ann", "ben")
         ]
         queue.close()
         assert any(name in str(note) for note in fits[0].findings)
@@ -485,7 +485,7 @@ def test_a_library_that_cannot_be_loaded_fails_the_task_with_a_sentence(
 ) -> None:
     monkeypatch.setitem(sys.modules, "accpinn.methods.pinn.training", None)
     queue = TaskQueue(threads=1)
-    task = estimations.training("ann", TrainingRequest(segment, "II", FAST))
+    task = training_task("ann", TrainingRequest(segment, "II", FAST))
     finished(queue.submit(task))
     queue.close()
     assert task.status is Status.FAILED
@@ -497,10 +497,10 @@ def test_a_real_training_is_answered_from_the_store_the_second_time(
 ) -> None:
     queue = TaskQueue(store=Store(tmp_path), threads=1)
     request = TrainingRequest(segment, "II", replace(FAST, iterations=20))
-    first, again = (queue.submit(estimations.training("ann", request)) for _ in range(2))
+    first, again = (queue.submit(training_task("ann", request)) for _ in range(2))
     assert again is first, "it is active still"
     assert first.wait(120)
-    again = finished(queue.submit(estimations.training("ann", request)))
+    again = finished(queue.submit(training_task("ann", request)))
     queue.close()
     assert first.result is not None, first.error
     assert again.result is not None

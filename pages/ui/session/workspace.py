@@ -27,9 +27,13 @@ from accpinn.study.comparison import (
     result_of,
     results_among,
 )
-from accpinn.tasks import estimations
-from accpinn.tasks.request import TrainingRequest
-from accpinn.tasks.task import Task
+from accpinn.tasks.task import (
+    Task,
+    TrainingRequest,
+    comparison_task,
+    starts_task,
+    training_task,
+)
 from pages.ui.session.resources import task_queue
 from pages.ui.session.ui_state import MapChoice, ParameterChoice, PlatoonChoice
 
@@ -169,7 +173,7 @@ class Workspace:
         """
         if request := self.request(config, warm):
             self._record([self.fit] if self.fit else [])
-            self.training = task_queue().submit(estimations.training(self.id, request), anew)
+            self.training = task_queue().submit(training_task(self.id, request), anew)
 
     @property
     def warm(self) -> WarmStart | None:
@@ -183,13 +187,13 @@ class Workspace:
         """Queue all methods on the segment."""
         if self.segment:
             self._record([row.fit for row in self.compared])
-            task = estimations.comparison(self.id, self.segment, self.case, self.recording)
+            task = comparison_task(self.id, self.segment, self.case, self.recording)
             self.comparison = task_queue().submit(task)
 
     def train_starts(self, config: PinnConfig) -> None:
         """Queue a training of the segment from each of five initial values."""
         if self.segment:
-            task = estimations.starts(self.id, self.segment, self.case, config)
+            task = starts_task(self.id, self.segment, self.case, config)
             self.starts = task_queue().submit(task)
 
     @property
