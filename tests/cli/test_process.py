@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from accpinn.cli import main
-from accpinn.cli.fit import _Interrupt
+from accpinn.cli.estimation import interruptible
 from accpinn.cli.output import print_json, show
 from tests.support.command import ROOT, SHORT, STUDY, strict
 
@@ -134,9 +134,9 @@ class TestAsAProcess:
 @pytest.mark.parametrize("kind", [signal.SIGINT, signal.SIGTERM])
 def test_an_interrupt_and_a_polite_kill_ask_the_training_to_stop(kind: signal.Signals) -> None:
     before = signal.getsignal(kind)
-    with _Interrupt() as interrupted:
+    with interruptible() as stopped:
         signal.raise_signal(kind)
-        assert interrupted.raised
+        assert stopped.is_set()
         with pytest.raises(KeyboardInterrupt):
             signal.raise_signal(kind)
     assert signal.getsignal(kind) is before

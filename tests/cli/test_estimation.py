@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from accpinn.cli import main
-from accpinn.cli.fit import _text, describe
+from accpinn.cli.estimation import describe_fit, fit_text
 from accpinn.methods import least_squares
 from accpinn.model.cthp import Parameters
 from accpinn.segment.quality import assess_quality
@@ -127,10 +127,10 @@ def test_a_collision_stands_beside_the_closed_loop_errors() -> None:
     segment = driven(duration=100.0)
     found, quality = least_squares.fit(segment), assess_quality(segment)
     swaying = replace(found, parameters=Parameters.of([[0.05, 0.0, 1.0]]))
-    (event,) = describe(segment, swaying, quality)["incidents"]
+    (event,) = describe_fit(segment, swaying, quality)["incidents"]
     assert "collides with the vehicle ahead at" in event
-    assert event in _text(segment, swaying, quality)
-    assert not describe(segment, found, quality)["incidents"]
+    assert event in fit_text(segment, swaying, quality)
+    assert not describe_fit(segment, found, quality)["incidents"]
 
 
 def test_a_cache_that_cannot_be_used_is_noted_once(
