@@ -44,8 +44,8 @@ from accpinn.model.cthp import Parameters
 from accpinn.model.published import ParameterSet
 from accpinn.results.messages import messages
 from accpinn.results.messages.methods import outcome_message
-from accpinn.results.snapshot.create import check_texts, create
-from accpinn.results.snapshot.file import save, writable_path
+from accpinn.results.snapshot import check_texts, create
+from accpinn.results.snapshot.saved import save, writable_path
 from accpinn.results.tables.estimates import (
     intervals_table,
     methods_table,

@@ -13,9 +13,9 @@ from accpinn.recordings.openacc import read
 from accpinn.recordings.recording import Recording
 from accpinn.results.messages import message, messages
 from accpinn.results.messages.snapshot import check_rows, summary
-from accpinn.results.snapshot.create import facts_of
-from accpinn.results.snapshot.file import load, writable_path, write_whole
-from accpinn.results.snapshot.schema import SUFFIX, Snapshot
+from accpinn.results.snapshot import SUFFIX, Snapshot, facts_of
+from accpinn.results.snapshot.archive import load
+from accpinn.results.snapshot.saved import writable_path, write_whole
 from accpinn.results.snapshot.verification import Verification, recover, verify
 from accpinn.results.tables.table import Column, Table
 
@@ -129,7 +129,7 @@ def add_report_options(parser: argparse.ArgumentParser) -> None:
 
 def run_report(options: argparse.Namespace) -> int:
     """Write the page, and say where; 1 when the snapshot does not agree with itself."""
-    from accpinn.results.report.page import render_report  # plotly's script is read from disk
+    from accpinn.results.report import render_report  # plotly's script is read from disk
 
     place = Path(options.out or options.file.removesuffix(SUFFIX) + ".html")
     real = writable_path(place, "report")

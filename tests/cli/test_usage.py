@@ -7,7 +7,7 @@ import pytest
 from accpinn import __version__
 from accpinn.cli import COMMANDS, main
 from accpinn.methods.registry import METHODS
-from tests.support.command import PLATOON, STUDY, document, refused
+from tests.support.command import PLATOON, STUDY, refused
 
 
 @pytest.mark.parametrize("command", ["info", "fit"])
@@ -90,6 +90,7 @@ def test_what_cannot_be_parsed_exits_with_2(
         (["starts", STUDY, "--seeds", 10**9], "choose 1 to 100"),
         (["compare", STUDY, "--methods", "guess"], "guess"),
         (["stability", "--alpha", 1], "--beta and --tau missing"),
+        (["stability", "--snapshot", "x", "--alpha", 1], "not both"),
         (["stability", "--alpha", 1, 2, "--beta", 1, "--tau", 1], "2 of --alpha"),
         (["simulate", "--alpha", 1, "--beta", 1, "--tau", 1, "--vehicles", 101], "1 to 100"),
         (["simulate", "--alpha", 1, 1, "--beta", 1, 1, "--tau", 1, 1, "--vehicles", 3], "not 3"),
@@ -117,22 +118,3 @@ def test_help_explains_commands_and_methods(capsys: pytest.CaptureFixture[str]) 
         assert max(map(len, shown.splitlines())) <= 100
         if command in ("fit", "compare"):
             assert all(method.summary in shown for method in METHODS.values())
-
-
-def test_info_has_the_document_of_the_contract(capsys: pytest.CaptureFixture[str]) -> None:
-    found = document(capsys, "info", PLATOON)
-    assert found.keys() >= {
-        "campaign", "date", "acc_flag", "distance_setting", "samples", "duration", "sample_time",
-        "vehicles", "warnings",
-    }  # fmt: skip
-    assert (found["samples"], found["duration"], found["sample_time"]) == (4001, 400.0, 0.1)
-    assert [vehicle["index"] for vehicle in found["vehicles"]] == [1, 2, 3, 4, 5]
-    for vehicle in found["vehicles"]:
-        assert vehicle.keys() >= {"index", "name", "present", "missing", "modes"}
-    leader, follower = found["vehicles"][:2]
-    assert leader["modes"] is None
-    assert follower["modes"]["ACC"] == 4001
-    assert main(["info", str(STUDY)]) == 0
-    text = capsys.readouterr().out
-    assert "300 s in 3001 samples of 0.1 s" in text
-    assert "2 Synthetic(ACC)" in text

@@ -12,8 +12,8 @@ from accpinn.methods.pinn.method import WarmStart
 from accpinn.methods.pinn.training import train
 from accpinn.model.cthp import Parameters
 from accpinn.recordings.recording import Recording
+from accpinn.results.snapshot import Snapshot
 from accpinn.results.snapshot.saved import Library
-from accpinn.results.snapshot.schema import Snapshot
 from accpinn.tasks.task import Status
 from pages.ui.components.parameter_picker import parameters_from
 from pages.ui.data.sources import FIRST_SAMPLE, sample

@@ -18,7 +18,7 @@ from accpinn.model.published import ASTAZERO, CASALE
 from accpinn.recordings.recording import Window
 from accpinn.results.messages.platoon import AFTER_COLLISION
 from accpinn.results.messages.stability import reason
-from accpinn.results.snapshot.create import create
+from accpinn.results.snapshot import create
 from accpinn.stability.report import stability_report
 from accpinn.tasks.task import TrainingRequest, training_task
 from pages.ui.platoon.controls import parse_order

@@ -22,7 +22,7 @@ from accpinn.model.cthp import Parameters
 from accpinn.recordings.openacc import read
 from accpinn.segment.cut import cut
 from accpinn.segment.segment import Segment
-from accpinn.tasks.queue import KEPT_FOR, KEPT_TASKS, TaskQueue
+from accpinn.tasks.queue import KEPT_FOR, TaskQueue
 from accpinn.tasks.task import Status, Task, TrainingRequest, training_task
 from tests.support.openacc_files import csv, platoon
 
@@ -135,22 +135,14 @@ def finished(task: Task[Any]) -> Task[Any]:
     return task
 
 
+def history_of(task: Task[Any]) -> History:
+    found = task.history()
+    assert found is not None
+    return found
+
+
 def seed(number: int) -> PinnConfig:
     return replace(FAST, seed=number)
-
-
-def test_a_task_runs_to_its_end(queue: TaskQueue, puppet: Puppet, segment: Segment) -> None:
-    task = queue.submit(puppet.training("ann", segment))
-    assert puppet.starts() == FAST
-    assert task.status is Status.RUNNING
-    assert task.is_active
-    assert task.result is None
-    fit = result()
-    puppet.give(fit)
-    assert finished(task).status is Status.DONE
-    assert task.results == (fit,)
-    assert task.error == ""
-    assert puppet.context.threads == 1
 
 
 def test_progress_rate_and_time_left(queue: TaskQueue, puppet: Puppet, segment: Segment) -> None:
@@ -165,26 +157,9 @@ def test_progress_rate_and_time_left(queue: TaskQueue, puppet: Puppet, segment: 
     puppet.step(moment(90, 5.0))
     assert task.rate == 20.0, "the rate is that of the last three seconds"
     assert (task.time_left, task.share) == (0.5, 0.9)
-    history = task.history()
-    assert history is not None
+    history = history_of(task)
     np.testing.assert_array_equal(history.iteration, [0, 10, 30, 90])
     np.testing.assert_array_equal(history.parameters.values[:, 0, 2], [1, 11, 31, 91])
-    assert puppet.context.on_progress is not None
-    puppet.context.on_progress(moment(95, 6.0))  # as estimations report that yield nothing
-    assert task.progress is not None
-    assert task.progress.iteration == 95
-
-
-def test_the_history_stays_bounded_while_it_runs(
-    queue: TaskQueue, puppet: Puppet, segment: Segment
-) -> None:
-    task = queue.submit(puppet.training("ann", segment))
-    puppet.give(*(moment(k, k * 0.01) for k in range(9000)))
-    puppet.step(moment(9000, 90.0))
-    history = task.history()
-    assert history is not None
-    assert len(history.iteration) <= 2001
-    assert history.iteration[[0, -1]].tolist() == [0, 9000]
 
 
 def test_the_history_of_the_result_replaces_the_live_one(
@@ -226,10 +201,12 @@ def test_one_at_a_time_and_the_rest_wait(
 
 def test_stop_keeps_the_result_so_far(queue: TaskQueue, puppet: Puppet, segment: Segment) -> None:
     task = queue.submit(puppet.training("ann", segment))
-    puppet.starts()
-    assert not task.is_stopping
+    assert puppet.starts() == FAST
+    assert (task.status, task.is_active, task.is_stopping) == (Status.RUNNING, True, False)
+    assert task.result is None
     queue.stop(task)
     assert task.is_stopping
+    assert puppet.context.threads == 1
     assert puppet.context.should_stop is not None
     assert puppet.context.should_stop()
     fit = result(Outcome.STOPPED)
@@ -267,13 +244,10 @@ def test_a_continued_training_keeps_its_history(
     finished(task)
     again = queue.submit(puppet.training("ann", segment, PAPER))
     assert again is not task
-    history = again.history()
-    assert history is not None
-    np.testing.assert_array_equal(history.iteration, [0, 5, 10, 15])
+    np.testing.assert_array_equal(history_of(again).iteration, [0, 5, 10, 15])
     puppet.step(moment(15, 0.35))  # the checkpoint may lie a little back
     puppet.step(moment(20, 0.45))
-    history = again.history()
-    assert history is not None
+    history = history_of(again)
     np.testing.assert_array_equal(history.iteration, [0, 5, 10, 15, 20])
     np.testing.assert_allclose(history.seconds[-2:], [0.35, 0.45])
     queue.stop(again)
@@ -309,16 +283,7 @@ def test_a_new_request_stops_the_owners_earlier_one(
     assert puppet.starts().seed == 3
 
 
-def test_a_fault_of_the_users_is_shown_verbatim(
-    queue: TaskQueue, puppet: Puppet, segment: Segment
-) -> None:
-    task = queue.submit(puppet.training("ann", segment))
-    puppet.give(ConfigError("batch: 5 is not allowed; choose 10 or more."))
-    assert finished(task).status is Status.FAILED
-    assert task.error == "batch: 5 is not allowed; choose 10 or more."
-
-
-def test_a_fault_of_the_program_is_one_sentence_and_the_log_has_the_rest(
+def test_a_fault_is_a_sentence_and_the_log_has_what_is_the_programs(
     queue: TaskQueue, puppet: Puppet, segment: Segment, caplog: pytest.LogCaptureFixture
 ) -> None:
     task = queue.submit(puppet.training("ann", segment))
@@ -328,9 +293,15 @@ def test_a_fault_of_the_program_is_one_sentence_and_the_log_has_the_rest(
     assert "secret detail" not in task.error
     assert "Traceback" in caplog.text
     assert "secret detail" in caplog.text
+    users = queue.submit(puppet.training("ann", segment))
+    puppet.give(ConfigError("batch: 5 is not allowed; choose 10 or more."))
+    assert finished(users).status is Status.FAILED
+    assert users.error == "batch: 5 is not allowed; choose 10 or more."
     after = queue.submit(puppet.training("ann", segment))
-    puppet.give(result())
+    fit = result()
+    puppet.give(fit)
     assert finished(after).status is Status.DONE, "the worker lives on"
+    assert (after.results, after.error) == ((fit,), "")
 
 
 def test_old_tasks_are_forgotten(
@@ -348,13 +319,14 @@ def test_old_tasks_are_forgotten(
     assert queue.of("ben") is last, "what still runs is never forgotten"
 
 
-def test_too_many_tasks_are_forgotten(queue: TaskQueue, puppet: Puppet, segment: Segment) -> None:
-    for k in range(KEPT_TASKS + 5):
-        task = queue.submit(puppet.training(f"user {k}", segment, seed(k)))
+def test_too_many_tasks_are_forgotten(
+    queue: TaskQueue, puppet: Puppet, segment: Segment, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("accpinn.tasks.queue.KEPT_TASKS", 2)
+    for k in range(5):
         puppet.give(result())
-        finished(task)
-    assert queue.of("user 0") is None
-    assert queue.of(f"user {KEPT_TASKS + 4}") is task
+        finished(queue.submit(puppet.training(f"user {k}", segment, seed(k))))
+    assert [queue.of(f"user {k}") is None for k in range(5)] == [True, True, False, False, False]
 
 
 def test_closing_stops_everything(puppet: Puppet, segment: Segment) -> None:
@@ -384,19 +356,17 @@ class TestSeveralResults:
         assert finished(task).status is Status.DONE
         assert (task.results, task.share) == (("first", "second"), 1.0)
 
-    def test_a_stop_keeps_what_is_known(self, queue: TaskQueue, puppet: Puppet) -> None:
+    @pytest.mark.parametrize("stopped", [True, False])
+    def test_a_stop_or_a_fault_keeps_what_is_known(
+        self, queue: TaskQueue, puppet: Puppet, stopped: bool
+    ) -> None:
         task = queue.submit(self.comparison(puppet, "ann"))
         puppet.step("first")
-        queue.stop(task)
-        puppet.give(END)
-        assert finished(task).status is Status.STOPPED
-        assert task.results == ("first",)
-
-    def test_a_fault_keeps_what_is_known(self, queue: TaskQueue, puppet: Puppet) -> None:
-        task = queue.submit(self.comparison(puppet, "ann"))
-        puppet.give("first", ZeroDivisionError())
-        assert finished(task).status is Status.FAILED
-        assert "comparison" in task.error
+        if stopped:
+            queue.stop(task)
+        puppet.give(END if stopped else ZeroDivisionError())
+        assert finished(task).status is (Status.STOPPED if stopped else Status.FAILED)
+        assert ("comparison" in task.error) is not stopped
         assert task.results == ("first",)
 
     def test_it_waits_for_trainings_and_replaces_its_owners_earlier_one(
@@ -506,6 +476,4 @@ def test_a_real_training_is_answered_from_the_store_the_second_time(
     assert again.result is not None
     assert again.result.cached
     assert again.result.parameters == first.result.parameters
-    history = again.history()
-    assert history is not None
-    assert history.iteration[-1] == 20
+    assert history_of(again).iteration[-1] == 20

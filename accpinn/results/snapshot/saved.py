@@ -1,12 +1,15 @@
-"""The library of snapshots: a folder of the server in which nothing is ever lost.
+"""Snapshots on disk: files written in one step, and a library in which nothing is ever lost.
 
-A snapshot lies there under the first digits of its own digest, so that a link to it names what it
-holds. A full library refuses new ones; only a user deletes. Files that cannot be read are listed
-with the reason.
+The library is a folder of the server. A snapshot lies there under the first digits of its own
+digest, so that a link to it names what it holds. A full library refuses new ones; only a user
+deletes. Files that cannot be read are listed with the reason.
 """
 
 import os
 import re
+import secrets
+import stat
+import tempfile
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -17,9 +20,15 @@ from filelock import FileLock
 from platformdirs import user_data_path
 
 from accpinn.errors import SnapshotError
-from accpinn.results.snapshot.file import UNFINISHED, load, to_bytes, write_whole
-from accpinn.results.snapshot.schema import ID_LENGTH, SUFFIX, Snapshot
+from accpinn.results.snapshot import ID_LENGTH, MANIFEST, SUFFIX, Snapshot
+from accpinn.results.snapshot.archive import load, to_bytes
 from accpinn.units import Seconds
+
+UNFINISHED = ".part"
+"""Ending of a file that is being written."""
+MARKS = {"snapshot": MANIFEST.encode(), "report": b"<!doctype html"}
+"""What stands among the first bytes of every such file, in lower case."""
+_BEGINNING = 200
 
 CAP_BYTES = 2_000_000_000
 """Of the whole library; a result of 300 s without its data takes well below 1 MB."""
@@ -33,6 +42,83 @@ FOLDER_VARIABLE = "ACCPINN_SNAPSHOTS"
 """Environment variable that names another folder than the one among the user's data."""
 
 _ID = re.compile(rf"[0-9a-f]{{{ID_LENGTH}}}")
+
+
+def save(snapshot: Snapshot, path: str | os.PathLike[str]) -> Path:
+    """Write a snapshot in one step: whoever looks sees the old file or the new one, never a part.
+
+    Raises:
+        SnapshotError: when it cannot be written there, or what stands there is no snapshot.
+    """
+    target, data = writable_path(Path(path), "snapshot"), to_bytes(snapshot)
+    load(data)  # what could not be opened again is not written
+    write_whole(data, target, "snapshot")
+    return Path(path)
+
+
+def writable_path(target: Path, kind: str) -> Path:
+    """The file that is made, or replaced, by writing to ``target``; links are followed.
+
+    Args:
+        target: where a user wants the file.
+        kind: "snapshot" or "report"; nothing is replaced but a file of its own kind.
+
+    Raises:
+        SnapshotError: where something else stands, or no file can be made.
+    """
+    try:
+        path = target.resolve() if target.is_symlink() else target
+        with suppress(FileNotFoundError):
+            _require_own(path, kind)
+        with tempfile.TemporaryFile(dir=path.parent):
+            return path
+    except (OSError, ValueError, RuntimeError) as fault:  # also for links that run in a circle
+        raise _unwritten(
+            target, kind, getattr(fault, "strerror", None) or "no valid path"
+        ) from None
+
+
+def _require_own(path: Path, kind: str) -> None:
+    mode = path.stat().st_mode
+    if stat.S_ISDIR(mode):
+        raise SnapshotError(f"{path}: this is a folder; name a file in it for the {kind}.")
+    if stat.S_ISREG(mode):
+        with path.open("rb") as file:
+            beginning = file.read(_BEGINNING).lower()
+        if not beginning or MARKS[kind] in beginning:
+            return
+    raise SnapshotError(
+        f"{path}: this is something else than a {kind} and is not overwritten; choose another name."
+    )
+
+
+def write_whole(data: bytes, target: Path, kind: str) -> Path:
+    """Write bytes as the file ``target``, in one step; ``kind`` names them where that fails.
+
+    Raises:
+        SnapshotError: when it cannot be written there.
+    """
+    try:
+        temporary = target.with_name(f"{secrets.token_hex(8)}{UNFINISHED}")
+        try:
+            with temporary.open("xb") as file:  # so who may read it follows the user's umask
+                file.write(data)
+                file.flush()
+                os.fsync(file.fileno())
+            os.replace(temporary, target)
+        except BaseException:
+            temporary.unlink(missing_ok=True)
+            raise
+    except OSError as fault:
+        raise _unwritten(target, kind, fault.strerror or "no reason given") from None
+    return target
+
+
+def _unwritten(target: Path, kind: str, reason: str) -> SnapshotError:
+    return SnapshotError(
+        f"{target}: the {kind} could not be written ({reason}); choose another place or"
+        " free some space."
+    )
 
 
 @dataclass(frozen=True)

@@ -7,12 +7,11 @@ from typing import Any
 
 import numpy as np
 
-from accpinn.errors import SnapshotError
 from accpinn.inference.intervals import Interval, Uncertainty
 from accpinn.methods.fit import Fit
 from accpinn.methods.registry import METHODS
 from accpinn.methods.store import FIT_SHAPES
-from accpinn.results.snapshot.schema import LONGEST_NAME, Snapshot
+from accpinn.results.snapshot import LONGEST_NAME, Snapshot, check_length
 from accpinn.segment.segment import SegmentInfo
 from accpinn.serial import Shape, check_shapes
 from accpinn.stability.criteria import checked
@@ -90,18 +89,6 @@ def sanitise(tree: Any, lines: bool = False) -> Any:
     if isinstance(tree, list):
         return [sanitise(item, lines) for item in tree]
     return tree
-
-
-def check_length(text: str, what: str, most: int) -> None:
-    """Refuse a text that is longer than ``most`` characters.
-
-    Raises:
-        SnapshotError: in one sentence.
-    """
-    if len(text) > most:
-        raise SnapshotError(
-            f"The {what} is {len(text):,} characters long; choose one of {most:,} at most."
-        )
 
 
 def validate(snapshot: Snapshot) -> None:

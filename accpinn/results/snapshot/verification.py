@@ -23,8 +23,7 @@ from accpinn.methods.fit import Fit, Outcome
 from accpinn.methods.registry import METHODS
 from accpinn.model.cthp import Trajectories
 from accpinn.recordings.recording import Recording
-from accpinn.results.snapshot.create import facts_of, light, stability
-from accpinn.results.snapshot.schema import ATTRIBUTION_TEXT, Snapshot
+from accpinn.results.snapshot import ATTRIBUTION_TEXT, Snapshot, facts_of, light, stability
 from accpinn.results.snapshot.validate import sanitise
 from accpinn.results.tables.names import name_of
 from accpinn.segment.cut import cut

@@ -14,7 +14,7 @@ from accpinn.methods.pinn.method import WarmStart
 from accpinn.model.cthp import Case, Parameters
 from accpinn.recordings.recording import Recording, Window
 from accpinn.recordings.synthetic import Truth
-from accpinn.results.snapshot.schema import Snapshot
+from accpinn.results.snapshot import Snapshot
 from accpinn.results.snapshot.verification import recover
 from accpinn.segment import regimes
 from accpinn.segment.cut import DURATION, complete_windows, cut

@@ -9,8 +9,7 @@ import plotly.graph_objects as go
 import streamlit as st
 
 from accpinn.results.figures.stability import bode
-from accpinn.results.snapshot.create import stability
-from accpinn.results.snapshot.schema import Snapshot
+from accpinn.results.snapshot import Snapshot, stability
 from accpinn.results.tables.estimates import PARAMETER_COLUMNS, learned_parameters
 from accpinn.results.tables.table import ABSENT, Column, Range, Table
 from pages.ui.components.charts import show_chart

@@ -5,9 +5,9 @@ from urllib.parse import urlsplit
 import streamlit as st
 
 from accpinn.results.messages.snapshot import check_rows, summary
-from accpinn.results.report.page import render_report
+from accpinn.results.report import render_report
+from accpinn.results.snapshot import SUFFIX, Snapshot
 from accpinn.results.snapshot.saved import Entry
-from accpinn.results.snapshot.schema import SUFFIX, Snapshot
 from accpinn.results.snapshot.verification import obstacle, verify
 from accpinn.results.tables.names import TITLES
 from accpinn.results.tables.table import Column, Table

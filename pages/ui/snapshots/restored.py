@@ -6,7 +6,7 @@ from accpinn.errors import SnapshotError
 from accpinn.evaluation.closed_loop import closed_loop
 from accpinn.results.figures.recording import preview
 from accpinn.results.figures.training import tracking
-from accpinn.results.snapshot.schema import Snapshot
+from accpinn.results.snapshot import Snapshot
 from accpinn.results.tables.estimates import methods_table
 from accpinn.results.tables.names import name_of
 from pages.ui.components import frame

@@ -10,8 +10,7 @@ import streamlit as st
 from accpinn.errors import SnapshotError
 from accpinn.methods.fit import Outcome
 from accpinn.results.messages.methods import unfinished
-from accpinn.results.snapshot.create import create
-from accpinn.results.snapshot.schema import LARGEST, LONGEST_NAME, LONGEST_NOTE
+from accpinn.results.snapshot import LARGEST, LONGEST_NAME, LONGEST_NOTE, create
 from accpinn.units import Seconds
 from pages.ui.components import frame
 from pages.ui.components.messages import show_messages
