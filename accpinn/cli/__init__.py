@@ -44,7 +44,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     open_streams()
     try:
         try:
-            return _run(sys.argv[1:] if arguments is None else arguments)
+            given = sys.argv[1:] if arguments is None else arguments
+            options = _parser(given).parse_args(given)
+            return int(options.run(options))
         finally:
             flush()
     except AccpinnError as fault:
@@ -58,12 +60,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return 1
     except KeyboardInterrupt:
         return 130
-
-
-def _run(arguments: Sequence[str]) -> int:
-    options = _parser(arguments).parse_args(arguments)
-    status: int = options.run(options)
-    return status
 
 
 def _parser(arguments: Sequence[str]) -> argparse.ArgumentParser:

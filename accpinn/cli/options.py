@@ -122,7 +122,7 @@ def chosen_parameters(options: argparse.Namespace) -> Parameters:
     if options.snapshot:
         if values:
             raise ConfigError(f"parameters: give --{next(iter(values))} or --snapshot, not both.")
-        from accpinn.results.snapshot.saved import load  # not needed for numbers given by hand
+        from accpinn.results.snapshot.archive import load  # not needed for numbers given by hand
 
         return load(options.snapshot).fit.parameters
     missing = [f"--{name}" for name in PARAMETER_NAMES if name not in values]

@@ -38,24 +38,21 @@ def _describe_report(report: StabilityReport, _parameters: Parameters) -> dict[s
             "head_to_tail_peaks": [vars(peak) for peak in platoon.peaks],
             "head_to_tail_linf": platoon.linf.gain.tolist(),
             "head_to_tail_linf_error": platoon.linf.error.tolist(),
-            **{name: _describe_verdict(getattr(platoon, name), report) for name in PLATOON},
+            **{name: _verdict(getattr(platoon, name), report) for name in PLATOON},
         },
     }
 
 
 def _describe_vehicle(vehicle: VehicleStability) -> dict[str, Any]:
     smallest = vehicle.smallest_tau
+    found = {
+        "l2": {"criterion": vehicle.l2.value},
+        "linf_paper": {"criterion": vehicle.linf_paper.value},
+        "linf_exact": {"gain": vehicle.linf_gain},
+    }
     return {
         **fields(vehicle.parameters, *PARAMETER_NAMES),
-        "l2": {"criterion": vehicle.l2.value, **_describe_verdict(vehicle.l2, vehicle)},
-        "linf_paper": {
-            "criterion": vehicle.linf_paper.value,
-            **_describe_verdict(vehicle.linf_paper, vehicle),
-        },
-        "linf_exact": {
-            "gain": vehicle.linf_gain,
-            **_describe_verdict(vehicle.linf_exact, vehicle),
-        },
+        **{key: own | _verdict(getattr(vehicle, key), vehicle) for key, own in found.items()},
         **fields(vehicle, "crossover", "overshoot", "damping_ratio"),
         "peak": vars(vehicle.peak),
         "poles": [[pole.real, pole.imag] for pole in vehicle.poles],
@@ -63,7 +60,7 @@ def _describe_vehicle(vehicle: VehicleStability) -> dict[str, Any]:
     }
 
 
-def _describe_verdict(verdict: Verdict, of: VehicleStability | StabilityReport) -> dict[str, Any]:
+def _verdict(verdict: Verdict, of: VehicleStability | StabilityReport) -> dict[str, Any]:
     return {**fields(verdict, "stable", "marginal"), "reason": reason(verdict, of)}
 
 

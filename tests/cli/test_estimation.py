@@ -10,7 +10,7 @@ from accpinn.cli.estimation import describe_fit, fit_text
 from accpinn.methods import least_squares
 from accpinn.model.cthp import Parameters
 from accpinn.segment.quality import assess_quality
-from tests.support.command import PLATOON, SHORT, STUDY, document, strict
+from tests.support.command import PLATOON, SHORT, STUDY, Capture, document, strict
 from tests.support.driving import driven
 
 KEYS = {
@@ -19,7 +19,7 @@ KEYS = {
 }  # fmt: skip
 
 
-def test_document_of_the_command_line_contract(capsys: pytest.CaptureFixture[str]) -> None:
+def test_document_of_the_command_line_contract(capsys: Capture) -> None:
     found = document(capsys, "fit", PLATOON, "--start", 10, *SHORT)
     assert found.keys() >= KEYS
     assert (found["method"], found["case"]) == ("pinn", "II")
@@ -39,15 +39,13 @@ def test_document_of_the_command_line_contract(capsys: pytest.CaptureFixture[str
     assert found["cached"] is False
 
 
-def test_learns_the_truth_of_a_sample(capsys: pytest.CaptureFixture[str]) -> None:
+def test_learns_the_truth_of_a_sample(capsys: Capture) -> None:
     (found,) = document(capsys, "fit", STUDY)["parameters"]
     values = (found["alpha"], found["beta"], found["tau"])
     assert values == pytest.approx((0.08, 0.12, 1.5), rel=0.03)
 
 
-def test_the_same_again_comes_from_the_cache_unless_forbidden(
-    capsys: pytest.CaptureFixture[str], cache: Path
-) -> None:
+def test_the_same_again_comes_from_the_cache_unless_forbidden(capsys: Capture, cache: Path) -> None:
     assert not document(capsys, "fit", STUDY, *SHORT, "--no-cache")["cached"]
     assert not cache.exists()
     first, again = (document(capsys, "fit", STUDY, *SHORT) for _ in range(2))
@@ -58,7 +56,7 @@ def test_the_same_again_comes_from_the_cache_unless_forbidden(
 
 
 @pytest.mark.parametrize("method", ["splines", "least-squares"])
-def test_other_methods_in_case_one(capsys: pytest.CaptureFixture[str], method: str) -> None:
+def test_other_methods_in_case_one(capsys: Capture, method: str) -> None:
     options = ("--method", method, "--vehicles", "3-5", "--case", "I")
     found = document(capsys, "fit", PLATOON, *options)
     assert (found["method"], found["outcome"]) == (method, "solved")
@@ -71,7 +69,7 @@ def test_other_methods_in_case_one(capsys: pytest.CaptureFixture[str], method: s
     assert first["alpha"] == second["alpha"]
 
 
-def test_the_paper_preset_with_its_options(capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_paper_preset_with_its_options(capsys: Capture) -> None:
     found = document(
         capsys,
         *("fit", PLATOON, *SHORT, "--preset", "paper", "--iterations", 4, "--lbfgs", 3),
@@ -86,7 +84,7 @@ def test_the_paper_preset_with_its_options(capsys: pytest.CaptureFixture[str]) -
         assert row["tau"] == pytest.approx(1.3, abs=0.3)
 
 
-def test_what_is_undetermined_is_null(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+def test_what_is_undetermined_is_null(capsys: Capture, tmp_path: Path) -> None:
     """Vehicles that never move: no headway, no time gap, no closed loop, and no NaN."""
     lines = STUDY.read_text().splitlines()
     still = [f"{0.1 * k:.1f},0.0000,0.0000,5.0000,ACC" for k in range(301)]
@@ -100,9 +98,7 @@ def test_what_is_undetermined_is_null(capsys: pytest.CaptureFixture[str], tmp_pa
     assert found["notes"]
 
 
-def test_text_has_the_table_and_progress_goes_to_standard_error(
-    capsys: pytest.CaptureFixture[str],
-) -> None:
+def test_text_has_the_table_and_progress_goes_to_standard_error(capsys: Capture) -> None:
     assert main(["fit", str(STUDY), *SHORT]) == 0
     printed = capsys.readouterr()
     lines = printed.out.splitlines()
@@ -124,15 +120,13 @@ def test_a_collision_stands_beside_the_closed_loop_errors() -> None:
     assert not describe_fit(segment, found, quality)["incidents"]
 
 
-def test_a_cache_that_cannot_be_used_is_noted_once(
-    capsys: pytest.CaptureFixture[str], cache: Path
-) -> None:
+def test_a_cache_that_cannot_be_used_is_noted_once(capsys: Capture, cache: Path) -> None:
     cache.write_text("a file, no folder")
     notes = document(capsys, "fit", STUDY, *SHORT)["notes"]
     assert ["no folder" in note for note in notes if "cache" in note] == [True]
 
 
-def test_options_without_effect_are_named(capsys: pytest.CaptureFixture[str]) -> None:
+def test_options_without_effect_are_named(capsys: Capture) -> None:
     options = ["--method", "least-squares", "--seed", "0", "--preset", "fast", "--json"]
     assert main(["fit", str(STUDY), *options]) == 0
     printed = capsys.readouterr()

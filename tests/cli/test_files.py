@@ -10,7 +10,7 @@ from accpinn.model.cthp import Parameters
 from accpinn.results.snapshot.archive import load
 from accpinn.results.snapshot.saved import save
 from accpinn.results.snapshot.verification import REFIT
-from tests.support.command import PLATOON, SHORT, STUDY, document, refused
+from tests.support.command import PLATOON, SHORT, STUDY, Capture, document, refused
 from tests.support.snapshots import small, whole
 
 
@@ -20,7 +20,7 @@ def file(tmp_path: Path) -> Path:
 
 
 def test_writes_beside_the_snapshot_or_where_asked(
-    file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    file: Path, tmp_path: Path, capsys: Capture
 ) -> None:
     assert main(["report", str(file)]) == 0
     written = file.with_name("small.html")
@@ -31,7 +31,7 @@ def test_writes_beside_the_snapshot_or_where_asked(
 
 
 def test_a_snapshot_that_does_not_agree_is_written_with_a_warning(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, capsys: Capture
 ) -> None:
     fit = small().fit
     forged = replace(fit, parameters=Parameters.of(fit.parameters.values * [1, 2, 1]))
@@ -51,16 +51,14 @@ def test_a_recording_supplies_the_data(tmp_path: Path) -> None:
     assert "Measured space-gaps and speeds" in text
 
 
-def test_faults_of_files_are_sentences(
-    file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_faults_of_files_are_sentences(file: Path, tmp_path: Path, capsys: Capture) -> None:
     (tmp_path / "x.accpinn.zip").write_bytes(b"no zip")
     assert "x.accpinn.zip" in refused(capsys, 1, "report", tmp_path / "x.accpinn.zip")
     assert not (tmp_path / "x.html").exists()
     assert "r.html" in refused(capsys, 1, "report", file, "-o", tmp_path / "no" / "r.html")
 
 
-def test_verify_says_yes(file: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_verify_says_yes(file: Path, capsys: Capture) -> None:
     printed = document(capsys, "verify", file)
     assert printed["ok"] is True
     assert REFIT in [one["cure"] for one in printed["not_checked"]]
@@ -70,9 +68,7 @@ def test_verify_says_yes(file: Path, capsys: pytest.CaptureFixture[str]) -> None
     assert "Method run again" in capsys.readouterr().out
 
 
-def test_fit_keeps_a_snapshot_that_others_read(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_fit_keeps_a_snapshot_that_others_read(tmp_path: Path, capsys: Capture) -> None:
     path = tmp_path / "a.accpinn.zip"
     options = ("--method", "splines", "--name", "mine", "--note", "a note", "--out", path)
     fitted = document(capsys, "fit", STUDY, *SHORT, *options)["parameters"][0]
@@ -84,9 +80,7 @@ def test_fit_keeps_a_snapshot_that_others_read(
     assert load(path).facts["samples"] == 3001
 
 
-def test_no_command_replaces_what_it_reads(
-    file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_no_command_replaces_what_it_reads(file: Path, tmp_path: Path, capsys: Capture) -> None:
     recording = tmp_path / "a.csv"
     recording.write_bytes(STUDY.read_bytes())
     before = file.read_bytes()
@@ -99,7 +93,7 @@ def test_no_command_replaces_what_it_reads(
     "options", [("--out", "missing/a"), ("--out", "x" * 300), ("--out", "a", "--name", "x" * 300)]
 )
 def test_what_cannot_be_kept_is_said_before_any_work(
-    capsys: pytest.CaptureFixture[str],
+    capsys: Capture,
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
     options: tuple[str, ...],
@@ -108,7 +102,7 @@ def test_what_cannot_be_kept_is_said_before_any_work(
     assert "not even read" not in refused(capsys, 1, "fit", "not even read.csv", *options)
 
 
-def test_info_has_the_document_of_the_contract(capsys: pytest.CaptureFixture[str]) -> None:
+def test_info_has_the_document_of_the_contract(capsys: Capture) -> None:
     found = document(capsys, "info", PLATOON)
     assert found.keys() >= {
         "campaign", "date", "acc_flag", "distance_setting", "samples", "duration", "sample_time",

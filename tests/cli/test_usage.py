@@ -7,13 +7,13 @@ import pytest
 from accpinn import __version__
 from accpinn.cli import COMMANDS, main
 from accpinn.methods.registry import METHODS
-from tests.support.command import PLATOON, STUDY, refused
+from tests.support.command import PLATOON, STUDY, Capture, refused
 
 
 @pytest.mark.parametrize("command", ["info", "fit"])
 @pytest.mark.parametrize("content", [None, b"", b"\0" * 5000, b"a,b\n1,2\n", bytes(range(256))])
 def test_a_file_that_is_missing_or_no_recording(
-    capsys: pytest.CaptureFixture[str], tmp_path: Path, command: str, content: bytes | None
+    capsys: Capture, tmp_path: Path, command: str, content: bytes | None
 ) -> None:
     path = tmp_path / "odd.csv"
     if content is not None:
@@ -21,7 +21,7 @@ def test_a_file_that_is_missing_or_no_recording(
     assert "odd.csv" in refused(capsys, 1, command, path, "--json")
 
 
-def test_an_empty_name_is_not_the_folder(capsys: pytest.CaptureFixture[str]) -> None:
+def test_an_empty_name_is_not_the_folder(capsys: Capture) -> None:
     assert "No file is named" in refused(capsys, 1, "info", "")
 
 
@@ -38,12 +38,12 @@ def test_an_empty_name_is_not_the_folder(capsys: pytest.CaptureFixture[str]) -> 
     ],
 )
 def test_a_window_or_platoon_that_the_recording_does_not_have(
-    capsys: pytest.CaptureFixture[str], options: tuple[str, object]
+    capsys: Capture, options: tuple[str, object]
 ) -> None:
     assert PLATOON.name in refused(capsys, 1, "fit", PLATOON, *options)
 
 
-def test_real_damaged_recordings(capsys: pytest.CaptureFixture[str], openacc_dir: Path) -> None:
+def test_real_damaged_recordings(capsys: Capture, openacc_dir: Path) -> None:
     damaged = sorted((openacc_dir / "corrupt").iterdir())
     assert damaged
     for path in damaged:
@@ -62,9 +62,7 @@ def test_real_damaged_recordings(capsys: pytest.CaptureFixture[str], openacc_dir
         )),
     ],
 )  # fmt: skip
-def test_what_cannot_be_parsed_exits_with_2(
-    capsys: pytest.CaptureFixture[str], arguments: list[str]
-) -> None:
+def test_what_cannot_be_parsed_exits_with_2(capsys: Capture, arguments: list[str]) -> None:
     with pytest.raises(SystemExit) as ended:
         main(arguments)
     assert ended.value.code == 2
@@ -98,12 +96,12 @@ def test_what_cannot_be_parsed_exits_with_2(
     ],
 )
 def test_settings_out_of_range_exit_with_2_and_a_sentence(
-    capsys: pytest.CaptureFixture[str], arguments: list[object], words: str
+    capsys: Capture, arguments: list[object], words: str
 ) -> None:
     assert words in refused(capsys, 2, *arguments)
 
 
-def test_help_explains_commands_and_methods(capsys: pytest.CaptureFixture[str]) -> None:
+def test_help_explains_commands_and_methods(capsys: Capture) -> None:
     def printed(*arguments: str) -> str:
         with pytest.raises(SystemExit) as ended:
             main(arguments)

@@ -44,7 +44,7 @@ MOST_ENTRIES = 2_000
 PLAIN_FILE = 0o100644 << 16
 """Attributes of every entry: a regular file that its owner may change and all may read."""
 NEW_YEAR_1980 = (1980, 1, 1, 0, 0, 0)
-UNIX, ENCRYPTED = 3, 1
+UNIX = 3
 
 MEMBER = ".npy"
 TYPES = ("<f8", "<f4", "|b1")
@@ -107,8 +107,6 @@ def _check_listed(listed: list[zipfile.ZipInfo], size: int, what: str) -> None:
         name = _shown(entry.filename)
         if entry.compress_type != zipfile.ZIP_STORED or entry.compress_size != entry.file_size:
             raise SnapshotError(f'{what} has "{name}" compressed; a genuine one has nothing so.')
-        if entry.flag_bits & ENCRYPTED:
-            raise SnapshotError(f'{what} has "{name}" encrypted; a genuine one has nothing so.')
     if len({entry.filename for entry in listed}) < len(listed):
         raise SnapshotError(f"{what} lists a name twice; a genuine one never does.")
     if sum(entry.file_size for entry in listed) > size:
@@ -228,14 +226,19 @@ def load(content: str | os.PathLike[str] | bytes) -> Snapshot:
     if isinstance(content, bytes):
         return _read(content)
     path = Path(content)
-    data = _bytes_of(path)
+    data = read_file(path)
     try:
         return _read(data)
     except SnapshotError as fault:
         raise SnapshotError(f"{path}: {fault}") from None
 
 
-def _bytes_of(path: Path) -> bytes:
+def read_file(path: Path) -> bytes:
+    """The bytes of a file that may be a snapshot, no more of them than a snapshot can have.
+
+    Raises:
+        SnapshotError: when it is no file, or cannot be read.
+    """
     if path.exists() and not path.is_file():  # a pipe would be waited for without end
         raise SnapshotError(f"{path}: this is no file; name a file that ends in .accpinn.zip.")
     try:

@@ -21,7 +21,7 @@ from platformdirs import user_data_path
 
 from accpinn.errors import SnapshotError
 from accpinn.results.snapshot import ID_LENGTH, MANIFEST, SUFFIX, Snapshot
-from accpinn.results.snapshot.archive import load, to_bytes
+from accpinn.results.snapshot.archive import load, read_file, to_bytes
 from accpinn.units import Seconds
 
 UNFINISHED = ".part"
@@ -169,7 +169,17 @@ class Library:
         data = content if isinstance(content, bytes) else to_bytes(content)
         name = load(data).id
         with self._alone():
-            self._put(name, data)
+            path = self._path(name)
+            if path.exists() and path.read_bytes() == data:
+                return name
+            if not self._read(name, 0).fault:  # a damaged one is mended
+                raise SnapshotError(
+                    f"Another snapshot has the short name {name}; change the name or note of this"
+                    " one, and save it again."
+                )
+            self._sweep()
+            self._check_room(len(data))
+            write_whole(data, path, "snapshot")
         return name
 
     @contextmanager
@@ -189,27 +199,6 @@ class Library:
             yield
         finally:
             lock.release()
-
-    def _put(self, name: str, data: bytes) -> None:
-        path = self._path(name)
-        if path.exists():
-            if path.read_bytes() == data:
-                return
-            self._check_other(name)
-        self._sweep()
-        self._check_room(len(data))
-        write_whole(data, path, "snapshot")
-
-    def _check_other(self, name: str) -> None:
-        """Refuse to write over another snapshot that is whole; a damaged one is mended."""
-        try:
-            self.open(name)
-        except SnapshotError:
-            return
-        raise SnapshotError(
-            f"Another snapshot has the short name {name}; change the name or note of this one, and"
-            " save it again."
-        )
 
     def _sweep(self) -> None:
         """Remove what processes that were killed while writing have left behind."""
@@ -251,14 +240,9 @@ class Library:
             SnapshotError: for an unknown name.
         """
         path = self._path(name)
-        try:
-            return path.read_bytes()
-        except FileNotFoundError:
-            raise _unknown(name) from None
-        except OSError as fault:
-            raise SnapshotError(
-                f"{path}: cannot be opened ({fault.strerror}); check who may read it."
-            ) from None
+        if not path.exists():
+            raise _unknown(name)
+        return read_file(path)
 
     def delete(self, name: str) -> None:
         """Remove one, damaged or not; nothing happens where another did so already."""
@@ -284,15 +268,15 @@ class Library:
         ]
 
     def _check_room(self, size: int) -> None:
-        files = self._files()
-        total = 0
-        for path in files:
-            with suppress(OSError):
-                total += path.stat().st_size
-        if len(files) >= self.cap_count or total + size > self.cap_bytes:
+        sizes = []
+        for path in self._files():
+            with suppress(OSError):  # deleted just now
+                sizes.append(path.stat().st_size)
+        if len(sizes) >= self.cap_count or sum(sizes) + size > self.cap_bytes:
             raise SnapshotError(
-                f"The server's library of snapshots is full ({len(files):,} snapshots,"
-                f" {total / 1e6:.0f} MB); delete some that are no longer needed, then save again."
+                f"The server's library of snapshots is full ({len(sizes):,} snapshots,"
+                f" {sum(sizes) / 1e6:.0f} MB); delete some that are no longer needed, then save"
+                " again."
             )
 
     def _entry(self, path: Path) -> Entry:
@@ -306,27 +290,22 @@ class Library:
 
     def _read(self, name: str, size: int) -> Entry:
         try:
-            return described(self.open(name), size)
+            snapshot = self.open(name)
         except SnapshotError as fault:
             return Entry(name, size, fault=str(fault))
-
-
-def described(snapshot: Snapshot, size: int) -> Entry:
-    """What a list shows of a snapshot that was read."""
-    info = snapshot.info
-    return Entry(
-        id=snapshot.id,
-        size=size,
-        name=snapshot.name,
-        note=snapshot.note,
-        created=snapshot.created,
-        source=info.source,
-        window=f"{info.window}",
-        vehicles=info.labels,
-        method=snapshot.fit.method,
-        parameters=tuple((p.alpha, p.beta, p.tau) for p in snapshot.fit.parameters),
-        with_data=snapshot.segment is not None,
-    )
+        return Entry(
+            id=name,
+            size=size,
+            name=snapshot.name,
+            note=snapshot.note,
+            created=snapshot.created,
+            source=snapshot.info.source,
+            window=f"{snapshot.info.window}",
+            vehicles=snapshot.info.labels,
+            method=snapshot.fit.method,
+            parameters=tuple((p.alpha, p.beta, p.tau) for p in snapshot.fit.parameters),
+            with_data=snapshot.segment is not None,
+        )
 
 
 def _unknown(name: str) -> SnapshotError:

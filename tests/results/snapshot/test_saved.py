@@ -12,9 +12,8 @@ import pytest
 
 from accpinn.errors import SnapshotError
 from accpinn.results.snapshot import Snapshot
-from accpinn.results.snapshot.archive import load, to_bytes
+from accpinn.results.snapshot.archive import to_bytes
 from accpinn.results.snapshot.saved import Library, save
-from accpinn.results.snapshot.verification import verify
 from tests.support.snapshots import small, small_bytes, whole
 
 ROOT = Path(__file__).parents[3]
@@ -50,25 +49,6 @@ class TestFile:
         finally:
             os.umask(before)
         assert target.stat().st_mode & 0o777 == mode
-
-    def test_concurrent_saves_of_one_name_leave_a_whole_file(self, tmp_path: Path) -> None:
-        target = tmp_path / "a.accpinn.zip"
-        code = (
-            "import sys\nfrom accpinn.results.snapshot.archive import load\n"
-            "from accpinn.results.snapshot.saved import save\n"
-            "snapshot = load(sys.argv[1])\n"
-            "for _ in range(20): save(snapshot, sys.argv[2])\n"
-        )
-        sources = [tmp_path / "one", tmp_path / "two"]
-        for source, name in zip(sources, ("one", "two"), strict=True):
-            save(replace(small(), name=name), source)
-        running = [
-            subprocess.Popen([sys.executable, "-c", code, source, target], cwd=ROOT)
-            for source in sources
-        ]
-        assert [process.wait() for process in running] == [0, 0]
-        assert load(target).name in ("one", "two")
-        assert all(verify(load(source)).ok for source in sources)
 
     @pytest.mark.parametrize("empty", [False, True])
     def test_the_old_file_is_replaced_and_a_link_to_it_followed(
