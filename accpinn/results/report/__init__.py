@@ -120,16 +120,6 @@ def render_report(snapshot: Snapshot, verification: Verification | None = None) 
     )
 
 
-@dataclass(frozen=True)
-class Sheet:
-    """A table on the page, and as files."""
-
-    html: Markup
-    wide: bool
-    files: tuple[tuple[str, str, str], ...]
-    """Label, file name and data address of each."""
-
-
 def _story(snapshot: Snapshot, checked: Verification, shown: list[Picture]) -> dict[str, Any]:
     info, evaluation, uncertainty = snapshot.info, snapshot.evaluation, snapshot.uncertainty
     fit, report = snapshot.fit, snapshot.stability
@@ -201,19 +191,20 @@ def _placed(new: Iterable[Picture], shown: list[Picture]) -> list[tuple[int, Pic
     return list(enumerate(shown[first:], first))
 
 
-def _sheet(table: Table, name: str) -> Sheet:
+def _sheet(table: Table, name: str) -> dict[str, Any]:
+    """A table on the page, and as files: label, file name and data address of each."""
     files = (
         ("CSV", f"{name}.csv", "text/csv", table.to_csv()),
         ("LaTeX", f"{name}.tex", "application/x-tex", table.to_latex()),
     )
-    return Sheet(
-        Markup(table.to_html()),
-        len(table.columns) > WIDE,
-        tuple(
+    return {
+        "html": Markup(table.to_html()),
+        "wide": len(table.columns) > WIDE,
+        "files": [
             (label, file, f"data:{mime};charset=utf-8;base64,{_base64(text.encode())}")
             for label, file, mime, text in files
-        ),
-    )
+        ],
+    }
 
 
 def _base64(content: bytes) -> str:

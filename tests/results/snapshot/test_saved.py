@@ -24,7 +24,6 @@ import os, signal, sys
 from pathlib import Path
 from accpinn.results.snapshot import (saved)
 moment = sys.argv[2]
-before = getattr(os, moment)
 def die(*arguments, **options):
     os.kill(os.getpid(), signal.SIGKILL)
 setattr(saved.os, moment, die)
@@ -206,27 +205,6 @@ def test_a_saving_that_fails_half_way_leaves_the_old_file(
     monkeypatch.undo()
     assert [entry.id for entry in library.entries()] == [name]
     assert sorted(path.name for path in library.folder.glob("[!.]*")) == [f"{name}.accpinn.zip"]
-
-
-def test_two_processes_that_save_at_once_lose_nothing(library: Library, tmp_path: Path) -> None:
-    code = (
-        "import sys; from pathlib import Path\n"
-        "from accpinn.results.snapshot.saved import Library\n"
-        "library = Library(Path(sys.argv[1]))\n"
-        "for name in sys.argv[2:]: library.add(Path(name).read_bytes())\n"
-    )
-    groups: list[list[str]] = [[], []]
-    for k in range(10):
-        path = tmp_path / f"{k}"
-        path.write_bytes(to_bytes(named(f"number {k}")))
-        groups[k % 2] += [str(path)]
-        groups[1 - k % 2] += [str(path)] * (k < 3)  # some by both at once
-    writers = [
-        subprocess.Popen([sys.executable, "-c", code, str(library.folder), *group])
-        for group in groups
-    ]
-    assert [writer.wait(60) for writer in writers] == [0, 0]
-    assert {entry.name for entry in library.entries()} == {f"number {k}" for k in range(10)}
 
 
 def test_the_environment_names_the_folder(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
