@@ -68,9 +68,9 @@ if TYPE_CHECKING:
     from accpinn.recordings.openacc import read as read
     from accpinn.recordings.recording import Recording as Recording
     from accpinn.results.messages import messages as messages
-    from accpinn.results.report.page import render_report as render_report
-    from accpinn.results.snapshot.file import save as save
-    from accpinn.results.snapshot.schema import Snapshot as Snapshot
+    from accpinn.results.report import render_report as render_report
+    from accpinn.results.snapshot import Snapshot as Snapshot
+    from accpinn.results.snapshot.saved import save as save
     from accpinn.results.tables.estimates import methods_table as methods_table
     from accpinn.results.tables.estimates import parameter_table as parameter_table
     from accpinn.results.tables.stability import stability_table as stability_table
@@ -106,9 +106,9 @@ _HOMES = {
     "recordings.openacc": "read",
     "recordings.recording": "Recording",
     "results.messages": "messages",
-    "results.report.page": "render_report",
-    "results.snapshot.schema": "Snapshot",
-    "results.snapshot.file": "save",
+    "results.report": "render_report",
+    "results.snapshot": "Snapshot",
+    "results.snapshot.saved": "save",
     "results.tables.estimates": "methods_table parameter_table",
     "results.tables.stability": "stability_table",
     "results.tables.table": "Table",

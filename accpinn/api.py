@@ -25,9 +25,9 @@ from accpinn.methods.store import Store
 from accpinn.model.cthp import Case, Parameters
 from accpinn.recordings.openacc import read
 from accpinn.recordings.recording import Recording
-from accpinn.results.snapshot.create import create
-from accpinn.results.snapshot.file import load, save, writable_path, write_whole
-from accpinn.results.snapshot.schema import Snapshot
+from accpinn.results.snapshot import Snapshot, create
+from accpinn.results.snapshot.archive import load
+from accpinn.results.snapshot.saved import save, writable_path, write_whole
 from accpinn.results.snapshot.verification import Verification
 from accpinn.results.snapshot.verification import verify as verify_snapshot
 from accpinn.segment.cut import DURATION, cut
@@ -126,7 +126,7 @@ class Study:
         Raises:
             SnapshotError: when there is nothing to report, or no file can be written there.
         """
-        from accpinn.results.report.page import render_report  # plotly's script is read from disk
+        from accpinn.results.report import render_report  # plotly's script is read from disk
 
         place = writable_path(Path(path), "report")
         page = render_report(self.snapshot(with_data=True))

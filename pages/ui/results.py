@@ -23,7 +23,7 @@ from accpinn.results.figures import training as figures
 from accpinn.results.figures.recording import preview
 from accpinn.results.messages import messages
 from accpinn.results.messages.methods import outcome_message
-from accpinn.results.snapshot.schema import Snapshot
+from accpinn.results.snapshot import Snapshot
 from accpinn.results.tables import estimates as tables
 from accpinn.results.tables.names import name_of
 from accpinn.segment.quality import Quality, assess_quality

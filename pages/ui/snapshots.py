@@ -13,10 +13,17 @@ from accpinn.methods.fit import Outcome
 from accpinn.results.figures.stability import bode
 from accpinn.results.messages.methods import unfinished
 from accpinn.results.messages.snapshot import check_rows, summary
-from accpinn.results.report.page import render_report
-from accpinn.results.snapshot.create import create, stability
+from accpinn.results.report import render_report
+from accpinn.results.snapshot import (
+    LARGEST,
+    LONGEST_NAME,
+    LONGEST_NOTE,
+    SUFFIX,
+    Snapshot,
+    create,
+    stability,
+)
 from accpinn.results.snapshot.saved import Entry
-from accpinn.results.snapshot.schema import LARGEST, LONGEST_NAME, LONGEST_NOTE, SUFFIX, Snapshot
 from accpinn.results.snapshot.verification import obstacle, verify
 from accpinn.results.tables.estimates import PARAMETER_COLUMNS, learned_parameters
 from accpinn.results.tables.names import TITLES

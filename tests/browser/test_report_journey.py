@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 from playwright.sync_api import Browser, Page
 
-from accpinn.results.report.page import render_report
-from accpinn.results.snapshot.schema import Snapshot
+from accpinn.results.report import render_report
+from accpinn.results.snapshot import Snapshot
 from tests.browser.running import watched
 from tests.support.snapshots import whole
 

@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 from playwright.sync_api import Download, Locator, Page, expect
 
-from accpinn.results.snapshot.file import load, to_bytes
-from accpinn.results.snapshot.schema import Snapshot
+from accpinn.results.snapshot import Snapshot
+from accpinn.results.snapshot.archive import load, to_bytes
 from tests.browser.conftest import Open
 from tests.browser.running import idle
 from tests.support.openacc_files import csv, metadata, platoon

@@ -14,9 +14,7 @@ from accpinn.methods.pinn.config import preset
 from accpinn.model.cthp import Parameters, Trajectories
 from accpinn.recordings.openacc import read
 from accpinn.recordings.recording import Recording, Window
-from accpinn.tasks.estimations import training
-from accpinn.tasks.request import TrainingRequest
-from accpinn.tasks.task import Status
+from accpinn.tasks.task import Status, TrainingRequest, training_task
 from pages.ui.components.show import bullets, escape_markdown, format_duration
 from pages.ui.data.page import window_of
 from pages.ui.session import sessions
@@ -279,7 +277,7 @@ def test_train_says_what_goes_wrong_and_how_sure_it_is(
     own = Trajectories(segment.time, segment.speeds, segment.gaps)
     same = Parameters.stack([parameters] * segment.followers)
     fit = replace(least_squares.fit(segment), method="pinn", parameters=same, surrogate=own)
-    found.training = training(found.id, TrainingRequest(segment, "II", preset("fast")))
+    found.training = training_task(found.id, TrainingRequest(segment, "II", preset("fast")))
     found.training.answer(fit)
     page = open_page(TRAIN, found)
     written, collide = plain(page), parameters.tau < 1

@@ -10,7 +10,7 @@ from accpinn.methods.pinn.method import WarmStart
 from accpinn.methods.pinn.training import train
 from accpinn.model.cthp import Parameters
 from accpinn.recordings.recording import Recording
-from accpinn.results.snapshot.schema import Snapshot
+from accpinn.results.snapshot import Snapshot
 from accpinn.tasks.task import Status
 from pages.ui.data.sources import FIRST_SAMPLE, sample
 from pages.ui.session import sessions

@@ -10,10 +10,10 @@ from accpinn.model.cthp import Parameters
 from accpinn.model.published import ASTAZERO, CASALE
 from accpinn.recordings.recording import Window
 from accpinn.results.messages.stability import reason
-from accpinn.results.snapshot.create import create
+from accpinn.results.snapshot import create
 from accpinn.results.snapshot.saved import Library
 from accpinn.stability.report import stability_report
-from accpinn.tasks.estimations import training
+from accpinn.tasks.task import training_task
 from pages.ui.components.parameter_picker import parameters_from
 from pages.ui.session import sessions
 from pages.ui.session.resources import library
@@ -113,7 +113,7 @@ def test_a_stopped_training_is_no_result_and_excluded_regimes_are_named(path: st
 
 def test_published_parameters_do_not_pass_for_ones_own_while_training_runs() -> None:
     found = fitted()
-    found.training = training(found.id, found.training.request)  # waits
+    found.training = training_task(found.id, found.training.request)  # waits
     page = open_page(STABILITY, found)
     assert any("your own training is not finished" in info for info in boxes(page, "info"))
     found.parameter_choice.source = "published"

@@ -10,8 +10,7 @@ from streamlit.testing.v1 import AppTest
 from accpinn.methods import least_squares
 from accpinn.methods.pinn.config import FAST
 from accpinn.recordings.recording import Window
-from accpinn.tasks.estimations import training
-from accpinn.tasks.request import TrainingRequest
+from accpinn.tasks.task import TrainingRequest, training_task
 from pages.ui.data.sources import FIRST_SAMPLE, sample
 from pages.ui.session import sessions
 from pages.ui.session.workspace import Workspace
@@ -52,7 +51,7 @@ def fitted(window: Window | None = None, **changes: Any) -> Workspace:
     found.choose(window=window, vehicles=(2, 3, 4, 5))
     assert found.segment
     fit = replace(least_squares.fit(found.segment, "II"), **changes)
-    found.training = training(found.id, TrainingRequest(found.segment, "II", FAST))
+    found.training = training_task(found.id, TrainingRequest(found.segment, "II", FAST))
     found.training.answer(fit)
     return found
 

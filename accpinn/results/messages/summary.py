@@ -9,7 +9,7 @@ from accpinn.model.cthp import Parameters
 from accpinn.results.messages import messages
 from accpinn.results.messages.methods import unfinished
 from accpinn.results.messages.stability import amplification
-from accpinn.results.snapshot.schema import Snapshot
+from accpinn.results.snapshot import Snapshot
 from accpinn.results.tables.estimates import learned_parameters
 from accpinn.results.tables.table import between
 

@@ -16,7 +16,7 @@ from accpinn.model.cthp import Case, Parameters
 from accpinn.model.published import ASTAZERO
 from accpinn.recordings.recording import Recording, Window
 from accpinn.recordings.synthetic import Truth
-from accpinn.results.snapshot.schema import Snapshot
+from accpinn.results.snapshot import Snapshot
 from accpinn.results.snapshot.verification import recover
 from accpinn.segment import regimes
 from accpinn.segment.cut import DURATION, complete_windows, cut
@@ -29,9 +29,7 @@ from accpinn.study.comparison import (
     result_of,
     results_among,
 )
-from accpinn.tasks import estimations
-from accpinn.tasks.request import TrainingRequest
-from accpinn.tasks.task import Task
+from accpinn.tasks.task import Task, TrainingRequest, comparison_task, starts_task, training_task
 from accpinn.units import RadiansPerSecond
 from pages.ui.session.resources import task_queue
 
@@ -232,7 +230,7 @@ class Workspace:
         """
         if request := self.request(config, warm):
             self._record([self.fit] if self.fit else [])
-            self.training = task_queue().submit(estimations.training(self.id, request), anew)
+            self.training = task_queue().submit(training_task(self.id, request), anew)
 
     @property
     def warm(self) -> WarmStart | None:
@@ -246,13 +244,13 @@ class Workspace:
         """Queue all methods on the segment."""
         if self.segment:
             self._record([row.fit for row in self.compared])
-            task = estimations.comparison(self.id, self.segment, self.case, self.recording)
+            task = comparison_task(self.id, self.segment, self.case, self.recording)
             self.comparison = task_queue().submit(task)
 
     def train_starts(self, config: PinnConfig) -> None:
         """Queue a training of the segment from each of five initial values."""
         if self.segment:
-            task = estimations.starts(self.id, self.segment, self.case, config)
+            task = starts_task(self.id, self.segment, self.case, config)
             self.starts = task_queue().submit(task)
 
     @property

@@ -17,8 +17,7 @@ from accpinn.results.messages.summary import (
     summary,
     title,
 )
-from accpinn.results.snapshot.create import stability
-from accpinn.results.snapshot.schema import Snapshot
+from accpinn.results.snapshot import Snapshot, stability
 from tests.support.snapshots import small, whole
 
 

@@ -6,11 +6,11 @@ from pathlib import Path
 import pytest
 
 from accpinn.cli import main
-from accpinn.cli.fit import _text, describe
+from accpinn.cli.estimation import describe_fit, fit_text
 from accpinn.methods import least_squares
 from accpinn.model.cthp import Parameters
 from accpinn.segment.quality import assess_quality
-from tests.support.command import PLATOON, SHORT, STUDY, document, strict
+from tests.support.command import PLATOON, SHORT, STUDY, Capture, document, strict
 from tests.support.driving import driven
 
 KEYS = {
@@ -19,7 +19,7 @@ KEYS = {
 }  # fmt: skip
 
 
-def test_document_of_the_command_line_contract(capsys: pytest.CaptureFixture[str]) -> None:
+def test_document_of_the_command_line_contract(capsys: Capture) -> None:
     found = document(capsys, "fit", PLATOON, "--start", 10, *SHORT)
     assert found.keys() >= KEYS
     assert (found["method"], found["case"]) == ("pinn", "II")
@@ -39,15 +39,13 @@ def test_document_of_the_command_line_contract(capsys: pytest.CaptureFixture[str
     assert found["cached"] is False
 
 
-def test_learns_the_truth_of_a_sample(capsys: pytest.CaptureFixture[str]) -> None:
+def test_learns_the_truth_of_a_sample(capsys: Capture) -> None:
     (found,) = document(capsys, "fit", STUDY)["parameters"]
     values = (found["alpha"], found["beta"], found["tau"])
     assert values == pytest.approx((0.08, 0.12, 1.5), rel=0.03)
 
 
-def test_the_same_again_comes_from_the_cache_unless_forbidden(
-    capsys: pytest.CaptureFixture[str], cache: Path
-) -> None:
+def test_the_same_again_comes_from_the_cache_unless_forbidden(capsys: Capture, cache: Path) -> None:
     assert not document(capsys, "fit", STUDY, *SHORT, "--no-cache")["cached"]
     assert not cache.exists()
     first, again = (document(capsys, "fit", STUDY, *SHORT) for _ in range(2))
@@ -58,18 +56,20 @@ def test_the_same_again_comes_from_the_cache_unless_forbidden(
 
 
 @pytest.mark.parametrize("method", ["splines", "least-squares"])
-def test_other_methods_in_case_one(capsys: pytest.CaptureFixture[str], method: str) -> None:
-    options = ("--method", method, "--vehicles", "1-3", "--case", "I")
+def test_other_methods_in_case_one(capsys: Capture, method: str) -> None:
+    options = ("--method", method, "--vehicles", "3-5", "--case", "I")
     found = document(capsys, "fit", PLATOON, *options)
     assert (found["method"], found["outcome"]) == (method, "solved")
     assert (found["preset"], found["network_weights"]) == (None, 0)
     assert (found["mae"] is None) == (method == "least-squares")
     assert len(found["closed_loop_mae"]["p"]) == 2
+    assert found["segment"]["vehicles"] == [3, 4, 5]
     first, second = found["parameters"]
+    assert [first["vehicle"], second["vehicle"]] == [4, 5]
     assert first["alpha"] == second["alpha"]
 
 
-def test_the_paper_preset_with_its_options(capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_paper_preset_with_its_options(capsys: Capture) -> None:
     found = document(
         capsys,
         *("fit", PLATOON, *SHORT, "--preset", "paper", "--iterations", 4, "--lbfgs", 3),
@@ -84,14 +84,7 @@ def test_the_paper_preset_with_its_options(capsys: pytest.CaptureFixture[str]) -
         assert row["tau"] == pytest.approx(1.3, abs=0.3)
 
 
-def test_vehicles_are_those_named(capsys: pytest.CaptureFixture[str]) -> None:
-    options = (*SHORT, "--vehicles", "3,4", "--method", "splines")
-    found = document(capsys, "fit", PLATOON, *options)
-    assert found["segment"]["vehicles"] == [3, 4]
-    assert [row["vehicle"] for row in found["parameters"]] == [4]
-
-
-def test_what_is_undetermined_is_null(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+def test_what_is_undetermined_is_null(capsys: Capture, tmp_path: Path) -> None:
     """Vehicles that never move: no headway, no time gap, no closed loop, and no NaN."""
     lines = STUDY.read_text().splitlines()
     still = [f"{0.1 * k:.1f},0.0000,0.0000,5.0000,ACC" for k in range(301)]
@@ -105,56 +98,37 @@ def test_what_is_undetermined_is_null(capsys: pytest.CaptureFixture[str], tmp_pa
     assert found["notes"]
 
 
-def test_progress_goes_to_standard_error(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["fit", str(STUDY), *SHORT, "--json"]) == 0
-    printed = capsys.readouterr()
-    strict(printed.out)
-    assert "it/s" in printed.err
-    assert "α=" in printed.err
-
-
-def test_text_has_the_table_and_the_outcome(capsys: pytest.CaptureFixture[str]) -> None:
+def test_text_has_the_table_and_progress_goes_to_standard_error(capsys: Capture) -> None:
     assert main(["fit", str(STUDY), *SHORT]) == 0
-    lines = capsys.readouterr().out.splitlines()
+    printed = capsys.readouterr()
+    lines = printed.out.splitlines()
     assert lines[0] == "PiNN (fast preset), synthetic_paper_study.csv, 0–30 s"
-    assert "Surrogate fit, MAE" in lines[1]
     assert "α [1/s²]" in lines[2]
     assert [line[:11] for line in lines[3:5]] == ["1 Synthetic", "2 Synthetic"]
     assert lines[6].startswith("Converged:")
+    assert "it/s" in printed.err
+    assert "α=" in printed.err
 
 
 def test_a_collision_stands_beside_the_closed_loop_errors() -> None:
     segment = driven(duration=100.0)
     found, quality = least_squares.fit(segment), assess_quality(segment)
     swaying = replace(found, parameters=Parameters.of([[0.05, 0.0, 1.0]]))
-    (event,) = describe(segment, swaying, quality)["incidents"]
+    (event,) = describe_fit(segment, swaying, quality)["incidents"]
     assert "collides with the vehicle ahead at" in event
-    assert event in _text(segment, swaying, quality)
-    assert not describe(segment, found, quality)["incidents"]
+    assert event in fit_text(segment, swaying, quality)
+    assert not describe_fit(segment, found, quality)["incidents"]
 
 
-def test_a_cache_that_cannot_be_used_is_noted_once(
-    capsys: pytest.CaptureFixture[str], cache: Path
-) -> None:
+def test_a_cache_that_cannot_be_used_is_noted_once(capsys: Capture, cache: Path) -> None:
     cache.write_text("a file, no folder")
     notes = document(capsys, "fit", STUDY, *SHORT)["notes"]
     assert ["no folder" in note for note in notes if "cache" in note] == [True]
 
 
-def test_options_without_effect_are_named(capsys: pytest.CaptureFixture[str]) -> None:
+def test_options_without_effect_are_named(capsys: Capture) -> None:
     options = ["--method", "least-squares", "--seed", "0", "--preset", "fast", "--json"]
     assert main(["fit", str(STUDY), *options]) == 0
     printed = capsys.readouterr()
     assert strict(printed.out)["method"] == "least-squares"
     assert "--preset, --seed has no effect" in printed.err
-
-
-def test_a_snapshot_is_saved_under_its_name(
-    capsys: pytest.CaptureFixture[str], tmp_path: Path
-) -> None:
-    path = tmp_path / "kept.accpinn.zip"
-    options = ["--method", "splines", "--out", str(path), "--name", "mine", "--note", "a note"]
-    assert main(["fit", str(STUDY), *SHORT, *options, "--with-data"]) == 0
-    assert str(path) in capsys.readouterr().err
-    assert main(["verify", str(path), "--json"]) == 0
-    assert strict(capsys.readouterr().out)["name"] == "mine"
