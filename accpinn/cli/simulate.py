@@ -10,7 +10,7 @@ from accpinn.model.cthp import Parameters
 from accpinn.platoon.leader import Sinusoid
 from accpinn.platoon.simulation import PlatoonRun, simulate_platoon
 from accpinn.results.messages import messages
-from accpinn.results.messages.platoon import PLACES
+from accpinn.results.messages.stability import PLACES
 from accpinn.results.tables.stability import amplitude_table
 
 MOST_VEHICLES = 100

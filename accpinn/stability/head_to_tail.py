@@ -21,9 +21,8 @@ from scipy.linalg import expm
 from scipy.special import gammainccinv
 
 from accpinn.model.cthp import Parameters, in_blocks, motion_matrix, orbit
-from accpinn.stability.criteria import checked, l2_criterion
+from accpinn.stability.criteria import checked, l2_criterion, step_metrics
 from accpinn.stability.frequency import Peaks, crossovers, peaks, poles, slowest_rate
-from accpinn.stability.linf_gain import step_metrics
 from accpinn.units import FloatArray, Seconds, frozen
 
 GRID = 600

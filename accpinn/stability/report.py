@@ -24,10 +24,10 @@ from accpinn.stability.criteria import (
     smallest_headway_exact,
     smallest_headway_l2,
     smallest_headway_paper,
+    step_metrics,
 )
 from accpinn.stability.frequency import Peak, crossovers, peaks, poles
 from accpinn.stability.head_to_tail import Gains, head_to_tail_gains, head_to_tail_peaks
-from accpinn.stability.linf_gain import step_metrics
 from accpinn.units import FloatArray, RadiansPerSecond, Seconds
 
 

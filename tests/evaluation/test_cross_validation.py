@@ -7,14 +7,14 @@ import numpy as np
 import pytest
 
 from accpinn.evaluation.closed_loop import TrackingErrors
-from accpinn.evaluation.cross_validation import (
+from accpinn.evaluation.evaluation import (
     Block,
     cross_validate,
+    evaluate,
     part,
     pooled_holdout_errors,
     without,
 )
-from accpinn.evaluation.evaluation import evaluate
 from accpinn.methods import least_squares, splines
 from accpinn.methods.fit import Fit
 from accpinn.recordings.openacc import read

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from accpinn.evaluation.cross_validation import part
+from accpinn.evaluation.evaluation import part
 from accpinn.evaluation.whiteness import (
     NEGLIGIBLE,
     CorrelatedResidual,

@@ -16,8 +16,7 @@ from accpinn.methods.pinn.config import FAST
 from accpinn.model.cthp import Parameters
 from accpinn.model.published import ASTAZERO, CASALE
 from accpinn.recordings.recording import Window
-from accpinn.results.messages.platoon import AFTER_COLLISION
-from accpinn.results.messages.stability import reason
+from accpinn.results.messages.stability import AFTER_COLLISION, reason
 from accpinn.results.snapshot.create import create
 from accpinn.stability.report import stability_report
 from accpinn.tasks.estimations import training

@@ -9,9 +9,15 @@ from hypothesis import strategies as st
 
 from accpinn.model.cthp import Parameters
 from accpinn.model.published import CASALE
-from accpinn.platoon.amplitude import SETTLED, Amplitudes, NeverSettles, TooShort, TransientLeft
 from accpinn.platoon.leader import Sinusoid
-from accpinn.platoon.simulation import simulate_platoon
+from accpinn.platoon.simulation import (
+    SETTLED,
+    Amplitudes,
+    NeverSettles,
+    TooShort,
+    TransientLeft,
+    simulate_platoon,
+)
 from accpinn.stability.frequency import response
 from tests.support.vehicles import AUDI, MERCEDES, MIXED, TESLA, row
 

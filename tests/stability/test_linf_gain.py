@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from accpinn.model.cthp import Parameters
-from accpinn.stability.linf_gain import step_metrics
+from accpinn.stability.criteria import step_metrics
 from tests.stability.references import integral_of_magnitude
 from tests.support.vehicles import ordinary
 

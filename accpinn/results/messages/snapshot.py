@@ -143,7 +143,7 @@ def summary(verification: Verification, about: Labelled) -> str:
     return f"The snapshot is whole, and its {what}. Not checked: {'; '.join(believed)}."
 
 
-class Row(NamedTuple):
+class CheckRow(NamedTuple):
     """A check in words."""
 
     name: str
@@ -153,7 +153,7 @@ class Row(NamedTuple):
     sentence: str
 
 
-def check_rows(verification: Verification, about: Labelled) -> tuple[Row, ...]:
+def check_rows(verification: Verification, about: Labelled) -> tuple[CheckRow, ...]:
     """Every check in words, as tables and the command line's JSON have it.
 
     Args:
@@ -161,6 +161,6 @@ def check_rows(verification: Verification, about: Labelled) -> tuple[Row, ...]:
         about: the snapshot's `info`.
     """
     return tuple(
-        Row(title(check), *values(check), check.ok, message(check, about))
+        CheckRow(title(check), *values(check), check.ok, message(check, about))
         for check in verification.checks
     )

@@ -19,21 +19,20 @@ from accpinn.results.figures.style import vehicle_colour
 from accpinn.results.messages import messages
 from accpinn.results.messages import summary as words
 from accpinn.results.messages.methods import outcome_message
-from accpinn.results.messages.platoon import PLACES
 from accpinn.results.messages.snapshot import check_rows, summary
-from accpinn.results.messages.stability import reason
+from accpinn.results.messages.stability import PLACES, reason
 from accpinn.results.report import pictures
 from accpinn.results.report.pictures import Picture
 from accpinn.results.snapshot.create import stability
 from accpinn.results.snapshot.schema import Snapshot
 from accpinn.results.snapshot.verification import Verification, verify
 from accpinn.results.tables.estimates import (
+    TITLES,
     intervals_table,
     learned_parameters,
     methods_table,
     parameter_table,
 )
-from accpinn.results.tables.names import TITLES
 from accpinn.results.tables.stability import stability_interval_table, stability_table
 from accpinn.results.tables.table import STYLE, Table
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import plotly.graph_objects as go
 
-from accpinn.channels import GAP, SPEED, TIME
+from accpinn.channels import GAP, SPEED
 from accpinn.errors import ParameterError
 from accpinn.evaluation.closed_loop import closed_loop
 from accpinn.model.cthp import Trajectories
@@ -16,6 +16,7 @@ from accpinn.platoon.leader import Sinusoid
 from accpinn.platoon.simulation import PlatoonRun, simulate_platoon
 from accpinn.results.figures import platoon as platoon_figures
 from accpinn.results.figures import stability as stability_figures
+from accpinn.results.figures.stability import add_bands, add_clouds, cloud_caption
 from accpinn.results.figures.style import (
     POINTS,
     finished,
@@ -26,10 +27,8 @@ from accpinn.results.figures.style import (
     with_legend,
 )
 from accpinn.results.figures.training import loss_history, parameter_history, tracking
-from accpinn.results.figures.uncertainty import add_bands, add_clouds, cloud_caption
 from accpinn.results.snapshot.schema import Snapshot
-from accpinn.results.tables.estimates import learned_parameters
-from accpinn.results.tables.names import name_of
+from accpinn.results.tables.estimates import learned_parameters, name_of
 from accpinn.segment.segment import Segment
 
 FOLLOWERS = 8
@@ -81,7 +80,6 @@ def motion(snapshot: Snapshot) -> Picture | None:
                 showlegend=row == 2, hovertemplate=f"%{{y:.2f}} {channel.unit}", row=row, col=1,
             )  # fmt: skip
     label_axes(figure, (GAP, SPEED))
-    figure.update_xaxes(title_text=TIME.axis, row=2, col=1)
     words = (
         "Measured space-gaps and speeds."
         if snapshot.segment

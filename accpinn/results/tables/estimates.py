@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -10,10 +11,10 @@ from accpinn.evaluation.closed_loop import TrackingErrors
 from accpinn.inference.intervals import Uncertainty
 from accpinn.inference.model_adequacy import ModelForm
 from accpinn.inference.multistart import MultistartResult, Trial
-from accpinn.methods.fit import Fit
+from accpinn.methods.fit import Fit, Outcome
+from accpinn.methods.registry import METHODS
 from accpinn.model.cthp import Parameters
 from accpinn.model.published import ParameterSet
-from accpinn.results.tables.names import TITLES, method_name, name_of
 from accpinn.results.tables.table import Cell, Column, Range, Table
 from accpinn.segment.quality import Quality
 from accpinn.segment.regimes import Regimes
@@ -31,6 +32,23 @@ PARAMETER_COLUMNS = tuple(
 )
 GAP = "MAE of the space-gap"
 PROBABILITY = "Probability of string stability"
+TITLES = {key: method.title for key, method in METHODS.items()}
+"""What a method is called wherever people read it."""
+
+
+def method_name(key: str, config: Mapping[str, Any], outcome: Outcome) -> str:
+    """The title of a method, and in brackets what distinguishes the fit from others of it."""
+    method = METHODS.get(key)
+    if method is None:
+        return key
+    said = [method.variant(config)] if method.variant else []
+    said += ["stopped"] if outcome is Outcome.STOPPED else []
+    return f"{method.title} ({', '.join(said)})" if said else method.title
+
+
+def name_of(fit: Fit) -> str:
+    """The same of a fit."""
+    return method_name(fit.method, fit.config, fit.outcome)
 
 
 def where(info: SegmentInfo) -> str:

@@ -6,8 +6,7 @@ from accpinn.evaluation.closed_loop import closed_loop
 from accpinn.model.cthp import Parameters
 from accpinn.results.figures import comparison as figures
 from accpinn.results.figures.training import tracking
-from accpinn.results.tables.estimates import fit_record_table, fit_record_title
-from accpinn.results.tables.names import name_of
+from accpinn.results.tables.estimates import fit_record_table, fit_record_title, name_of
 from accpinn.segment.segment import Segment
 from accpinn.study.comparison import FitRecord, MethodResult
 from accpinn.units import FloatArray
@@ -89,7 +88,7 @@ def show_tracks(
     if not tracks:
         return
     st.subheader("Parameters over time, by the online methods", anchor=False)
-    show_chart(figures.courses(tracks, follower, truth, segment.start), "compare_tracks")
+    show_chart(figures.tracks(tracks, follower, truth, segment.start), "compare_tracks")
     st.caption(
         "Shaded: one standard deviation by the method itself, which is far too small for α and β"
         " where disturbances last for seconds." + (" Dashed: true value." if truth else "")

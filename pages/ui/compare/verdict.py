@@ -5,10 +5,9 @@ from collections.abc import Sequence
 import streamlit as st
 
 from accpinn.methods.registry import METHODS
-from accpinn.results.messages.evaluation import closed_loop_event
-from accpinn.results.messages.study import agreement, colliding_methods
-from accpinn.results.tables.estimates import methods_table
-from accpinn.results.tables.names import TITLES, name_of
+from accpinn.results.messages.methods import agreement, colliding_methods
+from accpinn.results.messages.reliability import closed_loop_event
+from accpinn.results.tables.estimates import TITLES, methods_table, name_of
 from accpinn.segment.segment import Segment
 from accpinn.study.comparison import MethodFailure, MethodResult
 from pages.ui.components.messages import bullets, escape_markdown, show_messages

@@ -12,7 +12,7 @@ from accpinn.results.figures import platoon as figures
 from accpinn.results.figures.stability import colours
 from accpinn.results.figures.style import LEADER
 from accpinn.results.messages import messages
-from accpinn.results.messages.platoon import PLACES, disturbance, disturbance_details
+from accpinn.results.messages.stability import PLACES, disturbance, disturbance_details
 from pages.ui.components.charts import show_chart, show_key
 from pages.ui.components.messages import escape_markdown, show_messages
 from pages.ui.components.widgets import toggle

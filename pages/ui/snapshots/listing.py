@@ -9,7 +9,7 @@ from accpinn.results.report.page import render_report
 from accpinn.results.snapshot.saved import Entry
 from accpinn.results.snapshot.schema import SUFFIX, Snapshot
 from accpinn.results.snapshot.verification import obstacle, verify
-from accpinn.results.tables.names import TITLES
+from accpinn.results.tables.estimates import TITLES
 from accpinn.results.tables.table import Column, Table
 from accpinn.units import Seconds
 from pages.ui.components.messages import show_error, show_messages

@@ -7,8 +7,7 @@ from accpinn.evaluation.closed_loop import closed_loop
 from accpinn.results.figures.recording import preview
 from accpinn.results.figures.training import tracking
 from accpinn.results.snapshot.schema import Snapshot
-from accpinn.results.tables.estimates import methods_table
-from accpinn.results.tables.names import name_of
+from accpinn.results.tables.estimates import methods_table, name_of
 from pages.ui.components import frame
 from pages.ui.components.charts import show_chart, vehicle_key
 from pages.ui.components.messages import escape_markdown, show_messages

@@ -7,8 +7,8 @@ import streamlit as st
 from accpinn.inference.intervals import Uncertainty
 from accpinn.model.published import ParameterSet
 from accpinn.results.figures import stability as figures
+from accpinn.results.figures.stability import add_bands, add_clouds, cloud_caption
 from accpinn.results.figures.style import LEADER
-from accpinn.results.figures.uncertainty import add_bands, add_clouds, cloud_caption
 from accpinn.stability.report import StabilityReport
 from accpinn.units import RadiansPerSecond
 from pages.ui.components import frame

@@ -67,7 +67,7 @@ def test_tracks_end_at_the_estimate_in_the_recordings_time(segment: Segment) -> 
     assert track is not None
     assert track.deviation is not None
     truth = Parameters.of(sample(NOISY).truth[0])
-    figure = figures.courses([("A", track), ("B", track)], 0, truth, start=320.0)
+    figure = figures.tracks([("A", track), ("B", track)], 0, truth, start=320.0)
     lines = [trace for trace in figure.data if trace.name == "A"]
     last = track.parameters.values[-1, 0]
     np.testing.assert_allclose([line.y[-1] for line in lines], last)

@@ -11,7 +11,7 @@ from accpinn.inference.intervals import Uncertainty, intervals
 from accpinn.methods import splines
 from accpinn.model.cthp import Parameters
 from accpinn.model.published import ParameterSet
-from accpinn.results.figures import uncertainty as figures
+from accpinn.results.figures import stability as figures
 from accpinn.results.figures.stability import Plane, bode, stability_map
 from accpinn.stability.frequency import response
 from accpinn.stability.report import stability_report

@@ -4,10 +4,16 @@ from typing import get_args
 
 import pytest
 
-from accpinn.platoon.amplitude import NeverSettles, TooShort, TransientLeft
-from accpinn.platoon.simulation import Collision, PlatoonFinding, Reversal
+from accpinn.platoon.simulation import (
+    Collision,
+    NeverSettles,
+    PlatoonFinding,
+    Reversal,
+    TooShort,
+    TransientLeft,
+)
 from accpinn.results.messages import message
-from accpinn.results.messages.platoon import PLACES
+from accpinn.results.messages.stability import PLACES
 
 SENTENCES = {
     Collision(4, 33.94): "Follower 4 collides with the vehicle ahead at 33.9 s.",

@@ -7,7 +7,7 @@ import pytest
 
 from accpinn.evaluation.closed_loop import SimulatedCollision
 from accpinn.model.cthp import Parameters
-from accpinn.results.messages.study import agreement, colliding_methods
+from accpinn.results.messages.methods import agreement, colliding_methods
 from accpinn.segment.segment import Segment
 from accpinn.study.comparison import MethodResult, compare
 from tests.support.driving import MIXED, driven

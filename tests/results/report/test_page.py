@@ -16,7 +16,7 @@ from accpinn.results.messages.snapshot import check_rows
 from accpinn.results.report.page import render_report
 from accpinn.results.report.pictures import fits, motion, platoon
 from accpinn.results.snapshot.verification import verify
-from accpinn.results.tables.names import name_of
+from accpinn.results.tables.estimates import name_of
 from tests.support.snapshots import small, whole
 
 HOSTILE = "</script><script>alert(1)</script>\"'><img src=x onerror=alert(1)>$y$_z_&amp;"

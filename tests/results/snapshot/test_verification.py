@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from accpinn.cli import main
-from accpinn.evaluation.cross_validation import pooled_holdout_errors
+from accpinn.evaluation.evaluation import pooled_holdout_errors
 from accpinn.methods import splines
 from accpinn.methods.fit import Outcome
 from accpinn.model.cthp import Parameters

@@ -16,15 +16,16 @@ from accpinn.model.cthp import Parameters
 from accpinn.recordings.openacc import read
 from accpinn.results.tables.estimates import (
     PROBABILITY,
+    TITLES,
     comparison_table,
     fit_record_table,
     fit_record_title,
     intervals_table,
+    method_name,
     methods_table,
     parameter_table,
     quality_table,
 )
-from accpinn.results.tables.names import TITLES, method_name
 from accpinn.results.tables.table import Range, Table
 from accpinn.segment.cut import cut
 from accpinn.segment.quality import Quality, assess_quality
