@@ -166,16 +166,20 @@ def simulate_platoon(
     wave = _amplitudes(parameters, leader, driven) if isinstance(leader, Sinusoid) else None
     collisions = _collisions(driven)
     before = driven.speeds[: _until(driven.time, collisions)]
+    reversals = [
+        Reversal(vehicle, float(driven.time[at]))
+        for at, vehicle in np.argwhere(before < 0)[:1].tolist()
+    ]
     return PlatoonRun(
         parameters,
         leader,
         driven,
-        frozen(driven.gaps.min(axis=0)),
-        frozen(driven.time[driven.gaps.argmin(axis=0)]),
-        frozen(np.abs(before - leader.speed).max(axis=0)),
-        collisions,
-        wave,
-        (*collisions[:1], *_reversals(driven.time, before), *(wave.findings if wave else ())),
+        minimum_gap=frozen(driven.gaps.min(axis=0)),
+        minimum_gap_time=frozen(driven.time[driven.gaps.argmin(axis=0)]),
+        largest_deviation=frozen(np.abs(before - leader.speed).max(axis=0)),
+        collisions=collisions,
+        amplitudes=wave,
+        findings=(*collisions[:1], *reversals, *(wave.findings if wave else ())),
     )
 
 
@@ -264,12 +268,6 @@ def _collisions(driven: Trajectories) -> tuple[Collision, ...]:
             step = driven.time[k] - driven.time[k - 1] if k else 0.0
             found.append(Collision(follower, float(driven.time[k] - back * step)))
     return tuple(sorted(found, key=lambda collision: collision.time))
-
-
-def _reversals(time: FloatArray, speeds: FloatArray) -> tuple[Reversal, ...]:
-    """The first one among the samples (K, M+1), if there is any."""
-    found = np.argwhere(speeds < 0)[:1].tolist()
-    return tuple(Reversal(vehicle, float(time[row])) for row, vehicle in found)
 
 
 def _until(time: FloatArray, collisions: tuple[Collision, ...]) -> int:

@@ -195,33 +195,29 @@ def speed_map(run: PlatoonRun, cast: Cast) -> go.Figure:
 
 def stretch(run: PlatoonRun) -> NDArray[np.intp]:
     """The samples of the map: from just before the disturbance on; of a sinusoid, few periods."""
-    leader, start, end = run.leader, 0.0, _end(run)
-    if isinstance(leader, Sinusoid):
-        start = min(max(0.0, leader.settle - leader.period / 2), end)
-        end = min(end, start + STRIPES * leader.period)
-    return _samples(run, start, end, COLUMNS)
+    leader = run.leader
+    if not isinstance(leader, Sinusoid):
+        return _samples(run, 0.0, np.inf, COLUMNS)
+    start = max(0.0, leader.settle - leader.period / 2)
+    return _samples(run, start, STRIPES * leader.period, COLUMNS)
 
 
 def watched(run: PlatoonRun) -> NDArray[np.intp]:
     """The samples that become frames: the last periods, or what follows the disturbance."""
-    leader, start, end = run.leader, 0.0, _end(run)
+    leader = run.leader
+    if isinstance(leader, Recorded):
+        return _samples(run, 0.0, np.inf, FRAMES)
     if isinstance(leader, Sinusoid):
-        start = max(0.0, end - PERIODS * leader.period)
-    elif not isinstance(leader, Recorded):
-        start = min(max(0.0, leader.settle - 5.0), end)
-        end = min(end, start + WATCHED)
-    return _samples(run, start, end, FRAMES)
+        end = float(run.trajectories.time[run.meaningful - 1])
+        return _samples(run, max(0.0, end - PERIODS * leader.period), np.inf, FRAMES)
+    return _samples(run, max(0.0, leader.settle - 5.0), WATCHED, FRAMES)
 
 
-def _end(run: PlatoonRun) -> float:
-    """Of the run, or the first collision, after which it has no meaning."""
-    return float(run.trajectories.time[: run.meaningful][-1])
-
-
-def _samples(run: PlatoonRun, start: Seconds, end: Seconds, count: int) -> NDArray[np.intp]:
-    """At most ``count`` samples, evenly spread."""
+def _samples(run: PlatoonRun, start: Seconds, duration: Seconds, count: int) -> NDArray[np.intp]:
+    """At most ``count``, evenly spread, none after a collision, as these have no meaning."""
     time = run.trajectories.time[: run.meaningful]
-    instants = np.linspace(start, end, count)
+    start = min(start, float(time[-1]))
+    instants = np.linspace(start, min(float(time[-1]), start + duration), count)
     return np.unique(np.clip(np.searchsorted(time, instants - 1e-9), 0, len(time) - 1))
 
 
