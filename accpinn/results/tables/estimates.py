@@ -161,10 +161,7 @@ def multistart_table(info: SegmentInfo, found: MultistartResult, follower: int) 
     trials = found.trials
     starts = [", ".join(f"{value:g}" for value in trial.initial.values) for trial in trials]
     filled: list[Filled] = [
-        (
-            Column("Start (α, β, τ)"),
-            [", ".join(f"{v:g}" for v in t.initial.values) for t in trials],
-        ),
+        (Column("Start (α, β, τ)"), starts),
         *parameter_cells(Parameters.stack(t.fit.parameters[follower] for t in trials), "Learned"),
         (Column("Surrogate fit", "m", 3, GAP), _gaps([t.surrogate for t in trials], follower)),
         (Column("Closed loop", "m", 2, GAP), _gaps([t.closed_loop for t in trials], follower)),
