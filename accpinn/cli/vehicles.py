@@ -11,8 +11,7 @@ from accpinn.model.published import ParameterSet
 from accpinn.platoon.leader import Sinusoid
 from accpinn.platoon.simulation import PlatoonRun, simulate_platoon
 from accpinn.results.messages import messages
-from accpinn.results.messages.platoon import PLACES
-from accpinn.results.messages.stability import TITLES, reason
+from accpinn.results.messages.stability import PLACES, TITLES, reason
 from accpinn.results.tables.stability import amplitude_table, answer, stability_table
 from accpinn.stability.report import StabilityReport, VehicleStability, Verdict, stability_report
 

@@ -37,9 +37,8 @@ from accpinn.inference.sampling import (
 from accpinn.methods.fit import Fit, Outcome
 from accpinn.model.cthp import Case, Parameters
 from accpinn.segment.segment import Segment
-from accpinn.stability.criteria import exact_margin, l2_margin
+from accpinn.stability.criteria import exact_margin, l2_margin, step_metrics
 from accpinn.stability.frequency import crossovers, peaks, response
-from accpinn.stability.linf_gain import step_metrics
 from accpinn.units import FloatArray, Seconds
 
 METHOD = "instrumental variables, blocks of time left out, 20,000 draws"

@@ -17,10 +17,10 @@ from accpinn.model.cthp import Parameters
 from accpinn.results.figures import comparison as figures
 from accpinn.results.figures.training import tracking
 from accpinn.results.messages import messages
-from accpinn.results.messages.evaluation import closed_loop_event
-from accpinn.results.messages.study import agreement, colliding_methods
+from accpinn.results.messages.methods import agreement, colliding_methods
+from accpinn.results.messages.reliability import closed_loop_event
 from accpinn.results.tables import estimates as tables
-from accpinn.results.tables.names import TITLES, name_of
+from accpinn.results.tables.estimates import TITLES, name_of
 from accpinn.segment.quality import LARGE_CONDITION, assess_quality
 from accpinn.segment.segment import Segment
 from accpinn.study.comparison import FitRecord, MethodFailure, MethodResult, failures_among
@@ -251,7 +251,7 @@ def _show_tracks(shown: _Shown) -> None:
     if not tracks:
         return
     st.subheader("Parameters over time, by the online methods", anchor=False)
-    figure = figures.courses(tracks, shown.follower, shown.truth, shown.segment.start)
+    figure = figures.tracks(tracks, shown.follower, shown.truth, shown.segment.start)
     show.chart(figure, "compare_tracks")
     st.caption(
         "Shaded: one standard deviation by the method itself, which is far too small for α and β"

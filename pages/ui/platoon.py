@@ -18,7 +18,7 @@ from accpinn.results.figures import platoon as figures
 from accpinn.results.figures.stability import colours
 from accpinn.results.figures.style import LEADER
 from accpinn.results.messages import messages
-from accpinn.results.messages.platoon import PLACES, disturbance, disturbance_details
+from accpinn.results.messages.stability import PLACES, disturbance, disturbance_details
 from accpinn.stability.report import stability_report
 from pages.ui.components import frame, show
 from pages.ui.components.parameter_picker import choose_parameters

@@ -25,7 +25,7 @@ from accpinn.results.messages import messages
 from accpinn.results.messages.methods import outcome_message
 from accpinn.results.snapshot import Snapshot
 from accpinn.results.tables import estimates as tables
-from accpinn.results.tables.names import name_of
+from accpinn.results.tables.estimates import name_of
 from accpinn.segment.quality import Quality, assess_quality
 from accpinn.segment.segment import SegmentInfo
 from accpinn.tasks.task import Task

@@ -25,8 +25,7 @@ from accpinn.results.snapshot import (
 )
 from accpinn.results.snapshot.saved import Entry
 from accpinn.results.snapshot.verification import obstacle, verify
-from accpinn.results.tables.estimates import PARAMETER_COLUMNS, learned_parameters
-from accpinn.results.tables.names import TITLES
+from accpinn.results.tables.estimates import PARAMETER_COLUMNS, TITLES, learned_parameters
 from accpinn.results.tables.table import ABSENT, Column, Range, Table
 from accpinn.units import Seconds
 from pages.ui.components import frame, show

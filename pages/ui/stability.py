@@ -8,8 +8,8 @@ import streamlit as st
 from accpinn.inference.intervals import Uncertainty
 from accpinn.model.published import ParameterSet
 from accpinn.results.figures import stability as figures
+from accpinn.results.figures.stability import add_bands, add_clouds, cloud_caption
 from accpinn.results.figures.style import LEADER
-from accpinn.results.figures.uncertainty import add_bands, add_clouds, cloud_caption
 from accpinn.results.messages import messages
 from accpinn.results.messages.stability import BEHAVIOURS, TITLES, amplification, certainty, reason
 from accpinn.results.tables.stability import answer, stability_interval_table, stability_table

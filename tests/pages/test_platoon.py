@@ -8,7 +8,7 @@ from hypothesis import strategies as some
 
 from accpinn.errors import ParameterError
 from accpinn.model.published import CASALE
-from accpinn.results.messages.platoon import AFTER_COLLISION
+from accpinn.results.messages.stability import AFTER_COLLISION
 from pages.ui.platoon import parse_order
 from tests.support.apptest import (
     PLATOON,

@@ -10,7 +10,7 @@ import pytest
 import torch
 
 from accpinn.errors import SegmentError
-from accpinn.evaluation.cross_validation import part
+from accpinn.evaluation.evaluation import part
 from accpinn.inference.intervals import intervals
 from accpinn.methods.fit import Fit
 from accpinn.methods.pinn.config import FAST, PresetName, preset

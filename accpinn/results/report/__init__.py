@@ -22,7 +22,7 @@ from markupsafe import Markup
 from plotly.offline import get_plotlyjs
 
 from accpinn import __version__
-from accpinn.channels import GAP, SPEED, TIME
+from accpinn.channels import GAP, SPEED
 from accpinn.errors import ParameterError
 from accpinn.evaluation.closed_loop import closed_loop
 from accpinn.model.cthp import Trajectories
@@ -30,6 +30,7 @@ from accpinn.platoon.leader import Sinusoid
 from accpinn.platoon.simulation import PlatoonRun, simulate_platoon
 from accpinn.results.figures import platoon as platoon_figures
 from accpinn.results.figures import stability as stability_figures
+from accpinn.results.figures.stability import add_bands, add_clouds, cloud_caption
 from accpinn.results.figures.style import (
     POINTS,
     finished,
@@ -40,22 +41,21 @@ from accpinn.results.figures.style import (
     with_legend,
 )
 from accpinn.results.figures.training import loss_history, parameter_history, tracking
-from accpinn.results.figures.uncertainty import add_bands, add_clouds, cloud_caption
 from accpinn.results.messages import messages
 from accpinn.results.messages import summary as words
 from accpinn.results.messages.methods import outcome_message
-from accpinn.results.messages.platoon import PLACES
 from accpinn.results.messages.snapshot import check_rows, summary
-from accpinn.results.messages.stability import reason
+from accpinn.results.messages.stability import PLACES, reason
 from accpinn.results.snapshot import Snapshot, stability
 from accpinn.results.snapshot.verification import Verification, verify
 from accpinn.results.tables.estimates import (
+    TITLES,
     intervals_table,
     learned_parameters,
     methods_table,
+    name_of,
     parameter_table,
 )
-from accpinn.results.tables.names import TITLES, name_of
 from accpinn.results.tables.stability import stability_interval_table, stability_table
 from accpinn.results.tables.table import STYLE, Table
 from accpinn.segment.segment import Segment
@@ -252,7 +252,6 @@ def motion_picture(snapshot: Snapshot) -> Picture | None:
                 showlegend=row == 2, hovertemplate=f"%{{y:.2f}} {channel.unit}", row=row, col=1,
             )  # fmt: skip
     label_axes(figure, (GAP, SPEED))
-    figure.update_xaxes(title_text=TIME.axis, row=2, col=1)
     words = (
         "Measured space-gaps and speeds."
         if snapshot.segment

@@ -16,8 +16,13 @@ import numpy as np
 
 from accpinn import __version__
 from accpinn.errors import AccpinnError
-from accpinn.evaluation.cross_validation import Block, cross_validate, pooled_holdout_errors
-from accpinn.evaluation.evaluation import Evaluation, evaluate
+from accpinn.evaluation.evaluation import (
+    Block,
+    Evaluation,
+    cross_validate,
+    evaluate,
+    pooled_holdout_errors,
+)
 from accpinn.findings import Finding
 from accpinn.inference.intervals import Uncertainty, intervals
 from accpinn.methods.fit import Fit, Outcome
@@ -26,7 +31,7 @@ from accpinn.model.cthp import Trajectories
 from accpinn.recordings.recording import Recording
 from accpinn.results.snapshot import ATTRIBUTION_TEXT, Snapshot, facts_of, light, stability
 from accpinn.results.snapshot.validate import sanitise
-from accpinn.results.tables.names import name_of
+from accpinn.results.tables.estimates import name_of
 from accpinn.segment.cut import cut
 from accpinn.segment.quality import assess_quality
 from accpinn.segment.regimes import exclude_regimes, label_regimes

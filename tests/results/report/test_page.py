@@ -15,7 +15,7 @@ import pytest
 from accpinn.results.messages.snapshot import check_rows
 from accpinn.results.report import fit_pictures, motion_picture, platoon_pictures, render_report
 from accpinn.results.snapshot.verification import verify
-from accpinn.results.tables.names import name_of
+from accpinn.results.tables.estimates import name_of
 from tests.support.snapshots import small, whole
 
 HOSTILE = "</script><script>alert(1)</script>\"'><img src=x onerror=alert(1)>$y$_z_&amp;"

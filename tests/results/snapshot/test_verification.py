@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from accpinn.evaluation.cross_validation import pooled_holdout_errors
+from accpinn.evaluation.evaluation import pooled_holdout_errors
 from accpinn.methods import splines
 from accpinn.methods.fit import Outcome
 from accpinn.model.cthp import Parameters

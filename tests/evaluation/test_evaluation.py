@@ -1,20 +1,21 @@
 """Hold-out blocks: nothing measured in them reaches the parameters that they are predicted with."""
 
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from accpinn.evaluation.closed_loop import TrackingErrors
-from accpinn.evaluation.cross_validation import (
+from accpinn.evaluation.evaluation import (
     Block,
     cross_validate,
+    evaluate,
     part,
     pooled_holdout_errors,
     without,
 )
-from accpinn.evaluation.evaluation import evaluate
 from accpinn.methods import least_squares, splines
 from accpinn.methods.fit import Fit
 from accpinn.recordings.openacc import read
@@ -37,11 +38,10 @@ def test_each_block_is_simulated_with_parameters_from_the_others() -> None:
 
     segment = cut(read(SAMPLES / "synthetic_paper_study_noise_free.csv"), 0.0, 90.0)
     blocks = cross_validate(segment, estimate)
-    starts = [pytest.approx(start, abs=0.2) for start in (0.0, 30.0, 60.0)]
-    assert [block.window.start for block in blocks] == starts
-    assert [piece.start for piece in fitted_to] == [starts[1], 0.0, 0.0]
-    durations = [pytest.approx(duration, abs=0.2) for duration in (60.0, 90.0, 60.0)]
-    assert [piece.window.duration for piece in fitted_to] == durations
+    near = partial(pytest.approx, abs=0.2)
+    assert [block.window.start for block in blocks] == near([0.0, 30.0, 60.0])
+    assert [piece.start for piece in fitted_to] == near([30.0, 0.0, 0.0])
+    assert [piece.window.duration for piece in fitted_to] == near([60.0, 90.0, 60.0])
     for block in blocks:
         assert block.errors is not None
         assert block.errors.gap_mae[0] < 0.02
@@ -95,9 +95,7 @@ def test_blocks_are_pooled_by_duration() -> None:
 def test_parts_keep_their_place_in_the_recording() -> None:
     segment = cut(read(SAMPLES / "synthetic_paper_study.csv"), 20.0, 60.0)
     piece = part(segment, 100, 300)
-    assert piece.start == pytest.approx(30.0)
-    assert piece.time[0] == 0.0
-    assert piece.samples == 200
+    assert (piece.start, piece.time[0], piece.samples) == (pytest.approx(30.0), 0.0, 200)
     np.testing.assert_array_equal(piece.gaps, segment.gaps[100:300])
 
 
