@@ -10,15 +10,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from accpinn.findings import Finding
+from accpinn.errors import Finding
 from accpinn.methods import least_squares, splines
 from accpinn.methods.fit import Fit, Outcome
 from accpinn.methods.pinn.config import preset
-from accpinn.methods.pinn.training import train
 from accpinn.model.cthp import Parameters
 from accpinn.serial import Shape, check_shapes, dump, read_json, restore, write_json
 from accpinn.units import FloatArray, Seconds
 from tests.support.driving import MIXED, driven
+from tests.support.methods import train
 from tests.support.snapshots import bits
 
 FITS = {

@@ -29,8 +29,7 @@ from accpinn.evaluation.closed_loop import (
     closed_loop_findings,
     surrogate_errors,
 )
-from accpinn.methods.fit import Fit, Outcome
-from accpinn.methods.history import Progress
+from accpinn.methods.fit import Fit, Outcome, Progress
 from accpinn.methods.pinn.config import PinnConfig, preset
 from accpinn.methods.registry import METHODS
 from accpinn.model.cthp import Parameters

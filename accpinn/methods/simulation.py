@@ -24,7 +24,6 @@ Source: Gunter et al., IEEE Transactions on Intelligent Transportation Systems 2
 who fit simulations of this model to recordings; the search is scipy's trust-region method.
 """
 
-import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -35,7 +34,6 @@ from scipy.optimize import OptimizeResult
 from scipy.optimize import least_squares as minimise
 
 from accpinn.errors import SegmentError
-from accpinn.mask import Mask, stretches
 from accpinn.methods import least_squares, splines
 from accpinn.methods.fit import (
     Fit,
@@ -59,7 +57,7 @@ from accpinn.model.cthp import (
     respond,
 )
 from accpinn.segment.segment import Segment
-from accpinn.units import FloatArray, Seconds, frozen
+from accpinn.units import FloatArray, Mask, Seconds, frozen, stretches
 
 SCALE = np.array([0.05, 0.05, 0.2])
 """Of α, ατ, β: the optimiser's units."""
@@ -85,7 +83,6 @@ def fit(segment: Segment, case: Case = "II") -> Fit:
         SegmentError: when there are too few samples for the splines that the search starts from,
             or when no stretch between masked instants is long enough.
     """
-    started = time.perf_counter()
     guesses = [method.fit(segment, case).parameters for method in (least_squares, splines)]
     guesses.append(Parameters.of([TYPICAL.values] * segment.followers))
     ends = [
@@ -103,7 +100,6 @@ def fit(segment: Segment, case: Case = "II") -> Fit:
             segment.time, np.column_stack([segment.speeds[:, 0], states[:, 1::2]]), states[:, ::2]
         ),
         outcome=Outcome.CONVERGED if all(end.converged for end in ends) else Outcome.FINISHED,
-        seconds=time.perf_counter() - started,
         config={"starts": len(guesses), "start_error": list(START_ERROR)},
         loss={"total": float((errors**2).sum() / (segment.samples * segment.followers))},
         iterations=sum(end.rounds for end in ends),

@@ -13,7 +13,6 @@ masked instants there is no residual of dv/dt; all other terms remain.
 Source: Ramsay, Hooker, Campbell and Cao, J. R. Statist. Soc. B 69 (2007) 741-796.
 """
 
-import time
 from dataclasses import dataclass
 from typing import Self
 
@@ -47,7 +46,6 @@ def fit(segment: Segment, case: Case = "II", knots_every: Seconds = KNOTS_EVERY)
     Raises:
         SegmentError: when there are fewer samples than a single piece of a spline needs.
     """
-    started = time.perf_counter()
     if segment.samples <= DEGREE:
         raise SegmentError(
             f"{segment.source}: {segment.samples} samples are too few for a spline; take a window"
@@ -69,7 +67,6 @@ def fit(segment: Segment, case: Case = "II", knots_every: Seconds = KNOTS_EVERY)
         solution,
         surrogate=Trajectories(segment.time, speeds, gaps),
         outcome=Outcome.SOLVED if rounds < ROUNDS else Outcome.FINISHED,
-        seconds=time.perf_counter() - started,
         config={"knots_every": knots_every, "degree": DEGREE},
         loss=basis.loss(segment, solution.theta),
         iterations=rounds,

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import expm
 
-from accpinn.findings import Finding
+from accpinn.errors import Finding
 from accpinn.model.cthp import Parameters, Trajectories, motion_matrix, orbit
 from accpinn.platoon.leader import Sinusoid
 from accpinn.stability.frequency import response, slowest_rate

@@ -16,8 +16,7 @@ from itertools import pairwise
 import numpy as np
 from scipy.linalg import expm
 
-from accpinn.errors import ParameterError
-from accpinn.findings import Finding
+from accpinn.errors import Finding, ParameterError
 from accpinn.model import cthp
 from accpinn.model.cthp import Parameters, Trajectories, motion_matrix, orbit
 from accpinn.platoon.amplitude import (

@@ -5,8 +5,7 @@ from dataclasses import replace
 
 from accpinn.errors import AccpinnError
 from accpinn.inference.multistart import Trial, multistart
-from accpinn.methods.fit import Fit
-from accpinn.methods.history import Progress
+from accpinn.methods.fit import Fit, Progress
 from accpinn.methods.method import TaskContext
 from accpinn.methods.pinn.config import STARTS, PinnConfig
 from accpinn.methods.registry import METHODS

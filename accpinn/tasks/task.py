@@ -11,8 +11,7 @@ from typing import Generic, TypeVar
 import numpy as np
 
 from accpinn.errors import AccpinnError
-from accpinn.methods.fit import Fit, Outcome
-from accpinn.methods.history import History, Progress, Recorder
+from accpinn.methods.fit import Fit, History, Outcome, Progress, Recorder
 from accpinn.methods.method import TaskContext
 from accpinn.methods.store import Store
 from accpinn.model.cthp import Parameters

@@ -13,7 +13,6 @@ from accpinn.recordings.openacc import read
 from accpinn.segment.cut import cut
 from accpinn.segment.segment import Segment
 from tests.support.driving import LAW, MIXED, driven, segment_of, standing_still
-from tests.support.samples import NOISE_FREE, NOISY, PLATOON, sample
 
 OTHER = (0.05, 0.3, 1.2)
 
@@ -42,15 +41,6 @@ def changing() -> Segment:
         np.concatenate([first.speeds, second.speeds]),
         np.concatenate([first.gaps, second.gaps]),
     )
-
-
-@pytest.mark.parametrize(
-    ("name", "tolerance"), [(NOISE_FREE, 1e-3), (NOISY, 0.02), (PLATOON, 0.03)]
-)
-def test_recovers_the_studies(name: str, tolerance: float) -> None:
-    study = sample(name)
-    found = recursive.fit(study.segment).parameters.values
-    np.testing.assert_allclose(found, study.truth, rtol=tolerance)
 
 
 class TestRecursion:

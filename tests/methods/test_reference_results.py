@@ -16,12 +16,12 @@ from accpinn.evaluation.closed_loop import closed_loop_errors, surrogate_errors
 from accpinn.methods import simulation, splines
 from accpinn.methods.fit import Fit
 from accpinn.methods.pinn.config import preset
-from accpinn.methods.pinn.training import train
 from accpinn.model.cthp import Case, Parameters
 from accpinn.recordings.openacc import read
 from accpinn.segment.cut import cut
 from accpinn.segment.segment import Segment
 from accpinn.stability.report import stability_report
+from tests.support.methods import train
 
 RECORDINGS = {
     "Casale": ("Casale/part7.csv", 0.0),

@@ -13,7 +13,6 @@ from accpinn.model.cthp import Parameters, simulate
 from accpinn.recordings.openacc import read
 from accpinn.segment.cut import cut
 from tests.support.driving import LAW, MIXED, driven, segment_of, standing_still
-from tests.support.samples import NOISE_FREE, NOISY, PLATOON, sample
 
 
 class TestChain:
@@ -60,14 +59,6 @@ class TestChain:
 
 
 class TestTruth:
-    @pytest.mark.parametrize(
-        ("name", "tolerance"), [(NOISE_FREE, 5e-4), (NOISY, 0.02), (PLATOON, 0.02)]
-    )
-    def test_recovers_the_studies(self, name: str, tolerance: float) -> None:
-        study = sample(name)
-        found = simulation.fit(study.segment).parameters.values
-        np.testing.assert_allclose(found, study.truth, rtol=tolerance)
-
     def test_recovers_a_first_state_that_was_measured_wrong(self) -> None:
         exact = driven((LAW,))
         gaps = exact.gaps.copy()

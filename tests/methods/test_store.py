@@ -17,10 +17,10 @@ from hypothesis import strategies as st
 from accpinn.methods import least_squares
 from accpinn.methods.fit import Fit
 from accpinn.methods.pinn.config import preset
-from accpinn.methods.pinn.training import train
 from accpinn.methods.store import FOLDER_VARIABLE, Say, Store
 from accpinn.serial import Arrays, dump, write_json
 from tests.support.driving import driven
+from tests.support.methods import train
 
 KEY = "0123abcd"
 NAME = f"{KEY}.state.npz"

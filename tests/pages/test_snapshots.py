@@ -9,7 +9,6 @@ from streamlit.testing.v1 import AppTest
 from accpinn.methods.fit import Outcome, StartedFrom
 from accpinn.methods.pinn.config import PAPER, preset
 from accpinn.methods.pinn.method import WarmStart
-from accpinn.methods.pinn.training import train
 from accpinn.model.cthp import Parameters
 from accpinn.recordings.recording import Recording
 from accpinn.results.snapshot.saved import Library
@@ -37,6 +36,7 @@ from tests.support.apptest import (
     with_sample,
     workspace_of,
 )
+from tests.support.methods import train
 from tests.support.snapshots import whole
 
 pytestmark = pytest.mark.usefixtures("fresh_server")

@@ -12,13 +12,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from accpinn.errors import RecordingError
-from accpinn.findings import Finding
+from accpinn.errors import Finding, RecordingError
 from accpinn.recordings import recording as data
-from accpinn.recordings import source
-from accpinn.recordings.checks import agreement
+from accpinn.recordings import samples
 from accpinn.recordings.openacc import read
-from accpinn.recordings.recording import Mode, Recording, Window
+from accpinn.recordings.recording import Mode, Recording, Window, agreement
 from tests.support.openacc_files import csv, metadata, platoon
 
 F = TypeVar("F", bound=Finding)
@@ -458,7 +456,7 @@ def test_a_missing_last_line_end_is_reported() -> None:
 
 
 def test_a_file_over_the_limit_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(source, "LIMIT_BYTES", 1000)
+    monkeypatch.setattr(samples, "LIMIT_BYTES", 1000)
     assert "0.0 MB" in refusal(SOUND)
     (tmp_path / "run.csv").write_bytes(SOUND)
     with pytest.raises(RecordingError, match=r"limit is 0\.0 MB"):

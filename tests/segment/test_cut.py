@@ -9,12 +9,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from accpinn.errors import AccpinnError, SegmentError
-from accpinn.mask import Stretch, stretches
 from accpinn.recordings.openacc import read
 from accpinn.recordings.recording import Recording, Window
-from accpinn.segment.cut import complete_windows, cut
+from accpinn.segment.cut import chains, complete_windows, cut, default_vehicles, parse_vehicles
 from accpinn.segment.segment import Bridged, Resampled, Segment, WindowMoved, WindowShortened
-from accpinn.segment.vehicles import chains, default_vehicles, parse_vehicles
+from accpinn.units import Stretch, stretches
 from tests.support.openacc_files import csv, metadata, platoon
 
 

@@ -16,14 +16,12 @@ from accpinn.methods.fit import Fit
 from accpinn.methods.pinn.config import FAST, PresetName, preset
 from accpinn.methods.pinn.fast import FastTraining
 from accpinn.methods.pinn.paper import PaperTraining
-from accpinn.methods.pinn.protocol import Problem
-from accpinn.methods.pinn.training import train
 from accpinn.model.cthp import Case, Parameters, simulate
 from accpinn.recordings.openacc import read
 from accpinn.recordings.recording import Mode, Recording, Window
 from accpinn.results.figures.recording import overview, regime_key, regime_ribbons
 from accpinn.segment.cut import cut
-from accpinn.segment.regimes import (
+from accpinn.segment.quality import (
     CATCHING_UP,
     FOLLOWING,
     MANUAL,
@@ -37,6 +35,7 @@ from accpinn.segment.segment import NothingToExclude, RegimesExcluded, Segment
 from accpinn.units import FloatArray
 from tests.support.driving import leader_speed
 from tests.support.methods import RIVALS as ESTIMATORS
+from tests.support.methods import train
 from tests.support.openacc_files import STEP, csv, metadata
 
 PLATOON = Parameters([0.08, 0.11], [0.12, 0.30], [1.5, 1.2])
@@ -134,9 +133,9 @@ class TestMethods:
     ) -> None:
         segment = without_block(disturbed())
         config = preset(name, iterations=5)
-        problem, everything = (Problem(one, "II", config) for one in (segment, disturbed()))
-        outputs = torch.from_numpy(problem.measured)
-        rates = torch.from_numpy(np.gradient(problem.measured, 0.1, axis=0))
+        problem, everything = (kind(one, "II", config) for one in (segment, disturbed()))
+        outputs = problem.measured
+        rates = torch.from_numpy(np.gradient(outputs.numpy(), 0.1, axis=0))
         masked, full = (one.evaluate(outputs, rates, FREE) for one in (problem, everything))
         assert segment.mask is not None
         # With all parameters zero, the residual is dv/dt itself, and dp/dt = Δv stays.
@@ -144,7 +143,7 @@ class TestMethods:
         lost = (slopes**2).sum() / (segment.samples * 2)
         assert float(full.physics - masked.physics) == pytest.approx(lost)
         assert float(full.data) == float(masked.data)
-        assert kind(problem).progress.physics != kind(everything).progress.physics
+        assert problem.progress.physics != everything.progress.physics
 
     def test_a_simulation_without_a_long_stretch_is_refused(self) -> None:
         flicker = np.ones((1801, 2), bool)

@@ -2,6 +2,7 @@
 
 from functools import singledispatch
 
+from accpinn.errors import Finding
 from accpinn.evaluation.closed_loop import (
     DIVERGED,
     ClosedLoopFinding,
@@ -15,7 +16,6 @@ from accpinn.evaluation.whiteness import (
     ShortResidual,
     WhiteResidual,
 )
-from accpinn.findings import Finding
 from accpinn.results.messages import Labelled, message
 
 

@@ -14,10 +14,9 @@ from typing import Any
 import numpy as np
 
 from accpinn import __version__
-from accpinn.errors import AccpinnError
+from accpinn.errors import AccpinnError, Finding
 from accpinn.evaluation.cross_validation import Block, cross_validate, pooled_holdout_errors
 from accpinn.evaluation.evaluation import Evaluation, evaluate
-from accpinn.findings import Finding
 from accpinn.inference.intervals import Uncertainty, intervals
 from accpinn.methods.fit import Fit, Outcome
 from accpinn.methods.registry import METHODS
@@ -28,8 +27,7 @@ from accpinn.results.snapshot.schema import ATTRIBUTION_TEXT, Snapshot
 from accpinn.results.snapshot.validate import sanitise
 from accpinn.results.tables.names import name_of
 from accpinn.segment.cut import cut
-from accpinn.segment.quality import assess_quality
-from accpinn.segment.regimes import exclude_regimes, label_regimes
+from accpinn.segment.quality import assess_quality, exclude_regimes, label_regimes
 from accpinn.segment.segment import Segment, WindowMoved, WindowShortened
 from accpinn.serial import NOT_FINITE, dump, flatten
 

@@ -8,7 +8,7 @@ from accpinn.errors import SegmentError
 from accpinn.model.cthp import Case
 from accpinn.recordings.recording import Recording
 from accpinn.results.tables.estimates import regimes_table, sensitivity_table
-from accpinn.segment.regimes import EXCLUDABLE, label_regimes
+from accpinn.segment.quality import EXCLUDABLE, label_regimes
 from accpinn.segment.segment import Segment
 from accpinn.study.sensitivity import SensitivityResult, sensitivity
 from pages.ui.components.messages import show_messages

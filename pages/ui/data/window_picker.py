@@ -13,9 +13,8 @@ from accpinn.recordings.recording import Recording, Window
 from accpinn.results.figures import recording as figures
 from accpinn.results.figures.recording import regime_key, regime_ribbons
 from accpinn.results.figures.style import vehicle_colour
-from accpinn.segment.cut import MINIMUM_DURATION
-from accpinn.segment.regimes import label_regimes
-from accpinn.segment.vehicles import MAX_FOLLOWERS, chains
+from accpinn.segment.cut import MAX_FOLLOWERS, MINIMUM_DURATION, chains
+from accpinn.segment.quality import label_regimes
 from pages.ui.components.charts import show_chart, show_key
 from pages.ui.components.widgets import number, segments, select
 from pages.ui.session.workspace import Workspace

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 import torch
 
+from accpinn.methods.pinn.method import FourierFeatures, output_columns, stack_outputs
 from accpinn.methods.pinn.network import Adam, PaperNetwork, count_weights
-from accpinn.methods.pinn.surrogate import FourierFeatures, output_columns, stack_outputs
 
 DOUBLE = torch.float64
 

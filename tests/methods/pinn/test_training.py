@@ -23,12 +23,11 @@ from accpinn.methods.fit import (
     HoldoutLoss,
     IterationsExhausted,
     Outcome,
+    Progress,
 )
-from accpinn.methods.history import Progress
 from accpinn.methods.pinn import training
 from accpinn.methods.pinn.config import FAST, PAPER, PinnConfig, preset
 from accpinn.methods.pinn.method import drop_checkpoints, request_keys, resume_iteration
-from accpinn.methods.pinn.training import train
 from accpinn.methods.store import Say, Store
 from accpinn.model.cthp import Case, Parameters
 from accpinn.recordings.openacc import read
@@ -36,6 +35,7 @@ from accpinn.recordings.synthetic import load_truth, truth_path
 from accpinn.segment.cut import cut
 from accpinn.segment.segment import Segment
 from tests.support.driving import LAW, MIXED, driven, segment_of, standing_still
+from tests.support.methods import train
 
 SAMPLES = Path(__file__).parents[3] / "sample_data"
 

@@ -11,8 +11,7 @@ from hypothesis import strategies as st
 from accpinn.methods.pinn.config import PinnConfig
 from accpinn.methods.pinn.fast import FastTraining
 from accpinn.methods.pinn.loss import loss_terms
-from accpinn.methods.pinn.protocol import Problem
-from accpinn.methods.pinn.surrogate import output_columns
+from accpinn.methods.pinn.method import output_columns
 from accpinn.methods.pinn.variable_projection import NormalEquations, solve_output, solve_parameters
 from accpinn.model.cthp import Case, Parameters, regressors
 from accpinn.units import FloatArray
@@ -173,13 +172,13 @@ def test_the_fast_preset_starts_at_its_output_layers_optimum(laws: tuple) -> Non
     """Its sums are formed piecewise; here they are formed from its activations themselves."""
     config = PinnConfig(initial=Parameters(0.2, 0.3, 1.4), weight_initial=1.0)
     segment = driven(laws, noise=0.05)
-    training = FastTraining(Problem(segment, "II", config))
-    problem, features = training.problem, training._features
-    value = np.hstack([features(problem.time), training._active.numpy()])
+    training = FastTraining(segment, "II", config)
+    features = training._features
+    value = np.hstack([features(segment.time), training._active.numpy()])
     rate = np.hstack(
-        [features(problem.time) @ features.derivative(), training._active_rate.numpy()]
+        [features(segment.time) @ features.derivative(), training._active_rate.numpy()]
     )
-    alone = Drawn(value, rate, problem.measured, np.tile([0.2, 0.28, 0.3], (len(laws), 1)))
+    alone = Drawn(value, rate, training.measured.numpy(), np.tile([0.2, 0.28, 0.3], (len(laws), 1)))
     best = alone.loss(by_dense_least_squares(alone, config), alone.theta, config)
     # The ridge that tames collinear activations costs a little.
     assert best <= training.progress.total <= (1 + 1e-4) * best
