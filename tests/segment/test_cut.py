@@ -13,7 +13,6 @@ from accpinn.recordings.openacc import read
 from accpinn.recordings.recording import Recording, Window
 from accpinn.segment.cut import chains, complete_windows, cut, default_vehicles, parse_vehicles
 from accpinn.segment.segment import Bridged, Resampled, Segment, WindowMoved, WindowShortened
-from accpinn.units import Stretch, stretches
 from tests.support.openacc_files import csv, metadata, platoon
 
 
@@ -319,13 +318,6 @@ def test_a_segment_that_no_method_could_use(changes: dict[str, object]) -> None:
         segment(**changes)
 
 
-def test_stretches() -> None:
-    first, second, third = stretches([1, 1, 0, 1, 0, 0, 1])
-    assert (first, second, third) == (Stretch(0, 1), Stretch(3, 3), Stretch(6, 6))
-    assert (len(first), first.rows) == (2, slice(0, 2))
-    assert stretches([]) == stretches([0, 0]) == ()
-
-
 HOLES = recording(without(slice(120, 170), "Speed2", "IVS1", "IVS2"))
 ANY = st.floats(allow_nan=True, allow_infinity=True)
 
@@ -361,12 +353,6 @@ def test_casale(openacc_dir: Path) -> None:
     made = cut(read(openacc_dir / "Casale/part7.csv"))
     assert (made.samples, made.followers, made.findings) == (3001, 1, ())
     assert made.labels == ("1 Rexton", "2 Hyundai")
-
-
-def test_vicolungo_keeps_time_in_double_precision(openacc_dir: Path) -> None:
-    made = cut(read(openacc_dir / "Vicolungo/JRC-VC_260219_part3.csv"))
-    assert (made.samples, made.sample_time) == (1455, 0.1)
-    assert Resampled(step=0.1) not in made.findings
 
 
 def test_low_speed_is_refused_with_its_complete_windows(openacc_dir: Path) -> None:
