@@ -57,7 +57,7 @@ from accpinn.model.cthp import (
     respond,
 )
 from accpinn.segment.segment import Segment
-from accpinn.units import FloatArray, Mask, Seconds, frozen, stretches
+from accpinn.units import FloatArray, Seconds, frozen, stretches
 
 SCALE = np.array([0.05, 0.05, 0.2])
 """Of α, ατ, β: the optimiser's units."""
@@ -118,12 +118,6 @@ class Chain:
     step: Seconds
     first: int = 0
     """The sample of the segment at which it begins."""
-
-    def stretches(self, mask: Mask, least: Seconds) -> tuple["Chain", ...]:
-        """Its parts where the mask (N,) is true, in runs of ``least`` or longer."""
-        kept = [run for run in stretches(mask) if (len(run) - 1) * self.step >= least]
-        rows = [slice(run.first, run.last + 1) for run in kept]
-        return tuple(Chain(self.ahead[r], self.measured[r], self.step, r.start) for r in rows)
 
     @cached_property
     def parts(self) -> FloatArray:
@@ -193,14 +187,15 @@ def _stretches(segment: Segment, index: int, chain: Chain) -> tuple[Chain, ...]:
         return (chain,)
     size = chain.measured.shape[1] // 2
     mask = segment.mask[:, index : index + size]
-    stretches = chain.stretches(np.asarray(mask.all(axis=1)), LEAST_STRETCH)
-    if not stretches:
+    kept = stretches(mask.all(axis=1))
+    runs = [run.rows for run in kept if (len(run) - 1) * chain.step >= LEAST_STRETCH]
+    if not runs:
         raise SegmentError(
             f"{segment.source}: without the instants left out, {segment.labels[index + 1]} has no"
             f" stretch of {LEAST_STRETCH:g} s to simulate; leave out less, or choose another"
             " method."
         )
-    return stretches
+    return tuple(Chain(chain.ahead[r], chain.measured[r], chain.step, r.start) for r in runs)
 
 
 def _best(chain: Chain, stretches: tuple[Chain, ...], guesses: list[FloatArray]) -> _End:

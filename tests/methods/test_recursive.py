@@ -12,7 +12,7 @@ from accpinn.model.cthp import regressors
 from accpinn.recordings.openacc import read
 from accpinn.segment.cut import cut
 from accpinn.segment.segment import Segment
-from tests.support.driving import LAW, MIXED, driven, segment_of, standing_still
+from tests.support.driving import LAW, driven, segment_of, standing_still
 
 OTHER = (0.05, 0.3, 1.2)
 
@@ -49,17 +49,13 @@ class TestRecursion:
         segment = driven((LAW,), noise=0.05)
         path = recursive.fit(segment, memory=memory).track
         assert path is not None
+        np.testing.assert_allclose(np.diff(path.time), TRACK_EVERY)
+        assert path.time[-1] == pytest.approx(60.0)
+        assert path.parameters.values.shape == (len(path.time), 1, 3)
         alpha, alpha_tau, beta = textbook(segment, memory)
         np.testing.assert_allclose(
             path.parameters.values[-1, 0], (alpha, beta, alpha_tau / alpha), rtol=1e-5
         )
-
-    def test_keeps_an_estimate_every_half_second_and_the_last(self) -> None:
-        path = recursive.fit(driven((LAW,))).track
-        assert path is not None
-        np.testing.assert_allclose(np.diff(path.time), TRACK_EVERY)
-        assert path.time[-1] == pytest.approx(60.0)
-        assert path.parameters.values.shape == (len(path.time), 1, 3)
 
     def test_follows_parameters_that_change(self) -> None:
         path = recursive.fit(changing(), memory=20.0).track
@@ -75,15 +71,6 @@ class TestRecursion:
         alpha, beta, tau = settled.T
         expected = (alpha.mean(), beta.mean(), (alpha * tau).mean() / alpha.mean())
         np.testing.assert_allclose(fit.parameters.values[0], expected, rtol=1e-12)
-
-    def test_case_i_adds_up_all_followers(self) -> None:
-        segment = driven(MIXED, noise=0.05)
-        fit = recursive.fit(segment, "I", memory=30.0)
-        assert len(set(fit.parameters)) == 1
-        assert fit.track is not None
-        one = fit.track.parameters.values
-        assert one.shape[1] == 3
-        np.testing.assert_array_equal(one[:, 0], one[:, 2])
 
     def test_midpoints_keep_white_noise_from_biasing_it(self) -> None:
         """A forward difference on (p, v) at its start would find β too large by a third."""

@@ -261,28 +261,17 @@ def segment(**changes: object) -> Segment:
     return Segment(**(values | changes))
 
 
-def test_a_segment_copies_and_locks_its_arrays() -> None:
+def test_a_segment_copies_its_arrays_and_describes_itself() -> None:
     speeds = np.ones((4, 2))
     made = segment(speeds=speeds)
     speeds[0, 0] = 9.0
     assert made.speeds[0, 0] == 1.0
     with pytest.raises(ValueError, match="read-only"):
         made.speeds[0, 0] = 9.0
-
-
-def test_a_segment_describes_itself() -> None:
-    made = segment()
     assert (made.followers, made.samples, made.sample_time) == (1, 4, 0.1)
     assert made.window == Window(0.0, 0.3)
+    assert [str(Window(*ends)) for ends in ((32.9, 33.4), (7.5, 7.5))] == ["32.9–33.4 s", "7.5 s"]
     assert made.labels == (made.label(1), made.label(2)) == ("1 A", "Vehicle 2")
-
-
-@pytest.mark.parametrize(
-    ("window", "text"),
-    [(Window(0, 300), "0–300 s"), (Window(32.9, 33.4), "32.9–33.4 s"), (Window(7.5, 7.5), "7.5 s")],
-)
-def test_a_window_has_one_text(window: Window, text: str) -> None:
-    assert str(window) == text
 
 
 def test_the_digest_follows_content_only() -> None:

@@ -281,7 +281,7 @@ class TestPaperPreset:
 class TestStore:
     @pytest.mark.parametrize(
         ("config", "stop_after", "iterations"),
-        [(BRIEF, 0, 0), (BRIEF, 3, 3), (BRIEF, 9, 57), (SHORT, 2, 10)],
+        [(BRIEF, 0, 0), (BRIEF, 3, 3), (BRIEF, 10, 59), (SHORT, 2, 10)],
     )
     def test_stopped_and_continued_is_the_straight_run(
         self, tmp_path: Path, config: PinnConfig, stop_after: int, iterations: int
@@ -431,6 +431,7 @@ class TestSettings:
             ({"initial": Parameters(1.0, -0.1, 1.0)}, "three numbers"),
             ({"initial": Parameters(1.0, float("nan"), 1.0)}, "three numbers"),
             ({"initial": Parameters([1.0, 1.0], 1.0, 1.0)}, "three numbers"),
+            ({"initial": Parameters(1.0, 1.0, 5.1)}, "τ from 0 to 5"),
             ({"learning_rate": 0.0}, "learning rate"),
             ({"learning_rate": float("nan")}, "learning rate"),
             ({"weight_data": (0.0, 1.0)}, "data weights"),

@@ -17,7 +17,7 @@ from accpinn.segment.segment import Segment
 from tests.support.driving import MIXED, driven
 from tests.support.methods import train
 
-PAPER_SHORT = replace(PAPER, iterations=100)
+PAPER_SHORT = replace(PAPER, iterations=40)
 FAST_SHORT = replace(FAST, iterations=60)
 
 
