@@ -77,8 +77,8 @@ if TYPE_CHECKING:
     from accpinn.results.tables.table import Table as Table
     from accpinn.segment.cut import cut as cut
     from accpinn.segment.quality import assess_quality as assess_quality
-    from accpinn.segment.regimes import exclude_regimes as exclude_regimes
-    from accpinn.segment.regimes import label_regimes as label_regimes
+    from accpinn.segment.quality import exclude_regimes as exclude_regimes
+    from accpinn.segment.quality import label_regimes as label_regimes
     from accpinn.segment.segment import Segment as Segment
     from accpinn.stability.frequency import transfer_function as transfer_function
     from accpinn.stability.report import StabilityReport as StabilityReport
@@ -113,8 +113,7 @@ _HOMES = {
     "results.tables.stability": "stability_table",
     "results.tables.table": "Table",
     "segment.cut": "cut",
-    "segment.quality": "assess_quality",
-    "segment.regimes": "exclude_regimes label_regimes",
+    "segment.quality": "assess_quality exclude_regimes label_regimes",
     "segment.segment": "Segment",
     "stability.frequency": "transfer_function",
     "stability.report": "StabilityReport stability_report",

@@ -30,10 +30,9 @@ from accpinn.results.snapshot.archive import load
 from accpinn.results.snapshot.saved import save, writable_path, write_whole
 from accpinn.results.snapshot.verification import Verification
 from accpinn.results.snapshot.verification import verify as verify_snapshot
-from accpinn.segment.cut import DURATION, cut
-from accpinn.segment.regimes import exclude_regimes, label_regimes, parse_regimes
+from accpinn.segment.cut import DURATION, cut, parse_vehicles
+from accpinn.segment.quality import exclude_regimes, label_regimes, parse_regimes
 from accpinn.segment.segment import Segment
-from accpinn.segment.vehicles import parse_vehicles
 from accpinn.stability.frequency import transfer_function
 from accpinn.stability.report import StabilityReport, stability_report
 from accpinn.units import Seconds

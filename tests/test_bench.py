@@ -9,7 +9,7 @@ import torch
 
 from accpinn.methods.pinn.config import PRESETS
 from accpinn.methods.pinn.loss import loss_terms
-from accpinn.methods.pinn.surrogate import output_columns
+from accpinn.methods.pinn.method import output_columns
 from accpinn.model.cthp import Parameters, regressors
 from accpinn.recordings.synthetic import LeaderProfile
 from accpinn.segment.segment import Segment

@@ -36,8 +36,7 @@ from accpinn.inference.identifiability import identifiability_warnings
 from accpinn.inference.intervals import Uncertainty
 from accpinn.inference.model_adequacy import better_forms, model_forms
 from accpinn.inference.multistart import MultistartResult, multistart, summarise
-from accpinn.methods.fit import Fit, OnProgress, Outcome
-from accpinn.methods.history import Progress
+from accpinn.methods.fit import Fit, OnProgress, Outcome, Progress
 from accpinn.methods.pinn.config import STARTS, PinnConfig, preset
 from accpinn.methods.registry import METHODS
 from accpinn.model.cthp import Parameters

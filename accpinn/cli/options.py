@@ -14,8 +14,8 @@ from accpinn.methods.store import Store
 from accpinn.model.cthp import Parameters
 from accpinn.recordings.openacc import read
 from accpinn.recordings.recording import Recording
-from accpinn.segment.cut import DURATION, cut
-from accpinn.segment.regimes import (
+from accpinn.segment.cut import DURATION, cut, parse_vehicles
+from accpinn.segment.quality import (
     EXCLUDABLE,
     as_typed,
     exclude_regimes,
@@ -23,7 +23,6 @@ from accpinn.segment.regimes import (
     parse_regimes,
 )
 from accpinn.segment.segment import Segment
-from accpinn.segment.vehicles import parse_vehicles
 
 PARAMETER_NAMES = ("alpha", "beta", "tau")
 

@@ -23,8 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from accpinn.channels import PARAMETERS
-from accpinn.errors import ConfigError
-from accpinn.findings import Finding
+from accpinn.errors import ConfigError, Finding
 from accpinn.inference.instrumental_variables import solve_iv
 from accpinn.inference.sampling import (
     SHORTEST_BLOCK,

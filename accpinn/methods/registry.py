@@ -1,15 +1,7 @@
 """Every method by its key, in the order in which they are shown."""
 
 from accpinn.errors import ConfigError
-from accpinn.methods import (
-    dual_ukf,
-    least_squares,
-    particle,
-    recursive,
-    savitzky_golay,
-    simulation,
-    splines,
-)
+from accpinn.methods import dual_ukf, least_squares, particle, recursive, simulation, splines
 from accpinn.methods.method import Method
 from accpinn.methods.pinn import method as pinn
 
@@ -18,7 +10,7 @@ METHODS: dict[str, Method] = {
     for method in (
         pinn.METHOD,
         least_squares.METHOD,
-        savitzky_golay.METHOD,
+        least_squares.SMOOTHED,
         splines.METHOD,
         simulation.METHOD,
         recursive.METHOD,

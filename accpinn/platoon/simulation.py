@@ -23,8 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import expm
 
-from accpinn.errors import ParameterError
-from accpinn.findings import Finding
+from accpinn.errors import Finding, ParameterError
 from accpinn.model import cthp
 from accpinn.model.cthp import Parameters, Trajectories, motion_matrix, orbit
 from accpinn.platoon.leader import Leader, Planned, Recorded, Sinusoid

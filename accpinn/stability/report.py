@@ -11,7 +11,6 @@ from math import isnan
 
 import numpy as np
 
-from accpinn.mask import Mask
 from accpinn.model.cthp import Parameters
 from accpinn.stability.criteria import (
     MARGINAL,
@@ -28,7 +27,7 @@ from accpinn.stability.criteria import (
 )
 from accpinn.stability.frequency import Peak, crossovers, peaks, poles
 from accpinn.stability.head_to_tail import Gains, head_to_tail_gains, head_to_tail_peaks
-from accpinn.units import FloatArray, RadiansPerSecond, Seconds
+from accpinn.units import FloatArray, Mask, RadiansPerSecond, Seconds
 
 
 class Behaviour(Enum):

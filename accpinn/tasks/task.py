@@ -18,8 +18,7 @@ import numpy as np
 
 from accpinn.errors import AccpinnError
 from accpinn.inference.multistart import Trial, multistart
-from accpinn.methods.fit import Fit, Outcome
-from accpinn.methods.history import History, Progress, Recorder
+from accpinn.methods.fit import Fit, History, Outcome, Progress, Recorder
 from accpinn.methods.method import TaskContext
 from accpinn.methods.pinn import method as pinn
 from accpinn.methods.pinn.config import STARTS, PinnConfig

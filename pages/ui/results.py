@@ -16,8 +16,7 @@ from accpinn.evaluation.closed_loop import (
 )
 from accpinn.inference.intervals import Uncertainty
 from accpinn.methods import least_squares
-from accpinn.methods.fit import Fit, Outcome, headway_findings
-from accpinn.methods.history import History
+from accpinn.methods.fit import Fit, History, Outcome, headway_findings
 from accpinn.model.cthp import Parameters
 from accpinn.results.figures import training as figures
 from accpinn.results.figures.recording import preview

@@ -7,7 +7,6 @@ import pytest
 from accpinn.methods.fit import Outcome, StartedFrom
 from accpinn.methods.pinn.config import PAPER, preset
 from accpinn.methods.pinn.method import WarmStart
-from accpinn.methods.pinn.training import train
 from accpinn.model.cthp import Parameters
 from accpinn.recordings.recording import Recording
 from accpinn.results.snapshot import Snapshot
@@ -34,6 +33,7 @@ from tests.support.apptest import (
     with_sample,
     workspace_of,
 )
+from tests.support.methods import train
 from tests.support.snapshots import whole
 
 pytestmark = pytest.mark.usefixtures("fresh_server")

@@ -13,8 +13,7 @@ import numpy as np
 import pytest
 
 from accpinn.errors import ConfigError
-from accpinn.methods.fit import Fit, Outcome
-from accpinn.methods.history import History, Progress
+from accpinn.methods.fit import Fit, History, Outcome, Progress
 from accpinn.methods.method import TaskContext
 from accpinn.methods.pinn.config import FAST, PAPER, PinnConfig
 from accpinn.methods.pinn.method import request_keys

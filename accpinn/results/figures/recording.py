@@ -11,7 +11,6 @@ import plotly.graph_objects as go
 from numpy.typing import NDArray
 
 from accpinn.channels import GAP, SPEED, TIME
-from accpinn.mask import stretches
 from accpinn.recordings.recording import Mode, Recording, Window
 from accpinn.results.figures.style import (
     FOLLOWERS,
@@ -21,9 +20,9 @@ from accpinn.results.figures.style import (
     thinned,
     vehicle_colour,
 )
-from accpinn.segment.regimes import CATCHING_UP, FOLLOWING, MANUAL, STANDSTILL, Regimes
+from accpinn.segment.quality import CATCHING_UP, FOLLOWING, MANUAL, STANDSTILL, Regimes
 from accpinn.segment.segment import Segment
-from accpinn.units import FloatArray, Seconds
+from accpinn.units import FloatArray, Seconds, stretches
 
 MISSING = "#c22f4f"
 WINDOW = "rgba(12, 126, 174, 0.16)"

@@ -9,7 +9,7 @@ import plotly.graph_objects as go
 
 from accpinn.channels import GAP, PARAMETERS, SPEED
 from accpinn.evaluation.closed_loop import closed_loop_findings, collision_times
-from accpinn.methods.history import History
+from accpinn.methods.fit import History
 from accpinn.model.cthp import Parameters, Trajectories
 from accpinn.results.figures.style import (
     GRID,

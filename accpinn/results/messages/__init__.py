@@ -9,7 +9,7 @@ from importlib import import_module
 from pkgutil import iter_modules
 from typing import Protocol
 
-from accpinn.findings import Finding
+from accpinn.errors import Finding
 
 
 class Labelled(Protocol):

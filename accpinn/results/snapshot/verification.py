@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from accpinn import __version__
-from accpinn.errors import AccpinnError
+from accpinn.errors import AccpinnError, Finding
 from accpinn.evaluation.evaluation import (
     Block,
     Evaluation,
@@ -23,7 +23,6 @@ from accpinn.evaluation.evaluation import (
     evaluate,
     pooled_holdout_errors,
 )
-from accpinn.findings import Finding
 from accpinn.inference.intervals import Uncertainty, intervals
 from accpinn.methods.fit import Fit, Outcome
 from accpinn.methods.registry import METHODS
@@ -33,8 +32,7 @@ from accpinn.results.snapshot import ATTRIBUTION_TEXT, Snapshot, facts_of, light
 from accpinn.results.snapshot.validate import sanitise
 from accpinn.results.tables.estimates import name_of
 from accpinn.segment.cut import cut
-from accpinn.segment.quality import assess_quality
-from accpinn.segment.regimes import exclude_regimes, label_regimes
+from accpinn.segment.quality import assess_quality, exclude_regimes, label_regimes
 from accpinn.segment.segment import Segment, WindowMoved, WindowShortened
 from accpinn.serial import NOT_FINITE, dump, flatten
 

@@ -16,8 +16,7 @@ from accpinn.methods.registry import METHODS
 from accpinn.model.cthp import Parameters
 from accpinn.model.published import ParameterSet
 from accpinn.results.tables.table import Cell, Column, Range, Table
-from accpinn.segment.quality import Quality
-from accpinn.segment.regimes import Regimes
+from accpinn.segment.quality import Quality, Regimes
 from accpinn.segment.segment import SegmentInfo
 from accpinn.study.comparison import FitRecord, MethodResult, differences
 from accpinn.study.sensitivity import COMPARED, SensitivityResult

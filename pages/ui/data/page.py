@@ -16,11 +16,9 @@ from accpinn.results.figures import recording as figures
 from accpinn.results.figures.style import vehicle_colour
 from accpinn.results.messages import messages
 from accpinn.results.tables.estimates import quality_table, regimes_table, sensitivity_table
-from accpinn.segment.cut import MINIMUM_DURATION
-from accpinn.segment.quality import LARGE_CONDITION, assess_quality
-from accpinn.segment.regimes import EXCLUDABLE, label_regimes
+from accpinn.segment.cut import MAX_FOLLOWERS, MINIMUM_DURATION, chains
+from accpinn.segment.quality import EXCLUDABLE, LARGE_CONDITION, assess_quality, label_regimes
 from accpinn.segment.segment import Segment
-from accpinn.segment.vehicles import MAX_FOLLOWERS, chains
 from accpinn.study.sensitivity import SensitivityResult, sensitivity
 from pages.ui.components import frame, show
 from pages.ui.components.show import escape_markdown

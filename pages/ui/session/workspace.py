@@ -18,10 +18,9 @@ from accpinn.recordings.recording import Recording, Window
 from accpinn.recordings.synthetic import Truth
 from accpinn.results.snapshot import Snapshot
 from accpinn.results.snapshot.verification import recover
-from accpinn.segment import regimes
-from accpinn.segment.cut import DURATION, complete_windows, cut
+from accpinn.segment.cut import DURATION, complete_windows, cut, default_vehicles
+from accpinn.segment.quality import exclude_regimes, label_regimes
 from accpinn.segment.segment import Segment, SegmentInfo
-from accpinn.segment.vehicles import default_vehicles
 from accpinn.study.comparison import (
     FitRecord,
     MethodFailure,
@@ -200,8 +199,8 @@ class Workspace:
         try:
             whole = self.whole_segment()
             if whole and self.recording:
-                labels = regimes.label_regimes(whole, self.recording)
-                self.segment = regimes.exclude_regimes(whole, labels, self.excluded_regimes)
+                labels = label_regimes(whole, self.recording)
+                self.segment = exclude_regimes(whole, labels, self.excluded_regimes)
             self.fault = ""
         except SegmentError as fault:
             self.segment, self.fault = None, str(fault)

@@ -8,7 +8,7 @@ import pytest
 
 from accpinn.evaluation.closed_loop import closed_loop
 from accpinn.methods import splines
-from accpinn.methods.history import History
+from accpinn.methods.fit import History
 from accpinn.model.cthp import Parameters, Trajectories
 from accpinn.recordings.openacc import read
 from accpinn.results.figures import style, training

@@ -14,7 +14,6 @@ import pytest
 from accpinn.errors import SnapshotError
 from accpinn.methods.fit import Outcome
 from accpinn.methods.pinn.config import preset
-from accpinn.methods.pinn.training import train
 from accpinn.model.cthp import Case
 from accpinn.recordings.openacc import read
 from accpinn.results.snapshot import SCHEMA, create
@@ -22,9 +21,10 @@ from accpinn.results.snapshot.archive import load, to_bytes
 from accpinn.results.snapshot.saved import save
 from accpinn.results.snapshot.verification import verify
 from accpinn.segment.cut import cut
-from accpinn.segment.regimes import exclude_regimes, label_regimes
+from accpinn.segment.quality import exclude_regimes, label_regimes
 from tests.support.driving import MIXED, driven
 from tests.support.methods import RIVALS as ESTIMATORS
+from tests.support.methods import train
 from tests.support.samples import FOLDER, NOISY
 from tests.support.snapshots import bits, entries, resealed, small, trained, whole
 
