@@ -39,7 +39,7 @@ def shown(browser: Browser, tmp_path: Path) -> Iterator[Show]:
     yield show
     for page in pages:
         page.close()
-    assert sum(faults, []) == []
+    assert [fault for found in faults for fault in found] == []
 
 
 def background(page: Page) -> str:
