@@ -20,6 +20,8 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
         folder = item.path.parent.name
         group = folder if folder == "browser" else item.nodeid.partition("::")[0]
         item.add_marker(pytest.mark.xdist_group(group))
+        if folder == "browser":
+            item.add_marker(pytest.mark.timeout(600))  # its own waits end first and say for what
 
 
 @pytest.fixture(scope="session")

@@ -40,7 +40,7 @@ CUT_OFF = "undefined"
 """What plotly throws when Pause or the slider ends an animation; nothing is wrong then."""
 PATIENCE_MS = 60_000
 """How long the page may take to show something; the machine may be busy."""
-TRAINING_MS = 120_000
+TRAINING_MS = 180_000
 """How long a fast training, or all methods on a short window, may take then."""
 
 
