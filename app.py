@@ -5,9 +5,7 @@ import streamlit as st
 from accpinn.methods.pinn.config import FAST
 from accpinn.results.figures.recording import preview
 from accpinn.segment.cut import cut
-from pages.ui.components import frame
-from pages.ui.components.charts import vehicle_key
-from pages.ui.components.messages import show_error
+from pages.ui.components import frame, show
 from pages.ui.data.sources import FIRST_SAMPLE, open_with, sample
 from pages.ui.session.workspace import Workspace
 
@@ -24,19 +22,28 @@ def main() -> None:
     workspace = frame.begin("")
     words, picture = st.columns((1, 1.15), gap="large", vertical_alignment="center")
     with words:
-        hero(workspace)
+        introduce(workspace)
     with picture:
-        show_sample()
+        recording, _ = sample(FIRST_SAMPLE)
+        segment = cut(recording)
+        show.vehicle_key(segment)
+        st.plotly_chart(preview(segment), key="home_preview", config={"staticPlot": True})
+        st.caption("A synthetic sample: every change of the leader's speed grows from car to car.")
     st.space("small")
     for column, (title, line) in zip(st.columns(len(STEPS)), STEPS, strict=True):
         with column.container(border=True, height="stretch"):
             st.markdown(f"**{title}**")
             st.caption(line)
     if workspace.recording:
-        resume(workspace)
+        with st.container(border=True):
+            st.markdown("**Your session**  \n" + "  \n".join(frame.session_state(workspace)))
+            if workspace.training:
+                frame.link(frame.TRAIN, "Back to the training", workspace)
+            else:
+                frame.link(frame.DATA, "Back to the recording", workspace)
 
 
-def hero(workspace: Workspace) -> None:
+def introduce(workspace: Workspace) -> None:
     """What this is, and the two ways in."""
     st.title("Learn a car's cruise control from a recorded drive", anchor=False)
     st.markdown(
@@ -50,27 +57,8 @@ def hero(workspace: Workspace) -> None:
         if not workspace.refusal:
             workspace.train(FAST)
             frame.go(frame.TRAIN, workspace)
-        show_error(workspace.refusal)
+        show.messages(workspace.refusal, "error")
     frame.link(frame.DATA, "Load your own OpenACC recording", workspace, "upload_file")
-
-
-def show_sample() -> None:
-    """Five cars of the sample, to show what this is about."""
-    recording, _ = sample(FIRST_SAMPLE)
-    segment = cut(recording)
-    vehicle_key(segment)
-    st.plotly_chart(preview(segment), key="home_preview", config={"staticPlot": True})
-    st.caption("A synthetic sample: every change of the leader's speed grows from car to car.")
-
-
-def resume(workspace: Workspace) -> None:
-    """The state of the session, and the way back to it."""
-    with st.container(border=True):
-        st.markdown("**Your session**  \n" + "  \n".join(frame.session_state(workspace)))
-        if workspace.training:
-            frame.link(frame.TRAIN, "Back to the training", workspace)
-        else:
-            frame.link(frame.DATA, "Back to the recording", workspace)
 
 
 main()

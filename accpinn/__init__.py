@@ -68,17 +68,17 @@ if TYPE_CHECKING:
     from accpinn.recordings.openacc import read as read
     from accpinn.recordings.recording import Recording as Recording
     from accpinn.results.messages import messages as messages
-    from accpinn.results.report.page import render_report as render_report
-    from accpinn.results.snapshot.file import save as save
-    from accpinn.results.snapshot.schema import Snapshot as Snapshot
+    from accpinn.results.report import render_report as render_report
+    from accpinn.results.snapshot import Snapshot as Snapshot
+    from accpinn.results.snapshot.saved import save as save
     from accpinn.results.tables.estimates import methods_table as methods_table
     from accpinn.results.tables.estimates import parameter_table as parameter_table
     from accpinn.results.tables.stability import stability_table as stability_table
     from accpinn.results.tables.table import Table as Table
     from accpinn.segment.cut import cut as cut
     from accpinn.segment.quality import assess_quality as assess_quality
-    from accpinn.segment.regimes import exclude_regimes as exclude_regimes
-    from accpinn.segment.regimes import label_regimes as label_regimes
+    from accpinn.segment.quality import exclude_regimes as exclude_regimes
+    from accpinn.segment.quality import label_regimes as label_regimes
     from accpinn.segment.segment import Segment as Segment
     from accpinn.stability.frequency import transfer_function as transfer_function
     from accpinn.stability.report import StabilityReport as StabilityReport
@@ -106,15 +106,14 @@ _HOMES = {
     "recordings.openacc": "read",
     "recordings.recording": "Recording",
     "results.messages": "messages",
-    "results.report.page": "render_report",
-    "results.snapshot.schema": "Snapshot",
-    "results.snapshot.file": "save",
+    "results.report": "render_report",
+    "results.snapshot": "Snapshot",
+    "results.snapshot.saved": "save",
     "results.tables.estimates": "methods_table parameter_table",
     "results.tables.stability": "stability_table",
     "results.tables.table": "Table",
     "segment.cut": "cut",
-    "segment.quality": "assess_quality",
-    "segment.regimes": "exclude_regimes label_regimes",
+    "segment.quality": "assess_quality exclude_regimes label_regimes",
     "segment.segment": "Segment",
     "stability.frequency": "transfer_function",
     "stability.report": "StabilityReport stability_report",

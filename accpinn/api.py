@@ -25,15 +25,14 @@ from accpinn.methods.store import Store
 from accpinn.model.cthp import Case, Parameters
 from accpinn.recordings.openacc import read
 from accpinn.recordings.recording import Recording
-from accpinn.results.snapshot.create import create
-from accpinn.results.snapshot.file import load, save, writable_path, write_whole
-from accpinn.results.snapshot.schema import Snapshot
+from accpinn.results.snapshot import Snapshot, create
+from accpinn.results.snapshot.archive import load
+from accpinn.results.snapshot.saved import save, writable_path, write_whole
 from accpinn.results.snapshot.verification import Verification
 from accpinn.results.snapshot.verification import verify as verify_snapshot
-from accpinn.segment.cut import DURATION, cut
-from accpinn.segment.regimes import exclude_regimes, label_regimes, parse_regimes
+from accpinn.segment.cut import DURATION, cut, parse_vehicles
+from accpinn.segment.quality import exclude_regimes, label_regimes, parse_regimes
 from accpinn.segment.segment import Segment
-from accpinn.segment.vehicles import parse_vehicles
 from accpinn.stability.frequency import transfer_function
 from accpinn.stability.report import StabilityReport, stability_report
 from accpinn.units import Seconds
@@ -126,7 +125,7 @@ class Study:
         Raises:
             SnapshotError: when there is nothing to report, or no file can be written there.
         """
-        from accpinn.results.report.page import render_report  # plotly's script is read from disk
+        from accpinn.results.report import render_report  # plotly's script is read from disk
 
         place = writable_path(Path(path), "report")
         page = render_report(self.snapshot(with_data=True))

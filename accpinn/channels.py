@@ -58,6 +58,8 @@ TAU = Quantity("Time headway", "τ", "s", 3, 0.0, 5.0)
 """The settings of cruise controls end near 3 s."""
 PARAMETERS = (ALPHA, BETA, TAU)
 """In the order of the last axis of every array of parameters."""
+COMPUTABLE = 1e50
+"""Larger parameters are refused, and those below its inverse are zero; products stay finite."""
 
 FREQUENCY = Quantity("Frequency", "ω", "rad/s", 3, 0.0, 10.0)
 MAGNITUDE = Quantity("Bode magnitude", "|H(jω)|", "dB", 2, -60.0, 60.0)

@@ -1,4 +1,11 @@
-"""Faults of what the user gave; a message is one sentence with place, fault and cure."""
+"""Faults of what the user gave, and findings: what a computation noticed and a reader should know.
+
+The message of a fault is one sentence with place, fault and cure. Every room defines its own
+findings beside the code that makes them; `results.messages` turns each into its sentence. A finding
+holds numbers, names and vehicle numbers, never prose.
+"""
+
+import msgspec
 
 
 class AccpinnError(Exception):
@@ -23,3 +30,7 @@ class SnapshotError(AccpinnError):
 
 class ParameterError(AccpinnError):
     """Parameters, or settings of a simulation, that no vehicle can have."""
+
+
+class Finding(msgspec.Struct, frozen=True, tag=True):
+    """The base of all findings; a subclass's name is its kind."""

@@ -11,7 +11,7 @@ what its value gives is refused, so there is one tree for one value.
 """
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, fields
+from dataclasses import fields
 from enum import Enum
 from hashlib import sha256
 from math import isfinite
@@ -183,7 +183,6 @@ def _leaves(tree: Any) -> set[tuple[str, tuple[bool, Any]]]:
     return {(place, (isinstance(leaf, bool), leaf)) for place, leaf in flatten(tree)}
 
 
-@dataclass(frozen=True)
 class Shape:
     """The lengths of an array or a tuple, as `Shape("M", 3)`.
 
@@ -191,13 +190,9 @@ class Shape:
     start the same number everywhere; without any length every shape serves.
     """
 
-    lengths: tuple[str | int, ...]
-    finite: bool
-
     def __init__(self, *lengths: str | int, finite: bool = False) -> None:
         """With the lengths, and whether nan and the infinities are refused."""
-        object.__setattr__(self, "lengths", lengths)
-        object.__setattr__(self, "finite", finite)
+        self.lengths, self.finite = lengths, finite
 
     def fault(self, value: Any, sizes: dict[str, int]) -> str:
         """What is wrong with a value; empty where nothing is. Unknown letters enter ``sizes``."""

@@ -1,9 +1,10 @@
-"""Units in the signatures: SI everywhere in the package, converted once when a file is read."""
+"""Types in the signatures: units (SI throughout, converted when a file is read), arrays, masks."""
 
+from dataclasses import dataclass
 from typing import Annotated
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 Seconds = Annotated[float, "s"]
 Metres = Annotated[float, "m"]
@@ -12,6 +13,8 @@ PerSecond = Annotated[float, "1/s"]
 RadiansPerSecond = Annotated[float, "rad/s"]
 
 FloatArray = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+"""True where something holds."""
 
 
 def frozen(values: object, *, dtype: type = np.float64) -> FloatArray:
@@ -19,3 +22,28 @@ def frozen(values: object, *, dtype: type = np.float64) -> FloatArray:
     array: FloatArray = np.array(values, dtype=dtype)
     array.setflags(write=False)
     return array
+
+
+@dataclass(frozen=True)
+class Stretch:
+    """Samples ``first`` to ``last``, both included."""
+
+    first: int
+    last: int
+
+    def __len__(self) -> int:
+        """How many samples it has."""
+        return self.last - self.first + 1
+
+    @property
+    def rows(self) -> slice:
+        """The slice of an array that it covers."""
+        return slice(self.first, self.last + 1)
+
+
+def stretches(mask: ArrayLike) -> tuple[Stretch, ...]:
+    """The maximal stretches of true values in a boolean vector (N,), in order."""
+    padded = np.concatenate(([False], np.asarray(mask, bool), [False]))
+    edges = np.flatnonzero(padded[1:] != padded[:-1])
+    pairs = zip(edges[::2], edges[1::2], strict=True)
+    return tuple(Stretch(int(first), int(after) - 1) for first, after in pairs)

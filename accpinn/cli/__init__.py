@@ -18,16 +18,16 @@ from accpinn.cli.output import complain, flush, open_streams, show
 from accpinn.errors import AccpinnError, ConfigError, ParameterError
 
 COMMANDS = {
-    "info": "what a recording holds, and warnings about it",
-    "fit": "learn α, β and τ from a window of a recording",
-    "starts": "train the PiNN from five initial values, one table",
-    "compare": "all methods on the same window, side by side",
-    "stability": "string stability of given parameters",
-    "simulate": "a platoon behind a sinusoidal leader",
-    "verify": "check a snapshot against its own contents",
-    "report": "a snapshot as one self-contained web page",
+    "info": ("files", "what a recording holds, and warnings about it"),
+    "fit": ("estimation", "learn α, β and τ from a window of a recording"),
+    "starts": ("estimation", "train the PiNN from five initial values, one table"),
+    "compare": ("estimation", "all methods on the same window, side by side"),
+    "stability": ("vehicles", "string stability of given parameters"),
+    "simulate": ("vehicles", "a platoon behind a sinusoidal leader"),
+    "verify": ("files", "check a snapshot against its own contents"),
+    "report": ("files", "a snapshot as one self-contained web page"),
 }
-"""Each a module here with `add_options(parser)`, which sets `run` to a function of the options."""
+"""The module of each, which has `add_NAME_options(parser)` and `run_NAME(options)`; its meaning."""
 
 CONVENTIONS = (
     "Times are seconds from the recording's first sample. Vehicles are numbered as in the file, and"
@@ -44,7 +44,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     open_streams()
     try:
         try:
-            return _run(sys.argv[1:] if arguments is None else arguments)
+            given = sys.argv[1:] if arguments is None else arguments
+            options = _parser(given).parse_args(given)
+            return int(options.run(options))
         finally:
             flush()
     except AccpinnError as fault:
@@ -60,12 +62,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return 130
 
 
-def _run(arguments: Sequence[str]) -> int:
-    options = _parser(arguments).parse_args(arguments)
-    status: int = options.run(options)
-    return status
-
-
 def _parser(arguments: Sequence[str]) -> argparse.ArgumentParser:
     """Commands that are not asked for have a name only: what they import takes seconds."""
     parser = _Parser(
@@ -75,13 +71,15 @@ def _parser(arguments: Sequence[str]) -> argparse.ArgumentParser:
     )
     parser.add_argument("--version", action="version", version=f"accpinn {__version__}")
     subparsers = parser.add_subparsers(metavar="COMMAND", required=True)
-    for name, meaning in COMMANDS.items():
+    for name, (module, meaning) in COMMANDS.items():
         sentence = f"{meaning[0].upper()}{meaning[1:]}."
         command = subparsers.add_parser(
             name, help=meaning, description=sentence, epilog=fill(CONVENTIONS)
         )
         if name in arguments:
-            import_module(f"accpinn.cli.{name}").add_options(command)
+            home = import_module(f"accpinn.cli.{module}")
+            getattr(home, f"add_{name}_options")(command)
+            command.set_defaults(run=getattr(home, f"run_{name}"))
     return parser
 
 

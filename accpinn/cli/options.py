@@ -14,8 +14,8 @@ from accpinn.methods.store import Store
 from accpinn.model.cthp import Parameters
 from accpinn.recordings.openacc import read
 from accpinn.recordings.recording import Recording
-from accpinn.segment.cut import DURATION, cut
-from accpinn.segment.regimes import (
+from accpinn.segment.cut import DURATION, cut, parse_vehicles
+from accpinn.segment.quality import (
     EXCLUDABLE,
     as_typed,
     exclude_regimes,
@@ -23,22 +23,23 @@ from accpinn.segment.regimes import (
     parse_regimes,
 )
 from accpinn.segment.segment import Segment
-from accpinn.segment.vehicles import parse_vehicles
 
 PARAMETER_NAMES = ("alpha", "beta", "tau")
 
 
-def add_method_help(parser: argparse.ArgumentParser) -> None:
-    """Explain the methods below the options."""
-    from accpinn.methods.registry import METHODS  # not needed for parameters given by hand
+def add_recording(parser: argparse.ArgumentParser) -> None:
+    """Declare the file of a recording."""
+    parser.add_argument("file", metavar="FILE", help="an OpenACC recording (CSV)")
 
-    lines = [f"  {key:<16} {method.summary}" for key, method in METHODS.items()]
-    parser.epilog = "\n".join(["methods:", *lines, "", parser.epilog or ""])
+
+def add_json_option(parser: argparse.ArgumentParser) -> None:
+    """Declare that the result may be asked for as a document."""
+    parser.add_argument("--json", action="store_true", help="one JSON document")
 
 
 def add_segment_options(parser: argparse.ArgumentParser) -> None:
     """Declare the options that choose data, the same for every command that estimates."""
-    parser.add_argument("file", metavar="FILE", help="an OpenACC recording (CSV)")
+    add_recording(parser)
     option = parser.add_argument
     option("--start", type=float, default=0.0, metavar="S", help="of the window in s (0)")
     option("--duration", type=float, default=DURATION, metavar="S", help=f"in s ({DURATION:g})")
@@ -63,7 +64,7 @@ def add_run_options(parser: argparse.ArgumentParser) -> None:
     """Declare how estimations run and how the result is printed."""
     parser.add_argument("--threads", type=int, metavar="N", help="processor threads for training")
     parser.add_argument("--no-cache", action="store_true", help="neither read nor store results")
-    parser.add_argument("--json", action="store_true", help="one JSON document")
+    add_json_option(parser)
 
 
 def add_parameter_options(parser: argparse.ArgumentParser) -> None:
@@ -79,7 +80,7 @@ def add_parameter_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--snapshot", metavar="FILE", help="take the estimated parameters of a snapshot instead"
     )
-    parser.add_argument("--json", action="store_true", help="one JSON document")
+    add_json_option(parser)
 
 
 def _parsed(parse: Callable[[str], Any]) -> Callable[[str], Any]:
@@ -120,7 +121,7 @@ def chosen_parameters(options: argparse.Namespace) -> Parameters:
     if options.snapshot:
         if values:
             raise ConfigError(f"parameters: give --{next(iter(values))} or --snapshot, not both.")
-        from accpinn.results.snapshot.file import load  # not needed for numbers given by hand
+        from accpinn.results.snapshot.archive import load  # not needed for numbers given by hand
 
         return load(options.snapshot).fit.parameters
     missing = [f"--{name}" for name in PARAMETER_NAMES if name not in values]

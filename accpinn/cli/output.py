@@ -4,10 +4,12 @@ No text of a file reaches the terminal as anything but text: what would steer it
 direction of writing, is printed as its number.
 """
 
+import argparse
 import json
 import math
 import os
 import sys
+from collections.abc import Callable
 from contextlib import suppress
 from io import TextIOWrapper
 from typing import Any
@@ -44,6 +46,26 @@ def flush() -> None:
                 os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
     if faults:
         raise faults[0]
+
+
+def show_result(
+    options: argparse.Namespace,
+    describe: Callable[..., dict[str, Any]],
+    text: Callable[..., str],
+    *result: Any,
+) -> None:
+    """Print what a command found, as one document with --json and else as text.
+
+    Args:
+        options: of the command.
+        describe: the result as the command-line contract has it.
+        text: the result for people.
+        result: the arguments of both.
+    """
+    if options.json:
+        print_json(describe(*result))
+    else:
+        show(text(*result))
 
 
 def show(text: str) -> None:

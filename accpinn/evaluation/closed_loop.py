@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from accpinn.findings import Finding
+from accpinn.errors import Finding
 from accpinn.methods.fit import Fit
 from accpinn.methods.registry import METHODS
 from accpinn.model.cthp import Trajectories, simulate
@@ -93,13 +93,8 @@ def closed_loop(segment: Segment, fit: Fit) -> Trajectories | None:
     if not np.isfinite(fit.parameters.values).all():
         return None
     with np.errstate(over="ignore", invalid="ignore"):  # divergence is found below
-        return simulate(
-            fit.parameters,
-            segment.time,
-            segment.speeds[:, 0],
-            segment.speeds[0, 1:],
-            segment.gaps[0],
-        )
+        speeds, gaps = segment.speeds, segment.gaps
+        return simulate(fit.parameters, segment.time, speeds[:, 0], speeds[0, 1:], gaps[0])
 
 
 def closed_loop_errors(segment: Segment, fit: Fit) -> TrackingErrors | None:
@@ -111,16 +106,10 @@ def closed_loop_errors(segment: Segment, fit: Fit) -> TrackingErrors | None:
     simulated = closed_loop(segment, fit)
     if simulated is None:
         return None
-    with np.errstate(over="ignore", invalid="ignore"):
-        errors = tracking_errors(segment, simulated)
     void = np.logical_or.accumulate(_diverged(simulated).any(axis=0))
-    speeds = np.r_[False, void]
-    return TrackingErrors(
-        np.where(speeds, np.nan, errors.speed_mae),
-        np.where(void, np.nan, errors.gap_mae),
-        np.where(speeds, np.nan, errors.speed_rmse),
-        np.where(void, np.nan, errors.gap_rmse),
-    )
+    speeds = np.where(np.r_[False, void], np.nan, simulated.speeds)
+    gaps = np.where(void, np.nan, simulated.gaps)
+    return tracking_errors(segment, Trajectories(simulated.time, speeds, gaps))
 
 
 def closed_loop_findings(
@@ -163,21 +152,6 @@ def collision_times(findings: Sequence[ClosedLoopFinding], vehicles: Sequence[in
     """
     times = {one.vehicle: one.time for one in findings if isinstance(one, SimulatedCollision)}
     return np.array([times.get(vehicle, np.nan) for vehicle in vehicles[1:]])
-
-
-def pooled_errors(parts: Sequence[tuple[float, TrackingErrors]]) -> TrackingErrors | None:
-    """The errors of several stretches together, each with its weight (its duration)."""
-    if not parts:
-        return None
-    weights = np.array([weight for weight, _ in parts]) / sum(weight for weight, _ in parts)
-
-    def mean(name: str, power: int) -> FloatArray:
-        values = np.array([getattr(errors, name) for _, errors in parts])
-        return np.asarray((weights @ values**power) ** (1 / power))
-
-    return TrackingErrors(
-        mean("speed_mae", 1), mean("gap_mae", 1), mean("speed_rmse", 2), mean("gap_rmse", 2)
-    )
 
 
 def _diverged(simulated: Trajectories) -> NDArray[np.bool_]:

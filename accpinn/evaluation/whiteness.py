@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from scipy.linalg import toeplitz
 from scipy.stats import norm
 
-from accpinn.findings import Finding
+from accpinn.errors import Finding
 from accpinn.methods.fit import Fit
 from accpinn.methods.regression import STEP, one_second_means
 from accpinn.segment.segment import Segment

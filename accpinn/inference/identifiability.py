@@ -19,11 +19,11 @@ import numpy as np
 from scipy.optimize import brentq
 
 from accpinn.channels import PARAMETERS
-from accpinn.findings import Finding
+from accpinn.errors import Finding
 from accpinn.inference.intervals import ParameterInterval, Uncertainty, parameter_intervals
 from accpinn.methods.regression import Regression, solve_bounded
 from accpinn.model.cthp import LARGEST, Case, Parameters
-from accpinn.recordings.checks import LITTLE_LEADER_MOTION
+from accpinn.recordings.recording import LITTLE_LEADER_MOTION
 from accpinn.segment.quality import (
     LARGE_CONDITION,
     LITTLE_RELATIVE_MOTION,

@@ -17,16 +17,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from accpinn.channels import PARAMETERS
-from accpinn.errors import ConfigError, SegmentError
-from accpinn.findings import Finding
+from accpinn.errors import ConfigError, Finding, SegmentError
 from accpinn.inference.posterior import sample
 from accpinn.methods.fit import Fit, Outcome
 from accpinn.methods.maximum_likelihood import maxima_of, series_of
 from accpinn.model.cthp import Case, Parameters
 from accpinn.segment.segment import Segment
-from accpinn.stability.criteria import exact_margin, l2_margin
+from accpinn.stability.criteria import exact_margin, l2_margin, step_metrics
 from accpinn.stability.frequency import crossovers, peaks, response
-from accpinn.stability.linf_gain import step_metrics
 from accpinn.units import FloatArray, Seconds
 
 METHOD = "posterior of the exact likelihood, by importance sampling"

@@ -16,7 +16,7 @@ from typing import Literal
 
 import numpy as np
 
-from accpinn.findings import Finding
+from accpinn.errors import Finding
 from accpinn.methods.regression import OneSecondMeans, one_second_means, solve_bounded
 from accpinn.model.cthp import Parameters
 from accpinn.segment.segment import Segment

@@ -12,12 +12,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from accpinn.channels import PARAMETERS
+from accpinn.errors import Finding
 from accpinn.evaluation.closed_loop import (
     TrackingErrors,
     closed_loop_errors,
     surrogate_errors,
 )
-from accpinn.findings import Finding
 from accpinn.methods.fit import Fit, Outcome
 from accpinn.methods.method import TaskContext
 from accpinn.methods.pinn.config import FAST, STARTS, PinnConfig

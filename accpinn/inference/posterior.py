@@ -19,7 +19,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from accpinn.methods.maximum_likelihood import Criterion, Maximum, Series, vanishing
+from accpinn.methods.maximum_likelihood import Criterion, Groups, Maximum, Series, natural
 from accpinn.methods.state_space import Form
 from accpinn.model.cthp import TYPICAL
 from accpinn.units import FloatArray
@@ -49,7 +49,7 @@ class Posterior:
     coordinates: FloatArray
     """(n, P) z."""
     theta: FloatArray
-    """(n, 3) α, ατ, β."""
+    """(n, 3) α, ατ, β, all above zero."""
     weights: FloatArray
     """(n,) sum to one."""
 
@@ -62,7 +62,7 @@ class Posterior:
         """(count, 3) draws of θ of equal weight, in no particular order of time."""
         edges = np.cumsum(self.weights)
         at = (np.arange(count) + 0.5) / count * edges[-1]
-        return self.theta[np.searchsorted(edges, at)]
+        return np.asarray(self.theta[np.searchsorted(edges, at)])
 
 
 def log_prior_of_theta(z: FloatArray) -> FloatArray:
@@ -90,27 +90,26 @@ def sample(
     """
     criterion, rng = Criterion(series, form), np.random.default_rng(seed)
     proposals = [_Proposal.at(one) for one in maxima]
-    best: list[Posterior | None] = [None] * len(maxima)
+    best: dict[int, Posterior] = {}
     wanted = list(range(len(maxima)))
     for stage, count in enumerate((*stages, *[stages[-1]] * FURTHER)):
         drawn, densities = zip(*(proposals[g].draw(count, rng) for g in wanted), strict=True)
-        log = _log_posterior(criterion, np.concatenate(drawn), np.repeat(wanted, count))
+        log = _log_posterior(criterion, np.concatenate(drawn), np.repeat(np.array(wanted), count))
         for g, z, rows, density in zip(
             wanted, drawn, log.reshape(-1, count), densities, strict=True
         ):
-            found = Posterior(z, vanishing(form, z), _weights(rows - density))
+            found = Posterior(z, natural(form, z)[:, :3], _weights(rows - density))
             proposals[g] = proposals[g].adapted(found)
-            before = best[g]
-            if stage < len(stages) or before is None or found.effective > before.effective:
+            if stage < len(stages) or found.effective > best[g].effective:
                 best[g] = found
         if stage >= len(stages) - 1:
             wanted = [g for g in wanted if best[g].effective < ENOUGH * count]
         if not wanted:
             break
-    return tuple(one for one in best if one is not None)
+    return tuple(best[g] for g in range(len(maxima)))
 
 
-def _log_posterior(criterion: Criterion, z: FloatArray, groups: FloatArray) -> FloatArray:
+def _log_posterior(criterion: Criterion, z: FloatArray, groups: Groups) -> FloatArray:
     inside = ((z >= criterion.lower - 1e-12) & (z <= criterion.upper + 1e-12)).all(axis=1)
     log = np.full(len(z), -np.inf)
     plausible = z[inside]
@@ -124,7 +123,7 @@ def _log_posterior(criterion: Criterion, z: FloatArray, groups: FloatArray) -> F
 
 def _weights(log: FloatArray) -> FloatArray:
     if not np.isfinite(log.max()):  # nothing plausible was proposed
-        return np.full(len(log), 1.0 / len(log))
+        return np.asarray(np.full(len(log), 1.0 / len(log)))
     weights = np.exp(log - log.max())
     return np.asarray(weights / weights.sum())
 

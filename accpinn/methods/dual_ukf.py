@@ -25,9 +25,6 @@ Wan and van der Merwe, in Kalman Filtering and Neural Networks (2001), chapter 7
 Julier, Proceedings of the American Control Conference 2002, 4555-4559.
 """
 
-import time
-from dataclasses import dataclass
-
 import numpy as np
 
 from accpinn.methods.fit import FilterDiverged, Fit, Outcome
@@ -47,7 +44,7 @@ from accpinn.methods.online import (
     track,
 )
 from accpinn.methods.regression import Solution, solve_bounded
-from accpinn.model.cthp import TYPICAL, Case, Parameters
+from accpinn.model.cthp import TYPICAL, Case
 from accpinn.segment.segment import Segment
 from accpinn.units import FloatArray
 
@@ -63,24 +60,19 @@ KURTOSIS = 2.0
 
 def fit(segment: Segment, case: Case = "II") -> Fit:
     """The last estimate of the parameters, their track, and the filtered motion."""
-    started = time.perf_counter()
     config = {**settings(), "uncertain": list(UNCERTAIN)}
     platoon = Measurements.of(segment, case)
     try:
         filtered = run(_Dual(platoon), segment, platoon)
     except np.linalg.LinAlgError:  # no motion follows the measurements
-        unknown = Parameters.of(np.full((segment.followers, 3), np.nan))
-        return Fit(
-            method="dual-ukf",
-            case=case,
-            parameters=unknown,
-            surrogate=None,
+        return Fit.of(
+            "dual-ukf",
+            segment,
+            case,
+            Solution.of(np.full((segment.followers, 3), np.nan)),
             outcome=Outcome.DIVERGED,
-            seconds=time.perf_counter() - started,
             config=config,
-            unconstrained=unknown,
-            active_bounds=((),) * segment.followers,
-            findings=(FilterDiverged(),),
+            findings=[FilterDiverged()],
         )
     solutions = [
         [_within_bounds(*pair) for pair in zip(*now, strict=True)]
@@ -95,7 +87,6 @@ def fit(segment: Segment, case: Case = "II") -> Fit:
         Solution.stack(solutions[-1], segment.followers),
         surrogate=filtered.trajectories,
         outcome=Outcome.FILTERED,
-        seconds=time.perf_counter() - started,
         config=config,
         track=path,
         findings=filter_findings(segment, path),
@@ -131,17 +122,17 @@ class _Dual:
         """See `online.Filter`."""
         measured = np.stack(now, axis=-1)
         points = self._of_state.points(self.states, self.spread)
-        motion = self._of_state.moments(
+        mean, covariance, _ = self._of_state.moments(
             self._moved(self.mean[:, None, None], points, before[..., None], after[..., None])
         )
-        predicted = motion.covariance + self._motion_noise
+        predicted = covariance + self._motion_noise
         innovation = predicted + self._noise
         masked = mask == 0
         errors = innovation + UNINFORMATIVE * masked[..., None, None] * np.eye(2)
         self._update_theta(before, after, measured, errors)
         gain = predicted @ np.linalg.inv(innovation)
-        error = (measured - motion.mean)[..., None]
-        self.states = motion.mean + (gain @ error)[..., 0]
+        error = (measured - mean)[..., None]
+        self.states = mean + (gain @ error)[..., 0]
         self.spread = symmetric(predicted - gain @ predicted)
         # A masked motion is reset to the measured one, errors and all.
         self.states[masked] = measured[masked]
@@ -156,15 +147,14 @@ class _Dual:
         moved = self._moved(
             points[:, :, None], self.states[:, None], before[:, None], after[:, None]
         )
-        predicted = self._of_theta.moments(moved.reshape(*points.shape[:2], -1))
-        error = predicted.covariance
+        mean, error, weighted = self._of_theta.moments(moved.reshape(*points.shape[:2], -1))
         sets, followers = before.shape
         # The followers' blocks on the diagonal, as a view.
         blocks = error.reshape(sets, followers, 2, followers, 2)
         np.einsum("gfifj->gfij", blocks)[...] += innovation
-        crossed = predicted.weighted @ (points - self.mean[:, None])
+        crossed = weighted @ (points - self.mean[:, None])
         gain = np.linalg.solve(error, crossed).swapaxes(1, 2)
-        surprise = measured.reshape(sets, -1, 1) - predicted.mean[..., None]
+        surprise = measured.reshape(sets, -1, 1) - mean[..., None]
         self.mean = self.mean + (gain @ surprise)[..., 0]
         self.covariance = symmetric(self.covariance - gain @ crossed)
 
@@ -175,23 +165,6 @@ class _Dual:
         terms = (theta[..., 0], theta[..., 1], theta[..., 2])
         state = State(states[..., 0], states[..., 1])
         return np.stack(move(terms, state, before, after, self._step), axis=-1)
-
-
-@dataclass(frozen=True, eq=False)
-class Moments:
-    """Of a function's values."""
-
-    mean: FloatArray
-    """(.., m)"""
-    deviations: FloatArray
-    """(.., 2n+1, m) the values at the points less the mean."""
-    weighted: FloatArray
-    """(.., m, 2n+1) the same times the covariance's weights, transposed."""
-
-    @property
-    def covariance(self) -> FloatArray:
-        """(.., m, m)."""
-        return np.asarray(self.weighted @ self.deviations)
 
 
 class Unscented:
@@ -212,11 +185,15 @@ class Unscented:
         columns = self._reach * np.linalg.cholesky(covariance).swapaxes(-1, -2)
         return np.concatenate([centre, centre + columns, centre - columns], axis=-2)
 
-    def moments(self, values: FloatArray) -> Moments:
-        """Of the values (.., 2n+1, m) at the points."""
+    def moments(self, values: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Mean (.., m) and covariance (.., m, m) of the values (.., 2n+1, m) at the points.
+
+        Last come their deviations from the mean times the covariance's weights, (.., m, 2n+1).
+        """
         mean = self._means @ values
         deviations = values - mean[..., None, :]
-        return Moments(mean, deviations, deviations.swapaxes(-1, -2) * self._squares)
+        weighted = deviations.swapaxes(-1, -2) * self._squares
+        return mean, weighted @ deviations, weighted
 
 
 METHOD = direct(

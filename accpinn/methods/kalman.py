@@ -18,9 +18,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from accpinn.mask import Mask
 from accpinn.methods.state_space import OBSERVED, StateSpace
-from accpinn.units import FloatArray
+from accpinn.units import FloatArray, Mask
 
 SETTLED = 1e-13
 """Largest change of the covariance in a step, in units of its deviations, taken for none."""
@@ -61,15 +60,15 @@ def log_likelihood(model: StateSpace, measured: FloatArray) -> FloatArray:
 
 def innovations(model: StateSpace, measured: FloatArray) -> tuple[FloatArray, Innovations]:
     """Log L (B,), and the innovations it is made of; arguments as for `log_likelihood`."""
-    known = ~np.isnan(measured)
+    known: Mask = np.asarray(~np.isnan(measured))
     kept = Innovations(np.zeros(known.shape), np.ones(known.shape), known)
     return _filter(model, measured, kept), kept
 
 
 def _filter(model: StateSpace, measured: FloatArray, kept: Innovations | None) -> FloatArray:
     samples, _, count = measured.shape
-    known = ~np.isnan(measured)
-    whole = known.all(axis=(1, 2))
+    known: Mask = np.asarray(~np.isnan(measured))
+    whole: Mask = np.asarray(known.all(axis=(1, 2)))
     measured = np.where(known, measured, 0.0)
     state, covariance = model.first, model.first_covariance
     back = np.ascontiguousarray(model.transition.transpose(1, 0, 2))
@@ -186,7 +185,7 @@ def smooth(model: StateSpace, measured: FloatArray) -> SmoothedStates:
     """
     samples, _, count = measured.shape
     size = len(model.first)
-    known = ~np.isnan(measured)
+    known: Mask = np.asarray(~np.isnan(measured))
     measured = np.where(known, measured, 0.0)
     states, covariances = np.empty((samples, size, count)), np.empty((samples, size, size, count))
     errors, variances = np.zeros((samples, 3, count)), np.ones((samples, 3, count))

@@ -20,16 +20,15 @@ neighbouring samples share their noise. One sample each 0.5 s is used.
 Source: Ljung, System Identification, 2nd ed., 1999, chapters 7 and 10.
 """
 
-import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.interpolate import CubicHermiteSpline
 
 from accpinn.errors import SegmentError
-from accpinn.mask import stretches
 from accpinn.methods.fit import Fit, Outcome
 from accpinn.methods.kalman import SmoothedStates, innovations, log_likelihood, smooth
 from accpinn.methods.method import direct
@@ -43,7 +42,7 @@ from accpinn.methods.state_space import (
 )
 from accpinn.model.cthp import Case, Trajectories
 from accpinn.segment.segment import Segment
-from accpinn.units import FloatArray, Seconds, frozen
+from accpinn.units import FloatArray, Mask, Seconds, frozen, stretches
 
 KEY = "maximum-likelihood"
 SPACING: Seconds = 0.5
@@ -58,6 +57,7 @@ LONGEST_STEP = 1.5
 CLOSE = 1e-5
 """The search ends when a full step would gain less than this in log L."""
 LEAST_SAMPLES = 40
+Groups = NDArray[np.int64]
 SHORTEST_STRETCH = 10
 """Samples; what is left between masked instants and is shorter says next to nothing."""
 LARGEST_BATCH = 3_000_000
@@ -121,10 +121,11 @@ def series_of(segments: Sequence[Segment], case: Case) -> Series:
             f" a window in which at least {LEAST_SAMPLES * SPACING:g} s on end count."
         )
     longest = max(map(len, parts))
-    missing = {"constant_values": np.nan}
-    padded = [np.pad(part, ((0, longest - len(part)), (0, 0)), **missing) for part in parts]
+    measured = np.full((longest, 3, len(parts)), np.nan)
+    for k, part in enumerate(parts):
+        measured[: len(part), :, k] = part
     step = stride_of(segments[0]) * segments[0].sample_time
-    return Series(np.stack(padded, axis=2), tuple(group), step)
+    return Series(measured, tuple(group), step)
 
 
 def stride_of(segment: Segment) -> int:
@@ -199,7 +200,7 @@ class Criterion:
         """(..) of coordinates (.., P), up to a constant."""
         return np.asarray(-0.5 * ((z - self.start) ** 2 * self._weight).sum(axis=-1))
 
-    def log_likelihood(self, z: FloatArray, groups: FloatArray) -> FloatArray:
+    def log_likelihood(self, z: FloatArray, groups: Groups) -> FloatArray:
         """(K,) log L at coordinates (K, P), each of the group (K,) that is named with it."""
         found = np.zeros(len(z))
         pairs = np.array([(k, j) for k, g in enumerate(groups) for j in self._members[g]])
@@ -210,7 +211,7 @@ class Criterion:
             np.add.at(found, which, total)
         return found
 
-    def score(self, z: FloatArray, groups: Sequence[int]) -> tuple[FloatArray, ...]:
+    def score(self, z: FloatArray, groups: Groups) -> tuple[FloatArray, ...]:
         """Criterion (K,), gradient (K, P) and expected information (K, P, P), prior included.
 
         Args:
@@ -262,7 +263,7 @@ def maximise(
     return tuple(best)
 
 
-def _search(criterion: Criterion, z: FloatArray, groups: FloatArray) -> list[Maximum]:
+def _search(criterion: Criterion, z: FloatArray, groups: Groups) -> list[Maximum]:
     """Ascend from each row of z (K, P); all rows move at once."""
     z = np.clip(z, criterion.lower, criterion.upper)
     value, gradient, curvature = criterion.score(z, groups)
@@ -354,11 +355,10 @@ def fit(segment: Segment, case: Case = "II") -> Fit:
     Raises:
         SegmentError: when the window is too short to say anything.
     """
-    started = time.perf_counter()
     maxima = maxima_of(segment, case)
     of = maxima * segment.followers if case == "I" else maxima
     theta = np.array([one.theta for one in of])
-    active = theta == 0.0
+    active: Mask = np.asarray(theta == 0.0)
     free = np.array([one.values[:3] for one in of])
     step = stride_of(segment) * segment.sample_time
     model = state_space("cthp", np.array([one.values for one in of]), step)
@@ -368,9 +368,8 @@ def fit(segment: Segment, case: Case = "II") -> Fit:
         KEY,
         segment,
         case,
-        Solution(frozen(theta), frozen(free), frozen(active, dtype=np.bool_)),
+        Solution(frozen(theta), frozen(free), active),
         outcome=Outcome.SOLVED if all(one.converged for one in maxima) else Outcome.FINISHED,
-        seconds=time.perf_counter() - started,
         config={"spacing": step},
         surrogate=surrogate,
         loss={"log_likelihood": sum(one.log_likelihood for one in maxima)},

@@ -1,7 +1,8 @@
 """What an estimation method is to the rest of the package: a name, a function and its settings."""
 
+import time
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Protocol, Self
 
 from accpinn.methods.fit import Fit, OnProgress, Run, ShouldStop, drive
@@ -100,12 +101,14 @@ def direct(key: str, title: str, fit: Callable[[Segment, Case], Fit], **others: 
     Args:
         key: see `Method`, as all others.
         title: its name for people.
-        fit: estimates the parameters of a segment.
+        fit: estimates the parameters of a segment; how long it took is measured here.
         others: further fields of `Method`.
     """
 
     def run(segment: Segment, case: Case, _settings: Any, _context: TaskContext) -> Run:
         yield from ()
-        return fit(segment, case)
+        started = time.perf_counter()
+        found = fit(segment, case)
+        return replace(found, seconds=time.perf_counter() - started)
 
     return Method(key, title, run, **others)

@@ -23,20 +23,18 @@ Source: Wang, Gunter, Nice, Delle Monache and Work, IEEE Transactions on Intelli
 (2021) 288-298; forgetting as in Ljung, System Identification, 2nd edition, section 11.2.
 """
 
-import time
 from dataclasses import dataclass
 
 import numpy as np
 from scipy.signal import lfilter
 
-from accpinn.mask import Mask
 from accpinn.methods.fit import BoundActiveAtTimes, Fit, MethodFinding, Outcome, WeaklyDetermined
 from accpinn.methods.method import direct
 from accpinn.methods.online import kept_samples, track
 from accpinn.methods.regression import Solution, solve_bounded
 from accpinn.model.cthp import LINEAR_NAMES, Case, regressors
 from accpinn.segment.segment import Segment
-from accpinn.units import FloatArray, Seconds, frozen
+from accpinn.units import FloatArray, Mask, Seconds, frozen
 
 MEMORY: Seconds = 60.0
 """Older samples count less than 1/e: long enough for a few changes of speed, which determine the
@@ -53,7 +51,6 @@ def fit(segment: Segment, case: Case = "II", memory: Seconds = MEMORY) -> Fit:
         case: "I" or "II".
         memory: time constant of forgetting.
     """
-    started = time.perf_counter()
     sums = _accumulate(segment, case, memory)
     theta, unconstrained = _solve(sums)
     late = sums.time >= min(memory, segment.window.duration / 2)
@@ -67,7 +64,6 @@ def fit(segment: Segment, case: Case = "II", memory: Seconds = MEMORY) -> Fit:
         case,
         solution,
         outcome=Outcome.FILTERED,
-        seconds=time.perf_counter() - started,
         config={"memory": memory},
         track=track(segment, theta, _covariance(sums, unconstrained)),
         findings=_findings(segment, theta[late], solution),

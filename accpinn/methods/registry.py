@@ -7,7 +7,6 @@ from accpinn.methods import (
     maximum_likelihood,
     particle,
     recursive,
-    savitzky_golay,
     simulation,
     splines,
 )
@@ -20,7 +19,7 @@ METHODS: dict[str, Method] = {
         pinn.METHOD,
         maximum_likelihood.METHOD,
         least_squares.METHOD,
-        savitzky_golay.METHOD,
+        least_squares.SMOOTHED,
         splines.METHOD,
         simulation.METHOD,
         recursive.METHOD,

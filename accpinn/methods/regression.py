@@ -17,10 +17,9 @@ from typing import Self
 import numpy as np
 from numpy.typing import ArrayLike
 
-from accpinn.mask import Mask
 from accpinn.model.cthp import LINEAR_NAMES, Case, Parameters, regressors
 from accpinn.segment.segment import Segment
-from accpinn.units import FloatArray, Seconds, frozen
+from accpinn.units import FloatArray, Mask, Seconds, frozen
 
 STEP: Seconds = 1.0
 """T."""

@@ -24,7 +24,6 @@ Source: Gunter et al., IEEE Transactions on Intelligent Transportation Systems 2
 who fit simulations of this model to recordings; the search is scipy's trust-region method.
 """
 
-import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -35,7 +34,6 @@ from scipy.optimize import OptimizeResult
 from scipy.optimize import least_squares as minimise
 
 from accpinn.errors import SegmentError
-from accpinn.mask import Mask, stretches
 from accpinn.methods import least_squares, splines
 from accpinn.methods.fit import (
     Fit,
@@ -59,7 +57,7 @@ from accpinn.model.cthp import (
     respond,
 )
 from accpinn.segment.segment import Segment
-from accpinn.units import FloatArray, Seconds, frozen
+from accpinn.units import FloatArray, Seconds, frozen, stretches
 
 SCALE = np.array([0.05, 0.05, 0.2])
 """Of α, ατ, β: the optimiser's units."""
@@ -85,7 +83,6 @@ def fit(segment: Segment, case: Case = "II") -> Fit:
         SegmentError: when there are too few samples for the splines that the search starts from,
             or when no stretch between masked instants is long enough.
     """
-    started = time.perf_counter()
     guesses = [method.fit(segment, case).parameters for method in (least_squares, splines)]
     guesses.append(Parameters.of([TYPICAL.values] * segment.followers))
     ends = [
@@ -103,7 +100,6 @@ def fit(segment: Segment, case: Case = "II") -> Fit:
             segment.time, np.column_stack([segment.speeds[:, 0], states[:, 1::2]]), states[:, ::2]
         ),
         outcome=Outcome.CONVERGED if all(end.converged for end in ends) else Outcome.FINISHED,
-        seconds=time.perf_counter() - started,
         config={"starts": len(guesses), "start_error": list(START_ERROR)},
         loss={"total": float((errors**2).sum() / (segment.samples * segment.followers))},
         iterations=sum(end.rounds for end in ends),
@@ -122,12 +118,6 @@ class Chain:
     step: Seconds
     first: int = 0
     """The sample of the segment at which it begins."""
-
-    def stretches(self, mask: Mask, least: Seconds) -> tuple["Chain", ...]:
-        """Its parts where the mask (N,) is true, in runs of ``least`` or longer."""
-        kept = [run for run in stretches(mask) if (len(run) - 1) * self.step >= least]
-        rows = [slice(run.first, run.last + 1) for run in kept]
-        return tuple(Chain(self.ahead[r], self.measured[r], self.step, r.start) for r in rows)
 
     @cached_property
     def parts(self) -> FloatArray:
@@ -197,14 +187,15 @@ def _stretches(segment: Segment, index: int, chain: Chain) -> tuple[Chain, ...]:
         return (chain,)
     size = chain.measured.shape[1] // 2
     mask = segment.mask[:, index : index + size]
-    stretches = chain.stretches(np.asarray(mask.all(axis=1)), LEAST_STRETCH)
-    if not stretches:
+    kept = stretches(mask.all(axis=1))
+    runs = [run.rows for run in kept if (len(run) - 1) * chain.step >= LEAST_STRETCH]
+    if not runs:
         raise SegmentError(
             f"{segment.source}: without the instants left out, {segment.labels[index + 1]} has no"
             f" stretch of {LEAST_STRETCH:g} s to simulate; leave out less, or choose another"
             " method."
         )
-    return stretches
+    return tuple(Chain(chain.ahead[r], chain.measured[r], chain.step, r.start) for r in runs)
 
 
 def _best(chain: Chain, stretches: tuple[Chain, ...], guesses: list[FloatArray]) -> _End:

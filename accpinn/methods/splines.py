@@ -13,10 +13,6 @@ masked instants there is no residual of dv/dt; all other terms remain.
 Source: Ramsay, Hooker, Campbell and Cao, J. R. Statist. Soc. B 69 (2007) 741-796.
 """
 
-import time
-from dataclasses import dataclass
-from typing import Self
-
 import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import BSpline
@@ -47,7 +43,6 @@ def fit(segment: Segment, case: Case = "II", knots_every: Seconds = KNOTS_EVERY)
     Raises:
         SegmentError: when there are fewer samples than a single piece of a spline needs.
     """
-    started = time.perf_counter()
     if segment.samples <= DEGREE:
         raise SegmentError(
             f"{segment.source}: {segment.samples} samples are too few for a spline; take a window"
@@ -69,32 +64,25 @@ def fit(segment: Segment, case: Case = "II", knots_every: Seconds = KNOTS_EVERY)
         solution,
         surrogate=Trajectories(segment.time, speeds, gaps),
         outcome=Outcome.SOLVED if rounds < ROUNDS else Outcome.FINISHED,
-        seconds=time.perf_counter() - started,
         config={"knots_every": knots_every, "degree": DEGREE},
         loss=basis.loss(segment, solution.theta),
         iterations=rounds,
     )
 
 
-@dataclass(frozen=True, eq=False)
-class _Bands:
-    """Sub-diagonals of the (K, K) products of basis values B and rates D, offsets 0..degree."""
+_Bands = tuple[list[FloatArray], ...]
+"""Sub-diagonals 0..degree of DᵀD, DᵀB, BᵀD and BᵀB (K, K), of basis values B and rates D."""
+_Residual = tuple[FloatArray, FloatArray]
+"""(2M+1,) a and b of one equation's residual Σ_o (a_o D + b_o B) w_o."""
 
-    value_value: list[FloatArray]
-    rate_value: list[FloatArray]
-    value_rate: list[FloatArray]
-    rate_rate: list[FloatArray]
 
-    @classmethod
-    def of(cls, value: csr_array, rate: csr_array) -> Self:
-        """Of B and D (N, K), or of some of their rows."""
-        pairs = ((value, value), (rate, value), (value, rate), (rate, rate))
-        return cls(
-            *(
-                [(left.T @ right).diagonal(-offset) for offset in range(DEGREE + 1)]
-                for left, right in pairs
-            )
-        )
+def _bands(value: csr_array, rate: csr_array) -> _Bands:
+    """Of B and D (N, K), or of some of their rows."""
+    pairs = ((rate, rate), (rate, value), (value, rate), (value, value))
+    return tuple(
+        [(left.T @ right).diagonal(-offset) for offset in range(DEGREE + 1)]
+        for left, right in pairs
+    )
 
 
 class _Basis:
@@ -118,12 +106,10 @@ class _Basis:
         difference = diags_array([-span, span], offsets=[0, 1], shape=(size - 1, size))
         self.value, self.rate = csr_array(value), csr_array(lower @ difference)
         self.size, self.count = size, len(instants)
-        self._bands = _Bands.of(self.value, self.rate)
+        self._bands = _bands(self.value, self.rate)
         self._mask = mask
         self._masked_bands = (
-            []
-            if mask is None
-            else [_Bands.of(self.value[kept], self.rate[kept]) for kept in mask.T]
+            [] if mask is None else [_bands(self.value[kept], self.rate[kept]) for kept in mask.T]
         )
         self._coefficients: FloatArray = np.zeros((size, 0))
 
@@ -162,20 +148,26 @@ class _Basis:
         return banded
 
     def _add_squares(
-        self, banded: FloatArray, bands: _Bands, residuals: list["_Residual"], data: FloatArray
+        self, banded: FloatArray, bands: _Bands, residuals: list[_Residual], data: FloatArray
     ) -> None:
         """The normal matrix of some residuals, and of ``data`` (2M+1, 2M+1), on the instants."""
-        rr, rv, vv = _coefficients_of_squares(residuals, data)
+        # How often DᵀD, DᵀB and BᵀB stand between each pair of outputs, each (2M+1, 2M+1).
+        rr, rv, vv = np.zeros_like(data), np.zeros_like(data), data.copy()
+        for rate, value in residuals:
+            rr += np.outer(rate, rate)
+            rv += np.outer(rate, value)
+            vv += np.outer(value, value)
+        rate_rate, rate_value, value_rate, value_value = bands
         outputs = len(vv)
         for row, column in np.argwhere((rr != 0) | (rv != 0) | (rv.T != 0) | (vv != 0)):
             for offset in range(DEGREE + 1):
                 below = offset * outputs + row - column
                 if below >= 0:
                     banded[below, column::outputs][: self.size - offset] += (
-                        rr[row, column] * bands.rate_rate[offset]
-                        + rv[row, column] * bands.rate_value[offset]
-                        + rv[column, row] * bands.value_rate[offset]
-                        + vv[row, column] * bands.value_value[offset]
+                        rr[row, column] * rate_rate[offset]
+                        + rv[row, column] * rate_value[offset]
+                        + rv[column, row] * value_rate[offset]
+                        + vv[row, column] * value_value[offset]
                     )
 
     def loss(self, segment: Segment, theta: FloatArray) -> dict[str, float]:
@@ -199,14 +191,6 @@ class _Basis:
         }
 
 
-@dataclass(frozen=True, eq=False)
-class _Residual:
-    """Σ_o (rate_o D + value_o B) w_o of one equation; (2M+1,) each."""
-
-    rate: FloatArray
-    value: FloatArray
-
-
 def _residuals(theta: FloatArray) -> tuple[list[_Residual], list[_Residual]]:
     """Of dp/dt = Δv and of dv/dt = .., each for M followers."""
     followers = len(theta)
@@ -214,22 +198,10 @@ def _residuals(theta: FloatArray) -> tuple[list[_Residual], list[_Residual]]:
     kinematic, dynamic = [], []
     for follower, (alpha, alpha_tau, beta) in enumerate(theta):
         ahead, own, gap = unit[follower], unit[follower + 1], unit[followers + 1 + follower]
-        kinematic.append(_Residual(gap, own - ahead))
+        kinematic.append((gap, own - ahead))
         damping = alpha_tau + beta
-        dynamic.append(_Residual(own, -alpha * gap + damping * own - beta * ahead))
+        dynamic.append((own, -alpha * gap + damping * own - beta * ahead))
     return kinematic, dynamic
-
-
-def _coefficients_of_squares(
-    residuals: list[_Residual], data: FloatArray
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """How often D'D, D'B and B'B stand between each pair of outputs, each (2M+1, 2M+1)."""
-    rr, rv, vv = np.zeros_like(data), np.zeros_like(data), data.copy()
-    for one in residuals:
-        rr += np.outer(one.rate, one.rate)
-        rv += np.outer(one.rate, one.value)
-        vv += np.outer(one.value, one.value)
-    return rr, rv, vv
 
 
 METHOD = direct(

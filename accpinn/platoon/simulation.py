@@ -8,25 +8,27 @@ e = (level, slope, a sin ωt, a cos ωt) obey one linear equation on each phase 
 whatever h is, so there is no step-size error. An equilibrium stays one to the last bit, as its
 deviations are zero. The model has no limit of acceleration, no standstill and no collision: a run
 says where it leaves what cars can do, and goes on.
+
+Behind a sinusoid, once the transient is over, follower k's speed is one of amplitude
+A |H_1(jω) .. H_k(jω)|. The measured amplitude is the least-squares fit of a constant, a sine and a
+cosine over the last whole periods. The transient is known exactly: it is the platoon left to
+itself, started from what the sinusoids would need and the equilibrium does not have.
 """
 
 from dataclasses import dataclass
 from itertools import pairwise
+from math import ceil, isinf
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.linalg import expm
 
-from accpinn.errors import ParameterError
-from accpinn.findings import Finding
+from accpinn.errors import Finding, ParameterError
 from accpinn.model import cthp
 from accpinn.model.cthp import Parameters, Trajectories, motion_matrix, orbit
-from accpinn.platoon.amplitude import (
-    Amplitudes,
-    MeasurementFinding,
-    amplitudes,
-)
 from accpinn.platoon.leader import Leader, Planned, Recorded, Sinusoid
 from accpinn.stability.criteria import checked
+from accpinn.stability.frequency import response, slowest_rate
 from accpinn.units import FloatArray, Metres, PerSecond, Seconds, frozen
 
 SAMPLE_TIME: Seconds = 0.1
@@ -40,6 +42,15 @@ TOUCH: Metres = 1e-6
 """A gap that rounding alone makes negative is none: behind a leader that stops it ends at 0."""
 SLACK: Seconds = 1e-9
 """An instant this close before a phase belongs to it."""
+SETTLED = 1e-3
+"""A transient below this share of the sinusoid's amplitude is over."""
+PERIODS = 5
+"""The last whole periods to measure over; one, if the transient leaves no room for more."""
+INSTANTS = 2000
+"""Among which the end of the transient is looked for; the horizon doubles until it is early."""
+FIRST_HORIZON = 10.0
+"""The first horizon, in time constants of the slowest pole."""
+HORIZONS = 20
 
 
 class Collision(Finding, frozen=True):
@@ -58,7 +69,47 @@ class Reversal(Finding, frozen=True):
     time: Seconds
 
 
-PlatoonFinding = Collision | Reversal | MeasurementFinding
+class NeverSettles(Finding, frozen=True):
+    """A follower's transient never ends, so its amplitude never becomes constant."""
+
+    follower: int
+
+
+class TooShort(Finding, frozen=True):
+    """The run holds no whole period after the transient."""
+
+    period: Seconds
+    duration: Seconds
+    """That would be enough."""
+
+
+class TransientLeft(Finding, frozen=True):
+    """A transient is above `SETTLED` where the amplitude is measured."""
+
+    follower: int
+    duration: Seconds
+    """That would be enough."""
+
+
+PlatoonFinding = Collision | Reversal | NeverSettles | TooShort | TransientLeft
+
+
+@dataclass(frozen=True, eq=False)
+class Amplitudes:
+    """Amplitudes of speed along the platoon, leader first."""
+
+    measured: FloatArray
+    """(M+1,) in m/s; nan where the run holds no whole period."""
+    predicted: FloatArray
+    """(M+1,) in m/s: A |H_1 .. H_k|."""
+    settled: FloatArray
+    """(M+1,) in s after the sinusoid's start, when the transient is over; inf where it never is."""
+    periods: int
+    """How many of the last whole periods were measured."""
+    free: bool
+    """Whether all transients were over before that."""
+    findings: tuple[PlatoonFinding, ...]
+    """Why the measured amplitudes may differ from those predicted: one reason, or none."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,19 +162,23 @@ def simulate_platoon(
         frozen(moved.speeds + leader.speed),
         frozen(moved.gaps + leader.speed * parameters.tau),
     )
-    wave = amplitudes(parameters, leader, driven) if isinstance(leader, Sinusoid) else None
+    wave = _amplitudes(parameters, leader, driven) if isinstance(leader, Sinusoid) else None
     collisions = _collisions(driven)
     before = driven.speeds[: _until(driven.time, collisions)]
+    reversals = [
+        Reversal(vehicle, float(driven.time[at]))
+        for at, vehicle in np.argwhere(before < 0)[:1].tolist()
+    ]
     return PlatoonRun(
         parameters,
         leader,
         driven,
-        frozen(driven.gaps.min(axis=0)),
-        frozen(driven.time[driven.gaps.argmin(axis=0)]),
-        frozen(np.abs(before - leader.speed).max(axis=0)),
-        collisions,
-        wave,
-        (*collisions[:1], *_reversals(driven.time, before), *(wave.findings if wave else ())),
+        minimum_gap=frozen(driven.gaps.min(axis=0)),
+        minimum_gap_time=frozen(driven.time[driven.gaps.argmin(axis=0)]),
+        largest_deviation=frozen(np.abs(before - leader.speed).max(axis=0)),
+        collisions=collisions,
+        amplitudes=wave,
+        findings=(*collisions[:1], *reversals, *(wave.findings if wave else ())),
     )
 
 
@@ -214,14 +269,76 @@ def _collisions(driven: Trajectories) -> tuple[Collision, ...]:
     return tuple(sorted(found, key=lambda collision: collision.time))
 
 
-def _reversals(time: FloatArray, speeds: FloatArray) -> tuple[Reversal, ...]:
-    """The first one among the samples (K, M+1), if there is any."""
-    found = np.argwhere(speeds < 0)[:1].tolist()
-    return tuple(Reversal(vehicle, float(time[row])) for row, vehicle in found)
-
-
 def _until(time: FloatArray, collisions: tuple[Collision, ...]) -> int:
     """Samples until the first collision."""
     if not collisions:
         return len(time)
     return max(2, int(np.searchsorted(time, collisions[0].time, side="right")))
+
+
+def _amplitudes(parameters: Parameters, leader: Sinusoid, run: Trajectories) -> Amplitudes:
+    """Measured in the run and predicted, with the time until they can agree."""
+    single = response(parameters, np.array([leader.frequency]))[:, 0]
+    settled = _settled(parameters, leader, single)
+    driven = max(run.time[-1] - leader.settle, 0.0)
+    free = (driven - np.max(settled)) / leader.period
+    periods = min(int(driven / leader.period + 1e-9), int(np.clip(free, 1, PERIODS)))
+    measured = _measured(leader, run, periods) if periods else np.full(len(settled), np.nan)
+    with np.errstate(invalid="ignore"):  # an infinite response may meet one of zero
+        along = leader.amplitude * np.cumprod(np.concatenate([[1.0], np.abs(single)]))
+    predicted = np.where(np.isnan(along), 0.0, along)
+    found = _amplitude_findings(leader, settled, periods)
+    return Amplitudes(
+        frozen(measured), frozen(predicted), frozen(settled), periods, free >= 1, found
+    )
+
+
+def _amplitude_findings(
+    leader: Sinusoid, settled: FloatArray, periods: int
+) -> tuple[PlatoonFinding, ...]:
+    last = int(np.argmax(settled))
+    needed = leader.settle + float(settled[last]) + leader.period
+    if isinf(needed):
+        return (NeverSettles(last),)
+    if not periods:
+        return (TooShort(leader.period, ceil(needed)),)
+    return (TransientLeft(last, ceil(needed)),) if needed > leader.duration + 1e-9 else ()
+
+
+def _measured(leader: Sinusoid, run: Trajectories, periods: int) -> FloatArray:
+    """(M+1,) from the last whole periods."""
+    last = run.time > run.time[-1] - periods * leader.period - 1e-9
+    angle = leader.frequency * run.time[last]
+    design = np.stack([np.ones_like(angle), np.sin(angle), np.cos(angle)], axis=1)
+    moved = run.speeds[last] - leader.speed
+    fitted = np.linalg.solve(design.T @ design, design.T @ moved)  # all but orthogonal columns
+    return np.asarray(np.hypot(fitted[1], fitted[2]))
+
+
+def _settled(
+    parameters: Parameters, leader: Sinusoid, single: NDArray[np.complex128]
+) -> FloatArray:
+    """(M+1,) seconds until each speed's transient is, and stays, below `SETTLED`."""
+    rates = [slowest_rate(vehicle) for vehicle in parameters]
+    endless = [k for k, rate in enumerate(rates) if not rate and parameters[k].alpha > 0]
+    count = min(endless, default=len(parameters))
+    settled = np.full(len(parameters) + 1, np.inf)
+    settled[: count + 1] = 0.0
+    rates = [rate for rate in rates[:count] if rate]
+    if not rates:
+        return settled
+    system = motion_matrix(parameters[:count])[:, :-1]
+    own = np.cumprod(single[:count])
+    ahead = np.concatenate([[1.0], own[:-1]])
+    start = -np.stack([(ahead - own) / (1j * leader.frequency), own], axis=1).imag.ravel()
+    horizon: Seconds = FIRST_HORIZON / min(rates)
+    for _ in range(HORIZONS):
+        step = horizon / INSTANTS
+        speeds = orbit(expm(system * step), start, INSTANTS)[:, 1::2]
+        above = np.abs(speeds) > SETTLED * np.abs(own)
+        until = np.where(above.any(axis=0), INSTANTS - np.argmax(above[::-1], axis=0), 0)
+        if until.max() <= INSTANTS / 2:
+            break
+        horizon *= 2.0
+    settled[1 : count + 1] = until * step
+    return settled

@@ -18,7 +18,6 @@ import numpy as np
 
 from accpinn.channels import DRIVER, GAP, MAX_VEHICLES, METADATA, SPEED, TIME
 from accpinn.errors import RecordingError
-from accpinn.recordings.checks import check
 from accpinn.recordings.recording import (
     GapsUnused,
     MetadataMissing,
@@ -30,10 +29,18 @@ from accpinn.recordings.recording import (
     Vehicle,
     VehicleCountMismatch,
     VehiclesWithoutName,
+    check,
     unnamed,
 )
-from accpinn.recordings.samples import Columns, Samples, read_samples
-from accpinn.recordings.source import Source, SourceFile, excerpt, read_bytes
+from accpinn.recordings.samples import (
+    Columns,
+    Samples,
+    Source,
+    SourceFile,
+    excerpt,
+    read_bytes,
+    read_samples,
+)
 
 LONGEST_NAME = 80
 """Characters of a vehicle's name that are kept; the longest of the database has 22."""

@@ -6,11 +6,9 @@ from functools import cached_property
 
 import numpy as np
 
-from accpinn.errors import SegmentError
-from accpinn.findings import Finding
-from accpinn.mask import Mask
+from accpinn.errors import Finding, SegmentError
 from accpinn.recordings.recording import Window, vehicle_label
-from accpinn.units import FloatArray, Seconds, frozen
+from accpinn.units import FloatArray, Mask, Seconds, frozen
 
 
 class WindowMoved(Finding, frozen=True):
@@ -136,7 +134,7 @@ class Segment(_Platoon):
     mask: Mask | None = None
     """(N, M) True where the model's equation of dv/dt counts; None where it does throughout."""
     excluded_regimes: tuple[str, ...] = ()
-    """The regimes that the mask excludes (see `segment.regimes`)."""
+    """The regimes that the mask excludes (see `segment.quality`)."""
 
     def __post_init__(self) -> None:
         """Copy and lock the arrays; refuse shapes and values no method could work on."""

@@ -1,4 +1,4 @@
-"""The string stability criteria in closed form, and the smallest headway that meets each.
+"""The string stability criteria, the smallest headways and the exact L∞ gain, in closed form.
 
 The speed of a vehicle answers that of the one ahead by
 
@@ -15,14 +15,34 @@ criterion holds from some headway on:
     L∞, paper   τ = (2√α - β) / α, or 0
     L∞, exact   τ = (2√α - β) / α where β² < α, otherwise 1/β
 
+The gain itself, ‖h‖₁, and the overshoot of the step response follow from the same expressions.
+The largest ratio of the peaks of two consecutive speed deviations is ‖h‖₁ = ∫|h|, the total
+variation of the step response u. In units of 1/√α, with
+
+    ζ = (β + ατ)/2√α,   δ = (β - ατ)/2√α,   ρ² = 1 - βτ = 1 - ζ² + δ²
+
+h changes sign first at t₁, where u overshoots by M = ρ exp(-ζt₁):
+
+    complex poles, ν² = 1 - ζ² > 0    t₁ = [atan2(ν, ζ) + atan2(ν, δ)] / ν, then every π/ν
+    real poles, μ² = ζ² - 1 ≥ 0       t₁ = [asinh μ + asinh(μ/ρ)] / μ where δ > 0 and ρ² > 0, once;
+                                      1 + 1/ρ for a double pole; otherwise never
+
+Each later swing is exp(-πζ/ν) of the one before, so the geometric series gives
+
+    ‖h‖₁ = 1 + 2M / (1 - exp(-πζ/ν)) for complex poles,   1 + 2M for real ones
+
+Nothing is subtracted from its like near a double pole or a zero that cancels a pole.
+
 Source: Apostolakis and Ampountolas, IEEE TVT 2024, section III, for L₂ and the paper's L∞; the
 exact condition is that of a second-order response without a change of sign.
 """
 
+from dataclasses import dataclass
 from math import isnan
 
 import numpy as np
 
+from accpinn.channels import COMPUTABLE, PARAMETERS
 from accpinn.errors import ParameterError
 from accpinn.model.cthp import Parameters
 from accpinn.units import FloatArray
@@ -32,9 +52,6 @@ MARGINAL = 1e-9
 
 Far below what any estimate can resolve and far above what rounding does.
 """
-
-LARGEST = 1e50
-"""Parameters above this are refused, and those below its inverse are zero; products stay finite."""
 
 
 def checked(parameters: Parameters) -> Parameters:
@@ -50,11 +67,11 @@ def checked(parameters: Parameters) -> Parameters:
     if not values.size:
         raise ParameterError("There is no vehicle; give at least one set of α, β and τ.")
     with np.errstate(over="ignore"):
-        values[values[:, 0] * LARGEST < 1.0, 2] = 0.0
-    for row, column in np.argwhere(~((values >= 0) & (values <= LARGEST)))[:1]:
-        fault = _fault("αβτ"[column], values[row, column])
+        values[values[:, 0] * COMPUTABLE < 1.0, 2] = 0.0
+    for row, column in np.argwhere(~((values >= 0) & (values <= COMPUTABLE)))[:1]:
+        fault = _fault(PARAMETERS[column].symbol, values[row, column])
         raise ParameterError(f"Parameter set {row + 1}: {fault}.")
-    values[values * LARGEST < 1.0] = 0.0
+    values[values * COMPUTABLE < 1.0] = 0.0
     return Parameters.of(values.reshape(parameters.values.shape))
 
 
@@ -128,3 +145,38 @@ def _critical_damping(parameters: Parameters) -> FloatArray:
     """The τ at which D = 0."""
     root = 2.0 * np.sqrt(parameters.alpha)
     return np.asarray((root - parameters.beta) / spacing_gain(parameters))
+
+
+@dataclass(frozen=True, eq=False)
+class StepMetrics:
+    """What follows from the step response; arrays of the parameters' shape."""
+
+    overshoot: FloatArray
+    """M, relative to a step of the speed ahead; 0 where h keeps its sign."""
+    gain: FloatArray
+    """‖h‖₁, the exact L∞ gain; infinite for an undamped vehicle, 0 for one that does not react."""
+
+
+def step_metrics(parameters: Parameters) -> StepMetrics:
+    """Overshoot and exact L∞ (peak-to-peak) gain."""
+    root = np.sqrt(spacing_gain(parameters))
+    zeta = (parameters.alpha * parameters.tau + parameters.beta) / root / 2.0
+    delta = (parameters.beta - parameters.alpha * parameters.tau) / root / 2.0
+    rho = np.sqrt(np.maximum(1.0 - parameters.beta * parameters.tau, 0.0))
+    below = (1.0 - zeta) * (1.0 + zeta)
+    complex_poles = (below > 0) & (parameters.alpha > 0)
+    once = ~complex_poles & (delta > 0) & (rho > 0) & (parameters.alpha > 0)
+    nu, mu = np.sqrt(np.maximum(below, 0.0)), np.sqrt(np.maximum(-below, 0.0))
+    # ζt₁ for complex poles, and for real ones with ρ > 0; anything elsewhere.
+    angle = np.arctan2(nu, zeta) + np.arctan2(nu, delta)
+    complex_exponent = zeta * angle / np.where(nu > 0, nu, 1.0)
+    inverse, distinct = 1.0 / np.where(rho > 0, rho, 1.0), np.where(mu > 0, mu, 1.0)
+    apart = (np.arcsinh(distinct) + np.arcsinh(distinct * inverse)) / distinct
+    real_exponent = zeta * np.where(mu > 0, apart, 1.0 + inverse)
+    exponent = np.where(complex_poles, complex_exponent, real_exponent)
+    overshoot = np.where(complex_poles | once, rho * np.exp(-exponent), 0.0)
+    lost = -np.expm1(-np.pi * zeta / np.where(complex_poles, nu, 1.0))
+    with np.errstate(divide="ignore"):  # an undamped vehicle oscillates for ever
+        gain = 1.0 + 2.0 * overshoot / np.where(complex_poles, lost, 1.0)
+    silent = (parameters.alpha == 0) & (parameters.beta == 0)
+    return StepMetrics(overshoot, np.where(silent, 0.0, gain))

@@ -21,9 +21,8 @@ from scipy.linalg import expm
 from scipy.special import gammainccinv
 
 from accpinn.model.cthp import Parameters, in_blocks, motion_matrix, orbit
-from accpinn.stability.criteria import checked, l2_criterion
+from accpinn.stability.criteria import checked, l2_criterion, step_metrics
 from accpinn.stability.frequency import Peaks, crossovers, peaks, poles, slowest_rate
-from accpinn.stability.linf_gain import step_metrics
 from accpinn.units import FloatArray, Seconds, frozen
 
 GRID = 600
@@ -106,31 +105,23 @@ def _ordinary_peaks(parameters: Parameters) -> Peaks:
     return Peaks(np.where(amplified, log_gain, 0.0), np.where(amplified, np.sqrt(high), 0.0))
 
 
-@dataclass(frozen=True, eq=False)
-class _Parts:
-    """|H_i|² = n / m, 1 + g = m / n, at x (K, 1); all (K, M)."""
-
-    n: FloatArray
-    m: FloatArray
-    g: FloatArray
-
-
-def _parts(parameters: Parameters, x: FloatArray) -> _Parts:
+def _parts(parameters: Parameters, x: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """n, m and g with |H_i|² = n / m and 1 + g = m / n, at x (K, 1); all (K, M)."""
     n = parameters.alpha**2 + parameters.beta**2 * x
     m = (parameters.alpha - x) ** 2 + (parameters.alpha * parameters.tau + parameters.beta) ** 2 * x
-    return _Parts(n, m, x * (x + l2_criterion(parameters)) / n)
+    return n, m, x * (x + l2_criterion(parameters)) / n
 
 
 def _attenuation(parameters: Parameters, x: FloatArray) -> FloatArray:
     """(K, M): -log|H_i|² at x (K, 1), kept exact near 0 and near a resonance."""
-    at = _parts(parameters, x)
-    return np.where(at.g < -0.5, np.log(at.m / at.n), np.log1p(np.maximum(at.g, -0.5)))
+    n, m, g = _parts(parameters, x)
+    return np.where(g < -0.5, np.log(m / n), np.log1p(np.maximum(g, -0.5)))
 
 
 def _slope(parameters: Parameters, x: FloatArray) -> FloatArray:
     """(K, M): the derivative of `_attenuation` by x."""
-    at = _parts(parameters, x)
-    return np.asarray((2.0 * x + l2_criterion(parameters) - parameters.beta**2 * at.g) / at.m)
+    _, m, g = _parts(parameters, x)
+    return np.asarray((2.0 * x + l2_criterion(parameters) - parameters.beta**2 * g) / m)
 
 
 def head_to_tail_gains(parameters: Parameters) -> Gains:
@@ -158,23 +149,20 @@ def _step_variation(parameters: Parameters) -> tuple[FloatArray, FloatArray]:
     state = np.ones(2 * count)  # the distance to the new equilibrium, negative
     state[0::2] = parameters.tau
     fine, coarse = np.zeros(count), np.zeros(count)
-    for stage in stages:
-        states = orbit(expm(system * stage.step), state, SAMPLES + 1)
+    for _, step in stages:
+        states = orbit(expm(system * step), state, SAMPLES + 1)
         speeds, rates = states[:, 1::2], in_blocks(states, system[1::2].T)
-        fine += _variation(speeds, rates * stage.step)
-        coarse += _variation(speeds[::2], rates[::2] * (2.0 * stage.step))
+        fine += _variation(speeds, rates * step)
+        coarse += _variation(speeds[::2], rates[::2] * (2.0 * step))
         state = states[-1]
     return fine, coarse
 
 
-@dataclass(frozen=True)
-class _Stage:
-    begin: Seconds
-    step: Seconds
+def _stages(parameters: Parameters) -> list[tuple[Seconds, Seconds]]:
+    """Begin and step of each, from the fastest pole's time scale to the slowest's.
 
-
-def _stages(parameters: Parameters) -> list[_Stage]:
-    """From the fastest pole's time scale to the slowest's; none where they are too far apart."""
+    None where these are too far apart.
+    """
     felt = float(gammainccinv(len(parameters), FADED))
     ends = [felt / min(map(slowest_rate, parameters))]
     both = [pole for vehicle in parameters for pole in poles(vehicle)]
@@ -183,10 +171,10 @@ def _stages(parameters: Parameters) -> list[_Stage]:
         ends.insert(0, ends[0] / STRETCH)
         if len(ends) > MOST_STAGES:
             return []
-    stages = [_Stage(begin, (end - begin) / SAMPLES) for begin, end in pairwise([0.0, *ends])]
+    stages = [(begin, (end - begin) / SAMPLES) for begin, end in pairwise([0.0, *ends])]
     resolved = all(
-        abs(pole) * stage.step < COARSE or -pole.real * stage.begin > felt
-        for stage in stages
+        abs(pole) * step < COARSE or -pole.real * begin > felt
+        for begin, step in stages
         for pole in both
     )
     return stages if resolved else []

@@ -11,7 +11,6 @@ from math import isnan
 
 import numpy as np
 
-from accpinn.mask import Mask
 from accpinn.model.cthp import Parameters
 from accpinn.stability.criteria import (
     MARGINAL,
@@ -24,11 +23,11 @@ from accpinn.stability.criteria import (
     smallest_headway_exact,
     smallest_headway_l2,
     smallest_headway_paper,
+    step_metrics,
 )
 from accpinn.stability.frequency import Peak, crossovers, peaks, poles
 from accpinn.stability.head_to_tail import Gains, head_to_tail_gains, head_to_tail_peaks
-from accpinn.stability.linf_gain import step_metrics
-from accpinn.units import FloatArray, RadiansPerSecond, Seconds
+from accpinn.units import FloatArray, Mask, RadiansPerSecond, Seconds
 
 
 class Behaviour(Enum):
@@ -149,6 +148,7 @@ def stability_report(parameters: Parameters) -> StabilityReport:
 def _vehicles(given: Parameters, clean: Parameters) -> Iterator[VehicleStability]:
     metrics, top, paper = step_metrics(clean), peaks(clean), paper_margin(clean)
     closeness = np.where(clean.alpha > 0, l2_margin(clean), 0.0)  # without α on the boundary
+    kinds = (smallest_headway_l2, smallest_headway_paper, smallest_headway_exact)
     columns = zip(
         given,
         clean,
@@ -160,7 +160,7 @@ def _vehicles(given: Parameters, clean: Parameters) -> Iterator[VehicleStability
         metrics.overshoot.tolist(),
         top.each(),
         crossovers(clean).tolist(),
-        _headways(clean),
+        map(Headways, *(kind(clean).tolist() for kind in kinds)),
         strict=True,
     )
     for row, vehicle, l2, linf_paper, linf_exact, overshoot, peak, crossover, headways in columns:
@@ -192,11 +192,6 @@ def _against(margin: FloatArray, gain: FloatArray) -> tuple[Mask, Mask]:
     return stable, (abs(margin) <= MARGINAL) | (~stable & (gain <= 1.0 + MARGINAL))
 
 
-def _headways(parameters: Parameters) -> Iterator[Headways]:
-    kinds = (smallest_headway_l2, smallest_headway_paper, smallest_headway_exact)
-    return map(Headways, *(kind(parameters).tolist() for kind in kinds))
-
-
 def _behaviour(vehicle: Parameters, linf_paper: Verdict) -> Behaviour:
     if not vehicle.alpha:
         return Behaviour.NO_GAP_CONTROL if vehicle.beta else Behaviour.NO_REACTION
@@ -216,14 +211,16 @@ def _platoon(vehicles: tuple[VehicleStability, ...], parameters: Parameters) -> 
     along, linf = head_to_tail_peaks(parameters).each(), head_to_tail_gains(parameters)
     l2_strict = _strict(Criterion.L2_STRICT, [(v.l2, v.peak.gain) for v in vehicles])
     linf_strict = _strict(Criterion.LINF_STRICT, [(v.linf_exact, v.linf_gain) for v in vehicles])
-    return PlatoonStability(
-        along,
-        linf,
-        l2_strict,
-        _l2_weak(l2_strict, along[-1].gain),
-        linf_strict,
-        _linf_weak(linf_strict, float(linf.gain[-1]), float(linf.error[-1])),
-    )
+    # Is no frequency larger at the last follower than at the leader?
+    gain = along[-1].gain
+    marginal = 1.0 < gain <= 1.0 + MARGINAL or (l2_strict.stable and l2_strict.marginal)
+    l2_weak = Verdict(Criterion.L2_WEAK, gain <= 1.0 or l2_strict.stable, marginal, gain)
+    # Is no peak, as far as can be computed?
+    gain, error = float(linf.gain[-1]), float(linf.error[-1])
+    none = gain <= 1.0 + max(MARGINAL, error)
+    marginal = linf_strict.marginal if linf_strict.stable else none or isnan(gain)
+    linf_weak = Verdict(Criterion.LINF_WEAK, linf_strict.stable or none, marginal, gain)
+    return PlatoonStability(along, linf, l2_strict, l2_weak, linf_strict, linf_weak)
 
 
 def _strict(criterion: Criterion, pairs: list[tuple[Verdict, float]]) -> Verdict:
@@ -231,16 +228,3 @@ def _strict(criterion: Criterion, pairs: list[tuple[Verdict, float]]) -> Verdict
     value = max(gain for _, gain in pairs)
     marginal = any(verdict.marginal for verdict, _ in pairs) and value <= 1.0 + MARGINAL
     return Verdict(criterion, all(verdict.stable for verdict, _ in pairs), marginal, value)
-
-
-def _l2_weak(strict: Verdict, gain: float) -> Verdict:
-    """Is no frequency larger at the last follower than at the leader?"""
-    marginal = 1.0 < gain <= 1.0 + MARGINAL or (strict.stable and strict.marginal)
-    return Verdict(Criterion.L2_WEAK, gain <= 1.0 or strict.stable, marginal, gain)
-
-
-def _linf_weak(strict: Verdict, gain: float, error: float) -> Verdict:
-    """Is no peak larger at the last follower than at the leader, as far as can be computed?"""
-    none = gain <= 1.0 + max(MARGINAL, error)
-    marginal = strict.marginal if strict.stable else none or isnan(gain)
-    return Verdict(Criterion.LINF_WEAK, strict.stable or none, marginal, gain)

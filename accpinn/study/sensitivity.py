@@ -1,7 +1,7 @@
 """Sensitivity of the estimates to instants at which the model may not hold.
 
 The same methods are applied to the same window four times: to all instants, and with the regimes of
-`segment.regimes` excluded in turn. The model is meant for car-following alone, yet car-following is
+`segment.quality` excluded in turn. The model is meant for car-following alone, yet car-following is
 selected by the time gap, which the model is to explain; so neither end is the truth, and the
 distance between them shows how far the data and the model disagree.
 """
@@ -13,7 +13,7 @@ from accpinn.methods.fit import Fit
 from accpinn.methods.registry import METHODS
 from accpinn.model.cthp import Case, Parameters
 from accpinn.recordings.recording import Recording
-from accpinn.segment.regimes import EXCLUDABLE, Regimes, exclude_regimes, label_regimes
+from accpinn.segment.quality import EXCLUDABLE, Regimes, exclude_regimes, label_regimes
 from accpinn.segment.segment import Segment
 
 COMPARED = ("least-squares", "splines")

@@ -1,4 +1,4 @@
-"""Work in the background: one kind of task, the queue it waits in, and makers of tasks.
+"""Work in the background: one kind of task, and the queue it waits in.
 
 A training, a comparison of methods and a series of starts are all a `Task`. Each keeps a processor
 core busy, so one task runs at a time and the others wait their turn. Whoever asks (a page, many

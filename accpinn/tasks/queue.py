@@ -8,8 +8,7 @@ from contextlib import suppress
 from typing import Any
 
 from accpinn.methods.store import Store
-from accpinn.tasks.estimations import load_torch
-from accpinn.tasks.task import Result, Status, Task
+from accpinn.tasks.task import Result, Status, Task, load_torch
 from accpinn.units import Seconds
 
 KEPT_TASKS = 100

@@ -1,22 +1,34 @@
-"""A piece of work in the background: its progress, its results, and a way to stop it."""
+"""A piece of work in the background: its progress, its results, and a way to stop it.
+
+Three kinds are made here: a training, a comparison of all methods, and trainings from several
+starts.
+"""
 
 import logging
 import threading
 import time
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
 from enum import Enum
+from functools import cached_property
 from typing import Generic, TypeVar
 
 import numpy as np
 
 from accpinn.errors import AccpinnError
-from accpinn.methods.fit import Fit, Outcome
-from accpinn.methods.history import History, Progress, Recorder
+from accpinn.inference.multistart import Trial, multistart
+from accpinn.methods.fit import Fit, History, Outcome, Progress, Recorder
 from accpinn.methods.method import TaskContext
+from accpinn.methods.pinn import method as pinn
+from accpinn.methods.pinn.config import STARTS, PinnConfig
+from accpinn.methods.pinn.method import WarmStart
+from accpinn.methods.registry import METHODS
 from accpinn.methods.store import Store
-from accpinn.model.cthp import Parameters
-from accpinn.tasks.request import TrainingRequest
+from accpinn.model.cthp import Case, Parameters
+from accpinn.recordings.recording import Recording
+from accpinn.segment.segment import Segment
+from accpinn.study.comparison import MethodFailure, MethodResult, compare
 from accpinn.units import Seconds
 
 _log = logging.getLogger(__name__)
@@ -25,8 +37,37 @@ RATE_WINDOW: Seconds = 3.0
 """The rate of iterations is that of the last seconds, as it can change with the phase."""
 
 Result = TypeVar("Result")
-Steps = Callable[[TaskContext], Iterator[Progress | Result]]
-"""The work: yields its progress and each result, and ends early once it should stop."""
+Steps = Callable[[TaskContext], Iterator[Result]]
+"""The work: yields each result, reports progress between, and ends early once it should stop."""
+
+
+@dataclass(frozen=True, eq=False)
+class TrainingRequest:
+    """Everything that determines the result of a training."""
+
+    segment: Segment
+    case: Case
+    config: PinnConfig
+    warm: WarmStart | None = None
+    """The weights it begins with in place of random ones."""
+
+    @cached_property
+    def key(self) -> str:
+        """Its content address: requests of equal keys have the same result."""
+        return pinn.request_keys(self.segment, self.case, self.config, self.warm)[0]
+
+    def recall(self, store: Store) -> Fit | None:
+        """The stored result, None where there is none."""
+        known = store.load_fit(self.key, self.segment)
+        return replace(known, cached=True) if known else None
+
+    def resume_iteration(self, store: Store) -> int | None:
+        """The iteration from which a stopped training of it would go on; None where it is new."""
+        return pinn.resume_iteration(store, self.segment, self.case, self.config, self.warm)
+
+    def drop_checkpoints(self, store: Store) -> None:
+        """Let its next training begin anew."""
+        pinn.drop_checkpoints(store, self.segment, self.case, self.config, self.warm)
 
 
 class Status(Enum):
@@ -180,11 +221,8 @@ class Task(Generic[Result]):
             return
         self.status, self._began = Status.RUNNING, time.monotonic()
         try:
-            for item in self._steps(TaskContext(store, threads, self._note, self._stop.is_set)):
-                if isinstance(item, Progress):
-                    self._note(item)
-                else:
-                    self._add(item)
+            for result in self._steps(TaskContext(store, threads, self._note, self._stop.is_set)):
+                self._add(result)
         except AccpinnError as fault:
             self._end(Status.FAILED, str(fault))
         except Exception as fault:
@@ -199,11 +237,10 @@ class Task(Generic[Result]):
 
     def _note(self, progress: Progress) -> None:
         with self._lock:
-            if not self._recent:
+            if not self._recent or self._recorder is None:
                 self._recorder = Recorder()
             self._recent.append(progress)
-            if self._recorder:
-                self._recorder.add(progress)
+            self._recorder.add(progress)
 
     def _add(self, result: Result) -> None:
         with self._lock:
@@ -223,10 +260,81 @@ class Task(Generic[Result]):
 def _joined(before: History, after: History) -> History:
     """One history from two; what was repeated after a checkpoint is taken from the second."""
     kept = before.iteration < after.iteration[0]
-    scalars = ("iteration", "seconds", "total", "data", "physics", "initial")
     parts = {
-        name: np.concatenate([getattr(before, name)[kept], getattr(after, name)])
-        for name in scalars
+        name: np.concatenate([getattr(before, name)[kept], values])
+        for name, values in vars(after).items()
+        if name != "parameters"
     }
     tables = np.concatenate([before.parameters.values[kept], after.parameters.values])
     return History(**parts, parameters=Parameters.of(tables))
+
+
+def training_task(owner: str, request: TrainingRequest) -> Task[Fit]:
+    """A training of the PiNN.
+
+    Args:
+        owner: who asked.
+        request: what is to be learned.
+    """
+
+    def steps(context: TaskContext) -> Iterator[Fit]:
+        load_torch()
+        context = replace(context, warm=request.warm)
+        yield METHODS["pinn"].fit(request.segment, request.case, request.config, context)
+
+    return Task(owner, "training", steps, request=request)
+
+
+def comparison_task(
+    owner: str, segment: Segment, case: Case, recording: Recording | None = None
+) -> Task[MethodResult | MethodFailure]:
+    """All methods on one segment.
+
+    Args:
+        owner: who asked.
+        segment: the data.
+        case: "I" or "II".
+        recording: the segment's; with it the methods are also tested outside the window.
+    """
+
+    def steps(context: TaskContext) -> Iterator[MethodResult | MethodFailure]:
+        quiet = replace(context, on_progress=None)  # several fits make one result
+        return compare(segment, case, recording=recording, context=quiet)
+
+    methods = METHODS.values()
+    names = tuple(method.title for method in methods)
+    return Task(owner, "comparison", steps, names, [method.typical_seconds for method in methods])
+
+
+def starts_task(owner: str, segment: Segment, case: Case, config: PinnConfig) -> Task[Trial]:
+    """Trainings of one segment from five initial values.
+
+    Args:
+        owner: who asked.
+        segment: the data.
+        case: "I" or "II".
+        config: of all trainings, but for the initial values.
+    """
+    names = tuple(f"start {k} of {len(STARTS)}" for k in range(1, len(STARTS) + 1))
+    return Task(
+        owner,
+        "series of starts",
+        lambda context: multistart(segment, case, config, context=context),
+        names,
+        (1.0,) * len(names),
+    )
+
+
+def load_torch() -> None:
+    """Import the network's training, which takes a second or two the first time.
+
+    Raises:
+        AccpinnError: where PyTorch cannot be loaded.
+    """
+    try:
+        import accpinn.methods.pinn.training  # noqa: F401
+    except (ImportError, OSError) as fault:  # the latter for a library of another system
+        raise AccpinnError(
+            f"PyTorch, which trains the network, cannot be loaded ({str(fault)[:80]}); install the"
+            " packages of requirements.txt again, then start the app anew."
+        ) from fault

@@ -11,7 +11,15 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from playwright.sync_api import Browser, ConsoleMessage, Error, Page, sync_playwright
+from playwright.sync_api import (
+    Browser,
+    ConsoleMessage,
+    Dialog,
+    Error,
+    Locator,
+    Page,
+    sync_playwright,
+)
 
 ROOT = Path(__file__).parents[2]
 FLAGS = [
@@ -30,8 +38,10 @@ OVERTAKEN = re.compile(r"/media/\w+\.(csv|tex|zip|html)$|source error - 404")
 new name. A button that offered nothing would fail the tests that press it."""
 CUT_OFF = "undefined"
 """What plotly throws when Pause or the slider ends an animation; nothing is wrong then."""
-PATIENCE_MS = 20_000
+PATIENCE_MS = 60_000
 """How long the page may take to show something; the machine may be busy."""
+TRAINING_MS = 180_000
+"""How long a fast training, or all methods on a short window, may take then."""
 
 
 @contextmanager
@@ -87,7 +97,7 @@ def launched(chromium: str) -> Iterator[Browser]:
 
 
 def watched(page: Page) -> list[str]:
-    """Whatever goes wrong on the page from now on: console errors and uncaught exceptions."""
+    """What goes wrong on the page from now on: console errors, uncaught exceptions, dialogs."""
     faults: list[str] = []
 
     def heard(message: ConsoleMessage) -> None:
@@ -100,12 +110,92 @@ def watched(page: Page) -> list[str]:
         if str(fault) != CUT_OFF:
             faults.append(str(fault))
 
+    def asked(dialog: Dialog) -> None:
+        faults.append(f"a script ran: {dialog.message}")
+        dialog.dismiss()
+
     page.on("console", heard)
+    page.on("dialog", asked)
     page.on("pageerror", caught)
     page.set_default_timeout(PATIENCE_MS)
     return faults
 
 
+def exceptions(page: Page) -> list[str]:
+    """The exceptions that a page shows in place of its content."""
+    return page.get_by_test_id("stException").all_inner_texts()
+
+
 def idle(page: Page) -> None:
-    """Wait until the script has run to its end and the page stands."""
+    """Wait until the script has run to its end without an exception and the page stands."""
     page.locator('[data-testid="stApp"][data-test-script-state="notRunning"]').wait_for()
+    if shown := exceptions(page):
+        raise AssertionError("\n".join(shown))
+
+
+# What journeys and pictures do on the pages.
+
+
+def go(page: Page, title: str) -> None:
+    """To another page by the sidebar."""
+    page.get_by_test_id("stSidebar").get_by_role("link", name=title).click()
+    idle(page)
+
+
+def open_sample(page: Page) -> None:
+    """On Data: the first sample."""
+    page.get_by_role("button", name="Open this sample").click()
+    page.get_by_text("Preview of the window").wait_for()
+    idle(page)
+
+
+def train_sample(page: Page) -> None:
+    """On Home: the first sample's result at one click."""
+    page.get_by_role("button", name="Train a sample now").click()
+    table(page, "Surrogate fit").wait_for(timeout=TRAINING_MS)
+    idle(page)
+
+
+def fill(page: Page, label: str, value: str) -> None:
+    """Type a value and leave the field."""
+    page.get_by_label(label).fill(value)
+    page.get_by_label(label).press("Enter")
+
+
+def choose(page: Page, label: str, option: str) -> None:
+    """Choose from a list."""
+    page.get_by_label(label).click()
+    page.get_by_role("option", name=option).click()
+    idle(page)
+
+
+def table(page: Page, containing: str) -> Locator:
+    """The first table with that text."""
+    return page.locator("table.figures").filter(has_text=containing).first
+
+
+def chart(page: Page, key: str) -> Locator:
+    """A chart by its key, once it is drawn."""
+    found = page.locator(f".st-key-{key} .js-plotly-plot")
+    found.wait_for()
+    return found
+
+
+def upload(page: Page, file: Path | tuple[str, bytes]) -> None:
+    """On Data: open a file, whichever state the page is in."""
+    choice = page.get_by_text("Upload", exact=True)
+    closed = page.get_by_text("Open another recording")
+    choice.or_(closed).first.wait_for()
+    if not choice.is_visible():
+        closed.click()
+    choice.click()
+    give(page, file)
+
+
+def give(page: Page, file: Path | tuple[str, bytes]) -> None:
+    """Give a file, or name and content of one, to the page's field for files."""
+    field = page.locator('input[type="file"]')
+    if isinstance(file, Path):
+        field.set_input_files(file)
+    else:
+        field.set_input_files({"name": file[0], "mimeType": "", "buffer": file[1]})

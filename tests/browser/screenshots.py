@@ -1,7 +1,7 @@
 """Pictures of every page in its important states, in both themes and two widths, to be looked at.
 
-``python -m tests.browser.screenshots [FOLDER]`` writes them; with OPENACC_DIR also those of real
-recordings.
+``python -m tests.browser.screenshots [FOLDER [SCENE ..]]`` writes them; with OPENACC_DIR also those
+of real recordings.
 """
 
 import os
@@ -15,21 +15,34 @@ from pathlib import Path
 
 from playwright.sync_api import Browser, Page
 
-from tests.browser.running import ROOT, idle, launched, served
+from tests.browser.running import (
+    ROOT,
+    TRAINING_MS,
+    chart,
+    choose,
+    fill,
+    idle,
+    launched,
+    open_sample,
+    served,
+    table,
+    train_sample,
+    upload,
+)
 
 WIDTHS = {"wide": (1440, 900), "narrow": (420, 900)}
 THEMES = ("light", "dark")
-REAL = Path(os.environ.get("OPENACC_DIR", "")) if os.environ.get("OPENACC_DIR") else None
-REAL_RUNS = (
-    "Vicolungo/JRC-VC_260219_part3",
-    "JRC low speed/part12",
-    "Cherasco/JRC-Cher_300818_rec1_part2",
-    "ZalaZone/handling_part10",
-)
+REAL = os.environ.get("OPENACC_DIR", "")
+REAL_RUNS = {
+    "data_Vicolungo": "Vicolungo/JRC-VC_260219_part3",
+    "data_JRClowspeed": "JRC low speed/part12",
+    "data_Cherasco": "Cherasco/JRC-Cher_300818_rec1_part2",
+    "data_ZalaZone": "ZalaZone/handling_part10",
+    "data_corrupt": "corrupt/ZalaZone_handling_part12_TRUNCATED_NUL",
+    "data_casale": "Casale/part7",
+}
 SETTLE_MS = 700
 """Charts fade in; nothing on the page tells when they have."""
-SLOW_MS = 120_000
-"""All methods, or five starts, on a computer that is busy otherwise."""
 
 
 @dataclass(frozen=True)
@@ -43,19 +56,20 @@ class Camera:
     width: str
 
     @contextmanager
-    def page(self, path: str = "") -> Iterator[Page]:
-        """A browser of its own, without a session."""
+    def page(self, path: str = "/") -> Iterator[Page]:
+        """A page in a profile of its own, without a session."""
         width, height = WIDTHS[self.width]
-        context = self.browser.new_context(
-            viewport={"width": width, "height": height}, color_scheme=self.theme
+        page = self.browser.new_page(
+            base_url=self.address,
+            viewport={"width": width, "height": height},
+            color_scheme=self.theme,
         )
-        page = context.new_page()
-        page.goto(self.address + path)
+        page.goto(path)
         idle(page)
         try:
             yield page
         finally:
-            context.close()
+            page.close()
 
     def shoot(self, page: Page, name: str, whole: bool = True) -> None:
         """Keep what the page shows, to its end if ``whole``."""
@@ -69,17 +83,18 @@ class Camera:
         page.set_viewport_size({"width": width, "height": height})
 
 
-def upload(page: Page, file: Path) -> None:
-    """Open a file on the Data page, whichever state that is in."""
-    choice = page.get_by_text("Upload", exact=True)
-    closed = page.get_by_text("Open another recording")
-    choice.or_(closed).first.wait_for()
-    if not choice.is_visible():
-        closed.click()
-    choice.click()
-    page.locator('input[type="file"]').set_input_files(file)
+def open_real(page: Page, name: str) -> None:
+    """On Data: a real recording, or why it is refused."""
+    file = Path(REAL) / f"{name}.csv"
+    upload(page, file)
     opened = page.locator("strong").filter(has_text=file.name)
     opened.or_(page.get_by_role("alert").filter(has_text=file.name)).first.wait_for()
+    idle(page)
+
+
+def to(page: Page, title: str) -> None:
+    """To another page with the same session; the sidebar is folded on a narrow screen."""
+    page.goto(page.url.replace("/Data", f"/{title}").replace("/Train", f"/{title}"))
     idle(page)
 
 
@@ -87,45 +102,36 @@ def home(camera: Camera) -> None:
     with camera.page() as page:
         page.locator(".js-plotly-plot").wait_for()
         camera.shoot(page, "home", whole=False)
-        page.get_by_role("button", name="Train a sample now").click()
-        page.get_by_text("Surrogate fit, MAE").first.wait_for()
-        idle(page)
+        train_sample(page)
         camera.shoot(page, "train_sample_fold", whole=False)
         camera.shoot(page, "train_sample")
         page.get_by_text("Next: do these vehicles amplify").click()
         page.get_by_text("Show the uncertainty").wait_for()
-        page.locator(".st-key-stability_map .js-plotly-plot").wait_for()
+        chart(page, "stability_map")
         idle(page)
         camera.shoot(page, "stability_learned")
 
 
-def empty(camera: Camera) -> None:
-    for path in ("/Data", "/Train"):
-        with camera.page(path) as page:
-            camera.shoot(page, f"empty{path.replace('/', '_').lower()}", whole=False)
-
-
-def sample(camera: Camera) -> None:
+def data(camera: Camera) -> None:
+    with camera.page("/Train") as page:
+        camera.shoot(page, "empty_train", whole=False)
     with camera.page("/Data") as page:
-        page.get_by_role("button", name="Open this sample").click()
-        page.get_by_text("Preview of the window").wait_for()
-        idle(page)
+        camera.shoot(page, "empty_data", whole=False)
+        open_sample(page)
         camera.shoot(page, "data_sample_fold", whole=False)
         camera.shoot(page, "data_sample")
 
 
 def training(camera: Camera) -> None:
-    with camera.page("/Data") as page:
-        page.get_by_role("button", name="Open this sample").click()
-        page.get_by_text("Preview of the window").wait_for()
-        page.goto(page.url.replace("/Data", "/Train"))
+    with camera.page("/Data") as page, camera.page("/Data") as other:
+        open_sample(page)
+        to(page, "Train")
         page.get_by_text("Paper", exact=True).click()
         page.get_by_text("Options", exact=True).click()
         page.get_by_text("Back to the preset").wait_for()
         idle(page)
         camera.shoot(page, "train_options")
-        page.get_by_label("Learning rate").fill("-1")
-        page.get_by_label("Learning rate").press("Enter")
+        fill(page, "Learning rate", "-1")
         page.get_by_role("alert").wait_for()
         camera.shoot(page, "train_refused")
         page.get_by_text("Back to the preset").click()
@@ -134,14 +140,12 @@ def training(camera: Camera) -> None:
         page.get_by_text("left at most").wait_for()
         page.locator(".js-plotly-plot").nth(3).wait_for()
         camera.shoot(page, "train_live", whole=False)
-        with camera.page("/Data") as other:
-            other.get_by_role("button", name="Open this sample").click()
-            other.get_by_label("Window starts at").fill("10")  # else an earlier result is shown
-            other.get_by_label("Window starts at").press("Enter")
-            idle(other)
-            other.get_by_role("button", name="Train on this window").click()
-            other.get_by_text("yours is next").wait_for()
-            camera.shoot(other, "train_queued", whole=False)
+        open_sample(other)
+        fill(other, "Window starts at", "10")  # else an earlier result is shown
+        idle(other)
+        other.get_by_role("button", name="Train on this window").click()
+        other.get_by_text("yours is next").wait_for()
+        camera.shoot(other, "train_queued", whole=False)
         page.get_by_role("button", name="Stop training").click()
         page.get_by_role("button", name="Continue").wait_for()
         idle(page)
@@ -149,28 +153,20 @@ def training(camera: Camera) -> None:
 
 
 def real(camera: Camera) -> None:
-    if REAL is None:
-        return
     with camera.page("/Data") as page:
-        for name in REAL_RUNS:
-            upload(page, REAL / f"{name}.csv")
-            camera.shoot(page, f"data_{name.split('/')[0].replace(' ', '')}")
-        upload(page, REAL / "corrupt" / "ZalaZone_handling_part12_TRUNCATED_NUL.csv")
-        camera.shoot(page, "data_corrupt")
-        upload(page, REAL / "Casale" / "part7.csv")
-        camera.shoot(page, "data_casale")
+        for name, file in REAL_RUNS.items():
+            open_real(page, file)
+            camera.shoot(page, name)
         page.get_by_role("button", name="Train on this window").click()
-        page.get_by_text("Surrogate fit, MAE").first.wait_for()
+        table(page, "Surrogate fit").wait_for()
         idle(page)
         camera.shoot(page, "train_casale")
 
 
 def regimes(camera: Camera) -> None:
-    if REAL is None:
-        return
     with camera.page("/Data") as page:
-        for name in ("Casale/part7", "ZalaZone/handling_part10"):
-            upload(page, REAL / f"{name}.csv")
+        for name in ("data_casale", "data_ZalaZone"):
+            open_real(page, REAL_RUNS[name])
             if not page.get_by_text("Leave out of the model's equations").is_visible():
                 page.get_by_text("Regimes", exact=True).click()
             for regime in ("Standstill", "Catching up"):
@@ -181,12 +177,12 @@ def regimes(camera: Camera) -> None:
                 page.get_by_text("Show the sensitivity of the estimates").click()
             page.get_by_text("Car-following only").first.wait_for()
             idle(page)
-            camera.shoot(page, f"regimes_{name.split('/')[0].replace(' ', '')}")
+            camera.shoot(page, name.replace("data", "regimes"))
 
 
 def stability(camera: Camera) -> None:
     with camera.page("/Stability") as page:
-        page.locator(".st-key-stability_map .js-plotly-plot").wait_for()
+        chart(page, "stability_map")
         camera.shoot(page, "stability_fold", whole=False)
         page.get_by_text("Reasons for the verdicts").click()
         page.get_by_text("α and τ").click()
@@ -200,15 +196,13 @@ def stability(camera: Camera) -> None:
 
 def platoon(camera: Camera) -> None:
     with camera.page("/Platoon") as page:
-        page.locator(".st-key-platoon_wave .js-plotly-plot").wait_for()
+        chart(page, "platoon_wave")
         camera.shoot(page, "platoon_fold", whole=False)
         camera.shoot(page, "platoon")
         page.get_by_text("One car", exact=True).click()
         idle(page)
         camera.shoot(page, "platoon_collision")
-        page.get_by_label("Disturbance of the leader").click()
-        page.get_by_role("option", name="Brake").click()
-        idle(page)
+        choose(page, "Disturbance of the leader", "Brake")
         camera.shoot(page, "platoon_brake")
         page.get_by_role("button", name="The paper's four panels").click()
         page.get_by_role("button", name="Back to my platoon").wait_for()
@@ -217,27 +211,23 @@ def platoon(camera: Camera) -> None:
 
 def compare(camera: Camera) -> None:
     with camera.page("/Data") as page:
-        page.get_by_role("button", name="Open this sample").click()
-        page.get_by_text("Preview of the window").wait_for()
-        idle(page)
-        page.goto(page.url.replace("/Data", "/Compare"))
+        open_sample(page)
+        to(page, "Compare")
         page.get_by_role("button", name="Run all methods").click()
         page.get_by_role("button", name="Stop", exact=True).wait_for()
         camera.shoot(page, "compare_running", whole=False)
-        page.get_by_text("Identifiability").wait_for(timeout=SLOW_MS)
+        page.get_by_text("Identifiability").wait_for(timeout=TRAINING_MS)
         idle(page)
         page.get_by_role("button", name="Five starts").click()
-        page.get_by_text("All 5 trainings").wait_for(timeout=SLOW_MS)
+        page.get_by_text("All 5 trainings").wait_for(timeout=TRAINING_MS)
         idle(page)
         camera.shoot(page, "compare")
 
 
 def snapshots(camera: Camera) -> None:
     with camera.page() as page:
-        page.get_by_role("button", name="Train a sample now").click()
-        page.get_by_text("Surrogate fit, MAE").first.wait_for()
-        idle(page)
-        page.goto(page.url.replace("/Train", "/Snapshots"))
+        train_sample(page)
+        to(page, "Snapshots")
         for name in ("Before the update", "After the update"):
             page.get_by_label("Name", exact=True).fill(name)
             page.get_by_role("button", name="Save", exact=True).click()
@@ -250,14 +240,15 @@ def snapshots(camera: Camera) -> None:
         camera.shoot(page, "snapshots")
         address = page.locator("code").filter(has_text="?snapshot=").inner_text()
     for path in ("Data", "Train", "Compare"):
-        with camera.page(address.removeprefix(camera.address).replace("Snapshots", path)) as page:
+        with camera.page(address.replace("Snapshots", path)) as page:
             page.get_by_text("it came without its data").wait_for()
             camera.shoot(page, f"snapshot_{path.lower()}")
 
 
+OF_REAL_RECORDINGS = (real, regimes)
 SCENES: tuple[Callable[[Camera], None], ...] = (
-    home, empty, sample, training, real, regimes, stability, platoon,
-    compare, snapshots,
+    home, data, training, *(OF_REAL_RECORDINGS if REAL else ()), stability, platoon, compare,
+    snapshots,
 )  # fmt: skip
 
 

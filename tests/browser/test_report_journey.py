@@ -8,47 +8,48 @@ from pathlib import Path
 import pytest
 from playwright.sync_api import Browser, Page
 
-from accpinn.results.report.page import render_report
-from accpinn.results.snapshot.schema import Snapshot
+from accpinn.results.report import render_report
+from accpinn.results.snapshot import Snapshot
 from tests.browser.running import watched
 from tests.support.snapshots import whole
 
 Show = Callable[..., Page]
-NAME = "<script>alert(1)</script>"
+NAME = "</script><script>alert(1)</script>"
 
 
 @pytest.fixture
 def shown(browser: Browser, tmp_path: Path) -> Iterator[Show]:
     """Opens a snapshot's report from disk, with no network at all."""
-    contexts, faults = [], []
+    pages: list[Page] = []
+    faults: list[list[str]] = []
 
-    def show(snapshot: Snapshot, theme: str = "light", width: int = 1000) -> Page:
+    def show(snapshot: Snapshot, theme: str = "light") -> Page:
         place = tmp_path / "report.html"
         place.write_text(render_report(snapshot), encoding="utf-8")
-        context = browser.new_context(
-            viewport={"width": width, "height": 800}, color_scheme=theme, offline=True
+        page = browser.new_page(
+            viewport={"width": 1000, "height": 800}, color_scheme=theme, offline=True
         )
-        contexts.append(context)
-        page = context.new_page()
-        faults.append(watched(page))
-        page.on("dialog", lambda dialog: faults.append([f"dialog: {dialog.message}"]))
-        page.on(
-            "request",
-            lambda request: (
-                faults.append([request.url]) if request.url.startswith("http") else None
-            ),
-        )
+        pages.append(page)
+        faults.append(found := watched(page))
+        page.on("request", lambda made: found.append(made.url) if "http" in made.url[:4] else None)
         page.goto(place.as_uri())
         page.locator("html[data-drawn]").wait_for()
         return page
 
     yield show
-    for context in contexts:
-        context.close()
+    for page in pages:
+        page.close()
     assert [fault for found in faults for fault in found] == []
 
 
-def test_all_figures_are_drawn_in_both_themes_and_saved(shown: Show) -> None:
+def background(page: Page) -> str:
+    found: str = page.evaluate("getComputedStyle(document.body).backgroundColor")
+    return found
+
+
+def test_it_is_drawn_in_both_themes_printed_saved_and_fits_a_narrow_screen(
+    shown: Show, tmp_path: Path
+) -> None:
     page = shown(whole(), "dark")
     plots = page.locator(".plot")
     count = plots.count()
@@ -56,6 +57,11 @@ def test_all_figures_are_drawn_in_both_themes_and_saved(shown: Show) -> None:
     for k in range(count):
         assert plots.nth(k).locator(".main-svg path").count() > 3, f"figure {k} is empty"
     assert background(page) == "rgb(16, 22, 29)"
+
+    content = page.pdf(prefer_css_page_size=True)
+    assert len(re.findall(rb"/Type\s*/Page\b", content)) >= 5
+    assert re.search(rb"/MediaBox\s*\[\s*0 0 594\.\d+ 841\.\d+", content), "A4"
+
     page.get_by_role("button", name="Light").click()
     assert background(page) == "rgb(255, 255, 255)"
     ink = page.locator(".plot .xtitle").first.evaluate("text => getComputedStyle(text).fill")
@@ -67,10 +73,21 @@ def test_all_figures_are_drawn_in_both_themes_and_saved(shown: Show) -> None:
         page.get_by_role("link", name="CSV").first.click()
     assert "closed_loop_simulation_mae" in Path(download.value.path()).read_text(encoding="utf-8")
 
+    page.set_viewport_size({"width": 400, "height": 800})
+    page.reload()
+    page.locator("html[data-drawn]").wait_for()
+    assert page.locator(".plot .main-svg").first.evaluate("drawn => drawn.clientWidth") < 400
+    assert page.evaluate("document.documentElement.scrollWidth") <= 400
 
-def test_a_figure_saved_as_a_page_stands_alone(shown: Show, tmp_path: Path) -> None:
-    info = replace(whole().info, names=("</script><script>alert(1)</script>",) * 5)
-    page = shown(replace(whole(), info=info))
+
+def test_a_hostile_name_does_nothing_also_in_a_figure_saved_alone(
+    shown: Show, tmp_path: Path
+) -> None:
+    info = replace(whole().info, names=(NAME,) * 5)
+    page = shown(replace(whole(), name=NAME, note=NAME, info=info))
+    assert page.locator("h1").inner_text() == NAME
+    assert page.locator("script:not([type])").count() == 2
+    assert page.locator("dd", has_text=NAME).count() >= 2
     with page.expect_download() as download:
         page.get_by_role("button", name="HTML").first.click()
     place = tmp_path / download.value.suggested_filename
@@ -78,31 +95,3 @@ def test_a_figure_saved_as_a_page_stands_alone(shown: Show, tmp_path: Path) -> N
     page.goto(place.as_uri())
     assert page.locator(".main-svg path").count() > 3
     assert page.locator("script").count() == 2
-
-
-def background(page: Page) -> str:
-    found: str = page.evaluate("getComputedStyle(document.body).backgroundColor")
-    return found
-
-
-def test_a_hostile_name_does_nothing(shown: Show) -> None:
-    info = replace(whole().info, names=(NAME,) * 5)
-    page = shown(replace(whole(), name=NAME, note=NAME, info=info))
-    assert page.locator("h1").inner_text() == NAME
-    assert page.locator("script:not([type])").count() == 2
-    assert page.locator("dd", has_text=NAME).count() >= 2
-
-
-def test_it_prints_on_several_pages(shown: Show, tmp_path: Path) -> None:
-    page = shown(whole(), "dark")
-    place = tmp_path / "report.pdf"
-    page.pdf(path=place, prefer_css_page_size=True)
-    content = place.read_bytes()
-    assert len(re.findall(rb"/Type\s*/Page\b", content)) >= 5
-    assert re.search(rb"/MediaBox\s*\[\s*0 0 594\.\d+ 841\.\d+", content), "A4"
-
-
-def test_it_fits_a_narrow_screen(shown: Show) -> None:
-    page = shown(whole(), width=400)
-    assert page.locator(".plot .main-svg").first.evaluate("drawn => drawn.clientWidth") < 400
-    assert page.evaluate("document.documentElement.scrollWidth") <= 400

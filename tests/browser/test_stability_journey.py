@@ -1,12 +1,13 @@
 """From a learned vehicle to a platoon and back, in a real browser."""
 
 import re
+from pathlib import Path
 
 import pytest
 from playwright.sync_api import Locator, Page, expect
 
 from tests.browser.conftest import Open
-from tests.browser.running import idle
+from tests.browser.running import chart, choose, go, idle
 
 pytestmark = pytest.mark.browser
 
@@ -23,20 +24,8 @@ CURVE = """
 """
 
 
-def chart(page: Page, key: str) -> Locator:
-    found = page.locator(f".st-key-{key} .js-plotly-plot")
-    expect(found).to_be_visible()
-    return found
-
-
 def frequency(page: Page) -> Locator:
     return page.get_by_label("Frequency [rad/s]")
-
-
-def choose(page: Page, label: str, option: str) -> None:
-    page.get_by_label(label).click()
-    page.get_by_role("option", name=option).click()
-    idle(page)
 
 
 def test_a_click_on_the_response_carries_its_frequency_to_the_platoon(opened: Open) -> None:
@@ -61,25 +50,23 @@ def test_a_click_on_the_response_carries_its_frequency_to_the_platoon(opened: Op
     expect(chart(page, "platoon_profiles").locator(".scatterlayer").first).to_be_visible()
 
     # Back again, it is not carried a second time, and the choice stays.
-    page.get_by_role("link", name="Stability").click()
+    go(page, "Stability")
     chart(page, "stability_map")
-    idle(page)
     expect(page).to_have_url(re.compile(r"/Stability\?session="))
-    page.get_by_role("link", name="Platoon").click()
+    go(page, "Platoon")
     expect(frequency(page)).to_have_value(carried)
     page.reload()
     expect(frequency(page)).to_have_value(carried)
 
-
-def test_a_peaks_button_leads_to_the_platoon(opened: Open) -> None:
-    page = opened("/Stability")
+    # A peak's button leads there, too.
+    go(page, "Stability")
     page.get_by_role("button", name="Simulate Tesla Model 3 at 0.106 rad/s").click()
     expect(page).to_have_url(re.compile(r"/Platoon\?session="))
     expect(frequency(page)).to_have_value("0.1059")
     expect(page.get_by_text("The oscillation grows to 1.37 times")).to_be_visible()
 
 
-def test_the_wave_plays_pauses_and_can_be_dragged(opened: Open) -> None:
+def test_the_wave_plays_and_can_be_dragged_and_the_papers_panels_are_drawn(opened: Open) -> None:
     page = opened("/Platoon")
     wave = chart(page, "platoon_wave")
     wave.scroll_into_view_if_needed()
@@ -96,6 +83,15 @@ def test_the_wave_plays_pauses_and_can_be_dragged(opened: Open) -> None:
     assert box
     rail.click(position={"x": box["width"] - 3, "y": box["height"] / 2})
     expect(moment).to_have_text("t = 500.0 s")
+
+    page.get_by_role("button", name="The paper's four panels").click()
+    for title in ("(a) Mercedes A-Class at 0.25 rad/s: grows to 4.23 m/s",
+                  "(d) Tesla Model 3 at 0.3 rad/s: fades to 0.42 m/s"):  # fmt: skip
+        expect(page.get_by_text(title)).to_be_visible()
+    for place in range(4):
+        chart(page, f"platoon_panel_{place}")
+    page.get_by_role("button", name="Back to my platoon").click()
+    chart(page, "platoon_wave")
 
 
 def test_values_by_hand_are_typed_into_the_table(opened: Open) -> None:
@@ -114,30 +110,30 @@ def test_values_by_hand_are_typed_into_the_table(opened: Open) -> None:
     cell.press("Enter")
     expect(page.get_by_text("Hyundai does not amplify any frequency")).to_be_visible()
     # What was typed is there on the other page, too.
-    page.get_by_role("link", name="Platoon").click()
+    go(page, "Platoon")
     expect(page.get_by_text("The oscillation fades to")).to_be_visible()
 
 
-def test_the_papers_panels(opened: Open) -> None:
-    page = opened("/Platoon")
-    page.get_by_role("button", name="The paper's four panels").click()
-    for title in ("(a) Mercedes A-Class at 0.25 rad/s: grows to 4.23 m/s",
-                  "(d) Tesla Model 3 at 0.3 rad/s: fades to 0.42 m/s"):  # fmt: skip
-        expect(page.get_by_text(title)).to_be_visible()
-    for place in range(4):
-        chart(page, f"platoon_panel_{place}")
-    page.get_by_role("button", name="Back to my platoon").click()
-    chart(page, "platoon_wave")
+def saved(page: Page, key: str) -> tuple[str, bytes]:
+    """Name and content of what a chart's one button saves."""
+    drawn = chart(page, key)
+    drawn.hover()
+    with page.expect_download() as download:
+        drawn.locator(".modebar-btn").click()
+    return download.value.suggested_filename, Path(download.value.path()).read_bytes()
 
 
-def test_a_trained_sample_is_what_both_pages_speak_of(opened: Open) -> None:
-    page = opened("")
-    page.get_by_role("button", name="Train a sample now").click()
-    expect(page.locator("table.figures").first).to_be_visible(timeout=90_000)
-    page.get_by_role("link", name="Stability").click()
-    expect(page.get_by_text("All four vehicles amplify disturbances")).to_be_visible()
-    expect(page.locator("table.figures").first).to_contain_text("Tesla(Model3-like)")
-    page.get_by_role("link", name="Platoon").click()
-    choose(page, "Disturbance of the leader", "As recorded")
-    expect(page.get_by_text("as recorded")).to_be_visible()
-    expect(page.locator(".vehicle-key")).to_contain_text("Follower 4: Tesla(Model3-like)")
+def test_a_chart_is_saved_as_svg_and_as_png(opened: Open) -> None:
+    page = opened("/Stability")
+    name, content = saved(page, "stability_map")
+    assert name == "accpinn_stability_map.svg"
+    assert content.startswith(b"<svg")
+    assert "time headway" in content.decode()
+    page.get_by_test_id("stSidebar").get_by_text("PNG", exact=True).click()
+    for _ in range(10):  # nothing tells when the chart has heard of the choice
+        idle(page)
+        name, content = saved(page, "stability_map")
+        if name.endswith("png"):
+            break
+    assert name == "accpinn_stability_map.png"
+    assert content.startswith(b"\x89PNG")

@@ -7,13 +7,13 @@ import pytest
 from accpinn import __version__
 from accpinn.cli import COMMANDS, main
 from accpinn.methods.registry import METHODS
-from tests.support.command import PLATOON, STUDY, document, refused
+from tests.support.command import PLATOON, STUDY, Capture, refused
 
 
 @pytest.mark.parametrize("command", ["info", "fit"])
 @pytest.mark.parametrize("content", [None, b"", b"\0" * 5000, b"a,b\n1,2\n", bytes(range(256))])
 def test_a_file_that_is_missing_or_no_recording(
-    capsys: pytest.CaptureFixture[str], tmp_path: Path, command: str, content: bytes | None
+    capsys: Capture, tmp_path: Path, command: str, content: bytes | None
 ) -> None:
     path = tmp_path / "odd.csv"
     if content is not None:
@@ -21,7 +21,7 @@ def test_a_file_that_is_missing_or_no_recording(
     assert "odd.csv" in refused(capsys, 1, command, path, "--json")
 
 
-def test_an_empty_name_is_not_the_folder(capsys: pytest.CaptureFixture[str]) -> None:
+def test_an_empty_name_is_not_the_folder(capsys: Capture) -> None:
     assert "No file is named" in refused(capsys, 1, "info", "")
 
 
@@ -38,12 +38,12 @@ def test_an_empty_name_is_not_the_folder(capsys: pytest.CaptureFixture[str]) -> 
     ],
 )
 def test_a_window_or_platoon_that_the_recording_does_not_have(
-    capsys: pytest.CaptureFixture[str], options: tuple[str, object]
+    capsys: Capture, options: tuple[str, object]
 ) -> None:
     assert PLATOON.name in refused(capsys, 1, "fit", PLATOON, *options)
 
 
-def test_real_damaged_recordings(capsys: pytest.CaptureFixture[str], openacc_dir: Path) -> None:
+def test_real_damaged_recordings(capsys: Capture, openacc_dir: Path) -> None:
     damaged = sorted((openacc_dir / "corrupt").iterdir())
     assert damaged
     for path in damaged:
@@ -62,9 +62,7 @@ def test_real_damaged_recordings(capsys: pytest.CaptureFixture[str], openacc_dir
         )),
     ],
 )  # fmt: skip
-def test_what_cannot_be_parsed_exits_with_2(
-    capsys: pytest.CaptureFixture[str], arguments: list[str]
-) -> None:
+def test_what_cannot_be_parsed_exits_with_2(capsys: Capture, arguments: list[str]) -> None:
     with pytest.raises(SystemExit) as ended:
         main(arguments)
     assert ended.value.code == 2
@@ -90,6 +88,7 @@ def test_what_cannot_be_parsed_exits_with_2(
         (["starts", STUDY, "--seeds", 10**9], "choose 1 to 100"),
         (["compare", STUDY, "--methods", "guess"], "guess"),
         (["stability", "--alpha", 1], "--beta and --tau missing"),
+        (["stability", "--snapshot", "x", "--alpha", 1], "not both"),
         (["stability", "--alpha", 1, 2, "--beta", 1, "--tau", 1], "2 of --alpha"),
         (["simulate", "--alpha", 1, "--beta", 1, "--tau", 1, "--vehicles", 101], "1 to 100"),
         (["simulate", "--alpha", 1, 1, "--beta", 1, 1, "--tau", 1, 1, "--vehicles", 3], "not 3"),
@@ -97,12 +96,12 @@ def test_what_cannot_be_parsed_exits_with_2(
     ],
 )
 def test_settings_out_of_range_exit_with_2_and_a_sentence(
-    capsys: pytest.CaptureFixture[str], arguments: list[object], words: str
+    capsys: Capture, arguments: list[object], words: str
 ) -> None:
     assert words in refused(capsys, 2, *arguments)
 
 
-def test_help_explains_commands_and_methods(capsys: pytest.CaptureFixture[str]) -> None:
+def test_help_explains_commands_and_methods(capsys: Capture) -> None:
     def printed(*arguments: str) -> str:
         with pytest.raises(SystemExit) as ended:
             main(arguments)
@@ -117,22 +116,3 @@ def test_help_explains_commands_and_methods(capsys: pytest.CaptureFixture[str]) 
         assert max(map(len, shown.splitlines())) <= 100
         if command in ("fit", "compare"):
             assert all(method.summary in shown for method in METHODS.values())
-
-
-def test_info_has_the_document_of_the_contract(capsys: pytest.CaptureFixture[str]) -> None:
-    found = document(capsys, "info", PLATOON)
-    assert found.keys() >= {
-        "campaign", "date", "acc_flag", "distance_setting", "samples", "duration", "sample_time",
-        "vehicles", "warnings",
-    }  # fmt: skip
-    assert (found["samples"], found["duration"], found["sample_time"]) == (4001, 400.0, 0.1)
-    assert [vehicle["index"] for vehicle in found["vehicles"]] == [1, 2, 3, 4, 5]
-    for vehicle in found["vehicles"]:
-        assert vehicle.keys() >= {"index", "name", "present", "missing", "modes"}
-    leader, follower = found["vehicles"][:2]
-    assert leader["modes"] is None
-    assert follower["modes"]["ACC"] == 4001
-    assert main(["info", str(STUDY)]) == 0
-    text = capsys.readouterr().out
-    assert "300 s in 3001 samples of 0.1 s" in text
-    assert "2 Synthetic(ACC)" in text

@@ -13,7 +13,6 @@ from accpinn.model.cthp import Parameters, simulate
 from accpinn.recordings.openacc import read
 from accpinn.segment.cut import cut
 from tests.support.driving import LAW, MIXED, driven, segment_of, standing_still
-from tests.support.samples import NOISE_FREE, NOISY, PLATOON, sample
 
 
 class TestChain:
@@ -49,25 +48,8 @@ class TestChain:
             exact, quotient = slopes[:, :, column], (up - down) / 2e-5
             np.testing.assert_allclose(exact, quotient, atol=2e-6 * abs(exact).max())
 
-    def test_case_ii_drives_each_follower_behind_its_measured_predecessor(self) -> None:
-        segment = driven(MIXED, noise=0.05)
-        parts = chains(segment, "II")
-        assert len(parts) == 3
-        for index, chain in enumerate(parts):
-            np.testing.assert_array_equal(chain.ahead, segment.speeds[:, index])
-            np.testing.assert_array_equal(chain.measured[:, 0], segment.gaps[:, index])
-            np.testing.assert_array_equal(chain.measured[:, 1], segment.speeds[:, index + 1])
-
 
 class TestTruth:
-    @pytest.mark.parametrize(
-        ("name", "tolerance"), [(NOISE_FREE, 5e-4), (NOISY, 0.02), (PLATOON, 0.02)]
-    )
-    def test_recovers_the_studies(self, name: str, tolerance: float) -> None:
-        study = sample(name)
-        found = simulation.fit(study.segment).parameters.values
-        np.testing.assert_allclose(found, study.truth, rtol=tolerance)
-
     def test_recovers_a_first_state_that_was_measured_wrong(self) -> None:
         exact = driven((LAW,))
         gaps = exact.gaps.copy()
@@ -106,19 +88,6 @@ class TestCriterion:
                 other = theta.copy()
                 other[column] *= factor
                 assert cost(other) > best
-
-    def test_surrogate_is_the_simulation(self) -> None:
-        segment = driven(MIXED, noise=0.05)
-        fit = simulation.fit(segment, "I")
-        assert fit.surrogate is not None
-        again = simulate(
-            fit.parameters,
-            segment.time,
-            segment.speeds[:, 0],
-            fit.surrogate.speeds[0, 1:],
-            fit.surrogate.gaps[0],
-        )
-        np.testing.assert_allclose(fit.surrogate.gaps, again.gaps, atol=1e-8)
 
 
 class TestBounds:

@@ -125,16 +125,6 @@ class TestSimulate:
         np.testing.assert_allclose(found.speeds[-1, 1:], speeds, rtol=0, atol=1e-10)
         np.testing.assert_allclose(found.gaps[-1], gaps, rtol=0, atol=1e-10)
 
-    def test_a_follower_too_few_is_refused(self) -> None:
-        with pytest.raises(ValueError, match="broadcast"):
-            simulate(
-                Parameters([0.1] * 2, 0.1, 1.0),
-                np.arange(3.0),
-                np.full(3, 20.0),
-                np.array([20.0]),
-                np.array([20.0]),
-            )
-
 
 class TestOrbit:
     @pytest.mark.parametrize("count", [1, 2, 3, 255, 257, 700])

@@ -1,5 +1,6 @@
 """The Compare page without a browser: rows, a stop, five starts, and the session's earlier runs."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import pytest
@@ -10,21 +11,12 @@ from accpinn.methods.fit import Outcome
 from accpinn.methods.pinn.config import FAST, PAPER
 from accpinn.methods.registry import METHODS
 from accpinn.recordings.recording import Window
-from accpinn.study.comparison import MethodFailure, compare, result_of
+from accpinn.study.comparison import MethodFailure, MethodResult, compare, result_of
 from accpinn.tasks.task import Status, Task
-from pages.ui.components.charts import clicked_data
 from pages.ui.data.sources import FIRST_SAMPLE, sample
 from pages.ui.session.resources import task_queue
 from pages.ui.session.workspace import KEPT_RECORDS, Workspace
-from tests.support.apptest import (
-    COMPARE,
-    WAIT,
-    boxes,
-    everything,
-    open_page,
-    plain,
-    with_sample,
-)
+from tests.support.apptest import COMPARE, WAIT, boxes, everything, open_page, plain, with_sample
 
 pytestmark = pytest.mark.usefixtures("fresh_server")
 
@@ -36,10 +28,18 @@ def found(fresh_server: None) -> Workspace:
     return made
 
 
+def finished(found: Workspace, results: Sequence[MethodResult | MethodFailure]) -> None:
+    """Give the session a comparison that has these results."""
+    names = tuple(METHODS)[: len(results)]
+    task = Task(found.id, "comparison", lambda context: iter(results), names)
+    found.comparison = task_queue().submit(task)
+    assert task.wait(WAIT)
+    assert task.status is Status.DONE
+
+
 def test_rows_pictures_warnings_starts_and_earlier_fits(found: Workspace) -> None:
     page = open_page(COMPARE, found)
     page.button(key="compare_run").click().run()
-    assert found.comparison is not None
     assert found.comparison.wait(WAIT)
     assert found.comparison.status is Status.DONE
     page = open_page(COMPARE, found)
@@ -52,8 +52,7 @@ def test_rows_pictures_warnings_starts_and_earlier_fits(found: Workspace) -> Non
     page.selectbox(key="compare_method").set_value("Splines").run()
     assert "Splines against the data" in everything(page)
 
-    found.train_starts(FAST)
-    assert found.starts is not None
+    found.train_starts(replace(FAST, iterations=20))
     assert found.starts.wait(WAIT)
     assert "Spread" in everything(open_page(COMPARE, found))
 
@@ -67,13 +66,11 @@ def test_rows_pictures_warnings_starts_and_earlier_fits(found: Workspace) -> Non
     ]  # fmt: skip
     assert found.records[0].parameters.values[0] == pytest.approx(before.parameters.values[0])
 
-    found.compare()
-    assert found.comparison.wait(WAIT)
+    finished(found, tuple(compare(found.segment, "II", ("least-squares",))))
     page = open_page(COMPARE, found)
     assert "0–60 s → 10–60 s" in everything(page)
-    page.multiselect(key="compare_earlier").set_value(
-        [page.multiselect(key="compare_earlier").options[0]]
-    ).run()
+    earlier = page.multiselect(key="compare_earlier")
+    earlier.set_value(earlier.options[:1]).run()
     assert not page.exception
     assert "Rings: earlier fits." in everything(page)
 
@@ -82,14 +79,10 @@ def test_rows_pictures_warnings_starts_and_earlier_fits(found: Workspace) -> Non
 def test_methods_that_fail_are_named_and_the_others_shown(
     found: Workspace, failing: tuple[str, ...]
 ) -> None:
-    assert found.segment is not None
     fault = SegmentError("Too little is left of the window; choose a longer one.")
     row = result_of(found.segment, least_squares.fit(found.segment))
     results = [MethodFailure(name, fault) if name in failing else row for name in METHODS]
-    task = Task(found.id, "comparison", lambda context: iter(results), tuple(METHODS))
-    found.comparison = task_queue().submit(task)
-    assert task.wait(WAIT)
-    assert task.status is Status.DONE
+    finished(found, results)
     page = open_page(COMPARE, found)
     (failures,) = [box for box in boxes(page, "warning") if box.startswith("No result from ")]
     who = "Splines, Particle filter" if len(failing) == 2 else "any method"
@@ -100,7 +93,6 @@ def test_methods_that_fail_are_named_and_the_others_shown(
 
 def test_a_stop_keeps_the_rows_and_offers_to_run_again(found: Workspace) -> None:
     found.compare()
-    assert found.comparison is not None
     task_queue().stop(found.comparison)
     assert found.comparison.wait(WAIT)
     assert found.comparison.status is Status.STOPPED
@@ -109,11 +101,16 @@ def test_a_stop_keeps_the_rows_and_offers_to_run_again(found: Workspace) -> None
     assert page.button(key="compare_run").label == "Run all methods"
 
 
-def test_earlier_fits_are_bounded_and_none_is_kept_twice(found: Workspace) -> None:
-    assert found.segment is not None
-    fit = least_squares.fit(found.segment)
-    found._record([fit, fit])
-    assert len(found.records) == 1
+def test_earlier_fits_are_bounded_and_shown_without_a_comparison(found: Workspace) -> None:
+    fit = replace(least_squares.fit(found.segment), method="pinn", config=PAPER.to_json())
+    for _ in range(2):
+        found._record([replace(fit, outcome=Outcome.STOPPED)])
+    assert len(found.records) == 1, "none is kept twice"
+    said = plain(open_page(COMPARE, found))
+    assert "Kept from earlier in this session: 1 fit." in said
+    assert "PiNN (paper preset, stopped), " in said
+    assert "synthetic_astazero_like.csv, 0–60 s" in said
+    assert "Differs now in" not in said
     for seed in range(KEPT_RECORDS + 3):
         found._record([replace(fit, config={"seed": seed})])
     assert len(found.records) == KEPT_RECORDS
@@ -122,20 +119,12 @@ def test_earlier_fits_are_bounded_and_none_is_kept_twice(found: Workspace) -> No
     assert len(found.records) == KEPT_RECORDS, "an early step does not drop them"
 
 
-def test_a_click_has_the_data_of_its_point() -> None:
-    assert clicked_data([]) is None
-    assert clicked_data([{"customdata": "PiNN"}]) == "PiNN"
-    assert clicked_data([{"customdata": ["Splines"]}]) == "Splines"
-
-
 def test_a_training_with_other_settings_has_a_row_of_its_own(found: Workspace) -> None:
     found.comparison = Task(found.id, "comparison", lambda context: iter(()))
-    assert found.segment is not None
     least = compare(found.segment, "II", ("least-squares",))
     found.comparison.results = tuple(least)
     assert len(found.compared_with_training()) == 1
     found.train(replace(FAST, iterations=60))
-    assert found.training is not None
     assert found.training.wait(WAIT)
     _, own = found.compared_with_training()
     assert own.fit is found.fit
@@ -150,20 +139,9 @@ def test_a_training_with_other_settings_has_a_row_of_its_own(found: Workspace) -
 def test_a_comparison_names_one_s_own_training_that_it_waits_for(found: Workspace) -> None:
     found.train(PAPER)
     page = open_page(COMPARE, found)
-    assert "Your own training with the paper preset comes first" in plain(page)
-    page.button(key="compare_run").click().run()
     said = "Your own training with the paper preset comes first"
+    assert said in plain(page)
+    page.button(key="compare_run").click().run()
     assert said in plain(page)
     assert "The comparison then starts by itself." in plain(page)
     assert "Go to Train to stop it" in everything(page)
-
-
-def test_earlier_fits_are_shown_without_a_comparison(found: Workspace) -> None:
-    assert found.segment is not None
-    fit = replace(least_squares.fit(found.segment), method="pinn", config=PAPER.to_json())
-    found._record([replace(fit, outcome=Outcome.STOPPED)])
-    page = open_page(COMPARE, found)
-    assert "Kept from earlier in this session: 1 fit." in plain(page)
-    assert "PiNN (paper preset, stopped), " in plain(page)
-    assert "synthetic_astazero_like.csv, 0–60 s" in plain(page)
-    assert "Differs now in" not in plain(page)

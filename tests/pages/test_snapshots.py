@@ -1,49 +1,45 @@
 """The page Snapshots and what a snapshot restores on all others, without a browser."""
 
 from dataclasses import replace
-from typing import Any
 
 import pytest
-from streamlit.testing.v1 import AppTest
 
 from accpinn.methods.fit import Outcome, StartedFrom
 from accpinn.methods.pinn.config import PAPER, preset
 from accpinn.methods.pinn.method import WarmStart
-from accpinn.methods.pinn.training import train
 from accpinn.model.cthp import Parameters
 from accpinn.recordings.recording import Recording
-from accpinn.results.snapshot.saved import Library
-from accpinn.results.snapshot.schema import Snapshot
+from accpinn.results.snapshot import Snapshot
 from accpinn.tasks.task import Status
-from pages.ui.components.parameter_picker import parameters_from
 from pages.ui.data.sources import FIRST_SAMPLE, sample
 from pages.ui.session import sessions
 from pages.ui.session.resources import library, task_queue
 from pages.ui.session.workspace import Workspace
-from pages.ui.snapshots.differences import differing_settings, other_vehicles, parameter_differences
-from pages.ui.train.settings import chosen_config
+from pages.ui.snapshots import differing_settings, other_vehicles, parameter_differences
+from pages.ui.train import chosen_config
 from tests.support.apptest import (
     COMPARE,
     DATA,
     PAGES,
-    PLATOON,
     SNAPSHOTS,
     STABILITY,
     TRAIN,
+    choose,
     figures,
     open_page,
     plain,
+    press,
     texts,
     with_sample,
     workspace_of,
 )
+from tests.support.methods import train
 from tests.support.snapshots import whole
 
 pytestmark = pytest.mark.usefixtures("fresh_server")
 
-
-def button(page: AppTest, key: str) -> Any:
-    return next(b for b in page.button if b.key == key)
+FIGURES = {DATA: 1, TRAIN: 5, STABILITY: 3}
+"""Charts on a page that shows a snapshot with its data."""
 
 
 def bare() -> Snapshot:
@@ -51,27 +47,33 @@ def bare() -> Snapshot:
     return replace(whole(), segment=None, name="bare")
 
 
-def recording() -> Recording:
-    return sample(FIRST_SAMPLE)[0]
+def other_recording() -> Recording:
+    return replace(sample(FIRST_SAMPLE)[0], sha256="0" * 64)
 
 
 def with_fit() -> Workspace:
     found = with_sample()
     found.train(preset("fast", iterations=20))
-    assert found.training is not None
     assert found.training.wait(120)
     assert found.training.status is Status.DONE
     return found
 
 
+def restored(snapshot: Snapshot) -> Workspace:
+    """A session that shows it, as opened from the server."""
+    found = sessions.workspaces().new()
+    found.restore(library().open(library().add(snapshot)))
+    return found
+
+
 class TestSaving:
-    def test_a_result_is_kept_and_listed(self) -> None:
+    def test_a_result_is_kept_and_listed_with_data_only_when_asked(self) -> None:
         found = with_fit()
         page = open_page(SNAPSHOTS, found)
+        assert "No snapshot is kept here yet" in plain(page)
         page.text_input(key="snapshots_name").input("<b>mine</b>")
         page.text_area(key="snapshots_note").input("first try")
-        next(b for b in page.button if b.label == "Save").click().run()
-        assert not page.exception
+        press(page, "Save")
         assert "Saved as" in plain(page)
         assert "“\\<b\\>mine" in texts(page)
         (entry,) = library().entries()
@@ -79,56 +81,46 @@ class TestSaving:
         assert "&lt;b&gt;mine&lt;/b&gt;" in plain(page)
         assert "<b>mine</b>" not in texts(page)
         kept = library().open(entry.id)
-        assert found.fit is not None
         assert kept.fit.parameters.values.tobytes() == found.fit.parameters.values.tobytes()
 
-    def test_data_go_in_only_when_asked(self) -> None:
-        page = open_page(SNAPSHOTS, with_fit())
-        assert not page.checkbox(key="snapshots_with_data").value
+        page.text_input(key="snapshots_name").input("with data")
         page.checkbox(key="snapshots_with_data").check()
-        next(b for b in page.button if b.label == "Save").click().run()
-        assert library().entries()[0].with_data
+        press(page, "Save")
+        assert [e.with_data for e in library().entries() if e.name == "with data"] == [True]
+        library().cap_count = 0
+        page.text_input(key="snapshots_name").input("one more")
+        assert "is full" in plain(press(page, "Save"))
 
     def test_what_is_known_of_the_recording_survives_saving_again(self) -> None:
         facts = {"campaign": "Ispra", "date": "2019-04-01", "acc_flag": 1}
         page = open_page(SNAPSHOTS, snapshot=library().add(replace(whole(), facts=facts)))
         page.text_input(key="snapshots_name").input("again")
-        next(b for b in page.button if b.label == "Save").click().run()
+        press(page, "Save")
         (again,) = (entry for entry in library().entries() if entry.name == "again")
         kept = library().open(again.id).facts
         assert {name: kept[name] for name in facts} == facts
-
-    def test_without_a_result_there_is_a_way_to_one(self) -> None:
-        page = open_page(SNAPSHOTS)
-        assert "no result to save yet" in plain(page)
-        assert "No snapshot is kept here yet" in plain(page)
 
     def test_a_stopped_training_is_called_so(self) -> None:
         fit = replace(whole().fit, outcome=Outcome.STOPPED, iterations=7)
         page = open_page(SNAPSHOTS, snapshot=library().add(replace(whole(), fit=fit)))
         assert "stopped at 7 of 20 iterations" in plain(page)
 
-    def test_a_full_store_says_so(self) -> None:
-        found = with_fit()
-        page = open_page(SNAPSHOTS, found)
-        library().cap_count = 0
-        next(b for b in page.button if b.label == "Save").click().run()
-        assert "is full" in plain(page)
-
 
 class TestList:
-    def test_open_delete_and_verify(self) -> None:
+    def test_verify_run_again_open_and_delete(self) -> None:
         name = library().add(whole())
         page = open_page(SNAPSHOTS)
+        assert "no result to save yet" in plain(page)
         assert f"/Snapshots?snapshot={name}" in page.code[0].value
-        assert "The snapshot is whole" in plain(page)
-        assert "Recomputed" in plain(page)
-        assert "the same" in plain(page)
-        button(page, "snapshots_open").click().run()
+        for said in ("The snapshot is whole", "Recomputed", "the same", "finds these parameters"):
+            assert said in plain(page)
+        choose(page, "snapshots_again", True)
+        assert "finds these parameters" not in plain(page)
+        assert "Method run again, Recursive" in plain(page)
+        press(page, "snapshots_open")
         assert workspace_of(page).snapshot is not None
         assert "From the snapshot" in plain(page)
-        button(page, "snapshots_delete").click().run()
-        assert not page.exception
+        press(page, "snapshots_delete")
         assert library().entries() == ()
 
     def test_stands_at_the_one_that_is_open_then_at_the_one_just_saved(self) -> None:
@@ -136,7 +128,7 @@ class TestList:
         library().add(whole())
         page = open_page(SNAPSHOTS, snapshot=name)
         assert page.selectbox(key="snapshots_chosen").value == name
-        next(b for b in page.button if b.label == "Save").click().run()
+        press(page, "Save")
         kept = page.selectbox(key="snapshots_chosen").value
         assert f"Saved as snapshot {kept}" in plain(page)
         assert not page.warning
@@ -148,86 +140,89 @@ class TestList:
         library().delete(name)
         page.run()
         assert "deleted from the server" in plain(page)
-        button(page, "snapshots_keep").click().run()
-        assert "deleted from the server" not in plain(page)
+        assert "deleted from the server" not in plain(press(page, "snapshots_keep"))
         assert library().has(name)
 
-    def test_the_methods_are_run_again_on_demand(self) -> None:
-        library().add(whole())
-        page = open_page(SNAPSHOTS)
-        assert "finds these parameters" in plain(page)
-        page.toggle(key="snapshots_again").set_value(True).run()
-        assert "finds these parameters" not in plain(page)
-        assert "Method run again, Recursive" in plain(page)
-
-    def test_a_damaged_one_is_named_and_can_be_deleted(self) -> None:
+    def test_a_damaged_one_is_named_and_can_be_deleted_and_imported_anew(self) -> None:
         name = library().add(whole())
         path = library().folder / f"{name}.accpinn.zip"
-        path.write_bytes(path.read_bytes()[:-9])
+        sound = path.read_bytes()
+        path.write_bytes(sound[:-9])
         page = open_page(SNAPSHOTS)
         assert "(damaged)" in plain(page)
         assert page.error
-        button(page, "snapshots_delete").click().run()
+        press(page, "snapshots_delete")
         assert library().entries() == ()
+        page.file_uploader(key="snapshots_upload").upload("it.accpinn.zip", sound).run()
+        assert f"it.accpinn.zip is whole and now in the list as {name}" in plain(page)
 
-    def test_two_side_by_side(self) -> None:
+
+class TestTwo:
+    def test_side_by_side(self) -> None:
         library().add(whole())
         fit = replace(whole().fit, config={**whole().fit.config, "seed": 7})
         library().add(replace(whole(), name="other seed", fit=fit))
-        page = open_page(SNAPSHOTS)
-        page.toggle(key="snapshots_compare").set_value(True).run()
-        assert not page.exception
+        page = choose(open_page(SNAPSHOTS), "snapshots_compare", True)
         assert len(figures(page)) == 1
         assert "What differs" in plain(page)
 
+    def test_differences_are_those_of_the_second_against_the_first(self) -> None:
+        one = whole()
+        values = one.fit.parameters.values.copy()
+        values[0, 0] *= 1.5
+        other = replace(one, fit=replace(one.fit, parameters=Parameters.of(values)))
+        table = parameter_differences(one, other)
+        assert table.rows[0][-1] == "+50.0"
+        assert [row[-1] for row in table.rows[1:]] == ["+0.0"] * (3 * one.info.followers - 1)
+        assert differing_settings(one, one).rows == ()
 
-def test_differences_are_those_of_the_second_against_the_first() -> None:
-    one = whole()
-    values = one.fit.parameters.values.copy()
-    values[0, 0] *= 1.5
-    other = replace(one, fit=replace(one.fit, parameters=Parameters.of(values)))
-    table = parameter_differences(one, other)
-    assert table.rows[0][-1] == "+50.0"
-    assert [row[-1] for row in table.rows[1:]] == ["+0.0"] * (3 * one.info.followers - 1)
-    assert differing_settings(one, one).rows == ()
-
-
-def test_unlike_vehicles_are_not_compared_without_a_word() -> None:
-    one = whole()
-    assert other_vehicles(one, one) == ""
-    names = (one.info.names[0], "Lada", *one.info.names[2:])
-    said = other_vehicles(one, replace(one, info=replace(one.info, names=names)))
-    assert f"{one.info.labels[1]} stands beside 2 Lada." in said
-    assert said.count("stands beside") == 1
+    def test_unlike_vehicles_are_not_compared_without_a_word(self) -> None:
+        one = whole()
+        assert other_vehicles(one, one) == ""
+        names = (one.info.names[0], "Lada", *one.info.names[2:])
+        said = other_vehicles(one, replace(one, info=replace(one.info, names=names)))
+        assert f"{one.info.labels[1]} stands beside 2 Lada." in said
+        assert said.count("stands beside") == 1
 
 
 class TestLink:
     @pytest.mark.parametrize("path", PAGES)
-    def test_opens_on_every_page_with_its_data(self, path: str) -> None:
-        name = library().add(whole())
-        page = open_page(path, snapshot=name)
-        assert not page.error
-        assert workspace_of(page).snapshot is not None
-        assert workspace_of(page).segment is not None
-
-    @pytest.mark.parametrize("path", PAGES)
-    def test_opens_on_every_page_without_its_data(self, path: str) -> None:
-        name = library().add(bare())
-        page = open_page(path, snapshot=name)
-        assert not page.error
-        assert workspace_of(page).fit is not None
+    def test_opens_on_every_page_with_and_without_its_data(self, path: str) -> None:
+        for snapshot in (whole(), bare()):
+            page = open_page(path, snapshot=library().add(snapshot))
+            assert not page.error
+            found, complete = workspace_of(page), snapshot.segment is not None
+            assert found.snapshot is not None
+            assert found.fit is not None
+            assert (found.segment is not None) == complete
+            # History and the network's curves are in the snapshot.
+            expected = 0 if path == DATA and not complete else FIGURES.get(path, 0)
+            assert len(figures(page)) >= expected
+            if path in (DATA, COMPARE, TRAIN):
+                assert (snapshot.info.sha256 in plain(page)) == (not complete)
+            if path == COMPARE:
+                assert "Least squares" in plain(page)
+            if path == TRAIN:
+                (table, *_) = [e.proto.body for e in page.get("html") if "<table" in e.proto.body]
+                assert f"{whole().fit.parameters[0].alpha:.4f}" in table
+                keys = [b.key for b in page.button]
+                assert ("train_warm" in keys, "train_start" in keys) == (complete, complete)
 
     @pytest.mark.parametrize("name", ["0" * 16, "../../etc"])
     def test_to_nothing_says_so(self, name: str) -> None:
-        page = open_page(TRAIN, snapshot=name)
-        assert "There is no snapshot" in plain(page)
+        assert "There is no snapshot" in plain(open_page(TRAIN, snapshot=name))
 
-    def test_in_a_session_that_exists(self) -> None:
+    def test_is_followed_in_a_session_that_exists_and_again_after_other_work(self) -> None:
         found, name = with_fit(), library().add(bare())
         page = open_page(TRAIN, found, snapshot=name)
         assert workspace_of(page) is found
-        assert found.snapshot is not None
         assert found.snapshot.id == name
+        found.open(other_recording())
+        page.run()
+        assert (found.snapshot, found.fit) == (None, None), "for good"
+        assert "snapshot" not in page.query_params
+        open_page(TRAIN, found, snapshot=name)
+        assert found.snapshot is not None
 
     def test_gives_way_to_what_is_opened_later(self) -> None:
         first, second = library().add(bare()), library().add(replace(bare(), name="second"))
@@ -237,16 +232,8 @@ class TestLink:
         for stale in (second, first):  # the browser may send the old address once more
             page.query_params["snapshot"] = stale
             page.run()
-            assert found.snapshot is not None
             assert found.snapshot.name == "second"
             assert page.query_params["snapshot"] in (second, [second])
-
-    def test_opened_again_after_other_work_it_is_shown_again(self) -> None:
-        found, name = with_fit(), library().add(bare())
-        open_page(TRAIN, found, snapshot=name)
-        found.open(replace(recording(), sha256="0" * 64))
-        open_page(TRAIN, found, snapshot=name)
-        assert found.snapshot is not None
 
     def test_a_reload_leaves_a_training_from_its_weights_alone(self) -> None:
         found, name = with_sample(), library().add(whole())
@@ -257,143 +244,45 @@ class TestLink:
 
 
 class TestRestoring:
-    def test_with_data_all_pages_have_their_figures(self) -> None:
-        name = library().add(whole())
-        assert len(figures(open_page(DATA, snapshot=name))) >= 1
-        assert len(figures(open_page(TRAIN, snapshot=name))) == 5
-        assert len(figures(open_page(STABILITY, snapshot=name))) == 3
-        assert "Least squares" in plain(open_page(COMPARE, snapshot=name))
-        page = open_page(TRAIN, snapshot=name)
-        (table, *_) = [e.proto.body for e in page.get("html") if "<table" in e.proto.body]
-        assert f"{whole().fit.parameters[0].alpha:.4f}" in table
-
-    def test_without_data_the_recording_is_named(self) -> None:
-        name, info = library().add(bare()), whole().info
-        for path in (DATA, COMPARE, TRAIN):
-            assert info.sha256 in plain(open_page(path, snapshot=name)), path
-        page = open_page(TRAIN, snapshot=name)
-        assert len(figures(page)) == 5, "history and the network's curves are in the snapshot"
-        assert len(figures(open_page(STABILITY, snapshot=name))) == 3
-
     def test_the_recording_completes_it(self) -> None:
-        found = sessions.workspaces().new()
-        found.restore(library().open(library().add(bare())))
+        found = restored(bare())
         assert found.segment is None
         found.open(*sample(FIRST_SAMPLE))
-        assert found.snapshot is not None
-        assert found.segment is not None
         assert found.segment.info.digest == whole().info.digest
         assert found.fit is found.snapshot.fit
 
-    def test_another_recording_takes_its_place(self) -> None:
-        found = sessions.workspaces().new()
-        found.restore(library().open(library().add(bare())))
-        found.open(replace(recording(), sha256="0" * 64))
-        assert found.snapshot is None
-        assert found.fit is None
-
-    def test_a_choice_lets_it_go_for_good(self) -> None:
+    def test_training_goes_on_from_its_weights_with_its_settings(self) -> None:
         name = library().add(whole())
         page = open_page(TRAIN, snapshot=name)
         found = workspace_of(page)
-        found.open(replace(recording(), sha256="0" * 64))
-        page.run()
-        assert found.snapshot is None
-        assert "snapshot" not in page.query_params
-
-    def test_training_goes_on_from_its_weights(self) -> None:
-        name = library().add(whole())
-        page = open_page(TRAIN, snapshot=name)
-        button(page, "train_warm").click().run()
-        found = workspace_of(page)
-        assert found.training is not None
+        assert chosen_config(found).to_json() == whole().fit.config
+        press(page, "train_warm")
+        assert found.training.request.config.iterations == 20
+        assert "the training is new" in plain(page)
         assert found.training.wait(120)
         fit = found.fit
-        assert fit is not None
-        assert fit.history is not None
         assert StartedFrom(f"snapshot {name}") in fit.findings
         assert fit.history.total[0] == pytest.approx(whole().fit.loss["total"], rel=1e-6)
 
     def test_a_stopped_one_goes_on_from_the_same_weights(self) -> None:
-        found = sessions.workspaces().new()
-        found.restore(library().open(library().add(whole())))
-        assert found.segment is not None
+        found = restored(whole())
         config = replace(PAPER, iterations=100_000)
         early = train(found.segment, "II", replace(PAPER, iterations=1), threads=1)
         found.train(config, WarmStart.of(early, "another snapshot"))
         found.preset, found.settings["paper"] = "paper", config.changes()
         job = found.training
-        assert job is not None
         while job.progress is None or job.progress.iteration < 2:
             assert not job.wait(0.01)
         task_queue().stop(job)
         assert job.wait(60)
         page = open_page(TRAIN, found)
-        assert "Continue from iteration" in button(page, "train_start").label
-        button(page, "train_start").click().run()
-        assert found.training is not None
+        assert any(b.label.startswith("Continue from iteration") for b in page.button)
+        press(page, "train_start")
         assert found.training is not job
         assert found.training.request.warm is job.request.warm
         task_queue().stop(found.training)
         assert found.training.wait(60)
         page.run()
-        button(page, "train_anew").click().run()
+        press(page, "train_anew")
         assert found.training.request.warm is None
         task_queue().stop(found.training)
-
-    def test_goes_on_with_the_settings_it_was_trained_with(self) -> None:
-        page = open_page(TRAIN, snapshot=library().add(whole()))
-        found = workspace_of(page)
-        assert chosen_config(found).to_json() == whole().fit.config
-        button(page, "train_warm").click().run()
-        assert found.training is not None
-        assert found.training.request.config.iterations == 20
-        assert "the training is new" in plain(page)
-
-    def test_without_the_data_no_training_is_offered(self) -> None:
-        page = open_page(TRAIN, snapshot=library().add(bare()))
-        assert not [b for b in page.button if b.key in ("train_warm", "train_start")]
-
-
-class TestParameters:
-    @pytest.mark.parametrize("path", [STABILITY, PLATOON])
-    def test_a_snapshot_is_a_source(self, path: str) -> None:
-        found = sessions.workspaces().new()
-        found.parameter_choice.source = "snapshot"
-        known = whole().fit.parameters
-        changed = Parameters(0.05 + 0 * known.alpha, known.beta, known.tau)
-        other = replace(whole(), name="other", fit=replace(whole().fit, parameters=changed))
-        name, _ = library().add(other), library().add(whole())
-        found.parameter_choice.snapshot = name
-        page = open_page(path, found)
-        assert not page.error
-        assert parameters_from(found, "snapshot").parameters == changed
-
-    @pytest.mark.parametrize("path", [STABILITY, PLATOON])
-    def test_a_run_looks_at_the_shelf_once_and_reads_a_snapshot_once(
-        self, path: str, monkeypatch: pytest.MonkeyPatch
-    ) -> None:
-        found = sessions.workspaces().new()
-        found.parameter_choice.source, found.parameter_choice.snapshot = (
-            "snapshot",
-            library().add(whole()),
-        )
-        looks, reads = [], []
-        entries, opening = Library.entries, Library.open
-        monkeypatch.setattr(Library, "entries", lambda s: looks.append(1) or entries(s))
-        page = open_page(path, found)
-        monkeypatch.setattr(Library, "open", lambda s, name: reads.append(name) or opening(s, name))
-        looks.clear()
-        page.run()
-        assert (len(looks), reads) == (1, [])
-
-    def test_one_deleted_meanwhile_gives_way_to_another_source(self) -> None:
-        found = sessions.workspaces().new()
-        found.parameter_choice.source, found.parameter_choice.snapshot = (
-            "snapshot",
-            library().add(whole()),
-        )
-        library().delete(found.parameter_choice.snapshot)
-        page = open_page(STABILITY, found)
-        assert not page.error
-        assert page.get("plotly_chart")

@@ -1,7 +1,7 @@
-"""Simulated platoons: exact motion against tight integration, and what is found on the way."""
+"""Simulated platoons: exact motion against tight integration, findings, and amplitudes."""
 
 from itertools import pairwise
-from math import nan, pi
+from math import inf, nan, pi
 
 import numpy as np
 import pytest
@@ -11,8 +11,20 @@ from scipy.integrate import solve_ivp
 
 from accpinn.errors import ParameterError
 from accpinn.model.cthp import Parameters
+from accpinn.model.published import CASALE
 from accpinn.platoon.leader import Brake, Leader, Recorded, Sinusoid, SpeedStep
-from accpinn.platoon.simulation import Collision, PlatoonRun, Reversal, simulate_platoon
+from accpinn.platoon.simulation import (
+    SETTLED,
+    Amplitudes,
+    Collision,
+    NeverSettles,
+    PlatoonRun,
+    Reversal,
+    TooShort,
+    TransientLeft,
+    simulate_platoon,
+)
+from accpinn.stability.frequency import response
 from accpinn.stability.head_to_tail import head_to_tail_gains
 from accpinn.units import FloatArray
 from tests.support.vehicles import AUDI, MERCEDES, MIXED, NO_GAP_CONTROL, TESLA, ordinary, row
@@ -59,32 +71,12 @@ def integrated(
     for low, high in pairwise(kinks):
         inside = (instants >= low - 1e-9) & (instants <= high + 1e-9)
         span = (low, high - 1e-12)  # a step's new speed begins with its own piece
+        wanted = np.append(np.clip(instants[inside], *span), span[1])
         solved = solve_ivp(
-            rates,
-            span,
-            state,
-            method="DOP853",
-            rtol=1e-12,
-            atol=1e-12,
-            t_eval=np.clip(instants[inside], *span),
-        )
-        result[inside], state = solved.y.T, solved.y[:, -1]
-        if instants[inside][-1] < span[1]:
-            rest = solve_ivp(
-                rates, (instants[inside][-1], span[1]), state, "DOP853", rtol=1e-12, atol=1e-12
-            )
-            state = rest.y[:, -1]
+            rates, span, state, "DOP853", np.unique(wanted), rtol=1e-12, atol=1e-12
+        ).y.T
+        result[inside], state = solved[: inside.sum()], solved[-1]
     return result[:, 1::2], result[:, 0::2]
-
-
-def test_a_run_starts_in_equilibrium() -> None:
-    run = simulate_platoon(row(*[TESLA] * 8), Sinusoid(0.25))
-    instants, speeds = run.trajectories.time, run.trajectories.speeds
-    assert (instants[0], instants[-1]) == (0, pytest.approx(500))
-    assert speeds.shape == (5001, 9)
-    steady = instants <= 20
-    assert (speeds[steady] == 20).all()
-    assert (run.trajectories.gaps[steady] == 20 * 1.16).all()
 
 
 class TestExactMotion:
@@ -113,6 +105,7 @@ class TestExactMotion:
     ) -> None:
         vehicles = row(*platoon)
         run = simulate_platoon(vehicles, Sinusoid(amplitude=0.0, speed=speed, duration=50))
+        assert run.trajectories.time[-1] == pytest.approx(50)
         assert (run.trajectories.speeds == speed).all()
         assert (run.trajectories.gaps == speed * vehicles.tau).all()
 
@@ -170,8 +163,7 @@ class TestFindings:
 
     def test_a_collision_at_the_start_leaves_two_samples(self) -> None:
         run = simulate_platoon(Parameters(0.1, 0.2, 0.0), SpeedStep())
-        assert run.collisions[0].time == 0
-        assert run.meaningful == 2
+        assert (run.collisions[0].time, run.meaningful) == (0, 2)
         assert simulate_platoon(AUDI, SpeedStep(0.0)).meaningful == 3001
 
     def test_a_stop_behind_a_stopped_leader_is_no_collision(self) -> None:
@@ -182,30 +174,124 @@ class TestFindings:
         assert run.collisions == ()
 
 
-class TestRefusals:
-    def test_without_gap_control_and_headway(self) -> None:
-        with pytest.raises(ParameterError, match=r"set 2: with α = 0 .* give τ"):
-            simulate_platoon(row(AUDI, NO_GAP_CONTROL), Sinusoid())
-
-    @pytest.mark.parametrize(
-        ("platoon", "leader", "step", "words"),
-        [
-            (AUDI, Sinusoid(), 0.0, "Sample time 0 s"),
-            (AUDI, Sinusoid(frequency=1e4), None, "shorten its duration"),
-            (AUDI, Brake(), 1e-9, "shorten its duration"),
-            (Parameters([], [], []), Sinusoid(), None, "no vehicle"),
-            (Parameters(nan, 1, 1), Sinusoid(), None, "set 1: α is missing"),
-            (Parameters(1e9, 1e9, 1), Sinusoid(), None, "within a microsecond"),
-        ],
-    )
-    def test_impossible_settings(
-        self, platoon: Parameters, leader: Leader, step: float | None, words: str
-    ) -> None:
-        with pytest.raises(ParameterError, match=words):
-            simulate_platoon(platoon, leader, step)
+@pytest.mark.parametrize(
+    ("platoon", "leader", "step", "words"),
+    [
+        (row(AUDI, NO_GAP_CONTROL), Sinusoid(), None, r"set 2: with α = 0 .* give τ"),
+        (AUDI, Sinusoid(), 0.0, "Sample time 0 s"),
+        (AUDI, Brake(), 1e-9, "shorten its duration"),
+        (Parameters([], [], []), Sinusoid(), None, "no vehicle"),
+        (Parameters(nan, 1, 1), Sinusoid(), None, "set 1: α is missing"),
+        (Parameters(1e9, 1e9, 1), Sinusoid(), None, "within a microsecond"),
+    ],
+)
+def test_what_cannot_be_simulated_is_refused(
+    platoon: Parameters, leader: Leader, step: float | None, words: str
+) -> None:
+    with pytest.raises(ParameterError, match=words):
+        simulate_platoon(platoon, leader, step)
 
 
 def test_arrays_cannot_be_changed() -> None:
     run = simulate_platoon(AUDI, Sinusoid())
     with pytest.raises(ValueError, match="read-only"):
         run.trajectories.speeds[0, 0] = 1.0
+
+
+def measured(platoon: Parameters, leader: Sinusoid) -> Amplitudes:
+    found = simulate_platoon(platoon, leader).amplitudes
+    assert found is not None
+    return found
+
+
+@pytest.mark.parametrize(("vehicle", "grows"), [(MERCEDES, True), (TESLA, False)])
+@pytest.mark.parametrize("omega", [0.25, 0.3])
+def test_the_papers_eighth_follower_moves_by_the_eighth_power(
+    vehicle: Parameters, omega: float, grows: bool
+) -> None:
+    run = simulate_platoon(row(*[vehicle] * 8), Sinusoid(omega))
+    assert (run.findings, run.collisions) == ((), ())
+    found, gain = run.amplitudes, np.abs(response(row(vehicle), np.array([omega])))[0, 0]
+    assert found is not None
+    np.testing.assert_allclose(found.predicted, gain ** np.arange(9), rtol=1e-12)
+    np.testing.assert_allclose(found.measured, found.predicted, rtol=1e-5)
+    assert (found.measured[8] > 1) == grows
+    assert found.periods == 5
+
+
+@given(st.permutations(range(4)), st.floats(0.05, 1.5))
+@settings(max_examples=15)
+def test_those_of_a_mixed_platoon_are_the_products_in_any_order(
+    order: list[int], omega: float
+) -> None:
+    platoon = MIXED[order]
+    found = measured(platoon, Sinusoid(omega, duration=900))
+    products = np.cumprod(np.abs(response(platoon, np.array([omega])))[:, 0])
+    np.testing.assert_allclose(found.predicted[1:], products, rtol=1e-12)
+    np.testing.assert_allclose(found.measured, found.predicted, rtol=1e-3)
+
+
+def test_the_transient_ends_at_the_time_given() -> None:
+    leader, platoon = Sinusoid(0.25, duration=900), row(*[MERCEDES] * 8)
+    run = simulate_platoon(platoon, leader)
+    assert run.amplitudes is not None
+    since = run.trajectories.time - leader.settle
+    steady = np.cumprod(response(platoon, np.array([0.25]))[:, 0])
+    for k, phasor in enumerate(steady, 1):
+        wave = (phasor * np.exp(0.25j * since)).imag
+        apart = np.abs(run.trajectories.speeds[:, k] - 20 - wave) / abs(phasor)
+        settled = run.amplitudes.settled[k]
+        assert apart[since > settled].max() < SETTLED
+        assert apart[(since > 0) & (since < settled - 1)].max() > SETTLED
+
+
+def test_a_run_too_short_for_the_transient_names_the_duration_that_is_enough() -> None:
+    slow = CASALE.parameters[[0] * 8]
+    found = measured(slow, Sinusoid(0.25, duration=500))
+    assert found.settled[8] == pytest.approx(721, abs=2)
+    assert found.findings == (TransientLeft(8, 767),)
+    assert not found.free
+    enough = measured(slow, Sinusoid(0.25, duration=767))
+    assert enough.findings == ()
+    assert enough.free
+
+
+def test_less_than_a_period_is_not_measured() -> None:
+    found = measured(AUDI, Sinusoid(0.25, duration=40))
+    assert np.isnan(found.measured).all()
+    (finding,) = found.findings
+    assert isinstance(finding, TooShort)
+    assert finding.period == pytest.approx(2 * pi / 0.25)
+    assert measured(AUDI, Sinusoid(0.25, duration=finding.duration)).findings == ()
+    assert measured(AUDI, Sinusoid(0.25, duration=10)).periods == 0
+
+
+def test_a_fast_sinusoid_gets_enough_samples() -> None:
+    run = simulate_platoon(row(AUDI, TESLA), Sinusoid(40.0, duration=300))
+    assert run.trajectories.time[1] < 2 * pi / 40 / 20
+    assert run.amplitudes is not None
+    np.testing.assert_allclose(run.amplitudes.measured, run.amplitudes.predicted, rtol=1e-3)
+
+
+def test_without_gap_control_the_gap_starts_at_the_headway_given() -> None:
+    run = simulate_platoon(row(Parameters(0.0, 0.3, 1.2), AUDI), Sinusoid(0.25))
+    assert run.trajectories.gaps[0, 0] == 24
+    assert run.amplitudes is not None
+    assert run.amplitudes.measured[1] == pytest.approx(0.3 / np.hypot(0.25, 0.3), rel=1e-6)
+    still = simulate_platoon(row(Parameters(0.0, 0.0, 1.0), AUDI), Sinusoid(0.25))
+    assert (still.trajectories.speeds[:, 1:] == 20).all(), "without reaction nothing moves"
+    assert still.amplitudes is not None
+    np.testing.assert_array_equal(still.amplitudes.predicted, [1, 0, 0])
+
+
+def test_without_damping_it_never_settles() -> None:
+    undamped = Parameters(0.0625, 0.0, 0.0)
+    run = simulate_platoon(row(TESLA, undamped, TESLA), Sinusoid(0.25))
+    assert run.amplitudes is not None
+    assert np.isfinite(run.amplitudes.settled[:2]).all()
+    np.testing.assert_array_equal(run.amplitudes.settled[2:], inf)
+    np.testing.assert_array_equal(run.amplitudes.predicted[2:], inf)
+    assert NeverSettles(2) in run.findings
+    # In resonance the amplitude grows with time: by A|H_1|ω/2 a second.
+    moved = np.abs(run.trajectories.speeds[:, 2] - run.leader.speed).max()
+    assert moved == pytest.approx(0.948 * 0.125 * 480, rel=0.05)

@@ -9,12 +9,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from accpinn.errors import AccpinnError, SegmentError
-from accpinn.mask import Stretch, stretches
 from accpinn.recordings.openacc import read
 from accpinn.recordings.recording import Recording, Window
-from accpinn.segment.cut import complete_windows, cut
+from accpinn.segment.cut import chains, complete_windows, cut, default_vehicles, parse_vehicles
 from accpinn.segment.segment import Bridged, Resampled, Segment, WindowMoved, WindowShortened
-from accpinn.segment.vehicles import chains, default_vehicles, parse_vehicles
 from tests.support.openacc_files import csv, metadata, platoon
 
 
@@ -263,28 +261,17 @@ def segment(**changes: object) -> Segment:
     return Segment(**(values | changes))
 
 
-def test_a_segment_copies_and_locks_its_arrays() -> None:
+def test_a_segment_copies_its_arrays_and_describes_itself() -> None:
     speeds = np.ones((4, 2))
     made = segment(speeds=speeds)
     speeds[0, 0] = 9.0
     assert made.speeds[0, 0] == 1.0
     with pytest.raises(ValueError, match="read-only"):
         made.speeds[0, 0] = 9.0
-
-
-def test_a_segment_describes_itself() -> None:
-    made = segment()
     assert (made.followers, made.samples, made.sample_time) == (1, 4, 0.1)
     assert made.window == Window(0.0, 0.3)
+    assert [str(Window(*ends)) for ends in ((32.9, 33.4), (7.5, 7.5))] == ["32.9–33.4 s", "7.5 s"]
     assert made.labels == (made.label(1), made.label(2)) == ("1 A", "Vehicle 2")
-
-
-@pytest.mark.parametrize(
-    ("window", "text"),
-    [(Window(0, 300), "0–300 s"), (Window(32.9, 33.4), "32.9–33.4 s"), (Window(7.5, 7.5), "7.5 s")],
-)
-def test_a_window_has_one_text(window: Window, text: str) -> None:
-    assert str(window) == text
 
 
 def test_the_digest_follows_content_only() -> None:
@@ -318,13 +305,6 @@ def test_the_digest_follows_content_only() -> None:
 def test_a_segment_that_no_method_could_use(changes: dict[str, object]) -> None:
     with pytest.raises(SegmentError, match=r"made\.csv"):
         segment(**changes)
-
-
-def test_stretches() -> None:
-    first, second, third = stretches([1, 1, 0, 1, 0, 0, 1])
-    assert (first, second, third) == (Stretch(0, 1), Stretch(3, 3), Stretch(6, 6))
-    assert (len(first), first.rows) == (2, slice(0, 2))
-    assert stretches([]) == stretches([0, 0]) == ()
 
 
 HOLES = recording(without(slice(120, 170), "Speed2", "IVS1", "IVS2"))
@@ -362,12 +342,6 @@ def test_casale(openacc_dir: Path) -> None:
     made = cut(read(openacc_dir / "Casale/part7.csv"))
     assert (made.samples, made.followers, made.findings) == (3001, 1, ())
     assert made.labels == ("1 Rexton", "2 Hyundai")
-
-
-def test_vicolungo_keeps_time_in_double_precision(openacc_dir: Path) -> None:
-    made = cut(read(openacc_dir / "Vicolungo/JRC-VC_260219_part3.csv"))
-    assert (made.samples, made.sample_time) == (1455, 0.1)
-    assert Resampled(step=0.1) not in made.findings
 
 
 def test_low_speed_is_refused_with_its_complete_windows(openacc_dir: Path) -> None:

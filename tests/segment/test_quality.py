@@ -135,10 +135,3 @@ def test_casale_catches_up_for_a_fifth_of_the_time(openacc_dir: Path) -> None:
     quality = assess_quality(cut(read(openacc_dir / "Casale/part7.csv")))
     assert f"{1 - quality.car_following[0]:.2f}" == "0.21"
     assert quality.findings == ()
-
-
-def test_a_constant_speed_window_is_recognised(openacc_dir: Path) -> None:
-    recording = read(openacc_dir / "AstaZero/ASta_040719_platoon5.csv")
-    quality = assess_quality(cut(recording, start=540.0, duration=40.0, vehicles=(1, 2, 3)))
-    assert [one.vehicles for one in quality.findings[1:]] == [(2, 3)]
-    assert min(quality.condition) > 100

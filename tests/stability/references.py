@@ -1,7 +1,7 @@
 """Reference systems for string stability, and methods of their own to compute their numbers.
 
 Where the parameters come from: Apostolakis and Ampountolas, IEEE TVT 2024; the rows of Table III
-with its YES/NO columns, and experiment 1 of Table I (Ispra-Casale).
+with its YES/NO columns, two of Table II (NO twice), and experiment 1 of Table I (Ispra-Casale).
 
 None of the closed forms of `accpinn.stability` is used:
 
@@ -45,6 +45,8 @@ TABLE = (
     Reference("Vicolungo 2, Peugeot 5008", Parameters(0.1760, 0.3921, 1.00)),
     Reference("Vicolungo 3, Kia Niro", Parameters(0.0705, 0.1930, 1.13)),
     Reference("Vicolungo, average", Parameters(0.1077, 0.2504, 1.05)),
+    Reference("Table II, first", Parameters(0.0627, 0.2630, 1.17)),
+    Reference("Table II, second", Parameters(0.0581, 0.3010, 1.04)),
     Reference("Casale, experiment 1", Parameters(0.0104, 0.0718, 1.52)),
 )
 

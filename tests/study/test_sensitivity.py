@@ -12,7 +12,7 @@ from accpinn.model.cthp import Parameters
 from accpinn.recordings.openacc import read
 from accpinn.results.tables.estimates import regimes_table, sensitivity_table
 from accpinn.segment.cut import cut
-from accpinn.segment.regimes import label_regimes
+from accpinn.segment.quality import label_regimes
 from accpinn.study.sensitivity import CHOICES, COMPARED, SensitivityResult, sensitivity
 from tests.support.driving import LAW, driven
 

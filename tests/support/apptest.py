@@ -1,11 +1,16 @@
 """Pages run without a browser: opening them, and what is written on them."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from streamlit.testing.v1 import AppTest
 
+from accpinn.methods import least_squares
+from accpinn.methods.pinn.config import FAST
+from accpinn.recordings.recording import Window
+from accpinn.tasks.task import TrainingRequest, training_task
 from pages.ui.data.sources import FIRST_SAMPLE, sample
 from pages.ui.session import sessions
 from pages.ui.session.workspace import Workspace
@@ -38,6 +43,33 @@ def with_sample() -> Workspace:
     found = sessions.workspaces().new()
     found.open(*sample(FIRST_SAMPLE))
     return found
+
+
+def fitted(window: Window | None = None, **changes: Any) -> Workspace:
+    """A session whose training is done; its fit stands in for a network's."""
+    found = with_sample()
+    found.choose(window=window, vehicles=(2, 3, 4, 5))
+    assert found.segment
+    fit = replace(least_squares.fit(found.segment, "II"), **changes)
+    found.training = training_task(found.id, TrainingRequest(found.segment, "II", FAST))
+    found.training.answer(fit)
+    return found
+
+
+def choose(page: AppTest, key: str, value: object) -> AppTest:
+    """Set the widget of that key, whatever kind it is, and run."""
+    kinds = ("button_group", "selectbox", "number_input", "text_input", "toggle", "checkbox")
+    (widget,) = (widget for kind in kinds for widget in page.get(kind) if widget.key == key)
+    widget.set_value(value).run()
+    assert not page.exception, page.exception
+    return page
+
+
+def press(page: AppTest, name: str) -> AppTest:
+    """Click on the button of that key or label, and run."""
+    next(button for button in page.button if name in (button.key, button.label)).click().run()
+    assert not page.exception, page.exception
+    return page
 
 
 def workspace_of(page: AppTest) -> Workspace:

@@ -8,6 +8,7 @@ import pytest
 
 from accpinn.cli import main
 
+Capture = pytest.CaptureFixture[str]
 ROOT = Path(__file__).parents[2]
 STUDY = ROOT / "sample_data" / "synthetic_paper_study.csv"
 PLATOON = ROOT / "sample_data" / "synthetic_astazero_like.csv"
@@ -24,14 +25,14 @@ def strict(text: str) -> Any:
     return json.loads(text, parse_constant=refuse)
 
 
-def document(capsys: pytest.CaptureFixture[str], *arguments: object) -> dict[str, Any]:
+def document(capsys: Capture, *arguments: object) -> dict[str, Any]:
     """What a command prints with --json."""
     assert main([*map(str, arguments), "--json"]) == 0
     found: dict[str, Any] = strict(capsys.readouterr().out)
     return found
 
 
-def refused(capsys: pytest.CaptureFixture[str], status: int, *arguments: object) -> str:
+def refused(capsys: Capture, status: int, *arguments: object) -> str:
     """The one line on standard error of a command that fails with that status."""
     assert main(list(map(str, arguments))) == status
     printed = capsys.readouterr()

@@ -1,6 +1,18 @@
 """Methods as tests call them."""
 
+from typing import Any
+
+from accpinn.methods.fit import Fit
+from accpinn.methods.method import TaskContext
+from accpinn.methods.pinn.config import FAST, PinnConfig
 from accpinn.methods.registry import METHODS
+from accpinn.model.cthp import Case
+from accpinn.segment.segment import Segment
 
 RIVALS = {key: method.fit for key, method in METHODS.items() if not method.is_iterative}
 """Every method but the network, which takes longer."""
+
+
+def train(segment: Segment, case: Case = "II", config: PinnConfig = FAST, **context: Any) -> Fit:
+    """The network's fit; ``context`` as in `TaskContext`."""
+    return METHODS["pinn"].fit(segment, case, config, TaskContext(**context))

@@ -7,16 +7,14 @@ from typing import Any
 from accpinn.inference.intervals import intervals
 from accpinn.methods.fit import Fit
 from accpinn.methods.pinn.config import preset
-from accpinn.methods.pinn.training import train
-from accpinn.results.snapshot.archive import unpack
-from accpinn.results.snapshot.create import create
-from accpinn.results.snapshot.file import seal, to_bytes
-from accpinn.results.snapshot.schema import MANIFEST, SCHEMA, Snapshot
+from accpinn.results.snapshot import MANIFEST, SCHEMA, Snapshot, create
+from accpinn.results.snapshot.archive import seal, to_bytes, unpack
 from accpinn.segment.segment import Segment
 from accpinn.serial import dump, read_json, write_json
 from accpinn.study.comparison import compare, results_among
 from tests.support.driving import driven
 from tests.support.methods import RIVALS as ESTIMATORS
+from tests.support.methods import train
 from tests.support.samples import PLATOON, sample
 
 NOTE = "α β τ, “quotes”, <tags> and\nlines."

@@ -4,6 +4,7 @@ import sys
 import threading
 from collections.abc import Iterator
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 from queue import Queue
 from typing import Any
@@ -12,8 +13,7 @@ import numpy as np
 import pytest
 
 from accpinn.errors import ConfigError
-from accpinn.methods.fit import Fit, Outcome
-from accpinn.methods.history import History, Progress
+from accpinn.methods.fit import Fit, History, Outcome, Progress
 from accpinn.methods.method import TaskContext
 from accpinn.methods.pinn.config import FAST, PAPER, PinnConfig
 from accpinn.methods.pinn.method import request_keys
@@ -22,10 +22,8 @@ from accpinn.model.cthp import Parameters
 from accpinn.recordings.openacc import read
 from accpinn.segment.cut import cut
 from accpinn.segment.segment import Segment
-from accpinn.tasks import estimations
-from accpinn.tasks.queue import KEPT_FOR, KEPT_TASKS, TaskQueue
-from accpinn.tasks.request import TrainingRequest
-from accpinn.tasks.task import Status, Task
+from accpinn.tasks.queue import KEPT_FOR, TaskQueue
+from accpinn.tasks.task import Status, Task, TrainingRequest, training_task
 from tests.support.openacc_files import csv, platoon
 
 WAIT = 20.0
@@ -44,11 +42,22 @@ def result(outcome: Outcome = Outcome.FINISHED, **changes: Any) -> Fit:
     return replace(fit, **changes)
 
 
+class Clock:
+    """A clock that stands until it is moved."""
+
+    now = 1000.0
+
+    def __call__(self) -> float:
+        return self.now
+
+
 class Puppet:
     """The work of all tasks: it yields or raises what the test gives it, one after the other."""
 
     def __init__(self) -> None:
         """No task runs yet."""
+        self.clock = Clock()
+        self.queue: TaskQueue
         self.started: Queue[Any] = Queue()
         self.given: Queue[tuple[Any, threading.Event]] = Queue()
         self.context = TaskContext()
@@ -69,7 +78,10 @@ class Puppet:
                         raise item
                     if item is END:
                         return
-                    yield item
+                    if isinstance(item, Progress):
+                        context.on_progress(item)
+                    else:
+                        yield item
                     taken.set()
                     if isinstance(item, Fit):
                         return
@@ -78,8 +90,11 @@ class Puppet:
 
         return Task(owner, options.pop("kind", "training"), steps, **options)
 
-    def training(self, owner: str, segment: Segment, config: PinnConfig = FAST) -> Task[Fit]:
-        return self.task(owner, config, request=TrainingRequest(segment, "II", config))
+    def training(self, owner: str, config: PinnConfig = FAST) -> Task[Fit]:
+        return self.task(owner, config, request=TrainingRequest(segment(), "II", config))
+
+    def train(self, owner: str, config: PinnConfig = FAST, anew: bool = False) -> Task[Fit]:
+        return self.queue.submit(self.training(owner, config), anew)
 
     def give(self, *items: Any) -> None:
         """To be yielded or raised by whatever runs, now or later."""
@@ -97,36 +112,18 @@ class Puppet:
         return self.started.get(timeout=WAIT)
 
 
-class Clock:
-    """A clock that stands until it is moved."""
-
-    now = 1000.0
-
-    def __call__(self) -> float:
-        return self.now
-
-
-@pytest.fixture(scope="module")
+@cache
 def segment() -> Segment:
     return cut(read(csv(platoon(vehicles=2)), "run.csv"), 0.0, 20.0, (1, 2))
 
 
 @pytest.fixture
-def puppet() -> Puppet:
-    return Puppet()
-
-
-@pytest.fixture
-def clock() -> Clock:
-    return Clock()
-
-
-@pytest.fixture
-def queue(puppet: Puppet, clock: Clock) -> Iterator[TaskQueue]:
-    running = TaskQueue(threads=1, clock=clock, prepare=lambda: None)
-    yield running
-    puppet.give(result(), result())  # whatever a test left running
-    running.close()
+def puppet() -> Iterator[Puppet]:
+    found = Puppet()
+    found.queue = TaskQueue(threads=1, clock=found.clock, prepare=lambda: None)
+    yield found
+    found.give(result(), result())  # whatever a test left running
+    found.queue.close()
 
 
 def finished(task: Task[Any]) -> Task[Any]:
@@ -134,26 +131,18 @@ def finished(task: Task[Any]) -> Task[Any]:
     return task
 
 
+def history_of(task: Task[Any]) -> History:
+    found = task.history()
+    assert found is not None
+    return found
+
+
 def seed(number: int) -> PinnConfig:
     return replace(FAST, seed=number)
 
 
-def test_a_task_runs_to_its_end(queue: TaskQueue, puppet: Puppet, segment: Segment) -> None:
-    task = queue.submit(puppet.training("ann", segment))
-    assert puppet.starts() == FAST
-    assert task.status is Status.RUNNING
-    assert task.is_active
-    assert task.result is None
-    fit = result()
-    puppet.give(fit)
-    assert finished(task).status is Status.DONE
-    assert task.results == (fit,)
-    assert task.error == ""
-    assert puppet.context.threads == 1
-
-
-def test_progress_rate_and_time_left(queue: TaskQueue, puppet: Puppet, segment: Segment) -> None:
-    task = queue.submit(puppet.training("ann", segment))
+def test_progress_rate_and_time_left(puppet: Puppet) -> None:
+    task = puppet.train("ann")
     known = (task.progress, task.rate, task.time_left, task.history(), task.share)
     assert known == (None, None, None, None, 0.0)
     puppet.step(moment(0, 0.0))
@@ -164,32 +153,13 @@ def test_progress_rate_and_time_left(queue: TaskQueue, puppet: Puppet, segment: 
     puppet.step(moment(90, 5.0))
     assert task.rate == 20.0, "the rate is that of the last three seconds"
     assert (task.time_left, task.share) == (0.5, 0.9)
-    history = task.history()
-    assert history is not None
+    history = history_of(task)
     np.testing.assert_array_equal(history.iteration, [0, 10, 30, 90])
     np.testing.assert_array_equal(history.parameters.values[:, 0, 2], [1, 11, 31, 91])
-    assert puppet.context.on_progress is not None
-    puppet.context.on_progress(moment(95, 6.0))  # as estimations report that yield nothing
-    assert task.progress is not None
-    assert task.progress.iteration == 95
 
 
-def test_the_history_stays_bounded_while_it_runs(
-    queue: TaskQueue, puppet: Puppet, segment: Segment
-) -> None:
-    task = queue.submit(puppet.training("ann", segment))
-    puppet.give(*(moment(k, k * 0.01) for k in range(9000)))
-    puppet.step(moment(9000, 90.0))
-    history = task.history()
-    assert history is not None
-    assert len(history.iteration) <= 2001
-    assert history.iteration[[0, -1]].tolist() == [0, 9000]
-
-
-def test_the_history_of_the_result_replaces_the_live_one(
-    queue: TaskQueue, puppet: Puppet, segment: Segment
-) -> None:
-    task = queue.submit(puppet.training("ann", segment))
+def test_the_history_of_the_result_replaces_the_live_one(puppet: Puppet) -> None:
+    task = puppet.train("ann")
     puppet.step(moment(3, 0.1))
     zeros = np.zeros(2)
     tables = Parameters.of(np.zeros((2, 1, 3)))
@@ -198,37 +168,37 @@ def test_the_history_of_the_result_replaces_the_live_one(
     assert finished(task).history() is own
 
 
-def test_one_at_a_time_and_the_rest_wait(
-    queue: TaskQueue, puppet: Puppet, segment: Segment
-) -> None:
-    ann = queue.submit(puppet.training("ann", segment, seed(1)))
+def test_one_at_a_time_and_the_rest_wait(puppet: Puppet) -> None:
+    ann = puppet.train("ann", seed(1))
     assert puppet.starts().seed == 1
-    ben = queue.submit(puppet.training("ben", segment, seed(2)))
-    cem = queue.submit(puppet.training("cem", segment, seed(3)))
+    ben = puppet.train("ben", seed(2))
+    cem = puppet.train("cem", seed(3))
     assert ben.status is cem.status is Status.QUEUED
-    assert queue.ahead_of(ann) == ()
-    assert queue.ahead_of(ben) == (ann,)
-    assert queue.ahead_of(cem) == (ann, ben)
-    assert queue.wait_for(ben) is None  # nothing is known of ann's yet
+    assert puppet.queue.ahead_of(ann) == ()
+    assert puppet.queue.ahead_of(ben) == (ann,)
+    assert puppet.queue.ahead_of(cem) == (ann, ben)
+    assert puppet.queue.wait_for(ben) is None  # nothing is known of ann's yet
     puppet.step(moment(0, 0.0))
     puppet.step(moment(50, 2.0))
-    assert queue.wait_for(ben) == 2.0
-    assert queue.wait_for(cem) is None  # ben's has no rate yet
+    assert puppet.queue.wait_for(ben) == 2.0
+    assert puppet.queue.wait_for(cem) is None  # ben's has no rate yet
     puppet.give(result())
     finished(ann)
     assert puppet.starts().seed == 2
-    assert queue.ahead_of(cem) == (ben,)
+    assert puppet.queue.ahead_of(cem) == (ben,)
     puppet.give(result(), result())
     assert finished(cem).status is Status.DONE
     assert puppet.most_at_once == 1
 
 
-def test_stop_keeps_the_result_so_far(queue: TaskQueue, puppet: Puppet, segment: Segment) -> None:
-    task = queue.submit(puppet.training("ann", segment))
-    puppet.starts()
-    assert not task.is_stopping
-    queue.stop(task)
+def test_stop_keeps_the_result_so_far(puppet: Puppet) -> None:
+    task = puppet.train("ann")
+    assert puppet.starts() == FAST
+    assert (task.status, task.is_active, task.is_stopping) == (Status.RUNNING, True, False)
+    assert task.result is None
+    puppet.queue.stop(task)
     assert task.is_stopping
+    assert puppet.context.threads == 1
     assert puppet.context.should_stop is not None
     assert puppet.context.should_stop()
     fit = result(Outcome.STOPPED)
@@ -238,131 +208,114 @@ def test_stop_keeps_the_result_so_far(queue: TaskQueue, puppet: Puppet, segment:
     assert task.result is fit
 
 
-def test_stop_of_a_waiting_task_ends_it_at_once(
-    queue: TaskQueue, puppet: Puppet, segment: Segment
-) -> None:
-    ann = queue.submit(puppet.training("ann", segment, seed(1)))
+def test_stop_of_a_waiting_task_ends_it_at_once(puppet: Puppet) -> None:
+    ann = puppet.train("ann", seed(1))
     puppet.starts()
-    ben = queue.submit(puppet.training("ben", segment, seed(2)))
-    cem = queue.submit(puppet.training("cem", segment, seed(3)))
-    queue.stop(ben)
+    ben = puppet.train("ben", seed(2))
+    cem = puppet.train("cem", seed(3))
+    puppet.queue.stop(ben)
     assert (ben.status, ben.result) == (Status.STOPPED, None)
-    assert queue.ahead_of(cem) == (ann,)
+    assert puppet.queue.ahead_of(cem) == (ann,)
     puppet.give(result(), result())
     assert puppet.starts().seed == 3
     finished(cem)
-    queue.stop(cem)
+    puppet.queue.stop(cem)
     assert cem.status is Status.DONE, "nothing is left to be stopped"
 
 
-def test_a_continued_training_keeps_its_history(
-    queue: TaskQueue, puppet: Puppet, segment: Segment
-) -> None:
-    task = queue.submit(puppet.training("ann", segment, PAPER))
+def test_a_continued_training_keeps_its_history(puppet: Puppet) -> None:
+    task = puppet.train("ann", PAPER)
     for k in range(4):
         puppet.step(moment(5 * k, 0.1 * k))
-    queue.stop(task)
+    puppet.queue.stop(task)
     puppet.give(result(Outcome.STOPPED))
     finished(task)
-    again = queue.submit(puppet.training("ann", segment, PAPER))
+    again = puppet.train("ann", PAPER)
     assert again is not task
-    history = again.history()
-    assert history is not None
-    np.testing.assert_array_equal(history.iteration, [0, 5, 10, 15])
+    np.testing.assert_array_equal(history_of(again).iteration, [0, 5, 10, 15])
     puppet.step(moment(15, 0.35))  # the checkpoint may lie a little back
     puppet.step(moment(20, 0.45))
-    history = again.history()
-    assert history is not None
+    history = history_of(again)
     np.testing.assert_array_equal(history.iteration, [0, 5, 10, 15, 20])
     np.testing.assert_allclose(history.seconds[-2:], [0.35, 0.45])
-    queue.stop(again)
+    puppet.queue.stop(again)
     puppet.give(result(Outcome.STOPPED))
     finished(again)
-    assert queue.submit(puppet.training("ann", segment, PAPER), anew=True).history() is None
+    assert puppet.train("ann", PAPER, anew=True).history() is None
 
 
-def test_an_equal_active_request_is_one_task(
-    queue: TaskQueue, puppet: Puppet, segment: Segment
-) -> None:
-    task = queue.submit(puppet.training("ann", segment))
-    assert queue.submit(puppet.training("ann", segment)) is task
-    other = queue.submit(puppet.training("ben", segment))
+def test_an_equal_active_request_is_one_task(puppet: Puppet) -> None:
+    task = puppet.train("ann")
+    assert puppet.train("ann") is task
+    other = puppet.train("ben")
     assert other is not task
     puppet.give(result(), result())
     finished(other)
-    assert queue.submit(puppet.training("ann", segment)) is not task
+    assert puppet.train("ann") is not task
 
 
-def test_a_new_request_stops_the_owners_earlier_one(
-    queue: TaskQueue, puppet: Puppet, segment: Segment
-) -> None:
-    first = queue.submit(puppet.training("ann", segment, seed(1)))
+def test_a_new_request_stops_the_owners_earlier_one(puppet: Puppet) -> None:
+    first = puppet.train("ann", seed(1))
     puppet.starts()
-    second = queue.submit(puppet.training("ann", segment, seed(2)))
+    second = puppet.train("ann", seed(2))
     assert first.is_stopping
-    third = queue.submit(puppet.training("ann", segment, seed(3)))
+    third = puppet.train("ann", seed(3))
     assert second.status is Status.STOPPED
-    assert queue.of("ann") is third
+    assert puppet.queue.of("ann") is third
     puppet.give(result(Outcome.STOPPED))
     finished(first)
     assert puppet.starts().seed == 3
 
 
-def test_a_fault_of_the_users_is_shown_verbatim(
-    queue: TaskQueue, puppet: Puppet, segment: Segment
+def test_a_fault_is_a_sentence_and_the_log_has_what_is_the_programs(
+    puppet: Puppet, caplog: pytest.LogCaptureFixture
 ) -> None:
-    task = queue.submit(puppet.training("ann", segment))
-    puppet.give(ConfigError("batch: 5 is not allowed; choose 10 or more."))
-    assert finished(task).status is Status.FAILED
-    assert task.error == "batch: 5 is not allowed; choose 10 or more."
-
-
-def test_a_fault_of_the_program_is_one_sentence_and_the_log_has_the_rest(
-    queue: TaskQueue, puppet: Puppet, segment: Segment, caplog: pytest.LogCaptureFixture
-) -> None:
-    task = queue.submit(puppet.training("ann", segment))
+    task = puppet.train("ann")
     puppet.give(ZeroDivisionError("secret detail"))
     assert finished(task).status is Status.FAILED
     assert "ZeroDivisionError" in task.error
     assert "secret detail" not in task.error
     assert "Traceback" in caplog.text
     assert "secret detail" in caplog.text
-    after = queue.submit(puppet.training("ann", segment))
-    puppet.give(result())
+    users = puppet.train("ann")
+    puppet.give(ConfigError("batch: 5 is not allowed; choose 10 or more."))
+    assert finished(users).status is Status.FAILED
+    assert users.error == "batch: 5 is not allowed; choose 10 or more."
+    after = puppet.train("ann")
+    fit = result()
+    puppet.give(fit)
     assert finished(after).status is Status.DONE, "the worker lives on"
+    assert (after.results, after.error) == ((fit,), "")
 
 
-def test_old_tasks_are_forgotten(
-    queue: TaskQueue, puppet: Puppet, segment: Segment, clock: Clock
-) -> None:
-    task = queue.submit(puppet.training("ann", segment, seed(1)))
+def test_old_tasks_are_forgotten(puppet: Puppet) -> None:
+    task = puppet.train("ann", seed(1))
     puppet.give(result())
     finished(task)
-    last = queue.submit(puppet.training("ben", segment, seed(2)))
+    last = puppet.train("ben", seed(2))
     assert [puppet.starts().seed for _ in range(2)] == [1, 2]  # so the end of the first is noted
-    assert queue.of("ann") is task
-    clock.now += KEPT_FOR + 1
-    queue.submit(puppet.training("cem", segment, seed(3)))
-    assert queue.of("ann") is None
-    assert queue.of("ben") is last, "what still runs is never forgotten"
+    assert puppet.queue.of("ann") is task
+    puppet.clock.now += KEPT_FOR + 1
+    puppet.train("cem", seed(3))
+    assert puppet.queue.of("ann") is None
+    assert puppet.queue.of("ben") is last, "what still runs is never forgotten"
 
 
-def test_too_many_tasks_are_forgotten(queue: TaskQueue, puppet: Puppet, segment: Segment) -> None:
-    for k in range(KEPT_TASKS + 5):
-        task = queue.submit(puppet.training(f"user {k}", segment, seed(k)))
+def test_too_many_tasks_are_forgotten(puppet: Puppet, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("accpinn.tasks.queue.KEPT_TASKS", 2)
+    for k in range(5):
         puppet.give(result())
-        finished(task)
-    assert queue.of("user 0") is None
-    assert queue.of(f"user {KEPT_TASKS + 4}") is task
+        finished(puppet.train(f"user {k}", seed(k)))
+    assert puppet.queue.of("user 1") is None
+    assert puppet.queue.of("user 2")
 
 
-def test_closing_stops_everything(puppet: Puppet, segment: Segment) -> None:
-    queue = TaskQueue(threads=1, prepare=lambda: None)
-    running = queue.submit(puppet.training("ann", segment, seed(1)))
+def test_closing_stops_everything(puppet: Puppet) -> None:
+    running = puppet.train("ann", seed(1))
     puppet.starts()
-    waiting = queue.submit(puppet.training("ben", segment, seed(2)))
+    waiting = puppet.train("ben", seed(2))
     puppet.give(result(Outcome.STOPPED))
-    queue.close()
+    puppet.queue.close()
     assert running.status is waiting.status is Status.STOPPED
 
 
@@ -371,8 +324,8 @@ class TestSeveralResults:
         names = ("one", "two")
         return puppet.task(owner, "comparison", kind="comparison", names=names, **options)
 
-    def test_they_come_one_by_one(self, queue: TaskQueue, puppet: Puppet) -> None:
-        task = queue.submit(self.comparison(puppet, "ann", weights=(1.0, 3.0)))
+    def test_they_come_one_by_one(self, puppet: Puppet) -> None:
+        task = puppet.queue.submit(self.comparison(puppet, "ann", weights=(1.0, 3.0)))
         assert task.current == "one"
         puppet.step("first")
         puppet.step(moment(50, 1.0))
@@ -383,32 +336,28 @@ class TestSeveralResults:
         assert finished(task).status is Status.DONE
         assert (task.results, task.share) == (("first", "second"), 1.0)
 
-    def test_a_stop_keeps_what_is_known(self, queue: TaskQueue, puppet: Puppet) -> None:
-        task = queue.submit(self.comparison(puppet, "ann"))
+    @pytest.mark.parametrize("stopped", [True, False])
+    def test_a_stop_or_a_fault_keeps_what_is_known(self, puppet: Puppet, stopped: bool) -> None:
+        task = puppet.queue.submit(self.comparison(puppet, "ann"))
         puppet.step("first")
-        queue.stop(task)
-        puppet.give(END)
-        assert finished(task).status is Status.STOPPED
-        assert task.results == ("first",)
-
-    def test_a_fault_keeps_what_is_known(self, queue: TaskQueue, puppet: Puppet) -> None:
-        task = queue.submit(self.comparison(puppet, "ann"))
-        puppet.give("first", ZeroDivisionError())
-        assert finished(task).status is Status.FAILED
-        assert "comparison" in task.error
+        if stopped:
+            puppet.queue.stop(task)
+        puppet.give(END if stopped else ZeroDivisionError())
+        assert finished(task).status is (Status.STOPPED if stopped else Status.FAILED)
+        assert ("comparison" in task.error) is not stopped
         assert task.results == ("first",)
 
     def test_it_waits_for_trainings_and_replaces_its_owners_earlier_one(
-        self, queue: TaskQueue, puppet: Puppet, segment: Segment
+        self, puppet: Puppet
     ) -> None:
-        training = queue.submit(puppet.training("ann", segment))
+        training = puppet.train("ann")
         puppet.starts()
-        old = queue.submit(self.comparison(puppet, "ann"))
-        bens = queue.submit(self.comparison(puppet, "ben"))
-        new = queue.submit(self.comparison(puppet, "ann"))
+        old = puppet.queue.submit(self.comparison(puppet, "ann"))
+        bens = puppet.queue.submit(self.comparison(puppet, "ben"))
+        new = puppet.queue.submit(self.comparison(puppet, "ann"))
         assert old.status is Status.STOPPED
-        assert queue.ahead_of(new) == (training, bens)
-        assert queue.of("ann") is training, "a comparison does not end a training"
+        assert puppet.queue.ahead_of(new) == (training, bens)
+        assert puppet.queue.of("ann") is training, "a comparison does not end a training"
         puppet.give(result(), "result", END, "result", END)
         finished(bens)
         finished(new)
@@ -418,25 +367,22 @@ class TestSeveralResults:
 class TestStore:
     @pytest.mark.parametrize("part", [0, 1], ids=["result", "checkpoint"])
     def test_a_damaged_file_is_noted_by_the_task_that_met_it(
-        self, segment: Segment, tmp_path: Path, part: int
+        self, tmp_path: Path, part: int
     ) -> None:
         store, config = Store(tmp_path), replace(FAST, iterations=2)
-        request = TrainingRequest(segment, "II", config)
-        name = f"{request_keys(segment, 'II', config)[part]}.{('fit', 'state')[part]}.npz"
+        request = TrainingRequest(segment(), "II", config)
+        name = f"{request_keys(segment(), 'II', config)[part]}.{('fit', 'state')[part]}.npz"
         (tmp_path / name).write_bytes(b"damaged")
         assert request.resume_iteration(store) is None
         queue = TaskQueue(store=store, threads=1)
         fits = [
-            finished(queue.submit(estimations.training(owner, request))).result
-            for owner in ("ann", "ben")
+            finished(queue.submit(training_task(owner, request))).result for owner in ("ann", "ben")
         ]
         queue.close()
         assert any(name in str(note) for note in fits[0].findings)
         assert not any(name in str(note) for note in fits[1].findings)
 
-    def test_it_is_read_while_others_may_ask(
-        self, puppet: Puppet, segment: Segment, tmp_path: Path
-    ) -> None:
+    def test_it_is_read_while_others_may_ask(self, puppet: Puppet, tmp_path: Path) -> None:
         reading, read_on = threading.Event(), threading.Event()
 
         class Slow(Store):
@@ -445,7 +391,7 @@ class TestStore:
                 assert read_on.wait(WAIT)
 
         queue = TaskQueue(store=Slow(tmp_path), threads=1, prepare=lambda: None)
-        task = puppet.training("ann", segment)
+        task = puppet.training("ann")
         submitting = threading.Thread(target=queue.submit, args=(task,))
         submitting.start()
         assert reading.wait(WAIT)
@@ -462,14 +408,14 @@ class TestStore:
         assert answered == [None]
 
     def test_a_known_result_does_not_wait_for_its_turn(
-        self, puppet: Puppet, segment: Segment, tmp_path: Path
+        self, puppet: Puppet, tmp_path: Path
     ) -> None:
-        store, known = Store(tmp_path), puppet.training("ben", segment, seed(7))
+        store, known = Store(tmp_path), puppet.training("ben", seed(7))
         assert known.request is not None
         kept = result(unconstrained=result().parameters, active_bounds=((),))
         store.save_fit(known.request.key, kept)
         queue = TaskQueue(store=store, threads=1, prepare=lambda: None)
-        running = queue.submit(puppet.training("ann", segment, seed(1)))
+        running = queue.submit(puppet.training("ann", seed(1)))
         puppet.starts()
         queue.submit(known)
         assert known.status is Status.DONE
@@ -481,31 +427,27 @@ class TestStore:
 
 
 def test_a_library_that_cannot_be_loaded_fails_the_task_with_a_sentence(
-    segment: Segment, monkeypatch: pytest.MonkeyPatch
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setitem(sys.modules, "accpinn.methods.pinn.training", None)
     queue = TaskQueue(threads=1)
-    task = estimations.training("ann", TrainingRequest(segment, "II", FAST))
+    task = training_task("ann", TrainingRequest(segment(), "II", FAST))
     finished(queue.submit(task))
     queue.close()
     assert task.status is Status.FAILED
     assert task.error.startswith("PyTorch, which trains the network, cannot be loaded (")
 
 
-def test_a_real_training_is_answered_from_the_store_the_second_time(
-    segment: Segment, tmp_path: Path
-) -> None:
+def test_a_real_training_is_answered_from_the_store_the_second_time(tmp_path: Path) -> None:
     queue = TaskQueue(store=Store(tmp_path), threads=1)
-    request = TrainingRequest(segment, "II", replace(FAST, iterations=20))
-    first, again = (queue.submit(estimations.training("ann", request)) for _ in range(2))
+    request = TrainingRequest(segment(), "II", replace(FAST, iterations=20))
+    first, again = (queue.submit(training_task("ann", request)) for _ in range(2))
     assert again is first, "it is active still"
     assert first.wait(120)
-    again = finished(queue.submit(estimations.training("ann", request)))
+    again = finished(queue.submit(training_task("ann", request)))
     queue.close()
     assert first.result is not None, first.error
     assert again.result is not None
     assert again.result.cached
     assert again.result.parameters == first.result.parameters
-    history = again.history()
-    assert history is not None
-    assert history.iteration[-1] == 20
+    assert history_of(again).iteration[-1] == 20

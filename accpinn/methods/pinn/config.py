@@ -4,6 +4,9 @@ from dataclasses import dataclass, replace
 from math import isfinite
 from typing import Any, Literal
 
+import numpy as np
+
+from accpinn.channels import PARAMETERS
 from accpinn.errors import ConfigError
 from accpinn.model.cthp import Parameters
 
@@ -72,12 +75,10 @@ class PinnConfig:
             title = title.replace("lbfgs", "L-BFGS")
             _require(least <= given <= most, title, f"{least:,} to {most:,}{unit}", given)
         initial = self.initial.values
-        _require(
-            initial.shape == (3,) and bool(((initial >= 0) & (initial <= 100)).all()),
-            "initial",
-            "three numbers α, β, τ from 0 to 100 (the rational driving constraints)",
-            initial.tolist(),
-        )
+        lowest, highest = np.transpose([(q.lowest, q.highest) for q in PARAMETERS])
+        ranges = ", ".join(f"{q.symbol} from {q.lowest:g} to {q.highest:g}" for q in PARAMETERS)
+        inside = initial.shape == (3,) and bool(((initial >= lowest) & (initial <= highest)).all())
+        _require(inside, "initial", f"three numbers: {ranges}", initial.tolist())
         weights = (*self.weight_physics, self.weight_initial, *self.weight_data)
         _require(all(isfinite(w) and w >= 0 for w in weights), "weights", "0 or more", weights)
         _require(min(self.weight_data) > 0, "data weights S", "above 0", self.weight_data)

@@ -20,10 +20,17 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from accpinn.methods.fit import HiddenLayersGain, IterationsExhausted, MethodFinding, Outcome
-from accpinn.methods.history import Checkpoint, Progress
-from accpinn.methods.pinn.loss import loss_terms
-from accpinn.methods.pinn.method import WarmStart
+from accpinn.methods.fit import (
+    Checkpoint,
+    HiddenLayersGain,
+    IterationsExhausted,
+    MethodFinding,
+    Outcome,
+    Progress,
+)
+from accpinn.methods.pinn.config import PinnConfig
+from accpinn.methods.pinn.loss import Learned, Training, loss_terms
+from accpinn.methods.pinn.method import FourierFeatures, WarmStart
 from accpinn.methods.pinn.network import (
     HIDDEN,
     Adam,
@@ -32,8 +39,6 @@ from accpinn.methods.pinn.network import (
     load_state,
     state_of,
 )
-from accpinn.methods.pinn.protocol import Learned, Problem
-from accpinn.methods.pinn.surrogate import FourierFeatures
 from accpinn.methods.pinn.variable_projection import (
     RIDGE,
     GramMatrices,
@@ -42,7 +47,9 @@ from accpinn.methods.pinn.variable_projection import (
     solve_parameters,
 )
 from accpinn.methods.regression import Solution
-from accpinn.model.cthp import Parameters
+from accpinn.model.cthp import Case, Parameters
+from accpinn.segment.segment import Segment
+from accpinn.units import FloatArray
 
 CYCLE = 50
 """Adam iterations between exact solves."""
@@ -61,42 +68,39 @@ CONVERGED_CYCLES = 2
 twice in a row."""
 
 
-class FastTraining:
+class FastTraining(Training):
     """See the module's head; one `advance` is an exact round or a cycle."""
 
-    def __init__(self, problem: Problem) -> None:
+    def __init__(self, segment: Segment, case: Case, config: PinnConfig) -> None:
         """Build the network and solve its output layer at the initial parameters."""
-        self.problem = problem
-        config = problem.config
-        self._features = FourierFeatures(float(problem.time[-1]), config.highest_frequency)
-        self._static = _StaticSums(problem, self._features)
+        super().__init__(segment, case, config)
+        self._features = FourierFeatures(float(segment.time[-1]), config.highest_frequency)
+        self._static = _StaticSums(segment.time, self.measured, self.mask, self._features)
         self._hidden = HiddenLayers(self._features.size - 1, config.seed, torch.float32)
         self._adam = Adam(self._hidden.parameters(), b2=0.99)
         self._generator = torch.Generator().manual_seed(config.seed)
-        initial = Parameters.of([config.initial.values] * problem.followers)
+        initial = Parameters.of([config.initial.values] * self.followers)
         self._solution = Solution.of(initial.theta)
         self._starting, self._iteration, self._quiet_cycles = True, 0, 0
         self._start_loss = float("nan")
         self._measure()
         self._weights = solve_output(self._sums, self._solution.theta, config)
-        self.progress = self._look("start")
-        self.outcome = self._end()
+        self._note("start")
 
     def begin_from(self, warm: WarmStart) -> None:
         """Begin anew, from what an earlier training has learned."""
-        problem, angular = self.problem, warm.arrays.get("features.angular")
-        initial = warm.initial(problem.case, problem.followers).values
+        initial = warm.initial(self.case, self.followers).values
+        angular = warm.arrays.get("features.angular")
         weights = warm.arrays.get("output.weight")
         fits = weights is not None and weights.shape == tuple(self._weights.shape)
         if not fits or angular is None or not np.array_equal(angular, self._features.angular):
             raise ValueError("the weights are another network's")
         load_state(self._hidden, warm.arrays, "hidden.")
-        everyone = Parameters.of(np.broadcast_to(initial, (problem.followers, 3)))
+        everyone = Parameters.of(np.broadcast_to(initial, (self.followers, 3)))
         self._solution = Solution.of(everyone.theta)
         self._measure()
         self._weights = torch.from_numpy(np.array(weights, float))
-        self.progress = self._look("start")
-        self.outcome = self._end()
+        self._note("start")
 
     def advance(self) -> None:
         """One exact round while starting; afterwards one cycle."""
@@ -106,59 +110,54 @@ class FastTraining:
                 self._starting = self._round() > STANDSTILL
                 self._iteration += 1
                 self._starting &= self._iteration < START_ROUNDS
-                self.progress = self._look("start")
+                self._note("start")
                 self._start_loss = self.progress.total
             else:
-                self._descend(min(CYCLE, self.problem.config.iterations - self._iteration))
+                self._descend(min(CYCLE, self.config.iterations - self._iteration))
                 self._measure()
                 for _ in range(CYCLE_ROUNDS):
                     if self._round() <= STANDSTILL:
                         break
-                self.progress = self._look("Adam")
+                self._note("Adam", before)
         except (np.linalg.LinAlgError, torch.linalg.LinAlgError):  # type: ignore[attr-defined]
             self.outcome = Outcome.DIVERGED
-            return
-        self.outcome = self._judge(before)
 
-    def _judge(self, before: Progress) -> Outcome | None:
-        """Count quiet cycles, the present one against the one ``before``."""
+    def _note(self, phase: str, before: Progress | None = None) -> None:
+        """Look at the present moment, count it if quiet since ``before``, and see if it ends."""
+        solution = self._solution
+        terms = self.evaluate(*self._surrogate(), solution.theta)
+        self._look(phase, self._iteration, terms, solution.parameters)
         now = self.progress
-        if now.phase == before.phase == "Adam":
+        if before and now.phase == before.phase == "Adam":
             still = _largest_move(now.parameters, before.parameters) <= CONVERGED_PARAMETERS
             still = still and now.total >= (1 - CONVERGED_LOSS) * before.total
             self._quiet_cycles = self._quiet_cycles + 1 if still else 0
-        return self._end()
-
-    def _end(self) -> Outcome | None:
-        """How the training has ended, if it has."""
-        if not np.isfinite(self.progress.total):
-            return Outcome.DIVERGED
-        if self._quiet_cycles >= CONVERGED_CYCLES:
-            return Outcome.CONVERGED
-        return Outcome.FINISHED if self._iteration >= self.problem.config.iterations else None
+        finished = Outcome.FINISHED if self._iteration >= self.planned else None
+        self.outcome = Outcome.CONVERGED if self._quiet_cycles >= CONVERGED_CYCLES else finished
+        if not np.isfinite(now.total):
+            self.outcome = Outcome.DIVERGED
 
     def _round(self) -> float:
         """One exact solve of output layer and parameters; the parameters' largest move."""
-        problem, before = self.problem, self._solution
-        self._weights = solve_output(self._sums, before.theta, problem.config)
-        self._solution = solve_parameters(self._sums, self._weights, problem.case)
+        before = self._solution
+        self._weights = solve_output(self._sums, before.theta, self.config)
+        self._solution = solve_parameters(self._sums, self._weights, self.case)
         return _largest_move(self._solution.parameters, before.parameters)
 
     def _descend(self, iterations: int) -> None:
         """Adam on the hidden layers, on minibatches, everything else fixed."""
-        problem, size = self.problem, self._features.size
+        config, size, count = self.config, self._features.size, len(self.measured)
         weights = self._weights.float()
         skip = (self._static.value @ self._weights[:size]).float()
         skip_rate = (self._static.rate @ self._weights[:size]).float()
         theta = torch.tensor(self._solution.theta).float()
         measured = self._static.measured_single
-        mask = None if problem.mask is None else problem.mask.float()
-        count = len(problem.time)
-        batch = min(problem.config.batch, count)
-        learning_rate = problem.config.learning_rate * 0.5 ** (self._iteration / HALF_LIFE)
+        mask = None if self.mask is None else self.mask.float()
+        batch = min(config.batch, count)
+        learning_rate = config.learning_rate * 0.5 ** (self._iteration / HALF_LIFE)
         for _ in range(iterations):
             pick = torch.randint(count, (batch,), generator=self._generator)
-            if problem.config.weight_initial:
+            if config.weight_initial:
                 pick[0] = 0  # Ψ_R looks at the first instant
             active, active_rate = self._hidden(
                 self._static.value_single[pick], self._static.rate_single[pick]
@@ -166,7 +165,7 @@ class FastTraining:
             outputs = skip[pick] + active @ weights[size:]
             rates = skip_rate[pick] + active_rate @ weights[size:]
             some = None if mask is None else mask[pick]
-            terms = loss_terms(outputs, rates, measured[pick], theta, problem.config, some)
+            terms = loss_terms(outputs, rates, measured[pick], theta, config, some)
             terms.total.backward()
             self._adam.step(learning_rate)
         self._iteration += iterations
@@ -189,37 +188,27 @@ class FastTraining:
         rates = self._static.rate @ weights[:size] + self._active_rate @ weights[size:]
         return outputs, rates
 
-    def _look(self, phase: str) -> Progress:
-        problem, solution = self.problem, self._solution
-        terms = problem.evaluate(*self._surrogate(), solution.theta)
-        planned = problem.config.iterations
-        return problem.progress(phase, self._iteration, terms, solution.parameters, planned)
-
     def learned(self) -> Learned:
         """The surrogate, the parameters, and what training the hidden layers brought."""
-        now = self.progress
+        now, start = self.progress, self._start_loss
         arrays = state_of(self._hidden, "hidden.")
         arrays["output.weight"] = self._weights.numpy()
         arrays["features.angular"] = self._features.angular
         loss = {"total": now.total, "data": now.data, "physics": now.physics}
-        loss |= {"initial": now.initial, "start": self._start_loss}
+        loss |= {"initial": now.initial, "start": start}
+        found: list[MethodFinding] = []
+        if now.phase == "Adam" and start > 0:
+            found.append(HiddenLayersGain(start, now.total))
+        if self.outcome is Outcome.FINISHED:
+            found.append(IterationsExhausted(self._iteration))
         return Learned(
             outputs=self._surrogate()[0].numpy(),
             solution=self._solution,
             loss=loss,
             network_weights=count_weights(self._hidden) + self._weights.numel(),
             arrays=arrays,
-            findings=self._findings(),
+            findings=tuple(found),
         )
-
-    def _findings(self) -> tuple[MethodFinding, ...]:
-        found: list[MethodFinding] = []
-        now, start = self.progress, self._start_loss
-        if now.phase == "Adam" and start > 0:
-            found.append(HiddenLayersGain(start, now.total))
-        if self.outcome is Outcome.FINISHED:
-            found.append(IterationsExhausted(self._iteration))
-        return tuple(found)
 
     def state(self) -> Checkpoint:
         """Hidden layers, Adam's moments, output layer, parameters and the random generator."""
@@ -244,27 +233,28 @@ class FastTraining:
         self._measure()
         self._weights = torch.from_numpy(np.array(state["output.weight"], float))
         if self._iteration:
-            solution = solve_parameters(self._sums, self._weights, self.problem.case)
+            solution = solve_parameters(self._sums, self._weights, self.case)
             self._solution = replace(solution, theta=self._solution.theta)
-        self.progress = self._look(str(state["phase"]))
-        self.outcome = self._end()
+        self._note(str(state["phase"]))
 
 
 class _StaticSums:
     """Sums of products of the input features, computed once; the hidden layers' join them."""
 
-    def __init__(self, problem: Problem, features: FourierFeatures) -> None:
-        value = features(problem.time)
+    def __init__(
+        self, time: FloatArray, measured: Tensor, mask: Tensor | None, features: FourierFeatures
+    ) -> None:
+        value = features(time)
         slope = features.derivative()
         rate = value @ slope
         self.value, self.rate = torch.from_numpy(value), torch.from_numpy(rate)
         self.value_single = self.value[:, 1:].float()
         self.rate_single = self.rate[:, 1:].float()
-        self.measured = torch.from_numpy(problem.measured)
+        self.measured = measured
         self.measured_single = self.measured.float()
         self._slope = torch.from_numpy(slope)
         self._count = len(value)
-        self._mask = problem.mask
+        self._mask = mask
         self._gram = self.value.T @ self.value / self._count
         self._data = self.value.T @ self.measured / self._count
 

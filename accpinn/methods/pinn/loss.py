@@ -1,4 +1,4 @@
-"""The PiNN's loss Ψ = Ψ_F + Ψ_R + Ψ_D of a surrogate, on any set of instants.
+"""The PiNN's loss Ψ = Ψ_F + Ψ_R + Ψ_D of a surrogate, and the base of the trainings that lower it.
 
     Ψ_F = 1/(|T| M) Σ_i Σ_t  Q₁ (dp̂_i - v̂_{i-1} + v̂_i)²
                            + Q₂ (dv̂_i - α_i(p̂_i - τ_i v̂_i) - β_i(v̂_{i-1} - v̂_i))²
@@ -11,13 +11,19 @@ Source: Apostolakis and Ampountolas 2024, section V.B, extended there from M = 1
 term stands inside the same average, which reproduces the paper's Tables II and III.
 """
 
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
 
 import torch
 from torch import Tensor
 
+from accpinn.methods.fit import Checkpoint, MethodFinding, Outcome, Progress
 from accpinn.methods.pinn.config import PinnConfig
-from accpinn.methods.pinn.surrogate import output_columns
+from accpinn.methods.pinn.method import WarmStart, output_columns, stack_outputs
+from accpinn.methods.regression import Solution
+from accpinn.model.cthp import Case, Parameters
+from accpinn.segment.segment import Segment
+from accpinn.units import FloatArray
 
 
 @dataclass(frozen=True)
@@ -87,3 +93,76 @@ def loss_terms(
 
 def _square(values: Tensor) -> Tensor:
     return (values * values).sum()
+
+
+@dataclass(frozen=True, eq=False)
+class Learned:
+    """The present result of a training."""
+
+    outputs: FloatArray
+    """(N, 2M+1) the surrogate on all instants."""
+    solution: Solution
+    """The parameters within the rational driving constraints, and what they would be without."""
+    loss: dict[str, float]
+    network_weights: int
+    arrays: dict[str, FloatArray]
+    """The network."""
+    findings: tuple[MethodFinding, ...]
+
+
+class Training(ABC):
+    """A preset at work: `advance` in small steps, look at `progress`, stop at any moment."""
+
+    progress: Progress
+    """The present moment; its seconds are left to whoever drives the training."""
+    outcome: Outcome | None
+    """None while there is more to do."""
+
+    def __init__(self, segment: Segment, case: Case, config: PinnConfig) -> None:
+        """The data as tensors; M followers, N instants."""
+        self.segment, self.case, self.config = segment, case, config
+        self.followers = segment.followers
+        self.planned = config.iterations + config.lbfgs_iterations
+        self.measured = torch.from_numpy(stack_outputs(segment.speeds, segment.gaps))
+        mask = segment.mask
+        self.mask = None if mask is None else torch.from_numpy(mask.astype(float))
+
+    @abstractmethod
+    def begin_from(self, warm: WarmStart) -> None:
+        """Begin at an earlier fit's weights and parameters; called before anything else.
+
+        Raises:
+            ValueError: when they are another network's.
+        """
+
+    @abstractmethod
+    def advance(self) -> None:
+        """Do a fraction of a second's work."""
+
+    @abstractmethod
+    def state(self) -> Checkpoint:
+        """Everything needed to go on from here in another process."""
+
+    @abstractmethod
+    def restore(self, state: Checkpoint) -> None:
+        """Go on from ``state``, which a training of the same problem gave."""
+
+    @abstractmethod
+    def learned(self) -> Learned:
+        """The present surrogate and parameters."""
+
+    def evaluate(self, outputs: Tensor, rates: Tensor, theta: FloatArray) -> LossTerms:
+        """Ψ over all instants of outputs and rates (N, 2M+1) with θ (M, 3)."""
+        fixed = torch.tensor(theta)
+        return loss_terms(outputs, rates, self.measured, fixed, self.config, self.mask)
+
+    def _look(self, phase: str, iteration: int, terms: LossTerms, parameters: Parameters) -> None:
+        """Note the present moment, with parameters (M,) or (1,)."""
+        self.progress = Progress(
+            phase=phase,
+            iteration=iteration,
+            iterations=self.planned,
+            seconds=0.0,
+            **terms.values(),
+            parameters=parameters[:1] if self.case == "I" else parameters,
+        )

@@ -23,7 +23,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
-from accpinn.methods.history import Checkpoint
+from accpinn.methods.fit import Checkpoint
 
 HIDDEN = (60, 60, 60)
 """Neurons of the hidden layers, as in the paper."""

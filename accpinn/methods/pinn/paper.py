@@ -12,86 +12,78 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from accpinn.mask import Mask
-from accpinn.methods.fit import HoldoutLoss, Outcome
-from accpinn.methods.history import Checkpoint
-from accpinn.methods.pinn.loss import LossTerms, loss_terms
-from accpinn.methods.pinn.method import WarmStart
+from accpinn.methods.fit import Checkpoint, HoldoutLoss, Outcome
+from accpinn.methods.pinn.config import PinnConfig
+from accpinn.methods.pinn.loss import Learned, LossTerms, Training, loss_terms
+from accpinn.methods.pinn.method import WarmStart, output_columns
 from accpinn.methods.pinn.network import Adam, PaperNetwork, count_weights, load_state, state_of
-from accpinn.methods.pinn.protocol import Learned, Problem
-from accpinn.methods.pinn.surrogate import output_columns
 from accpinn.methods.regression import Regression, Solution
-from accpinn.model.cthp import Parameters
-from accpinn.units import FloatArray
+from accpinn.model.cthp import Case, Parameters
+from accpinn.segment.segment import Segment
+from accpinn.units import FloatArray, Mask
 
 CHUNK = 5
 """Iterations per `advance`: some tens of milliseconds, so that a stop is felt at once."""
 
 
-class PaperTraining:
+class PaperTraining(Training):
     """See the module's head; one `advance` is `CHUNK` iterations."""
 
-    def __init__(self, problem: Problem) -> None:
+    def __init__(self, segment: Segment, case: Case, config: PinnConfig) -> None:
         """Build network, parameters and the split into training and test instants."""
-        self.problem = problem
-        config = problem.config
-        self.network = PaperNetwork(problem.followers, config.seed)
-        sets = 1 if problem.case == "I" else problem.followers
+        super().__init__(segment, case, config)
+        self.network = PaperNetwork(self.followers, config.seed)
+        sets = 1 if case == "I" else self.followers
         initial = np.tile(config.initial.values, (sets, 1))
         self._parameters = torch.tensor(initial, requires_grad=True)  # (sets, 3) α, β, τ
         self._unknowns = [*self.network.parameters(), self._parameters]
         self._adam = Adam(self._unknowns)
         self._second_order: torch.optim.LBFGS | None = None
-        self._test = _draw_test(len(problem.time), config.test_share, config.seed)
-        self._time = torch.tensor(problem.time)
-        self._train_time = torch.from_numpy(problem.time[~self._test])
-        self._train_data = torch.from_numpy(problem.measured[~self._test])
-        mask = problem.mask
-        self._train_mask = None if mask is None else mask[torch.from_numpy(~self._test)]
+        self._test = _draw_test(segment.samples, config.test_share, config.seed)
+        self._time = torch.tensor(segment.time)
+        train = torch.from_numpy(~self._test)
+        self._train_time, self._train_data = self._time[train], self.measured[train]
+        self._train_mask = None if self.mask is None else self.mask[train]
         self._iteration = 0
-        self._planned = config.iterations + config.lbfgs_iterations
-        with torch.no_grad():
-            self._look("Adam", self._loss())
-        self.outcome = self._end()
+        self._note("Adam")
 
     def begin_from(self, warm: WarmStart) -> None:
         """Begin anew, from what an earlier training has learned."""
-        initial = warm.initial(self.problem.case, self.problem.followers)
+        initial = warm.initial(self.case, self.followers)
         load_state(self.network, warm.arrays, "network.")
         with torch.no_grad():
             self._parameters.copy_(torch.tensor(initial.values))
-            self._look("Adam", self._loss())
-        self.outcome = self._end()
+        self._note("Adam")
 
     def advance(self) -> None:
         """`CHUNK` iterations, or as many as are left of the present phase."""
-        config = self.problem.config
-        left = config.iterations - self._iteration
+        left = self.config.iterations - self._iteration
         if left > 0:
-            terms = self._descend(min(CHUNK, left))
-            self._look("Adam", terms)
+            self._note("Adam", self._descend(min(CHUNK, left)))
         else:
-            terms = self._lbfgs(min(CHUNK, self._planned - self._iteration))
-            self._look("L-BFGS", terms)
-        self.outcome = self._end()
+            self._lbfgs(min(CHUNK, self.planned - self._iteration))
+            self._note("L-BFGS")
 
-    def _end(self) -> Outcome | None:
-        """How the training has ended, if it has."""
+    @torch.no_grad()
+    def _note(self, phase: str, terms: LossTerms | None = None) -> None:
+        """Look at the present moment, with Ψ where it is known already, and see if it ends."""
+        now = Parameters.of(self._parameters.detach().numpy())
+        self._look(phase, self._iteration, terms or self._loss(), now)
+        self.outcome = Outcome.FINISHED if self._iteration >= self.planned else None
         if not np.isfinite(self.progress.total):
-            return Outcome.DIVERGED
-        return Outcome.FINISHED if self._iteration >= self._planned else None
+            self.outcome = Outcome.DIVERGED
 
     def _descend(self, iterations: int) -> LossTerms:
         """Adam; the terms are those before the last step, as they come with its gradient."""
         for _ in range(iterations):
             terms = self._loss()
             terms.total.backward()
-            self._adam.step(self.problem.config.learning_rate)
+            self._adam.step(self.config.learning_rate)
             self._clip()
         self._iteration += iterations
         return terms
 
-    def _lbfgs(self, iterations: int) -> LossTerms:
+    def _lbfgs(self, iterations: int) -> None:
         optimiser = self._second_order or torch.optim.LBFGS(
             self._unknowns, max_eval=1000, history_size=50, line_search_fn="strong_wolfe"
         )
@@ -107,26 +99,20 @@ class PaperTraining:
         optimiser.step(closure)
         self._clip()
         self._iteration += iterations
-        with torch.no_grad():
-            return self._loss()
 
+    @torch.no_grad()
     def _clip(self) -> None:
-        with torch.no_grad():
-            self._parameters.clamp_(min=0.0)
+        self._parameters.clamp_(min=0.0)
 
     def _theta(self) -> Tensor:
         """(M, 3) α, ατ, β of the present parameters, also where a line search tries some < 0."""
-        alpha, beta, tau = self._parameters.clamp(min=0.0).expand(self.problem.followers, 3).T
+        alpha, beta, tau = self._parameters.clamp(min=0.0).expand(self.followers, 3).T
         return torch.stack([alpha, alpha * tau, beta], 1)
 
     def _loss(self) -> LossTerms:
         outputs, rates = self.network(self._train_time)
         data, mask = self._train_data, self._train_mask
-        return loss_terms(outputs, rates, data, self._theta(), self.problem.config, mask)
-
-    def _look(self, phase: str, terms: LossTerms) -> None:
-        now = Parameters.of(self._parameters.detach().numpy())
-        self.progress = self.problem.progress(phase, self._iteration, terms, now, self._planned)
+        return loss_terms(outputs, rates, data, self._theta(), self.config, mask)
 
     @torch.no_grad()
     def learned(self) -> Learned:
@@ -152,10 +138,9 @@ class PaperTraining:
 
     def _loss_at(self, instants: Mask, outputs: Tensor, rates: Tensor) -> LossTerms:
         rows = torch.from_numpy(instants)
-        measured = torch.from_numpy(self.problem.measured)[rows]
-        mask, config = self.problem.mask, self.problem.config
-        mask = None if mask is None else mask[rows]
-        return loss_terms(outputs[rows], rates[rows], measured, self._theta(), config, mask)
+        mask = None if self.mask is None else self.mask[rows]
+        parts = outputs[rows], rates[rows], self.measured[rows]
+        return loss_terms(*parts, self._theta(), self.config, mask)
 
     def _solution(self, outputs: FloatArray, rates: FloatArray) -> Solution:
         """The learned parameters; where one was clipped, least squares on the surrogate beside."""
@@ -163,9 +148,9 @@ class PaperTraining:
         active = theta == 0
         if not active.any() or not np.isfinite(rates).all():
             return Solution(theta, theta, active)
-        speeds, gaps = output_columns(self.problem.followers)
+        speeds, gaps = output_columns(self.followers)
         motion = outputs[:, speeds], outputs[:, gaps], rates[:, speeds[1:]]
-        free = Regression.of_motion(*motion, self.problem.segment.mask).solve(self.problem.case)
+        free = Regression.of_motion(*motion, self.segment.mask).solve(self.case)
         return Solution(theta, free.unconstrained, active)
 
     def state(self) -> Checkpoint:
@@ -182,10 +167,7 @@ class PaperTraining:
             self._parameters.copy_(torch.from_numpy(np.array(state["table"])))
         self._adam.restore(state)
         self._iteration = int(state["iteration"])
-        with torch.no_grad():
-            adam = self._iteration <= self.problem.config.iterations
-            self._look("Adam" if adam else "L-BFGS", self._loss())
-        self.outcome = self._end()
+        self._note("Adam" if self._iteration <= self.config.iterations else "L-BFGS")
 
 
 def _draw_test(count: int, share: float, seed: int) -> Mask:

@@ -6,7 +6,7 @@ that was stopped, or whose process died, goes on from its last checkpoint.
 
 import os
 import time
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 import torch
@@ -17,21 +17,19 @@ from accpinn.methods.fit import (
     Continued,
     Fit,
     MethodFinding,
-    OnProgress,
     Outcome,
+    Progress,
+    Recorder,
     Run,
     ShouldStop,
     StartedFrom,
-    drive,
 )
-from accpinn.methods.history import Checkpoint, Progress, Recorder
 from accpinn.methods.pinn.config import FAST, PinnConfig
 from accpinn.methods.pinn.fast import FastTraining
-from accpinn.methods.pinn.method import WarmStart, request_keys, require_memory
+from accpinn.methods.pinn.loss import Training
+from accpinn.methods.pinn.method import WarmStart, output_columns, request_keys, require_memory
 from accpinn.methods.pinn.paper import PaperTraining
-from accpinn.methods.pinn.protocol import Problem, Training
-from accpinn.methods.pinn.surrogate import output_columns
-from accpinn.methods.store import Say, Store
+from accpinn.methods.store import Store
 from accpinn.model.cthp import Case, Trajectories
 from accpinn.segment.segment import Segment
 from accpinn.units import Seconds
@@ -43,39 +41,7 @@ MOST_THREADS = 4 * (os.cpu_count() or 2)
 CHECKPOINT_EVERY = 5.0
 """Seconds between checkpoints: what a killed process can lose."""
 
-TRAININGS: dict[str, type[FastTraining] | type[PaperTraining]] = {
-    "fast": FastTraining,
-    "paper": PaperTraining,
-}
-
-
-def train(
-    segment: Segment,
-    case: Case = "II",
-    config: PinnConfig = FAST,
-    *,
-    store: Store | None = None,
-    on_progress: OnProgress | None = None,
-    should_stop: ShouldStop | None = None,
-    threads: int | None = None,
-    warm: WarmStart | None = None,
-) -> Fit:
-    """Learn the parameters of a segment; `training` driven to its end.
-
-    Args:
-        segment: see `training`, as all others.
-        case: "I" or "II".
-        config: preset and settings.
-        store: for results and checkpoints.
-        on_progress: called several times a second with the present moment.
-        should_stop: asked several times a second; True ends with `Outcome.STOPPED`.
-        threads: for torch.
-        warm: an earlier fit to begin with.
-    """
-    run = training(
-        segment, case, config, store=store, should_stop=should_stop, threads=threads, warm=warm
-    )
-    return drive(run, on_progress)
+TRAININGS: dict[str, type[Training]] = {"fast": FastTraining, "paper": PaperTraining}
 
 
 def training(
@@ -115,7 +81,7 @@ def training(
     before = torch.get_num_threads()
     torch.set_num_threads(_allowed(threads))
     try:
-        return (yield from _train(Problem(segment, case, config), warm, store, should_stop))
+        return (yield from _train(segment, case, config, warm, store, should_stop))
     finally:
         torch.set_num_threads(before)
 
@@ -132,20 +98,41 @@ def _allowed(threads: int | None) -> int:
 
 
 def _train(
-    problem: Problem, warm: WarmStart | None, store: Store | None, should_stop: ShouldStop | None
+    segment: Segment,
+    case: Case,
+    config: PinnConfig,
+    warm: WarmStart | None,
+    store: Store | None,
+    should_stop: ShouldStop | None,
 ) -> Run:
-    segment, case, config = problem.segment, problem.case, problem.config
     result_key, resume_key = request_keys(segment, case, config, warm)
     faults: list[str] = []
     if store and (known := store.load_fit(result_key, segment, faults.append)):
         return replace(known, cached=True)
     require_memory(segment, config)
     started = saved = time.perf_counter()
-    run = _begin(problem, warm, store, (resume_key, result_key), faults.append)
-    training, recorder, outcome = run.training, run.recorder, run.training.outcome
+    training, recorder, earlier = _begin(segment, case, config, warm), Recorder(), 0.0
+    # A checkpoint beyond the planned iterations is a longer training's and stays untouched; the
+    # shorter one then has its own under the result's key.
+    for key in (resume_key, result_key):
+        state = store.load_state(key, faults.append) if store else None
+        if store is None or state is None:
+            break
+        try:
+            if state["history.rows"][-1][0] > training.planned:
+                continue
+            training.restore(state)
+            recorder.restore(state)
+            earlier = float(state["seconds"])
+        except (KeyError, IndexError, TypeError, ValueError, RuntimeError) as fault:
+            store.reject_state(key, fault, faults.append)
+            training, recorder = _begin(segment, case, config, warm), Recorder()
+        break
+    outcome = training.outcome
+    begun: list[MethodFinding] = [Continued(training.progress.iteration)] if earlier else []
 
     def elapsed() -> Seconds:
-        return run.earlier + time.perf_counter() - started
+        return earlier + time.perf_counter() - started
 
     def report() -> Progress:
         now = replace(training.progress, seconds=elapsed())
@@ -155,10 +142,10 @@ def _train(
     def save() -> None:
         if store:
             state = training.state() | recorder.state() | {"seconds": np.array(elapsed())}
-            store.save_state(run.key, state, faults.append)
+            store.save_state(key, state, faults.append)
 
     try:
-        if not run.earlier:
+        if not earlier:
             yield report()
         while outcome is None:
             if should_stop and should_stop():
@@ -173,7 +160,24 @@ def _train(
     finally:  # also where whoever drives it ends it
         if outcome is not Outcome.DIVERGED:
             save()
-    fit = _as_fit(run, outcome, elapsed(), warm)
+    learned = training.learned()
+    speeds, gaps = output_columns(segment.followers)
+    fit = Fit.of(
+        "pinn",
+        segment,
+        case,
+        learned.solution,
+        surrogate=Trajectories(segment.time, learned.outputs[:, speeds], learned.outputs[:, gaps]),
+        outcome=outcome,
+        seconds=elapsed(),
+        config=config.to_json() | ({"started_from": warm.digest()} if warm else {}),
+        loss=learned.loss,
+        history=recorder.history(),
+        iterations=training.progress.iteration,
+        network_weights=learned.network_weights,
+        arrays=learned.arrays,
+        findings=[*([StartedFrom(warm.origin)] if warm else []), *learned.findings, *begun],
+    )
     if store and outcome in (Outcome.CONVERGED, Outcome.FINISHED):
         store.save_fit(result_key, fit, faults.append)
     # One may come at every checkpoint; they are about this run, so a kept result has none.
@@ -181,45 +185,9 @@ def _train(
     return replace(fit, findings=fit.findings + problems)
 
 
-@dataclass(frozen=True, eq=False)
-class _TrainingRun:
-    """A training at its beginning, or where an earlier one ended."""
-
-    training: Training
-    recorder: Recorder
-    key: str
-    """Where its checkpoints are kept."""
-    earlier: Seconds = 0.0
-    """Time already spent."""
-    findings: tuple[MethodFinding, ...] = ()
-
-
-def _begin(
-    problem: Problem, warm: WarmStart | None, store: Store | None, keys: tuple[str, str], say: Say
-) -> _TrainingRun:
-    """Go on from the checkpoint under the first of ``keys``, if there is one.
-
-    A checkpoint beyond the planned iterations is a longer training's and stays untouched; the
-    shorter one then has its own under the second key.
-    """
-    for key in keys:
-        run = _new(problem, warm, key)
-        state = store.load_state(key, say) if store else None
-        if store is None or state is None:
-            return run
-        try:
-            if state["history.rows"][-1][0] > run.training.progress.iterations:
-                continue
-            return _resume(run, state)
-        except (KeyError, IndexError, TypeError, ValueError, RuntimeError) as fault:
-            store.reject_state(key, fault, say)
-            return _new(problem, warm, key)
-    return run
-
-
-def _new(problem: Problem, warm: WarmStart | None, key: str) -> _TrainingRun:
+def _begin(segment: Segment, case: Case, config: PinnConfig, warm: WarmStart | None) -> Training:
     """A training at its beginning."""
-    training = TRAININGS[problem.config.preset](problem)
+    training = TRAININGS[config.preset](segment, case, config)
     if warm:
         try:
             training.begin_from(warm)
@@ -228,37 +196,4 @@ def _new(problem: Problem, warm: WarmStart | None, key: str) -> _TrainingRun:
                 f"The weights of {warm.origin} do not fit this network; choose the preset, the"
                 " window and the highest frequency they were trained with, or start without them."
             ) from None
-    return _TrainingRun(training, Recorder(), key)
-
-
-def _resume(run: _TrainingRun, state: Checkpoint) -> _TrainingRun:
-    run.training.restore(state)
-    run.recorder.restore(state)
-    continued = Continued(run.training.progress.iteration)
-    return replace(run, earlier=float(state["seconds"]), findings=(continued,))
-
-
-def _as_fit(run: _TrainingRun, outcome: Outcome, seconds: Seconds, warm: WarmStart | None) -> Fit:
-    training = run.training
-    problem, learned = training.problem, training.learned()
-    speeds, gaps = output_columns(problem.followers)
-    return Fit.of(
-        "pinn",
-        problem.segment,
-        problem.case,
-        learned.solution,
-        surrogate=Trajectories(problem.time, learned.outputs[:, speeds], learned.outputs[:, gaps]),
-        outcome=outcome,
-        seconds=seconds,
-        config=problem.config.to_json() | ({"started_from": warm.digest()} if warm else {}),
-        loss=learned.loss,
-        history=run.recorder.history(),
-        iterations=training.progress.iteration,
-        network_weights=learned.network_weights,
-        arrays=learned.arrays,
-        findings=[
-            *([StartedFrom(warm.origin)] if warm else []),
-            *learned.findings,
-            *run.findings,
-        ],
-    )
+    return training

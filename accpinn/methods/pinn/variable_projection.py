@@ -19,7 +19,7 @@ import torch
 from torch import Tensor
 
 from accpinn.methods.pinn.config import PinnConfig
-from accpinn.methods.pinn.surrogate import output_columns
+from accpinn.methods.pinn.method import output_columns
 from accpinn.methods.regression import Solution, solve_platoon
 from accpinn.model.cthp import Case
 from accpinn.units import FloatArray

@@ -10,13 +10,23 @@ from typing import Any
 import numpy as np
 import plotly.graph_objects as go
 from numpy.typing import NDArray
+from plotly.colors import hex_to_rgb
 
 from accpinn.channels import GAP, SPEED, TIME
 from accpinn.model.published import ASTAZERO, ParameterSet
 from accpinn.platoon.leader import Recorded, Sinusoid
 from accpinn.platoon.simulation import PlatoonRun, simulate_platoon
 from accpinn.results.figures.stability import colours
-from accpinn.results.figures.style import FOLLOWERS, LEADER, finished, label_axes, panels, thinned
+from accpinn.results.figures.style import (
+    CLEAR,
+    FOLLOWERS,
+    LEADER,
+    LEGEND,
+    finished,
+    label_axes,
+    panels,
+    thinned,
+)
 from accpinn.units import FloatArray, Metres, Seconds
 
 CLOSE: Metres = 5.0
@@ -40,6 +50,7 @@ PANEL_POINTS = 500
 PANEL_FOLLOWERS = 8
 PANELS = ((2, 0.25), (2, 0.3), (3, 0.25), (3, 0.3))
 """AstaZero vehicle, by its index, and frequency in rad/s; row by row (a), (c), (b), (d)."""
+PLACE = "Follower (0 = leader)"
 MEANINGLESS = "rgba(216, 102, 12, 0.13)"
 SLOWER, FASTER = FOLLOWERS[1], FOLLOWERS[0]
 SPEED_SCALE = [[0.0, SLOWER], [0.5, "rgba(140, 150, 162, 0.25)"], [1.0, FASTER]]
@@ -79,8 +90,7 @@ def _shade(colour: str, share: float | None) -> str:
     """From light to dark as ``share`` goes from 0 to 1; the colour itself without one."""
     if share is None:
         return colour
-    red, green, blue = (int(colour[i : i + 2], 16) / 255 for i in (1, 3, 5))
-    hue, _, saturation = colorsys.rgb_to_hls(red, green, blue)
+    hue, _, saturation = colorsys.rgb_to_hls(*(part / 255 for part in hex_to_rgb(colour)))
     lightness = LIGHTEST + share * (DARKEST - LIGHTEST)
     rgb = colorsys.hls_to_rgb(hue, lightness, SOFTENED * saturation)
     return "#" + "".join(f"{round(255 * part):02x}" for part in rgb)
@@ -90,7 +100,7 @@ def profiles(run: PlatoonRun, cast: Cast) -> go.Figure:
     """Speeds of all vehicles, and the gaps of the followers, over time."""
     driven = run.trajectories
     figure = panels(0.58, 0.42, spacing=0.06)
-    for k in _back_to_front(len(cast.names)):
+    for k in [*range(1, len(cast.names)), 0]:  # the leader last, on top
         kept = slice(run.meaningful if k else None)  # the leader's drive is given
         _line(figure, driven.time[kept], driven.speeds[kept, k], cast, k, 1)
         if k:
@@ -100,7 +110,6 @@ def profiles(run: PlatoonRun, cast: Cast) -> go.Figure:
     if run.collisions:
         _mark_collision(figure, run)
     label_axes(figure, (SPEED, GAP))
-    figure.update_xaxes(title_text=TIME.axis, row=2, col=1)
     return finished(figure, 540, "platoon-profiles")
 
 
@@ -113,11 +122,6 @@ def _mark_collision(figure: go.Figure, run: PlatoonRun) -> None:
         text="collision", x=start, y=1, xref="x", yref="y domain", xanchor=side, yanchor="top",
         showarrow=False,
     )  # fmt: skip
-
-
-def _back_to_front(vehicles: int) -> list[int]:
-    """Who is drawn in which order: the leader last, on top."""
-    return [*range(1, vehicles), 0]
 
 
 def _line(
@@ -137,21 +141,18 @@ def amplitude_by_vehicle(run: PlatoonRun, cast: Cast, in_db: bool) -> go.Figure:
     wave = run.amplitudes
     # A sinusoid is measured at the end of the run, which a collision leaves without meaning.
     measured = wave.measured if wave and not run.collisions else run.largest_deviation
-    simulated = "Simulated"
-    if wave and run.collisions:
-        simulated = "Largest deviation before the collision"
-    figure = go.Figure()
-    places = np.arange(len(cast.names))
-    unit = "dB" if in_db else "m/s"
+    cut = wave and run.collisions
+    simulated = "Largest deviation before the collision" if cut else "Simulated"
+    figure, places = go.Figure(), np.arange(len(cast.names))
+    unit, scaled = ("dB", _decibels) if in_db else ("m/s", np.asarray)
     if wave:
-        predicted = _decibels(wave.predicted) if in_db else wave.predicted
         figure.add_scatter(
-            x=places, y=predicted, name="Predicted by |H(jω)|", mode="lines",
+            x=places, y=scaled(wave.predicted), name="Predicted by |H(jω)|", mode="lines",
             line={"color": LEADER, "width": 2.5},
             hovertemplate=f"predicted %{{y:.3f}} {unit}<extra></extra>",
         )  # fmt: skip
     figure.add_scatter(
-        x=places, y=_decibels(measured) if in_db else measured, name=simulated,
+        x=places, y=scaled(measured), name=simulated,
         mode="markers" if wave else "lines+markers", text=cast.names,
         marker={"size": 10, "color": cast.colours}, line={"color": LEADER, "width": 1.5},
         hovertemplate=f"%{{text}}<br>{simulated.lower()} %{{y:.3f}} {unit}<extra></extra>",
@@ -159,11 +160,10 @@ def amplitude_by_vehicle(run: PlatoonRun, cast: Cast, in_db: bool) -> go.Figure:
     what = "Amplitude of speed" if wave else "Largest speed deviation"
     figure.update_yaxes(title_text=f"{what} [{'dB re leader' if in_db else unit}]",
                         rangemode="normal" if in_db else "tozero")  # fmt: skip
-    figure.update_xaxes(title_text="Follower (0 = leader)", dtick=1 if len(places) < 14 else 2)
+    figure.update_xaxes(title_text=PLACE, dtick=1 if len(places) < 14 else 2)
     figure = finished(figure, 380, "platoon-amplitude")
-    legend = {"orientation": "h", "x": 0, "y": 1.0, "yanchor": "bottom"}
     return figure.update_layout(
-        hovermode="closest", showlegend=wave is not None, legend=legend, margin_t=40
+        hovermode="closest", showlegend=wave is not None, legend=LEGEND | {"y": 1.0}, margin_t=40
     )
 
 
@@ -188,40 +188,36 @@ def speed_map(run: PlatoonRun, cast: Cast) -> go.Figure:
         )
     )  # fmt: skip
     figure.update_xaxes(title_text=TIME.axis)
-    figure.update_yaxes(title_text="Follower (0 = leader)", autorange="reversed",
+    figure.update_yaxes(title_text=PLACE, autorange="reversed",
                         dtick=1 if len(cast.names) < 14 else 2)  # fmt: skip
     return finished(figure, 380, "platoon-map").update_layout(hovermode="closest")
 
 
 def stretch(run: PlatoonRun) -> NDArray[np.intp]:
     """The samples of the map: from just before the disturbance on; of a sinusoid, few periods."""
-    leader, start, end = run.leader, 0.0, _end(run)
-    if isinstance(leader, Sinusoid):
-        start = min(max(0.0, leader.settle - leader.period / 2), end)
-        end = min(end, start + STRIPES * leader.period)
-    return _samples(run, start, end, COLUMNS)
+    leader = run.leader
+    if not isinstance(leader, Sinusoid):
+        return _samples(run, 0.0, np.inf, COLUMNS)
+    start = max(0.0, leader.settle - leader.period / 2)
+    return _samples(run, start, STRIPES * leader.period, COLUMNS)
 
 
 def watched(run: PlatoonRun) -> NDArray[np.intp]:
     """The samples that become frames: the last periods, or what follows the disturbance."""
-    leader, start, end = run.leader, 0.0, _end(run)
+    leader = run.leader
+    if isinstance(leader, Recorded):
+        return _samples(run, 0.0, np.inf, FRAMES)
     if isinstance(leader, Sinusoid):
-        start = max(0.0, end - PERIODS * leader.period)
-    elif not isinstance(leader, Recorded):
-        start = min(max(0.0, leader.settle - 5.0), end)
-        end = min(end, start + WATCHED)
-    return _samples(run, start, end, FRAMES)
+        end = float(run.trajectories.time[run.meaningful - 1])
+        return _samples(run, max(0.0, end - PERIODS * leader.period), np.inf, FRAMES)
+    return _samples(run, max(0.0, leader.settle - 5.0), WATCHED, FRAMES)
 
 
-def _end(run: PlatoonRun) -> float:
-    """Of the run, or the first collision, after which it has no meaning."""
-    return float(run.trajectories.time[: run.meaningful][-1])
-
-
-def _samples(run: PlatoonRun, start: Seconds, end: Seconds, count: int) -> NDArray[np.intp]:
-    """At most ``count`` samples, evenly spread."""
+def _samples(run: PlatoonRun, start: Seconds, duration: Seconds, count: int) -> NDArray[np.intp]:
+    """At most ``count``, evenly spread, none after a collision, as these have no meaning."""
     time = run.trajectories.time[: run.meaningful]
-    instants = np.linspace(start, end, count)
+    start = min(start, float(time[-1]))
+    instants = np.linspace(start, min(float(time[-1]), start + duration), count)
     return np.unique(np.clip(np.searchsorted(time, instants - 1e-9), 0, len(time) - 1))
 
 
@@ -233,7 +229,10 @@ def animation(run: PlatoonRun, cast: Cast) -> go.Figure:
     behind[:, 1:] = -np.cumsum(driven.gaps[rows] + CAR_LENGTH, axis=1)
     speeds = driven.speeds[rows]
     moments = [f"{driven.time[row]:.1f}" for row in rows]
-    pictures = [_pictures(behind[i], speeds[i]) for i in range(len(rows))]
+    pictures = [  # rounded to what a screen shows
+        ({"x": x, "y": [0.0] * len(x)}, {"x": x, "y": y})
+        for x, y in zip(behind.round(2).tolist(), speeds.round(3).tolist(), strict=True)
+    ]
     figure = panels(0.2, 0.8, spacing=0.04)
     look = {"color": cast.colours, "line": {"width": 0}}
     road, track = pictures[0]
@@ -262,12 +261,6 @@ def animation(run: PlatoonRun, cast: Cast) -> go.Figure:
     )
 
 
-def _pictures(behind: FloatArray, speeds: FloatArray) -> tuple[dict[str, Any], ...]:
-    """One frame, rounded to what a screen shows."""
-    x = np.round(behind, 2).tolist()
-    return {"x": x, "y": [0.0] * len(x)}, {"x": x, "y": np.round(speeds, 3).tolist()}
-
-
 def _ranges(figure: go.Figure, behind: FloatArray, speeds: FloatArray) -> None:
     """Axes that stand still while the cars move."""
     margin = 0.06 * float(np.ptp(behind)) + 2.0
@@ -277,17 +270,15 @@ def _ranges(figure: go.Figure, behind: FloatArray, speeds: FloatArray) -> None:
     figure.update_yaxes(visible=False, range=[-1, 1], row=1, col=1)
     figure.add_hline(y=-0.55, line={"color": LEADER, "width": 1}, row=1, col=1)
     figure.update_yaxes(title_text=SPEED.axis, range=[low - rim, high + rim], row=2, col=1)
-    figure.update_xaxes(title_text="Position behind the leader [m], driving to the right",
-                        row=2, col=1)  # fmt: skip
+    title = "Position behind the leader [m], driving to the right"
+    figure.update_xaxes(title_text=title, row=2, col=1)
 
 
 def _motion(duration: int) -> dict[str, Any]:
     return {
-        "mode": "immediate",
-        "fromcurrent": True,
-        "frame": {"duration": duration, "redraw": False},
+        "mode": "immediate", "fromcurrent": True, "frame": {"duration": duration, "redraw": False},
         "transition": {"duration": duration, "easing": "linear"},
-    }
+    }  # fmt: skip
 
 
 def _buttons() -> dict[str, Any]:
@@ -301,16 +292,14 @@ def _buttons() -> dict[str, Any]:
 
 
 def _slider(moments: Sequence[str]) -> dict[str, Any]:
-    steps = [
-        {"label": moment, "method": "animate", "args": [[moment], _motion(0)]} for moment in moments
-    ]
+    still = _motion(0)
+    steps = [{"label": one, "method": "animate", "args": [[one], still]} for one in moments]
     return {
         "steps": steps, "x": 0, "len": 1, "y": 0, "yanchor": "top", "pad": {"t": 58},
-        "ticklen": 0, "minorticklen": 0, "bordercolor": "rgba(0,0,0,0)",
-        "bgcolor": "rgba(128, 140, 155, 0.35)", "font": {"color": "rgba(0,0,0,0)"},
-        "currentvalue": {
-            "prefix": "t = ", "suffix": " s", "xanchor": "right", "font": {"color": LEADER},
-        },
+        "ticklen": 0, "minorticklen": 0, "bordercolor": CLEAR,
+        "bgcolor": "rgba(128, 140, 155, 0.35)", "font": {"color": CLEAR},
+        "currentvalue": {"prefix": "t = ", "suffix": " s", "xanchor": "right",
+                         "font": {"color": LEADER}},
     }  # fmt: skip
 
 
@@ -331,14 +320,13 @@ def paper_panels() -> tuple[Panel, ...]:
         simulate_platoon(ASTAZERO.parameters[[k] * PANEL_FOLLOWERS], Sinusoid(frequency))
         for k, frequency in PANELS
     ]
-    reach = {
-        k: max(r.largest_deviation.max() for (j, _), r in zip(PANELS, runs, strict=True) if j == k)
-        for k, _ in PANELS
-    }
+    reach: dict[int, float] = {}
+    for (k, _), run in zip(PANELS, runs, strict=True):
+        reach[k] = max(reach.get(k, 0.0), 1.05 * float(run.largest_deviation.max()))
     return tuple(
         Panel(
             f"({letter}) {ASTAZERO.labels[k]} at {frequency:g} rad/s: {_fate(run)}",
-            _panel(run, k, letter, 1.05 * reach[k]),
+            _panel(run, k, letter, reach[k]),
         )
         for letter, (k, frequency), run in zip("acbd", PANELS, runs, strict=True)
     )
@@ -347,7 +335,7 @@ def paper_panels() -> tuple[Panel, ...]:
 def _panel(run: PlatoonRun, k: int, letter: str, reach: float) -> go.Figure:
     figure = panels(1)
     cast, driven = cast_of(ASTAZERO, [k] * PANEL_FOLLOWERS), run.trajectories
-    for who in _back_to_front(PANEL_FOLLOWERS + 1):
+    for who in [*range(1, PANEL_FOLLOWERS + 1), 0]:
         _line(figure, driven.time, driven.speeds[:, who], cast, who, 1, PANEL_POINTS)
     speed = run.leader.speed
     figure.update_xaxes(title_text=TIME.axis)

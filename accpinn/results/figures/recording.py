@@ -11,7 +11,6 @@ import plotly.graph_objects as go
 from numpy.typing import NDArray
 
 from accpinn.channels import GAP, SPEED, TIME
-from accpinn.mask import stretches
 from accpinn.recordings.recording import Mode, Recording, Window
 from accpinn.results.figures.style import (
     FOLLOWERS,
@@ -21,9 +20,9 @@ from accpinn.results.figures.style import (
     thinned,
     vehicle_colour,
 )
-from accpinn.segment.regimes import CATCHING_UP, FOLLOWING, MANUAL, STANDSTILL, Regimes
+from accpinn.segment.quality import CATCHING_UP, FOLLOWING, MANUAL, STANDSTILL, Regimes
 from accpinn.segment.segment import Segment
-from accpinn.units import FloatArray, Seconds
+from accpinn.units import FloatArray, Seconds, stretches
 
 MISSING = "#c22f4f"
 WINDOW = "rgba(12, 126, 174, 0.16)"
@@ -60,30 +59,27 @@ def overview(
     figure = panels(*heights)
     for number in recording.present:
         chosen = number in vehicles
-        label = _label(recording, number)
+        label = html.escape(recording.label(number))
         colour = vehicle_colour(number, vehicles[0])
-        _line(figure, recording.time, recording.speed_of(number), 1, label, colour, chosen)
+        curves = [(recording.speed_of(number), chosen)]
         if number > 1 and number - 1 in recording.present:
-            gap = recording.gap_behind(number - 1)
-            followed = chosen and number != vehicles[0]
-            _line(figure, recording.time, gap, 2, label, colour, followed)
+            curves.append((recording.gap_behind(number - 1), chosen and number != vehicles[0]))
+        for row, (values, strong) in enumerate(curves, 1):
+            x, y = thinned(recording.time, values)
+            figure.add_scatter(
+                x=x, y=y, name=label, mode="lines", connectgaps=False,
+                line={"color": colour, "width": 1.8 if strong else 1},
+                opacity=1 if strong else FAINT, legendgroup=label, showlegend=row == 1, row=row,
+                col=1,
+            )  # fmt: skip
     for row, (title, traces) in enumerate(strips.items(), 3):
         _strip(figure, row, title, traces)
     figure.add_shape(
-        type="rect",
-        xref="x",
-        yref="paper",
-        x0=window.start,
-        x1=window.end,
-        y0=0,
-        y1=1,
-        fillcolor=WINDOW,
-        line={"color": FOLLOWERS[0], "width": 1.5},
-        layer="below",
-    )
-    label_axes(figure, (SPEED, GAP))
+        type="rect", xref="x", yref="paper", x0=window.start, x1=window.end, y0=0, y1=1,
+        fillcolor=WINDOW, line={"color": FOLLOWERS[0], "width": 1.5}, layer="below",
+    )  # fmt: skip
     figure.update_xaxes(range=[0, recording.duration], title_text="")
-    figure.update_xaxes(title_text=TIME.axis, row=len(heights), col=1)
+    label_axes(figure, (SPEED, GAP), len(heights))
     figure.update_layout(dragmode="select", selectdirection="h")
     return finished(figure, 430 + 40 * len(strips), f"overview-{recording.sha256}")
 
@@ -92,15 +88,11 @@ def _strip(figure: go.Figure, row: int, title: str, traces: Sequence[go.Scatter]
     """Ribbons of vehicles, by number from the top down."""
     for trace in traces:
         figure.add_trace(trace.update(showlegend=False), row=row, col=1)
+    numbers = sorted({trace.y[0] for trace in traces}, key=int, reverse=True)
     figure.update_yaxes(
-        row=row,
-        col=1,
-        title_text=title,
-        type="category",
-        showgrid=False,
-        categoryorder="array",
-        categoryarray=sorted({trace.y[0] for trace in traces}, key=int, reverse=True),
-    )
+        row=row, col=1, title_text=title, type="category", showgrid=False, categoryorder="array",
+        categoryarray=numbers,
+    )  # fmt: skip
 
 
 def preview(segment: Segment) -> go.Figure:
@@ -114,31 +106,6 @@ def preview(segment: Segment) -> go.Figure:
     figure.update_yaxes(title_text=SPEED.axis)
     figure.update_xaxes(title_text=TIME.axis)
     return finished(figure, 330, "preview")
-
-
-def _line(
-    figure: go.Figure,
-    time: FloatArray,
-    values: FloatArray,
-    row: int,
-    label: str,
-    colour: str,
-    chosen: bool,
-) -> None:
-    x, y = thinned(time, values)
-    figure.add_scatter(
-        x=x,
-        y=y,
-        name=label,
-        mode="lines",
-        connectgaps=False,
-        line={"color": colour, "width": 1.8 if chosen else 1},
-        opacity=1 if chosen else FAINT,
-        legendgroup=label,
-        showlegend=row == 1,
-        row=row,
-        col=1,
-    )
 
 
 def has_ribbons(recording: Recording) -> bool:
@@ -193,7 +160,3 @@ def _bars(
     line, title = {"color": colour, "width": width}, f"{number} {name}"
     y = [str(number)] * len(x)
     return [go.Scatter(x=x, y=y, name=title, mode="lines", line=line)] if x else []
-
-
-def _label(recording: Recording, number: int) -> str:
-    return html.escape(recording.label(number))

@@ -1,4 +1,4 @@
-"""String stability as figures: Bode magnitude, criteria along the platoon, maps."""
+"""String stability as figures: Bode magnitude, criteria along the platoon, maps; uncertainty."""
 
 import html
 from typing import Any, Literal
@@ -8,9 +8,19 @@ import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
 from accpinn.channels import ALPHA, BETA, MAGNITUDE, TAU
+from accpinn.inference.intervals import Uncertainty, gain_band
 from accpinn.model.cthp import Parameters
 from accpinn.model.published import ParameterSet
-from accpinn.results.figures.style import LEADER, MODEL, SERIES, finished, vehicle_colour
+from accpinn.results.figures.style import (
+    CLEAR,
+    LEADER,
+    MODEL,
+    SERIES,
+    band,
+    finished,
+    translucent,
+    vehicle_colour,
+)
 from accpinn.stability.criteria import (
     smallest_headway_exact,
     smallest_headway_l2,
@@ -28,7 +38,6 @@ L2, PAPER, EXACT = SERIES[0], LEADER, MODEL
 L2_UNSTABLE = "rgba(194, 47, 79, 0.10)"
 ONLY_LINF_UNSTABLE = "rgba(214, 140, 40, 0.14)"
 STABLE = "rgba(85, 144, 15, 0.12)"
-CLEAR = "rgba(0,0,0,0)"
 LIMIT = {"color": LEADER, "width": 1.2}
 """The line between amplified and damped."""
 
@@ -59,6 +68,13 @@ MAP_KEY = (
     ("L∞, exact criterion", EXACT),
     ("L₂ stable, L∞ unstable", "rgba(214, 140, 40, 0.55)"),
 )
+BAND_OPACITY, DOT_OPACITY = 0.16, 0.35
+CLOUD = 300
+"""Draws shown of each vehicle; more only make the cloud darker."""
+BAND_POINTS = 120
+"""Of a band along the frequencies."""
+LOWEST = -60.0
+"""dB that stands for a gain of zero."""
 
 
 def colours(vehicles: ParameterSet) -> tuple[str, ...]:
@@ -126,19 +142,16 @@ def _mark_peaks(figure: go.Figure, vehicles: ParameterSet, report: StabilityRepo
     """A diamond on each peak and a ring on each crossover, of those who amplify."""
     shown = [k for k, vehicle in enumerate(report.vehicles) if vehicle.crossover]
     found, paints = [report.vehicles[k] for k in shown], colours(vehicles)
-    peaks = [(v.peak.omega, min(v.peak.db, CEILING)) for v in found]
-    for name, points, look, words in (
-        ("peak", peaks, {"symbol": "diamond", "size": 10}, "Peak %{y:.2f} dB at"),
-        (
-            "crossover",
-            [(v.crossover, 0.0) for v in found],
-            {"symbol": "circle-open", "size": 9, "line": {"width": 2}},
-            "Amplified below",
-        ),
+    diamond, ring = {"symbol": "diamond", "size": 10}, {"symbol": "circle-open", "size": 9}
+    peaks = [v.peak.omega for v in found], [min(v.peak.db, CEILING) for v in found]
+    crossovers = [v.crossover for v in found], [0.0] * len(found)
+    for name, (x, y), look, words in (
+        ("peak", peaks, diamond, "Peak %{y:.2f} dB at"),
+        ("crossover", crossovers, ring | {"line": {"width": 2}}, "Amplified below"),
     ):
         figure.add_scatter(
-            x=[x for x, _ in points], y=[y for _, y in points], name=name, mode="markers",
-            customdata=shown, text=[html.escape(vehicles.labels[k]) for k in shown],
+            x=x, y=y, name=name, mode="markers", customdata=shown,
+            text=[html.escape(vehicles.labels[k]) for k in shown],
             showlegend=False, marker={**look, "color": [paints[k] for k in shown]},
             selected={"marker": {"opacity": 1}}, unselected={"marker": {"opacity": 1}},
             hovertemplate=f"{words} %{{x:.3f}} rad/s<extra>%{{text}}</extra>",
@@ -150,21 +163,15 @@ def criteria_by_vehicle(vehicles: ParameterSet, report: StabilityReport) -> go.F
     found, platoon = report.vehicles, report.platoon
     figure = make_subplots(rows=2, cols=1, shared_xaxes=True, vertical_spacing=0.1)
     places = list(range(1, len(vehicles) + 1))
-    for row, name, values, colour, symbol, dash in (
-        (1, "L₂ criterion", [v.l2.value for v in found], L2, "circle", "solid"),
-        (
-            1,
-            "L∞ criterion of the paper",
-            [v.linf_paper.value for v in found],
-            PAPER,
-            "square",
-            "solid",
-        ),
-        (2, "Peak of |H|", [v.peak.gain for v in found], L2, "circle", "solid"),
-        (2, "Exact L∞ gain ‖h‖₁", [v.linf_gain for v in found], EXACT, "diamond", "solid"),
-        (2, "|H| from the leader", [p.gain for p in platoon.peaks], L2, "circle-open", "dot"),
-        (2, "‖h‖₁ from the leader", platoon.linf.gain.tolist(), EXACT, "diamond-open", "dot"),
+    for row, name, values, colour, symbol in (
+        (1, "L₂ criterion", [v.l2.value for v in found], L2, "circle"),
+        (1, "L∞ criterion of the paper", [v.linf_paper.value for v in found], PAPER, "square"),
+        (2, "Peak of |H|", [v.peak.gain for v in found], L2, "circle"),
+        (2, "Exact L∞ gain ‖h‖₁", [v.linf_gain for v in found], EXACT, "diamond"),
+        (2, "|H| from the leader", [p.gain for p in platoon.peaks], L2, "circle-open"),
+        (2, "‖h‖₁ from the leader", platoon.linf.gain.tolist(), EXACT, "diamond-open"),
     ):
+        dash = "dot" if symbol.endswith("-open") else "solid"
         figure.add_scatter(
             x=places, y=values, name=name, mode="lines+markers",
             line={"color": colour, "width": 2, "dash": dash},
@@ -266,3 +273,62 @@ def _add_regions(
             x=along, y=values, mode="lines", line={"width": 0}, hoverinfo="skip",
             showlegend=False, fill="tonexty" if look else None, **look,
         )  # fmt: skip
+
+
+def add_bands(figure: go.Figure, vehicles: ParameterSet, uncertainty: Uncertainty) -> go.Figure:
+    """The interval of |H| at the uncertainty's level, under the curves of `bode`.
+
+    A vehicle whose parameters are not determined has no band.
+    """
+    omega = np.asarray(figure.data[0].x, float)
+    omega = np.geomspace(omega[0], omega[-1], BAND_POINTS)
+    bands = []
+    for k, colour in enumerate(colours(vehicles)):
+        gain = gain_band(uncertainty, k, omega)
+        if np.isfinite(gain.lower).all():
+            ends = _db(gain.lower), _db(gain.upper)
+            bands.append(band(omega, *ends, colour, BAND_OPACITY, f"band {k}"))
+    return _beneath(figure, bands)
+
+
+def add_clouds(
+    figure: go.Figure, vehicles: ParameterSet, uncertainty: Uncertainty, plane: Plane
+) -> go.Figure:
+    """Parameter sets consistent with the data, under the vehicles of a `stability_map`.
+
+    A draw with α = 0 has no time headway, hence no place on the map.
+    """
+    across = {"alpha": 0, "beta": 1}[plane]
+    clouds = []
+    for k, colour in enumerate(colours(vehicles)):
+        draws = uncertainty.draws.values[:, k]
+        draws = draws[np.linspace(0, len(draws) - 1, CLOUD).astype(int)]
+        draws = draws[np.isfinite(draws).all(axis=1)]
+        clouds.append(
+            go.Scatter(
+                x=draws[:, across].round(5), y=draws[:, 2].round(4), mode="markers",
+                marker={"size": 3.5, "color": translucent(colour, DOT_OPACITY)}, hoverinfo="skip",
+                name=f"cloud {k}", showlegend=False,
+            )
+        )  # fmt: skip
+    return _beneath(figure, clouds)
+
+
+def cloud_caption(figure: go.Figure, uncertainty: Uncertainty, plane: Plane) -> str:
+    """What the clouds show, and the share of the draws that the map does not show."""
+    known = uncertainty.draws.values[:, ~np.isnan(uncertainty.draws.alpha[0])]
+    across = known[..., {"alpha": 0, "beta": 1}[plane]]
+    right, top = figure.layout.xaxis.range[1], figure.layout.yaxis.range[1]
+    beyond = float(((across > right) | (known[..., 2] > top)).mean()) if known.size else 0.0
+    missing = f"; {100 * beyond:.0f} % of them lie beyond the map" if beyond >= 0.005 else ""
+    return f"Clouds: parameter sets consistent with the data{missing}."
+
+
+def _beneath(figure: go.Figure, traces: list[go.Scatter]) -> go.Figure:
+    """The traces first, so that everything else is drawn over them."""
+    return go.Figure(data=[*traces, *figure.data], layout=figure.layout)
+
+
+def _db(gain: FloatArray) -> FloatArray:
+    level = 20 * np.log10(np.clip(gain, 10 ** (LOWEST / 20), None))
+    return np.asarray(np.minimum(level, 2 * CEILING).round(3))

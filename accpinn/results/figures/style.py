@@ -12,7 +12,7 @@ import plotly.graph_objects as go
 from plotly.colors import hex_to_rgb
 from plotly.subplots import make_subplots
 
-from accpinn.channels import Quantity
+from accpinn.channels import TIME, Quantity
 from accpinn.units import FloatArray
 
 LEADER = "#7e8490"
@@ -28,6 +28,11 @@ the same contrast."""
 MODEL = "#c22f4f"
 """The closed-loop simulation, beside the vehicle's own colour for its data."""
 GRID = "rgba(128, 140, 155, 0.25)"
+CLEAR = "rgba(0,0,0,0)"
+TRUTH = {"color": LEADER, "width": 1.5, "dash": "dash"}
+"""The line at a true value."""
+LEGEND = {"orientation": "h", "x": 0, "y": 1.01, "yanchor": "bottom"}
+"""Above a figure."""
 LINE = 20
 """Pixels of a line of a legend."""
 POINTS = 1500
@@ -112,10 +117,19 @@ def panels(*heights: float, spacing: float = 0.05) -> go.Figure:
     )
 
 
-def label_axes(figure: go.Figure, channels: tuple[Quantity, ...]) -> None:
-    """Name and unit of each panel's channel, from the top down."""
+def label_axes(figure: go.Figure, channels: Sequence[Quantity], lowest: int = 0) -> None:
+    """Name and unit of each panel's channel, from the top down, and of the time below the lowest.
+
+    The lowest panel is by default that of the last channel.
+    """
     for row, channel in enumerate(channels, 1):
         figure.update_yaxes(title_text=channel.axis, row=row, col=1)
+    figure.update_xaxes(title_text=TIME.axis, row=lowest or len(channels), col=1)
+
+
+def named_value(quantity: Quantity, axis: str) -> str:
+    """What a point says when hovered over: τ = 1.5200 s."""
+    return f"{quantity.symbol} = %{{{axis}:.4f}} {quantity.unit}"
 
 
 def with_legend(figure: go.Figure) -> go.Figure:
@@ -129,24 +143,18 @@ def with_legend(figure: go.Figure) -> go.Figure:
     if not entries:
         return figure
     if figure.layout.title.text:
-        legend = {"orientation": "h", "x": 0, "y": 0, "yref": "container", "yanchor": "bottom"}
+        legend = LEGEND | {"y": 0, "yref": "container"}
         height = figure.layout.height + LINE * entries
         return figure.update_layout(showlegend=True, legend=legend, height=height)
-    legend = {"orientation": "h", "x": 0, "y": 1.01, "yanchor": "bottom"}
     margin = max(figure.layout.margin.t or 0, 34)
-    return figure.update_layout(showlegend=True, legend=legend, margin_t=margin)
+    return figure.update_layout(showlegend=True, legend=LEGEND, margin_t=margin)
 
 
 def finished(figure: go.Figure, height: int, revision: str) -> go.Figure:
     """Common looks; ``revision`` keeps the user's zoom while data change."""
-    figure.update_xaxes(gridcolor=GRID, zeroline=False, showline=False)
-    figure.update_yaxes(gridcolor=GRID, zeroline=False, showline=False)
+    for update in (figure.update_xaxes, figure.update_yaxes):
+        update(gridcolor=GRID, zeroline=False, showline=False)
     return figure.update_layout(
-        height=height,
-        showlegend=False,
-        hovermode="x unified",
-        paper_bgcolor="rgba(0,0,0,0)",
-        plot_bgcolor="rgba(0,0,0,0)",
-        margin={"l": 8, "r": 8, "t": 10, "b": 8},
-        uirevision=revision,
-    )
+        height=height, showlegend=False, hovermode="x unified", uirevision=revision,
+        paper_bgcolor=CLEAR, plot_bgcolor=CLEAR, margin={"l": 8, "r": 8, "t": 10, "b": 8},
+    )  # fmt: skip

@@ -7,15 +7,16 @@ from typing import Any
 import numpy as np
 import plotly.graph_objects as go
 
-from accpinn.channels import GAP, PARAMETERS, SPEED, TIME
+from accpinn.channels import GAP, PARAMETERS, SPEED
 from accpinn.evaluation.closed_loop import closed_loop_findings, collision_times
-from accpinn.methods.history import History
+from accpinn.methods.fit import History
 from accpinn.model.cthp import Parameters, Trajectories
 from accpinn.results.figures.style import (
     GRID,
     LEADER,
     MODEL,
     SERIES,
+    TRUTH,
     finished,
     label_axes,
     limits,
@@ -47,24 +48,17 @@ def loss_history(history: History) -> go.Figure:
     used = [term for term in terms if term[2].any()]
     for symbol, name, values, colour, width in used:
         figure.add_scatter(
-            x=history.iteration,
-            y=np.where(values > 0, values, np.nan),
-            name=f"{symbol} {name}",
+            x=history.iteration, y=np.where(values > 0, values, np.nan), name=f"{symbol} {name}",
             showlegend=False,  # the title names them, each in its colour
-            mode=mode,
-            line={"color": colour, "width": width},
-            marker={"size": 4},
-        )
+            mode=mode, line={"color": colour, "width": width}, marker={"size": 4},
+        )  # fmt: skip
     figure.update_yaxes(type="log", title_text="Loss", **_decades([term[2] for term in used]))
     names = [f'<span style="color:{colour}">{name}</span>' for _, name, _, colour, _ in used]
     return _over_iterations(figure, f"Loss: {', '.join(names)}", "loss")
 
 
 def parameter_history(
-    history: History,
-    which: int,
-    segment: SegmentInfo,
-    truth: Parameters | None = None,
+    history: History, which: int, segment: SegmentInfo, truth: Parameters | None = None
 ) -> go.Figure:
     """One parameter over iterations, dashed where the truth is known.
 
@@ -77,23 +71,18 @@ def parameter_history(
     quantity = PARAMETERS[which]
     figure = go.Figure()
     sets = history.parameters.values.shape[1]
-    leader = segment.vehicles[0]
+    colours = [vehicle_colour(number, segment.vehicles[0]) for number in segment.vehicles[1:]]
     for k in range(sets):
         shared = sets == 1 and segment.followers > 1
-        label = "all followers" if shared else html.escape(segment.labels[k + 1])
-        colour = LEADER if shared else vehicle_colour(segment.vehicles[k + 1], leader)
         figure.add_scatter(
-            x=history.iteration,
-            y=history.parameters.values[:, k, which],
-            name=label,
-            mode=_mode_for(len(history.iteration)),
-            line={"color": colour, "width": 2},
-            marker={"size": 4},
-        )
+            x=history.iteration, y=history.parameters.values[:, k, which],
+            name="all followers" if shared else html.escape(segment.labels[k + 1]),
+            mode=_mode_for(len(history.iteration)), marker={"size": 4},
+            line={"color": LEADER if shared else colours[k], "width": 2},
+        )  # fmt: skip
     true = truth.values[:, which].tolist() if truth else []
-    for k, value in enumerate(true):
-        colour = vehicle_colour(segment.vehicles[k + 1], leader)
-        figure.add_hline(y=value, line={"color": colour, "width": 1.5, "dash": "dash"})
+    for value, colour in zip(true, colours, strict=False):
+        figure.add_hline(y=value, line=TRUTH | {"color": colour})
     # Where the parameters converge, not where they happened to start.
     late = history.parameters.values[len(history.iteration) // 2 :, :, which]
     shown = limits(np.append(late, true), 0.12) or None
@@ -163,24 +152,16 @@ def tracking(
         for row, (channel, values) in enumerate(zip(rows, drawn, strict=False), 1):
             time, shown = thinned(segment.window.start + source.time, values)
             figure.add_scatter(
-                x=time,
-                y=shown,
-                name=name,
-                line=line,
-                opacity=opacity,
-                legendgroup=name,
-                showlegend=row == 1,
+                x=time, y=shown, name=name, line=line, opacity=opacity, legendgroup=name,
                 hovertemplate=f"%{{y:.2f}} {channel.unit}<extra>{name}</extra>",
-                row=row,
-                col=1,
-            )
+                showlegend=row == 1, row=row, col=1,
+            )  # fmt: skip
     if data and closed_loop:
         findings = closed_loop_findings(data, closed_loop)
         _mark_collision(figure, float(collision_times(findings, data.vehicles)[follower]))
     if len(rows) > 2:
         figure.add_hline(y=0, line={"color": GRID, "width": 1.5}, row=3, col=1)
     label_axes(figure, rows)
-    figure.update_xaxes(title_text=TIME.axis, row=len(rows), col=1)
     return with_legend(finished(figure, 620 if len(rows) > 2 else 460, f"tracking-{number}"))
 
 
@@ -190,12 +171,7 @@ def _mark_collision(figure: go.Figure, when: Seconds) -> None:
         return
     figure.add_hline(y=0, line={"color": LEADER, "width": 1.5}, row=1, col=1)
     figure.add_scatter(
-        x=[when],
-        y=[0.0],
-        name="collision",
-        mode="markers",
+        x=[when], y=[0.0], name="collision", mode="markers",
         marker={"symbol": "x", "size": 11, "color": MODEL},
-        hovertemplate=f"{when:.1f} s<extra>collision</extra>",
-        row=1,
-        col=1,
-    )
+        hovertemplate=f"{when:.1f} s<extra>collision</extra>", row=1, col=1,
+    )  # fmt: skip

@@ -1,15 +1,15 @@
 """Every sentence that is made from data, in one place: for pages, report and command line alike.
 
-`message` turns a finding into its sentence. Each module here registers those of one room.
+`message` turns a finding into its sentence. Each module here registers those of one subject.
 """
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from functools import cache, singledispatch
 from importlib import import_module
 from pkgutil import iter_modules
 from typing import Protocol
 
-from accpinn.findings import Finding
+from accpinn.errors import Finding
 
 
 class Labelled(Protocol):
@@ -44,6 +44,11 @@ def message(finding: Finding, about: Labelled) -> str:
 def messages(findings: Iterable[Finding], about: Labelled) -> tuple[str, ...]:
     """One sentence a finding, in their order."""
     return tuple(message(finding, about) for finding in findings)
+
+
+def joined(parts: Sequence[str]) -> str:
+    """A list as a sentence has it: "α, β and τ"."""
+    return " and ".join([", ".join(parts[:-1]), parts[-1]] if len(parts) > 1 else parts)
 
 
 @cache

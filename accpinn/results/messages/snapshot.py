@@ -57,13 +57,23 @@ WHAT = {
 """What was not checked, by kind."""
 
 
-def title(check: Check) -> str:
+class CheckRow(NamedTuple):
+    """A check in words."""
+
+    name: str
+    stored: str
+    recomputed: str
+    ok: bool
+    sentence: str
+
+
+def _title(check: Check) -> str:
     """The name of the part that was checked."""
     own = check.part.rpartition(".")[2].replace("_", " ").capitalize()
     return ", ".join(filter(None, [TITLES.get(check.part, own), check.method]))
 
 
-def values(check: Check) -> tuple[str, str]:
+def _values(check: Check) -> tuple[str, str]:
     """One value of the part, as stored and as recomputed, with its place."""
     if check.reason:
         return ABSENT, "not possible"
@@ -134,7 +144,7 @@ def summary(verification: Verification, about: Labelled) -> str:
     """
     for check in verification.checks:
         if not check.ok:
-            return f"{title(check)}: {message(check, about)}"
+            return f"{_title(check)}: {message(check, about)}"
     kinds = {one.kind for one in verification.unchecked}
     what = "stability follows from its parameters"
     if "errors" not in kinds:
@@ -143,17 +153,7 @@ def summary(verification: Verification, about: Labelled) -> str:
     return f"The snapshot is whole, and its {what}. Not checked: {'; '.join(believed)}."
 
 
-class Row(NamedTuple):
-    """A check in words."""
-
-    name: str
-    stored: str
-    recomputed: str
-    ok: bool
-    sentence: str
-
-
-def check_rows(verification: Verification, about: Labelled) -> tuple[Row, ...]:
+def check_rows(verification: Verification, about: Labelled) -> tuple[CheckRow, ...]:
     """Every check in words, as tables and the command line's JSON have it.
 
     Args:
@@ -161,6 +161,6 @@ def check_rows(verification: Verification, about: Labelled) -> tuple[Row, ...]:
         about: the snapshot's `info`.
     """
     return tuple(
-        Row(title(check), *values(check), check.ok, message(check, about))
+        CheckRow(_title(check), *_values(check), check.ok, message(check, about))
         for check in verification.checks
     )

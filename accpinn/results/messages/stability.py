@@ -1,11 +1,14 @@
-"""String stability in sentences: the answer, how certain it is, and the reason of each verdict."""
+"""String stability and simulated platoons in sentences: the answer, how certain, and why."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping, Sequence
 from math import isinf, isnan
 
 from accpinn.channels import PARAMETERS
 from accpinn.inference.intervals import Uncertainty
 from accpinn.model.published import ParameterSet
+from accpinn.platoon import simulation
+from accpinn.platoon.simulation import PlatoonRun
+from accpinn.results.messages import Labelled, joined, message
 from accpinn.results.tables.table import between
 from accpinn.stability.report import (
     Behaviour,
@@ -24,7 +27,6 @@ TITLES: Mapping[Criterion, str] = {
     Criterion.LINF_STRICT: "Strict L∞ string stability",
     Criterion.LINF_WEAK: "Weak L∞ string stability",
 }
-
 BEHAVIOURS: Mapping[Behaviour, str] = {
     Behaviour.REAL_POLES: "Both poles are real: the vehicle settles without oscillating.",
     Behaviour.COMPLEX_POLES: "The poles are complex: the vehicle oscillates while it settles.",
@@ -38,13 +40,13 @@ BEHAVIOURS: Mapping[Behaviour, str] = {
         " passes it."
     ),
 }
-
 _UNDAMPED = "With β = 0 and τ = 0 the vehicle is undamped"
-
-
 NUMBERS = ("no", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine", "ten")
 CERTAIN = 0.95
 """A verdict is certain if so large a share of the posterior samples agree with it."""
+AFTER_COLLISION = "The model has no collisions: the motion simulated after one has no meaning."
+SAME_AMPLITUDE = 0.005
+"""An amplitude that differs by a smaller share is called as large as the leader's."""
 
 
 def reason(verdict: Verdict, of: VehicleStability | StabilityReport) -> str:
@@ -55,10 +57,13 @@ def reason(verdict: Verdict, of: VehicleStability | StabilityReport) -> str:
         of: the vehicle; or the report, for a verdict on its platoon.
     """
     if isinstance(of, StabilityReport):
-        return _OF_PLATOON[verdict.criterion](of)
+        strict = verdict.criterion in (Criterion.L2_STRICT, Criterion.LINF_STRICT)
+        return (_strict if strict else _weak)(verdict, of)
     if of.behaviour in (Behaviour.NO_GAP_CONTROL, Behaviour.NO_REACTION):
         return BEHAVIOURS[of.behaviour]
-    return _OF_VEHICLE[verdict.criterion](of)
+    if verdict.criterion is Criterion.L2:
+        return _l2(of)
+    return _linf_paper(of) if verdict.criterion is Criterion.LINF_PAPER else _linf_exact(of)
 
 
 def _l2(vehicle: VehicleStability) -> str:
@@ -114,68 +119,44 @@ def _linf_exact(vehicle: VehicleStability) -> str:
     return f"The vehicle oscillates, so its impulse response changes sign, and {peak}."
 
 
-def _strict(verdict: Verdict, gains: list[float], what: str) -> str:
-    """Who amplifies; ``gains`` are the vehicles' own, 0 for those that are stable."""
-    who = [k for k, gain in enumerate(gains, 1) if gain]
+def _strict(verdict: Verdict, report: StabilityReport) -> str:
+    """Who amplifies."""
+    if verdict.criterion is Criterion.L2_STRICT:
+        what, own = "disturbances", [(v.l2, v.peak.gain) for v in report.vehicles]
+    else:
+        what, own = "peaks", [(v.linf_exact, v.linf_gain) for v in report.vehicles]
+    gains = {k: gain for k, (one, gain) in enumerate(own, 1) if not one.stable}
+    who = [*map(str, gains)]
     if not who:
         return f"No follower amplifies {what}."
+    extent = _extent(verdict.value)
     if len(who) == 1:
-        return f"Follower {who[0]} amplifies {what} {_extent(verdict.value)}."
-    listed = f"{', '.join(map(str, who[:-1]))} and {who[-1]}"
-    worst = max(who, key=lambda k: gains[k - 1])
-    return (
-        f"Followers {listed} amplify {what}, follower {worst} the most, {_extent(verdict.value)}."
-    )
+        return f"Follower {who[0]} amplifies {what} {extent}."
+    worst = max(gains, key=lambda k: gains[k])
+    return f"Followers {joined(who)} amplify {what}, follower {worst} the most, {extent}."
 
 
-def _l2_strict(report: StabilityReport) -> str:
-    gains = [0.0 if v.l2.stable else v.peak.gain for v in report.vehicles]
-    return _strict(report.platoon.l2_strict, gains, "disturbances")
-
-
-def _linf_strict(report: StabilityReport) -> str:
-    gains = [0.0 if v.linf_exact.stable else v.linf_gain for v in report.vehicles]
-    return _strict(report.platoon.linf_strict, gains, "peaks")
-
-
-def _l2_weak(report: StabilityReport) -> str:
+def _weak(verdict: Verdict, report: StabilityReport) -> str:
+    """What reaches the last follower."""
     platoon = report.platoon
-    if platoon.l2_strict.stable:
-        return "No follower amplifies disturbances, so neither does the platoon."
-    if platoon.l2_weak.stable:
-        return "Some followers amplify, but others damp more: no frequency grows along the platoon."
-    peak = platoon.peaks[-1]
-    return (
-        f"A disturbance at {peak.omega:.3g} rad/s grows {_extent(peak.gain)} from the leader to the"
-        " last follower."
-    )
-
-
-def _linf_weak(report: StabilityReport) -> str:
-    platoon = report.platoon
-    if platoon.linf_strict.stable:
-        return "No follower amplifies peaks, so neither does the platoon."
-    if isnan(platoon.linf_weak.value):
-        return "The vehicles' time scales differ too much for this to be computed."
-    if platoon.linf_weak.stable:
-        return "As far as can be computed, no peak grows from the leader to the last follower."
-    return (
-        f"A peak of the speed deviation can grow {_extent(platoon.linf_weak.value)} from the leader"
-        " to the last follower."
-    )
-
-
-_OF_VEHICLE: Mapping[Criterion, Callable[[VehicleStability], str]] = {
-    Criterion.L2: _l2,
-    Criterion.LINF_PAPER: _linf_paper,
-    Criterion.LINF_EXACT: _linf_exact,
-}
-_OF_PLATOON: Mapping[Criterion, Callable[[StabilityReport], str]] = {
-    Criterion.L2_STRICT: _l2_strict,
-    Criterion.L2_WEAK: _l2_weak,
-    Criterion.LINF_STRICT: _linf_strict,
-    Criterion.LINF_WEAK: _linf_weak,
-}
+    if verdict.criterion is Criterion.L2_WEAK:
+        if platoon.l2_strict.stable:
+            return "No follower amplifies disturbances, so neither does the platoon."
+        if verdict.stable:
+            return (
+                "Some followers amplify, but others damp more: no frequency grows along the"
+                " platoon."
+            )
+        at = f"A disturbance at {platoon.peaks[-1].omega:.3g} rad/s grows"
+    else:
+        if platoon.linf_strict.stable:
+            return "No follower amplifies peaks, so neither does the platoon."
+        if isnan(verdict.value):
+            return "The vehicles' time scales differ too much for this to be computed."
+        if verdict.stable:
+            return "As far as can be computed, no peak grows from the leader to the last follower."
+        at = "A peak of the speed deviation can grow"
+    return f"{at} {_extent(verdict.value)} from the leader to the last follower."
 
 
 def _extent(gain: float) -> str:
@@ -236,9 +217,8 @@ def certainty(chosen: ParameterSet, report: StabilityReport, uncertainty: Uncert
 
 
 def _is_certain(report: StabilityReport, uncertainty: Uncertainty, k: int) -> bool:
-    stable, gapless = float(uncertainty.probability_l2[k]), float(uncertainty.no_gap_control[k])
-    agreeing = stable if report.vehicles[k].l2.stable else 1.0 - stable - gapless
-    return agreeing >= CERTAIN
+    stable = float(uncertainty.probability_l2[k])
+    return (stable if report.vehicles[k].l2.stable else 1.0 - stable) >= CERTAIN
 
 
 def _peak_interval(
@@ -270,13 +250,11 @@ def _shares(chosen: ParameterSet, uncertainty: Uncertainty, unsure: list[int]) -
         return f"{which} certain: at least {_percent(CERTAIN)} of the posterior samples agree."
     parts = []
     for k in unsure:
-        stable, gapless = float(uncertainty.probability_l2[k]), float(uncertainty.no_gap_control[k])
+        stable = float(uncertainty.probability_l2[k])
         if isnan(stable):
             continue
         name = f"{chosen.spoken[k]} " if len(chosen) > 1 else ""
-        rest = max(0.0, 1.0 - stable - gapless)
-        share = f"{name}{_percent(rest)} amplify, {_percent(stable)} do not"
-        parts.append(f"{share}, {_percent(gapless)} have no gap control" if gapless else share)
+        parts.append(f"{name}{_percent(1.0 - stable)} amplify, {_percent(stable)} do not")
     return f"Not certain. Of the posterior samples: {'; '.join(parts)}." if parts else ""
 
 
@@ -291,3 +269,90 @@ def _capital(words: str) -> str:
 
 def _number(count: int) -> str:
     return NUMBERS[count] if count < len(NUMBERS) else str(count)
+
+
+class _Places:
+    """Names the vehicles of a platoon by their place, 0 for the leader."""
+
+    source = "platoon"
+
+    def label(self, number: int) -> str:
+        """As at the beginning of a sentence."""
+        return f"Follower {number}" if number else "The leader"
+
+
+PLACES = _Places()
+"""What the findings of a `PlatoonRun` are about."""
+
+
+@message.register
+def _(finding: simulation.PlatoonFinding, about: Labelled) -> str:
+    match finding:
+        case simulation.Collision():
+            who = about.label(finding.follower)
+            return (
+                f"{who} collides with the vehicle ahead at {finding.time:.1f} s. {AFTER_COLLISION}"
+            )
+        case simulation.Reversal():
+            return (
+                f"{about.label(finding.follower)} drives backwards from {finding.time:.1f} s on, as"
+                " the model has no standstill."
+            )
+        case simulation.NeverSettles():
+            who = about.label(finding.follower)
+            return f"{who} never settles, so its amplitude never becomes constant."
+        case simulation.TooShort():
+            return (
+                "The run is too short to measure amplitudes over a whole period of"
+                f" {finding.period:.3g} s; a duration of {finding.duration:.0f} s is enough."
+            )
+        case simulation.TransientLeft():
+            return (
+                f"{about.label(finding.follower)} is still in its transient, above"
+                f" {100 * simulation.SETTLED:g} % of its amplitude, where that is measured; a"
+                f" duration of {finding.duration:.0f} s is enough."
+            )
+
+
+def disturbance(run: PlatoonRun) -> str:
+    """Whether the disturbance has grown at the last follower."""
+    wave, moved = run.amplitudes, run.largest_deviation
+    what = "oscillation" if wave else "largest speed deviation"
+    if run.collisions:
+        first = run.collisions[0]
+        end = f"ollower {first.follower} collides at {first.time:.0f} s"
+        if not moved[0] > 0:
+            return f"F{end}."
+        ratio = moved.max() / moved[0]
+        return f"Speeds deviate up to {ratio:.3g} times as much as the leader's, until f{end}."
+    sizes = wave.measured if wave and wave.periods else moved
+    if not sizes[0] > 0:
+        return "The leader's speed is constant, so there is no disturbance."
+    ratio, size = sizes[-1] / sizes[0], f"{sizes[-1]:.3g} m/s against {sizes[0]:.3g} m/s"
+    if abs(ratio - 1) < SAME_AMPLITUDE:
+        return f"The last follower's {what} is as large as the leader's: {size}."
+    verb = "grows" if ratio > 1 else "fades"
+    return f"The {what} {verb} to {ratio:.3g} times the leader's: {size}."
+
+
+def disturbance_details(run: PlatoonRun, names: Sequence[str]) -> str:
+    """The amplitude predicted for a sinusoid, and the smallest gap.
+
+    Args:
+        run: the simulation.
+        names: of the followers, in their order.
+    """
+    wave, parts = run.amplitudes, []
+    if run.collisions:
+        parts.append(AFTER_COLLISION)
+    if wave:
+        would = "would reach" if run.collisions else "reaches"
+        parts.append(f"By |H| the last follower {would} {wave.predicted[-1]:.3g} m/s.")
+    if not run.collisions:
+        k = int(run.minimum_gap.argmin())
+        gap = round(run.minimum_gap[k], 1) + 0.0
+        parts.append(
+            f"The smallest gap is {gap:.1f} m, follower {k + 1} ({names[k]}) at"
+            f" {run.minimum_gap_time[k]:.0f} s."
+        )
+    return " ".join(parts)

@@ -3,13 +3,14 @@
 from math import isfinite, isinf, isnan
 from typing import Any
 
+from accpinn.evaluation.evaluation import Evaluation
 from accpinn.inference.intervals import Uncertainty
 from accpinn.methods.registry import METHODS
 from accpinn.model.cthp import Parameters
 from accpinn.results.messages import messages
 from accpinn.results.messages.methods import unfinished
 from accpinn.results.messages.stability import amplification
-from accpinn.results.snapshot.schema import Snapshot
+from accpinn.results.snapshot import Snapshot
 from accpinn.results.tables.estimates import learned_parameters
 from accpinn.results.tables.table import between
 
@@ -28,27 +29,36 @@ def summary(snapshot: Snapshot) -> tuple[str, ...]:
     fit, info, uncertainty = snapshot.fit, snapshot.info, snapshot.uncertainty
     kind = METHODS[fit.method]
     method = kind.description or kind.title
-    opening = (
-        f"From {info.window.duration:g} s of {info.source}, {method} learned the parameters"
-        " of the constant time-headway policy of"
-    )
+    estimates = [
+        _parameters(one, headway_words(uncertainty, k)) for k, one in enumerate(fit.parameters)
+    ]
+    who = _followers(snapshot)
     if fit.case == "I" and info.followers > 1:
-        estimate = parameter_words(fit.parameters[0], headway_words(uncertainty, 0))
-        first = f"{opening} {_followers(snapshot)} as one set: {estimate}."
+        learned = f"{who} as one set: {estimates[0]}"
     elif info.followers == 1:
-        estimate = parameter_words(fit.parameters[0], headway_words(uncertainty, 0))
-        first = f"{opening} {info.labels[1]}: {estimate}."
+        learned = f"{who}: {estimates[0]}"
     else:
-        estimates = "; ".join(
-            f"{label}: {parameter_words(one, headway_words(uncertainty, k))}"
-            for k, (label, one) in enumerate(zip(info.labels[1:], fit.parameters, strict=True))
-        )
-        first = f"{opening} {_followers(snapshot)}. {estimates}."
-    stopped = unfinished(fit)
-    return (*((stopped,) if stopped else ()), first, *_consequences(snapshot))
+        pairs = zip(info.labels[1:], estimates, strict=True)
+        learned = f"{who}. {'; '.join(f'{label}: {estimate}' for label, estimate in pairs)}"
+    first = (
+        f"From {info.window.duration:g} s of {info.source}, {method} learned the parameters of the"
+        f" constant time-headway policy of {learned}."
+    )
+    sentences = [unfinished(fit), first]
+    if snapshot.stability:
+        chosen = learned_parameters(info, fit)
+        sentences.append(amplification(chosen, snapshot.stability))
+    if uncertainty:
+        sentences.append(_probability(snapshot, uncertainty))
+    if snapshot.evaluation:
+        sentences += [
+            _errors(snapshot, snapshot.evaluation),
+            _collisions(snapshot, snapshot.evaluation),
+        ]
+    return tuple(sentence for sentence in sentences if sentence)
 
 
-def parameter_words(parameters: Parameters, headway: str = "") -> str:
+def _parameters(parameters: Parameters, headway: str) -> str:
     """Headway first, as drivers know it, with what stands in brackets behind it."""
     tau = f"{parameters.tau:.2f} s" if isfinite(parameters.tau) else "not determined"
     behind = f" ({headway})" if headway else ""
@@ -76,17 +86,6 @@ def _followers(snapshot: Snapshot) -> str:
     return labels[0] if len(labels) == 1 else f"{len(labels)} vehicles"
 
 
-def _consequences(snapshot: Snapshot) -> tuple[str, ...]:
-    sentences = []
-    if snapshot.stability:
-        chosen = learned_parameters(snapshot.info, snapshot.fit)
-        sentences.append(amplification(chosen, snapshot.stability))
-    if snapshot.uncertainty:
-        sentences.append(_probability(snapshot, snapshot.uncertainty))
-    sentences += [_errors(snapshot), _collisions(snapshot)]
-    return tuple(sentence for sentence in sentences if sentence)
-
-
 def _probability(snapshot: Snapshot, uncertainty: Uncertainty) -> str:
     labels = snapshot.info.labels[1:]
     parts = [
@@ -104,21 +103,16 @@ def _probability(snapshot: Snapshot, uncertainty: Uncertainty) -> str:
     return f"Probability of string stability: {'; '.join(parts)}."
 
 
-def _errors(snapshot: Snapshot) -> str:
-    evaluation = snapshot.evaluation
-    if evaluation is None or evaluation.closed_loop is None:
+def _errors(snapshot: Snapshot, evaluation: Evaluation) -> str:
+    if evaluation.closed_loop is None:
         return ""
     errors = [float(value) for value in evaluation.closed_loop.gap_mae]
     gaps = ", ".join(f"{value:.1f}" for value in errors if isfinite(value))
     who = zip(snapshot.info.labels[1:], errors, strict=True)
     without = ", ".join(label for label, value in who if not isfinite(value))
-    sentence = (
-        f"The closed-loop simulation behind the measured leader misses the space-gap by {gaps} m on"
-        " average"
-    )
-    if not gaps:
-        sentence = "The closed-loop simulation behind the measured leader diverges"
-    elif without:
+    sentence = "The closed-loop simulation behind the measured leader"
+    sentence += f" misses the space-gap by {gaps} m on average" if gaps else " diverges"
+    if gaps and without:
         sentence += f" (without {without}, whose simulation diverges)"
     if evaluation.surrogate is None:
         return f"{sentence}."
@@ -127,20 +121,18 @@ def _errors(snapshot: Snapshot) -> str:
     return f"{sentence}; {curve} {drawn} m (surrogate fit)."
 
 
-def _collisions(snapshot: Snapshot) -> str:
-    evaluation, labels = snapshot.evaluation, snapshot.info.labels[1:]
-    if evaluation is None:
-        return ""
+def _collisions(snapshot: Snapshot, evaluation: Evaluation) -> str:
+    labels = snapshot.info.labels[1:]
     times = evaluation.collision_times(snapshot.info.vehicles).tolist()
-    when = [(k, time) for k, time in enumerate(times) if isfinite(time)]
+    when = [(label, time) for label, time in zip(labels, times, strict=True) if isfinite(time)]
     if not when:
         return ""
-    who, times = "the follower", f" at {when[0][1]:.1f} s"
-    if len(labels) > 1:
-        who = f"{len(when)} of {len(labels)} vehicles"
-        times = ": " + "; ".join(f"{labels[k]} at {time:.1f} s" for k, time in when)
     verb = "collides" if len(when) == 1 else "collide"
-    return f"In that simulation {who} {verb} with the vehicle ahead{times}."
+    what = f"{verb} with the vehicle ahead"
+    if len(labels) == 1:
+        return f"In that simulation the follower {what} at {when[0][1]:.1f} s."
+    listed = "; ".join(f"{label} at {time:.1f} s" for label, time in when)
+    return f"In that simulation {len(when)} of {len(labels)} vehicles {what}: {listed}."
 
 
 def setting(value: Any) -> str:
@@ -153,56 +145,40 @@ def setting(value: Any) -> str:
 def about_data(snapshot: Snapshot) -> tuple[tuple[str, str], ...]:
     """What is known of the recording and the window, as terms and descriptions."""
     info, facts = snapshot.info, snapshot.facts
-    rows = [
-        ("Recording", info.source),
-        ("Campaign", facts.get("campaign")),
-        ("Date", facts.get("date")),
-        ("ACC flag of the file", _flag(facts.get("acc_flag"))),
-        ("Distance setting", facts.get("distance_setting")),
-        (
-            "Window",
-            f"{info.window} of the recording,"
-            f" {info.samples:,} samples every {info.sample_time:g} s",
-        ),
-        ("Leader", info.labels[0]),
-        ("Followers", ", ".join(info.labels[1:])),
-        ("Excluded", _excluded(snapshot)),
-    ]
-    return tuple((term, str(value)) for term, value in rows if value)
-
-
-def _flag(flag: int | None) -> str:
-    """As the file's header has it."""
-    if flag is None:
-        return ""
+    flag, excluded = facts.get("acc_flag"), "nothing: every instant counts"
     meaning = f" ({FLAGS[flag]})" if flag in FLAGS else ""
-    return f"{flag}{meaning}, for the recording as a whole; not every vehicle need be driven so"
-
-
-def _excluded(snapshot: Snapshot) -> str:
-    info = snapshot.info
-    if not info.excluded_regimes:
-        return "nothing: every instant counts"
-    shares = ", ".join(
-        f"{100 * share:.0f} % of {label}"
-        for label, share in zip(info.labels[1:], info.excluded_share, strict=True)
-    )
-    return f"{', '.join(info.excluded_regimes)} from the model's equation: {shares}"
+    if info.excluded_regimes:
+        shares = ", ".join(
+            f"{100 * share:.0f} % of {label}"
+            for label, share in zip(info.labels[1:], info.excluded_share, strict=True)
+        )
+        excluded = f"{', '.join(info.excluded_regimes)} from the model's equation: {shares}"
+    rows = {
+        "Recording": info.source,
+        "Campaign": facts.get("campaign"),
+        "Date": facts.get("date"),
+        "ACC flag of the file": flag is not None
+        and f"{flag}{meaning}, for the recording as a whole; not every vehicle need be driven so",
+        "Distance setting": facts.get("distance_setting"),
+        "Window": f"{info.window} of the recording,"
+        f" {info.samples:,} samples every {info.sample_time:g} s",
+        "Leader": info.labels[0],
+        "Followers": ", ".join(info.labels[1:]),
+        "Excluded": excluded,
+    }
+    return tuple((term, str(value)) for term, value in rows.items() if value)
 
 
 def cautions(snapshot: Snapshot) -> dict[str, tuple[str, ...]]:
     """Cautions, by the part of the report they belong to."""
     info, evaluation, uncertainty = snapshot.info, snapshot.evaluation, snapshot.uncertainty
+    of_parameters = (
+        *snapshot.fit.findings,
+        *(uncertainty.findings if uncertainty else ()),
+        *(evaluation.whiteness.findings if evaluation else ()),
+    )
     return {
-        "data": messages((*snapshot.info.findings, *snapshot.quality.findings), snapshot.info),
-        "parameters": tuple(
-            dict.fromkeys(
-                (
-                    *messages(snapshot.fit.findings, info),
-                    *messages(uncertainty.findings if uncertainty else (), info),
-                    *messages(evaluation.whiteness.findings if evaluation else (), info),
-                )
-            )
-        ),
+        "data": messages((*info.findings, *snapshot.quality.findings), info),
+        "parameters": tuple(dict.fromkeys(messages(of_parameters, info))),
         "closed_loop": messages(evaluation.all_findings if evaluation else (), info),
     }

@@ -1,6 +1,374 @@
-"""A result as one web page that needs nothing else than a browser: no server, no network.
+"""The report: a snapshot as one web page that needs no network, for people without accpinn.
 
-Its sections: data, parameters, fit, string stability, platoon, methods compared, provenance, how to
-cite. Plotly's script is in it once. Everything that comes from a file or a user is escaped where it
-is put in.
+The story's parts are put into a template, with every script and style inside. Its figures are those
+of the app's pages, with legends and with rounded numbers.
 """
+
+import base64
+import hashlib
+import html
+import json
+import re
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import plotly.graph_objects as go
+from jinja2 import Environment, FileSystemLoader, StrictUndefined, Template
+from markupsafe import Markup
+from plotly.offline import get_plotlyjs
+
+from accpinn import __version__
+from accpinn.channels import GAP, SPEED
+from accpinn.errors import ParameterError
+from accpinn.evaluation.closed_loop import closed_loop
+from accpinn.model.cthp import Trajectories
+from accpinn.platoon.leader import Sinusoid
+from accpinn.platoon.simulation import PlatoonRun, simulate_platoon
+from accpinn.results.figures import platoon as platoon_figures
+from accpinn.results.figures import stability as stability_figures
+from accpinn.results.figures.stability import add_bands, add_clouds, cloud_caption
+from accpinn.results.figures.style import (
+    POINTS,
+    finished,
+    label_axes,
+    panels,
+    thinned,
+    vehicle_colour,
+    with_legend,
+)
+from accpinn.results.figures.training import loss_history, parameter_history, tracking
+from accpinn.results.messages import messages
+from accpinn.results.messages import summary as words
+from accpinn.results.messages.methods import outcome_message
+from accpinn.results.messages.snapshot import check_rows, summary
+from accpinn.results.messages.stability import PLACES, reason
+from accpinn.results.snapshot import Snapshot, stability
+from accpinn.results.snapshot.verification import Verification, verify
+from accpinn.results.tables.estimates import (
+    TITLES,
+    intervals_table,
+    learned_parameters,
+    methods_table,
+    name_of,
+    parameter_table,
+)
+from accpinn.results.tables.stability import stability_interval_table, stability_table
+from accpinn.results.tables.table import STYLE, Table
+from accpinn.segment.segment import Segment
+
+HERE = Path(__file__).parent
+WIDE = 9
+"""Columns beyond which a table is set smaller."""
+FOLLOWERS = 8
+"""Of the simulated platoon."""
+QUIET = 0.25
+"""rad/s of the platoon's disturbance where no frequency is amplified."""
+DIGITS = 5
+"""Significant ones of every number drawn; a screen shows four."""
+ALL_POINTS, FEWEST_POINTS = 70_000, 150
+"""Of all lines together, and of one: the page is to stay below 6 MB, and plotly takes 5."""
+
+
+@dataclass(frozen=True, eq=False)
+class Picture:
+    """A figure with a name for its file and a caption."""
+
+    name: str
+    figure: go.Figure
+    caption: str
+
+    def drawn(self, points: int) -> dict[str, Any]:
+        """Data and layout for plotly, rounded, with about so many points a line at most."""
+        # A whole figure would hand out its numbers as bytes in base 64; its parts do not.
+        layout = {
+            key: _roomy(part) if key[1:5] == "axis" else part
+            for key, part in self.figure.layout.to_plotly_json().items()
+            if key != "template"
+        }
+        traces = [_coarse(trace.to_plotly_json(), points) for trace in self.figure.data]
+        return {"name": self.name, "data": _plain(traces), "layout": _plain(layout)}
+
+
+def render_report(snapshot: Snapshot, verification: Verification | None = None) -> str:
+    """The whole page.
+
+    Args:
+        snapshot: what it is about.
+        verification: what was checked; by default done now, from the snapshot's own contents.
+    """
+    verification = verification or verify(snapshot)
+    if snapshot.stability:  # shown as it follows from the parameters, whatever was stored
+        snapshot = replace(snapshot, stability=stability(snapshot.fit))
+    script = (HERE / "page.js").read_text(encoding="utf-8")
+    shown = list[Picture]()
+    story = _story(snapshot, verification, shown)
+    document = json.dumps(_all_drawn(shown), ensure_ascii=False, separators=(",", ":"))
+    return _template().render(
+        story,
+        style=Markup((HERE / "page.css").read_text(encoding="utf-8")),
+        table_style=Markup(re.sub(r"</?style>", "", STYLE)),
+        plotly=Markup(get_plotlyjs()),
+        script=Markup(script),
+        # Inside a script element only "<" could end it early.
+        drawings=Markup(document.replace("<", "\\u003c")),
+        policy=_policy(get_plotlyjs(), script),
+        version=__version__,
+    )
+
+
+def _story(snapshot: Snapshot, checked: Verification, shown: list[Picture]) -> dict[str, Any]:
+    info, evaluation, uncertainty = snapshot.info, snapshot.evaluation, snapshot.uncertainty
+    fit, report = snapshot.fit, snapshot.stability
+    vehicles = learned_parameters(info, fit)
+    paints = [vehicle_colour(number, info.vehicles[0]) for number in info.vehicles]
+    motion, run = motion_picture(snapshot), platoon_pictures(snapshot)
+    errors = (evaluation.surrogate, evaluation.closed_loop) if evaluation else (None, None)
+    tables = {"parameters": parameter_table(info, fit, snapshot.quality, *errors).coloured(paints)}
+    if uncertainty:
+        tables["intervals"] = intervals_table(info, uncertainty).coloured(paints[1:])
+    if report:
+        tables["stability"] = stability_table(vehicles, report).coloured(paints[1:])
+    if report and uncertainty:
+        table = stability_interval_table(vehicles, uncertainty)
+        tables["stability_intervals"] = table.coloured(paints[1:])
+    return {
+        "snapshot": snapshot,
+        "title": words.title(snapshot),
+        "summary": words.summary(snapshot),
+        "about": words.about_data(snapshot),
+        "cautions": words.cautions(snapshot),
+        "motion": _placed([motion] if motion else [], shown),
+        "sheets": {name: _sheet(table, name) for name, table in tables.items()},
+        "uncertainty": uncertainty,
+        "fits": _placed(fit_pictures(snapshot), shown),
+        "training": _placed(training_pictures(snapshot), shown),
+        "reasons": _reasons(snapshot),
+        "stability_pictures": _placed(stability_pictures(snapshot), shown),
+        "platoon": _placed(run[1] if run else [], shown),
+        "run": run[0] if run else None,
+        "run_warnings": messages(run[0].findings, PLACES) if run else (),
+        "repeated": run[2] if run else "",
+        "methods": [
+            _sheet(methods_table(info, snapshot.methods, k), f"methods_{k + 1}")
+            for k in range(info.followers if snapshot.methods else 0)
+        ],
+        "checked": checked,
+        "verdict": summary(checked, info),
+        "checks": check_rows(checked, info),
+        "outcome": outcome_message(fit),
+        "method": TITLES.get(fit.method, fit.method),
+        "settings": [
+            (key.replace("_", " "), words.setting(value))
+            for key, value in sorted(fit.config.items())
+        ],
+    }
+
+
+def _reasons(snapshot: Snapshot) -> list[tuple[str, list[str]]]:
+    """Per vehicle, and for the platoon, a sentence for every verdict."""
+    report = snapshot.stability
+    if report is None:
+        return []
+    reasons = [
+        (label, [reason(verdict, v) for verdict in (v.l2, v.linf_paper, v.linf_exact)])
+        for label, v in zip(snapshot.info.labels[1:], report.vehicles, strict=True)
+    ]
+    if len(report.vehicles) > 1:
+        platoon = report.platoon
+        weak = (platoon.l2_weak, platoon.linf_weak)
+        reasons.append(("The platoon", [reason(verdict, report) for verdict in weak]))
+    return reasons
+
+
+def _placed(new: Iterable[Picture], shown: list[Picture]) -> list[tuple[int, Picture]]:
+    """The pictures with their places in the list that the script draws, to which they are added."""
+    first = len(shown)
+    shown.extend(new)
+    return list(enumerate(shown[first:], first))
+
+
+def _sheet(table: Table, name: str) -> dict[str, Any]:
+    """A table on the page, and as files: label, file name and data address of each."""
+    files = (
+        ("CSV", f"{name}.csv", "text/csv", table.to_csv()),
+        ("LaTeX", f"{name}.tex", "application/x-tex", table.to_latex()),
+    )
+    return {
+        "html": Markup(table.to_html()),
+        "wide": len(table.columns) > WIDE,
+        "files": [
+            (label, file, f"data:{mime};charset=utf-8;base64,{_base64(text.encode())}")
+            for label, file, mime, text in files
+        ],
+    }
+
+
+def _base64(content: bytes) -> str:
+    return base64.b64encode(content).decode()
+
+
+def _policy(*scripts: str) -> str:
+    """Only these scripts run, and nothing is loaded from anywhere."""
+    hashes = (_base64(hashlib.sha256(script.encode()).digest()) for script in scripts)
+    allowed = " ".join(f"'sha256-{digest}'" for digest in hashes)
+    return (
+        f"default-src 'none'; script-src {allowed}; style-src 'unsafe-inline';"
+        " img-src data: blob:; base-uri 'none'; form-action 'none'"
+    )
+
+
+@cache
+def _template() -> Template:
+    made = Environment(
+        loader=FileSystemLoader(HERE),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    return made.get_template("page.html")
+
+
+def motion_picture(snapshot: Snapshot) -> Picture | None:
+    """Gaps and speeds of the window: the data, or else the method's own curves."""
+    source: Segment | Trajectories | None = snapshot.segment or snapshot.fit.surrogate
+    if source is None:
+        return None
+    info, figure = snapshot.info, panels(0.5, 0.5)
+    for column, (number, label) in enumerate(zip(info.vehicles, info.labels, strict=True)):
+        line = {"color": vehicle_colour(number, info.vehicles[0]), "width": 1.8}
+        name = html.escape(label) + (" (leader)" if column == 0 else "")
+        drawn = [(2, source.speeds[:, column], SPEED)]
+        if column:
+            drawn.append((1, source.gaps[:, column - 1], GAP))
+        for row, values, channel in drawn:
+            time, shown = thinned(info.window.start + source.time, values)
+            figure.add_scatter(
+                x=time, y=shown, name=name, line=line, mode="lines", legendgroup=name,
+                showlegend=row == 2, hovertemplate=f"%{{y:.2f}} {channel.unit}", row=row, col=1,
+            )  # fmt: skip
+    label_axes(figure, (GAP, SPEED))
+    words = (
+        "Measured space-gaps and speeds."
+        if snapshot.segment
+        else "The data are not part of this report: these are the method's own trajectories."
+    )
+    return Picture("motion", with_legend(finished(figure, 460, "motion")), words)
+
+
+def fit_pictures(snapshot: Snapshot) -> Iterator[Picture]:
+    """Per follower: the method's curve, with the data and the closed loop where these are known."""
+    fit, segment = snapshot.fit, snapshot.segment
+    if segment is None and fit.surrogate is None:
+        return
+    driven = closed_loop(segment, fit) if segment else None
+    for k, label in enumerate(snapshot.info.labels[1:]):
+        own = name_of(fit)
+        figure = tracking(segment or snapshot.info, k, fit.surrogate, driven, own)
+        yield Picture(f"fit_{k + 1}", figure, f"{label}: space-gap and speed.")
+
+
+def training_pictures(snapshot: Snapshot) -> Iterator[Picture]:
+    """Loss and parameters over the iterations."""
+    history = snapshot.fit.history
+    if history is None:
+        return
+    yield Picture("loss", loss_history(history), "")
+    for which, name in enumerate(("alpha", "beta", "tau")):
+        yield Picture(name, parameter_history(history, which, snapshot.info), "")
+
+
+def stability_pictures(snapshot: Snapshot) -> Iterator[Picture]:
+    """Bode magnitude, criteria along the platoon, and the map around the last vehicle."""
+    report, uncertainty = snapshot.stability, snapshot.uncertainty
+    if report is None:
+        return
+    vehicles = learned_parameters(snapshot.info, snapshot.fit)
+    bode = stability_figures.bode(vehicles, report)
+    bode = add_bands(bode, vehicles, uncertainty) if uncertainty else bode
+    words = (
+        "Bode magnitude from the speed of the vehicle ahead to the vehicle's own. Diamonds: peaks."
+        " Rings: below that frequency the vehicle amplifies."
+        + (f" Shaded: {100 * uncertainty.level:.0f} % intervals." if uncertainty else "")
+    )
+    yield Picture("bode", with_legend(bode), words)
+    if len(vehicles) > 1:
+        words = (
+            "Criteria (stable above 0) and gains (stable at 1) along the platoon; dotted: from the"
+            " leader to that follower."
+        )
+        chart = stability_figures.criteria_by_vehicle(vehicles, report)
+        yield Picture("criteria", with_legend(chart), words)
+    held = len(vehicles) - 1
+    chart = stability_figures.stability_map(vehicles, report, held, "beta")
+    chart = add_clouds(chart, vehicles, uncertainty, "beta") if uncertainty else chart
+    words = (
+        f"Boundaries at the α of {vehicles.labels[held]}; above a line a vehicle is stable by that"
+        " criterion. Hatched: L∞ stable by the paper's criterion, but not by the exact one."
+        + (f" {cloud_caption(chart, uncertainty, 'beta')}" if uncertainty else "")
+    )
+    yield Picture("map", with_legend(chart), words)
+
+
+def platoon_pictures(snapshot: Snapshot) -> tuple[PlatoonRun, tuple[Picture, Picture], str] | None:
+    """Eight vehicles like the one that amplifies most, behind a leader at its worst frequency."""
+    report, vehicles = snapshot.stability, learned_parameters(snapshot.info, snapshot.fit)
+    if report is None:
+        return None
+    peaks = [vehicle.peak for vehicle in report.vehicles]
+    worst = max(range(len(peaks)), key=lambda k: peaks[k].gain)
+    omega = peaks[worst].omega or QUIET
+    try:
+        run = simulate_platoon(vehicles.parameters[[worst] * FOLLOWERS], Sinusoid(frequency=omega))
+    except ParameterError:
+        return None
+    cast = platoon_figures.cast_of(vehicles, [worst] * FOLLOWERS)
+    profiles = with_legend(platoon_figures.profiles(run, cast))
+    amplitudes = platoon_figures.amplitude_by_vehicle(run, cast, in_db=False)
+    pictures = (
+        Picture("platoon", profiles, "Speeds and gaps; light to dark: first to last follower."),
+        Picture("amplitude", amplitudes, "Amplitude of the speed along the platoon; line: by |H|."),
+    )
+    return run, pictures, vehicles.labels[worst]
+
+
+def _plain(part: Any) -> Any:
+    """Arrays as lists, numbers rounded, what is not finite as null."""
+    if isinstance(part, dict):
+        return {key: _plain(item) for key, item in part.items()}
+    if isinstance(part, np.ndarray):
+        return _plain(part.tolist())
+    if isinstance(part, list | tuple):
+        return [_plain(item) for item in part]
+    if isinstance(part, float | np.floating):
+        return float(f"{part:.{DIGITS}g}") if np.isfinite(part) else None
+    if isinstance(part, np.integer):
+        return int(part)
+    return part
+
+
+def _roomy(axis: dict[str, Any]) -> dict[str, Any]:
+    """An axis that keeps its title clear of its numbers."""
+    titled = {"title": axis["title"] | {"standoff": 8}} if "title" in axis else {}
+    return axis | {"automargin": True} | titled
+
+
+def _coarse(trace: dict[str, Any], points: int) -> dict[str, Any]:
+    """A line with fewer points, its peaks kept; anything else as it is."""
+    x, y = (np.asarray(trace.get(axis)) for axis in "xy")
+    numeric = x.dtype.kind in "fiu" and y.dtype.kind in "fiu"
+    if trace.get("mode") == "markers" or trace.get("fill") or not numeric:
+        return trace
+    x, y = thinned(x.astype(float), y.astype(float), points)
+    return {key: part for key, part in trace.items() if key != "customdata"} | {"x": x, "y": y}
+
+
+def _all_drawn(pictures: Sequence[Picture]) -> list[dict[str, Any]]:
+    """What the page's script draws, in order; the more lines, the fewer points each."""
+    lines = sum(len(picture.figure.data) for picture in pictures)
+    points = max(FEWEST_POINTS, min(POINTS, ALL_POINTS // max(lines, 1)))
+    return [picture.drawn(points) for picture in pictures]

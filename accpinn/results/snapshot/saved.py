@@ -1,12 +1,15 @@
-"""The library of snapshots: a folder of the server in which nothing is ever lost.
+"""Snapshots on disk: files written in one step, and a library in which nothing is ever lost.
 
-A snapshot lies there under the first digits of its own digest, so that a link to it names what it
-holds. A full library refuses new ones; only a user deletes. Files that cannot be read are listed
-with the reason.
+The library is a folder of the server. A snapshot lies there under the first digits of its own
+digest, so that a link to it names what it holds. A full library refuses new ones; only a user
+deletes. Files that cannot be read are listed with the reason.
 """
 
 import os
 import re
+import secrets
+import stat
+import tempfile
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -17,9 +20,15 @@ from filelock import FileLock
 from platformdirs import user_data_path
 
 from accpinn.errors import SnapshotError
-from accpinn.results.snapshot.file import UNFINISHED, load, to_bytes, write_whole
-from accpinn.results.snapshot.schema import ID_LENGTH, SUFFIX, Snapshot
+from accpinn.results.snapshot import ID_LENGTH, MANIFEST, SUFFIX, Snapshot
+from accpinn.results.snapshot.archive import load, read_file, to_bytes
 from accpinn.units import Seconds
+
+UNFINISHED = ".part"
+"""Ending of a file that is being written."""
+MARKS = {"snapshot": MANIFEST.encode(), "report": b"<!doctype html"}
+"""What stands among the first bytes of every such file, in lower case."""
+_BEGINNING = 200
 
 CAP_BYTES = 2_000_000_000
 """Of the whole library; a result of 300 s without its data takes well below 1 MB."""
@@ -33,6 +42,83 @@ FOLDER_VARIABLE = "ACCPINN_SNAPSHOTS"
 """Environment variable that names another folder than the one among the user's data."""
 
 _ID = re.compile(rf"[0-9a-f]{{{ID_LENGTH}}}")
+
+
+def save(snapshot: Snapshot, path: str | os.PathLike[str]) -> Path:
+    """Write a snapshot in one step: whoever looks sees the old file or the new one, never a part.
+
+    Raises:
+        SnapshotError: when it cannot be written there, or what stands there is no snapshot.
+    """
+    target, data = writable_path(Path(path), "snapshot"), to_bytes(snapshot)
+    load(data)  # what could not be opened again is not written
+    write_whole(data, target, "snapshot")
+    return Path(path)
+
+
+def writable_path(target: Path, kind: str) -> Path:
+    """The file that is made, or replaced, by writing to ``target``; links are followed.
+
+    Args:
+        target: where a user wants the file.
+        kind: "snapshot" or "report"; nothing is replaced but a file of its own kind.
+
+    Raises:
+        SnapshotError: where something else stands, or no file can be made.
+    """
+    try:
+        path = target.resolve() if target.is_symlink() else target
+        with suppress(FileNotFoundError):
+            _require_own(path, kind)
+        with tempfile.TemporaryFile(dir=path.parent):
+            return path
+    except (OSError, ValueError, RuntimeError) as fault:  # also for links that run in a circle
+        raise _unwritten(
+            target, kind, getattr(fault, "strerror", None) or "no valid path"
+        ) from None
+
+
+def _require_own(path: Path, kind: str) -> None:
+    mode = path.stat().st_mode
+    if stat.S_ISDIR(mode):
+        raise SnapshotError(f"{path}: this is a folder; name a file in it for the {kind}.")
+    if stat.S_ISREG(mode):
+        with path.open("rb") as file:
+            beginning = file.read(_BEGINNING).lower()
+        if not beginning or MARKS[kind] in beginning:
+            return
+    raise SnapshotError(
+        f"{path}: this is something else than a {kind} and is not overwritten; choose another name."
+    )
+
+
+def write_whole(data: bytes, target: Path, kind: str) -> Path:
+    """Write bytes as the file ``target``, in one step; ``kind`` names them where that fails.
+
+    Raises:
+        SnapshotError: when it cannot be written there.
+    """
+    try:
+        temporary = target.with_name(f"{secrets.token_hex(8)}{UNFINISHED}")
+        try:
+            with temporary.open("xb") as file:  # so who may read it follows the user's umask
+                file.write(data)
+                file.flush()
+                os.fsync(file.fileno())
+            os.replace(temporary, target)
+        except BaseException:
+            temporary.unlink(missing_ok=True)
+            raise
+    except OSError as fault:
+        raise _unwritten(target, kind, fault.strerror or "no reason given") from None
+    return target
+
+
+def _unwritten(target: Path, kind: str, reason: str) -> SnapshotError:
+    return SnapshotError(
+        f"{target}: the {kind} could not be written ({reason}); choose another place or"
+        " free some space."
+    )
 
 
 @dataclass(frozen=True)
@@ -83,7 +169,17 @@ class Library:
         data = content if isinstance(content, bytes) else to_bytes(content)
         name = load(data).id
         with self._alone():
-            self._put(name, data)
+            path = self._path(name)
+            if path.exists() and path.read_bytes() == data:
+                return name
+            if not self._read(name, 0).fault:  # a damaged one is mended
+                raise SnapshotError(
+                    f"Another snapshot has the short name {name}; change the name or note of this"
+                    " one, and save it again."
+                )
+            self._sweep()
+            self._check_room(len(data))
+            write_whole(data, path, "snapshot")
         return name
 
     @contextmanager
@@ -103,27 +199,6 @@ class Library:
             yield
         finally:
             lock.release()
-
-    def _put(self, name: str, data: bytes) -> None:
-        path = self._path(name)
-        if path.exists():
-            if path.read_bytes() == data:
-                return
-            self._check_other(name)
-        self._sweep()
-        self._check_room(len(data))
-        write_whole(data, path, "snapshot")
-
-    def _check_other(self, name: str) -> None:
-        """Refuse to write over another snapshot that is whole; a damaged one is mended."""
-        try:
-            self.open(name)
-        except SnapshotError:
-            return
-        raise SnapshotError(
-            f"Another snapshot has the short name {name}; change the name or note of this one, and"
-            " save it again."
-        )
 
     def _sweep(self) -> None:
         """Remove what processes that were killed while writing have left behind."""
@@ -165,14 +240,9 @@ class Library:
             SnapshotError: for an unknown name.
         """
         path = self._path(name)
-        try:
-            return path.read_bytes()
-        except FileNotFoundError:
-            raise _unknown(name) from None
-        except OSError as fault:
-            raise SnapshotError(
-                f"{path}: cannot be opened ({fault.strerror}); check who may read it."
-            ) from None
+        if not path.exists():
+            raise _unknown(name)
+        return read_file(path)
 
     def delete(self, name: str) -> None:
         """Remove one, damaged or not; nothing happens where another did so already."""
@@ -198,15 +268,15 @@ class Library:
         ]
 
     def _check_room(self, size: int) -> None:
-        files = self._files()
-        total = 0
-        for path in files:
-            with suppress(OSError):
-                total += path.stat().st_size
-        if len(files) >= self.cap_count or total + size > self.cap_bytes:
+        sizes = []
+        for path in self._files():
+            with suppress(OSError):  # deleted just now
+                sizes.append(path.stat().st_size)
+        if len(sizes) >= self.cap_count or sum(sizes) + size > self.cap_bytes:
             raise SnapshotError(
-                f"The server's library of snapshots is full ({len(files):,} snapshots,"
-                f" {total / 1e6:.0f} MB); delete some that are no longer needed, then save again."
+                f"The server's library of snapshots is full ({len(sizes):,} snapshots,"
+                f" {sum(sizes) / 1e6:.0f} MB); delete some that are no longer needed, then save"
+                " again."
             )
 
     def _entry(self, path: Path) -> Entry:
@@ -220,27 +290,22 @@ class Library:
 
     def _read(self, name: str, size: int) -> Entry:
         try:
-            return described(self.open(name), size)
+            snapshot = self.open(name)
         except SnapshotError as fault:
             return Entry(name, size, fault=str(fault))
-
-
-def described(snapshot: Snapshot, size: int) -> Entry:
-    """What a list shows of a snapshot that was read."""
-    info = snapshot.info
-    return Entry(
-        id=snapshot.id,
-        size=size,
-        name=snapshot.name,
-        note=snapshot.note,
-        created=snapshot.created,
-        source=info.source,
-        window=f"{info.window}",
-        vehicles=info.labels,
-        method=snapshot.fit.method,
-        parameters=tuple((p.alpha, p.beta, p.tau) for p in snapshot.fit.parameters),
-        with_data=snapshot.segment is not None,
-    )
+        return Entry(
+            id=name,
+            size=size,
+            name=snapshot.name,
+            note=snapshot.note,
+            created=snapshot.created,
+            source=snapshot.info.source,
+            window=f"{snapshot.info.window}",
+            vehicles=snapshot.info.labels,
+            method=snapshot.fit.method,
+            parameters=tuple((p.alpha, p.beta, p.tau) for p in snapshot.fit.parameters),
+            with_data=snapshot.segment is not None,
+        )
 
 
 def _unknown(name: str) -> SnapshotError:

@@ -7,55 +7,45 @@ from typing import Any
 
 import numpy as np
 
-from accpinn.errors import SnapshotError
 from accpinn.inference.intervals import Interval, Uncertainty
 from accpinn.methods.fit import Fit
 from accpinn.methods.registry import METHODS
 from accpinn.methods.store import FIT_SHAPES
-from accpinn.results.snapshot.schema import LONGEST_NAME, Snapshot
+from accpinn.results.snapshot import LONGEST_NAME, Snapshot, check_length
 from accpinn.segment.segment import SegmentInfo
 from accpinn.serial import Shape, check_shapes
 from accpinn.stability.criteria import checked
 from accpinn.stability.report import StabilityReport
 from accpinn.units import FloatArray
 
-SHAPES = FIT_SHAPES | {
-    "SegmentInfo.vehicles": Shape("V"),
-    "SegmentInfo.names": Shape("V"),
-    "Quality.mean_time_gap": Shape("M"),
-    "Quality.relative_deviation": Shape("M"),
-    "Quality.acceleration_deviation": Shape("M"),
-    "Quality.condition": Shape("M"),
-    "Quality.car_following": Shape("M"),
-    "Uncertainty.centre": Shape("M", 3),
-    "Uncertainty.lower": Shape("M", 3),
-    "Uncertainty.upper": Shape("M", 3),
-    "Uncertainty.inside": Shape("M", 3),
-    "Uncertainty.draws": Shape("D", "M", 3),
-    "Uncertainty.probability_l2": Shape("M"),
-    "Uncertainty.probability_linf": Shape("M"),
-    "Interval.lower": Shape("M"),
-    "Interval.upper": Shape("M"),
-    "TrackingErrors.speed_mae": Shape("V"),
-    "TrackingErrors.gap_mae": Shape("M"),
-    "TrackingErrors.speed_rmse": Shape("V"),
-    "TrackingErrors.gap_rmse": Shape("M"),
-    "Whiteness.deviation": Shape("M"),
-    "Whiteness.correlation": Shape("M"),
-    "Whiteness.memory": Shape("M"),
-    "Whiteness.independent": Shape("M"),
-    "Whiteness.probability": Shape("M"),
-    "Whiteness.findings": Shape("M"),
-    "StabilityReport.vehicles": Shape("M"),
-    "VehicleStability.parameters": Shape(3),
-    "PlatoonStability.peaks": Shape("M"),
-    "Gains.gain": Shape("M"),
-    "Gains.error": Shape("M"),
-    "Segment.time": Shape("N", finite=True),
-    "Segment.speeds": Shape("N", "V", finite=True),
-    "Segment.gaps": Shape("N", "M", finite=True),
-    "Segment.mask": Shape("N", "M"),
-}
+
+def _of(shape: Shape, **fields: str) -> dict[str, Shape]:
+    """The shape of some fields of each class."""
+    return {f"{kind}.{name}": shape for kind, names in fields.items() for name in names.split()}
+
+
+SHAPES = (
+    FIT_SHAPES
+    | _of(
+        Shape("M"),
+        Quality="mean_time_gap relative_deviation acceleration_deviation condition car_following",
+        Uncertainty="probability_l2 probability_linf",
+        Interval="lower upper",
+        TrackingErrors="gap_mae gap_rmse",
+        Whiteness="deviation correlation memory independent probability findings",
+        StabilityReport="vehicles",
+        PlatoonStability="peaks",
+        Gains="gain error",
+    )
+    | _of(Shape("M", 3), Uncertainty="centre lower upper inside")
+    | _of(Shape("D", "M", 3), Uncertainty="draws")
+    | _of(Shape("V"), SegmentInfo="vehicles names", TrackingErrors="speed_mae speed_rmse")
+    | _of(Shape(3), VehicleStability="parameters")
+    | _of(Shape("N", finite=True), Segment="time")
+    | _of(Shape("N", "V", finite=True), Segment="speeds")
+    | _of(Shape("N", "M", finite=True), Segment="gaps")
+    | _of(Shape("N", "M"), Segment="mask")
+)
 """N instants, M followers, V = M + 1 vehicles, D draws; for the others see `FIT_SHAPES`."""
 
 _SHA256 = re.compile(r"([0-9a-f]{64})?")
@@ -90,18 +80,6 @@ def sanitise(tree: Any, lines: bool = False) -> Any:
     if isinstance(tree, list):
         return [sanitise(item, lines) for item in tree]
     return tree
-
-
-def check_length(text: str, what: str, most: int) -> None:
-    """Refuse a text that is longer than ``most`` characters.
-
-    Raises:
-        SnapshotError: in one sentence.
-    """
-    if len(text) > most:
-        raise SnapshotError(
-            f"The {what} is {len(text):,} characters long; choose one of {most:,} at most."
-        )
 
 
 def validate(snapshot: Snapshot) -> None:

@@ -7,6 +7,7 @@ training carries that on, so there its parameters count and no more (`Method.tol
 """
 
 from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, fields, replace
 from functools import partial
 from typing import Any
@@ -14,22 +15,24 @@ from typing import Any
 import numpy as np
 
 from accpinn import __version__
-from accpinn.errors import AccpinnError
-from accpinn.evaluation.cross_validation import Block, cross_validate, pooled_holdout_errors
-from accpinn.evaluation.evaluation import Evaluation, evaluate
-from accpinn.findings import Finding
+from accpinn.errors import AccpinnError, Finding
+from accpinn.evaluation.evaluation import (
+    Block,
+    Evaluation,
+    cross_validate,
+    evaluate,
+    pooled_holdout_errors,
+)
 from accpinn.inference.intervals import Uncertainty, intervals
 from accpinn.methods.fit import Fit, Outcome
 from accpinn.methods.registry import METHODS
 from accpinn.model.cthp import Trajectories
 from accpinn.recordings.recording import Recording
-from accpinn.results.snapshot.create import facts_of, light, stability
-from accpinn.results.snapshot.schema import ATTRIBUTION_TEXT, Snapshot
+from accpinn.results.snapshot import ATTRIBUTION_TEXT, Snapshot, facts_of, light, stability
 from accpinn.results.snapshot.validate import sanitise
-from accpinn.results.tables.names import name_of
+from accpinn.results.tables.estimates import name_of
 from accpinn.segment.cut import cut
-from accpinn.segment.quality import assess_quality
-from accpinn.segment.regimes import exclude_regimes, label_regimes
+from accpinn.segment.quality import assess_quality, exclude_regimes, label_regimes
 from accpinn.segment.segment import Segment, WindowMoved, WindowShortened
 from accpinn.serial import NOT_FINITE, dump, flatten
 
@@ -127,7 +130,12 @@ def verify(
         work.unchecked.append(Unchecked("errors", RECORDING))
     else:
         work.compare("quality", snapshot.quality, assess_quality(segment))
-    for method, fit, uncertainty, evaluation in _results(snapshot):
+    own = ("", snapshot.fit, snapshot.uncertainty, snapshot.evaluation)
+    compared = [
+        (name_of(result.fit), result.fit, result.uncertainty, result.evaluation)
+        for result in snapshot.methods
+    ]
+    for method, fit, uncertainty, evaluation in (own, *compared):
         if segment is not None:
             work.intervals(method, uncertainty, segment, fit)
             work.evaluation(method, evaluation, segment, fit, source)
@@ -178,15 +186,6 @@ def recover(snapshot: Snapshot, recording: Recording) -> Recovered:
     return Recovered(found, segment if found.ok else None)
 
 
-def _results(
-    snapshot: Snapshot,
-) -> Iterator[tuple[str, Fit, Uncertainty | None, Evaluation | None]]:
-    """The snapshot's own result and those of the methods compared, with the names of these."""
-    yield "", snapshot.fit, snapshot.uncertainty, snapshot.evaluation
-    for result in snapshot.methods:
-        yield name_of(result.fit), result.fit, result.uncertainty, result.evaluation
-
-
 class _Work:
     """One verification while it runs."""
 
@@ -202,6 +201,14 @@ class _Work:
         done = compare(part, stored, found, method, **more)
         if done.count:
             self.checks.append(done)
+
+    @contextmanager
+    def attempt(self, part: str, method: str = "") -> Iterator[None]:
+        """What cannot be computed is a part that does not hold."""
+        try:
+            yield
+        except (AccpinnError, ValueError) as fault:
+            self.checks.append(Check(part, False, method, reason=str(fault)))
 
     def provenance(self, segment: Segment, recording: Recording) -> None:
         """Names, findings and facts as the recording has them; its file may be called otherwise.
@@ -228,30 +235,21 @@ class _Work:
         some = np.unique(np.linspace(0, len(time) - 1, INSTANTS).round().astype(int))
         if stored:
             stored = Trajectories(time[some], stored.speeds[some], stored.gaps[some])
-        try:
+        with self.attempt("fit.surrogate"):
             found = redraw(fit, time[some], float(time[-1]))
-        except AccpinnError as fault:
-            self.checks.append(Check("fit.surrogate", False, reason=str(fault)))
-            return
-        self.compare("fit.surrogate", stored, found, absolute=CURVES)
+            self.compare("fit.surrogate", stored, found, absolute=CURVES)
 
     def intervals(
         self, method: str, stored: Uncertainty | None, segment: Segment, fit: Fit
     ) -> None:
         """Whether the intervals follow from the data; those of another version's method may not."""
-        try:
-            found = (
-                intervals(segment, fit, stored.level, len(stored.draws))
-                if stored
-                else intervals(segment, fit)
-            )
-        except AccpinnError as fault:
-            self.checks.append(Check("uncertainty", False, method, reason=str(fault)))
-            return
-        if stored and stored.method != found.method and not self.same_version:
-            self.unchecked.append(Unchecked("intervals", detail=stored.method))
-            return
-        self.compare("uncertainty", stored, found, method, relative=INTERVALS)
+        with self.attempt("uncertainty", method):
+            asked = (stored.level, len(stored.draws)) if stored else ()
+            found = intervals(segment, fit, *asked)
+            if stored and stored.method != found.method and not self.same_version:
+                self.unchecked.append(Unchecked("intervals", detail=stored.method))
+            else:
+                self.compare("uncertainty", stored, found, method, relative=INTERVALS)
 
     def evaluation(
         self, method: str, stored: Evaluation | None, segment: Segment, fit: Fit,
@@ -276,7 +274,7 @@ class _Work:
         of = METHODS[fit.method]
         settings = of.settings.from_json(fit.config) if of.settings else None
         estimate = partial(of.fit, case=fit.case, settings=settings)
-        try:
+        with self.attempt("refit", method):
             again = estimate(segment)
             pair = (fit, light(again) if method else again)
             old, new = (replace(one, config={}) for one in pair)
@@ -292,8 +290,6 @@ class _Work:
                 else:
                     self.compare("evaluation.blocks", evaluation.blocks, blocks, method,
                                  relative=of.tolerance, numbers_only=True)  # fmt: skip
-        except (AccpinnError, ValueError) as fault:
-            self.checks.append(Check("refit", False, method, reason=str(fault)))
 
 
 def _times(blocks: tuple[Block, ...]) -> list[tuple[float, float]]:

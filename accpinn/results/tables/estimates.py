@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -9,14 +10,13 @@ from accpinn.channels import PARAMETERS
 from accpinn.evaluation.closed_loop import TrackingErrors
 from accpinn.inference.intervals import Uncertainty
 from accpinn.inference.model_adequacy import ModelForm
-from accpinn.inference.multistart import MultistartResult, Trial
-from accpinn.methods.fit import Fit
+from accpinn.inference.multistart import MultistartResult
+from accpinn.methods.fit import Fit, Outcome
+from accpinn.methods.registry import METHODS
 from accpinn.model.cthp import Parameters
 from accpinn.model.published import ParameterSet
-from accpinn.results.tables.names import TITLES, method_name, name_of
 from accpinn.results.tables.table import Cell, Column, Range, Table
-from accpinn.segment.quality import Quality
-from accpinn.segment.regimes import Regimes
+from accpinn.segment.quality import Quality, Regimes
 from accpinn.segment.segment import SegmentInfo
 from accpinn.study.comparison import FitRecord, MethodResult, differences
 from accpinn.study.sensitivity import COMPARED, SensitivityResult
@@ -31,6 +31,23 @@ PARAMETER_COLUMNS = tuple(
 )
 GAP = "MAE of the space-gap"
 PROBABILITY = "Probability of string stability"
+TITLES = {key: method.title for key, method in METHODS.items()}
+"""What a method is called wherever people read it."""
+
+
+def method_name(key: str, config: Mapping[str, Any], outcome: Outcome) -> str:
+    """The title of a method, and in brackets what distinguishes the fit from others of it."""
+    method = METHODS.get(key)
+    if method is None:
+        return key
+    said = [method.variant(config)] if method.variant else []
+    said += ["stopped"] if outcome is Outcome.STOPPED else []
+    return f"{method.title} ({', '.join(said)})" if said else method.title
+
+
+def name_of(fit: Fit) -> str:
+    """The same of a fit."""
+    return method_name(fit.method, fit.config, fit.outcome)
 
 
 def where(info: SegmentInfo) -> str:
@@ -62,7 +79,6 @@ def parameter_table(
         closed_loop: errors of the closed-loop simulation; its leader is given, so has none.
         uncertainty: adds the intervals.
     """
-    own, simulated = "Surrogate fit, MAE", "Closed-loop simulation, MAE"
     case = f", Case {fit.case}" if info.followers > 1 else ""
     return Table.of(
         f"{name_of(fit)}, {where(info)}{case}",
@@ -70,8 +86,8 @@ def parameter_table(
             (Column("Vehicle"), info.labels),
             *parameter_cells(fit.parameters, above=1),
             (Column("Mean time gap", "s", 2), _absent(1, quality.mean_time_gap)),
-            *_error_cells(info, surrogate, own, 3),
-            *_error_cells(info, closed_loop, simulated, 2, leader=False),
+            *_error_cells(info, surrogate, "Surrogate fit, MAE", 3),
+            *_error_cells(info, closed_loop, "Closed-loop simulation, MAE", 2, leader=False),
             *(interval_cells(uncertainty, above=1) if uncertainty else ()),
         ],
     )
@@ -80,10 +96,7 @@ def parameter_table(
 def comparison_table(info: SegmentInfo, estimates: Mapping[str, Parameters]) -> Table:
     """One row a follower; for each parameter, what each method finds, or the truth."""
     filled = [
-        (
-            replace(column, title=name, unit="", group=column.heading, key=""),
-            parameters.values[:, k],
-        )
+        (Column(name, "", column.digits, column.heading), parameters.values[:, k])
         for k, column in enumerate(PARAMETER_COLUMNS)
         for name, parameters in estimates.items()
     ]
@@ -121,12 +134,12 @@ def intervals_table(info: SegmentInfo, uncertainty: Uncertainty) -> Table:
 
 def methods_table(info: SegmentInfo, results: Sequence[MethodResult], follower: int) -> Table:
     """One row a method, for one follower (0 for the first)."""
-    evaluations = [result.evaluation for result in results]
+    found = [result.evaluation for result in results]
+    collisions = [one.collision_times(info.vehicles)[follower] for one in found]
 
     def gaps(name: str) -> list[Cell]:
-        return _gaps([getattr(evaluation, name) for evaluation in evaluations], follower)
+        return _gaps([getattr(one, name) for one in found], follower)
 
-    collisions = [e.collision_times(info.vehicles)[follower] for e in evaluations]
     return Table.of(
         f"{info.labels[follower + 1]}, {where(info)}",
         [
@@ -145,8 +158,9 @@ def methods_table(info: SegmentInfo, results: Sequence[MethodResult], follower: 
 def multistart_table(info: SegmentInfo, found: MultistartResult, follower: int) -> Table:
     """One row a training of one follower (0 for the first), and the spread in the last."""
     trials = found.trials
+    starts = [", ".join(f"{value:g}" for value in trial.initial.values) for trial in trials]
     filled: list[Filled] = [
-        (Column("Start (α, β, τ)"), [_start(trial) for trial in trials]),
+        (Column("Start (α, β, τ)"), starts),
         *parameter_cells(Parameters.stack(t.fit.parameters[follower] for t in trials), "Learned"),
         (Column("Surrogate fit", "m", 3, GAP), _gaps([t.surrogate for t in trials], follower)),
         (Column("Closed loop", "m", 2, GAP), _gaps([t.closed_loop for t in trials], follower)),
@@ -293,7 +307,3 @@ def _percent(shares: Sequence[float] | FloatArray) -> list[Cell]:
 
 def _absent(above: int, values: Iterable[Cell] | FloatArray) -> list[Cell]:
     return [None] * above + list(values)
-
-
-def _start(trial: Trial) -> str:
-    return ", ".join(f"{value:g}" for value in trial.initial.values)

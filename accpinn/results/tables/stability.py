@@ -59,7 +59,6 @@ def stability_interval_table(vehicles: ParameterSet, uncertainty: Uncertainty) -
             (Column("‖h‖₁", "", 2, percent), _ranges(uncertainty.linf_gain)),
             (Column("L₂", "%", 0, PROBABILITY), l2),
             (Column("L∞", "%", 0, PROBABILITY), linf),
-            (Column("No gap control (α = 0)", "%", 0), 100 * uncertainty.no_gap_control),
         ],
     )
 

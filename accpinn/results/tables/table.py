@@ -4,7 +4,6 @@ Names come from files and may hold anything: each format escapes what it would i
 """
 
 import csv
-import html
 import io
 import math
 import re
@@ -14,6 +13,8 @@ from itertools import groupby
 from typing import NamedTuple
 
 import numpy as np
+from jinja2 import Environment, StrictUndefined
+from markupsafe import Markup
 
 
 class Range(NamedTuple):
@@ -51,7 +52,7 @@ _LATEX = {
     "\n": " ",
     "\t": " ",
 }
-_LATIN = 0x24F
+_LATIN = "\u024f"
 """Letters up to here LaTeX knows; of others it shows the number."""
 _EVALUATED = re.compile(r"[=@+\-\t\r]")
 """A text that begins so is a formula to a spreadsheet."""
@@ -93,6 +94,12 @@ class Column:
             return self.key
         words = f"{self.group} {self.title} {self.unit}".replace("1/s", "per s")
         return re.sub(r"\W+", "_", words.translate(_SPELT).lower()).strip("_")
+
+    @property
+    def html_class(self) -> Markup:
+        """The attribute of its cells in HTML."""
+        name = "prose" if self.prose else "" if self.digits is None else "number"
+        return Markup(' class="{}"').format(name) if name else Markup()
 
     def shown(self, cell: Cell) -> str:
         """A cell as the reader sees it."""
@@ -138,7 +145,9 @@ class Table:
     def of(cls, caption: str, filled: Iterable[tuple[Column, Iterable[Cell]]]) -> "Table":
         """A table from its columns with their cells, all of the same length."""
         columns, cells = zip(*filled, strict=True)
-        rows = zip(*(map(_python, column) for column in cells), strict=True)
+        # Without numpy's types.
+        python = ((c.item() if isinstance(c, np.generic) else c for c in cs) for cs in cells)
+        rows = zip(*python, strict=True)
         return cls(caption, tuple(columns), tuple(rows))
 
     def coloured(self, colours: Sequence[str]) -> "Table":
@@ -168,7 +177,8 @@ class Table:
 
         No text is such that a spreadsheet would evaluate it.
         """
-        ranged = [any(isinstance(row[k], Range) for row in self.rows) for k in self._indices()]
+        columns = [*zip(*self.rows, strict=True)] or [()] * len(self.columns)
+        ranged = [any(isinstance(cell, Range) for cell in column) for column in columns]
         text = io.StringIO()
         writer = csv.writer(text, lineterminator="\n")
         names = [column.csv_name for column in self.columns]
@@ -181,12 +191,11 @@ class Table:
             writer.writerow(
                 _csv_cell(part)
                 for cell, pair in zip(row, ranged, strict=True)
-                for part in (_ends(cell) if pair else (cell,))
+                for part in (
+                    (cell if isinstance(cell, Range) else (cell, None)) if pair else (cell,)
+                )
             )
         return text.getvalue()
-
-    def _indices(self) -> range:
-        return range(len(self.columns))
 
     def to_latex(self) -> str:
         """A table environment; its rules need the package booktabs."""
@@ -209,18 +218,8 @@ class Table:
 
     def to_html(self) -> str:
         """A figure with caption and table, both of class "figures"; `STYLE` belongs to it."""
-        body = "".join(
-            f"<tr>{''.join(self._html_cells(index, cells))}</tr>"
-            for index, cells in enumerate(self._shown())
-        )
-        headings = "".join(
-            f'<th scope="col"{_align(column)}>{_heading_html(column)}</th>'
-            for column in self.columns
-        )
-        return (
-            f'<figure class="figures">{self._html_caption()}<div><table class="figures">'
-            f"<thead>{self._html_groups()}<tr>{headings}</tr></thead><tbody>{body}</tbody>"
-            "</table></div></figure>"
+        return _HTML.render(
+            table=self, groups=self._groups(), rows=self._shown(), colours=self.colours, long=LONG
         )
 
     def _shown(self) -> list[list[str]]:
@@ -243,27 +242,27 @@ class Table:
             at += width
         return [f"    {' & '.join(heads)} \\\\", f"    {' '.join(rules)}"]
 
-    def _html_caption(self) -> str:
-        return f"<figcaption>{html.escape(self.caption)}</figcaption>" if self.caption else ""
 
-    def _html_groups(self) -> str:
-        cells = "".join(
-            f'<th colspan="{width}"{" class=group" if name else ""}>{html.escape(name)}</th>'
-            for name, width in self._groups()
-        )
-        return f"<tr>{cells}</tr>" if cells else ""
-
-    def _html_cells(self, index: int, cells: list[str]) -> list[str]:
-        marked = [html.escape(cell) for cell in cells]
-        whole = f' title="{marked[0]}"' if len(cells[0]) > LONG else ""
-        if self.colours:
-            marked[0] = f'<i style="background:{html.escape(self.colours[index])}"></i>{marked[0]}'
-        return [
-            f"<td{_align(column)}{'' if k else whole}>{cell}</td>"
-            for k, (column, cell) in enumerate(zip(self.columns, marked, strict=True))
-        ]
-
-
+_HTML = Environment(autoescape=True, undefined=StrictUndefined).from_string("""\
+<figure class="figures">
+{%- if table.caption %}<figcaption>{{ table.caption }}</figcaption>{% endif -%}
+<div><table class="figures"><thead>
+{%- if groups %}<tr>
+{%- for name, width in groups -%}
+<th colspan="{{ width }}"{{ " class=group" if name }}>{{ name }}</th>
+{%- endfor %}</tr>{% endif %}<tr>
+{%- for column in table.columns -%}
+<th scope="col"{{ column.html_class }}>{{ column.title }}
+{%- if column.unit %} <small>[{{ column.unit }}]</small>{% endif %}</th>
+{%- endfor %}</tr></thead><tbody>
+{%- for cells in rows %}<tr>{% set row = loop.index0 %}
+{%- for cell in cells -%}
+<td{{ table.columns[loop.index0].html_class }}
+{%- if loop.first and cell | length > long %} title="{{ cell }}"{% endif %}>
+{%- if loop.first and colours %}<i style="background:{{ colours[row] }}"></i>{% endif -%}
+{{ cell }}</td>
+{%- endfor %}</tr>
+{%- endfor %}</tbody></table></div></figure>""")
 STYLE = """<style>
 figure.figures { margin: 0; --page: var(--paper, light-dark(#ffffff, #11161c));
   --shade: light-dark(rgba(27, 39, 51, .22), rgba(0, 0, 0, .65)); }
@@ -298,25 +297,12 @@ table.figures td i { display: inline-block; width: .7em; height: .7em; border-ra
 
 def latex(text: str) -> str:
     """Text as LaTeX shows it, whatever it holds."""
-    shown = "".join(map(_latex_letter, text))
+    shown = "".join(
+        _LATEX.get(one) or (one if one.isprintable() and one <= _LATIN else f"(U+{ord(one):04X})")
+        for one in text
+    )
     # After the end of a row a bracket would be read as its option.
     return f"{{}}{shown}" if shown.startswith("[") else shown
-
-
-def _latex_letter(letter: str) -> str:
-    if letter in _LATEX:
-        return _LATEX[letter]
-    known = letter.isprintable() and ord(letter) <= _LATIN
-    return letter if known else f"(U+{ord(letter):04X})"
-
-
-def _ends(cell: Cell) -> tuple[Cell, Cell]:
-    return (cell.low, cell.high) if isinstance(cell, Range) else (cell, None)
-
-
-def _python(cell: Cell | np.generic) -> Cell:
-    """A cell without numpy's types."""
-    return cell.item() if isinstance(cell, np.generic) else cell
 
 
 def _csv_cell(cell: Cell) -> Cell:
@@ -325,14 +311,3 @@ def _csv_cell(cell: Cell) -> Cell:
     if isinstance(cell, str) and _EVALUATED.match(cell) and not _NUMBER.fullmatch(cell):
         return f"'{cell}"
     return cell
-
-
-def _align(column: Column) -> str:
-    if column.prose:
-        return ' class="prose"'
-    return "" if column.digits is None else ' class="number"'
-
-
-def _heading_html(column: Column) -> str:
-    unit = f" <small>[{html.escape(column.unit)}]</small>" if column.unit else ""
-    return html.escape(column.title) + unit

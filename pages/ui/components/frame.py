@@ -4,28 +4,28 @@ from pathlib import Path
 
 import streamlit as st
 
-from accpinn.segment.segment import Segment, SegmentInfo
+from accpinn.segment.segment import Segment
 from accpinn.tasks.task import Status
-from pages.ui.components import charts
-from pages.ui.components.messages import escape_markdown, show_messages
-from pages.ui.components.widgets import segments, toggle
+from pages.ui.components import show
+from pages.ui.components.show import escape_markdown
+from pages.ui.components.widgets import bound, segments
 from pages.ui.session.sessions import SESSION, current
 from pages.ui.session.workspace import Workspace
 
 HERE = Path(__file__).parent
-ROOT = HERE.parents[2]
 HOME, DATA, TRAIN = "app.py", "pages/1_Data.py", "pages/2_Train.py"
 STABILITY, PLATOON = "pages/3_Stability.py", "pages/4_Platoon.py"
 
 _ICONS = {
-    "Home": "home",
-    "Data": "timeline",
-    "Train": "model_training",
-    "Stability": "vital_signs",
-    "Platoon": "directions_car",
-    "Compare": "compare_arrows",
-    "Snapshots": "inventory_2",
+    HOME: "home",
+    DATA: "timeline",
+    TRAIN: "model_training",
+    STABILITY: "vital_signs",
+    PLATOON: "directions_car",
+    "pages/5_Compare.py": "compare_arrows",
+    "pages/6_Snapshots.py": "inventory_2",
 }
+"""All pages, in the order of the links to them."""
 
 _STYLE = """<style>
 .stMainBlockContainer { padding-top: 4.2rem; padding-bottom: 3rem; max-width: 86rem; }
@@ -61,12 +61,12 @@ def begin(title: str, lead: str = "") -> Workspace:
     if lead:
         st.caption(lead)
     if st.session_state["lost_session"]:
-        show_messages(
+        show.messages(
             "That session is no longer on this server, so a new one has begun. Finished trainings"
             " are kept: open the same recording, and its result comes from the cache.",
             icon="history",
         )
-    show_messages(st.session_state["snapshot_fault"], "error", "link_off")
+    show.messages(st.session_state["snapshot_fault"], "error", "link_off")
     return workspace
 
 
@@ -84,9 +84,9 @@ def go(page: str, workspace: Workspace) -> None:
 def empty_state(workspace: Workspace, nothing: str) -> None:
     """Why there is no segment to work on, and the way to one; ``nothing`` begins the sentence."""
     if workspace.recording is None:
-        show_messages(f"{nothing} yet: first open a recording.")
+        show.messages(f"{nothing} yet: first open a recording.")
     else:
-        show_messages(f"The window cannot be used yet. {workspace.fault}", "warning")
+        show.messages(f"The window cannot be used yet. {workspace.fault}", "warning")
     link(DATA, "Go to Data", workspace)
 
 
@@ -102,17 +102,14 @@ def segment_line(segment: Segment, case: str, vehicles: bool = False) -> str:
 
 def session_state(workspace: Workspace) -> list[str]:
     """What is open, a line a step."""
-    snapshot, recording, segment = workspace.snapshot, workspace.recording, workspace.segment
-    if snapshot:
-        info: SegmentInfo | None = snapshot.info
-        lines = [f"**Snapshot** {escape_markdown(snapshot.name[:60] or snapshot.id)}"]
-        lines.append(f"**Recording** {escape_markdown(snapshot.info.source)}")
-    elif recording:
-        info = segment.info if segment else None
-        lines = [f"**Recording** {escape_markdown(recording.source)}"]
-    else:
+    snapshot, recording = workspace.snapshot, workspace.recording
+    shown = snapshot.info if snapshot else recording
+    if shown is None:
         return ["No recording is open yet."]
-    if info:
+    lines = [f"**Recording** {escape_markdown(shown.source)}"]
+    if snapshot:
+        lines.insert(0, f"**Snapshot** {escape_markdown(snapshot.name[:60] or snapshot.id)}")
+    if info := workspace.fit_info:
         case = f", Case {workspace.case}" if info.followers > 1 else ""
         vehicles = f"vehicles {info.vehicles[0]}–{info.vehicles[-1]}"
         lines.append(f"**Window** {info.window}, {vehicles}{case}")
@@ -126,22 +123,21 @@ def session_state(workspace: Workspace) -> list[str]:
 def _sidebar(workspace: Workspace) -> None:
     st.logo(str(HERE / "logo.svg"), size="large", icon_image=str(HERE / "icon.svg"))
     with st.sidebar:
-        link(HOME, "Home", workspace, _ICONS["Home"])
-        for path in sorted((ROOT / "pages").glob("[0-9]*_*.py")):
-            name = path.stem.split("_", 1)[1].replace("_", " ")
-            link(f"pages/{path.name}", name, workspace, _ICONS.get(name, "article"))
+        for page, icon in _ICONS.items():
+            name = "Home" if page == HOME else Path(page).stem.partition("_")[2]
+            link(page, name, workspace, icon)
         st.divider()
         st.caption("  \n".join(session_state(workspace)))
         segments(
-            "Charts are saved as", {name: name for name in charts.FORMATS}, workspace.pictures,
-            charts.FORMAT, lambda name: setattr(workspace, "pictures", name), labelled=True,
+            "Charts are saved as", {name: name for name in show.FORMATS}, workspace.pictures,
+            show.FORMAT, lambda name: setattr(workspace, "pictures", name), labelled=True,
             help="Point at a chart: the camera in its corner saves it as such a picture.",
         )  # fmt: skip
-        toggle(
-            "Legend in every chart", workspace.legends, charts.LEGEND,
-            lambda on: setattr(workspace, "legends", on),
+        st.toggle(
+            "Legend in every chart",
+            **bound(show.LEGEND, workspace.legends, lambda on: setattr(workspace, "legends", on)),
             help="A saved picture then shows which colour is which vehicle.",
-        )  # fmt: skip
+        )
         st.caption(
             "Anyone with this address controls this session. To show a result, send a snapshot's"
             " link instead."

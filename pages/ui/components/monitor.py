@@ -6,8 +6,7 @@ from typing import Any
 import streamlit as st
 
 from accpinn.tasks.task import Status, Task
-from pages.ui.components import frame
-from pages.ui.components.messages import format_duration, show_error, show_messages
+from pages.ui.components import frame, show
 from pages.ui.session.resources import task_queue
 from pages.ui.session.workspace import Workspace
 
@@ -55,18 +54,18 @@ def show_status(workspace: Workspace, task: Task[Any]) -> None:
         stopping = "Stopping … " if task.is_stopping else ""
         st.progress(task.share, stopping + " · ".join(progress_parts(task)))
     elif status is Status.FAILED:
-        show_error(task.error)
+        show.messages(task.error, "error")
     elif status is Status.STOPPED and planned > 1:
         kept = f"{done} of {planned} results are kept" if done else "no result is there yet"
-        show_messages(f"Stopped: {kept}.", icon="stop_circle")
+        show.messages(f"Stopped: {kept}.", icon="stop_circle")
     elif status is Status.STOPPED and not done:
-        show_messages("Stopped before it began.", icon="stop_circle")
+        show.messages("Stopped before it began.", icon="stop_circle")
 
 
 def progress_parts(task: Task[Any]) -> list[str]:
     """What runs, how far it is, how fast, and how long it still takes."""
     now, left = task.progress, task.time_left
-    duration = format_duration(left) if left else ""
+    duration = show.format_duration(left) if left else ""
     if len(task.names) > 1:
         parts = [f"{task.current} …", f"{len(task.results)} of {len(task.names)} done"]
         return parts + ([f"about {duration} left"] if duration else [])
@@ -86,11 +85,11 @@ def show_waiting(workspace: Workspace, task: Task[Any]) -> None:
         who = f"{count} tasks of others are ahead of yours" if count > 1 else (
             "Another task is running; yours is next"
         )  # fmt: skip
-        when = f"starts in about {format_duration(seconds)}" if seconds else "starts by itself"
-        show_messages(f"{who} and {when}.", icon="hourglass_top")
+        when = f"starts in about {show.format_duration(seconds)}" if seconds else "starts by itself"
+        show.messages(f"{who} and {when}.", icon="hourglass_top")
         return
     kept = "can be continued later" if own.request else "keeps its results so far"
-    show_messages(
+    show.messages(
         f"{own_task_line(own, seconds)} The {task.kind} then starts by itself. To have it sooner,"
         f" stop the {own.kind}; it {kept}.",
         icon="hourglass_top",
@@ -104,5 +103,5 @@ def show_waiting(workspace: Workspace, task: Task[Any]) -> None:
 def own_task_line(own: Task[Any], seconds: float | None) -> str:
     """Which of the user's own tasks comes first, and how long it takes at most."""
     preset = f" with the {own.request.config.preset} preset" if own.request else ""
-    at_most = f", for {format_duration(seconds)} at most" if seconds else ""
+    at_most = f", for {show.format_duration(seconds)} at most" if seconds else ""
     return f"Your own {own.kind}{preset} comes first{at_most}."

@@ -1,8 +1,8 @@
 """Opening a recording: a sample, an upload, or a file in a folder on the server."""
 
-import hashlib
 import os
 from collections.abc import Callable
+from itertools import islice
 from pathlib import Path
 from typing import Literal
 
@@ -13,7 +13,8 @@ from accpinn.errors import AccpinnError
 from accpinn.recordings import openacc
 from accpinn.recordings.recording import Recording
 from accpinn.recordings.synthetic import Truth, load_truth, truth_path
-from pages.ui.components.messages import escape_markdown, show_error
+from pages.ui.components import show
+from pages.ui.components.show import escape_markdown
 from pages.ui.session.workspace import Workspace
 
 SAMPLES = Path(__file__).parents[3] / "sample_data"
@@ -32,19 +33,14 @@ Load = Callable[[], tuple[Recording, Truth | None]]
 
 
 @st.cache_resource(max_entries=16, show_spinner="Reading the recording …")
-def _parse(sha256: str, name: str, _raw: bytes) -> Recording:
-    """Recordings are read-only, so all sessions may share one of the same bytes."""
-    return openacc.read(_raw, name)
+def from_bytes(raw: bytes, name: str) -> Recording:
+    """An upload's recording; it is read-only, so all sessions may share one of the same bytes."""
+    return openacc.read(raw, name)
 
 
 @st.cache_resource(max_entries=16, show_spinner="Reading the recording …")
 def _parse_file(path: str, size: int, changed: int) -> Recording:
     return openacc.read(path)
-
-
-def from_bytes(raw: bytes, name: str) -> Recording:
-    """An upload's recording."""
-    return _parse(hashlib.sha256(raw).hexdigest(), name, raw)
 
 
 def from_file(path: Path) -> Recording:
@@ -87,7 +83,7 @@ def choose_source(workspace: Workspace) -> None:
         _choose_file(workspace)
     if workspace.refusal:
         kept = " The recording opened before is kept." if workspace.recording else ""
-        show_error(workspace.refusal + kept)
+        show.messages(workspace.refusal + kept, "error")
 
 
 def _choose_sample(workspace: Workspace) -> None:
@@ -102,9 +98,10 @@ def _choose_sample(workspace: Workspace) -> None:
         key="data_sample",
     )
     try:
-        st.caption(escape_markdown(load_truth(truth_path(path)).description))
+        about = load_truth(truth_path(path)).description
     except AccpinnError as fault:
-        st.caption(escape_markdown(str(fault)))
+        about = str(fault)
+    st.caption(escape_markdown(about))
     _open_button("Open this sample", workspace, lambda: sample(path))
 
 
@@ -138,7 +135,10 @@ def _choose_file(workspace: Workspace) -> None:
         )
         return
     root = Path(named).resolve()
-    paths = _csv_files(root)
+    found = (path for path in sorted(root.rglob("*.[cC][sS][vV]")) if path.is_file())
+    # A link that leads out of the folder is left out.
+    inside = (path for path in found if path.resolve().is_relative_to(root))
+    paths = list(islice(inside, LISTED))
     if not paths:
         st.info(f"`{FOLDER_VARIABLE}` names a folder without CSV files.")
         return
@@ -150,10 +150,3 @@ def _choose_file(workspace: Workspace) -> None:
     )
     if path:
         _open_button("Open this recording", workspace, lambda: (from_file(path), None))
-
-
-def _csv_files(root: Path) -> list[Path]:
-    """CSV files below a folder; links that lead out of it are left out."""
-    found = (path for path in sorted(root.rglob("*.[cC][sS][vV]")) if path.is_file())
-    inside = (path for path in found if path.resolve().is_relative_to(root))
-    return [path for path, _ in zip(inside, range(LISTED), strict=False)]

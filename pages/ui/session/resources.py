@@ -3,8 +3,8 @@
 import streamlit as st
 
 from accpinn.methods.store import Store
+from accpinn.results.snapshot import Snapshot
 from accpinn.results.snapshot.saved import Library
-from accpinn.results.snapshot.schema import Snapshot
 from accpinn.tasks.queue import TaskQueue
 
 

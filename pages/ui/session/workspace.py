@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, Literal
 
 from accpinn.errors import ConfigError, SegmentError
 from accpinn.inference.intervals import Uncertainty, intervals
@@ -11,15 +11,16 @@ from accpinn.inference.multistart import Trial
 from accpinn.methods.fit import Fit, Outcome
 from accpinn.methods.pinn.config import PinnConfig, PresetName
 from accpinn.methods.pinn.method import WarmStart
+from accpinn.methods.registry import METHODS
 from accpinn.model.cthp import Case, Parameters
+from accpinn.model.published import ASTAZERO
 from accpinn.recordings.recording import Recording, Window
 from accpinn.recordings.synthetic import Truth
-from accpinn.results.snapshot.schema import Snapshot
+from accpinn.results.snapshot import Snapshot
 from accpinn.results.snapshot.verification import recover
-from accpinn.segment import regimes
-from accpinn.segment.cut import DURATION, complete_windows, cut
+from accpinn.segment.cut import DURATION, complete_windows, cut, default_vehicles
+from accpinn.segment.quality import exclude_regimes, label_regimes
 from accpinn.segment.segment import Segment, SegmentInfo
-from accpinn.segment.vehicles import default_vehicles
 from accpinn.study.comparison import (
     FitRecord,
     MethodFailure,
@@ -27,14 +28,73 @@ from accpinn.study.comparison import (
     result_of,
     results_among,
 )
-from accpinn.tasks import estimations
-from accpinn.tasks.request import TrainingRequest
-from accpinn.tasks.task import Task
+from accpinn.tasks.task import Task, TrainingRequest, comparison_task, starts_task, training_task
+from accpinn.units import RadiansPerSecond
 from pages.ui.session.resources import task_queue
-from pages.ui.session.ui_state import MapChoice, ParameterChoice, PlatoonChoice
 
+Source = Literal["fit", "published", "snapshot", "hand"]
+Plane = Literal["beta", "alpha"]
+Disturbance = Literal["sinusoid", "step", "brake", "recorded"]
+TypedRow = tuple[str, float | None, float | None, float | None]
+"""Name, α, β, τ of a vehicle as typed in; None where a cell is empty."""
 KEPT_RECORDS = 24
 """Three comparisons of eight methods."""
+
+
+@dataclass(eq=False)
+class ParameterChoice:
+    """Where α, β and τ come from."""
+
+    source: Source | None = None
+    """None: from the fit as soon as there is one, until then a published example."""
+    example: str = ASTAZERO.title
+    snapshot: str = ""
+    """Short name of the snapshot; empty: the newest."""
+    rows: tuple[TypedRow, ...] = ()
+    """By hand; a copy of what was shown before once that is chosen."""
+    base: tuple[TypedRow, ...] = ()
+    """The rows with which the table came to the page."""
+
+
+@dataclass(eq=False)
+class MapChoice:
+    """Which plane of parameters is drawn."""
+
+    plane: Plane = "beta"
+    held: int = -1
+    """Index of the vehicle whose third parameter is kept; -1 is the last."""
+    uncertainty: bool = True
+    """Show the uncertainty."""
+
+
+@dataclass(eq=False)
+class PlatoonChoice:
+    """Which platoon is simulated, and its leader's disturbance."""
+
+    order: Literal["learned", "repeated", "own"] = "learned"
+    vehicle: int = 0
+    """Index of the vehicle that is repeated."""
+    followers: int = 8
+    own: str = ""
+    """Own order, as typed in."""
+    kind: Disturbance = "sinusoid"
+    omega: RadiansPerSecond | None = None
+    """None: the frequency that the chosen platoon amplifies most."""
+    settings: dict[str, float] = field(default_factory=dict)
+    """Per kind and name, what differs from the default."""
+    panels: bool = False
+    """Show the paper's four panels instead."""
+    in_db: bool = False
+    """Amplitudes in dB."""
+
+    def set(self, **choices: Any) -> None:
+        """Set one or several of the choices."""
+        for name, value in choices.items():
+            setattr(self, name, value)
+
+    def reset(self) -> None:
+        """Forget what was chosen among other vehicles."""
+        self.vehicle, self.omega, self.own = 0, None, ""
 
 
 @dataclass(eq=False)
@@ -139,8 +199,8 @@ class Workspace:
         try:
             whole = self.whole_segment()
             if whole and self.recording:
-                labels = regimes.label_regimes(whole, self.recording)
-                self.segment = regimes.exclude_regimes(whole, labels, self.excluded_regimes)
+                labels = label_regimes(whole, self.recording)
+                self.segment = exclude_regimes(whole, labels, self.excluded_regimes)
             self.fault = ""
         except SegmentError as fault:
             self.segment, self.fault = None, str(fault)
@@ -169,7 +229,7 @@ class Workspace:
         """
         if request := self.request(config, warm):
             self._record([self.fit] if self.fit else [])
-            self.training = task_queue().submit(estimations.training(self.id, request), anew)
+            self.training = task_queue().submit(training_task(self.id, request), anew)
 
     @property
     def warm(self) -> WarmStart | None:
@@ -183,13 +243,13 @@ class Workspace:
         """Queue all methods on the segment."""
         if self.segment:
             self._record([row.fit for row in self.compared])
-            task = estimations.comparison(self.id, self.segment, self.case, self.recording)
+            task = comparison_task(self.id, self.segment, self.case, self.recording)
             self.comparison = task_queue().submit(task)
 
     def train_starts(self, config: PinnConfig) -> None:
         """Queue a training of the segment from each of five initial values."""
         if self.segment:
-            task = estimations.starts(self.id, self.segment, self.case, config)
+            task = starts_task(self.id, self.segment, self.case, config)
             self.starts = task_queue().submit(task)
 
     @property
@@ -229,9 +289,9 @@ class Workspace:
     def compared_with_training(self) -> tuple[MethodResult, ...]:
         """The same, and the finished training where no method ran with its settings."""
         rows, fit, segment = self.compared, self.fit, self.segment
-        if not rows or segment is None or fit is None or fit.method != "pinn":
+        if not rows or segment is None or fit is None or not METHODS[fit.method].is_iterative:
             return rows
-        known = any((row.fit.method, row.fit.config) == ("pinn", fit.config) for row in rows)
+        known = any((row.fit.method, row.fit.config) == (fit.method, fit.config) for row in rows)
         if known or fit.outcome not in (Outcome.FINISHED, Outcome.CONVERGED):
             return rows
         if self._own is None or self._own.fit is not fit:

@@ -6,7 +6,7 @@ import torch
 
 from accpinn.methods.pinn.config import PinnConfig
 from accpinn.methods.pinn.loss import loss_terms
-from accpinn.methods.pinn.surrogate import stack_outputs
+from accpinn.methods.pinn.method import stack_outputs
 
 WEIGHTED = PinnConfig(weight_physics=(2.0, 0.5), weight_initial=1.5, weight_data=(3.0, 0.7))
 

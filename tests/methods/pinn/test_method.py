@@ -9,9 +9,9 @@ import pytest
 from accpinn.errors import SegmentError
 from accpinn.methods.pinn.config import PinnConfig, preset
 from accpinn.methods.pinn.method import require_memory
-from accpinn.methods.pinn.training import train
 from accpinn.segment.segment import Segment
 from tests.support.driving import segment_of
+from tests.support.methods import train
 
 
 def of_length(duration: float, step: float = 0.1, masked: bool = False) -> Segment:

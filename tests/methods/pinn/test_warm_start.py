@@ -11,13 +11,13 @@ from accpinn.errors import ConfigError
 from accpinn.methods.fit import Fit, StartedFrom
 from accpinn.methods.pinn.config import FAST, PAPER, PinnConfig
 from accpinn.methods.pinn.method import WarmStart, request_keys
-from accpinn.methods.pinn.training import train
 from accpinn.methods.store import Store
 from accpinn.model.cthp import Parameters
 from accpinn.segment.segment import Segment
 from tests.support.driving import MIXED, driven
+from tests.support.methods import train
 
-PAPER_SHORT = replace(PAPER, iterations=100)
+PAPER_SHORT = replace(PAPER, iterations=40)
 FAST_SHORT = replace(FAST, iterations=60)
 
 

@@ -13,6 +13,7 @@ from accpinn.model.cthp import Parameters
 from accpinn.results.figures import comparison as figures
 from accpinn.results.figures.style import FOLLOWERS
 from accpinn.segment.segment import Segment
+from tests.support.figures import rectangles
 from tests.support.samples import NOISY, sample
 
 COLOUR = "#0c7eae"
@@ -46,7 +47,7 @@ def test_estimates_intervals_and_truth_stand_where_they_belong(
         assert trace.marker.size[0] > trace.marker.size[1]
     assert list(figure.data[0].y) == ["PiNN<br>(fast preset)", "Before &lt;b&gt;"]
     assert figure.data[0].customdata[0] == "PiNN (fast preset)"
-    bands = [shape for shape in figure.layout.shapes if shape.type == "rect"]
+    bands = rectangles(figure)
     np.testing.assert_allclose([band.x0 for band in bands], uncertainty.lower.values[0])
     np.testing.assert_allclose([band.x1 for band in bands], uncertainty.upper.values[0])
     dashed = [shape.x0 for shape in figure.layout.shapes if shape.type == "line"]
@@ -67,7 +68,7 @@ def test_tracks_end_at_the_estimate_in_the_recordings_time(segment: Segment) -> 
     assert track is not None
     assert track.deviation is not None
     truth = Parameters.of(sample(NOISY).truth[0])
-    figure = figures.courses([("A", track), ("B", track)], 0, truth, start=320.0)
+    figure = figures.tracks([("A", track), ("B", track)], 0, truth, start=320.0)
     lines = [trace for trace in figure.data if trace.name == "A"]
     last = track.parameters.values[-1, 0]
     np.testing.assert_allclose([line.y[-1] for line in lines], last)
@@ -90,7 +91,7 @@ def test_profiles_reach_the_dashed_line_at_their_ends(segment: Segment) -> None:
         assert min(trace.y) < 10 * INCREASE
         at_end = np.interp(one.upper, trace.x, trace.y)
         assert at_end == pytest.approx(100 * INCREASE, rel=0.05)
-    bands = [shape for shape in figure.layout.shapes if shape.type == "rect"]
+    bands = rectangles(figure)
     assert [band.x0 for band in bands] == [0.0, 0.02], "the third has no interval"
     assert bands[0].x1 == 0.3 < figure.layout.xaxis.range[1]
     assert bands[1].x1 == figure.layout.xaxis2.range[1], "it has no end"

@@ -1,23 +1,23 @@
 """Bode magnitude, criteria along the platoon and maps: what they draw."""
 
-from typing import Any
+from dataclasses import replace
 
 import numpy as np
 import plotly.graph_objects as go
 import pytest
 
+from accpinn.inference.intervals import Uncertainty, intervals
+from accpinn.methods import splines
 from accpinn.model.cthp import Parameters
 from accpinn.model.published import ASTAZERO, ParameterSet
 from accpinn.results.figures import stability as figures
-from accpinn.results.figures.style import FOLLOWERS, SERIES, with_legend
+from accpinn.results.figures.style import FOLLOWERS, SERIES
 from accpinn.stability.frequency import response
 from accpinn.stability.report import StabilityReport, VehicleStability, stability_report
+from accpinn.units import FloatArray
+from tests.support.figures import legend, named, names, rectangles
+from tests.support.samples import PLATOON, sample
 from tests.support.vehicles import CALM, NO_REACTION, UNDAMPED, row
-
-
-def named(figure: go.Figure, name: str) -> Any:
-    (trace,) = [trace for trace in figure.data if trace.name == name]
-    return trace
 
 
 @pytest.fixture(scope="module")
@@ -56,32 +56,26 @@ class TestBode:
             np.testing.assert_allclose(curves, y, atol=0.02)
 
     def test_every_point_says_whose_it_is(self, figure: go.Figure) -> None:
-        for k, label in enumerate(ASTAZERO.labels):
-            assert set(named(figure, label).customdata) == {k}
+        for k, label in enumerate((*ASTAZERO.labels, "Leader to last follower")):
+            assert set(named(figure, label).customdata) == {k if k < 4 else -1}
             assert "markers" in named(figure, label).mode, "lines alone cannot be clicked"
-        assert set(named(figure, "Leader to last follower").customdata) == {-1}
         assert list(named(figure, "peak").customdata) == [0, 1, 2, 3]
         assert figure.layout.clickmode == "event+select"
+        assert [one.name for one in legend(figure)] == [*ASTAZERO.labels, "Leader to last follower"]
 
     def test_the_amplified_range_is_shaded_from_0_db_up(
         self, figure: go.Figure, astazero: StabilityReport
     ) -> None:
-        area = next(shape for shape in figure.layout.shapes if shape.type == "rect")
-        assert (area.y0, area.y1) == (0, figure.layout.yaxis.range[1])
-        assert figure.layout.yaxis.range[1] > astazero.platoon.peaks[-1].db
-        assert figure.layout.yaxis.range[0] < figures.FLOOR, "room below the lowest tick"
+        (area,), (low, high) = rectangles(figure), figure.layout.yaxis.range
+        assert (area.y0, area.y1) == (0, high)
+        assert low < figures.FLOOR < astazero.platoon.peaks[-1].db < high
         assert figure.layout.xaxis.type == "log"
         assert figure.layout.yaxis.title.text == "Bode magnitude |H(jω)| [dB]"
-
-    def test_a_legend_names_each_vehicle(self, figure: go.Figure) -> None:
-        shown = with_legend(figure).data
-        names = [trace.name for trace in shown if trace.showlegend is not False]
-        assert names == [*ASTAZERO.labels, "Leader to last follower"]
 
     def test_stable_and_single_vehicles_are_drawn_without_marks(self) -> None:
         alone = ParameterSet("Mine", ("calm",), row(CALM))
         figure = figures.bode(alone, stability_report(alone.parameters))
-        assert {trace.name for trace in figure.data} == {"calm", "peak", "crossover"}
+        assert set(names(figure)) == {"calm", "peak", "crossover"}
         assert len(named(figure, "peak").x) == 0
         assert max(named(figure, "calm").y) < 0
 
@@ -121,9 +115,6 @@ class TestCriteria:
         }
         assert {trace.name: list(trace.y) for trace in figure.data} == expected
         assert all(list(trace.x) == [1, 2, 3, 4] for trace in figure.data)
-        # The paper's valley: both criteria are lowest at the second vehicle.
-        for name in ("L₂ criterion", "L∞ criterion of the paper"):
-            assert int(np.argmin(expected[name])) == 1
         levels = [shape.y0 for shape in figure.layout.shapes]
         assert levels == [0, 1], "one line a panel between stable and unstable"
 
@@ -171,15 +162,14 @@ class TestMap:
         assert list(dots.x) == ASTAZERO.parameters.beta.tolist()
         assert list(dots.y) == ASTAZERO.parameters.tau.tolist()
         assert list(dots.marker.symbol) == ["circle-open", "circle", "circle-open", "circle-open"]
-        (left, right), (low, high) = figure.layout.xaxis.range, figure.layout.yaxis.range
-        assert left <= min(dots.x) <= max(dots.x) <= right
-        assert low <= min(dots.y) <= max(dots.y) <= high
+        high = figure.layout.yaxis.range[1]
+        assert 0 <= min(dots.x) <= max(dots.x) <= figure.layout.xaxis.range[1]
+        assert 0 <= min(dots.y) <= max(dots.y) <= high
         needed = astazero.vehicles[1].smallest_tau
         assert needed is not None
         assert high > needed.linf_exact
         assert figure.layout.xaxis.title.text == "β, gain on relative speed [1/s]"
-        legend = [trace.name for trace in with_legend(figure).data if trace.showlegend is not False]
-        assert legend == list(figures.BOUNDARIES)
+        assert [trace.name for trace in legend(figure)] == list(figures.BOUNDARIES)
 
     def test_areas_do_not_overlap_and_hatch_where_the_paper_differs(
         self, astazero: StabilityReport
@@ -191,3 +181,68 @@ class TestMap:
         assert (only_linf <= stable).all()
         assert (hatched[0] <= hatched[1]).all()
         assert (hatched[0] < hatched[1]).any(), "the paper's criterion calls the Tesla stable"
+
+
+@pytest.fixture(scope="module")
+def learned() -> tuple[ParameterSet, Uncertainty]:
+    segment = sample(PLATOON).segment
+    fit = splines.fit(segment)
+    return ParameterSet("Learned", segment.names[1:], fit.parameters), intervals(segment, fit)
+
+
+class TestUncertainty:
+    def test_bands_hold_nine_tenths_of_the_draws_beneath_the_curves(
+        self, learned: tuple[ParameterSet, Uncertainty]
+    ) -> None:
+        vehicles, uncertainty = learned
+        before = figures.bode(vehicles, stability_report(vehicles.parameters))
+        figure = figures.add_bands(before, vehicles, uncertainty)
+        assert names(figure)[len(vehicles) :] == names(before)
+        assert figure.layout == before.layout
+        for k in range(len(vehicles)):
+            band = named(figure, f"band {k}")
+            (omega, _), (low, high) = (np.reshape(axis, (2, -1)) for axis in (band.x, band.y))
+            high = high[::-1]
+            drawn = np.abs(response(uncertainty.draws[:, k], omega))
+            drawn = 20 * np.log10(drawn)
+            share = ((low - 1e-3 <= drawn) & (drawn <= high + 1e-3)).mean(axis=0)
+            assert (share > uncertainty.level - 0.01).all()
+            wide = high - low > 0.05  # where rounding to 0.001 dB lets no draws in
+            assert wide.any()
+            np.testing.assert_allclose(share[wide], uncertainty.level, atol=0.03)
+        draws = uncertainty.draws.values.copy()
+        draws[:, 0] = np.nan
+        unknown = replace(uncertainty, draws=Parameters.of(draws))
+        assert "band 0" not in names(figures.add_bands(before, vehicles, unknown))
+
+    @pytest.mark.parametrize(("plane", "column"), [("beta", 1), ("alpha", 0)])
+    def test_clouds_are_draws(
+        self, learned: tuple[ParameterSet, Uncertainty], plane: figures.Plane, column: int
+    ) -> None:
+        vehicles, uncertainty = learned
+        chart = figures.stability_map(vehicles, stability_report(vehicles.parameters), 0, plane)
+        cloud = named(figures.add_clouds(chart, vehicles, uncertainty, plane), "cloud 1")
+        assert len(cloud.x) <= figures.CLOUD
+        drawn = uncertainty.draws.values[:, 1][:, [column, 2]]
+        for x, y in zip(cloud.x[:20], cloud.y[:20], strict=True):
+            assert np.abs(drawn - [x, y]).sum(axis=1).min() < 1e-3
+
+    def test_draws_that_have_no_place_on_the_map_are_counted(
+        self, learned: tuple[ParameterSet, Uncertainty]
+    ) -> None:
+        vehicles, uncertainty = learned
+        chart = figures.stability_map(vehicles, stability_report(vehicles.parameters), 0, "beta")
+
+        def caption(draws: FloatArray) -> str:
+            changed = replace(uncertainty, draws=Parameters.of(draws))
+            return figures.cloud_caption(chart, changed, "beta")
+
+        draws = uncertainty.draws.values.copy()
+        draws[..., 1:] = 0.1, 1.0
+        assert "%" not in caption(draws)
+        count = len(draws)
+        draws[: count // 20, :, 0], draws[: count // 20, :, 2] = 0.0, np.nan
+        draws[count // 20 : 3 * count // 20, 0, 2] = 99.0
+        assert "5 % have no gap control (α = 0)" in caption(draws)
+        assert f"{10 / len(vehicles):.0f} % lie beyond" in caption(draws)
+        assert "%" not in caption(np.full_like(draws, np.nan))

@@ -115,7 +115,10 @@ class TestLegends:
         assert (shown.layout.height > 200) == bool(title), "room for it below a figure with a title"
 
     def test_a_figure_without_names_has_none(self) -> None:
-        assert not style.with_legend(go.Figure(go.Scatter(x=[0, 1], y=[0, 1]))).layout.showlegend
+        figure = style.finished(go.Figure(go.Scatter(x=[0, 1], y=[0, 1])), 200, "revision")
+        assert not style.with_legend(figure).layout.showlegend
+        assert figure.layout.paper_bgcolor == figure.layout.plot_bgcolor == "rgba(0,0,0,0)"
+        assert figure.layout.uirevision == "revision", "which keeps the user's zoom"
 
 
 def contrast(one: str, other: str) -> float:

@@ -1,9 +1,146 @@
-"""The words for criteria, behaviours and factors; `test_reasons` tries the reasons of verdicts."""
+"""String stability and simulated platoons in sentences: counts, certainty, reasons, findings."""
 
+import math
+from types import SimpleNamespace
+from typing import Any, get_args
+
+import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
-from accpinn.results.messages.stability import BEHAVIOURS, TITLES, factor
-from accpinn.stability.report import Behaviour, Criterion
+from accpinn.inference.intervals import Interval
+from accpinn.model.cthp import Parameters
+from accpinn.model.published import ParameterSet
+from accpinn.platoon.simulation import (
+    Collision,
+    NeverSettles,
+    PlatoonFinding,
+    Reversal,
+    TooShort,
+    TransientLeft,
+)
+from accpinn.results.messages import message
+from accpinn.results.messages.stability import (
+    BEHAVIOURS,
+    PLACES,
+    TITLES,
+    amplification,
+    certainty,
+    factor,
+    reason,
+)
+from accpinn.stability.report import (
+    Behaviour,
+    Criterion,
+    StabilityReport,
+    VehicleStability,
+    stability_report,
+)
+from tests.support.vehicles import AUDI, BMW, CALM, TESLA, UNDAMPED, extreme, ordinary, row
+
+DAMPED, LOUD = Parameters(0.08, 0.02, 9.0), Parameters(0.08, 0.12, 1.5)
+
+
+def named(*vehicles: Parameters) -> ParameterSet:
+    names = tuple(f"V{k}" for k in range(1, len(vehicles) + 1))
+    return ParameterSet("Mine", names, row(*vehicles))
+
+
+@pytest.mark.parametrize(
+    ("vehicles", "facts"),
+    [
+        ((CALM,), ["V1 does not"]),
+        ((CALM, CALM), ["None"]),
+        ((Parameters(0.05, 0.6, 1.62),) * 2, ["None", "L∞"]),
+        ((CALM, UNDAMPED), ["One of two", "V2", "without limit"]),
+        ((CALM, LOUD), ["One of two", "V2", "1.38 times at 0.235 rad/s"]),
+        ((LOUD, CALM, LOUD), ["Two of three", "V1"]),
+        ((LOUD,) * 12, ["All 12", "V1"]),
+    ],
+)
+def test_the_headline_counts(vehicles: tuple[Parameters, ...], facts: list[str]) -> None:
+    chosen = named(*vehicles)
+    sentence = amplification(chosen, stability_report(chosen.parameters))
+    assert [fact for fact in facts if fact not in sentence] == []
+
+
+@pytest.mark.parametrize(
+    ("stable", "gapless", "said"),
+    [
+        (0.01, 0.0, "certain: at least 95 %"),
+        (0.01, 0.09, "90 % amplify, 1 % do not, 9 % have no gap control"),
+        (0.60, 0.0, "40 % amplify, 60 % do not."),
+        (math.nan, math.nan, "do not determine whether V1"),
+    ],
+)
+def test_certainty_counts_posterior_samples(stable: float, gapless: float, said: str) -> None:
+    chosen = named(LOUD)
+    ends = Interval(np.array([1.0]), np.array([1.53]))
+    uncertainty: Any = SimpleNamespace(
+        level=0.9,
+        probability_l2=np.array([stable]),
+        no_gap_control=np.array([gapless]),
+        peak_gain=ends,
+        inside=np.array([[True, False, True]]),
+    )
+    sentence = certainty(chosen, stability_report(chosen.parameters), uncertainty)
+    assert said in sentence
+    assert "outside their intervals: β." in sentence
+    assert ("90 % interval: 1.00 to 1.53" in sentence) == (stable == stable)
+
+
+def reasons(of: VehicleStability | StabilityReport) -> dict[str, str]:
+    """By the verdict's name in the report."""
+    held: Any = of.platoon if isinstance(of, StabilityReport) else of
+    names = ("l2_strict", "l2_weak", "linf_strict", "linf_weak")
+    names = names if isinstance(of, StabilityReport) else ("l2", "linf_paper", "linf_exact")
+    return {name: reason(getattr(held, name), of) for name in names}
+
+
+@given(st.one_of(ordinary, extreme))
+@settings(max_examples=50)
+def test_every_reason_is_one_sentence_without_odd_numbers(vehicle: Parameters) -> None:
+    report = stability_report(row(vehicle, AUDI))
+    for text in [*reasons(report.vehicles[0]).values(), *reasons(report).values()]:
+        assert text.endswith(".")
+        assert ". " not in text
+        assert "nan" not in text
+        assert "inf " not in text
+        assert "None" not in text
+
+
+def test_where_the_two_linf_criteria_differ_the_reason_says_why() -> None:
+    found = reasons(stability_report(TESLA).vehicles[0])
+    assert "real" in found["linf_paper"]
+    assert "necessary but not sufficient" in found["linf_exact"]
+    assert "1.095" in found["linf_exact"]
+
+
+@pytest.mark.parametrize("name", ["l2", "linf_exact"])
+def test_the_boundary_is_named(name: str) -> None:
+    headways = stability_report(TESLA).vehicles[0].smallest_tau
+    at = Parameters(TESLA.alpha, TESLA.beta, getattr(headways, name))
+    assert reasons(stability_report(at).vehicles[0])[name].startswith("On the boundary")
+
+
+@pytest.mark.parametrize(
+    ("vehicles", "name", "facts"),
+    [
+        (row(CALM, TESLA), "l2_strict", ["Follower 2", "1.04"]),
+        (row(AUDI, CALM, BMW), "linf_strict", ["Followers 1 and 3", "follower 1 the most"]),
+        (row(TESLA, DAMPED, DAMPED), "l2_weak", ["others damp"]),
+        (row(AUDI, UNDAMPED, CALM), "l2_weak", ["0.5 rad/s", "without limit"]),
+        (row(CALM, CALM), "linf_weak", ["No follower"]),
+        (row(TESLA, CALM), "linf_weak", ["from the leader to the last"]),
+        (row(Parameters(1e-12, 1.0, 0.1), Parameters(1e8, 1, 1e-5)), "linf_weak", ["time scales"]),
+    ],
+)
+def test_a_platoons_reason_names_who_and_how_much(
+    vehicles: Parameters, name: str, facts: list[str]
+) -> None:
+    sentence = reasons(stability_report(vehicles))[name]
+    assert [fact for fact in facts if fact not in sentence] == []
 
 
 def test_every_criterion_and_behaviour_has_its_words() -> None:
@@ -16,3 +153,16 @@ def test_every_criterion_and_behaviour_has_its_words() -> None:
 )
 def test_a_factor_keeps_its_digits(gain: float, text: str) -> None:
     assert factor(gain) == text
+
+
+def test_findings_of_a_platoon_name_vehicle_and_figures() -> None:
+    facts: dict[PlatoonFinding, list[str]] = {
+        Collision(4, 33.94): ["Follower 4", "33.9 s"],
+        Reversal(0, 5.0): ["The leader", "5.0 s"],
+        NeverSettles(2): ["Follower 2"],
+        TooShort(25.13, 67.0): ["25.1 s", "67 s"],
+        TransientLeft(8, 767.0): ["Follower 8", "0.1 %", "767 s"],
+    }
+    assert {type(finding) for finding in facts} == set(get_args(PlatoonFinding))
+    for finding, words in facts.items():
+        assert [word for word in words if word not in message(finding, PLACES)] == []

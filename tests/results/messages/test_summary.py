@@ -17,8 +17,7 @@ from accpinn.results.messages.summary import (
     summary,
     title,
 )
-from accpinn.results.snapshot.create import stability
-from accpinn.results.snapshot.schema import Snapshot
+from accpinn.results.snapshot import Snapshot, stability
 from tests.support.snapshots import small, whole
 
 
@@ -71,8 +70,8 @@ def test_undetermined_headways_and_probabilities_are_called_so() -> None:
 def test_collisions_are_named_with_vehicle_and_time() -> None:
     assert "collide" not in said(whole())
     text = said(colliding(whole(), 3, 12.34))
-    label = whole().info.labels[2]
-    assert f"1 of 4 vehicles collides with the vehicle ahead: {label} at 12.3 s." in text
+    assert "1 of 4 vehicles collides" in text
+    assert f"{whole().info.labels[2]} at 12.3 s." in text
     assert "the follower collides with the vehicle ahead at 22.6 s." in said(
         colliding(small(), 2, 22.6)
     )
@@ -102,12 +101,7 @@ def test_a_stopped_training_is_called_so_first() -> None:
 
 def test_stable_vehicles_are_called_so() -> None:
     fit = replace(small().fit, parameters=Parameters.of([[0.05, 0.6, 3.0]]))
-    assert "does not amplify any frequency." in said(
-        replace(small(), fit=fit, stability=stability(fit))
-    )
-    fit = replace(small().fit, parameters=Parameters.of([[0.0546, 0.1205, 2.1]]))
-    text = said(replace(small(), fit=fit, stability=stability(fit)))
-    assert "amplif" in text
+    assert "does not amplify" in said(replace(small(), fit=fit, stability=stability(fit)))
 
 
 def test_facts_of_the_data_are_terms_and_descriptions() -> None:
@@ -118,8 +112,4 @@ def test_facts_of_the_data_are_terms_and_descriptions() -> None:
     assert rows["Campaign"] == "AstaZero"
     assert "Distance setting" not in rows
     assert rows["Excluded"].startswith("manual from the model's equation: 25 % of")
-
-
-def test_settings_are_short() -> None:
-    assert setting([1.0, 0.5]) == "1, 0.5"
-    assert setting("fast") == "fast"
+    assert (setting([1.0, 0.5]), setting("fast")) == ("1, 0.5", "fast")

@@ -13,10 +13,9 @@ import numpy as np
 import pytest
 
 from accpinn.results.messages.snapshot import check_rows
-from accpinn.results.report.page import render_report
-from accpinn.results.report.pictures import fits, motion, platoon
+from accpinn.results.report import fit_pictures, motion_picture, platoon_pictures, render_report
 from accpinn.results.snapshot.verification import verify
-from accpinn.results.tables.names import name_of
+from accpinn.results.tables.estimates import name_of
 from tests.support.snapshots import small, whole
 
 HOSTILE = "</script><script>alert(1)</script>\"'><img src=x onerror=alert(1)>$y$_z_&amp;"
@@ -158,20 +157,20 @@ class TestContents:
         assert "9.000" not in reader.within("td"), "stability is shown as it was recomputed"
 
     def test_curves_are_the_data_where_they_are_known(self) -> None:
-        made, segment = motion(whole()), whole().segment
+        made, segment = motion_picture(whole()), whole().segment
         assert made is not None
         assert segment is not None
         speed = next(t for t in made.figure.data if t.yaxis == "y2")
         assert np.max(speed.y) == pytest.approx(segment.speeds[:, 0].max())
         without = replace(whole(), segment=None)
-        made = motion(without)
+        made = motion_picture(without)
         assert made is not None
         assert "not part of this report" in made.caption
-        names = {trace.name for picture in fits(without) for trace in picture.figure.data}
+        names = {trace.name for picture in fit_pictures(without) for trace in picture.figure.data}
         assert names == {name_of(whole().fit)}
 
     def test_the_platoon_repeats_the_vehicle_that_amplifies_most(self) -> None:
-        stability, made = whole().stability, platoon(whole())
+        stability, made = whole().stability, platoon_pictures(whole())
         assert stability is not None
         assert made is not None
         run, pictures, label = made

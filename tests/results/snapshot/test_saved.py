@@ -1,6 +1,7 @@
-"""The server's store of snapshots: nothing is lost, nothing escapes, nothing breaks the list."""
+"""Snapshots on disk: whole or not at all, nothing is lost, and nothing else is replaced."""
 
 import os
+import signal
 import subprocess
 import sys
 from concurrent.futures import ThreadPoolExecutor
@@ -10,10 +11,67 @@ from pathlib import Path
 import pytest
 
 from accpinn.errors import SnapshotError
-from accpinn.results.snapshot.file import to_bytes
-from accpinn.results.snapshot.saved import Library
-from accpinn.results.snapshot.schema import Snapshot
-from tests.support.snapshots import small, small_bytes
+from accpinn.results.snapshot import Snapshot
+from accpinn.results.snapshot.archive import to_bytes
+from accpinn.results.snapshot.saved import Library, save
+from tests.support.snapshots import small, small_bytes, whole
+
+ROOT = Path(__file__).parents[3]
+
+
+KILLED = """
+import os, signal, sys
+from pathlib import Path
+from accpinn.results.snapshot import (saved)
+moment = sys.argv[2]
+def die(*arguments, **options):
+    os.kill(os.getpid(), signal.SIGKILL)
+setattr(saved.os, moment, die)
+saved.write_whole(b"new" * 100_000, Path(sys.argv[1]), "snapshot")
+"""
+
+
+class TestFile:
+    @pytest.mark.parametrize("moment", ["fsync", "replace"])
+    def test_a_killed_process_leaves_the_old_file(self, tmp_path: Path, moment: str) -> None:
+        target = save(small(), tmp_path / "a.accpinn.zip")
+        done = subprocess.run([sys.executable, "-c", KILLED, target, moment], cwd=ROOT, check=False)
+        assert done.returncode == -signal.SIGKILL
+        assert target.read_bytes() == small_bytes()
+
+    @pytest.mark.skipif(sys.platform == "win32", reason="there is no umask")
+    @pytest.mark.parametrize(("mask", "mode"), [(0o077, 0o600), (0o022, 0o644)])
+    def test_who_may_read_follows_the_umask(self, tmp_path: Path, mask: int, mode: int) -> None:
+        before = os.umask(mask)
+        try:
+            target = save(small(), tmp_path / "a.accpinn.zip")
+        finally:
+            os.umask(before)
+        assert target.stat().st_mode & 0o777 == mode
+
+    @pytest.mark.parametrize("empty", [False, True])
+    def test_the_old_file_is_replaced_and_a_link_to_it_followed(
+        self, tmp_path: Path, empty: bool
+    ) -> None:
+        target, link = tmp_path / "a.accpinn.zip", tmp_path / "link"
+        target.write_bytes(b"" if empty else to_bytes(whole()))
+        link.symlink_to(target)
+        assert save(small(), link) == link
+        assert link.is_symlink()
+        assert target.read_bytes() == small_bytes()
+        assert sorted(path.name for path in tmp_path.iterdir()) == [target.name, link.name]
+
+    def test_nothing_else_is_replaced(self, tmp_path: Path) -> None:
+        (tmp_path / "table.csv").write_bytes(b"Time,Speed1")
+        (tmp_path / "book.xlsx").write_bytes(b"PK\x03\x04" + bytes(100))
+        (tmp_path / "circle").symlink_to("circle")
+        os.mkfifo(tmp_path / "pipe")
+        names = sorted(path.name for path in tmp_path.iterdir())
+        for name in (*names, ".", "x" * 300, "missing/a", "nul\0"):
+            with pytest.raises(SnapshotError, match=r"choose another|name a file"):
+                save(small(), tmp_path / name)
+        assert sorted(path.name for path in tmp_path.iterdir()) == names
+        assert (tmp_path / "table.csv").read_bytes() == b"Time,Speed1"
 
 
 @pytest.fixture
@@ -45,17 +103,11 @@ def test_the_same_twice_is_one(library: Library) -> None:
     assert len(library.entries()) == 1
 
 
-def test_the_newest_comes_first(library: Library) -> None:
-    library.add(replace(small(), name="old", created="2026-01-01T00:00:00Z"))
-    library.add(replace(small(), name="new", created="2026-02-01T00:00:00Z"))
-    assert [entry.name for entry in library.entries()] == ["new", "old"]
-
-
-def test_of_two_of_one_second_the_one_written_last_comes_first(library: Library) -> None:
-    for name, written in (("last", 2), ("first", 1)):
-        path = library.folder / f"{library.add(named(name))}.accpinn.zip"
-        os.utime(path, (written, written))
-    assert [entry.name for entry in library.entries()] == ["last", "first"]
+def test_the_newest_comes_first_and_of_one_second_the_one_written_last(library: Library) -> None:
+    for name, month, written in (("new", 2, 1), ("last", 1, 2), ("first", 1, 1)):
+        made = replace(small(), name=name, created=f"2026-0{month}-01T00:00:00Z")
+        os.utime(library.folder / f"{library.add(made)}.accpinn.zip", (written, written))
+    assert [entry.name for entry in library.entries()] == ["new", "last", "first"]
 
 
 def test_a_list_reads_only_what_changed(library: Library, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -68,10 +120,6 @@ def test_a_list_reads_only_what_changed(library: Library, monkeypatch: pytest.Mo
     assert library.entries()[0].fault
 
 
-def test_an_empty_server_has_an_empty_list(library: Library) -> None:
-    assert library.entries() == ()
-
-
 @pytest.mark.parametrize(
     "name", ["", "../secret", "a/b", "ABCDEF0123456789", "0123456789abcdef\n", "0" * 15, "0" * 17]
 )
@@ -82,6 +130,7 @@ def test_what_is_no_name_never_becomes_a_path(library: Library, name: str) -> No
 
 
 def test_an_unknown_name_is_said(library: Library) -> None:
+    assert library.entries() == ()
     with pytest.raises(SnapshotError, match="may have been deleted"):
         library.open("0" * 16)
 
@@ -112,16 +161,13 @@ def test_a_damaged_file_is_listed_with_the_reason(library: Library) -> None:
     assert found[kept].fault == ""
     assert found[broken].fault
     assert library.entries()[-1].id == broken
+    library.add(named("soon broken"))
+    assert all(not entry.fault for entry in library.entries()), "saving it again mends it"
     library.delete(broken)
     assert [entry.id for entry in library.entries()] == [kept]
-
-
-def test_a_file_under_another_s_name_is_damaged(library: Library) -> None:
-    name = library.add(small())
-    path = library.folder / f"{name}.accpinn.zip"
+    path = library.folder / f"{kept}.accpinn.zip"
     path.rename(library.folder / f"{'0' * 16}.accpinn.zip")
-    (entry,) = library.entries()
-    assert "its file holds" in entry.fault
+    assert "its file holds" in library.entries()[0].fault
 
 
 def test_another_of_the_same_short_name_is_not_written_over(
@@ -145,13 +191,6 @@ def test_what_a_killed_process_left_is_swept(library: Library) -> None:
     assert new.exists(), "it may still be written to"
 
 
-def test_a_damaged_one_is_mended_by_saving_it_again(library: Library) -> None:
-    path = library.folder / f"{library.add(small())}.accpinn.zip"
-    path.write_bytes(b"half")
-    library.add(small())
-    assert path.read_bytes() == small_bytes()
-
-
 def test_a_saving_that_fails_half_way_leaves_the_old_file(
     library: Library, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -160,33 +199,12 @@ def test_a_saving_that_fails_half_way_leaves_the_old_file(
     def no_room(*_: object) -> None:
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr("accpinn.results.snapshot.file.os.replace", no_room)
+    monkeypatch.setattr("accpinn.results.snapshot.saved.os.replace", no_room)
     with pytest.raises(SnapshotError, match="No space left"):
         library.add(named("another"))
     monkeypatch.undo()
     assert [entry.id for entry in library.entries()] == [name]
     assert sorted(path.name for path in library.folder.glob("[!.]*")) == [f"{name}.accpinn.zip"]
-
-
-def test_two_processes_that_save_at_once_lose_nothing(library: Library, tmp_path: Path) -> None:
-    code = (
-        "import sys; from pathlib import Path\n"
-        "from accpinn.results.snapshot.saved import Library\n"
-        "library = Library(Path(sys.argv[1]))\n"
-        "for name in sys.argv[2:]: library.add(Path(name).read_bytes())\n"
-    )
-    groups: list[list[str]] = [[], []]
-    for k in range(10):
-        path = tmp_path / f"{k}"
-        path.write_bytes(to_bytes(named(f"number {k}")))
-        groups[k % 2] += [str(path)]
-        groups[1 - k % 2] += [str(path)] * (k < 3)  # some by both at once
-    writers = [
-        subprocess.Popen([sys.executable, "-c", code, str(library.folder), *group])
-        for group in groups
-    ]
-    assert [writer.wait(60) for writer in writers] == [0, 0]
-    assert {entry.name for entry in library.entries()} == {f"number {k}" for k in range(10)}
 
 
 def test_the_environment_names_the_folder(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

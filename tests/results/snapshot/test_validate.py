@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 
 from accpinn.errors import SnapshotError
-from accpinn.results.snapshot.archive import pack
-from accpinn.results.snapshot.file import load, seal, to_bytes
-from accpinn.results.snapshot.schema import Snapshot
+from accpinn.results.snapshot import Snapshot
+from accpinn.results.snapshot.archive import load, pack, seal, to_bytes
 from accpinn.results.snapshot.validate import SHAPES
 from tests.support.snapshots import entries, resealed, small_bytes, whole
 

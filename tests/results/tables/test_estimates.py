@@ -16,15 +16,16 @@ from accpinn.model.cthp import Parameters
 from accpinn.recordings.openacc import read
 from accpinn.results.tables.estimates import (
     PROBABILITY,
+    TITLES,
     comparison_table,
     fit_record_table,
     fit_record_title,
     intervals_table,
+    method_name,
     methods_table,
     parameter_table,
     quality_table,
 )
-from accpinn.results.tables.names import TITLES, method_name
 from accpinn.results.tables.table import Range, Table
 from accpinn.segment.cut import cut
 from accpinn.segment.quality import Quality, assess_quality
@@ -123,7 +124,6 @@ def test_estimates_side_by_side(segment: Segment) -> None:
     table = comparison_table(segment.info, {"PiNN": LEARNED, "Truth": other})
     assert column(table, "PiNN", "τ [s]") == LEARNED.tau.tolist()
     assert column(table, "Truth", "α [1/s²]") == other.alpha.tolist()
-    assert column(table, "Vehicle") == ["2 BMW", "3 Tesla"]
 
 
 def test_preview_of_the_window(segment: Segment, fit: Fit, quality: Quality) -> None:

@@ -178,4 +178,4 @@ class TestHtml:
         name = 'A "very" long name of a vehicle'
         table = Table("", (Column("Vehicle"),), ((name,), ("2 Tesla",)))
         assert table.to_html().count(" title=") == 1
-        assert 'title="A &quot;very&quot; long name of a vehicle"' in table.to_html()
+        assert 'title="A &#34;very&#34; long name of a vehicle"' in table.to_html()

@@ -1,0 +1,421 @@
+"""`fit`, `compare` and `starts`: parameters estimated from a window of a recording."""
+
+import argparse
+import signal
+import sys
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import replace
+from pathlib import Path
+from textwrap import fill
+from threading import Event
+from typing import Any
+
+from tqdm import tqdm
+
+from accpinn.cli.options import (
+    PARAMETER_NAMES,
+    add_run_options,
+    add_segment_options,
+    chosen_context,
+    chosen_segment,
+    describe_errors,
+    describe_parameters,
+    describe_segment,
+    fields,
+)
+from accpinn.cli.output import one_line, show_result
+from accpinn.errors import ConfigError
+from accpinn.evaluation.closed_loop import (
+    closed_loop,
+    closed_loop_errors,
+    closed_loop_findings,
+    surrogate_errors,
+)
+from accpinn.inference.identifiability import identifiability_warnings
+from accpinn.inference.intervals import Uncertainty
+from accpinn.inference.model_adequacy import better_forms, model_forms
+from accpinn.inference.multistart import MultistartResult, multistart, summarise
+from accpinn.methods.fit import Fit, OnProgress, Outcome, Progress
+from accpinn.methods.pinn.config import STARTS, PinnConfig, preset
+from accpinn.methods.registry import METHODS
+from accpinn.model.cthp import Parameters
+from accpinn.model.published import ParameterSet
+from accpinn.results.messages import messages
+from accpinn.results.messages.methods import outcome_message
+from accpinn.results.snapshot import check_texts, create
+from accpinn.results.snapshot.saved import save, writable_path
+from accpinn.results.tables.estimates import (
+    intervals_table,
+    methods_table,
+    model_form_table,
+    multistart_table,
+    parameter_table,
+)
+from accpinn.results.tables.stability import stability_interval_table
+from accpinn.segment.quality import Quality, assess_quality
+from accpinn.segment.segment import Segment
+from accpinn.study.comparison import (
+    MethodFailure,
+    MethodResult,
+    compare,
+    failures_among,
+    parse_methods,
+    results_among,
+)
+
+_SETTINGS = ("preset", "initial", "iterations", "lbfgs", "seed", "threads")
+"""Options that only a method with settings has."""
+WHITENESS = {
+    "deviation": "deviation",
+    "correlation": "correlation",
+    "memory": "memory",
+    "independent_samples": "independent",
+    "probability_white": "probability",
+}
+"""Keys of the document, and the attributes they hold."""
+MOST_SEEDS = 100
+STARTS_HELP = fill(
+    "The PiNN is trained from each initial (α, β, τ) of the paper's Table I, once a seed:"
+    f" {len(STARTS)} trainings with one seed, as long as `fit` takes each. The table has a row a"
+    " training; its last row is the spread of the estimates, in percent."
+)
+
+
+def add_fit_options(parser: argparse.ArgumentParser) -> None:
+    """Declare the options of `fit`."""
+    add_segment_options(parser)
+    _add_method_help(parser)
+    option = parser.add_argument
+    option("--method", choices=list(METHODS), default="pinn", metavar="NAME", help="(pinn)")
+    option("--preset", choices=["fast", "paper"], help="of the PiNN: seconds, or minutes (fast)")
+    option("--initial", metavar="A,B,T", help="α,β,τ to start from (1,1,1)")
+    option("--iterations", type=int, metavar="N", help="of the PiNN, at most")
+    option("--lbfgs", type=int, metavar="N", help="L-BFGS iterations that end the paper preset")
+    option("--seed", type=int, metavar="N", help="of the PiNN's random numbers (0)")
+    add_run_options(parser)
+    option("--out", metavar="SNAPSHOT", help="save the result in this file")
+    option("--with-data", action="store_true", help="speeds and gaps in the snapshot, too")
+    option("--name", default="", help="of the snapshot")
+    option("--note", default="", help="in the snapshot")
+
+
+def run_fit(options: argparse.Namespace) -> int:
+    """Estimate, and print the result; 130 when a training was interrupted."""
+    settings = _settings(options)
+    if options.out:  # training takes long; what would spoil its keeping is said first
+        check_texts(options.name, options.note)
+        writable_path(Path(options.out), "snapshot")
+    recording, segment = chosen_segment(options)
+    with interruptible() as stopped, _progress_bar() as show_progress:
+        context = replace(
+            chosen_context(options), on_progress=show_progress, should_stop=stopped.is_set
+        )
+        fit = METHODS[options.method].fit(segment, options.case, settings, context)
+    show_result(options, describe_fit, fit_text, segment, fit, assess_quality(segment))
+    if options.out:
+        about = {name: getattr(options, name) for name in ("name", "note", "with_data")}
+        snapshot = create(segment, fit, recording=recording, **about)
+        print(one_line(f"Saved as {save(snapshot, options.out)}."), file=sys.stderr)
+    return 130 if fit.outcome is Outcome.STOPPED else 0
+
+
+def _settings(options: argparse.Namespace) -> PinnConfig | None:
+    """The PiNN's settings; checked for any method, used by a method that has settings."""
+    given = {
+        "initial": options.initial and _three_numbers(options.initial),
+        "iterations": options.iterations,
+        "lbfgs_iterations": options.lbfgs,
+        "seed": options.seed,
+    }
+    changes = {name: value for name, value in given.items() if value is not None}
+    settings = preset(options.preset or "fast", **changes)
+    if METHODS[options.method].settings:
+        return settings
+    idle = [f"--{name}" for name in _SETTINGS if getattr(options, name) is not None]
+    if idle:
+        note = f"Note: {', '.join(idle)} has no effect: only the PiNN has such a setting."
+        print(note, file=sys.stderr)
+    return None
+
+
+def _three_numbers(text: str) -> Parameters:
+    try:
+        alpha, beta, tau = (float(part) for part in text.split(","))
+    except ValueError:
+        raise ConfigError(
+            f'initial: "{text[:40]}" is not α,β,τ; write three numbers as 1,1,1.'
+        ) from None
+    return Parameters(alpha, beta, tau)
+
+
+@contextmanager
+def interruptible() -> Iterator[Event]:
+    """Ctrl+C or a polite kill sets the event, at which training stops and keeps a checkpoint.
+
+    A second one ends at once.
+    """
+    stopped = Event()
+
+    def note(*_: object) -> None:
+        if stopped.is_set():
+            raise KeyboardInterrupt
+        stopped.set()
+
+    before = {kind: signal.signal(kind, note) for kind in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield stopped
+    finally:
+        for kind, handler in before.items():
+            signal.signal(kind, handler)
+
+
+@contextmanager
+def _progress_bar() -> Iterator[OnProgress]:
+    """On standard error; shows iterations, time left, Ψ and the first follower's parameters."""
+    with ExitStack() as opened:
+        bar: tqdm[Any] | None = None
+
+        def show_progress(now: Progress) -> None:
+            nonlocal bar
+            bar = bar or opened.enter_context(
+                tqdm(total=now.iterations, initial=now.iteration, unit="it", file=sys.stderr,
+                     mininterval=0.2)
+            )  # fmt: skip
+            first = now.parameters[0]
+            values = f"α={first.alpha:.4f} β={first.beta:.4f} τ={first.tau:.3f}"
+            bar.set_postfix_str(f"Ψ={now.total:.3g} {values}", refresh=False)
+            bar.update(now.iteration - bar.n)
+
+        yield show_progress
+
+
+def describe_fit(segment: Segment, fit: Fit, quality: Quality) -> dict[str, Any]:
+    """The result as the command-line contract has it."""
+    return {
+        **fields(fit, "method", "case", "loss", "network_weights", "iterations"),
+        **fields(fit, "seconds", "cached"),
+        "preset": fit.config.get("preset"),
+        "seed": fit.config.get("seed"),
+        "segment": describe_segment(segment),
+        "parameters": describe_parameters(segment, fit.parameters),
+        "unconstrained": describe_parameters(segment, fit.unconstrained),
+        "active_bounds": fit.active_bounds,
+        "mae": describe_errors(surrogate_errors(segment, fit)),
+        "closed_loop_mae": describe_errors(closed_loop_errors(segment, fit)),
+        "incidents": _incidents(segment, fit),
+        "mean_time_gap": quality.mean_time_gap,
+        "outcome": fit.outcome.name.lower(),
+        "outcome_sentence": outcome_message(fit),
+        "notes": _notes(segment, fit, quality),
+    }
+
+
+def fit_text(segment: Segment, fit: Fit, quality: Quality) -> str:
+    """The result as a table and sentences."""
+    errors = surrogate_errors(segment, fit), closed_loop_errors(segment, fit)
+    table = parameter_table(segment.info, fit, quality, *errors)
+    cached = ", answered from the cache" if fit.cached else ""
+    effort = f"{fit.iterations} iterations in {fit.seconds:.1f} s{cached}"
+    said = [f"{outcome_message(fit)} ({effort})", *_incidents(segment, fit)]
+    notes = [f"Note: {note}" for note in _notes(segment, fit, quality)]
+    return "\n".join([table.to_text(), "", *said, *notes])
+
+
+def _incidents(segment: Segment, fit: Fit) -> tuple[str, ...]:
+    return messages(closed_loop_findings(segment, closed_loop(segment, fit)), segment)
+
+
+def _notes(segment: Segment, fit: Fit, quality: Quality) -> tuple[str, ...]:
+    return messages((*segment.findings, *quality.findings, *fit.findings), segment)
+
+
+def add_compare_options(parser: argparse.ArgumentParser) -> None:
+    """Declare the options of `compare`."""
+    add_segment_options(parser)
+    _add_method_help(parser)
+    parser.add_argument(
+        "--methods", default="all", metavar="all | A,B", help="some of those below (all)"
+    )
+    add_run_options(parser)
+
+
+def _add_method_help(parser: argparse.ArgumentParser) -> None:
+    """Explain the methods below the options."""
+    lines = [f"  {key:<16} {method.summary}" for key, method in METHODS.items()]
+    parser.epilog = "\n".join(["methods:", *lines, "", parser.epilog or ""])
+
+
+def run_compare(options: argparse.Namespace) -> int:
+    """Run the methods, and print a row for each, with intervals and errors of both kinds."""
+    methods = parse_methods(options.methods)
+    recording, segment = chosen_segment(options)
+    context = chosen_context(options)
+    found = compare(segment, options.case, methods, recording=recording, context=context)
+    outcomes = list(tqdm(found, total=len(methods), unit="method", file=sys.stderr))
+    results, failures = results_among(outcomes), failures_among(outcomes)
+    if not results:
+        raise failures[0].fault
+    show_result(options, _describe_comparison, _comparison_text, segment, results, failures)
+    return 0
+
+
+def _describe_comparison(
+    segment: Segment, results: tuple[MethodResult, ...], failures: tuple[MethodFailure, ...]
+) -> dict[str, Any]:
+    """The comparison as the command-line contract has it."""
+    return {
+        "segment": describe_segment(segment),
+        "rows": [_describe_result(segment, result) for result in results],
+        "refused": [{"method": one.method, "reason": str(one.fault)} for one in failures],
+        "warnings": _warnings(segment, results[0]),
+        "forms": [
+            {
+                "form": form.form,
+                "vehicle": vehicle,
+                **dict(zip(PARAMETER_NAMES, form.parameters.values[k], strict=True)),
+                "extra": form.extra[k],
+                "explained": form.explained[k],
+                "explained_unseen": form.holdout[k],
+            }
+            for form in model_forms(segment)
+            for k, vehicle in enumerate(segment.vehicles[1:])
+        ],
+    }
+
+
+def _describe_result(segment: Segment, result: MethodResult) -> dict[str, Any]:
+    fit, evaluation = result.fit, result.evaluation
+    return {
+        **fields(fit, "method", "case", "seconds", "cached"),
+        "parameters": describe_parameters(segment, fit.parameters),
+        "intervals": _describe_intervals(segment, result.uncertainty),
+        "level": result.uncertainty.level,
+        "surrogate_mae": describe_errors(evaluation.surrogate),
+        "closed_loop_mae": describe_errors(evaluation.closed_loop),
+        "collisions": evaluation.collision_times(segment.vehicles).tolist(),
+        "incidents": messages(evaluation.all_findings, segment),
+        "holdout_mae": describe_errors(evaluation.holdout),
+        "blocks_mae": [
+            {
+                **fields(block.window, "start", "duration"),
+                "mae": describe_errors(block.errors),
+                "incidents": messages(block.findings, segment),
+            }
+            for block in evaluation.blocks
+        ],
+        "unseen_mae": describe_errors(evaluation.out_of_window),
+        "unseen_seconds": evaluation.out_of_window_seconds,
+        "whiteness": [
+            {key: getattr(evaluation.whiteness, name)[k] for key, name in WHITENESS.items()}
+            for k in range(segment.followers)
+        ],
+        "outcome": fit.outcome.name.lower(),
+        "notes": messages((*fit.findings, *result.uncertainty.findings), segment),
+    }
+
+
+def _describe_intervals(segment: Segment, uncertainty: Uncertainty) -> list[dict[str, Any]]:
+    ends = zip(uncertainty.lower.values.tolist(), uncertainty.upper.values.tolist(), strict=True)
+    gains = {name: getattr(uncertainty, name) for name in ("peak_gain", "linf_gain", "crossover")}
+    return [
+        {
+            "vehicle": vehicle,
+            **{name: list(pair) for name, *pair in zip(PARAMETER_NAMES, *rows, strict=True)},
+            "probability_l2": uncertainty.probability_l2[k],
+            "probability_linf": uncertainty.probability_linf[k],
+            **{name: [one.lower[k], one.upper[k]] for name, one in gains.items()},
+        }
+        for k, (vehicle, rows) in enumerate(zip(segment.vehicles[1:], ends, strict=True))
+    ]
+
+
+def _comparison_text(
+    segment: Segment, results: tuple[MethodResult, ...], failures: tuple[MethodFailure, ...]
+) -> str:
+    info, uncertainty = segment.info, results[0].uncertainty
+    followers = ParameterSet(info.source, info.labels[1:], results[0].fit.parameters)
+    forms, each = model_forms(segment), range(segment.followers)
+    tables = [
+        *(methods_table(info, results, k) for k in each),
+        intervals_table(info, uncertainty),
+        stability_interval_table(followers, uncertainty),
+        *(model_form_table(info, forms, k) for k in each),
+    ]
+    said = [
+        *(f"{one.method} has no result: {one.fault}" for one in failures),
+        *messages(segment.findings, segment),
+        *_warnings(segment, results[0]),
+        *(
+            f"{result.fit.method}: {sentence}"
+            for result in results
+            for sentence in messages(result.evaluation.all_findings, segment)
+        ),
+        *messages(results[0].evaluation.whiteness.findings, segment),
+        *messages(better_forms(segment.vehicles, forms), segment),
+    ]
+    return "\n\n".join([*(table.to_text() for table in tables), "\n".join(said)])
+
+
+def _warnings(segment: Segment, result: MethodResult) -> tuple[str, ...]:
+    """On identifiability; the same for all methods."""
+    found = identifiability_warnings(segment, result.uncertainty, result.fit.case)
+    return messages(found, segment)
+
+
+def add_starts_options(parser: argparse.ArgumentParser) -> None:
+    """Declare the options of `starts`."""
+    add_segment_options(parser)
+    parser.epilog = f"{STARTS_HELP}\n\n{parser.epilog}"
+    parser.add_argument("--preset", choices=["fast", "paper"], default="fast", help="(fast)")
+    parser.add_argument("--iterations", type=int, metavar="N", help="of each training, at most")
+    parser.add_argument("--seeds", type=int, default=1, metavar="N", help="per start (1)")
+    add_run_options(parser)
+
+
+def run_starts(options: argparse.Namespace) -> int:
+    """Train the PiNN from every start of the paper's Table I, and print where each ends."""
+    if not 1 <= options.seeds <= MOST_SEEDS:
+        raise ConfigError(
+            f"seeds: {options.seeds} is not allowed; choose 1 to {MOST_SEEDS}, each of which is"
+            f" {len(STARTS)} trainings."
+        )
+    config = preset(options.preset)
+    if options.iterations is not None:
+        config = replace(config, iterations=options.iterations)
+    _, segment = chosen_segment(options)
+    trials = multistart(
+        segment, options.case, config, seeds=range(options.seeds), context=chosen_context(options)
+    )
+    total = options.seeds * len(STARTS)
+    found = summarise(segment, list(tqdm(trials, total=total, unit="training", file=sys.stderr)))
+    show_result(options, _describe_starts, _starts_text, segment, found)
+    return 0
+
+
+def _describe_starts(segment: Segment, found: MultistartResult) -> dict[str, Any]:
+    return {
+        "segment": describe_segment(segment),
+        "trials": [
+            {
+                "initial": trial.initial.values.tolist(),
+                "seed": trial.seed,
+                "parameters": describe_parameters(segment, trial.fit.parameters),
+                "surrogate_gap_mae": trial.surrogate and trial.surrogate.gap_mae.tolist(),
+                "outcome": trial.fit.outcome.name.lower(),
+                **fields(trial.fit, "iterations", "seconds"),
+            }
+            for trial in found.trials
+        ],
+        "spread_percent": [
+            {"vehicle": vehicle, **dict(zip(PARAMETER_NAMES, row, strict=True))}
+            for vehicle, row in zip(segment.vehicles[1:], found.spread.tolist(), strict=True)
+        ],
+        "notes": messages(found.findings, segment),
+    }
+
+
+def _starts_text(segment: Segment, found: MultistartResult) -> str:
+    tables = [multistart_table(segment.info, found, k) for k in range(segment.followers)]
+    said = messages((*segment.findings, *found.findings), segment)
+    return "\n".join(["\n\n".join(table.to_text() for table in tables), "", *said])

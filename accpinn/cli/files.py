@@ -1,0 +1,150 @@
+"""`info`, `verify` and `report`: what the file of a recording or of a snapshot holds."""
+
+import argparse
+from dataclasses import asdict, replace
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from accpinn.cli.options import add_json_option, add_recording
+from accpinn.cli.output import complain, show, show_result
+from accpinn.recordings.openacc import read
+from accpinn.recordings.recording import Recording
+from accpinn.results.messages import message, messages
+from accpinn.results.messages.snapshot import check_rows, summary
+from accpinn.results.snapshot import SUFFIX, Snapshot, facts_of
+from accpinn.results.snapshot.archive import load
+from accpinn.results.snapshot.saved import writable_path, write_whole
+from accpinn.results.snapshot.verification import Verification, recover, verify
+from accpinn.results.tables.table import Column, Table
+
+
+def add_info_options(parser: argparse.ArgumentParser) -> None:
+    """Declare the options of `info`."""
+    add_recording(parser)
+    add_json_option(parser)
+
+
+def run_info(options: argparse.Namespace) -> int:
+    """Print what a recording holds, and what to know about it."""
+    show_result(options, _describe_recording, _recording_text, read(options.file))
+    return 0
+
+
+def _describe_recording(recording: Recording) -> dict[str, Any]:
+    """The recording as the command-line contract has it."""
+    return {
+        "source": recording.source,
+        "sha256": recording.sha256,
+        **facts_of(recording),
+        "vehicles": [asdict(vehicle) for vehicle in recording.vehicles],
+        "warnings": messages(recording.findings, recording),
+        "findings": msgspec.to_builtins(recording.findings),
+    }
+
+
+def _recording_text(recording: Recording) -> str:
+    vehicles = recording.vehicles
+    modes = [", ".join(f"{name} {n}" for name, n in (v.modes or {}).items()) for v in vehicles]
+    table = Table.of(
+        f"{recording.source}: {recording.campaign or 'campaign unknown'},"
+        f" {recording.date or 'date unknown'}, {recording.duration:g} s in"
+        f" {recording.samples} samples of {recording.sample_time:g} s",
+        [
+            (Column("Vehicle"), [recording.label(vehicle.index) for vehicle in vehicles]),
+            (Column("Present"), ["yes" if vehicle.present else "no" for vehicle in vehicles]),
+            (Column("Missing", "%", 0), [100 * vehicle.missing_share for vehicle in vehicles]),
+            (Column("Driver mode"), [mode or "not recorded" for mode in modes]),
+        ],
+    )
+    notes = [f"Note: {warning}" for warning in messages(recording.findings, recording)]
+    return "\n".join([table.to_text(), "", *notes]).rstrip()
+
+
+def add_verify_options(parser: argparse.ArgumentParser) -> None:
+    """Declare the options of `verify`."""
+    _add_snapshot(parser, "check the errors too, where the data are not in it")
+    parser.add_argument(
+        "--refit",
+        action="store_true",
+        help="run every method again on the data, as long as that took the first time",
+    )
+    add_json_option(parser)
+
+
+def _add_snapshot(parser: argparse.ArgumentParser, use: str) -> None:
+    parser.add_argument("file", metavar="FILE", help="a snapshot (.accpinn.zip)")
+    parser.add_argument("--recording", metavar="CSV", help=use)
+
+
+def run_verify(options: argparse.Namespace) -> int:
+    """Check, and print stored beside recomputed; 1 when something does not match."""
+    snapshot = load(options.file)
+    recording = read(options.recording) if options.recording else None
+    result = verify(snapshot, recording, refit=options.refit)
+    show_result(options, _describe_verification, _verification_text, snapshot, result)
+    return 0 if result.ok else 1
+
+
+def _describe_verification(snapshot: Snapshot, result: Verification) -> dict[str, Any]:
+    """The verification as the command-line contract has it."""
+    return {
+        "id": snapshot.id,
+        "name": snapshot.name,
+        "created": snapshot.created,
+        "ok": result.ok,
+        "sentence": summary(result, snapshot.info),
+        "checks": [row._asdict() for row in check_rows(result, snapshot.info)],
+        "not_checked": [
+            {"what": message(one, snapshot.info), "cure": one.cure} for one in result.unchecked
+        ],
+    }
+
+
+def _verification_text(snapshot: Snapshot, result: Verification) -> str:
+    info = snapshot.info
+    about = [
+        snapshot.name,
+        f"{info.source}, {info.window}, {snapshot.fit.method}",
+        snapshot.created,
+    ]
+    checks = check_rows(result, info)
+    cells = tuple((c.name, "yes" if c.ok else "NO", c.stored, c.recomputed) for c in checks)
+    titles = ("What", "Agrees", "Stored", "Recomputed")
+    table = Table("", tuple(map(Column, titles)), cells)
+    said = [f"{row.name}: {row.sentence}" for row in checks if not row.ok]
+    if not said:
+        options = dict.fromkeys(one.cure for one in result.unchecked if one.cure)
+        more = [f"More is checked with {' and '.join(options)}."] if options else []
+        said = [summary(result, info), *more]
+    return "\n".join([", ".join(filter(None, about)), "", table.to_text(), "", *said])
+
+
+def add_report_options(parser: argparse.ArgumentParser) -> None:
+    """Declare the options of `report`."""
+    _add_snapshot(parser, "draw its data too, where they are not in the snapshot")
+    parser.add_argument("-o", "--out", metavar="HTML", help="where to (beside the snapshot)")
+
+
+def run_report(options: argparse.Namespace) -> int:
+    """Write the page, and say where; 1 when the snapshot does not agree with itself."""
+    from accpinn.results.report import render_report  # plotly's script is read from disk
+
+    place = Path(options.out or options.file.removesuffix(SUFFIX) + ".html")
+    real = writable_path(place, "report")
+    snapshot = load(options.file)
+    recording = read(options.recording) if options.recording else None
+    checked = verify(snapshot, recording)
+    if recording and snapshot.segment is None:
+        snapshot = replace(snapshot, segment=recover(snapshot, recording).segment)
+    page = render_report(snapshot, checked)
+    write_whole(page.encode(), real, "report")
+    show(str(place))
+    if checked.ok:
+        return 0
+    complain(
+        "what the snapshot says does not follow from its contents."
+        f" {summary(checked, snapshot.info)} The report was written, with a warning at its top."
+    )
+    return 1

@@ -1,0 +1,139 @@
+"""`stability` and `simulate`: what vehicles with given parameters do to disturbances."""
+
+import argparse
+from typing import Any
+
+from accpinn.cli.options import PARAMETER_NAMES, add_parameter_options, chosen_parameters, fields
+from accpinn.cli.output import show_result
+from accpinn.errors import ConfigError
+from accpinn.model.cthp import Parameters
+from accpinn.model.published import ParameterSet
+from accpinn.platoon.leader import Sinusoid
+from accpinn.platoon.simulation import PlatoonRun, simulate_platoon
+from accpinn.results.messages import messages
+from accpinn.results.messages.stability import PLACES, TITLES, reason
+from accpinn.results.tables.stability import amplitude_table, answer, stability_table
+from accpinn.stability.report import StabilityReport, VehicleStability, Verdict, stability_report
+
+PLATOON = ("l2_strict", "l2_weak", "linf_strict", "linf_weak")
+MOST_VEHICLES = 100
+
+add_stability_options = add_parameter_options
+
+
+def run_stability(options: argparse.Namespace) -> int:
+    """Assess vehicles one by one and together, and print the verdicts."""
+    parameters = chosen_parameters(options)
+    show_result(options, _describe_report, _report_text, stability_report(parameters), parameters)
+    return 0
+
+
+def _describe_report(report: StabilityReport, _parameters: Parameters) -> dict[str, Any]:
+    """The report as the command-line contract has it."""
+    platoon = report.platoon
+    return {
+        "vehicles": [_describe_vehicle(vehicle) for vehicle in report.vehicles],
+        "platoon": {
+            "head_to_tail_peaks": [vars(peak) for peak in platoon.peaks],
+            "head_to_tail_linf": platoon.linf.gain.tolist(),
+            "head_to_tail_linf_error": platoon.linf.error.tolist(),
+            **{name: _verdict(getattr(platoon, name), report) for name in PLATOON},
+        },
+    }
+
+
+def _describe_vehicle(vehicle: VehicleStability) -> dict[str, Any]:
+    smallest = vehicle.smallest_tau
+    found = {
+        "l2": {"criterion": vehicle.l2.value},
+        "linf_paper": {"criterion": vehicle.linf_paper.value},
+        "linf_exact": {"gain": vehicle.linf_gain},
+    }
+    return {
+        **fields(vehicle.parameters, *PARAMETER_NAMES),
+        **{key: own | _verdict(getattr(vehicle, key), vehicle) for key, own in found.items()},
+        **fields(vehicle, "crossover", "overshoot", "damping_ratio"),
+        "peak": vars(vehicle.peak),
+        "poles": [[pole.real, pole.imag] for pole in vehicle.poles],
+        "smallest_tau": smallest and vars(smallest),
+    }
+
+
+def _verdict(verdict: Verdict, of: VehicleStability | StabilityReport) -> dict[str, Any]:
+    return {**fields(verdict, "stable", "marginal"), "reason": reason(verdict, of)}
+
+
+def _report_text(report: StabilityReport, parameters: Parameters) -> str:
+    labels = tuple(f"Vehicle {k + 1}" for k in range(len(parameters)))
+    table = stability_table(ParameterSet("parameters given", labels, parameters), report)
+    lines = [table.to_text(), ""]
+    for label, vehicle in zip(labels, report.vehicles, strict=True):
+        for verdict in (vehicle.l2, vehicle.linf_paper, vehicle.linf_exact):
+            lines.append(f"{label}, {TITLES[verdict.criterion]}: {reason(verdict, vehicle)}")
+    for name in PLATOON if len(labels) > 1 else ():
+        verdict = getattr(report.platoon, name)
+        title, why = TITLES[verdict.criterion], reason(verdict, report)
+        lines.append(f"Platoon, {title}: {answer(verdict)}. {why}")
+    return "\n".join(lines)
+
+
+def add_simulate_options(parser: argparse.ArgumentParser) -> None:
+    """Declare the options of `simulate`; their defaults are the paper's simulation."""
+    add_parameter_options(parser)
+    parser.add_argument(
+        "--vehicles", type=int, metavar="N", help="followers; one parameter set is repeated (8)"
+    )
+    for name, default, meaning in (
+        ("frequency", 0.25, "of the sinusoid in rad/s"),
+        ("amplitude", 1.0, "of the leader's speed in m/s"),
+        ("speed", 20.0, "of the equilibrium in m/s"),
+        ("settle", 20.0, "steady driving first, in s"),
+        ("duration", 500.0, "of the whole run in s"),
+    ):
+        parser.add_argument(
+            f"--{name}", type=float, default=default, help=f"{meaning} ({default:g})"
+        )
+
+
+def run_simulate(options: argparse.Namespace) -> int:
+    """Simulate a platoon behind a sinusoidal leader, and print amplitudes and gaps."""
+    leader = Sinusoid(
+        options.frequency, options.amplitude, options.speed, options.settle, options.duration
+    )
+    result = simulate_platoon(_platoon(chosen_parameters(options), options.vehicles), leader)
+    show_result(options, _describe_run, _run_text, result)
+    return 0
+
+
+def _platoon(parameters: Parameters, vehicles: int | None) -> Parameters:
+    """One set repeated, or the sets in their order."""
+    if vehicles is not None and not 1 <= vehicles <= MOST_VEHICLES:
+        raise ConfigError(f"vehicles: {vehicles} is not allowed; choose 1 to {MOST_VEHICLES}.")
+    count = len(parameters)
+    if count == 1:
+        return parameters[[0] * (8 if vehicles is None else vehicles)]
+    if vehicles not in (None, count):
+        raise ConfigError(
+            f"vehicles: {count} parameter sets make {count} followers, not {vehicles};"
+            " leave the option out, or give one set."
+        )
+    return parameters
+
+
+def _describe_run(result: PlatoonRun) -> dict[str, Any]:
+    """The run as the command-line contract has it."""
+    waves = result.amplitudes
+    assert waves is not None  # behind a sinusoid there are some
+    return {
+        "amplitude": waves.measured.tolist(),
+        "predicted_amplitude": waves.predicted.tolist(),
+        "settled": waves.settled.tolist(),
+        **fields(result, "minimum_gap", "minimum_gap_time"),
+        "collisions": [fields(collision, "follower", "time") for collision in result.collisions],
+        "warnings": messages(result.findings, PLACES),
+    }
+
+
+def _run_text(result: PlatoonRun) -> str:
+    notes = [f"Note: {warning}" for warning in messages(result.findings, PLACES)]
+    return "\n".join([amplitude_table(result).to_text(), *notes])

@@ -1,0 +1,159 @@
+"""Sentences about how far estimates can be trusted.
+
+Uncertainty, identifiability, model adequacy, multistart, closed-loop simulation and residual.
+"""
+
+from accpinn.channels import PARAMETERS
+from accpinn.evaluation import closed_loop, whiteness
+from accpinn.evaluation.closed_loop import ClosedLoopFinding
+from accpinn.inference import intervals, multistart
+from accpinn.inference.identifiability import WIDE, WeakIdentification
+from accpinn.inference.intervals import Cause, ParameterInterval
+from accpinn.inference.model_adequacy import DELAY_STEP, LONGEST_DELAY, BetterForm
+from accpinn.results.messages import Labelled, joined, message
+
+QUANTITIES = {one.symbol: one for one in PARAMETERS}
+BIAS = "disturbances to which the vehicle itself responds can bias such estimates"
+CAUSES: dict[Cause, str] = {
+    "disturbances": BIAS,
+    "unfinished": f"more iterations may change it, or {BIAS}",
+    "stopped": "training was stopped before its end",
+    "diverged": "training diverged",
+}
+MORE_MOTION = "choose a window in which the vehicle ahead brakes and accelerates more"
+MORE_TIME = "the vehicle ahead moves enough here, so choose a longer window if there is one"
+
+
+@message.register
+def _(finding: intervals.UncertaintyFinding, about: Labelled) -> str:
+    match finding:
+        case intervals.NotDetermined():
+            return (
+                f"{_who(finding.vehicle, about)}: the window is too short for these data to"
+                " determine any of α, β and τ; choose a longer one."
+            )
+        case intervals.OutsideInterval():
+            estimates = " and ".join(_estimate(one) for one in finding.parameters)
+            lies = "lies" if len(finding.parameters) == 1 else "lie"
+            return (
+                f"{_who(finding.vehicle, about)}: the estimate's {estimates} {lies} outside the"
+                f" interval; {CAUSES[finding.cause]}."
+            )
+
+
+def _who(vehicle: int, about: Labelled) -> str:
+    return about.label(vehicle) if vehicle else "All followers together"
+
+
+def _estimate(one: ParameterInterval) -> str:
+    text = QUANTITIES[one.symbol].text
+    value = "undetermined" if one.estimate is None else text(one.estimate)
+    upper = "no limit" if one.upper is None else text(one.upper)
+    return f"{one.symbol} = {value} (interval {text(one.lower)} to {upper})"
+
+
+@message.register
+def _(finding: WeakIdentification, about: Labelled) -> str:
+    reasons = []
+    if finding.leader_deviation is not None:
+        reasons.append(f"the leader's speed varies by only {finding.leader_deviation:.2f} m/s")
+    if finding.relative_deviation is not None:
+        reasons.append(f"Δv varies by only {finding.relative_deviation:.2f} m/s")
+    if finding.condition is not None:
+        number = f"condition number {finding.condition:.0f}"
+        reasons.append(f"the model's terms are nearly proportional ({number})")
+    who, because = _who(finding.vehicle, about), f", as {joined(reasons)}" if reasons else ""
+    if not finding.wide:
+        return f"{who}: treat the intervals with caution{because}."
+    cure = MORE_MOTION if reasons else MORE_TIME
+    return (
+        f"{who}: the intervals of {joined([_wide(one) for one in finding.wide])} span more than a"
+        f" factor of {WIDE:g}{because}; {cure}."
+    )
+
+
+def _wide(one: ParameterInterval) -> str:
+    text = QUANTITIES[one.symbol].text
+    end = "or more" if one.upper is None else f"to {text(one.upper)}"
+    return f"{one.symbol} ({text(one.lower)} {end})"
+
+
+@message.register
+def _(finding: BetterForm, about: Labelled) -> str:
+    extra = f"a distance of {finding.extra:.1f} m at standstill"
+    if finding.form == "delay":
+        longest = finding.extra > LONGEST_DELAY - DELAY_STEP / 2
+        extra = f"a delay of {finding.extra:.1f} s{', the longest tried,' if longest else ''}"
+    return (
+        f"{about.label(finding.vehicle)}: with {extra} the model explains"
+        f" {100 * finding.holdout:.0f} % of the acceleration in held-out seconds, instead of"
+        f" {100 * finding.cthp_holdout:.0f} %; α, β, τ are then {finding.alpha:.4f},"
+        f" {finding.beta:.4f}, {finding.tau:.3f}."
+    )
+
+
+@message.register
+def _(finding: multistart.TrainingSpread, about: Labelled) -> str:
+    if finding.largest <= multistart.NOTICED:
+        where = "" if finding.every else " in the parameters that all of them determine"
+        end = f"{max(finding.largest, 0.01):.2g} %"
+        return f"All {finding.trainings} trainings end within {end} of each other{where}."
+    why = (
+        f"; {finding.unconverged} of them had not converged when their iterations were over, so"
+        " more iterations may bring them together"
+        if finding.unconverged
+        else ""
+    )
+    return (
+        f"The {finding.trainings} trainings end up to {finding.largest:.0f} % apart{why}. No single"
+        " one of them should be quoted alone."
+    )
+
+
+@message.register
+def _(finding: multistart.SpreadUndetermined, about: Labelled) -> str:
+    who = "all followers" if finding.vehicle == 0 else about.label(finding.vehicle)
+    return (
+        f"{finding.symbol} of {who} is undetermined in {finding.count} of {finding.trainings}"
+        " trainings, so it has no spread."
+    )
+
+
+def closed_loop_event(finding: ClosedLoopFinding) -> str:
+    """What happens in the closed-loop simulation, without the vehicle: the predicate alone."""
+    match finding:
+        case closed_loop.SimulatedCollision():
+            gap = f"{finding.smallest_gap:z.1f}"
+            return (
+                f"collides with the vehicle ahead at {finding.time:.1f} s; its gap falls to {gap} m"
+            )
+        case closed_loop.SimulatedReversing():
+            return f"drives backwards at {finding.time:.1f} s, at up to {finding.speed:.1f} m/s"
+        case closed_loop.SimulatedDivergence():
+            return (
+                f"diverges: its gap leaves ±{closed_loop.DIVERGED:.0f} m at {finding.time:.1f} s,"
+                " so neither it nor the vehicles behind it have closed-loop errors"
+            )
+
+
+@message.register
+def _(finding: ClosedLoopFinding, about: Labelled) -> str:
+    who = about.label(finding.vehicle)
+    return f"In the closed-loop simulation, {who} {closed_loop_event(finding)}."
+
+
+@message.register
+def _(finding: whiteness.WhitenessFinding, about: Labelled) -> str:
+    who = about.label(finding.vehicle)
+    if isinstance(finding, whiteness.ShortResidual):
+        return f"{who}: the window is too short to test whether the model's residual is white."
+    residual = f"{who}: the model's residual ({finding.deviation:.2f} m/s²)"
+    if isinstance(finding, whiteness.CorrelatedResidual):
+        return (
+            f"{residual} is correlated over about {finding.memory:.0f} s, so {finding.samples:,}"
+            f" samples estimate its mean no better than some {finding.independent:.0f} independent"
+            " ones."
+        )
+    if finding.deviation < whiteness.NEGLIGIBLE:
+        return f"{residual} is no larger than noise and rounding make it."
+    return f"{residual} is not correlated beyond a second."

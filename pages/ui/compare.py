@@ -1,0 +1,357 @@
+"""The page Compare: the methods' estimates and errors, and what the data identify."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import streamlit as st
+
+from accpinn.evaluation.closed_loop import closed_loop
+from accpinn.inference.identifiability import INCREASE, identifiability_warnings, profiles
+from accpinn.inference.intervals import Uncertainty
+from accpinn.inference.model_adequacy import better_forms, model_forms
+from accpinn.inference.multistart import summarise
+from accpinn.methods.pinn.config import PRESETS
+from accpinn.methods.registry import METHODS
+from accpinn.model.cthp import Parameters
+from accpinn.results.figures import comparison as figures
+from accpinn.results.figures.training import tracking
+from accpinn.results.messages import messages
+from accpinn.results.messages.methods import agreement, colliding_methods
+from accpinn.results.messages.reliability import closed_loop_event
+from accpinn.results.tables import estimates as tables
+from accpinn.results.tables.estimates import TITLES, name_of
+from accpinn.segment.quality import LARGE_CONDITION, assess_quality
+from accpinn.segment.segment import Segment
+from accpinn.study.comparison import FitRecord, MethodFailure, MethodResult, failures_among
+from accpinn.units import FloatArray
+from pages.ui.components import frame, show
+from pages.ui.components.monitor import monitor, own_task_line, stop_button
+from pages.ui.components.show import escape_markdown
+from pages.ui.components.widgets import pick_follower
+from pages.ui.results import show_intervals, show_saved_rows
+from pages.ui.session.workspace import Workspace
+
+GAP_ERROR = "A constant error of the measured gap shifts τ: 0.1 m in 30 m by 0.3 %."
+MOST = 8
+"""Earlier fits over the chart at once."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Shown:
+    """What the parts of the page are about."""
+
+    workspace: Workspace
+    segment: Segment
+    rows: tuple[MethodResult, ...]
+    """The methods'; none before a comparison."""
+    follower: int
+    """0 for the first."""
+
+    @property
+    def uncertainty(self) -> Uncertainty:
+        """The same from every row."""
+        return self.rows[0].uncertainty
+
+    @property
+    def truth(self) -> Parameters | None:
+        """The follower's true parameters, where they are known."""
+        truth = self.workspace.true_parameters
+        return truth[self.follower] if truth else None
+
+    @property
+    def vehicle(self) -> int:
+        """The follower's number in the file."""
+        return self.segment.vehicles[self.follower + 1]
+
+    @property
+    def colour(self) -> str:
+        """The follower's."""
+        return show.vehicle_colours(self.segment)[self.follower + 1]
+
+
+def show_page() -> None:
+    """Draw the page."""
+    workspace = frame.begin("Compare", "Every method on the same data: do they agree?")
+    segment, task = workspace.segment, workspace.comparison
+    show_saved_rows(workspace)
+    if segment is None:
+        if not workspace.snapshot:
+            frame.empty_state(workspace, "Nothing to compare on")
+        return
+    st.caption(frame.segment_line(segment, workspace.case))
+    _controls(workspace)
+    if task:
+        monitor(workspace, task, lambda running: _show(workspace, segment, running))
+    elif workspace.records and not workspace.snapshot:
+        _show_records(_Shown(workspace, segment, (), pick_follower(segment, "compare_follower")))
+
+
+def _controls(workspace: Workspace) -> None:
+    """Run, or stop what runs."""
+    task, training = workspace.comparison, workspace.training
+    if task and task.is_active:
+        stop_button(task, "Stop", "compare_stop")
+        return
+    if task is None:
+        st.markdown(
+            "Eight ways to estimate α, β and τ, with the errors of each, take some seconds."
+        )
+        if training and training.is_active:
+            first = own_task_line(training, training.time_left)
+            st.caption(f"{first} The methods would run after it.")
+    complete = task is not None and len(task.results) == len(task.names)
+    if not complete and st.button(
+        "Run all methods", type="primary", icon=":material/play_arrow:", key="compare_run"
+    ):
+        workspace.compare()
+        st.rerun()
+
+
+def _show(workspace: Workspace, segment: Segment, running: bool) -> None:
+    """The rows so far; what takes a choice or a while only comes once all have ended."""
+    if workspace.comparison is None:
+        return
+    _show_failures(failures_among(workspace.comparison.results))
+    if not workspace.compared:
+        return
+    if running:
+        show.table(tables.methods_table(segment.info, workspace.compared, 0))
+        return
+    rows = workspace.compared_with_training()
+    _show_verdict(segment, rows)
+    show_intervals(segment.info, rows[0].uncertainty, GAP_ERROR)
+    show.messages(messages(rows[0].uncertainty.findings, segment))
+    shown = _Shown(workspace, segment, rows, pick_follower(segment, "compare_follower"))
+    _show_methods(shown)
+    _show_estimates(shown)
+    _show_tracks(shown)
+    _show_identifiability(shown)
+    _show_adequacy(shown)
+    _show_starts(shown)
+    _show_records(shown)
+
+
+def _show_failures(failures: Sequence[MethodFailure]) -> None:
+    """The methods without a result, those with the same reason together."""
+    reasons: dict[str, list[str]] = {}
+    for failure in failures:
+        reasons.setdefault(str(failure.fault), []).append(TITLES[failure.method])
+    sentences = [
+        f"No result from {', '.join(who) if len(who) < len(METHODS) else 'any method'}: {why}"
+        for why, who in reasons.items()
+    ]
+    show.messages(sentences, "warning")
+
+
+def _show_verdict(segment: Segment, rows: tuple[MethodResult, ...]) -> None:
+    """Whether the methods agree on each set of parameters, and what happens in closed loop."""
+    shared = rows[0].fit.case == "I" and segment.followers > 1
+    names = ("All followers together",) if shared else segment.labels[1:]
+    lines = [
+        f"**{escape_markdown(name)}**: {escape_markdown(agreement(rows, k))}"
+        for k, name in enumerate(names)
+    ]
+    st.markdown("\n".join(f"- {line}" for line in lines) if len(lines) > 1 else lines[0])
+    if colliding := colliding_methods(segment.info, rows):
+        lead = "In closed-loop simulation on this window, these collide with the vehicle ahead:"
+        gap = " " if len(colliding) == 1 else "\n\n"
+        st.warning(f"{lead}{gap}{show.bullets(colliding)}", icon=":material/warning:")
+    events = []
+    for vehicle in segment.vehicles[1:]:
+        lines = []
+        for row in rows:
+            found = [one for one in row.evaluation.all_findings if one.vehicle == vehicle]
+            if said := " · ".join(map(closed_loop_event, found)):
+                lines.append(f"- {name_of(row.fit)}: {escape_markdown(said)}")
+        if lines:
+            events.append("\n".join((f"**{escape_markdown(segment.label(vehicle))}**\n", *lines)))
+    if events:
+        count = sum(len(row.evaluation.all_findings) for row in rows)
+        title = f"All events in closed-loop simulation, inside and outside the window ({count})"
+        with st.expander(title, icon=":material/car_crash:"):
+            st.markdown("\n\n".join(events))
+
+
+def _show_methods(shown: _Shown) -> None:
+    """Each method's estimates and errors."""
+    segment, rows = shown.segment, shown.rows
+    table = tables.methods_table(segment.info, rows, shown.follower)
+    show.table(table)
+    own = not all(row.evaluation.blocks for row in rows)
+    gap = segment.gaps[:, shown.follower]
+    st.caption(
+        "MAE: mean absolute error. Surrogate fit: error of the smooth curve that the method itself"
+        " fits to the motion (a dash where it has none). Closed loop: error of the closed-loop"
+        " simulation (leader's speed given). Held out: closed loop on each third of the window with"
+        " the parameters learned from the other two. Outside the window: closed loop on the rest of"
+        " the recording. Collides at: the first contact with the vehicle ahead; the simulation"
+        " continues, and the errors include what follows. For scale: the measured space-gap"
+        f" deviates by {abs(gap - gap.mean()).mean():.2f} m from its mean."
+        + (" Hold-out is not computed for your own training." * own)
+    )
+    show.downloads(table, f"{Path(segment.source).stem}_methods", "compare")
+
+
+def _show_estimates(shown: _Shown) -> None:
+    """Dots over the intervals, and one method, which the user picks, against the data."""
+    segment, follower, uncertainty = shown.segment, shown.follower, shown.uncertainty
+    earlier = _choose_earlier(shown)
+    st.subheader("Agreement of the methods", anchor=False)
+    by_name = {name_of(row.fit): row for row in shown.rows}
+    chart = st.container()
+    name = st.selectbox(
+        "Method", list(by_name), key="compare_method", width=320, help="Or click on its dot above."
+    )
+    dots = [
+        figures.Estimate(title, row.fit.parameters.values[follower])
+        for title, row in by_name.items()
+    ]
+    figure = figures.estimates(
+        [*dots, *earlier], shown.colour, uncertainty, follower, shown.truth, name
+    )
+
+    def clicked() -> None:
+        picked = show.clicked_data(st.session_state["compare_estimates"]["selection"]["points"])
+        if picked in by_name:
+            st.session_state["compare_method"] = picked
+
+    with chart:
+        show.chart(figure, "compare_estimates", on_select=clicked, selection_mode="points")
+        st.caption(
+            f"Grey: {100 * uncertainty.level:.0f} % interval."
+            + (" Dashed: true value." if shown.truth else "")
+            + (" Rings: earlier fits." if earlier else "")
+        )
+    fit = by_name[name].fit
+    st.subheader(f"{name} against the data", anchor=False)
+    driven = closed_loop(segment, fit)
+    figure = tracking(segment, follower, fit.surrogate, driven, name, with_error=True)
+    show.chart(figure, "compare_curves")
+
+
+def _choose_earlier(shown: _Shown) -> list[figures.Estimate]:
+    """Earlier fits of the session to lay over the chart of estimates."""
+    known: dict[str, FloatArray] = {}
+    for record in reversed(shown.workspace.records):
+        if (values := record.of_vehicle(shown.vehicle)) is not None:
+            known[f"{len(known) + 1}. {tables.fit_record_title(record)}"] = values.values
+    if not known:
+        return []
+    chosen = st.multiselect(
+        "Earlier fits to lay over the chart", list(known), key="compare_earlier",
+        max_selections=MOST, placeholder=f"{len(known)} kept",
+    )  # fmt: skip
+    return [figures.Estimate(name, known[name], earlier=True) for name in chosen if name in known]
+
+
+def _show_tracks(shown: _Shown) -> None:
+    """The parameters over time of the online methods."""
+    tracks = [(name_of(row.fit), row.fit.track) for row in shown.rows if row.fit.track]
+    if not tracks:
+        return
+    st.subheader("Parameters over time, by the online methods", anchor=False)
+    figure = figures.tracks(tracks, shown.follower, shown.truth, shown.segment.start)
+    show.chart(figure, "compare_tracks")
+    st.caption(
+        "Shaded: one standard deviation by the method itself, which is far too small for α and β"
+        " where disturbances last for seconds." + (" Dashed: true value." if shown.truth else "")
+    )
+
+
+def _show_identifiability(shown: _Shown) -> None:
+    """Which parameters the data determine, whichever method is used."""
+    segment, follower, uncertainty = shown.segment, shown.follower, shown.uncertainty
+    case = shown.workspace.case
+    st.subheader("Identifiability", anchor=False)
+    warnings = identifiability_warnings(segment, uncertainty, case)
+    show.messages(messages(warnings, segment), "warning")
+    if not warnings:
+        show.messages(
+            "α, β and τ are identifiable: no interval spans more than a factor of five, provided"
+            " that the model is adequate (see below).",
+            "success",
+        )
+    quality = assess_quality(segment)
+    st.caption(
+        f"Condition number {quality.condition[follower]:.0f} (above {LARGE_CONDITION:.0f} the"
+        " model's terms are nearly proportional). Standard deviations: the leader's speed"
+        f" {quality.leader_deviation:.2f} m/s, Δv {quality.relative_deviation[follower]:.2f} m/s,"
+        f" acceleration {quality.acceleration_deviation[follower]:.2f} m/s²."
+    )
+    found = profiles(segment, case)
+    lower, upper = (ends.values[follower] for ends in (uncertainty.lower, uncertainty.upper))
+    figure = figures.profiles(found[follower % len(found)], shown.colour, lower, upper)
+    show.chart(figure, "compare_profiles")
+    st.caption(
+        "Profile of the loss: the misfit of the accelerations with one parameter held and the"
+        f" others at their best. Dashed: {100 * INCREASE:.0f} % worse, hardly visible in any plot."
+        f" Grey: the {100 * uncertainty.level:.0f} % interval of the table above. It may lie beside"
+        " the curve: the curve takes all samples as independent, while the interval accounts for"
+        " disturbances that last for seconds and bias the estimate."
+    )
+
+
+def _show_adequacy(shown: _Shown) -> None:
+    """Whether a model with one term more explains the data better."""
+    segment = shown.segment
+    st.subheader("Model adequacy", anchor=False)
+    found = model_forms(segment)
+    better = better_forms(segment.vehicles, found)
+    show.messages(messages(better, segment), icon="lightbulb")
+    show.table(tables.model_form_table(segment.info, found, shown.follower))
+    st.caption(
+        "The intervals hold if the model does. Real controllers keep a distance at standstill and"
+        " act with a delay; a model without these terms shifts them into α, β and τ. Unseen: the"
+        " last third of the window, explained by the form learned from the first two. Trust a form"
+        " that explains it clearly better; where none does, the forms show how much α, β and τ"
+        " depend on the assumptions."
+    )
+
+
+def _show_starts(shown: _Shown) -> None:
+    """The paper's Table I for this window."""
+    workspace, segment = shown.workspace, shown.segment
+    task = workspace.starts
+    if task and task.is_active:
+        stop_button(task, "Stop the starts", "compare_stop_starts")
+    else:
+        with st.container(horizontal=True, vertical_alignment="center"):
+            preset = st.segmented_control(
+                "Preset of the starts", list(PRESETS), default="fast", key="compare_preset",
+                required=True, label_visibility="collapsed", format_func=str.capitalize,
+            )  # fmt: skip
+            if st.button("Five starts", icon=":material/casino:", key="compare_starts"):
+                workspace.train_starts(PRESETS[preset or "fast"])
+                st.rerun()
+        st.caption(
+            "Trains the network from five initial values of α, β and τ, as the paper's Table I."
+            " The paper preset takes minutes a start."
+        )
+    if task is None:
+        return
+
+    def draw(_: bool) -> None:
+        found = summarise(segment, task.results)
+        if found.trials:
+            show.table(tables.multistart_table(segment.info, found, shown.follower))
+        show.messages(messages(found.findings, segment))
+
+    monitor(workspace, task, draw)
+
+
+def _show_records(shown: _Shown) -> None:
+    """All earlier fits, and where there are rows the differences from the present ones."""
+    records = shown.workspace.records
+    if not records:
+        return
+    st.subheader("Earlier fits", anchor=False)
+    count = len(records)
+    st.caption(f"Kept from earlier in this session: {count} fit{'s' if count != 1 else ''}.")
+    # Of two fits by one method the first counts: the second is the session's own training.
+    now = {row.fit.method: FitRecord.of(shown.segment, row.fit) for row in reversed(shown.rows)}
+    table = tables.fit_record_table(tuple(reversed(records)), now, shown.vehicle)
+    if table.rows:
+        show.table(table)
+    else:
+        st.caption("None of them has this vehicle as a follower.")

@@ -1,0 +1,182 @@
+"""What a page shows: sentences in boxes, tables with downloads, charts and the key to colours."""
+
+import html
+import re
+import time
+from collections.abc import Callable, Container, Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from typing import Any, Literal, TypeVar
+
+import plotly.graph_objects as go
+import streamlit as st
+
+from accpinn.errors import AccpinnError
+from accpinn.results.figures.style import vehicle_colour, with_legend
+from accpinn.results.tables.table import STYLE, Table
+from accpinn.segment.segment import Segment, SegmentInfo
+from accpinn.units import Seconds
+
+T = TypeVar("T")
+
+FORMATS = ("SVG", "PNG")
+FORMAT = "frame_pictures"
+"""The entry in Streamlit's session state with the format in which charts are saved."""
+LEGEND = "frame_legend"
+"""The entry that holds whether every chart has a legend of its own."""
+FLASH = "snapshots_flash"
+"""The entry with the outcome of a click: kind, sentence, and when."""
+FLASH_FOR: Seconds = 20.0
+PNG_SCALE = 3
+"""Of a PNG against the screen, so that it can be printed."""
+
+_PUNCTUATION = re.compile(r"([!-/:-@\[-`{-~])")
+_ICONS = {"info": "info", "success": "check_circle", "warning": "warning", "error": "error"}
+
+
+def escape_markdown(text: str) -> str:
+    """Text with every mark that markdown could read made literal."""
+    return _PUNCTUATION.sub(r"\\\1", text)
+
+
+def bullets(sentences: Sequence[str]) -> str:
+    """Sentences as a list; a single one needs none."""
+    if len(sentences) == 1:
+        return escape_markdown(sentences[0])
+    return "\n".join(f"- {escape_markdown(sentence)}" for sentence in sentences)
+
+
+def messages(
+    sentences: str | Sequence[str],
+    kind: Literal["info", "success", "warning", "error"] = "info",
+    icon: str = "",
+    after: str = "",
+) -> None:
+    """Sentences in a box; nothing where there is none.
+
+    Args:
+        sentences: as plain text, which is shown literally.
+        kind: of the box.
+        icon: name of a Material icon in place of the kind's own.
+        after: plain text below a list of sentences.
+    """
+    if sentences:
+        said = bullets((sentences,) if isinstance(sentences, str) else sentences)
+        said += f"\n\n{escape_markdown(after)}" if after else ""
+        getattr(st, kind)(said, icon=f":material/{icon or _ICONS[kind]}:")
+
+
+def attempt(work: Callable[[], T]) -> T | None:
+    """The result of some work; None, with the reason shown, where it is refused."""
+    try:
+        return work()
+    except AccpinnError as fault:
+        messages(str(fault), "error")
+        return None
+
+
+def flash(kind: Literal["success", "error"], sentence: str) -> None:
+    """Keep a click's outcome for `flashed`, which shows it for a while."""
+    st.session_state[FLASH] = (kind, sentence, time.monotonic())
+
+
+@contextmanager
+def flashing(about: str = "") -> Iterator[None]:
+    """Flash why something within a click is refused, and end the block; ``about`` names it."""
+    try:
+        yield
+    except AccpinnError as fault:
+        flash("error", f"{about}{fault}")
+
+
+def flashed() -> None:
+    """The outcome of the last click; a second run right after the first must not swallow it."""
+    if FLASH in st.session_state:
+        kind, sentence, since = st.session_state[FLASH]
+        if time.monotonic() - since <= FLASH_FOR:
+            messages(sentence, kind)
+
+
+def format_duration(seconds: Seconds) -> str:
+    """A duration in words: 4 s, 3 min 20 s, 45 min, 1 h 5 min."""
+    whole = max(1, round(seconds))
+    if whole < 60:
+        return f"{whole} s"
+    if whole >= 600:  # a second more or less does not matter then
+        whole = 60 * round(whole / 60)
+    minutes, rest = divmod(whole, 60)
+    if minutes < 60:
+        return f"{minutes} min {rest} s" if rest else f"{minutes} min"
+    hours, minutes = divmod(minutes, 60)
+    return f"{hours} h {minutes} min"
+
+
+def table(table: Table, colours: Sequence[str] = ()) -> None:
+    """Draw it, with a mark of colour before each row if ``colours`` are given."""
+    st.html(STYLE + (table.coloured(colours) if colours else table).to_html())
+
+
+def downloads(table: Table, name: str, key: str) -> None:
+    """Buttons that save the table as CSV and LaTeX; marks in ``name`` become underscores."""
+    stem = re.sub(r"[^\w-]+", "_", name).strip("_")
+    kinds = (("CSV", table.to_csv(), "csv", "text/csv"),
+             ("LaTeX", table.to_latex(), "tex", "application/x-tex"))  # fmt: skip
+    with st.container(horizontal=True):
+        for label, text, ending, mime in kinds:
+            st.download_button(
+                label, text, f"{stem}.{ending}", mime, key=f"{key}_{ending}", on_click="ignore",
+                icon=":material/download:",
+            )  # fmt: skip
+
+
+def chart(figure: go.Figure, key: str, **options: Any) -> Any:
+    """Draw it; on hovering a button saves it as a picture named after ``key``."""
+    if st.session_state.get(LEGEND):
+        figure = with_legend(go.Figure(figure))
+    # The page's own background goes into the picture, whose text has the page's colour.
+    if side := st.context.theme.type:
+        background = st.get_option(f"theme.{side}.backgroundColor")
+        figure = go.Figure(figure).update_layout(paper_bgcolor=background)
+    chosen = str(st.session_state.get(FORMAT) or FORMATS[0]).lower()
+    scale = PNG_SCALE if chosen == "png" else 1
+    config = {
+        "displaylogo": False,
+        "modeBarButtons": [["toImage"]],
+        "toImageButtonOptions": {"format": chosen, "filename": f"accpinn_{key}", "scale": scale},
+    }
+    return st.plotly_chart(figure, key=key, config=config, **options)
+
+
+def key(entries: Iterable[tuple[str, str]], faint: Container[str] = (), dashed: str = "") -> None:
+    """Names beside their colours.
+
+    Args:
+        entries: name and colour.
+        faint: names that are less visible.
+        dashed: what a dashed line means.
+    """
+    spans = [
+        f"<span{' class=faint' if name in faint else ''}>"
+        f'<i style="background:{colour}"></i>{html.escape(name)}</span>'
+        for name, colour in entries
+    ]
+    if dashed:
+        spans.append(f'<span><b aria-hidden="true">- -</b> {html.escape(dashed)}</span>')
+    st.html(f'<div class="vehicle-key">{"".join(spans)}</div>')
+
+
+def vehicle_colours(segment: Segment | SegmentInfo) -> list[str]:
+    """The colour of each vehicle, leader first."""
+    return [vehicle_colour(number, segment.vehicles[0]) for number in segment.vehicles]
+
+
+def vehicle_key(segment: Segment | SegmentInfo, with_truth: bool = False) -> None:
+    """The colour of each vehicle, once for all charts below."""
+    leader, *followers = segment.labels
+    entries = zip((f"{leader} (leader)", *followers), vehicle_colours(segment), strict=True)
+    key(entries, dashed="true value" if with_truth else "")
+
+
+def clicked_data(points: list[dict[str, Any]]) -> Any:
+    """What a chart's point carries that was clicked on; None where there is none."""
+    data = points[0].get("customdata") if points else None
+    return data[0] if isinstance(data, list) else data

@@ -1,0 +1,242 @@
+"""A result on a page: of the session's training, or as a snapshot holds it."""
+
+from collections.abc import Sequence
+from functools import partial
+from pathlib import Path
+
+import streamlit as st
+
+from accpinn.evaluation.closed_loop import (
+    ClosedLoopFinding,
+    TrackingErrors,
+    closed_loop,
+    closed_loop_errors,
+    closed_loop_findings,
+    surrogate_errors,
+)
+from accpinn.inference.intervals import Uncertainty
+from accpinn.methods import least_squares
+from accpinn.methods.fit import Fit, History, Outcome, headway_findings
+from accpinn.model.cthp import Parameters
+from accpinn.results.figures import training as figures
+from accpinn.results.figures.recording import preview
+from accpinn.results.messages import messages
+from accpinn.results.messages.methods import outcome_message
+from accpinn.results.snapshot import Snapshot
+from accpinn.results.tables import estimates as tables
+from accpinn.results.tables.estimates import name_of
+from accpinn.segment.quality import Quality, assess_quality
+from accpinn.segment.segment import SegmentInfo
+from accpinn.tasks.task import Task
+from pages.ui.components import frame, show
+from pages.ui.components.show import escape_markdown
+from pages.ui.components.widgets import pick_follower
+from pages.ui.session.resources import library
+from pages.ui.session.workspace import Workspace
+
+FIRST_DRAWING = 1.0
+"""Seconds of training before the first curves: a short one would be slowed by drawing it."""
+
+
+def show_training(training: Task[Fit], truth: Parameters | None, running: bool) -> None:
+    """Loss terms and parameters over iterations.
+
+    Args:
+        training: whose history is shown as far as it is known.
+        truth: the true parameters, where they are known.
+        running: nothing is drawn of the first moments.
+    """
+    history, request = training.history(), training.request
+    if history is None or request is None:
+        return
+    if not running or history.seconds[-1] > FIRST_DRAWING:
+        _show_history(history, request.segment.info, "train", truth)
+        st.caption(
+            "Training minimises the loss Ψ, the sum of its terms: Ψ_D, the distance of the"
+            " network's curves from the data, and Ψ_F, the residuals of the model's equations."
+        )
+
+
+def _show_history(
+    history: History, info: SegmentInfo, page: str, truth: Parameters | None = None
+) -> None:
+    """Loss terms and parameters over iterations."""
+    show.vehicle_key(info, with_truth=bool(truth))
+    loss, *parameters = st.columns(4)
+    with loss:
+        show.chart(figures.loss_history(history), f"{page}_loss")
+    for which, column in enumerate(parameters):
+        with column:
+            figure = figures.parameter_history(history, which, info, truth)
+            show.chart(figure, f"{page}_parameter_{which}")
+
+
+def show_result(workspace: Workspace) -> None:
+    """Everything about the session's training, once it has a fit."""
+    fit, segment = workspace.fit, workspace.segment
+    if fit is None or segment is None:
+        return
+    driven = closed_loop(segment, fit)
+    errors = surrogate_errors(segment, fit), closed_loop_errors(segment, fit)
+    _show_fit(
+        segment.info, fit, assess_quality(segment), errors, closed_loop_findings(segment, driven),
+        workspace.uncertainty(), "train",
+    )  # fmt: skip
+    solved, truth = least_squares.fit(segment, fit.case).parameters, workspace.true_parameters
+    estimates = {"PiNN": fit.parameters, "Least squares": solved}
+    estimates |= {"Truth": truth} if truth else {}
+    st.subheader("Comparison with least squares", anchor=False)
+    show.table(tables.comparison_table(segment.info, estimates), show.vehicle_colours(segment)[1:])
+    st.subheader("Network against data", anchor=False)
+    follower = pick_follower(segment, "train_follower")
+    show.chart(figures.tracking(segment, follower, fit.surrogate, driven), "train_tracking")
+
+
+def _show_fit(
+    info: SegmentInfo,
+    fit: Fit,
+    quality: Quality,
+    errors: tuple[TrackingErrors | None, TrackingErrors | None],
+    events: Sequence[ClosedLoopFinding],
+    uncertainty: Uncertainty | None,
+    page: str,
+) -> None:
+    """Outcome, parameters, errors (surrogate, simulation), intervals of a fit, and its limits."""
+    took = f"{fit.seconds:.1f} s" if fit.seconds < 60 else show.format_duration(fit.seconds)
+    cost = f"{fit.iterations:,} iterations in {took}, {fit.network_weights:,} network weights."
+    cache = " From the cache: this exact request was trained before." if fit.cached else ""
+    sentence = f"{outcome_message(fit)}  \n{cost}{cache}"
+    if fit.outcome is Outcome.DIVERGED:
+        st.error(sentence, icon=":material/error:")
+    elif fit.outcome is Outcome.STOPPED:
+        st.warning(sentence, icon=":material/pause_circle:")
+    else:
+        st.success(sentence, icon=":material/check_circle:")
+    table = partial(tables.parameter_table, info, fit, quality, *errors)
+    show.table(table(), show.vehicle_colours(info))
+    st.caption(
+        "Surrogate fit: error of the network's own curves, as in the paper's tables. Closed-loop"
+        " simulation: error of the simulation with the learned parameters, with only the leader's"
+        " speed given. MAE: mean absolute error of space-gap p and speed v."
+    )
+    after = "The simulation continues, and the closed-loop errors include what follows."
+    show.messages(messages(events, info), "warning", "car_crash", after)
+    show_intervals(info, uncertainty)
+    findings = (*fit.findings, *headway_findings(info.vehicles, fit.parameters))
+    show.messages(messages((*findings, *(uncertainty.findings if uncertainty else ())), info))
+    show.downloads(table(uncertainty), f"{Path(info.source).stem}_parameters", page)
+
+
+def show_intervals(
+    info: SegmentInfo,
+    uncertainty: Uncertainty | None,
+    more: str = "Pages Compare and Stability show more.",
+) -> None:
+    """Intervals of the parameters and the probability of string stability.
+
+    Args:
+        info: names the vehicles.
+        uncertainty: None shows nothing.
+        more: the end of the caption.
+    """
+    if uncertainty is None:
+        return
+    show.table(tables.intervals_table(info, uncertainty), show.vehicle_colours(info)[1:])
+    st.caption(
+        "Interval: the values consistent with the data, with disturbances that last for seconds,"
+        " as on a road. Probability of string stability: the share of parameter sets consistent"
+        f" with the data (posterior samples) that are string stable. {more}"
+    )
+
+
+def banner(workspace: Workspace) -> None:
+    """Which snapshot a page shows, and what would complete it."""
+    snapshot = workspace.snapshot
+    if snapshot is None:
+        return
+    name = escape_markdown(snapshot.name or snapshot.id)
+    if workspace.training:
+        state = "the training is new, on the same window."
+    elif workspace.recording:
+        state = "its recording is open, so everything is complete."
+    elif workspace.segment:
+        state = "its data came with it."
+    else:
+        state = "it came without its data."
+    st.info(f"From the snapshot **{name}**; {state}", icon=":material/inventory_2:")
+
+    def keep() -> None:
+        with show.flashing():
+            library().add(snapshot)
+
+    if snapshot.id and not library().has(snapshot.id):
+        show.messages(
+            "This snapshot was deleted from the server and lasts only as long as this session;"
+            " keep it again, and its link works again.",
+            "warning",
+            "delete",
+        )
+        st.button("Keep it again", key="snapshots_keep", on_click=keep)
+
+
+def _recording_needed(
+    workspace: Workspace, snapshot: Snapshot, what: str, here: bool = False
+) -> None:
+    """Which recording would complete a page without data, which may be opened ``here``."""
+    if workspace.segment:
+        return
+    info = snapshot.info
+    st.warning(
+        f"{what} the recording, which is not part of the snapshot. It is"
+        f" **{escape_markdown(info.source)}**, SHA-256 `{info.sha256 or 'not known'}`. Open that"
+        f" file {'below' if here else 'on the Data page'}, and the window is restored.",
+        icon=":material/database:",
+    )
+    if not here:
+        frame.link(frame.DATA, "Open the recording on Data", workspace)
+
+
+def show_data(workspace: Workspace, snapshot: Snapshot) -> None:
+    """The window's own curves, if they came along; else which recording has them."""
+    banner(workspace)
+    segment = snapshot.segment
+    if segment is None:
+        _recording_needed(workspace, snapshot, "Speeds and gaps are in", here=True)
+        return
+    st.caption("These curves are the snapshot's; the whole recording is not part of it.")
+    show.vehicle_key(segment)
+    show.chart(preview(segment), "snapshots_data")
+
+
+def show_saved_result(workspace: Workspace, snapshot: Snapshot) -> None:
+    """Outcome, tables, history and curves of a saved result."""
+    fit, info, evaluation = snapshot.fit, snapshot.info, snapshot.evaluation
+    segment = workspace.segment
+    _recording_needed(workspace, snapshot, "To train on, the page needs")
+    errors = (evaluation.surrogate, evaluation.closed_loop) if evaluation else (None, None)
+    events = evaluation.all_findings if evaluation else ()
+    _show_fit(info, fit, snapshot.quality, errors, events, snapshot.uncertainty, "snapshots")
+    if fit.history:
+        _show_history(fit.history, info, "snapshots")
+    if segment is None and fit.surrogate is None:
+        return
+    st.subheader("The method's curve" + (" against data" if segment else ""), anchor=False)
+    follower = pick_follower(info, "snapshots_follower")
+    driven = closed_loop(segment, fit) if segment else None
+    figure = figures.tracking(segment or info, follower, fit.surrogate, driven, name_of(fit))
+    show.chart(figure, "snapshots_tracking")
+
+
+def show_saved_rows(workspace: Workspace) -> None:
+    """The methods compared, as they were saved, on a page that has no newer comparison."""
+    snapshot = workspace.snapshot
+    if snapshot is None or workspace.comparison:
+        return
+    banner(workspace)
+    _recording_needed(workspace, snapshot, "To run the methods, the page needs")
+    info, rows = snapshot.info, snapshot.methods
+    show_intervals(info, snapshot.uncertainty, "")
+    if not rows:
+        st.caption("No comparison of the methods was saved with this snapshot.")
+        return
+    show.table(tables.methods_table(info, rows, pick_follower(info, "snapshots_row_follower")))

@@ -1,0 +1,134 @@
+"""`fit`: its document, its options, its cache and its notes."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from accpinn.cli import main
+from accpinn.cli.estimation import describe_fit, fit_text
+from accpinn.methods import least_squares
+from accpinn.model.cthp import Parameters
+from accpinn.segment.quality import assess_quality
+from tests.support.command import PLATOON, SHORT, STUDY, Capture, document, strict
+from tests.support.driving import driven
+
+KEYS = {
+    "method", "case", "preset", "seed", "segment", "parameters", "mae", "mean_time_gap", "loss",
+    "network_weights", "iterations", "seconds", "cached", "outcome",
+}  # fmt: skip
+
+
+def test_document_of_the_command_line_contract(capsys: Capture) -> None:
+    found = document(capsys, "fit", PLATOON, "--start", 10, *SHORT)
+    assert found.keys() >= KEYS
+    assert (found["method"], found["case"]) == ("pinn", "II")
+    assert (found["preset"], found["seed"]) == ("fast", 0)
+    segment = found["segment"]
+    assert (segment["start"], segment["duration"], segment["samples"]) == (10, 30, 301)
+    assert segment["vehicles"] == [1, 2, 3, 4, 5]
+    rows = found["parameters"]
+    assert [row["vehicle"] for row in rows] == [2, 3, 4, 5]
+    assert rows[3]["name"] == "Tesla(Model3-like)"
+    assert all(row["alpha"] > 0 and row["beta"] > 0 and row["tau"] > 0 for row in rows)
+    counts = [len(found["mae"]["v"]), len(found["mae"]["p"]), len(found["mean_time_gap"])]
+    assert counts == [5, 4, 4]
+    loss = found["loss"]
+    assert loss["total"] == pytest.approx(loss["data"] + loss["physics"])
+    assert found["outcome"] == "converged"
+    assert found["cached"] is False
+
+
+def test_learns_the_truth_of_a_sample(capsys: Capture) -> None:
+    (found,) = document(capsys, "fit", STUDY)["parameters"]
+    values = (found["alpha"], found["beta"], found["tau"])
+    assert values == pytest.approx((0.08, 0.12, 1.5), rel=0.03)
+
+
+def test_the_same_again_comes_from_the_cache_unless_forbidden(capsys: Capture, cache: Path) -> None:
+    assert not document(capsys, "fit", STUDY, *SHORT, "--no-cache")["cached"]
+    assert not cache.exists()
+    first, again = (document(capsys, "fit", STUDY, *SHORT) for _ in range(2))
+    assert (first["cached"], again["cached"]) == (False, True)
+    for key in ("parameters", "loss", "seconds", "iterations", "notes"):
+        assert again[key] == first[key]
+    assert len(list(cache.glob("*.fit.npz"))) == 1
+
+
+@pytest.mark.parametrize("method", ["splines", "least-squares"])
+def test_other_methods_in_case_one(capsys: Capture, method: str) -> None:
+    options = ("--method", method, "--vehicles", "3-5", "--case", "I")
+    found = document(capsys, "fit", PLATOON, *options)
+    assert (found["method"], found["outcome"]) == (method, "solved")
+    assert (found["preset"], found["network_weights"]) == (None, 0)
+    assert (found["mae"] is None) == (method == "least-squares")
+    assert len(found["closed_loop_mae"]["p"]) == 2
+    assert found["segment"]["vehicles"] == [3, 4, 5]
+    first, second = found["parameters"]
+    assert [first["vehicle"], second["vehicle"]] == [4, 5]
+    assert first["alpha"] == second["alpha"]
+
+
+def test_the_paper_preset_with_its_options(capsys: Capture) -> None:
+    found = document(
+        capsys,
+        *("fit", PLATOON, *SHORT, "--preset", "paper", "--iterations", 4, "--lbfgs", 3),
+        *("--initial", "0.1,0.2,1.3", "--seed", 7, "--threads", 1, "--case", "II"),
+    )
+    assert found["network_weights"] == 7989
+    assert (found["iterations"], found["seed"]) == (7, 7)
+    assert found["outcome"] == "finished"
+    assert found["loss"].keys() >= {"test_data", "test_physics"}
+    for row in found["parameters"]:
+        assert (row["alpha"], row["beta"], row["tau"]) != (0.1, 0.2, 1.3)
+        assert row["tau"] == pytest.approx(1.3, abs=0.3)
+
+
+def test_what_is_undetermined_is_null(capsys: Capture, tmp_path: Path) -> None:
+    """Vehicles that never move: no headway, no time gap, no closed loop, and no NaN."""
+    lines = STUDY.read_text().splitlines()
+    still = [f"{0.1 * k:.1f},0.0000,0.0000,5.0000,ACC" for k in range(301)]
+    path = tmp_path / "still.csv"
+    path.write_text("\n".join([*lines[:6], *still]) + "\n")
+    found = document(capsys, "fit", path, *SHORT, "--method", "least-squares")
+    (row,) = found["parameters"]
+    assert (row["alpha"], row["tau"]) == (0, None)
+    assert found["mean_time_gap"] == [None]
+    assert found["closed_loop_mae"] is None
+    assert found["notes"]
+
+
+def test_text_has_the_table_and_progress_goes_to_standard_error(capsys: Capture) -> None:
+    assert main(["fit", str(STUDY), *SHORT]) == 0
+    printed = capsys.readouterr()
+    lines = printed.out.splitlines()
+    assert lines[0] == "PiNN (fast preset), synthetic_paper_study.csv, 0–30 s"
+    assert "α [1/s²]" in lines[2]
+    assert [line[:11] for line in lines[3:5]] == ["1 Synthetic", "2 Synthetic"]
+    assert lines[6].startswith("Converged:")
+    assert "it/s" in printed.err
+    assert "α=" in printed.err
+
+
+def test_a_collision_stands_beside_the_closed_loop_errors() -> None:
+    segment = driven(duration=100.0)
+    found, quality = least_squares.fit(segment), assess_quality(segment)
+    swaying = replace(found, parameters=Parameters.of([[0.05, 0.0, 1.0]]))
+    (event,) = describe_fit(segment, swaying, quality)["incidents"]
+    assert "collides with the vehicle ahead at" in event
+    assert event in fit_text(segment, swaying, quality)
+    assert not describe_fit(segment, found, quality)["incidents"]
+
+
+def test_a_cache_that_cannot_be_used_is_noted_once(capsys: Capture, cache: Path) -> None:
+    cache.write_text("a file, no folder")
+    notes = document(capsys, "fit", STUDY, *SHORT)["notes"]
+    assert ["no folder" in note for note in notes if "cache" in note] == [True]
+
+
+def test_options_without_effect_are_named(capsys: Capture) -> None:
+    options = ["--method", "least-squares", "--seed", "0", "--preset", "fast", "--json"]
+    assert main(["fit", str(STUDY), *options]) == 0
+    printed = capsys.readouterr()
+    assert strict(printed.out)["method"] == "least-squares"
+    assert "--preset, --seed has no effect" in printed.err

@@ -1,0 +1,121 @@
+"""`info`, `verify` and `report`: what they print, where they write, and what they refuse."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from accpinn.cli import main
+from accpinn.model.cthp import Parameters
+from accpinn.results.snapshot.archive import load
+from accpinn.results.snapshot.saved import save
+from accpinn.results.snapshot.verification import REFIT
+from tests.support.command import PLATOON, SHORT, STUDY, Capture, document, refused
+from tests.support.snapshots import small, whole
+
+
+@pytest.fixture
+def file(tmp_path: Path) -> Path:
+    return save(small(), tmp_path / "small.accpinn.zip")
+
+
+def test_writes_beside_the_snapshot_or_where_asked(
+    file: Path, tmp_path: Path, capsys: Capture
+) -> None:
+    assert main(["report", str(file)]) == 0
+    written = file.with_name("small.html")
+    assert capsys.readouterr().out.strip() == str(written)
+    assert load(file).id in written.read_text(encoding="utf-8")
+    assert main(["report", str(file), "-o", str(tmp_path / "r.html")]) == 0
+    assert (tmp_path / "r.html").stat().st_size > 4_000_000
+
+
+def test_a_snapshot_that_does_not_agree_is_written_with_a_warning(
+    tmp_path: Path, capsys: Capture
+) -> None:
+    fit = small().fit
+    forged = replace(fit, parameters=Parameters.of(fit.parameters.values * [1, 2, 1]))
+    file = save(replace(small(), fit=forged), tmp_path / "forged.accpinn.zip")
+    assert main(["verify", str(file)]) == 1
+    assert "stored" in capsys.readouterr().out
+    assert main(["report", str(file)]) == 1
+    printed = capsys.readouterr()
+    assert Path(printed.out.strip()).exists()
+    assert printed.err.startswith("error: what the snapshot says does not follow")
+
+
+def test_a_recording_supplies_the_data(tmp_path: Path) -> None:
+    file = save(replace(whole(), segment=None), tmp_path / "no_data.accpinn.zip")
+    assert main(["report", str(file), "--recording", str(PLATOON)]) == 0
+    text = (tmp_path / "no_data.html").read_text(encoding="utf-8")
+    assert "Measured space-gaps and speeds" in text
+
+
+def test_faults_of_files_are_sentences(file: Path, tmp_path: Path, capsys: Capture) -> None:
+    (tmp_path / "x.accpinn.zip").write_bytes(b"no zip")
+    assert "x.accpinn.zip" in refused(capsys, 1, "report", tmp_path / "x.accpinn.zip")
+    assert not (tmp_path / "x.html").exists()
+    assert "r.html" in refused(capsys, 1, "report", file, "-o", tmp_path / "no" / "r.html")
+
+
+def test_verify_says_yes(file: Path, capsys: Capture) -> None:
+    printed = document(capsys, "verify", file)
+    assert printed["ok"] is True
+    assert REFIT in [one["cure"] for one in printed["not_checked"]]
+    assert main(["verify", str(file)]) == 0
+    assert capsys.readouterr().out.rstrip().endswith("More is checked with --refit.")
+    assert main(["verify", str(file), REFIT]) == 0
+    assert "Method run again" in capsys.readouterr().out
+
+
+def test_fit_keeps_a_snapshot_that_others_read(tmp_path: Path, capsys: Capture) -> None:
+    path = tmp_path / "a.accpinn.zip"
+    options = ("--method", "splines", "--name", "mine", "--note", "a note", "--out", path)
+    fitted = document(capsys, "fit", STUDY, *SHORT, *options)["parameters"][0]
+    judged = document(capsys, "stability", "--snapshot", path)["vehicles"][0]
+    assert judged["alpha"] == fitted["alpha"]
+    run = document(capsys, "simulate", "--snapshot", path, "--duration", 60)
+    assert len(run["minimum_gap"]) == 8
+    assert document(capsys, "verify", path, "--recording", STUDY)["name"] == "mine"
+    assert load(path).facts["samples"] == 3001
+
+
+def test_no_command_replaces_what_it_reads(file: Path, tmp_path: Path, capsys: Capture) -> None:
+    recording = tmp_path / "a.csv"
+    recording.write_bytes(STUDY.read_bytes())
+    before = file.read_bytes()
+    assert "is not overwritten" in refused(capsys, 1, "report", file, "-o", file)
+    assert "is not overwritten" in refused(capsys, 1, "fit", recording, "--out", recording)
+    assert [file.read_bytes(), recording.read_bytes()] == [before, STUDY.read_bytes()]
+
+
+@pytest.mark.parametrize(
+    "options", [("--out", "missing/a"), ("--out", "x" * 300), ("--out", "a", "--name", "x" * 300)]
+)
+def test_what_cannot_be_kept_is_said_before_any_work(
+    capsys: Capture,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    options: tuple[str, ...],
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert "not even read" not in refused(capsys, 1, "fit", "not even read.csv", *options)
+
+
+def test_info_has_the_document_of_the_contract(capsys: Capture) -> None:
+    found = document(capsys, "info", PLATOON)
+    assert found.keys() >= {
+        "campaign", "date", "acc_flag", "distance_setting", "samples", "duration", "sample_time",
+        "vehicles", "warnings",
+    }  # fmt: skip
+    assert (found["samples"], found["duration"], found["sample_time"]) == (4001, 400.0, 0.1)
+    assert [vehicle["index"] for vehicle in found["vehicles"]] == [1, 2, 3, 4, 5]
+    for vehicle in found["vehicles"]:
+        assert vehicle.keys() >= {"index", "name", "present", "missing", "modes"}
+    leader, follower = found["vehicles"][:2]
+    assert leader["modes"] is None
+    assert follower["modes"]["ACC"] == 4001
+    assert main(["info", str(STUDY)]) == 0
+    text = capsys.readouterr().out
+    assert "300 s in 3001 samples of 0.1 s" in text
+    assert "2 Synthetic(ACC)" in text

@@ -1,0 +1,113 @@
+"""Hold-out blocks: nothing measured in them reaches the parameters that they are predicted with."""
+
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from accpinn.evaluation.closed_loop import TrackingErrors
+from accpinn.evaluation.evaluation import (
+    Block,
+    cross_validate,
+    evaluate,
+    part,
+    pooled_holdout_errors,
+    without,
+)
+from accpinn.methods import least_squares, splines
+from accpinn.methods.fit import Fit
+from accpinn.recordings.openacc import read
+from accpinn.recordings.recording import Window
+from accpinn.segment.cut import cut
+from accpinn.segment.segment import Segment
+from tests.support.driving import MIXED, driven
+from tests.support.methods import RIVALS
+
+SAMPLES = Path(__file__).parents[2] / "sample_data"
+
+
+def test_each_block_is_simulated_with_parameters_from_the_others() -> None:
+    """Truth but for the last third: only parameters fitted elsewhere can be right there."""
+    fitted_to: list[Segment] = []
+
+    def estimate(segment: Segment) -> Fit:
+        fitted_to.append(segment)
+        return least_squares.fit(segment)
+
+    segment = cut(read(SAMPLES / "synthetic_paper_study_noise_free.csv"), 0.0, 90.0)
+    blocks = cross_validate(segment, estimate)
+    near = partial(pytest.approx, abs=0.2)
+    assert [block.window.start for block in blocks] == near([0.0, 30.0, 60.0])
+    assert [piece.start for piece in fitted_to] == near([30.0, 0.0, 0.0])
+    assert [piece.window.duration for piece in fitted_to] == near([60.0, 90.0, 60.0])
+    for block in blocks:
+        assert block.errors is not None
+        assert block.errors.gap_mae[0] < 0.02
+        assert block.findings == ()
+    later = replace(segment, gaps=np.where(segment.time[:, None] > 62, 5.0, segment.gaps))
+    spoilt = cross_validate(later, least_squares.fit)[2].errors
+    assert spoilt is not None
+    assert spoilt.gap_mae[0] > 1.0
+
+
+@pytest.mark.parametrize("method", ["least-squares", "savitzky-golay", "splines", "simulation"])
+def test_neither_the_middle_third_nor_its_bridge_leaves_a_trace(method: str) -> None:
+    segment = driven(MIXED[:2], noise=0.05)
+    spoilt = np.where(np.abs(segment.time[:, None] - 30.0) < 9.9, 77.0, segment.gaps)
+    kept = np.ones(segment.gaps.shape, dtype=bool)
+    kept[200:400] = False
+    rest = without(segment, 200, 400)
+    assert rest.info.digest == without(replace(segment, gaps=spoilt), 200, 400).info.digest
+    np.testing.assert_array_equal(rest.gaps[kept], segment.gaps[kept])
+    one, other = (
+        RIVALS[method](each, "II").parameters.values for each in (rest, replace(segment, mask=kept))
+    )
+    np.testing.assert_allclose(one, other, rtol=0.02)
+
+
+def test_the_bridge_is_continuous_and_satisfies_the_gaps_equation() -> None:
+    segment = driven(MIXED)
+    rest = without(segment, 200, 400)
+    relative = rest.speeds[:, :-1] - rest.speeds[:, 1:]
+    trapezoid = (relative[1:] + relative[:-1]) * segment.sample_time / 2
+    np.testing.assert_allclose(np.diff(rest.gaps, axis=0), trapezoid, atol=2e-3)
+    assert np.abs(np.diff(rest.speeds, axis=0)).max() < 0.5
+
+
+def test_too_little_for_a_method_is_no_error() -> None:
+    blocks = cross_validate(driven(duration=12.0), lambda rest: RIVALS["simulation"](rest, "II"))
+    assert blocks[1].errors is None, "no stretch of 5 s is left beside the middle"
+    assert pooled_holdout_errors(blocks) is None
+
+
+def test_blocks_are_pooled_by_duration() -> None:
+    one, three = (TrackingErrors(*(np.full(n, x) for n in (2, 1, 2, 1))) for x in (1.0, 3.0))
+    first = Block(Window(0.0, 10.0), one)
+    both = pooled_holdout_errors((first, Block(Window(20.0, 50.0), three)))
+    assert both is not None
+    assert both.gap_mae[0] == pytest.approx(2.5)
+    assert both.gap_rmse[0] == pytest.approx(((10 + 30 * 9) / 40) ** 0.5)
+    assert pooled_holdout_errors((first, Block(Window(20.0, 50.0), None))) is None
+
+
+def test_parts_keep_their_place_in_the_recording() -> None:
+    segment = cut(read(SAMPLES / "synthetic_paper_study.csv"), 20.0, 60.0)
+    piece = part(segment, 100, 300)
+    assert (piece.start, piece.time[0], piece.samples) == (pytest.approx(30.0), 0.0, 200)
+    np.testing.assert_array_equal(piece.gaps, segment.gaps[100:300])
+
+
+def test_an_evaluation_holds_what_it_is_given_data_for() -> None:
+    recording = read(SAMPLES / "synthetic_paper_study.csv")
+    segment = cut(recording, 0.0, 100.0)
+    fit = splines.fit(segment)
+    bare = evaluate(segment, fit)
+    assert bare.blocks == ()
+    assert bare.holdout is bare.out_of_window is None
+    full = evaluate(segment, fit, splines.fit, recording)
+    assert None not in (full.surrogate, full.holdout, full.out_of_window)
+    assert full.out_of_window_seconds > 100.0
+    assert len(full.blocks) == 3
+    assert full.findings == full.out_of_window_findings == ()

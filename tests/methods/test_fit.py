@@ -1,0 +1,60 @@
+"""The history of a training, thinned as it grows."""
+
+from dataclasses import fields
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from accpinn.methods import fit
+from accpinn.methods.fit import History, Progress, Recorder
+from accpinn.model.cthp import Parameters
+
+
+def recorded(iterations: range, recorder: Recorder | None = None) -> Recorder:
+    """A recorder that has seen these iterations; Ψ and its terms are their numbers and more."""
+    recorder = recorder or Recorder()
+    for k in iterations:
+        parameters = Parameters.of(np.full((2, 3), float(k)))
+        recorder.add(
+            Progress("Adam", k, 1_000_000, 0.5 * k, 6.0 + k, 1.0 + k, 2.0 + k, 3.0, parameters)
+        )
+    return recorder
+
+
+def test_keeps_everything_while_it_is_short() -> None:
+    kept = recorded(range(3)).history()
+    assert kept.iteration.tolist() == [0, 1, 2]
+    assert kept.seconds.tolist() == [0, 0.5, 1]
+    assert kept.total.tolist() == [6, 7, 8]
+    assert kept.data.tolist() == [1, 2, 3]
+    assert kept.physics.tolist() == [2, 3, 4]
+    assert kept.initial.tolist() == [3, 3, 3]
+    assert kept.parameters.values.shape == (3, 2, 3)
+    assert kept.parameters.values[:, 0, 0].tolist() == [0, 1, 2]
+
+
+@given(st.integers(1, 400))
+def test_first_and_last_stay_evenly_spread_and_the_length_is_bounded(count: int) -> None:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(fit, "KEPT", 20)
+        iterations = recorded(range(count)).history().iteration
+    assert (iterations[0], iterations[-1]) == (0, count - 1)
+    assert min(count, 10) <= len(iterations) <= 20
+    steps = np.diff(iterations)
+    assert (steps > 0).all()
+    if count >= 30:  # the latest moment is extra, and one thinning may have kept such a moment
+        assert steps.max() <= 2 * np.median(steps)
+
+
+@given(st.integers(1, 150), st.integers(1, 150))
+def test_goes_on_from_its_state_as_if_never_interrupted(before: int, after: int) -> None:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(fit, "KEPT", 20)
+        straight = recorded(range(before + after)).history()
+        second = Recorder()
+        second.restore(recorded(range(before)).state())
+        resumed = recorded(range(before, before + after), second).history()
+    for name in (field.name for field in fields(History)):
+        assert np.all(getattr(resumed, name) == getattr(straight, name))

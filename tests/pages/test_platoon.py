@@ -1,0 +1,141 @@
+"""The page Platoon without a browser: order, disturbance, captions and panels."""
+
+from contextlib import suppress
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as some
+
+from accpinn.errors import ParameterError
+from accpinn.model.published import CASALE
+from accpinn.results.messages.stability import AFTER_COLLISION
+from pages.ui.platoon import parse_order
+from tests.support.apptest import (
+    PLATOON,
+    boxes,
+    choose,
+    figures,
+    fitted,
+    open_page,
+    plain,
+    press,
+)
+
+
+@pytest.mark.usefixtures("fresh_server")
+class TestPage:
+    def test_drives_before_anything_was_trained(self) -> None:
+        page = open_page(PLATOON)
+        said = plain(page)
+        assert page.number_input(key="platoon_frequency").value == pytest.approx(0.2189)
+        assert "The oscillation grows to 2.44 times the leader's" in said
+        assert "By |H| the last follower reaches 2.44 m/s." in said
+        assert "From 6 to 235 s of 500 s." in said
+        assert "From 443 to 500 s of 500 s." in said
+        assert "All 500 s." not in said
+        assert len(page.get("plotly_chart")) == 4
+        assert page.selectbox(key="platoon_kind").options == ["Sinusoid", "Step", "Brake"]
+        assert "[m/s]" in figures(page)[1]["layout"]["yaxis"]["title"]["text"]
+        choose(page, "platoon_db", True)
+        assert "[dB re leader]" in figures(page)[1]["layout"]["yaxis"]["title"]["text"]
+        said = plain(press(page, "platoon_panels"))
+        assert "(a) Mercedes A-Class at 0.25 rad/s: grows to 4.2" in said
+        assert "(d) Tesla Model 3 at 0.3 rad/s: fades to 0.42" in said
+        assert len(page.get("plotly_chart")) == 4
+        assert "The paper's four panels" not in plain(press(page, "platoon_back"))
+
+    def test_one_vehicle_again_and_again_as_in_the_paper(self) -> None:
+        page = choose(open_page(PLATOON), "platoon_order", "repeated")
+        assert page.number_input(key="platoon_frequency").value == pytest.approx(0.214, abs=1e-4)
+        choose(page, "platoon_vehicle", 2)
+        choose(page, "platoon_frequency", 0.25)
+        gain = 4.233  # |H(0.25j)| of AstaZero's vehicle 3 to the eighth power
+        assert f"grows to {gain:.3g} times" in plain(page)
+        choose(page, "platoon_followers", 3)
+        assert "Follower 3: Mercedes A-Class" in plain(page)
+        assert "Follower 4: Mercedes A-Class" not in plain(page)
+        assert "grows to 1.72 times" in plain(page)
+
+    def test_the_frequency_follows_the_vehicle_until_one_is_given(self) -> None:
+        page = choose(open_page(PLATOON), "platoon_order", "repeated")
+        choose(page, "platoon_vehicle", 3)
+        assert page.number_input(key="platoon_frequency").value == pytest.approx(0.1059, abs=1e-4)
+        choose(page, "platoon_frequency", 0.3)
+        choose(page, "platoon_vehicle", 0)
+        assert page.number_input(key="platoon_frequency").value == 0.3
+        press(page, "platoon_peak")
+        assert page.number_input(key="platoon_frequency").value == pytest.approx(0.214, abs=1e-4)
+        # Other vehicles begin without what was chosen among the former.
+        choose(page, "platoon_vehicle", 3)
+        choose(page, "platoon_example", CASALE.title)
+        assert page.number_input(key="platoon_frequency").value == pytest.approx(0.0879, abs=1e-4)
+        assert "Follower 8: Hyundai" in plain(page)
+
+    def test_an_order_of_ones_own(self) -> None:
+        page = choose(open_page(PLATOON), "platoon_order", "own")
+        assert "Follower 8: Tesla Model 3" in plain(page), "twice in order to begin with"
+        choose(page, "platoon_own", "4, 1-2")
+        for name in ("1: Tesla Model 3", "2: Audi A6", "3: BMW X5"):
+            assert name in plain(page)
+        choose(page, "platoon_own", "5")
+        assert "there is no vehicle 5; give numbers from 1 to 4" in boxes(page, "error")[0]
+        assert not page.get("plotly_chart")
+
+    def test_steps_brakes_and_the_recorded_leader(self) -> None:
+        page = open_page(PLATOON, fitted())
+        choose(page, "platoon_source", "published")
+        for kind, setting, plenty in (("step", "change", -20.0), ("brake", "drop", 20.0)):
+            said = plain(choose(page, "platoon_kind", kind))
+            assert "The largest speed deviation grows to" in said
+            assert "The smallest gap is" in said
+            said = plain(choose(page, f"platoon_{kind}_{setting}", plenty))
+            assert AFTER_COLLISION in said
+            assert "times as much as the leader's, until follower 1 collides at" in said
+            assert "Only up to the collision." in said
+            assert ", until the collision." in said
+            assert not any("collides" in box for box in boxes(page, "warning")), "named once"
+        said = plain(choose(page, "platoon_kind", "recorded"))
+        assert "as recorded" in said
+        assert "largest speed deviation" in said
+
+    def test_settings_are_refused_or_warned_of_and_kept_for_mending(self) -> None:
+        page = choose(open_page(PLATOON), "platoon_sinusoid_duration", -5.0)
+        (error,) = boxes(page, "error")
+        assert "Leader: duration = -5" in error
+        assert page.number_input(key="platoon_sinusoid_duration").value == -5.0
+        choose(page, "platoon_sinusoid_duration", 60.0)
+        assert not page.error
+        assert any("transient" in warning for warning in boxes(page, "warning"))
+        choose(page, "platoon_sinusoid_duration", 30.0)
+        assert any("too short" in warning for warning in boxes(page, "warning"))
+        assert "From 6 to 30 s of 30 s." in plain(page)
+        choose(page, "platoon_frequency", 0.0)
+        assert "frequency" in boxes(page, "error")[0]
+
+
+@pytest.mark.parametrize(
+    ("text", "order"),
+    [("1", [0]), ("1-3", [0, 1, 2]), ("3-1, 2", [2, 1, 0, 1]), ("2 2,2", [1, 1, 1]),
+     (" 1 – 2 ,, 3 ", [0, 1, 2])],
+)  # fmt: skip
+def test_orders_are_numbers_and_ranges(text: str, order: list[int]) -> None:
+    assert parse_order(text, 3) == order
+
+
+@pytest.mark.parametrize(
+    ("text", "fault"),
+    [("", "there are 0"), ("a", "“a” is not a number"), ("0", "no vehicle 0"), ("1-9", "1-9"),
+     ("1,-1", "is not a number"), ("1 " * 21, "there are 21")],
+)  # fmt: skip
+def test_other_orders_are_refused(text: str, fault: str) -> None:
+    with pytest.raises(ParameterError, match="Order of followers: ") as refusal:
+        parse_order(text, 3)
+    assert fault in str(refusal.value)
+
+
+@given(some.text(max_size=30), some.integers(1, 12))
+def test_any_text_is_an_order_or_a_sentence(text: str, count: int) -> None:
+    with suppress(ParameterError):
+        order = parse_order(text, count)
+        assert order
+        assert all(0 <= k < count for k in order)
