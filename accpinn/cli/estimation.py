@@ -34,7 +34,7 @@ from accpinn.evaluation.closed_loop import (
 )
 from accpinn.inference.identifiability import identifiability_warnings
 from accpinn.inference.intervals import Uncertainty
-from accpinn.inference.model_adequacy import better_forms, model_forms
+from accpinn.inference.model_adequacy import model_forms
 from accpinn.inference.multistart import MultistartResult, multistart, summarise
 from accpinn.methods.fit import Fit, OnProgress, Outcome, Progress
 from accpinn.methods.pinn.config import STARTS, PinnConfig, preset
@@ -264,6 +264,7 @@ def _describe_comparison(
     segment: Segment, results: tuple[MethodResult, ...], failures: tuple[MethodFailure, ...]
 ) -> dict[str, Any]:
     """The comparison as the command-line contract has it."""
+    adequacy = model_forms(segment, results[0].fit.case)
     return {
         "segment": describe_segment(segment),
         "rows": [_describe_result(segment, result) for result in results],
@@ -274,11 +275,12 @@ def _describe_comparison(
                 "form": form.form,
                 "vehicle": vehicle,
                 **dict(zip(PARAMETER_NAMES, form.parameters.values[k], strict=True)),
+                "deviation": form.deviation[k],
                 "extra": form.extra[k],
-                "explained": form.explained[k],
-                "explained_unseen": form.holdout[k],
+                "aic": form.aic[k],
+                "holdout": form.holdout[k],
             }
-            for form in model_forms(segment)
+            for form in adequacy.forms
             for k, vehicle in enumerate(segment.vehicles[1:])
         ],
     }
@@ -335,12 +337,12 @@ def _comparison_text(
 ) -> str:
     info, uncertainty = segment.info, results[0].uncertainty
     followers = ParameterSet(info.source, info.labels[1:], results[0].fit.parameters)
-    forms, each = model_forms(segment), range(segment.followers)
+    adequacy, each = model_forms(segment, results[0].fit.case), range(segment.followers)
     tables = [
         *(methods_table(info, results, k) for k in each),
         intervals_table(info, uncertainty),
         stability_interval_table(followers, uncertainty),
-        *(model_form_table(info, forms, k) for k in each),
+        *(model_form_table(info, adequacy.forms, k) for k in each if adequacy.forms),
     ]
     said = [
         *(f"{one.method} has no result: {one.fault}" for one in failures),
@@ -352,7 +354,7 @@ def _comparison_text(
             for sentence in messages(result.evaluation.all_findings, segment)
         ),
         *messages(results[0].evaluation.whiteness.findings, segment),
-        *messages(better_forms(segment.vehicles, forms), segment),
+        *messages(adequacy.findings, segment),
     ]
     return "\n\n".join([*(table.to_text() for table in tables), "\n".join(said)])
 

@@ -7,7 +7,7 @@ The profile of a parameter is the least-squares criterion with that parameter he
 within the rational driving constraints. With one parameter held the model is linear in what is
 left, so every point is the exact minimum of a quadratic. A flat profile is a parameter that these
 equations do not determine. A steep one proves less: S takes instants as independent and the model
-as true, so its minimum may be sharp and yet biased (see `inference.instrumental_variables`).
+as true, so its minimum may be sharp and yet biased (see `methods.state_space`).
 
 Source: Raue et al., Bioinformatics 25 (2009) 1923-1929, for the use of profiles.
 """

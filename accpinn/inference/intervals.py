@@ -20,7 +20,7 @@ from accpinn.channels import PARAMETERS
 from accpinn.errors import ConfigError, Finding, SegmentError
 from accpinn.inference.posterior import sample
 from accpinn.methods.fit import Fit, Outcome
-from accpinn.methods.maximum_likelihood import maxima_of, series_of
+from accpinn.methods.maximum_likelihood import maxima_of, moving, series_of
 from accpinn.model.cthp import Case, Parameters
 from accpinn.segment.segment import Segment
 from accpinn.stability.criteria import exact_margin, l2_margin, step_metrics
@@ -55,7 +55,7 @@ class ParameterInterval(msgspec.Struct, frozen=True):
 
 
 class NotDetermined(Finding, frozen=True):
-    """The window is too short for the likelihood of a follower's parameters."""
+    """The window is too short for a follower's parameters, or nothing moves in it."""
 
     vehicle: int
     """0 for all followers together."""
@@ -89,7 +89,7 @@ class Uncertainty:
     level: float
     """How often such intervals cover the truth, if the model holds."""
     centre: Parameters
-    """(M,) the maximum-likelihood estimate; nan where the window is too short."""
+    """(M,) the maximum-likelihood estimate; nan where `NotDetermined`."""
     lower: Parameters
     """(M,)"""
     upper: Parameters
@@ -97,9 +97,9 @@ class Uncertainty:
     inside: NDArray[np.bool_]
     """(M, 3) whether the fit's own estimate lies within, or no further outside than `SLACK`."""
     draws: Parameters
-    """(n, M) from the posterior, of equal weight; nan where the window is too short."""
+    """(n, M) from the posterior, of equal weight; nan where `NotDetermined`."""
     probability_l2: FloatArray
-    """(M,) of L₂ string stability; nan where the window is too short."""
+    """(M,) of L₂ string stability; nan where `NotDetermined`."""
     probability_linf: FloatArray
     """(M,) of L∞ string stability, by the exact criterion."""
     peak_gain: Interval
@@ -205,7 +205,10 @@ def _sample(segment: Segment, case: Case, count: int) -> tuple[Parameters, Float
     theta = np.stack([one.evenly(count) for one in posteriors], axis=1)
     centre = np.array([one.theta for one in maxima])
     times = segment.followers if case == "I" else 1
-    return Parameters.from_theta(np.tile(centre, (times, 1))), np.tile(theta, (1, times, 1))
+    centre, theta = np.tile(centre, (times, 1)), np.tile(theta, (1, times, 1))
+    still = ~moving(segment, case)
+    centre[still], theta[:, still] = np.nan, np.nan
+    return Parameters.from_theta(centre), theta
 
 
 def _ends(values: FloatArray, level: float) -> tuple[FloatArray, FloatArray]:

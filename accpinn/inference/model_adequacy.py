@@ -1,139 +1,261 @@
-"""Model adequacy: α, β and τ if the model had one term more.
+"""Model adequacy: does the CTHP with its disturbance explain the recording, or one term more?
 
-    CTHP                   dv/dt = α(p - τv) + βΔv
-    standstill distance    dv/dt = α(p - s₀ - τv) + βΔv
-    delay                  dv/dt (t) = [α(p - τv) + βΔv] (t - d)
+Three further forms of the model stand in the same exact likelihood (see `methods.state_space`):
 
-Intervals account for noise and disturbances *if the model holds*. Real controllers keep a distance
-at standstill and act with a delay, and a model that lacks these puts them into α, β and τ. Each
-form is fitted by least squares over steps of a second (see `methods.regression`), d is
-searched over whole samples. A form that explains held-out seconds better is to be preferred.
+    offset    dv/dt = α(p - s₀ - τv) + βΔv + r      s₀ [m]: a standstill distance, or a slope
+    lag       dv/dt = f + r,  df/dt = (α(p - τv) + βΔv - f)/λ      λ [s]: of the actuator
+    delay     dv/dt = α(p - τv) + βΔv, d seconds ago, + r          d [s]
+
+They are compared by Akaike's criterion, AIC = 2k - 2 log L with k unknowns, and by the density that
+each, estimated from the first two thirds of the time, gives to what is measured in the last third.
+A form that neither prefers may still be true: a lag of a second changes α and β by half, and yet
+five minutes of a recording hardly tell it from none. The forms' estimates side by side show how
+much rests on the form.
+
+If a form holds, its standardised innovations ε are white, even and normal. Tested are
+the correlation over 10 s (Ljung and Box, 1978), the variance against the speed (Breusch and Pagan,
+1979), and skewness and kurtosis (Jarque and Bera, 1980); Holm's correction keeps the chance that a
+true model fails any of them below the level.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal
+from functools import lru_cache
 
 import numpy as np
+from scipy.stats import chi2, jarque_bera, norm
 
-from accpinn.errors import Finding
-from accpinn.methods.regression import OneSecondMeans, one_second_means, solve_bounded
-from accpinn.model.cthp import Parameters
+from accpinn.errors import Finding, SegmentError
+from accpinn.methods.kalman import Innovations, innovations
+from accpinn.methods.maximum_likelihood import (
+    Criterion,
+    Maximum,
+    Series,
+    maxima_of,
+    maximise,
+    series_of,
+)
+from accpinn.methods.state_space import FORMS, Form, coordinates
+from accpinn.model.cthp import Case, Parameters
 from accpinn.segment.segment import Segment
-from accpinn.units import FloatArray, Seconds
+from accpinn.units import FloatArray, Mask
 
-Form = Literal["as it is", "standstill distance", "delay"]
-LONGEST_DELAY: Seconds = 3.0
-DELAY_STEP: Seconds = 0.1
-HOLDOUT = 1 / 3
-"""Share of the seconds, the last ones, that a form is tested on after fitting it to the others."""
-FEWEST = 30
-"""Seconds below which no form is fitted."""
-BETTER = 0.02
-"""A form that explains so much more of the held-out seconds is better."""
+LEARNED = 2 / 3
+"""Share of the time from which a form is estimated before it is tried on the rest."""
+BETTER = 4.0
+"""A form is better when its AIC is lower by so much and held-out time is more probable, too."""
+LEVEL = 0.01
+"""Of the test whether the model is adequate."""
+LAGS = 20
+"""Of the correlation, in samples of 0.5 s."""
+SETTLING = 20
+"""Samples at the start of a series that the filter needs to forget that it knew nothing."""
 
 
 class BetterForm(Finding, frozen=True):
-    """Another form of the model explains a follower's held-out seconds better than the CTHP."""
+    """Another form of the model is better supported by a follower's data than the CTHP."""
 
     vehicle: int
+    """0 for all followers together."""
     form: Form
     extra: float
-    """s₀ in m or d in s."""
+    """s₀ in m, λ or d in s."""
+    aic: float
+    """Its AIC minus the CTHP's."""
     holdout: float
-    """Share of the acceleration's variance that it explains there."""
-    cthp_holdout: float
-    """Share that the CTHP explains there."""
+    """ln of how many times as probable held-out time is."""
     alpha: float
     beta: float
     tau: float
 
 
+class Inadequate(Finding, frozen=True):
+    """The innovations of the CTHP are not what they would be if it held."""
+
+    vehicle: int
+    """0 for all followers together."""
+    correlated: bool
+    """Over time."""
+    uneven: bool
+    """Larger at some speeds than at others."""
+    heavy: bool
+    """Skewed, or with heavier tails than a normal distribution's."""
+
+
+AdequacyFinding = BetterForm | Inadequate
+
+
 @dataclass(frozen=True, eq=False)
 class ModelForm:
-    """One form of the model for each of M followers; nan where the window is too short."""
+    """One form of the model for each of M followers."""
 
     form: Form
     parameters: Parameters
     """(M,)"""
+    deviation: FloatArray
+    """(M, 3) standard errors of ln α, ln β, ln τ, from the curvature of the likelihood."""
     extra: FloatArray
-    """(M,) s₀ in m or d in s; 0 for the CTHP."""
-    explained: FloatArray
-    """(M,) share of the acceleration's variance, at most 1."""
+    """(M,) s₀ in m, λ or d in s; 0 for the CTHP."""
+    aic: FloatArray
+    """(M,) minus the CTHP's; below zero is better."""
     holdout: FloatArray
-    """(M,) the same on the last third, by the form fitted to the first two thirds."""
+    """(M,) ln of how many times as probable the last third is as by the CTHP; nan where it has no
+    samples."""
 
 
-def model_forms(segment: Segment) -> tuple[ModelForm, ModelForm, ModelForm]:
-    """The CTHP, with a standstill distance, and with a delay, each follower by itself.
+@dataclass(frozen=True, eq=False)
+class InnovationTests:
+    """p-values of the tests of a form's innovations; (M,) each, not corrected."""
 
-    All are judged on the same seconds, which begin after the longest delay.
-    """
-    first = min(round(LONGEST_DELAY / segment.sample_time), segment.samples // 4)
-    stride = max(1, round(DELAY_STEP / segment.sample_time))
-    delayed = [one_second_means(segment, first, shift) for shift in range(0, first + 1, stride)]
-    steps, followers = delayed[0], range(segment.followers)
-    return (
-        _form("as it is", [_fitted(steps, k) for k in followers]),
-        _form("standstill distance", [_fitted(steps, k, constant=True) for k in followers]),
-        _form("delay", [_delay(delayed, k, stride * segment.sample_time) for k in followers]),
-    )
+    correlated: FloatArray
+    uneven: FloatArray
+    heavy: FloatArray
+
+    @property
+    def fails(self) -> Mask:
+        """(M, 3) which of the three fail at `LEVEL`, by Holm's correction."""
+        values = np.stack([self.correlated, self.uneven, self.heavy], axis=1)
+        order = np.argsort(values, axis=1)
+        ranked = np.take_along_axis(values, order, axis=1)
+        below = np.logical_and.accumulate(ranked * (3, 2, 1) < LEVEL, axis=1)
+        failing = np.zeros_like(below)
+        np.put_along_axis(failing, order, below, axis=1)
+        return np.asarray(failing)
 
 
-def better_forms(vehicles: Sequence[int], forms: Sequence[ModelForm]) -> tuple[BetterForm, ...]:
-    """A finding for each follower of which another form explains held-out seconds better.
+@dataclass(frozen=True, eq=False)
+class Adequacy:
+    """How well the CTHP and its further forms explain a segment."""
+
+    forms: tuple[ModelForm, ...]
+    """The CTHP first."""
+    tests: InnovationTests | None
+    """Of the CTHP; None where there is no form."""
+    findings: tuple[AdequacyFinding, ...]
+
+
+@lru_cache(maxsize=4)
+def model_forms(segment: Segment, case: Case = "II") -> Adequacy:
+    """Every form of the model in the likelihood of a segment.
 
     Args:
-        vehicles: (M+1,) numbers in the file, leader first.
-        forms: the result of `model_forms`.
+        segment: speeds (N, M+1) in m/s and space-gaps (N, M) in m.
+        case: "I", where all followers share the unknowns of each form, or "II".
+
+    Returns:
+        No form where the window is too short for the likelihood.
     """
-    cthp, *others = forms
+    try:
+        series = series_of([segment], case)
+    except SegmentError:
+        return Adequacy((), None, ())
+    of = (0,) * segment.followers if case == "I" else tuple(range(segment.followers))
+    forms: list[ModelForm] = []
+    first = held_out = np.zeros(segment.followers)
+    for form in FORMS:
+        maxima = maxima_of(segment, case, form)
+        aic = np.array([2 * len(coordinates(form)) - 2 * maxima[g].log_likelihood for g in of])
+        density = _held_out_density(series, maxima, form)[list(of)]
+        if form == "cthp":
+            first, held_out = aic, density
+        forms.append(
+            ModelForm(
+                form,
+                Parameters.from_theta(np.array([maxima[g].theta for g in of])),
+                np.array([_deviations(maxima[g]) for g in of]),
+                np.array([_extra(maxima[g]) for g in of]),
+                aic - first,
+                density - held_out,
+            )
+        )
+    tests = _tests(series, maxima_of(segment, case))
+    vehicles = (0,) if case == "I" else segment.vehicles[1:]
+    kept = InnovationTests(*(values[list(of)] for values in tests))
+    found: list[AdequacyFinding] = [*_better(vehicles, forms), *_inadequate(vehicles, kept)]
+    return Adequacy(tuple(forms), kept, tuple(found))
+
+
+def _extra(maximum: Maximum) -> float:
+    if maximum.form == "cthp":
+        return 0.0
+    value = float(maximum.values[-1])
+    return -value / float(maximum.values[0]) if maximum.form == "offset" else value
+
+
+def _deviations(maximum: Maximum) -> FloatArray:
+    """(3,) of ln α, ln β, ln τ; infinite where a bound holds one of them."""
+    free = np.diag(maximum.curvature) > 0
+    if not free[:3].all():
+        return np.full(3, np.inf)
+    covariance = np.linalg.pinv(maximum.curvature[np.ix_(free, free)], hermitian=True)[:3, :3]
+    logs = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [-1.0, 1.0, 0.0]])
+    return np.asarray(np.sqrt(np.maximum(np.diag(logs @ covariance @ logs.T), 0.0)))
+
+
+def _held_out_density(series: Series, maxima: Sequence[Maximum], form: Form) -> FloatArray:
+    """(G,) log density of the followers' last third, by parameters from what comes before."""
+    learned = maximise(series.until(LEARNED), form, near=[one.coordinates for one in maxima])
+    density = _innovations(series, learned).log_density[:, :2]
+    late = density[round(LEARNED * len(density)) :].sum(axis=(0, 1))
+    return np.asarray(np.bincount(series.group, late, series.groups), float)
+
+
+def _innovations(series: Series, maxima: Sequence[Maximum]) -> Innovations:
+    """Of each series, by its group's unknowns."""
+    z = np.array([maxima[g].coordinates for g in series.group])
+    return innovations(Criterion(series, maxima[0].form).model(z), series.measured)[1]
+
+
+def _tests(series: Series, maxima: Sequence[Maximum]) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """p-values (G,) of correlation, unevenness and heaviness of the speed's innovations."""
+    found = _innovations(series, maxima)
+    standard = np.where(found.known, found.errors / np.sqrt(found.variances), np.nan)[SETTLING:, 1]
+    speeds = series.measured[SETTLING:, 1]
+    rows = []
+    for group in range(series.groups):
+        members = series.members(group)
+        error, speed = standard[:, members], speeds[:, members]
+        known = np.isfinite(error) & np.isfinite(speed)
+        rows.append(
+            (_correlated(error), _uneven(error[known], speed[known]), jarque_bera(error[known])[1])
+        )
+    correlated, uneven, heavy = np.array(rows).T
+    return correlated, uneven, heavy
+
+
+def _correlated(errors: FloatArray) -> float:
+    """Ljung and Box's p-value of the columns (N, S) together; pairs with a missing one are left."""
+    known = np.isfinite(errors)
+    errors = np.where(known, errors, 0.0)
+    statistic = 0.0
+    power = float((errors**2).sum()) / max(int(known.sum()), 1)
+    for lag in range(1, LAGS + 1):
+        pairs = int((known[lag:] & known[:-lag]).sum())
+        if pairs:
+            correlation = float((errors[lag:] * errors[:-lag]).sum()) / pairs / power
+            statistic += pairs * correlation**2
+    return float(chi2.sf(statistic, LAGS))
+
+
+def _uneven(errors: FloatArray, speeds: FloatArray) -> float:
+    """Koenker's form of Breusch and Pagan's test: squared errors against the speed."""
+    if len(errors) < LAGS or np.ptp(speeds) == 0.0:
+        return 1.0
+    correlation = float(np.corrcoef(errors**2, speeds)[0, 1])
+    return float(2 * norm.sf(abs(correlation) * np.sqrt(len(errors))))
+
+
+def _better(vehicles: Sequence[int], forms: Sequence[ModelForm]) -> list[BetterForm]:
+    """The best form of each follower, where it is better than the CTHP."""
     found = []
-    for k, vehicle in enumerate(vehicles[1:]):
-        best = max(others, key=lambda form: np.nan_to_num(form.holdout[k], nan=-np.inf))
-        if best.holdout[k] > cthp.holdout[k] + BETTER:
-            figures = (best.extra[k], best.holdout[k], cthp.holdout[k], *best.parameters.values[k])
+    for k, vehicle in enumerate(vehicles):
+        best = min(forms, key=lambda form: form.aic[k])
+        if best.aic[k] < -BETTER and best.holdout[k] > 0:
+            figures = (best.extra[k], best.aic[k], best.holdout[k], *best.parameters.values[k])
             found.append(BetterForm(vehicle, best.form, *map(float, figures)))
-    return tuple(found)
+    return found
 
 
-def _fitted(steps: OneSecondMeans, follower: int, constant: bool = False) -> FloatArray:
-    """(6,) α, ατ, β, the extra term, and the shares explained in all and in held-out seconds."""
-    mask = steps.mask[follower]
-    terms, rates = steps.terms[follower][mask], steps.rates[follower][mask]
-    if len(rates) < FEWEST:
-        return np.full(6, np.nan)
-    if constant:  # a fourth column, whose coefficient is -α s₀
-        terms = np.hstack([terms, np.ones((len(terms), 1))])
-    early, late = np.split(np.arange(len(rates)), [round((1 - HOLDOUT) * len(rates))])
-    theta = _least_squares(terms, rates)
-    extra = 0.0
-    if constant:
-        extra = -theta[3] / theta[0] if theta[0] > 0 else np.nan
-    holdout = _explained(terms[late], rates[late], _least_squares(terms[early], rates[early]))
-    return np.array([*theta[:3], extra, _explained(terms, rates, theta), holdout])
-
-
-def _delay(delayed: Sequence[OneSecondMeans], follower: int, step: Seconds) -> FloatArray:
-    """The row of `_fitted` with the delay that explains most."""
-    found = [_fitted(steps, follower) for steps in delayed]
-    best = int(np.argmax([row[4] for row in found]))
-    found[best][3] = best * step
-    return found[best]
-
-
-def _least_squares(terms: FloatArray, rates: FloatArray) -> FloatArray:
-    """θ with α, ατ, β of at least 0; further coefficients are free."""
-    bounded = np.arange(terms.shape[1]) < 3
-    return solve_bounded(terms.T @ terms, terms.T @ rates, bounded).theta
-
-
-def _explained(terms: FloatArray, rates: FloatArray, theta: FloatArray) -> float:
-    """1 - residual variance / variance."""
-    total = float(((rates - rates.mean()) ** 2).sum())
-    return 1.0 - float(((rates - terms @ theta) ** 2).sum()) / total if total else float("nan")
-
-
-def _form(form: Form, rows: list[FloatArray]) -> ModelForm:
-    table = np.array(rows)
-    return ModelForm(form, Parameters.from_theta(table[:, :3]), *table[:, 3:].T)
+def _inadequate(vehicles: Sequence[int], tests: InnovationTests) -> list[Inadequate]:
+    rows = zip(vehicles, tests.fails.tolist(), strict=False)
+    return [Inadequate(vehicle, *row) for vehicle, row in rows if any(row)]

@@ -8,8 +8,8 @@ weighted mean and covariance of the draws before it. What a bound holds at the m
 α, ατ and β excepted.
 
 The prior of α, β and τ is wide: normal in their logarithms, so that 95 % of α lie within a factor
-of ten of 0.08 1/s², of β within as much of 0.2 1/s, and of τ within a factor of three of 1.4 s. It
-matters only where a recording says little, and keeps intervals finite there.
+of fifty of 0.08 1/s², of β within one of twenty of 0.2 1/s, and of τ within one of three of 1.4 s.
+It matters only where a recording says little, and keeps intervals finite there.
 
 Source: Cappé, Douc, Guillin, Marin and Robert, Statistics and Computing 18 (2008) 447-459.
 """
@@ -24,7 +24,7 @@ from accpinn.methods.state_space import Form
 from accpinn.model.cthp import TYPICAL
 from accpinn.units import FloatArray
 
-PRIOR_SPREAD = (1.2, 1.2, 0.6)
+PRIOR_SPREAD = (2.0, 1.5, 0.6)
 """Deviations of ln α, ln β, ln τ."""
 STAGES = (200, 200, 1000)
 """Proposals of each stage; the last one's are kept."""

@@ -29,7 +29,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicHermiteSpline
 
 from accpinn.errors import SegmentError
-from accpinn.methods.fit import Fit, Outcome
+from accpinn.methods.fit import Fit, Outcome, WeaklyDetermined
 from accpinn.methods.kalman import SmoothedStates, innovations, log_likelihood, smooth
 from accpinn.methods.method import direct
 from accpinn.methods.regression import Solution
@@ -42,7 +42,7 @@ from accpinn.methods.state_space import (
 )
 from accpinn.model.cthp import Case, Trajectories
 from accpinn.segment.segment import Segment
-from accpinn.units import FloatArray, Mask, Seconds, frozen, stretches
+from accpinn.units import FloatArray, Mask, MetresPerSecond, Seconds, frozen, stretches
 
 KEY = "maximum-likelihood"
 SPACING: Seconds = 0.5
@@ -57,6 +57,8 @@ LONGEST_STEP = 1.5
 CLOSE = 1e-5
 """The search ends when a full step would gain less than this in log L."""
 LEAST_SAMPLES = 40
+LEAST_MOTION: MetresPerSecond = 0.05
+"""Deviation of a speed below which it may be noise alone, and no parameter is determined."""
 Groups = NDArray[np.int64]
 SHORTEST_STRETCH = 10
 """Samples; what is left between masked instants and is shorter says next to nothing."""
@@ -137,6 +139,13 @@ def measured_of(segment: Segment) -> FloatArray:
     """(N, 3, M): p, v and the speed ahead of each follower at the samples used; nan if missing."""
     pairs = (segment.gaps, segment.speeds[:, 1:], segment.speeds[:, :-1])
     return np.stack(pairs, axis=1)[:: stride_of(segment)]
+
+
+def moving(segment: Segment, case: Case) -> Mask:
+    """(M,) whether a follower or the vehicle ahead changes its speed by more than noise does."""
+    varies = segment.speeds.std(axis=0) > LEAST_MOTION
+    moves = varies[1:] | varies[:-1]
+    return np.full_like(moves, moves.any()) if case == "I" else moves
 
 
 @dataclass(frozen=True, eq=False)
@@ -244,19 +253,23 @@ class Criterion:
 
 
 def maximise(
-    series: Series, form: Form = "cthp", starts: Sequence[float] = STARTS
+    series: Series, form: Form = "cthp", near: Sequence[FloatArray] | None = None
 ) -> tuple[Maximum, ...]:
     """The maximum of each group, the best of several searches.
 
     Args:
         series: G groups.
         form: of the model.
-        starts: ln of the factor on α and ατ that each search starts with.
+        near: (G, P) coordinates that the maximum is known to be near to; else `STARTS` count.
     """
-    criterion = Criterion(series, form)
-    z = np.tile(criterion.start, (len(starts) * series.groups, 1))
-    z[:, :2] += np.repeat(starts, series.groups)[:, None]
-    found = _search(criterion, z, np.tile(np.arange(series.groups), len(starts)))
+    criterion, groups = Criterion(series, form), np.arange(series.groups)
+    if near is None:
+        z = np.tile(criterion.start, (len(STARTS) * series.groups, 1))
+        z[:, :2] += np.repeat(STARTS, series.groups)[:, None]
+        groups = np.tile(groups, len(STARTS))
+    else:
+        z = np.array(near)
+    found = _search(criterion, z, groups)
     best = []
     for group in range(series.groups):
         best.append(max(found[group :: series.groups], key=lambda one: one.criterion))
@@ -342,7 +355,12 @@ def _corrected(curvature: FloatArray, move: FloatArray, fall: FloatArray) -> Flo
 @lru_cache(maxsize=16)
 def maxima_of(segment: Segment, case: Case, form: Form = "cthp") -> tuple[Maximum, ...]:
     """The maximum of each follower, or in Case I of all together; remembered for a few segments."""
-    return maximise(series_of([segment], case), form)
+    series = series_of([segment], case)
+    if form == "cthp":
+        return maximise(series)
+    start = coordinates(form)[-1].centre
+    known = [one.coordinates for one in maxima_of(segment, case)]
+    return maximise(series, form, near=[np.append(z, start) for z in known])
 
 
 def fit(segment: Segment, case: Case = "II") -> Fit:
@@ -374,6 +392,11 @@ def fit(segment: Segment, case: Case = "II") -> Fit:
         surrogate=surrogate,
         loss={"log_likelihood": sum(one.log_likelihood for one in maxima)},
         iterations=max(one.rounds for one in maxima),
+        findings=[
+            WeaklyDetermined(vehicle)
+            for vehicle, moves in zip(segment.vehicles[1:], moving(segment, case), strict=True)
+            if not moves
+        ],
         arrays={
             "disturbance": disturbance,
             "unknowns": np.array([one.values for one in of]),

@@ -9,7 +9,7 @@ import streamlit as st
 from accpinn.evaluation.closed_loop import closed_loop
 from accpinn.inference.identifiability import INCREASE, identifiability_warnings, profiles
 from accpinn.inference.intervals import Uncertainty
-from accpinn.inference.model_adequacy import better_forms, model_forms
+from accpinn.inference.model_adequacy import model_forms
 from accpinn.inference.multistart import summarise
 from accpinn.methods.pinn.config import PRESETS
 from accpinn.methods.registry import METHODS
@@ -296,15 +296,18 @@ def _show_adequacy(shown: _Shown) -> None:
     """Whether a model with one term more explains the data better."""
     segment = shown.segment
     st.subheader("Model adequacy", anchor=False)
-    found = model_forms(segment)
-    better = better_forms(segment.vehicles, found)
-    show.messages(messages(better, segment), icon="lightbulb")
-    show.table(tables.model_form_table(segment.info, found, shown.follower))
+    found = model_forms(segment, shown.workspace.case)
+    show.messages(messages(found.findings, segment), icon="lightbulb")
+    if not found.forms:
+        st.caption("The window is too short for the likelihood of the model's forms.")
+        return
+    show.table(tables.model_form_table(segment.info, found.forms, shown.follower))
     st.caption(
         "The intervals hold if the model does. Real controllers keep a distance at standstill and"
-        " act with a delay; a model without these terms shifts them into α, β and τ. Unseen: the"
-        " last third of the window, explained by the form learned from the first two. Trust a form"
-        " that explains it clearly better; where none does, the forms show how much α, β and τ"
+        " act with a lag and a delay; a model without these terms shifts them into α, β and τ. AIC"
+        " and the log density of held-out time (the last third, by the form learned from the first"
+        " two) are those of the form minus those of the CTHP: a form with a clearly lower AIC and a"
+        " higher density is to be preferred. Where none is, the forms show how much α, β and τ"
         " depend on the assumptions."
     )
 

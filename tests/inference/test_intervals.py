@@ -1,5 +1,6 @@
 """Intervals and probabilities, and the cases in which the data determine little."""
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -8,10 +9,8 @@ import pytest
 from accpinn.errors import ConfigError
 from accpinn.inference.intervals import (
     Cause,
-    NegativeEstimate,
     NotDetermined,
     OutsideInterval,
-    ShortWindow,
     gain_band,
     intervals,
     parameter_intervals,
@@ -22,9 +21,10 @@ from accpinn.methods.fit import Outcome
 from accpinn.model.cthp import Parameters
 from accpinn.results.messages import messages
 from accpinn.segment.segment import Segment
-from accpinn.stability.criteria import l2_criterion
 from bench.disturbed import Disturbance, disturbed
 from tests.support.driving import LAW, driven, standing_still
+
+ENDS = ("lower", "upper")
 
 
 @pytest.fixture(scope="module")
@@ -84,30 +84,19 @@ def test_estimates_outside_are_found_with_a_cause(
 
 
 def test_an_end_is_no_sharper_than_the_draws() -> None:
-    lower, upper = np.array([0.44, 1.0]), np.array([0.4441, np.inf])
-    width = 0.0041
-    just = within(np.array([0.4441 + 0.03 * width, 0.99]), lower - [width, 0.0], upper)
-    assert just.tolist() == [True, False]
-    assert not within(np.array([0.4441 + 0.1 * width]), lower[:1] - width, upper[:1]).any()
-
-
-def test_draws_without_gap_control_are_counted_apart() -> None:
-    weak = disturbed(Parameters.of([[0.002, 0.3, 1.5]]), 3, Disturbance(0.25, 4.0))
-    uncertainty = intervals(weak, least_squares.fit(weak))
-    alpha = uncertainty.draws.alpha[:, 0]
-    assert 0.05 < uncertainty.no_gap_control[0] < 0.95
-    assert uncertainty.no_gap_control[0] == (alpha == 0).mean()
-    assert uncertainty.probability_linf[0] <= uncertainty.probability_l2[0]
-    stable = ((l2_criterion(uncertainty.draws[:, 0]) >= 0) & (alpha > 0)).mean()
-    assert uncertainty.probability_l2[0] == pytest.approx(stable, abs=0.01), "of ten times as many"
+    lower, upper = np.array([0.44]), np.array([0.45])
+    width = upper - lower
+    assert within(upper + 0.03 * width, lower, upper).all()
+    assert not within(upper + 0.1 * width, lower, upper).any()
+    assert not within(np.array([np.nan]), lower, upper).any()
 
 
 def test_the_band_of_the_gain_is_that_of_the_draws(segment: Segment) -> None:
     uncertainty, omega = intervals(segment, least_squares.fit(segment)), np.array([0.01, 0.3, 2.0])
     band = gain_band(uncertainty, 0, omega)
     low = np.abs([_gain(one, 0.3) for one in uncertainty.draws[:, 0]])
-    assert (low < band.lower[1]).mean() == pytest.approx(0.05, abs=0.001)
-    assert (low > band.upper[1]).mean() == pytest.approx(0.05, abs=0.001)
+    assert (low < band.lower[1]).mean() == pytest.approx(0.05, abs=0.0015)
+    assert (low > band.upper[1]).mean() == pytest.approx(0.05, abs=0.0015)
 
 
 def _gain(one: Parameters, omega: float) -> complex:
@@ -115,36 +104,36 @@ def _gain(one: Parameters, omega: float) -> complex:
     return (one.beta * s + one.alpha) / (s * s + (one.theta[1] + one.beta) * s + one.alpha)
 
 
-def test_where_nothing_moves_nothing_is_claimed() -> None:
-    still = standing_still(samples=1201)
-    uncertainty = intervals(still, least_squares.fit(still))
-    for share in (uncertainty.probability_l2, uncertainty.no_gap_control):
-        assert np.isnan(share).all()
-    assert np.isnan(uncertainty.centre.values).all()
-    assert np.isinf(uncertainty.upper.values).all()
-    assert (uncertainty.lower.values == 0).all()
-    assert np.isnan(gain_band(uncertainty, 0, np.array([0.1, 1.0])).upper).all()
-    assert NotDetermined(2) in uncertainty.findings
-    assert "brakes and accelerates" in " ".join(messages(uncertainty.findings, still))
-
-
-def test_an_interval_that_is_zero_alone_is_found() -> None:
-    """Driven by β < 0, which the constraints exclude."""
-    segment = driven(((0.08, -0.05, 1.5),), duration=300.0, noise=0.02)
+@pytest.mark.parametrize(
+    "segment_of", [lambda: standing_still(samples=1201), lambda: driven(duration=15.0)]
+)
+def test_where_nothing_moves_or_time_is_short_nothing_is_claimed(
+    segment_of: Callable[[], Segment],
+) -> None:
+    segment = segment_of()
     uncertainty = intervals(segment, least_squares.fit(segment))
-    assert uncertainty.upper[0].beta == 0.0
-    assert NegativeEstimate(2, "β") in uncertainty.findings
-    assert any("β < 0" in sentence for sentence in messages(uncertainty.findings, segment))
+    for values in (uncertainty.probability_l2, uncertainty.centre.values, uncertainty.lower.values):
+        assert np.isnan(values).all()
+    assert np.isnan(gain_band(uncertainty, 0, np.array([0.1, 1.0])).upper).all()
+    assert uncertainty.findings == (NotDetermined(2),)
+    assert uncertainty.inside.all()
 
 
-def test_a_short_window_is_called_rough() -> None:
-    short = driven(noise=0.05)
-    found = intervals(short, least_squares.fit(short)).findings[0]
-    assert found == ShortWindow(60.0, 15.0)
-    assert "60 s long" in messages([found], short)[0]
+def test_the_truth_lies_inside_and_biased_estimates_lie_outside() -> None:
+    """Twelve recordings: a 90 % interval misses in more than four of them once in two hundred."""
+    recordings = [
+        disturbed(Parameters.of([LAW]), seed, Disturbance(), duration=200.0) for seed in range(12)
+    ]
+    fits = [least_squares.fit(one) for one in recordings]
+    found = [intervals(one, fit) for one, fit in zip(recordings, fits, strict=True)]
+    lower, upper = (np.array([getattr(u, end).values[0] for u in found]) for end in ENDS)
+    covered = ((lower <= LAW) & (upper >= LAW)).sum(axis=0)
+    assert (covered >= 8).all()
+    estimates = np.array([fit.parameters.values[0] for fit in fits])
+    assert (estimates[:, :2] < lower[:, :2]).any()
 
 
-@pytest.mark.parametrize("wrong", [{"level": 0.0}, {"level": 1.0}, {"draws": 3}])
+@pytest.mark.parametrize("wrong", [{"level": 0.0}, {"level": 1.0}, {"draws": 1}])
 def test_nonsense_is_refused(segment: Segment, wrong: dict[str, float]) -> None:
     with pytest.raises(ConfigError, match=next(iter(wrong))):
         intervals(segment, least_squares.fit(segment), **wrong)  # type: ignore[arg-type]

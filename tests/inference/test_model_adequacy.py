@@ -1,93 +1,105 @@
-"""One term more in the model: known departures are found and named."""
+"""Further forms of the model: terms that a recording shows are found, and others are not."""
 
-from dataclasses import replace
-from pathlib import Path
-
-import msgspec
 import numpy as np
 import pytest
 
-from accpinn.inference.model_adequacy import BetterForm, ModelForm, better_forms, model_forms
-from accpinn.methods.regression import one_second_means
+from accpinn.inference.model_adequacy import Adequacy, BetterForm, Inadequate, model_forms
+from accpinn.methods.state_space import FORMS, coordinates, state_space
 from accpinn.model.cthp import Parameters
-from accpinn.recordings.openacc import read
-from accpinn.results.messages import message
-from accpinn.results.tables.estimates import FORMS, model_form_table
-from accpinn.segment.cut import cut
+from accpinn.results.messages import messages
+from accpinn.results.tables.estimates import model_form_table
 from accpinn.segment.segment import Segment
 from bench.disturbed import Disturbance, disturbed
+from tests.support.driving import driven
 
 TRUE = (0.1, 0.3, 1.2)
 
 
-def recorded(duration: float = 300.0, deviation: float = 0.02, **departure: float) -> Segment:
-    disturbance = Disturbance(deviation, 1.0, **departure)
+def recorded(duration: float = 300.0, **departure: float) -> Segment:
+    """Disturbances so small that a term of the model stands out."""
+    disturbance = Disturbance(0.05, 2.0, **departure)
     return disturbed(Parameters.of([TRUE]), 1, disturbance, duration=duration)
 
 
-def by_form(segment: Segment) -> dict[str, ModelForm]:
-    return {found.form: found for found in model_forms(segment)}
+def form_of(found: Adequacy, name: str) -> int:
+    return [form.form for form in found.forms].index(name)
 
 
-def better(segment: Segment) -> tuple[BetterForm, ...]:
-    return better_forms(segment.vehicles, model_forms(segment))
+def test_where_the_cthp_holds_no_form_is_better() -> None:
+    found = model_forms(recorded())
+    assert [form.form for form in found.forms] == list(FORMS)
+    assert not [one for one in found.findings if isinstance(one, BetterForm)]
+    np.testing.assert_allclose(found.forms[0].parameters.values[0], TRUE, rtol=0.1)
+    assert found.forms[0].aic[0] == found.forms[0].holdout[0] == 0.0
 
 
-def test_where_the_cthp_holds_nothing_is_better() -> None:
-    found = by_form(recorded())
-    np.testing.assert_allclose(found["as it is"].parameters[0].values, TRUE, rtol=0.1)
-    assert abs(found["standstill distance"].extra[0]) < 0.5
-    assert found["delay"].extra[0] <= 0.2
-    assert better(recorded()) == ()
+@pytest.mark.parametrize(
+    ("departure", "form", "value", "tolerance"),
+    [
+        ({"standstill": 6.0}, "offset", 6.0, 2.0),
+        ({"lag": 1.0}, "lag", 1.0, 0.3),
+    ],
+)
+def test_a_term_that_the_recording_shows_is_found(
+    departure: dict[str, float], form: str, value: float, tolerance: float
+) -> None:
+    segment = recorded(**departure)
+    found = model_forms(segment)
+    (better,) = [one for one in found.findings if isinstance(one, BetterForm)]
+    assert better.vehicle == 2
+    assert better.aic < -4
+    own = found.forms[form_of(found, form)]
+    assert own.aic[0] < -4
+    assert own.extra[0] == pytest.approx(value, abs=tolerance)
+    np.testing.assert_allclose(own.parameters.values[0], TRUE, rtol=0.2)
+    assert str(round(better.extra, 1))[:3] in messages([better], segment)[0]
 
 
-def test_a_standstill_distance_is_found() -> None:
-    segment = recorded(standstill=6.0)
-    found = by_form(segment)["standstill distance"]
-    assert found.extra[0] == pytest.approx(6.0, abs=0.5)
-    assert found.parameters[0].tau == pytest.approx(1.2, abs=0.05)
-    assert by_form(segment)["as it is"].parameters[0].tau > 1.3, "the CTHP puts it into τ"
-    table = model_form_table(segment.info, model_forms(segment), 0)
-    assert [row[0] for row in table.rows] == list(FORMS.values())
-    assert table.rows[1][4] == found.extra[0]
-    assert table.rows[0][4:6] == (None, None)
+def test_a_delay_delays_what_the_controller_asks_for() -> None:
+    """From space-gap to acceleration, the form's response is α exp(-jωd) up to ω = 1.5/d."""
+    values = np.array([[one.start for one in coordinates("delay")]])
+    values[0, -1] = delay = 0.8
+    rates = state_space("delay", values, 0.5).rates[..., 0]
+    own = [6, 7]
+    for omega in np.linspace(0.05, 1.5 / delay, 20):
+        inner = np.linalg.solve(1j * omega * np.eye(2) - rates[np.ix_(own, own)], rates[own, 0])
+        found = rates[1, 0] + rates[1, own] @ inner
+        assert found == pytest.approx(values[0, 0] * np.exp(-1j * omega * delay), rel=0.01)
 
 
-def test_a_slow_actuator_shows_as_a_delay() -> None:
-    segment = recorded(deviation=0.1, lag=1.0)
-    found = by_form(segment)
-    assert 0.5 <= found["delay"].extra[0] <= 1.5
-    assert found["as it is"].parameters[0].beta < 0.2, "the CTHP loses half of β"
-    assert found["delay"].parameters[0].beta == pytest.approx(0.3, rel=0.2)
-    (finding,) = better(segment)
-    assert (finding.vehicle, finding.form, finding.extra) == (2, "delay", found["delay"].extra[0])
-    sentence = message(finding, segment)
-    assert sentence.startswith(f"{segment.labels[1]}: with a delay of {finding.extra:.1f} s")
-    longest = message(msgspec.structs.replace(finding, extra=3.0), segment)
-    assert "the longest tried" in longest
+def test_innovations_that_are_not_those_of_the_model_are_told() -> None:
+    """Measured space-gaps in steps of a metre."""
+    segment = disturbed(Parameters.of([TRUE]), 1, Disturbance(), duration=150.0)
+    assert not [one for one in model_forms(segment).findings if isinstance(one, Inadequate)]
+    jumping = Segment(
+        segment.time, segment.speeds + 0.4 * (np.sin(4 * segment.time) > 0.9)[:, None],
+        segment.gaps, segment.vehicles, segment.names, 0.0, "jumping", "",
+    )  # fmt: skip
+    (told,) = [one for one in model_forms(jumping).findings if isinstance(one, Inadequate)]
+    assert told.vehicle == 2
+    assert told.correlated or told.heavy
 
 
-def test_masked_seconds_do_not_count() -> None:
-    segment = recorded()
-    early = segment.time[:, None] < 200.0
-    masked = replace(segment, gaps=segment.gaps + np.where(early, 0.0, 30.0), mask=early)
-    assert not one_second_means(masked).mask[0, -1]
-    found = by_form(masked)["as it is"]
-    np.testing.assert_allclose(found.parameters[0].values, TRUE, rtol=0.1)
+def test_followers_of_case_i_share_the_forms() -> None:
+    segment = disturbed(Parameters.of([TRUE, TRUE]), 2, Disturbance(), duration=120.0)
+    found = model_forms(segment, "I")
+    for form in found.forms:
+        assert form.parameters[0] == form.parameters[1]
+    assert {one.vehicle for one in found.findings} <= {0}
 
 
-def test_a_short_window_gives_nothing() -> None:
-    short = recorded(duration=20.0)
-    for found in model_forms(short):
-        assert np.isnan(found.parameters.values).all()
-    assert better(short) == ()
+def test_a_window_that_is_too_short_has_no_forms() -> None:
+    found = model_forms(driven(duration=15.0))
+    assert (found.forms, found.tests, found.findings) == ((), None, ())
 
 
-def test_the_delay_of_the_real_hyundai_matters(openacc_dir: Path) -> None:
-    """In Casale a delay explains held-out accelerations better."""
-    segment = cut(read(openacc_dir / "Casale" / "part7.csv"), 0, 300)
-    found = by_form(segment)
-    values = found["as it is"].parameters[0].values
-    assert values == pytest.approx([0.0104, 0.071, 1.52], rel=0.02)
-    assert found["delay"].holdout[0] > found["as it is"].holdout[0] + 0.05
-    assert [one.form for one in better(segment)] == ["delay"]
+def test_the_table_has_a_row_a_form_and_each_extra_term_in_its_own_column() -> None:
+    segment = recorded(duration=120.0)
+    found = model_forms(segment)
+    table = model_form_table(segment.info, found.forms, 0)
+    assert len(table.rows) == len(FORMS)
+    names = [column.title for column in table.columns]
+    for row, form in zip(table.rows, found.forms, strict=True):
+        extras = {name: row[names.index(name)] for name in ("s₀", "λ", "d")}
+        given = [value for value in extras.values() if value is not None]
+        assert given == ([] if form.form == "cthp" else [pytest.approx(form.extra[0])])

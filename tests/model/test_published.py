@@ -9,7 +9,8 @@ from tests.stability.references import TABLE
 
 
 def test_published_sets_are_those_of_the_paper() -> None:
-    printed = [reference.vehicle for reference in TABLE if "average" not in reference.name]
+    others = ("average", "Table II,")  # means of a platoon, and one set for all of it
+    printed = [one.vehicle for one in TABLE if not any(words in one.name for words in others)]
     assert [vehicle for group in PUBLISHED for vehicle in group.parameters] == printed
     assert len({group.title for group in PUBLISHED}) == len(PUBLISHED)
 

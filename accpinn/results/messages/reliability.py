@@ -9,7 +9,7 @@ from accpinn.evaluation.closed_loop import ClosedLoopFinding
 from accpinn.inference import intervals, multistart
 from accpinn.inference.identifiability import WIDE, WeakIdentification
 from accpinn.inference.intervals import Cause, ParameterInterval
-from accpinn.inference.model_adequacy import DELAY_STEP, LONGEST_DELAY, BetterForm
+from accpinn.inference.model_adequacy import AdequacyFinding, BetterForm, Inadequate
 from accpinn.results.messages import Labelled, joined, message
 
 QUANTITIES = {one.symbol: one for one in PARAMETERS}
@@ -29,8 +29,8 @@ def _(finding: intervals.UncertaintyFinding, about: Labelled) -> str:
     match finding:
         case intervals.NotDetermined():
             return (
-                f"{_who(finding.vehicle, about)}: the window is too short for these data to"
-                " determine any of α, β and τ; choose a longer one."
+                f"{_who(finding.vehicle, about)}: these data determine none of α, β and τ; choose a"
+                " longer window, or one in which the vehicle ahead brakes and accelerates."
             )
         case intervals.OutsideInterval():
             estimates = " and ".join(_estimate(one) for one in finding.parameters)
@@ -79,17 +79,36 @@ def _wide(one: ParameterInterval) -> str:
 
 
 @message.register
-def _(finding: BetterForm, about: Labelled) -> str:
-    extra = f"a distance of {finding.extra:.1f} m at standstill"
-    if finding.form == "delay":
-        longest = finding.extra > LONGEST_DELAY - DELAY_STEP / 2
-        extra = f"a delay of {finding.extra:.1f} s{', the longest tried,' if longest else ''}"
-    return (
-        f"{about.label(finding.vehicle)}: with {extra} the model explains"
-        f" {100 * finding.holdout:.0f} % of the acceleration in held-out seconds, instead of"
-        f" {100 * finding.cthp_holdout:.0f} %; α, β, τ are then {finding.alpha:.4f},"
-        f" {finding.beta:.4f}, {finding.tau:.3f}."
-    )
+def _(finding: AdequacyFinding, about: Labelled) -> str:
+    match finding:
+        case BetterForm():
+            return (
+                f"{_who(finding.vehicle, about)}: the data support {_extra(finding)} (AIC"
+                f" {finding.aic:+.0f}, log density of held-out time {finding.holdout:+.1f});"
+                f" α, β, τ are then {finding.alpha:.4f}, {finding.beta:.4f}, {finding.tau:.3f}."
+            )
+        case Inadequate():
+            faults = {
+                "correlated over time": finding.correlated,
+                "larger at some speeds than at others": finding.uneven,
+                "more often large than noise is": finding.heavy,
+            }
+            what = joined([name for name, holds in faults.items() if holds])
+            return (
+                f"{_who(finding.vehicle, about)}: what the model does not foresee is {what}, so"
+                " intervals that take the model for true may be too narrow; compare the forms of"
+                " the model, and windows with each other."
+            )
+
+
+def _extra(finding: BetterForm) -> str:
+    match finding.form:
+        case "offset":
+            return f"a distance of {finding.extra:.1f} m at standstill, or a slope,"
+        case "lag":
+            return f"an actuator lag of {finding.extra:.2f} s"
+        case _:
+            return f"a delay of {finding.extra:.2f} s"
 
 
 @message.register

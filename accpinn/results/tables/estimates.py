@@ -13,6 +13,7 @@ from accpinn.inference.model_adequacy import ModelForm
 from accpinn.inference.multistart import MultistartResult
 from accpinn.methods.fit import Fit, Outcome
 from accpinn.methods.registry import METHODS
+from accpinn.methods.state_space import Form
 from accpinn.model.cthp import Parameters
 from accpinn.model.published import ParameterSet
 from accpinn.results.tables.table import Cell, Column, Range, Table
@@ -31,6 +32,7 @@ PARAMETER_COLUMNS = tuple(
 )
 GAP = "MAE of the space-gap"
 PROBABILITY = "Probability of string stability"
+AGAINST = "Minus the CTHP's"
 TITLES = {key: method.title for key, method in METHODS.items()}
 """What a method is called wherever people read it."""
 
@@ -175,29 +177,37 @@ def multistart_table(info: SegmentInfo, found: MultistartResult, follower: int) 
     return replace(table, rows=(*table.rows, last))
 
 
-FORMS = {
-    "as it is": "The model as it is",
-    "standstill distance": "With a standstill distance s₀",
+FORMS: dict[Form, str] = {
+    "cthp": "CTHP",
+    "offset": "With a standstill distance s₀",
+    "lag": "With an actuator lag λ",
     "delay": "With a delay d",
 }
 
 
 def model_form_table(info: SegmentInfo, forms: Sequence[ModelForm], follower: int) -> Table:
     """One row a form of the model, for one follower (0 for the first)."""
-    explained = "Acceleration explained"
     return Table.of(
         f"{info.labels[follower + 1]}, {where(info)}",
         [
-            (Column("Least squares of one-second means"), [FORMS[form.form] for form in forms]),
+            (Column("Form of the model"), [FORMS[form.form] for form in forms]),
             *parameter_cells(Parameters.stack(form.parameters[follower] for form in forms)),
-            (Column("s₀", "m", 1), _extra(forms, "standstill distance", follower)),
-            (Column("d", "s", 1), _extra(forms, "delay", follower)),
-            (Column("whole window", "%", 0, explained),
-             _percent([form.explained[follower] for form in forms])),
-            (Column("hold-out", "%", 0, explained),
-             _percent([form.holdout[follower] for form in forms])),
+            *_relative_errors(forms, follower),
+            (Column("s₀", "m", 1), _extra(forms, "offset", follower)),
+            (Column("λ", "s", 2), _extra(forms, "lag", follower)),
+            (Column("d", "s", 2), _extra(forms, "delay", follower)),
+            (Column("AIC", "", 1, AGAINST), [form.aic[follower] for form in forms]),
+            (Column("Held-out log density", "", 1, AGAINST),
+             [form.holdout[follower] for form in forms]),
         ],
     )  # fmt: skip
+
+
+def _relative_errors(forms: Sequence[ModelForm], follower: int) -> Iterator[Filled]:
+    """Standard errors of α, β and τ in percent."""
+    for which, column in enumerate(PARAMETER_COLUMNS):
+        errors = [100 * form.deviation[follower, which] for form in forms]
+        yield Column(column.title, "%", 0, "Standard error"), errors
 
 
 def fit_record_table(
@@ -297,7 +307,7 @@ def _gaps(errors: Sequence[TrackingErrors | None], follower: int) -> list[Cell]:
     return [float(one.gap_mae[follower]) if one else None for one in errors]
 
 
-def _extra(forms: Sequence[ModelForm], name: str, follower: int) -> list[Cell]:
+def _extra(forms: Sequence[ModelForm], name: Form, follower: int) -> list[Cell]:
     return [float(form.extra[follower]) if form.form == name else None for form in forms]
 
 
