@@ -52,6 +52,8 @@ class ParameterInterval(msgspec.Struct, frozen=True):
     upper: float | None
     """None where nothing is known."""
     estimate: float | None = None
+    likeliest: float | None = None
+    """By maximum likelihood, which disturbances do not bias."""
 
 
 class NotDetermined(Finding, frozen=True):
@@ -249,9 +251,11 @@ def parameter_intervals(
         ends[follower].values.tolist() for ends in (uncertainty.lower, uncertainty.upper)
     )
     values = estimates[follower].values.tolist() if estimates else 3 * [float("nan")]
+    likeliest = uncertainty.centre[follower].values.tolist()
+    rows = zip(PARAMETERS, lower, upper, values, likeliest, strict=True)
     return tuple(
-        ParameterInterval(one.symbol, low, _finite(high), _finite(value))
-        for one, low, high, value in zip(PARAMETERS, lower, upper, values, strict=True)
+        ParameterInterval(one.symbol, low, _finite(high), _finite(value), _finite(best))
+        for one, low, high, value, best in rows
     )
 
 

@@ -13,7 +13,7 @@ from accpinn.inference.model_adequacy import AdequacyFinding, BetterForm, Inadeq
 from accpinn.results.messages import Labelled, joined, message
 
 QUANTITIES = {one.symbol: one for one in PARAMETERS}
-BIAS = "disturbances to which the vehicle itself responds can bias such estimates"
+BIAS = "disturbances to which the vehicle itself responds bias what fits the accelerations best"
 CAUSES: dict[Cause, str] = {
     "disturbances": BIAS,
     "unfinished": f"more iterations may change it, or {BIAS}",
@@ -49,7 +49,8 @@ def _estimate(one: ParameterInterval) -> str:
     text = QUANTITIES[one.symbol].text
     value = "undetermined" if one.estimate is None else text(one.estimate)
     upper = "no limit" if one.upper is None else text(one.upper)
-    return f"{one.symbol} = {value} (interval {text(one.lower)} to {upper})"
+    best = "" if one.likeliest is None else f", maximum likelihood {text(one.likeliest)}"
+    return f"{one.symbol} = {value} (interval {text(one.lower)} to {upper}{best})"
 
 
 @message.register
