@@ -177,26 +177,18 @@ class OneSecondMeans:
     """Of a step: T, or the sample time if that is longer."""
 
 
-def one_second_means(segment: Segment, first: int = 0, delay: int = 0) -> OneSecondMeans:
-    """The steps of a segment; what is left of a second at its end is dropped.
-
-    Args:
-        segment: the data.
-        first: sample at which the first step begins.
-        delay: samples by which the terms are older than the rates, at most ``first``.
-    """
+def one_second_means(segment: Segment) -> OneSecondMeans:
+    """The steps of a segment; what is left of a second at its end is dropped."""
     samples = max(1, round(STEP / segment.sample_time))
-    count = (segment.samples - 1 - first) // samples
-    last, length = first + count * samples, samples * segment.sample_time
-    speeds = segment.speeds[first : last + 1 : samples, 1:]
-    terms = regressors(segment.speeds, segment.gaps)[:, first - delay : last - delay + 1]
+    count = (segment.samples - 1) // samples
+    last, length = count * samples, samples * segment.sample_time
+    speeds = segment.speeds[: last + 1 : samples, 1:]
+    terms = regressors(segment.speeds, segment.gaps)[:, : last + 1]
     trapezoid = (terms[:, 1:] + terms[:, :-1]) / 2
     mask: Mask = np.ones((segment.followers, count), dtype=bool)
     if segment.mask is not None:
-        kept = segment.mask
-        # A step has both its ends in it, and so have its terms.
-        both = kept[first : last + 1] & kept[first - delay : last - delay + 1]
-        pairs = both[1:] & both[:-1]
+        kept = segment.mask[: last + 1]
+        pairs = kept[1:] & kept[:-1]  # a step has both its ends in it
         mask = np.asarray(pairs.reshape(count, samples, -1).all(axis=1).T)
     return OneSecondMeans(
         rates=np.diff(speeds, axis=0).T / length,

@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 from playwright.sync_api import Browser, Locator, Page, expect
 
+from accpinn.methods.registry import METHODS
 from tests.browser.conftest import Open
 from tests.browser.running import (
     TRAINING_MS,
@@ -198,22 +199,26 @@ def test_methods_run_stop_survive_a_reload_and_are_held_against_earlier_ones(ope
     page.get_by_role("button", name="Run all methods").click()
     expect(page.get_by_text("Identifiability")).to_be_visible(timeout=TRAINING_MS)
     intervals, methods = page.locator("table.figures").first, page.locator("table.figures").nth(1)
-    expect(methods.locator("tbody tr")).to_have_count(8)
+    expect(methods.locator("tbody tr")).to_have_count(len(METHODS))
     expect(methods).to_contain_text("Dual UKF")
     expect(intervals).to_contain_text("90 % interval")
     expect(intervals.locator("tbody tr")).to_have_count(4)
     idle(page)
 
-    chart(page, "compare_estimates").locator(".xy .points path").nth(3).click(force=True)
+    chart(page, "compare_estimates").locator(".xy .points path").nth(
+        list(METHODS).index("splines")
+    ).click(force=True)
     expect(page.get_by_text("Splines against the data")).to_be_visible()
     idle(page)
 
     page.reload()
-    expect(methods.locator("tbody tr")).to_have_count(8)
+    expect(methods.locator("tbody tr")).to_have_count(len(METHODS))
     idle(page)
 
     go(page, "Data")
     page.get_by_text("Case I", exact=True).click()
     idle(page)
     go(page, "Compare")
-    expect(page.get_by_text("Kept from earlier in this session: 8 fits.")).to_be_visible()
+    expect(
+        page.get_by_text(f"Kept from earlier in this session: {len(METHODS)} fits.")
+    ).to_be_visible()

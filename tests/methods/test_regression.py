@@ -3,7 +3,6 @@
 from dataclasses import replace
 
 import numpy as np
-import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
@@ -98,11 +97,9 @@ class TestOneSecondMeans:
         residual = means.rates - means.terms @ Parameters(*LAW).theta
         np.testing.assert_allclose(residual, 0.0, atol=1e-3)
 
-    @pytest.mark.parametrize(("delay", "masked"), [(0, [8]), (8, [8, 9])])
-    def test_a_step_with_a_masked_sample_is_masked(self, delay: int, masked: list[int]) -> None:
+    def test_a_step_with_a_masked_sample_is_masked(self) -> None:
         segment = driven((LAW,))
         mask = np.ones(segment.gaps.shape, dtype=bool)
         mask[103] = False
-        means = one_second_means(replace(segment, mask=mask), 20, delay)
-        # Steps begin at sample 20; terms are older by the delay.
-        assert np.flatnonzero(~means.mask[0]).tolist() == masked
+        means = one_second_means(replace(segment, mask=mask))
+        assert np.flatnonzero(~means.mask[0]).tolist() == [10]
