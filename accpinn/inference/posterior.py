@@ -77,7 +77,7 @@ def sample(
     maxima: Sequence[Maximum],
     form: Form = "cthp",
     seed: int = 0,
-    stages: Sequence[int] = STAGES,
+    stages: Sequence[int] | None = None,
 ) -> tuple[Posterior, ...]:
     """The posterior of each group.
 
@@ -86,9 +86,10 @@ def sample(
         maxima: (G,) where the search for each of them ended.
         form: of the model.
         seed: of the proposals.
-        stages: how many proposals each stage has.
+        stages: how many proposals each stage has; by default `STAGES`.
     """
     criterion, rng = Criterion(series, form), np.random.default_rng(seed)
+    stages = STAGES if stages is None else stages
     proposals = [_Proposal.at(one) for one in maxima]
     best: dict[int, Posterior] = {}
     wanted = list(range(len(maxima)))

@@ -376,8 +376,15 @@ def fit(segment: Segment, case: Case = "II") -> Fit:
     maxima = maxima_of(segment, case)
     of = maxima * segment.followers if case == "I" else maxima
     theta = np.array([one.theta for one in of])
-    active: Mask = np.asarray(theta == 0.0)
-    free = np.array([one.values[:3] for one in of])
+    active: NDArray[np.bool_] = np.asarray(theta == 0.0)
+    free = theta
+    if active.any():  # what the data ask for, were it not for the rational driving constraints
+        near = [np.append(one.values[:3], one.coordinates[3:]) for one in maxima]
+        found = maximise(series_of([segment], case), "unbounded", near)
+        loose = found * segment.followers if case == "I" else found
+        free = np.where(
+            np.any(active, axis=1, keepdims=True), [one.values[:3] for one in loose], theta
+        )
     step = stride_of(segment) * segment.sample_time
     model = state_space("cthp", np.array([one.values for one in of]), step)
     states = smooth(model, measured_of(segment))

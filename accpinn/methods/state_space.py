@@ -19,7 +19,7 @@ The discretisation is exact (matrix exponential; Van Loan, IEEE Trans. Autom. Co
 Source of the approach: Kristensen, Madsen and Jørgensen, Automatica 40 (2004) 225-237.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -28,7 +28,8 @@ from scipy.linalg import expm
 from accpinn.model.cthp import LARGEST, LARGEST_ALPHA_TAU, TYPICAL
 from accpinn.units import FloatArray, Seconds
 
-Form = Literal["cthp", "offset", "lag", "delay"]
+Form = Literal["cthp", "offset", "lag", "delay", "unbounded"]
+"""The CTHP, one of three further terms, or the CTHP without the rational driving constraints."""
 FORMS: tuple[Form, ...] = ("cthp", "offset", "lag", "delay")
 OBSERVED = (0, 1, 2)
 """The states p, v, u, which are measured."""
@@ -92,6 +93,9 @@ EXTRA: dict[Form, Coordinate] = {
 
 def coordinates(form: Form) -> tuple[Coordinate, ...]:
     """The unknowns of a form of the model: nine, and one more where it adds a term."""
+    if form == "unbounded":
+        theta = [replace(one, lower=-one.upper, logarithmic=False) for one in COMMON[:3]]
+        return (*theta, *COMMON[3:])
     return (*COMMON, EXTRA[form]) if form in EXTRA else COMMON
 
 
@@ -123,7 +127,7 @@ def state_space(form: Form, values: FloatArray, step: Seconds) -> StateSpace:
     """
     alpha, alpha_tau, beta, deviation, memory, rise, gap, speed, leader = values[:, :9].T
     count = len(values)
-    size = 6 + {"cthp": 0, "offset": 1, "lag": 1, "delay": 2}[form]
+    size = 6 + {"offset": 1, "lag": 1, "delay": 2}.get(form, 0)
     rates, density, covariance = (np.zeros((count, size, size)) for _ in range(3))
     mean = np.zeros((count, size))
     p, v, u, r, w, a = range(6)

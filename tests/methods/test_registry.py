@@ -83,7 +83,10 @@ class TestEvery:
     def test_survives_tiny_windows(self, estimate: Estimator, samples: int) -> None:
         whole = driven(MIXED)
         tiny = segment_of(whole.time[:samples], whole.speeds[:samples], whole.gaps[:samples])
-        if samples < 5 and estimate in (ESTIMATORS["splines"], ESTIMATORS["simulation"]):
+        if estimate is ESTIMATORS["maximum-likelihood"]:
+            with pytest.raises(SegmentError, match="take a window in which at least 20 s"):
+                estimate(tiny, "II")
+        elif samples < 5 and estimate in (ESTIMATORS["splines"], ESTIMATORS["simulation"]):
             with pytest.raises(SegmentError, match="too few for a spline; take a window of"):
                 estimate(tiny, "II")
         else:
@@ -112,5 +115,5 @@ def test_adding_a_method_takes_its_module_and_a_line() -> None:
         assert method.key == key
         assert method.title
         assert method.typical_seconds > 0
-    with pytest.raises(ConfigError, match="choose pinn, least-squares"):
+    with pytest.raises(ConfigError, match="choose pinn, maximum-likelihood, least-squares"):
         method_of("kalman")

@@ -61,7 +61,7 @@ def test_intervals_and_probabilities() -> None:
     assert first[0] == learned.labels[0]
     assert first[1] == Range(*decibels)
     assert first[4] == pytest.approx(100 * uncertainty.probability_l2[0])
-    assert first[6] == pytest.approx(100 * uncertainty.no_gap_control[0])
+    assert first[5] == pytest.approx(100 * uncertainty.probability_linf[0])
     assert {column.group for column in table.columns[1:4]} == {"90 % interval"}
 
 
