@@ -45,7 +45,7 @@ from accpinn.channels import PARAMETERS
 from accpinn.errors import ConfigError, Finding, SegmentError
 from accpinn.inference.intervals import LEVEL, Uncertainty, intervals
 from accpinn.methods.fit import Fit
-from accpinn.methods.maximum_likelihood import fit_at, joint_maxima, maxima_of, stride_of
+from accpinn.methods.maximum_likelihood import fit_at, joint_maxima, maxima_of, series_of, stride_of
 from accpinn.model.cthp import Case, Parameters
 from accpinn.segment.segment import Segment
 from accpinn.units import FloatArray, Seconds
@@ -177,6 +177,8 @@ def fit_windows(segments: Sequence[Segment], case: Case = "II", level: float = L
     """
     segments = tuple(segments)
     _check(segments)
+    for segment in segments:
+        series_of([segment], case)  # refuses one that is too short before any search begins
     started = time.perf_counter()
     own = tuple(estimate(segment, case, level) for segment in segments)
     joint = joint_maxima(segments, case)
