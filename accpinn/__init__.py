@@ -26,6 +26,7 @@ The public interface, in the order data flows:
     intervals, Uncertainty            of the parameters and of what follows from them
     profiles, model_forms, multistart identifiability, model adequacy, other initial values
     compare                           several methods on one segment
+    fit_windows, JointFit             one parameter set over several windows, and their differences
     load, save, verify, Snapshot      one file with all of a result
     render_report                     a snapshot as one web page
     Table, parameter_table            results as text, CSV, LaTeX and HTML
@@ -84,6 +85,8 @@ if TYPE_CHECKING:
     from accpinn.stability.report import StabilityReport as StabilityReport
     from accpinn.stability.report import stability_report as stability_report
     from accpinn.study.comparison import compare as compare
+    from accpinn.study.windows import JointFit as JointFit
+    from accpinn.study.windows import fit_windows as fit_windows
 
 __version__ = "0.1.0"
 
@@ -118,6 +121,7 @@ _HOMES = {
     "stability.frequency": "transfer_function",
     "stability.report": "StabilityReport stability_report",
     "study.comparison": "compare",
+    "study.windows": "JointFit fit_windows",
 }
 _MODULE_OF = {name: module for module, names in _HOMES.items() for name in names.split()}
 

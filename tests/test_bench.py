@@ -1,6 +1,8 @@
 """The benchmarks print what they measure."""
 
 import json
+import shutil
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,10 +15,10 @@ from accpinn.methods.pinn.method import output_columns
 from accpinn.model.cthp import Parameters, regressors
 from accpinn.recordings.synthetic import LeaderProfile
 from accpinn.segment.segment import Segment
-from bench import coverage, departures
+from bench import coverage, departures, replication
 from bench.disturbed import Disturbance, disturbed
 from bench.paper_protocol import PaperProtocol
-from tests.support.samples import PLATOON, sample
+from tests.support.samples import FOLDER, NOISY, PLATOON, sample
 
 FEW = 4
 
@@ -52,6 +54,38 @@ class TestCoverage:
             coverage.main(["--recordings", "0"])
         assert ended.value.code == 2
         assert "at least 1" in capsys.readouterr().err
+
+
+class TestReplication:
+    @pytest.fixture(scope="class")
+    def folder(self, tmp_path_factory: pytest.TempPathFactory) -> Path:
+        """One recording of a single car, as if it were of a campaign."""
+        folder = tmp_path_factory.mktemp("openacc")
+        (folder / "Casale").mkdir()
+        shutil.copy(FOLDER / f"{NOISY}.csv", folder / "Casale")
+        return folder
+
+    def test_windows_of_one_car_are_compared_in_pairs(self, folder: Path) -> None:
+        study = replication.measure(folder, 75.0)
+        assert (study.windows, study.pairs) == (4, 6)
+        for agreement, overlap in zip(study.agreement, study.overlap, strict=True):
+            assert (6 * agreement) == pytest.approx(round(6 * agreement))
+            assert agreement <= overlap
+        [car] = study.cars
+        assert (car.windows, car.campaign) == (4, "Casale")
+        tau = car.between[2]
+        assert tau.typical == pytest.approx(sample(NOISY).truth[0, 2], rel=0.1)
+        assert tau.deviation < 0.1
+        assert "6 pairs of windows of the same car" in replication.text(study)
+
+    def test_refuses_a_folder_that_is_not_there(
+        self, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        monkeypatch.delenv("OPENACC_DIR", raising=False)
+        with pytest.raises(SystemExit) as ended:
+            replication.main([])
+        assert ended.value.code == 2
+        assert "OPENACC_DIR" in capsys.readouterr().err
 
 
 class TestDepartures:

@@ -17,14 +17,17 @@ from accpinn.cli.options import (
     PARAMETER_NAMES,
     add_run_options,
     add_segment_options,
+    add_windows_option,
     chosen_context,
     chosen_segment,
     describe_errors,
+    describe_interval_ends,
     describe_parameters,
     describe_segment,
     fields,
 )
 from accpinn.cli.output import one_line, show_result
+from accpinn.cli.windows import run_windows
 from accpinn.errors import ConfigError
 from accpinn.evaluation.closed_loop import (
     closed_loop,
@@ -85,6 +88,7 @@ STARTS_HELP = fill(
 def add_fit_options(parser: argparse.ArgumentParser) -> None:
     """Declare the options of `fit`."""
     add_segment_options(parser)
+    add_windows_option(parser)
     _add_method_help(parser)
     option = parser.add_argument
     option("--method", choices=list(METHODS), default="pinn", metavar="NAME", help="(pinn)")
@@ -103,6 +107,8 @@ def add_fit_options(parser: argparse.ArgumentParser) -> None:
 def run_fit(options: argparse.Namespace) -> int:
     """Estimate, and print the result; 130 when a training was interrupted."""
     settings = _settings(options)
+    if options.windows:
+        return run_windows(options)
     if options.out:  # training takes long; what would spoil its keeping is said first
         check_texts(options.name, options.note)
         writable_path(Path(options.out), "snapshot")
@@ -318,17 +324,15 @@ def _describe_result(segment: Segment, result: MethodResult) -> dict[str, Any]:
 
 
 def _describe_intervals(segment: Segment, uncertainty: Uncertainty) -> list[dict[str, Any]]:
-    ends = zip(uncertainty.lower.values.tolist(), uncertainty.upper.values.tolist(), strict=True)
     gains = {name: getattr(uncertainty, name) for name in ("peak_gain", "linf_gain", "crossover")}
     return [
         {
-            "vehicle": vehicle,
-            **{name: list(pair) for name, *pair in zip(PARAMETER_NAMES, *rows, strict=True)},
+            **ends,
             "probability_l2": uncertainty.probability_l2[k],
             "probability_linf": uncertainty.probability_linf[k],
             **{name: [one.lower[k], one.upper[k]] for name, one in gains.items()},
         }
-        for k, (vehicle, rows) in enumerate(zip(segment.vehicles[1:], ends, strict=True))
+        for k, ends in enumerate(describe_interval_ends(segment, uncertainty))
     ]
 
 

@@ -9,12 +9,13 @@ import numpy as np
 from accpinn.channels import PARAMETERS
 from accpinn.errors import ConfigError, SegmentError
 from accpinn.evaluation.closed_loop import TrackingErrors
+from accpinn.inference.intervals import Uncertainty
 from accpinn.methods.method import TaskContext
 from accpinn.methods.store import Store
 from accpinn.model.cthp import Parameters
 from accpinn.recordings.openacc import read
 from accpinn.recordings.recording import Recording
-from accpinn.segment.cut import DURATION, cut, parse_vehicles
+from accpinn.segment.cut import DURATION, cut, parse_vehicles, parse_windows
 from accpinn.segment.quality import (
     EXCLUDABLE,
     as_typed,
@@ -58,6 +59,17 @@ def add_segment_options(parser: argparse.ArgumentParser) -> None:
         f" {', '.join(map(as_typed, EXCLUDABLE))}",
     )
     option("--case", choices=["I", "II"], default="II", help="I: one set for all followers (II)")
+
+
+def add_windows_option(parser: argparse.ArgumentParser) -> None:
+    """Declare that several windows may share one estimate."""
+    parser.add_argument(
+        "--windows",
+        type=_parsed(lambda text: text if text == "all" else parse_windows(text)),
+        metavar="0-300,600-900 | all",
+        help="one estimate from several windows, by maximum likelihood, and how far they differ;"
+        " all: complete stretches in pieces of --duration",
+    )
 
 
 def add_run_options(parser: argparse.ArgumentParser) -> None:
@@ -153,6 +165,18 @@ def describe_parameters(segment: Segment, parameters: Parameters | None) -> list
     return [
         {"vehicle": vehicle, "name": name, **dict(zip(PARAMETER_NAMES, row, strict=True))}
         for vehicle, name, row in rows
+    ]
+
+
+def describe_interval_ends(segment: Segment, uncertainty: Uncertainty) -> list[dict[str, Any]]:
+    """The ends of α, β and τ, one entry a follower."""
+    ends = zip(uncertainty.lower.values.tolist(), uncertainty.upper.values.tolist(), strict=True)
+    return [
+        {
+            "vehicle": vehicle,
+            **{name: list(pair) for name, *pair in zip(PARAMETER_NAMES, *rows, strict=True)},
+        }
+        for vehicle, rows in zip(segment.vehicles[1:], ends, strict=True)
     ]
 
 

@@ -8,6 +8,7 @@ are biased by disturbances, so their estimates may lie outside; a finding then s
 """
 
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Literal
@@ -20,7 +21,7 @@ from accpinn.channels import PARAMETERS
 from accpinn.errors import ConfigError, Finding, SegmentError
 from accpinn.inference.posterior import sample
 from accpinn.methods.fit import Fit, Outcome
-from accpinn.methods.maximum_likelihood import maxima_of, moving, series_of
+from accpinn.methods.maximum_likelihood import joint_maxima, moving, series_of
 from accpinn.model.cthp import Case, Parameters
 from accpinn.segment.segment import Segment
 from accpinn.stability.criteria import exact_margin, l2_margin, step_metrics
@@ -114,11 +115,13 @@ class Uncertainty:
     findings: tuple[UncertaintyFinding, ...]
 
 
-def intervals(segment: Segment, fit: Fit, level: float = LEVEL, draws: int = DRAWS) -> Uncertainty:
+def intervals(
+    segment: Segment | Sequence[Segment], fit: Fit, level: float = LEVEL, draws: int = DRAWS
+) -> Uncertainty:
     """The uncertainty of the parameters, given a segment; takes about a second.
 
     Args:
-        segment: the data.
+        segment: the data; several segments of the same vehicles are taken together.
         fit: any method's estimate on them; its case counts, and its parameters are judged.
         level: how often the intervals are to cover the truth, above 0 and below 1.
         draws: how many are kept.
@@ -131,12 +134,13 @@ def intervals(segment: Segment, fit: Fit, level: float = LEVEL, draws: int = DRA
     if draws < 2:
         raise ConfigError(f"draws: {draws} is not allowed; choose at least 2, as {DRAWS}.")
     started = time.perf_counter()
-    shared = _shared(segment, fit.case, level, draws)
+    segments = (segment,) if isinstance(segment, Segment) else tuple(segment)
+    shared = _shared(segments, fit.case, level, draws)
     inside = within(fit.parameters.values, shared.lower.values, shared.upper.values)
     judged = replace(shared, inside=inside)
     return replace(
         judged,
-        findings=tuple(_findings(segment, fit, judged)),
+        findings=tuple(_findings(segments[0], fit, judged)),
         seconds=time.perf_counter() - started,
     )
 
@@ -172,9 +176,9 @@ def gain_band(uncertainty: Uncertainty, follower: int, omega: FloatArray) -> Int
 
 
 @lru_cache(maxsize=4)
-def _shared(segment: Segment, case: Case, level: float, draws: int) -> Uncertainty:
+def _shared(segments: tuple[Segment, ...], case: Case, level: float, draws: int) -> Uncertainty:
     """What does not depend on the fit; many methods on one segment share it."""
-    centre, theta = _sample(segment, case, draws)
+    centre, theta = _sample(segments, case, draws)
     known = ~np.isnan(theta[0, :, 0])
     sampled = Parameters.from_theta(theta)
     lower, upper = _ends(sampled.values, level)
@@ -196,19 +200,20 @@ def _shared(segment: Segment, case: Case, level: float, draws: int) -> Uncertain
     )
 
 
-def _sample(segment: Segment, case: Case, count: int) -> tuple[Parameters, FloatArray]:
+def _sample(segments: tuple[Segment, ...], case: Case, count: int) -> tuple[Parameters, FloatArray]:
     """The estimate (M,), and draws of θ (count, M, 3); equal followers in Case I."""
+    followers = segments[0].followers
     try:
-        series, maxima = series_of([segment], case), maxima_of(segment, case)
+        series, maxima = series_of(segments, case), joint_maxima(segments, case)
     except SegmentError:  # too short
-        unknown = np.full((segment.followers, 3), np.nan)
+        unknown = np.full((followers, 3), np.nan)
         return Parameters.of(unknown), np.tile(unknown, (count, 1, 1))
     posteriors = sample(series, maxima)
     theta = np.stack([one.evenly(count) for one in posteriors], axis=1)
     centre = np.array([one.theta for one in maxima])
-    times = segment.followers if case == "I" else 1
+    times = followers if case == "I" else 1
     centre, theta = np.tile(centre, (times, 1)), np.tile(theta, (1, times, 1))
-    still = ~moving(segment, case)
+    still = ~np.any([moving(segment, case) for segment in segments], axis=0)
     centre[still], theta[:, still] = np.nan, np.nan
     return Parameters.from_theta(centre), theta
 

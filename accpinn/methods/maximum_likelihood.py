@@ -174,6 +174,20 @@ class Maximum:
         """(3,) α, ατ, β; 0 where the search ends at the least value."""
         return vanishing(self.form, self.coordinates)
 
+    @property
+    def errors(self) -> FloatArray:
+        """(3,) standard errors of ln α, ln β, ln τ by the curvature; nan where a bound is active.
+
+        A bound on α or ατ leaves ln τ without an error, too.
+        """
+        free = np.diag(self.curvature) > 0
+        covariance = np.full(self.curvature.shape, np.nan)
+        part = self.curvature[np.ix_(free, free)]
+        covariance[np.ix_(free, free)] = np.linalg.inv(part + 1e-9 * np.eye(len(part)))
+        alpha, alpha_tau, beta = np.diag(covariance)[:3]
+        tau = alpha + alpha_tau - 2.0 * covariance[0, 1]
+        return np.asarray(np.sqrt([alpha, beta, tau]))
+
 
 def natural(form: Form, z: FloatArray) -> FloatArray:
     """Unknowns in their own units from coordinates (.., P)."""
@@ -352,14 +366,21 @@ def _corrected(curvature: FloatArray, move: FloatArray, fall: FloatArray) -> Flo
     return np.asarray(curvature + change)
 
 
-@lru_cache(maxsize=16)
 def maxima_of(segment: Segment, case: Case, form: Form = "cthp") -> tuple[Maximum, ...]:
     """The maximum of each follower, or in Case I of all together; remembered for a few segments."""
-    series = series_of([segment], case)
+    return joint_maxima((segment,), case, form)
+
+
+@lru_cache(maxsize=16)
+def joint_maxima(
+    segments: tuple[Segment, ...], case: Case, form: Form = "cthp"
+) -> tuple[Maximum, ...]:
+    """The same for several segments of the same vehicles, under one likelihood."""
+    series = series_of(segments, case)
     if form == "cthp":
         return maximise(series)
     start = coordinates(form)[-1].centre
-    known = [one.coordinates for one in maxima_of(segment, case)]
+    known = [one.coordinates for one in joint_maxima(segments, case)]
     return maximise(series, form, near=[np.append(z, start) for z in known])
 
 
@@ -373,7 +394,17 @@ def fit(segment: Segment, case: Case = "II") -> Fit:
     Raises:
         SegmentError: when the window is too short to say anything.
     """
-    maxima = maxima_of(segment, case)
+    return fit_at(segment, case, maxima_of(segment, case))
+
+
+def fit_at(segment: Segment, case: Case, maxima: tuple[Maximum, ...]) -> Fit:
+    """A segment's fit under given maxima, which may be those of several segments together.
+
+    Args:
+        segment: speeds (N, M+1) in m/s and space-gaps (N, M) in m.
+        case: "I" or "II".
+        maxima: one in Case I, M in Case II.
+    """
     of = maxima * segment.followers if case == "I" else maxima
     theta = np.array([one.theta for one in of])
     active: NDArray[np.bool_] = np.asarray(theta == 0.0)

@@ -39,6 +39,7 @@ WINDOWS_LISTED = 3
 MAX_FOLLOWERS = 10
 
 _PART = re.compile(r"(\d{1,3})(?:-(\d{1,3}))?")
+_INTERVAL = re.compile(r"(\d{1,7}(?:\.\d{1,6})?)-(\d{1,7}(?:\.\d{1,6})?)")
 
 
 def cut(
@@ -92,6 +93,34 @@ def complete_windows(recording: Recording, vehicles: Sequence[int]) -> tuple[Win
         SegmentError: when the vehicles are no platoon.
     """
     return _platoon(recording, check_vehicles(recording, vehicles), BRIDGE).complete()
+
+
+def disjoint_windows(
+    recording: Recording, duration: Seconds, vehicles: Sequence[int] | None = None
+) -> tuple[Window, ...]:
+    """The complete stretches of a recording, cut into windows of equal length.
+
+    A window ends where the next one begins; what remains of a stretch is left out.
+
+    Args:
+        recording: what to cut.
+        duration: of each window, in s.
+        vehicles: consecutive numbers, leader first; by default see `default_vehicles`.
+
+    Raises:
+        SegmentError: when the vehicles are no platoon, or the duration is too short.
+    """
+    chosen = default_vehicles(recording) if vehicles is None else vehicles
+    if not duration >= MINIMUM_DURATION:
+        raise SegmentError(
+            f"{recording.source}: windows of {duration:g} s are too short to estimate parameters"
+            f" from; take at least {MINIMUM_DURATION:g} s."
+        )
+    return tuple(
+        Window(round(stretch.start + k * duration, 9), round(stretch.start + (k + 1) * duration, 9))
+        for stretch in complete_windows(recording, chosen)
+        for k in range(math.floor((stretch.duration + SLACK) / duration))
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -241,6 +270,26 @@ def parse_vehicles(text: str) -> tuple[int, ...]:
         first, last = int(match[1]), int(match[2] or match[1])
         numbers.extend(range(first, last + 1) if first <= last else range(first, last - 1, -1))
     return tuple(numbers)
+
+
+def parse_windows(text: str) -> tuple[Window, ...]:
+    """The windows of a text as 0-300,600-900, in s from the recording's first sample.
+
+    Raises:
+        SegmentError: for a text that names none, and for a window that ends before it starts.
+    """
+    windows = []
+    for part in text.replace(" ", "").split(","):
+        match = _INTERVAL.fullmatch(part)
+        if not match:
+            raise SegmentError(
+                f'"{text[:40]}" names no windows; write them as 0-300,600-900 or as all.'
+            )
+        window = Window(float(match[1]), float(match[2]))
+        if not window.duration > 0:
+            raise SegmentError(f'"{part[:40]}" ends before it starts; write the start first.')
+        windows.append(window)
+    return tuple(windows)
 
 
 def chains(recording: Recording) -> tuple[tuple[int, ...], ...]:

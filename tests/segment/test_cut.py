@@ -11,7 +11,15 @@ from hypothesis import strategies as st
 from accpinn.errors import AccpinnError, SegmentError
 from accpinn.recordings.openacc import read
 from accpinn.recordings.recording import Recording, Window
-from accpinn.segment.cut import chains, complete_windows, cut, default_vehicles, parse_vehicles
+from accpinn.segment.cut import (
+    chains,
+    complete_windows,
+    cut,
+    default_vehicles,
+    disjoint_windows,
+    parse_vehicles,
+    parse_windows,
+)
 from accpinn.segment.segment import Bridged, Resampled, Segment, WindowMoved, WindowShortened
 from tests.support.openacc_files import csv, metadata, platoon
 
@@ -363,3 +371,35 @@ def test_zalazone_is_bridged(openacc_dir: Path) -> None:
     assert Bridged("Speed8", 6, (Window(32.9, 33.4),)) in made.findings
     with pytest.raises(SegmentError, match=r"vehicle 3 \(TOYOTA_RAV4\).*possible platoons: 4-9"):
         cut(zala, start=1.0, vehicles=(2, 3))
+
+
+# Several windows
+
+
+def test_disjoint_windows_are_complete_and_do_not_overlap() -> None:
+    whole = disjoint_windows(recording(), 12.0)
+    assert whole == (Window(0.0, 12.0), Window(12.0, 24.0), Window(24.0, 36.0))
+    holed = recording(without(slice(130, 160), "Speed2"))
+    windows = disjoint_windows(holed, 11.0)
+    assert windows == (Window(0.0, 11.0), Window(16.1, 27.1), Window(27.1, 38.1))
+    assert all(cut(holed, one.start, one.duration).window == one for one in windows)
+    assert disjoint_windows(holed, 30.0) == ()
+    with pytest.raises(SegmentError, match="take at least 10 s"):
+        disjoint_windows(holed, 9.0)
+
+
+@pytest.mark.parametrize(
+    ("text", "windows"),
+    [
+        ("0-300,600-900", (Window(0.0, 300.0), Window(600.0, 900.0))),
+        (" 12.5 - 40 ", (Window(12.5, 40.0),)),
+    ],
+)
+def test_windows_may_be_written(text: str, windows: tuple[Window, ...]) -> None:
+    assert parse_windows(text) == windows
+
+
+@pytest.mark.parametrize("text", ["", "-", "0", "0-", "-5-10", "0-1,", "a-b", "300-0", "5-5"])
+def test_a_text_that_names_no_windows(text: str) -> None:
+    with pytest.raises(SegmentError, match=r"0-300,600-900|ends before it starts"):
+        parse_windows(text)

@@ -11,6 +11,7 @@ from accpinn.inference.identifiability import WIDE, WeakIdentification
 from accpinn.inference.intervals import Cause, ParameterInterval
 from accpinn.inference.model_adequacy import AdequacyFinding, BetterForm, Inadequate
 from accpinn.results.messages import Labelled, joined, message
+from accpinn.study.windows import WindowsDiffer
 
 QUANTITIES = {one.symbol: one for one in PARAMETERS}
 BIAS = "disturbances to which the vehicle itself responds bias what fits the accelerations best"
@@ -177,3 +178,13 @@ def _(finding: whiteness.WhitenessFinding, about: Labelled) -> str:
     if finding.deviation < whiteness.NEGLIGIBLE:
         return f"{residual} is no larger than noise and rounding make it."
     return f"{residual} is not correlated beyond a second."
+
+
+@message.register
+def _(finding: WindowsDiffer, about: Labelled) -> str:
+    differ = "differs" if len(finding.symbols) == 1 else "differ"
+    return (
+        f"{_who(finding.vehicle, about)}: {joined(finding.symbols)} {differ} between the"
+        f" {finding.windows} windows by more than sampling error explains, so the intervals of the"
+        " joint estimate are too narrow; where a further window matters, use the interval for one."
+    )

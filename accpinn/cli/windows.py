@@ -1,0 +1,214 @@
+"""`fit --windows`: one parameter set over several windows of a recording."""
+
+import argparse
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from accpinn.cli.options import (
+    PARAMETER_NAMES,
+    describe_errors,
+    describe_interval_ends,
+    describe_parameters,
+    describe_segment,
+    fields,
+)
+from accpinn.cli.output import show_result
+from accpinn.errors import ConfigError, Finding, SegmentError
+from accpinn.evaluation.closed_loop import (
+    TrackingErrors,
+    closed_loop,
+    closed_loop_errors,
+    closed_loop_findings,
+    surrogate_errors,
+)
+from accpinn.methods.fit import Fit
+from accpinn.methods.maximum_likelihood import KEY
+from accpinn.recordings.openacc import read
+from accpinn.recordings.recording import Recording, Window
+from accpinn.results.messages import messages
+from accpinn.results.messages.methods import outcome_message
+from accpinn.results.tables.windows import between_table, joint_table, windows_table
+from accpinn.segment.cut import DURATION, cut, disjoint_windows
+from accpinn.segment.quality import assess_quality, exclude_regimes, label_regimes
+from accpinn.segment.segment import Segment
+from accpinn.study.windows import JointFit, RandomEffects, WindowEstimate, fit_windows
+
+ALL = "all"
+EFFECTS = ("windows", "mean", "error", "deviation", "q", "probability", "i_squared")
+
+
+def run_windows(options: argparse.Namespace) -> int:
+    """Estimate from all windows together and from each, and print both."""
+    _check(options)
+    recording = read(options.file)
+    segments = [_segment(recording, window, options) for window in _windows(recording, options)]
+    joint = fit_windows(segments, options.case)
+    show_result(options, describe_joint, joint_text, joint)
+    return 0
+
+
+def _check(options: argparse.Namespace) -> None:
+    """Refuse options that --windows has no use for."""
+    if options.method != KEY:
+        raise ConfigError(
+            f"windows: only --method {KEY} estimates from several windows, {options.method} does"
+            " not; choose that method, or leave --windows out."
+        )
+    if options.out:
+        raise ConfigError("out: a snapshot holds one window; leave --out or --windows out.")
+    idle = [("start", 0.0)] + [("duration", DURATION)] * (options.windows != ALL)
+    for name, default in idle:
+        if getattr(options, name) != default:
+            raise ConfigError(f"{name}: --windows says where windows lie; leave --{name} out.")
+    if options.windows != ALL and len(options.windows) < 2:
+        only = options.windows[0]
+        raise ConfigError(
+            f"windows: {only} is one window; give at least two, as 0-300,600-900, or use"
+            f" --start {only.start:g} --duration {only.duration:g}."
+        )
+
+
+def _windows(recording: Recording, options: argparse.Namespace) -> Sequence[Window]:
+    if options.windows != ALL:
+        chosen: Sequence[Window] = options.windows
+        return chosen
+    windows = disjoint_windows(recording, options.duration, options.vehicles)
+    if len(windows) < 2:
+        raise SegmentError(
+            f"{recording.source}: --windows {ALL} finds {len(windows) or 'no'}"
+            f" window{'s' * (not windows)} of {options.duration:g} s without missing samples, and"
+            " at least two are needed; choose a shorter --duration."
+        )
+    return windows
+
+
+def _segment(recording: Recording, window: Window, options: argparse.Namespace) -> Segment:
+    try:
+        segment = cut(recording, window.start, window.duration, options.vehicles)
+        if options.leave_out:
+            regimes = label_regimes(segment, recording)
+            segment = exclude_regimes(segment, regimes, options.leave_out)
+    except SegmentError as fault:
+        raise SegmentError(f"--windows, {window}: {fault}") from fault
+    return segment
+
+
+def describe_joint(joint: JointFit) -> dict[str, Any]:
+    """The result with the keys of `fit`, and what each window says.
+
+    Samples and durations of the segment are sums over the windows, errors are means over their
+    samples.
+    """
+    fit, first = joint.fits[0], joint.windows[0].segment
+    pairs = [(one.segment, fit) for one, fit in zip(joint.windows, joint.fits, strict=True)]
+    samples = [segment.samples for segment, _ in pairs]
+    quality = [assess_quality(segment) for segment, _ in pairs]
+    gaps = [one.mean_time_gap for one in quality]
+    return {
+        **fields(fit, "method", "case", "loss", "network_weights", "iterations", "cached"),
+        "seconds": joint.seconds,
+        "preset": None,
+        "seed": None,
+        "segment": describe_segment(first)
+        | {
+            "duration": round(sum(segment.window.duration for segment, _ in pairs), 6),
+            "samples": sum(samples),
+        },
+        "parameters": describe_parameters(first, joint.parameters),
+        "intervals": describe_interval_ends(first, joint.uncertainty),
+        "level": joint.uncertainty.level,
+        "unconstrained": describe_parameters(first, fit.unconstrained),
+        "active_bounds": fit.active_bounds,
+        "mae": _mean_errors(samples, [surrogate_errors(*pair) for pair in pairs]),
+        "closed_loop_mae": _mean_errors(samples, [closed_loop_errors(*pair) for pair in pairs]),
+        "mean_time_gap": np.average(gaps, axis=0, weights=samples).tolist(),
+        "outcome": fit.outcome.name.lower(),
+        "outcome_sentence": outcome_message(fit),
+        "windows": [_describe_window(*of) for of in zip(joint.windows, joint.fits, strict=True)],
+        "between_windows": [
+            {
+                "vehicle": one.vehicle,
+                "name": name,
+                **dict(zip(PARAMETER_NAMES, map(_describe_effect, one.effects), strict=True)),
+            }
+            for one, name in zip(joint.between, first.names[1:], strict=True)
+        ],
+        "notes": _notes(joint),
+    }
+
+
+def _describe_window(window: WindowEstimate, together: Fit) -> dict[str, Any]:
+    segment = window.segment
+    return {
+        **fields(segment.window, "start", "duration"),
+        **fields(segment, "source", "samples"),
+        "parameters": describe_parameters(segment, window.fit.parameters),
+        "standard_errors": [
+            {"vehicle": vehicle, **dict(zip(PARAMETER_NAMES, row, strict=True))}
+            for vehicle, row in zip(segment.vehicles[1:], window.errors.tolist(), strict=True)
+        ],
+        "intervals": describe_interval_ends(segment, window.uncertainty),
+        "log_likelihood": window.fit.loss["log_likelihood"],
+        "closed_loop_mae": describe_errors(closed_loop_errors(segment, together)),
+        "incidents": _incidents(segment, together),
+        "outcome": window.fit.outcome.name.lower(),
+    }
+
+
+def _describe_effect(effect: RandomEffects) -> dict[str, Any]:
+    return {
+        **fields(effect, *EFFECTS),
+        "median": effect.typical,
+        "deviation_interval": [effect.lower, effect.upper],
+        "further_window": list(effect.further),
+    }
+
+
+def _mean_errors(
+    samples: Sequence[int], errors: Sequence[TrackingErrors | None]
+) -> dict[str, list[float]] | None:
+    """Mean absolute errors over all samples; None where a window has none."""
+    known = [one for one in errors if one is not None]
+    if len(known) < len(errors):
+        return None
+    return {
+        key: np.average([getattr(one, name) for one in known], axis=0, weights=samples).tolist()
+        for key, name in (("v", "speed_mae"), ("p", "gap_mae"))
+    }
+
+
+def joint_text(joint: JointFit) -> str:
+    """The result as tables and sentences."""
+    followers = range(len(joint.between))
+    shown = followers[:1] if joint.case == "I" else followers
+    tables = [
+        joint_table(joint),
+        *(windows_table(joint, k) for k in followers),
+        *(between_table(joint, k) for k in shown),
+    ]
+    effort = f"{joint.fits[0].iterations} iterations, {joint.seconds:.1f} s in all"
+    said = [f"{outcome_message(joint.fits[0])} ({effort})", *_incidents_of(joint)]
+    notes = [f"Note: {note}" for note in _notes(joint)]
+    return "\n".join(["\n\n".join(table.to_text() for table in tables), "", *said, *notes])
+
+
+def _incidents_of(joint: JointFit) -> list[str]:
+    return [
+        sentence
+        for window, fit in zip(joint.windows, joint.fits, strict=True)
+        for sentence in _incidents(window.segment, fit)
+    ]
+
+
+def _incidents(segment: Segment, fit: Fit) -> tuple[str, ...]:
+    return messages(closed_loop_findings(segment, closed_loop(segment, fit)), segment)
+
+
+def _notes(joint: JointFit) -> tuple[str, ...]:
+    """What was done to the data, each sentence once, then what the windows show."""
+    first = joint.windows[0].segment
+    findings: list[Finding] = [*joint.uncertainty.findings, *joint.findings]
+    done = [said for one in joint.windows for said in messages(one.segment.findings, one.segment)]
+    return tuple(dict.fromkeys([*done, *messages(findings, first)]))

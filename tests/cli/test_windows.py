@@ -1,0 +1,98 @@
+"""`fit --windows`: its document, its tables and what it refuses."""
+
+from pathlib import Path
+
+import pytest
+
+from accpinn.cli import main
+from tests.cli.test_estimation import KEYS
+from tests.support.command import PLATOON, STUDY, Capture, document, refused
+
+METHOD = ("--method", "maximum-likelihood")
+
+
+def test_document_has_the_keys_of_fit_and_each_window(capsys: Capture) -> None:
+    options = (*METHOD, "--windows", "10-60,100-150", "--vehicles", "1-3")
+    found = document(capsys, "fit", PLATOON, *options)
+    assert found.keys() >= KEYS | {"windows", "between_windows", "intervals", "level"}
+    segment = found["segment"]
+    assert (segment["start"], segment["duration"], segment["samples"]) == (10, 100, 1002)
+    assert segment["vehicles"] == [1, 2, 3]
+    assert [row["vehicle"] for row in found["parameters"]] == [2, 3]
+    windows = found["windows"]
+    assert [(one["start"], one["duration"]) for one in windows] == [(10, 50), (100, 50)]
+    assert len(found["mae"]["v"]) == 3
+    assert len(found["mae"]["p"]) == len(found["mean_time_gap"]) == 2
+    for k, row in enumerate(found["between_windows"]):
+        assert row["vehicle"] == k + 2
+        for name in ("alpha", "beta", "tau"):
+            own = [one["parameters"][k][name] for one in windows]
+            assert min(own) <= row[name]["median"] <= max(own)
+            low, high = found["intervals"][k][name]
+            assert low < found["parameters"][k][name] < high
+            assert row[name]["further_window"] == [None, None]
+            low, high = row[name]["deviation_interval"]
+            assert 0 <= low <= row[name]["deviation"] <= high
+
+
+def test_all_complete_stretches_in_pieces(capsys: Capture) -> None:
+    options = (*METHOD, "--windows", "all", "--duration", "140")
+    assert main(["fit", str(STUDY), *options]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[0].endswith("synthetic_paper_study.csv, 2 windows, 280 s together")
+    starts = [line.split("  ")[0] for line in lines]
+    assert starts.count("0–140 s") == starts.count("140–280 s") == 1
+    assert starts.count("all together") == 1
+    assert starts.count("α [1/s²]") == 1
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (["--windows", "0-60,60-120"], "only --method maximum-likelihood"),
+        (["--method", "splines", "--windows", "all"], "splines does not"),
+        ([*METHOD, "--windows", "0-60"], "at least two"),
+        ([*METHOD, "--windows", "0-60,60-120", "--start", "10"], "leave --start out"),
+        ([*METHOD, "--windows", "0-60,60-120", "--duration", "60"], "leave --duration out"),
+        ([*METHOD, "--windows", "all", "--start", "10"], "leave --start out"),
+        ([*METHOD, "--windows", "0-60,60-120", "--out", "a.accpinn.zip"], "one window"),
+    ],
+)
+def test_options_that_contradict_each_other(
+    capsys: Capture, options: list[str], words: str
+) -> None:
+    assert words in refused(capsys, 2, "fit", STUDY, *options)
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (["--windows", "0-60,30-90"], "0–60 s and 30–90 s overlap"),
+        (["--windows", "0-60,5000-5060"], "--windows, 5000–5060 s: "),
+        (["--windows", "0-60,100-115"], "too short"),
+        (["--windows", "all"], "finds 1 window of 300 s"),
+        (["--windows", "all", "--duration", "1000"], "choose a shorter --duration"),
+    ],
+)
+def test_windows_that_the_recording_does_not_have(
+    capsys: Capture, options: list[str], words: str
+) -> None:
+    assert words in refused(capsys, 1, "fit", STUDY, *METHOD, *options)
+
+
+def test_a_window_with_a_hole_is_named(capsys: Capture, tmp_path: Path) -> None:
+    lines = STUDY.read_text().splitlines()
+    for k in range(1006, 1106):
+        cells = lines[k].split(",")
+        lines[k] = ",".join([cells[0], "", *cells[2:]])
+    path = tmp_path / "holed.csv"
+    path.write_text("\n".join(lines) + "\n")
+    said = refused(capsys, 1, "fit", path, *METHOD, "--windows", "0-90,90-180")
+    assert "--windows, 90–180 s: holed.csv: Speed1 is missing" in said
+
+
+def test_a_text_that_names_no_windows(capsys: Capture) -> None:
+    with pytest.raises(SystemExit) as ended:
+        main(["fit", str(STUDY), *METHOD, "--windows", "noon"])
+    assert ended.value.code == 2
+    assert "0-300,600-900" in capsys.readouterr().err
