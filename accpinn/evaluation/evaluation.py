@@ -45,7 +45,8 @@ class Block:
 
     window: Window
     errors: TrackingErrors | None
-    """Closed loop; None where the rest of the window is too short or leaves τ undetermined."""
+    """Closed loop; None where the rest of the window is too short or leaves τ undetermined, or
+    where nothing can be simulated."""
     findings: tuple[ClosedLoopFinding, ...] = ()
 
 
@@ -56,7 +57,7 @@ class Evaluation:
     surrogate: TrackingErrors | None
     """Of the method's own trajectories against the data; None where it has none."""
     closed_loop: TrackingErrors | None
-    """Of the closed-loop simulation on the segment; None where τ is undetermined."""
+    """Of the closed-loop simulation on the segment; None where there is none."""
     holdout: TrackingErrors | None
     """Closed loop on all blocks together, each with parameters fitted to the others."""
     blocks: tuple[Block, ...]
@@ -183,6 +184,7 @@ def part(segment: Segment, first: int, end: int) -> Segment:
         speeds=segment.speeds[rows],
         gaps=segment.gaps[rows],
         mask=None if segment.mask is None else segment.mask[rows],
+        missing=None if segment.missing is None else segment.missing[rows],
         start=segment.start + float(segment.time[first]),
     )
 
