@@ -134,7 +134,7 @@ def _simulable(segment: Segment) -> list[Stretch]:
     leader: Mask = np.ones(segment.samples, bool)
     for block in stretches(segment.missing[:, 0]):
         leader[block.rows] = len(block) * segment.sample_time <= BRIDGE + SLACK
-    complete = ~segment.missing.any(axis=1)
+    complete: Mask = np.asarray(~segment.missing.any(axis=1))
     found = []
     for stretch in stretches(leader):
         if complete[stretch.rows].any():

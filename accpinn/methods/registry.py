@@ -72,6 +72,6 @@ def segment_for(
         others = " or ".join(key for key, method in METHODS.items() if method.allows_missing)
         alone = " alone" if len(methods) > 1 else ""
         raise SegmentError(
-            f"{str(fault).removesuffix('.')}; or choose {others}{alone}, which allows missing"
+            f"{str(fault).removesuffix('.')}, or choose {others}{alone}, which allows missing"
             " samples."
         ) from None
