@@ -114,7 +114,7 @@ def closed_loop(segment: Segment, fit: Fit) -> Trajectories | None:
         The motion on the segment's instants, nan where the leader's speed is missing for long;
         None where τ is undetermined, or at no instant all vehicles are measured.
     """
-    if not np.isfinite(fit.parameters.values).all() or not (pieces := _simulable(segment)):
+    if not np.isfinite(fit.parameters.values).all() or not (pieces := simulable(segment)):
         return None
     speeds, gaps = np.full_like(segment.speeds, np.nan), np.full_like(segment.gaps, np.nan)
     for piece in pieces:
@@ -127,7 +127,7 @@ def closed_loop(segment: Segment, fit: Fit) -> Trajectories | None:
     return Trajectories(segment.time, speeds, gaps)
 
 
-def _simulable(segment: Segment) -> list[Stretch]:
+def simulable(segment: Segment) -> list[Stretch]:
     """Where the leader's speed is known, each stretch from where all vehicles are measured."""
     if segment.missing is None:
         return [Stretch(0, segment.samples - 1)]
@@ -204,7 +204,7 @@ def _diverged(segment: Segment, simulated: Trajectories) -> NDArray[np.bool_]:
     """(N, M) True from the first instant on at which a follower's gap leaves ±`DIVERGED`."""
     far = ~(np.abs(simulated.gaps) <= DIVERGED)
     run = np.zeros(len(far), bool)
-    for piece in _simulable(segment):
+    for piece in simulable(segment):
         run[piece.rows] = True
     return np.asarray(np.logical_or.accumulate(far & run[:, None], axis=0))
 

@@ -26,6 +26,7 @@ from accpinn.evaluation.closed_loop import (
     closed_loop_errors,
     closed_loop_findings,
     collision_times,
+    simulable,
     surrogate_errors,
 )
 from accpinn.evaluation.whiteness import Whiteness, whiteness
@@ -117,13 +118,20 @@ def cross_validate(
 ) -> tuple[Block, ...]:
     """Hold out each block of the window in turn, and simulate it with parameters from the rest.
 
+    A block in which at no instant all vehicles are measured has nothing to compare, so none is
+    held out there.
+
     Args:
         segment: the data.
         estimate: any method, from a segment to a fit.
         blocks: how many, 2 or more.
     """
     ends = [round(end) for end in np.linspace(0, segment.samples, blocks + 1)]
-    return tuple(_block(segment, first, end, estimate) for first, end in pairwise(ends))
+    return tuple(
+        _block(segment, first, end, estimate)
+        for first, end in pairwise(ends)
+        if simulable(part(segment, first, end))
+    )
 
 
 def pooled_holdout_errors(blocks: tuple[Block, ...]) -> TrackingErrors | None:

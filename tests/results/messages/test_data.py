@@ -36,6 +36,8 @@ FACTS = [
     (segments.Resampled(0.1), ["0.1 s"]),
     (segments.Bridged("Speed2", 16, BLOCKS), ["16 samples", "Speed2", "1–2.5 s, 4 s"]),
     (segments.Bridged("IVS1", 1, BLOCKS[1:]), ["1 sample of", "IVS1", "4 s"]),
+    (segments.BlocksMissing("Speed2", 0.57, BLOCKS), ["Speed2", "57 %", "1–2.5 s, 4 s; the"]),
+    (segments.BlocksMissing("IVS1", 0.004, 5 * BLOCKS), ["0.4 %", "1–2.5 s and in 7 shorter"]),
     (segments.RegimesExcluded(("manual", "standstill"), (2, 3), (0.38, 0.0)),
      ["manual and standstill", "2 Audi: 38 %, 3 BMW: 0 %"]),
     (segments.NothingToExclude(("manual", "standstill")), ["manual or standstill"]),
