@@ -121,7 +121,7 @@ def _refusal(segment: Segment, title: str) -> SegmentError:
     where = max(first.windows, key=lambda window: window.duration)
     cure = f"take a complete window ({listed}) or maximum-likelihood" if listed else ""
     return SegmentError(
-        f"{segment.source}: {first.column} is missing at {where}, and the method"
+        f"{segment.source}: {first.columns[0]} is missing at {where}, and the method"
         f' "{title}" needs all samples; {cure or "choose maximum-likelihood"}.'
     )
 

@@ -137,15 +137,17 @@ class _Platoon:
         return findings
 
     def missing_among(self, rows: Stretch) -> list[BlocksMissing]:
-        """One finding a column that has unbridged samples among ``rows``."""
-        findings = []
+        """The unbridged samples among ``rows``; columns that miss the same ones are together."""
+        together: dict[tuple[Stretch, ...], list[str]] = {}
         for column, values in zip(self.columns, self.values.T, strict=True):
-            absent = np.isnan(values[rows.rows])
-            if absent.any():
-                blocks = (Stretch(rows.first + b.first, rows.first + b.last)
-                          for b in stretches(absent))  # fmt: skip
-                windows = tuple(map(self.recording.window, blocks))
-                findings.append(BlocksMissing(column, float(absent.mean()), windows))
+            if blocks := stretches(np.isnan(values[rows.rows])):
+                together.setdefault(blocks, []).append(column)
+        findings = []
+        for blocks, columns in together.items():
+            moved = (Stretch(rows.first + one.first, rows.first + one.last) for one in blocks)
+            windows = tuple(map(self.recording.window, moved))
+            share = sum(map(len, blocks)) / len(rows)
+            findings.append(BlocksMissing(tuple(columns), share, windows))
         return findings
 
     def filled(self) -> FloatArray:

@@ -44,8 +44,8 @@ class Bridged(Finding, frozen=True):
 class BlocksMissing(Finding, frozen=True):
     """Samples are missing for longer than a straight line may bridge."""
 
-    column: str
-    """Its name in the file, as Speed2."""
+    columns: tuple[str, ...]
+    """Names in the file of all that is missing at the same time, as Speed2 and IVS1."""
     share: float
     """Of the window's samples, 0 to 1; bridged ones do not count."""
     windows: tuple[Window, ...]

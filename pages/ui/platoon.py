@@ -155,7 +155,7 @@ def _choose_leader(workspace: Workspace, platoon: Parameters) -> Leader | None:
     choice, segment = workspace.platoon_choice, workspace.segment
     offered: dict[Disturbance, str] = {kind: kind.capitalize() for kind in PLANNED}
     gone = segment is not None and any(
-        block.column == SPEED.of(segment.vehicles[0]) for block in segment.blocks_missing
+        SPEED.of(segment.vehicles[0]) in block.columns for block in segment.blocks_missing
     )
     offered |= {"recorded": "As recorded"} if segment and not gone else {}
     kind = choice.kind if choice.kind in offered else "sinusoid"

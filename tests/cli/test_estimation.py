@@ -154,7 +154,7 @@ class TestMissingSamples:
         options = ("--method", "maximum-likelihood", "--duration", 120)
         found = document(capsys, "fit", holes, *options)
         assert (found["segment"]["samples"], found["outcome"]) == (1201, "solved")
-        assert [note for note in found["notes"] if "Speed2 is missing in 17 %" in note]
+        assert [note for note in found["notes"] if "Speed2 and IVS1 are missing in 17 %" in note]
         (values,) = found["parameters"]
         (whole,) = document(capsys, "fit", STUDY, *options)["parameters"]
         for name in ("alpha", "beta", "tau"):

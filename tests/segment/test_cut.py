@@ -161,7 +161,7 @@ def test_a_long_block_may_be_missing_where_that_is_asked_for() -> None:
     made = cut(missing, allow_missing=True)
     block = (Window(15.0, 19.9),)
     columns = ("Speed2", "IVS1", "IVS2")
-    assert made.blocks_missing == tuple(BlocksMissing(one, 50 / 400, block) for one in columns)
+    assert made.blocks_missing == (BlocksMissing(columns, 50 / 400, block),)
     assert made.missing is not None
     assert made.missing[150:200].tolist() == 50 * [[False, True, False, True, True]]
     assert made.missing.sum() == 3 * 50
@@ -178,8 +178,8 @@ def test_at_the_edges_as_well() -> None:
     frame.loc[380:, "IVS2"] = np.nan
     made = cut(recording(frame), allow_missing=True)
     assert made.blocks_missing == (
-        BlocksMissing("Speed1", 3 / 400, (Window(0.0, 0.2),)),
-        BlocksMissing("IVS2", 20 / 400, (Window(38.0, 39.9),)),
+        BlocksMissing(("Speed1",), 3 / 400, (Window(0.0, 0.2),)),
+        BlocksMissing(("IVS2",), 20 / 400, (Window(38.0, 39.9),)),
     )
     assert set(made.speeds[:3, 0]) == {frame["Speed1"][3]}
     assert set(made.gaps[380:, 1]) == {frame["IVS2"][379]}

@@ -25,7 +25,7 @@ def with_holes(segment: Segment, columns: dict[int, list[Stretch]]) -> Segment:
         for block in blocks:
             missing[block.rows, column] = True
         windows = tuple(segment.window for _ in blocks)
-        found.append(BlocksMissing(f"channel {column}", missing[:, column].mean(), windows))
+        found.append(BlocksMissing((f"channel {column}",), missing[:, column].mean(), windows))
     values[missing] = FALSE_VALUE
     speeds, gaps = np.split(values, [len(segment.vehicles)], axis=1)
     return replace(segment, speeds=speeds, gaps=gaps, missing=missing, findings=tuple(found))

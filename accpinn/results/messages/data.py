@@ -4,7 +4,7 @@ from collections.abc import Iterable, Sequence
 
 from accpinn.channels import DRIVER, GAP, RECORDED
 from accpinn.recordings import recording as recorded
-from accpinn.results.messages import Labelled, message
+from accpinn.results.messages import Labelled, joined, message
 from accpinn.segment import quality, segment
 
 
@@ -123,9 +123,10 @@ def _(finding: segment.SegmentFinding, about: Labelled) -> str:
                 f"Bridged {samples} of {finding.column} at {', '.join(map(str, finding.windows))}."
             )
         case segment.BlocksMissing():
+            are = "is" if len(finding.columns) == 1 else "are"
             return (
-                f"{finding.column} is missing in {_rounded(finding.share)} of the window, at"
-                f" {_longest(finding.windows)}; the likelihood leaves these samples out."
+                f"{joined(finding.columns)} {are} missing in {_rounded(finding.share)} of the"
+                f" window, at {_longest(finding.windows)}; the likelihood leaves these samples out."
             )
         case segment.RegimesExcluded():
             shares = _each(about, finding.vehicles, _percent(finding.shares), "{}: {}")
