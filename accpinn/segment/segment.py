@@ -216,11 +216,9 @@ class Segment(_Platoon):
         return self._measured(self.gaps, slice(len(self.vehicles), None))
 
     def _measured(self, values: FloatArray, columns: slice) -> FloatArray:
-        return (
-            values
-            if self.missing is None
-            else frozen(np.where(self.missing[:, columns], np.nan, values))
-        )
+        if self.missing is None:
+            return values
+        return frozen(np.where(self.missing[:, columns], np.nan, values))
 
     @cached_property
     def counts(self) -> Mask:

@@ -126,11 +126,11 @@ def _check_info(info: SegmentInfo) -> None:
     times = (info.window.duration, info.sample_time)
     _require(all(isfinite(t) for t in (info.window.start, *times)), "the window has no length")
     _require(min(times) > 0, "the window has no length")
-    missing = (found.share for found in info.findings if isinstance(found, BlocksMissing))
-    _require(
-        all(0 <= share <= 1 for share in (*info.excluded_share, *missing)),
-        "a share is not within 0 to 1",
-    )
+    missing = [found for found in info.findings if isinstance(found, BlocksMissing)]
+    shares = (*info.excluded_share, *(found.share for found in missing))
+    _require(all(0 <= share <= 1 for share in shares), "a share is not within 0 to 1")
+    named = all(found.columns and found.windows for found in missing)
+    _require(named, "samples are missing nowhere")
 
 
 def _check_fit(fit: Fit) -> None:
