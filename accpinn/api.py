@@ -20,7 +20,7 @@ from accpinn.inference.intervals import Uncertainty, intervals
 from accpinn.methods.fit import Fit
 from accpinn.methods.method import TaskContext
 from accpinn.methods.pinn.config import preset as named_config
-from accpinn.methods.registry import method_of
+from accpinn.methods.registry import method_of, segment_for
 from accpinn.methods.store import Store
 from accpinn.model.cthp import Case, Parameters
 from accpinn.recordings.openacc import read
@@ -30,7 +30,7 @@ from accpinn.results.snapshot.archive import load
 from accpinn.results.snapshot.saved import save, writable_path, write_whole
 from accpinn.results.snapshot.verification import Verification
 from accpinn.results.snapshot.verification import verify as verify_snapshot
-from accpinn.segment.cut import DURATION, cut, parse_vehicles
+from accpinn.segment.cut import DURATION, parse_vehicles
 from accpinn.segment.quality import exclude_regimes, label_regimes, parse_regimes
 from accpinn.segment.segment import Segment
 from accpinn.stability.frequency import transfer_function
@@ -155,7 +155,7 @@ def fit(
         vehicles: consecutive numbers, leader first, also as "1-5"; by default the longest run of
             vehicles with data from the first one on.
         case: "I" for one parameter set, "II" for one per follower.
-        method: a key of `METHODS`.
+        method: a key of `METHODS`; with "maximum-likelihood" samples may be missing.
         preset: "fast" or "paper", for a method with presets.
         seed: of a method with presets.
         exclude: regimes whose instants do not count, as "catching-up" or ["catching up"].
@@ -172,7 +172,7 @@ def fit(
     _require(duration, Real, "duration", "seconds, as 300")
     _require(seed, Integral, "seed", "a whole number, as 0")
     source = _recording(recording)
-    segment = cut(source, start, duration, _numbers(vehicles))
+    segment = segment_for([method], source, start, duration, _numbers(vehicles))
     if exclude:
         segment = exclude_regimes(segment, label_regimes(segment, source), parse_regimes(exclude))
     settings = named_config(preset, seed=int(seed)) if estimator.settings else None

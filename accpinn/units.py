@@ -24,6 +24,19 @@ def frozen(values: object, *, dtype: type = np.float64) -> FloatArray:
     return array
 
 
+def known_mean(values: FloatArray) -> FloatArray:
+    """The mean over the first axis of what is not nan; nan where there is nothing."""
+    known = ~np.isnan(values)
+    counts = known.sum(axis=0)
+    sums = np.where(known, values, 0.0).sum(axis=0)
+    return np.where(counts > 0, sums / np.maximum(counts, 1), np.nan)
+
+
+def known_deviation(values: FloatArray) -> FloatArray:
+    """The standard deviation over the first axis of what is not nan; nan where there is nothing."""
+    return np.asarray(np.sqrt(known_mean((values - known_mean(values)) ** 2)))
+
+
 @dataclass(frozen=True)
 class Stretch:
     """Samples ``first`` to ``last``, both included."""

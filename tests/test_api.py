@@ -3,11 +3,14 @@ import shutil
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 import accpinn
 from accpinn.errors import AccpinnError, SnapshotError
+from accpinn.recordings.openacc import read
 from accpinn.results.snapshot.verification import verify
+from tests.support.openacc_files import csv, platoon
 from tests.support.samples import FOLDER, NOISY, sample
 
 ROOT = Path(__file__).parent.parent
@@ -87,3 +90,15 @@ def test_a_name_that_is_no_text_is_refused_before_anything_is_written(
     assert not list(tmp_path.iterdir())
     path = study.save(tmp_path / "a.accpinn.zip")
     assert accpinn.verify(path, FOLDER / f"{NOISY}.csv").ok
+
+
+def test_a_recording_with_missing_samples_is_fitted_whole() -> None:
+    frame = platoon(vehicles=2)
+    frame.loc[100:149, ["Speed2", "IVS1"]] = np.nan
+    recording = read(csv(frame), "run.csv")
+    study = accpinn.fit(recording, method="maximum-likelihood")
+    assert study.segment.samples == recording.samples
+    assert len(study.segment.blocks_missing) == 1
+    assert study.evaluation.closed_loop is not None
+    with pytest.raises(AccpinnError, match=r"Speed2 is missing .* or choose maximum-likelihood"):
+        accpinn.fit(recording, method="least-squares")

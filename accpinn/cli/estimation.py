@@ -112,7 +112,7 @@ def run_fit(options: argparse.Namespace) -> int:
     if options.out:  # training takes long; what would spoil its keeping is said first
         check_texts(options.name, options.note)
         writable_path(Path(options.out), "snapshot")
-    recording, segment = chosen_segment(options)
+    recording, segment = chosen_segment(options, [options.method])
     with interruptible() as stopped, _progress_bar() as show_progress:
         context = replace(
             chosen_context(options), on_progress=show_progress, should_stop=stopped.is_set
@@ -255,7 +255,7 @@ def _add_method_help(parser: argparse.ArgumentParser) -> None:
 def run_compare(options: argparse.Namespace) -> int:
     """Run the methods, and print a row for each, with intervals and errors of both kinds."""
     methods = parse_methods(options.methods)
-    recording, segment = chosen_segment(options)
+    recording, segment = chosen_segment(options, methods)
     context = chosen_context(options)
     found = compare(segment, options.case, methods, recording=recording, context=context)
     outcomes = list(tqdm(found, total=len(methods), unit="method", file=sys.stderr))
@@ -389,7 +389,7 @@ def run_starts(options: argparse.Namespace) -> int:
     config = preset(options.preset)
     if options.iterations is not None:
         config = replace(config, iterations=options.iterations)
-    _, segment = chosen_segment(options)
+    _, segment = chosen_segment(options, ["pinn"])
     trials = multistart(
         segment, options.case, config, seeds=range(options.seeds), context=chosen_context(options)
     )

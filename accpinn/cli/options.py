@@ -1,7 +1,7 @@
 """Options that several commands share, and what they choose: a segment, or parameter sets."""
 
 import argparse
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -11,11 +11,12 @@ from accpinn.errors import ConfigError, SegmentError
 from accpinn.evaluation.closed_loop import TrackingErrors
 from accpinn.inference.intervals import Uncertainty
 from accpinn.methods.method import TaskContext
+from accpinn.methods.registry import segment_for
 from accpinn.methods.store import Store
 from accpinn.model.cthp import Parameters
 from accpinn.recordings.openacc import read
 from accpinn.recordings.recording import Recording
-from accpinn.segment.cut import DURATION, cut, parse_vehicles, parse_windows
+from accpinn.segment.cut import DURATION, parse_vehicles, parse_windows
 from accpinn.segment.quality import (
     EXCLUDABLE,
     as_typed,
@@ -107,10 +108,12 @@ def _parsed(parse: Callable[[str], Any]) -> Callable[[str], Any]:
     return parsed
 
 
-def chosen_segment(options: argparse.Namespace) -> tuple[Recording, Segment]:
-    """The recording and the segment that the options name."""
+def chosen_segment(
+    options: argparse.Namespace, methods: Sequence[str]
+) -> tuple[Recording, Segment]:
+    """The recording and the segment that the options name, for methods by their keys."""
     recording = read(options.file)
-    segment = cut(recording, options.start, options.duration, options.vehicles)
+    segment = segment_for(methods, recording, options.start, options.duration, options.vehicles)
     if options.leave_out:
         regimes = label_regimes(segment, recording)
         segment = exclude_regimes(segment, regimes, options.leave_out)

@@ -3,6 +3,9 @@
 A follower that diverges has no errors, nor have those behind it, as a mean over what comes after
 has no meaning. One that collides or drives backwards keeps its errors, because the simulation goes
 on through the vehicle ahead; the finding belongs wherever such an error is shown.
+
+Missing samples have no errors. Where the leader's speed is missing for longer than a straight line
+may bridge, the simulation ends, and starts anew once all vehicles are measured again.
 """
 
 from collections.abc import Sequence
@@ -15,8 +18,18 @@ from accpinn.errors import Finding
 from accpinn.methods.fit import Fit
 from accpinn.methods.registry import METHODS
 from accpinn.model.cthp import Trajectories, simulate
+from accpinn.segment.cut import BRIDGE, SLACK
 from accpinn.segment.segment import Segment
-from accpinn.units import FloatArray, Metres, MetresPerSecond, Seconds
+from accpinn.units import (
+    FloatArray,
+    Mask,
+    Metres,
+    MetresPerSecond,
+    Seconds,
+    Stretch,
+    known_mean,
+    stretches,
+)
 
 DIVERGED: Metres = 1000.0
 """A follower this far behind no longer follows; measured gaps stay below 200 m."""
@@ -70,14 +83,20 @@ ClosedLoopFinding = SimulatedCollision | SimulatedReversing | SimulatedDivergenc
 
 
 def tracking_errors(segment: Segment, trajectories: Trajectories) -> TrackingErrors:
-    """Errors of trajectories given on the segment's instants."""
-    speed = trajectories.speeds - segment.speeds
-    gap = trajectories.gaps - segment.gaps
+    """Errors of trajectories given on the segment's instants, where a sample was measured.
+
+    Args:
+        segment: the data.
+        trajectories: nan at all instants for a vehicle without errors, and at single instants
+            where nothing is compared.
+    """
+    speed = trajectories.speeds - segment.measured_speeds
+    gap = trajectories.gaps - segment.measured_gaps
     return TrackingErrors(
-        np.abs(speed).mean(0),
-        np.abs(gap).mean(0),
-        np.sqrt((speed**2).mean(0)),
-        np.sqrt((gap**2).mean(0)),
+        known_mean(np.abs(speed)),
+        known_mean(np.abs(gap)),
+        np.sqrt(known_mean(speed**2)),
+        np.sqrt(known_mean(gap**2)),
     )
 
 
@@ -89,24 +108,51 @@ def surrogate_errors(segment: Segment, fit: Fit) -> TrackingErrors | None:
 
 
 def closed_loop(segment: Segment, fit: Fit) -> Trajectories | None:
-    """The closed-loop simulation behind the measured leader; None where τ is undetermined."""
-    if not np.isfinite(fit.parameters.values).all():
+    """The closed-loop simulation behind the measured leader.
+
+    Returns:
+        The motion on the segment's instants, nan where the leader's speed is missing for long;
+        None where τ is undetermined, or at no instant all vehicles are measured.
+    """
+    if not np.isfinite(fit.parameters.values).all() or not (pieces := simulable(segment)):
         return None
-    with np.errstate(over="ignore", invalid="ignore"):  # divergence is found below
-        speeds, gaps = segment.speeds, segment.gaps
-        return simulate(fit.parameters, segment.time, speeds[:, 0], speeds[0, 1:], gaps[0])
+    speeds, gaps = np.full_like(segment.speeds, np.nan), np.full_like(segment.gaps, np.nan)
+    for piece in pieces:
+        rows, first = piece.rows, piece.first
+        time, leader = segment.time[rows], segment.speeds[rows, 0]
+        start = segment.speeds[first, 1:], segment.gaps[first]
+        with np.errstate(over="ignore", invalid="ignore"):  # divergence is found below
+            motion = simulate(fit.parameters, time, leader, *start)
+        speeds[rows], gaps[rows] = motion.speeds, motion.gaps
+    return Trajectories(segment.time, speeds, gaps)
+
+
+def simulable(segment: Segment) -> list[Stretch]:
+    """Where the leader's speed is known, each stretch from where all vehicles are measured."""
+    if segment.missing is None:
+        return [Stretch(0, segment.samples - 1)]
+    leader: Mask = np.ones(segment.samples, bool)
+    for block in stretches(segment.missing[:, 0]):
+        leader[block.rows] = len(block) * segment.sample_time <= BRIDGE + SLACK
+    complete: Mask = np.asarray(~segment.missing.any(axis=1))
+    found = []
+    for stretch in stretches(leader):
+        if complete[stretch.rows].any():
+            first = stretch.first + int(complete[stretch.rows].argmax())
+            found.append(Stretch(first, stretch.last))
+    return [piece for piece in found if len(piece) > 1]
 
 
 def closed_loop_errors(segment: Segment, fit: Fit) -> TrackingErrors | None:
     """Errors of the closed-loop simulation, nan from the first follower that diverges on.
 
     Returns:
-        None where τ is undetermined.
+        None where there is no simulation.
     """
     simulated = closed_loop(segment, fit)
     if simulated is None:
         return None
-    void = np.logical_or.accumulate(_diverged(simulated).any(axis=0))
+    void = np.logical_or.accumulate(_diverged(segment, simulated).any(axis=0))
     speeds = np.where(np.r_[False, void], np.nan, simulated.speeds)
     gaps = np.where(void, np.nan, simulated.gaps)
     return tracking_errors(segment, Trajectories(simulated.time, speeds, gaps))
@@ -123,8 +169,8 @@ def closed_loop_findings(
     """
     if simulated is None:
         return ()
-    touching = (simulated.gaps <= 0) & (segment.gaps > 0)
-    diverged = _diverged(simulated)
+    touching = (simulated.gaps <= 0) & (segment.measured_gaps > 0)
+    diverged = _diverged(segment, simulated)
     floor = np.minimum(BACKWARDS, segment.speeds[:, 1:].min(axis=0))
     backwards = (simulated.speeds[:, 1:] < floor) & ~diverged
     found: list[ClosedLoopFinding] = []
@@ -154,9 +200,13 @@ def collision_times(findings: Sequence[ClosedLoopFinding], vehicles: Sequence[in
     return np.array([times.get(vehicle, np.nan) for vehicle in vehicles[1:]])
 
 
-def _diverged(simulated: Trajectories) -> NDArray[np.bool_]:
+def _diverged(segment: Segment, simulated: Trajectories) -> NDArray[np.bool_]:
     """(N, M) True from the first instant on at which a follower's gap leaves ±`DIVERGED`."""
-    return np.asarray(np.logical_or.accumulate(~(np.abs(simulated.gaps) <= DIVERGED), axis=0))
+    far = ~(np.abs(simulated.gaps) <= DIVERGED)
+    run = np.zeros(len(far), bool)
+    for piece in simulable(segment):
+        run[piece.rows] = True
+    return np.asarray(np.logical_or.accumulate(far & run[:, None], axis=0))
 
 
 def _first(segment: Segment, when: NDArray[np.bool_]) -> Seconds:

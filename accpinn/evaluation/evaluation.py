@@ -26,6 +26,7 @@ from accpinn.evaluation.closed_loop import (
     closed_loop_errors,
     closed_loop_findings,
     collision_times,
+    simulable,
     surrogate_errors,
 )
 from accpinn.evaluation.whiteness import Whiteness, whiteness
@@ -45,7 +46,8 @@ class Block:
 
     window: Window
     errors: TrackingErrors | None
-    """Closed loop; None where the rest of the window is too short or leaves τ undetermined."""
+    """Closed loop; None where the rest of the window is too short or leaves τ undetermined, or
+    where nothing can be simulated."""
     findings: tuple[ClosedLoopFinding, ...] = ()
 
 
@@ -56,7 +58,7 @@ class Evaluation:
     surrogate: TrackingErrors | None
     """Of the method's own trajectories against the data; None where it has none."""
     closed_loop: TrackingErrors | None
-    """Of the closed-loop simulation on the segment; None where τ is undetermined."""
+    """Of the closed-loop simulation on the segment; None where there is none."""
     holdout: TrackingErrors | None
     """Closed loop on all blocks together, each with parameters fitted to the others."""
     blocks: tuple[Block, ...]
@@ -116,13 +118,20 @@ def cross_validate(
 ) -> tuple[Block, ...]:
     """Hold out each block of the window in turn, and simulate it with parameters from the rest.
 
+    A block in which at no instant all vehicles are measured has nothing to compare, so none is
+    held out there.
+
     Args:
         segment: the data.
         estimate: any method, from a segment to a fit.
         blocks: how many, 2 or more.
     """
     ends = [round(end) for end in np.linspace(0, segment.samples, blocks + 1)]
-    return tuple(_block(segment, first, end, estimate) for first, end in pairwise(ends))
+    return tuple(
+        _block(segment, first, end, estimate)
+        for first, end in pairwise(ends)
+        if simulable(part(segment, first, end))
+    )
 
 
 def pooled_holdout_errors(blocks: tuple[Block, ...]) -> TrackingErrors | None:
@@ -183,6 +192,7 @@ def part(segment: Segment, first: int, end: int) -> Segment:
         speeds=segment.speeds[rows],
         gaps=segment.gaps[rows],
         mask=None if segment.mask is None else segment.mask[rows],
+        missing=None if segment.missing is None else segment.missing[rows],
         start=segment.start + float(segment.time[first]),
     )
 

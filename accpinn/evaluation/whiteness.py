@@ -12,6 +12,8 @@ that are not neighbours would be independent. The statistic
 is then standard normal (Bartlett, JRSS Suppl. 8, 1946), and large where disturbances last. The
 integrated autocorrelation time (Geyer's initial positive sequence, Statistical Science 7, 1992)
 measures how long.
+
+Seconds in which a sample is missing do not count.
 """
 
 from dataclasses import dataclass

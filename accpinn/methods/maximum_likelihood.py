@@ -15,7 +15,8 @@ One set of parameters may hold for several series: the followers of a platoon (C
 windows of one vehicle. Their log-likelihoods add up; disturbance and noise are shared as well.
 
 Samples: receivers report every 0.25 s and files of 10 Hz are smooth curves through the reports, so
-neighbouring samples share their noise. One sample each 0.5 s is used.
+neighbouring samples share their noise. One sample each 0.5 s is used. Missing samples are those
+that the filter does not take in, so recordings with holes are used whole.
 
 Source: Ljung, System Identification, 2nd ed., 1999, chapters 7 and 10.
 """
@@ -112,15 +113,15 @@ def series_of(segments: Sequence[Segment], case: Case) -> Series:
         for k in range(segment.followers):
             rows = np.ones(len(measured), bool) if mask is None else mask[:: stride_of(segment), k]
             for stretch in stretches(rows):
-                if len(stretch) >= SHORTEST_STRETCH:
+                if _complete(measured[stretch.rows, :, k]) >= SHORTEST_STRETCH:
                     parts.append(measured[stretch.rows, :, k])
                     group.append(0 if case == "I" else k)
     groups = 1 if case == "I" else segments[0].followers
-    if set(group) != set(range(groups)) or max(map(len, parts)) < LEAST_SAMPLES:
+    if set(group) != set(range(groups)) or max(map(_complete, parts)) < LEAST_SAMPLES:
         first = segments[0]
         raise SegmentError(
             f"{first.source}: what is left of {first.window} is too short for the likelihood; take"
-            f" a window in which at least {LEAST_SAMPLES * SPACING:g} s on end count."
+            f" a window in which at least {LEAST_SAMPLES * SPACING:g} s count and are measured."
         )
     longest = max(map(len, parts))
     measured = np.full((longest, 3, len(parts)), np.nan)
@@ -130,6 +131,11 @@ def series_of(segments: Sequence[Segment], case: Case) -> Series:
     return Series(measured, tuple(group), step)
 
 
+def _complete(measured: FloatArray) -> int:
+    """How many of the samples (N, 3) have p, v and u."""
+    return int((~np.isnan(measured)).all(axis=1).sum())
+
+
 def stride_of(segment: Segment) -> int:
     """Samples of the segment from one that is used to the next."""
     return max(1, round(SPACING / segment.sample_time))
@@ -137,7 +143,8 @@ def stride_of(segment: Segment) -> int:
 
 def measured_of(segment: Segment) -> FloatArray:
     """(N, 3, M): p, v and the speed ahead of each follower at the samples used; nan if missing."""
-    pairs = (segment.gaps, segment.speeds[:, 1:], segment.speeds[:, :-1])
+    speeds = segment.measured_speeds
+    pairs = (segment.measured_gaps, speeds[:, 1:], speeds[:, :-1])
     return np.stack(pairs, axis=1)[:: stride_of(segment)]
 
 
@@ -460,6 +467,6 @@ def _at_instants(
 
 
 METHOD = direct(
-    KEY, "Maximum likelihood", fit, typical_seconds=0.5, tolerance=1e-3,
+    KEY, "Maximum likelihood", fit, typical_seconds=0.5, tolerance=1e-3, allows_missing=True,
     summary="exact likelihood of a model with lasting disturbances; unbiased, with intervals",
 )  # fmt: skip

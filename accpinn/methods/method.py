@@ -5,11 +5,16 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any, Protocol, Self
 
+import numpy as np
+
+from accpinn.errors import SegmentError
 from accpinn.methods.fit import Fit, OnProgress, Run, ShouldStop, drive
 from accpinn.methods.store import Store
 from accpinn.model.cthp import Case, Trajectories
+from accpinn.recordings.recording import Window
+from accpinn.segment.cut import MINIMUM_DURATION, WINDOWS_LISTED
 from accpinn.segment.segment import Segment
-from accpinn.units import FloatArray, Seconds
+from accpinn.units import FloatArray, Seconds, stretches
 
 
 @dataclass(frozen=True)
@@ -69,6 +74,8 @@ class Method:
     """Whether it reports progress, can be stopped, continued, and begun from another fit."""
     is_closed_loop: bool = False
     """Whether its trajectories are its closed-loop simulation and so no surrogate."""
+    allows_missing: bool = False
+    """Whether blocks of samples may be missing for longer than a straight line may bridge."""
     redraw: Callable[[Fit, FloatArray, Seconds], Trajectories] | None = None
     """The surrogate's curves at instants (N,) in s, from `Fit.arrays` alone, and the window's
     duration in s; None for a method whose curves cannot be drawn again."""
@@ -91,8 +98,32 @@ class Method:
         Raises:
             AccpinnError: when the segment or the settings cannot serve the method.
         """
+        if segment.blocks_missing and not self.allows_missing:
+            raise _refusal(segment, self.title)
         context = context or TaskContext()
         return drive(self.run(segment, case, settings, context), context.on_progress)
+
+
+def _refusal(segment: Segment, title: str) -> SegmentError:
+    """The error for a method that cannot use a segment in which blocks of samples are missing."""
+    instants = segment.start + segment.time
+    complete = np.ones(segment.samples, bool)
+    for block in segment.blocks_missing:
+        for window in block.windows:
+            slack = segment.sample_time / 2
+            complete &= (instants < window.start - slack) | (instants > window.end + slack)
+    ends = [(float(instants[s.first]), float(instants[s.last])) for s in stretches(complete)]
+    windows = (Window(*(round(end, 6) for end in pair)) for pair in ends)
+    usable = [window for window in windows if window.duration >= MINIMUM_DURATION]
+    longest = sorted(usable, key=lambda window: -window.duration)[:WINDOWS_LISTED]
+    listed = ", ".join(map(str, sorted(longest, key=lambda window: window.start)))
+    first = max(segment.blocks_missing, key=lambda block: block.share)
+    where = max(first.windows, key=lambda window: window.duration)
+    cure = f"take a complete window ({listed}) or maximum-likelihood" if listed else ""
+    return SegmentError(
+        f"{segment.source}: {first.columns[0]} is missing at {where}, and the method"
+        f' "{title}" needs all samples; {cure or "choose maximum-likelihood"}.'
+    )
 
 
 def direct(key: str, title: str, fit: Callable[[Segment, Case], Fit], **others: Any) -> Method:

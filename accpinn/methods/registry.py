@@ -1,6 +1,8 @@
 """Every method by its key, in the order in which they are shown."""
 
-from accpinn.errors import ConfigError
+from collections.abc import Sequence
+
+from accpinn.errors import ConfigError, SegmentError
 from accpinn.methods import (
     dual_ukf,
     least_squares,
@@ -12,6 +14,10 @@ from accpinn.methods import (
 )
 from accpinn.methods.method import Method
 from accpinn.methods.pinn import method as pinn
+from accpinn.recordings.recording import Recording
+from accpinn.segment.cut import DURATION, IncompleteWindow, cut
+from accpinn.segment.segment import Segment
+from accpinn.units import Seconds
 
 METHODS: dict[str, Method] = {
     method.key: method
@@ -38,3 +44,34 @@ def method_of(key: str) -> Method:
     if key not in METHODS:
         raise ConfigError(f"method: {key[:40]} is not known; choose {', '.join(METHODS)}.")
     return METHODS[key]
+
+
+def segment_for(
+    methods: Sequence[str],
+    recording: Recording,
+    start: Seconds = 0.0,
+    duration: Seconds = DURATION,
+    vehicles: Sequence[int] | None = None,
+) -> Segment:
+    """The window that methods are to be applied to; samples may be missing if all allow that.
+
+    Args:
+        methods: keys of `METHODS`.
+        recording: what to cut from.
+        start: see `accpinn.segment.cut.cut`, as all others.
+        duration: in s.
+        vehicles: leader first.
+
+    Raises:
+        SegmentError: one sentence of what is wrong and what would be possible.
+    """
+    allowed = all(METHODS[key].allows_missing for key in methods)
+    try:
+        return cut(recording, start, duration, vehicles, allow_missing=allowed)
+    except IncompleteWindow as fault:
+        others = " or ".join(key for key, method in METHODS.items() if method.allows_missing)
+        alone = " alone" if len(methods) > 1 else ""
+        raise SegmentError(
+            f"{str(fault).removesuffix('.')}, or choose {others}{alone}, which allows missing"
+            " samples."
+        ) from None

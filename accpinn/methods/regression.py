@@ -6,7 +6,7 @@ The rates dv/dt are central differences, or means over steps of a second, which 
 
     (v(t + T) - v(t)) / T = mean over [t, t + T] of X θ,    T = 1 s
 
-Instants that the segment masks do not count.
+Instants that the segment masks do not count, nor do those at which a sample is missing.
 """
 
 from collections.abc import Sequence
@@ -128,8 +128,11 @@ class Regression:
     @classmethod
     def of(cls, segment: Segment) -> Self:
         """The rows of a segment, with central differences of its speeds."""
-        rates = np.gradient(segment.speeds[:, 1:], segment.sample_time, axis=0)
-        return cls.of_motion(segment.speeds, segment.gaps, rates, segment.mask)
+        rates = np.gradient(segment.measured_speeds[:, 1:], segment.sample_time, axis=0)
+        mask = None
+        if segment.mask is not None or segment.missing is not None:
+            mask = segment.counts & ~np.isnan(rates)
+        return cls.of_motion(segment.speeds, segment.gaps, rates, mask)
 
     @classmethod
     def of_motion(
@@ -170,7 +173,7 @@ class OneSecondMeans:
     terms: FloatArray
     """(M, K, 3) means of p [m], -v [m/s], Δv [m/s]."""
     mask: Mask
-    """(M, K) False where a step contains a masked sample."""
+    """(M, K) False where a step contains a sample that does not count or is missing."""
     samples: int
     """In a step."""
     length: Seconds
@@ -186,8 +189,8 @@ def one_second_means(segment: Segment) -> OneSecondMeans:
     terms = regressors(segment.speeds, segment.gaps)[:, : last + 1]
     trapezoid = (terms[:, 1:] + terms[:, :-1]) / 2
     mask: Mask = np.ones((segment.followers, count), dtype=bool)
-    if segment.mask is not None:
-        kept = segment.mask[: last + 1]
+    if segment.mask is not None or segment.missing is not None:
+        kept = segment.counts[: last + 1]
         pairs = kept[1:] & kept[:-1]  # a step has both its ends in it
         mask = np.asarray(pairs.reshape(count, samples, -1).all(axis=1).T)
     return OneSecondMeans(

@@ -2,8 +2,9 @@
 
 A platoon is of consecutive vehicles with a space-gap between them.
 
-Missing blocks of samples that are short enough are bridged by straight lines and reported; a window
-with longer ones is refused.
+Missing blocks of samples that are short enough are bridged by straight lines and reported. A window
+with longer ones is refused, unless the caller can use one; they are then filled alike, so that the
+numbers stay finite. The segment marks every sample that was not measured.
 """
 
 import math
@@ -18,6 +19,7 @@ from accpinn.channels import GAP, SPEED
 from accpinn.errors import SegmentError
 from accpinn.recordings.recording import Recording, Window
 from accpinn.segment.segment import (
+    BlocksMissing,
     Bridged,
     Resampled,
     Segment,
@@ -25,7 +27,7 @@ from accpinn.segment.segment import (
     WindowMoved,
     WindowShortened,
 )
-from accpinn.units import FloatArray, Seconds, Stretch, stretches
+from accpinn.units import FloatArray, Mask, Seconds, Stretch, stretches
 
 DURATION: Seconds = 300.0
 """Default length of a window; that of the studies this package follows."""
@@ -38,6 +40,11 @@ SLACK: Seconds = 1e-6
 WINDOWS_LISTED = 3
 MAX_FOLLOWERS = 10
 
+
+class IncompleteWindow(SegmentError):
+    """A window in which samples are missing for too long."""
+
+
 _PART = re.compile(r"(\d{1,3})(?:-(\d{1,3}))?")
 _INTERVAL = re.compile(r"(\d{1,7}(?:\.\d{1,6})?)-(\d{1,7}(?:\.\d{1,6})?)")
 
@@ -48,6 +55,7 @@ def cut(
     duration: Seconds = DURATION,
     vehicles: Sequence[int] | None = None,
     bridge: Seconds = BRIDGE,
+    allow_missing: bool = False,
 ) -> Segment:
     """The window [start, start + duration] of the chosen vehicles.
 
@@ -59,8 +67,10 @@ def cut(
         vehicles: consecutive numbers, leader first; by default see `default_vehicles`.
         bridge: missing blocks up to this many seconds are bridged linearly, which is among the
             findings.
+        allow_missing: whether longer blocks may be missing, which is among the findings.
 
     Raises:
+        IncompleteWindow: where they are missing and may not be.
         SegmentError: one sentence of what is wrong and what would be possible.
     """
     chosen = (
@@ -70,9 +80,11 @@ def cut(
     window = _fit_window(recording, start, duration, findings)
     platoon = _platoon(recording, chosen, bridge)
     source = _source_rows(recording, window)
-    _refuse_missing(platoon, source)
-    time, values = _on_grid(platoon, source, window, findings)
+    if not allow_missing:
+        _refuse_missing(platoon, source)
+    time, values, missing = _on_grid(platoon, source, window, findings)
     findings.extend(platoon.bridged_among(source))
+    findings.extend(platoon.missing_among(source))
     return Segment(
         time=time,
         speeds=values[:, : len(chosen)],
@@ -83,6 +95,7 @@ def cut(
         source=recording.source,
         sha256=recording.sha256,
         findings=tuple(findings),
+        missing=missing,
     )
 
 
@@ -132,6 +145,8 @@ class _Platoon:
     """(2M+1,) their names in the file: speeds, leader first, then gaps."""
     values: FloatArray
     """(N, 2M+1) in m/s and m; NaN where a block could not be bridged."""
+    missing: Mask
+    """(N, 2M+1) True where nothing was measured, bridged or not."""
     bridged: tuple[tuple[str, Stretch], ...]
     """The bridged blocks of each column."""
     bridge: Seconds
@@ -150,6 +165,28 @@ class _Platoon:
                 findings.append(Bridged(column, sum(map(len, blocks)), windows))
         return findings
 
+    def missing_among(self, rows: Stretch) -> list[BlocksMissing]:
+        """The unbridged samples among ``rows``; columns that miss the same ones are together."""
+        together: dict[tuple[Stretch, ...], list[str]] = {}
+        for column, values in zip(self.columns, self.values.T, strict=True):
+            if blocks := stretches(np.isnan(values[rows.rows])):
+                together.setdefault(blocks, []).append(column)
+        findings = []
+        for blocks, columns in together.items():
+            moved = (Stretch(rows.first + one.first, rows.first + one.last) for one in blocks)
+            windows = tuple(map(self.recording.window, moved))
+            share = sum(map(len, blocks)) / len(rows)
+            findings.append(BlocksMissing(tuple(columns), share, windows))
+        return findings
+
+    def filled(self) -> FloatArray:
+        """(N, 2M+1) the values, straight lines where they are missing."""
+        time, filled = self.recording.time, self.values.copy()
+        for values in filled.T:
+            known = ~np.isnan(values)
+            values[:] = np.interp(time, time[known], values[known])
+        return filled
+
     def complete(self) -> tuple[Window, ...]:
         """The windows of at least `MINIMUM_DURATION` without a missing value."""
         complete = stretches(np.isfinite(self.values).all(axis=1))
@@ -164,6 +201,7 @@ def _platoon(recording: Recording, vehicles: tuple[int, ...], bridge: Seconds) -
     channels = {SPEED.of(number): recording.speed_of(number) for number in vehicles}
     channels |= {GAP.of(number): recording.gap_behind(number) for number in vehicles[:-1]}
     values = np.column_stack(list(channels.values()))
+    missing: Mask = np.isnan(values)
     time, bridged = recording.time, []
     for column, series in zip(channels, values.T, strict=True):
         for block in stretches(np.isnan(series)):
@@ -173,7 +211,7 @@ def _platoon(recording: Recording, vehicles: tuple[int, ...], bridge: Seconds) -
                 ends = [block.first - 1, block.last + 1]
                 series[block.rows] = np.interp(time[block.rows], time[ends], series[ends])
                 bridged.append((column, block))
-    return _Platoon(recording, tuple(channels), values, tuple(bridged), bridge)
+    return _Platoon(recording, tuple(channels), values, missing, tuple(bridged), bridge)
 
 
 def _refuse_missing(platoon: _Platoon, rows: Stretch) -> None:
@@ -198,7 +236,7 @@ def _refuse_missing(platoon: _Platoon, rows: Stretch) -> None:
     )
     listed = sorted(nearest[:WINDOWS_LISTED], key=lambda window: window.start)
     where = ", ".join(map(str, listed))
-    raise SegmentError(
+    raise IncompleteWindow(
         f"{recording.source}: {platoon.columns[column]} is missing at {recording.window(block)},"
         f" {reason}; {f'complete nearby: {where}' if where else 'choose other vehicles'}."
     )
@@ -245,19 +283,22 @@ def _source_rows(recording: Recording, window: Window) -> Stretch:
 
 def _on_grid(
     platoon: _Platoon, source: Stretch, window: Window, findings: list[SegmentFinding]
-) -> tuple[FloatArray, FloatArray]:
-    """Even instants from 0 (N,) and the values there (N, 2M+1)."""
+) -> tuple[FloatArray, FloatArray, Mask]:
+    """Even instants from 0 (N,), the values there (N, 2M+1), and which of them are missing."""
     recording = platoon.recording
     step = recording.sample_time
     count = math.floor((window.duration + SLACK) / step) + 1
     time: FloatArray = np.arange(count, dtype=np.float64) * step
-    values: FloatArray = platoon.values[source.rows]
+    values: FloatArray = platoon.filled()[source.rows]
+    missing = platoon.missing[source.rows]
     if recording.is_even:
-        return time, values
+        return time, values, missing
     findings.append(Resampled(step=step))
     stamps, instants = recording.time[source.rows], window.start + time
     resampled = [np.interp(instants, stamps, series) for series in values.T]
-    return time, np.column_stack(resampled)
+    # An instant between two samples is missing if one of them is.
+    between = [np.interp(instants, stamps, series) > SLACK for series in missing.T.astype(float)]
+    return time, np.column_stack(resampled), np.column_stack(between)
 
 
 def parse_vehicles(text: str) -> tuple[int, ...]:

@@ -6,6 +6,8 @@
                        that the segment's mask does not exclude; all else is of all instants
     car-following      share of instants in motion with p/v at most 2 s
 
+Samples that are missing are left out of all of these.
+
 Near equilibrium p is close to τv and Δv to zero: the regressors are then nearly collinear, and
 many (α, β, τ) explain the data equally well.
 
@@ -43,7 +45,15 @@ from accpinn.recordings.recording import (
 )
 from accpinn.segment.cut import MINIMUM_DURATION
 from accpinn.segment.segment import NothingToExclude, RegimesExcluded, Segment
-from accpinn.units import FloatArray, Mask, MetresPerSecond, Seconds, frozen
+from accpinn.units import (
+    FloatArray,
+    Mask,
+    MetresPerSecond,
+    Seconds,
+    frozen,
+    known_deviation,
+    known_mean,
+)
 
 CAR_FOLLOWING: Seconds = 2.0
 """With a longer time gap a vehicle catches up or drives freely, and the model does not hold."""
@@ -110,29 +120,27 @@ class Quality:
 
 
 def time_gaps(segment: Segment) -> FloatArray:
-    """(N, M): p/v in s, nan where the follower does not move."""
-    follower = segment.speeds[:, 1:]
+    """(N, M): p/v in s, nan where the follower does not move or a sample is missing."""
+    follower = segment.measured_speeds[:, 1:]
     gaps = np.full_like(segment.gaps, np.nan)
-    np.divide(segment.gaps, follower, out=gaps, where=follower > MOVING)
+    np.divide(segment.measured_gaps, follower, out=gaps, where=follower > MOVING)
     return gaps
 
 
 def assess_quality(segment: Segment) -> Quality:
     """Mean time gap, excitation, conditioning and share of car-following, with findings."""
     gaps = time_gaps(segment)
-    speeds = segment.speeds
-    moving = np.isfinite(gaps)
-    # A mean over no instants is nan without numpy's complaint about it.
-    sums, counts = np.where(moving, gaps, 0.0).sum(axis=0), moving.sum(axis=0)
-    mean = np.where(counts > 0, sums / np.maximum(counts, 1), np.nan)
+    speeds = segment.measured_speeds
+    close = np.where(np.isfinite(gaps), gaps <= CAR_FOLLOWING, 0.0)
+    close[np.isnan(segment.measured_gaps + speeds[:, 1:])] = np.nan
     acceleration = np.gradient(speeds[:, 1:], segment.time, axis=0)
     figures = Quality(
-        mean_time_gap=tuple(mean.tolist()),
-        leader_deviation=float(speeds[:, 0].std()),
-        relative_deviation=tuple((speeds[:, :-1] - speeds[:, 1:]).std(axis=0).tolist()),
-        acceleration_deviation=tuple(acceleration.std(axis=0).tolist()),
+        mean_time_gap=tuple(known_mean(gaps).tolist()),
+        leader_deviation=float(known_deviation(speeds[:, 0])),
+        relative_deviation=tuple(known_deviation(speeds[:, :-1] - speeds[:, 1:]).tolist()),
+        acceleration_deviation=tuple(known_deviation(acceleration).tolist()),
         condition=_conditions(segment),
-        car_following=tuple((moving & (gaps <= CAR_FOLLOWING)).mean(axis=0).tolist()),
+        car_following=tuple(known_mean(close).tolist()),
     )
     return replace(figures, findings=tuple(_findings(segment, figures)))
 
@@ -140,8 +148,8 @@ def assess_quality(segment: Segment) -> Quality:
 def _conditions(segment: Segment) -> tuple[float, ...]:
     """Of each follower's regressors, where its equation counts."""
     parts = regressors(segment.speeds, segment.gaps)
-    mask = np.ones(segment.gaps.shape, bool) if segment.mask is None else segment.mask
-    return tuple(_condition(part[counts]) for part, counts in zip(parts, mask.T, strict=True))
+    each = zip(parts, segment.counts.T, strict=True)
+    return tuple(_condition(part[counts]) for part, counts in each)
 
 
 def _condition(part: FloatArray) -> float:
@@ -163,7 +171,7 @@ def _findings(segment: Segment, figures: Quality) -> Iterator[QualityFinding]:
     elsewhere = np.less(figures.car_following, LITTLE_CAR_FOLLOWING)
     if elsewhere.any():
         yield LittleCarFollowing(*those(elsewhere, figures.car_following))
-    negative = (segment.gaps < 0).sum(axis=0)
+    negative = (segment.measured_gaps < 0).sum(axis=0)
     if negative.any():
         yield GapsNegative(*those(negative > 0, tuple(negative.tolist())))
 
@@ -177,6 +185,8 @@ class Regimes:
     mode_known: tuple[bool, ...]
     """(M,) whether driver modes were at hand, so that manual driving could be seen."""
     names: tuple[str, ...] = REGIMES
+    measured: Mask | None = None
+    """(N, M) whether speed and gap were measured, so that they count in shares; None if all."""
 
     def __post_init__(self) -> None:
         """Lock the array."""
@@ -184,11 +194,10 @@ class Regimes:
 
     @property
     def shares(self) -> tuple[tuple[float, ...], ...]:
-        """(M, 4) share of instants in each regime, 0 to 1."""
-        return tuple(
-            tuple(float((column == code).mean()) for code in range(len(self.names)))
-            for column in self.codes.T
-        )
+        """(M, 4) share of the measured instants in each regime, 0 to 1; nan without any."""
+        measured = True if self.measured is None else self.measured
+        each = [np.where(measured, self.codes == k, np.nan) for k in range(len(self.names))]
+        return tuple(map(tuple, known_mean(np.stack(each, axis=-1)).tolist()))
 
 
 def label_regimes(segment: Segment, recording: Recording | None = None) -> Regimes:
@@ -204,13 +213,14 @@ def label_regimes(segment: Segment, recording: Recording | None = None) -> Regim
     gaps = time_gaps(segment)
     codes = np.full(gaps.shape, FOLLOWING, np.uint8)
     codes[gaps > CAR_FOLLOWING] = CATCHING_UP
-    codes[segment.speeds[:, 1:] <= MOVING] = STANDSTILL
+    codes[segment.measured_speeds[:, 1:] <= MOVING] = STANDSTILL
+    measured: Mask = ~np.isnan(segment.measured_gaps + segment.measured_speeds[:, 1:])
     if recording is None:
-        return Regimes(codes, (False,) * segment.followers)
+        return Regimes(codes, (False,) * segment.followers, measured=measured)
     modes = _modes(segment, recording)
     codes[(modes == Mode.HUMAN).any(axis=0)] = MANUAL
     known = (modes != Mode.UNKNOWN).any(axis=(0, 1))
-    return Regimes(codes, tuple(known.tolist()))
+    return Regimes(codes, tuple(known.tolist()), measured=measured)
 
 
 def parse_regimes(names: str | Sequence[str]) -> tuple[str, ...]:
@@ -252,15 +262,16 @@ def exclude_regimes(segment: Segment, regimes: Regimes, names: Sequence[str]) ->
     if not excluded.any():
         return replace(segment, findings=(*segment.findings, NothingToExclude(chosen)))
     mask = ~excluded if segment.mask is None else segment.mask & ~excluded
-    _refuse_too_little(segment, mask, chosen)
     shares = tuple((~mask).mean(axis=0).tolist())
     found = RegimesExcluded(regimes=chosen, vehicles=segment.vehicles[1:], shares=shares)
-    return replace(
+    part = replace(
         segment,
         mask=mask,
         excluded_regimes=tuple(dict.fromkeys((*segment.excluded_regimes, *chosen))),
         findings=(*segment.findings, found),
     )
+    _refuse_too_little(part, chosen)
+    return part
 
 
 def _modes(segment: Segment, recording: Recording) -> NDArray[np.int8]:
@@ -282,9 +293,9 @@ def _modes(segment: Segment, recording: Recording) -> NDArray[np.int8]:
     return np.asarray(recording.mode[rows][:, :, followers])
 
 
-def _refuse_too_little(segment: Segment, mask: Mask, chosen: tuple[str, ...]) -> None:
+def _refuse_too_little(segment: Segment, chosen: tuple[str, ...]) -> None:
     """Few instants, like a short window, hardly identify three parameters."""
-    left = mask.sum(axis=0) * segment.sample_time
+    left = segment.counts.sum(axis=0) * segment.sample_time
     worst = int(left.argmin())
     if left[worst] < MINIMUM_DURATION:
         raise SegmentError(

@@ -41,6 +41,17 @@ class Bridged(Finding, frozen=True):
     """Where, in the recording's time."""
 
 
+class BlocksMissing(Finding, frozen=True):
+    """Samples are missing for longer than a straight line may bridge."""
+
+    columns: tuple[str, ...]
+    """Names in the file of all that is missing at the same time, as Speed2 and IVS1."""
+    share: float
+    """Of the window's samples, 0 to 1; bridged ones do not count."""
+    windows: tuple[Window, ...]
+    """Where, in the recording's time."""
+
+
 class RegimesExcluded(Finding, frozen=True):
     """Instants of some regimes do not count in the equations of the model."""
 
@@ -58,7 +69,13 @@ class NothingToExclude(Finding, frozen=True):
 
 
 SegmentFinding = (
-    WindowMoved | WindowShortened | Resampled | Bridged | RegimesExcluded | NothingToExclude
+    WindowMoved
+    | WindowShortened
+    | Resampled
+    | Bridged
+    | BlocksMissing
+    | RegimesExcluded
+    | NothingToExclude
 )
 
 
@@ -100,7 +117,7 @@ class SegmentInfo(_Platoon):
     sha256: str
     """Of the recording's bytes; empty for data made in memory."""
     findings: tuple[SegmentFinding, ...]
-    """What was done to the data (moved, resampled, bridged, excluded)."""
+    """What was done to the data (moved, resampled, bridged, excluded), and what is missing."""
     digest: str
     """SHA-256 of the segment's data: equal digests mean equal data."""
     excluded_regimes: tuple[str, ...] = ()
@@ -111,7 +128,11 @@ class SegmentInfo(_Platoon):
 
 @dataclass(frozen=True, eq=False)
 class Segment(_Platoon):
-    """Speeds and space-gaps of consecutive vehicles on evenly spaced instants, nothing missing."""
+    """Speeds and space-gaps of consecutive vehicles on evenly spaced instants.
+
+    Where a sample is missing, ``speeds`` and ``gaps`` hold a straight line between its neighbours.
+    Whatever takes them as measured reads `measured_speeds` and `measured_gaps`, or `counts`.
+    """
 
     time: FloatArray
     """(N,) in s from the window's start: 0, dt, 2 dt, ..."""
@@ -130,11 +151,14 @@ class Segment(_Platoon):
     sha256: str
     """Of the recording's bytes; empty for data made in memory."""
     findings: tuple[SegmentFinding, ...] = ()
-    """What was done to the data (moved, resampled, bridged, excluded)."""
+    """What was done to the data (moved, resampled, bridged, excluded), and what is missing."""
     mask: Mask | None = None
     """(N, M) True where the model's equation of dv/dt counts; None where it does throughout."""
     excluded_regimes: tuple[str, ...] = ()
     """The regimes that the mask excludes (see `segment.quality`)."""
+    missing: Mask | None = None
+    """(N, 2M+1) True where a speed (the first M+1 columns) or a space-gap was not measured; None
+    where all were."""
 
     def __post_init__(self) -> None:
         """Copy and lock the arrays; refuse shapes and values no method could work on."""
@@ -142,6 +166,9 @@ class Segment(_Platoon):
             object.__setattr__(self, name, frozen(getattr(self, name)))
         if self.mask is not None:
             object.__setattr__(self, "mask", frozen(self.mask, dtype=np.bool_))
+        if self.missing is not None:
+            missing = frozen(self.missing, dtype=np.bool_) if np.any(self.missing) else None
+            object.__setattr__(self, "missing", missing)
         fault = self._fault()
         if fault:
             raise SegmentError(f"{self.source}: this is no segment, as {fault}.")
@@ -158,6 +185,8 @@ class Segment(_Platoon):
             return "numbers are missing or infinite"
         if self.mask is not None and self.mask.shape != self.gaps.shape:
             return "the mask and the space-gaps differ in number"
+        if self.missing is not None and self.missing.shape != (samples, 2 * count - 1):
+            return "the missing samples and the channels differ in number"
         return ""
 
     @property
@@ -175,6 +204,36 @@ class Segment(_Platoon):
     def sample_time(self) -> Seconds:
         """The step between instants in s."""
         return round(self.window.duration / (self.samples - 1), 9)
+
+    @cached_property
+    def measured_speeds(self) -> FloatArray:
+        """(N, M+1) in m/s; nan where missing."""
+        return self._measured(self.speeds, slice(len(self.vehicles)))
+
+    @cached_property
+    def measured_gaps(self) -> FloatArray:
+        """(N, M) in m; nan where missing."""
+        return self._measured(self.gaps, slice(len(self.vehicles), None))
+
+    def _measured(self, values: FloatArray, columns: slice) -> FloatArray:
+        if self.missing is None:
+            return values
+        return frozen(np.where(self.missing[:, columns], np.nan, values))
+
+    @cached_property
+    def counts(self) -> Mask:
+        """(N, M) True where a follower's equation of dv/dt counts and all in it was measured."""
+        counts = np.ones(self.gaps.shape, bool) if self.mask is None else self.mask.copy()
+        if self.missing is not None:
+            speeds, gaps = np.split(self.missing, [len(self.vehicles)], axis=1)
+            counts &= ~(speeds[:, 1:] | speeds[:, :-1] | gaps)
+        counts.setflags(write=False)
+        return counts
+
+    @property
+    def blocks_missing(self) -> tuple[BlocksMissing, ...]:
+        """The findings of samples that are missing for long; most methods cannot use such data."""
+        return tuple(one for one in self.findings if isinstance(one, BlocksMissing))
 
     @cached_property
     def info(self) -> SegmentInfo:
@@ -195,11 +254,13 @@ class Segment(_Platoon):
         )
 
     def _digest(self) -> str:
-        """SHA-256 of what determines an estimate: instants, speeds, gaps, vehicles, start, mask."""
+        """SHA-256 of what determines an estimate: instants, speeds, gaps and more."""
         content = hashlib.sha256(repr((self.vehicles, float(self.start))).encode())
         for values in (self.time, self.speeds, self.gaps):
             content.update(repr(values.shape).encode())
             content.update(np.ascontiguousarray(values, dtype="<f8").tobytes())
         if self.mask is not None:
             content.update(b"mask" + np.ascontiguousarray(self.mask).tobytes())
+        if self.missing is not None:
+            content.update(b"missing" + np.ascontiguousarray(self.missing).tobytes())
         return content.hexdigest()

@@ -37,7 +37,7 @@ class SensitivityResult:
     """(M,) share of each follower's instants excluded, 0 to 1."""
     method: str
     parameters: Parameters | None
-    """(M,); None where too little is left."""
+    """(M,); None where too little is left, or samples are missing for long."""
     fault: SegmentError | None = None
     """Why there are none."""
 
@@ -60,14 +60,14 @@ def sensitivity(
         share = _share(regimes, names)
         try:
             part = exclude_regimes(plain, regimes, names) if any(share) else plain
+            digest = part.info.digest  # a regime that does not occur changes nothing
+            if digest not in known:
+                known[digest] = tuple(METHODS[method].fit(part, case) for method in COMPARED)
         except SegmentError as fault:
             rows += [
                 SensitivityResult(choice, names, share, method, None, fault) for method in COMPARED
             ]
             continue
-        digest = part.info.digest  # a regime that does not occur changes nothing
-        if digest not in known:
-            known[digest] = tuple(METHODS[method].fit(part, case) for method in COMPARED)
         rows += [
             SensitivityResult(choice, names, share, fit.method, fit.parameters)
             for fit in known[digest]

@@ -24,7 +24,7 @@ from accpinn.results.tables.estimates import TITLES, name_of
 from accpinn.segment.quality import LARGE_CONDITION, assess_quality
 from accpinn.segment.segment import Segment
 from accpinn.study.comparison import FitRecord, MethodFailure, MethodResult, failures_among
-from accpinn.units import FloatArray
+from accpinn.units import FloatArray, known_mean
 from pages.ui.components import frame, show
 from pages.ui.components.monitor import monitor, own_task_line, stop_button
 from pages.ui.components.show import escape_markdown
@@ -179,7 +179,7 @@ def _show_methods(shown: _Shown) -> None:
     table = tables.methods_table(segment.info, rows, shown.follower)
     show.table(table)
     own = not all(row.evaluation.blocks for row in rows)
-    gap = segment.gaps[:, shown.follower]
+    gap = segment.measured_gaps[:, shown.follower]
     st.caption(
         "MAE: mean absolute error. Surrogate fit: error of the smooth curve that the method itself"
         " fits to the motion (a dash where it has none). Closed loop: error of the closed-loop"
@@ -187,7 +187,7 @@ def _show_methods(shown: _Shown) -> None:
         " the parameters learned from the other two. Outside the window: closed loop on the rest of"
         " the recording. Collides at: the first contact with the vehicle ahead; the simulation"
         " continues, and the errors include what follows. For scale: the measured space-gap"
-        f" deviates by {abs(gap - gap.mean()).mean():.2f} m from its mean."
+        f" deviates by {known_mean(abs(gap - known_mean(gap))):.2f} m from its mean."
         + (" Hold-out is not computed for your own training." * own)
     )
     show.downloads(table, f"{Path(segment.source).stem}_methods", "compare")

@@ -9,6 +9,7 @@ import numpy as np
 import streamlit as st
 from numpy.typing import NDArray
 
+from accpinn.channels import SPEED
 from accpinn.errors import ParameterError
 from accpinn.model.cthp import Parameters
 from accpinn.model.published import ASTAZERO, ParameterSet
@@ -153,7 +154,10 @@ def _choose_leader(workspace: Workspace, platoon: Parameters) -> Leader | None:
     """The leader's disturbance; None, with a sentence, where its settings make no sense."""
     choice, segment = workspace.platoon_choice, workspace.segment
     offered: dict[Disturbance, str] = {kind: kind.capitalize() for kind in PLANNED}
-    offered |= {"recorded": "As recorded"} if segment else {}
+    gone = segment is not None and any(
+        SPEED.of(segment.vehicles[0]) in block.columns for block in segment.blocks_missing
+    )
+    offered |= {"recorded": "As recorded"} if segment and not gone else {}
     kind = choice.kind if choice.kind in offered else "sinusoid"
     select("Disturbance of the leader", offered, kind, "platoon_kind",
            lambda kind: choice.set(kind=kind))  # fmt: skip

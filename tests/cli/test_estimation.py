@@ -9,8 +9,9 @@ from accpinn.cli import main
 from accpinn.cli.estimation import describe_fit, fit_text
 from accpinn.methods import least_squares
 from accpinn.model.cthp import Parameters
+from accpinn.recordings.openacc import read
 from accpinn.segment.quality import assess_quality
-from tests.support.command import PLATOON, SHORT, STUDY, Capture, document, strict
+from tests.support.command import PLATOON, SHORT, STUDY, Capture, document, refused, strict
 from tests.support.driving import driven
 
 KEYS = {
@@ -132,3 +133,70 @@ def test_options_without_effect_are_named(capsys: Capture) -> None:
     printed = capsys.readouterr()
     assert strict(printed.out)["method"] == "least-squares"
     assert "--preset, --seed has no effect" in printed.err
+
+
+class TestMissingSamples:
+    @pytest.fixture
+    def holes(self, tmp_path: Path) -> Path:
+        """The study's recording without the follower for 20 of its first 60 s."""
+        lines = STUDY.read_text().splitlines()
+        first = next(k for k, line in enumerate(lines) if line.startswith("Time"))
+        names = lines[first].split(",")
+        gone = [names.index(name) for name in ("Speed2", "IVS1")]
+        for row in range(first + 201, first + 401):
+            cells = lines[row].split(",")
+            lines[row] = ",".join("" if k in gone else cell for k, cell in enumerate(cells))
+        path = tmp_path / "holes.csv"
+        path.write_text("\n".join(lines) + "\n")
+        return path
+
+    def test_maximum_likelihood_needs_no_option(self, capsys: Capture, holes: Path) -> None:
+        options = ("--method", "maximum-likelihood", "--duration", 120)
+        found = document(capsys, "fit", holes, *options)
+        assert (found["segment"]["samples"], found["outcome"]) == (1201, "solved")
+        assert [note for note in found["notes"] if "Speed2 and IVS1 are missing in 17 %" in note]
+        (values,) = found["parameters"]
+        (whole,) = document(capsys, "fit", STUDY, *options)["parameters"]
+        for name in ("alpha", "beta", "tau"):
+            assert values[name] == pytest.approx(whole[name], rel=0.15)
+
+    def test_other_methods_refuse_and_name_the_cure(self, capsys: Capture, holes: Path) -> None:
+        for options in (("fit", holes, "--method", "splines"), ("fit", holes), ("starts", holes)):
+            said = refused(capsys, 1, *options)
+            assert "holes.csv: Speed2 is missing at 20–39.9 s" in said
+            assert "or choose maximum-likelihood, which allows missing samples." in said
+
+    def test_compare_refuses_unless_all_methods_allow_them(
+        self, capsys: Capture, holes: Path
+    ) -> None:
+        some = ("--methods", "maximum-likelihood,splines")
+        assert "or choose maximum-likelihood alone" in refused(capsys, 1, "compare", holes, *some)
+        window = ("--methods", "maximum-likelihood", "--duration", 120)
+        (row,) = document(capsys, "compare", holes, *window)["rows"]
+        assert len(row["blocks_mae"]) == 3
+
+    def test_a_snapshot_is_verified_against_its_recording(
+        self, capsys: Capture, holes: Path, tmp_path: Path
+    ) -> None:
+        kept = tmp_path / "holes.accpinn.zip"
+        window = ("--method", "maximum-likelihood", "--duration", "60")
+        assert main(["fit", str(holes), *window, "--out", str(kept), "--with-data"]) == 0
+        assert main(["verify", str(kept), "--recording", str(holes)]) == 0
+
+    @pytest.mark.parametrize(
+        ("file", "followers"),
+        [("JRC low speed/part12.csv", 2), ("ZalaZone/handling_part10.csv", 5)],
+    )
+    def test_real_recordings_are_fitted_whole(
+        self, capsys: Capture, openacc_dir: Path, file: str, followers: int
+    ) -> None:
+        recording = openacc_dir / file
+        found = document(
+            capsys, "fit", recording, "--method", "maximum-likelihood", "--duration", 1000
+        )
+        assert found["segment"]["samples"] == read(recording).samples
+        rows = found["parameters"]
+        assert len(rows) == followers
+        assert all(0 <= row["alpha"] < 1 and 0 <= row["beta"] < 2 for row in rows)
+        assert all(0.5 < row["tau"] < 8 for row in rows)
+        assert refused(capsys, 1, "fit", recording, "--method", "splines", "--duration", 1000)

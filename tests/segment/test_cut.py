@@ -20,7 +20,14 @@ from accpinn.segment.cut import (
     parse_vehicles,
     parse_windows,
 )
-from accpinn.segment.segment import Bridged, Resampled, Segment, WindowMoved, WindowShortened
+from accpinn.segment.segment import (
+    BlocksMissing,
+    Bridged,
+    Resampled,
+    Segment,
+    WindowMoved,
+    WindowShortened,
+)
 from tests.support.openacc_files import csv, metadata, platoon
 
 
@@ -157,6 +164,56 @@ def test_a_block_at_the_edge_has_nothing_to_be_bridged_from() -> None:
     assert cut(missing, start=0.3).samples == 397
 
 
+def test_a_long_block_may_be_missing_where_that_is_asked_for() -> None:
+    missing = recording(without(slice(150, 199), "Speed2", "IVS1", "IVS2"))
+    made = cut(missing, allow_missing=True)
+    block = (Window(15.0, 19.9),)
+    columns = ("Speed2", "IVS1", "IVS2")
+    assert made.blocks_missing == (BlocksMissing(columns, 50 / 400, block),)
+    assert made.missing is not None
+    assert made.missing[150:200].tolist() == 50 * [[False, True, False, True, True]]
+    assert made.missing.sum() == 3 * 50
+    ends = platoon()["Speed2"].to_numpy()[[149, 200]]
+    np.testing.assert_allclose(made.speeds[149:201, 1], np.linspace(*ends, 52))
+    np.testing.assert_array_equal(np.isnan(made.measured_speeds), made.missing[:, :3])
+    np.testing.assert_array_equal(np.isnan(made.measured_gaps), made.missing[:, 3:])
+    assert not made.counts[150:200].any()
+    assert made.counts.sum() == 2 * 350
+
+
+def test_at_the_edges_as_well() -> None:
+    frame = without(slice(0, 2), "Speed1")
+    frame.loc[380:, "IVS2"] = np.nan
+    made = cut(recording(frame), allow_missing=True)
+    assert made.blocks_missing == (
+        BlocksMissing(("Speed1",), 3 / 400, (Window(0.0, 0.2),)),
+        BlocksMissing(("IVS2",), 20 / 400, (Window(38.0, 39.9),)),
+    )
+    assert set(made.speeds[:3, 0]) == {frame["Speed1"][3]}
+    assert set(made.gaps[380:, 1]) == {frame["IVS2"][379]}
+
+
+def test_bridged_samples_are_marked() -> None:
+    made = cut(recording(without(slice(100, 106), "Speed2")), duration=30.0)
+    assert made.missing is not None
+    assert np.argwhere(made.missing).tolist() == [[row, 1] for row in range(100, 107)]
+    assert made.blocks_missing == ()
+
+
+def test_an_instant_between_samples_is_missing_with_either() -> None:
+    frame = without(slice(100, 103), "IVS1").drop(index=[50, 200])
+    made = cut(recording(frame), start=2.05, duration=30.0)
+    assert made.missing is not None
+    time = 2.05 + made.time[made.missing[:, 3]]
+    assert time == pytest.approx([9.95, 10.05, 10.15, 10.25, 10.35])
+
+
+def test_nothing_missing_is_none() -> None:
+    missing = recording(without(slice(150, 199), "Speed2"))
+    assert cut(missing, duration=14.0, allow_missing=True).missing is None
+    assert segment(missing=np.zeros((4, 3), bool)).missing is None
+
+
 def test_vehicles_outside_the_platoon_may_miss_anything() -> None:
     missing = recording(without(slice(0, 300), "Speed3", "IVS2"))
     assert cut(missing, vehicles=(1, 2), duration=20.0).findings == ()
@@ -291,9 +348,12 @@ def test_the_digest_follows_content_only() -> None:
         segment(time=0.2 * np.arange(4)),
         segment(speeds=np.full((4, 2), 1 + 1e-15)),
         segment(gaps=np.full((4, 1), 5.1)),
+        segment(missing=np.eye(4, 3, dtype=bool)),
+        segment(missing=np.eye(4, 3, 1, dtype=bool)),
     ]
     digests = {made.info.digest for made in other} | {same}
-    assert len(digests) == 6
+    assert len(digests) == 8
+    assert segment(missing=np.zeros((4, 3), bool)).info.digest == same
     assert all(len(digest) == 64 for digest in digests)
 
 
@@ -304,6 +364,7 @@ def test_the_digest_follows_content_only() -> None:
         {"speeds": np.ones((3, 2))},
         {"gaps": np.ones((4, 2))},
         {"mask": np.ones((4, 2), bool)},
+        {"missing": np.ones((4, 2), bool)},
         {"gaps": np.full((4, 1), np.nan)},
         {"speeds": np.full((4, 2), np.inf)},
         {"names": ("A",)},
@@ -325,12 +386,13 @@ ANY = st.floats(allow_nan=True, allow_infinity=True)
     st.one_of(ANY, st.floats(0, 60)),
     st.one_of(st.none(), st.lists(st.integers(-1, 5), max_size=4)),
     st.one_of(ANY, st.floats(0, 6)),
+    st.booleans(),
 )
 def test_any_choice_gives_a_segment_or_a_sentence(
-    start: float, duration: float, vehicles: list[int] | None, bridge: float
+    start: float, duration: float, vehicles: list[int] | None, bridge: float, missing: bool
 ) -> None:
     try:
-        made = cut(HOLES, start, duration, vehicles, bridge)
+        made = cut(HOLES, start, duration, vehicles, bridge, missing)
     except AccpinnError as error:
         text = str(error)
         made = None

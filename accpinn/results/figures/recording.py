@@ -101,8 +101,11 @@ def preview(segment: Segment) -> go.Figure:
     for column, number in enumerate(segment.vehicles):
         colour = vehicle_colour(number, segment.vehicles[0])
         label = html.escape(segment.labels[column])
-        time, values = thinned(segment.window.start + segment.time, segment.speeds[:, column], 600)
-        figure.add_scatter(x=time, y=values, name=label, line={"color": colour, "width": 2})
+        time, values = thinned(
+            segment.start + segment.time, segment.measured_speeds[:, column], 600
+        )
+        line = {"color": colour, "width": 2}
+        figure.add_scatter(x=time, y=values, name=label, line=line, connectgaps=False)
     figure.update_yaxes(title_text=SPEED.axis)
     figure.update_xaxes(title_text=TIME.axis)
     return finished(figure, 330, "preview")

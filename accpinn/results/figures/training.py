@@ -146,9 +146,10 @@ def tracking(
     for name, source, line, opacity in sources:
         if source is None:
             continue
-        drawn = [source.gaps[:, follower], source.speeds[:, follower + 1]]
+        gaps, speeds = _motion(source)
+        drawn = [gaps[:, follower], speeds[:, follower + 1]]
         if data and source is not data:
-            drawn.append((source.gaps - data.gaps)[:, follower])
+            drawn.append((gaps - data.measured_gaps)[:, follower])
         for row, (channel, values) in enumerate(zip(rows, drawn, strict=False), 1):
             time, shown = thinned(segment.window.start + source.time, values)
             figure.add_scatter(
@@ -163,6 +164,13 @@ def tracking(
         figure.add_hline(y=0, line={"color": GRID, "width": 1.5}, row=3, col=1)
     label_axes(figure, rows)
     return with_legend(finished(figure, 620 if len(rows) > 2 else 460, f"tracking-{number}"))
+
+
+def _motion(source: Segment | Trajectories) -> tuple[FloatArray, FloatArray]:
+    """Gaps (N, M) and speeds (N, M+1); nan where a sample is missing, which breaks the line."""
+    if isinstance(source, Segment):
+        return source.measured_gaps, source.measured_speeds
+    return source.gaps, source.speeds
 
 
 def _mark_collision(figure: go.Figure, when: Seconds) -> None:

@@ -1,10 +1,10 @@
 """What is to be known about a recording and a segment of it, in sentences."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 
 from accpinn.channels import DRIVER, GAP, RECORDED
 from accpinn.recordings import recording as recorded
-from accpinn.results.messages import Labelled, message
+from accpinn.results.messages import Labelled, joined, message
 from accpinn.segment import quality, segment
 
 
@@ -80,12 +80,24 @@ def _missing(finding: recorded.SamplesMissing, about: Labelled) -> str:
     where = " although both speeds are known" if is_gap else ""
     blocks = "shorter block" if finding.shorter == 1 else "shorter blocks"
     others = f" and in {finding.shorter} {blocks}" if finding.shorter else ""
-    percent = 100 * finding.share
-    share = f"{percent:.0f} %" if percent >= 1 else f"{percent:.1g} %"
     return (
-        f"{what} is missing in {share} of the samples{where}, at"
+        f"{what} is missing in {_rounded(finding.share)} of the samples{where}, at"
         f" {', '.join(map(str, finding.windows))}{others}."
     )
+
+
+def _rounded(share: float) -> str:
+    """A share in percent, small ones with one digit."""
+    percent = 100 * share
+    return f"{percent:.0f} %" if percent >= 1 else f"{percent:.1g} %"
+
+
+def _longest(windows: Sequence[recorded.Window]) -> str:
+    """The longest windows in order of time, and how many others there are."""
+    longest = sorted(windows, key=lambda window: -window.duration)[: recorded.BLOCKS_LISTED]
+    listed = ", ".join(map(str, sorted(longest, key=lambda window: window.start)))
+    others = len(windows) - len(longest)
+    return listed + (f" and in {others} shorter block{'s' * (others > 1)}" if others else "")
 
 
 @message.register
@@ -109,6 +121,12 @@ def _(finding: segment.SegmentFinding, about: Labelled) -> str:
             samples = "1 sample" if finding.samples == 1 else f"{finding.samples} samples"
             return (
                 f"Bridged {samples} of {finding.column} at {', '.join(map(str, finding.windows))}."
+            )
+        case segment.BlocksMissing():
+            are = "is" if len(finding.columns) == 1 else "are"
+            return (
+                f"{joined(finding.columns)} {are} missing in {_rounded(finding.share)} of the"
+                f" window, at {_longest(finding.windows)}; the likelihood leaves these samples out."
             )
         case segment.RegimesExcluded():
             shares = _each(about, finding.vehicles, _percent(finding.shares), "{}: {}")

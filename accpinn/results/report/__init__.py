@@ -239,6 +239,8 @@ def motion_picture(snapshot: Snapshot) -> Picture | None:
     if source is None:
         return None
     info, figure = snapshot.info, panels(0.5, 0.5)
+    if isinstance(source, Segment):  # a missing block breaks the line
+        source = Trajectories(source.time, source.measured_speeds, source.measured_gaps)
     for column, (number, label) in enumerate(zip(info.vehicles, info.labels, strict=True)):
         line = {"color": vehicle_colour(number, info.vehicles[0]), "width": 1.8}
         name = html.escape(label) + (" (leader)" if column == 0 else "")

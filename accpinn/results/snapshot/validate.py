@@ -12,7 +12,7 @@ from accpinn.methods.fit import Fit
 from accpinn.methods.registry import METHODS
 from accpinn.methods.store import FIT_SHAPES
 from accpinn.results.snapshot import LONGEST_NAME, Snapshot, check_length
-from accpinn.segment.segment import SegmentInfo
+from accpinn.segment.segment import BlocksMissing, SegmentInfo
 from accpinn.serial import Shape, check_shapes
 from accpinn.stability.criteria import checked
 from accpinn.stability.report import StabilityReport
@@ -45,8 +45,10 @@ SHAPES = (
     | _of(Shape("N", "V", finite=True), Segment="speeds")
     | _of(Shape("N", "M", finite=True), Segment="gaps")
     | _of(Shape("N", "M"), Segment="mask")
+    | _of(Shape("N", "C"), Segment="missing")
 )
-"""N instants, M followers, V = M + 1 vehicles, D draws; for the others see `FIT_SHAPES`."""
+"""N instants, M followers, V = M + 1 vehicles, C = M + V channels, D draws; for the others see
+`FIT_SHAPES`."""
 
 _SHA256 = re.compile(r"([0-9a-f]{64})?")
 _CONTROL = r"\x00-\x08\x0b-\x1f\x7f-\x9f\u2028\u2029"
@@ -90,7 +92,9 @@ def validate(snapshot: Snapshot) -> None:
     """
     info, count = snapshot.info, len(snapshot.info.vehicles)
     _require(count > 1 and info.samples > 1, "its window has no followers or no data")
-    check_shapes(snapshot, SHAPES, {"M": count - 1, "V": count, "N": info.samples})
+    check_shapes(
+        snapshot, SHAPES, {"M": count - 1, "V": count, "C": 2 * count - 1, "N": info.samples}
+    )
     _check_info(info)
     if snapshot.segment:
         _check_times(snapshot.segment.time)
@@ -122,7 +126,11 @@ def _check_info(info: SegmentInfo) -> None:
     times = (info.window.duration, info.sample_time)
     _require(all(isfinite(t) for t in (info.window.start, *times)), "the window has no length")
     _require(min(times) > 0, "the window has no length")
-    _require(all(0 <= s <= 1 for s in info.excluded_share), "a share is not within 0 to 1")
+    missing = [found for found in info.findings if isinstance(found, BlocksMissing)]
+    shares = (*info.excluded_share, *(found.share for found in missing))
+    _require(all(0 <= share <= 1 for share in shares), "a share is not within 0 to 1")
+    named = all(found.columns and found.windows for found in missing)
+    _require(named, "samples are missing nowhere")
 
 
 def _check_fit(fit: Fit) -> None:

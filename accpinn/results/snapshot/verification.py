@@ -33,7 +33,7 @@ from accpinn.results.snapshot.validate import sanitise
 from accpinn.results.tables.estimates import name_of
 from accpinn.segment.cut import cut
 from accpinn.segment.quality import assess_quality, exclude_regimes, label_regimes
-from accpinn.segment.segment import Segment, WindowMoved, WindowShortened
+from accpinn.segment.segment import BlocksMissing, Segment, WindowMoved, WindowShortened
 from accpinn.serial import NOT_FINITE, dump, flatten
 
 RECORDING, REFIT = "--recording", "--refit"
@@ -176,7 +176,10 @@ def recover(snapshot: Snapshot, recording: Recording) -> Recovered:
     if info.sha256 != recording.sha256:
         return Recovered(compare("recording", info.sha256, recording.sha256))
     try:
-        segment = cut(recording, info.window.start, info.window.duration, info.vehicles)
+        window, missing = info.window, any(isinstance(f, BlocksMissing) for f in info.findings)
+        segment = cut(
+            recording, window.start, window.duration, info.vehicles, allow_missing=missing
+        )
         if info.excluded_regimes:
             labelled = label_regimes(segment, recording)
             segment = exclude_regimes(segment, labelled, info.excluded_regimes)

@@ -22,7 +22,9 @@ from accpinn.results.snapshot.saved import save
 from accpinn.results.snapshot.verification import verify
 from accpinn.segment.cut import cut
 from accpinn.segment.quality import exclude_regimes, label_regimes
+from accpinn.units import Stretch
 from tests.support.driving import MIXED, driven
+from tests.support.holes import with_holes
 from tests.support.methods import RIVALS as ESTIMATORS
 from tests.support.methods import train
 from tests.support.samples import FOLDER, NOISY
@@ -74,6 +76,16 @@ class TestRoundTrip:
         assert snapshot.info.excluded_regimes == ("catching up",)
         assert snapshot.segment is not None
         np.testing.assert_array_equal(snapshot.segment.mask, masked.mask)
+
+    def test_missing_samples_are_kept(self) -> None:
+        segment = with_holes(driven(duration=20.0), {1: [Stretch(40, 80)], 2: [Stretch(20, 90)]})
+        fit = replace(small().fit, surrogate=None)
+        before = create(segment, fit, with_data=True)
+        after = load(to_bytes(before))
+        assert bits(replace(after, digest="")) == bits(before)
+        assert after.segment is not None
+        np.testing.assert_array_equal(after.segment.missing, segment.missing)
+        assert after.segment.info == segment.info
 
     def test_without_data_it_has_no_data(self) -> None:
         segment, fit = trained()

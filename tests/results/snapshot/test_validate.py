@@ -15,6 +15,9 @@ from tests.support.snapshots import entries, resealed, small_bytes, whole
 
 LONG = "x" * 500_000
 
+MISSING = {"type": "BlocksMissing", "columns": ["Speed2"], "share": 0.5,
+           "windows": [{"start": 1.0, "end": 2.0}]}  # fmt: skip
+
 FORGED: list[tuple[str, Any, str]] = [
     ("snapshot.json/name", LONG, "500,000 characters|length <= "),
     ("snapshot.json/note", LONG, "500,000 characters|length <= "),
@@ -26,6 +29,10 @@ FORGED: list[tuple[str, Any, str]] = [
     ("snapshot.json/info/sha256", "abc", "SHA-256"),
     ("snapshot.json/info/window/end", "inf", "no length"),
     ("snapshot.json/info/excluded_share", [2.0], "share"),
+    ("snapshot.json/info/findings", [MISSING | {"share": 2.0}], "share"),
+    ("snapshot.json/info/findings", [MISSING | {"columns": []}], "missing nowhere"),
+    ("snapshot.json/info/findings", [MISSING | {"windows": []}], "missing nowhere"),
+    ("snapshot.json/info/findings", [MISSING], "not the window"),
     ("snapshot.json/facts", {"acc_flag": []}, "acc_flag"),
     ("snapshot.json/facts", {"acc_flag": {}}, "acc_flag"),
     ("snapshot.json/facts", {"campaign": 5}, "campaign"),
