@@ -12,15 +12,15 @@ METHOD = ("--method", "maximum-likelihood")
 
 
 def test_document_has_the_keys_of_fit_and_each_window(capsys: Capture) -> None:
-    options = (*METHOD, "--windows", "10-60,100-150", "--vehicles", "1-3")
+    options = (*METHOD, "--windows", "10-40,100-130", "--vehicles", "1-3")
     found = document(capsys, "fit", PLATOON, *options)
     assert found.keys() >= KEYS | {"windows", "between_windows", "intervals", "level"}
     segment = found["segment"]
-    assert (segment["start"], segment["duration"], segment["samples"]) == (10, 100, 1002)
+    assert (segment["start"], segment["duration"], segment["samples"]) == (10, 60, 602)
     assert segment["vehicles"] == [1, 2, 3]
     assert [row["vehicle"] for row in found["parameters"]] == [2, 3]
     windows = found["windows"]
-    assert [(one["start"], one["duration"]) for one in windows] == [(10, 50), (100, 50)]
+    assert [(one["start"], one["duration"]) for one in windows] == [(10, 30), (100, 30)]
     assert len(found["mae"]["v"]) == 3
     assert len(found["mae"]["p"]) == len(found["mean_time_gap"]) == 2
     for k, row in enumerate(found["between_windows"]):
