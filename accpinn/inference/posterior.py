@@ -88,7 +88,14 @@ def sample(
         seed: of the proposals.
         stages: how many proposals each stage has.
     """
-    criterion, rng = Criterion(series, form), np.random.default_rng(seed)
+    return sample_from(Criterion(series, form), maxima, seed, stages)
+
+
+def sample_from(
+    criterion: Criterion, maxima: Sequence[Maximum], seed: int = 0, stages: Sequence[int] = STAGES
+) -> tuple[Posterior, ...]:
+    """The same for another criterion of the same unknowns, such as the evidence of a network."""
+    form, rng = criterion.form, np.random.default_rng(seed)
     proposals = [_Proposal.at(one) for one in maxima]
     best: dict[int, Posterior] = {}
     wanted = list(range(len(maxima)))

@@ -276,8 +276,8 @@ def _search(criterion: Criterion, z: FloatArray, groups: Groups) -> list[Maximum
             break
         trial = z.copy()
         for k in active:
-            free = _free(criterion, z[k], gradient[k])
-            step = _step(curvature[k], gradient[k], free, damping[k])
+            free = not_held(criterion, z[k], gradient[k])
+            step = scoring_step(curvature[k], gradient[k], free, damping[k])
             trial[k] = np.clip(z[k] + step, criterion.lower, criterion.upper)
             done[k] = gradient[k] @ step < CLOSE and damping[k] < 1.0
         active = active[~done[active]]
@@ -291,7 +291,9 @@ def _search(criterion: Criterion, z: FloatArray, groups: Groups) -> list[Maximum
                 done[k] = damping[k] > 1e8
                 continue
             if rounds[k] > SCORING:
-                curvature[k] = _corrected(curvature[k], trial[k] - z[k], gradient[k] - slope)
+                curvature[k] = corrected_curvature(
+                    curvature[k], trial[k] - z[k], gradient[k] - slope
+                )
             else:
                 curvature[k] = information
             z[k], value[k], gradient[k] = trial[k], new, slope
@@ -303,7 +305,9 @@ def _search(criterion: Criterion, z: FloatArray, groups: Groups) -> list[Maximum
             float(value[k]),
             float(value[k] - criterion.log_prior(z[k])),
             np.where(
-                np.logical_and.outer(*2 * [_free(criterion, z[k], gradient[k])]), curvature[k], 0.0
+                np.logical_and.outer(*2 * [not_held(criterion, z[k], gradient[k])]),
+                curvature[k],
+                0.0,
             ),
             bool(done[k] and damping[k] < 1.0),
             int(rounds[k]),
@@ -312,15 +316,16 @@ def _search(criterion: Criterion, z: FloatArray, groups: Groups) -> list[Maximum
     ]
 
 
-def _free(criterion: Criterion, z: FloatArray, gradient: FloatArray) -> FloatArray:
+def not_held(criterion: Criterion, z: FloatArray, gradient: FloatArray) -> FloatArray:
     """(P,) whether a coordinate is not held by a bound."""
     held = (z <= criterion.lower) & (gradient < 0) | (z >= criterion.upper) & (gradient > 0)
     return np.asarray(~held)
 
 
-def _step(
+def scoring_step(
     curvature: FloatArray, gradient: FloatArray, free: FloatArray, damping: float
 ) -> FloatArray:
+    """(P,) the damped Newton step of the free coordinates; 0 for the others."""
     part = curvature[np.ix_(free, free)]
     part = part + np.diag(damping * np.diag(part) + 1e-9)
     step = np.zeros(len(gradient))
@@ -328,7 +333,7 @@ def _step(
     return step * min(1.0, LONGEST_STEP / max(float(np.abs(step).max()), 1e-300))
 
 
-def _corrected(curvature: FloatArray, move: FloatArray, fall: FloatArray) -> FloatArray:
+def corrected_curvature(curvature: FloatArray, move: FloatArray, fall: FloatArray) -> FloatArray:
     """The BFGS update of a curvature, where the gradient falls along the move."""
     along = float(move @ fall)
     pulled = curvature @ move

@@ -34,7 +34,15 @@ from scipy.linalg import lapack
 from scipy.sparse import csr_array, diags_array
 
 from accpinn.methods.kalman import LOG_TWO_PI
-from accpinn.methods.maximum_likelihood import Criterion, Groups, Series
+from accpinn.methods.maximum_likelihood import (
+    Criterion,
+    Groups,
+    Maximum,
+    Series,
+    corrected_curvature,
+    not_held,
+    scoring_step,
+)
 from accpinn.methods.state_space import FIRST, GAP_DRIFT, LEADER_MEMORY
 from accpinn.units import FloatArray, Mask, Seconds
 
@@ -45,6 +53,21 @@ ORDER = 3
 """Of the highest derivative."""
 OUTPUTS = 3
 """p, v, u."""
+COARSE_KNOTS: Seconds = 1.0
+"""At half the cost; the maximum is then within a tenth of a standard error."""
+LEAST_START = 0.05
+"""Share of a typical α, ατ, β: from zero a search in logarithms would not move."""
+DIFFERENCE = 2e-3
+"""Of a coordinate, for central differences: small against its deviation, large against rounding."""
+SECOND_DIFFERENCE = 0.02
+"""The same for the curvature at the end."""
+CLOSE = 1e-4
+"""The ascent ends when a full step would gain less than this in log evidence."""
+ROUNDS = 60
+LONGEST_STEP = 1.0
+"""In ln of an unknown."""
+LEAST_CURVATURE = 0.1
+"""Of the criterion in any direction, where it is flat or curved upwards."""
 
 
 @dataclass(frozen=True)
@@ -86,7 +109,9 @@ class Basis:
                 grams[a, b] = _diagonals(weighted @ right)
         self.grams = grams.reshape((ORDER + 1) ** 2, -1)
         """G^{ab}_{k,k+d} = ∫ D^aB_k D^bB_{k+d} dt, with (a, b) first and (d, k) second."""
-        self.values = csr_array(BSpline.design_matrix(step * np.arange(samples), self.knots, DEGREE))
+        self.values = csr_array(
+            BSpline.design_matrix(step * np.arange(samples), self.knots, DEGREE)
+        )
         """(N, K)"""
         # Only the first functions differ from zero at the first instant, up to derivative 2.
         self.first = np.stack([m.toarray()[0, :ORDER] for m in self._derivatives(np.zeros(1))[:3]])
@@ -283,3 +308,164 @@ class Evidence(Criterion):
                 for values, group in zip(np.exp(z), groups, strict=True)
             ]
         )
+
+
+class Ascent:
+    """The ascent of one group's criterion, a round at a time (BFGS on central differences).
+
+    The differences of the first round also give the diagonal of the curvature, with which BFGS
+    begins.
+    """
+
+    def __init__(
+        self,
+        criterion: Criterion,
+        group: int,
+        z: FloatArray,
+        moving: Mask | None = None,
+        curvature: FloatArray | None = None,
+    ) -> None:
+        """At coordinates z (P,).
+
+        Args:
+            criterion: to be made as large as possible.
+            group: of its groups.
+            z: (P,)
+            moving: (P,) the coordinates that are sought; all by default.
+            curvature: (P, P) of the criterion, where it is known from a similar one.
+        """
+        self._criterion, self._group = criterion, group
+        self._moving = np.ones(len(z), bool) if moving is None else moving
+        self.coordinates = np.clip(z, criterion.lower, criterion.upper)
+        self.value = self._values(self.coordinates[None])[0]
+        self._gradient, second = self._slopes(self.coordinates)
+        self.curvature = np.diag(np.maximum(-second, LEAST_CURVATURE))
+        if curvature is not None:
+            self.curvature = curvature
+        self._damping, self.rounds, self.converged, self.ended = 1e-2, 0, False, False
+
+    def advance(self) -> None:
+        """One round; nothing once it has ended."""
+        while not self.ended:
+            here, gradient = self.coordinates, self._gradient
+            step = scoring_step(self.curvature, gradient, self._free(), self._damping)
+            step *= min(1.0, LONGEST_STEP / max(float(np.abs(step).max()), LONGEST_STEP))
+            if gradient @ step < CLOSE and self._damping < 1.0:
+                self.converged = self.ended = True
+                return
+            trial = np.clip(here + step, self._criterion.lower, self._criterion.upper)
+            value = self._values(trial[None])[0]
+            if not value > self.value - 1e-9:
+                self._damping *= 8.0
+                self.ended = self._damping > 1e8
+                continue
+            self.coordinates, self.value = trial, value
+            self._gradient, _ = self._slopes(trial)
+            fall = gradient - self._gradient
+            self.curvature = corrected_curvature(self.curvature, trial - here, fall)
+            self._damping = max(self._damping / 8.0, 1e-9)
+            self.rounds += 1
+            self.ended = self.rounds >= ROUNDS
+            return
+
+    def finish(self) -> Maximum:
+        """Ascend to the end, and take the curvature there from second differences."""
+        while not self.ended:
+            self.advance()
+        z = self.coordinates
+        return Maximum(
+            "cthp",
+            z,
+            float(self.value),
+            float(self.value - self._criterion.log_prior(z)),
+            self._curvature_here(),
+            self.converged,
+            self.rounds,
+        )
+
+    def _free(self) -> Mask:
+        return not_held(self._criterion, self.coordinates, self._gradient) & self._moving
+
+    def _values(self, z: FloatArray) -> FloatArray:
+        found = self._criterion.log_likelihood(z, np.full(len(z), self._group))
+        return np.asarray(found + self._criterion.log_prior(z))
+
+    def _slopes(self, z: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """First and second derivatives (P,) along each coordinate that moves, 0 along others."""
+        moves = DIFFERENCE * np.eye(len(z))[self._moving]
+        above, below = self._values(z + moves), self._values(z - moves)
+        first, second = np.zeros((2, len(z)))
+        first[self._moving] = (above - below) / (2 * DIFFERENCE)
+        second[self._moving] = (above + below - 2 * self.value) / DIFFERENCE**2
+        return first, second
+
+    def _curvature_here(self) -> FloatArray:
+        """(P, P) minus the second derivatives; 0 where a bound holds a coordinate.
+
+        Directions in which the criterion is not curved downwards get `LEAST_CURVATURE`.
+        """
+        free = np.flatnonzero(self._free())
+        moves = SECOND_DIFFERENCE * np.eye(len(self.coordinates))[free]
+        rows, columns = np.triu_indices(len(free))
+        pairs = moves[rows] + moves[columns]
+        single = np.concatenate([moves, -moves])
+        values = self._values(self.coordinates + np.concatenate([pairs, -pairs, single]))
+        count = len(rows)
+        both = values[:count] + values[count : 2 * count]
+        one = values[2 * count :].reshape(2, -1).sum(axis=0)
+        second = both - one[rows] - one[columns] + 2 * self.value
+        found = np.zeros((len(free), len(free)))
+        found[rows, columns] = found[columns, rows] = -second / (2 * SECOND_DIFFERENCE**2)
+        sizes, directions = np.linalg.eigh(found)
+        curvature = np.zeros((len(self.coordinates),) * 2)
+        curvature[np.ix_(free, free)] = (
+            directions * np.maximum(sizes, LEAST_CURVATURE)
+        ) @ directions.T
+        return curvature
+
+
+def begin(series: Series, theta: FloatArray) -> list[Ascent]:
+    """An ascent with coarse knots for each group, from parameters θ (G, 3)."""
+    criterion = Evidence(series, COARSE_KNOTS)
+    found = []
+    for group, start in enumerate(theta):
+        z = criterion.start.copy()
+        z[:3] = np.log(np.maximum(start, LEAST_START * np.exp(z[:3])))
+        found.append(Ascent(criterion, group, z))
+    return found
+
+
+def refine(criterion: "Evidence", coarse: Ascent, group: int) -> Ascent:
+    """The ascent that goes on where a coarse one ended."""
+    return Ascent(criterion, group, coarse.coordinates, curvature=coarse.curvature)
+
+
+def maximise_evidence(series: Series, theta: FloatArray) -> tuple[Maximum, ...]:
+    """The maximum of each group's evidence, first with coarse knots, then with fine ones.
+
+    Args:
+        series: G groups.
+        theta: (G, 3) parameters to begin with, such as those of least squares.
+    """
+    criterion = Evidence(series)
+    found = []
+    for group, ascent in enumerate(begin(series, theta)):
+        while not ascent.ended:
+            ascent.advance()
+        found.append(refine(criterion, ascent, group).finish())
+    return tuple(found)
+
+
+def log_deviations(maximum: Maximum) -> FloatArray:
+    """(3,) deviations of ln α, ln β, ln τ by the curvature at the maximum; nan if held."""
+    curvature = maximum.curvature
+    free = np.diag(curvature) > 0
+    covariance = np.full_like(curvature, np.nan)
+    covariance[np.ix_(free, free)] = np.linalg.inv(curvature[np.ix_(free, free)])
+    forms = np.array([[1.0, 0, 0], [0, 0, 1], [-1, 1, 0]])
+    deviations = [
+        np.sqrt(row[used] @ covariance[np.ix_(used, used)] @ row[used])
+        for row in forms
+        for used in [np.flatnonzero(row)]
+    ]
+    return np.array(deviations)
