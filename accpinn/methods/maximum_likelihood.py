@@ -316,14 +316,14 @@ def _search(criterion: Criterion, z: FloatArray, groups: Groups) -> list[Maximum
     ]
 
 
-def not_held(criterion: Criterion, z: FloatArray, gradient: FloatArray) -> FloatArray:
+def not_held(criterion: Criterion, z: FloatArray, gradient: FloatArray) -> Mask:
     """(P,) whether a coordinate is not held by a bound."""
     held = (z <= criterion.lower) & (gradient < 0) | (z >= criterion.upper) & (gradient > 0)
     return np.asarray(~held)
 
 
 def scoring_step(
-    curvature: FloatArray, gradient: FloatArray, free: FloatArray, damping: float
+    curvature: FloatArray, gradient: FloatArray, free: Mask, damping: float
 ) -> FloatArray:
     """(P,) the damped Newton step of the free coordinates; 0 for the others."""
     part = curvature[np.ix_(free, free)]

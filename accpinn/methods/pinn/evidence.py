@@ -197,13 +197,11 @@ class LinearEvidence:
         determinants: Determinants = COMPLETE,
     ) -> None:
         """For p, v, u (N, 3), nan where missing, one sample each ``step``."""
-        there: Mask = ~np.isnan(measured).all(axis=1)
+        there: Mask = np.asarray(~np.isnan(measured).all(axis=1))
         measured = measured[: int(np.flatnonzero(there)[-1]) + 1]
         self.basis = _basis(len(measured), step, knots_every)
         self.determinants = determinants
         self._known: list[Mask] = [~np.isnan(column) for column in measured.T]
-        # Outputs stand about their means, so that squares lose no digits.
-        self._measured = measured
         rows = [self.basis.values[known] for known in self._known]
         self._grams = [_diagonals(csr_array(one.T @ one))[DEGREE:] for one in rows]
         self._right = [
@@ -384,7 +382,8 @@ class Ascent:
         )
 
     def _free(self) -> Mask:
-        return not_held(self._criterion, self.coordinates, self._gradient) & self._moving
+        free = not_held(self._criterion, self.coordinates, self._gradient)
+        return np.asarray(free & self._moving)
 
     def _values(self, z: FloatArray) -> FloatArray:
         found = self._criterion.log_likelihood(z, np.full(len(z), self._group))
