@@ -24,11 +24,13 @@ Sources: MacKay, Neural Computation 4 (1992) 415-447 (evidence); Lindgren, Rue a
 Statist. Soc. B 73 (2011) 423-498 (the precision of a stochastic equation's solution in a basis).
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.interpolate import BSpline
 from scipy.linalg import lapack
 from scipy.sparse import csr_array, diags_array
@@ -202,6 +204,7 @@ class LinearEvidence:
         self.basis = _basis(len(measured), step, knots_every)
         self.determinants = determinants
         self._known: list[Mask] = [~np.isnan(column) for column in measured.T]
+        self._measured = measured
         rows = [self.basis.values[known] for known in self._known]
         self._grams = [_diagonals(csr_array(one.T @ one))[DEGREE:] for one in rows]
         self._right = [
@@ -258,6 +261,18 @@ class LinearEvidence:
             total -= 2 * np.log(own[0]).sum()
         return float(-0.5 * total)
 
+    def loss(self, values: FloatArray) -> FloatArray:
+        """(2,) ½ Σ|y - Φŵ|²/σ² and ½ ŵᵀΛŵ."""
+        prior = self.prior(values)
+        data, right, noise = self.data(values)
+        factor, _ = lapack.dpbtrf(prior + data, lower=1)
+        weights = lapack.dpbtrs(factor, right[:, None], lower=1)[0][:, 0]
+        errors = self._measured - self.basis.values @ weights.reshape(-1, OUTPUTS)
+        misfit = np.nansum((errors / noise) ** 2)
+        # The two add up to the minimum, which takes no product with Λ.
+        total = (self._squares / noise**2).sum() - right @ weights
+        return np.array([misfit, total - misfit]) / 2
+
     def smooth(self, values: FloatArray) -> FloatArray:
         """(N, 3) p, v, u at the samples, with the weights ŵ that are most probable."""
         data, right, _ = self.data(values)
@@ -307,6 +322,13 @@ class Evidence(Criterion):
             ]
         )
 
+    def loss(self, z: FloatArray, group: int) -> FloatArray:
+        """(2,) the loss's terms of a group at coordinates z (P,)."""
+        found: FloatArray = np.sum(
+            [self._terms[k].loss(np.exp(z)) for k in self._members[group]], axis=0
+        )
+        return found
+
 
 class Ascent:
     """The ascent of one group's criterion, a round at a time (BFGS on central differences).
@@ -317,7 +339,7 @@ class Ascent:
 
     def __init__(
         self,
-        criterion: Criterion,
+        criterion: "Evidence",
         group: int,
         z: FloatArray,
         moving: Mask | None = None,
@@ -332,7 +354,7 @@ class Ascent:
             moving: (P,) the coordinates that are sought; all by default.
             curvature: (P, P) of the criterion, where it is known from a similar one.
         """
-        self._criterion, self._group = criterion, group
+        self.criterion, self._group = criterion, group
         self._moving = np.ones(len(z), bool) if moving is None else moving
         self.coordinates = np.clip(z, criterion.lower, criterion.upper)
         self.value = self._values(self.coordinates[None])[0]
@@ -351,7 +373,7 @@ class Ascent:
             if gradient @ step < CLOSE and self._damping < 1.0:
                 self.converged = self.ended = True
                 return
-            trial = np.clip(here + step, self._criterion.lower, self._criterion.upper)
+            trial = np.clip(here + step, self.criterion.lower, self.criterion.upper)
             value = self._values(trial[None])[0]
             if not value > self.value - 1e-9:
                 self._damping *= 8.0
@@ -366,28 +388,52 @@ class Ascent:
             self.ended = self.rounds >= ROUNDS
             return
 
+    def loss(self) -> FloatArray:
+        """(2,) half the squared errors and half the squared residuals, whitened, at ŵ."""
+        return self.criterion.loss(self.coordinates, self._group)
+
+    def state(self) -> dict[str, FloatArray]:
+        """All that the ascent needs to go on."""
+        return {
+            "coordinates": self.coordinates,
+            "curvature": self.curvature,
+            "search": np.array([self._damping, self.rounds, self.converged, self.ended], float),
+        }
+
+    @classmethod
+    def restored(
+        cls, criterion: "Evidence", group: int, state: Mapping[str, NDArray[Any]]
+    ) -> "Ascent":
+        """The ascent that gave ``state``."""
+        z, curvature = (np.array(state[name], float) for name in ("coordinates", "curvature"))
+        found = cls(criterion, group, z, curvature=curvature)
+        damping, rounds, converged, ended = np.array(state["search"], float)
+        found._damping, found.rounds = float(damping), int(rounds)
+        found.converged, found.ended = bool(converged), bool(ended)
+        return found
+
     def finish(self) -> Maximum:
         """Ascend to the end, and take the curvature there from second differences."""
         while not self.ended:
             self.advance()
-        z = self.coordinates
+        z, self.curvature = self.coordinates, self._curvature_here()
         return Maximum(
             "cthp",
             z,
             float(self.value),
-            float(self.value - self._criterion.log_prior(z)),
-            self._curvature_here(),
+            float(self.value - self.criterion.log_prior(z)),
+            self.curvature,
             self.converged,
             self.rounds,
         )
 
     def _free(self) -> Mask:
-        free = not_held(self._criterion, self.coordinates, self._gradient)
+        free = not_held(self.criterion, self.coordinates, self._gradient)
         return np.asarray(free & self._moving)
 
     def _values(self, z: FloatArray) -> FloatArray:
-        found = self._criterion.log_likelihood(z, np.full(len(z), self._group))
-        return np.asarray(found + self._criterion.log_prior(z))
+        found = self.criterion.log_likelihood(z, np.full(len(z), self._group))
+        return np.asarray(found + self.criterion.log_prior(z))
 
     def _slopes(self, z: FloatArray) -> tuple[FloatArray, FloatArray]:
         """First and second derivatives (P,) along each coordinate that moves, 0 along others."""
@@ -457,14 +503,15 @@ def maximise_evidence(series: Series, theta: FloatArray) -> tuple[Maximum, ...]:
 
 def log_deviations(maximum: Maximum) -> FloatArray:
     """(3,) deviations of ln α, ln β, ln τ by the curvature at the maximum; nan if held."""
-    curvature = maximum.curvature
+    return deviations_of(maximum.curvature)
+
+
+def deviations_of(curvature: FloatArray) -> FloatArray:
+    """(3,) deviations of ln α, ln β, ln τ, given the curvature (P, P) of the criterion."""
     free = np.diag(curvature) > 0
     covariance = np.full_like(curvature, np.nan)
     covariance[np.ix_(free, free)] = np.linalg.inv(curvature[np.ix_(free, free)])
-    forms = np.array([[1.0, 0, 0], [0, 0, 1], [-1, 1, 0]])
-    deviations = [
-        np.sqrt(row[used] @ covariance[np.ix_(used, used)] @ row[used])
-        for row in forms
-        for used in [np.flatnonzero(row)]
-    ]
-    return np.array(deviations)
+    alpha, alpha_tau, beta = range(3)
+    variance = covariance[alpha, alpha] + covariance[alpha_tau, alpha_tau]
+    of_tau = variance - 2 * covariance[alpha, alpha_tau]
+    return np.sqrt([covariance[alpha, alpha], covariance[beta, beta], of_tau])
