@@ -36,11 +36,18 @@ from accpinn.methods.pinn.evidence import Ascent, Evidence, begin, deviations_of
 from accpinn.methods.pinn.evidence_output import FourierOrders, OutputLayer, activations
 from accpinn.methods.pinn.loss import Learned, LossTerms, Training
 from accpinn.methods.pinn.method import WarmStart, calibrated_features, hidden_inputs
-from accpinn.methods.pinn.network import Adam, HiddenLayers, count_weights, load_state, state_of
+from accpinn.methods.pinn.network import (
+    HIDDEN,
+    Adam,
+    HiddenLayers,
+    count_weights,
+    load_state,
+    state_of,
+)
 from accpinn.methods.regression import Regression, Solution
 from accpinn.model.cthp import Case, Parameters
 from accpinn.segment.segment import Segment
-from accpinn.units import FloatArray
+from accpinn.units import FloatArray, frozen
 
 CYCLE = 25
 """Adam iterations between exact solves."""
@@ -58,7 +65,12 @@ class CalibratedTraining(Training):
         super().__init__(segment, case, config)
         self._series = series_of([segment], case)
         self._count = int(np.isfinite(self._series.measured).sum())
-        self._start(Regression.of(segment).solve(case).theta)
+        with np.errstate(all="ignore"):  # absurd numbers end as diverged
+            regression = Regression.of(segment)
+            if np.isfinite(regression.grams()).all():
+                self._start(regression.solve(case).theta)
+            else:
+                self._start(np.zeros((self.followers, 3)))
 
     def _start(self, theta: FloatArray) -> None:
         groups = self._series.groups
@@ -84,10 +96,11 @@ class CalibratedTraining(Training):
     def advance(self) -> None:
         """A round of every ascent that has not ended; then the output layer; then cycles."""
         try:
-            if self._layer is None:
-                self._ascend()
-            else:
-                self._cycle()
+            with np.errstate(all="ignore"):
+                if self._layer is None:
+                    self._ascend()
+                else:
+                    self._cycle()
         except (np.linalg.LinAlgError, torch.linalg.LinAlgError):  # type: ignore[attr-defined]
             self.outcome = Outcome.DIVERGED
 
@@ -186,9 +199,10 @@ class CalibratedTraining(Training):
 
     def _note(self, phase: str) -> None:
         """Look at the present moment, and see if it ends."""
-        theta = np.array([vanishing("cthp", one.coordinates) for one in self._ascents])
-        theta = np.array(np.broadcast_to(theta, (self.followers, 3)))
-        self._solution = Solution(theta, theta, np.asarray(theta == 0.0))
+        z = np.array([one.coordinates for one in self._ascents])
+        z = np.broadcast_to(z, (self.followers, z.shape[1]))
+        theta, free = vanishing("cthp", z), natural("cthp", z)[:, :3]
+        self._solution = Solution(frozen(theta), frozen(free), np.asarray(theta == 0.0))
         if phase == "evidence":
             parts = np.sum([one.loss() for one in self._ascents], axis=0) / self._count
             data, physics = torch.tensor(parts)
@@ -208,9 +222,12 @@ class CalibratedTraining(Training):
         """The surrogate, the parameters, and what training the hidden layers brought."""
         now, found = self.progress, list[MethodFinding]()
         arrays = state_of(self._hidden, "hidden.")
-        if self._layer is None:  # stopped early: the splines' motion, with random hidden layers
-            self._build()
-            self._solve()
+        if self._layer is None:  # stopped early: the best output layer at the present unknowns
+            self._weights = torch.zeros((self._fourier.size + HIDDEN[-1], self.measured.shape[1]))
+            self._weights = self._weights.double()
+            if self.outcome is not Outcome.DIVERGED:
+                self._build()
+                self._solve()
         elif now.phase == "Adam" and self._start_loss > 0:
             found.append(HiddenLayersGain(self._start_loss, now.total))
         if self.outcome is Outcome.FINISHED:
