@@ -59,7 +59,7 @@ COARSE_KNOTS: Seconds = 1.0
 """At half the cost; the maximum is then within a tenth of a standard error."""
 LEAST_START = 0.05
 """Share of a typical α, ατ, β: from zero a search in logarithms would not move."""
-DIFFERENCE = 5e-4
+DIFFERENCE = 1e-3
 """Of a coordinate, for its slope: small against its deviation, large against rounding."""
 SECOND_DIFFERENCE = 0.02
 """The same for the curvature at the end."""
@@ -335,8 +335,9 @@ class Evidence(Criterion):
 class Ascent:
     """The ascent of one group's criterion, a round at a time.
 
-    BFGS on one-sided differences, which displace the maximum by half a `DIFFERENCE`; it begins with
-    the diagonal of the curvature.
+    BFGS, which begins with the diagonal of the curvature. Where the end need not be exact, slopes
+    are one-sided differences at half the cost. Elsewhere these would not do: α and ατ vary almost
+    together, and the error of their slopes would move them by a fifth of a standard error.
     """
 
     def __init__(
@@ -362,10 +363,10 @@ class Ascent:
         self._moving = np.ones(len(z), bool) if moving is None else moving
         self.coordinates = np.clip(z, criterion.lower, criterion.upper)
         self.value = self._values(self.coordinates[None])[0]
+        self._close = close
         self._gradient = self._slopes()
         self.curvature = self._diagonal() if curvature is None else curvature
         self._damping, self.rounds, self.converged, self.ended = 1e-2, 0, False, False
-        self._close = close
 
     def advance(self) -> None:
         """One round; nothing once it has ended."""
@@ -411,8 +412,8 @@ class Ascent:
     ) -> "Ascent":
         """The ascent that gave ``state``."""
         z, curvature = (np.array(state[name], float) for name in ("coordinates", "curvature"))
-        found = cls(criterion, group, z, curvature=curvature)
-        damping, rounds, converged, ended, found._close = np.array(state["search"], float)
+        damping, rounds, converged, ended, close = np.array(state["search"], float).tolist()
+        found = cls(criterion, group, z, curvature=curvature, close=close)
         found._damping, found.rounds = float(damping), int(rounds)
         found.converged, found.ended = bool(converged), bool(ended)
         return found
@@ -444,7 +445,12 @@ class Ascent:
         """(P,) the gradient here; 0 along coordinates that do not move."""
         slopes = np.zeros(len(self.coordinates))
         moves = DIFFERENCE * np.eye(len(slopes))[self._moving]
-        slopes[self._moving] = (self._values(self.coordinates + moves) - self.value) / DIFFERENCE
+        above = self._values(self.coordinates + moves)
+        if self._close > CLOSE:
+            slopes[self._moving] = (above - self.value) / DIFFERENCE
+        else:
+            below = self._values(self.coordinates - moves)
+            slopes[self._moving] = (above - below) / (2 * DIFFERENCE)
         return slopes
 
     def _diagonal(self) -> FloatArray:
