@@ -41,6 +41,12 @@ _PER_FEATURE = 32
 """Bytes per instant and input feature that `fast` takes at its peak; measured."""
 _PER_FEATURE_MASKED = 55
 """The same with a mask, as each follower then has products of its own."""
+_PER_PAIR = 550
+"""Bytes per pair of features that `calibrated` takes at its peak: products of all derivatives."""
+_PER_PAIR_MASKED = 800
+"""As much more with a mask."""
+_OTHER_FEATURES = 70
+"""Activations, constant and slope."""
 _PER_INSTANT = 5_000
 """Bytes per instant that `paper` takes at its peak; measured."""
 
@@ -153,6 +159,11 @@ def require_memory(segment: Segment, config: PinnConfig) -> None:
     if config.preset == "paper":
         needed: float = _PER_INSTANT * segment.samples
         longest: Seconds = MOST_BYTES / _PER_INSTANT * step
+    elif config.preset == "calibrated":
+        each = _PER_PAIR if segment.mask is None else _PER_PAIR + _PER_PAIR_MASKED
+        rate = 2 * STRETCH * config.highest_frequency
+        needed = each * (rate * segment.window.duration + _OTHER_FEATURES) ** 2
+        longest = (sqrt(MOST_BYTES / each) - _OTHER_FEATURES) / rate
     else:
         each = _PER_FEATURE if segment.mask is None else _PER_FEATURE_MASKED
         features = FourierFeatures(segment.window.duration, config.highest_frequency).size
