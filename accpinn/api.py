@@ -156,7 +156,7 @@ def fit(
             vehicles with data from the first one on.
         case: "I" for one parameter set, "II" for one per follower.
         method: a key of `METHODS`; with "maximum-likelihood" samples may be missing.
-        preset: "fast" or "paper", for a method with presets.
+        preset: "fast", "calibrated" or "paper", for a method with presets.
         seed: of a method with presets.
         exclude: regimes whose instants do not count, as "catching-up" or ["catching up"].
         store: where a method with presets keeps results and checkpoints; None keeps nothing.

@@ -40,7 +40,7 @@ from accpinn.inference.intervals import Uncertainty
 from accpinn.inference.model_adequacy import model_forms
 from accpinn.inference.multistart import MultistartResult, multistart, summarise
 from accpinn.methods.fit import Fit, OnProgress, Outcome, Progress
-from accpinn.methods.pinn.config import STARTS, PinnConfig, preset
+from accpinn.methods.pinn.config import PRESETS, STARTS, PinnConfig, preset
 from accpinn.methods.registry import METHODS
 from accpinn.model.cthp import Parameters
 from accpinn.model.published import ParameterSet
@@ -92,7 +92,7 @@ def add_fit_options(parser: argparse.ArgumentParser) -> None:
     _add_method_help(parser)
     option = parser.add_argument
     option("--method", choices=list(METHODS), default="pinn", metavar="NAME", help="(pinn)")
-    option("--preset", choices=["fast", "paper"], help="of the PiNN: seconds, or minutes (fast)")
+    option("--preset", choices=list(PRESETS), help="of the PiNN: seconds, or minutes (fast)")
     option("--initial", metavar="A,B,T", help="α,β,τ to start from (1,1,1)")
     option("--iterations", type=int, metavar="N", help="of the PiNN, at most")
     option("--lbfgs", type=int, metavar="N", help="L-BFGS iterations that end the paper preset")
@@ -373,7 +373,7 @@ def add_starts_options(parser: argparse.ArgumentParser) -> None:
     """Declare the options of `starts`."""
     add_segment_options(parser)
     parser.epilog = f"{STARTS_HELP}\n\n{parser.epilog}"
-    parser.add_argument("--preset", choices=["fast", "paper"], default="fast", help="(fast)")
+    parser.add_argument("--preset", choices=list(PRESETS), default="fast", help="(fast)")
     parser.add_argument("--iterations", type=int, metavar="N", help="of each training, at most")
     parser.add_argument("--seeds", type=int, default=1, metavar="N", help="per start (1)")
     add_run_options(parser)

@@ -88,8 +88,18 @@ def sample(
         seed: of the proposals.
         stages: how many proposals each stage has; by default `STAGES`.
     """
-    criterion, rng = Criterion(series, form), np.random.default_rng(seed)
+    return sample_from(Criterion(series, form), maxima, seed, stages)
+
+
+def sample_from(
+    criterion: Criterion,
+    maxima: Sequence[Maximum],
+    seed: int = 0,
+    stages: Sequence[int] | None = None,
+) -> tuple[Posterior, ...]:
+    """The same for another criterion of the same unknowns, such as the evidence of a network."""
     stages = STAGES if stages is None else stages
+    form, rng = criterion.form, np.random.default_rng(seed)
     proposals = [_Proposal.at(one) for one in maxima]
     best: dict[int, Posterior] = {}
     wanted = list(range(len(maxima)))

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Generator, Iterable, Sequence
 from contextlib import closing
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, Self
 
 import numpy as np
@@ -182,6 +182,10 @@ class Progress:
     initial: float
     parameters: Parameters
     """(P,): P = 1 in Case I, M in Case II."""
+    evidence: float = 0.0
+    """log evidence + log prior, where it is what the training maximises."""
+    deviations: FloatArray | None = None
+    """(P, 3) standard errors of ln α, ln β, ln τ so far; None where the training has none."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -202,6 +206,10 @@ class History:
     """(K,) Ψ_R, zero where the term is not used."""
     parameters: Parameters
     """(K, P): P = 1 in Case I, M in Case II."""
+    evidence: FloatArray | None = None
+    """(K,) None where the training does not maximise it."""
+    deviations: FloatArray | None = None
+    """(K, P, 3) standard errors of ln α, ln β, ln τ; nan where unknown."""
 
 
 OnProgress = Callable[[Progress], None]
@@ -296,35 +304,46 @@ class Recorder:
         """Empty."""
         self._rows: list[tuple[float, ...]] = []
         self._tables: list[FloatArray] = []
+        self._beliefs: list[FloatArray] = []
         self._spacing, self._skipped = 1, 0
         self._latest_is_extra = False
 
     def add(self, progress: Progress) -> None:
         """Store a moment."""
         if self._latest_is_extra:
-            self._rows.pop()
-            self._tables.pop()
+            for kept in (self._rows, self._tables, self._beliefs):
+                kept.pop()
         self._rows.append(tuple(float(getattr(progress, name)) for name in _SCALARS))
         self._tables.append(progress.parameters.values)
+        deviations = progress.deviations
+        believed = np.zeros(0) if deviations is None else np.append(deviations, progress.evidence)
+        self._beliefs.append(believed)
         self._skipped += 1
         self._latest_is_extra = self._skipped < self._spacing and len(self._rows) > 1
         if not self._latest_is_extra:
             self._skipped = 0
         if len(self._rows) > KEPT:
             self._rows, self._tables = self._rows[::2], self._tables[::2]
+            self._beliefs = self._beliefs[::2]
             self._spacing *= 2
 
     def history(self) -> History:
         """The history so far."""
         columns = np.array(self._rows).reshape(-1, len(_SCALARS)).T
         parameters = Parameters.of(np.array(self._tables).reshape(len(self._tables), -1, 3))
-        return History(**dict(zip(_SCALARS, columns, strict=True)), parameters=parameters)
+        history = History(**dict(zip(_SCALARS, columns, strict=True)), parameters=parameters)
+        beliefs = np.array(self._beliefs)
+        if not beliefs.size:
+            return history
+        deviations = beliefs[:, :-1].reshape(len(beliefs), -1, 3)
+        return replace(history, evidence=beliefs[:, -1], deviations=deviations)
 
     def state(self) -> Checkpoint:
         """For a checkpoint."""
         return {
             "history.rows": np.array(self._rows).reshape(-1, len(_SCALARS)),
             "history.tables": np.array(self._tables),
+            "history.beliefs": np.array(self._beliefs).reshape(len(self._beliefs), -1),
             "history.spacing": np.array([self._spacing, self._skipped, self._latest_is_extra]),
         }
 
@@ -332,6 +351,7 @@ class Recorder:
         """From a checkpoint."""
         self._rows = [tuple(float(v) for v in row) for row in state["history.rows"]]
         self._tables = [np.array(table, float) for table in state["history.tables"]]
+        self._beliefs = [np.array(row, float) for row in state["history.beliefs"]]
         spacing, skipped, extra = (int(v) for v in state["history.spacing"])
         self._spacing, self._skipped, self._latest_is_extra = spacing, skipped, bool(extra)
 

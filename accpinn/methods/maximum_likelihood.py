@@ -65,9 +65,9 @@ SHORTEST_STRETCH = 10
 """Samples; what is left between masked instants and is shorter says next to nothing."""
 LARGEST_BATCH = 3_000_000
 """Samples times models filtered at once, which bounds the memory."""
-STARTS = (0.0, -1.5)
+STARTS = (0.0, -1.5, 1.0)
 """ln of the factor on α and ατ that each search starts with: near the middle of published
-parameters, and far below it, where long headways lie."""
+parameters, far below it, where weak controllers lie, and above it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -310,8 +310,8 @@ def _search(criterion: Criterion, z: FloatArray, groups: Groups) -> list[Maximum
             break
         trial = z.copy()
         for k in active:
-            free = _free(criterion, z[k], gradient[k])
-            step = _step(curvature[k], gradient[k], free, damping[k])
+            free = not_held(criterion, z[k], gradient[k])
+            step = scoring_step(curvature[k], gradient[k], free, damping[k])
             trial[k] = np.clip(z[k] + step, criterion.lower, criterion.upper)
             done[k] = gradient[k] @ step < CLOSE and damping[k] < 1.0
         active = active[~done[active]]
@@ -325,7 +325,9 @@ def _search(criterion: Criterion, z: FloatArray, groups: Groups) -> list[Maximum
                 done[k] = damping[k] > 1e8
                 continue
             if rounds[k] > SCORING:
-                curvature[k] = _corrected(curvature[k], trial[k] - z[k], gradient[k] - slope)
+                curvature[k] = corrected_curvature(
+                    curvature[k], trial[k] - z[k], gradient[k] - slope
+                )
             else:
                 curvature[k] = information
             z[k], value[k], gradient[k] = trial[k], new, slope
@@ -337,7 +339,9 @@ def _search(criterion: Criterion, z: FloatArray, groups: Groups) -> list[Maximum
             float(value[k]),
             float(value[k] - criterion.log_prior(z[k])),
             np.where(
-                np.logical_and.outer(*2 * [_free(criterion, z[k], gradient[k])]), curvature[k], 0.0
+                np.logical_and.outer(*2 * [not_held(criterion, z[k], gradient[k])]),
+                curvature[k],
+                0.0,
             ),
             bool(done[k] and damping[k] < 1.0),
             int(rounds[k]),
@@ -346,15 +350,16 @@ def _search(criterion: Criterion, z: FloatArray, groups: Groups) -> list[Maximum
     ]
 
 
-def _free(criterion: Criterion, z: FloatArray, gradient: FloatArray) -> FloatArray:
+def not_held(criterion: Criterion, z: FloatArray, gradient: FloatArray) -> Mask:
     """(P,) whether a coordinate is not held by a bound."""
     held = (z <= criterion.lower) & (gradient < 0) | (z >= criterion.upper) & (gradient > 0)
     return np.asarray(~held)
 
 
-def _step(
-    curvature: FloatArray, gradient: FloatArray, free: FloatArray, damping: float
+def scoring_step(
+    curvature: FloatArray, gradient: FloatArray, free: Mask, damping: float
 ) -> FloatArray:
+    """(P,) the damped Newton step of the free coordinates; 0 for the others."""
     part = curvature[np.ix_(free, free)]
     part = part + np.diag(damping * np.diag(part) + 1e-9)
     step = np.zeros(len(gradient))
@@ -362,7 +367,7 @@ def _step(
     return step * min(1.0, LONGEST_STEP / max(float(np.abs(step).max()), 1e-300))
 
 
-def _corrected(curvature: FloatArray, move: FloatArray, fall: FloatArray) -> FloatArray:
+def corrected_curvature(curvature: FloatArray, move: FloatArray, fall: FloatArray) -> FloatArray:
     """The BFGS update of a curvature, where the gradient falls along the move."""
     along = float(move @ fall)
     pulled = curvature @ move

@@ -43,6 +43,8 @@ FIT_SHAPES = {
     "History.physics": Shape("K", finite=True),
     "History.initial": Shape("K", finite=True),
     "History.parameters": Shape("K", "P", 3, finite=True),
+    "History.evidence": Shape("K", finite=True),
+    "History.deviations": Shape("K", "P", 3),
     "ParameterTrack.time": Shape("K", finite=True),
     "ParameterTrack.parameters": Shape("K", "M", 3),
     "ParameterTrack.deviation": Shape("K", "M", 3),

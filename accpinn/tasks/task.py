@@ -263,7 +263,7 @@ def _joined(before: History, after: History) -> History:
     parts = {
         name: np.concatenate([getattr(before, name)[kept], values])
         for name, values in vars(after).items()
-        if name != "parameters"
+        if name != "parameters" and values is not None and getattr(before, name) is not None
     }
     tables = np.concatenate([before.parameters.values[kept], after.parameters.values])
     return History(**parts, parameters=Parameters.of(tables))

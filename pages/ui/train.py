@@ -20,6 +20,7 @@ from pages.ui.session.workspace import Workspace
 
 PRESET_LINES = {
     "fast": "A few seconds: output layer and α, β, τ solved exactly, hidden layers trained.",
+    "calibrated": "A few seconds: the network's evidence in place of its loss removes the bias.",
     "paper": "As published, all by gradient: many minutes. Stop and continue at any time.",
 }
 CONTINUES = (

@@ -1,8 +1,8 @@
-"""Every setting of the PiNN, and the two presets: `paper` (faithful) and `fast` (default)."""
+"""Every setting of the PiNN, and its presets: `paper`, `fast` (the default) and `calibrated`."""
 
 from dataclasses import dataclass, replace
 from math import isfinite
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 import numpy as np
 
@@ -13,7 +13,8 @@ from accpinn.model.cthp import Parameters
 METHOD_VERSION = 2
 """Raised whenever a change of the method changes its numbers; cached results then expire."""
 
-PresetName = Literal["fast", "paper"]
+PresetName = Literal["fast", "calibrated", "paper"]
+NAMES = "fast, calibrated or paper"
 
 STARTS = (
     Parameters(1.0, 1.0, 1.0),
@@ -59,9 +60,9 @@ class PinnConfig:
     test_share: float = 0.0
     """`paper` only: share of instants, drawn at random, kept out of training."""
     highest_frequency: float = 0.1
-    """`fast` only, in Hz: the input features reach from half a cycle per window up to here."""
+    """In Hz, not of `paper`: the input features reach from a cycle per window or less to here."""
     batch: int = 300
-    """`fast` only: random instants per Adam iteration."""
+    """Random instants per Adam iteration; not of `paper`."""
 
     def __post_init__(self) -> None:
         """Refuse what cannot be trained.
@@ -69,7 +70,7 @@ class PinnConfig:
         Raises:
             ConfigError: naming the setting, its range and the value given.
         """
-        _require(self.preset in ("fast", "paper"), "preset", "fast or paper", self.preset)
+        _require(self.preset in get_args(PresetName), "preset", NAMES, self.preset)
         for setting, (least, most, unit) in _RANGES.items():
             given, title = getattr(self, setting), setting.replace("_", " ")
             title = title.replace("lbfgs", "L-BFGS")
@@ -84,7 +85,14 @@ class PinnConfig:
         _require(min(self.weight_data) > 0, "data weights S", "above 0", self.weight_data)
         _require(min(self.weight_physics) > 0, "physics weights Q", "above 0", self.weight_physics)
         _require(0 < self.learning_rate <= 1, "learning rate", "above 0 to 1", self.learning_rate)
-        if self.preset == "fast":
+        if self.preset == "calibrated":
+            _require(
+                (self.weight_physics, self.weight_data, self.weight_initial) == ((1, 1), (1, 1), 0),
+                "weights",
+                "those of the preset, as the evidence determines them",
+                weights,
+            )
+        if self.preset != "paper":
             for setting in ("lbfgs_iterations", "test_share"):
                 given = getattr(self, setting)
                 _require(not given, setting, "0, or the paper preset, which has it", given)
@@ -140,6 +148,9 @@ def _require(good: bool, setting: str, allowed: str, given: object) -> None:
 FAST = PinnConfig()
 """Fourier input features, exact output layer and parameters, Adam on the hidden layers."""
 
+CALIBRATED = PinnConfig(preset="calibrated", iterations=300, highest_frequency=0.5)
+"""Parameters by the network's evidence in place of its loss, unbiased where disturbances last."""
+
 PAPER = PinnConfig(
     preset="paper",
     iterations=20_000,  # the paper: parameters converge in around 20,000 for all tests
@@ -148,7 +159,7 @@ PAPER = PinnConfig(
 )
 """Raw time in, full batch, double precision, everything by Adam, as in the paper's section V.B."""
 
-PRESETS: dict[str, PinnConfig] = {"fast": FAST, "paper": PAPER}
+PRESETS: dict[str, PinnConfig] = {"fast": FAST, "calibrated": CALIBRATED, "paper": PAPER}
 
 
 def preset(name: str, **changes: Any) -> PinnConfig:
@@ -158,5 +169,5 @@ def preset(name: str, **changes: Any) -> PinnConfig:
         ConfigError: for an unknown preset, or a setting outside its range.
     """
     if name not in PRESETS:
-        raise ConfigError(f"preset: {name} is not known; choose fast or paper.")
+        raise ConfigError(f"preset: {name} is not known; choose {NAMES}.")
     return replace(PRESETS[name], **changes)

@@ -156,8 +156,16 @@ class Training(ABC):
         fixed = torch.tensor(theta)
         return loss_terms(outputs, rates, self.measured, fixed, self.config, self.mask)
 
-    def _look(self, phase: str, iteration: int, terms: LossTerms, parameters: Parameters) -> None:
-        """Note the present moment, with parameters (M,) or (1,)."""
+    def _look(
+        self,
+        phase: str,
+        iteration: int,
+        terms: LossTerms,
+        parameters: Parameters,
+        evidence: float = 0.0,
+        deviations: FloatArray | None = None,
+    ) -> None:
+        """Note the present moment, with parameters (M,) or (1,), and see `Progress`."""
         self.progress = Progress(
             phase=phase,
             iteration=iteration,
@@ -165,4 +173,6 @@ class Training(ABC):
             seconds=0.0,
             **terms.values(),
             parameters=parameters[:1] if self.case == "I" else parameters,
+            evidence=evidence,
+            deviations=deviations,
         )

@@ -41,6 +41,12 @@ _PER_FEATURE = 32
 """Bytes per instant and input feature that `fast` takes at its peak; measured."""
 _PER_FEATURE_MASKED = 55
 """The same with a mask, as each follower then has products of its own."""
+_PER_PAIR = 550
+"""Bytes per pair of features that `calibrated` takes at its peak: products of all derivatives."""
+_PER_PAIR_MASKED = 800
+"""As much more with a mask."""
+_OTHER_FEATURES = 70
+"""Activations, constant and slope."""
 _PER_INSTANT = 5_000
 """Bytes per instant that `paper` takes at its peak; measured."""
 
@@ -153,6 +159,11 @@ def require_memory(segment: Segment, config: PinnConfig) -> None:
     if config.preset == "paper":
         needed: float = _PER_INSTANT * segment.samples
         longest: Seconds = MOST_BYTES / _PER_INSTANT * step
+    elif config.preset == "calibrated":
+        each = _PER_PAIR if segment.mask is None else _PER_PAIR + _PER_PAIR_MASKED
+        rate = 2 * STRETCH * config.highest_frequency
+        needed = each * (rate * segment.window.duration + _OTHER_FEATURES) ** 2
+        longest = (sqrt(MOST_BYTES / each) - _OTHER_FEATURES) / rate
     else:
         each = _PER_FEATURE if segment.mask is None else _PER_FEATURE_MASKED
         features = FourierFeatures(segment.window.duration, config.highest_frequency).size
@@ -198,6 +209,23 @@ class FourierFeatures:
         return matrix
 
 
+STRETCH = 1.1
+"""Period of the `calibrated` preset's features, in windows: half-cycle features would be twice as
+many for the same motions, and an exact solve eight times as slow."""
+HIDDEN_FREQUENCY = 0.1
+"""In Hz, of the features that the `calibrated` preset's hidden layers see."""
+
+
+def calibrated_features(duration: Seconds, config: PinnConfig) -> FourierFeatures:
+    """The features of the `calibrated` preset: whole cycles in `STRETCH` windows."""
+    return FourierFeatures(STRETCH / 2 * duration, config.highest_frequency)
+
+
+def hidden_inputs(features: FourierFeatures) -> int:
+    """How many of them, after the constant, the `calibrated` preset's hidden layers see."""
+    return 1 + 2 * max(4, int((features.angular <= 2 * np.pi * HIDDEN_FREQUENCY).sum()))
+
+
 def output_columns(followers: int) -> tuple[list[int], list[int]]:
     """Where speeds (M+1) and space-gaps (M) stand among the outputs v_0, v_1, p_1, v_2, p_2, ..."""
     return [0, *range(1, 2 * followers, 2)], list(range(2, 2 * followers + 1, 2))
@@ -226,9 +254,8 @@ def redraw(fit: Fit, time: FloatArray, duration: Seconds) -> Trajectories:
     settings = {name: value for name, value in fit.config.items() if name != "started_from"}
     config = PinnConfig.from_json(settings)
     try:
-        outputs = (
-            _fast(fit, time, duration, config) if config.preset == "fast" else _paper(fit, time)
-        )
+        drawn = _paper(fit, time) if config.preset == "paper" else None
+        outputs = _fourier(fit, time, duration, config) if drawn is None else drawn
         speeds, gaps = output_columns(len(fit.parameters))
         return Trajectories(time, outputs[:, speeds], outputs[:, gaps])
     except (KeyError, ValueError, IndexError):
@@ -237,12 +264,18 @@ def redraw(fit: Fit, time: FloatArray, duration: Seconds) -> Trajectories:
         ) from None
 
 
-def _fast(fit: Fit, time: FloatArray, duration: Seconds, config: PinnConfig) -> FloatArray:
-    """[φ, h(φ)] W; see `pinn.fast`."""
+def _fourier(fit: Fit, time: FloatArray, duration: Seconds, config: PinnConfig) -> FloatArray:
+    """[φ, h(φ)] W; see `pinn.fast` and `pinn.calibrated`."""
     if 2 * duration * config.highest_frequency > MOST_FEATURES:
         raise ValueError(duration)
-    features = FourierFeatures(duration, config.highest_frequency)(time)
-    active = _hidden(fit, features[:, 1:], "hidden.layers")
+    if config.preset == "calibrated":
+        of = calibrated_features(duration, config)
+        inputs = hidden_inputs(of)
+    else:
+        of = FourierFeatures(duration, config.highest_frequency)
+        inputs = of.size - 1
+    features = of(time)
+    active = _hidden(fit, features[:, 1 : 1 + inputs], "hidden.layers")
     return np.asarray(np.hstack([features, active]) @ fit.arrays["output.weight"])
 
 

@@ -24,6 +24,7 @@ from accpinn.methods.fit import (
     ShouldStop,
     StartedFrom,
 )
+from accpinn.methods.pinn.calibrated import CalibratedTraining
 from accpinn.methods.pinn.config import FAST, PinnConfig
 from accpinn.methods.pinn.fast import FastTraining
 from accpinn.methods.pinn.loss import Training
@@ -41,7 +42,11 @@ MOST_THREADS = 4 * (os.cpu_count() or 2)
 CHECKPOINT_EVERY = 5.0
 """Seconds between checkpoints: what a killed process can lose."""
 
-TRAININGS: dict[str, type[Training]] = {"fast": FastTraining, "paper": PaperTraining}
+TRAININGS: dict[str, type[Training]] = {
+    "fast": FastTraining,
+    "calibrated": CalibratedTraining,
+    "paper": PaperTraining,
+}
 
 
 def training(

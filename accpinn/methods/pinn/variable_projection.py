@@ -11,6 +11,7 @@ is a chain: eliminating the last follower first leaves one K x K term on the spe
     [ C_iᵀ  .   ] [ w_i-1 ] = [ .   ]      C_i 2K x K couples to v_{i-1}
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Self
 
@@ -75,30 +76,60 @@ def solve_output(sums: NormalEquations, theta: FloatArray, config: PinnConfig) -
     for column in (*gap_columns, *speed_columns[1:]):
         target[:, column] += restart * sums.first_data[column] * sums.first
 
-    from_behind: tuple[Tensor, Tensor] | None = None
-    eliminated: list[tuple[Tensor, Tensor, Tensor]] = []
-    for follower in reversed(range(followers)):
+    links = []
+    for follower in range(followers):
         dynamics = sums.of_dynamics(follower)
         own, coupling, ahead = _follower_blocks(sums, dynamics, theta[follower], config)
         own[:size, :size] += s_speed * sums.value_value + at_first
         own[size:, size:] += s_gap * sums.value_value + at_first
         right = target[:, [speed_columns[follower + 1], gap_columns[follower]]].T.reshape(-1)
+        links.append(Link(own, coupling, ahead, right))
+    return solve_chain(links, s_speed * sums.value_value, target[:, 0])
+
+
+@dataclass(frozen=True, eq=False)
+class Link:
+    """A follower's part of the normal matrix; see the module's head."""
+
+    own: Tensor
+    """(2K, 2K) B."""
+    coupling: Tensor
+    """(2K, K) C."""
+    ahead: Tensor
+    """(K, K) what it adds on the speed ahead."""
+    right: Tensor
+    """(2K,) r."""
+
+
+def solve_chain(links: Sequence[Link], leader: Tensor, leader_right: Tensor) -> Tensor:
+    """The weights (K, 2M+1) of a platoon; the last follower is eliminated first.
+
+    Args:
+        links: (M,) of the followers.
+        leader: (K, K) what the leader's speed has of its own.
+        leader_right: (K,)
+    """
+    size, followers = len(leader), len(links)
+    speed_columns, gap_columns = output_columns(followers)
+    from_behind: tuple[Tensor, Tensor] | None = None
+    eliminated: list[tuple[Tensor, Tensor, Tensor]] = []
+    for link in reversed(links):
+        own, right = link.own, link.right
         if from_behind is not None:
             own[:size, :size] += from_behind[0]
             right[:size] += from_behind[1]
         factor = torch.linalg.cholesky(own)
         half = torch.linalg.solve_triangular(
-            factor, torch.cat([coupling, right[:, None]], 1), upper=False
+            factor, torch.cat([link.coupling, right[:, None]], 1), upper=False
         )
         reach, half_right = half[:, :-1], half[:, -1]
         eliminated.append((factor, reach, half_right))
-        from_behind = ahead - reach.T @ reach, -reach.T @ half_right
+        from_behind = link.ahead - reach.T @ reach, -reach.T @ half_right
     assert from_behind is not None
 
-    leader = s_speed * sums.value_value + from_behind[0]
-    factor = torch.linalg.cholesky(leader)
-    right = target[:, 0] + from_behind[1]
-    weights = torch.empty_like(target)
+    factor = torch.linalg.cholesky(leader + from_behind[0])
+    right = leader_right + from_behind[1]
+    weights = torch.empty((size, 2 * followers + 1), dtype=leader.dtype)
     weights[:, 0] = torch.cholesky_solve(right[:, None], factor)[:, 0]
     for follower, (factor, reach, half_right) in enumerate(reversed(eliminated)):
         rest = half_right - reach @ weights[:, speed_columns[follower]]

@@ -28,6 +28,8 @@ from accpinn.results.figures.style import (
 from accpinn.segment.segment import Segment, SegmentInfo
 from accpinn.units import FloatArray, Seconds
 
+NORMAL_90 = 1.645
+"""Standard errors to each end of a 90 % interval."""
 FEW = 30
 """So few moments of a training are marked one by one."""
 GAP_ERROR = replace(GAP, name="Error of the space-gap")
@@ -54,6 +56,16 @@ def loss_history(history: History) -> go.Figure:
         )  # fmt: skip
     figure.update_yaxes(type="log", title_text="Loss", **_decades([term[2] for term in used]))
     names = [f'<span style="color:{colour}">{name}</span>' for _, name, _, colour, _ in used]
+    if history.evidence is not None:
+        figure.add_scatter(
+            x=history.iteration, y=history.evidence, name="log evidence", yaxis="y2",
+            showlegend=False, mode=mode, line={"color": MODEL, "width": 2, "dash": "dash"},
+            marker={"size": 4},
+        )  # fmt: skip
+        figure.update_layout(
+            yaxis2={"overlaying": "y", "side": "right", "title": "Log evidence", "showgrid": False}
+        )
+        names.append(f'<span style="color:{MODEL}">log evidence</span>')
     return _over_iterations(figure, f"Loss: {', '.join(names)}", "loss")
 
 
@@ -71,9 +83,17 @@ def parameter_history(
     quantity = PARAMETERS[which]
     figure = go.Figure()
     sets = history.parameters.values.shape[1]
+    ends = _interval(history, which)
     colours = [vehicle_colour(number, segment.vehicles[0]) for number in segment.vehicles[1:]]
     for k in range(sets):
         shared = sets == 1 and segment.followers > 1
+        if ends is not None:
+            figure.add_scatter(
+                x=np.concatenate([history.iteration, history.iteration[::-1]]),
+                y=np.concatenate([ends[0][:, k], ends[1][::-1, k]]), fill="toself",
+                line={"width": 0, "color": LEADER if shared else colours[k]}, opacity=0.25,
+                mode="lines", hoverinfo="skip", showlegend=False,
+            )  # fmt: skip
         figure.add_scatter(
             x=history.iteration, y=history.parameters.values[:, k, which],
             name="all followers" if shared else html.escape(segment.labels[k + 1]),
@@ -85,9 +105,20 @@ def parameter_history(
         figure.add_hline(y=value, line=TRUTH | {"color": colour})
     # Where the parameters converge, not where they happened to start.
     late = history.parameters.values[len(history.iteration) // 2 :, :, which]
+    if ends is not None:
+        late = np.append(late, [one[-1] for one in ends])
     shown = limits(np.append(late, true), 0.12) or None
     figure.update_yaxes(title_text=quantity.heading, range=shown)
     return _over_iterations(figure, quantity.name, f"parameter-{which}")
+
+
+def _interval(history: History, which: int) -> tuple[FloatArray, FloatArray] | None:
+    """Ends (K, P) of the 90 % interval that the training states; None where it states none."""
+    if history.deviations is None:
+        return None
+    spread = np.exp(NORMAL_90 * np.nan_to_num(history.deviations[:, :, which]))
+    values = history.parameters.values[:, :, which]
+    return values / spread, values * spread
 
 
 def _over_iterations(figure: go.Figure, title: str, revision: str) -> go.Figure:

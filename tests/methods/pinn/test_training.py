@@ -477,5 +477,5 @@ class TestSettings:
             PinnConfig.from_json(FAST.to_json() | bent)
 
     def test_an_unknown_preset_is_refused(self) -> None:
-        with pytest.raises(ConfigError, match="choose fast or paper"):
+        with pytest.raises(ConfigError, match="choose fast, calibrated or paper"):
             preset("quick")

@@ -59,6 +59,25 @@ class TestLoss:
         assert training.loss_history(track).layout.yaxis.range is None
 
 
+class TestEvidence:
+    def test_stands_beside_the_loss(self) -> None:
+        track = history()
+        figure = training.loss_history(replace(track, evidence=-track.total))
+        (line,) = [trace for trace in figure.data if trace.name == "log evidence"]
+        np.testing.assert_array_equal(line.y, -track.total)
+        assert line.yaxis == "y2", "it may be negative, so it has an axis of its own"
+
+    def test_gives_the_parameters_an_interval_that_narrows(self, segment: Segment) -> None:
+        track = history()
+        deviations = np.repeat(track.total[:, None, None], 2, axis=1) * np.ones(3)
+        figure = training.parameter_history(replace(track, deviations=deviations), 0, segment.info)
+        band = figure.data[0]
+        assert band.fill == "toself"
+        lower, upper = band.y[: len(track.total)], band.y[len(track.total) :][::-1]
+        assert (np.diff(np.log(upper / lower)) < 0).all()
+        assert lower[-1] < 0.1 < upper[-1]
+
+
 class TestParameters:
     @pytest.mark.parametrize(("which", "label"), [*enumerate(("α [1/s²]", "β [1/s]", "τ [s]"))])
     def test_have_units_colours_and_the_truth(

@@ -1,0 +1,288 @@
+"""The `calibrated` preset: the network trained by its evidence, where `fast` minimises its loss.
+
+    α, ατ, β, disturbance, noise    maximise the evidence of each follower given the vehicle ahead
+                                    (`evidence`), in rounds, with banded splines as features
+    output layer W                  its most probable value at them, exact (`evidence_output`)
+    hidden layers                   Adam on minibatches of Ψ, the negative log density that the
+                                    evidence integrates; after each cycle W is solved again
+
+The first kind ends before the others begin, as an estimate that the hidden layers could still move
+would no longer be that of the evidence. A cycle that does not lower Ψ is taken back. Intervals of
+the parameters follow from the evidence's curvature. Rounds and Adam iterations are counted alike.
+
+The skip features reach up to `PinnConfig.highest_frequency` on a period that is longer than the
+window; the hidden layers see those below `HIDDEN_FREQUENCY`.
+"""
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from accpinn.methods.fit import (
+    Checkpoint,
+    HiddenLayersGain,
+    IterationsExhausted,
+    MethodFinding,
+    Outcome,
+)
+from accpinn.methods.maximum_likelihood import (
+    natural,
+    series_of,
+    stride_of,
+    vanishing,
+)
+from accpinn.methods.pinn.config import PinnConfig
+from accpinn.methods.pinn.evidence import Ascent, Evidence, begin, deviations_of, refine
+from accpinn.methods.pinn.evidence_output import FourierOrders, OutputLayer, activations
+from accpinn.methods.pinn.loss import Learned, LossTerms, Training
+from accpinn.methods.pinn.method import WarmStart, calibrated_features, hidden_inputs
+from accpinn.methods.pinn.network import (
+    HIDDEN,
+    Adam,
+    HiddenLayers,
+    count_weights,
+    load_state,
+    state_of,
+)
+from accpinn.methods.regression import Regression, Solution
+from accpinn.model.cthp import Case, Parameters
+from accpinn.segment.segment import Segment
+from accpinn.units import FloatArray, frozen
+
+CYCLE = 25
+"""Adam iterations between exact solves."""
+CONVERGED_LOSS = 1e-2
+"""Converged: over a cycle Ψ fell by less than 1 %."""
+HALF_LIFE = 100
+"""Iterations in which Adam's learning rate halves."""
+
+
+class CalibratedTraining(Training):
+    """See the module's head; one `advance` is a round of every ascent, or a cycle."""
+
+    def __init__(self, segment: Segment, case: Case, config: PinnConfig) -> None:
+        """Begin the ascents at the estimate of least squares."""
+        super().__init__(segment, case, config)
+        self._series = series_of([segment], case)
+        self._count = int(np.isfinite(self._series.measured).sum())
+        with np.errstate(all="ignore"):  # absurd numbers end as diverged
+            regression = Regression.of(segment)
+            if np.isfinite(regression.grams()).all():
+                self._start(regression.solve(case).theta)
+            else:
+                self._start(np.zeros((self.followers, 3)))
+
+    def _start(self, theta: FloatArray) -> None:
+        groups = self._series.groups
+        self._fine: Evidence | None = None
+        self._ascents = begin(self._series, theta[:groups])
+        self._iteration, self._quiet, self._start_loss = 0, False, float("nan")
+        features = calibrated_features(float(self.segment.time[-1]), self.config)
+        self._inputs = hidden_inputs(features)
+        self._fourier = FourierOrders(features)
+        self._hidden = HiddenLayers(self._inputs, self.config.seed, torch.float32)
+        self._adam = Adam(self._hidden.parameters(), b2=0.99)
+        self._generator = torch.Generator().manual_seed(self.config.seed)
+        self._layer: OutputLayer | None = None
+        self._note("evidence")
+
+    def begin_from(self, warm: WarmStart) -> None:
+        """Begin anew, from what an earlier training has learned."""
+        initial = warm.initial(self.case, self.followers)
+        everyone = Parameters.of(np.broadcast_to(initial.values, (self.followers, 3)))
+        self._start(everyone.theta)
+        load_state(self._hidden, warm.arrays, "hidden.")
+
+    def advance(self) -> None:
+        """A round of every ascent that has not ended; then the output layer; then cycles."""
+        try:
+            with np.errstate(all="ignore"):
+                if self._layer is None:
+                    self._ascend()
+                else:
+                    self._cycle()
+        except (np.linalg.LinAlgError, torch.linalg.LinAlgError):  # type: ignore[attr-defined]
+            self.outcome = Outcome.DIVERGED
+
+    def _ascend(self) -> None:
+        climbing = [one for one in self._ascents if not one.ended]
+        for ascent in climbing:
+            ascent.advance()
+        self._iteration += 1
+        if all(one.ended for one in self._ascents):
+            if self._fine is None:
+                fine = self._fine = Evidence(self._series)
+                self._ascents = [refine(fine, one, g) for g, one in enumerate(self._ascents)]
+            else:
+                for one in self._ascents:
+                    one.finish()
+                self._build()
+                self._solve()
+                self._note("start")
+                self._start_loss = self.progress.total
+                return
+        self._note("evidence")
+
+    def _build(self) -> None:
+        """What does not change any more once the unknowns are known."""
+        values = np.array([natural("cthp", one.coordinates) for one in self._ascents])
+        values = np.broadcast_to(values, (self.followers, values.shape[1]))
+        segment = self.segment
+        self._layer = OutputLayer(
+            self.measured.numpy(),
+            stride_of(segment),
+            segment.sample_time,
+            segment.mask,
+            self._fourier,
+            values,
+        )
+
+    def _solve(self) -> None:
+        """W at its most probable value for the present hidden layers, and Ψ there."""
+        layer = self._layer
+        assert layer is not None
+        with torch.no_grad():
+            active = self._active(layer.grid_orders)
+            at_samples = self._active(layer.sample_orders)
+            self._weights = layer.solve(active, at_samples)
+            orders = torch.cat([layer.grid_orders, active], 2) @ self._weights
+            outputs = torch.cat([layer.sample_orders[0], at_samples[0]], 1) @ self._weights
+            data, physics = layer.terms(orders, outputs, layer.data, layer.weights, layer.masks)
+            self._terms = LossTerms(data, physics, layer.first_terms(orders[:, 0]))
+
+    def _active(self, orders: Tensor) -> Tensor:
+        """(4, N, 60) the activations in double precision."""
+        doubled = HiddenLayers(self._inputs, 0, torch.float64)
+        doubled.load_state_dict(self._hidden.state_dict())
+        return activations(doubled, orders[:, :, 1 : 1 + self._inputs])
+
+    def _cycle(self) -> None:
+        """Adam on the hidden layers, then W; both taken back where Ψ did not fall."""
+        before, weights = self._terms, self._weights
+        hidden = {name: value.clone() for name, value in self._hidden.state_dict().items()}
+        steps = min(CYCLE, self.config.iterations - self._iteration)
+        self._descend(steps)
+        self._iteration += steps
+        self._solve()
+        if not self._terms.total < before.total:
+            self._hidden.load_state_dict(hidden)
+            self._terms, self._weights = before, weights
+        self._quiet = bool(self._terms.total >= (1 - CONVERGED_LOSS) * before.total)
+        self._note("Adam")
+
+    def _descend(self, steps: int) -> None:
+        layer, size, inputs = self._layer, self._fourier.size, self._inputs
+        assert layer is not None
+        weights = self._weights.float()
+        grid, samples = layer.grid_orders.float(), layer.sample_orders.float()
+        skip, skip_samples = grid @ weights[:size], samples[0] @ weights[:size]
+        data, quadrature = layer.data.float(), layer.weights.float()
+        masks = None if layer.masks is None else layer.masks.float()
+        batch = min(self.config.batch, len(layer.grid), len(layer.samples)) // 2
+        rate = self.config.learning_rate * 0.5 ** (self._iteration / HALF_LIFE)
+        for _ in range(steps):
+            at = torch.randint(len(layer.grid), (batch,), generator=self._generator)
+            of = torch.randint(len(layer.samples), (batch,), generator=self._generator)
+            orders = torch.cat([grid[:, at, 1 : 1 + inputs], samples[:, of, 1 : 1 + inputs]], 1)
+            active = activations(self._hidden, orders) @ weights[size:]
+            some = quadrature[at] * (len(layer.grid) / batch)
+            misfit, physics = layer.terms(
+                skip[:, at] + active[:, :batch],
+                skip_samples[of] + active[0, batch:],
+                data[of],
+                some,
+                None if masks is None else masks[:, at],
+                batch / len(layer.samples),
+            )
+            (misfit + physics).backward()
+            self._adam.step(rate)
+
+    def _note(self, phase: str) -> None:
+        """Look at the present moment, and see if it ends."""
+        z = np.array([one.coordinates for one in self._ascents])
+        z = np.broadcast_to(z, (self.followers, z.shape[1]))
+        theta, free = vanishing("cthp", z), natural("cthp", z)[:, :3]
+        self._solution = Solution(frozen(theta), frozen(free), np.asarray(theta == 0.0))
+        if phase == "evidence":
+            parts = np.sum([one.loss() for one in self._ascents], axis=0) / self._count
+            data, physics = torch.tensor(parts)
+            self._terms = LossTerms(data, physics, torch.zeros_like(data))
+        evidence = float(sum(one.value for one in self._ascents))
+        deviations = np.array([deviations_of(one.curvature) for one in self._ascents])
+        self._look(
+            phase, self._iteration, self._terms, self._solution.parameters, evidence, deviations
+        )
+        finished = Outcome.FINISHED if self._iteration >= self.planned else None
+        converged = phase == "Adam" and self._quiet
+        self.outcome = Outcome.CONVERGED if converged else finished
+        if not np.isfinite([self.progress.total, evidence]).all():
+            self.outcome = Outcome.DIVERGED
+
+    def learned(self) -> Learned:
+        """The surrogate, the parameters, and what training the hidden layers brought."""
+        now, found = self.progress, list[MethodFinding]()
+        arrays = state_of(self._hidden, "hidden.")
+        if self._layer is None:  # stopped early: the best output layer at the present unknowns
+            self._weights = torch.zeros((self._fourier.size + HIDDEN[-1], self.measured.shape[1]))
+            self._weights = self._weights.double()
+            if self.outcome is not Outcome.DIVERGED:
+                self._build()
+                self._solve()
+        elif now.phase == "Adam" and self._start_loss > 0:
+            found.append(HiddenLayersGain(self._start_loss, now.total))
+        if self.outcome is Outcome.FINISHED:
+            found.append(IterationsExhausted(self._iteration))
+        arrays["output.weight"] = self._weights.numpy()
+        arrays["features.angular"] = self._fourier.angular.numpy()
+        arrays["unknowns"] = np.array([natural("cthp", one.coordinates) for one in self._ascents])
+        arrays["deviations"] = np.nan_to_num(
+            [deviations_of(one.curvature) for one in self._ascents], posinf=0.0
+        )
+        loss = {"total": now.total, "data": now.data, "physics": now.physics}
+        loss |= {"initial": now.initial, "start": self._start_loss, "evidence": now.evidence}
+        return Learned(
+            outputs=self._surrogate().numpy(),
+            solution=self._solution,
+            loss=loss,
+            network_weights=count_weights(self._hidden) + self._weights.numel(),
+            arrays=arrays,
+            findings=tuple(found),
+        )
+
+    @torch.no_grad()
+    def _surrogate(self) -> Tensor:
+        orders = self._fourier(self.segment.time)
+        active = self._active(orders)
+        return torch.cat([orders[0], active[0]], 1) @ self._weights
+
+    def state(self) -> Checkpoint:
+        """Every ascent; hidden layers, Adam's moments, output layer and the random generator."""
+        state = state_of(self._hidden, "hidden.") | self._adam.state()
+        state["generator"] = self._generator.get_state().numpy()
+        for group, ascent in enumerate(self._ascents):
+            state |= {f"ascent.{group}.{name}": v for name, v in ascent.state().items()}
+        layer = self._layer is not None
+        state["counters"] = np.array([self._fine is not None, layer, self._iteration, self._quiet])
+        state["start_loss"] = np.array(self._start_loss)
+        state["phase"] = np.array(self.progress.phase)
+        return state
+
+    def restore(self, state: Checkpoint) -> None:
+        """Go on from ``state``."""
+        load_state(self._hidden, state, "hidden.")
+        self._adam.restore(state)
+        self._generator.set_state(torch.from_numpy(np.array(state["generator"])))
+        fine, layer, self._iteration, quiet = (int(v) for v in state["counters"])
+        self._quiet = bool(quiet)
+        self._start_loss = float(state["start_loss"])
+        criterion = self._ascents[0].criterion
+        if fine:
+            criterion = self._fine = Evidence(self._series)
+        for group in range(self._series.groups):
+            prefix = f"ascent.{group}."
+            kept = {n.removeprefix(prefix): v for n, v in state.items() if n.startswith(prefix)}
+            self._ascents[group] = Ascent.restored(criterion, group, kept)
+        if layer:
+            self._build()
+            self._solve()
+        self._note(str(state["phase"]))

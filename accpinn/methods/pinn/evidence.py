@@ -1,0 +1,533 @@
+"""The evidence of a surrogate that is linear in its weights, for the parameters of one follower.
+
+For fixed features Φ(t) and fixed unknowns z (parameters, disturbance, noise; see `state_space`) the
+surrogate (p, v, u) = Φ W is Gaussian in its output layer W, w = vec W. The physics is its prior:
+
+    wᵀΛw  = ∫ e_r²/q_r + e_g²/q_g + e_u²/q_u dt + terms of the first instant
+    e_r   = (T₂ d/dt + 1)(d/dt + 1/T) r,   r = v' - αp + (ατ+β)v - βu,   q_r = 2s²(T + T₂)/T²
+    e_g   = p' - u + v,                     q_g as in `state_space`
+    e_u   = u'' + u'/3,                     q_u = 2a²/3
+    first instant: r ~ N(0, s²), r' ~ N(0, s²/(T T₂)), u' ~ N(0, a²), and p, v, u as there
+
+and the data, one sample each half second, add A = ⊕ ΦᵀΦ/σ². So w is integrated out exactly:
+
+    log p(y | z) = -½ Σ|y - Φŵ|²/σ² - ½ ŵᵀΛŵ - ½ log|Λ + A| + ½ log|Λ| - Σ log σ√(2π)
+
+which is the evidence. The loss of a PiNN is its first two terms. What the loss lacks is above all
+log|Λ|: its slope with respect to ατ + β tends to half the duration, and without it the estimate
+of the parameters is biased. With features that resolve the motion the evidence is the Kalman
+filter's likelihood of the same model.
+
+Φ are B-splines here, so that Λ and A are banded and a value takes two banded factorisations.
+
+Sources: MacKay, Neural Computation 4 (1992) 415-447 (evidence); Lindgren, Rue and Lindström, J. R.
+Statist. Soc. B 73 (2011) 423-498 (the precision of a stochastic equation's solution in a basis).
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import BSpline
+from scipy.linalg import lapack
+from scipy.sparse import csr_array, diags_array
+
+from accpinn.methods.kalman import LOG_TWO_PI
+from accpinn.methods.maximum_likelihood import (
+    Criterion,
+    Groups,
+    Maximum,
+    Series,
+    corrected_curvature,
+    not_held,
+    scoring_step,
+)
+from accpinn.methods.state_space import FIRST, GAP_DRIFT, LEADER_MEMORY
+from accpinn.units import FloatArray, Mask, Seconds
+
+DEGREE = 5
+"""Of the splines: e_r has third derivatives of v."""
+KNOTS_EVERY: Seconds = 0.5
+ORDER = 3
+"""Of the highest derivative."""
+OUTPUTS = 3
+"""p, v, u."""
+COARSE_KNOTS: Seconds = 1.0
+"""At half the cost; the maximum is then within a tenth of a standard error."""
+LEAST_START = 0.05
+"""Share of a typical α, ατ, β: from zero a search in logarithms would not move."""
+DIFFERENCE = 1e-3
+"""Of a coordinate, for its slope: small against its deviation, large against rounding."""
+SECOND_DIFFERENCE = 0.02
+"""The same for the curvature at the end."""
+CLOSE = 1e-4
+"""The ascent ends when a full step would gain less than this in log evidence."""
+CLOSE_ENOUGH = 1e-2
+"""The same for the coarse knots, as the fine ones go on from there."""
+ROUNDS = 60
+LONGEST_STEP = 1.0
+"""In ln of an unknown."""
+LEAST_CURVATURE = 0.1
+"""Of the criterion in any direction, where it is flat or curved upwards."""
+
+
+@dataclass(frozen=True)
+class Determinants:
+    """Which of the evidence's determinants are kept; studies leave some out."""
+
+    prior: bool = True
+    """log|Λ|"""
+    posterior: bool = True
+    """log|Λ + A|"""
+
+
+COMPLETE = Determinants()
+LOSS = Determinants(prior=False, posterior=False)
+
+
+class Basis:
+    """B-splines on [0, duration], their derivatives' Gram matrices, and their values at instants.
+
+    Functions are numbered 0 to K-1; only neighbours overlap, so matrices are kept by diagonals.
+    """
+
+    def __init__(self, samples: int, step: Seconds, knots_every: Seconds = KNOTS_EVERY) -> None:
+        """Splines for samples at 0, step, 2 step, ..."""
+        duration = (samples - 1) * step
+        pieces = max(1, round(duration / knots_every))
+        inner = np.linspace(0.0, duration, pieces + 1)
+        self.knots = np.r_[[0.0] * DEGREE, inner, [duration] * DEGREE]
+        self.size = len(self.knots) - DEGREE - 1
+        nodes, weights = np.polynomial.legendre.leggauss(DEGREE + 1)
+        half = duration / pieces / 2
+        points = ((inner[:-1] + inner[1:]) / 2)[:, None] + half * nodes
+        at = [matrix * 1.0 for matrix in self._derivatives(points.ravel())]
+        weight = diags_array(np.tile(half * weights, pieces))
+        grams = np.empty((ORDER + 1, ORDER + 1, 2 * DEGREE + 1, self.size))
+        for a, left in enumerate(at):
+            weighted = csr_array(left.T @ weight)
+            for b, right in enumerate(at):
+                grams[a, b] = _diagonals(weighted @ right)
+        self.grams = grams.reshape((ORDER + 1) ** 2, -1)
+        """G^{ab}_{k,k+d} = ∫ D^aB_k D^bB_{k+d} dt, with (a, b) first and (d, k) second."""
+        self.values = csr_array(
+            BSpline.design_matrix(step * np.arange(samples), self.knots, DEGREE)
+        )
+        """(N, K)"""
+        # Only the first functions differ from zero at the first instant, up to derivative 2.
+        self.first = np.stack([m.toarray()[0, :ORDER] for m in self._derivatives(np.zeros(1))[:3]])
+        """(3, 3) derivative 0, 1, 2 of the first three functions."""
+
+    def _derivatives(self, points: FloatArray) -> list[csr_array]:
+        """Matrices (points, K) of derivatives 0 to `ORDER`."""
+        found = []
+        for order in range(ORDER + 1):
+            degree, knots = DEGREE - order, self.knots[order : len(self.knots) - order]
+            matrix = csr_array(BSpline.design_matrix(points, knots, degree))
+            for lower in reversed(range(order)):
+                matrix = csr_array(matrix @ self._difference(lower))
+            found.append(matrix)
+        return found
+
+    def _difference(self, order: int) -> csr_array:
+        """From coefficients of derivative ``order`` to those of the next one."""
+        degree, knots = DEGREE - order, self.knots[order : len(self.knots) - order]
+        span = degree / (knots[degree + 1 : -1] - knots[1 : -degree - 1])
+        size = len(knots) - degree - 1
+        return csr_array(diags_array([-span, span], offsets=[0, 1], shape=(size - 1, size)))
+
+
+def _diagonals(matrix: csr_array) -> FloatArray:
+    """(2 DEGREE + 1, K): entry (k, k + d) at [d + DEGREE, k]; 0 outside the matrix."""
+    size = matrix.shape[0]
+    found = np.zeros((2 * DEGREE + 1, size))
+    for row, offset in enumerate(range(-DEGREE, DEGREE + 1)):
+        diagonal = matrix.diagonal(offset)
+        start = max(0, -offset)
+        found[row, start : start + len(diagonal)] = diagonal
+    return found
+
+
+@lru_cache(maxsize=8)
+def _basis(samples: int, step: Seconds, knots_every: Seconds) -> Basis:
+    return Basis(samples, step, knots_every)
+
+
+class Physics(NamedTuple):
+    """The prior's residuals as linear forms of (p, v, u) and their derivatives; whitened."""
+
+    running: FloatArray
+    """(3, 3, 4): residual, output, derivative; their squares are integrated."""
+    first: FloatArray
+    """(6, 3, 3): residual, output, derivative 0 to 2, at the first instant."""
+
+
+def physics(values: FloatArray) -> Physics:
+    """The residuals over the deviations of what drives them.
+
+    Args:
+        values: (9,) the unknowns in the order of `state_space.COMMON`.
+    """
+    alpha, alpha_tau, beta, deviation, memory, rise, _, _, leader = values
+    p, v, u = range(OUTPUTS)
+    law = np.zeros((OUTPUTS, ORDER + 1))
+    law[p, 0], law[v, 0], law[u, 0], law[v, 1] = -alpha, alpha_tau + beta, -beta, 1.0
+    slope = np.roll(law, 1, axis=1)
+    running = np.zeros((3, OUTPUTS, ORDER + 1))
+    running[0] = law / memory + (1 + rise / memory) * slope + rise * np.roll(slope, 1, axis=1)
+    running[0] /= deviation * np.sqrt(2 * (memory + rise)) / memory
+    running[1, p, 1], running[1, u, 0], running[1, v, 0] = np.array([1, -1, 1]) / np.sqrt(GAP_DRIFT)
+    running[2, u, 1:3] = np.array([1 / LEADER_MEMORY, 1]) / (leader * np.sqrt(2 / LEADER_MEMORY))
+    first = np.zeros((6, OUTPUTS, ORDER))
+    first[0] = law[:, :ORDER] / deviation
+    first[1] = slope[:, :ORDER] * np.sqrt(memory * rise) / deviation
+    first[2, u, 1] = 1 / leader
+    for row, output in enumerate((p, v, u)):
+        first[3 + row, output, 0] = 1 / FIRST[output]
+    return Physics(running, first)
+
+
+class LinearEvidence:
+    """log p(y | z) of one series, the output layer integrated out."""
+
+    def __init__(
+        self,
+        measured: FloatArray,
+        step: Seconds,
+        knots_every: Seconds = KNOTS_EVERY,
+        determinants: Determinants = COMPLETE,
+    ) -> None:
+        """For p, v, u (N, 3), nan where missing, one sample each ``step``."""
+        there: Mask = np.asarray(~np.isnan(measured).all(axis=1))
+        measured = measured[: int(np.flatnonzero(there)[-1]) + 1]
+        self.basis = _basis(len(measured), step, knots_every)
+        self.determinants = determinants
+        self._known: list[Mask] = [~np.isnan(column) for column in measured.T]
+        self._measured = measured
+        rows = [self.basis.values[known] for known in self._known]
+        self._grams = [_diagonals(csr_array(one.T @ one))[DEGREE:] for one in rows]
+        self._right = [
+            one.T @ column[known]
+            for one, column, known in zip(rows, measured.T, self._known, strict=True)
+        ]
+        self._squares = np.array(
+            [
+                (column[known] ** 2).sum()
+                for column, known in zip(measured.T, self._known, strict=True)
+            ]
+        )
+        self._counts = np.array([known.sum() for known in self._known])
+
+    def prior(self, values: FloatArray) -> FloatArray:
+        """Λ (18, 3K) in lower banded form; p, v, u stand side by side at each function."""
+        running, first = physics(values)
+        squares = np.einsum("eoa,epb->opab", running, running)
+        pairs = squares.reshape(OUTPUTS**2, -1) @ self.basis.grams
+        pairs = pairs.reshape(OUTPUTS, OUTPUTS, 2 * DEGREE + 1, self.basis.size)
+        banded = _banded(pairs[:, :, DEGREE:])
+        start = np.einsum("eoa,ak->eko", first, self.basis.first).reshape(len(first), -1)
+        corner = start.T @ start
+        for column in range(len(corner)):
+            banded[: len(corner) - column, column] += corner[column:, column]
+        return banded
+
+    def data(self, values: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """A (18, 3K) in lower banded form, ΦᵀY/σ² (3K,), and σ (3,)."""
+        noise = values[[6, 7, 7]]
+        pairs = np.zeros((OUTPUTS, OUTPUTS, DEGREE + 1, self.basis.size))
+        right = np.empty((self.basis.size, OUTPUTS))
+        for output, sigma in enumerate(noise):
+            pairs[output, output] = self._grams[output] / sigma**2
+            right[:, output] = self._right[output] / sigma**2
+        return _banded(pairs), right.ravel(), noise
+
+    def __call__(self, values: FloatArray) -> float:
+        """The evidence at unknowns (9,) in their own units; -inf where Λ is singular."""
+        prior = self.prior(values)
+        data, right, noise = self.data(values)
+        factor, fault = lapack.dpbtrf(prior + data, lower=1)
+        if fault:
+            return -np.inf
+        weights, _ = lapack.dpbtrs(factor, right[:, None], lower=1)
+        squares = (self._squares / noise**2).sum() - right @ weights[:, 0]
+        total = squares + 2 * (self._counts * np.log(noise)).sum() + self._counts.sum() * LOG_TWO_PI
+        if self.determinants.posterior:
+            total += 2 * np.log(factor[0]).sum()
+        if self.determinants.prior:
+            own, fault = lapack.dpbtrf(prior, lower=1)
+            if fault:
+                return -np.inf
+            total -= 2 * np.log(own[0]).sum()
+        return float(-0.5 * total)
+
+    def loss(self, values: FloatArray) -> FloatArray:
+        """(2,) ½ Σ|y - Φŵ|²/σ² and ½ ŵᵀΛŵ."""
+        prior = self.prior(values)
+        data, right, noise = self.data(values)
+        factor, _ = lapack.dpbtrf(prior + data, lower=1)
+        weights = lapack.dpbtrs(factor, right[:, None], lower=1)[0][:, 0]
+        errors = self._measured - self.basis.values @ weights.reshape(-1, OUTPUTS)
+        misfit = np.nansum((errors / noise) ** 2)
+        # The two add up to the minimum, which takes no product with Λ.
+        total = (self._squares / noise**2).sum() - right @ weights
+        return np.array([misfit, total - misfit]) / 2
+
+    def smooth(self, values: FloatArray) -> FloatArray:
+        """(N, 3) p, v, u at the samples, with the weights ŵ that are most probable."""
+        data, right, _ = self.data(values)
+        factor, _ = lapack.dpbtrf(self.prior(values) + data, lower=1)
+        weights, _ = lapack.dpbtrs(factor, right[:, None], lower=1)
+        return np.asarray(self.basis.values @ weights.reshape(-1, OUTPUTS))
+
+
+def _banded(pairs: FloatArray) -> FloatArray:
+    """(3, 3, DEGREE + 1, K), entry (k, k + d) of each pair of outputs, to lower banded form.
+
+    A pair (o, o') at functions k, k + d is above the diagonal, so it stands below as (o', o).
+    """
+    size = pairs.shape[-1]
+    banded = np.zeros(((DEGREE + 1) * OUTPUTS, size * OUTPUTS))
+    for column in range(OUTPUTS):
+        for row in range(OUTPUTS):
+            for offset in range(DEGREE + 1):
+                below = offset * OUTPUTS + row - column
+                if below >= 0:
+                    banded[below, column::OUTPUTS] = pairs[column, row, offset]
+    return banded
+
+
+class Evidence(Criterion):
+    """log evidence + log prior of every group, in place of the Kalman filter's likelihood."""
+
+    def __init__(
+        self,
+        series: Series,
+        knots_every: Seconds = KNOTS_EVERY,
+        determinants: Determinants = COMPLETE,
+    ) -> None:
+        """For series, each of them with features of its own length."""
+        super().__init__(series)
+        self._terms = [
+            LinearEvidence(one, series.step, knots_every, determinants)
+            for one in np.moveaxis(series.measured, -1, 0)
+        ]
+
+    def log_likelihood(self, z: FloatArray, groups: Groups) -> FloatArray:
+        """(K,) log evidence at coordinates (K, P), each of the group (K,) named with it."""
+        return np.array(
+            [
+                sum(self._terms[k](values) for k in self._members[group])
+                for values, group in zip(np.exp(z), groups, strict=True)
+            ]
+        )
+
+    def loss(self, z: FloatArray, group: int) -> FloatArray:
+        """(2,) the loss's terms of a group at coordinates z (P,)."""
+        found: FloatArray = np.sum(
+            [self._terms[k].loss(np.exp(z)) for k in self._members[group]], axis=0
+        )
+        return found
+
+
+class Ascent:
+    """The ascent of one group's criterion, a round at a time.
+
+    BFGS, which begins with the diagonal of the curvature. Where the end need not be exact, slopes
+    are one-sided differences at half the cost. Elsewhere these would not do: α and ατ vary almost
+    together, and the error of their slopes would move them by a fifth of a standard error.
+    """
+
+    def __init__(
+        self,
+        criterion: "Evidence",
+        group: int,
+        z: FloatArray,
+        moving: Mask | None = None,
+        curvature: FloatArray | None = None,
+        close: float = CLOSE,
+    ) -> None:
+        """At coordinates z (P,).
+
+        Args:
+            criterion: to be made as large as possible.
+            group: of its groups.
+            z: (P,)
+            moving: (P,) the coordinates that are sought; all by default.
+            curvature: (P, P) of the criterion, where it is known from a similar one.
+            close: a full step that would gain less ends the ascent.
+        """
+        self.criterion, self._group = criterion, group
+        self._moving = np.ones(len(z), bool) if moving is None else moving
+        self.coordinates = np.clip(z, criterion.lower, criterion.upper)
+        self.value = self._values(self.coordinates[None])[0]
+        self._close = close
+        self._gradient = self._slopes()
+        self.curvature = self._diagonal() if curvature is None else curvature
+        self._damping, self.rounds, self.converged, self.ended = 1e-2, 0, False, False
+
+    def advance(self) -> None:
+        """One round; nothing once it has ended."""
+        while not self.ended:
+            here, gradient = self.coordinates, self._gradient
+            step = scoring_step(self.curvature, gradient, self._free(), self._damping)
+            step *= min(1.0, LONGEST_STEP / max(float(np.abs(step).max()), LONGEST_STEP))
+            if gradient @ step < self._close and self._damping < 1.0:
+                self.converged = self.ended = True
+                return
+            trial = np.clip(here + step, self.criterion.lower, self.criterion.upper)
+            value = self._values(trial[None])[0]
+            if not value > self.value - 1e-9:
+                self._damping *= 8.0
+                self.ended = self._damping > 1e8
+                continue
+            self.coordinates, self.value = trial, value
+            self._gradient = self._slopes()
+            fall = gradient - self._gradient
+            self.curvature = corrected_curvature(self.curvature, trial - here, fall)
+            self._damping = max(self._damping / 8.0, 1e-9)
+            self.rounds += 1
+            self.ended = self.rounds >= ROUNDS
+            return
+
+    def loss(self) -> FloatArray:
+        """(2,) half the squared errors and half the squared residuals, whitened, at ŵ."""
+        return self.criterion.loss(self.coordinates, self._group)
+
+    def state(self) -> dict[str, FloatArray]:
+        """All that the ascent needs to go on."""
+        return {
+            "coordinates": self.coordinates,
+            "curvature": self.curvature,
+            "search": np.array(
+                [self._damping, self.rounds, self.converged, self.ended, self._close], float
+            ),
+        }
+
+    @classmethod
+    def restored(
+        cls, criterion: "Evidence", group: int, state: Mapping[str, NDArray[Any]]
+    ) -> "Ascent":
+        """The ascent that gave ``state``."""
+        z, curvature = (np.array(state[name], float) for name in ("coordinates", "curvature"))
+        damping, rounds, converged, ended, close = np.array(state["search"], float).tolist()
+        found = cls(criterion, group, z, curvature=curvature, close=close)
+        found._damping, found.rounds = float(damping), int(rounds)
+        found.converged, found.ended = bool(converged), bool(ended)
+        return found
+
+    def finish(self) -> Maximum:
+        """Ascend to the end, and take the curvature there from second differences."""
+        while not self.ended:
+            self.advance()
+        z, self.curvature = self.coordinates, self._curvature_here()
+        return Maximum(
+            "cthp",
+            z,
+            float(self.value),
+            float(self.value - self.criterion.log_prior(z)),
+            self.curvature,
+            self.converged,
+            self.rounds,
+        )
+
+    def _free(self) -> Mask:
+        free = not_held(self.criterion, self.coordinates, self._gradient)
+        return np.asarray(free & self._moving)
+
+    def _values(self, z: FloatArray) -> FloatArray:
+        found = self.criterion.log_likelihood(z, np.full(len(z), self._group))
+        return np.asarray(found + self.criterion.log_prior(z))
+
+    def _slopes(self) -> FloatArray:
+        """(P,) the gradient here; 0 along coordinates that do not move."""
+        slopes = np.zeros(len(self.coordinates))
+        moves = DIFFERENCE * np.eye(len(slopes))[self._moving]
+        above = self._values(self.coordinates + moves)
+        if self._close > CLOSE:
+            slopes[self._moving] = (above - self.value) / DIFFERENCE
+        else:
+            below = self._values(self.coordinates - moves)
+            slopes[self._moving] = (above - below) / (2 * DIFFERENCE)
+        return slopes
+
+    def _diagonal(self) -> FloatArray:
+        """(P, P) minus the second derivatives along each coordinate, at least `LEAST_CURVATURE`."""
+        moves = SECOND_DIFFERENCE * np.eye(len(self.coordinates))
+        both = self._values(self.coordinates + moves) + self._values(self.coordinates - moves)
+        second = (both - 2 * self.value) / SECOND_DIFFERENCE**2
+        return np.asarray(np.diag(np.maximum(-second, LEAST_CURVATURE)))
+
+    def _curvature_here(self) -> FloatArray:
+        """(P, P) minus the second derivatives; 0 where a bound holds a coordinate.
+
+        Directions in which the criterion is not curved downwards get `LEAST_CURVATURE`.
+        """
+        free = np.flatnonzero(self._free())
+        moves = SECOND_DIFFERENCE * np.eye(len(self.coordinates))[free]
+        rows, columns = np.triu_indices(len(free))
+        pairs = moves[rows] + moves[columns]
+        single = np.concatenate([moves, -moves])
+        values = self._values(self.coordinates + np.concatenate([pairs, -pairs, single]))
+        count = len(rows)
+        both = values[:count] + values[count : 2 * count]
+        one = values[2 * count :].reshape(2, -1).sum(axis=0)
+        second = both - one[rows] - one[columns] + 2 * self.value
+        found = np.zeros((len(free), len(free)))
+        found[rows, columns] = found[columns, rows] = -second / (2 * SECOND_DIFFERENCE**2)
+        sizes, directions = np.linalg.eigh(found)
+        curvature = np.zeros((len(self.coordinates),) * 2)
+        curvature[np.ix_(free, free)] = (
+            directions * np.maximum(sizes, LEAST_CURVATURE)
+        ) @ directions.T
+        return curvature
+
+
+def begin(series: Series, theta: FloatArray) -> list[Ascent]:
+    """An ascent with coarse knots for each group, from parameters θ (G, 3)."""
+    criterion = Evidence(series, COARSE_KNOTS)
+    found = []
+    for group, start in enumerate(theta):
+        z = criterion.start.copy()
+        z[:3] = np.log(np.maximum(start, LEAST_START * np.exp(z[:3])))
+        found.append(Ascent(criterion, group, z, close=CLOSE_ENOUGH))
+    return found
+
+
+def refine(criterion: "Evidence", coarse: Ascent, group: int) -> Ascent:
+    """The ascent that goes on where a coarse one ended."""
+    return Ascent(criterion, group, coarse.coordinates, curvature=coarse.curvature)
+
+
+def maximise_evidence(series: Series, theta: FloatArray) -> tuple[Maximum, ...]:
+    """The maximum of each group's evidence, first with coarse knots, then with fine ones.
+
+    Args:
+        series: G groups.
+        theta: (G, 3) parameters to begin with, such as those of least squares.
+    """
+    criterion = Evidence(series)
+    found = []
+    for group, ascent in enumerate(begin(series, theta)):
+        while not ascent.ended:
+            ascent.advance()
+        found.append(refine(criterion, ascent, group).finish())
+    return tuple(found)
+
+
+def log_deviations(maximum: Maximum) -> FloatArray:
+    """(3,) deviations of ln α, ln β, ln τ by the curvature at the maximum; nan if held."""
+    return deviations_of(maximum.curvature)
+
+
+def deviations_of(curvature: FloatArray) -> FloatArray:
+    """(3,) deviations of ln α, ln β, ln τ, given the curvature (P, P) of the criterion."""
+    free = np.diag(curvature) > 0
+    covariance = np.full_like(curvature, np.nan)
+    covariance[np.ix_(free, free)] = np.linalg.inv(curvature[np.ix_(free, free)])
+    alpha, alpha_tau, beta = range(3)
+    variance = covariance[alpha, alpha] + covariance[alpha_tau, alpha_tau]
+    of_tau = variance - 2 * covariance[alpha, alpha_tau]
+    return np.sqrt([covariance[alpha, alpha], covariance[beta, beta], of_tau])

@@ -1,0 +1,189 @@
+"""The preset `calibrated`: parameters by the evidence, the network around them."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from accpinn.errors import ConfigError
+from accpinn.evaluation.closed_loop import surrogate_errors
+from accpinn.methods.fit import Continued, Fit, HiddenLayersGain, Outcome, Progress
+from accpinn.methods.maximum_likelihood import fit as maximum_likelihood
+from accpinn.methods.pinn.config import CALIBRATED, PinnConfig, preset
+from accpinn.methods.pinn.evidence_output import FourierOrders, OutputLayer, activations
+from accpinn.methods.pinn.method import FourierFeatures, WarmStart, stack_outputs
+from accpinn.methods.pinn.network import HiddenLayers
+from accpinn.methods.registry import METHODS
+from accpinn.methods.store import Store
+from accpinn.model.cthp import Case
+from accpinn.segment.segment import Segment
+from bench.coverage import SETS
+from bench.disturbed import Disturbance, disturbed
+from tests.methods.pinn.test_training import assert_same_result
+from tests.support.driving import segment_of, standing_still
+from tests.support.methods import train
+
+SHORT = 40.0
+
+
+@cache
+def platoon() -> Segment:
+    return disturbed(SETS[[0, 1]], 2, Disturbance(), duration=SHORT)
+
+
+@cache
+def fitted(case: Case = "II") -> Fit:
+    return train(platoon(), case, CALIBRATED)
+
+
+def after(count: int) -> Callable[[], bool]:
+    """A user who presses Stop when asked for the ``count``-th time after the first."""
+    asked = iter(range(count))
+    return lambda: next(asked, None) is None
+
+
+class TestResult:
+    @pytest.mark.parametrize("case", ["I", "II"])
+    def test_parameters_are_those_of_maximum_likelihood(self, case: Case) -> None:
+        """Within 0.2 of the standard errors that it states."""
+        fit, other = fitted(case), maximum_likelihood(platoon(), case)
+        apart = np.log(fit.parameters.values / other.parameters.values)
+        assert (np.abs(apart) < 0.2 * fit.arrays["deviations"]).all()
+        assert fit.arrays["deviations"].shape == (1 if case == "I" else 2, 3)
+
+    def test_network_follows_the_data(self) -> None:
+        errors = surrogate_errors(platoon(), fitted())
+        assert errors is not None
+        assert errors.gap_mae.max() < 0.1
+
+    def test_converges_and_states_what_the_hidden_layers_contributed(self) -> None:
+        fit = fitted()
+        assert fit.outcome is Outcome.CONVERGED
+        assert HiddenLayersGain(fit.loss["start"], fit.loss["total"]) in fit.findings
+        assert fit.loss["total"] <= fit.loss["start"]
+
+    def test_is_drawn_again_from_its_weights(self) -> None:
+        fit, segment = fitted(), platoon()
+        redraw = METHODS["pinn"].redraw
+        assert redraw
+        again = redraw(fit, segment.time, float(segment.time[-1]))
+        assert fit.surrogate
+        np.testing.assert_allclose(again.gaps, fit.surrogate.gaps, atol=1e-9)
+        np.testing.assert_allclose(again.speeds, fit.surrogate.speeds, atol=1e-9)
+
+    def test_masked_instants_do_not_count(self) -> None:
+        segment = platoon()
+        mask = np.ones((segment.samples, 2), bool)
+        mask[200:260, 0] = False
+        fit = train(replace(segment, mask=mask), "II", CALIBRATED)
+        assert fit.outcome is Outcome.CONVERGED
+        assert fit.parameters[0] != fitted().parameters[0]
+        assert fit.parameters[1] == fitted().parameters[1]
+
+    @pytest.mark.parametrize("speed", [0.0, 20.0])
+    def test_nothing_moves_and_nothing_crashes(self, speed: float) -> None:
+        fit = train(standing_still(speed), "II", CALIBRATED)
+        assert np.isfinite(fit.loss["total"])
+
+    def test_numbers_beyond_reckoning_end_as_diverged(self) -> None:
+        sane = platoon()
+        absurd = segment_of(sane.time, sane.speeds[:, :2], sane.gaps[:, :1] * 1e200)
+        assert train(absurd, "II", CALIBRATED).outcome is Outcome.DIVERGED
+
+
+class TestProgress:
+    def test_shows_evidence_and_narrowing_uncertainty(self) -> None:
+        seen: list[Progress] = []
+        fit = train(platoon(), "II", CALIBRATED, on_progress=seen.append)
+        phases = [moment.phase for moment in seen]
+        assert phases == sorted(phases, key=["evidence", "start", "Adam"].index)
+        assert [moment.iteration for moment in seen] == sorted({m.iteration for m in seen})
+        evidence = np.array([moment.evidence for moment in seen])
+        assert evidence[-1] > evidence[0] + 10
+        assert fit.history is not None
+        assert fit.history.evidence is not None
+        assert fit.history.deviations is not None
+        np.testing.assert_array_equal(fit.history.evidence, evidence)
+        assert fit.history.deviations.shape == (len(seen), 2, 3)
+        assert fit.loss["evidence"] == evidence[-1]
+
+
+class TestGoesOn:
+    @pytest.mark.parametrize("stop", [3, 22])
+    def test_a_stopped_training_goes_on_as_if_it_had_not_been(
+        self, tmp_path: Path, stop: int
+    ) -> None:
+        store = Store(tmp_path)
+        stopped = train(platoon(), "II", CALIBRATED, store=store, should_stop=after(stop))
+        assert stopped.outcome is Outcome.STOPPED
+        assert stopped.surrogate is not None
+        continued = train(platoon(), "II", CALIBRATED, store=store)
+        assert any(isinstance(one, Continued) for one in continued.findings)
+        assert_same_result(continued, fitted())
+        again = train(platoon(), "II", CALIBRATED, store=store)
+        assert again.cached
+        assert_same_result(again, fitted())
+
+    def test_warm_start_begins_at_the_parameters(self) -> None:
+        seen: list[Progress] = []
+        warm = WarmStart.of(fitted(), "snapshot")
+        fit = train(platoon(), "II", CALIBRATED, warm=warm, on_progress=seen.append)
+        np.testing.assert_allclose(seen[0].parameters.values, fitted().parameters.values, rtol=1e-9)
+        apart = np.log(fit.parameters.values / fitted().parameters.values)
+        assert (np.abs(apart) < 0.1 * fit.arrays["deviations"]).all()
+
+
+class TestSettings:
+    def test_weights_are_those_of_the_evidence(self) -> None:
+        with pytest.raises(ConfigError, match="weights"):
+            preset("calibrated", weight_data=(2.0, 1.0))
+
+    def test_come_back_from_json(self) -> None:
+        changed = preset("calibrated", seed=3)
+        assert PinnConfig.from_json(changed.to_json()) == changed
+        assert changed.changes() == {"seed": 3}
+
+
+class TestOutputLayer:
+    def test_derivatives_of_the_hidden_layers_are_exact(self) -> None:
+        """Against differences, up to the third."""
+        fourier = FourierOrders(FourierFeatures(30.0, 0.2))
+        hidden = HiddenLayers(fourier.size - 1, 1, torch.float64)
+        step = 1e-3
+        with torch.no_grad():
+            orders = activations(hidden, fourier(np.array([7.0 - step, 7.0, 7.0 + step]))[:, :, 1:])
+        slopes = (orders[:3, 2] - orders[:3, 0]) / (2 * step)
+        np.testing.assert_allclose(slopes, orders[1:, 1], atol=1e-5)
+
+    def test_weights_minimise_the_loss(self) -> None:
+        """Any other weights have a larger one, by autograd on the terms as they are written."""
+        segment = platoon()
+        values = np.tile([0.08, 0.12, 0.2, 0.25, 4.0, 0.5, 0.03, 0.05, 0.5], (2, 1))
+        values[1, 0] = 0.05
+        fourier = FourierOrders(FourierFeatures(0.55 * SHORT, 0.3))
+        measured = stack_outputs(segment.speeds, segment.gaps)
+        layer = OutputLayer(measured, 5, segment.sample_time, None, fourier, values)
+        hidden = HiddenLayers(fourier.size - 1, 0, torch.float64)
+        with torch.no_grad():
+            active = activations(hidden, layer.grid_orders[:, :, 1:])
+            at_samples = activations(hidden, layer.sample_orders[:, :, 1:])
+            weights = layer.solve(active, at_samples)
+
+        def loss(weights: torch.Tensor) -> torch.Tensor:
+            orders = torch.cat([layer.grid_orders, active], 2) @ weights
+            outputs = torch.cat([layer.sample_orders[0], at_samples[0]], 1) @ weights
+            data, running = layer.terms(orders, outputs, layer.data, layer.weights, None)
+            return data + running + layer.first_terms(orders[:, 0])
+
+        best = loss(weights)
+        for seed in range(5):
+            generator = torch.Generator().manual_seed(seed)
+            away = torch.randn(weights.shape, generator=generator, dtype=torch.float64)
+            ahead, behind = (loss(weights + sign * 1e-3 * away) for sign in (1, -1))
+            rise = (ahead + behind) / 2 - best
+            assert rise > 0
+            assert abs(ahead - behind) / 2 < 1e-3 * rise
