@@ -43,17 +43,18 @@ def chromium() -> str:
     return found
 
 
-@pytest.fixture(autouse=True)
-def fewer_proposals(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.fixture(scope="session", autouse=True)
+def fewer_proposals() -> Iterator[None]:
     """Intervals from few draws, but in the tests of inference: elsewhere their place hardly counts.
 
     They are then ready in a quarter of the time; a process of its own takes all of them.
     """
-    if "inference" not in request.path.parts:
-        from accpinn.inference import posterior
+    from accpinn.inference import posterior
 
-        monkeypatch.setattr(posterior, "STAGES", (60, 60, 200))
-        monkeypatch.setattr(posterior, "FURTHER", 0)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(posterior, "STAGES", (60, 60, 200))
+        patch.setattr(posterior, "FURTHER", 0)
+        yield
 
 
 @pytest.fixture(autouse=True)

@@ -11,6 +11,7 @@ from textwrap import fill
 from threading import Event
 from typing import Any
 
+import numpy as np
 from tqdm import tqdm
 
 from accpinn.cli.options import (
@@ -281,7 +282,7 @@ def _describe_comparison(
                 "form": form.form,
                 "vehicle": vehicle,
                 **dict(zip(PARAMETER_NAMES, form.parameters.values[k], strict=True)),
-                "deviation": form.deviation[k],
+                "deviation": [x if np.isfinite(x) else None for x in form.deviation[k].tolist()],
                 "extra": form.extra[k],
                 "aic": form.aic[k],
                 "holdout": form.holdout[k],
