@@ -60,10 +60,7 @@ def test_rows_pictures_warnings_starts_and_earlier_fits(found: Workspace) -> Non
     found.choose(window=Window(10.0, 60.0))
     assert found.compared == ()
     assert found.starts is None
-    assert [run.method for run in found.records] == [
-        "pinn", "least-squares", "savitzky-golay", "splines",
-        "simulation", "recursive", "particle", "dual-ukf",
-    ]  # fmt: skip
+    assert [run.method for run in found.records] == list(METHODS)
     assert found.records[0].parameters.values[0] == pytest.approx(before.parameters.values[0])
 
     finished(found, tuple(compare(found.segment, "II", ("least-squares",))))

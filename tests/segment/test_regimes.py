@@ -45,6 +45,7 @@ BLOCK = (60.0, 100.0)
 """When, in s; what is excluded is two seconds wider, so that no derivative reaches inside."""
 MARGIN = 2.0
 TOLERANCE = {
+    "maximum-likelihood": 0.03,
     "least-squares": 5e-4,
     "savitzky-golay": 5e-4,
     "splines": 2e-3,

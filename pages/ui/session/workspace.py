@@ -37,8 +37,8 @@ Plane = Literal["beta", "alpha"]
 Disturbance = Literal["sinusoid", "step", "brake", "recorded"]
 TypedRow = tuple[str, float | None, float | None, float | None]
 """Name, α, β, τ of a vehicle as typed in; None where a cell is empty."""
-KEPT_RECORDS = 24
-"""Three comparisons of eight methods."""
+KEPT_RECORDS = 3 * len(METHODS)
+"""Those of three comparisons."""
 
 
 @dataclass(eq=False)
