@@ -102,8 +102,11 @@ def measure(
     one = partial(
         record, sets=sets, disturbance=disturbance, duration=duration, level=level, others=others
     )
-    with ProcessPoolExecutor(os.cpu_count(), get_context("spawn")) as pool:
-        found = list(pool.map(one, range(recordings), chunksize=4))
+    if recordings == 1:
+        found = [one(0)]
+    else:
+        with ProcessPoolExecutor(os.cpu_count(), get_context("spawn")) as pool:
+            found = list(pool.map(one, range(recordings), chunksize=4))
     truth = np.array([each.truth for each in found])
     rows = tuple(
         _coverage(name, level, [each.ends[name] for each in found], truth) for name in found[0].ends

@@ -57,10 +57,11 @@ class TestCoverage:
 
 
 class TestReplication:
-    @pytest.fixture(scope="class")
-    def folder(self, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    @pytest.fixture
+    def folder(self, tmp_path: Path) -> Path:
         """One recording of a single car, as if it were of a campaign."""
-        folder = tmp_path_factory.mktemp("openacc")
+        folder = tmp_path / "openacc"
+        folder.mkdir()
         (folder / "Casale").mkdir()
         shutil.copy(FOLDER / f"{NOISY}.csv", folder / "Casale")
         return folder
