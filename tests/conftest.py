@@ -8,9 +8,17 @@ from pathlib import Path
 import pytest
 from hypothesis import settings
 
+from accpinn.inference import posterior
+
 # The same examples on every run, and no time limit an example: machines and their load differ.
 settings.register_profile("house", derandomize=True, deadline=None)
 settings.load_profile("house")
+
+
+# Intervals from few draws, but in the tests of inference: elsewhere their place hardly counts, and
+# they are ready in a quarter of the time. A process of its own takes all of them.
+posterior.STAGES = (60, 60, 200)
+posterior.FURTHER = 0
 
 
 @pytest.hookimpl(tryfirst=True)
@@ -41,20 +49,6 @@ def chromium() -> str:
     if found is None:
         pytest.skip("no Chromium on this machine; install it, or name it in CHROMIUM")
     return found
-
-
-@pytest.fixture(scope="session", autouse=True)
-def fewer_proposals() -> Iterator[None]:
-    """Intervals from few draws, but in the tests of inference: elsewhere their place hardly counts.
-
-    They are then ready in a quarter of the time; a process of its own takes all of them.
-    """
-    from accpinn.inference import posterior
-
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(posterior, "STAGES", (60, 60, 200))
-        patch.setattr(posterior, "FURTHER", 0)
-        yield
 
 
 @pytest.fixture(autouse=True)
