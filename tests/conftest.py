@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from hypothesis import settings
 
-from accpinn.inference import posterior
+from tests.support import draws
 
 # The same examples on every run, and no time limit an example: machines and their load differ.
 settings.register_profile("house", derandomize=True, deadline=None)
@@ -17,8 +17,7 @@ settings.load_profile("house")
 
 # Intervals from few draws, but in the tests of inference: elsewhere their place hardly counts, and
 # they are ready in a quarter of the time. A process of its own takes all of them.
-posterior.STAGES = (60, 60, 200)
-posterior.FURTHER = 0
+draws.take_few()
 
 
 @pytest.hookimpl(tryfirst=True)

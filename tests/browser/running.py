@@ -18,6 +18,7 @@ from playwright.sync_api import (
     Error,
     Locator,
     Page,
+    expect,
     sync_playwright,
 )
 
@@ -175,8 +176,9 @@ def table(page: Page, containing: str) -> Locator:
 
 
 def chart(page: Page, key: str) -> Locator:
-    """A chart by its key, once it is drawn."""
+    """A chart by its key, once it is drawn and the one it takes the place of is gone."""
     found = page.locator(f".st-key-{key} .js-plotly-plot")
+    expect(found).to_have_count(1)
     found.wait_for()
     return found
 

@@ -1,12 +1,14 @@
 """Inference is tested with all draws."""
 
+from collections.abc import Iterator
+
 import pytest
 
-from accpinn.inference import posterior
+from tests.support import draws
 
 
 @pytest.fixture(autouse=True)
-def all_proposals(monkeypatch: pytest.MonkeyPatch) -> None:
+def all_draws() -> Iterator[None]:
     """As many as users have."""
-    monkeypatch.setattr(posterior, "STAGES", (200, 200, 1000))
-    monkeypatch.setattr(posterior, "FURTHER", 3)
+    with draws.as_users_have():
+        yield

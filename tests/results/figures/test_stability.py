@@ -6,7 +6,6 @@ import numpy as np
 import plotly.graph_objects as go
 import pytest
 
-from accpinn.inference import posterior
 from accpinn.inference.intervals import Uncertainty, intervals
 from accpinn.methods import splines
 from accpinn.model.cthp import Parameters
@@ -16,6 +15,7 @@ from accpinn.results.figures.style import FOLLOWERS, SERIES
 from accpinn.stability.frequency import response
 from accpinn.stability.report import StabilityReport, VehicleStability, stability_report
 from accpinn.units import FloatArray
+from tests.support import draws
 from tests.support.figures import legend, named, names, rectangles
 from tests.support.samples import PLATOON, sample
 from tests.support.vehicles import CALM, NO_REACTION, UNDAMPED, row
@@ -188,8 +188,7 @@ class TestMap:
 def learned() -> tuple[ParameterSet, Uncertainty]:
     segment = sample(PLATOON).segment
     fit = splines.fit(segment)
-    with pytest.MonkeyPatch.context() as patch:  # shares of draws need many that differ
-        patch.setattr(posterior, "STAGES", (200, 200, 1000))
+    with draws.as_users_have():  # shares of draws need many that differ
         uncertainty = intervals(segment, fit)
     return ParameterSet("Learned", segment.names[1:], fit.parameters), uncertainty
 

@@ -34,10 +34,10 @@ ROOT = Path(__file__).parents[3]
 
 IN_A_FRESH_PROCESS = """
 import json, sys
-from accpinn.inference import posterior
-from accpinn.results.snapshot.archive import (load)
-from accpinn.results.snapshot.verification import (verify)
-posterior.STAGES, posterior.FURTHER = (60, 60, 200), 0  # as in this test's process
+from accpinn.results.snapshot.archive import load
+from accpinn.results.snapshot.verification import verify
+from tests.support import draws
+draws.take_few()  # as in this test's process
 snapshot = load(sys.argv[1])
 result = verify(snapshot)
 found = [snapshot.fit.parameters.values.tobytes().hex(), result.ok, "torch" in sys.modules]
