@@ -10,8 +10,8 @@ PIP := $(BIN)/python -m pip install -qq --disable-pip-version-check
 # `make app ADDRESS=0.0.0.0` lets other machines in; without PORT the first free one from 8501 on.
 LISTEN = $(if $(ADDRESS),--server.address=$(ADDRESS)) $(if $(PORT),--server.port=$(PORT))
 
-# One test process a core; each keeps its linear algebra to one thread. In the order of names the
-# browser's tests come first, all in one process, so that short ones fill the end.
+# One test process a core; each keeps its linear algebra to one thread. A file's tests share one. In
+# the order of names the browser's come first, so that short ones fill the end.
 WORKERS ?= 2
 
 .PHONY: help
@@ -28,7 +28,7 @@ app: $(VENV)/app.stamp  ## install what is missing, start the app and print its 
 
 .PHONY: test
 test: $(VENV)/dev.stamp  ## run all tests (real recordings: set OPENACC_DIR; browser: needs Chromium)
-	@OMP_NUM_THREADS=1 $(BIN)/python -m pytest -q -n $(WORKERS) --dist loadgroup --no-loadscope-reorder --durations=10 $(ARGS)
+	@OMP_NUM_THREADS=1 $(BIN)/python -m pytest -q -n $(WORKERS) --dist loadfile --no-loadscope-reorder --durations=10 $(ARGS)
 
 .PHONY: check
 check: $(VENV)/dev.stamp  ## lint, formatting, types and the direction of imports

@@ -20,15 +20,11 @@ settings.load_profile("house")
 draws.take_few()
 
 
-@pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """A file's tests share a process; the browser's share one, and with it server and browser."""
+    """A browser's own waits end first and say for what."""
     for item in items:
-        folder = item.path.parent.name
-        group = folder if folder == "browser" else item.nodeid.partition("::")[0]
-        item.add_marker(pytest.mark.xdist_group(group))
-        if folder == "browser":
-            item.add_marker(pytest.mark.timeout(600))  # its own waits end first and say for what
+        if item.path.parent.name == "browser":
+            item.add_marker(pytest.mark.timeout(600))
 
 
 @pytest.fixture(scope="session")
