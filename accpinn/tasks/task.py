@@ -4,6 +4,7 @@ Three kinds are made here: a training, a comparison of all methods, and training
 starts.
 """
 
+import gc
 import logging
 import threading
 import time
@@ -11,7 +12,7 @@ from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from enum import Enum
-from functools import cached_property
+from functools import cache, cached_property
 from typing import Generic, TypeVar
 
 import numpy as np
@@ -338,3 +339,11 @@ def load_torch() -> None:
             f"PyTorch, which trains the network, cannot be loaded ({str(fault)[:80]}); install the"
             " packages of requirements.txt again, then start the app anew."
         ) from fault
+    _keep_what_is_imported()
+
+
+@cache
+def _keep_what_is_imported() -> None:
+    """It stays for good, and a search of it for garbage holds up all threads for 0.3 s."""
+    gc.collect()
+    gc.freeze()

@@ -9,7 +9,6 @@ from accpinn.tasks.task import Status
 from pages.ui.components import show
 from pages.ui.components.show import escape_markdown
 from pages.ui.components.widgets import bound, segments
-from pages.ui.session.resources import warmed_up
 from pages.ui.session.sessions import SESSION, current
 from pages.ui.session.workspace import Workspace
 
@@ -68,7 +67,6 @@ def begin(title: str, lead: str = "") -> Workspace:
             icon="history",
         )
     show.messages(st.session_state["snapshot_fault"], "error", "link_off")
-    warmed_up()
     return workspace
 
 

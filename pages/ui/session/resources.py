@@ -1,8 +1,5 @@
 """What all browsers share: the stores of results and of snapshots, and the queue of tasks."""
 
-import gc
-import threading
-
 import streamlit as st
 
 from accpinn.methods.store import Store
@@ -37,22 +34,3 @@ def opened(name: str) -> Snapshot:
 def task_queue() -> TaskQueue:
     """The server's one queue of tasks."""
     return TaskQueue(store=store())
-
-
-@st.cache_resource(show_spinner=False)
-def warmed_up() -> threading.Thread:
-    """Loads torch behind the first page, so that no training waits for it.
-
-    What has been imported by then stays for good. Collections of garbage need not search it any
-    more, which would hold up every page for a third of a second each time.
-    """
-
-    def work() -> None:
-        import torch  # noqa: F401
-
-        gc.collect()
-        gc.freeze()
-
-    thread = threading.Thread(target=work, name="warm-up", daemon=True)
-    thread.start()
-    return thread
