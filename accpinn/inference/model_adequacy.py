@@ -134,7 +134,7 @@ class Adequacy:
     findings: tuple[AdequacyFinding, ...]
 
 
-@lru_cache(maxsize=4)
+@lru_cache(maxsize=32)
 def model_forms(segment: Segment, case: Case = "II") -> Adequacy:
     """Every form of the model in the likelihood of a segment.
 

@@ -383,7 +383,7 @@ def maxima_of(segment: Segment, case: Case, form: Form = "cthp") -> tuple[Maximu
     return joint_maxima((segment,), case, form)
 
 
-@lru_cache(maxsize=16)
+@lru_cache(maxsize=64)
 def joint_maxima(
     segments: tuple[Segment, ...], case: Case, form: Form = "cthp"
 ) -> tuple[Maximum, ...]:

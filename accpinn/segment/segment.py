@@ -132,6 +132,8 @@ class Segment(_Platoon):
 
     Where a sample is missing, ``speeds`` and ``gaps`` hold a straight line between its neighbours.
     Whatever takes them as measured reads `measured_speeds` and `measured_gaps`, or `counts`.
+
+    Segments with the same data are equal, so what was computed for one is known for the other.
     """
 
     time: FloatArray
@@ -172,6 +174,14 @@ class Segment(_Platoon):
         fault = self._fault()
         if fault:
             raise SegmentError(f"{self.source}: this is no segment, as {fault}.")
+
+    def __eq__(self, other: object) -> bool:
+        """Whether both hold the same data of the same vehicles."""
+        return isinstance(other, Segment) and self.info.digest == other.info.digest
+
+    def __hash__(self) -> int:
+        """By the data."""
+        return hash(self.info.digest)
 
     def _fault(self) -> str:
         samples, count = len(self.time), len(self.vehicles)
