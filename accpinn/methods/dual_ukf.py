@@ -36,9 +36,9 @@ from accpinn.methods.online import (
     filter_findings,
     measurement_noise,
     motion_noise,
-    move,
     run,
     settings,
+    step_maps,
     symmetric,
     theta_covariance,
     track,
@@ -54,6 +54,7 @@ UNINFORMATIVE = 1e12
 """In m² and m²/s²: variance of a masked measurement."""
 UNSCENTED_SPREAD = 1.0
 """With 1 the points lie sqrt(n) deviations out and no weight is negative."""
+UNIT = np.eye(2)
 KURTOSIS = 2.0
 """The value for normal distributions."""
 
@@ -107,7 +108,7 @@ class _Dual:
         self._step = platoon.step
         self._noise, self._motion_noise = measurement_noise(), motion_noise(platoon.step)
         self._drift = drift(platoon.step)
-        self._of_state, self._of_theta = Unscented(2), Unscented(3)
+        self._transform = Unscented(3)
         self.states = np.stack([platoon.gaps[0], platoon.speeds[0]], axis=-1)  # (G, F, 2)
         self.spread = np.tile(self._noise, (sets, followers, 1, 1))
         self.mean = np.tile(TYPICAL.theta, (sets, 1))
@@ -120,35 +121,34 @@ class _Dual:
 
     def update(self, before: FloatArray, after: FloatArray, now: State, mask: FloatArray) -> None:
         """See `online.Filter`."""
-        measured = np.stack(now, axis=-1)
-        points = self._of_state.points(self.states, self.spread)
-        mean, covariance, _ = self._of_state.moments(
-            self._moved(self.mean[:, None, None], points, before[..., None], after[..., None])
-        )
-        predicted = covariance + self._motion_noise
+        measured = _pairs(*now)
+        self.covariance = self.covariance + self._drift
+        points = self._transform.points(self.mean, self.covariance)
+        maps = step_maps(points, self._step)  # (G, 7, 2, 4)
+        known = np.concatenate([self.states, _pairs(before, after)], axis=-1)
+        moved = known[:, None] @ maps.swapaxes(-1, -2)  # (G, 7, F, 2)
+        # The first point is the mean θ. Given θ the motion is linear, so that the transform's
+        # moments are those of the linear map.
+        transition, mean = maps[:, :1, :, :2], moved[:, 0]
+        predicted = transition @ self.spread @ transition.swapaxes(-1, -2) + self._motion_noise
         innovation = predicted + self._noise
         masked = mask == 0
-        errors = innovation + UNINFORMATIVE * masked[..., None, None] * np.eye(2)
-        self._update_theta(before, after, measured, errors)
+        errors = innovation + UNINFORMATIVE * masked[..., None, None] * UNIT
+        self._update_theta(points, moved, measured, errors)
         gain = predicted @ np.linalg.inv(innovation)
         error = (measured - mean)[..., None]
         self.states = mean + (gain @ error)[..., 0]
         self.spread = symmetric(predicted - gain @ predicted)
-        # A masked motion is reset to the measured one, errors and all.
-        self.states[masked] = measured[masked]
-        self.spread[masked] = self._noise
+        if masked.any():  # a masked motion is reset to the measured one, errors and all
+            self.states[masked] = measured[masked]
+            self.spread[masked] = self._noise
 
     def _update_theta(
-        self, before: FloatArray, after: FloatArray, measured: FloatArray, innovation: FloatArray
+        self, points: FloatArray, moved: FloatArray, measured: FloatArray, innovation: FloatArray
     ) -> None:
         """The filter of the parameters, with innovations of covariance (G, F, 2, 2)."""
-        self.covariance = self.covariance + self._drift
-        points = self._of_theta.points(self.mean, self.covariance)
-        moved = self._moved(
-            points[:, :, None], self.states[:, None], before[:, None], after[:, None]
-        )
-        mean, error, weighted = self._of_theta.moments(moved.reshape(*points.shape[:2], -1))
-        sets, followers = before.shape
+        mean, error, weighted = self._transform.moments(moved.reshape(*points.shape[:2], -1))
+        sets, followers = measured.shape[:2]
         # The followers' blocks on the diagonal, as a view.
         blocks = error.reshape(sets, followers, 2, followers, 2)
         np.einsum("gfifj->gfij", blocks)[...] += innovation
@@ -158,13 +158,12 @@ class _Dual:
         self.mean = self.mean + (gain @ surprise)[..., 0]
         self.covariance = symmetric(self.covariance - gain @ crossed)
 
-    def _moved(
-        self, theta: FloatArray, states: FloatArray, before: FloatArray, after: FloatArray
-    ) -> FloatArray:
-        """States (.., 2) one step later, with θ (.., 3); they broadcast."""
-        terms = (theta[..., 0], theta[..., 1], theta[..., 2])
-        state = State(states[..., 0], states[..., 1])
-        return np.stack(move(terms, state, before, after, self._step), axis=-1)
+
+def _pairs(one: FloatArray, other: FloatArray) -> FloatArray:
+    """(G, F, 2); faster than `numpy.stack` on arrays so small."""
+    pairs = np.empty((*one.shape, 2))
+    pairs[..., 0], pairs[..., 1] = one, other
+    return pairs
 
 
 class Unscented:

@@ -8,22 +8,27 @@ as their noise is independent (e and s are innovation and its variance):
 
 A missing sample is not taken in. Once P no longer changes and nothing is missing, neither do the
 gains, and what is left is one linear recursion. Sets of parameters, followers and windows lie on
-the last axis, so that a step in time is one operation for all of them.
+the last axis, so that a step in time is one operation for all that miss the same samples.
 
 Source: Durbin and Koopman, Time Series Analysis by State Space Methods, 2nd ed., 2012, chapters
 4 (filter, smoother) and 6.4 (one measurement at a time).
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
-from accpinn.methods.state_space import OBSERVED, StateSpace
+from accpinn.methods.state_space import OBSERVED, Columns, StateSpace
 from accpinn.units import FloatArray, Mask
 
 SETTLED = 1e-13
 """Largest change of the covariance in a step, in units of its deviations, taken for none."""
-CHUNK = 256
+CHUNK = 60_000
+"""Instants times models to which constant gains are applied at once; it bounds the memory."""
+WIDTH = 1500
+"""Blocks times models that `recursion` takes on at once; with more, nothing is gained."""
 LOG_TWO_PI = float(np.log(2 * np.pi))
 
 
@@ -55,40 +60,104 @@ def log_likelihood(model: StateSpace, measured: FloatArray) -> FloatArray:
     Returns:
         (B,).
     """
-    return _filter(model, measured, None)
+    total = np.zeros(measured.shape[2])
+    for columns in _alike(measured):
+        for step in _filtered(model.of(columns), _measured_part(measured[:, :, columns])):
+            total[columns] += step.log_density
+    return total
 
 
 def innovations(model: StateSpace, measured: FloatArray) -> tuple[FloatArray, Innovations]:
     """Log L (B,), and the innovations it is made of; arguments as for `log_likelihood`."""
     known: Mask = np.asarray(~np.isnan(measured))
-    kept = Innovations(np.zeros(known.shape), np.ones(known.shape), known)
-    return _filter(model, measured, kept), kept
+    found = Innovations(np.zeros(known.shape), np.ones(known.shape), known)
+    total = np.zeros(measured.shape[2])
+    for columns in _alike(measured):
+        for step in _filtered(model.of(columns), _measured_part(measured[:, :, columns])):
+            total[columns] += step.log_density
+            for row, errors, variances in zip(
+                step.rows, step.errors.swapaxes(0, 1), step.variances, strict=True
+            ):
+                found.errors[step.at, row, columns] = errors
+                found.variances[step.at, row, columns] = variances
+    return total, found
 
 
-def _filter(model: StateSpace, measured: FloatArray, kept: Innovations | None) -> FloatArray:
+def _alike(measured: FloatArray) -> Iterator[Columns]:
+    """The columns of (N, 3, B) that miss the same samples, group by group."""
+    missing = np.isnan(measured)
+    if not missing.any():
+        yield slice(None)
+        return
+    patterns = np.packbits(missing.reshape(-1, measured.shape[2]), axis=0)
+    group = np.unique(patterns, axis=1, return_inverse=True)[1].ravel()
+    for k in range(group.max() + 1):
+        yield np.flatnonzero(group == k)
+
+
+def _measured_part(measured: FloatArray) -> FloatArray:
+    """Samples (N, 3, B) up to the last one that is not missing."""
+    there = np.flatnonzero(~np.isnan(measured[:, :, 0]).all(axis=1))
+    return measured[: there[-1] + 1] if len(there) else measured[:0]
+
+
+class _Step(NamedTuple):
+    """What the filter makes of an instant, or of K of them that have the same gains."""
+
+    first: int
+    """The instant, or the first of them."""
+    rows: tuple[int, ...]
+    """The r measurements that are taken in."""
+    states: FloatArray
+    """(K, n, B): predicted."""
+    covariance: FloatArray
+    """(n, n, B): predicted."""
+    errors: FloatArray
+    """(K, r, B)"""
+    variances: FloatArray
+    """(r, B)"""
+    gains: tuple[FloatArray, ...]
+    """r times (n, B)."""
+    constant: "_ConstantGain | None" = None
+    """What the instants share; None for a single one."""
+
+    @property
+    def at(self) -> slice:
+        """The instants."""
+        return slice(self.first, self.first + len(self.states))
+
+    @property
+    def log_density(self) -> FloatArray:
+        """(B,): what the measurements add to log L."""
+        constant = (np.log(self.variances) + LOG_TWO_PI).sum(axis=0)
+        squares = (self.errors**2 / self.variances).sum(axis=(0, 1))
+        return np.asarray(-0.5 * (squares + len(self.states) * constant))
+
+
+def _filtered(model: StateSpace, measured: FloatArray) -> Iterator[_Step]:
+    """The filter over measurements (N, 3, B) that all miss the same samples."""
+    known: Mask = np.asarray(~np.isnan(measured[:, :, 0]))
+    whole: Mask = np.asarray(known.all(axis=1))
     samples, _, count = measured.shape
-    known: Mask = np.asarray(~np.isnan(measured))
-    whole: Mask = np.asarray(known.all(axis=(1, 2)))
-    measured = np.where(known, measured, 0.0)
+    width = max(1, CHUNK // count)
     state, covariance = model.first, model.first_covariance
     back = np.ascontiguousarray(model.transition.transpose(1, 0, 2))
-    total = np.zeros(count)
     k = 0
     while k < samples:
-        before, gains, variances = covariance, [], []
-        for row, i in enumerate(OBSERVED):
-            there = known[k, row]
-            variance = covariance[i, i] + model.noise[row]
-            gain = np.where(there, covariance[:, i] / variance, 0.0)
-            error = np.where(there, measured[k, row] - state[i], 0.0)
+        before, states = covariance, state[None]
+        rows = tuple(np.flatnonzero(known[k]).tolist())
+        errors, variances = np.empty((1, len(rows), count)), np.empty((len(rows), count))
+        gains = []
+        for row, number in enumerate(rows):
+            i = OBSERVED[number]
+            variance = np.add(covariance[i, i], model.noise[number], out=variances[row])
+            error = np.subtract(measured[k, number], state[i], out=errors[0, row])
+            gain = covariance[:, i] / variance
             state = state + gain * error
             covariance = covariance - gain[:, None] * covariance[i]
-            total += np.where(there, error**2 / variance + np.log(variance) + LOG_TWO_PI, 0.0)
             gains.append(gain)
-            variances.append(variance)
-            if kept:
-                kept.errors[k, row] = error
-                kept.variances[k, row] = np.where(there, variance, 1.0)
+        step = _Step(k, rows, states, before, errors, variances, tuple(gains))
+        yield step
         state = _times(model.transition, state)
         moved = np.einsum("ijb,jkb->ikb", model.transition, covariance)
         covariance = np.einsum("ijb,jkb->ikb", moved, back) + model.process
@@ -96,10 +165,12 @@ def _filter(model: StateSpace, measured: FloatArray, kept: Innovations | None) -
         k += 1
         if k < samples and whole[k - 1] and whole[k] and _is_settled(before, covariance):
             end = samples if whole[k:].all() else k + int(np.argmin(whole[k:]))
-            constant = _ConstantGain.of(model, gains, np.stack(variances))
-            state = constant.run(state, measured[k:end], total, kept, k)
-            k = end
-    return -0.5 * total
+            constant = _ConstantGain.of(model, step)
+            while k < end:
+                part = measured[k : min(end, k + width)]
+                step, state = constant.over(part, state, covariance, k)
+                yield step
+                k += len(part)
 
 
 def _times(matrix: FloatArray, vector: FloatArray) -> FloatArray:
@@ -108,6 +179,8 @@ def _times(matrix: FloatArray, vector: FloatArray) -> FloatArray:
 
 
 def _is_settled(before: FloatArray, after: FloatArray) -> bool:
+    if np.abs(after[0, 0] - before[0, 0]).max() > SETTLED * after[0, 0].max():
+        return False
     deviation = np.sqrt(np.maximum(np.einsum("iib->ib", after), 1e-30))
     change = np.abs(after - before) / (deviation[:, None] * deviation)
     return bool(change.max() < SETTLED)
@@ -125,45 +198,100 @@ class _ConstantGain:
     """(3, 3, B): from y minus the predicted p, v, u to the innovations."""
     variances: FloatArray
     """(3, B)."""
+    gains: tuple[FloatArray, ...]
+    """Three times (n, B)."""
 
     @classmethod
-    def of(
-        cls, model: StateSpace, gains: list[FloatArray], variances: FloatArray
-    ) -> "_ConstantGain":
+    def of(cls, model: StateSpace, step: _Step) -> "_ConstantGain":
+        """Those of a step after which the covariance has settled."""
         size, count = model.first.shape
         whitening, total = np.zeros((3, 3, count)), np.zeros((size, 3, count))
-        for row, (i, gain) in enumerate(zip(OBSERVED, gains, strict=True)):
+        for row, (i, gain) in enumerate(zip(OBSERVED, step.gains, strict=True)):
             whitening[row, row] = 1.0
             whitening[row] -= total[i]
             total = total + gain[:, None] * whitening[row]
         drive: FloatArray = np.einsum("ijb,jkb->ikb", model.transition, total)
         transition = model.transition.copy()
         transition[:, OBSERVED] -= drive
-        return cls(transition, drive, whitening, variances)
+        return cls(transition, drive, whitening, step.variances, step.gains)
 
-    def run(
-        self,
-        state: FloatArray,
-        measured: FloatArray,
-        total: FloatArray,
-        kept: Innovations | None,
-        first: int,
-    ) -> FloatArray:
-        """Filter on, add -2 log L to ``total`` (B,), and return the state predicted last."""
-        for begin in range(0, len(measured), CHUNK):
-            part = measured[begin : begin + CHUNK]
-            driven = np.einsum("ijb,kjb->kib", self.drive, part)
-            predicted = np.empty((len(part), len(OBSERVED), state.shape[1]))
-            for k, push in enumerate(driven):
-                predicted[k] = state[: len(OBSERVED)]
-                state = _times(self.transition, state) + push
-            errors = np.einsum("ijb,kjb->kib", self.whitening, part - predicted)
-            total += (errors**2 / self.variances).sum(axis=(0, 1))
-            if kept:
-                rows = slice(first + begin, first + begin + len(part))
-                kept.errors[rows], kept.variances[rows] = errors, self.variances
-        total += len(measured) * (np.log(self.variances) + LOG_TWO_PI).sum(axis=0)
-        return state
+    def over(
+        self, measured: FloatArray, state: FloatArray, covariance: FloatArray, first: int
+    ) -> tuple[_Step, FloatArray]:
+        """Filter on over measurements (K, 3, B); also the state predicted after them."""
+        driven = np.einsum("ijb,kjb->kib", self.drive, measured)
+        states = recursion(self.transition, driven, state)
+        surprises = measured - states[:-1, : len(OBSERVED)]
+        errors = np.einsum("ijb,kjb->kib", self.whitening, surprises)
+        rows = tuple(range(len(OBSERVED)))
+        of = (states[:-1], covariance, errors, self.variances, self.gains, self)
+        return _Step(first, rows, *of), states[-1]
+
+    def backward(
+        self, errors: FloatArray, says: FloatArray, sure: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """See `_backward`: r (K, n, B) and N (K, n, n, B) from those after the K instants."""
+        back = np.ascontiguousarray(self.transition.transpose(1, 0, 2))
+        observed, count = len(OBSERVED), errors.shape[2]
+        pushes = np.zeros((len(errors), len(says), count))
+        weighted = errors[::-1] / self.variances
+        pushes[:, :observed] = np.einsum("jib,kjb->kib", self.whitening, weighted)
+        every = recursion(back, pushes, says)[:0:-1]
+        adds = np.zeros_like(sure)
+        scaled = self.whitening / self.variances[:, None]
+        adds[:observed, :observed] = np.einsum("jib,jkb->ikb", self.whitening, scaled)
+        sures = np.empty((len(errors), *sure.shape))
+        for k in range(len(errors) - 1, -1, -1):
+            before = sure
+            sure = np.einsum("ijb,jkb->ikb", back, sure)
+            sure = np.einsum("ijb,jkb->ikb", sure, self.transition) + adds
+            sures[k] = sure
+            if _is_settled(before, sure):
+                sures[:k] = sure
+                break
+        return every, sures
+
+
+def recursion(transition: FloatArray, driven: FloatArray, state: FloatArray) -> FloatArray:
+    """The linear recursion x_{k+1} = F x_k + d_k of B systems.
+
+    Few systems are taken on in blocks of time, all blocks together: first from zero, which gives
+    the state at each block's start, then from there.
+
+    Args:
+        transition: (n, n, B) F.
+        driven: (K, n, B) d.
+        state: (n, B) x_0.
+
+    Returns:
+        (K+1, n, B).
+    """
+    samples, size, count = driven.shape
+    blocks = max(1, min(int(samples**0.5), WIDTH // count))
+    length = samples // blocks + 1
+    pushes = np.zeros((blocks * length, size, count))
+    pushes[:samples] = driven
+    pushes = np.ascontiguousarray(pushes.reshape(blocks, length, size, count).transpose(1, 2, 0, 3))
+
+    def onward(states: FloatArray, push: FloatArray) -> FloatArray:
+        moved: FloatArray = np.einsum("ijb,jcb->icb", transition, states)
+        moved += push
+        return moved
+
+    now = np.empty((size, blocks, count))
+    now[:, 0] = state
+    if blocks > 1:
+        reached = np.zeros((size, blocks, count))
+        for push in pushes:
+            reached = onward(reached, push)
+        power = np.linalg.matrix_power(transition.transpose(2, 0, 1), length).transpose(1, 2, 0)
+        for k in range(1, blocks):
+            now[:, k] = _times(power, now[:, k - 1]) + reached[:, k - 1]
+    states = np.empty((length, size, blocks, count))
+    for k, push in enumerate(pushes):
+        states[k] = now
+        now = onward(now, push)
+    return states.transpose(2, 0, 1, 3).reshape(-1, size, count)[: samples + 1]
 
 
 @dataclass(frozen=True, eq=False)
@@ -183,46 +311,46 @@ def smooth(model: StateSpace, measured: FloatArray) -> SmoothedStates:
         model: B of them.
         measured: (N, 3, B) p, v, u; nan where missing.
     """
-    samples, _, count = measured.shape
-    size = len(model.first)
-    known: Mask = np.asarray(~np.isnan(measured))
-    measured = np.where(known, measured, 0.0)
-    states, covariances = np.empty((samples, size, count)), np.empty((samples, size, size, count))
-    errors, variances = np.zeros((samples, 3, count)), np.ones((samples, 3, count))
-    gains = np.zeros((samples, 3, size, count))
-    state, covariance = model.first, model.first_covariance
+    means, deviations = np.empty((2, len(measured), *model.first.shape))
+    for columns in _alike(measured):
+        part = model.of(columns)
+        for step, says, sure in _backward(part, _filtered(part, measured[:, :, columns])):
+            spread = step.covariance
+            pulled: FloatArray = np.einsum("ijb,kjb->kib", spread, says)
+            means[step.at, :, columns] = step.states + pulled
+            shrunk: FloatArray = np.einsum("ijb,kjlb->kilb", spread, sure)
+            rest = np.einsum("iib->ib", spread) - np.einsum("kilb,lib->kib", shrunk, spread)
+            deviations[step.at, :, columns] = np.sqrt(np.maximum(rest, 0.0))
+    return SmoothedStates(means, deviations)
+
+
+def _backward(
+    model: StateSpace, steps: Iterator[_Step]
+) -> Iterator[tuple[_Step, FloatArray, FloatArray]]:
+    """What the measurements from an instant on say beyond those before it, last step first.
+
+    They are r (K, n, B) and N (K or 1, n, n, B) of Durbin and Koopman, with the measurements of an
+    instant taken out one by one, last first.
+    """
     back = model.transition.transpose(1, 0, 2)
-    for k in range(samples):
-        states[k], covariances[k] = state, covariance
-        for row, i in enumerate(OBSERVED):
-            there = known[k, row]
-            variances[k, row] = covariance[i, i] + model.noise[row]
-            gains[k, row] = np.where(there, covariance[:, i] / variances[k, row], 0.0)
-            errors[k, row] = np.where(there, measured[k, row] - state[i], 0.0)
-            state = state + gains[k, row] * errors[k, row]
-            covariance = covariance - gains[k, row][:, None] * covariance[i]
-        state = _times(model.transition, state)
-        moved = np.einsum("ijb,jkb->ikb", model.transition, covariance)
-        covariance = np.einsum("ijb,jkb->ikb", moved, back) + model.process
-    # What the measurements from an instant on say beyond those before it: r and N of Durbin and
-    # Koopman, with the measurements of an instant taken out one by one, last first.
-    says, sure = np.zeros((size, count)), np.zeros((size, size, count))
-    means, deviations = np.empty_like(states), np.empty_like(states)
-    for k in range(samples - 1, -1, -1):
+    says, sure = np.zeros_like(model.first), np.zeros_like(model.first_covariance)
+    for step in reversed(list(steps)):
+        if step.constant:
+            every, sures = step.constant.backward(step.errors, says, sure)
+            says, sure = every[0], sures[0]
+            yield step, every, sures
+            continue
         says = _times(back, says)
         sure = np.einsum("ijb,jkb->ikb", back, sure)
         sure = np.einsum("ijb,jkb->ikb", sure, model.transition)
-        for row in range(len(OBSERVED) - 1, -1, -1):
-            i, gain, there = OBSERVED[row], gains[k, row], known[k, row]
+        for row in range(len(step.rows) - 1, -1, -1):
+            i, gain, variance = OBSERVED[step.rows[row]], step.gains[row], step.variances[row]
             pull = np.einsum("jb,jb->b", gain, says)
             says = says.copy()
-            says[i] += np.where(there, errors[k, row] / variances[k, row], 0.0) - pull
+            says[i] += step.errors[0, row] / variance - pull
             left = sure.copy()
             left[i] -= np.einsum("jb,jkb->kb", gain, sure)
             sure = left.copy()
             sure[:, i] -= np.einsum("ijb,jb->ib", left, gain)
-            sure[i, i] += np.where(there, 1.0 / variances[k, row], 0.0)
-        means[k] = states[k] + _times(covariances[k], says)
-        shrunk = np.einsum("ijb,jkb,kib->ib", covariances[k], sure, covariances[k], optimize=True)
-        deviations[k] = np.sqrt(np.maximum(np.einsum("iib->ib", covariances[k]) - shrunk, 0.0))
-    return SmoothedStates(means, deviations)
+            sure[i, i] += 1.0 / variance
+        yield step, says[None], sure[None]

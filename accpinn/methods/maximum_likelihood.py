@@ -261,9 +261,8 @@ class Criterion:
         variances = found.variances.reshape(errors.shape)
         slope = (errors[..., 1::2] - errors[..., 2::2]) / np.sqrt(variances[..., :1])
         growth = np.log(variances[..., 1::2] / variances[..., 2::2]) / np.sqrt(2.0)
-        information = sum(
-            np.einsum("tbi,tbj->bij", one, one, optimize=True) for one in (slope, growth)
-        )
+        both = np.concatenate([slope, growth]).transpose(1, 2, 0)
+        information = both @ both.transpose(0, 2, 1)
         value, gradient = self.log_prior(z), -(z - self.start) * self._weight
         curvature = np.tile(np.diag(self._weight), (len(z), 1, 1))
         step = 2 * DIFFERENCE
@@ -383,11 +382,17 @@ def maxima_of(segment: Segment, case: Case, form: Form = "cthp") -> tuple[Maximu
     return joint_maxima((segment,), case, form)
 
 
-@lru_cache(maxsize=64)
 def joint_maxima(
     segments: tuple[Segment, ...], case: Case, form: Form = "cthp"
 ) -> tuple[Maximum, ...]:
     """The same for several segments of the same vehicles, under one likelihood."""
+    return _remembered_maxima(segments, case, form)
+
+
+@lru_cache(maxsize=64)
+def _remembered_maxima(
+    segments: tuple[Segment, ...], case: Case, form: Form
+) -> tuple[Maximum, ...]:
     series = series_of(segments, case)
     if form == "cthp":
         return maximise(series)

@@ -12,7 +12,6 @@ A step that the segment masks does not change θ, and the motion is reset to the
 θ = (α, ατ, β) may drift slowly, as α, τ and β each in a random walk of its own.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple, Protocol, Self
 
@@ -23,6 +22,7 @@ from accpinn.model.cthp import TYPICAL, Case, Parameters, Trajectories
 from accpinn.segment.segment import Segment
 from accpinn.units import FloatArray, Metres, MetresPerSecond, Seconds
 
+UNIT = np.eye(2, 4)
 TRACK_EVERY: Seconds = 0.5
 """Between kept instants; the parameters change more slowly than this resolves."""
 INSIGNIFICANT = 1.5
@@ -120,38 +120,31 @@ class Measurements:
         )
 
 
-def move(
-    theta: Sequence[FloatArray], state: State, before: FloatArray, after: FloatArray, step: Seconds
-) -> State:
-    """The state one step later.
+def step_maps(theta: FloatArray, step: Seconds) -> FloatArray:
+    """The motion over a step as a linear map; the same for parameters and motions of any number.
+
+    The classical Runge-Kutta method takes a linear system on by the exponential's series up to the
+    fourth order; p, v, the speed ahead and its rise over the step are such a system.
 
     Args:
-        theta: α, ατ, β; they, states and speeds broadcast against each other.
-        state: at the step's beginning.
-        before: the predecessor's speed then.
-        after: the predecessor's speed at the step's end.
+        theta: (.., 3) α, ατ, β.
         step: in s.
+
+    Returns:
+        (.., 2, 4): p and v a step later from p, v and the predecessor's speeds before and after
+        the step.
     """
-    alpha, alpha_tau, beta = theta
-
-    def rates(at: State, ahead: FloatArray) -> State:
-        relative = ahead - at.speed
-        return State(relative, alpha * at.gap - alpha_tau * at.speed + beta * relative)
-
-    def onward(rate: State, by: Seconds) -> State:
-        return State(state.gap + by * rate.gap, state.speed + by * rate.speed)
-
-    middle = (before + after) / 2
-    first = rates(state, before)
-    second = rates(onward(first, step / 2), middle)
-    third = rates(onward(second, step / 2), middle)
-    last = rates(onward(third, step), after)
-    return State(
-        *(
-            x + step / 6 * (a + 2 * (b + c) + d)
-            for x, a, b, c, d in zip(state, first, second, third, last, strict=True)
-        )
-    )
+    alpha, alpha_tau, beta = theta[..., 0], theta[..., 1], theta[..., 2]
+    rates = np.zeros((*alpha.shape, 4, 4))
+    rates[..., 0, 1], rates[..., 0, 2] = -step, step
+    rates[..., 1, 0], rates[..., 1, 2] = step * alpha, step * beta
+    rates[..., 1, 1] = -step * (alpha_tau + beta)
+    rates[..., 2, 3] = 1.0
+    found = UNIT
+    for order in (4, 3, 2, 1):
+        found = UNIT + found @ rates / order
+    found[..., 2] -= found[..., 3]
+    return found
 
 
 class Filter(Protocol):

@@ -38,9 +38,9 @@ from accpinn.methods.online import (
     filter_findings,
     measurement_noise,
     motion_noise,
-    move,
     run,
     settings,
+    step_maps,
     symmetric,
     track,
 )
@@ -95,11 +95,15 @@ class _Cloud:
         self._drift = drift(platoon.step)
         self._spread = np.tile(self._noise, (sets, 1, 1))
         self._theta = _first_theta(self._random, sets, particles)
-        every = (sets, particles, followers)
-        self._motion = State(
-            np.broadcast_to(platoon.gaps[0, :, None], every).copy(),
-            np.broadcast_to(platoon.speeds[0, :, None], every).copy(),
-        )
+        self._maps = np.empty((sets, 4, 2, particles))
+        self._returns = np.empty((sets, 2, 2, particles))
+        for k in range(sets):
+            self._prepare(k)
+        self._known = np.empty((sets, followers, 4))
+        """(G, F, 4) p, v and the predecessor's speed before and after a step, as measured."""
+        self._known[..., 0], self._known[..., 1] = platoon.gaps[0], platoon.speeds[0]
+        self._offsets = np.zeros((sets, followers, 2, particles))
+        """S⁻¹ e. A motion differs from the measured one by -R S⁻¹ e, as 1 - K = R S⁻¹."""
         self._logs = np.zeros((sets, particles))
         self._weights = np.full((sets, particles), 1 / particles)
         self._steps_since = np.full(sets, -1)
@@ -108,54 +112,41 @@ class _Cloud:
     def update(self, before: FloatArray, after: FloatArray, now: State, mask: FloatArray) -> None:
         """See `online.Filter`; where too few particles count, they are drawn anew first."""
         self._steps_since += 1
-        effective = 1 / (self._weights**2).sum(axis=1)
+        effective = 1 / np.einsum("gp,gp->g", self._weights, self._weights)
         for k in np.flatnonzero(effective < LEAST_EFFECTIVE * self._weights.shape[1]):
             self._redraw(int(k))
-        precision, gain = self._gains()
-        theta = self._theta[..., None]
-        moved = move(tuple(theta), self._motion, before[:, None], after[:, None], self._step)
-        gap, speed = now.gap[:, None] - moved.gap, now.speed[:, None] - moved.speed
-        self._motion = State(
-            moved.gap + gain[0][0] * gap + gain[0][1] * speed,
-            moved.speed + gain[1][0] * gap + gain[1][1] * speed,
-        )
-        squares = gap * (precision[0][0] * gap + 2 * precision[0][1] * speed)
-        squares += precision[1][1] * speed**2
-        if not mask.all():
-            squares *= mask[:, None]
-            self._reset(now, mask)
-        self._logs -= squares.sum(axis=2) / 2
+        precision = self._precision()
+        self._known[..., 2], self._known[..., 3] = before, after
+        predicted = self._known @ self._maps.reshape(len(self._maps), 4, -1)
+        errors = np.einsum("gjip,gfjp->gfip", self._returns, self._offsets)
+        errors -= predicted.reshape(errors.shape)
+        self._known[..., 0], self._known[..., 1] = now
+        errors += self._known[..., :2, None]
+        if not mask.all():  # a masked motion becomes the measured one, errors and all
+            errors *= mask[..., None, None]
+            self._spread[(mask == 0).any(axis=1)] = self._noise
+        self._offsets = precision[:, None] @ errors
+        squares = np.einsum("gfip,gfip->gp", errors, self._offsets)
+        self._logs -= squares / 2
         self._logs -= self._logs.max(axis=1, keepdims=True)
         self._weights = np.exp(self._logs)
         self._weights /= self._weights.sum(axis=1, keepdims=True)
         self.mean = np.einsum("cgp,gp->gc", self._theta, self._weights)
 
-    def _reset(self, measured: State, mask: FloatArray) -> None:
-        """A masked motion becomes the measured one, errors and all."""
-        masked = mask[:, None] == 0
-        for part, values in zip(self._motion, measured, strict=True):
-            np.copyto(part, values[:, None], where=masked)
-        self._spread[masked.any(axis=(1, 2))] = self._noise
-
-    def _gains(self) -> tuple[FloatArray, FloatArray]:
-        """S⁻¹ and K of the mean θ, (2, 2, G, 1, 1) each; the motion's spread is updated."""
-        unit, still = np.eye(2), np.zeros(2)
-        moved = move(tuple(self.mean.T[..., None]), State(*unit), still, still, self._step)
-        transition = np.stack(moved, axis=1)
+    def _precision(self) -> FloatArray:
+        """S⁻¹ (G, 2, 2) of the mean θ; the motion's spread is updated."""
+        transition = step_maps(self.mean, self._step)[..., :2]
         predicted = transition @ self._spread @ transition.swapaxes(1, 2) + self._motion_noise
         precision = np.asarray(np.linalg.inv(predicted + self._noise), np.float64)
-        gain = predicted @ precision
-        self._spread = symmetric(predicted - gain @ predicted)
-        return (
-            precision.transpose(1, 2, 0)[..., None, None],
-            gain.transpose(1, 2, 0)[..., None, None],
-        )
+        self._spread = symmetric(predicted - predicted @ precision @ predicted)
+        return precision
 
     @property
     def motion(self) -> State:
         """(G, F) each, the mean of the state."""
-        weights = self._weights[:, None]
-        return State(*((weights @ part)[:, 0] for part in self._motion))
+        offsets = (self._offsets @ self._weights[:, None, :, None])[..., 0]
+        means = self._known[..., :2] - offsets * np.diag(self._noise)
+        return State(means[..., 0], means[..., 1])
 
     @property
     def covariance(self) -> FloatArray:
@@ -166,6 +157,11 @@ class _Cloud:
         apart = self._theta[:, k] - self.mean[k, :, None]
         return np.asarray((apart * self._weights[k]) @ apart.T)
 
+    def _prepare(self, k: int) -> None:
+        """What a step makes of measurements, and of offsets, for the particles of a set."""
+        self._maps[k] = step_maps(self._theta[:, k].T, self._step).T
+        self._returns[k] = self._maps[k, :2] * np.diag(self._noise)[:, None, None]
+
     def _redraw(self, k: int) -> None:
         particles = self._weights.shape[1]
         ladder = (np.arange(particles) + self._random.random()) / particles
@@ -175,8 +171,8 @@ class _Cloud:
         apart = SHRINK * (self._theta[:, k, chosen] - mean)
         noise = np.linalg.cholesky(kernel) @ self._random.standard_normal((3, particles))
         self._theta[:, k] = np.abs(mean + apart + noise)
-        for part in self._motion:
-            part[k] = part[k, chosen]
+        self._prepare(k)
+        self._offsets[k] = self._offsets[k][..., chosen]
         self._logs[k] = 0.0
         self._steps_since[k] = 0
 

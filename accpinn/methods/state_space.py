@@ -19,15 +19,18 @@ The discretisation is exact (matrix exponential; Van Loan, IEEE Trans. Autom. Co
 Source of the approach: Kristensen, Madsen and Jørgensen, Automatica 40 (2004) 225-237.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from typing import Literal
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.linalg import expm
 
 from accpinn.model.cthp import LARGEST, LARGEST_ALPHA_TAU, TYPICAL
 from accpinn.units import FloatArray, Seconds
 
+Columns = slice | NDArray[np.int64]
+"""Some of the models, which lie on the last axis."""
 Form = Literal["cthp", "offset", "lag", "delay", "unbounded"]
 """The CTHP, one of three further terms, or the CTHP without the rational driving constraints."""
 FORMS: tuple[Form, ...] = ("cthp", "offset", "lag", "delay")
@@ -115,6 +118,10 @@ class StateSpace:
     """(n, n, B)."""
     rates: FloatArray
     """(n, n, B): d/dt of the states, without noise."""
+
+    def of(self, columns: Columns) -> "StateSpace":
+        """Some of the models."""
+        return StateSpace(*(getattr(self, field.name)[..., columns] for field in fields(self)))
 
 
 def state_space(form: Form, values: FloatArray, step: Seconds) -> StateSpace:

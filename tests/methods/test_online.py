@@ -15,7 +15,7 @@ from scipy.signal import lfilter
 from accpinn.methods import dual_ukf, online, particle
 from accpinn.methods.dual_ukf import Unscented
 from accpinn.methods.fit import BoundActive, FilterDiverged, FilterUncertain, Fit, Outcome
-from accpinn.methods.online import Measurements, State, move
+from accpinn.methods.online import Measurements, State, step_maps
 from accpinn.model.cthp import Case, Parameters, simulate
 from accpinn.recordings.openacc import read
 from accpinn.segment.cut import cut
@@ -68,15 +68,9 @@ class TestMotion:
     def test_one_step_is_the_simulators(self) -> None:
         one, time, ahead = Parameters.of([LAW]), np.array([0.0, 0.1]), np.array([20.0, 21.0])
         exact = simulate(one, time, ahead, np.array([19.0]), np.array([25.0]))
-        moved = move(
-            tuple(one.theta[0]),
-            State(np.array(25.0), np.array(19.0)),
-            np.array(20.0),
-            np.array(21.0),
-            0.1,
-        )
-        assert moved.gap == pytest.approx(exact.gaps[1, 0], abs=1e-7)
-        assert moved.speed == pytest.approx(exact.speeds[1, 1], abs=1e-7)
+        moved = step_maps(one.theta, 0.1)[0] @ (25.0, 19.0, 20.0, 21.0)
+        expected = exact.gaps[1, 0], exact.speeds[1, 1]
+        np.testing.assert_allclose(moved, expected, rtol=0, atol=1e-7)
 
     def test_white_acceleration_is_as_strong_as_lasting_errors(self) -> None:
         """Errors that last two seconds, summed over five minutes, against the noise's formula."""
@@ -191,15 +185,13 @@ class TestDualUnscented:
         dual._drift = np.zeros((3, 3))
         dual.mean = theta[None]
         dual.covariance = 1e-24 * np.eye(3)[None]
-        still = np.array(0.0)
-        transition = np.column_stack(
-            [move(tuple(theta), State(*unit), still, still, 0.1) for unit in np.eye(2)]
-        )
+        maps = step_maps(theta, 0.1)
+        transition = maps[:, :2]
         mean, spread = measured[0], online.measurement_noise()
         for now in range(1, 200):
             before, after = platoon.ahead[now - 1], platoon.ahead[now]
             dual.update(before, after, State(*measured[now][:, None, None]), np.ones((1, 1)))
-            mean = np.array(move(tuple(theta), State(*mean), before[0, 0], after[0, 0], 0.1))
+            mean = maps @ (*mean, before[0, 0], after[0, 0])
             spread = transition @ spread @ transition.T + online.motion_noise(0.1)
             gain = spread @ np.linalg.inv(spread + online.measurement_noise())
             mean = mean + gain @ (measured[now] - mean)
@@ -264,9 +256,9 @@ class TestParticles:
         weights = np.random.default_rng(2).random(1000)
         cloud._weights = (weights / weights.sum())[None]
         tags = np.arange(1000.0)
-        cloud._motion.gap[0, :, 0] = tags
+        cloud._offsets[0, 0, 0] = tags
         cloud._redraw(0)
-        children = np.bincount(cloud._motion.gap[0, :, 0].astype(int), minlength=1000)
+        children = np.bincount(cloud._offsets[0, 0, 0].astype(int), minlength=1000)
         assert (abs(children - 1000 * cloud._weights[0]) < 1).all()
 
 
