@@ -21,7 +21,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import toeplitz
-from scipy.stats import norm
+from scipy.special import ndtr
 
 from accpinn.errors import Finding
 from accpinn.methods.fit import Fit
@@ -145,7 +145,7 @@ def _by_chance(rho: FloatArray, count: int) -> float:
     neighbours = float(np.clip(rho[1], -0.5, 0.0))
     around = [1.0 + 2.0 * neighbours**2, 2.0 * neighbours, neighbours**2]
     covariance = toeplitz(np.pad(around, (0, len(LAGS) - len(around))))
-    return float(norm.sf(np.sqrt(count / covariance.sum()) * rho[LAGS].sum()))
+    return float(ndtr(-np.sqrt(count / covariance.sum()) * rho[LAGS].sum()))
 
 
 def _integrated(rho: FloatArray) -> float:

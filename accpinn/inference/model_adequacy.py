@@ -23,7 +23,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from scipy.stats import chi2, jarque_bera, norm
+from scipy.special import chdtrc, ndtr
 
 from accpinn.errors import Finding, SegmentError
 from accpinn.methods.kalman import Innovations, innovations
@@ -208,6 +208,8 @@ def _innovations(series: Series, maxima: Sequence[Maximum]) -> Innovations:
 
 def _tests(series: Series, maxima: Sequence[Maximum]) -> tuple[FloatArray, FloatArray, FloatArray]:
     """p-values (G,) of correlation, unevenness and heaviness of the speed's innovations."""
+    from scipy.stats import jarque_bera  # takes half a second, which most commands need not
+
     found = _innovations(series, maxima)
     standard = np.where(found.known, found.errors / np.sqrt(found.variances), np.nan)[SETTLING:, 1]
     speeds = series.measured[SETTLING:, 1]
@@ -234,7 +236,7 @@ def _correlated(errors: FloatArray) -> float:
         if pairs:
             correlation = float((errors[lag:] * errors[:-lag]).sum()) / pairs / power
             statistic += pairs * correlation**2
-    return float(chi2.sf(statistic, LAGS))
+    return float(chdtrc(LAGS, statistic))
 
 
 def _uneven(errors: FloatArray, speeds: FloatArray) -> float:
@@ -242,7 +244,7 @@ def _uneven(errors: FloatArray, speeds: FloatArray) -> float:
     if len(errors) < LAGS or np.ptp(speeds) == 0.0:
         return 1.0
     correlation = float(np.corrcoef(errors**2, speeds)[0, 1])
-    return float(2 * norm.sf(abs(correlation) * np.sqrt(len(errors))))
+    return float(2 * ndtr(-abs(correlation) * np.sqrt(len(errors))))
 
 
 def _better(vehicles: Sequence[int], forms: Sequence[ModelForm]) -> list[BetterForm]:

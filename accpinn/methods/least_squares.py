@@ -17,8 +17,6 @@ IEEE Signal Processing Magazine 28 (2011) 111-117.
 
 from functools import partial
 
-from scipy.signal import savgol_filter
-
 from accpinn.methods.fit import Fit, Outcome
 from accpinn.methods.method import direct
 from accpinn.methods.regression import Regression
@@ -42,6 +40,8 @@ def fit(segment: Segment, case: Case = "II") -> Fit:
 
 def fit_smoothed(segment: Segment, case: Case = "II", window: Seconds = WINDOW) -> Fit:
     """The least-squares parameters of the smoothed segment; the surrogate is that segment."""
+    from scipy.signal import savgol_filter  # takes a second to import, which few need
+
     # An odd number, as the window is centred; no more than there are.
     wanted = max(LEAST_SAMPLES, 2 * round(window / segment.sample_time / 2) + 1)
     samples = min(wanted, segment.samples - 1 + segment.samples % 2)

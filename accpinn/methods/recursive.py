@@ -26,7 +26,6 @@ Source: Wang, Gunter, Nice, Delle Monache and Work, IEEE Transactions on Intelli
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.signal import lfilter
 
 from accpinn.methods.fit import BoundActiveAtTimes, Fit, MethodFinding, Outcome, WeaklyDetermined
 from accpinn.methods.method import direct
@@ -89,6 +88,8 @@ class _Sums:
 
 
 def _accumulate(segment: Segment, case: Case, memory: Seconds) -> _Sums:
+    from scipy.signal import lfilter  # takes a second to import, which few need
+
     step = segment.sample_time
     terms = regressors(segment.speeds, segment.gaps)
     rows = (terms[:, 1:] + terms[:, :-1]) / 2

@@ -15,7 +15,6 @@ from pathlib import Path
 import msgspec
 import numpy as np
 from scipy.interpolate import CubicSpline
-from scipy.signal import lfilter
 
 from accpinn.channels import DRIVER, GAP, METADATA, SPEED, TIME
 from accpinn.errors import RecordingError
@@ -265,6 +264,8 @@ def record(true: Trajectories, noise: Noise | None, seed: int) -> Trajectories:
 
 def _drift(noise: Noise, shape: tuple[int, ...], rng: np.random.Generator) -> FloatArray:
     """A stationary first-order Gauss-Markov process for each column."""
+    from scipy.signal import lfilter  # takes a second to import, which few need
+
     kept = np.exp(-REPORT_TIME / noise.drift_time)
     steps = rng.standard_normal(shape)
     steps[1:] *= np.sqrt(1 - kept**2)

@@ -39,7 +39,7 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.optimize import brentq
-from scipy.stats import chi2, t
+from scipy.special import chdtrc, chdtri, stdtrit
 
 from accpinn.channels import PARAMETERS
 from accpinn.errors import ConfigError, Finding, SegmentError
@@ -101,7 +101,7 @@ class RandomEffects:
         """The interval of the parameter in a further window, in its unit; nan for K < 3."""
         if self.windows < 3:
             return float("nan"), float("nan")
-        reach = t.ppf((1 + self.level) / 2, self.windows - 2)
+        reach = stdtrit(self.windows - 2, (1 + self.level) / 2)
         reach *= np.hypot(self.deviation, self.error)
         return float(np.exp(self.mean - reach)), float(np.exp(self.mean + reach))
 
@@ -279,11 +279,11 @@ def random_effects(estimates: ArrayLike, errors: ArrayLike, level: float = LEVEL
         mean=float(weights @ x / weights.sum()),
         error=float(weights.sum() ** -0.5),
         deviation=found,
-        lower=deviation(chi2.ppf(1.0 - tail, freedom)),
-        upper=deviation(chi2.ppf(tail, freedom)),
+        lower=deviation(float(chdtri(freedom, tail))),
+        upper=deviation(float(chdtri(freedom, 1.0 - tail))),
         level=level,
         q=q,
-        probability=float(chi2.sf(q, freedom)),
+        probability=float(chdtrc(freedom, q)),
         i_squared=max(0.0, 1.0 - freedom / q) if q > 0 else 0.0,
     )
 
