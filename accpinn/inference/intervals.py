@@ -5,6 +5,9 @@ disturbances that last and to which the vehicle itself responds. They depend on 
 so one set of them serves every method: an estimate is judged by whether it lies inside. Least
 squares, splines and the PiNN's presets `fast` and `paper` minimise the residual of the model and
 are biased by disturbances, so their estimates may lie outside; a finding then says so.
+
+Draws are above zero, as the prior is one of logarithms. Where the likelihood is largest at zero,
+that is no reason to exclude it, and the interval begins there.
 """
 
 import time
@@ -18,10 +21,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from accpinn.channels import PARAMETERS
-from accpinn.errors import ConfigError, Finding, SegmentError
+from accpinn.errors import ConfigError, Finding
 from accpinn.inference.posterior import sample
 from accpinn.methods.fit import Fit, Outcome
-from accpinn.methods.maximum_likelihood import joint_maxima, moving, series_of
+from accpinn.methods.maximum_likelihood import (
+    joint_maxima,
+    measured_followers,
+    moving,
+    series_of,
+)
 from accpinn.model.cthp import Case, Parameters
 from accpinn.segment.segment import Segment
 from accpinn.stability.criteria import exact_margin, l2_margin, step_metrics
@@ -182,6 +190,7 @@ def _shared(segments: tuple[Segment, ...], case: Case, level: float, draws: int)
     known = ~np.isnan(theta[0, :, 0])
     sampled = Parameters.from_theta(theta)
     lower, upper = _ends(sampled.values, level)
+    lower = np.where(centre.values == 0.0, 0.0, lower)
     return Uncertainty(
         method=METHOD,
         level=level,
@@ -202,19 +211,15 @@ def _shared(segments: tuple[Segment, ...], case: Case, level: float, draws: int)
 
 def _sample(segments: tuple[Segment, ...], case: Case, count: int) -> tuple[Parameters, FloatArray]:
     """The estimate (M,), and draws of θ (count, M, 3); equal followers in Case I."""
-    followers = segments[0].followers
-    try:
-        series, maxima = series_of(segments, case), joint_maxima(segments, case)
-    except SegmentError:  # too short
-        unknown = np.full((followers, 3), np.nan)
-        return Parameters.of(unknown), np.tile(unknown, (count, 1, 1))
-    posteriors = sample(series, maxima)
-    theta = np.stack([one.evenly(count) for one in posteriors], axis=1)
-    centre = np.array([one.theta for one in maxima])
-    times = followers if case == "I" else 1
-    centre, theta = np.tile(centre, (times, 1)), np.tile(theta, (1, times, 1))
-    still = ~np.any([moving(segment, case) for segment in segments], axis=0)
-    centre[still], theta[:, still] = np.nan, np.nan
+    moves = np.any([moving(segment, case) for segment in segments], axis=0)
+    known = tuple(k for k in measured_followers(segments, case) if moves[k])
+    centre = np.full((segments[0].followers, 3), np.nan)
+    theta = np.full((count, *centre.shape), np.nan)
+    if known:
+        maxima = joint_maxima(segments, case, followers=known)
+        posteriors = sample(series_of(segments, case, known), maxima)
+        centre[list(known)] = [one.theta for one in maxima]
+        theta[:, list(known)] = np.stack([one.evenly(count) for one in posteriors], axis=1)
     return Parameters.from_theta(centre), theta
 
 

@@ -96,7 +96,9 @@ class Series:
         return Series(kept, self.group, self.step)
 
 
-def series_of(segments: Sequence[Segment], case: Case) -> Series:
+def series_of(
+    segments: Sequence[Segment], case: Case, followers: Sequence[int] | None = None
+) -> Series:
     """The series of each follower; one group a follower (Case II), or one for all (Case I).
 
     Where the model's equation does not count (the segment's mask), a series ends, and another one
@@ -106,29 +108,56 @@ def series_of(segments: Sequence[Segment], case: Case) -> Series:
         segments: of the same vehicles and with the same step; several are taken as further windows
             of these vehicles.
         case: "I" or "II".
+        followers: which ones in Case II, 0 for the first; by default all.
+
+    Raises:
+        SegmentError: when too little of a follower is measured.
     """
-    parts, group = [], []
-    for segment in segments:
-        measured, mask = measured_of(segment), segment.mask
-        for k in range(segment.followers):
-            rows = np.ones(len(measured), bool) if mask is None else mask[:: stride_of(segment), k]
-            for stretch in stretches(rows):
-                if _complete(measured[stretch.rows, :, k]) >= SHORTEST_STRETCH:
-                    parts.append(measured[stretch.rows, :, k])
-                    group.append(0 if case == "I" else k)
-    groups = 1 if case == "I" else segments[0].followers
-    if set(group) != set(range(groups)) or max(map(_complete, parts)) < LEAST_SAMPLES:
-        first = segments[0]
-        raise SegmentError(
-            f"{first.source}: what is left of {first.window} is too short for the likelihood; take"
-            f" a window in which at least {LEAST_SAMPLES * SPACING:g} s count and are measured."
-        )
-    longest = max(map(len, parts))
-    measured = np.full((longest, 3, len(parts)), np.nan)
-    for k, part in enumerate(parts):
+    chosen = range(segments[0].followers) if followers is None or case == "I" else followers
+    parts = [_measured_parts(segments, k) for k in chosen]
+    counts = [sum(map(_complete, one)) for one in parts]
+    if lacking := [k for k, count in zip(chosen, counts, strict=True) if count < LEAST_SAMPLES]:
+        if case == "II" or sum(counts) < LEAST_SAMPLES:
+            raise SegmentError(_too_little(segments[0], lacking))
+    group = [0 if case == "I" else at for at, one in enumerate(parts) for _ in one]
+    every = [part for one in parts for part in one]
+    measured = np.full((max(map(len, every)), 3, len(every)), np.nan)
+    for k, part in enumerate(every):
         measured[: len(part), :, k] = part
     step = stride_of(segments[0]) * segments[0].sample_time
     return Series(measured, tuple(group), step)
+
+
+def measured_followers(segments: Sequence[Segment], case: Case) -> tuple[int, ...]:
+    """The followers of whom enough is measured for the likelihood; in Case I all or none."""
+    counts = [
+        sum(map(_complete, _measured_parts(segments, k))) for k in range(segments[0].followers)
+    ]
+    if case == "I":
+        return tuple(range(len(counts))) if sum(counts) >= LEAST_SAMPLES else ()
+    return tuple(k for k, count in enumerate(counts) if count >= LEAST_SAMPLES)
+
+
+def _measured_parts(segments: Sequence[Segment], follower: int) -> list[FloatArray]:
+    """What counts of a follower in one piece each, (N, 3); pieces that say next to nothing go."""
+    parts = []
+    for segment in segments:
+        measured, mask = measured_of(segment)[:, :, follower], segment.mask
+        stride = stride_of(segment)
+        rows = np.ones(len(measured), bool) if mask is None else mask[::stride, follower]
+        pieces = [measured[stretch.rows] for stretch in stretches(rows)]
+        parts += [piece for piece in pieces if _complete(piece) >= SHORTEST_STRETCH]
+    return parts
+
+
+def _too_little(segment: Segment, lacking: Sequence[int]) -> str:
+    """Which followers are hardly measured, and the cure."""
+    least = f"take a window in which at least {LEAST_SAMPLES * SPACING:g} s count and are measured"
+    where = f"{segment.source}: what is left of {segment.window}"
+    if len(lacking) == segment.followers:
+        return f"{where} is too short for the likelihood; {least}."
+    who = " and ".join(segment.labels[k + 1] for k in lacking)
+    return f"{where} is too short for the likelihood of {who}; choose other vehicles, or {least}."
 
 
 def _complete(measured: FloatArray) -> int:
@@ -383,16 +412,34 @@ def maxima_of(segment: Segment, case: Case, form: Form = "cthp") -> tuple[Maximu
     return joint_maxima((segment,), case, form)
 
 
-@lru_cache(maxsize=16)
 def joint_maxima(
-    segments: tuple[Segment, ...], case: Case, form: Form = "cthp"
+    segments: tuple[Segment, ...],
+    case: Case,
+    form: Form = "cthp",
+    followers: tuple[int, ...] | None = None,
 ) -> tuple[Maximum, ...]:
-    """The same for several segments of the same vehicles, under one likelihood."""
-    series = series_of(segments, case)
+    """The same for several segments of the same vehicles, under one likelihood.
+
+    Args:
+        segments: as for `series_of`; so is ``followers``.
+        case: "I" or "II".
+        form: of the model.
+        followers: by default all.
+    """
+    if followers is None or case == "I":
+        followers = tuple(range(segments[0].followers))
+    return _joint_maxima(segments, case, form, followers)
+
+
+@lru_cache(maxsize=16)
+def _joint_maxima(
+    segments: tuple[Segment, ...], case: Case, form: Form, followers: tuple[int, ...]
+) -> tuple[Maximum, ...]:
+    series = series_of(segments, case, followers)
     if form == "cthp":
         return maximise(series)
     start = coordinates(form)[-1].centre
-    known = [one.coordinates for one in joint_maxima(segments, case)]
+    known = [one.coordinates for one in _joint_maxima(segments, case, "cthp", followers)]
     return maximise(series, form, near=[np.append(z, start) for z in known])
 
 
