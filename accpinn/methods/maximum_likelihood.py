@@ -35,6 +35,7 @@ from accpinn.methods.kalman import SmoothedStates, innovations, log_likelihood, 
 from accpinn.methods.method import direct
 from accpinn.methods.regression import Solution
 from accpinn.methods.state_space import (
+    COMMON,
     Coordinate,
     Form,
     StateSpace,
@@ -60,14 +61,17 @@ CLOSE = 1e-5
 LEAST_SAMPLES = 40
 LEAST_MOTION: MetresPerSecond = 0.05
 """Deviation of a speed below which it may be noise alone, and no parameter is determined."""
+MEMORY = [one.name for one in COMMON].index("memory")
 Groups = NDArray[np.int64]
 SHORTEST_STRETCH = 10
 """Samples; what is left between masked instants and is shorter says next to nothing."""
 LARGEST_BATCH = 3_000_000
 """Samples times models filtered at once, which bounds the memory."""
-STARTS = (0.0, -1.5, 1.0)
-"""ln of the factor on α and ατ that each search starts with: near the middle of published
-parameters, far below it, where weak controllers lie, and above it."""
+STARTS = ((0.0, 0.0), (-1.5, 1.4), (1.0, 0.0))
+"""ln of two factors that each search starts with: on α and ατ, and on the disturbance's memory.
+
+Near the middle of published parameters; far below it, where weak controllers lie that are disturbed
+for long; and above it. A disturbance that lasts has a maximum of its own in some recordings."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -315,7 +319,9 @@ def maximise(
     criterion, groups = Criterion(series, form), np.arange(series.groups)
     if near is None:
         z = np.tile(criterion.start, (len(STARTS) * series.groups, 1))
-        z[:, :2] += np.repeat(STARTS, series.groups)[:, None]
+        gain, memory = np.repeat(STARTS, series.groups, axis=0).T
+        z[:, :2] += gain[:, None]
+        z[:, MEMORY] += memory
         groups = np.tile(groups, len(STARTS))
     else:
         z = np.array(near)
