@@ -180,7 +180,7 @@ def gain_band(uncertainty: Uncertainty, follower: int, omega: FloatArray) -> Int
     draws = uncertainty.draws[:, follower]
     if np.isnan(draws.alpha).any():
         return Interval(*np.full((2, len(omega)), np.nan))
-    return Interval(*_ends(np.abs(response(draws, omega)), uncertainty.level))
+    return Interval(*interval_ends(np.abs(response(draws, omega)), uncertainty.level))
 
 
 @lru_cache(maxsize=4)
@@ -189,7 +189,7 @@ def _shared(segments: tuple[Segment, ...], case: Case, level: float, draws: int)
     centre, theta = _sample(segments, case, draws)
     known = ~np.isnan(theta[0, :, 0])
     sampled = Parameters.from_theta(theta)
-    lower, upper = _ends(sampled.values, level)
+    lower, upper = interval_ends(sampled.values, level)
     lower = np.where(centre.values == 0.0, 0.0, lower)
     return Uncertainty(
         method=METHOD,
@@ -201,9 +201,9 @@ def _shared(segments: tuple[Segment, ...], case: Case, level: float, draws: int)
         draws=sampled,
         probability_l2=_where(known, (l2_margin(sampled) >= 0).mean(axis=0)),
         probability_linf=_where(known, (exact_margin(sampled) >= 0).mean(axis=0)),
-        peak_gain=Interval(*_ends(peaks(sampled).gain, level)),
-        linf_gain=Interval(*_ends(step_metrics(sampled).gain, level)),
-        crossover=Interval(*_ends(np.nan_to_num(crossovers(sampled)), level)),
+        peak_gain=Interval(*interval_ends(peaks(sampled).gain, level)),
+        linf_gain=Interval(*interval_ends(step_metrics(sampled).gain, level)),
+        crossover=Interval(*interval_ends(np.nan_to_num(crossovers(sampled)), level)),
         seconds=0.0,
         findings=(),
     )
@@ -223,7 +223,7 @@ def _sample(segments: tuple[Segment, ...], case: Case, count: int) -> tuple[Para
     return Parameters.from_theta(centre), theta
 
 
-def _ends(values: FloatArray, level: float) -> tuple[FloatArray, FloatArray]:
+def interval_ends(values: FloatArray, level: float) -> tuple[FloatArray, FloatArray]:
     """Lower and upper quantiles over the first axis; nan where a value is."""
     tail = (1.0 - level) / 2.0
     lower, upper = np.quantile(values, (tail, 1.0 - tail), axis=0)

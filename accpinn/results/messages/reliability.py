@@ -10,6 +10,7 @@ from accpinn.inference import intervals, multistart
 from accpinn.inference.identifiability import WIDE, WeakIdentification
 from accpinn.inference.intervals import Cause, ParameterInterval
 from accpinn.inference.model_adequacy import AdequacyFinding, BetterForm, Inadequate
+from accpinn.methods.state_space import Form
 from accpinn.results.messages import Labelled, joined, message
 from accpinn.study.windows import WindowsDiffer
 
@@ -84,10 +85,13 @@ def _wide(one: ParameterInterval) -> str:
 def _(finding: AdequacyFinding, about: Labelled) -> str:
     match finding:
         case BetterForm():
+            alpha, beta, tau = map(_likeliest, finding.intervals)
             return (
-                f"{_who(finding.vehicle, about)}: the data support {_extra(finding)} (AIC"
-                f" {finding.aic:+.0f}, log density of held-out time {finding.holdout:+.1f});"
-                f" α, β, τ are then {finding.alpha:.4f}, {finding.beta:.4f}, {finding.tau:.3f}."
+                f"{_who(finding.vehicle, about)}: a model with {EXTRA[finding.form]} describes the"
+                f" data better than the CTHP (AIC {finding.aic:+.0f}, log density of held-out time"
+                f" {finding.holdout:+.1f}). With {_extra(finding)}, α is {alpha}, β {beta} and"
+                f" τ {tau};"
+                f" {100 * finding.level:.0f} % intervals in brackets."
             )
         case Inadequate():
             faults = {
@@ -103,14 +107,27 @@ def _(finding: AdequacyFinding, about: Labelled) -> str:
             )
 
 
+def _likeliest(one: ParameterInterval) -> str:
+    """An estimate and its interval."""
+    text, value = QUANTITIES[one.symbol].text, one.likeliest
+    upper = "no limit" if one.upper is None else text(one.upper)
+    ends = f"({text(one.lower)} to {upper})"
+    return f"undetermined {ends}" if value is None else f"{text(value)} {ends}"
+
+
+EXTRA: dict[Form, str] = {
+    "offset": "a distance at standstill (or a slope)",
+    "lag": "an actuator lag",
+    "delay": "a delay",
+}
+"""What a form of the model adds."""
+
+
 def _extra(finding: BetterForm) -> str:
-    match finding.form:
-        case "offset":
-            return f"a distance of {finding.extra:.1f} m at standstill, or a slope,"
-        case "lag":
-            return f"an actuator lag of {finding.extra:.2f} s"
-        case _:
-            return f"a delay of {finding.extra:.2f} s"
+    digits, unit = (1, "m") if finding.form == "offset" else (2, "s")
+    ends = f"{finding.extra_lower:.{digits}f} to {finding.extra_upper:.{digits}f}"
+    what = "a distance" if finding.form == "offset" else EXTRA[finding.form]
+    return f"{what} of {finding.extra:.{digits}f} {unit} ({ends})"
 
 
 @message.register
