@@ -25,6 +25,7 @@ from accpinn.errors import ConfigError, Finding
 from accpinn.inference.posterior import sample
 from accpinn.methods.fit import Fit, Outcome
 from accpinn.methods.maximum_likelihood import (
+    KEY,
     joint_maxima,
     measured_followers,
     moving,
@@ -43,13 +44,15 @@ DRAWS = 2000
 SLACK = 0.04
 """Of an interval's width: its ends are drawn, and move by up to as much from seed to seed."""
 
-Cause = Literal["disturbances", "unfinished", "stopped", "diverged"]
+Cause = Literal["disturbances", "apart", "unfinished", "stopped", "diverged"]
 CAUSES: dict[Outcome, Cause] = {
     Outcome.STOPPED: "stopped",
     Outcome.DIVERGED: "diverged",
     Outcome.FINISHED: "unfinished",
 }
 """Why an estimate may lie outside its interval, where it is not a converged one."""
+UNBIASED = "calibrated"
+"""The PiNN's preset that disturbances do not bias, either."""
 
 
 class ParameterInterval(msgspec.Struct, frozen=True):
@@ -242,9 +245,14 @@ def _findings(segment: Segment, fit: Fit, judged: Uncertainty) -> list[Uncertain
         rows = parameter_intervals(judged, k, fit.parameters)
         outside = [row for row, yes in zip(rows, judged.inside[k], strict=True) if not yes]
         if outside:
-            cause = CAUSES.get(fit.outcome, "disturbances")
-            found.append(OutsideInterval(vehicle, tuple(outside), cause))
+            found.append(OutsideInterval(vehicle, tuple(outside), _cause(fit)))
     return found
+
+
+def _cause(fit: Fit) -> Cause:
+    """Why an estimate may lie outside; one without bias does where the likelihood is odd."""
+    unbiased = fit.method == KEY or fit.config.get("preset") == UNBIASED
+    return "apart" if unbiased else CAUSES.get(fit.outcome, "disturbances")
 
 
 def parameter_intervals(

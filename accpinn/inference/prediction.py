@@ -26,6 +26,7 @@ from accpinn.errors import Finding
 from accpinn.evaluation.closed_loop import simulable
 from accpinn.inference.intervals import Uncertainty, interval_ends
 from accpinn.methods.maximum_likelihood import (
+    DISTURBANCE,
     joint_maxima,
     measured_followers,
     moving,
@@ -40,8 +41,6 @@ SIMULATIONS = 200
 SEED = 0
 OWN = 4
 """States of a follower: p, v, r, w."""
-DISTURBANCE = slice(3, 6)
-"""s, T and T₂ among the unknowns of the likelihood."""
 ROUNDING = 1e-9
 CHUNK = 256
 """Steps whose noise is drawn at once."""

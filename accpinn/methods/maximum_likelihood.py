@@ -29,7 +29,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicHermiteSpline
 
-from accpinn.errors import SegmentError
+from accpinn.errors import Finding, SegmentError
 from accpinn.methods.fit import Fit, Outcome, WeaklyDetermined
 from accpinn.methods.kalman import SmoothedStates, innovations, log_likelihood, smooth
 from accpinn.methods.method import direct
@@ -61,6 +61,8 @@ CLOSE = 1e-5
 LEAST_SAMPLES = 40
 LEAST_MOTION: MetresPerSecond = 0.05
 """Deviation of a speed below which it may be noise alone, and no parameter is determined."""
+DISTURBANCE = slice(3, 6)
+"""s, T and T₂ among the unknowns."""
 MEMORY = [one.name for one in COMMON].index("memory")
 Groups = NDArray[np.int64]
 SHORTEST_STRETCH = 10
@@ -72,6 +74,19 @@ STARTS = ((0.0, 0.0), (-1.5, 1.4), (1.0, 0.0))
 
 Near the middle of published parameters; far below it, where weak controllers lie that are disturbed
 for long; and above it. A disturbance that lasts has a maximum of its own in some recordings."""
+
+
+class DisturbanceSize(Finding, frozen=True):
+    """What disturbs a follower: the stationary process that the likelihood finds."""
+
+    vehicle: int
+    """0 for all followers together."""
+    deviation: float
+    """s in m/s²."""
+    memory: Seconds
+    """T."""
+    rise: Seconds
+    """T₂."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -505,6 +520,20 @@ def fit_at(segment: Segment, case: Case, maxima: tuple[Maximum, ...]) -> Fit:
             "unknowns": np.array([one.values for one in of]),
         },
     )
+
+
+def disturbance_sizes(vehicles: Sequence[int], fit: Fit) -> tuple[DisturbanceSize, ...]:
+    """One finding a follower, or in Case I one for all; none of another method's fit.
+
+    Args:
+        vehicles: (M+1,) numbers in the file, leader first.
+        fit: of any method.
+    """
+    if fit.method != KEY or "unknowns" not in fit.arrays:
+        return ()
+    numbers = (0,) if fit.case == "I" else vehicles[1:]
+    rows = fit.arrays["unknowns"][:, DISTURBANCE].tolist()
+    return tuple(DisturbanceSize(number, *row) for number, row in zip(numbers, rows, strict=False))
 
 
 def _at_instants(
