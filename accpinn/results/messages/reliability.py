@@ -139,8 +139,8 @@ def conditional(adequacy: Adequacy | None, about: Labelled) -> str:
     """
     if adequacy is None or not adequacy.forms:
         return (
-            "Estimates and intervals are those of the CTHP. They hold if it does; under a model with"
-            " a distance at standstill, a lag or a delay they would differ."
+            "Estimates and intervals are those of the CTHP. They hold if it does; under a model"
+            " with a distance at standstill, a lag or a delay they would differ."
         )
     if not adequacy.better:
         return (
@@ -149,8 +149,9 @@ def conditional(adequacy: Adequacy | None, about: Labelled) -> str:
         )
     who = joined([_who(one.vehicle, about) for one in adequacy.better])
     return (
-        f"Estimates and intervals are those of the CTHP. For {who[0].lower() + who[1:]} a model with"
-        " one term more describes the data better; its intervals are beside those of the CTHP here."
+        f"Estimates and intervals are those of the CTHP. For {who[0].lower() + who[1:]} a model"
+        " with one term more describes the data better; its intervals stand beside those of the"
+        " CTHP here."
     )
 
 
@@ -252,6 +253,13 @@ def _(finding: WindowsDiffer, about: Labelled) -> str:
         f" {finding.windows} windows by more than sampling error explains, so the intervals of the"
         " joint estimate are too narrow; where a further window matters, use the interval for one."
     )
+
+
+BAND = (
+    "Band: the space-gaps that the model predicts from the leader's speed alone, with parameters"
+    " drawn from the posterior and disturbances of the size found."
+)
+"""What a predictive band is."""
 
 
 @message.register
