@@ -90,8 +90,10 @@ def show_result(workspace: Workspace) -> None:
     _show_limits(workspace, segment.info, "train")
     solved, truth = least_squares.fit(segment, fit.case).parameters, workspace.true_parameters
     estimates = {"PiNN": fit.parameters, "Least squares": solved}
+    if uncertainty := workspace.uncertainty():
+        estimates["Maximum likelihood"] = uncertainty.centre
     estimates |= {"Truth": truth} if truth else {}
-    st.subheader("Comparison with least squares", anchor=False)
+    st.subheader("Comparison with least squares and maximum likelihood", anchor=False)
     show.table(tables.comparison_table(segment.info, estimates), show.vehicle_colours(segment)[1:])
     st.subheader("Network against data", anchor=False)
     follower = pick_follower(segment, "train_follower")
@@ -147,10 +149,11 @@ def _show_limits(workspace: Workspace, info: SegmentInfo, page: str) -> None:
         show.messages(messages((*wide, *cure), info), "warning")
     adequacy = workspace.known_adequacy
     if adequacy is None and workspace.segment:
-        if st.button("Compare with other forms of the model", key=f"{page}_forms",
-                     icon=":material/rule:"):  # fmt: skip
+        label = "Compare with other forms of the model"
+        if st.button(label, key=f"{page}_forms", icon=":material/rule:"):
             with st.spinner("This takes some seconds."):
-                adequacy = workspace.compare_forms()
+                workspace.compare_forms()
+            st.rerun()
     st.caption(conditional(adequacy, info))
     show_better_forms(info, uncertainty, adequacy)
 

@@ -224,21 +224,19 @@ def form_intervals_table(
         k = info.vehicles.index(one.vehicle) - 1 if one.vehicle else 0
         names += 2 * [info.label(one.vehicle) if one.vehicle else "All followers together"]
         forms += [FORMS["cthp"], FORMS[one.form]]
-        for own in (parameter_intervals(uncertainty, k), one.intervals):
-            intervals.append([Range(end.lower, _end(end.upper)) for end in own])
+        for each in (parameter_intervals(uncertainty, k), one.intervals):
+            intervals.append([Range(end.lower, _end(end.upper)) for end in each])
     percent = f"{100 * uncertainty.level:.0f} % interval"
     filled: list[Filled] = [(Column("Follower"), names), (Column("Form of the model"), forms)]
     for column, ranges in zip(PARAMETER_COLUMNS, zip(*intervals, strict=True), strict=True):
         filled.append((replace(column, group=percent), ranges))
     for form, column in EXTRA_COLUMNS.items():
         if any(one.form == form for one in better):
-            ends = [Range(one.extra_lower, one.extra_upper) for one in better]
-            shown = (
-                cell
-                for one, pair in zip(better, ends, strict=True)
-                for cell in (None, pair if one.form == form else None)
-            )
-            filled.append((replace(column, group=percent), shown))
+            ends: list[Cell] = []
+            for one in better:
+                own = Range(one.extra_lower, one.extra_upper) if one.form == form else None
+                ends += [None, own]
+            filled.append((replace(column, group=percent), ends))
     return Table.of(f"Intervals by form of the model, {where(info)}", filled)
 
 
