@@ -41,6 +41,7 @@ from accpinn.inference.intervals import Uncertainty
 from accpinn.inference.model_adequacy import Adequacy, model_forms
 from accpinn.inference.multistart import MultistartResult, multistart, summarise
 from accpinn.methods.fit import Fit, OnProgress, Outcome, Progress
+from accpinn.methods.maximum_likelihood import disturbance_sizes
 from accpinn.methods.pinn.config import PRESETS, STARTS, PinnConfig, preset
 from accpinn.methods.registry import METHODS
 from accpinn.methods.state_space import Form
@@ -237,7 +238,8 @@ def _incidents(segment: Segment, fit: Fit) -> tuple[str, ...]:
 
 
 def _notes(segment: Segment, fit: Fit, quality: Quality) -> tuple[str, ...]:
-    return messages((*segment.findings, *quality.findings, *fit.findings), segment)
+    sizes = disturbance_sizes(segment.vehicles, fit)
+    return messages((*segment.findings, *quality.findings, *fit.findings, *sizes), segment)
 
 
 def add_compare_options(parser: argparse.ArgumentParser) -> None:
