@@ -89,17 +89,21 @@ def gap_band(segment: Segment, uncertainty: Uncertainty, case: Case) -> GapBand 
         None where no follower has draws, or at no instant all vehicles are measured. A follower
         without draws has no band, nor has one behind it.
     """
-    followers = _determined(uncertainty)
-    pieces = simulable(segment)
+    sizes, pieces = _disturbances(segment, case), simulable(segment)
+    known = np.isfinite(uncertainty.draws.values).all(axis=(0, 2)) & np.isfinite(sizes).all(axis=1)
+    followers = int(np.logical_and.accumulate(known).sum())
     if not followers or not pieces:
         return None
     stride = stride_of(segment)
     step, rows = stride * segment.sample_time, np.arange(0, segment.samples, stride)
-    steps = _Steps.of(uncertainty, _disturbances(segment, case)[:followers], step)
+    steps = _Steps.of(uncertainty, sizes[:followers], step)
     gaps = np.full((SIMULATIONS, len(rows), segment.followers), np.nan)
+    complete = np.isfinite(segment.measured_gaps[rows]).all(axis=1)
+    complete &= np.isfinite(segment.measured_speeds[rows]).all(axis=1)
     rng = np.random.default_rng(SEED)
     for piece in pieces:
         kept = np.flatnonzero((rows >= piece.first) & (rows <= piece.last))
+        kept = kept[np.logical_or.accumulate(complete[kept])]  # from where all are measured
         if len(kept) > 1:
             at = rows[kept]
             start = segment.gaps[at[0], :followers], segment.speeds[at[0], 1 : followers + 1]
@@ -118,20 +122,14 @@ def gap_band(segment: Segment, uncertainty: Uncertainty, case: Case) -> GapBand 
     return GapBand(segment.time[rows], lower, upper, uncertainty.level, findings)
 
 
-def _determined(uncertainty: Uncertainty) -> int:
-    """How many followers, from the first on, have draws without a hole between them."""
-    known = np.isfinite(uncertainty.draws.values).all(axis=(0, 2))
-    return int(np.logical_and.accumulate(known).sum())
-
-
 def _disturbances(segment: Segment, case: Case) -> FloatArray:
     """(M, 3) s, T and T₂ of each follower; nan for those without."""
     moves = moving(segment, case)
     known = tuple(k for k in measured_followers((segment,), case) if moves[k])
     found = np.full((segment.followers, 3), np.nan)
-    found[list(known)] = [
-        one.values[DISTURBANCE] for one in joint_maxima((segment,), case, followers=known)
-    ]
+    if known:
+        maxima = joint_maxima((segment,), case, followers=known)
+        found[list(known)] = [one.values[DISTURBANCE] for one in maxima]
     return found
 
 

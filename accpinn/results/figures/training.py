@@ -229,7 +229,7 @@ def _bands(predicted: GapBand, follower: int, start: Seconds) -> Iterator[go.Sca
     for at, stretch in enumerate(stretches(np.isfinite(lower))):
         rows = np.arange(stretch.first, stretch.last + 1)[:: 1 + len(lower) // BAND_POINTS]
         name = f"{100 * predicted.level:.0f} % band"
-        area = band(start + predicted.time[rows], lower[rows], upper[rows], MODEL, 0.13, name)
+        area = band(start + predicted.time[rows], lower[rows], upper[rows], MODEL, 0.2, name)
         yield area.update(showlegend=at == 0, legendgroup=name)
 
 
