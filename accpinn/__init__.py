@@ -24,6 +24,7 @@ The public interface, in the order data flows:
     simulate_platoon                  a platoon behind a leader, exact at every sample
     Sinusoid, SpeedStep, Brake        leaders
     intervals, Uncertainty            of the parameters and of what follows from them
+    gap_band                          bands of the space-gaps that the posterior predicts
     profiles, model_forms, multistart identifiability, model adequacy, other initial values
     compare                           several methods on one segment
     fit_windows, JointFit             one parameter set over several windows, and their differences
@@ -53,6 +54,7 @@ if TYPE_CHECKING:
     from accpinn.inference.intervals import intervals as intervals
     from accpinn.inference.model_adequacy import model_forms as model_forms
     from accpinn.inference.multistart import multistart as multistart
+    from accpinn.inference.prediction import gap_band as gap_band
     from accpinn.methods.fit import Fit as Fit
     from accpinn.methods.method import Method as Method
     from accpinn.methods.pinn.config import PinnConfig as PinnConfig
@@ -98,6 +100,7 @@ _HOMES = {
     "inference.intervals": "Uncertainty intervals",
     "inference.model_adequacy": "model_forms",
     "inference.multistart": "multistart",
+    "inference.prediction": "gap_band",
     "methods.fit": "Fit",
     "methods.method": "Method",
     "methods.pinn.config": "PinnConfig preset",

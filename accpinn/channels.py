@@ -66,6 +66,9 @@ MAGNITUDE = Quantity("Bode magnitude", "|H(jω)|", "dB", 2, -60.0, 60.0)
 LINF_GAIN = Quantity("L∞ gain", "‖h‖₁", "", 3, 1.0, 10.0)
 """Never below 1: the impulse response of a vehicle has area 1 where α > 0."""
 
+DISTURBANCE = Quantity("Disturbance", "r", "m/s²", 2, -5.0, 5.0)
+"""What moves a vehicle beside the model's equation."""
+
 METADATA = ("Date", "Vehicle_order", "Number_of_vehicles", "ACC", "Distance_setting")
 """First cells of the rows above the column names."""
 

@@ -36,13 +36,15 @@ from accpinn.evaluation.closed_loop import (
     closed_loop_findings,
     surrogate_errors,
 )
-from accpinn.inference.identifiability import identifiability_warnings
+from accpinn.inference.identifiability import identifiability_warnings, narrower_intervals
 from accpinn.inference.intervals import Uncertainty
-from accpinn.inference.model_adequacy import model_forms
+from accpinn.inference.model_adequacy import Adequacy, model_forms
 from accpinn.inference.multistart import MultistartResult, multistart, summarise
 from accpinn.methods.fit import Fit, OnProgress, Outcome, Progress
+from accpinn.methods.maximum_likelihood import disturbance_sizes
 from accpinn.methods.pinn.config import PRESETS, STARTS, PinnConfig, preset
 from accpinn.methods.registry import METHODS
+from accpinn.methods.state_space import Form
 from accpinn.model.cthp import Parameters
 from accpinn.model.published import ParameterSet
 from accpinn.results.messages import messages
@@ -50,6 +52,7 @@ from accpinn.results.messages.methods import outcome_message
 from accpinn.results.snapshot import check_texts, create
 from accpinn.results.snapshot.saved import save, writable_path
 from accpinn.results.tables.estimates import (
+    form_intervals_table,
     intervals_table,
     methods_table,
     model_form_table,
@@ -67,6 +70,7 @@ from accpinn.study.comparison import (
     parse_methods,
     results_among,
 )
+from accpinn.units import Seconds
 
 _SETTINGS = ("preset", "initial", "iterations", "lbfgs", "seed", "threads")
 """Options that only a method with settings has."""
@@ -234,7 +238,8 @@ def _incidents(segment: Segment, fit: Fit) -> tuple[str, ...]:
 
 
 def _notes(segment: Segment, fit: Fit, quality: Quality) -> tuple[str, ...]:
-    return messages((*segment.findings, *quality.findings, *fit.findings), segment)
+    sizes = disturbance_sizes(segment.vehicles, fit)
+    return messages((*segment.findings, *quality.findings, *fit.findings, *sizes), segment)
 
 
 def add_compare_options(parser: argparse.ArgumentParser) -> None:
@@ -263,12 +268,18 @@ def run_compare(options: argparse.Namespace) -> int:
     results, failures = results_among(outcomes), failures_among(outcomes)
     if not results:
         raise failures[0].fault
-    show_result(options, _describe_comparison, _comparison_text, segment, results, failures)
+    duration = recording.duration
+    show_result(
+        options, _describe_comparison, _comparison_text, segment, results, failures, duration
+    )
     return 0
 
 
 def _describe_comparison(
-    segment: Segment, results: tuple[MethodResult, ...], failures: tuple[MethodFailure, ...]
+    segment: Segment,
+    results: tuple[MethodResult, ...],
+    failures: tuple[MethodFailure, ...],
+    duration: Seconds,
 ) -> dict[str, Any]:
     """The comparison as the command-line contract has it."""
     adequacy = model_forms(segment, results[0].fit.case)
@@ -276,7 +287,7 @@ def _describe_comparison(
         "segment": describe_segment(segment),
         "rows": [_describe_result(segment, result) for result in results],
         "refused": [{"method": one.method, "reason": str(one.fault)} for one in failures],
-        "warnings": _warnings(segment, results[0]),
+        "warnings": _warnings(segment, results[0], duration),
         "forms": [
             {
                 "form": form.form,
@@ -286,11 +297,22 @@ def _describe_comparison(
                 "extra": form.extra[k],
                 "aic": form.aic[k],
                 "holdout": form.holdout[k],
+                "intervals": _describe_better(adequacy, form.form, vehicle),
             }
             for form in adequacy.forms
             for k, vehicle in enumerate(segment.vehicles[1:])
         ],
     }
+
+
+def _describe_better(adequacy: Adequacy, form: Form, vehicle: int) -> dict[str, Any] | None:
+    """The intervals under a form, where it describes the vehicle better than the CTHP."""
+    for one in adequacy.better:
+        if one.form == form and one.vehicle in (0, vehicle):
+            ends = [[own.lower, own.upper] for own in one.intervals]
+            extra = {"extra": [one.extra_lower, one.extra_upper], "level": one.level}
+            return dict(zip(PARAMETER_NAMES, ends, strict=True)) | extra
+    return None
 
 
 def _describe_result(segment: Segment, result: MethodResult) -> dict[str, Any]:
@@ -338,7 +360,10 @@ def _describe_intervals(segment: Segment, uncertainty: Uncertainty) -> list[dict
 
 
 def _comparison_text(
-    segment: Segment, results: tuple[MethodResult, ...], failures: tuple[MethodFailure, ...]
+    segment: Segment,
+    results: tuple[MethodResult, ...],
+    failures: tuple[MethodFailure, ...],
+    duration: Seconds,
 ) -> str:
     info, uncertainty = segment.info, results[0].uncertainty
     followers = ParameterSet(info.source, info.labels[1:], results[0].fit.parameters)
@@ -349,10 +374,12 @@ def _comparison_text(
         stability_interval_table(followers, uncertainty),
         *(model_form_table(info, adequacy.forms, k) for k in each if adequacy.forms),
     ]
+    if adequacy.better:
+        tables.append(form_intervals_table(info, uncertainty, adequacy.better))
     said = [
         *(f"{one.method} has no result: {one.fault}" for one in failures),
         *messages(segment.findings, segment),
-        *_warnings(segment, results[0]),
+        *_warnings(segment, results[0], duration),
         *(
             f"{result.fit.method}: {sentence}"
             for result in results
@@ -364,10 +391,11 @@ def _comparison_text(
     return "\n\n".join([*(table.to_text() for table in tables), "\n".join(said)])
 
 
-def _warnings(segment: Segment, result: MethodResult) -> tuple[str, ...]:
-    """On identifiability; the same for all methods."""
+def _warnings(segment: Segment, result: MethodResult, duration: Seconds) -> tuple[str, ...]:
+    """On identifiability, and what would improve it; the same for all methods."""
     found = identifiability_warnings(segment, result.uncertainty, result.fit.case)
-    return messages(found, segment)
+    cure = narrower_intervals(segment.info, result.uncertainty, found, duration)
+    return messages((*found, *cure), segment)
 
 
 def add_starts_options(parser: argparse.ArgumentParser) -> None:

@@ -12,7 +12,7 @@ as true, so its minimum may be sharp and yet biased (see `methods.state_space`).
 Source: Raue et al., Bioinformatics 25 (2009) 1923-1929, for the use of profiles.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -30,12 +30,14 @@ from accpinn.segment.quality import (
     Quality,
     assess_quality,
 )
-from accpinn.segment.segment import Segment
-from accpinn.units import FloatArray, MetresPerSecond, frozen
+from accpinn.segment.segment import Segment, SegmentInfo
+from accpinn.units import FloatArray, MetresPerSecond, Seconds, frozen
 
 WIDE = 5.0
 """An interval whose upper end is more than so many times its lower one gives little more than the
 order of magnitude."""
+LONGER = 1.2
+"""A recording so many times as long as the window would narrow intervals by a tenth or more."""
 INCREASE = 0.01
 """Increase of S that a profile's ends belong to: 1 %, hardly visible in any plot."""
 POINTS = 61
@@ -62,6 +64,19 @@ class WeakIdentification(Finding, frozen=True):
         return self.leader_deviation is self.relative_deviation is self.condition is None
 
 
+class NarrowerIntervals(Finding, frozen=True):
+    """What would narrow the wide intervals of a segment."""
+
+    vehicles: tuple[int, ...]
+    """The followers that have some, those included of which nothing is determined."""
+    window: Seconds
+    """The window's duration."""
+    recording: Seconds | None
+    """The recording's, where it is known and longer."""
+    is_excited: bool
+    """Whether the vehicles move enough in the window, so that more of the same would do."""
+
+
 def identifiability_warnings(
     segment: Segment, uncertainty: Uncertainty, case: Case = "II"
 ) -> tuple[WeakIdentification, ...]:
@@ -72,21 +87,56 @@ def identifiability_warnings(
         uncertainty: of its parameters.
         case: "II"; in Case I all followers share one finding.
     """
-    quality = assess_quality(segment)
+    return weakly_identified(segment.info, assess_quality(segment), uncertainty, case)
+
+
+def weakly_identified(
+    info: SegmentInfo, quality: Quality, uncertainty: Uncertainty, case: Case = "II"
+) -> tuple[WeakIdentification, ...]:
+    """The same where the data are not at hand, but their quality is."""
     found = [
         _identification(uncertainty, quality, k, vehicle)
-        for k, vehicle in enumerate((0,) if case == "I" else segment.vehicles[1:])
+        for k, vehicle in enumerate((0,) if case == "I" else info.vehicles[1:])
     ]
     return tuple(one for one in found if one.wide or not one.is_excited)
 
 
+def narrower_intervals(
+    info: SegmentInfo,
+    uncertainty: Uncertainty,
+    warnings: Sequence[WeakIdentification],
+    recording: Seconds | None = None,
+) -> tuple[NarrowerIntervals, ...]:
+    """What would narrow the wide intervals; nothing where there is none.
+
+    Args:
+        info: of the segment.
+        uncertainty: of its parameters.
+        warnings: the segment's, by `identifiability_warnings`.
+        recording: duration of the recording that the window is of, where it is known.
+    """
+    wide = {one.vehicle for one in warnings if one.wide}
+    open_ones = np.isnan(uncertainty.centre.alpha)
+    vehicles = tuple(
+        vehicle
+        for vehicle, is_open in zip(info.vehicles[1:], open_ones, strict=True)
+        if is_open or vehicle in wide or 0 in wide
+    )
+    if not vehicles:
+        return ()
+    duration = info.window.duration
+    longer = recording if recording and recording > LONGER * duration else None
+    is_excited = all(one.is_excited for one in warnings if one.wide) and not open_ones.any()
+    return (NarrowerIntervals(vehicles, duration, longer, is_excited),)
+
+
 def wide_intervals(uncertainty: Uncertainty, follower: int) -> tuple[ParameterInterval, ...]:
     """Those of α, β, τ that give little more than the order of magnitude."""
-    # An interval that is 0 alone is narrow: `NegativeEstimate` says what it means.
+    # An interval that is 0 alone is narrow, and one of which nothing is known has no ends.
     return tuple(
         one
         for one in parameter_intervals(uncertainty, follower)
-        if one.upper is None or one.upper > WIDE * one.lower
+        if np.isfinite(one.lower) and (one.upper is None or one.upper > WIDE * one.lower)
     )
 
 

@@ -5,6 +5,9 @@ disturbances that last and to which the vehicle itself responds. They depend on 
 so one set of them serves every method: an estimate is judged by whether it lies inside. Least
 squares, splines and the PiNN's presets `fast` and `paper` minimise the residual of the model and
 are biased by disturbances, so their estimates may lie outside; a finding then says so.
+
+Draws are above zero, as the prior is one of logarithms. Where the likelihood is largest at zero,
+that is no reason to exclude it, and the interval begins there.
 """
 
 import time
@@ -18,10 +21,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from accpinn.channels import PARAMETERS
-from accpinn.errors import ConfigError, Finding, SegmentError
+from accpinn.errors import ConfigError, Finding
 from accpinn.inference.posterior import sample
 from accpinn.methods.fit import Fit, Outcome
-from accpinn.methods.maximum_likelihood import joint_maxima, moving, series_of
+from accpinn.methods.maximum_likelihood import (
+    KEY,
+    joint_maxima,
+    measured_followers,
+    moving,
+    series_of,
+)
 from accpinn.model.cthp import Case, Parameters
 from accpinn.segment.segment import Segment
 from accpinn.stability.criteria import exact_margin, l2_margin, step_metrics
@@ -35,13 +44,15 @@ DRAWS = 2000
 SLACK = 0.04
 """Of an interval's width: its ends are drawn, and move by up to as much from seed to seed."""
 
-Cause = Literal["disturbances", "unfinished", "stopped", "diverged"]
+Cause = Literal["disturbances", "apart", "unfinished", "stopped", "diverged"]
 CAUSES: dict[Outcome, Cause] = {
     Outcome.STOPPED: "stopped",
     Outcome.DIVERGED: "diverged",
     Outcome.FINISHED: "unfinished",
 }
 """Why an estimate may lie outside its interval, where it is not a converged one."""
+UNBIASED = "calibrated"
+"""The PiNN's preset that disturbances do not bias, either."""
 
 
 class ParameterInterval(msgspec.Struct, frozen=True):
@@ -172,7 +183,7 @@ def gain_band(uncertainty: Uncertainty, follower: int, omega: FloatArray) -> Int
     draws = uncertainty.draws[:, follower]
     if np.isnan(draws.alpha).any():
         return Interval(*np.full((2, len(omega)), np.nan))
-    return Interval(*_ends(np.abs(response(draws, omega)), uncertainty.level))
+    return Interval(*interval_ends(np.abs(response(draws, omega)), uncertainty.level))
 
 
 @lru_cache(maxsize=32)
@@ -181,7 +192,8 @@ def _shared(segments: tuple[Segment, ...], case: Case, level: float, draws: int)
     centre, theta = _sample(segments, case, draws)
     known = ~np.isnan(theta[0, :, 0])
     sampled = Parameters.from_theta(theta)
-    lower, upper = _ends(sampled.values, level)
+    lower, upper = interval_ends(sampled.values, level)
+    lower = np.where(centre.values == 0.0, 0.0, lower)
     return Uncertainty(
         method=METHOD,
         level=level,
@@ -192,9 +204,9 @@ def _shared(segments: tuple[Segment, ...], case: Case, level: float, draws: int)
         draws=sampled,
         probability_l2=_where(known, (l2_margin(sampled) >= 0).mean(axis=0)),
         probability_linf=_where(known, (exact_margin(sampled) >= 0).mean(axis=0)),
-        peak_gain=Interval(*_ends(peaks(sampled).gain, level)),
-        linf_gain=Interval(*_ends(step_metrics(sampled).gain, level)),
-        crossover=Interval(*_ends(np.nan_to_num(crossovers(sampled)), level)),
+        peak_gain=Interval(*interval_ends(peaks(sampled).gain, level)),
+        linf_gain=Interval(*interval_ends(step_metrics(sampled).gain, level)),
+        crossover=Interval(*interval_ends(np.nan_to_num(crossovers(sampled)), level)),
         seconds=0.0,
         findings=(),
     )
@@ -202,23 +214,19 @@ def _shared(segments: tuple[Segment, ...], case: Case, level: float, draws: int)
 
 def _sample(segments: tuple[Segment, ...], case: Case, count: int) -> tuple[Parameters, FloatArray]:
     """The estimate (M,), and draws of θ (count, M, 3); equal followers in Case I."""
-    followers = segments[0].followers
-    try:
-        series, maxima = series_of(segments, case), joint_maxima(segments, case)
-    except SegmentError:  # too short
-        unknown = np.full((followers, 3), np.nan)
-        return Parameters.of(unknown), np.tile(unknown, (count, 1, 1))
-    posteriors = sample(series, maxima)
-    theta = np.stack([one.evenly(count) for one in posteriors], axis=1)
-    centre = np.array([one.theta for one in maxima])
-    times = followers if case == "I" else 1
-    centre, theta = np.tile(centre, (times, 1)), np.tile(theta, (1, times, 1))
-    still = ~np.any([moving(segment, case) for segment in segments], axis=0)
-    centre[still], theta[:, still] = np.nan, np.nan
+    moves = np.any([moving(segment, case) for segment in segments], axis=0)
+    known = tuple(k for k in measured_followers(segments, case) if moves[k])
+    centre = np.full((segments[0].followers, 3), np.nan)
+    theta = np.full((count, *centre.shape), np.nan)
+    if known:
+        maxima = joint_maxima(segments, case, followers=known)
+        posteriors = sample(series_of(segments, case, known), maxima)
+        centre[list(known)] = [one.theta for one in maxima]
+        theta[:, list(known)] = np.stack([one.evenly(count) for one in posteriors], axis=1)
     return Parameters.from_theta(centre), theta
 
 
-def _ends(values: FloatArray, level: float) -> tuple[FloatArray, FloatArray]:
+def interval_ends(values: FloatArray, level: float) -> tuple[FloatArray, FloatArray]:
     """Lower and upper quantiles over the first axis; nan where a value is."""
     tail = (1.0 - level) / 2.0
     lower, upper = np.quantile(values, (tail, 1.0 - tail), axis=0)
@@ -237,9 +245,14 @@ def _findings(segment: Segment, fit: Fit, judged: Uncertainty) -> list[Uncertain
         rows = parameter_intervals(judged, k, fit.parameters)
         outside = [row for row, yes in zip(rows, judged.inside[k], strict=True) if not yes]
         if outside:
-            cause = CAUSES.get(fit.outcome, "disturbances")
-            found.append(OutsideInterval(vehicle, tuple(outside), cause))
+            found.append(OutsideInterval(vehicle, tuple(outside), _cause(fit)))
     return found
+
+
+def _cause(fit: Fit) -> Cause:
+    """Why an estimate may lie outside; one without bias does where the likelihood is odd."""
+    unbiased = fit.method == KEY or fit.config.get("preset") == UNBIASED
+    return "apart" if unbiased else CAUSES.get(fit.outcome, "disturbances")
 
 
 def parameter_intervals(

@@ -10,7 +10,8 @@ They are compared by Akaike's criterion, AIC = 2k - 2 log L with k unknowns, and
 each, estimated from the first two thirds of the time, gives to what is measured in the last third.
 A form that neither prefers may still be true: a lag of a second changes α and β by half, and yet
 five minutes of a recording hardly tell it from none. The forms' estimates side by side show how
-much rests on the form.
+much rests on the form. Where one is better than the CTHP, its intervals are those of its own
+posterior (see `inference.posterior`), with the further unknown free.
 
 If a form holds, its standardised innovations ε are white, even and normal. Tested are
 the correlation over 10 s (Ljung and Box, 1978), the variance against the speed (Breusch and Pagan,
@@ -23,16 +24,23 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.special import chdtrc, ndtr
 
-from accpinn.errors import Finding, SegmentError
+from accpinn.channels import PARAMETERS
+from accpinn.errors import Finding
+from accpinn.inference.intervals import DRAWS, ParameterInterval, interval_ends
+from accpinn.inference.intervals import LEVEL as INTERVAL_LEVEL
+from accpinn.inference.posterior import sample
 from accpinn.methods.kalman import Innovations, innovations
 from accpinn.methods.maximum_likelihood import (
     Criterion,
     Maximum,
     Series,
-    maxima_of,
+    joint_maxima,
     maximise,
+    measured_followers,
+    natural,
     series_of,
 )
 from accpinn.methods.state_space import FORMS, Form, coordinates
@@ -52,7 +60,7 @@ SETTLING = 20
 """Samples at the start of a series that the filter needs to forget that it knew nothing."""
 
 
-class BetterForm(Finding, frozen=True):
+class BetterForm(Finding, frozen=True, kw_only=True):
     """Another form of the model is better supported by a follower's data than the CTHP."""
 
     vehicle: int
@@ -64,9 +72,13 @@ class BetterForm(Finding, frozen=True):
     """Its AIC minus the CTHP's."""
     holdout: float
     """ln of how many times as probable held-out time is."""
-    alpha: float
-    beta: float
-    tau: float
+    intervals: tuple[ParameterInterval, ...]
+    """Of α, β and τ under this form, with the values of greatest likelihood."""
+    extra_lower: float
+    extra_upper: float
+    """Ends of the interval of s₀, λ or d."""
+    level: float
+    """Of these intervals."""
 
 
 class Inadequate(Finding, frozen=True):
@@ -133,6 +145,11 @@ class Adequacy:
     """Of the CTHP; None where there is no form."""
     findings: tuple[AdequacyFinding, ...]
 
+    @property
+    def better(self) -> tuple[BetterForm, ...]:
+        """The forms that describe a follower better than the CTHP, one a follower at most."""
+        return tuple(one for one in self.findings if isinstance(one, BetterForm))
+
 
 @lru_cache(maxsize=32)
 def model_forms(segment: Segment, case: Case = "II") -> Adequacy:
@@ -143,43 +160,94 @@ def model_forms(segment: Segment, case: Case = "II") -> Adequacy:
         case: "I", where all followers share the unknowns of each form, or "II".
 
     Returns:
-        No form where the window is too short for the likelihood.
+        No form where the window is too short for the likelihood; nan for a follower that is hardly
+        measured.
     """
-    try:
-        series = series_of([segment], case)
-    except SegmentError:
+    known = measured_followers((segment,), case)
+    if not known:
         return Adequacy((), None, ())
-    of = (0,) * segment.followers if case == "I" else tuple(range(segment.followers))
+    series, count = series_of([segment], case, known), segment.followers
+
+    def spread(values: Sequence[ArrayLike] | FloatArray) -> FloatArray:
+        """(M, ..) from one entry a group."""
+        rows = np.asarray(values, float)
+        full = np.full((count, *rows.shape[1:]), np.nan)
+        full[list(known)] = rows
+        return full
+
     forms: list[ModelForm] = []
-    first = held_out = np.zeros(segment.followers)
+    maxima: dict[Form, tuple[Maximum, ...]] = {}
+    first = held_out = np.zeros(count)
     for form in FORMS:
-        maxima = maxima_of(segment, case, form)
-        aic = np.array([2 * len(coordinates(form)) - 2 * maxima[g].log_likelihood for g in of])
-        density = _held_out_density(series, maxima, form)[list(of)]
+        maxima[form] = joint_maxima((segment,), case, form, known)
+        size = len(coordinates(form))
+        aic = spread([2 * size - 2 * one.log_likelihood for one in maxima[form]])
+        density = spread(_held_out_density(series, maxima[form], form))
         if form == "cthp":
             first, held_out = aic, density
         forms.append(
             ModelForm(
                 form,
-                Parameters.from_theta(np.array([maxima[g].theta for g in of])),
-                np.array([_deviations(maxima[g]) for g in of]),
-                np.array([_extra(maxima[g]) for g in of]),
+                Parameters.from_theta(spread([one.theta for one in maxima[form]])),
+                spread([_deviations(one) for one in maxima[form]]),
+                spread([_extra(form, one.values) for one in maxima[form]]),
                 aic - first,
                 density - held_out,
             )
         )
-    tests = _tests(series, maxima_of(segment, case))
-    vehicles = (0,) if case == "I" else segment.vehicles[1:]
-    kept = InnovationTests(*(values[list(of)] for values in tests))
-    found: list[AdequacyFinding] = [*_better(vehicles, forms), *_inadequate(vehicles, kept)]
-    return Adequacy(tuple(forms), kept, tuple(found))
+    tests = InnovationTests(*map(spread, _tests(series, maxima["cthp"])))
+    subjects = [(0, 0)] if case == "I" else [(segment.vehicles[k + 1], k) for k in known]
+    found: list[AdequacyFinding] = []
+    for group, (vehicle, k) in enumerate(subjects):
+        best = min(forms, key=lambda form: form.aic[k])
+        if best.aic[k] < -BETTER and best.holdout[k] > 0:
+            own = series_of([segment], case, (k,))
+            found.append(_better_form(vehicle, k, best, own, maxima[best.form][group]))
+    fails = tests.fails
+    found += [Inadequate(v, *fails[k].tolist()) for v, k in subjects if fails[k].any()]
+    return Adequacy(tuple(forms), tests, tuple(found))
 
 
-def _extra(maximum: Maximum) -> float:
-    if maximum.form == "cthp":
-        return 0.0
-    value = float(maximum.values[-1])
-    return -value / float(maximum.values[0]) if maximum.form == "offset" else value
+def _extra(form: Form, values: FloatArray) -> FloatArray:
+    """(..) s₀ in m, λ or d in s, from the unknowns (.., P); 0 for the CTHP."""
+    if form == "cthp":
+        return np.zeros(values.shape[:-1])
+    return np.asarray(-values[..., -1] / values[..., 0] if form == "offset" else values[..., -1])
+
+
+def _better_form(
+    vehicle: int, follower: int, best: ModelForm, series: Series, maximum: Maximum
+) -> BetterForm:
+    """The finding, with intervals from the posterior of that form.
+
+    Args:
+        vehicle: its number in the file.
+        follower: 0 for the first.
+        best: the form.
+        series: this follower's alone, or in Case I that of all.
+        maximum: where the search ended.
+    """
+    (posterior,) = sample(series, [maximum], best.form)
+    drawn = natural(best.form, posterior.all_evenly(DRAWS))
+    lower, upper = interval_ends(Parameters.from_theta(drawn[:, :3]).values, INTERVAL_LEVEL)
+    extra_lower, extra_upper = interval_ends(_extra(best.form, drawn), INTERVAL_LEVEL)
+    values = best.parameters[follower].values
+    lower = np.where(values == 0.0, 0.0, lower)
+    rows = zip(PARAMETERS, lower.tolist(), upper.tolist(), values.tolist(), strict=True)
+    return BetterForm(
+        vehicle=vehicle,
+        form=best.form,
+        extra=float(best.extra[follower]),
+        aic=float(best.aic[follower]),
+        holdout=float(best.holdout[follower]),
+        intervals=tuple(
+            ParameterInterval(one.symbol, low, high, likeliest=value)
+            for one, low, high, value in rows
+        ),
+        extra_lower=float(extra_lower),
+        extra_upper=float(extra_upper),
+        level=INTERVAL_LEVEL,
+    )
 
 
 def _deviations(maximum: Maximum) -> FloatArray:
@@ -245,19 +313,3 @@ def _uneven(errors: FloatArray, speeds: FloatArray) -> float:
         return 1.0
     correlation = float(np.corrcoef(errors**2, speeds)[0, 1])
     return float(2 * ndtr(-abs(correlation) * np.sqrt(len(errors))))
-
-
-def _better(vehicles: Sequence[int], forms: Sequence[ModelForm]) -> list[BetterForm]:
-    """The best form of each follower, where it is better than the CTHP."""
-    found = []
-    for k, vehicle in enumerate(vehicles):
-        best = min(forms, key=lambda form: form.aic[k])
-        if best.aic[k] < -BETTER and best.holdout[k] > 0:
-            figures = (best.extra[k], best.aic[k], best.holdout[k], *best.parameters.values[k])
-            found.append(BetterForm(vehicle, best.form, *map(float, figures)))
-    return found
-
-
-def _inadequate(vehicles: Sequence[int], tests: InnovationTests) -> list[Inadequate]:
-    rows = zip(vehicles, tests.fails.tolist(), strict=False)
-    return [Inadequate(vehicle, *row) for vehicle, row in rows if any(row)]

@@ -60,9 +60,17 @@ class Posterior:
 
     def evenly(self, count: int) -> FloatArray:
         """(count, 3) draws of θ of equal weight, in no particular order of time."""
+        return np.asarray(self.theta[self._even(count)])
+
+    def all_evenly(self, count: int) -> FloatArray:
+        """(count, P) draws of z of equal weight, in the order of `evenly`."""
+        return np.asarray(self.coordinates[self._even(count)])
+
+    def _even(self, count: int) -> Groups:
+        """(count,) which draws are taken, each as often as its weight says."""
         edges = np.cumsum(self.weights)
         at = (np.arange(count) + 0.5) / count * edges[-1]
-        return np.asarray(self.theta[np.searchsorted(edges, at)])
+        return np.asarray(np.searchsorted(edges, at))
 
 
 def log_prior_of_theta(z: FloatArray) -> FloatArray:

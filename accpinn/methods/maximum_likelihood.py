@@ -29,12 +29,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicHermiteSpline
 
-from accpinn.errors import SegmentError
+from accpinn.errors import Finding, SegmentError
 from accpinn.methods.fit import Fit, Outcome, WeaklyDetermined
 from accpinn.methods.kalman import SmoothedStates, innovations, log_likelihood, smooth
 from accpinn.methods.method import direct
 from accpinn.methods.regression import Solution
 from accpinn.methods.state_space import (
+    COMMON,
     Coordinate,
     Form,
     StateSpace,
@@ -60,14 +61,32 @@ CLOSE = 1e-5
 LEAST_SAMPLES = 40
 LEAST_MOTION: MetresPerSecond = 0.05
 """Deviation of a speed below which it may be noise alone, and no parameter is determined."""
+DISTURBANCE = slice(3, 6)
+"""s, T and T₂ among the unknowns."""
+MEMORY = [one.name for one in COMMON].index("memory")
 Groups = NDArray[np.int64]
 SHORTEST_STRETCH = 10
 """Samples; what is left between masked instants and is shorter says next to nothing."""
 LARGEST_BATCH = 3_000_000
 """Samples times models filtered at once, which bounds the memory."""
-STARTS = (0.0, -1.5, 1.0)
-"""ln of the factor on α and ατ that each search starts with: near the middle of published
-parameters, far below it, where weak controllers lie, and above it."""
+STARTS = ((0.0, 0.0), (-1.5, 1.4), (1.0, 0.0))
+"""ln of two factors that each search starts with: on α and ατ, and on the disturbance's memory.
+
+Near the middle of published parameters; far below it, where weak controllers lie that are disturbed
+for long; and above it. A disturbance that lasts has a maximum of its own in some recordings."""
+
+
+class DisturbanceSize(Finding, frozen=True):
+    """What disturbs a follower: the stationary process that the likelihood finds."""
+
+    vehicle: int
+    """0 for all followers together."""
+    deviation: float
+    """s in m/s²."""
+    memory: Seconds
+    """T."""
+    rise: Seconds
+    """T₂."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,7 +115,9 @@ class Series:
         return Series(kept, self.group, self.step)
 
 
-def series_of(segments: Sequence[Segment], case: Case) -> Series:
+def series_of(
+    segments: Sequence[Segment], case: Case, followers: Sequence[int] | None = None
+) -> Series:
     """The series of each follower; one group a follower (Case II), or one for all (Case I).
 
     Where the model's equation does not count (the segment's mask), a series ends, and another one
@@ -106,29 +127,56 @@ def series_of(segments: Sequence[Segment], case: Case) -> Series:
         segments: of the same vehicles and with the same step; several are taken as further windows
             of these vehicles.
         case: "I" or "II".
+        followers: which ones in Case II, 0 for the first; by default all.
+
+    Raises:
+        SegmentError: when too little of a follower is measured.
     """
-    parts, group = [], []
-    for segment in segments:
-        measured, mask = measured_of(segment), segment.mask
-        for k in range(segment.followers):
-            rows = np.ones(len(measured), bool) if mask is None else mask[:: stride_of(segment), k]
-            for stretch in stretches(rows):
-                if _complete(measured[stretch.rows, :, k]) >= SHORTEST_STRETCH:
-                    parts.append(measured[stretch.rows, :, k])
-                    group.append(0 if case == "I" else k)
-    groups = 1 if case == "I" else segments[0].followers
-    if set(group) != set(range(groups)) or max(map(_complete, parts)) < LEAST_SAMPLES:
-        first = segments[0]
-        raise SegmentError(
-            f"{first.source}: what is left of {first.window} is too short for the likelihood; take"
-            f" a window in which at least {LEAST_SAMPLES * SPACING:g} s count and are measured."
-        )
-    longest = max(map(len, parts))
-    measured = np.full((longest, 3, len(parts)), np.nan)
-    for k, part in enumerate(parts):
+    chosen = range(segments[0].followers) if followers is None or case == "I" else followers
+    parts = [_measured_parts(segments, k) for k in chosen]
+    counts = [sum(map(_complete, one)) for one in parts]
+    if lacking := [k for k, count in zip(chosen, counts, strict=True) if count < LEAST_SAMPLES]:
+        if case == "II" or sum(counts) < LEAST_SAMPLES:
+            raise SegmentError(_too_little(segments[0], lacking))
+    group = [0 if case == "I" else at for at, one in enumerate(parts) for _ in one]
+    every = [part for one in parts for part in one]
+    measured = np.full((max(map(len, every)), 3, len(every)), np.nan)
+    for k, part in enumerate(every):
         measured[: len(part), :, k] = part
     step = stride_of(segments[0]) * segments[0].sample_time
     return Series(measured, tuple(group), step)
+
+
+def measured_followers(segments: Sequence[Segment], case: Case) -> tuple[int, ...]:
+    """The followers of whom enough is measured for the likelihood; in Case I all or none."""
+    counts = [
+        sum(map(_complete, _measured_parts(segments, k))) for k in range(segments[0].followers)
+    ]
+    if case == "I":
+        return tuple(range(len(counts))) if sum(counts) >= LEAST_SAMPLES else ()
+    return tuple(k for k, count in enumerate(counts) if count >= LEAST_SAMPLES)
+
+
+def _measured_parts(segments: Sequence[Segment], follower: int) -> list[FloatArray]:
+    """What counts of a follower in one piece each, (N, 3); pieces that say next to nothing go."""
+    parts = []
+    for segment in segments:
+        measured, mask = measured_of(segment)[:, :, follower], segment.mask
+        stride = stride_of(segment)
+        rows = np.ones(len(measured), bool) if mask is None else mask[::stride, follower]
+        pieces = [measured[stretch.rows] for stretch in stretches(rows)]
+        parts += [piece for piece in pieces if _complete(piece) >= SHORTEST_STRETCH]
+    return parts
+
+
+def _too_little(segment: Segment, lacking: Sequence[int]) -> str:
+    """Which followers are hardly measured, and the cure."""
+    least = f"take a window in which at least {LEAST_SAMPLES * SPACING:g} s count and are measured"
+    where = f"{segment.source}: what is left of {segment.window}"
+    if len(lacking) == segment.followers:
+        return f"{where} is too short for the likelihood; {least}."
+    who = " and ".join(segment.labels[k + 1] for k in lacking)
+    return f"{where} is too short for the likelihood of {who}; choose other vehicles, or {least}."
 
 
 def _complete(measured: FloatArray) -> int:
@@ -285,7 +333,9 @@ def maximise(
     criterion, groups = Criterion(series, form), np.arange(series.groups)
     if near is None:
         z = np.tile(criterion.start, (len(STARTS) * series.groups, 1))
-        z[:, :2] += np.repeat(STARTS, series.groups)[:, None]
+        gain, memory = np.repeat(STARTS, series.groups, axis=0).T
+        z[:, :2] += gain[:, None]
+        z[:, MEMORY] += memory
         groups = np.tile(groups, len(STARTS))
     else:
         z = np.array(near)
@@ -383,21 +433,33 @@ def maxima_of(segment: Segment, case: Case, form: Form = "cthp") -> tuple[Maximu
 
 
 def joint_maxima(
-    segments: tuple[Segment, ...], case: Case, form: Form = "cthp"
+    segments: tuple[Segment, ...],
+    case: Case,
+    form: Form = "cthp",
+    followers: tuple[int, ...] | None = None,
 ) -> tuple[Maximum, ...]:
-    """The same for several segments of the same vehicles, under one likelihood."""
-    return _remembered_maxima(segments, case, form)
+    """The same for several segments of the same vehicles, under one likelihood.
+
+    Args:
+        segments: as for `series_of`; so is ``followers``.
+        case: "I" or "II".
+        form: of the model.
+        followers: by default all.
+    """
+    if followers is None or case == "I":
+        followers = tuple(range(segments[0].followers))
+    return _joint_maxima(segments, case, form, followers)
 
 
 @lru_cache(maxsize=64)
-def _remembered_maxima(
-    segments: tuple[Segment, ...], case: Case, form: Form
+def _joint_maxima(
+    segments: tuple[Segment, ...], case: Case, form: Form, followers: tuple[int, ...]
 ) -> tuple[Maximum, ...]:
-    series = series_of(segments, case)
+    series = series_of(segments, case, followers)
     if form == "cthp":
         return maximise(series)
     start = coordinates(form)[-1].centre
-    known = [one.coordinates for one in joint_maxima(segments, case)]
+    known = [one.coordinates for one in _joint_maxima(segments, case, "cthp", followers)]
     return maximise(series, form, near=[np.append(z, start) for z in known])
 
 
@@ -457,6 +519,20 @@ def fit_at(segment: Segment, case: Case, maxima: tuple[Maximum, ...]) -> Fit:
             "unknowns": np.array([one.values for one in of]),
         },
     )
+
+
+def disturbance_sizes(vehicles: Sequence[int], fit: Fit) -> tuple[DisturbanceSize, ...]:
+    """One finding a follower, or in Case I one for all; none of another method's fit.
+
+    Args:
+        vehicles: (M+1,) numbers in the file, leader first.
+        fit: of any method.
+    """
+    if fit.method != KEY or "unknowns" not in fit.arrays:
+        return ()
+    numbers = (0,) if fit.case == "I" else vehicles[1:]
+    rows = fit.arrays["unknowns"][:, DISTURBANCE].tolist()
+    return tuple(DisturbanceSize(number, *row) for number, row in zip(numbers, rows, strict=False))
 
 
 def _at_instants(

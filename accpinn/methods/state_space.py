@@ -159,7 +159,7 @@ def state_space(form: Form, values: FloatArray, step: Seconds) -> StateSpace:
     covariance[:, w, w] = white
     covariance[:, a, a] = leader**2
 
-    transition, process = _discretise(rates, density, step)
+    transition, process = discretise(rates, density, step)
     return StateSpace(
         transition=_last(transition),
         process=_last(process),
@@ -202,10 +202,19 @@ def _add_command(
         covariance[:, own + 1, own + 1] = (usual * extra / 6.0) ** 2
 
 
-def _discretise(
+def discretise(
     rates: FloatArray, density: FloatArray, step: Seconds
 ) -> tuple[FloatArray, FloatArray]:
-    """Transition and added covariance (B, n, n) of a step, by one exponential of twice the size."""
+    """Transition and added covariance of a step, by one exponential of twice the size.
+
+    Args:
+        rates: (B, n, n) d/dt of the states.
+        density: (B, n, n) of the noise that drives them.
+        step: in s.
+
+    Returns:
+        Both (B, n, n).
+    """
     size = rates.shape[1]
     block = np.zeros((len(rates), 2 * size, 2 * size))
     block[:, :size, :size], block[:, :size, size:] = -rates, density

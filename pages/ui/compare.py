@@ -7,10 +7,15 @@ from pathlib import Path
 import streamlit as st
 
 from accpinn.evaluation.closed_loop import closed_loop
-from accpinn.inference.identifiability import INCREASE, identifiability_warnings, profiles
+from accpinn.inference.identifiability import (
+    INCREASE,
+    identifiability_warnings,
+    narrower_intervals,
+    profiles,
+)
 from accpinn.inference.intervals import Uncertainty
-from accpinn.inference.model_adequacy import model_forms
 from accpinn.inference.multistart import summarise
+from accpinn.methods.maximum_likelihood import disturbance_sizes
 from accpinn.methods.pinn.config import PRESETS
 from accpinn.methods.registry import METHODS
 from accpinn.model.cthp import Parameters
@@ -18,7 +23,7 @@ from accpinn.results.figures import comparison as figures
 from accpinn.results.figures.training import tracking
 from accpinn.results.messages import messages
 from accpinn.results.messages.methods import agreement, colliding_methods
-from accpinn.results.messages.reliability import closed_loop_event
+from accpinn.results.messages.reliability import closed_loop_event, conditional
 from accpinn.results.tables import estimates as tables
 from accpinn.results.tables.estimates import TITLES, name_of
 from accpinn.segment.quality import LARGE_CONDITION, assess_quality
@@ -29,7 +34,7 @@ from pages.ui.components import frame, show
 from pages.ui.components.monitor import monitor, own_task_line, stop_button
 from pages.ui.components.show import escape_markdown
 from pages.ui.components.widgets import pick_follower
-from pages.ui.results import show_intervals, show_saved_rows
+from pages.ui.results import show_better_forms, show_intervals, show_saved_rows
 from pages.ui.session.workspace import Workspace
 
 GAP_ERROR = "A constant error of the measured gap shifts τ: 0.1 m in 30 m by 0.3 %."
@@ -265,7 +270,9 @@ def _show_identifiability(shown: _Shown) -> None:
     case = shown.workspace.case
     st.subheader("Identifiability", anchor=False)
     warnings = identifiability_warnings(segment, uncertainty, case)
-    show.messages(messages(warnings, segment), "warning")
+    duration = shown.workspace.recording_duration
+    cure = narrower_intervals(segment.info, uncertainty, warnings, duration)
+    show.messages(messages((*warnings, *cure), segment), "warning")
     if not warnings:
         show.messages(
             "α, β and τ are identifiable: no interval spans more than a factor of five, provided"
@@ -296,11 +303,14 @@ def _show_adequacy(shown: _Shown) -> None:
     """Whether a model with one term more explains the data better."""
     segment = shown.segment
     st.subheader("Model adequacy", anchor=False)
-    found = model_forms(segment, shown.workspace.case)
-    show.messages(messages(found.findings, segment), icon="lightbulb")
-    if not found.forms:
+    found = shown.workspace.compare_forms()
+    if found is None or not found.forms:
         st.caption("The window is too short for the likelihood of the model's forms.")
         return
+    st.caption(conditional(found, segment))
+    show_better_forms(segment.info, shown.uncertainty, found)
+    others = [one for one in found.findings if one not in found.better]
+    show.messages(messages(others, segment), icon="lightbulb")
     show.table(tables.model_form_table(segment.info, found.forms, shown.follower))
     st.caption(
         "The intervals hold if the model does. Real controllers keep a distance at standstill and"
@@ -309,6 +319,24 @@ def _show_adequacy(shown: _Shown) -> None:
         " two) are those of the form minus those of the CTHP: a form with a clearly lower AIC and a"
         " higher density is to be preferred. Where none is, the forms show how much α, β and τ"
         " depend on the assumptions."
+    )
+    _show_disturbance(shown)
+
+
+def _show_disturbance(shown: _Shown) -> None:
+    """What moves the vehicle beside the model's equation, below the data."""
+    segment, fits = shown.segment, [row.fit for row in shown.rows]
+    fit = next((fit for fit in fits if "disturbance" in fit.arrays), None)
+    if fit is None:
+        return
+    values = fit.arrays["disturbance"]
+    figure = tracking(segment, shown.follower, None, None, disturbance=values)
+    show.chart(figure, "compare_disturbance")
+    sizes = disturbance_sizes(segment.vehicles, fit)
+    said = [one for one in sizes if one.vehicle in (0, shown.vehicle)]
+    st.caption(
+        escape_markdown(" ".join(messages(said, segment)))
+        + " Shown is its most probable course, given all data."
     )
 
 

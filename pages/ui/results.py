@@ -14,19 +14,24 @@ from accpinn.evaluation.closed_loop import (
     closed_loop_findings,
     surrogate_errors,
 )
+from accpinn.inference.identifiability import narrower_intervals, weakly_identified
 from accpinn.inference.intervals import Uncertainty
+from accpinn.inference.model_adequacy import Adequacy
+from accpinn.inference.prediction import gap_band
 from accpinn.methods import least_squares
 from accpinn.methods.fit import Fit, History, Outcome, headway_findings
-from accpinn.model.cthp import Parameters
+from accpinn.methods.maximum_likelihood import disturbance_sizes
+from accpinn.model.cthp import Parameters, Trajectories
 from accpinn.results.figures import training as figures
 from accpinn.results.figures.recording import preview
 from accpinn.results.messages import messages
 from accpinn.results.messages.methods import outcome_message
+from accpinn.results.messages.reliability import BAND, conditional
 from accpinn.results.snapshot import Snapshot
 from accpinn.results.tables import estimates as tables
 from accpinn.results.tables.estimates import name_of
 from accpinn.segment.quality import Quality, assess_quality
-from accpinn.segment.segment import SegmentInfo
+from accpinn.segment.segment import Segment, SegmentInfo
 from accpinn.tasks.task import Task
 from pages.ui.components import frame, show
 from pages.ui.components.show import escape_markdown
@@ -82,14 +87,17 @@ def show_result(workspace: Workspace) -> None:
         segment.info, fit, assess_quality(segment), errors, closed_loop_findings(segment, driven),
         workspace.uncertainty(), "train",
     )  # fmt: skip
+    _show_limits(workspace, segment.info, "train")
     solved, truth = least_squares.fit(segment, fit.case).parameters, workspace.true_parameters
     estimates = {"PiNN": fit.parameters, "Least squares": solved}
+    if uncertainty := workspace.uncertainty():
+        estimates["Maximum likelihood"] = uncertainty.centre
     estimates |= {"Truth": truth} if truth else {}
-    st.subheader("Comparison with least squares", anchor=False)
+    st.subheader("Comparison with least squares and maximum likelihood", anchor=False)
     show.table(tables.comparison_table(segment.info, estimates), show.vehicle_colours(segment)[1:])
     st.subheader("Network against data", anchor=False)
     follower = pick_follower(segment, "train_follower")
-    show.chart(figures.tracking(segment, follower, fit.surrogate, driven), "train_tracking")
+    _show_tracking(workspace, segment, follower, fit, driven, "network", "train_tracking")
 
 
 def _show_fit(
@@ -125,6 +133,64 @@ def _show_fit(
     findings = (*fit.findings, *headway_findings(info.vehicles, fit.parameters))
     show.messages(messages((*findings, *(uncertainty.findings if uncertainty else ())), info))
     show.downloads(table(uncertainty), f"{Path(info.source).stem}_parameters", page)
+
+
+def _show_limits(workspace: Workspace, info: SegmentInfo, page: str) -> None:
+    """What the intervals take for granted, which are wide, and what would narrow them."""
+    uncertainty, fit = workspace.uncertainty(), workspace.fit
+    if uncertainty is None or fit is None:
+        return
+    quality = workspace.snapshot.quality if workspace.snapshot else None
+    if workspace.segment:
+        quality = assess_quality(workspace.segment)
+    if quality:
+        wide = weakly_identified(info, quality, uncertainty, fit.case)
+        cure = narrower_intervals(info, uncertainty, wide, workspace.recording_duration)
+        show.messages(messages((*wide, *cure), info), "warning")
+    adequacy = workspace.known_adequacy
+    if adequacy is None and workspace.segment:
+        label = "Compare with other forms of the model"
+        if st.button(label, key=f"{page}_forms", icon=":material/rule:"):
+            with st.spinner("This takes some seconds."):
+                workspace.compare_forms()
+            st.rerun()
+    st.caption(conditional(adequacy, info))
+    show_better_forms(info, uncertainty, adequacy)
+
+
+def show_better_forms(
+    info: SegmentInfo, uncertainty: Uncertainty, adequacy: Adequacy | None
+) -> None:
+    """The intervals under forms that describe a vehicle better than the CTHP."""
+    if adequacy and adequacy.better:
+        show.table(tables.form_intervals_table(info, uncertainty, adequacy.better))
+        show.messages(messages(adequacy.better, info), icon="lightbulb")
+
+
+def _show_tracking(
+    workspace: Workspace,
+    of: Segment | SegmentInfo,
+    follower: int,
+    fit: Fit,
+    driven: Trajectories | None,
+    own: str,
+    key: str,
+) -> None:
+    """One follower's curves, with the band that the posterior predicts where the data are here."""
+    segment, uncertainty = workspace.segment, workspace.uncertainty()
+    predicted = gap_band(segment, uncertainty, fit.case) if segment and uncertainty else None
+    disturbance = fit.arrays.get("disturbance")
+    figure = figures.tracking(
+        of, follower, fit.surrogate, driven, own, predicted=predicted, disturbance=disturbance
+    )
+    show.chart(figure, key)
+    vehicle = of.vehicles[follower + 1]
+    if predicted:
+        covered = [one for one in predicted.findings if one.vehicle == vehicle]
+        st.caption(escape_markdown(" ".join((BAND, *messages(covered, of)))))
+    sizes = [one for one in disturbance_sizes(of.vehicles, fit) if one.vehicle in (0, vehicle)]
+    if sizes:
+        st.caption(escape_markdown(" ".join(messages(sizes, of))))
 
 
 def show_intervals(
@@ -216,6 +282,7 @@ def show_saved_result(workspace: Workspace, snapshot: Snapshot) -> None:
     errors = (evaluation.surrogate, evaluation.closed_loop) if evaluation else (None, None)
     events = evaluation.all_findings if evaluation else ()
     _show_fit(info, fit, snapshot.quality, errors, events, snapshot.uncertainty, "snapshots")
+    _show_limits(workspace, info, "snapshots")
     if fit.history:
         _show_history(fit.history, info, "snapshots")
     if segment is None and fit.surrogate is None:
@@ -223,8 +290,8 @@ def show_saved_result(workspace: Workspace, snapshot: Snapshot) -> None:
     st.subheader("The method's curve" + (" against data" if segment else ""), anchor=False)
     follower = pick_follower(info, "snapshots_follower")
     driven = closed_loop(segment, fit) if segment else None
-    figure = figures.tracking(segment or info, follower, fit.surrogate, driven, name_of(fit))
-    show.chart(figure, "snapshots_tracking")
+    place = segment or info
+    _show_tracking(workspace, place, follower, fit, driven, name_of(fit), "snapshots_tracking")
 
 
 def show_saved_rows(workspace: Workspace) -> None:

@@ -124,6 +124,7 @@ def _save(workspace: Workspace) -> None:
             uncertainty=workspace.uncertainty(),
             evaluation=old.evaluation if old and old.fit is fit else None,
             methods=workspace.compared,
+            adequacy=workspace.known_adequacy,
             name=st.session_state["snapshots_name"].strip(),
             note=st.session_state["snapshots_note"].strip(),
             with_data=st.session_state["snapshots_with_data"],

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from accpinn.errors import ConfigError
+from accpinn.errors import ConfigError, SegmentError
 from accpinn.inference.intervals import (
     Cause,
     NotDetermined,
@@ -16,13 +16,15 @@ from accpinn.inference.intervals import (
     parameter_intervals,
     within,
 )
-from accpinn.methods import least_squares
+from accpinn.methods import least_squares, maximum_likelihood
 from accpinn.methods.fit import Outcome
 from accpinn.model.cthp import Parameters
 from accpinn.results.messages import messages
 from accpinn.segment.segment import Segment
+from accpinn.units import Stretch
 from bench.disturbed import Disturbance, disturbed
 from tests.support.driving import LAW, driven, standing_still
+from tests.support.holes import with_holes
 
 ENDS = ("lower", "upper")
 
@@ -117,6 +119,29 @@ def test_where_nothing_moves_or_time_is_short_nothing_is_claimed(
     assert np.isnan(gain_band(uncertainty, 0, np.array([0.1, 1.0])).upper).all()
     assert uncertainty.findings == (NotDetermined(2),)
     assert uncertainty.inside.all()
+
+
+def test_a_follower_that_is_hardly_measured_is_left_open_alone(segment: Segment) -> None:
+    fit, gap_of_the_second = least_squares.fit(segment), 4
+    holed = with_holes(segment, {gap_of_the_second: [Stretch(0, segment.samples - 100)]})
+    uncertainty = intervals(holed, fit)
+    assert [one.vehicle for one in uncertainty.findings if isinstance(one, NotDetermined)] == [3]
+    assert np.isfinite(uncertainty.upper[0].values).all()
+    assert np.isnan(uncertainty.upper[1].values).all()
+    with pytest.raises(SegmentError, match=segment.labels[2]):
+        maximum_likelihood.fit(holed)
+
+
+def test_an_estimate_of_zero_lies_in_its_interval() -> None:
+    """The prior of ln β excludes zero, which the likelihood prefers."""
+    segment = disturbed(Parameters.of([[0.1, 0.0, 1.2]]), 1, Disturbance(), duration=120.0)
+    fit = maximum_likelihood.fit(segment)
+    assert fit.parameters.beta[0] == 0.0, "the case needs such an estimate"
+    uncertainty = intervals(segment, fit)
+    assert uncertainty.lower.beta[0] == 0.0
+    assert uncertainty.lower.alpha[0] > 0.0
+    assert uncertainty.inside[0, 1]
+    assert (uncertainty.draws.beta > 0).all()
 
 
 def test_the_truth_lies_inside_and_biased_estimates_lie_outside() -> None:

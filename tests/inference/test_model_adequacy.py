@@ -3,11 +3,13 @@
 import numpy as np
 import pytest
 
+from accpinn.inference.intervals import intervals
 from accpinn.inference.model_adequacy import Adequacy, BetterForm, Inadequate, model_forms
+from accpinn.methods import least_squares
 from accpinn.methods.state_space import FORMS, coordinates, state_space
 from accpinn.model.cthp import Parameters
 from accpinn.results.messages import messages
-from accpinn.results.tables.estimates import model_form_table
+from accpinn.results.tables.estimates import form_intervals_table, model_form_table
 from accpinn.segment.segment import Segment
 from bench.disturbed import Disturbance, disturbed
 from tests.support.driving import driven
@@ -52,6 +54,19 @@ def test_a_term_that_the_recording_shows_is_found(
     assert own.aic[0] < -4
     assert own.extra[0] == pytest.approx(value, abs=tolerance)
     np.testing.assert_allclose(own.parameters.values[0], TRUE, rtol=0.2)
+    assert better.extra_lower < better.extra < better.extra_upper
+    for one, true in zip(better.intervals, TRUE, strict=True):
+        assert one.upper is not None
+        beyond = one.upper - one.lower  # a 90 % interval misses now and then, but not by far
+        assert one.lower - beyond < true < one.upper + beyond
+        assert one.likeliest is not None
+        assert one.lower < one.likeliest < one.upper
+    table = form_intervals_table(
+        segment.info, intervals(segment, least_squares.fit(segment)), [better]
+    )
+    assert len(table.rows) == 2
+    assert table.rows[1][-1] == (better.extra_lower, better.extra_upper)
+    assert table.rows[1][2] == (better.intervals[0].lower, better.intervals[0].upper)
     assert str(round(better.extra, 1))[:3] in messages([better], segment)[0]
 
 

@@ -4,9 +4,13 @@ from collections.abc import Callable
 from functools import cache
 from typing import Any
 
-from accpinn.inference.intervals import intervals
+import numpy as np
+
+from accpinn.inference.intervals import ParameterInterval, intervals
+from accpinn.inference.model_adequacy import Adequacy, BetterForm, ModelForm
 from accpinn.methods.fit import Fit
 from accpinn.methods.pinn.config import preset
+from accpinn.model.cthp import Parameters
 from accpinn.results.snapshot import MANIFEST, SCHEMA, Snapshot, create
 from accpinn.results.snapshot.archive import seal, to_bytes, unpack
 from accpinn.segment.segment import Segment
@@ -47,6 +51,23 @@ def whole() -> Snapshot:
     segment, fit = trained()
     methods = results_among(compare(segment, "II", ("least-squares", "recursive")))
     return create(segment, fit, methods=methods, name="whole", note=NOTE, with_data=True)
+
+
+def delayed(vehicle: int = 2) -> Adequacy:
+    """One follower that a delay describes better."""
+    rows = (("cthp", 0.0, 0.0), ("delay", 0.9, -20.0))
+    forms = tuple(
+        ModelForm(form, Parameters.of([[0.1, 0.3, 1.2]]), np.full((1, 3), 0.1),
+                  np.array([extra]), np.array([aic]), np.array([1.0]))
+        for form, extra, aic in rows
+    )  # fmt: skip
+    ends = (("α", 0.08, 0.12), ("β", 0.25, 0.4), ("τ", 1.1, 1.3))
+    better = BetterForm(
+        vehicle=vehicle, form="delay", extra=0.9, aic=-20.0, holdout=1.0,
+        intervals=tuple(ParameterInterval(*one, likeliest=one[1]) for one in ends),
+        extra_lower=0.8, extra_upper=1.0, level=0.9,
+    )  # fmt: skip
+    return Adequacy(forms, None, (better,))
 
 
 def entries(data: bytes) -> dict[str, bytes]:

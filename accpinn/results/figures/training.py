@@ -1,14 +1,16 @@
 """A fit as figures: loss and parameters over iterations, and its curves beside the data."""
 
 import html
+from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import plotly.graph_objects as go
 
-from accpinn.channels import GAP, PARAMETERS, SPEED
+from accpinn.channels import DISTURBANCE, GAP, PARAMETERS, SPEED
 from accpinn.evaluation.closed_loop import closed_loop_findings, collision_times
+from accpinn.inference.prediction import GapBand
 from accpinn.methods.fit import History
 from accpinn.model.cthp import Parameters, Trajectories
 from accpinn.results.figures.style import (
@@ -17,6 +19,7 @@ from accpinn.results.figures.style import (
     MODEL,
     SERIES,
     TRUTH,
+    band,
     finished,
     label_axes,
     limits,
@@ -26,13 +29,17 @@ from accpinn.results.figures.style import (
     with_legend,
 )
 from accpinn.segment.segment import Segment, SegmentInfo
-from accpinn.units import FloatArray, Seconds
+from accpinn.units import FloatArray, Seconds, stretches
 
 NORMAL_90 = 1.645
 """Standard errors to each end of a 90 % interval."""
 FEW = 30
 """So few moments of a training are marked one by one."""
 GAP_ERROR = replace(GAP, name="Error of the space-gap")
+HEIGHTS = {2: (0.5, 0.5), 3: (0.36, 0.32, 0.32), 4: (0.28, 0.24, 0.24, 0.24)}
+"""Of the panels over time, by their number."""
+BAND_POINTS = 400
+"""Of a band's edges, about; more are not seen."""
 
 _SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
@@ -153,6 +160,8 @@ def tracking(
     closed_loop: Trajectories | None,
     own: str = "network",
     with_error: bool = False,
+    predicted: GapBand | None = None,
+    disturbance: FloatArray | None = None,
 ) -> go.Figure:
     """Gap and speed of one follower: data, the method's curve, and the closed-loop simulation.
 
@@ -163,17 +172,24 @@ def tracking(
         closed_loop: the simulation behind the measured leader.
         own: how the method's trajectories are called.
         with_error: adds a panel with the error of the gap; needs the data.
+        predicted: the band of the gap, drawn under its curves.
+        disturbance: (N, M) in m/s²; adds a panel.
     """
     data = segment if isinstance(segment, Segment) else None
-    rows = (GAP, SPEED, GAP_ERROR)[: 3 if data and with_error else 2]
-    figure = panels(*((0.36, 0.32, 0.32) if len(rows) > 2 else (0.5, 0.5)))
+    rows = [GAP, SPEED, *([GAP_ERROR] if data and with_error else [])]
+    moved = len(rows)
+    rows += [] if disturbance is None else [DISTURBANCE]
+    figure = panels(*HEIGHTS[len(rows)])
     number = segment.vehicles[follower + 1]
     colour = vehicle_colour(number, segment.vehicles[0])
+    start = segment.window.start
     sources = (
         ("data", data, {"color": colour, "width": 3.5}, 0.45),
         (own, surrogate, {"color": colour, "width": 1.5}, 1.0),
         ("closed-loop simulation", closed_loop, {"color": MODEL, "width": 1.5, "dash": "dot"}, 1.0),
     )
+    if predicted:
+        figure.add_traces(list(_bands(predicted, follower, start)), rows=1, cols=1)
     for name, source, line, opacity in sources:
         if source is None:
             continue
@@ -181,8 +197,8 @@ def tracking(
         drawn = [gaps[:, follower], speeds[:, follower + 1]]
         if data and source is not data:
             drawn.append((gaps - data.measured_gaps)[:, follower])
-        for row, (channel, values) in enumerate(zip(rows, drawn, strict=False), 1):
-            time, shown = thinned(segment.window.start + source.time, values)
+        for row, (channel, values) in enumerate(zip(rows[:moved], drawn, strict=False), 1):
+            time, shown = thinned(start + source.time, values)
             figure.add_scatter(
                 x=time, y=shown, name=name, line=line, opacity=opacity, legendgroup=name,
                 hovertemplate=f"%{{y:.2f}} {channel.unit}<extra>{name}</extra>",
@@ -191,10 +207,30 @@ def tracking(
     if data and closed_loop:
         findings = closed_loop_findings(data, closed_loop)
         _mark_collision(figure, float(collision_times(findings, data.vehicles)[follower]))
-    if len(rows) > 2:
+    if moved > 2:
         figure.add_hline(y=0, line={"color": GRID, "width": 1.5}, row=3, col=1)
+    if disturbance is not None:
+        figure.add_hline(y=0, line={"color": GRID, "width": 1.5}, row=len(rows), col=1)
+        time = start + np.linspace(0, segment.window.duration, len(disturbance))
+        time, shown = thinned(time, disturbance[:, follower])
+        figure.add_scatter(
+            x=time, y=shown, name="disturbance", line={"color": colour, "width": 1.5},
+            hovertemplate=f"%{{y:.2f}} {DISTURBANCE.unit}<extra>disturbance</extra>",
+            showlegend=False, row=len(rows), col=1,
+        )  # fmt: skip
     label_axes(figure, rows)
-    return with_legend(finished(figure, 620 if len(rows) > 2 else 460, f"tracking-{number}"))
+    height = 140 + 160 * len(rows)
+    return with_legend(finished(figure, height, f"tracking-{number}"))
+
+
+def _bands(predicted: GapBand, follower: int, start: Seconds) -> Iterator[go.Scatter]:
+    """The band, one area for each stretch of time that has one; the first stands in the legend."""
+    lower, upper = predicted.lower[:, follower], predicted.upper[:, follower]
+    for at, stretch in enumerate(stretches(np.isfinite(lower))):
+        rows = np.arange(stretch.first, stretch.last + 1)[:: 1 + len(lower) // BAND_POINTS]
+        name = f"{100 * predicted.level:.0f} % band"
+        area = band(start + predicted.time[rows], lower[rows], upper[rows], MODEL, 0.2, name)
+        yield area.update(showlegend=at == 0, legendgroup=name)
 
 
 def _motion(source: Segment | Trajectories) -> tuple[FloatArray, FloatArray]:

@@ -6,23 +6,32 @@ Uncertainty, identifiability, model adequacy, multistart, closed-loop simulation
 from accpinn.channels import PARAMETERS
 from accpinn.evaluation import closed_loop, whiteness
 from accpinn.evaluation.closed_loop import ClosedLoopFinding
-from accpinn.inference import intervals, multistart
-from accpinn.inference.identifiability import WIDE, WeakIdentification
+from accpinn.inference import intervals, multistart, prediction
+from accpinn.inference.identifiability import WIDE, NarrowerIntervals, WeakIdentification
 from accpinn.inference.intervals import Cause, ParameterInterval
-from accpinn.inference.model_adequacy import AdequacyFinding, BetterForm, Inadequate
+from accpinn.inference.model_adequacy import (
+    Adequacy,
+    AdequacyFinding,
+    BetterForm,
+    Inadequate,
+)
+from accpinn.methods.maximum_likelihood import DisturbanceSize
+from accpinn.methods.state_space import Form
 from accpinn.results.messages import Labelled, joined, message
 from accpinn.study.windows import WindowsDiffer
 
 QUANTITIES = {one.symbol: one for one in PARAMETERS}
-BIAS = "disturbances to which the vehicle itself responds bias what fits the accelerations best"
+BIAS = (
+    "disturbances to which the vehicle itself responds bias what fits the accelerations best, so"
+    " prefer maximum likelihood"
+)
 CAUSES: dict[Cause, str] = {
     "disturbances": BIAS,
+    "apart": "the likelihood has a long tail or several maxima here, so rely on the interval",
     "unfinished": f"more iterations may change it, or {BIAS}",
     "stopped": "training was stopped before its end",
     "diverged": "training diverged",
 }
-MORE_MOTION = "choose a window in which the vehicle ahead brakes and accelerates more"
-MORE_TIME = "the vehicle ahead moves enough here, so choose a longer window if there is one"
 
 
 @message.register
@@ -67,11 +76,26 @@ def _(finding: WeakIdentification, about: Labelled) -> str:
     who, because = _who(finding.vehicle, about), f", as {joined(reasons)}" if reasons else ""
     if not finding.wide:
         return f"{who}: treat the intervals with caution{because}."
-    cure = MORE_MOTION if reasons else MORE_TIME
-    return (
-        f"{who}: the intervals of {joined([_wide(one) for one in finding.wide])} span more than a"
-        f" factor of {WIDE:g}{because}; {cure}."
+    spans = "interval of {} spans" if len(finding.wide) == 1 else "intervals of {} span"
+    wide = joined([_wide(one) for one in finding.wide])
+    return f"{who}: the {spans.format(wide)} more than a factor of {WIDE:g}{because}."
+
+
+@message.register
+def _(finding: NarrowerIntervals, about: Labelled) -> str:
+    ways = []
+    if finding.recording is not None:
+        whole, part = f"{finding.recording:,.0f} s", f"{finding.window:,.0f} s"
+        ways.append(f"the whole recording ({whole}; this window has {part})")
+    elif finding.is_excited:
+        ways.append("a longer recording")
+    if not finding.is_excited:
+        ways.append("a window in which the vehicle ahead brakes and accelerates more")
+    ways.append(
+        "several windows or runs estimated together (fit --windows, or fit_windows in Python)"
     )
+    who = joined([about.label(vehicle) for vehicle in finding.vehicles])
+    return f"What would narrow the intervals of {who}: {', or '.join(ways)}."
 
 
 def _wide(one: ParameterInterval) -> str:
@@ -84,10 +108,13 @@ def _wide(one: ParameterInterval) -> str:
 def _(finding: AdequacyFinding, about: Labelled) -> str:
     match finding:
         case BetterForm():
+            alpha, beta, tau = map(_likeliest, finding.intervals)
             return (
-                f"{_who(finding.vehicle, about)}: the data support {_extra(finding)} (AIC"
-                f" {finding.aic:+.0f}, log density of held-out time {finding.holdout:+.1f});"
-                f" α, β, τ are then {finding.alpha:.4f}, {finding.beta:.4f}, {finding.tau:.3f}."
+                f"{_who(finding.vehicle, about)}: a model with {EXTRA[finding.form]} describes the"
+                f" data better than the CTHP (AIC {finding.aic:+.0f}, log density of held-out time"
+                f" {finding.holdout:+.1f}). With {_extra(finding)}, α is {alpha}, β {beta} and"
+                f" τ {tau};"
+                f" {100 * finding.level:.0f} % intervals in brackets."
             )
         case Inadequate():
             faults = {
@@ -103,14 +130,52 @@ def _(finding: AdequacyFinding, about: Labelled) -> str:
             )
 
 
+def conditional(adequacy: Adequacy | None, about: Labelled) -> str:
+    """What estimates and intervals take for granted, and whether another form is better.
+
+    Args:
+        adequacy: of the segment, where it is known.
+        about: names the vehicles.
+    """
+    if adequacy is None or not adequacy.forms:
+        return (
+            "Estimates and intervals are those of the CTHP. They hold if it does; under a model"
+            " with a distance at standstill, a lag or a delay they would differ."
+        )
+    if not adequacy.better:
+        return (
+            "Estimates and intervals are those of the CTHP; no model with a distance at standstill,"
+            " a lag or a delay describes the data clearly better."
+        )
+    who = joined([_who(one.vehicle, about) for one in adequacy.better])
+    return (
+        f"Estimates and intervals are those of the CTHP. For {who[0].lower() + who[1:]} a model"
+        " with one term more describes the data better; its intervals stand beside those of the"
+        " CTHP here."
+    )
+
+
+def _likeliest(one: ParameterInterval) -> str:
+    """An estimate and its interval."""
+    text, value = QUANTITIES[one.symbol].text, one.likeliest
+    upper = "no limit" if one.upper is None else text(one.upper)
+    ends = f"({text(one.lower)} to {upper})"
+    return f"undetermined {ends}" if value is None else f"{text(value)} {ends}"
+
+
+EXTRA: dict[Form, str] = {
+    "offset": "a distance at standstill (or a slope)",
+    "lag": "an actuator lag",
+    "delay": "a delay",
+}
+"""What a form of the model adds."""
+
+
 def _extra(finding: BetterForm) -> str:
-    match finding.form:
-        case "offset":
-            return f"a distance of {finding.extra:.1f} m at standstill, or a slope,"
-        case "lag":
-            return f"an actuator lag of {finding.extra:.2f} s"
-        case _:
-            return f"a delay of {finding.extra:.2f} s"
+    digits, unit = (1, "m") if finding.form == "offset" else (2, "s")
+    ends = f"{finding.extra_lower:.{digits}f} to {finding.extra_upper:.{digits}f}"
+    what = "a distance" if finding.form == "offset" else EXTRA[finding.form]
+    return f"{what} of {finding.extra:.{digits}f} {unit} ({ends})"
 
 
 @message.register
@@ -187,4 +252,39 @@ def _(finding: WindowsDiffer, about: Labelled) -> str:
         f"{_who(finding.vehicle, about)}: {joined(finding.symbols)} {differ} between the"
         f" {finding.windows} windows by more than sampling error explains, so the intervals of the"
         " joint estimate are too narrow; where a further window matters, use the interval for one."
+    )
+
+
+BAND = (
+    "Band: the space-gaps that the model predicts from the leader's speed alone, with parameters"
+    " drawn from the posterior and disturbances of the size found."
+)
+"""What a predictive band is."""
+
+
+@message.register
+def _(finding: prediction.BandCoverage, about: Labelled) -> str:
+    level = f"{100 * finding.level:.0f} %"
+    verdict = (
+        "too little for a model that holds with the same parameters throughout"
+        if finding.share < prediction.TOO_FEW
+        else f"in keeping with {level}"
+    )
+    touching = (
+        f" In {100 * finding.colliding:.0f} % of the simulations the vehicle touches the one ahead,"
+        " and drives on."
+        if finding.colliding
+        else ""
+    )
+    share = f"{100 * finding.share:.0f} % of the measured space-gap lies"
+    who = _who(finding.vehicle, about)
+    return f"{who}: {share} within the {level} band, {verdict}.{touching}"
+
+
+@message.register
+def _(finding: DisturbanceSize, about: Labelled) -> str:
+    return (
+        f"{_who(finding.vehicle, about)}: the disturbance has a standard deviation of"
+        f" {finding.deviation:.2f} m/s²; it is correlated over about {finding.memory:.1f} s and"
+        f" builds up within about {finding.rise:.1f} s."
     )

@@ -10,6 +10,7 @@ TITLES = {
     "fit.surrogate": "Network's curves",
     "info": "Names and notes",
     "quality": "Data's quality",
+    "adequacy": "Forms of the model",
     "refit": "Method run again",
     "uncertainty": "Intervals",
     "evaluation.surrogate": "Surrogate fit",

@@ -3,7 +3,9 @@
 from math import isfinite, isinf, isnan
 from typing import Any
 
+from accpinn.errors import Finding
 from accpinn.evaluation.evaluation import Evaluation
+from accpinn.inference.identifiability import narrower_intervals, weakly_identified
 from accpinn.inference.intervals import Uncertainty
 from accpinn.methods.registry import METHODS
 from accpinn.model.cthp import Parameters
@@ -175,6 +177,7 @@ def cautions(snapshot: Snapshot) -> dict[str, tuple[str, ...]]:
     of_parameters = (
         *snapshot.fit.findings,
         *(uncertainty.findings if uncertainty else ()),
+        *(_openness(snapshot, uncertainty) if uncertainty else ()),
         *(evaluation.whiteness.findings if evaluation else ()),
     )
     return {
@@ -182,3 +185,11 @@ def cautions(snapshot: Snapshot) -> dict[str, tuple[str, ...]]:
         "parameters": tuple(dict.fromkeys(messages(of_parameters, info))),
         "closed_loop": messages(evaluation.all_findings if evaluation else (), info),
     }
+
+
+def _openness(snapshot: Snapshot, uncertainty: Uncertainty) -> tuple[Finding, ...]:
+    """Which parameters the data leave open, and what would narrow their intervals."""
+    info = snapshot.info
+    found = weakly_identified(info, snapshot.quality, uncertainty, snapshot.fit.case)
+    cure = narrower_intervals(info, uncertainty, found, snapshot.facts.get("duration"))
+    return (*found, *cure)

@@ -25,6 +25,8 @@ from accpinn import __version__
 from accpinn.channels import GAP, SPEED
 from accpinn.errors import ParameterError
 from accpinn.evaluation.closed_loop import closed_loop
+from accpinn.inference.prediction import gap_band
+from accpinn.methods.maximum_likelihood import disturbance_sizes
 from accpinn.model.cthp import Trajectories
 from accpinn.platoon.leader import Sinusoid
 from accpinn.platoon.simulation import PlatoonRun, simulate_platoon
@@ -44,12 +46,14 @@ from accpinn.results.figures.training import loss_history, parameter_history, tr
 from accpinn.results.messages import messages
 from accpinn.results.messages import summary as words
 from accpinn.results.messages.methods import outcome_message
+from accpinn.results.messages.reliability import BAND, conditional
 from accpinn.results.messages.snapshot import check_rows, summary
 from accpinn.results.messages.stability import PLACES, reason
 from accpinn.results.snapshot import Snapshot, stability
 from accpinn.results.snapshot.verification import Verification, verify
 from accpinn.results.tables.estimates import (
     TITLES,
+    form_intervals_table,
     intervals_table,
     learned_parameters,
     methods_table,
@@ -128,8 +132,11 @@ def _story(snapshot: Snapshot, checked: Verification, shown: list[Picture]) -> d
     motion, run = motion_picture(snapshot), platoon_pictures(snapshot)
     errors = (evaluation.surrogate, evaluation.closed_loop) if evaluation else (None, None)
     tables = {"parameters": parameter_table(info, fit, snapshot.quality, *errors).coloured(paints)}
+    adequacy = snapshot.adequacy
     if uncertainty:
         tables["intervals"] = intervals_table(info, uncertainty).coloured(paints[1:])
+    if uncertainty and adequacy and adequacy.better:
+        tables["forms"] = form_intervals_table(info, uncertainty, adequacy.better)
     if report:
         tables["stability"] = stability_table(vehicles, report).coloured(paints[1:])
     if report and uncertainty:
@@ -144,7 +151,10 @@ def _story(snapshot: Snapshot, checked: Verification, shown: list[Picture]) -> d
         "motion": _placed([motion] if motion else [], shown),
         "sheets": {name: _sheet(table, name) for name, table in tables.items()},
         "uncertainty": uncertainty,
+        "conditional": conditional(adequacy, info),
+        "forms": messages(adequacy.findings if adequacy else (), info),
         "fits": _placed(fit_pictures(snapshot), shown),
+        "band": BAND if snapshot.segment and uncertainty else "",
         "training": _placed(training_pictures(snapshot), shown),
         "reasons": _reasons(snapshot),
         "stability_pictures": _placed(stability_pictures(snapshot), shown),
@@ -264,14 +274,25 @@ def motion_picture(snapshot: Snapshot) -> Picture | None:
 
 def fit_pictures(snapshot: Snapshot) -> Iterator[Picture]:
     """Per follower: the method's curve, with the data and the closed loop where these are known."""
-    fit, segment = snapshot.fit, snapshot.segment
+    fit, segment, uncertainty = snapshot.fit, snapshot.segment, snapshot.uncertainty
     if segment is None and fit.surrogate is None:
         return
     driven = closed_loop(segment, fit) if segment else None
-    for k, label in enumerate(snapshot.info.labels[1:]):
+    predicted = gap_band(segment, uncertainty, fit.case) if segment and uncertainty else None
+    disturbance, info = fit.arrays.get("disturbance"), snapshot.info
+    coverages = predicted.findings if predicted else ()
+    sizes = disturbance_sizes(info.vehicles, fit)
+    for k, (vehicle, label) in enumerate(zip(info.vehicles[1:], info.labels[1:], strict=True)):
         own = name_of(fit)
-        figure = tracking(segment or snapshot.info, k, fit.surrogate, driven, own)
-        yield Picture(f"fit_{k + 1}", figure, f"{label}: space-gap and speed.")
+        figure = tracking(
+            segment or info, k, fit.surrogate, driven, own, predicted=predicted,
+            disturbance=disturbance,
+        )  # fmt: skip
+        covered = [one for one in coverages if one.vehicle == vehicle]
+        size = [one for one in sizes if one.vehicle in (0, vehicle)]
+        said = messages((*covered, *size), info)
+        caption = " ".join([f"{label}: space-gap and speed.", *said])
+        yield Picture(f"fit_{k + 1}", figure, caption)
 
 
 def training_pictures(snapshot: Snapshot) -> Iterator[Picture]:

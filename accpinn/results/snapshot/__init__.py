@@ -28,6 +28,7 @@ from accpinn import __version__
 from accpinn.errors import ParameterError, SnapshotError
 from accpinn.evaluation.evaluation import Evaluation, evaluate
 from accpinn.inference.intervals import Uncertainty, intervals
+from accpinn.inference.model_adequacy import Adequacy
 from accpinn.methods.fit import Fit, Outcome, ParameterTrack
 from accpinn.recordings.recording import Recording
 from accpinn.segment.quality import Quality, assess_quality
@@ -59,6 +60,7 @@ PARTS = {
     "evaluation": "the errors",
     "stability": "the stability report",
     "methods": "the comparison",
+    "adequacy": "the model's forms",
     "segment": "the data",
 }
 """What sentences call each NAME.json and NAME.npz."""
@@ -148,6 +150,8 @@ class Snapshot:
     """As it stood at saving; None where τ is undetermined or the values allow no report."""
     methods: tuple[MethodResult, ...] = ()
     """The methods compared; without trajectories, tracks thinned to 500 instants at most."""
+    adequacy: Adequacy | None = None
+    """The forms of the model; None where they were not compared."""
     segment: Segment | None = None
     """The speeds and space-gaps of the window; only if the user asked for them."""
     attribution: str = ATTRIBUTION_TEXT
@@ -170,6 +174,7 @@ def create(
     uncertainty: Uncertainty | None = None,
     evaluation: Evaluation | None = None,
     methods: Sequence[MethodResult] = (),
+    adequacy: Adequacy | None = None,
     name: str = "",
     note: str = "",
     with_data: bool = False,
@@ -184,6 +189,7 @@ def create(
         uncertainty: the fit's, if it is known already.
         evaluation: the fit's, if it is known already.
         methods: the results of the methods compared on the same segment.
+        adequacy: the forms of the model on the same segment, if they were compared.
         name: of the user's choice.
         note: of the user's choice.
         with_data: whether speeds and space-gaps of the window go in.
@@ -207,6 +213,7 @@ def create(
         evaluation=evaluation or evaluate(segment, fit, recording=recording),
         stability=stability(fit),
         methods=tuple(replace(result, fit=light(result.fit)) for result in methods),
+        adequacy=adequacy,
         segment=segment if with_data else None,
     )
 

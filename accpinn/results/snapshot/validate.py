@@ -7,9 +7,12 @@ from typing import Any
 
 import numpy as np
 
+from accpinn.channels import PARAMETERS
 from accpinn.inference.intervals import Interval, Uncertainty
+from accpinn.inference.model_adequacy import Adequacy
 from accpinn.methods.fit import Fit
 from accpinn.methods.registry import METHODS
+from accpinn.methods.state_space import EXTRA
 from accpinn.methods.store import FIT_SHAPES
 from accpinn.results.snapshot import LONGEST_NAME, Snapshot, check_length
 from accpinn.segment.segment import BlocksMissing, SegmentInfo
@@ -36,8 +39,11 @@ SHAPES = (
         StabilityReport="vehicles",
         PlatoonStability="peaks",
         Gains="gain error",
+        ModelForm="extra aic holdout",
+        InnovationTests="correlated uneven heavy",
     )
     | _of(Shape("M", 3), Uncertainty="centre lower upper inside")
+    | _of(Shape("M", 3), ModelForm="parameters deviation")
     | _of(Shape("D", "M", 3), Uncertainty="draws")
     | _of(Shape("V"), SegmentInfo="vehicles names", TrackingErrors="speed_mae speed_rmse")
     | _of(Shape(3), VehicleStability="parameters")
@@ -105,6 +111,8 @@ def validate(snapshot: Snapshot) -> None:
         _check_uncertainty(snapshot.uncertainty)
     if snapshot.stability:
         _check_stability(snapshot.stability)
+    if snapshot.adequacy:
+        _check_adequacy(snapshot.adequacy, info)
     for result in snapshot.methods:
         _check_fit(result.fit)
         _check_uncertainty(result.uncertainty)
@@ -155,6 +163,15 @@ def _check_uncertainty(uncertainty: Uncertainty) -> None:
         _require(not _negative(interval.lower), "an interval of a gain or frequency is negative")
     for interval in (*gains, Interval(uncertainty.lower.values, uncertainty.upper.values)):
         _require(not (interval.lower > interval.upper).any(), "an interval is upside down")
+
+
+def _check_adequacy(adequacy: Adequacy, info: SegmentInfo) -> None:
+    for one in adequacy.findings:
+        _require(one.vehicle in (0, *info.vehicles[1:]), "a form is of a vehicle that is none")
+    for better in adequacy.better:
+        symbols = [one.symbol for one in better.intervals]
+        known = better.form in EXTRA and symbols == [quantity.symbol for quantity in PARAMETERS]
+        _require(known, "a form of the model is not known")
 
 
 def _check_stability(report: StabilityReport) -> None:

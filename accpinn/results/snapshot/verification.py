@@ -24,6 +24,7 @@ from accpinn.evaluation.evaluation import (
     pooled_holdout_errors,
 )
 from accpinn.inference.intervals import Uncertainty, intervals
+from accpinn.inference.model_adequacy import model_forms
 from accpinn.methods.fit import Fit, Outcome
 from accpinn.methods.registry import METHODS
 from accpinn.model.cthp import Trajectories
@@ -130,6 +131,9 @@ def verify(
         work.unchecked.append(Unchecked("errors", RECORDING))
     else:
         work.compare("quality", snapshot.quality, assess_quality(segment))
+        if snapshot.adequacy:
+            found_forms = model_forms(segment, snapshot.fit.case)
+            work.compare("adequacy", snapshot.adequacy, found_forms, relative=INTERVALS)
     own = ("", snapshot.fit, snapshot.uncertainty, snapshot.evaluation)
     compared = [
         (name_of(result.fit), result.fit, result.uncertainty, result.evaluation)

@@ -8,8 +8,8 @@ import numpy as np
 
 from accpinn.channels import PARAMETERS
 from accpinn.evaluation.closed_loop import TrackingErrors
-from accpinn.inference.intervals import Uncertainty
-from accpinn.inference.model_adequacy import ModelForm
+from accpinn.inference.intervals import Uncertainty, parameter_intervals
+from accpinn.inference.model_adequacy import BetterForm, ModelForm
 from accpinn.inference.multistart import MultistartResult
 from accpinn.methods.fit import Fit, Outcome
 from accpinn.methods.registry import METHODS
@@ -185,6 +185,14 @@ FORMS: dict[Form, str] = {
 }
 
 
+EXTRA_COLUMNS: dict[Form, Column] = {
+    "offset": Column("s₀", "m", 1),
+    "lag": Column("λ", "s", 2),
+    "delay": Column("d", "s", 2),
+}
+"""What each form adds."""
+
+
 def model_form_table(info: SegmentInfo, forms: Sequence[ModelForm], follower: int) -> Table:
     """One row a form of the model, for one follower (0 for the first)."""
     return Table.of(
@@ -193,14 +201,47 @@ def model_form_table(info: SegmentInfo, forms: Sequence[ModelForm], follower: in
             (Column("Form of the model"), [FORMS[form.form] for form in forms]),
             *parameter_cells(Parameters.stack(form.parameters[follower] for form in forms)),
             *_relative_errors(forms, follower),
-            (Column("s₀", "m", 1), _extra(forms, "offset", follower)),
-            (Column("λ", "s", 2), _extra(forms, "lag", follower)),
-            (Column("d", "s", 2), _extra(forms, "delay", follower)),
+            *((column, _extra(forms, form, follower)) for form, column in EXTRA_COLUMNS.items()),
             (Column("AIC", "", 1, AGAINST), [form.aic[follower] for form in forms]),
             (Column("Held-out log density", "", 1, AGAINST),
              [form.holdout[follower] for form in forms]),
         ],
     )  # fmt: skip
+
+
+def form_intervals_table(
+    info: SegmentInfo, uncertainty: Uncertainty, better: Sequence[BetterForm]
+) -> Table:
+    """The intervals under the CTHP and under a better form, two rows a follower that has one.
+
+    Args:
+        info: of the segment.
+        uncertainty: the intervals under the CTHP.
+        better: the forms; one of vehicle 0 is of all followers together.
+    """
+    names, forms, intervals = list[str](), list[str](), list[list[Range]]()
+    for one in better:
+        k = info.vehicles.index(one.vehicle) - 1 if one.vehicle else 0
+        names += 2 * [info.label(one.vehicle) if one.vehicle else "All followers together"]
+        forms += [FORMS["cthp"], FORMS[one.form]]
+        for each in (parameter_intervals(uncertainty, k), one.intervals):
+            intervals.append([Range(end.lower, _end(end.upper)) for end in each])
+    percent = f"{100 * uncertainty.level:.0f} % interval"
+    filled: list[Filled] = [(Column("Follower"), names), (Column("Form of the model"), forms)]
+    for column, ranges in zip(PARAMETER_COLUMNS, zip(*intervals, strict=True), strict=True):
+        filled.append((replace(column, group=percent), ranges))
+    for form, column in EXTRA_COLUMNS.items():
+        if any(one.form == form for one in better):
+            ends: list[Cell] = []
+            for one in better:
+                own = Range(one.extra_lower, one.extra_upper) if one.form == form else None
+                ends += [None, own]
+            filled.append((replace(column, group=percent), ends))
+    return Table.of(f"Intervals by form of the model, {where(info)}", filled)
+
+
+def _end(upper: float | None) -> float:
+    return float("inf") if upper is None else upper
 
 
 def _relative_errors(forms: Sequence[ModelForm], follower: int) -> Iterator[Filled]:

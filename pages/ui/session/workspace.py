@@ -7,6 +7,7 @@ from typing import Any, Literal
 
 from accpinn.errors import ConfigError, SegmentError
 from accpinn.inference.intervals import Uncertainty, intervals
+from accpinn.inference.model_adequacy import Adequacy, model_forms
 from accpinn.inference.multistart import Trial
 from accpinn.methods.fit import Fit, Outcome
 from accpinn.methods.pinn.config import PinnConfig, PresetName
@@ -29,7 +30,7 @@ from accpinn.study.comparison import (
     results_among,
 )
 from accpinn.tasks.task import Task, TrainingRequest, comparison_task, starts_task, training_task
-from accpinn.units import RadiansPerSecond
+from accpinn.units import RadiansPerSecond, Seconds
 from pages.ui.session.resources import task_queue
 
 Source = Literal["fit", "published", "snapshot", "hand"]
@@ -135,6 +136,8 @@ class Workspace:
     """Whether each chart has one of its own, beside the key that serves a whole page."""
     _uncertainty: tuple[Fit, Uncertainty] | None = None
     """That of a fit, kept with it."""
+    _adequacy: tuple[Segment, Case, Adequacy] | None = None
+    """That of a segment, kept with it."""
     _own: MethodResult | None = None
     """The evaluated training, kept with its fit."""
 
@@ -321,6 +324,29 @@ class Workspace:
                 return None
             self._uncertainty = (self.fit, intervals(self.segment, self.fit))
         return self._uncertainty[1]
+
+    @property
+    def known_adequacy(self) -> Adequacy | None:
+        """The forms of the model for the segment, if they were compared before."""
+        kept = self._adequacy
+        if kept and kept[0] is self.segment and kept[1] == self.case:
+            return kept[2]
+        return self.snapshot.adequacy if self.snapshot else None
+
+    def compare_forms(self) -> Adequacy | None:
+        """Compare the forms of the model on the segment, which takes some seconds once."""
+        if self.segment is None:
+            return None
+        found = self.known_adequacy or model_forms(self.segment, self.case)
+        self._adequacy = (self.segment, self.case, found)
+        return found
+
+    @property
+    def recording_duration(self) -> Seconds | None:
+        """That of the recording which the window is of, as far as it is known."""
+        if self.recording:
+            return self.recording.duration
+        return self.snapshot.facts.get("duration") if self.snapshot else None
 
     @property
     def true_parameters(self) -> Parameters | None:

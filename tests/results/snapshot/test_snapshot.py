@@ -28,7 +28,7 @@ from tests.support.holes import with_holes
 from tests.support.methods import RIVALS as ESTIMATORS
 from tests.support.methods import train
 from tests.support.samples import FOLDER, NOISY
-from tests.support.snapshots import bits, entries, resealed, small, trained, whole
+from tests.support.snapshots import bits, delayed, entries, resealed, small, trained, whole
 
 ROOT = Path(__file__).parents[3]
 
@@ -88,6 +88,15 @@ class TestRoundTrip:
         assert after.segment is not None
         np.testing.assert_array_equal(after.segment.missing, segment.missing)
         assert after.segment.info == segment.info
+
+    def test_the_forms_of_the_model_are_kept_and_checked(self) -> None:
+        before = replace(small(), adequacy=delayed())
+        after = load(to_bytes(before))
+        assert bits(after.adequacy) == bits(before.adequacy)
+        (one,) = [check for check in verify(after).checks if check.part == "adequacy"]
+        assert not one.ok, "they are invented"
+        with pytest.raises(SnapshotError, match="a vehicle that is none"):
+            load(to_bytes(replace(small(), adequacy=delayed(vehicle=7))))
 
     def test_without_data_it_has_no_data(self) -> None:
         segment, fit = trained()
