@@ -36,14 +36,7 @@ from accpinn.methods.pinn.evidence import Ascent, Evidence, begin, deviations_of
 from accpinn.methods.pinn.evidence_output import FourierOrders, OutputLayer, activations
 from accpinn.methods.pinn.loss import Learned, LossTerms, Training
 from accpinn.methods.pinn.method import WarmStart, calibrated_features, hidden_inputs
-from accpinn.methods.pinn.network import (
-    HIDDEN,
-    Adam,
-    HiddenLayers,
-    count_weights,
-    load_state,
-    state_of,
-)
+from accpinn.methods.pinn.network import HIDDEN, Descent, count_weights, load_state, state_of
 from accpinn.methods.regression import Regression, Solution
 from accpinn.model.cthp import Case, Parameters
 from accpinn.segment.segment import Segment
@@ -80,9 +73,7 @@ class CalibratedTraining(Training):
         features = calibrated_features(float(self.segment.time[-1]), self.config)
         self._inputs = hidden_inputs(features)
         self._fourier = FourierOrders(features)
-        self._hidden = HiddenLayers(self._inputs, self.config.seed, torch.float32)
-        self._adam = Adam(self._hidden.parameters(), b2=0.99)
-        self._generator = torch.Generator().manual_seed(self.config.seed)
+        self._descent = Descent(self._inputs, self.config.seed)
         self._layer: OutputLayer | None = None
         self._note("evidence")
 
@@ -91,7 +82,7 @@ class CalibratedTraining(Training):
         initial = warm.initial(self.case, self.followers)
         everyone = Parameters.of(np.broadcast_to(initial.values, (self.followers, 3)))
         self._start(everyone.theta)
-        load_state(self._hidden, warm.arrays, "hidden.")
+        load_state(self._descent.hidden, warm.arrays, "hidden.")
 
     def advance(self) -> None:
         """A round of every ascent that has not ended; then the output layer; then cycles."""
@@ -152,20 +143,18 @@ class CalibratedTraining(Training):
 
     def _active(self, orders: Tensor) -> Tensor:
         """(4, N, 60) the activations in double precision."""
-        doubled = HiddenLayers(self._inputs, 0, torch.float64)
-        doubled.load_state_dict(self._hidden.state_dict())
-        return activations(doubled, orders[:, :, 1 : 1 + self._inputs])
+        return activations(self._descent.doubled(), orders[:, :, 1 : 1 + self._inputs])
 
     def _cycle(self) -> None:
         """Adam on the hidden layers, then W; both taken back where Ψ did not fall."""
         before, weights = self._terms, self._weights
-        hidden = {name: value.clone() for name, value in self._hidden.state_dict().items()}
+        hidden = {name: value.clone() for name, value in self._descent.hidden.state_dict().items()}
         steps = min(CYCLE, self.config.iterations - self._iteration)
         self._descend(steps)
         self._iteration += steps
         self._solve()
         if not self._terms.total < before.total:
-            self._hidden.load_state_dict(hidden)
+            self._descent.hidden.load_state_dict(hidden)
             self._terms, self._weights = before, weights
         self._quiet = bool(self._terms.total >= (1 - CONVERGED_LOSS) * before.total)
         self._note("Adam")
@@ -181,10 +170,10 @@ class CalibratedTraining(Training):
         batch = min(self.config.batch, len(layer.grid), len(layer.samples)) // 2
         rate = self.config.learning_rate * 0.5 ** (self._iteration / HALF_LIFE)
         for _ in range(steps):
-            at = torch.randint(len(layer.grid), (batch,), generator=self._generator)
-            of = torch.randint(len(layer.samples), (batch,), generator=self._generator)
+            at = torch.randint(len(layer.grid), (batch,), generator=self._descent.generator)
+            of = torch.randint(len(layer.samples), (batch,), generator=self._descent.generator)
             orders = torch.cat([grid[:, at, 1 : 1 + inputs], samples[:, of, 1 : 1 + inputs]], 1)
-            active = activations(self._hidden, orders) @ weights[size:]
+            active = activations(self._descent.hidden, orders) @ weights[size:]
             some = quadrature[at] * (len(layer.grid) / batch)
             misfit, physics = layer.terms(
                 skip[:, at] + active[:, :batch],
@@ -195,7 +184,7 @@ class CalibratedTraining(Training):
                 batch / len(layer.samples),
             )
             (misfit + physics).backward()
-            self._adam.step(rate)
+            self._descent.adam.step(rate)
 
     def _note(self, phase: str) -> None:
         """Look at the present moment, and see if it ends."""
@@ -221,7 +210,7 @@ class CalibratedTraining(Training):
     def learned(self) -> Learned:
         """The surrogate, the parameters, and what training the hidden layers brought."""
         now, found = self.progress, list[MethodFinding]()
-        arrays = state_of(self._hidden, "hidden.")
+        arrays = state_of(self._descent.hidden, "hidden.")
         if self._layer is None:  # stopped early: the best output layer at the present unknowns
             self._weights = torch.zeros((self._fourier.size + HIDDEN[-1], self.measured.shape[1]))
             self._weights = self._weights.double()
@@ -244,7 +233,7 @@ class CalibratedTraining(Training):
             outputs=self._surrogate().numpy(),
             solution=self._solution,
             loss=loss,
-            network_weights=count_weights(self._hidden) + self._weights.numel(),
+            network_weights=count_weights(self._descent.hidden) + self._weights.numel(),
             arrays=arrays,
             findings=tuple(found),
         )
@@ -257,8 +246,7 @@ class CalibratedTraining(Training):
 
     def state(self) -> Checkpoint:
         """Every ascent; hidden layers, Adam's moments, output layer and the random generator."""
-        state = state_of(self._hidden, "hidden.") | self._adam.state()
-        state["generator"] = self._generator.get_state().numpy()
+        state = self._descent.state()
         for group, ascent in enumerate(self._ascents):
             state |= {f"ascent.{group}.{name}": v for name, v in ascent.state().items()}
         layer = self._layer is not None
@@ -269,9 +257,7 @@ class CalibratedTraining(Training):
 
     def restore(self, state: Checkpoint) -> None:
         """Go on from ``state``."""
-        load_state(self._hidden, state, "hidden.")
-        self._adam.restore(state)
-        self._generator.set_state(torch.from_numpy(np.array(state["generator"])))
+        self._descent.restore(state)
         fine, layer, self._iteration, quiet = (int(v) for v in state["counters"])
         self._quiet = bool(quiet)
         self._start_loss = float(state["start_loss"])

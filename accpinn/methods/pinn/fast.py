@@ -31,14 +31,7 @@ from accpinn.methods.fit import (
 from accpinn.methods.pinn.config import PinnConfig
 from accpinn.methods.pinn.loss import Learned, Training, loss_terms
 from accpinn.methods.pinn.method import FourierFeatures, WarmStart
-from accpinn.methods.pinn.network import (
-    HIDDEN,
-    Adam,
-    HiddenLayers,
-    count_weights,
-    load_state,
-    state_of,
-)
+from accpinn.methods.pinn.network import HIDDEN, Descent, count_weights, load_state, state_of
 from accpinn.methods.pinn.variable_projection import (
     RIDGE,
     GramMatrices,
@@ -76,9 +69,7 @@ class FastTraining(Training):
         super().__init__(segment, case, config)
         self._features = FourierFeatures(float(segment.time[-1]), config.highest_frequency)
         self._static = _StaticSums(segment.time, self.measured, self.mask, self._features)
-        self._hidden = HiddenLayers(self._features.size - 1, config.seed, torch.float32)
-        self._adam = Adam(self._hidden.parameters(), b2=0.99)
-        self._generator = torch.Generator().manual_seed(config.seed)
+        self._descent = Descent(self._features.size - 1, config.seed)
         initial = Parameters.of([config.initial.values] * self.followers)
         self._solution = Solution.of(initial.theta)
         self._starting, self._iteration, self._quiet_cycles = True, 0, 0
@@ -95,7 +86,7 @@ class FastTraining(Training):
         fits = weights is not None and weights.shape == tuple(self._weights.shape)
         if not fits or angular is None or not np.array_equal(angular, self._features.angular):
             raise ValueError("the weights are another network's")
-        load_state(self._hidden, warm.arrays, "hidden.")
+        load_state(self._descent.hidden, warm.arrays, "hidden.")
         everyone = Parameters.of(np.broadcast_to(initial, (self.followers, 3)))
         self._solution = Solution.of(everyone.theta)
         self._measure()
@@ -156,10 +147,10 @@ class FastTraining(Training):
         batch = min(config.batch, count)
         learning_rate = config.learning_rate * 0.5 ** (self._iteration / HALF_LIFE)
         for _ in range(iterations):
-            pick = torch.randint(count, (batch,), generator=self._generator)
+            pick = torch.randint(count, (batch,), generator=self._descent.generator)
             if config.weight_initial:
                 pick[0] = 0  # Ψ_R looks at the first instant
-            active, active_rate = self._hidden(
+            active, active_rate = self._descent.hidden(
                 self._static.value_single[pick], self._static.rate_single[pick]
             )
             outputs = skip[pick] + active @ weights[size:]
@@ -167,7 +158,7 @@ class FastTraining(Training):
             some = None if mask is None else mask[pick]
             terms = loss_terms(outputs, rates, measured[pick], theta, config, some)
             terms.total.backward()
-            self._adam.step(learning_rate)
+            self._descent.adam.step(learning_rate)
         self._iteration += iterations
 
     def _measure(self) -> None:
@@ -177,9 +168,8 @@ class FastTraining(Training):
 
     @torch.no_grad()
     def _activations(self) -> tuple[Tensor, Tensor]:
-        doubled = HiddenLayers(self._features.size - 1, 0, torch.float64)
-        doubled.load_state_dict(self._hidden.state_dict())
-        value, rate = doubled(self._static.value[:, 1:], self._static.rate[:, 1:])
+        hidden = self._descent.doubled()
+        value, rate = hidden(self._static.value[:, 1:], self._static.rate[:, 1:])
         return value, rate
 
     def _surrogate(self) -> tuple[Tensor, Tensor]:
@@ -191,7 +181,7 @@ class FastTraining(Training):
     def learned(self) -> Learned:
         """The surrogate, the parameters, and what training the hidden layers brought."""
         now, start = self.progress, self._start_loss
-        arrays = state_of(self._hidden, "hidden.")
+        arrays = state_of(self._descent.hidden, "hidden.")
         arrays["output.weight"] = self._weights.numpy()
         arrays["features.angular"] = self._features.angular
         loss = {"total": now.total, "data": now.data, "physics": now.physics}
@@ -205,15 +195,14 @@ class FastTraining(Training):
             outputs=self._surrogate()[0].numpy(),
             solution=self._solution,
             loss=loss,
-            network_weights=count_weights(self._hidden) + self._weights.numel(),
+            network_weights=count_weights(self._descent.hidden) + self._weights.numel(),
             arrays=arrays,
             findings=tuple(found),
         )
 
     def state(self) -> Checkpoint:
         """Hidden layers, Adam's moments, output layer, parameters and the random generator."""
-        state = state_of(self._hidden, "hidden.") | self._adam.state()
-        state["generator"] = self._generator.get_state().numpy()
+        state = self._descent.state()
         state["theta"] = self._solution.theta
         state["output.weight"] = self._weights.numpy()
         state["counters"] = np.array([self._starting, self._iteration, self._quiet_cycles])
@@ -223,9 +212,7 @@ class FastTraining(Training):
 
     def restore(self, state: Checkpoint) -> None:
         """Go on from ``state``."""
-        load_state(self._hidden, state, "hidden.")
-        self._adam.restore(state)
-        self._generator.set_state(torch.from_numpy(np.array(state["generator"])))
+        self._descent.restore(state)
         self._solution = Solution.of(np.array(state["theta"], float))
         self._starting = bool(state["counters"][0])
         self._iteration, self._quiet_cycles = (int(v) for v in state["counters"][1:])

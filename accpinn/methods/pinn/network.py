@@ -141,3 +141,30 @@ class Adam:
             mean.copy_(torch.from_numpy(np.array(state[f"adam.mean.{k}"])))
             square.copy_(torch.from_numpy(np.array(state[f"adam.square.{k}"])))
         self.steps = int(state["adam.steps"])
+
+
+class Descent:
+    """Hidden layers in single precision, Adam, and the generator that draws minibatches."""
+
+    def __init__(self, inputs: int, seed: int) -> None:
+        """The seed is that of weights and minibatches."""
+        self.hidden = HiddenLayers(inputs, seed, torch.float32)
+        self.adam = Adam(self.hidden.parameters(), b2=0.99)
+        self.generator = torch.Generator().manual_seed(seed)
+        self._doubled = HiddenLayers(inputs, seed, torch.float64)
+
+    def doubled(self) -> HiddenLayers:
+        """The layers as they are, in double precision."""
+        self._doubled.load_state_dict(self.hidden.state_dict())
+        return self._doubled
+
+    def state(self) -> Checkpoint:
+        """All that is needed to go on."""
+        generator = self.generator.get_state().numpy()
+        return {**state_of(self.hidden, "hidden."), **self.adam.state(), "generator": generator}
+
+    def restore(self, state: Checkpoint) -> None:
+        """Go on from ``state``."""
+        load_state(self.hidden, state, "hidden.")
+        self.adam.restore(state)
+        self.generator.set_state(torch.from_numpy(np.array(state["generator"])))

@@ -1,6 +1,6 @@
 """Training from request to result: cache, checkpoints, progress, stop and continue.
 
-Both presets are driven the same way. An identical request is answered from the cache; a training
+All presets are driven the same way. An identical request is answered from the cache; a training
 that was stopped, or whose process died, goes on from its last checkpoint.
 """
 
