@@ -477,6 +477,6 @@ def _at_instants(
 
 
 METHOD = direct(
-    KEY, "Maximum likelihood", fit, typical_seconds=0.5, tolerance=1e-3, allows_missing=True,
+    KEY, "Maximum likelihood", fit, typical_seconds=0.9, tolerance=1e-3, allows_missing=True,
     summary="exact likelihood of a model with lasting disturbances; unbiased, with intervals",
 )  # fmt: skip
