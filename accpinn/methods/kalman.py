@@ -27,7 +27,7 @@ SETTLED = 1e-13
 """Largest change of the covariance in a step, in units of its deviations, taken for none."""
 CHUNK = 60_000
 """Instants times models to which constant gains are applied at once; it bounds the memory."""
-WIDTH = 1500
+WIDTH = 400
 """Blocks times models that `recursion` takes on at once; with more, nothing is gained."""
 LOG_TWO_PI = float(np.log(2 * np.pi))
 
@@ -75,29 +75,41 @@ def innovations(model: StateSpace, measured: FloatArray) -> tuple[FloatArray, In
     for columns in _alike(measured):
         for step in _filtered(model.of(columns), _measured_part(measured[:, :, columns])):
             total[columns] += step.log_density
-            for row, errors, variances in zip(
-                step.rows, step.errors.swapaxes(0, 1), step.variances, strict=True
-            ):
-                found.errors[step.at, row, columns] = errors
-                found.variances[step.at, row, columns] = variances
+            variances = np.where(np.isinf(step.variances), 1.0, step.variances)
+            for k, row in enumerate(step.rows):
+                found.errors[step.at, row, columns] = step.errors[:, k]
+                found.variances[step.at, row, columns] = variances[k]
     return total, found
 
 
 def _alike(measured: FloatArray) -> Iterator[Columns]:
-    """The columns of (N, 3, B) that miss the same samples, group by group."""
+    """The columns of (N, 3, B) that are best filtered together, group by group.
+
+    A missing sample keeps the gains of its group from settling. So series that miss different
+    samples, such as those of different length, go apart if fewer instants are incomplete then.
+    """
     missing = np.isnan(measured)
     if not missing.any():
         yield slice(None)
         return
     patterns = np.packbits(missing.reshape(-1, measured.shape[2]), axis=0)
     group = np.unique(patterns, axis=1, return_inverse=True)[1].ravel()
-    for k in range(group.max() + 1):
-        yield np.flatnonzero(group == k)
+    groups = [np.flatnonzero(group == k) for k in range(group.max() + 1)]
+    if sum(_incomplete(missing[:, :, own[:1]]) for own in groups) < _incomplete(missing):
+        yield from groups
+    else:
+        yield slice(None)
+
+
+def _incomplete(missing: Mask) -> int:
+    """Instants (N, 3, B) before the end at which a sample is missing."""
+    there = np.flatnonzero(~missing.all(axis=(1, 2)))
+    return int(missing[: there[-1] + 1].any(axis=(1, 2)).sum()) if len(there) else 0
 
 
 def _measured_part(measured: FloatArray) -> FloatArray:
     """Samples (N, 3, B) up to the last one that is not missing."""
-    there = np.flatnonzero(~np.isnan(measured[:, :, 0]).all(axis=1))
+    there = np.flatnonzero(~np.isnan(measured).all(axis=(1, 2)))
     return measured[: there[-1] + 1] if len(there) else measured[:0]
 
 
@@ -115,7 +127,7 @@ class _Step(NamedTuple):
     errors: FloatArray
     """(K, r, B)"""
     variances: FloatArray
-    """(r, B)"""
+    """(r, B); infinite where a sample is missing."""
     gains: tuple[FloatArray, ...]
     """r times (n, B)."""
     constant: "_ConstantGain | None" = None
@@ -129,15 +141,18 @@ class _Step(NamedTuple):
     @property
     def log_density(self) -> FloatArray:
         """(B,): what the measurements add to log L."""
-        constant = (np.log(self.variances) + LOG_TWO_PI).sum(axis=0)
+        logs = np.log(self.variances) + LOG_TWO_PI
+        constant = np.where(np.isinf(logs), 0.0, logs).sum(axis=0)
         squares = (self.errors**2 / self.variances).sum(axis=(0, 1))
         return np.asarray(-0.5 * (squares + len(self.states) * constant))
 
 
 def _filtered(model: StateSpace, measured: FloatArray) -> Iterator[_Step]:
-    """The filter over measurements (N, 3, B) that all miss the same samples."""
-    known: Mask = np.asarray(~np.isnan(measured[:, :, 0]))
-    whole: Mask = np.asarray(known.all(axis=1))
+    """The filter over measurements (N, 3, B)."""
+    known: Mask = np.asarray(~np.isnan(measured))
+    somewhere: Mask = np.asarray(known.any(axis=2))
+    everywhere: Mask = np.asarray(known.all(axis=2))
+    whole: Mask = np.asarray(everywhere.all(axis=1))
     samples, _, count = measured.shape
     width = max(1, CHUNK // count)
     state, covariance = model.first, model.first_covariance
@@ -145,13 +160,15 @@ def _filtered(model: StateSpace, measured: FloatArray) -> Iterator[_Step]:
     k = 0
     while k < samples:
         before, states = covariance, state[None]
-        rows = tuple(np.flatnonzero(known[k]).tolist())
+        rows = tuple(np.flatnonzero(somewhere[k]).tolist())
         errors, variances = np.empty((1, len(rows), count)), np.empty((len(rows), count))
         gains = []
         for row, number in enumerate(rows):
             i = OBSERVED[number]
             variance = np.add(covariance[i, i], model.noise[number], out=variances[row])
             error = np.subtract(measured[k, number], state[i], out=errors[0, row])
+            if not everywhere[k, number]:
+                variance[~known[k, number]], error[~known[k, number]] = np.inf, 0.0
             gain = covariance[:, i] / variance
             state = state + gain * error
             covariance = covariance - gain[:, None] * covariance[i]

@@ -108,6 +108,12 @@ class Series:
         """The series of a group."""
         return [k for k, of in enumerate(self.group) if of == group]
 
+    def of(self, groups: Sequence[int]) -> "Series":
+        """Some of the groups, numbered anew."""
+        kept = [(k, groups.index(of)) for k, of in enumerate(self.group) if of in groups]
+        rows, group = zip(*kept, strict=True)
+        return Series(self.measured[:, :, list(rows)], group, self.step)
+
     def until(self, share: float) -> "Series":
         """The same with what comes after a share of the time missing."""
         kept = self.measured.copy()
@@ -488,13 +494,13 @@ def fit_at(segment: Segment, case: Case, maxima: tuple[Maximum, ...]) -> Fit:
     theta = np.array([one.theta for one in of])
     active: NDArray[np.bool_] = np.asarray(theta == 0.0)
     free = theta
-    if active.any():  # what the data ask for, were it not for the rational driving constraints
-        near = [np.append(one.values[:3], one.coordinates[3:]) for one in maxima]
-        found = maximise(series_of([segment], case), "unbounded", near)
-        loose = found * segment.followers if case == "I" else found
-        free = np.where(
-            np.any(active, axis=1, keepdims=True), [one.values[:3] for one in loose], theta
-        )
+    bound = [g for g, one in enumerate(maxima) if (one.theta == 0.0).any()]
+    if bound:  # what the data ask for, were it not for the rational driving constraints
+        near = [np.append(maxima[g].values[:3], maxima[g].coordinates[3:]) for g in bound]
+        found = maximise(series_of([segment], case).of(bound), "unbounded", near)
+        free = theta.copy()
+        for g, one in zip(bound, found, strict=True):
+            free[slice(None) if case == "I" else g] = one.values[:3]
     step = stride_of(segment) * segment.sample_time
     model = state_space("cthp", np.array([one.values for one in of]), step)
     states = smooth(model, measured_of(segment))
@@ -553,6 +559,6 @@ def _at_instants(
 
 
 METHOD = direct(
-    KEY, "Maximum likelihood", fit, typical_seconds=0.5, tolerance=1e-3, allows_missing=True,
+    KEY, "Maximum likelihood", fit, typical_seconds=0.9, tolerance=1e-3, allows_missing=True,
     summary="exact likelihood of a model with lasting disturbances; unbiased, with intervals",
 )  # fmt: skip

@@ -185,6 +185,6 @@ def _first_theta(random: np.random.Generator, sets: int, particles: int) -> Floa
 
 
 METHOD = direct(
-    "particle", "Particle filter", fit, typical_seconds=6.7,
+    "particle", "Particle filter", fit, typical_seconds=3.2,
     summary="particle filter over motion and parameters",
 )  # fmt: skip

@@ -2,7 +2,6 @@
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -17,6 +16,7 @@ from accpinn.methods.registry import METHODS
 from accpinn.model.cthp import Case, Parameters
 from accpinn.recordings.recording import Recording
 from accpinn.segment.segment import Segment, SegmentInfo
+from accpinn.study.worker import Job, Worker, helpful, is_worthwhile
 from accpinn.units import FloatArray
 
 
@@ -139,9 +139,10 @@ def compare(
     settings: Mapping[str, Any] | None = None,
     context: TaskContext | None = None,
 ) -> Iterator[MethodResult | MethodFailure]:
-    """Run the methods one by one; each result comes as soon as it is known.
+    """Run the methods, and yield each result once it and those before it are known.
 
-    A method that cannot serve the segment gives a `MethodFailure`, and the others run on.
+    A method that cannot serve the segment gives a `MethodFailure`, and the others run on. A second
+    process takes some of the methods where that saves time; results are the same.
 
     Args:
         segment: speeds (N, M+1) in m/s and space-gaps (N, M) in m.
@@ -152,27 +153,31 @@ def compare(
         context: store, threads and progress; its ``should_stop`` ends the iteration, and a method
             that was not finished has no result.
     """
-    context, chosen = context or TaskContext(), settings or {}
+    context = context or TaskContext()
+    job = Job(segment, case, recording, dict(settings or {}))
+    worker = None
+    if is_worthwhile(segment, methods, context):
+        worker = Worker(job, helpful(methods))
 
     def stopped() -> bool:
         return bool(context.should_stop and context.should_stop())
 
-    for key in methods:
-        estimate = partial(METHODS[key].fit, case=case, settings=chosen.get(key), context=context)
-        if stopped():
-            return
-        try:
-            fit = estimate(segment)
+    try:
+        for key in methods:
             if stopped():
                 return
-            evaluation = evaluate(segment, fit, estimate, recording)
-            if stopped():
+            answer = worker.answer(key, stopped) if worker else None
+            answer = answer or job.run(key, context)
+            if answer is None or stopped():
                 return
-            result = MethodResult(fit, intervals(segment, fit), evaluation)
-        except AccpinnError as fault:  # the others may well serve
-            yield MethodFailure(key, fault)
-        else:
-            yield result
+            if isinstance(answer, AccpinnError):
+                yield MethodFailure(key, answer)
+            else:
+                fit, evaluation = answer
+                yield MethodResult(fit, intervals(segment, fit), evaluation)
+    finally:
+        if worker:
+            worker.close()
 
 
 Outcomes = Iterable[MethodResult | MethodFailure]
