@@ -31,6 +31,8 @@ MOVING: MetresPerSecond = 1.0
 LITTLE_LEADER_MOTION: MetresPerSecond = 0.5
 """A leader whose speed deviates less excites nothing."""
 BLOCKS_LISTED = 3
+HUMAN_FLAG = 0
+"""The file's ACC flag of a run with human drivers."""
 
 
 class Mode(IntEnum):

@@ -80,6 +80,7 @@ def show_page() -> None:
             frame.empty_state(workspace, "Nothing to compare on")
         return
     st.caption(frame.segment_line(segment, workspace.case))
+    show.not_acc(segment)
     _controls(workspace)
     if task:
         monitor(workspace, task, lambda running: _show(workspace, segment, running))

@@ -19,10 +19,16 @@ from accpinn.results.figures import platoon as figures
 from accpinn.results.figures.stability import colours
 from accpinn.results.figures.style import LEADER
 from accpinn.results.messages import messages
-from accpinn.results.messages.stability import PLACES, disturbance, disturbance_details
+from accpinn.results.messages.stability import (
+    PLACES,
+    disturbance,
+    disturbance_details,
+    not_acc,
+    probabilities,
+)
 from accpinn.stability.report import stability_report
 from pages.ui.components import frame, show
-from pages.ui.components.parameter_picker import choose_parameters
+from pages.ui.components.parameter_picker import Chosen, choose_parameters, show_missing
 from pages.ui.components.show import escape_markdown
 from pages.ui.components.widgets import bound, segments, select
 from pages.ui.session.workspace import Disturbance, PlatoonChoice, Workspace
@@ -62,9 +68,14 @@ def show_page() -> None:
     if choice.panels:
         _show_panels(choice)
         return
-    chosen = choose_parameters(workspace, "platoon")
-    if chosen is None:
+    source = choose_parameters(workspace, "platoon")
+    if source is None:
+        _panels_button(choice, "The paper's four panels", "grid_view", "platoon_panels", True)
         return
+    if source.missing:
+        show_missing(workspace, source)
+        return
+    chosen = source.vehicles
     controls, chart = st.columns((1, 2.6), gap="medium")
     with controls:
         order = _choose_order(choice, chosen)
@@ -76,7 +87,7 @@ def show_page() -> None:
         if run is None or order is None:
             return
         cast = figures.cast_of(chosen, order)
-        _show_answer(run, chosen, order, cast)
+        _show_answer(run, source, order, cast)
         show.chart(figures.profiles(run, cast), "platoon_profiles")
     left, right = st.columns(2, gap="large")
     with left:
@@ -204,12 +215,17 @@ def _frequency(choice: PlatoonChoice, platoon: Parameters) -> float:
     return value
 
 
-def _show_answer(
-    run: PlatoonRun, chosen: ParameterSet, order: Sequence[int], cast: figures.Cast
-) -> None:
+def _show_answer(run: PlatoonRun, source: Chosen, order: Sequence[int], cast: figures.Cast) -> None:
     """What becomes of the disturbance, what limits the run, and the key to the colours."""
+    chosen = source.vehicles
     with st.container(border=True):
-        st.markdown(f"#### {escape_markdown(disturbance(run))}")
+        said = f"{disturbance(run)} {not_acc(chosen)}".rstrip()
+        st.markdown(f"{escape_markdown(source.origin)}\n\n#### {escape_markdown(said)}")
+        if source.uncertainty:
+            st.markdown(
+                "The simulation is that of the estimates. "
+                + escape_markdown(probabilities(chosen, source.uncertainty))
+            )
         names = [chosen.names[k] for k in order]
         if details := disturbance_details(run, names):
             st.markdown(escape_markdown(details))

@@ -212,6 +212,8 @@ def show_saved_result(workspace: Workspace, snapshot: Snapshot) -> None:
     """Outcome, tables, history and curves of a saved result."""
     fit, info, evaluation = snapshot.fit, snapshot.info, snapshot.evaluation
     segment = workspace.segment
+    if segment is None:
+        show.not_acc(info)
     _recording_needed(workspace, snapshot, "To train on, the page needs")
     errors = (evaluation.surrogate, evaluation.closed_loop) if evaluation else (None, None)
     events = evaluation.all_findings if evaluation else ()

@@ -42,6 +42,7 @@ def show_page() -> None:
         return
     banner(workspace)
     st.caption(frame.segment_line(segment, workspace.case, vehicles=True))
+    show.not_acc(segment)
     _controls(workspace)
     _continue_button(workspace)
     if training := workspace.training:
@@ -51,8 +52,12 @@ def show_page() -> None:
             show_result(workspace)
     elif snapshot:
         show_saved_result(workspace, snapshot)
-    if workspace.fit:
-        frame.link(frame.STABILITY, "Next: do these vehicles amplify disturbances?", workspace)
+    if workspace.fit and st.button(
+        "Next: do these vehicles amplify disturbances?", icon=":material/arrow_forward:",
+        key="train_next", type="tertiary",
+    ):  # fmt: skip
+        workspace.choose_source("fit")
+        frame.go(frame.STABILITY, workspace)
 
 
 def _controls(workspace: Workspace) -> None:

@@ -26,8 +26,10 @@ from tests.support.apptest import (
     DATA,
     HOME,
     PAGES,
+    STABILITY,
     TRAIN,
     WAIT,
+    boxes,
     choose,
     figures,
     open_page,
@@ -143,6 +145,31 @@ def test_regimes_are_left_out_when_ticked_and_said_everywhere() -> None:
     assert "Without catching up" in texts(page)
     choose(page, "data_exclude_catching up", False)
     assert found.segment.mask is None
+
+
+def test_human_drivers_are_no_acc_before_and_after_training() -> None:
+    run = made(("A", "B", "C"))
+    found = with_recording(replace(run, mode=np.tile(np.int8([0, 1, 0]), (run.samples, 1))))
+    hand = found.segment.driven_by_hand
+    assert (hand.vehicles, hand.shares, hand.by_flag) == ((3,), (1.0,), False)
+    fit = least_squares.fit(found.segment)
+    for path in (DATA, TRAIN, STABILITY):
+        page = open_page(path, found)
+        if path != STABILITY:
+            assert any("not ACC" in error for error in boxes(page, "error"))
+        if path == DATA:
+            found.training = training_task(
+                found.id, TrainingRequest(found.segment, "II", preset("fast"))
+            )
+            found.training.answer(fit)
+        elif path == STABILITY:
+            assert "not by ACC: 3 C" in plain(page)
+        if path != DATA:
+            assert "<td>Human</td>" in texts(page), "the table carries it"
+    found.choose(window=Window(0.0, 30.0), excluded_regimes=())
+    assert found.segment.driven_by_hand
+    by_flag = replace(run, mode=np.full_like(run.mode, -1), acc_flag=0)
+    assert with_recording(by_flag).segment.driven_by_hand.by_flag
 
 
 def test_a_bad_upload_is_one_sentence_and_loses_nothing_and_a_good_one_is_opened() -> None:
@@ -423,6 +450,7 @@ def test_another_window_ends_a_training_and_forgets_choices_among_the_former_veh
     assert (drive.own, drive.omega, found.map_choice.held) == ("", None, -1)
     assert job.wait(WAIT)
     assert job.status is Status.STOPPED, "nobody could stop it any more"
-    found.parameter_choice.source, drive.own = "published", "1-4"
+    found.choose_source("published")
+    drive.own = "1-4"
     found.choose(vehicles=(1, 2, 3))
     assert drive.own == "1-4", "the published parameters stay the same"

@@ -131,7 +131,7 @@ def _story(snapshot: Snapshot, checked: Verification, shown: list[Picture]) -> d
     if uncertainty:
         tables["intervals"] = intervals_table(info, uncertainty).coloured(paints[1:])
     if report:
-        tables["stability"] = stability_table(vehicles, report).coloured(paints[1:])
+        tables["stability"] = stability_table(vehicles, report, uncertainty).coloured(paints[1:])
     if report and uncertainty:
         table = stability_interval_table(vehicles, uncertainty)
         tables["stability_intervals"] = table.coloured(paints[1:])

@@ -60,7 +60,27 @@ def where(info: SegmentInfo) -> str:
 
 def learned_parameters(info: SegmentInfo, fit: Fit) -> ParameterSet:
     """The followers' parameters, titled with file, window and excluded regimes."""
-    return ParameterSet(where(info), info.names[1:], fit.parameters, info.vehicles, info.labels[1:])
+    names, labels = info.names[1:], info.labels[1:]
+    return ParameterSet(where(info), names, fit.parameters, info.vehicles, labels, drivers(info))
+
+
+def drivers(info: SegmentInfo) -> tuple[str, ...]:
+    """(M,) who drives each follower in place of ACC; empty where nobody does."""
+    hand = info.driven_by_hand
+    if hand is None:
+        return ()
+    share = dict(zip(hand.vehicles, hand.shares, strict=True))
+    return tuple(_driver(share.get(number, 0.0)) for number in info.vehicles[1:])
+
+
+def _driver(share: float) -> str:
+    return "Human" if share > 0.995 else f"Human {100 * share:.0f} %" if share else ""
+
+
+def driver_cells(who: Sequence[str], above: int = 0) -> Iterator[Filled]:
+    """Who drives in place of ACC, as a column below ``above`` empty cells; none for nobody."""
+    if who:
+        yield Column("Driver"), _absent(above, [name or None for name in who])
 
 
 def parameter_table(
@@ -86,6 +106,7 @@ def parameter_table(
         f"{name_of(fit)}, {where(info)}{case}",
         [
             (Column("Vehicle"), info.labels),
+            *driver_cells(drivers(info), above=1),
             *parameter_cells(fit.parameters, above=1),
             (Column("Mean time gap", "s", 2), _absent(1, quality.mean_time_gap)),
             *_error_cells(info, surrogate, "Surrogate fit, MAE", 3),
@@ -112,9 +133,10 @@ def quality_table(info: SegmentInfo, quality: Quality, estimate: Fit) -> Table:
         where(info),
         [
             (Column("Follower"), info.labels[1:]),
+            *driver_cells(drivers(info)),
             *parameter_cells(estimate.parameters, "Least-squares estimate"),
             (Column("Mean time gap", "s", 2), quality.mean_time_gap),
-            (Column("Car-following", "%", 0), _percent(quality.car_following)),
+            (Column("Moving, time gap ≤ 2 s", "%", 0), _percent(quality.car_following)),
             (Column("Δv, std.", "m/s", 2), quality.relative_deviation),
             (Column("Condition number", "", 0), quality.condition),
         ],

@@ -12,6 +12,7 @@ import streamlit as st
 
 from accpinn.errors import AccpinnError
 from accpinn.results.figures.style import vehicle_colour, with_legend
+from accpinn.results.messages import message
 from accpinn.results.tables.table import STYLE, Table
 from accpinn.segment.segment import Segment, SegmentInfo
 from accpinn.units import Seconds
@@ -63,6 +64,12 @@ def messages(
         said = bullets((sentences,) if isinstance(sentences, str) else sentences)
         said += f"\n\n{escape_markdown(after)}" if after else ""
         getattr(st, kind)(said, icon=f":material/{icon or _ICONS[kind]}:")
+
+
+def not_acc(about: Segment | SegmentInfo) -> None:
+    """In red, which followers a driver controls; nothing where none."""
+    if hand := about.driven_by_hand:
+        messages(message(hand, about), "error", "front_hand")
 
 
 def attempt(work: Callable[[], T]) -> T | None:

@@ -45,8 +45,10 @@ KEPT_RECORDS = 3 * len(METHODS)
 class ParameterChoice:
     """Where α, β and τ come from."""
 
-    source: Source | None = None
-    """None: from the fit as soon as there is one, until then a published example."""
+    source: Source = "fit"
+    """As chosen last; see `Workspace.parameter_source`."""
+    fit: Fit | None = None
+    """The fit there was when the source was chosen; a newer one is shown in place of the choice."""
     example: str = ASTAZERO.title
     snapshot: str = ""
     """Short name of the snapshot; empty: the newest."""
@@ -170,6 +172,7 @@ class Workspace:
         self.window = Window(info.window.start, info.window.end)
         self.excluded_regimes, self.fault, self.refusal = info.excluded_regimes, "", ""
         self._uncertainty = (snapshot.fit, snapshot.uncertainty) if snapshot.uncertainty else None
+        self.choose_source("fit")
         self.snapshot = snapshot
         with suppress(ConfigError):  # another method's result leaves the preset as it is
             config = PinnConfig.from_json(snapshot.fit.config)
@@ -229,6 +232,7 @@ class Workspace:
         """
         if request := self.request(config, warm):
             self._record([self.fit] if self.fit else [])
+            self.choose_source("fit")
             self.training = task_queue().submit(training_task(self.id, request), anew)
 
     @property
@@ -264,12 +268,12 @@ class Workspace:
         A training that is stopped leaves its checkpoint, from which the same request goes on.
         """
         self._record([row.fit for row in self.compared] + ([self.fit] if self.fit else []))
+        source = self.parameter_choice.source = self.parameter_source
         for task in self.tasks:
             task_queue().stop(task)
         self.training = self.comparison = self.starts = None
-        if self.parameter_choice.source in (None, "fit"):
-            self.platoon_choice.reset()
-            self.map_choice.held = -1
+        if source == "fit":
+            self._forget_vehicles()
 
     def _record(self, fits: Sequence[Fit]) -> None:
         if self.segment is None:
@@ -304,6 +308,24 @@ class Workspace:
         if self.training:
             return self.training.result
         return self.snapshot.fit if self.snapshot else None
+
+    @property
+    def parameter_source(self) -> Source:
+        """Where the parameters on Stability and Platoon are from: as chosen, or a newer fit."""
+        choice = self.parameter_choice
+        is_newer = self.fit is not None and self.fit is not choice.fit
+        return "fit" if is_newer else choice.source
+
+    def choose_source(self, source: Source) -> None:
+        """Choose where those parameters are from, until there is a newer fit."""
+        if source != self.parameter_source:
+            self._forget_vehicles()
+        self.parameter_choice.source, self.parameter_choice.fit = source, self.fit
+
+    def _forget_vehicles(self) -> None:
+        """Forget what was chosen among other vehicles."""
+        self.platoon_choice.reset()
+        self.map_choice.held = -1
 
     @property
     def fit_info(self) -> SegmentInfo | None:
