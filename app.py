@@ -55,6 +55,7 @@ def introduce(workspace: Workspace) -> None:
     if st.button("Train a sample now", type="primary", icon=":material/play_arrow:"):
         open_with(workspace, lambda: sample(FIRST_SAMPLE))
         if not workspace.refusal:
+            workspace.preset = FAST.preset
             workspace.train(FAST)
             frame.go(frame.TRAIN, workspace)
         show.messages(workspace.refusal, "error")

@@ -121,7 +121,7 @@ def _show(workspace: Workspace, segment: Segment, running: bool) -> None:
         return
     rows = workspace.compared_with_training()
     _show_verdict(segment, rows)
-    show_intervals(segment.info, rows[0].uncertainty, GAP_ERROR)
+    show_intervals(segment.info, rows[0].uncertainty, GAP_ERROR, rows[0].fit.case)
     show.messages(messages(rows[0].uncertainty.findings, segment))
     shown = _Shown(workspace, segment, rows, pick_follower(segment, "compare_follower"))
     _show_methods(shown)

@@ -1,7 +1,7 @@
 """A result on a page: of the session's training, or as a snapshot holds it."""
 
-from collections.abc import Sequence
-from functools import partial
+from collections.abc import Mapping, Sequence
+from itertools import groupby
 from pathlib import Path
 
 import streamlit as st
@@ -14,13 +14,16 @@ from accpinn.evaluation.closed_loop import (
     closed_loop_findings,
     surrogate_errors,
 )
+from accpinn.evaluation.whiteness import Whiteness, whiteness
 from accpinn.inference.intervals import Uncertainty
 from accpinn.methods import least_squares
 from accpinn.methods.fit import Fit, History, Outcome, headway_findings
-from accpinn.model.cthp import Parameters
+from accpinn.model.cthp import Case, Parameters
+from accpinn.results.checks import Check, CheckName, checks
 from accpinn.results.figures import training as figures
 from accpinn.results.figures.recording import preview
 from accpinn.results.messages import messages
+from accpinn.results.messages.checks import MEANING, failing_of, label_of
 from accpinn.results.messages.methods import outcome_message
 from accpinn.results.snapshot import Snapshot
 from accpinn.results.tables import estimates as tables
@@ -34,6 +37,8 @@ from pages.ui.components.widgets import pick_follower
 from pages.ui.session.resources import library
 from pages.ui.session.workspace import Workspace
 
+MARKS = {True: ("blue", "check_circle"), False: ("orange", "cancel"), None: ("gray", "help")}
+"""Colour and icon of a check's answer: the icons differ in shape."""
 FIRST_DRAWING = 1.0
 """Seconds of training before the first curves: a short one would be slowed by drawing it."""
 
@@ -61,7 +66,8 @@ def _show_history(
     history: History, info: SegmentInfo, page: str, truth: Parameters | None = None
 ) -> None:
     """Loss terms and parameters over iterations."""
-    show.vehicle_key(info, with_truth=bool(truth))
+    sets = history.parameters.values.shape[1]
+    show.vehicle_key(info, with_truth=bool(truth), shared=sets < info.followers)
     loss, *parameters = st.columns(4)
     with loss:
         show.chart(figures.loss_history(history), f"{page}_loss")
@@ -80,13 +86,14 @@ def show_result(workspace: Workspace) -> None:
     errors = surrogate_errors(segment, fit), closed_loop_errors(segment, fit)
     _show_fit(
         segment.info, fit, assess_quality(segment), errors, closed_loop_findings(segment, driven),
-        workspace.uncertainty(), "train",
+        workspace.uncertainty(), whiteness(segment, fit), "train",
     )  # fmt: skip
     solved, truth = least_squares.fit(segment, fit.case).parameters, workspace.true_parameters
     estimates = {"PiNN": fit.parameters, "Least squares": solved}
     estimates |= {"Truth": truth} if truth else {}
     st.subheader("Comparison with least squares", anchor=False)
-    show.table(tables.comparison_table(segment.info, estimates), show.vehicle_colours(segment)[1:])
+    colours = show.vehicle_colours(segment, tables.parameter_rows(segment.info, fit.case))
+    show.table(tables.comparison_table(segment.info, estimates, fit.case), colours)
     st.subheader("Network against data", anchor=False)
     follower = pick_follower(segment, "train_follower")
     show.chart(figures.tracking(segment, follower, fit.surrogate, driven), "train_tracking")
@@ -97,40 +104,79 @@ def _show_fit(
     fit: Fit,
     quality: Quality,
     errors: tuple[TrackingErrors | None, TrackingErrors | None],
-    events: Sequence[ClosedLoopFinding],
+    events: Sequence[ClosedLoopFinding] | None,
     uncertainty: Uncertainty | None,
+    residual: Whiteness | None,
     page: str,
 ) -> None:
-    """Outcome, parameters, errors (surrogate, simulation), intervals of a fit, and its limits."""
+    """Checks of a fit, parameters with intervals, errors (surrogate, simulation), and its limits.
+
+    Args:
+        info: of the segment.
+        fit: its result.
+        quality: of the segment.
+        errors: surrogate fit and closed-loop simulation.
+        events: of the closed-loop simulation; None where that is not known.
+        uncertainty: of the parameters, if it is known.
+        residual: of the model, if it is known.
+        page: begins the keys of widgets.
+    """
     took = f"{fit.seconds:.1f} s" if fit.seconds < 60 else show.format_duration(fit.seconds)
     cost = f"{fit.iterations:,} iterations in {took}, {fit.network_weights:,} network weights."
     cache = " From the cache: this exact request was trained before." if fit.cached else ""
-    sentence = f"{outcome_message(fit)}  \n{cost}{cache}"
     if fit.outcome is Outcome.DIVERGED:
-        st.error(sentence, icon=":material/error:")
+        st.error(outcome_message(fit), icon=":material/error:")
     elif fit.outcome is Outcome.STOPPED:
-        st.warning(sentence, icon=":material/pause_circle:")
-    else:
-        st.success(sentence, icon=":material/check_circle:")
-    table = partial(tables.parameter_table, info, fit, quality, *errors)
-    show.table(table(), show.vehicle_colours(info))
+        st.warning(outcome_message(fit), icon=":material/pause_circle:")
+    _show_checks(info, checks(info, fit, uncertainty, events, residual), {
+        "converged": (outcome_message(fit),),
+        "inside": messages(uncertainty.findings if uncertainty else (), info),
+        "identified": messages(headway_findings(info.vehicles, fit.parameters), info),
+        "collision-free": messages(events or (), info),
+        "explained": messages(residual.findings if residual else (), info),
+    })  # fmt: skip
+    st.caption(f"{cost}{cache}")
+    table = tables.parameter_table(info, fit, quality, *errors, uncertainty)
+    show.table(table, show.vehicle_colours(info, tables.row_vehicles(info, fit.case)))
     st.caption(
         "Surrogate fit: error of the network's own curves, as in the paper's tables. Closed-loop"
         " simulation: error of the simulation with the learned parameters, with only the leader's"
-        " speed given. MAE: mean absolute error of space-gap p and speed v."
+        " speed given. MAE: mean absolute error of space-gap p and speed v. Interval: the values"
+        " consistent with the data, with disturbances that last for seconds, as on a road."
+        " Probability of string stability: the share of such parameter sets (posterior samples)"
+        " that are string stable."
     )
     after = "The simulation continues, and the closed-loop errors include what follows."
-    show.messages(messages(events, info), "warning", "car_crash", after)
-    show_intervals(info, uncertainty)
+    show.messages(messages(events or (), info), "warning", "car_crash", after)
     findings = (*fit.findings, *headway_findings(info.vehicles, fit.parameters))
-    show.messages(messages((*findings, *(uncertainty.findings if uncertainty else ())), info))
-    show.downloads(table(uncertainty), f"{Path(info.source).stem}_parameters", page)
+    show.messages(messages(findings, info))
+    show.downloads(table, f"{Path(info.source).stem}_parameters", page)
+
+
+def _show_checks(
+    info: SegmentInfo,
+    found: Sequence[Check],
+    evidence: Mapping[CheckName, Sequence[str]],
+) -> None:
+    """A button for each check, with its answer; it opens what the answer rests on."""
+    with st.container(horizontal=True):
+        for name, each in groupby(found, lambda check: check.name):
+            group = [*each]
+            answers = {check.passed for check in group}
+            worst = next(answer for answer in (False, None, True) if answer in answers)
+            colour, icon = MARKS[worst]
+            with st.popover(f":{colour}[:material/{icon}:] {label_of(group)}"):
+                st.markdown(escape_markdown(MEANING[name]))
+                failing = [said for check in group if (said := failing_of(check, info))]
+                if reasons := (*failing, *evidence[name]):
+                    st.markdown(show.bullets(reasons))
 
 
 def show_intervals(
     info: SegmentInfo,
     uncertainty: Uncertainty | None,
     more: str = "Pages Compare and Stability show more.",
+    case: Case = "II",
 ) -> None:
     """Intervals of the parameters and the probability of string stability.
 
@@ -138,10 +184,12 @@ def show_intervals(
         info: names the vehicles.
         uncertainty: None shows nothing.
         more: the end of the caption.
+        case: in Case I all followers share one row.
     """
     if uncertainty is None:
         return
-    show.table(tables.intervals_table(info, uncertainty), show.vehicle_colours(info)[1:])
+    colours = show.vehicle_colours(info, tables.parameter_rows(info, case))
+    show.table(tables.intervals_table(info, uncertainty, case), colours)
     st.caption(
         "Interval: the values consistent with the data, with disturbances that last for seconds,"
         " as on a road. Probability of string stability: the share of parameter sets consistent"
@@ -216,8 +264,11 @@ def show_saved_result(workspace: Workspace, snapshot: Snapshot) -> None:
         show.not_acc(info)
     _recording_needed(workspace, snapshot, "To train on, the page needs")
     errors = (evaluation.surrogate, evaluation.closed_loop) if evaluation else (None, None)
-    events = evaluation.all_findings if evaluation else ()
-    _show_fit(info, fit, snapshot.quality, errors, events, snapshot.uncertainty, "snapshots")
+    events = evaluation.all_findings if evaluation else None
+    residual = evaluation.whiteness if evaluation else None
+    _show_fit(
+        info, fit, snapshot.quality, errors, events, snapshot.uncertainty, residual, "snapshots"
+    )
     if fit.history:
         _show_history(fit.history, info, "snapshots")
     if segment is None and fit.surrogate is None:
@@ -237,7 +288,7 @@ def show_saved_rows(workspace: Workspace) -> None:
     banner(workspace)
     _recording_needed(workspace, snapshot, "To run the methods, the page needs")
     info, rows = snapshot.info, snapshot.methods
-    show_intervals(info, snapshot.uncertainty, "")
+    show_intervals(info, snapshot.uncertainty, "", snapshot.fit.case)
     if not rows:
         st.caption("No comparison of the methods was saved with this snapshot.")
         return

@@ -1,5 +1,6 @@
 """The page Stability: the answer in words, tables, reasons, Bode magnitude, criteria and map."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -155,15 +156,17 @@ def _show_reasons(shown: _Shown) -> None:
             platoon = report.platoon
             verdicts = (platoon.l2_strict, platoon.l2_weak,
                         platoon.linf_strict, platoon.linf_weak)  # fmt: skip
-            followers = ", ".join(f"{k} {name}" for k, name in enumerate(chosen.names, 1))
-            counted = f"Followers are counted from the leader on: {escape_markdown(followers)}."
-            st.markdown(f"**The platoon.** {counted}\n" + _listed(verdicts, report))
+            st.markdown("**The platoon.**\n" + _listed(verdicts, report, chosen.spoken))
 
 
-def _listed(verdicts: tuple[Verdict, ...], of: VehicleStability | StabilityReport) -> str:
+def _listed(
+    verdicts: tuple[Verdict, ...],
+    of: VehicleStability | StabilityReport,
+    names: Sequence[str] = (),
+) -> str:
     return "".join(
         f"\n- {TITLES[verdict.criterion]}: **{answer(verdict)}**."
-        f" {escape_markdown(reason(verdict, of))}"
+        f" {escape_markdown(reason(verdict, of, names))}"
         for verdict in verdicts
     )
 

@@ -23,6 +23,7 @@ from tests.browser.running import (
     fill,
     idle,
     launched,
+    open_example,
     open_sample,
     served,
     table,
@@ -182,6 +183,8 @@ def regimes(camera: Camera) -> None:
 
 def stability(camera: Camera) -> None:
     with camera.page("/Stability") as page:
+        camera.shoot(page, "stability_empty", whole=False)
+        open_example(page)
         chart(page, "stability_map")
         camera.shoot(page, "stability_fold", whole=False)
         page.get_by_text("Reasons for the verdicts").click()
@@ -196,6 +199,7 @@ def stability(camera: Camera) -> None:
 
 def platoon(camera: Camera) -> None:
     with camera.page("/Platoon") as page:
+        open_example(page)
         chart(page, "platoon_wave")
         camera.shoot(page, "platoon_fold", whole=False)
         camera.shoot(page, "platoon")

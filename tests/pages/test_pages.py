@@ -17,6 +17,7 @@ from accpinn.recordings.recording import Recording, Window
 from accpinn.tasks.task import Status, TrainingRequest, training_task
 from pages.ui.components.show import bullets, escape_markdown, format_duration
 from pages.ui.data.page import window_of
+from pages.ui.data.sources import FIRST_SAMPLE, sample
 from pages.ui.session import sessions
 from pages.ui.session.resources import task_queue
 from pages.ui.session.sessions import KEPT_FOR, KEPT_WORKSPACES, Workspaces
@@ -104,7 +105,7 @@ def test_open_a_sample_move_the_window_and_train() -> None:
     page = press(open_page(DATA), "Open this sample")
     found, before = workspace_of(page), texts(page)
     for said in ("synthetic\\_astazero\\_like\\.csv", "5 vehicles", "Least squares",
-                 "Tesla(Model3-like)"):  # fmt: skip
+                 "Tesla (Model3-like)"):  # fmt: skip
         assert said in before
     (overview,) = figures(page)
     assert overview["layout"]["shapes"][0]["x1"] == 300.0
@@ -116,13 +117,13 @@ def test_open_a_sample_move_the_window_and_train() -> None:
     assert found.window == Window(80.0, 200.0)
     assert texts(page) != before
     assert figures(page)[0]["layout"]["shapes"][0]["x0"] == 80.0
-    press(page, "Train on this window")
+    press(page, "data_train")
     assert found.training is not None
     page = choose(open_page(DATA, found), "data_start", 20.0)
     assert found.training is None, "an early step drops what came after"
     choose(page, "data_length", 5.0)
     assert "too short" in texts(page)
-    (train,) = (b for b in page.button if b.label == "Train on this window")
+    (train,) = (b for b in page.button if b.key == "data_train")
     assert train.disabled
 
 
@@ -170,6 +171,21 @@ def test_human_drivers_are_no_acc_before_and_after_training() -> None:
     assert found.segment.driven_by_hand
     by_flag = replace(run, mode=np.full_like(run.mode, -1), acc_flag=0)
     assert with_recording(by_flag).segment.driven_by_hand.by_flag
+
+
+def test_the_button_names_what_it_trains_and_a_new_recording_has_the_default_case() -> None:
+    found = with_sample()
+    found.choose(case="I")
+    found.preset = "paper"
+    page = open_page(DATA, found)
+    request = found.request(preset("paper"))
+    duration = format_duration(request.typical_seconds)
+    (label,) = (b.label for b in page.button if b.key == "data_train")
+    assert all(part in label for part in ("paper preset", "Case I", duration))
+    short = replace(request, config=preset("fast"))
+    assert short.typical_seconds < 5 < 600 < request.typical_seconds
+    found.open(*sample(FIRST_SAMPLE))
+    assert found.case == "II"
 
 
 def test_a_bad_upload_is_one_sentence_and_loses_nothing_and_a_good_one_is_opened() -> None:
@@ -316,7 +332,7 @@ def test_train_says_what_goes_wrong_and_how_sure_it_is(
     marks = [trace for trace in figures(page)[-1]["data"] if trace["name"] == "collision"]
     assert len(marks) == collide
     titles = written.count(f"s, without {''.join(excluded)}")
-    assert titles == 3 * len(excluded), "of the parameters, the intervals and the estimates"
+    assert titles == 2 * len(excluded), "of the parameters and the estimates"
 
 
 def stop_training(found: Workspace) -> None:

@@ -1,6 +1,7 @@
 """The page Platoon without a browser: order, disturbance, captions and panels."""
 
 from contextlib import suppress
+from dataclasses import replace
 
 import pytest
 from hypothesis import given
@@ -20,6 +21,7 @@ from tests.support.apptest import (
     plain,
     press,
     with_example,
+    workspace_of,
 )
 
 
@@ -91,11 +93,14 @@ class TestPage:
             assert "The smallest gap is" in said
             said = plain(choose(page, f"platoon_{kind}_{setting}", plenty))
             assert AFTER_COLLISION in said
-            assert "times as much as the leader's, until follower 1 collides at" in said
+            assert "times as much as the leader's, until Audi A6 collides at" in said
             assert "Only up to the collision." in said
             assert ", until the collision." in said
             assert not any("collides" in box for box in boxes(page, "warning")), "named once"
+        found = workspace_of(page)
+        found.segment = replace(found.segment, start=40.0)
         said = plain(choose(page, "platoon_kind", "recorded"))
+        assert "From 40 to 340 s" in said, "by the recording's clock"
         assert "as recorded" in said
         assert "largest speed deviation" in said
 

@@ -12,9 +12,11 @@ from accpinn.methods.pinn.config import FAST
 from accpinn.model.cthp import Parameters
 from accpinn.model.published import ASTAZERO, CASALE
 from accpinn.recordings.recording import Window
+from accpinn.results.figures.style import FOLLOWERS, LEADER, SHARED
 from accpinn.results.messages.stability import reason
 from accpinn.results.snapshot import create
 from accpinn.results.snapshot.saved import Library
+from accpinn.results.tables.estimates import EVERY_FOLLOWER
 from accpinn.stability.report import stability_report
 from accpinn.tasks.task import training_task
 from pages.ui.components.parameter_picker import parameters_from
@@ -125,6 +127,19 @@ def test_a_stopped_training_has_no_verdict_and_excluded_regimes_are_named(path: 
     assert "No verdict" not in plain(page)
 
 
+def test_followers_that_share_their_parameters_are_one_row_and_one_colour() -> None:
+    found = fitted()
+    found.training.results = (least_squares.fit(found.segment, "I"),)
+    page = open_page(STABILITY, found)
+    assert EVERY_FOLLOWER in headline(page)
+    bode, *_ = figures(page)
+    colours = {trace["line"]["color"] for trace in bode["data"] if "line" in trace}
+    assert SHARED in colours
+    assert not colours & {LEADER, *FOLLOWERS}
+    tables = [html.proto.body for html in page.get("html") if "<tbody>" in html.proto.body]
+    assert [table.partition("<tbody>")[2].count("<tr>") for table in tables] == [1, 1]
+
+
 @pytest.mark.parametrize("path", [STABILITY, PLATOON])
 def test_without_a_fit_nothing_is_shown_until_an_example_is_opened(path: str) -> None:
     page = open_page(path)
@@ -163,7 +178,7 @@ def test_by_hand_begins_with_what_was_shown_and_is_kept_over_pages() -> None:
     found.parameter_choice.rows = (CALM, ("", 0.08, 0.12, 1.5))
     again = open_page(STABILITY, found)
     assert "One of two vehicles amplifies disturbances: Vehicle 2" in plain(again)
-    assert "Follower 2: Vehicle 2" in plain(open_page(PLATOON, found))
+    assert "Vehicle 2" in plain(open_page(PLATOON, found))
 
 
 @pytest.mark.parametrize("path", [STABILITY, PLATOON])

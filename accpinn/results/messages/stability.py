@@ -2,6 +2,7 @@
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from math import isinf, isnan
 from typing import Literal
 
@@ -65,16 +66,20 @@ SAME_AMPLITUDE = 0.005
 """An amplitude that differs by a smaller share is called as large as the leader's."""
 
 
-def reason(verdict: Verdict, of: VehicleStability | StabilityReport) -> str:
+def reason(
+    verdict: Verdict, of: VehicleStability | StabilityReport, names: Sequence[str] = ()
+) -> str:
     """Why a verdict is as it is, in one sentence.
 
     Args:
         verdict: one of those that ``of`` holds.
         of: the vehicle; or the report, for a verdict on its platoon.
+        names: (M,) of the platoon's followers within a sentence; by default their places.
     """
     if isinstance(of, StabilityReport):
-        strict = verdict.criterion in (Criterion.L2_STRICT, Criterion.LINF_STRICT)
-        return (_strict if strict else _weak)(verdict, of)
+        if verdict.criterion in (Criterion.L2_STRICT, Criterion.LINF_STRICT):
+            return _strict(verdict, of, names)
+        return _weak(verdict, of)
     if of.behaviour in (Behaviour.NO_GAP_CONTROL, Behaviour.NO_REACTION):
         return BEHAVIOURS[of.behaviour]
     if verdict.criterion is Criterion.L2:
@@ -135,21 +140,22 @@ def _linf_exact(vehicle: VehicleStability) -> str:
     return f"The vehicle oscillates, so its impulse response changes sign, and {peak}."
 
 
-def _strict(verdict: Verdict, report: StabilityReport) -> str:
+def _strict(verdict: Verdict, report: StabilityReport, names: Sequence[str]) -> str:
     """Who amplifies."""
     if verdict.criterion is Criterion.L2_STRICT:
         what, own = "disturbances", [(v.l2, v.peak.gain) for v in report.vehicles]
     else:
         what, own = "peaks", [(v.linf_exact, v.linf_gain) for v in report.vehicles]
-    gains = {k: gain for k, (one, gain) in enumerate(own, 1) if not one.stable}
-    who = [*map(str, gains)]
+    names = names or [f"follower {k}" for k in range(1, len(own) + 1)]
+    gains = {name: gain for name, (one, gain) in zip(names, own, strict=True) if not one.stable}
+    who = [*gains]
     if not who:
         return f"No follower amplifies {what}."
     extent = _extent(verdict.value)
     if len(who) == 1:
-        return f"Follower {who[0]} amplifies {what} {extent}."
-    worst = max(gains, key=lambda k: gains[k])
-    return f"Followers {joined(who)} amplify {what}, follower {worst} the most, {extent}."
+        return f"{_capital(who[0])} amplifies {what} {extent}."
+    worst = max(gains, key=lambda name: gains[name])
+    return f"{_capital(joined(who))} amplify {what}, {worst} the most, {extent}."
 
 
 def _weak(verdict: Verdict, report: StabilityReport) -> str:
@@ -332,17 +338,26 @@ def _number(count: int) -> str:
     return NUMBERS[count] if count < len(NUMBERS) else str(count)
 
 
-class _Places:
+@dataclass(frozen=True)
+class Places:
     """Names the vehicles of a platoon by their place, 0 for the leader."""
 
-    source = "platoon"
+    names: tuple[str, ...] = ()
+    """(M,) of the followers within a sentence; by default their places."""
+    source: str = "platoon"
 
     def label(self, number: int) -> str:
         """As at the beginning of a sentence."""
-        return f"Follower {number}" if number else "The leader"
+        return _capital(self.spoken(number))
+
+    def spoken(self, number: int) -> str:
+        """As within a sentence."""
+        if not number:
+            return "the leader"
+        return self.names[number - 1] if self.names else f"follower {number}"
 
 
-PLACES = _Places()
+PLACES = Places()
 """What the findings of a `PlatoonRun` are about."""
 
 
@@ -375,17 +390,17 @@ def _(finding: simulation.PlatoonFinding, about: Labelled) -> str:
             )
 
 
-def disturbance(run: PlatoonRun) -> str:
-    """Whether the disturbance has grown at the last follower."""
+def disturbance(run: PlatoonRun, places: Places = PLACES) -> str:
+    """Whether the disturbance has grown at the last follower; ``places`` name the vehicles."""
     wave, moved = run.amplitudes, run.largest_deviation
     what = "oscillation" if wave else "largest speed deviation"
     if run.collisions:
         first = run.collisions[0]
-        end = f"ollower {first.follower} collides at {first.time:.0f} s"
+        end = f"{places.spoken(first.follower)} collides at {first.time:.0f} s"
         if not moved[0] > 0:
-            return f"F{end}."
+            return f"{_capital(end)}."
         ratio = moved.max() / moved[0]
-        return f"Speeds deviate up to {ratio:.3g} times as much as the leader's, until f{end}."
+        return f"Speeds deviate up to {ratio:.3g} times as much as the leader's, until {end}."
     sizes = wave.measured if wave and wave.periods else moved
     if not sizes[0] > 0:
         return "The leader's speed is constant, so there is no disturbance."
@@ -396,13 +411,8 @@ def disturbance(run: PlatoonRun) -> str:
     return f"The {what} {verb} to {ratio:.3g} times the leader's: {size}."
 
 
-def disturbance_details(run: PlatoonRun, names: Sequence[str]) -> str:
-    """The amplitude predicted for a sinusoid, and the smallest gap.
-
-    Args:
-        run: the simulation.
-        names: of the followers, in their order.
-    """
+def disturbance_details(run: PlatoonRun, places: Places = PLACES) -> str:
+    """The amplitude predicted for a sinusoid and the smallest gap; ``places`` name the vehicles."""
     wave, parts = run.amplitudes, []
     if run.collisions:
         parts.append(AFTER_COLLISION)
@@ -413,7 +423,7 @@ def disturbance_details(run: PlatoonRun, names: Sequence[str]) -> str:
         k = int(run.minimum_gap.argmin())
         gap = round(run.minimum_gap[k], 1) + 0.0
         parts.append(
-            f"The smallest gap is {gap:.1f} m, follower {k + 1} ({names[k]}) at"
+            f"The smallest gap is {gap:.1f} m, that of {places.spoken(k + 1)} at"
             f" {run.minimum_gap_time[k]:.0f} s."
         )
     return " ".join(parts)

@@ -8,13 +8,13 @@ import streamlit as st
 
 from accpinn.channels import PARAMETERS
 from accpinn.errors import ParameterError
-from accpinn.inference.intervals import Uncertainty
+from accpinn.inference.intervals import Uncertainty, of_first
 from accpinn.methods.fit import Fit
 from accpinn.model.cthp import Parameters
 from accpinn.model.published import ASTAZERO, PUBLISHED, ParameterSet
 from accpinn.results.messages.methods import unfinished
 from accpinn.results.snapshot.saved import Entry
-from accpinn.results.tables.estimates import learned_parameters
+from accpinn.results.tables.estimates import EVERY_FOLLOWER, learned_parameters
 from accpinn.segment.segment import SegmentInfo
 from pages.ui.components import frame, show
 from pages.ui.components.show import escape_markdown
@@ -146,12 +146,24 @@ def parameters_from(
         return Chosen(_typed(choice.rows), source)
     if source == "snapshot":
         snapshot = opened(_chosen_snapshot(workspace, entries))
-        learned = learned_parameters(snapshot.info, snapshot.fit)
-        return Chosen(learned, source, snapshot.fit, snapshot.info, snapshot.uncertainty)
+        return _of_fit(source, snapshot.info, snapshot.fit, snapshot.uncertainty)
     if fit is None or info is None:
         return None
     known = None if unfinished(fit) else workspace.uncertainty()
-    return Chosen(learned_parameters(info, fit), source, fit, info, known)
+    return _of_fit(source, info, fit, known)
+
+
+def _of_fit(source: Source, info: SegmentInfo, fit: Fit, uncertainty: Uncertainty | None) -> Chosen:
+    """A fit's followers; in Case I, where they share their parameters, one stands for all."""
+    vehicles = learned_parameters(info, fit)
+    if fit.case == "I" and info.followers > 1:
+        who = tuple(filter(None, vehicles.drivers))[:1]
+        vehicles = ParameterSet(
+            vehicles.title, (EVERY_FOLLOWER,), fit.parameters[:1], (info.vehicles[0], 0),
+            drivers=who,
+        )  # fmt: skip
+        uncertainty = of_first(uncertainty) if uncertainty else None
+    return Chosen(vehicles, source, fit, info, uncertainty)
 
 
 def show_missing(workspace: Workspace, chosen: Chosen) -> None:

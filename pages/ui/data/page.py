@@ -68,20 +68,31 @@ def show_page() -> None:
         _choose_vehicles(workspace, recording)
         _choose_window(workspace, recording)
         st.caption("Or drag over the chart to set the window.")
-        if st.button(
-            "Train on this window",
-            type="primary",
-            icon=":material/play_arrow:",
-            width="stretch",
-            disabled=workspace.segment is None,
-        ):
-            with suppress(ConfigError):  # the Train page shows what is wrong with a setting
-                workspace.train(chosen_config(workspace))
-            frame.go(frame.TRAIN, workspace)
+        _train_button(workspace)
     with chart:
         _show_overview(workspace, recording)
     _show_preview(workspace)
     _show_regimes(workspace, recording)
+
+
+def _train_button(workspace: Workspace) -> None:
+    """The way to the result; it says which training this begins, and how long that takes."""
+    segment, parts, request = workspace.segment, [f"{workspace.preset} preset"], None
+    if workspace.settings.get(workspace.preset):
+        parts[0] += " with your options"
+    if segment and segment.followers > 1:
+        parts.append(f"Case {workspace.case}")
+    with suppress(ConfigError):  # the Train page shows what is wrong with a setting
+        request = workspace.request(chosen_config(workspace))
+    if request:
+        parts.append(f"about {show.format_duration(request.typical_seconds)}")
+    if st.button(
+        f"Train on this window ({', '.join(parts)})", type="primary", icon=":material/play_arrow:",
+        width="stretch", disabled=segment is None, key="data_train",
+    ):  # fmt: skip
+        if request:
+            workspace.train(request.config)
+        frame.go(frame.TRAIN, workspace)
 
 
 def _describe(recording: Recording) -> str:

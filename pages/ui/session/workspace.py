@@ -37,6 +37,8 @@ Plane = Literal["beta", "alpha"]
 Disturbance = Literal["sinusoid", "step", "brake", "recorded"]
 TypedRow = tuple[str, float | None, float | None, float | None]
 """Name, α, β, τ of a vehicle as typed in; None where a cell is empty."""
+DEFAULT_CASE: Case = "II"
+"""Each follower with parameters of its own, as different cars have."""
 KEPT_RECORDS = 3 * len(METHODS)
 """Those of three comparisons."""
 
@@ -110,7 +112,7 @@ class Workspace:
     """Why the last attempt to open something failed."""
     vehicles: tuple[int, ...] = ()
     window: Window = field(default_factory=lambda: Window(0.0, DURATION))
-    case: Case = "II"
+    case: Case = DEFAULT_CASE
     excluded_regimes: tuple[str, ...] = ()
     """Regimes that the user leaves out of the model's equations."""
     segment: Segment | None = None
@@ -150,7 +152,7 @@ class Workspace:
             return
         vehicles = default_vehicles(recording)
         self.recording, self.truth, self.refusal = recording, truth, ""
-        self.choose(vehicles, _first_window(recording, vehicles), excluded_regimes=())
+        self.choose(vehicles, _first_window(recording, vehicles), DEFAULT_CASE, ())
 
     def restore(
         self, snapshot: Snapshot, recording: Recording | None = None, truth: Truth | None = None

@@ -145,7 +145,7 @@ def test_the_boundary_is_named(name: str) -> None:
     ("vehicles", "name", "facts"),
     [
         (row(CALM, TESLA), "l2_strict", ["Follower 2", "1.04"]),
-        (row(AUDI, CALM, BMW), "linf_strict", ["Followers 1 and 3", "follower 1 the most"]),
+        (row(AUDI, CALM, BMW), "linf_strict", ["Follower 1 and follower 3", "follower 1 the most"]),
         (row(TESLA, DAMPED, DAMPED), "l2_weak", ["others damp"]),
         (row(AUDI, UNDAMPED, CALM), "l2_weak", ["0.5 rad/s", "without limit"]),
         (row(CALM, CALM), "linf_weak", ["No follower"]),
