@@ -82,6 +82,7 @@ def show_result(workspace: Workspace) -> None:
     fit, segment = workspace.fit, workspace.segment
     if fit is None or segment is None:
         return
+    workspace.keep_run()
     driven = closed_loop(segment, fit)
     errors = surrogate_errors(segment, fit), closed_loop_errors(segment, fit)
     _show_fit(
@@ -211,13 +212,15 @@ def banner(workspace: Workspace) -> None:
         state = "its data came with it."
     else:
         state = "it came without its data."
-    st.info(f"From the snapshot **{name}**; {state}", icon=":material/inventory_2:")
+    is_run = workspace.runs.has(snapshot.id)
+    kind = "An earlier run" if is_run else "From the snapshot"
+    st.info(f"{kind} **{name}**; {state}", icon=":material/inventory_2:")
 
     def keep() -> None:
         with show.flashing():
             library().add(snapshot)
 
-    if snapshot.id and not library().has(snapshot.id):
+    if snapshot.id and not is_run and not library().has(snapshot.id):
         show.messages(
             "This snapshot was deleted from the server and lasts only as long as this session;"
             " keep it again, and its link works again.",

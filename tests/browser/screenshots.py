@@ -65,6 +65,7 @@ class Camera:
             viewport={"width": width, "height": height},
             color_scheme=self.theme,
         )
+        page.set_default_timeout(TRAINING_MS)
         page.goto(path)
         idle(page)
         try:

@@ -91,7 +91,7 @@ def test_from_one_click_on_home_to_stability_and_platoon(opened: Open) -> None:
 
 def test_the_whole_journey_with_a_real_recording(opened: Open, casale: Path) -> None:
     page = opened()
-    page.get_by_role("link", name="Load your own OpenACC recording").click()
+    page.get_by_role("button", name="Load your own OpenACC recording").click()
     upload(page, casale)
     expect(page.locator("strong").filter(has_text="part7.csv").first).to_be_visible()
     expect(page.get_by_text("1,523 s at 10 Hz")).to_be_visible()
@@ -108,7 +108,7 @@ def test_the_whole_journey_with_a_real_recording(opened: Open, casale: Path) -> 
     assert leader[0] == "1 Rexton"
     assert follower[0] == "2 Hyundai"
     alpha, beta, tau = map(estimate, follower[1:4])
-    gap, driven = float(follower[5]), float(follower[7])
+    gap, driven = float(follower[7]), float(follower[9])
     assert alpha == pytest.approx(0.0104, abs=0.0002)
     assert beta == pytest.approx(0.072, abs=0.0015)
     assert tau == pytest.approx(1.52, abs=0.01)

@@ -188,6 +188,11 @@ def test_the_button_names_what_it_trains_and_a_new_recording_has_the_default_cas
     assert found.case == "II"
 
 
+def test_a_recording_of_ones_own_begins_with_the_upload() -> None:
+    page = press(open_page(HOME, with_sample()), "Load your own OpenACC recording")
+    assert page.get("file_uploader")
+
+
 def test_a_bad_upload_is_one_sentence_and_loses_nothing_and_a_good_one_is_opened() -> None:
     found = with_sample()
     page = open_page(DATA, found)

@@ -109,7 +109,6 @@ def parameter_table(
     estimated = [*(_estimate_cells(fit.parameters, uncertainty) if uncertainty else ())]
     estimated = estimated or [*parameter_cells(fit.parameters)]
     of_each: list[Filled] = [
-        *driver_cells(drivers(info), above=1),
         (Column("Mean time gap", "s", 2), _absent(1, quality.mean_time_gap)),
         *_error_cells(info, surrogate, "Surrogate fit, MAE", 3),
         *_error_cells(info, closed_loop, "Closed-loop simulation, MAE", 2, leader=False),
@@ -131,9 +130,9 @@ def parameter_table(
         f"{name_of(fit)}, {where(info)}{case}",
         [
             (Column("Vehicle"), _labels(info, numbers)),
-            *((column, shared(cells)) for column, cells in estimated),
+            *((column, own(cells)) for column, cells in driver_cells(drivers(info), above=1)),
+            *((column, shared(cells)) for column, cells in (*estimated, *probable)),
             *((column, own(cells)) for column, cells in of_each),
-            *((column, shared(cells)) for column, cells in probable),
         ],
     )
 

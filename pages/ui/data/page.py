@@ -24,7 +24,7 @@ from accpinn.study.sensitivity import SensitivityResult, sensitivity
 from pages.ui.components import frame, show
 from pages.ui.components.show import escape_markdown
 from pages.ui.components.widgets import bound, segments, select
-from pages.ui.data.sources import choose_source
+from pages.ui.data.sources import choose_source, is_asked
 from pages.ui.results import banner, show_data
 from pages.ui.session.workspace import Workspace
 from pages.ui.train import chosen_config
@@ -59,6 +59,7 @@ def show_page() -> None:
     with st.expander(
         f"Open another recording instead of {escape_markdown(recording.source)}",
         icon=":material/folder_open:",
+        expanded=is_asked(),
     ):
         choose_source(workspace)
     st.markdown(_describe(recording))

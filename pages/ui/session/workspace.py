@@ -3,9 +3,10 @@
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any, Literal
 
-from accpinn.errors import ConfigError, SegmentError
+from accpinn.errors import ConfigError, SegmentError, SnapshotError
 from accpinn.inference.intervals import Uncertainty, intervals
 from accpinn.inference.multistart import Trial
 from accpinn.methods.fit import Fit, Outcome
@@ -16,8 +17,9 @@ from accpinn.model.cthp import Case, Parameters
 from accpinn.model.published import ASTAZERO
 from accpinn.recordings.recording import Recording, Window
 from accpinn.recordings.synthetic import Truth
-from accpinn.results.snapshot import Snapshot
+from accpinn.results.snapshot import Snapshot, create
 from accpinn.results.snapshot.verification import recover
+from accpinn.results.tables.estimates import name_of
 from accpinn.segment.cut import DURATION, complete_windows, cut, default_vehicles
 from accpinn.segment.quality import exclude_regimes, label_regimes
 from accpinn.segment.segment import Segment, SegmentInfo
@@ -30,7 +32,8 @@ from accpinn.study.comparison import (
 )
 from accpinn.tasks.task import Task, TrainingRequest, comparison_task, starts_task, training_task
 from accpinn.units import RadiansPerSecond
-from pages.ui.session.resources import task_queue
+from pages.ui.session.resources import store, task_queue
+from pages.ui.session.runs import Runs
 
 Source = Literal["fit", "published", "snapshot", "hand"]
 Plane = Literal["beta", "alpha"]
@@ -39,6 +42,7 @@ TypedRow = tuple[str, float | None, float | None, float | None]
 """Name, α, β, τ of a vehicle as typed in; None where a cell is empty."""
 DEFAULT_CASE: Case = "II"
 """Each follower with parameters of its own, as different cars have."""
+KEPT_RECORDINGS = 4
 KEPT_RECORDS = 3 * len(METHODS)
 """Those of three comparisons."""
 
@@ -137,10 +141,36 @@ class Workspace:
     """The format in which charts are saved."""
     legends: bool = False
     """Whether each chart has one of its own, beside the key that serves a whole page."""
+    opened: dict[str, tuple[Recording, Truth | None]] = field(default_factory=dict)
+    """The recordings opened last, by their SHA-256."""
+    _kept: Fit | None = None
+    """The training that was last put among the runs."""
     _uncertainty: tuple[Fit, Uncertainty] | None = None
     """That of a fit, kept with it."""
     _own: MethodResult | None = None
     """The evaluated training, kept with its fit."""
+
+    @cached_property
+    def runs(self) -> Runs:
+        """The finished trainings of this session, on disk."""
+        return Runs.of(self.id, store().folder)
+
+    def keep_run(self) -> None:
+        """Put the training among the runs once it has finished; nothing happens before."""
+        training, segment = self.training, self.segment
+        fit = training.result if training else None
+        if fit is None or segment is None or fit is self._kept:
+            return
+        if fit.outcome in (Outcome.STOPPED, Outcome.DIVERGED):
+            return
+        self._kept = fit
+        case = f", Case {fit.case}" if segment.followers > 1 else ""
+        with suppress(SnapshotError):
+            run = create(
+                segment, fit, recording=self.recording, uncertainty=self.uncertainty(),
+                name=f"{name_of(fit)}{case}",
+            )  # fmt: skip
+            self.runs.keep(run)
 
     def open(self, recording: Recording, truth: Truth | None = None) -> None:
         """Begin with a recording: its longest platoon, and the first window without holes.
@@ -151,7 +181,11 @@ class Workspace:
             self.restore(self.snapshot, recording, truth)
             return
         vehicles = default_vehicles(recording)
+        self.archive_and_stop()
         self.recording, self.truth, self.refusal = recording, truth, ""
+        self.opened = {**self.opened, recording.sha256: (recording, truth)}
+        for oldest in list(self.opened)[:-KEPT_RECORDINGS]:
+            del self.opened[oldest]
         self.choose(vehicles, _first_window(recording, vehicles), DEFAULT_CASE, ())
 
     def restore(
@@ -234,6 +268,7 @@ class Workspace:
         """
         if request := self.request(config, warm):
             self._record([self.fit] if self.fit else [])
+            self.keep_run()
             self.choose_source("fit")
             self.training = task_queue().submit(training_task(self.id, request), anew)
 
@@ -270,6 +305,7 @@ class Workspace:
         A training that is stopped leaves its checkpoint, from which the same request goes on.
         """
         self._record([row.fit for row in self.compared] + ([self.fit] if self.fit else []))
+        self.keep_run()
         source = self.parameter_choice.source = self.parameter_source
         for task in self.tasks:
             task_queue().stop(task)
