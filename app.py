@@ -6,7 +6,7 @@ from accpinn.methods.pinn.config import FAST
 from accpinn.results.figures.recording import preview
 from accpinn.segment.cut import cut
 from pages.ui.components import frame, show
-from pages.ui.data.sources import FIRST_SAMPLE, open_with, sample
+from pages.ui.data.sources import FIRST_SAMPLE, ask_for_upload, open_with, sample
 from pages.ui.session.workspace import Workspace
 
 STEPS = (
@@ -55,10 +55,13 @@ def introduce(workspace: Workspace) -> None:
     if st.button("Train a sample now", type="primary", icon=":material/play_arrow:"):
         open_with(workspace, lambda: sample(FIRST_SAMPLE))
         if not workspace.refusal:
+            workspace.preset = FAST.preset
             workspace.train(FAST)
             frame.go(frame.TRAIN, workspace)
         show.messages(workspace.refusal, "error")
-    frame.link(frame.DATA, "Load your own OpenACC recording", workspace, "upload_file")
+    if st.button("Load your own OpenACC recording", icon=":material/upload_file:"):
+        ask_for_upload()
+        frame.go(frame.DATA, workspace)
 
 
 main()

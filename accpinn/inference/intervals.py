@@ -14,7 +14,7 @@ import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import Literal
+from typing import Any, Literal
 
 import msgspec
 import numpy as np
@@ -167,6 +167,17 @@ def within(estimate: FloatArray, lower: FloatArray, upper: FloatArray) -> NDArra
     slack = SLACK * (upper - lower)
     inside = (estimate >= lower - slack) & (estimate <= upper + slack)
     return np.asarray(inside | np.isnan(lower))
+
+
+def of_first(uncertainty: Uncertainty) -> Uncertainty:
+    """That of the first follower alone, which stands for all where they share their parameters."""
+    parts: dict[str, Any] = {"draws": uncertainty.draws[:, :1]}
+    for name in ("centre", "lower", "upper", "inside", "probability_l2", "probability_linf"):
+        parts[name] = getattr(uncertainty, name)[:1]
+    for name in ("peak_gain", "linf_gain", "crossover"):
+        ends: Interval = getattr(uncertainty, name)
+        parts[name] = Interval(ends.lower[:1], ends.upper[:1])
+    return replace(uncertainty, **parts)
 
 
 def gain_band(uncertainty: Uncertainty, follower: int, omega: FloatArray) -> Interval:

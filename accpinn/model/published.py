@@ -22,6 +22,8 @@ class ParameterSet:
     """(M+1,) numbers in the recording, leader first, which give the colours; by default 1, 2, .."""
     labels: tuple[str, ...] = ()
     """(M,) for legends and tables: number and name in the recording; by default the names."""
+    drivers: tuple[str, ...] = ()
+    """(M,) who drives in place of ACC, as "Human"; empty where nobody does."""
 
     def __post_init__(self) -> None:
         """Fill in the defaults; refuse an empty set and names that do not match."""

@@ -118,7 +118,7 @@ class Recorded:
     """A measured leader, straight between its samples; the platoon starts in equilibrium."""
 
     time: FloatArray
-    """(N,) in s, evenly spaced; the run counts from its first instant."""
+    """(N,) in s, evenly spaced; the run keeps its clock."""
     speeds: FloatArray
     """(N,) in m/s."""
 

@@ -153,12 +153,14 @@ def simulate_platoon(
     """
     parameters = _with_equilibrium(Parameters.of(parameters.values.reshape(-1, 3)))
     if isinstance(leader, Recorded):
-        still, time = np.zeros(len(parameters)), leader.time - leader.time[0]
-        moved = cthp.simulate(parameters, time, leader.speeds - leader.speed, still, still)
+        still, time = np.zeros(len(parameters)), leader.time
+        deviations = leader.speeds - leader.speed
+        moved = cthp.simulate(parameters, time - time[0], deviations, still, still)
     else:
-        moved = _deviations(parameters, leader, _instants(leader, sample_time))
+        time = _instants(leader, sample_time)
+        moved = _deviations(parameters, leader, time)
     driven = Trajectories(
-        frozen(moved.time),
+        frozen(time),
         frozen(moved.speeds + leader.speed),
         frozen(moved.gaps + leader.speed * parameters.tau),
     )

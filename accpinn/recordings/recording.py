@@ -1,5 +1,6 @@
 """What a file holds: metadata, vehicles, speeds, gaps and modes over time, and what is wrong."""
 
+import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 from datetime import date
@@ -31,6 +32,10 @@ MOVING: MetresPerSecond = 1.0
 LITTLE_LEADER_MOTION: MetresPerSecond = 0.5
 """A leader whose speed deviates less excites nothing."""
 BLOCKS_LISTED = 3
+_JOINED = re.compile(r"(?<=\w)\(")
+"""Files join model and make: "Mercedes(AClass)"."""
+HUMAN_FLAG = 0
+"""The file's ACC flag of a run with human drivers."""
 
 
 class Mode(IntEnum):
@@ -194,8 +199,8 @@ class Vehicle:
 
 
 def vehicle_label(number: int, name: str) -> str:
-    """Number and name of a vehicle; the number alone where the file gives no name."""
-    return name if name == unnamed(number) else f"{number} {name}"
+    """Number and name of a vehicle, as "4 Mercedes (AClass)"; without a name "Vehicle 4"."""
+    return name if name == unnamed(number) else f"{number} {_JOINED.sub(' (', name)}"
 
 
 def unnamed(number: int) -> str:

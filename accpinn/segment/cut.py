@@ -9,18 +9,19 @@ numbers stay finite. The segment marks every sample that was not measured.
 
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
+from itertools import compress, pairwise
 
 import numpy as np
 
 from accpinn.channels import GAP, SPEED
 from accpinn.errors import SegmentError
-from accpinn.recordings.recording import Recording, Window
+from accpinn.recordings.recording import HUMAN_FLAG, Mode, Recording, Window
 from accpinn.segment.segment import (
     BlocksMissing,
     Bridged,
+    DrivenByHand,
     Resampled,
     Segment,
     SegmentFinding,
@@ -37,6 +38,8 @@ BRIDGE: Seconds = 1.0
 """Missing blocks up to this long are bridged by a straight line, as the database's makers did."""
 SLACK: Seconds = 1e-6
 """Times closer than this are the same; float noise of time stamps is below 1e-9 s."""
+NOT_ACC = 0.1
+"""A follower that a driver controls for a larger share of the window is not called ACC."""
 WINDOWS_LISTED = 3
 MAX_FOLLOWERS = 10
 
@@ -85,6 +88,7 @@ def cut(
     time, values, missing = _on_grid(platoon, source, window, findings)
     findings.extend(platoon.bridged_among(source))
     findings.extend(platoon.missing_among(source))
+    findings.extend(_driven_by_hand(recording, source, chosen[1:]))
     return Segment(
         time=time,
         speeds=values[:, : len(chosen)],
@@ -97,6 +101,21 @@ def cut(
         findings=tuple(findings),
         missing=missing,
     )
+
+
+def _driven_by_hand(
+    recording: Recording, source: Stretch, followers: tuple[int, ...]
+) -> Iterator[DrivenByHand]:
+    """By the drivers' modes; a flag for the whole run counts only where there are none."""
+    modes = recording.mode[source.rows, np.array(followers) - 1]
+    if (modes == Mode.UNKNOWN).all():
+        if recording.acc_flag == HUMAN_FLAG:
+            yield DrivenByHand(followers, (1.0,) * len(followers), by_flag=True)
+        return
+    shares = (modes == Mode.HUMAN).mean(axis=0)
+    manual = shares >= NOT_ACC
+    if manual.any():
+        yield DrivenByHand(tuple(compress(followers, manual)), tuple(shares[manual].tolist()))
 
 
 def complete_windows(recording: Recording, vehicles: Sequence[int]) -> tuple[Window, ...]:

@@ -68,6 +68,16 @@ class NothingToExclude(Finding, frozen=True):
     regimes: tuple[str, ...]
 
 
+class DrivenByHand(Finding, frozen=True):
+    """Followers that a driver, not ACC, controls, so that their parameters are not those of ACC."""
+
+    vehicles: tuple[int, ...]
+    shares: tuple[float, ...]
+    """The share of the window's samples of each, 0 to 1."""
+    by_flag: bool = False
+    """Whether the file says so by its flag for the whole run alone, as it gives no modes."""
+
+
 SegmentFinding = (
     WindowMoved
     | WindowShortened
@@ -76,14 +86,24 @@ SegmentFinding = (
     | BlocksMissing
     | RegimesExcluded
     | NothingToExclude
+    | DrivenByHand
 )
 
 
 class _Platoon:
-    """What follows from the vehicles' numbers and names alone."""
+    """What follows from the vehicles' numbers and names, and from the findings."""
 
     vehicles: tuple[int, ...]
     names: tuple[str, ...]
+    findings: tuple[SegmentFinding, ...]
+    excluded_regimes: tuple[str, ...]
+
+    @property
+    def driven_by_hand(self) -> DrivenByHand | None:
+        """The followers without ACC; None where all have it or manual driving is excluded."""
+        found = (one for one in self.findings if isinstance(one, DrivenByHand))
+        hand = next(found, None)
+        return None if hand and not hand.by_flag and "manual" in self.excluded_regimes else hand
 
     @property
     def followers(self) -> int:

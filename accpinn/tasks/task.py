@@ -22,7 +22,14 @@ from accpinn.inference.multistart import Trial, multistart
 from accpinn.methods.fit import Fit, History, Outcome, Progress, Recorder
 from accpinn.methods.method import TaskContext
 from accpinn.methods.pinn import method as pinn
-from accpinn.methods.pinn.config import STARTS, PinnConfig
+from accpinn.methods.pinn.config import (
+    CALIBRATED,
+    FAST,
+    PAPER,
+    STARTS,
+    PinnConfig,
+    PresetName,
+)
 from accpinn.methods.pinn.method import WarmStart
 from accpinn.methods.registry import METHODS
 from accpinn.methods.store import Store
@@ -36,6 +43,15 @@ _log = logging.getLogger(__name__)
 
 RATE_WINDOW: Seconds = 3.0
 """The rate of iterations is that of the last seconds, as it can change with the phase."""
+
+TYPICAL_SAMPLES = 3001
+TYPICAL: dict[PresetName, tuple[Seconds, float, int]] = {
+    "fast": (0.5, 0.2, FAST.iterations),
+    "calibrated": (3.0, 0.3, CALIBRATED.iterations),
+    "paper": (450.0, 0.44, PAPER.iterations),
+}
+"""Of a training on so many samples of one follower, the share of it that each further one adds, and
+for how many iterations at most; see docs/validation.md."""
 
 Result = TypeVar("Result")
 Steps = Callable[[TaskContext], Iterator[Result]]
@@ -51,6 +67,14 @@ class TrainingRequest:
     config: PinnConfig
     warm: WarmStart | None = None
     """The weights it begins with in place of random ones."""
+
+    @property
+    def typical_seconds(self) -> Seconds:
+        """How long it takes on two cores, to within a factor of two or so."""
+        typical, further, iterations = TYPICAL[self.config.preset]
+        size = self.segment.samples / TYPICAL_SAMPLES
+        followers = 1 + further * (self.segment.followers - 1)
+        return typical * size * followers * self.config.iterations / iterations
 
     @cached_property
     def key(self) -> str:

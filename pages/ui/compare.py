@@ -85,6 +85,7 @@ def show_page() -> None:
             frame.empty_state(workspace, "Nothing to compare on")
         return
     st.caption(frame.segment_line(segment, workspace.case))
+    show.not_acc(segment)
     _controls(workspace)
     if task:
         monitor(workspace, task, lambda running: _show(workspace, segment, running))
@@ -125,7 +126,7 @@ def _show(workspace: Workspace, segment: Segment, running: bool) -> None:
         return
     rows = workspace.compared_with_training()
     _show_verdict(segment, rows)
-    show_intervals(segment.info, rows[0].uncertainty, GAP_ERROR)
+    show_intervals(segment.info, rows[0].uncertainty, GAP_ERROR, rows[0].fit.case)
     show.messages(messages(rows[0].uncertainty.findings, segment))
     shown = _Shown(workspace, segment, rows, pick_follower(segment, "compare_follower"))
     _show_methods(shown)

@@ -19,10 +19,17 @@ from accpinn.results.figures import platoon as figures
 from accpinn.results.figures.stability import colours
 from accpinn.results.figures.style import LEADER
 from accpinn.results.messages import messages
-from accpinn.results.messages.stability import PLACES, disturbance, disturbance_details
+from accpinn.results.messages.stability import (
+    PLACES,
+    Places,
+    disturbance,
+    disturbance_details,
+    not_acc,
+    probabilities,
+)
 from accpinn.stability.report import stability_report
 from pages.ui.components import frame, show
-from pages.ui.components.parameter_picker import choose_parameters
+from pages.ui.components.parameter_picker import Chosen, choose_parameters, show_missing
 from pages.ui.components.show import escape_markdown
 from pages.ui.components.widgets import bound, segments, select
 from pages.ui.session.workspace import Disturbance, PlatoonChoice, Workspace
@@ -62,9 +69,14 @@ def show_page() -> None:
     if choice.panels:
         _show_panels(choice)
         return
-    chosen = choose_parameters(workspace, "platoon")
-    if chosen is None:
+    source = choose_parameters(workspace, "platoon")
+    if source is None:
+        _panels_button(choice, "The paper's four panels", "grid_view", "platoon_panels", True)
         return
+    if source.missing:
+        show_missing(workspace, source)
+        return
+    chosen = source.vehicles
     controls, chart = st.columns((1, 2.6), gap="medium")
     with controls:
         order = _choose_order(choice, chosen)
@@ -76,7 +88,7 @@ def show_page() -> None:
         if run is None or order is None:
             return
         cast = figures.cast_of(chosen, order)
-        _show_answer(run, chosen, order, cast)
+        _show_answer(run, source, order, cast)
         show.chart(figures.profiles(run, cast), "platoon_profiles")
     left, right = st.columns(2, gap="large")
     with left:
@@ -117,7 +129,7 @@ def _choose_order(choice: PlatoonChoice, chosen: ParameterSet) -> list[int] | No
         "Followers, first to last", **bound("platoon_own", text, lambda own: choice.set(own=own)),
         help="Numbers and ranges: 1-3, 2, 2",
     )  # fmt: skip
-    st.caption(" · ".join(f"{k} = {escape_markdown(n)}" for k, n in enumerate(chosen.names, 1)))
+    st.caption(" · ".join(f"{k} = {escape_markdown(n)}" for k, n in enumerate(chosen.labels, 1)))
     return show.attempt(lambda: parse_order(text, len(chosen)))
 
 
@@ -164,7 +176,7 @@ def _choose_leader(workspace: Workspace, platoon: Parameters) -> Leader | None:
     if kind == "recorded" and segment:
         place = f"{segment.labels[0]} as recorded, {segment.source}, {segment.window}."
         st.caption(escape_markdown(place))
-        return Recorded(segment.time, segment.speeds[:, 0])
+        return Recorded(segment.start + segment.time, segment.speeds[:, 0])
     return show.attempt(lambda: _planned(choice, kind, platoon))
 
 
@@ -204,20 +216,24 @@ def _frequency(choice: PlatoonChoice, platoon: Parameters) -> float:
     return value
 
 
-def _show_answer(
-    run: PlatoonRun, chosen: ParameterSet, order: Sequence[int], cast: figures.Cast
-) -> None:
+def _show_answer(run: PlatoonRun, source: Chosen, order: Sequence[int], cast: figures.Cast) -> None:
     """What becomes of the disturbance, what limits the run, and the key to the colours."""
+    chosen = source.vehicles
+    places = Places(chosen.spoken) if figures.is_in_order(chosen, order) else PLACES
     with st.container(border=True):
-        st.markdown(f"#### {escape_markdown(disturbance(run))}")
-        names = [chosen.names[k] for k in order]
-        if details := disturbance_details(run, names):
+        said = f"{disturbance(run, places)} {not_acc(chosen)}".rstrip()
+        st.markdown(f"{escape_markdown(source.origin)}\n\n#### {escape_markdown(said)}")
+        if source.uncertainty:
+            st.markdown(
+                "The simulation is that of the estimates. "
+                + escape_markdown(probabilities(chosen, source.uncertainty))
+            )
+        if details := disturbance_details(run, places):
             st.markdown(escape_markdown(details))
     # The answer names the collision already.
     others = [finding for finding in run.findings if not isinstance(finding, Collision)]
-    show.messages(messages(others, PLACES), "warning")
-    labels = ["Leader", *(figures.follower_name(chosen, k, p) for p, k in enumerate(order, 1))]
-    show.key(zip(labels, cast.colours, strict=True))
+    show.messages(messages(others, places), "warning")
+    show.key(zip(cast.labels, cast.colours, strict=True))
 
 
 def _show_amplitudes(choice: PlatoonChoice, run: PlatoonRun, cast: figures.Cast) -> None:
@@ -241,7 +257,7 @@ def _seconds_shown(run: PlatoonRun, rows: NDArray[np.intp]) -> str:
     time = run.trajectories.time
     first, last, end = float(time[rows[0]]), float(time[rows[-1]]), float(time[-1])
     if last - first > SHOWN_WHOLE * (end - float(time[0])):
-        return f"All {end:.0f} s."
+        return f"All {end:.0f} s." if not first else f"From {first:.0f} to {last:.0f} s."
     until = ", until the collision" if run.collisions and rows[-1] >= run.meaningful - 2 else ""
     return f"From {first:.0f} to {last:.0f} s of {end:.0f} s{until}."
 

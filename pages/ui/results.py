@@ -1,7 +1,7 @@
 """A result on a page: of the session's training, or as a snapshot holds it."""
 
-from collections.abc import Sequence
-from functools import partial
+from collections.abc import Mapping, Sequence
+from itertools import groupby
 from pathlib import Path
 
 import streamlit as st
@@ -14,6 +14,7 @@ from accpinn.evaluation.closed_loop import (
     closed_loop_findings,
     surrogate_errors,
 )
+from accpinn.evaluation.whiteness import Whiteness, whiteness
 from accpinn.inference.identifiability import narrower_intervals, weakly_identified
 from accpinn.inference.intervals import Uncertainty
 from accpinn.inference.model_adequacy import Adequacy
@@ -21,10 +22,12 @@ from accpinn.inference.prediction import gap_band
 from accpinn.methods import least_squares
 from accpinn.methods.fit import Fit, History, Outcome, headway_findings
 from accpinn.methods.maximum_likelihood import disturbance_sizes
-from accpinn.model.cthp import Parameters, Trajectories
+from accpinn.model.cthp import Case, Parameters, Trajectories
+from accpinn.results.checks import Check, CheckName, checks
 from accpinn.results.figures import training as figures
 from accpinn.results.figures.recording import preview
 from accpinn.results.messages import messages
+from accpinn.results.messages.checks import MEANING, failing_of, label_of
 from accpinn.results.messages.methods import outcome_message
 from accpinn.results.messages.reliability import BAND, conditional
 from accpinn.results.snapshot import Snapshot
@@ -39,6 +42,8 @@ from pages.ui.components.widgets import pick_follower
 from pages.ui.session.resources import library
 from pages.ui.session.workspace import Workspace
 
+MARKS = {True: ("blue", "check_circle"), False: ("orange", "cancel"), None: ("gray", "help")}
+"""Colour and icon of a check's answer: the icons differ in shape."""
 FIRST_DRAWING = 1.0
 """Seconds of training before the first curves: a short one would be slowed by drawing it."""
 
@@ -66,7 +71,8 @@ def _show_history(
     history: History, info: SegmentInfo, page: str, truth: Parameters | None = None
 ) -> None:
     """Loss terms and parameters over iterations."""
-    show.vehicle_key(info, with_truth=bool(truth))
+    sets = history.parameters.values.shape[1]
+    show.vehicle_key(info, with_truth=bool(truth), shared=sets < info.followers)
     loss, *parameters = st.columns(4)
     with loss:
         show.chart(figures.loss_history(history), f"{page}_loss")
@@ -81,11 +87,12 @@ def show_result(workspace: Workspace) -> None:
     fit, segment = workspace.fit, workspace.segment
     if fit is None or segment is None:
         return
+    workspace.keep_run()
     driven = closed_loop(segment, fit)
     errors = surrogate_errors(segment, fit), closed_loop_errors(segment, fit)
     _show_fit(
         segment.info, fit, assess_quality(segment), errors, closed_loop_findings(segment, driven),
-        workspace.uncertainty(), "train",
+        workspace.uncertainty(), whiteness(segment, fit), "train",
     )  # fmt: skip
     _show_limits(workspace, segment.info, "train")
     solved, truth = least_squares.fit(segment, fit.case).parameters, workspace.true_parameters
@@ -94,7 +101,8 @@ def show_result(workspace: Workspace) -> None:
         estimates["Maximum likelihood"] = uncertainty.centre
     estimates |= {"Truth": truth} if truth else {}
     st.subheader("Comparison with least squares and maximum likelihood", anchor=False)
-    show.table(tables.comparison_table(segment.info, estimates), show.vehicle_colours(segment)[1:])
+    colours = show.vehicle_colours(segment, tables.parameter_rows(segment.info, fit.case))
+    show.table(tables.comparison_table(segment.info, estimates, fit.case), colours)
     st.subheader("Network against data", anchor=False)
     follower = pick_follower(segment, "train_follower")
     _show_tracking(workspace, segment, follower, fit, driven, "network", "train_tracking")
@@ -105,34 +113,72 @@ def _show_fit(
     fit: Fit,
     quality: Quality,
     errors: tuple[TrackingErrors | None, TrackingErrors | None],
-    events: Sequence[ClosedLoopFinding],
+    events: Sequence[ClosedLoopFinding] | None,
     uncertainty: Uncertainty | None,
+    residual: Whiteness | None,
     page: str,
 ) -> None:
-    """Outcome, parameters, errors (surrogate, simulation), intervals of a fit, and its limits."""
+    """Checks of a fit, parameters with intervals, errors (surrogate, simulation), and its limits.
+
+    Args:
+        info: of the segment.
+        fit: its result.
+        quality: of the segment.
+        errors: surrogate fit and closed-loop simulation.
+        events: of the closed-loop simulation; None where that is not known.
+        uncertainty: of the parameters, if it is known.
+        residual: of the model, if it is known.
+        page: begins the keys of widgets.
+    """
     took = f"{fit.seconds:.1f} s" if fit.seconds < 60 else show.format_duration(fit.seconds)
     cost = f"{fit.iterations:,} iterations in {took}, {fit.network_weights:,} network weights."
     cache = " From the cache: this exact request was trained before." if fit.cached else ""
-    sentence = f"{outcome_message(fit)}  \n{cost}{cache}"
     if fit.outcome is Outcome.DIVERGED:
-        st.error(sentence, icon=":material/error:")
+        st.error(outcome_message(fit), icon=":material/error:")
     elif fit.outcome is Outcome.STOPPED:
-        st.warning(sentence, icon=":material/pause_circle:")
-    else:
-        st.success(sentence, icon=":material/check_circle:")
-    table = partial(tables.parameter_table, info, fit, quality, *errors)
-    show.table(table(), show.vehicle_colours(info))
+        st.warning(outcome_message(fit), icon=":material/pause_circle:")
+    _show_checks(info, checks(info, fit, uncertainty, events, residual), {
+        "converged": (outcome_message(fit),),
+        "inside": messages(uncertainty.findings if uncertainty else (), info),
+        "identified": messages(headway_findings(info.vehicles, fit.parameters), info),
+        "collision-free": messages(events or (), info),
+        "explained": messages(residual.findings if residual else (), info),
+    })  # fmt: skip
+    st.caption(f"{cost}{cache}")
+    table = tables.parameter_table(info, fit, quality, *errors, uncertainty)
+    show.table(table, show.vehicle_colours(info, tables.row_vehicles(info, fit.case)))
     st.caption(
         "Surrogate fit: error of the network's own curves, as in the paper's tables. Closed-loop"
         " simulation: error of the simulation with the learned parameters, with only the leader's"
-        " speed given. MAE: mean absolute error of space-gap p and speed v."
+        " speed given. MAE: mean absolute error of space-gap p and speed v. Interval: the values"
+        " consistent with the data, with disturbances that last for seconds, as on a road."
+        " Probability of string stability: the share of such parameter sets (posterior samples)"
+        " that are string stable."
     )
     after = "The simulation continues, and the closed-loop errors include what follows."
-    show.messages(messages(events, info), "warning", "car_crash", after)
-    show_intervals(info, uncertainty)
+    show.messages(messages(events or (), info), "warning", "car_crash", after)
     findings = (*fit.findings, *headway_findings(info.vehicles, fit.parameters))
-    show.messages(messages((*findings, *(uncertainty.findings if uncertainty else ())), info))
-    show.downloads(table(uncertainty), f"{Path(info.source).stem}_parameters", page)
+    show.messages(messages(findings, info))
+    show.downloads(table, f"{Path(info.source).stem}_parameters", page)
+
+
+def _show_checks(
+    info: SegmentInfo,
+    found: Sequence[Check],
+    evidence: Mapping[CheckName, Sequence[str]],
+) -> None:
+    """A button for each check, with its answer; it opens what the answer rests on."""
+    with st.container(horizontal=True):
+        for name, each in groupby(found, lambda check: check.name):
+            group = [*each]
+            answers = {check.passed for check in group}
+            worst = next(answer for answer in (False, None, True) if answer in answers)
+            colour, icon = MARKS[worst]
+            with st.popover(f":{colour}[:material/{icon}:] {label_of(group)}"):
+                st.markdown(escape_markdown(MEANING[name]))
+                failing = [said for check in group if (said := failing_of(check, info))]
+                if reasons := (*failing, *evidence[name]):
+                    st.markdown(show.bullets(reasons))
 
 
 def _show_limits(workspace: Workspace, info: SegmentInfo, page: str) -> None:
@@ -197,6 +243,7 @@ def show_intervals(
     info: SegmentInfo,
     uncertainty: Uncertainty | None,
     more: str = "Pages Compare and Stability show more.",
+    case: Case = "II",
 ) -> None:
     """Intervals of the parameters and the probability of string stability.
 
@@ -204,10 +251,12 @@ def show_intervals(
         info: names the vehicles.
         uncertainty: None shows nothing.
         more: the end of the caption.
+        case: in Case I all followers share one row.
     """
     if uncertainty is None:
         return
-    show.table(tables.intervals_table(info, uncertainty), show.vehicle_colours(info)[1:])
+    colours = show.vehicle_colours(info, tables.parameter_rows(info, case))
+    show.table(tables.intervals_table(info, uncertainty, case), colours)
     st.caption(
         "Interval: the values consistent with the data, with disturbances that last for seconds,"
         " as on a road. Probability of string stability: the share of parameter sets consistent"
@@ -229,13 +278,15 @@ def banner(workspace: Workspace) -> None:
         state = "its data came with it."
     else:
         state = "it came without its data."
-    st.info(f"From the snapshot **{name}**; {state}", icon=":material/inventory_2:")
+    is_run = workspace.runs.has(snapshot.id)
+    kind = "An earlier run" if is_run else "From the snapshot"
+    st.info(f"{kind} **{name}**; {state}", icon=":material/inventory_2:")
 
     def keep() -> None:
         with show.flashing():
             library().add(snapshot)
 
-    if snapshot.id and not library().has(snapshot.id):
+    if snapshot.id and not is_run and not library().has(snapshot.id):
         show.messages(
             "This snapshot was deleted from the server and lasts only as long as this session;"
             " keep it again, and its link works again.",
@@ -278,10 +329,15 @@ def show_saved_result(workspace: Workspace, snapshot: Snapshot) -> None:
     """Outcome, tables, history and curves of a saved result."""
     fit, info, evaluation = snapshot.fit, snapshot.info, snapshot.evaluation
     segment = workspace.segment
+    if segment is None:
+        show.not_acc(info)
     _recording_needed(workspace, snapshot, "To train on, the page needs")
     errors = (evaluation.surrogate, evaluation.closed_loop) if evaluation else (None, None)
-    events = evaluation.all_findings if evaluation else ()
-    _show_fit(info, fit, snapshot.quality, errors, events, snapshot.uncertainty, "snapshots")
+    events = evaluation.all_findings if evaluation else None
+    residual = evaluation.whiteness if evaluation else None
+    _show_fit(
+        info, fit, snapshot.quality, errors, events, snapshot.uncertainty, residual, "snapshots"
+    )
     _show_limits(workspace, info, "snapshots")
     if fit.history:
         _show_history(fit.history, info, "snapshots")
@@ -302,7 +358,7 @@ def show_saved_rows(workspace: Workspace) -> None:
     banner(workspace)
     _recording_needed(workspace, snapshot, "To run the methods, the page needs")
     info, rows = snapshot.info, snapshot.methods
-    show_intervals(info, snapshot.uncertainty, "")
+    show_intervals(info, snapshot.uncertainty, "", snapshot.fit.case)
     if not rows:
         st.caption("No comparison of the methods was saved with this snapshot.")
         return

@@ -63,9 +63,9 @@ def show_page() -> None:
     if not entries:
         st.caption("No snapshot is kept here yet.")
         return
-    show.table(_listing(entries))
+    show.table(listing(entries))
     shown = workspace.snapshot.id if workspace.snapshot else ""
-    entry = _choose("Snapshot", CHOSEN, entries, first=shown)
+    entry = choose_entry("Snapshot", CHOSEN, entries, first=shown)
     if entry is None:
         return
     try:
@@ -76,9 +76,9 @@ def show_page() -> None:
     whole = tuple(one for one in entries if not one.fault and one.id != entry.id)
     if whole and not entry.fault:
         st.subheader("Compare with another", anchor=False)
-        other = _choose("The second snapshot", "snapshots_second", whole)
+        other = choose_entry("The second snapshot", "snapshots_second", whole)
         if other and st.toggle("Show both side by side", key="snapshots_compare"):
-            _show_both(opened(entry.id), opened(other.id))
+            show_both(opened(entry.id), opened(other.id))
 
 
 # Saving and importing
@@ -158,7 +158,7 @@ def _upload_form() -> None:
 # The list, and one in full
 
 
-def _listing(entries: tuple[Entry, ...]) -> Table:
+def listing(entries: tuple[Entry, ...]) -> Table:
     """The newest snapshots, a line each."""
     columns = (
         Column("Name"), Column("Recording"), Column("Window"), Column("Vehicles"),
@@ -187,7 +187,7 @@ def _title(entry: Entry) -> str:
     return entry.name.strip() or entry.id
 
 
-def _choose(label: str, key: str, entries: tuple[Entry, ...], first: str = "") -> Entry | None:
+def choose_entry(label: str, key: str, entries: tuple[Entry, ...], first: str = "") -> Entry | None:
     """One of them, by name; at first the one of that id, else the newest."""
     known = {e.id: (e, f"{_title(e)} · {e.source or 'damaged'} · {e.id[:6]}") for e in entries}
     if st.session_state.get(key) not in known:
@@ -273,7 +273,7 @@ def _show_verification(workspace: Workspace, snapshot: Snapshot) -> None:
 # Two beside each other
 
 
-def _show_both(one: Snapshot, other: Snapshot) -> None:
+def show_both(one: Snapshot, other: Snapshot) -> None:
     """Parameters with intervals, Bode magnitudes, and what differs in settings and data."""
     show.messages(other_vehicles(one, other), "warning", "compare_arrows")
     longer = max(one.info, other.info, key=lambda info: info.followers)

@@ -1,5 +1,6 @@
 """The page Stability: the answer in words, tables, reasons, Bode magnitude, criteria and map."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,16 +12,20 @@ from accpinn.results.figures import stability as figures
 from accpinn.results.figures.stability import add_bands, add_clouds, cloud_caption
 from accpinn.results.figures.style import LEADER
 from accpinn.results.messages import messages
-from accpinn.results.messages.stability import BEHAVIOURS, TITLES, amplification, certainty, reason
+from accpinn.results.messages.stability import BEHAVIOURS, TITLES, certainty, headline, reason
 from accpinn.results.tables.stability import answer, stability_interval_table, stability_table
 from accpinn.stability.report import StabilityReport, VehicleStability, Verdict, stability_report
 from accpinn.units import RadiansPerSecond
 from pages.ui.components import frame, show
-from pages.ui.components.parameter_picker import choose_parameters
+from pages.ui.components.parameter_picker import Chosen, choose_parameters, show_missing
 from pages.ui.components.show import escape_markdown
 from pages.ui.components.widgets import bound, segments, select
 from pages.ui.session.workspace import Plane, Workspace
 
+PROBABILITY = (
+    " Probability: the share of posterior samples that are string stable; all other columns are of"
+    " the estimate."
+)
 WHOLE = -1
 """Stands for the platoon in place of one vehicle's index."""
 PLANES: dict[Plane, str] = {"beta": "β and τ", "alpha": "α and τ"}
@@ -31,17 +36,20 @@ class _Shown:
     """What the parts of the page are about."""
 
     workspace: Workspace
-    chosen: ParameterSet
-    """The vehicles' names and parameters."""
+    source: Chosen
+    """Where the parameters are from, and what is known of them."""
     report: StabilityReport
-    """Theirs."""
+    """Of the parameters."""
+
+    @property
+    def chosen(self) -> ParameterSet:
+        """The vehicles' names and parameters."""
+        return self.source.vehicles
 
     @property
     def known(self) -> Uncertainty | None:
         """The uncertainty of the fit that the parameters are from; None for others."""
-        fit = self.workspace.fit
-        ours = fit and fit.parameters == self.chosen.parameters
-        return self.workspace.uncertainty() if ours else None
+        return self.source.uncertainty
 
     @property
     def uncertainty(self) -> Uncertainty | None:
@@ -55,8 +63,13 @@ def show_page() -> None:
         "Stability", "Which of these vehicles amplify the disturbances of the car ahead?"
     )
     chosen = choose_parameters(workspace, "stability")
-    report = show.attempt(lambda: stability_report(chosen.parameters)) if chosen else None
-    if chosen is None or report is None:
+    if chosen is None:
+        return
+    if chosen.missing:
+        show_missing(workspace, chosen)
+        return
+    report = show.attempt(lambda: stability_report(chosen.vehicles.parameters))
+    if report is None:
         return
     shown = _Shown(workspace, chosen, report)
     _show_answer(shown)
@@ -74,7 +87,8 @@ def _show_answer(shown: _Shown) -> None:
     """Who amplifies, how certain that is, the platoon, and where the L∞ criteria disagree."""
     chosen, report = shown.chosen, shown.report
     with st.container(border=True):
-        st.markdown(f"#### {escape_markdown(amplification(chosen, report))}")
+        said = headline(chosen, report, shown.known)
+        st.markdown(f"{escape_markdown(shown.source.origin)}\n\n#### {escape_markdown(said)}")
         if shown.known:
             st.markdown(escape_markdown(certainty(chosen, report, shown.known)))
         if len(chosen) > 1:
@@ -88,7 +102,8 @@ def _show_answer(shown: _Shown) -> None:
             lines = [f"{name}: L₂ **{answer(l2)}**, L∞ **{answer(linf)}**."
                      for name, l2, linf in verdicts]  # fmt: skip
             why = escape_markdown(reason(platoon.l2_weak, report))
-            st.markdown(f"The platoon in this order. {' '.join(lines)} {why}")
+            of = "estimates" if shown.source.fit else "parameters"
+            st.markdown(f"The {of} as a platoon in this order. {' '.join(lines)} {why}")
     wrong = [
         f"**{escape_markdown(label)}: L∞ stable by the paper's criterion, not by the exact one.**"
         f" {escape_markdown(reason(vehicle.linf_exact, vehicle))}"
@@ -102,11 +117,12 @@ def _show_answer(shown: _Shown) -> None:
 def _show_verdicts(shown: _Shown) -> None:
     """As the paper's Table III, with the exact gain beside its criterion; and the intervals."""
     chosen, choice = shown.chosen, shown.workspace.map_choice
-    table = stability_table(chosen, shown.report)
+    table = stability_table(chosen, shown.report, shown.known)
     show.table(table, figures.colours(chosen))
     st.caption(
         "‖h‖₁: the largest factor by which a peak of the speed deviation can grow. Smallest stable"
         " time headway: that of this vehicle with its α and β."
+        + (PROBABILITY if shown.known else "")
     )
     show.downloads(table, f"stability_{chosen.title}".lower(), "stability")
     if shown.known:
@@ -117,7 +133,7 @@ def _show_verdicts(shown: _Shown) -> None:
             help="Bands of the Bode magnitude, posterior samples on the map, and intervals of the"
             " stability measures.",
         )  # fmt: skip
-    if (uncertainty := shown.uncertainty) and (info := shown.workspace.fit_info):
+    if (uncertainty := shown.uncertainty) and (info := shown.source.info):
         show.table(stability_interval_table(chosen, uncertainty), figures.colours(chosen))
         st.caption(
             "From posterior samples of a model with disturbances that last for seconds. Probability"
@@ -140,15 +156,17 @@ def _show_reasons(shown: _Shown) -> None:
             platoon = report.platoon
             verdicts = (platoon.l2_strict, platoon.l2_weak,
                         platoon.linf_strict, platoon.linf_weak)  # fmt: skip
-            followers = ", ".join(f"{k} {name}" for k, name in enumerate(chosen.names, 1))
-            counted = f"Followers are counted from the leader on: {escape_markdown(followers)}."
-            st.markdown(f"**The platoon.** {counted}\n" + _listed(verdicts, report))
+            st.markdown("**The platoon.**\n" + _listed(verdicts, report, chosen.spoken))
 
 
-def _listed(verdicts: tuple[Verdict, ...], of: VehicleStability | StabilityReport) -> str:
+def _listed(
+    verdicts: tuple[Verdict, ...],
+    of: VehicleStability | StabilityReport,
+    names: Sequence[str] = (),
+) -> str:
     return "".join(
         f"\n- {TITLES[verdict.criterion]}: **{answer(verdict)}**."
-        f" {escape_markdown(reason(verdict, of))}"
+        f" {escape_markdown(reason(verdict, of, names))}"
         for verdict in verdicts
     )
 

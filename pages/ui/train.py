@@ -15,6 +15,7 @@ from pages.ui.components import frame, show
 from pages.ui.components.monitor import monitor, stop_button
 from pages.ui.components.widgets import bound, segments, select
 from pages.ui.results import banner, show_result, show_saved_result, show_training
+from pages.ui.runs import show_runs
 from pages.ui.session.resources import store
 from pages.ui.session.workspace import Workspace
 
@@ -32,6 +33,12 @@ CONTINUES = (
 def show_page() -> None:
     """Draw the page."""
     workspace = frame.begin("Train")
+    _show_page(workspace)
+    show_runs(workspace)
+
+
+def _show_page(workspace: Workspace) -> None:
+    """All but the list of runs."""
     segment, snapshot = workspace.segment, workspace.snapshot
     if segment is None:
         if snapshot:
@@ -42,6 +49,7 @@ def show_page() -> None:
         return
     banner(workspace)
     st.caption(frame.segment_line(segment, workspace.case, vehicles=True))
+    show.not_acc(segment)
     _controls(workspace)
     _continue_button(workspace)
     if training := workspace.training:
@@ -51,8 +59,12 @@ def show_page() -> None:
             show_result(workspace)
     elif snapshot:
         show_saved_result(workspace, snapshot)
-    if workspace.fit:
-        frame.link(frame.STABILITY, "Next: do these vehicles amplify disturbances?", workspace)
+    if workspace.fit and st.button(
+        "Next: do these vehicles amplify disturbances?", icon=":material/arrow_forward:",
+        key="train_next", type="tertiary",
+    ):  # fmt: skip
+        workspace.choose_source("fit")
+        frame.go(frame.STABILITY, workspace)
 
 
 def _controls(workspace: Workspace) -> None:

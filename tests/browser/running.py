@@ -150,6 +150,13 @@ def open_sample(page: Page) -> None:
     idle(page)
 
 
+def open_example(page: Page) -> None:
+    """On Stability or Platoon, without a fit: published parameters."""
+    page.get_by_role("button", name="Open a published example").click()
+    page.get_by_text("Published: ").wait_for()
+    idle(page)
+
+
 def train_sample(page: Page) -> None:
     """On Home: the first sample's result at one click."""
     page.get_by_role("button", name="Train a sample now").click()

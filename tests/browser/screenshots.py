@@ -23,6 +23,7 @@ from tests.browser.running import (
     fill,
     idle,
     launched,
+    open_example,
     open_sample,
     served,
     table,
@@ -64,6 +65,7 @@ class Camera:
             viewport={"width": width, "height": height},
             color_scheme=self.theme,
         )
+        page.set_default_timeout(TRAINING_MS)
         page.goto(path)
         idle(page)
         try:
@@ -182,6 +184,8 @@ def regimes(camera: Camera) -> None:
 
 def stability(camera: Camera) -> None:
     with camera.page("/Stability") as page:
+        camera.shoot(page, "stability_empty", whole=False)
+        open_example(page)
         chart(page, "stability_map")
         camera.shoot(page, "stability_fold", whole=False)
         page.get_by_text("Reasons for the verdicts").click()
@@ -196,6 +200,7 @@ def stability(camera: Camera) -> None:
 
 def platoon(camera: Camera) -> None:
     with camera.page("/Platoon") as page:
+        open_example(page)
         chart(page, "platoon_wave")
         camera.shoot(page, "platoon_fold", whole=False)
         camera.shoot(page, "platoon")

@@ -7,7 +7,7 @@ import pytest
 from playwright.sync_api import Locator, Page, expect
 
 from tests.browser.conftest import Open
-from tests.browser.running import chart, choose, go, idle
+from tests.browser.running import chart, choose, go, idle, open_example
 
 pytestmark = pytest.mark.browser
 
@@ -30,6 +30,7 @@ def frequency(page: Page) -> Locator:
 
 def test_a_click_on_the_response_carries_its_frequency_to_the_platoon(opened: Open) -> None:
     page = opened("/Stability")
+    open_example(page)
     expect(page.get_by_text("All four vehicles amplify disturbances")).to_be_visible()
     expect(page.get_by_role("alert")).to_contain_text("necessary but not sufficient")
     bode = chart(page, "stability_bode")
@@ -68,6 +69,7 @@ def test_a_click_on_the_response_carries_its_frequency_to_the_platoon(opened: Op
 
 def test_the_wave_plays_and_can_be_dragged_and_the_papers_panels_are_drawn(opened: Open) -> None:
     page = opened("/Platoon")
+    open_example(page)
     wave = chart(page, "platoon_wave")
     wave.scroll_into_view_if_needed()
     moment = wave.locator(".slider-label").first
@@ -96,6 +98,7 @@ def test_the_wave_plays_and_can_be_dragged_and_the_papers_panels_are_drawn(opene
 
 def test_values_by_hand_are_typed_into_the_table(opened: Open) -> None:
     page = opened("/Stability")
+    open_example(page)
     choose(page, "Published set", "Ispra-Casale")
     page.get_by_text("By hand").click()
     expect(page.get_by_text("Hyundai amplifies disturbances up to 1.49 times")).to_be_visible()
@@ -125,6 +128,7 @@ def saved(page: Page, key: str) -> tuple[str, bytes]:
 
 def test_a_chart_is_saved_as_svg_and_as_png(opened: Open) -> None:
     page = opened("/Stability")
+    open_example(page)
     name, content = saved(page, "stability_map")
     assert name == "accpinn_stability_map.svg"
     assert content.startswith(b"<svg")

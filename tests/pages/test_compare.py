@@ -44,7 +44,7 @@ def test_rows_pictures_warnings_starts_and_earlier_fits(found: Workspace) -> Non
     assert found.comparison.status is Status.DONE
     page = open_page(COMPARE, found)
     shown = everything(page)
-    assert "**2 Audi(A6-like)**: " in plain(page)
+    assert "**2 Audi (A6-like)**: " in plain(page)
     assert "The estimates differ most in" in shown
     for part in ("Agreement of the methods", "Identifiability", "Model adequacy"):
         assert part in shown

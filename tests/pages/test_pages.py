@@ -17,6 +17,7 @@ from accpinn.recordings.recording import Recording, Window
 from accpinn.tasks.task import Status, TrainingRequest, training_task
 from pages.ui.components.show import bullets, escape_markdown, format_duration
 from pages.ui.data.page import window_of
+from pages.ui.data.sources import FIRST_SAMPLE, sample
 from pages.ui.session import sessions
 from pages.ui.session.resources import task_queue
 from pages.ui.session.sessions import KEPT_FOR, KEPT_WORKSPACES, Workspaces
@@ -26,8 +27,10 @@ from tests.support.apptest import (
     DATA,
     HOME,
     PAGES,
+    STABILITY,
     TRAIN,
     WAIT,
+    boxes,
     choose,
     figures,
     open_page,
@@ -102,7 +105,7 @@ def test_open_a_sample_move_the_window_and_train() -> None:
     page = press(open_page(DATA), "Open this sample")
     found, before = workspace_of(page), texts(page)
     for said in ("synthetic\\_astazero\\_like\\.csv", "5 vehicles", "Least squares",
-                 "Tesla(Model3-like)"):  # fmt: skip
+                 "Tesla (Model3-like)"):  # fmt: skip
         assert said in before
     (overview,) = figures(page)
     assert overview["layout"]["shapes"][0]["x1"] == 300.0
@@ -114,13 +117,13 @@ def test_open_a_sample_move_the_window_and_train() -> None:
     assert found.window == Window(80.0, 200.0)
     assert texts(page) != before
     assert figures(page)[0]["layout"]["shapes"][0]["x0"] == 80.0
-    press(page, "Train on this window")
+    press(page, "data_train")
     assert found.training is not None
     page = choose(open_page(DATA, found), "data_start", 20.0)
     assert found.training is None, "an early step drops what came after"
     choose(page, "data_length", 5.0)
     assert "too short" in texts(page)
-    (train,) = (b for b in page.button if b.label == "Train on this window")
+    (train,) = (b for b in page.button if b.key == "data_train")
     assert train.disabled
 
 
@@ -143,6 +146,51 @@ def test_regimes_are_left_out_when_ticked_and_said_everywhere() -> None:
     assert "Without catching up" in texts(page)
     choose(page, "data_exclude_catching up", False)
     assert found.segment.mask is None
+
+
+def test_human_drivers_are_no_acc_before_and_after_training() -> None:
+    run = made(("A", "B", "C"))
+    found = with_recording(replace(run, mode=np.tile(np.int8([0, 1, 0]), (run.samples, 1))))
+    hand = found.segment.driven_by_hand
+    assert (hand.vehicles, hand.shares, hand.by_flag) == ((3,), (1.0,), False)
+    fit = least_squares.fit(found.segment)
+    for path in (DATA, TRAIN, STABILITY):
+        page = open_page(path, found)
+        if path != STABILITY:
+            assert any("not ACC" in error for error in boxes(page, "error"))
+        if path == DATA:
+            found.training = training_task(
+                found.id, TrainingRequest(found.segment, "II", preset("fast"))
+            )
+            found.training.answer(fit)
+        elif path == STABILITY:
+            assert "not by ACC: 3 C" in plain(page)
+        if path != DATA:
+            assert "<td>Human</td>" in texts(page), "the table carries it"
+    found.choose(window=Window(0.0, 30.0), excluded_regimes=())
+    assert found.segment.driven_by_hand
+    by_flag = replace(run, mode=np.full_like(run.mode, -1), acc_flag=0)
+    assert with_recording(by_flag).segment.driven_by_hand.by_flag
+
+
+def test_the_button_names_what_it_trains_and_a_new_recording_has_the_default_case() -> None:
+    found = with_sample()
+    found.choose(case="I")
+    found.preset = "paper"
+    page = open_page(DATA, found)
+    request = found.request(preset("paper"))
+    duration = format_duration(request.typical_seconds)
+    (label,) = (b.label for b in page.button if b.key == "data_train")
+    assert all(part in label for part in ("paper preset", "Case I", duration))
+    short = replace(request, config=preset("fast"))
+    assert short.typical_seconds < 5 < 600 < request.typical_seconds
+    found.open(*sample(FIRST_SAMPLE))
+    assert found.case == "II"
+
+
+def test_a_recording_of_ones_own_begins_with_the_upload() -> None:
+    page = press(open_page(HOME, with_sample()), "Load your own OpenACC recording")
+    assert page.get("file_uploader")
 
 
 def test_a_bad_upload_is_one_sentence_and_loses_nothing_and_a_good_one_is_opened() -> None:
@@ -289,7 +337,7 @@ def test_train_says_what_goes_wrong_and_how_sure_it_is(
     marks = [trace for trace in figures(page)[-1]["data"] if trace["name"] == "collision"]
     assert len(marks) == collide
     titles = written.count(f"s, without {''.join(excluded)}")
-    assert titles == 3 * len(excluded), "of the parameters, the intervals and the estimates"
+    assert titles == 2 * len(excluded), "of the parameters and the estimates"
 
 
 def stop_training(found: Workspace) -> None:
@@ -423,6 +471,7 @@ def test_another_window_ends_a_training_and_forgets_choices_among_the_former_veh
     assert (drive.own, drive.omega, found.map_choice.held) == ("", None, -1)
     assert job.wait(WAIT)
     assert job.status is Status.STOPPED, "nobody could stop it any more"
-    found.parameter_choice.source, drive.own = "published", "1-4"
+    found.choose_source("published")
+    drive.own = "1-4"
     found.choose(vehicles=(1, 2, 3))
     assert drive.own == "1-4", "the published parameters stay the same"

@@ -1,6 +1,7 @@
 """The page Platoon without a browser: order, disturbance, captions and panels."""
 
 from contextlib import suppress
+from dataclasses import replace
 
 import pytest
 from hypothesis import given
@@ -19,13 +20,15 @@ from tests.support.apptest import (
     open_page,
     plain,
     press,
+    with_example,
+    workspace_of,
 )
 
 
 @pytest.mark.usefixtures("fresh_server")
 class TestPage:
-    def test_drives_before_anything_was_trained(self) -> None:
-        page = open_page(PLATOON)
+    def test_a_published_example_drives_before_anything_was_trained(self) -> None:
+        page = open_page(PLATOON, with_example())
         said = plain(page)
         assert page.number_input(key="platoon_frequency").value == pytest.approx(0.2189)
         assert "The oscillation grows to 2.44 times the leader's" in said
@@ -45,7 +48,7 @@ class TestPage:
         assert "The paper's four panels" not in plain(press(page, "platoon_back"))
 
     def test_one_vehicle_again_and_again_as_in_the_paper(self) -> None:
-        page = choose(open_page(PLATOON), "platoon_order", "repeated")
+        page = choose(open_page(PLATOON, with_example()), "platoon_order", "repeated")
         assert page.number_input(key="platoon_frequency").value == pytest.approx(0.214, abs=1e-4)
         choose(page, "platoon_vehicle", 2)
         choose(page, "platoon_frequency", 0.25)
@@ -57,7 +60,7 @@ class TestPage:
         assert "grows to 1.72 times" in plain(page)
 
     def test_the_frequency_follows_the_vehicle_until_one_is_given(self) -> None:
-        page = choose(open_page(PLATOON), "platoon_order", "repeated")
+        page = choose(open_page(PLATOON, with_example()), "platoon_order", "repeated")
         choose(page, "platoon_vehicle", 3)
         assert page.number_input(key="platoon_frequency").value == pytest.approx(0.1059, abs=1e-4)
         choose(page, "platoon_frequency", 0.3)
@@ -72,7 +75,7 @@ class TestPage:
         assert "Follower 8: Hyundai" in plain(page)
 
     def test_an_order_of_ones_own(self) -> None:
-        page = choose(open_page(PLATOON), "platoon_order", "own")
+        page = choose(open_page(PLATOON, with_example()), "platoon_order", "own")
         assert "Follower 8: Tesla Model 3" in plain(page), "twice in order to begin with"
         choose(page, "platoon_own", "4, 1-2")
         for name in ("1: Tesla Model 3", "2: Audi A6", "3: BMW X5"):
@@ -90,16 +93,19 @@ class TestPage:
             assert "The smallest gap is" in said
             said = plain(choose(page, f"platoon_{kind}_{setting}", plenty))
             assert AFTER_COLLISION in said
-            assert "times as much as the leader's, until follower 1 collides at" in said
+            assert "times as much as the leader's, until Audi A6 collides at" in said
             assert "Only up to the collision." in said
             assert ", until the collision." in said
             assert not any("collides" in box for box in boxes(page, "warning")), "named once"
+        found = workspace_of(page)
+        found.segment = replace(found.segment, start=40.0)
         said = plain(choose(page, "platoon_kind", "recorded"))
+        assert "From 40 to 340 s" in said, "by the recording's clock"
         assert "as recorded" in said
         assert "largest speed deviation" in said
 
     def test_settings_are_refused_or_warned_of_and_kept_for_mending(self) -> None:
-        page = choose(open_page(PLATOON), "platoon_sinusoid_duration", -5.0)
+        page = choose(open_page(PLATOON, with_example()), "platoon_sinusoid_duration", -5.0)
         (error,) = boxes(page, "error")
         assert "Leader: duration = -5" in error
         assert page.number_input(key="platoon_sinusoid_duration").value == -5.0

@@ -4,23 +4,29 @@ from dataclasses import replace
 from typing import Any
 
 import pytest
+from streamlit.testing.v1 import AppTest
 
+from accpinn.methods import least_squares
 from accpinn.methods.fit import Outcome
+from accpinn.methods.pinn.config import FAST
 from accpinn.model.cthp import Parameters
 from accpinn.model.published import ASTAZERO, CASALE
 from accpinn.recordings.recording import Window
+from accpinn.results.figures.style import FOLLOWERS, LEADER, SHARED
 from accpinn.results.messages.stability import reason
 from accpinn.results.snapshot import create
 from accpinn.results.snapshot.saved import Library
+from accpinn.results.tables.estimates import EVERY_FOLLOWER
 from accpinn.stability.report import stability_report
 from accpinn.tasks.task import training_task
 from pages.ui.components.parameter_picker import parameters_from
 from pages.ui.session import sessions
-from pages.ui.session.resources import library
+from pages.ui.session.resources import library, task_queue
 from pages.ui.stability import clicked_point
 from tests.support.apptest import (
     PLATOON,
     STABILITY,
+    TRAIN,
     boxes,
     choose,
     figures,
@@ -29,17 +35,24 @@ from tests.support.apptest import (
     plain,
     press,
     texts,
+    with_example,
     workspace_of,
 )
 from tests.support.snapshots import whole
 
 pytestmark = pytest.mark.usefixtures("fresh_server")
 
+
+def headline(page: AppTest) -> str:
+    """What the page says first, with its source."""
+    return next(m.value for m in page.markdown if "\n#### " in m.value).replace("\\", "")
+
+
 CALM = ("calm", 0.05, 0.6, 1.8)
 
 
 def test_published_vehicles_are_answered_before_anything_was_trained() -> None:
-    page = open_page(STABILITY)
+    page = open_page(STABILITY, with_example())
     said = plain(page)
     assert "All four vehicles amplify disturbances, Audi A6 the most: up to 1.51 times" in said
     assert "L₂ **NO**, L∞ **NO**" in said
@@ -70,8 +83,11 @@ def test_the_fit_is_shown_with_its_certainty_until_it_is_lost() -> None:
     page = open_page(STABILITY, found)
     for label in found.segment.labels[1:]:
         assert label in plain(page)
-    headline = next(m.value for m in page.markdown if m.value.startswith("####"))
-    assert "vehicle 3" in headline, "two Hyundai are not “2 Hyundai”"
+    said = headline(page)
+    assert said.startswith("Current fit: synthetic_astazero_like.csv, 0–300 s")
+    assert "probability of L₂ string stability" in said
+    for label in found.segment.labels[1:]:
+        assert f"{label} " in plain(page)
     # Vehicle 3 keeps the colour it has on the other pages.
     curves = [trace for trace in figures(page)[0]["data"] if "line" in trace]
     assert curves[0]["line"]["color"] == "#d8660c"
@@ -82,49 +98,79 @@ def test_the_fit_is_shown_with_its_certainty_until_it_is_lost() -> None:
     choose(page, "stability_source", "published")
     assert "Audi A6" in plain(page)
     assert "Peak gain of the estimate" not in plain(page)
-    choose(page, "stability_source", "fit")
-    assert "Audi A6 " not in plain(page)
+    assert headline(page).startswith("Published: AstaZero (paper, Table III)")
+    found.training.results = (replace(found.fit),)
+    assert headline(page.run()).startswith("Current fit: "), "a new fit takes its place"
     found.choose(window=Window(0.0, 100.0))
     page.run()
     assert not page.exception
-    assert "Audi A6 the most" in plain(page)
+    assert not page.get("plotly_chart"), "nothing published passes for what is not there"
+    press(page, "stability_open_example")
+    assert headline(page).startswith("Published: AstaZero (paper, Table III)")
 
 
 @pytest.mark.parametrize("path", [STABILITY, PLATOON])
-def test_a_stopped_training_is_no_result_and_excluded_regimes_are_named(path: str) -> None:
+def test_a_stopped_training_has_no_verdict_and_excluded_regimes_are_named(path: str) -> None:
     stopped = {"outcome": Outcome.STOPPED, "iterations": 930, "config": {"iterations": 20_000}}
     found = fitted(**stopped)
     page = open_page(path, found)
     assert "stopped at 930 of 20,000 iterations" in boxes(page, "warning")[0]
-    assert "without catching up" not in plain(page)
-    found.segment = replace(found.segment, excluded_regimes=("catching up",))
-    where = "synthetic_astazero_like.csv, 0–300 s, without catching up"
-    page.run()
-    assert where in " ".join(caption.value for caption in page.caption).replace("\\", "")
-    assert (f"String stability, {where}" in plain(page)) == (path == STABILITY)
-    choose(page, f"{path[8:].lower()[:-3]}_source", "published")
-    assert "stopped at" not in plain(page)
-
+    assert headline(page).endswith("#### No verdict")
+    assert "NO" not in plain(page).split()
     library().add(create(found.segment, found.fit, name="early"))
-    found.parameter_choice.source = "snapshot"
+    found.choose_source("snapshot")
+    assert headline(page.run()).endswith("#### No verdict")
+    found.training.results = (replace(found.fit, outcome=Outcome.CONVERGED),)
+    found.segment = replace(found.segment, excluded_regimes=("catching up",))
     page.run()
-    assert "stopped at 930 of 20,000 iterations" in boxes(page, "warning")[0]
+    assert "without catching up" in headline(page)
+    assert "No verdict" not in plain(page)
 
 
-def test_published_parameters_do_not_pass_for_ones_own_while_training_runs() -> None:
+def test_followers_that_share_their_parameters_are_one_row_and_one_colour() -> None:
     found = fitted()
-    found.training = training_task(found.id, found.training.request)  # waits
+    found.training.results = (least_squares.fit(found.segment, "I"),)
     page = open_page(STABILITY, found)
-    assert any("your own training is not finished" in info for info in boxes(page, "info"))
-    found.parameter_choice.source = "published"
-    assert not page.run().info, "then they were asked for"
+    assert EVERY_FOLLOWER in headline(page)
+    bode, *_ = figures(page)
+    colours = {trace["line"]["color"] for trace in bode["data"] if "line" in trace}
+    assert SHARED in colours
+    assert not colours & {LEADER, *FOLLOWERS}
+    tables = [html.proto.body for html in page.get("html") if "<tbody>" in html.proto.body]
+    assert [table.partition("<tbody>")[2].count("<tr>") for table in tables] == [1, 1]
+
+
+@pytest.mark.parametrize("path", [STABILITY, PLATOON])
+def test_without_a_fit_nothing_is_shown_until_an_example_is_opened(path: str) -> None:
+    page = open_page(path)
+    assert not page.get("plotly_chart")
+    assert page.info
+    press(page, f"{path[8:].lower()[:-3]}_open_example")
+    assert headline(page).startswith("Published: AstaZero")
+
+
+def test_every_new_training_turns_to_the_current_fit() -> None:
+    found = fitted()
+    found.choose_source("published")
+    found.training = training_task(found.id, found.training.request)  # waits
+    assert headline(open_page(STABILITY, found)).startswith("Published"), "as it was asked for"
+    found.training.answer(replace(least_squares.fit(found.segment)))
+    assert found.parameter_source == "fit"
+    found.choose_source("published")
+    page = press(open_page(TRAIN, found), "train_next")
+    assert found.parameter_source == "fit"
+    assert not page.exception
+    found.choose_source("published")
+    found.train(replace(FAST, iterations=5))
+    assert found.parameter_source == "fit"
+    task_queue().stop(found.training)
 
 
 # By hand
 
 
 def test_by_hand_begins_with_what_was_shown_and_is_kept_over_pages() -> None:
-    page = choose(open_page(STABILITY), "stability_example", CASALE.title)
+    page = choose(open_page(STABILITY, with_example()), "stability_example", CASALE.title)
     choose(page, "stability_source", "hand")
     found = workspace_of(page)
     assert found.parameter_choice.rows == (("Hyundai", 0.0104, 0.0718, 1.52),)
@@ -132,7 +178,7 @@ def test_by_hand_begins_with_what_was_shown_and_is_kept_over_pages() -> None:
     found.parameter_choice.rows = (CALM, ("", 0.08, 0.12, 1.5))
     again = open_page(STABILITY, found)
     assert "One of two vehicles amplifies disturbances: Vehicle 2" in plain(again)
-    assert "Follower 2: Vehicle 2" in plain(open_page(PLATOON, found))
+    assert "Vehicle 2" in plain(open_page(PLATOON, found))
 
 
 @pytest.mark.parametrize("path", [STABILITY, PLATOON])
@@ -173,7 +219,7 @@ def test_a_snapshot_is_a_source_that_is_read_once(
     page = open_page(path, found)
     assert not page.error
     held = parameters_from(found, "snapshot", library().entries())
-    assert held.parameters == changed
+    assert held.vehicles.parameters == changed
 
     looks, reads = [], []
     entries, opening = Library.entries, Library.open
@@ -182,11 +228,11 @@ def test_a_snapshot_is_a_source_that_is_read_once(
     page.run()
     assert (len(looks), reads) == (1, [])
 
-    for gone in (name, newer):  # the newest takes its place, then another source
+    for gone, left in ((name, True), (newer, False)):  # the newest takes its place, then none
         library().delete(gone)
         page.run()
         assert not page.error
-        assert page.get("plotly_chart")
+        assert bool(page.get("plotly_chart")) == left
 
 
 # From one page to the other
@@ -196,7 +242,7 @@ def test_a_snapshot_is_a_source_that_is_read_once(
     ("which", "chosen"), [(1, ("repeated", 1, 0.2657)), (-1, ("learned", 0, 0.2189))]
 )
 def test_a_peak_goes_to_the_platoon_page(which: int, chosen: tuple[Any, ...]) -> None:
-    found = workspace_of(press(open_page(STABILITY), f"stability_peak_{which}"))
+    found = workspace_of(press(open_page(STABILITY, with_example()), f"stability_peak_{which}"))
     drive = found.platoon_choice
     assert (drive.order, drive.vehicle, drive.kind) == (*chosen[:2], "sinusoid")
     assert drive.omega == pytest.approx(chosen[2], abs=1e-4)

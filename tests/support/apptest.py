@@ -45,6 +45,13 @@ def with_sample() -> Workspace:
     return found
 
 
+def with_example() -> Workspace:
+    """A session that shows a published example."""
+    found = sessions.workspaces().new()
+    found.choose_source("published")
+    return found
+
+
 def fitted(window: Window | None = None, **changes: Any) -> Workspace:
     """A session whose training is done; its fit stands in for a network's."""
     found = with_sample()

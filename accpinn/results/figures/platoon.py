@@ -62,28 +62,41 @@ SOFTENED = 0.8
 
 @dataclass(frozen=True)
 class Cast:
-    """Names and colours of a leader and its M followers, M+1 each."""
+    """Labels and colours of a leader and its M followers, M+1 each."""
 
-    names: tuple[str, ...]
-    """Ready for plotly, which reads a little HTML."""
+    labels: tuple[str, ...]
     colours: tuple[str, ...]
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The labels ready for plotly, which reads a little HTML."""
+        return tuple(map(html.escape, self.labels))
 
 
 def cast_of(vehicles: ParameterSet, order: Sequence[int]) -> Cast:
-    """Followers by their indices in ``vehicles``; repeated ones get shades of one colour."""
+    """Followers by their indices in ``vehicles``; repeated ones get shades of one colour.
+
+    In the vehicles' own order each has its own label, otherwise its place and label.
+    """
+    in_order = is_in_order(vehicles, order)
     total, seen = Counter(order), Counter[int]()
     names, paints = ["Leader"], [LEADER]
     for place, k in enumerate(order, 1):
-        names.append(follower_name(vehicles, k, place))
+        names.append(vehicles.labels[k] if in_order else follower_name(vehicles, k, place))
         share = seen[k] / (total[k] - 1) if total[k] > 1 else None
         paints.append(_shade(colours(vehicles)[k], share))
         seen[k] += 1
-    return Cast(tuple(html.escape(name) for name in names), tuple(paints))
+    return Cast(tuple(names), tuple(paints))
+
+
+def is_in_order(vehicles: ParameterSet, order: Sequence[int]) -> bool:
+    """Whether each vehicle drives once, in its own place."""
+    return [*order] == [*range(len(vehicles))]
 
 
 def follower_name(vehicles: ParameterSet, k: int, place: int) -> str:
-    """The label of the follower at that place; the recording's numbers would not fit here."""
-    return f"Follower {place}: {vehicles.names[k]}"
+    """The label of the follower at that place."""
+    return f"Follower {place}: {vehicles.labels[k]}"
 
 
 def _shade(colour: str, share: float | None) -> str:
@@ -216,7 +229,7 @@ def watched(run: PlatoonRun) -> NDArray[np.intp]:
 def _samples(run: PlatoonRun, start: Seconds, duration: Seconds, count: int) -> NDArray[np.intp]:
     """At most ``count``, evenly spread, none after a collision, as these have no meaning."""
     time = run.trajectories.time[: run.meaningful]
-    start = min(start, float(time[-1]))
+    start = min(max(start, float(time[0])), float(time[-1]))
     instants = np.linspace(start, min(float(time[-1]), start + duration), count)
     return np.unique(np.clip(np.searchsorted(time, instants - 1e-9), 0, len(time) - 1))
 

@@ -25,6 +25,8 @@ differ most under normal, red-blind and green-blind vision."""
 SERIES = ("#55900f", "#d01cb4", "#84549c")
 """Lines that are of no vehicle, as methods or terms of a loss; unlike every vehicle's colour, with
 the same contrast."""
+SHARED = SERIES[2]
+"""What all followers share, as the parameters of Case I."""
 MODEL = "#c22f4f"
 """The closed-loop simulation, beside the vehicle's own colour for its data."""
 GRID = "rgba(128, 140, 155, 0.25)"
@@ -40,7 +42,12 @@ POINTS = 1500
 
 
 def vehicle_colour(number: int, leader: int) -> str:
-    """The colour of a vehicle, by its number in the file; the platoon's leader has its own."""
+    """The colour of a vehicle, by its number in the file; the platoon's leader has its own.
+
+    Number 0 stands for all followers together.
+    """
+    if number == 0:
+        return SHARED
     return LEADER if number in (leader, 1) else FOLLOWERS[(number - 2) % len(FOLLOWERS)]
 
 

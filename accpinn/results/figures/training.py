@@ -18,6 +18,7 @@ from accpinn.results.figures.style import (
     LEADER,
     MODEL,
     SERIES,
+    SHARED,
     TRUTH,
     band,
     finished,
@@ -28,6 +29,7 @@ from accpinn.results.figures.style import (
     vehicle_colour,
     with_legend,
 )
+from accpinn.results.tables.estimates import EVERY_FOLLOWER
 from accpinn.segment.segment import Segment, SegmentInfo
 from accpinn.units import FloatArray, Seconds, stretches
 
@@ -98,14 +100,14 @@ def parameter_history(
             figure.add_scatter(
                 x=np.concatenate([history.iteration, history.iteration[::-1]]),
                 y=np.concatenate([ends[0][:, k], ends[1][::-1, k]]), fill="toself",
-                line={"width": 0, "color": LEADER if shared else colours[k]}, opacity=0.25,
+                line={"width": 0, "color": SHARED if shared else colours[k]}, opacity=0.25,
                 mode="lines", hoverinfo="skip", showlegend=False,
             )  # fmt: skip
         figure.add_scatter(
             x=history.iteration, y=history.parameters.values[:, k, which],
-            name="all followers" if shared else html.escape(segment.labels[k + 1]),
+            name=EVERY_FOLLOWER if shared else html.escape(segment.labels[k + 1]),
             mode=_mode_for(len(history.iteration)), marker={"size": 4},
-            line={"color": LEADER if shared else colours[k], "width": 2},
+            line={"color": SHARED if shared else colours[k], "width": 2},
         )  # fmt: skip
     true = truth.values[:, which].tolist() if truth else []
     for value, colour in zip(true, colours, strict=False):

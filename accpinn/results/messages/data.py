@@ -7,6 +7,9 @@ from accpinn.recordings import recording as recorded
 from accpinn.results.messages import Labelled, joined, message
 from accpinn.segment import quality, segment
 
+FLAGS = {recorded.HUMAN_FLAG: "human drivers", 1: "ACC", 2: "mixed"}
+"""Of the whole recording; it does not say which vehicle was driven by whom."""
+
 
 @message.register
 def _(finding: recorded.RecordingFinding, about: Labelled) -> str:
@@ -74,6 +77,19 @@ def _(finding: recorded.RecordingFinding, about: Labelled) -> str:
             )
 
 
+def drivers(recording: recorded.Recording) -> str:
+    """Who drives, by name: "Human: 1; ACC: 2, 3"; by the file's flag where it gives no modes."""
+    by_mode: dict[str, list[str]] = {}
+    for vehicle in recording.vehicles:
+        if vehicle.modes and any(vehicle.modes.values()):
+            mode = " and ".join(name for name, samples in vehicle.modes.items() if samples)
+            by_mode.setdefault(mode, []).append(str(vehicle.index))
+    if by_mode:
+        return "; ".join(f"{mode}: {', '.join(which)}" for mode, which in by_mode.items())
+    flag = FLAGS.get(recording.acc_flag) if recording.acc_flag is not None else None
+    return "driver modes not recorded" + (f" (flagged as {flag})" if flag else "")
+
+
 def _missing(finding: recorded.SamplesMissing, about: Labelled) -> str:
     column, is_gap = RECORDED[finding.channel].of(finding.vehicle), finding.channel == GAP.column
     what = column if is_gap else f"{column} ({about.label(finding.vehicle)})"
@@ -133,6 +149,13 @@ def _(finding: segment.SegmentFinding, about: Labelled) -> str:
             return (
                 f"Excluded from the equations of the model: {' and '.join(finding.regimes)}"
                 f" ({shares} of the instants)."
+            )
+        case segment.DrivenByHand():
+            shares = _each(about, finding.vehicles, _percent(finding.shares), "{} ({} of the time)")
+            by = "flag (it gives no driver modes)" if finding.by_flag else "driver modes"
+            return (
+                f"These are not ACC parameters: by the file's {by}, a driver controls {shares}."
+                " α, β and τ then describe the driver."
             )
         case segment.NothingToExclude():
             return f"Nothing to exclude: no instant is {' or '.join(finding.regimes)}."

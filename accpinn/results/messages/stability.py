@@ -1,7 +1,10 @@
 """String stability and simulated platoons in sentences: the answer, how certain, and why."""
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from math import isinf, isnan
+from typing import Literal
 
 from accpinn.channels import PARAMETERS
 from accpinn.inference.intervals import Uncertainty
@@ -17,6 +20,7 @@ from accpinn.stability.report import (
     VehicleStability,
     Verdict,
 )
+from accpinn.units import FloatArray
 
 TITLES: Mapping[Criterion, str] = {
     Criterion.L2: "L₂ string stability",
@@ -43,22 +47,39 @@ BEHAVIOURS: Mapping[Behaviour, str] = {
 _UNDAMPED = "With β = 0 and τ = 0 the vehicle is undamped"
 NUMBERS = ("no", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine", "ten")
 CERTAIN = 0.95
-"""A verdict is certain if so large a share of the posterior samples agree with it."""
+"""A vehicle is called string stable from this probability on, and unstable up to its complement."""
+Assessment = Literal["unstable", "stable", "open", "not determined"]
+_ASSESSED: Mapping[Assessment, str] = {
+    "unstable": "amplifies disturbances",
+    "stable": "is L₂ string stable",
+    "open": "may amplify disturbances or not",
+    "not determined": "is not determined by the data",
+}
+_ASSESSED_MANY: Mapping[Assessment, str] = {
+    "unstable": "amplify disturbances",
+    "stable": "are L₂ string stable",
+    "open": "may amplify disturbances or not",
+    "not determined": "are not determined by the data",
+}
 AFTER_COLLISION = "The model has no collisions: the motion simulated after one has no meaning."
 SAME_AMPLITUDE = 0.005
 """An amplitude that differs by a smaller share is called as large as the leader's."""
 
 
-def reason(verdict: Verdict, of: VehicleStability | StabilityReport) -> str:
+def reason(
+    verdict: Verdict, of: VehicleStability | StabilityReport, names: Sequence[str] = ()
+) -> str:
     """Why a verdict is as it is, in one sentence.
 
     Args:
         verdict: one of those that ``of`` holds.
         of: the vehicle; or the report, for a verdict on its platoon.
+        names: (M,) of the platoon's followers within a sentence; by default their places.
     """
     if isinstance(of, StabilityReport):
-        strict = verdict.criterion in (Criterion.L2_STRICT, Criterion.LINF_STRICT)
-        return (_strict if strict else _weak)(verdict, of)
+        if verdict.criterion in (Criterion.L2_STRICT, Criterion.LINF_STRICT):
+            return _strict(verdict, of, names)
+        return _weak(verdict, of)
     if of.behaviour in (Behaviour.NO_GAP_CONTROL, Behaviour.NO_REACTION):
         return BEHAVIOURS[of.behaviour]
     if verdict.criterion is Criterion.L2:
@@ -119,21 +140,22 @@ def _linf_exact(vehicle: VehicleStability) -> str:
     return f"The vehicle oscillates, so its impulse response changes sign, and {peak}."
 
 
-def _strict(verdict: Verdict, report: StabilityReport) -> str:
+def _strict(verdict: Verdict, report: StabilityReport, names: Sequence[str]) -> str:
     """Who amplifies."""
     if verdict.criterion is Criterion.L2_STRICT:
         what, own = "disturbances", [(v.l2, v.peak.gain) for v in report.vehicles]
     else:
         what, own = "peaks", [(v.linf_exact, v.linf_gain) for v in report.vehicles]
-    gains = {k: gain for k, (one, gain) in enumerate(own, 1) if not one.stable}
-    who = [*map(str, gains)]
+    names = names or [f"follower {k}" for k in range(1, len(own) + 1)]
+    gains = {name: gain for name, (one, gain) in zip(names, own, strict=True) if not one.stable}
+    who = [*gains]
     if not who:
         return f"No follower amplifies {what}."
     extent = _extent(verdict.value)
     if len(who) == 1:
-        return f"Follower {who[0]} amplifies {what} {extent}."
-    worst = max(gains, key=lambda k: gains[k])
-    return f"Followers {joined(who)} amplify {what}, follower {worst} the most, {extent}."
+        return f"{_capital(who[0])} amplifies {what} {extent}."
+    worst = max(gains, key=lambda name: gains[name])
+    return f"{_capital(joined(who))} amplify {what}, {worst} the most, {extent}."
 
 
 def _weak(verdict: Verdict, report: StabilityReport) -> str:
@@ -198,8 +220,65 @@ def amplification(chosen: ParameterSet, report: StabilityReport) -> str:
     return f"{_capital(start)} vehicles amplify disturbances, {name} the most: {most}."
 
 
+def headline(chosen: ParameterSet, report: StabilityReport, uncertainty: Uncertainty | None) -> str:
+    """The headline on L₂ string stability, by the posterior where it is known; and who drives.
+
+    Args:
+        chosen: the vehicles' names and parameters.
+        report: theirs.
+        uncertainty: of the fit that the parameters are from; None for given parameters.
+    """
+    said = _verdict(chosen, uncertainty) if uncertainty else amplification(chosen, report)
+    return f"{said} {not_acc(chosen)}".rstrip()
+
+
+def not_acc(chosen: ParameterSet) -> str:
+    """The vehicles that a driver controls; empty where none does."""
+    who = [label for label, by in zip(chosen.labels, chosen.drivers, strict=False) if by]
+    if not who:
+        return ""
+    if len(who) == len(chosen):
+        return "Driven by hand, not by ACC."
+    return f"Driven by hand, not by ACC: {', '.join(who)}."
+
+
+def _verdict(chosen: ParameterSet, uncertainty: Uncertainty) -> str:
+    stable = uncertainty.probability_l2
+    if len(chosen) == 1:
+        return f"{_capital(chosen.spoken[0])} {_ASSESSED[assessment(stable[0])]}{_odds(stable)}."
+    counts = Counter(map(assessment, stable))
+    total = _number(len(chosen))
+    if len(counts) == 1:
+        (only,) = counts
+        return f"All {total} vehicles {_ASSESSED_MANY[only]}{_odds(stable)}."
+    parts = [
+        f"{_number(counts[one])} {(_ASSESSED if counts[one] == 1 else _ASSESSED_MANY)[one]}"
+        for one in _ASSESSED
+        if counts[one]
+    ]
+    return f"Of {total} vehicles {joined(parts)}."
+
+
+def assessment(stable: float) -> Assessment:
+    """What a probability of string stability amounts to."""
+    if isnan(stable):
+        return "not determined"
+    return "stable" if stable >= CERTAIN else "unstable" if stable <= 1 - CERTAIN else "open"
+
+
+def _odds(stable: FloatArray) -> str:
+    """The probability of each of M vehicles, or its range, in brackets."""
+    low, high = float(stable.min()), float(stable.max())
+    if isnan(low):
+        return ""
+    said = (
+        _percent(low) if _percent(low) == _percent(high) else f"{_percent(low)} to {_percent(high)}"
+    )
+    return f" (probability of L₂ string stability: {said})"
+
+
 def certainty(chosen: ParameterSet, report: StabilityReport, uncertainty: Uncertainty) -> str:
-    """The interval of the largest peak, and which verdicts are not certain.
+    """Each vehicle's probability of string stability, and the interval of the largest peak.
 
     Args:
         chosen: the vehicles' names and parameters.
@@ -207,18 +286,19 @@ def certainty(chosen: ParameterSet, report: StabilityReport, uncertainty: Uncert
         uncertainty: of the fit that the parameters are from.
     """
     worst = max(range(len(chosen)), key=lambda k: report.vehicles[k].peak.gain)
-    unsure = [k for k in range(len(chosen)) if not _is_certain(report, uncertainty, k)]
     parts = (
+        probabilities(chosen, uncertainty) if len(chosen) > 1 else "",
         _peak_interval(chosen, report, uncertainty, worst),
         _outside(chosen, uncertainty),
-        _shares(chosen, uncertainty, unsure),
     )
     return " ".join(part for part in parts if part)
 
 
-def _is_certain(report: StabilityReport, uncertainty: Uncertainty, k: int) -> bool:
-    stable = float(uncertainty.probability_l2[k])
-    return (stable if report.vehicles[k].l2.stable else 1.0 - stable) >= CERTAIN
+def probabilities(chosen: ParameterSet, uncertainty: Uncertainty) -> str:
+    """Each vehicle's probability of L₂ string stability."""
+    pairs = zip(chosen.labels, uncertainty.probability_l2.tolist(), strict=True)
+    each = (f"{label} {'not determined' if isnan(p) else _percent(p)}" for label, p in pairs)
+    return f"Probability of L₂ string stability: {', '.join(each)}."
 
 
 def _peak_interval(
@@ -243,24 +323,11 @@ def _outside(chosen: ParameterSet, uncertainty: Uncertainty) -> str:
     return f"Estimates outside their intervals: {'; '.join(parts)}." if parts else ""
 
 
-def _shares(chosen: ParameterSet, uncertainty: Uncertainty, unsure: list[int]) -> str:
-    """What the posterior samples do, for the vehicles whose verdict is not certain."""
-    if not unsure:
-        which = "This verdict is" if len(chosen) == 1 else "Each vehicle's verdict is"
-        return f"{which} certain: at least {_percent(CERTAIN)} of the posterior samples agree."
-    parts = []
-    for k in unsure:
-        stable = float(uncertainty.probability_l2[k])
-        if isnan(stable):
-            continue
-        name = f"{chosen.spoken[k]} " if len(chosen) > 1 else ""
-        parts.append(f"{name}{_percent(1.0 - stable)} amplify, {_percent(stable)} do not")
-    return f"Not certain. Of the posterior samples: {'; '.join(parts)}." if parts else ""
-
-
 def _percent(share: float) -> str:
-    """A share that is not zero is never printed as zero."""
-    return "under 1 %" if 0.0 < share < 0.005 else f"{100 * share:.0f} %"
+    """A share; none of finitely many samples is neither impossible nor certain."""
+    if share < 0.005:
+        return "under 1 %"
+    return "over 99 %" if share > 0.995 else f"{100 * share:.0f} %"
 
 
 def _capital(words: str) -> str:
@@ -271,17 +338,26 @@ def _number(count: int) -> str:
     return NUMBERS[count] if count < len(NUMBERS) else str(count)
 
 
-class _Places:
+@dataclass(frozen=True)
+class Places:
     """Names the vehicles of a platoon by their place, 0 for the leader."""
 
-    source = "platoon"
+    names: tuple[str, ...] = ()
+    """(M,) of the followers within a sentence; by default their places."""
+    source: str = "platoon"
 
     def label(self, number: int) -> str:
         """As at the beginning of a sentence."""
-        return f"Follower {number}" if number else "The leader"
+        return _capital(self.spoken(number))
+
+    def spoken(self, number: int) -> str:
+        """As within a sentence."""
+        if not number:
+            return "the leader"
+        return self.names[number - 1] if self.names else f"follower {number}"
 
 
-PLACES = _Places()
+PLACES = Places()
 """What the findings of a `PlatoonRun` are about."""
 
 
@@ -314,17 +390,17 @@ def _(finding: simulation.PlatoonFinding, about: Labelled) -> str:
             )
 
 
-def disturbance(run: PlatoonRun) -> str:
-    """Whether the disturbance has grown at the last follower."""
+def disturbance(run: PlatoonRun, places: Places = PLACES) -> str:
+    """Whether the disturbance has grown at the last follower; ``places`` name the vehicles."""
     wave, moved = run.amplitudes, run.largest_deviation
     what = "oscillation" if wave else "largest speed deviation"
     if run.collisions:
         first = run.collisions[0]
-        end = f"ollower {first.follower} collides at {first.time:.0f} s"
+        end = f"{places.spoken(first.follower)} collides at {first.time:.0f} s"
         if not moved[0] > 0:
-            return f"F{end}."
+            return f"{_capital(end)}."
         ratio = moved.max() / moved[0]
-        return f"Speeds deviate up to {ratio:.3g} times as much as the leader's, until f{end}."
+        return f"Speeds deviate up to {ratio:.3g} times as much as the leader's, until {end}."
     sizes = wave.measured if wave and wave.periods else moved
     if not sizes[0] > 0:
         return "The leader's speed is constant, so there is no disturbance."
@@ -335,13 +411,8 @@ def disturbance(run: PlatoonRun) -> str:
     return f"The {what} {verb} to {ratio:.3g} times the leader's: {size}."
 
 
-def disturbance_details(run: PlatoonRun, names: Sequence[str]) -> str:
-    """The amplitude predicted for a sinusoid, and the smallest gap.
-
-    Args:
-        run: the simulation.
-        names: of the followers, in their order.
-    """
+def disturbance_details(run: PlatoonRun, places: Places = PLACES) -> str:
+    """The amplitude predicted for a sinusoid and the smallest gap; ``places`` name the vehicles."""
     wave, parts = run.amplitudes, []
     if run.collisions:
         parts.append(AFTER_COLLISION)
@@ -352,7 +423,7 @@ def disturbance_details(run: PlatoonRun, names: Sequence[str]) -> str:
         k = int(run.minimum_gap.argmin())
         gap = round(run.minimum_gap[k], 1) + 0.0
         parts.append(
-            f"The smallest gap is {gap:.1f} m, follower {k + 1} ({names[k]}) at"
+            f"The smallest gap is {gap:.1f} m, that of {places.spoken(k + 1)} at"
             f" {run.minimum_gap_time[k]:.0f} s."
         )
     return " ".join(parts)

@@ -9,15 +9,13 @@ from accpinn.inference.identifiability import narrower_intervals, weakly_identif
 from accpinn.inference.intervals import Uncertainty
 from accpinn.methods.registry import METHODS
 from accpinn.model.cthp import Parameters
-from accpinn.results.messages import messages
+from accpinn.results.messages import message, messages
+from accpinn.results.messages.data import FLAGS
 from accpinn.results.messages.methods import unfinished
-from accpinn.results.messages.stability import amplification
+from accpinn.results.messages.stability import headline
 from accpinn.results.snapshot import Snapshot
 from accpinn.results.tables.estimates import learned_parameters
 from accpinn.results.tables.table import between
-
-FLAGS = {0: "human drivers", 1: "ACC", 2: "mixed"}
-"""Of the whole recording; it does not say which vehicle was driven by whom."""
 
 
 def title(snapshot: Snapshot) -> str:
@@ -46,11 +44,12 @@ def summary(snapshot: Snapshot) -> tuple[str, ...]:
         f"From {info.window.duration:g} s of {info.source}, {method} learned the parameters of the"
         f" constant time-headway policy of {learned}."
     )
-    sentences = [unfinished(fit), first]
-    if snapshot.stability:
+    hand = info.driven_by_hand
+    sentences = [message(hand, info) if hand else "", unfinished(fit), first]
+    if snapshot.stability and not unfinished(fit):
         chosen = learned_parameters(info, fit)
-        sentences.append(amplification(chosen, snapshot.stability))
-    if uncertainty:
+        sentences.append(headline(chosen, snapshot.stability, uncertainty))
+    if uncertainty and not unfinished(fit):
         sentences.append(_probability(snapshot, uncertainty))
     if snapshot.evaluation:
         sentences += [
@@ -148,7 +147,6 @@ def about_data(snapshot: Snapshot) -> tuple[tuple[str, str], ...]:
     """What is known of the recording and the window, as terms and descriptions."""
     info, facts = snapshot.info, snapshot.facts
     flag, excluded = facts.get("acc_flag"), "nothing: every instant counts"
-    meaning = f" ({FLAGS[flag]})" if flag in FLAGS else ""
     if info.excluded_regimes:
         shares = ", ".join(
             f"{100 * share:.0f} % of {label}"
@@ -160,7 +158,8 @@ def about_data(snapshot: Snapshot) -> tuple[tuple[str, str], ...]:
         "Campaign": facts.get("campaign"),
         "Date": facts.get("date"),
         "ACC flag of the file": flag is not None
-        and f"{flag}{meaning}, for the recording as a whole; not every vehicle need be driven so",
+        and f"{FLAGS.get(flag, flag)}, for the recording as a whole; not every vehicle need be"
+        " driven so",
         "Distance setting": facts.get("distance_setting"),
         "Window": f"{info.window} of the recording,"
         f" {info.samples:,} samples every {info.sample_time:g} s",

@@ -58,7 +58,9 @@ from accpinn.results.tables.estimates import (
     learned_parameters,
     methods_table,
     name_of,
+    parameter_rows,
     parameter_table,
+    row_vehicles,
 )
 from accpinn.results.tables.stability import stability_interval_table, stability_table
 from accpinn.results.tables.table import STYLE, Table
@@ -131,14 +133,17 @@ def _story(snapshot: Snapshot, checked: Verification, shown: list[Picture]) -> d
     paints = [vehicle_colour(number, info.vehicles[0]) for number in info.vehicles]
     motion, run = motion_picture(snapshot), platoon_pictures(snapshot)
     errors = (evaluation.surrogate, evaluation.closed_loop) if evaluation else (None, None)
-    tables = {"parameters": parameter_table(info, fit, snapshot.quality, *errors).coloured(paints)}
+    first = parameter_table(info, fit, snapshot.quality, *errors, uncertainty)
+    rows = [vehicle_colour(number, info.vehicles[0]) for number in row_vehicles(info, fit.case)]
+    tables = {"parameters": first.coloured(rows)}
     adequacy = snapshot.adequacy
     if uncertainty:
-        tables["intervals"] = intervals_table(info, uncertainty).coloured(paints[1:])
+        shared = [vehicle_colour(n, info.vehicles[0]) for n in parameter_rows(info, fit.case)]
+        tables["intervals"] = intervals_table(info, uncertainty, fit.case).coloured(shared)
     if uncertainty and adequacy and adequacy.better:
         tables["forms"] = form_intervals_table(info, uncertainty, adequacy.better)
     if report:
-        tables["stability"] = stability_table(vehicles, report).coloured(paints[1:])
+        tables["stability"] = stability_table(vehicles, report, uncertainty).coloured(paints[1:])
     if report and uncertainty:
         table = stability_interval_table(vehicles, uncertainty)
         tables["stability_intervals"] = table.coloured(paints[1:])

@@ -14,9 +14,9 @@ from accpinn.inference.multistart import MultistartResult
 from accpinn.methods.fit import Fit, Outcome
 from accpinn.methods.registry import METHODS
 from accpinn.methods.state_space import Form
-from accpinn.model.cthp import Parameters
+from accpinn.model.cthp import Case, Parameters
 from accpinn.model.published import ParameterSet
-from accpinn.results.tables.table import Cell, Column, Range, Table
+from accpinn.results.tables.table import Cell, Column, Estimate, Range, Table
 from accpinn.segment.quality import Quality, Regimes
 from accpinn.segment.segment import SegmentInfo
 from accpinn.study.comparison import FitRecord, MethodResult, differences
@@ -31,6 +31,8 @@ PARAMETER_COLUMNS = tuple(
     for quantity, key in zip(PARAMETERS, ("alpha", "beta", "tau"), strict=True)
 )
 GAP = "MAE of the space-gap"
+EVERY_FOLLOWER = "Every follower"
+"""The label of parameters that all followers share (Case I)."""
 PROBABILITY = "Probability of string stability"
 AGAINST = "Minus the CTHP's"
 TITLES = {key: method.title for key, method in METHODS.items()}
@@ -60,7 +62,27 @@ def where(info: SegmentInfo) -> str:
 
 def learned_parameters(info: SegmentInfo, fit: Fit) -> ParameterSet:
     """The followers' parameters, titled with file, window and excluded regimes."""
-    return ParameterSet(where(info), info.names[1:], fit.parameters, info.vehicles, info.labels[1:])
+    names, labels = info.names[1:], info.labels[1:]
+    return ParameterSet(where(info), names, fit.parameters, info.vehicles, labels, drivers(info))
+
+
+def drivers(info: SegmentInfo) -> tuple[str, ...]:
+    """(M,) who drives each follower in place of ACC; empty where nobody does."""
+    hand = info.driven_by_hand
+    if hand is None:
+        return ()
+    share = dict(zip(hand.vehicles, hand.shares, strict=True))
+    return tuple(_driver(share.get(number, 0.0)) for number in info.vehicles[1:])
+
+
+def _driver(share: float) -> str:
+    return "Human" if share > 0.995 else f"Human {100 * share:.0f} %" if share else ""
+
+
+def driver_cells(who: Sequence[str], above: int = 0) -> Iterator[Filled]:
+    """Who drives in place of ACC, as a column below ``above`` empty cells; none for nobody."""
+    if who:
+        yield Column("Driver"), _absent(above, [name or None for name in who])
 
 
 def parameter_table(
@@ -71,7 +93,9 @@ def parameter_table(
     closed_loop: TrackingErrors | None,
     uncertainty: Uncertainty | None = None,
 ) -> Table:
-    """One row a vehicle, leader first: parameters, mean time gap, errors of both kinds, intervals.
+    """One row a vehicle, leader first: parameters, mean time gap, errors of both kinds.
+
+    Parameters that all followers share (Case I) have a row of their own, the second.
 
     Args:
         info: of the segment with M followers.
@@ -79,30 +103,83 @@ def parameter_table(
         quality: of the segment.
         surrogate: errors of the method's own trajectories.
         closed_loop: errors of the closed-loop simulation; its leader is given, so has none.
-        uncertainty: adds the intervals.
+        uncertainty: adds intervals to the parameters, and the probability of string stability.
     """
     case = f", Case {fit.case}" if info.followers > 1 else ""
+    estimated = [*(_estimate_cells(fit.parameters, uncertainty) if uncertainty else ())]
+    estimated = estimated or [*parameter_cells(fit.parameters)]
+    of_each: list[Filled] = [
+        (Column("Mean time gap", "s", 2), _absent(1, quality.mean_time_gap)),
+        *_error_cells(info, surrogate, "Surrogate fit, MAE", 3),
+        *_error_cells(info, closed_loop, "Closed-loop simulation, MAE", 2, leader=False),
+    ]
+    probable = [*(_probability_cells(uncertainty) if uncertainty else ())]
+    numbers = row_vehicles(info, fit.case)
+
+    def shared(cells: Iterable[Cell] | FloatArray) -> list[Cell]:
+        """Of the followers' parameters; once where all share them."""
+        cells = [*cells]
+        return [None, *([cells[0], *info.followers * [None]] if 0 in numbers else cells)]
+
+    def own(cells: Iterable[Cell]) -> list[Cell]:
+        """Of the leader and the followers."""
+        first, *rest = cells
+        return [first, *([None] if 0 in numbers else []), *rest]
+
     return Table.of(
         f"{name_of(fit)}, {where(info)}{case}",
         [
-            (Column("Vehicle"), info.labels),
-            *parameter_cells(fit.parameters, above=1),
-            (Column("Mean time gap", "s", 2), _absent(1, quality.mean_time_gap)),
-            *_error_cells(info, surrogate, "Surrogate fit, MAE", 3),
-            *_error_cells(info, closed_loop, "Closed-loop simulation, MAE", 2, leader=False),
-            *(interval_cells(uncertainty, above=1) if uncertainty else ()),
+            (Column("Vehicle"), _labels(info, numbers)),
+            *((column, own(cells)) for column, cells in driver_cells(drivers(info), above=1)),
+            *((column, shared(cells)) for column, cells in (*estimated, *probable)),
+            *((column, own(cells)) for column, cells in of_each),
         ],
     )
 
 
-def comparison_table(info: SegmentInfo, estimates: Mapping[str, Parameters]) -> Table:
-    """One row a follower; for each parameter, what each method finds, or the truth."""
+def row_vehicles(info: SegmentInfo, case: Case) -> tuple[int, ...]:
+    """The vehicle of each row of `parameter_table`; 0 for what all followers share."""
+    leader, *followers = info.vehicles
+    return (leader, *((0,) if case == "I" and len(followers) > 1 else ()), *followers)
+
+
+def parameter_rows(info: SegmentInfo, case: Case) -> tuple[int, ...]:
+    """The vehicle of each set of parameters: the followers, or 0 alone for all that share one."""
+    return (0,) if case == "I" and info.followers > 1 else info.vehicles[1:]
+
+
+def _labels(info: SegmentInfo, numbers: Sequence[int]) -> tuple[str, ...]:
+    return tuple(info.label(number) if number else EVERY_FOLLOWER for number in numbers)
+
+
+def _estimate_cells(parameters: Parameters, uncertainty: Uncertainty) -> Iterator[Filled]:
+    """α, β and τ of (M,) followers, each with its interval."""
+    group = f"Estimate ({100 * uncertainty.level:.0f} % interval)"
+    ends = uncertainty.lower.values.T, uncertainty.upper.values.T
+    for column, *numbers in zip(PARAMETER_COLUMNS, parameters.values.T, *ends, strict=True):
+        triples = zip(*(values.tolist() for values in numbers), strict=True)
+        yield replace(column, group=group), [Estimate(*triple) for triple in triples]
+
+
+def _probability_cells(uncertainty: Uncertainty) -> Iterator[Filled]:
+    yield Column("L₂", "%", 0, PROBABILITY), _percent(uncertainty.probability_l2)
+    yield Column("L∞", "%", 0, PROBABILITY), _percent(uncertainty.probability_linf)
+
+
+def comparison_table(
+    info: SegmentInfo, estimates: Mapping[str, Parameters], case: Case = "II"
+) -> Table:
+    """One row a follower, or one for all that share their parameters.
+
+    For each parameter, what each method finds, or the truth.
+    """
+    numbers = parameter_rows(info, case)
     filled = [
-        (Column(name, "", column.digits, column.heading), parameters.values[:, k])
+        (Column(name, "", column.digits, column.heading), parameters.values[: len(numbers), k])
         for k, column in enumerate(PARAMETER_COLUMNS)
         for name, parameters in estimates.items()
     ]
-    followers = (Column("Vehicle"), info.labels[1:])
+    followers = (Column("Vehicle"), _labels(info, numbers))
     return Table.of(f"Estimates side by side, {where(info)}", [followers, *filled])
 
 
@@ -112,24 +189,25 @@ def quality_table(info: SegmentInfo, quality: Quality, estimate: Fit) -> Table:
         where(info),
         [
             (Column("Follower"), info.labels[1:]),
+            *driver_cells(drivers(info)),
             *parameter_cells(estimate.parameters, "Least-squares estimate"),
             (Column("Mean time gap", "s", 2), quality.mean_time_gap),
-            (Column("Car-following", "%", 0), _percent(quality.car_following)),
+            (Column("Moving, time gap ≤ 2 s", "%", 0), _percent(quality.car_following)),
             (Column("Δv, std.", "m/s", 2), quality.relative_deviation),
             (Column("Condition number", "", 0), quality.condition),
         ],
     )
 
 
-def intervals_table(info: SegmentInfo, uncertainty: Uncertainty) -> Table:
-    """One row a follower: intervals, and how probable string stability is."""
+def intervals_table(info: SegmentInfo, uncertainty: Uncertainty, case: Case = "II") -> Table:
+    """One row a follower, or one for all that share: intervals, probability of string stability."""
+    numbers = parameter_rows(info, case)
+    filled = (*interval_cells(uncertainty), *_probability_cells(uncertainty))
     return Table.of(
         f"Uncertainty, {where(info)}",
         [
-            (Column("Follower"), info.labels[1:]),
-            *interval_cells(uncertainty),
-            (Column("L₂", "%", 0, PROBABILITY), _percent(uncertainty.probability_l2)),
-            (Column("L∞", "%", 0, PROBABILITY), _percent(uncertainty.probability_linf)),
+            (Column("Follower"), _labels(info, numbers)),
+            *((column, [*cells][: len(numbers)]) for column, cells in filled),
         ],
     )
 

@@ -1,5 +1,7 @@
 """String stability as tables in the manner of the paper's Table III, with the exact L∞ gain."""
 
+from collections.abc import Iterator
+
 import numpy as np
 
 from accpinn.channels import FREQUENCY, LINF_GAIN, MAGNITUDE
@@ -7,16 +9,25 @@ from accpinn.inference.intervals import Interval, Uncertainty
 from accpinn.model.cthp import Parameters
 from accpinn.model.published import ParameterSet
 from accpinn.platoon.simulation import PlatoonRun
-from accpinn.results.tables.estimates import PROBABILITY, parameter_cells
+from accpinn.results.tables.estimates import PROBABILITY, Filled, driver_cells, parameter_cells
 from accpinn.results.tables.table import Cell, Column, Range, Table
 from accpinn.stability.report import StabilityReport, Verdict
+from accpinn.units import FloatArray
 
 L2, LINF = "L₂ string stability", "L∞ string stability"
 HEADWAY = "Smallest stable τ"
 
 
-def stability_table(vehicles: ParameterSet, report: StabilityReport) -> Table:
-    """One row a vehicle: parameters, verdicts, peak, crossover, exact gain, smallest headways."""
+def stability_table(
+    vehicles: ParameterSet, report: StabilityReport, uncertainty: Uncertainty | None = None
+) -> Table:
+    """One row a vehicle: parameters, verdicts, peak, crossover, exact gain, smallest headways.
+
+    Args:
+        vehicles: names and parameters.
+        report: theirs.
+        uncertainty: of the fit that they are from; adds the probabilities of string stability.
+    """
     found = report.vehicles
     headways = [vehicle.smallest_tau for vehicle in found]
     gain = Column(LINF_GAIN.symbol, "", LINF_GAIN.digits, LINF, key="linf_gain")
@@ -25,11 +36,14 @@ def stability_table(vehicles: ParameterSet, report: StabilityReport) -> Table:
         f"String stability, {vehicles.title}",
         [
             (Column("Vehicle"), vehicles.labels),
+            *driver_cells(vehicles.drivers),
             *parameter_cells(Parameters.stack(vehicle.parameters for vehicle in found)),
+            *_probability(L2, uncertainty.probability_l2 if uncertainty else None),
             (Column("Stable", group=L2), [answer(v.l2) for v in found]),
             (Column("Peak", "dB", MAGNITUDE.digits, L2), [v.peak.db for v in found]),
             (Column("at ω", frequency, digits, L2), [v.peak.omega or None for v in found]),
             (Column("Amplified below", frequency, digits, L2), [v.crossover for v in found]),
+            *_probability(LINF, uncertainty.probability_linf if uncertainty else None),
             (Column("Paper's criterion", group=LINF), [answer(v.linf_paper) for v in found]),
             (Column("Exact criterion", group=LINF), [answer(v.linf_exact) for v in found]),
             (gain, [v.linf_gain for v in found]),
@@ -37,6 +51,11 @@ def stability_table(vehicles: ParameterSet, report: StabilityReport) -> Table:
             (Column("L∞", "s", 2, HEADWAY), [h.linf_exact if h else None for h in headways]),
         ],
     )
+
+
+def _probability(group: str, shares: FloatArray | None) -> Iterator[Filled]:
+    if shares is not None:
+        yield Column("Probability", "%", 0, group), 100 * shares
 
 
 def stability_interval_table(vehicles: ParameterSet, uncertainty: Uncertainty) -> Table:

@@ -24,7 +24,15 @@ class Range(NamedTuple):
     high: float
 
 
-Cell = str | float | Range | None
+class Estimate(NamedTuple):
+    """A value with its interval as one cell, printed with the digits that the interval supports."""
+
+    value: float
+    low: float
+    high: float
+
+
+Cell = str | float | Range | Estimate | None
 
 ABSENT = "–"
 """Stands where a quantity has no meaning, as the leader's α."""
@@ -105,6 +113,8 @@ class Column:
         """A cell as the reader sees it."""
         if isinstance(cell, Range):
             return self._range(cell)
+        if isinstance(cell, Estimate):
+            return self._estimate(cell)
         if cell is None or (isinstance(cell, float) and not math.isfinite(cell)):
             return ABSENT
         if isinstance(cell, str):
@@ -114,6 +124,19 @@ class Column:
         if self.least and cell > 0 and float(shown) == 0:
             return f"< {10.0**-digits:.{digits}f}"
         return shown
+
+    def _estimate(self, cell: Estimate) -> str:
+        """As "0.0147 (0.0095–0.0198)"."""
+        column = replace(self, digits=self._supported(cell))
+        ends = column.shown(Range(cell.low, cell.high)).replace(" to ", "–")
+        return f"{column.shown(cell.value)} ({ends})"
+
+    def _supported(self, cell: Estimate) -> int:
+        """Digits such that the last one is the second of the interval's half-width."""
+        digits, half = self.digits or 0, (cell.high - cell.low) / 2
+        if not math.isfinite(half):
+            return max(0, digits - 2)
+        return min(digits, max(0, 1 - math.floor(math.log10(half)))) if half > 0 else digits
 
     def _range(self, cell: Range) -> str:
         low, high = (math.isfinite(end) for end in cell)
@@ -173,27 +196,25 @@ class Table:
         return "\n".join(lines)
 
     def to_csv(self) -> str:
-        """Full precision, an interval in two columns; empty where there is no value.
+        """Full precision, ends of an interval in columns of their own; empty where no value is.
 
         No text is such that a spreadsheet would evaluate it.
         """
         columns = [*zip(*self.rows, strict=True)] or [()] * len(self.columns)
-        ranged = [any(isinstance(cell, Range) for cell in column) for column in columns]
+        endings = [_endings(column) for column in columns]
         text = io.StringIO()
         writer = csv.writer(text, lineterminator="\n")
         names = [column.csv_name for column in self.columns]
         writer.writerow(
-            part
-            for name, pair in zip(names, ranged, strict=True)
-            for part in ((f"{name}_low", f"{name}_high") if pair else (name,))
+            f"{name}{ending}"
+            for name, parts in zip(names, endings, strict=True)
+            for ending in parts
         )
         for row in self.rows:
             writer.writerow(
                 _csv_cell(part)
-                for cell, pair in zip(row, ranged, strict=True)
-                for part in (
-                    (cell if isinstance(cell, Range) else (cell, None)) if pair else (cell,)
-                )
+                for cell, parts in zip(row, endings, strict=True)
+                for part in _parts(cell, len(parts))
             )
         return text.getvalue()
 
@@ -303,6 +324,18 @@ def latex(text: str) -> str:
     )
     # After the end of a row a bracket would be read as its option.
     return f"{{}}{shown}" if shown.startswith("[") else shown
+
+
+def _endings(cells: Sequence[Cell]) -> tuple[str, ...]:
+    """What is added to a column's name in a CSV file, once for each column that it takes there."""
+    if any(isinstance(cell, Estimate) for cell in cells):
+        return ("", "_low", "_high")
+    return ("_low", "_high") if any(isinstance(cell, Range) for cell in cells) else ("",)
+
+
+def _parts(cell: Cell, count: int) -> tuple[Cell, ...]:
+    """A cell as so many; a single value stands first."""
+    return cell if isinstance(cell, tuple) else (cell, *(None,) * (count - 1))
 
 
 def _csv_cell(cell: Cell) -> Cell:

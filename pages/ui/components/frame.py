@@ -61,9 +61,12 @@ def begin(title: str, lead: str = "") -> Workspace:
     if lead:
         st.caption(lead)
     if st.session_state["lost_session"]:
+        kept = "Page Train lists its finished runs." if workspace.runs.entries() else (
+            "Finished trainings are kept: open the same recording, and its result comes from the"
+            " cache."
+        )  # fmt: skip
         show.messages(
-            "That session is no longer on this server, so a new one has begun. Finished trainings"
-            " are kept: open the same recording, and its result comes from the cache.",
+            f"That session is no longer on this server, so a new one has begun. {kept}",
             icon="history",
         )
     show.messages(st.session_state["snapshot_fault"], "error", "link_off")

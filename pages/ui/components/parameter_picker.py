@@ -1,20 +1,22 @@
 """Whose α, β, τ the pages Stability and Platoon show: learned, published, or typed in."""
 
 import math
+from dataclasses import dataclass
 
 import pandas as pd
 import streamlit as st
 
 from accpinn.channels import PARAMETERS
 from accpinn.errors import ParameterError
+from accpinn.inference.intervals import Uncertainty, of_first
 from accpinn.methods.fit import Fit
 from accpinn.model.cthp import Parameters
-from accpinn.model.published import PUBLISHED, ParameterSet
+from accpinn.model.published import ASTAZERO, PUBLISHED, ParameterSet
 from accpinn.results.messages.methods import unfinished
 from accpinn.results.snapshot.saved import Entry
-from accpinn.results.tables.estimates import learned_parameters, where
+from accpinn.results.tables.estimates import EVERY_FOLLOWER, learned_parameters
 from accpinn.segment.segment import SegmentInfo
-from pages.ui.components import show
+from pages.ui.components import frame, show
 from pages.ui.components.show import escape_markdown
 from pages.ui.components.widgets import segments, select
 from pages.ui.session.resources import library, opened
@@ -32,24 +34,48 @@ MOST = 20
 """Vehicles typed in at most."""
 
 
-def choose_parameters(workspace: Workspace, page: str) -> ParameterSet | None:
-    """The picker, and the parameters chosen; None, with a sentence, where they cannot be used."""
-    choice, training = workspace.parameter_choice, workspace.training
+@dataclass(frozen=True, eq=False)
+class Chosen:
+    """The parameters that a page shows, and what is known of them."""
+
+    vehicles: ParameterSet
+    source: Source
+    fit: Fit | None = None
+    """That the parameters are of; None for those that are published or typed in."""
+    info: SegmentInfo | None = None
+    """Of the segment that they were learned from."""
+    uncertainty: Uncertainty | None = None
+
+    @property
+    def origin(self) -> str:
+        """Source and title, for the headline."""
+        return f"{SOURCES[self.source]}: {self.vehicles.title}"
+
+    @property
+    def missing(self) -> str:
+        """What is missing for a verdict, as a sentence; empty where nothing is."""
+        return unfinished(self.fit) if self.fit else ""
+
+
+def choose_parameters(workspace: Workspace, page: str) -> Chosen | None:
+    """The picker, and the parameters chosen; None, with a sentence, where there are none."""
     # Every call looks at all files of the store; the newest snapshot comes first.
     entries = tuple(entry for entry in library().entries() if not entry.fault)
-    missing = {"fit": not workspace.fit, "snapshot": not entries}
-    asked = choice.source or "fit"
-    source: Source = "published" if missing.get(asked) else asked
+    source = workspace.parameter_source
+    if source == "snapshot" and not entries:
+        source = "fit"
+    choice = workspace.parameter_choice
 
     def turn_to(new: Source) -> None:
         """The first rows by hand are a copy of what was shown."""
         if new == "hand" and not choice.rows:
             shown = parameters_from(workspace, source, entries)
+            vehicles = shown.vehicles if shown else ASTAZERO
             choice.rows = tuple(
                 (label, vehicle.alpha, vehicle.beta, vehicle.tau)
-                for label, vehicle in zip(shown.labels, shown.parameters, strict=True)
+                for label, vehicle in zip(vehicles.labels, vehicles.parameters, strict=True)
             )
-        choose(source=new)
+        workspace.choose_source(new)
 
     def choose(**choices: str) -> None:
         for name, value in choices.items():
@@ -57,7 +83,7 @@ def choose_parameters(workspace: Workspace, page: str) -> ParameterSet | None:
         workspace.platoon_choice.reset()
 
     with st.container(horizontal=True, vertical_alignment="center"):
-        offered = {source: name for source, name in SOURCES.items() if not missing.get(source)}
+        offered = {key: name for key, name in SOURCES.items() if key != "snapshot" or entries}
         segments("Parameters of", offered, source, f"{page}_source", turn_to)
         if source == "published":
             select(
@@ -71,34 +97,38 @@ def choose_parameters(workspace: Workspace, page: str) -> ParameterSet | None:
                 _chosen_snapshot(workspace, entries), f"{page}_snapshot",
                 lambda name: choose(snapshot=name), labelled=False, width=420,
             )  # fmt: skip
-        elif source == "fit" and workspace.fit_info:
-            st.caption(escape_markdown(where(workspace.fit_info)))
-    if source == "published" and asked == "fit" and training and training.is_active:
-        show.messages(
-            f"These are published parameters, those of {choice.example}: your own training is not"
-            " finished. Once it is done, this page shows its parameters.",
-            icon="hourglass_top",
-        )
+    if source == "fit" and workspace.fit is None:
+        _empty_state(workspace, page)
+        return None
     if source == "hand":
         _edit_rows(workspace, f"{page}_rows")
+    return show.attempt(lambda: parameters_from(workspace, source, entries))
 
-    def chosen() -> ParameterSet:
-        if learned := _learned(workspace, source, entries):
-            info, fit = learned
-            if source == "snapshot" and info.excluded_regimes:
-                st.caption(escape_markdown(where(info)))
-            cure = " Continue it on page Train." if source == "fit" else ""
-            if sentence := unfinished(fit):
-                show.messages(sentence + cure, "warning", "pause_circle")
-        return parameters_from(workspace, source, entries)
 
-    return show.attempt(chosen)
+def _empty_state(workspace: Workspace, page: str) -> None:
+    """No fit: why, and the ways to one or to a published example."""
+    training = workspace.training
+    if training and training.is_active:
+        show.messages(
+            "The training is not finished; its parameters will be shown here.", icon="hourglass_top"
+        )
+    else:
+        show.messages("There is no fit yet: train on a window, or open a published example.")
+    with st.container(horizontal=True):
+        if workspace.recording:
+            frame.link(frame.TRAIN, "Go to Train", workspace)
+        else:
+            frame.link(frame.DATA, "Open a recording", workspace)
+        st.button(
+            "Open a published example", icon=":material/menu_book:", key=f"{page}_open_example",
+            on_click=workspace.choose_source, args=("published",),
+        )  # fmt: skip
 
 
 def parameters_from(
     workspace: Workspace, source: Source, entries: tuple[Entry, ...]
-) -> ParameterSet:
-    """The parameters that a source holds now.
+) -> Chosen | None:
+    """The parameters that a source holds now; None for the fit where there is none.
 
     Args:
         workspace: the session.
@@ -108,23 +138,41 @@ def parameters_from(
     Raises:
         ParameterError: rows that are too few or too many.
     """
-    if learned := _learned(workspace, source, entries):
-        return learned_parameters(*learned)
-    choice = workspace.parameter_choice
+    choice, fit, info = workspace.parameter_choice, workspace.fit, workspace.fit_info
+    if source == "published":
+        example = next(one for one in PUBLISHED if one.title == choice.example)
+        return Chosen(example, source)
     if source == "hand":
-        return _typed(choice.rows)
-    return next(published for published in PUBLISHED if published.title == choice.example)
-
-
-def _learned(
-    workspace: Workspace, source: Source, entries: tuple[Entry, ...]
-) -> tuple[SegmentInfo, Fit] | None:
-    """The fit that the source holds; None for one that holds parameters alone."""
-    fit, info = workspace.fit, workspace.fit_info
+        return Chosen(_typed(choice.rows), source)
     if source == "snapshot":
         snapshot = opened(_chosen_snapshot(workspace, entries))
-        return snapshot.info, snapshot.fit
-    return (info, fit) if source == "fit" and fit and info else None
+        return _of_fit(source, snapshot.info, snapshot.fit, snapshot.uncertainty)
+    if fit is None or info is None:
+        return None
+    known = None if unfinished(fit) else workspace.uncertainty()
+    return _of_fit(source, info, fit, known)
+
+
+def _of_fit(source: Source, info: SegmentInfo, fit: Fit, uncertainty: Uncertainty | None) -> Chosen:
+    """A fit's followers; in Case I, where they share their parameters, one stands for all."""
+    vehicles = learned_parameters(info, fit)
+    if fit.case == "I" and info.followers > 1:
+        who = tuple(filter(None, vehicles.drivers))[:1]
+        vehicles = ParameterSet(
+            vehicles.title, (EVERY_FOLLOWER,), fit.parameters[:1], (info.vehicles[0], 0),
+            drivers=who,
+        )  # fmt: skip
+        uncertainty = of_first(uncertainty) if uncertainty else None
+    return Chosen(vehicles, source, fit, info, uncertainty)
+
+
+def show_missing(workspace: Workspace, chosen: Chosen) -> None:
+    """In place of a verdict: what is missing for one, and the way there."""
+    with st.container(border=True):
+        st.markdown(f"{escape_markdown(chosen.origin)}\n\n#### No verdict")
+        show.messages(chosen.missing, "warning", "pause_circle")
+        if chosen.source == "fit":
+            frame.link(frame.TRAIN, "Continue the training", workspace)
 
 
 def _chosen_snapshot(workspace: Workspace, entries: tuple[Entry, ...]) -> str:

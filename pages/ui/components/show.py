@@ -11,7 +11,9 @@ import plotly.graph_objects as go
 import streamlit as st
 
 from accpinn.errors import AccpinnError
-from accpinn.results.figures.style import vehicle_colour, with_legend
+from accpinn.results.figures.style import SHARED, vehicle_colour, with_legend
+from accpinn.results.messages import message
+from accpinn.results.tables.estimates import EVERY_FOLLOWER
 from accpinn.results.tables.table import STYLE, Table
 from accpinn.segment.segment import Segment, SegmentInfo
 from accpinn.units import Seconds
@@ -63,6 +65,12 @@ def messages(
         said = bullets((sentences,) if isinstance(sentences, str) else sentences)
         said += f"\n\n{escape_markdown(after)}" if after else ""
         getattr(st, kind)(said, icon=f":material/{icon or _ICONS[kind]}:")
+
+
+def not_acc(about: Segment | SegmentInfo) -> None:
+    """In red, which followers a driver controls; nothing where none."""
+    if hand := about.driven_by_hand:
+        messages(message(hand, about), "error", "front_hand")
 
 
 def attempt(work: Callable[[], T]) -> T | None:
@@ -164,15 +172,27 @@ def key(entries: Iterable[tuple[str, str]], faint: Container[str] = (), dashed: 
     st.html(f'<div class="vehicle-key">{"".join(spans)}</div>')
 
 
-def vehicle_colours(segment: Segment | SegmentInfo) -> list[str]:
-    """The colour of each vehicle, leader first."""
-    return [vehicle_colour(number, segment.vehicles[0]) for number in segment.vehicles]
+def vehicle_colours(
+    segment: Segment | SegmentInfo, numbers: Sequence[int] | None = None
+) -> list[str]:
+    """The colour of each vehicle, leader first, or of those with other ``numbers``."""
+    leader = segment.vehicles[0]
+    return [vehicle_colour(number, leader) for number in numbers or segment.vehicles]
 
 
-def vehicle_key(segment: Segment | SegmentInfo, with_truth: bool = False) -> None:
-    """The colour of each vehicle, once for all charts below."""
+def vehicle_key(
+    segment: Segment | SegmentInfo, with_truth: bool = False, shared: bool = False
+) -> None:
+    """The colour of each vehicle, once for all charts below.
+
+    Args:
+        segment: with the vehicles.
+        with_truth: whether the charts have true values.
+        shared: whether the charts have lines of what all followers share, as in Case I.
+    """
     leader, *followers = segment.labels
-    entries = zip((f"{leader} (leader)", *followers), vehicle_colours(segment), strict=True)
+    entries = [*zip((f"{leader} (leader)", *followers), vehicle_colours(segment), strict=True)]
+    entries += [(EVERY_FOLLOWER, SHARED)] * shared
     key(entries, dashed="true value" if with_truth else "")
 
 

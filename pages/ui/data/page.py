@@ -15,15 +15,16 @@ from accpinn.recordings.recording import Recording, Window
 from accpinn.results.figures import recording as figures
 from accpinn.results.figures.style import vehicle_colour
 from accpinn.results.messages import messages
+from accpinn.results.messages.data import drivers
 from accpinn.results.tables.estimates import quality_table, regimes_table, sensitivity_table
 from accpinn.segment.cut import MAX_FOLLOWERS, MINIMUM_DURATION, chains
 from accpinn.segment.quality import EXCLUDABLE, LARGE_CONDITION, assess_quality, label_regimes
-from accpinn.segment.segment import Segment
+from accpinn.segment.segment import DrivenByHand, Segment
 from accpinn.study.sensitivity import SensitivityResult, sensitivity
 from pages.ui.components import frame, show
 from pages.ui.components.show import escape_markdown
 from pages.ui.components.widgets import bound, segments, select
-from pages.ui.data.sources import choose_source
+from pages.ui.data.sources import choose_source, is_asked
 from pages.ui.results import banner, show_data
 from pages.ui.session.workspace import Workspace
 from pages.ui.train import chosen_config
@@ -58,6 +59,7 @@ def show_page() -> None:
     with st.expander(
         f"Open another recording instead of {escape_markdown(recording.source)}",
         icon=":material/folder_open:",
+        expanded=is_asked(),
     ):
         choose_source(workspace)
     st.markdown(_describe(recording))
@@ -67,20 +69,31 @@ def show_page() -> None:
         _choose_vehicles(workspace, recording)
         _choose_window(workspace, recording)
         st.caption("Or drag over the chart to set the window.")
-        if st.button(
-            "Train on this window",
-            type="primary",
-            icon=":material/play_arrow:",
-            width="stretch",
-            disabled=workspace.segment is None,
-        ):
-            with suppress(ConfigError):  # the Train page shows what is wrong with a setting
-                workspace.train(chosen_config(workspace))
-            frame.go(frame.TRAIN, workspace)
+        _train_button(workspace)
     with chart:
         _show_overview(workspace, recording)
     _show_preview(workspace)
     _show_regimes(workspace, recording)
+
+
+def _train_button(workspace: Workspace) -> None:
+    """The way to the result; it says which training this begins, and how long that takes."""
+    segment, parts, request = workspace.segment, [f"{workspace.preset} preset"], None
+    if workspace.settings.get(workspace.preset):
+        parts[0] += " with your options"
+    if segment and segment.followers > 1:
+        parts.append(f"Case {workspace.case}")
+    with suppress(ConfigError):  # the Train page shows what is wrong with a setting
+        request = workspace.request(chosen_config(workspace))
+    if request:
+        parts.append(f"about {show.format_duration(request.typical_seconds)}")
+    if st.button(
+        f"Train on this window ({', '.join(parts)})", type="primary", icon=":material/play_arrow:",
+        width="stretch", disabled=segment is None, key="data_train",
+    ):  # fmt: skip
+        if request:
+            workspace.train(request.config)
+        frame.go(frame.TRAIN, workspace)
 
 
 def _describe(recording: Recording) -> str:
@@ -92,9 +105,8 @@ def _describe(recording: Recording) -> str:
         f"{recording.date.day} {recording.date:%B %Y}" if recording.date else "",
         f"{len(recording.present)} vehicles",
         f"{recording.duration:,.0f} s at {rate:.3g} Hz",
-        f"ACC flag {recording.acc_flag}" if recording.acc_flag is not None else "",
+        escape_markdown(drivers(recording)),
         f"distance setting {escape_markdown(setting)}" if setting else "",
-        "" if (recording.mode >= 0).any() else "driver modes not recorded",
     ]
     return " · ".join(part for part in parts if part)
 
@@ -212,6 +224,7 @@ def _show_preview(workspace: Workspace) -> None:
     quality = assess_quality(segment)
     estimate = least_squares.fit(segment, workspace.case)
     st.subheader("Preview of the window", anchor=False)
+    show.not_acc(segment)
     show.table(quality_table(segment.info, quality, estimate), show.vehicle_colours(segment)[1:])
     excluded = (
         f" Without {', '.join(segment.excluded_regimes)}: the estimate and the condition number;"
@@ -220,17 +233,17 @@ def _show_preview(workspace: Workspace) -> None:
     st.caption(
         "Least squares solves the model for α, β and τ in one step, from differences of the"
         " measured speeds. Noise in the data biases it: take it as a first look. The leader's"
-        f" speed varies by {quality.leader_deviation:.2f} m/s (standard deviation). Car-following:"
-        " moving with a time gap of at most 2 s. Condition number: above about"
-        f" {LARGE_CONDITION:.0f}, gap, speed and relative speed move so alike that α, β and τ are"
-        " not identifiable." + excluded * bool(segment.excluded_regimes)
+        f" speed varies by {quality.leader_deviation:.2f} m/s (standard deviation). Condition"
+        f" number: above about {LARGE_CONDITION:.0f}, gap, speed and relative speed move so alike"
+        " that α, β and τ are not identifiable." + excluded * bool(segment.excluded_regimes)
     )
     headways = headway_findings(segment.vehicles, estimate.parameters)
     findings = (*headways, *quality.findings, *estimate.findings)
     _show_warnings(messages(findings, segment), "this window")
-    if segment.findings:
+    changes = [one for one in segment.findings if not isinstance(one, DrivenByHand)]
+    if changes:
         with st.expander("Changes to the data", icon=":material/build:"):
-            st.markdown(show.bullets(messages(segment.findings, segment)))
+            st.markdown(show.bullets(messages(changes, segment)))
 
 
 def _show_regimes(workspace: Workspace, recording: Recording) -> None:

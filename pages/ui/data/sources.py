@@ -29,6 +29,9 @@ TITLES = {
 LISTED = 1000
 """Files of a folder that are offered at most."""
 
+SOURCE, ASKED = "data_source", "data_asked"
+"""Entries in Streamlit's session state: the kind of source, and whether its controls are opened."""
+
 Load = Callable[[], tuple[Recording, Truth | None]]
 
 
@@ -57,6 +60,13 @@ def sample(path: Path) -> tuple[Recording, Truth]:
     return from_file(path), load_truth(truth_path(path))
 
 
+def find_sample(name: str, sha256: str) -> tuple[Recording, Truth] | None:
+    """The sample of that file name and content, with its true parameters; None for none."""
+    path = next((path for path in SAMPLES.glob("*.csv") if path.name == name), None)
+    found = sample(path) if path else None
+    return found if found and found[0].sha256 == sha256 else None
+
+
 def open_with(workspace: Workspace, load: Load) -> None:
     """Open what ``load`` gives; if that fails, keep what was open and say why."""
     try:
@@ -65,12 +75,23 @@ def open_with(workspace: Workspace, load: Load) -> None:
         workspace.refusal = str(fault)
 
 
+def ask_for_upload() -> None:
+    """Let the page Data begin with the field for a file of the user's own."""
+    st.session_state[SOURCE] = "Upload"
+    st.session_state[ASKED] = True
+
+
+def is_asked() -> bool:
+    """Whether the user has just asked for another recording."""
+    return bool(st.session_state.pop(ASKED, False))
+
+
 def choose_source(workspace: Workspace) -> None:
     """One of the three sources, and its controls."""
     kind = st.segmented_control(
         "Source of the recording",
         ("Sample", "Upload", "Folder on the server"),
-        key="data_source",
+        key=SOURCE,
         default="Sample",
         required=True,
         label_visibility="collapsed",

@@ -14,7 +14,8 @@ import streamlit as st
 
 from accpinn.errors import SnapshotError
 from accpinn.units import Seconds
-from pages.ui.session.resources import library, task_queue
+from pages.ui.session.resources import library, store, task_queue
+from pages.ui.session.runs import is_known
 from pages.ui.session.workspace import Workspace
 
 KEPT_WORKSPACES = 200
@@ -46,9 +47,9 @@ class Workspaces:
                 self._kept[name] = (self._clock(), workspace)
             return workspace
 
-    def new(self) -> Workspace:
-        """An empty one, under a name that nobody can guess."""
-        workspace = Workspace(secrets.token_urlsafe(16))
+    def new(self, name: str = "") -> Workspace:
+        """An empty one, by default under a name that nobody can guess."""
+        workspace = Workspace(name or secrets.token_urlsafe(16))
         with self._lock:
             self._kept[workspace.id] = (self._clock(), workspace)
             self._forget()
@@ -74,13 +75,15 @@ def workspaces() -> Workspaces:
 def current() -> Workspace:
     """This browser's workspace; its name is put back into the address, which a page switch clears.
 
-    An unknown or expired name begins a new one, and `lost_session` becomes true for this run.
+    An unknown or expired name begins a new one, and `lost_session` becomes true for this run. It
+    keeps its name where finished runs are kept under it.
     """
     task_queue()  # its worker gets ready while the user still reads
     asked = st.query_params.get(SESSION) or st.session_state.get(SESSION, "")
     workspace = workspaces().find(asked)
     st.session_state["lost_session"] = bool(asked) and workspace is None
-    workspace = workspace or workspaces().new()
+    if workspace is None:
+        workspace = workspaces().new(asked if is_known(asked, store().folder) else "")
     st.session_state[SESSION] = workspace.id
     if st.query_params.get(SESSION) != workspace.id:
         st.query_params[SESSION] = workspace.id
@@ -100,7 +103,8 @@ def _follow_link(workspace: Workspace) -> None:
     shown = workspace.snapshot.id if workspace.snapshot else ""
     if asked and asked != shown and asked not in followed:
         try:
-            workspace.restore(library().open(asked))
+            holder = workspace.runs if workspace.runs.has(asked) else library()
+            workspace.restore(holder.open(asked))
         except SnapshotError as fault:
             st.session_state["snapshot_fault"] = str(fault)
             return

@@ -3,9 +3,10 @@
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any, Literal
 
-from accpinn.errors import ConfigError, SegmentError
+from accpinn.errors import ConfigError, SegmentError, SnapshotError
 from accpinn.inference.intervals import Uncertainty, intervals
 from accpinn.inference.model_adequacy import Adequacy, model_forms
 from accpinn.inference.multistart import Trial
@@ -17,8 +18,9 @@ from accpinn.model.cthp import Case, Parameters
 from accpinn.model.published import ASTAZERO
 from accpinn.recordings.recording import Recording, Window
 from accpinn.recordings.synthetic import Truth
-from accpinn.results.snapshot import Snapshot
+from accpinn.results.snapshot import Snapshot, create
 from accpinn.results.snapshot.verification import recover
+from accpinn.results.tables.estimates import name_of
 from accpinn.segment.cut import DURATION, complete_windows, cut, default_vehicles
 from accpinn.segment.quality import exclude_regimes, label_regimes
 from accpinn.segment.segment import Segment, SegmentInfo
@@ -31,13 +33,17 @@ from accpinn.study.comparison import (
 )
 from accpinn.tasks.task import Task, TrainingRequest, comparison_task, starts_task, training_task
 from accpinn.units import RadiansPerSecond, Seconds
-from pages.ui.session.resources import task_queue
+from pages.ui.session.resources import store, task_queue
+from pages.ui.session.runs import Runs
 
 Source = Literal["fit", "published", "snapshot", "hand"]
 Plane = Literal["beta", "alpha"]
 Disturbance = Literal["sinusoid", "step", "brake", "recorded"]
 TypedRow = tuple[str, float | None, float | None, float | None]
 """Name, α, β, τ of a vehicle as typed in; None where a cell is empty."""
+DEFAULT_CASE: Case = "II"
+"""Each follower with parameters of its own, as different cars have."""
+KEPT_RECORDINGS = 4
 KEPT_RECORDS = 3 * len(METHODS)
 """Those of three comparisons."""
 
@@ -46,8 +52,10 @@ KEPT_RECORDS = 3 * len(METHODS)
 class ParameterChoice:
     """Where α, β and τ come from."""
 
-    source: Source | None = None
-    """None: from the fit as soon as there is one, until then a published example."""
+    source: Source = "fit"
+    """As chosen last; see `Workspace.parameter_source`."""
+    fit: Fit | None = None
+    """The fit there was when the source was chosen; a newer one is shown in place of the choice."""
     example: str = ASTAZERO.title
     snapshot: str = ""
     """Short name of the snapshot; empty: the newest."""
@@ -109,7 +117,7 @@ class Workspace:
     """Why the last attempt to open something failed."""
     vehicles: tuple[int, ...] = ()
     window: Window = field(default_factory=lambda: Window(0.0, DURATION))
-    case: Case = "II"
+    case: Case = DEFAULT_CASE
     excluded_regimes: tuple[str, ...] = ()
     """Regimes that the user leaves out of the model's equations."""
     segment: Segment | None = None
@@ -134,12 +142,38 @@ class Workspace:
     """The format in which charts are saved."""
     legends: bool = False
     """Whether each chart has one of its own, beside the key that serves a whole page."""
+    opened: dict[str, tuple[Recording, Truth | None]] = field(default_factory=dict)
+    """The recordings opened last, by their SHA-256."""
+    _kept: Fit | None = None
+    """The training that was last put among the runs."""
     _uncertainty: tuple[Fit, Uncertainty] | None = None
     """That of a fit, kept with it."""
     _adequacy: tuple[Segment, Case, Adequacy] | None = None
     """That of a segment, kept with it."""
     _own: MethodResult | None = None
     """The evaluated training, kept with its fit."""
+
+    @cached_property
+    def runs(self) -> Runs:
+        """The finished trainings of this session, on disk."""
+        return Runs.of(self.id, store().folder)
+
+    def keep_run(self) -> None:
+        """Put the training among the runs once it has finished; nothing happens before."""
+        training, segment = self.training, self.segment
+        fit = training.result if training else None
+        if fit is None or segment is None or fit is self._kept:
+            return
+        if fit.outcome in (Outcome.STOPPED, Outcome.DIVERGED):
+            return
+        self._kept = fit
+        case = f", Case {fit.case}" if segment.followers > 1 else ""
+        with suppress(SnapshotError):
+            run = create(
+                segment, fit, recording=self.recording, uncertainty=self.uncertainty(),
+                name=f"{name_of(fit)}{case}",
+            )  # fmt: skip
+            self.runs.keep(run)
 
     def open(self, recording: Recording, truth: Truth | None = None) -> None:
         """Begin with a recording: its longest platoon, and the first window without holes.
@@ -150,8 +184,12 @@ class Workspace:
             self.restore(self.snapshot, recording, truth)
             return
         vehicles = default_vehicles(recording)
+        self.archive_and_stop()
         self.recording, self.truth, self.refusal = recording, truth, ""
-        self.choose(vehicles, _first_window(recording, vehicles), excluded_regimes=())
+        self.opened = {**self.opened, recording.sha256: (recording, truth)}
+        for oldest in list(self.opened)[:-KEPT_RECORDINGS]:
+            del self.opened[oldest]
+        self.choose(vehicles, _first_window(recording, vehicles), DEFAULT_CASE, ())
 
     def restore(
         self, snapshot: Snapshot, recording: Recording | None = None, truth: Truth | None = None
@@ -173,6 +211,7 @@ class Workspace:
         self.window = Window(info.window.start, info.window.end)
         self.excluded_regimes, self.fault, self.refusal = info.excluded_regimes, "", ""
         self._uncertainty = (snapshot.fit, snapshot.uncertainty) if snapshot.uncertainty else None
+        self.choose_source("fit")
         self.snapshot = snapshot
         with suppress(ConfigError):  # another method's result leaves the preset as it is
             config = PinnConfig.from_json(snapshot.fit.config)
@@ -232,6 +271,8 @@ class Workspace:
         """
         if request := self.request(config, warm):
             self._record([self.fit] if self.fit else [])
+            self.keep_run()
+            self.choose_source("fit")
             self.training = task_queue().submit(training_task(self.id, request), anew)
 
     @property
@@ -267,12 +308,13 @@ class Workspace:
         A training that is stopped leaves its checkpoint, from which the same request goes on.
         """
         self._record([row.fit for row in self.compared] + ([self.fit] if self.fit else []))
+        self.keep_run()
+        source = self.parameter_choice.source = self.parameter_source
         for task in self.tasks:
             task_queue().stop(task)
         self.training = self.comparison = self.starts = None
-        if self.parameter_choice.source in (None, "fit"):
-            self.platoon_choice.reset()
-            self.map_choice.held = -1
+        if source == "fit":
+            self._forget_vehicles()
 
     def _record(self, fits: Sequence[Fit]) -> None:
         if self.segment is None:
@@ -307,6 +349,24 @@ class Workspace:
         if self.training:
             return self.training.result
         return self.snapshot.fit if self.snapshot else None
+
+    @property
+    def parameter_source(self) -> Source:
+        """Where the parameters on Stability and Platoon are from: as chosen, or a newer fit."""
+        choice = self.parameter_choice
+        is_newer = self.fit is not None and self.fit is not choice.fit
+        return "fit" if is_newer else choice.source
+
+    def choose_source(self, source: Source) -> None:
+        """Choose where those parameters are from, until there is a newer fit."""
+        if source != self.parameter_source:
+            self._forget_vehicles()
+        self.parameter_choice.source, self.parameter_choice.fit = source, self.fit
+
+    def _forget_vehicles(self) -> None:
+        """Forget what was chosen among other vehicles."""
+        self.platoon_choice.reset()
+        self.map_choice.held = -1
 
     @property
     def fit_info(self) -> SegmentInfo | None:

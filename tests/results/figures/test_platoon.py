@@ -41,10 +41,8 @@ def size(figure: go.Figure) -> int:
 class TestCast:
     def test_a_mixed_platoon_has_the_vehicles_colours(self) -> None:
         assert ALL.colours == (LEADER, *FOLLOWERS[:4])
-        assert ALL.names == (
-            "Leader", "Follower 1: Audi A6", "Follower 2: BMW X5", "Follower 3: Mercedes A-Class",
-            "Follower 4: Tesla Model 3",
-        )  # fmt: skip
+        assert ALL.names == ("Leader", *ASTAZERO.labels)
+        assert EIGHT.names[1:3] == ("Follower 1: Mercedes A-Class", "Follower 2: Mercedes A-Class")
 
     def test_a_repeated_vehicle_has_shades_from_light_to_dark(self) -> None:
         assert all(one != other for one, other in combinations(EIGHT.colours, 2))
@@ -58,7 +56,7 @@ class TestCast:
         learned = ParameterSet("run", ("<X>",), row(CALM), vehicles=(3, 4))
         cast = figures.cast_of(learned, [0])
         assert cast.colours == (LEADER, FOLLOWERS[2])
-        assert cast.names == ("Leader", "Follower 1: &lt;X&gt;"), "one number, that of its place"
+        assert cast.names == ("Leader", "&lt;X&gt;")
 
 
 class TestProfiles:

@@ -39,6 +39,7 @@ FACTS = [
     (segments.BlocksMissing(("Speed2",), 0.57, BLOCKS), ["Speed2 is", "57 %", "1–2.5 s, 4 s; the"]),
     (segments.BlocksMissing(("Speed2", "IVS1"), 0.004, 5 * BLOCKS),
      ["Speed2 and IVS1 are", "0.4 %", "1–2.5 s and in 7 shorter"]),
+    (segments.DrivenByHand((3,), (0.5,)), ["not ACC parameters", "3 BMW (50 % of the time)"]),
     (segments.RegimesExcluded(("manual", "standstill"), (2, 3), (0.38, 0.0)),
      ["manual and standstill", "2 Audi: 38 %, 3 BMW: 0 %"]),
     (segments.NothingToExclude(("manual", "standstill")), ["manual or standstill"]),

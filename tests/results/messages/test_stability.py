@@ -26,8 +26,11 @@ from accpinn.results.messages.stability import (
     PLACES,
     TITLES,
     amplification,
+    assessment,
     certainty,
     factor,
+    headline,
+    probabilities,
     reason,
 )
 from accpinn.stability.report import (
@@ -65,28 +68,43 @@ def test_the_headline_counts(vehicles: tuple[Parameters, ...], facts: list[str])
     assert [fact for fact in facts if fact not in sentence] == []
 
 
-@pytest.mark.parametrize(
-    ("stable", "said"),
-    [
-        (0.01, "certain: at least 95 %"),
-        (0.09, "91 % amplify, 9 % do not."),
-        (0.60, "40 % amplify, 60 % do not."),
-        (math.nan, "do not determine whether V1"),
-    ],
-)
-def test_certainty_counts_posterior_samples(stable: float, said: str) -> None:
-    chosen = named(LOUD)
-    ends = Interval(np.array([1.0]), np.array([1.53]))
-    uncertainty: Any = SimpleNamespace(
-        level=0.9,
-        probability_l2=np.array([stable]),
-        peak_gain=ends,
-        inside=np.array([[True, False, True]]),
+def posterior(*stable: float) -> Any:
+    """What the headline reads of the uncertainty of one or several vehicles."""
+    ends = Interval(np.ones(len(stable)), np.full(len(stable), 1.53))
+    inside = np.array(len(stable) * [[True, False, True]])
+    return SimpleNamespace(
+        level=0.9, probability_l2=np.array(stable), peak_gain=ends, inside=inside
     )
-    sentence = certainty(chosen, stability_report(chosen.parameters), uncertainty)
-    assert said in sentence
+
+
+@pytest.mark.parametrize(
+    ("stable", "state"),
+    [(0.001, "unstable"), (0.05, "unstable"), (0.09, "open"), (0.95, "stable"),
+     (math.nan, "not determined")],
+)  # fmt: skip
+def test_a_verdict_follows_the_posterior_not_the_estimate(stable: float, state: str) -> None:
+    chosen = named(LOUD)
+    report = stability_report(chosen.parameters)
+    assert assessment(stable) == state
+    said = headline(chosen, report, posterior(stable))
+    assert ("amplifies" in said) == (state == "unstable")
+    assert ("probability" in said) == (stable == stable)
+    assert headline(chosen, report, None) == amplification(chosen, report)
+    sentence = certainty(chosen, report, posterior(stable))
     assert "outside their intervals: β." in sentence
     assert ("90 % interval: 1.00 to 1.53" in sentence) == (stable == stable)
+
+
+def test_verdicts_of_several_vehicles_are_counted() -> None:
+    chosen = named(LOUD, CALM, LOUD)
+    report = stability_report(chosen.parameters)
+    assert "All three" in headline(chosen, report, posterior(0.0, 0.01, 0.03))
+    assert "under 1 % to 3 %" in headline(chosen, report, posterior(0.0, 0.01, 0.03))
+    mixed = headline(chosen, report, posterior(0.0, 1.0, 0.4))
+    assert mixed.startswith("Of three vehicles one amplifies disturbances, one is L₂ string stable")
+    each = probabilities(chosen, posterior(0.0, 1.0, math.nan))
+    for part in ("under 1 %", "over 99 %", "not determined"):
+        assert part in each
 
 
 def reasons(of: VehicleStability | StabilityReport) -> dict[str, str]:
@@ -127,7 +145,7 @@ def test_the_boundary_is_named(name: str) -> None:
     ("vehicles", "name", "facts"),
     [
         (row(CALM, TESLA), "l2_strict", ["Follower 2", "1.04"]),
-        (row(AUDI, CALM, BMW), "linf_strict", ["Followers 1 and 3", "follower 1 the most"]),
+        (row(AUDI, CALM, BMW), "linf_strict", ["Follower 1 and follower 3", "follower 1 the most"]),
         (row(TESLA, DAMPED, DAMPED), "l2_weak", ["others damp"]),
         (row(AUDI, UNDAMPED, CALM), "l2_weak", ["0.5 rad/s", "without limit"]),
         (row(CALM, CALM), "linf_weak", ["No follower"]),

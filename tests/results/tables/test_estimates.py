@@ -15,6 +15,7 @@ from accpinn.methods.registry import METHODS
 from accpinn.model.cthp import Parameters
 from accpinn.recordings.openacc import read
 from accpinn.results.tables.estimates import (
+    EVERY_FOLLOWER,
     PROBABILITY,
     TITLES,
     comparison_table,
@@ -66,7 +67,7 @@ def column(table: Table, title: str, group: str = "") -> list[Any]:
 
 def test_parameters_and_errors_of_both_kinds(segment: Segment, fit: Fit, quality: Quality) -> None:
     table = parameter_table(segment.info, fit, quality, errors(0.01), errors(1.0))
-    assert column(table, "Vehicle") == ["1 Audi(A8)", "2 BMW", "3 Tesla"]
+    assert column(table, "Vehicle") == ["1 Audi (A8)", "2 BMW", "3 Tesla"]
     assert column(table, "α") == [None, 0.01037, 0.1]
     assert column(table, "Mean time gap") == [None, *quality.mean_time_gap]
     own, simulated = "Surrogate fit, MAE", "Closed-loop simulation, MAE"
@@ -94,13 +95,23 @@ def test_intervals_stand_beside_the_parameters(
     upper = Parameters.of([[0.02, 0.09, np.inf], [0.03, 0.2, 1.3]])
     uncertainty = replace(intervals(segment, fit, draws=10), lower=lower, upper=upper)
     table = parameter_table(segment.info, fit, quality, errors(0.01), errors(1.0), uncertainty)
-    assert column(table, "τ", "90 % interval") == [None, Range(1.2, np.inf), Range(1.0, 1.3)]
-    head = table.to_csv().splitlines()[0].split(",")
-    assert head[-6:] == ["alpha_low", "alpha_high", "beta_low", "beta_high", "tau_low", "tau_high"]
-    assert len(set(head)) == len(head)
-    assert "0.0500 to 0.0900" in table.to_latex()
+    group = "Estimate (90 % interval)"
+    assert column(table, "τ", group) == [None, (1.52034, 1.2, np.inf), (1.0, 1.0, 1.3)]
+    head, leader, first, _ = (line.split(",") for line in table.to_csv().splitlines())
+    assert head[1:4] == ["alpha", "alpha_low", "alpha_high"]
+    assert (leader[1:4], first[1:4]) == (["", "", ""], ["0.01037", "0.0", "0.02"])
+    assert len(set(head)) == len(head) == len(first)
+    assert "0.072 (0.050--0.090)" in table.to_latex()
     alone = intervals_table(segment.info, uncertainty)
     assert column(alone, "β", "90 % interval") == [Range(0.05, 0.09), Range(0.1, 0.2)]
+    shared = replace(fit, case="I", parameters=Parameters.stack([LEARNED[0]] * 2))
+    once = parameter_table(segment.info, shared, quality, errors(0.01), errors(1.0), uncertainty)
+    labels = ["1 Audi (A8)", EVERY_FOLLOWER, "2 BMW", "3 Tesla"]
+    assert column(once, "Vehicle") == labels
+    assert [cell is None for cell in column(once, "τ", group)] == [True, False, True, True]
+    assert column(once, "p", "Surrogate fit, MAE") == [None, None, 0.04, 0.05]
+    assert len(intervals_table(segment.info, uncertainty, "I").rows) == 1
+    assert len(comparison_table(segment.info, {"PiNN": LEARNED}, "I").rows) == 1
     shares = np.multiply(100, uncertainty.probability_l2)
     np.testing.assert_allclose(column(alone, "L₂", PROBABILITY), shares)
 
@@ -129,7 +140,7 @@ def test_estimates_side_by_side(segment: Segment) -> None:
 def test_preview_of_the_window(segment: Segment, fit: Fit, quality: Quality) -> None:
     table = quality_table(segment.info, quality, fit)
     shares = np.multiply(100, quality.car_following)
-    np.testing.assert_allclose(column(table, "Car-following"), shares)
+    np.testing.assert_allclose(column(table, "Moving, time gap ≤ 2 s"), shares)
     assert column(table, "α", "Least-squares estimate") == LEARNED.alpha.tolist()
     np.testing.assert_array_equal(column(table, "Condition number"), quality.condition)
 

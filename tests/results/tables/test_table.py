@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from accpinn.results.tables.table import ABSENT, Column, Range, Table, between, latex
+from accpinn.results.tables.table import ABSENT, Column, Estimate, Range, Table, between, latex
 
 NASTY = ["<script>alert(1)</script>", "A&B_50%$x$^2", r"\input{secret}~#{}"]
 INF, NAN = float("inf"), float("nan")
@@ -90,6 +90,22 @@ class TestText:
     def test_a_table_without_caption_and_groups_is_its_rows(self) -> None:
         table = Table.of("", [(Column("Vehicle"), ["a"]), (Column("Gap", "m", 1), [2.0])])
         assert table.to_text() == "Vehicle  Gap [m]\na            2.0"
+
+
+@pytest.mark.parametrize(
+    ("cell", "shown"),
+    [
+        (Estimate(0.014712, 0.0095, 0.0198), "0.0147 (0.0095–0.0198)"),
+        (Estimate(0.0864, 0.057, 0.0921), "0.086 (0.057–0.092)"),
+        (Estimate(1.5203, 1.29, 1.89), "1.52 (1.29–1.89)"),
+        (Estimate(3.0, 0.0, 60.0), "3 (0–60)"),
+        (Estimate(1.5203, 1.29, np.inf), "1.52 (1.29 or more)"),
+        (Estimate(0.2, np.nan, np.nan), "0.20 (–)"),
+        (Estimate(np.nan, 1.0, 1.4), "– (1.00–1.40)"),
+    ],
+)
+def test_an_estimate_has_the_digits_that_its_interval_supports(cell: Estimate, shown: str) -> None:
+    assert Column("x", digits=4).shown(cell) == shown
 
 
 class TestCsv:

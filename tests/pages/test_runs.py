@@ -1,0 +1,73 @@
+"""Finished runs of a session: nothing vanishes with a new recording, a reload or a restart."""
+
+from dataclasses import replace
+
+import pytest
+
+from accpinn.methods import least_squares
+from accpinn.methods.fit import Outcome
+from accpinn.recordings.recording import Window
+from accpinn.tasks.task import TrainingRequest, training_task
+from pages.ui.data.sources import FIRST_SAMPLE, SAMPLES, sample
+from pages.ui.session import runs, sessions
+from pages.ui.session.workspace import Workspace
+from tests.support.apptest import TRAIN, choose, fitted, open_page, press, texts, workspace_of
+
+pytestmark = pytest.mark.usefixtures("fresh_server")
+
+
+def train(found: Workspace, case: str, outcome: Outcome = Outcome.CONVERGED) -> None:
+    """Give the session another finished training of its window."""
+    fit = replace(least_squares.fit(found.segment, case), outcome=outcome)
+    found.training = training_task(found.id, TrainingRequest(found.segment, case, None))
+    found.training.answer(fit)
+
+
+def test_runs_survive_another_recording_and_a_restart_and_are_restored() -> None:
+    found = fitted(Window(0.0, 60.0))
+    before = found.fit.parameters
+    found.open(*sample(SAMPLES / "synthetic_vicolungo_like.csv"))
+    assert found.fit is None
+    (run,) = found.runs.entries()
+    assert (run.source, run.window) == (FIRST_SAMPLE.name, "0–60 s")
+
+    sessions.workspaces.clear()  # as a restart of the server
+    page = open_page(TRAIN, session=found.id)
+    again = workspace_of(page)
+    assert again is not found
+    assert again.id == found.id
+    press(page, "runs_restore")
+    assert again.fit.parameters == before
+    assert again.recording is not None, "a sample is opened again"
+    assert again.window == Window(0.0, 60.0)
+    assert not page.error
+    assert f"snapshot={run.id}" not in texts(page)
+
+
+def test_equal_runs_are_kept_once_unfinished_ones_never_and_two_are_compared(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(runs, "KEPT_RUNS", 2)
+    found = fitted(Window(0.0, 60.0))
+    for case, outcome, count in (
+        ("II", Outcome.CONVERGED, 1),
+        ("II", Outcome.CONVERGED, 1),
+        ("I", Outcome.STOPPED, 1),
+        ("I", Outcome.CONVERGED, 2),
+    ):
+        train(found, case, outcome)
+        found.keep_run()
+        assert len(found.runs.entries()) == count
+    page = choose(open_page(TRAIN, found), "runs_compare", True)
+    assert not page.exception
+    assert "What differs" in texts(page)
+    found.choose(window=Window(10.0, 70.0))
+    train(found, "II")
+    found.keep_run()
+    assert len(found.runs.entries()) == 2, "the oldest goes"
+
+
+def test_no_name_leads_out_of_the_folder() -> None:
+    cache = fitted().runs.library.folder.parent.parent
+    for name in ("", "..", "../../x", "a" * 20 + "/..", "short"):
+        assert not runs.is_known(name, cache)
