@@ -1,28 +1,37 @@
-"""The fast preset against the paper's training protocol: real segments, one process, in turn.
+"""The fast preset against the paper's training protocol, and how long the methods take.
 
-The paper's protocol is timed per iteration, by the median, and multiplied by the 20,000 iterations
-its authors need; the fast preset runs to its end, from the first call in the process. Peak memory
-is that of the whole process. Recordings are found through OPENACC_DIR.
+`python -m bench.speed` times what a user waits for: the likelihood with its posterior, the
+calibrated preset, and the comparison of all methods, against what each may take on two processors.
+
+`measure` compares the protocols on real segments, in one process, in turn. The paper's is timed per
+iteration, by the median, and multiplied by the 20,000 iterations its authors need; the fast preset
+runs to its end, from the first call in the process. Peak memory is that of the whole process.
+
+Recordings are found through OPENACC_DIR.
 """
 
 import os
 import resource
 import statistics
 import sys
+import time
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from accpinn.evaluation.closed_loop import surrogate_errors
+from accpinn.inference.intervals import intervals
 from accpinn.methods import splines
 from accpinn.methods.fit import Fit
-from accpinn.methods.pinn.config import FAST
+from accpinn.methods.pinn.config import FAST, preset
 from accpinn.methods.registry import METHODS
 from accpinn.model.cthp import Case
 from accpinn.recordings.openacc import read
 from accpinn.segment.cut import cut
 from accpinn.segment.segment import Segment
+from accpinn.study.comparison import compare
 from bench.paper_protocol import seconds_per_iteration
 
 PAPER_ITERATIONS = 20_000
@@ -144,3 +153,48 @@ def measure(case: BenchCase, paper_iterations: int) -> Timing:
 def _peak_memory_mb() -> float:
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     return peak / 1e6 if sys.platform == "darwin" else peak / 1e3
+
+
+def _likelihood(segment: Segment, case: BenchCase) -> None:
+    intervals(segment, METHODS["maximum-likelihood"].fit(segment, case.case))
+
+
+def _calibrated(segment: Segment, case: BenchCase) -> None:
+    METHODS["pinn"].fit(segment, case.case, preset("calibrated"))
+
+
+def _comparison(segment: Segment, case: BenchCase) -> None:
+    list(compare(segment, case.case, recording=read(folder() / case.file)))
+
+
+GOALS: tuple[tuple[str, Callable[[Segment, BenchCase], None], tuple[float, float]], ...] = (
+    ("likelihood and posterior", _likelihood, (0.5, 2.0)),
+    ("calibrated preset", _calibrated, (1.5, 5.0)),
+    ("all methods, with hold-out", _comparison, (5.0, 9.0)),
+)
+"""What is timed, and the seconds it may take for each of the first two cases."""
+
+
+def main() -> int:
+    """Print the median of several rounds; exit status 1 where one takes longer than it may."""
+    slow = False
+    METHODS["pinn"].fit(CASES[0].segment())  # PyTorch is loaded once
+    for index, case in enumerate(CASES[:2]):
+        print(case.name)
+        for name, work, goals in GOALS:
+            walls, own = [], []
+            for _ in range(ROUNDS):
+                segment = case.segment()  # a new one, of which nothing is remembered
+                began, spent = time.perf_counter(), time.process_time()
+                work(segment, case)
+                walls.append(time.perf_counter() - began)
+                own.append(time.process_time() - spent)
+            wall, goal = statistics.median(walls), goals[index]
+            slow |= wall > goal
+            times = f"{wall:5.2f} s (at most {goal:g})"
+            print(f"  {name:28}{times}; processor {statistics.median(own):.2f} s", flush=True)
+    return int(slow)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
