@@ -98,8 +98,9 @@ def gap_band(segment: Segment, uncertainty: Uncertainty, case: Case) -> GapBand 
     step, rows = stride * segment.sample_time, np.arange(0, segment.samples, stride)
     steps = _Steps.of(uncertainty, sizes[:followers], step)
     gaps = np.full((SIMULATIONS, len(rows), segment.followers), np.nan)
-    measured = np.column_stack([segment.measured_gaps, segment.measured_speeds])[rows]
-    complete: Mask = np.asarray(np.isfinite(measured).all(axis=1))
+    measured = segment.measured_gaps[rows]
+    every = np.hstack([measured, segment.measured_speeds[rows]])
+    complete: Mask = np.asarray(np.isfinite(every).all(axis=1))
     rng = np.random.default_rng(SEED)
     for piece in pieces:
         kept = np.flatnonzero((rows >= piece.first) & (rows <= piece.last))
@@ -110,7 +111,6 @@ def gap_band(segment: Segment, uncertainty: Uncertainty, case: Case) -> GapBand 
             simulated = steps.simulate(segment.speeds[at, 0], *start, rng)
             gaps[:, kept, :followers] = simulated
     lower, upper = interval_ends(gaps, uncertainty.level)
-    measured = segment.measured_gaps[rows]
     inside = np.where(np.isnan(measured - lower), np.nan, (lower <= measured) & (measured <= upper))
     shares = known_mean(inside)
     touching = ((gaps <= 0) & (measured > 0)).any(axis=1).mean(axis=0)

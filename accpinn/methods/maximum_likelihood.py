@@ -178,11 +178,14 @@ def _measured_parts(segments: Sequence[Segment], follower: int) -> list[FloatArr
 def _too_little(segment: Segment, lacking: Sequence[int]) -> str:
     """Which followers are hardly measured, and the cure."""
     least = f"take a window in which at least {LEAST_SAMPLES * SPACING:g} s count and are measured"
-    where = f"{segment.source}: what is left of {segment.window}"
     if len(lacking) == segment.followers:
-        return f"{where} is too short for the likelihood; {least}."
+        left = f"{segment.source}: what is left of {segment.window}"
+        return f"{left} is too short for the likelihood; {least}."
     who = " and ".join(segment.labels[k + 1] for k in lacking)
-    return f"{where} is too short for the likelihood of {who}; choose other vehicles, or {least}."
+    return (
+        f"{segment.source}: too little of {who} is measured at {segment.window} for the likelihood;"
+        f" choose other vehicles, or {least}."
+    )
 
 
 def _complete(measured: FloatArray) -> int:

@@ -1,21 +1,20 @@
 """Methods on one segment, some of them in a second process, as a comparison runs them.
 
 Most methods are loops over small arrays, which threads would not run side by side. The second
-process is an interpreter of its own (`python -m accpinn.study.worker`): a copy of this one is not
-safe beside threads, and `multiprocessing` would run the caller's script again. It takes the longest
-methods first, while the caller works through its list; an estimate is the same wherever it is made.
+process takes the longest methods first, while the caller works through its list; an estimate is the
+same wherever it is made. It is loky's: a copy of this process is not safe beside threads, and the
+standard library's would run the caller's script again.
 """
 
 import os
-import pickle
-import subprocess
-import sys
 import threading
 from collections.abc import Iterable, Mapping
+from concurrent.futures import Future
 from dataclasses import dataclass
 from functools import partial
-from pathlib import Path
 from typing import Any
+
+from loky import ProcessPoolExecutor
 
 from accpinn.errors import AccpinnError
 from accpinn.evaluation.evaluation import Evaluation, evaluate
@@ -31,7 +30,6 @@ from accpinn.units import Seconds
 WORTH: Seconds = 4.0
 """Typical time of the methods below which a second process would hardly have started."""
 POLL: Seconds = 0.1
-ROOT = Path(__file__).parents[2]
 
 Answer = tuple[Fit, Evaluation] | AccpinnError
 """A method's fit with its evaluation, or why it could not serve the segment."""
@@ -83,12 +81,12 @@ class Worker:
             job: the data.
             methods: those it may take.
         """
+        self._job = job
         self._left = sorted(methods, key=lambda key: METHODS[key].typical_seconds)
-        self._running = ""
-        self._answers: dict[str, Answer] = {}
-        self._changed = threading.Condition()
-        self._process: subprocess.Popen[bytes] | None = None
-        threading.Thread(target=self._serve, args=(job,), daemon=True).start()
+        self._answers: dict[str, Future[Answer | None]] = {}
+        self._lock = threading.RLock()
+        self._executor = ProcessPoolExecutor(max_workers=1, env={"OMP_NUM_THREADS": "1"})
+        self._begin_next()
 
     def answer(self, key: str, should_stop: ShouldStop) -> Answer | None:
         """Its answer, waited for; None for a method that is the caller's to run.
@@ -97,73 +95,34 @@ class Worker:
             key: of a method.
             should_stop: asked while waiting; True ends that with None.
         """
-        with self._changed:
+        with self._lock:
             if key in self._left:
                 self._left.remove(key)
-            while key == self._running and not should_stop():
-                self._changed.wait(POLL)
-            return self._answers.get(key)
+            future = self._answers.get(key)
+        while future and not should_stop():
+            try:
+                return future.result(POLL)
+            except TimeoutError:
+                continue
+            except Exception:  # killed, it could not start, or a fault that the caller will meet
+                return None
+        return None
 
     def close(self) -> None:
         """End the process, whatever it is at."""
-        with self._changed:
+        with self._lock:
             self._left.clear()
-            if self._process:
-                self._process.kill()
+        self._executor.shutdown(wait=False, kill_workers=True)
 
-    def _serve(self, job: Job) -> None:
-        try:
-            with self._begin() as process:
-                assert process.stdin
-                assert process.stdout
-                pickle.dump(job, process.stdin)
-                while key := self._next():
-                    pickle.dump(key, process.stdin)
-                    process.stdin.flush()
-                    answer = pickle.load(process.stdout)
-                    with self._changed:
-                        self._answers[key] = answer
-        except (OSError, EOFError, pickle.PickleError):  # killed, or it could not start
-            pass
-        finally:
-            with self._changed:
-                self._left.clear()
-                self._running = ""
-                self._changed.notify_all()
-
-    def _begin(self) -> subprocess.Popen[bytes]:
-        path = os.pathsep.join(filter(None, (str(ROOT), os.environ.get("PYTHONPATH"))))
-        process = subprocess.Popen(
-            [sys.executable, "-m", __name__],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.DEVNULL,
-            env={**os.environ, "PYTHONPATH": path, "OMP_NUM_THREADS": "1"},
-        )
-        with self._changed:
-            self._process = process
-        return process
-
-    def _next(self) -> str:
-        """The longest method that is left; empty where none is."""
-        with self._changed:
-            self._running = self._left.pop() if self._left else ""
-            self._changed.notify_all()
-            return self._running
-
-
-def main() -> int:
-    """Answer the methods named on standard input, for the job that comes first."""
-    answers, sys.stdout = sys.stdout.buffer, sys.stderr
-    job: Job = pickle.load(sys.stdin.buffer)
-    while True:
-        try:
-            key = pickle.load(sys.stdin.buffer)
-        except EOFError:
-            return 0
-        pickle.dump(job.run(key, TaskContext(threads=1)), answers)
-        answers.flush()
-
-
-if __name__ == "__main__":
-    sys.exit(main())
+    def _begin_next(self, _: object = None) -> None:
+        """Begin the longest method that is left; one at a time, so that the caller has a choice."""
+        with self._lock:
+            if self._left:
+                key = self._left.pop()
+                try:
+                    future = self._executor.submit(self._job.run, key, TaskContext(threads=1))
+                except (RuntimeError, OSError):  # ended, or it could not start
+                    self._left.clear()
+                else:
+                    self._answers[key] = future
+                    future.add_done_callback(self._begin_next)

@@ -48,6 +48,7 @@ def test_rows_pictures_warnings_starts_and_earlier_fits(found: Workspace) -> Non
     assert "The estimates differ most in" in shown
     for part in ("Agreement of the methods", "Identifiability", "Model adequacy"):
         assert part in shown
+    assert "the disturbance has a standard deviation of" in plain(page)
     assert "Earlier fits" not in shown
     page.selectbox(key="compare_method").set_value("Splines").run()
     assert "Splines against the data" in everything(page)

@@ -1,6 +1,5 @@
 """The second process of a comparison: the same answers, and none where it cannot give any."""
 
-import sys
 import time
 
 import numpy as np
@@ -43,7 +42,7 @@ def test_it_answers_as_the_caller_would(job: Job) -> None:
 
 
 def test_what_it_cannot_start_is_the_callers(job: Job, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(sys, "executable", "/nowhere/python")
+    monkeypatch.setattr("sys.executable", "/nowhere/python")
     worker = Worker(job, ["splines"])
     assert worker.answer("splines", never) is None
     worker.close()

@@ -3,13 +3,15 @@
 from math import isfinite, isinf, isnan
 from typing import Any
 
+import numpy as np
+
 from accpinn.errors import Finding
 from accpinn.evaluation.evaluation import Evaluation
 from accpinn.inference.identifiability import narrower_intervals, weakly_identified
 from accpinn.inference.intervals import Uncertainty
 from accpinn.methods.registry import METHODS
 from accpinn.model.cthp import Parameters
-from accpinn.results.messages import message, messages
+from accpinn.results.messages import joined, message, messages
 from accpinn.results.messages.data import FLAGS
 from accpinn.results.messages.methods import unfinished
 from accpinn.results.messages.stability import headline
@@ -50,6 +52,7 @@ def summary(snapshot: Snapshot) -> tuple[str, ...]:
         chosen = learned_parameters(info, fit)
         sentences.append(headline(chosen, snapshot.stability, uncertainty))
     if uncertainty and not unfinished(fit):
+        sentences.append(_outside(snapshot, uncertainty))
         sentences.append(_probability(snapshot, uncertainty))
     if snapshot.evaluation:
         sentences += [
@@ -85,6 +88,20 @@ def headway_words(uncertainty: Uncertainty | None, follower: int) -> str:
 def _followers(snapshot: Snapshot) -> str:
     labels = snapshot.info.labels[1:]
     return labels[0] if len(labels) == 1 else f"{len(labels)} vehicles"
+
+
+def _outside(snapshot: Snapshot, uncertainty: Uncertainty) -> str:
+    """Whose estimates lie outside their intervals; empty where none does."""
+    labels = snapshot.info.labels[1:]
+    outside: list[bool] = np.any(~uncertainty.inside, axis=1).tolist()
+    who = [label for label, yes in zip(labels, outside, strict=True) if yes]
+    if not who:
+        return ""
+    percent = f"{100 * uncertainty.level:.0f} %"
+    return (
+        f"Some estimates of {joined(who)} lie outside their {percent} intervals; the notes on the"
+        " parameters say why, and give those of maximum likelihood."
+    )
 
 
 def _probability(snapshot: Snapshot, uncertainty: Uncertainty) -> str:

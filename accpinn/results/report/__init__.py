@@ -296,7 +296,7 @@ def fit_pictures(snapshot: Snapshot) -> Iterator[Picture]:
         covered = [one for one in coverages if one.vehicle == vehicle]
         size = [one for one in sizes if one.vehicle in (0, vehicle)]
         said = messages((*covered, *size), info)
-        caption = " ".join([f"{label}: space-gap and speed.", *said])
+        caption = " ".join(said) or f"{label}: space-gap and speed."
         yield Picture(f"fit_{k + 1}", figure, caption)
 
 

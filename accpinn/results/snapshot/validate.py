@@ -11,8 +11,9 @@ from accpinn.channels import PARAMETERS
 from accpinn.inference.intervals import Interval, Uncertainty
 from accpinn.inference.model_adequacy import Adequacy
 from accpinn.methods.fit import Fit
+from accpinn.methods.maximum_likelihood import KEY
 from accpinn.methods.registry import METHODS
-from accpinn.methods.state_space import EXTRA
+from accpinn.methods.state_space import COMMON, EXTRA
 from accpinn.methods.store import FIT_SHAPES
 from accpinn.results.snapshot import LONGEST_NAME, Snapshot, check_length
 from accpinn.segment.segment import BlocksMissing, SegmentInfo
@@ -107,6 +108,7 @@ def validate(snapshot: Snapshot) -> None:
         same = snapshot.segment.info == info
         _require(same, "its data are not the window that the result was learned from")
     _check_fit(snapshot.fit)
+    _check_disturbance(snapshot.fit, info)
     if snapshot.uncertainty:
         _check_uncertainty(snapshot.uncertainty)
     if snapshot.stability:
@@ -147,6 +149,15 @@ def _check_fit(fit: Fit) -> None:
     checked(fit.parameters)
     if fit.surrogate:
         _check_times(fit.surrogate.time)
+
+
+def _check_disturbance(fit: Fit, info: SegmentInfo) -> None:
+    shapes = {"disturbance": (info.samples, info.followers)}
+    if fit.method == KEY:
+        shapes["unknowns"] = (info.followers, len(COMMON))
+    for name, shape in shapes.items():
+        fits = name not in fit.arrays or fit.arrays[name].shape == shape
+        _require(fits, f"the {name} of the likelihood are not of the window")
 
 
 def _check_times(time: FloatArray) -> None:

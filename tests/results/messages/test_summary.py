@@ -37,6 +37,16 @@ def test_title_agrees_in_number() -> None:
     assert "follows the vehicle ahead" in title(replace(small(), name=""))
 
 
+def test_estimates_outside_their_intervals_are_named_at_once() -> None:
+    uncertainty = whole().uncertainty
+    assert uncertainty is not None
+    inside = np.ones_like(uncertainty.inside)
+    assert "outside" not in said(replace(whole(), uncertainty=replace(uncertainty, inside=inside)))
+    inside[1, 0] = False
+    text = said(replace(whole(), uncertainty=replace(uncertainty, inside=inside)))
+    assert f"Some estimates of {whole().info.labels[2]} lie outside" in text
+
+
 def test_summary_gives_parameters_with_intervals_and_probabilities() -> None:
     text, uncertainty = said(whole()), whole().uncertainty
     assert uncertainty is not None

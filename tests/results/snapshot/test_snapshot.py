@@ -98,6 +98,11 @@ class TestRoundTrip:
         with pytest.raises(SnapshotError, match="a vehicle that is none"):
             load(to_bytes(replace(small(), adequacy=delayed(vehicle=7))))
 
+    def test_a_disturbance_of_another_window_is_refused(self) -> None:
+        fit = replace(small().fit, arrays={"disturbance": np.zeros((3, 1))})
+        with pytest.raises(SnapshotError, match="not of the window"):
+            load(to_bytes(replace(small(), fit=fit)))
+
     def test_without_data_it_has_no_data(self) -> None:
         segment, fit = trained()
         data = to_bytes(create(segment, fit))
