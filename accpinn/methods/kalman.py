@@ -25,10 +25,12 @@ from accpinn.units import FloatArray, Mask
 
 SETTLED = 1e-13
 """Largest change of the covariance in a step, in units of its deviations, taken for none."""
-CHUNK = 60_000
-"""Instants times models to which constant gains are applied at once; it bounds the memory."""
-WIDTH = 400
-"""Blocks times models that `recursion` takes on at once; with more, nothing is gained."""
+CHUNK = 256
+"""Instants to which constant gains are applied at once."""
+STRETCH = 1_000_000
+"""Instants times models that a step of constant gains covers at most, which bounds the memory."""
+FEW = 8
+"""Models up to which `recursion` takes on blocks of time together; with more, nothing is gained."""
 LOG_TWO_PI = float(np.log(2 * np.pi))
 
 
@@ -63,8 +65,8 @@ def log_likelihood(model: StateSpace, measured: FloatArray) -> FloatArray:
     total = np.zeros(measured.shape[2])
     for columns in _alike(measured):
         for step in _filtered(model.of(columns), _measured_part(measured[:, :, columns])):
-            total[columns] += step.log_density
-    return total
+            total[columns] = step.added_to(total[columns])
+    return -0.5 * total
 
 
 def innovations(model: StateSpace, measured: FloatArray) -> tuple[FloatArray, Innovations]:
@@ -74,12 +76,12 @@ def innovations(model: StateSpace, measured: FloatArray) -> tuple[FloatArray, In
     total = np.zeros(measured.shape[2])
     for columns in _alike(measured):
         for step in _filtered(model.of(columns), _measured_part(measured[:, :, columns])):
-            total[columns] += step.log_density
+            total[columns] = step.added_to(total[columns])
             variances = np.where(np.isinf(step.variances), 1.0, step.variances)
             for k, row in enumerate(step.rows):
                 found.errors[step.at, row, columns] = step.errors[:, k]
                 found.variances[step.at, row, columns] = variances[k]
-    return total, found
+    return -0.5 * total, found
 
 
 def _alike(measured: FloatArray) -> Iterator[Columns]:
@@ -138,13 +140,18 @@ class _Step(NamedTuple):
         """The instants."""
         return slice(self.first, self.first + len(self.states))
 
-    @property
-    def log_density(self) -> FloatArray:
-        """(B,): what the measurements add to log L."""
-        logs = np.log(self.variances) + LOG_TWO_PI
-        constant = np.where(np.isinf(logs), 0.0, logs).sum(axis=0)
-        squares = (self.errors**2 / self.variances).sum(axis=(0, 1))
-        return np.asarray(-0.5 * (squares + len(self.states) * constant))
+    def added_to(self, total: FloatArray) -> FloatArray:
+        """(B,): a total of -2 log L with these measurements."""
+        if self.constant is None:
+            for error, variance in zip(self.errors[0], self.variances, strict=True):
+                density = error**2 / variance + np.log(variance) + LOG_TWO_PI
+                total = total + np.where(np.isinf(variance), 0.0, density)
+            return total
+        for begin in range(0, len(self.errors), CHUNK):
+            part = self.errors[begin : begin + CHUNK]
+            total = total + (part**2 / self.variances).sum(axis=(0, 1))
+        constant = (np.log(self.variances) + LOG_TWO_PI).sum(axis=0)
+        return np.asarray(total + len(self.errors) * constant)
 
 
 def _filtered(model: StateSpace, measured: FloatArray) -> Iterator[_Step]:
@@ -154,7 +161,7 @@ def _filtered(model: StateSpace, measured: FloatArray) -> Iterator[_Step]:
     everywhere: Mask = np.asarray(known.all(axis=2))
     whole: Mask = np.asarray(everywhere.all(axis=1))
     samples, _, count = measured.shape
-    width = max(1, CHUNK // count)
+    width = max(CHUNK, STRETCH // count)
     state, covariance = model.first, model.first_covariance
     back = np.ascontiguousarray(model.transition.transpose(1, 0, 2))
     k = 0
@@ -236,13 +243,19 @@ class _ConstantGain:
         self, measured: FloatArray, state: FloatArray, covariance: FloatArray, first: int
     ) -> tuple[_Step, FloatArray]:
         """Filter on over measurements (K, 3, B); also the state predicted after them."""
-        driven = np.einsum("ijb,kjb->kib", self.drive, measured)
-        states = recursion(self.transition, driven, state)
-        surprises = measured - states[:-1, : len(OBSERVED)]
-        errors = np.einsum("ijb,kjb->kib", self.whitening, surprises)
+        states = np.empty((len(measured), *state.shape))
+        errors = np.empty(measured.shape)
+        for begin in range(0, len(measured), CHUNK):
+            part = slice(begin, min(begin + CHUNK, len(measured)))
+            driven = np.einsum("ijb,kjb->kib", self.drive, measured[part])
+            reached = recursion(self.transition, driven, state)
+            states[part], state = reached[:-1], reached[-1]
+            surprises = measured[part] - states[part, : len(OBSERVED)]
+            errors[part] = np.einsum("ijb,kjb->kib", self.whitening, surprises)
         rows = tuple(range(len(OBSERVED)))
-        of = (states[:-1], covariance, errors, self.variances, self.gains, self)
-        return _Step(first, rows, *of), states[-1]
+        return _Step(
+            first, rows, states, covariance, errors, self.variances, self.gains, self
+        ), state
 
     def backward(
         self, errors: FloatArray, says: FloatArray, sure: FloatArray
@@ -284,7 +297,13 @@ def recursion(transition: FloatArray, driven: FloatArray, state: FloatArray) -> 
         (K+1, n, B).
     """
     samples, size, count = driven.shape
-    blocks = max(1, min(int(samples**0.5), WIDTH // count))
+    if count > FEW:
+        every = np.empty((samples + 1, size, count))
+        every[0] = state
+        for k, push in enumerate(driven):
+            every[k + 1] = _times(transition, every[k]) + push
+        return every
+    blocks = max(1, int(samples**0.5))
     length = samples // blocks + 1
     pushes = np.zeros((blocks * length, size, count))
     pushes[:samples] = driven
@@ -297,13 +316,12 @@ def recursion(transition: FloatArray, driven: FloatArray, state: FloatArray) -> 
 
     now = np.empty((size, blocks, count))
     now[:, 0] = state
-    if blocks > 1:
-        reached = np.zeros((size, blocks, count))
-        for push in pushes:
-            reached = onward(reached, push)
-        power = np.linalg.matrix_power(transition.transpose(2, 0, 1), length).transpose(1, 2, 0)
-        for k in range(1, blocks):
-            now[:, k] = _times(power, now[:, k - 1]) + reached[:, k - 1]
+    reached = np.zeros((size, blocks, count))
+    for push in pushes:
+        reached = onward(reached, push)
+    power = np.linalg.matrix_power(transition.transpose(2, 0, 1), length).transpose(1, 2, 0)
+    for k in range(1, blocks):
+        now[:, k] = _times(power, now[:, k - 1]) + reached[:, k - 1]
     states = np.empty((length, size, blocks, count))
     for k, push in enumerate(pushes):
         states[k] = now

@@ -318,8 +318,9 @@ class Criterion:
         variances = found.variances.reshape(errors.shape)
         slope = (errors[..., 1::2] - errors[..., 2::2]) / np.sqrt(variances[..., :1])
         growth = np.log(variances[..., 1::2] / variances[..., 2::2]) / np.sqrt(2.0)
-        both = np.concatenate([slope, growth]).transpose(1, 2, 0)
-        information = both @ both.transpose(0, 2, 1)
+        information = sum(
+            np.einsum("tbi,tbj->bij", one, one, optimize=True) for one in (slope, growth)
+        )
         value, gradient = self.log_prior(z), -(z - self.start) * self._weight
         curvature = np.tile(np.diag(self._weight), (len(z), 1, 1))
         step = 2 * DIFFERENCE
