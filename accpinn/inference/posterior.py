@@ -40,6 +40,8 @@ TRUST = 10.0
 """Effective draws at which a covariance of draws counts half."""
 LEAST_PRECISION = 0.25
 """In any direction, of the first proposal: a flat criterion is no reason to look far away."""
+ROUNDING = 1e-12
+"""Share of a proposal's variance that stands for none."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -174,11 +176,13 @@ class _Proposal:
 
     def draw(self, count: int, rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
         """Draws (count, P), and ln of their density (count,) up to a constant."""
-        values, vectors = np.linalg.eigh(self.scale)
-        # An eigenvector's sign is the library's choice; the draws are to be the same everywhere.
-        vectors = vectors * np.sign(vectors[np.abs(vectors).argmax(axis=0), range(len(values))])
-        moving = values > 1e-14 * values.max()
-        root = vectors[:, moving] * np.sqrt(values[moving]) * INFLATION
+        # Unlike a root by eigenvectors, Cholesky's hardly changes where the matrix hardly does, so
+        # that the draws are the same wherever they are made.
+        variances = np.diag(self.scale)
+        free = variances > ROUNDING * variances.max()
+        part = self.scale[np.ix_(free, free)] + np.diag(ROUNDING * variances[free])
+        root = np.zeros((len(free), len(part)))
+        root[free] = np.linalg.cholesky(part) * INFLATION
         size = root.shape[1]
         normal = rng.standard_normal((count, size))
         stretch = FREEDOM / rng.chisquare(FREEDOM, count)
