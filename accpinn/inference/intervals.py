@@ -43,6 +43,7 @@ DRAWS = 2000
 """Of equal weight, for ends of intervals, bands and clouds."""
 SLACK = 0.04
 """Of an interval's width: its ends are drawn, and move by up to as much from seed to seed."""
+ENDS = ("centre", "lower", "upper")
 
 Cause = Literal["disturbances", "apart", "unfinished", "stopped", "diverged"]
 CAUSES: dict[Outcome, Cause] = {
@@ -146,13 +147,42 @@ def intervals(
         raise ConfigError(f"draws: {draws} is not allowed; choose at least 2, as {DRAWS}.")
     started = time.perf_counter()
     segments = (segment,) if isinstance(segment, Segment) else tuple(segment)
-    shared = _shared(segments, fit.case, level, draws)
-    inside = within(fit.parameters.values, shared.lower.values, shared.upper.values)
-    judged = replace(shared, inside=inside)
-    return replace(
-        judged,
-        findings=tuple(_findings(segments[0], fit, judged)),
-        seconds=time.perf_counter() - started,
+    found = judged(_shared(segments, fit.case, level, draws), segments[0], fit)
+    return replace(found, seconds=time.perf_counter() - started)
+
+
+def judged(uncertainty: Uncertainty, segment: Segment, fit: Fit) -> Uncertainty:
+    """The same, with a fit's estimates held against the intervals.
+
+    Args:
+        uncertainty: of the segment's M followers.
+        segment: the data.
+        fit: any method's estimate on them.
+    """
+    inside = within(fit.parameters.values, uncertainty.lower.values, uncertainty.upper.values)
+    found = replace(uncertainty, inside=inside)
+    return replace(found, findings=tuple(_findings(segment, fit, found)))
+
+
+def agree(one: Uncertainty, other: Uncertainty) -> bool:
+    """Whether two may be of the same data: estimates, ends and probabilities differ by `SLACK`.
+
+    Processors round differently, and a draw more or less beyond an end moves it.
+    """
+    if one.draws.values.shape != other.draws.values.shape or one.level != other.level:
+        return False
+    spread = SLACK * (other.upper.values - other.lower.values)
+    pairs = [(getattr(one, n).values, getattr(other, n).values, spread) for n in ENDS]
+    for name in ("peak_gain", "linf_gain", "crossover"):
+        old, new = getattr(one, name), getattr(other, name)
+        spread = SLACK * (new.upper - new.lower)
+        pairs += [(old.lower, new.lower, spread), (old.upper, new.upper, spread)]
+    for name in ("probability_l2", "probability_linf"):
+        pairs.append((getattr(one, name), getattr(other, name), np.full(1, SLACK)))
+    return all(
+        np.shape(old) == np.shape(new)
+        and bool(np.all((np.abs(old - new) <= spread) | (np.isnan(old) & np.isnan(new))))
+        for old, new, spread in pairs
     )
 
 
@@ -201,8 +231,18 @@ def gain_band(uncertainty: Uncertainty, follower: int, omega: FloatArray) -> Int
 def _shared(segments: tuple[Segment, ...], case: Case, level: float, draws: int) -> Uncertainty:
     """What does not depend on the fit; many methods on one segment share it."""
     centre, theta = _sample(segments, case, draws)
-    known = ~np.isnan(theta[0, :, 0])
-    sampled = Parameters.from_theta(theta)
+    return from_draws(centre, Parameters.from_theta(theta), level)
+
+
+def from_draws(centre: Parameters, sampled: Parameters, level: float) -> Uncertainty:
+    """All that follows from draws of the posterior.
+
+    Args:
+        centre: (M,) the maximum-likelihood estimate; nan for followers that are not determined.
+        sampled: (n, M) of equal weight; nan for these.
+        level: of the intervals.
+    """
+    known = ~np.isnan(sampled.alpha[0])
     lower, upper = interval_ends(sampled.values, level)
     lower = np.where(centre.values == 0.0, 0.0, lower)
     return Uncertainty(

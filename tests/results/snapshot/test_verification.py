@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from accpinn.evaluation.evaluation import pooled_holdout_errors
+from accpinn.inference.intervals import from_draws, judged
 from accpinn.methods import splines
 from accpinn.methods.fit import Outcome
 from accpinn.model.cthp import Parameters
@@ -158,7 +159,20 @@ class TestForged:
         forged = replace(uncertainty, **{figure: kind(other)})
         found = fault(verify(replace(small(), uncertainty=forged)))
         assert found.part == "uncertainty"
-        assert found.place.startswith(figure)
+        # Forged draws are found by what follows from them.
+        assert figure == "draws" or found.place.startswith(figure)
+
+    @pytest.mark.parametrize(("factor", "ok"), [(1.0 + 1e-5, True), (1.2, False)])
+    def test_draws_of_another_processor_pass_and_others_do_not(
+        self, factor: float, ok: bool
+    ) -> None:
+        segment, fit, uncertainty = small().segment, small().fit, small().uncertainty
+        assert segment is not None
+        assert uncertainty is not None
+        draws = Parameters.of(uncertainty.draws.values * factor)
+        other = judged(from_draws(uncertainty.centre, draws, uncertainty.level), segment, fit)
+        found = verify(replace(small(), uncertainty=other))
+        assert [check.ok for check in found.checks if check.part == "uncertainty"] == [ok]
 
     def test_intervals_of_another_method_unless_of_another_version(self) -> None:
         older = replace(small().uncertainty, method="an older one", lower=Parameters([0], [0], [0]))  # type: ignore[type-var]
