@@ -94,7 +94,8 @@ def show_result(workspace: Workspace) -> None:
     estimates |= {"Truth": truth} if truth else {}
     st.subheader("Comparison with least squares", anchor=False)
     colours = show.vehicle_colours(segment, tables.parameter_rows(segment.info, fit.case))
-    show.table(tables.comparison_table(segment.info, estimates, fit.case), colours)
+    table = tables.comparison_table(segment.info, estimates, fit.case, workspace.uncertainty())
+    show.table(table, colours)
     st.subheader("Network against data", anchor=False)
     follower = pick_follower(segment, "train_follower")
     show.chart(figures.tracking(segment, follower, fit.surrogate, driven), "train_tracking")
