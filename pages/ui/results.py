@@ -102,7 +102,8 @@ def show_result(workspace: Workspace) -> None:
     estimates |= {"Truth": truth} if truth else {}
     st.subheader("Comparison with least squares and maximum likelihood", anchor=False)
     colours = show.vehicle_colours(segment, tables.parameter_rows(segment.info, fit.case))
-    show.table(tables.comparison_table(segment.info, estimates, fit.case), colours)
+    table = tables.comparison_table(segment.info, estimates, fit.case, workspace.uncertainty())
+    show.table(table, colours)
     st.subheader("Network against data", anchor=False)
     follower = pick_follower(segment, "train_follower")
     _show_tracking(workspace, segment, follower, fit, driven, "network", "train_tracking")

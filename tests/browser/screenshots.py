@@ -13,9 +13,10 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-from playwright.sync_api import Browser, Page
+from playwright.sync_api import Browser, Page, expect
 
 from tests.browser.running import (
+    PATIENCE_MS,
     ROOT,
     TRAINING_MS,
     chart,
@@ -262,6 +263,7 @@ def main(arguments: list[str]) -> None:
     folder = Path(arguments[0] if arguments else ROOT / "tests" / "browser" / "shots")
     folder.mkdir(parents=True, exist_ok=True)
     chosen = [scene for scene in SCENES if not arguments[1:] or scene.__name__ in arguments[1:]]
+    expect.set_options(timeout=PATIENCE_MS)
     chromium = os.environ.get("CHROMIUM") or shutil.which("chromium") or "chromium"
     for theme in THEMES:
         for width in WIDTHS:

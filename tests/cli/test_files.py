@@ -118,4 +118,4 @@ def test_info_has_the_document_of_the_contract(capsys: Capture) -> None:
     assert main(["info", str(STUDY)]) == 0
     text = capsys.readouterr().out
     assert "300 s in 3001 samples of 0.1 s" in text
-    assert "2 Synthetic(ACC)" in text
+    assert "2 Synthetic (ACC)" in text

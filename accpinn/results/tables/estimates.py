@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
+from itertools import repeat
 from typing import Any
 
 import numpy as np
@@ -16,7 +17,7 @@ from accpinn.methods.registry import METHODS
 from accpinn.methods.state_space import Form
 from accpinn.model.cthp import Case, Parameters
 from accpinn.model.published import ParameterSet
-from accpinn.results.tables.table import Cell, Column, Estimate, Range, Table
+from accpinn.results.tables.table import Cell, Column, Estimate, Range, Table, supported_digits
 from accpinn.segment.quality import Quality, Regimes
 from accpinn.segment.segment import SegmentInfo
 from accpinn.study.comparison import FitRecord, MethodResult, differences
@@ -167,16 +168,23 @@ def _probability_cells(uncertainty: Uncertainty) -> Iterator[Filled]:
 
 
 def comparison_table(
-    info: SegmentInfo, estimates: Mapping[str, Parameters], case: Case = "II"
+    info: SegmentInfo,
+    estimates: Mapping[str, Parameters],
+    case: Case = "II",
+    uncertainty: Uncertainty | None = None,
 ) -> Table:
-    """One row a follower, or one for all that share their parameters.
+    """One row a follower: for each parameter, what each method finds, or the truth.
 
-    For each parameter, what each method finds, or the truth.
+    Args:
+        info: of the segment with M followers.
+        estimates: (M,) by method.
+        case: in Case I all followers share one row.
+        uncertainty: limits the digits to those that the intervals support.
     """
-    numbers = parameter_rows(info, case)
+    numbers, columns = parameter_rows(info, case), supported_columns(uncertainty)
     filled = [
         (Column(name, "", column.digits, column.heading), parameters.values[: len(numbers), k])
-        for k, column in enumerate(PARAMETER_COLUMNS)
+        for k, column in enumerate(columns)
         for name, parameters in estimates.items()
     ]
     followers = (Column("Vehicle"), _labels(info, numbers))
@@ -396,9 +404,25 @@ def sensitivity_table(
     return Table.of(f"{info.labels[follower + 1]}, {where(info)}", filled)
 
 
-def parameter_cells(parameters: Parameters, group: str = "", above: int = 0) -> Iterator[Filled]:
+def supported_columns(uncertainty: Uncertainty | None) -> tuple[Column, ...]:
+    """The columns of α, β and τ with the digits that the narrowest interval supports."""
+    if uncertainty is None:
+        return PARAMETER_COLUMNS
+    lower, upper = uncertainty.lower.values.T.tolist(), uncertainty.upper.values.T.tolist()
+    return tuple(
+        replace(column, digits=max(map(supported_digits, low, high, repeat(column.digits or 0))))
+        for column, low, high in zip(PARAMETER_COLUMNS, lower, upper, strict=True)
+    )
+
+
+def parameter_cells(
+    parameters: Parameters,
+    group: str = "",
+    above: int = 0,
+    columns: Sequence[Column] = PARAMETER_COLUMNS,
+) -> Iterator[Filled]:
     """α, β and τ (K, 3) as three columns below ``above`` empty cells."""
-    for column, values in zip(PARAMETER_COLUMNS, parameters.values.T, strict=True):
+    for column, values in zip(columns, parameters.values.T, strict=True):
         named = replace(column, group=group, key="" if group else column.key)
         yield named, _absent(above, values)
 

@@ -9,7 +9,13 @@ from accpinn.inference.intervals import Interval, Uncertainty
 from accpinn.model.cthp import Parameters
 from accpinn.model.published import ParameterSet
 from accpinn.platoon.simulation import PlatoonRun
-from accpinn.results.tables.estimates import PROBABILITY, Filled, driver_cells, parameter_cells
+from accpinn.results.tables.estimates import (
+    PROBABILITY,
+    Filled,
+    driver_cells,
+    parameter_cells,
+    supported_columns,
+)
 from accpinn.results.tables.table import Cell, Column, Range, Table
 from accpinn.stability.report import StabilityReport, Verdict
 from accpinn.units import FloatArray
@@ -37,7 +43,10 @@ def stability_table(
         [
             (Column("Vehicle"), vehicles.labels),
             *driver_cells(vehicles.drivers),
-            *parameter_cells(Parameters.stack(vehicle.parameters for vehicle in found)),
+            *parameter_cells(
+                Parameters.stack(vehicle.parameters for vehicle in found),
+                columns=supported_columns(uncertainty),
+            ),
             *_probability(L2, uncertainty.probability_l2 if uncertainty else None),
             (Column("Stable", group=L2), [answer(v.l2) for v in found]),
             (Column("Peak", "dB", MAGNITUDE.digits, L2), [v.peak.db for v in found]),

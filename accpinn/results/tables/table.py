@@ -127,16 +127,9 @@ class Column:
 
     def _estimate(self, cell: Estimate) -> str:
         """As "0.0147 (0.0095–0.0198)"."""
-        column = replace(self, digits=self._supported(cell))
+        column = replace(self, digits=supported_digits(cell.low, cell.high, self.digits or 0))
         ends = column.shown(Range(cell.low, cell.high)).replace(" to ", "–")
         return f"{column.shown(cell.value)} ({ends})"
-
-    def _supported(self, cell: Estimate) -> int:
-        """Digits such that the last one is the second of the interval's half-width."""
-        digits, half = self.digits or 0, (cell.high - cell.low) / 2
-        if not math.isfinite(half):
-            return max(0, digits - 2)
-        return min(digits, max(0, 1 - math.floor(math.log10(half)))) if half > 0 else digits
 
     def _range(self, cell: Range) -> str:
         low, high = (math.isfinite(end) for end in cell)
@@ -147,6 +140,15 @@ class Column:
         if low:
             return f"{self.shown(cell.low)} or more"
         return f"up to {self.shown(cell.high)}" if high else "anything"
+
+
+def supported_digits(low: float, high: float, most: int) -> int:
+    """Digits after the point such that the last one is the second of the interval's half-width."""
+    half = (high - low) / 2
+    if not math.isfinite(half):
+        return max(0, most - 2)
+    decade = math.floor(math.log10(half) + 1e-9) if half > 0 else -most
+    return min(most, max(0, 1 - decade))
 
 
 def between(low: float, high: float, digits: int) -> str:

@@ -49,7 +49,8 @@ class Chosen:
     @property
     def origin(self) -> str:
         """Source and title, for the headline."""
-        return f"{SOURCES[self.source]}: {self.vehicles.title}"
+        kind = SOURCES[self.source]
+        return kind if self.source == "hand" else f"{kind}: {self.vehicles.title}"
 
     @property
     def missing(self) -> str:

@@ -12,6 +12,7 @@ from accpinn.methods.fit import History
 from accpinn.model.cthp import Parameters, Trajectories
 from accpinn.recordings.openacc import read
 from accpinn.results.figures import style, training
+from accpinn.results.tables.estimates import EVERY_FOLLOWER
 from accpinn.segment.cut import cut
 from accpinn.segment.segment import Segment
 from tests.support.figures import legend, named, names
@@ -103,7 +104,7 @@ class TestParameters:
 
     def test_case_one_is_one_line_for_all(self, segment: Segment) -> None:
         figure = training.parameter_history(history(sets=1), 2, segment.info)
-        assert names(figure) == ["all followers"]
+        assert names(figure) == [EVERY_FOLLOWER]
 
 
 class TestTracking:

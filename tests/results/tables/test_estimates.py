@@ -106,6 +106,8 @@ def test_intervals_stand_beside_the_parameters(
     assert column(alone, "β", "90 % interval") == [Range(0.05, 0.09), Range(0.1, 0.2)]
     shared = replace(fit, case="I", parameters=Parameters.stack([LEARNED[0]] * 2))
     once = parameter_table(segment.info, shared, quality, errors(0.01), errors(1.0), uncertainty)
+    beside = comparison_table(segment.info, {"PiNN": LEARNED}, "II", uncertainty)
+    assert [c.digits for c in beside.columns] == [None, 3, 3, 2], "as the intervals support"
     labels = ["1 Audi (A8)", EVERY_FOLLOWER, "2 BMW", "3 Tesla"]
     assert column(once, "Vehicle") == labels
     assert [cell is None for cell in column(once, "τ", group)] == [True, False, True, True]
