@@ -59,6 +59,8 @@ def show_training(training: Task[Fit], truth: Parameters | None, running: bool) 
     history, request = training.history(), training.request
     if history is None or request is None:
         return
+    if not running:
+        st.subheader("Training", anchor=False)
     if not running or history.seconds[-1] > FIRST_DRAWING:
         _show_history(history, request.segment.info, "train", truth)
         st.caption(

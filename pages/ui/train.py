@@ -8,9 +8,10 @@ import streamlit as st
 
 from accpinn.channels import PARAMETERS
 from accpinn.errors import ConfigError
+from accpinn.methods.fit import Fit
 from accpinn.methods.pinn.config import PRESETS, STARTS, PinnConfig
 from accpinn.methods.pinn.method import WarmStart
-from accpinn.tasks.task import Status
+from accpinn.tasks.task import Status, Task
 from pages.ui.components import frame, show
 from pages.ui.components.monitor import monitor, stop_button
 from pages.ui.components.widgets import bound, segments, select
@@ -53,10 +54,7 @@ def _show_page(workspace: Workspace) -> None:
     _controls(workspace)
     _continue_button(workspace)
     if training := workspace.training:
-        truth = workspace.true_parameters
-        monitor(workspace, training, lambda running: show_training(training, truth, running))
-        if not training.is_active:
-            show_result(workspace)
+        monitor(workspace, training, lambda running: _show_run(workspace, training, running))
     elif snapshot:
         show_saved_result(workspace, snapshot)
     if workspace.fit and st.button(
@@ -65,6 +63,13 @@ def _show_page(workspace: Workspace) -> None:
     ):  # fmt: skip
         workspace.choose_source("fit")
         frame.go(frame.STABILITY, workspace)
+
+
+def _show_run(workspace: Workspace, training: Task[Fit], running: bool) -> None:
+    """The training; once it is over, what was learned comes first."""
+    if not running:
+        show_result(workspace)
+    show_training(training, workspace.true_parameters, running)
 
 
 def _controls(workspace: Workspace) -> None:

@@ -305,8 +305,8 @@ def test_train_shows_table_curves_and_downloads_and_keeps_the_result() -> None:
     assert "Start training" in labels(page)
     assert "Stop training" not in labels(page)
     choose(page, "train_follower", 3)
-    assert figures(page)[-1]["layout"]["uirevision"] == "tracking-5"
-    assert "90 % band" in [trace["name"] for trace in figures(page)[-1]["data"]]
+    assert figures(page)[0]["layout"]["uirevision"] == "tracking-5"
+    assert "90 % band" in [trace["name"] for trace in figures(page)[0]["data"]]
     assert "Estimates and intervals are those of the CTHP." in plain(page)
 
 
