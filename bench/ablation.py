@@ -8,14 +8,10 @@ unbiased (4 %), its intervals cover the truth as often as they should (86 to 94 
 it agrees with maximum likelihood (median of 0.3 standard errors).
 """
 
-import argparse
 import json
-import os
 import sys
 import time
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import asdict, dataclass
-from multiprocessing import get_context
 
 import numpy as np
 
@@ -34,8 +30,9 @@ from accpinn.methods.pinn.evidence import (
 from accpinn.methods.regression import Regression
 from accpinn.model.cthp import Parameters
 from accpinn.units import FloatArray
-from bench.coverage import EACH, SETS, SYMBOLS
+from bench.coverage import EACH, SETS
 from bench.disturbed import Disturbance, disturbed
+from bench.run import SYMBOLS, each, options
 
 VARIANTS = {
     "loss": LOSS,
@@ -167,8 +164,7 @@ def measure(recordings: int = 100, first: int = 0, workers: int | None = None) -
         first: seed of the first one.
         workers: processes; by default one for each core.
     """
-    with ProcessPoolExecutor(workers or os.cpu_count(), get_context("spawn")) as pool:
-        return summarise(list(pool.map(study, range(first, first + recordings), chunksize=2)))
+    return summarise(list(each(study, range(first, first + recordings), workers)))
 
 
 def text(summary: Summary) -> str:
@@ -191,16 +187,12 @@ def text(summary: Summary) -> str:
 
 def main(arguments: list[str] | None = None) -> int:
     """Measure and print; see above for the exit status."""
-    parser = argparse.ArgumentParser(prog="python -m bench.ablation", description=__doc__)
-    parser.add_argument("--recordings", type=int, default=100, help="how many (100)")
+    parser = options("ablation", __doc__)
     parser.add_argument("--first", type=int, default=0, help="seed of the first one (0)")
-    parser.add_argument("--workers", type=int, help="processes (one for each core)")
     parser.add_argument("--json", action="store_true", help="one JSON document")
-    options = parser.parse_args(arguments)
-    if options.recordings < 1:
-        parser.error("--recordings: give at least 1")
-    summary = measure(options.recordings, options.first, options.workers)
-    print(json.dumps(asdict(summary), indent=2) if options.json else text(summary))
+    given = parser.parse_args(arguments)
+    summary = measure(given.recordings, given.first, given.workers)
+    print(json.dumps(asdict(summary), indent=2) if given.json else text(summary))
     return int(not summary.is_as_required)
 
 

@@ -12,10 +12,14 @@ A form that neither prefers may still be true: a lag of a second changes α and 
 five minutes of a recording hardly tell it from none. The forms' estimates side by side show how
 much rests on the form.
 
-If a form holds, its standardised innovations ε are white, even and normal. Tested are
-the correlation over 10 s (Ljung and Box, 1978), the variance against the speed (Breusch and Pagan,
-1979), and skewness and kurtosis (Jarque and Bera, 1980); Holm's correction keeps the chance that a
-true model fails any of them below the level.
+If a form holds, its standardised innovations ε are white, even and normal. Of those of gap and own
+speed (Bonferroni's correction unites the two) are tested the correlation over 10 s (Ljung and Box,
+1978), the variance against the speed (Breusch and Pagan, 1979), and skewness and kurtosis (Jarque
+and Bera, 1980). A response that is not linear, as where the controller limits its acceleration,
+would add powers of the command c = α(p - τv) + βΔv to the acceleration. ε is regressed on what c²
+and c³, so added, would do to it, beside p, v, u and 1 (a score test, after the RESET of Ramsey,
+1969); the filter is linear, so it turns their effects on p and v into those on ε. Holm's correction
+keeps the chance that a true model fails any test below the level.
 """
 
 from collections.abc import Sequence
@@ -23,6 +27,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
+from scipy.linalg import expm
 from scipy.stats import chi2, jarque_bera, norm
 
 from accpinn.errors import Finding, SegmentError
@@ -38,7 +43,7 @@ from accpinn.methods.maximum_likelihood import (
 from accpinn.methods.state_space import FORMS, Form, coordinates
 from accpinn.model.cthp import Case, Parameters
 from accpinn.segment.segment import Segment
-from accpinn.units import FloatArray, Mask
+from accpinn.units import FloatArray, Mask, Seconds
 
 LEARNED = 2 / 3
 """Share of the time from which a form is estimated before it is tried on the rest."""
@@ -80,6 +85,8 @@ class Inadequate(Finding, frozen=True):
     """Larger at some speeds than at others."""
     heavy: bool
     """Skewed, or with heavier tails than a normal distribution's."""
+    nonlinear: bool
+    """The acceleration is no linear function of gap and speeds."""
 
 
 AdequacyFinding = BetterForm | Inadequate
@@ -110,14 +117,15 @@ class InnovationTests:
     correlated: FloatArray
     uneven: FloatArray
     heavy: FloatArray
+    nonlinear: FloatArray
 
     @property
     def fails(self) -> Mask:
-        """(M, 3) which of the three fail at `LEVEL`, by Holm's correction."""
-        values = np.stack([self.correlated, self.uneven, self.heavy], axis=1)
+        """(M, 4) which of the four fail at `LEVEL`, by Holm's correction."""
+        values = np.stack([self.correlated, self.uneven, self.heavy, self.nonlinear], axis=1)
         order = np.argsort(values, axis=1)
         ranked = np.take_along_axis(values, order, axis=1)
-        below = np.logical_and.accumulate(ranked * (3, 2, 1) < LEVEL, axis=1)
+        below = np.logical_and.accumulate(ranked * (4, 3, 2, 1) < LEVEL, axis=1)
         failing = np.zeros_like(below)
         np.put_along_axis(failing, order, below, axis=1)
         return np.asarray(failing)
@@ -206,21 +214,27 @@ def _innovations(series: Series, maxima: Sequence[Maximum]) -> Innovations:
     return innovations(Criterion(series, maxima[0].form).model(z), series.measured)[1]
 
 
-def _tests(series: Series, maxima: Sequence[Maximum]) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """p-values (G,) of correlation, unevenness and heaviness of the speed's innovations."""
+def _tests(series: Series, maxima: Sequence[Maximum]) -> tuple[FloatArray, ...]:
+    """p-values (G,) of the four tests, in the order of `InnovationTests`."""
     found = _innovations(series, maxima)
-    standard = np.where(found.known, found.errors / np.sqrt(found.variances), np.nan)[SETTLING:, 1]
+    standard = np.where(found.known, found.errors / np.sqrt(found.variances), np.nan)[SETTLING:]
     speeds = series.measured[SETTLING:, 1]
     rows = []
     for group in range(series.groups):
         members = series.members(group)
-        error, speed = standard[:, members], speeds[:, members]
-        known = np.isfinite(error) & np.isfinite(speed)
-        rows.append(
-            (_correlated(error), _uneven(error[known], speed[known]), jarque_bera(error[known])[1])
-        )
-    correlated, uneven, heavy = np.array(rows).T
-    return correlated, uneven, heavy
+        speed = speeds[:, members]
+        each = []
+        for error in (standard[:, 0, members], standard[:, 1, members]):
+            known = np.isfinite(error) & np.isfinite(speed)
+            each.append(
+                (
+                    _correlated(error),
+                    _uneven(error[known], speed[known]),
+                    jarque_bera(error[known])[1],
+                )
+            )
+        rows.append(np.minimum(2.0 * np.min(each, axis=0), 1.0))
+    return (*np.array(rows).T, _nonlinear(series, maxima, found))
 
 
 def _correlated(errors: FloatArray) -> float:
@@ -243,6 +257,50 @@ def _uneven(errors: FloatArray, speeds: FloatArray) -> float:
         return 1.0
     correlation = float(np.corrcoef(errors**2, speeds)[0, 1])
     return float(2 * norm.sf(abs(correlation) * np.sqrt(len(errors))))
+
+
+def _nonlinear(series: Series, maxima: Sequence[Maximum], found: Innovations) -> FloatArray:
+    """(G,) p-values of c² and c³ as further terms; see above."""
+    theta = np.array([maxima[g].theta for g in series.group])
+    alpha, alpha_tau, beta = theta.T
+    p, v, u = series.measured.transpose(1, 0, 2)
+    command = alpha * p - alpha_tau * v + beta * (u - v)
+    terms = np.nan_to_num([command**2, command**3, p, v, u, np.ones_like(p)])
+    effects = np.where(found.known[:, :, None], _effects(theta, terms, series.step), np.nan)
+    z = np.array([maxima[g].coordinates for g in series.group])
+    model = Criterion(series).model(np.tile(z, (len(terms), 1)))
+    filtered = innovations(model, effects.reshape(len(p), 3, -1))[1].errors.reshape(effects.shape)
+    deviations = np.sqrt(found.variances)[SETTLING:]
+    columns = np.moveaxis(filtered[SETTLING:] / deviations[:, :, None], 2, -1)
+    errors = found.errors[SETTLING:] / deviations
+    values = []
+    for group in range(series.groups):
+        members = series.members(group)
+        rows, target = columns[:, :, members].reshape(-1, len(terms)), errors[..., members].ravel()
+        explained = _explained(rows, target) - _explained(rows[:, 2:], target)
+        values.append(chi2.sf(explained, 2))
+    return np.array(values)
+
+
+def _effects(theta: FloatArray, terms: FloatArray, step: Seconds) -> FloatArray:
+    """(N, 3, K, S): what accelerations (K, N, S), held over each step, change of p, v and u."""
+    alpha, alpha_tau, beta = theta.T
+    rates = np.zeros((len(theta), 3, 3))
+    rates[:, 0, 1], rates[:, 1, 0], rates[:, 1, 1] = -1.0, alpha, -alpha_tau - beta
+    rates[:, 1, 2] = 1.0
+    held = expm(rates * step)[:, :2]
+    effects = np.zeros((terms.shape[1], 3, *terms[:, 0].shape))
+    for k in range(1, len(effects)):
+        moved = np.einsum("sij,jks->iks", held[:, :, :2], effects[k - 1, :2])
+        effects[k, :2] = moved + held[:, :, 2].T[:, None] * terms[:, k - 1]
+    return effects
+
+
+def _explained(columns: FloatArray, target: FloatArray) -> float:
+    """The sum of squares of the target (n,) that the columns (n, k) explain."""
+    scale = np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
+    left, values, _ = np.linalg.svd(columns / scale, full_matrices=False)
+    return float(((target @ left[:, values > 1e-9 * values[0]]) ** 2).sum())
 
 
 def _better(vehicles: Sequence[int], forms: Sequence[ModelForm]) -> list[BetterForm]:

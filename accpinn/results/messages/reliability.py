@@ -94,6 +94,7 @@ def _(finding: AdequacyFinding, about: Labelled) -> str:
                 "correlated over time": finding.correlated,
                 "larger at some speeds than at others": finding.uneven,
                 "more often large than noise is": finding.heavy,
+                "no linear response, as where the acceleration is limited": finding.nonlinear,
             }
             what = joined([name for name, holds in faults.items() if holds])
             return (
