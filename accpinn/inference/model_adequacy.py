@@ -23,7 +23,7 @@ keeps the chance that a true model fails any test below the level.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import lru_cache
 
 import numpy as np
@@ -40,7 +40,7 @@ from accpinn.methods.maximum_likelihood import (
     maximise,
     series_of,
 )
-from accpinn.methods.state_space import FORMS, Form, coordinates
+from accpinn.methods.state_space import FORMS, Form, StateSpace, coordinates
 from accpinn.model.cthp import Case, Parameters
 from accpinn.segment.segment import Segment
 from accpinn.units import FloatArray, Mask, Seconds
@@ -83,8 +83,8 @@ class Inadequate(Finding, frozen=True):
     """Over time."""
     uneven: bool
     """Larger at some speeds than at others."""
-    heavy: bool
-    """Skewed, or with heavier tails than a normal distribution's."""
+    nonnormal: bool
+    """Skewed, or with other tails than a normal distribution's."""
     nonlinear: bool
     """The acceleration is no linear function of gap and speeds."""
 
@@ -116,13 +116,13 @@ class InnovationTests:
 
     correlated: FloatArray
     uneven: FloatArray
-    heavy: FloatArray
+    nonnormal: FloatArray
     nonlinear: FloatArray
 
     @property
     def fails(self) -> Mask:
         """(M, 4) which of the four fail at `LEVEL`, by Holm's correction."""
-        values = np.stack([self.correlated, self.uneven, self.heavy, self.nonlinear], axis=1)
+        values = np.stack([self.correlated, self.uneven, self.nonnormal, self.nonlinear], axis=1)
         order = np.argsort(values, axis=1)
         ranked = np.take_along_axis(values, order, axis=1)
         below = np.logical_and.accumulate(ranked * (4, 3, 2, 1) < LEVEL, axis=1)
@@ -216,25 +216,86 @@ def _innovations(series: Series, maxima: Sequence[Maximum]) -> Innovations:
 
 def _tests(series: Series, maxima: Sequence[Maximum]) -> tuple[FloatArray, ...]:
     """p-values (G,) of the four tests, in the order of `InnovationTests`."""
-    found = _innovations(series, maxima)
+    z = np.array([maxima[g].coordinates for g in series.group])
+    model = _gap_last(Criterion(series).model(z))
+    found = innovations(model, series.measured[:, ::-1])[1]
     standard = np.where(found.known, found.errors / np.sqrt(found.variances), np.nan)[SETTLING:]
     speeds = series.measured[SETTLING:, 1]
     rows = []
     for group in range(series.groups):
         members = series.members(group)
         speed = speeds[:, members]
-        each = []
-        for error in (standard[:, 0, members], standard[:, 1, members]):
-            known = np.isfinite(error) & np.isfinite(speed)
-            each.append(
-                (
-                    _correlated(error),
-                    _uneven(error[known], speed[known]),
-                    jarque_bera(error[known])[1],
-                )
-            )
-        rows.append(np.minimum(2.0 * np.min(each, axis=0), 1.0))
-    return (*np.array(rows).T, _nonlinear(series, maxima, found))
+        values = []
+        for errors in (standard[:, 1, members], standard[:, 2, members]):
+            known = np.isfinite(errors) & np.isfinite(speed)
+            uneven = _uneven(errors[known], speed[known])
+            values.append((_correlated(errors), uneven, jarque_bera(errors[known])[1]))
+        rows.append(np.minimum(2.0 * np.min(values, axis=0), 1.0))
+    return (*np.array(rows).T, _nonlinear(series, maxima, model, found))
+
+
+def _gap_last(model: StateSpace) -> StateSpace:
+    """The same with u, v, p in place of p, v, u, so that the filter takes in the gap last.
+
+    The gap's innovation is then what neither speed of the same instant says, and is white even
+    though the speed ahead is not the simple process that the model takes it for.
+    """
+    order = [2, 1, 0, *range(3, len(model.first))]
+    swap = np.ix_(order, order)
+    return StateSpace(
+        transition=model.transition[swap],
+        process=model.process[swap],
+        noise=model.noise[::-1],
+        first=model.first[order],
+        first_covariance=model.first_covariance[swap],
+        rates=model.rates[swap],
+    )
+
+
+def _nonlinear(
+    series: Series, maxima: Sequence[Maximum], model: StateSpace, found: Innovations
+) -> FloatArray:
+    """(G,) p-values of c² and c³ as further terms; see above. Model and innovations: gap last."""
+    theta = np.array([maxima[g].theta for g in series.group])
+    alpha, alpha_tau, beta = theta.T
+    p, v, u = series.measured.transpose(1, 0, 2)
+    command = alpha * p - alpha_tau * v + beta * (u - v)
+    terms = np.nan_to_num([command**2, command**3, p, v, u, np.ones_like(p)])
+    count = len(terms)
+    effects = np.where(found.known[:, :, None], _effects(theta, terms, series.step), np.nan)
+    each = StateSpace(*(np.tile(getattr(model, one.name), count) for one in fields(model)))
+    filtered = innovations(each, effects.reshape(len(p), 3, -1))[1].errors.reshape(effects.shape)
+    deviations = np.sqrt(found.variances)[SETTLING:]
+    columns = np.moveaxis(filtered[SETTLING:] / deviations[:, :, None], 2, -1)
+    errors = found.errors[SETTLING:] / deviations
+    values = []
+    for group in range(series.groups):
+        members = series.members(group)
+        rows, target = columns[:, :, members].reshape(-1, count), errors[..., members].ravel()
+        explained = _explained(rows, target) - _explained(rows[:, 2:], target)
+        values.append(chi2.sf(explained, 2))
+    return np.array(values)
+
+
+def _effects(theta: FloatArray, terms: FloatArray, step: Seconds) -> FloatArray:
+    """(N, 3, K, S): what accelerations (K, N, S), held over each step, change of u, v and p."""
+    alpha, alpha_tau, beta = theta.T
+    rates = np.zeros((len(theta), 3, 3))  # of v, p, and the acceleration that is held
+    rates[:, 0, 0], rates[:, 0, 1], rates[:, 1, 0] = -alpha_tau - beta, alpha, -1.0
+    rates[:, 0, 2] = 1.0
+    held = expm(rates * step)[:, :2]
+    effects = np.zeros((terms.shape[1], 3, *terms[:, 0].shape))
+    for k in range(1, len(effects)):
+        moved = np.einsum("sij,jks->iks", held[:, :, :2], effects[k - 1, 1:])
+        effects[k, 1:] = moved + held[:, :, 2].T[:, None] * terms[:, k - 1]
+    return effects
+
+
+def _explained(columns: FloatArray, target: FloatArray) -> float:
+    """The sum of squares of the target (n,) that the columns (n, k) explain."""
+    scale = np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
+    left, values, _ = np.linalg.svd(columns / scale, full_matrices=False)
+    return float(((target @ left[:, values > 1e-9 * values[0]]) ** 2).sum())
 
 
 def _correlated(errors: FloatArray) -> float:
@@ -257,50 +318,6 @@ def _uneven(errors: FloatArray, speeds: FloatArray) -> float:
         return 1.0
     correlation = float(np.corrcoef(errors**2, speeds)[0, 1])
     return float(2 * norm.sf(abs(correlation) * np.sqrt(len(errors))))
-
-
-def _nonlinear(series: Series, maxima: Sequence[Maximum], found: Innovations) -> FloatArray:
-    """(G,) p-values of c² and c³ as further terms; see above."""
-    theta = np.array([maxima[g].theta for g in series.group])
-    alpha, alpha_tau, beta = theta.T
-    p, v, u = series.measured.transpose(1, 0, 2)
-    command = alpha * p - alpha_tau * v + beta * (u - v)
-    terms = np.nan_to_num([command**2, command**3, p, v, u, np.ones_like(p)])
-    effects = np.where(found.known[:, :, None], _effects(theta, terms, series.step), np.nan)
-    z = np.array([maxima[g].coordinates for g in series.group])
-    model = Criterion(series).model(np.tile(z, (len(terms), 1)))
-    filtered = innovations(model, effects.reshape(len(p), 3, -1))[1].errors.reshape(effects.shape)
-    deviations = np.sqrt(found.variances)[SETTLING:]
-    columns = np.moveaxis(filtered[SETTLING:] / deviations[:, :, None], 2, -1)
-    errors = found.errors[SETTLING:] / deviations
-    values = []
-    for group in range(series.groups):
-        members = series.members(group)
-        rows, target = columns[:, :, members].reshape(-1, len(terms)), errors[..., members].ravel()
-        explained = _explained(rows, target) - _explained(rows[:, 2:], target)
-        values.append(chi2.sf(explained, 2))
-    return np.array(values)
-
-
-def _effects(theta: FloatArray, terms: FloatArray, step: Seconds) -> FloatArray:
-    """(N, 3, K, S): what accelerations (K, N, S), held over each step, change of p, v and u."""
-    alpha, alpha_tau, beta = theta.T
-    rates = np.zeros((len(theta), 3, 3))
-    rates[:, 0, 1], rates[:, 1, 0], rates[:, 1, 1] = -1.0, alpha, -alpha_tau - beta
-    rates[:, 1, 2] = 1.0
-    held = expm(rates * step)[:, :2]
-    effects = np.zeros((terms.shape[1], 3, *terms[:, 0].shape))
-    for k in range(1, len(effects)):
-        moved = np.einsum("sij,jks->iks", held[:, :, :2], effects[k - 1, :2])
-        effects[k, :2] = moved + held[:, :, 2].T[:, None] * terms[:, k - 1]
-    return effects
-
-
-def _explained(columns: FloatArray, target: FloatArray) -> float:
-    """The sum of squares of the target (n,) that the columns (n, k) explain."""
-    scale = np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
-    left, values, _ = np.linalg.svd(columns / scale, full_matrices=False)
-    return float(((target @ left[:, values > 1e-9 * values[0]]) ** 2).sum())
 
 
 def _better(vehicles: Sequence[int], forms: Sequence[ModelForm]) -> list[BetterForm]:

@@ -6,10 +6,9 @@ as their noise is independent (e and s are innovation and its variance):
     e = y_i - x_i,   s = P_ii + R_i,   K = P_·i / s,   x += K e,   P -= K P_i·
     log L = -½ Σ (e²/s + log 2πs);   then x = F x,  P = F P Fᵀ + Q.
 
-The speed ahead comes first and the gap last, so that the gap's innovation is what neither speed of
-the same instant says. A missing sample is not taken in. Once P no longer changes and nothing is
-missing, neither do the gains, and what is left is one linear recursion. Sets of parameters,
-followers and windows lie on the last axis, so that a step in time is one operation for all of them.
+A missing sample is not taken in. Once P no longer changes and nothing is missing, neither do the
+gains, and what is left is one linear recursion. Sets of parameters, followers and windows lie on
+the last axis, so that a step in time is one operation for all of them.
 
 Source: Durbin and Koopman, Time Series Analysis by State Space Methods, 2nd ed., 2012, chapters
 4 (filter, smoother) and 6.4 (one measurement at a time).
@@ -24,8 +23,6 @@ from accpinn.units import FloatArray, Mask
 
 SETTLED = 1e-13
 """Largest change of the covariance in a step, in units of its deviations, taken for none."""
-ORDER = (2, 1, 0)
-"""In which u, v and p, the last of `OBSERVED` first, are taken in."""
 CHUNK = 256
 LOG_TWO_PI = float(np.log(2 * np.pi))
 
@@ -78,9 +75,8 @@ def _filter(model: StateSpace, measured: FloatArray, kept: Innovations | None) -
     total = np.zeros(count)
     k = 0
     while k < samples:
-        before, gains, variances = covariance, [], np.empty_like(model.noise)
-        for row in ORDER:
-            i = OBSERVED[row]
+        before, gains, variances = covariance, [], []
+        for row, i in enumerate(OBSERVED):
             there = known[k, row]
             variance = covariance[i, i] + model.noise[row]
             gain = np.where(there, covariance[:, i] / variance, 0.0)
@@ -89,7 +85,7 @@ def _filter(model: StateSpace, measured: FloatArray, kept: Innovations | None) -
             covariance = covariance - gain[:, None] * covariance[i]
             total += np.where(there, error**2 / variance + np.log(variance) + LOG_TWO_PI, 0.0)
             gains.append(gain)
-            variances[row] = variance
+            variances.append(variance)
             if kept:
                 kept.errors[k, row] = error
                 kept.variances[k, row] = np.where(there, variance, 1.0)
@@ -100,7 +96,7 @@ def _filter(model: StateSpace, measured: FloatArray, kept: Innovations | None) -
         k += 1
         if k < samples and whole[k - 1] and whole[k] and _is_settled(before, covariance):
             end = samples if whole[k:].all() else k + int(np.argmin(whole[k:]))
-            constant = _ConstantGain.of(model, gains, variances)
+            constant = _ConstantGain.of(model, gains, np.stack(variances))
             state = constant.run(state, measured[k:end], total, kept, k)
             k = end
     return -0.5 * total
@@ -136,8 +132,7 @@ class _ConstantGain:
     ) -> "_ConstantGain":
         size, count = model.first.shape
         whitening, total = np.zeros((3, 3, count)), np.zeros((size, 3, count))
-        for row, gain in zip(ORDER, gains, strict=True):
-            i = OBSERVED[row]
+        for row, (i, gain) in enumerate(zip(OBSERVED, gains, strict=True)):
             whitening[row, row] = 1.0
             whitening[row] -= total[i]
             total = total + gain[:, None] * whitening[row]

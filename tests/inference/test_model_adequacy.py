@@ -77,14 +77,14 @@ def test_innovations_that_are_not_those_of_the_model_are_told() -> None:
     )  # fmt: skip
     (told,) = [one for one in model_forms(jumping).findings if isinstance(one, Inadequate)]
     assert told.vehicle == 2
-    assert told.correlated or told.heavy
+    assert told.correlated or told.nonnormal
 
 
 def test_a_limited_acceleration_is_no_linear_response() -> None:
     segment = disturbed(Parameters.of([TRUE]), 1, Disturbance(limits=(-2.0, 0.5)), duration=150.0)
     (told,) = [one for one in model_forms(segment).findings if isinstance(one, Inadequate)]
     assert told.nonlinear
-    assert not told.heavy
+    assert not told.nonnormal
 
 
 def test_followers_of_case_i_share_the_forms() -> None:
