@@ -19,7 +19,8 @@ and Bera, 1980). A response that is not linear, as where the controller limits i
 would add powers of the command c = α(p - τv) + βΔv to the acceleration. ε is regressed on what c²
 and c³, so added, would do to it, beside p, v, u and 1 (a score test, after the RESET of Ramsey,
 1969); the filter is linear, so it turns their effects on p and v into those on ε. Holm's correction
-keeps the chance that a true model fails any test below the level.
+keeps the chance that a true model fails any test below the level. What no single follower shows may
+show in all of them: their p-values are united by Fisher's method (1925), and tested alike.
 """
 
 from collections.abc import Sequence
@@ -129,6 +130,17 @@ class InnovationTests:
         failing = np.zeros_like(below)
         np.put_along_axis(failing, order, below, axis=1)
         return np.asarray(failing)
+
+    @property
+    def united(self) -> "InnovationTests":
+        """(1,) of all followers together, by Fisher's method."""
+        each = (self.correlated, self.uneven, self.nonnormal, self.nonlinear)
+        return InnovationTests(*(_united(values[np.isfinite(values)]) for values in each))
+
+
+def _united(values: FloatArray) -> FloatArray:
+    statistic = -2.0 * np.log(np.maximum(values, 1e-300)).sum()
+    return np.array([chi2.sf(statistic, 2 * len(values))])
 
 
 @dataclass(frozen=True, eq=False)
@@ -332,5 +344,8 @@ def _better(vehicles: Sequence[int], forms: Sequence[ModelForm]) -> list[BetterF
 
 
 def _inadequate(vehicles: Sequence[int], tests: InnovationTests) -> list[Inadequate]:
+    """Followers that fail a test; where none does, all of them together if these do."""
     rows = zip(vehicles, tests.fails.tolist(), strict=False)
-    return [Inadequate(vehicle, *row) for vehicle, row in rows if any(row)]
+    found = [Inadequate(vehicle, *row) for vehicle, row in rows if any(row)]
+    together = tests.united.fails[0].tolist()
+    return found or ([Inadequate(0, *together)] if any(together) and len(vehicles) > 1 else [])
