@@ -8,18 +8,13 @@ it does not. The exit status says whether the coverage of each parameter lies be
 of all three together between 70 and 85 %, and the bias of maximum likelihood within 3 %.
 """
 
-import argparse
 import json
-import os
 import sys
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import asdict, dataclass
 from functools import partial
-from multiprocessing import get_context
 
 import numpy as np
 
-from accpinn.channels import PARAMETERS
 from accpinn.inference.intervals import LEVEL, Interval, intervals
 from accpinn.methods.registry import METHODS
 from accpinn.model.cthp import Parameters
@@ -27,9 +22,9 @@ from accpinn.model.published import PUBLISHED
 from accpinn.units import FloatArray
 from bench.disturbed import Disturbance, disturbed
 from bench.other_intervals import OTHERS, Smooth
+from bench.run import SYMBOLS, each, options
 
 SETS = Parameters.stack(one for group in PUBLISHED for one in group.parameters)
-SYMBOLS = tuple(quantity.symbol for quantity in PARAMETERS)
 OURS = "accpinn"
 LIKELIHOOD = "maximum-likelihood"
 """The method that the intervals come from."""
@@ -87,9 +82,9 @@ def measure(
     duration: float = 300.0,
     level: float = LEVEL,
     others: bool = True,
-    sets: Parameters = SETS,
+    workers: int | None = None,
 ) -> CoverageStudy:
-    """Run the study on all cores; the same arguments give the same coverage.
+    """Run the study; the same arguments give the same coverage.
 
     Args:
         recordings: how many.
@@ -97,16 +92,10 @@ def measure(
         duration: of each recording in s.
         level: the nominal coverage.
         others: whether other intervals and other methods' bias are measured too.
-        sets: the true parameters, one set a recording in turn.
+        workers: processes; by default one for each core.
     """
-    one = partial(
-        record, sets=sets, disturbance=disturbance, duration=duration, level=level, others=others
-    )
-    if recordings == 1:
-        found = [one(0)]
-    else:
-        with ProcessPoolExecutor(os.cpu_count(), get_context("spawn")) as pool:
-            found = list(pool.map(one, range(recordings), chunksize=4))
+    one = partial(record, disturbance=disturbance, duration=duration, level=level, others=others)
+    found = list(each(one, range(recordings), workers))
     truth = np.array([each.truth for each in found])
     rows = tuple(
         _coverage(name, level, [each.ends[name] for each in found], truth) for name in found[0].ends
@@ -123,14 +112,13 @@ def measure(
 
 def record(
     seed: int,
-    sets: Parameters,
     disturbance: Disturbance,
     duration: float,
     level: float,
     others: bool,
 ) -> Recorded:
     """One recording; the arguments are those of `measure`."""
-    true = sets[[seed % len(sets)]]
+    true = SETS[[seed % len(SETS)]]
     segment = disturbed(true, seed, disturbance, duration=duration)
     fit = METHODS[LIKELIHOOD].fit(segment, "II")
     result = intervals(segment, fit, level)
@@ -187,8 +175,7 @@ def text(study: CoverageStudy) -> str:
 
 def main(arguments: list[str] | None = None) -> int:
     """Measure and print; see above for the exit status."""
-    parser = argparse.ArgumentParser(prog="python -m bench.coverage", description=__doc__)
-    parser.add_argument("--recordings", type=int, default=100, help="how many (100)")
+    parser = options("coverage", __doc__)
     parser.add_argument("--duration", type=float, default=300.0, help="seconds of each recording")
     for name, what in (
         ("deviation", "standard deviation of the disturbance in m/s²"),
@@ -199,14 +186,12 @@ def main(arguments: list[str] | None = None) -> int:
     ):
         parser.add_argument(f"--{name}", type=float, default=getattr(Disturbance, name), help=what)
     parser.add_argument("--json", action="store_true", help="one JSON document")
-    options = parser.parse_args(arguments)
-    if options.recordings < 1:
-        parser.error("--recordings: give at least 1")
+    given = parser.parse_args(arguments)
     disturbance = Disturbance(
-        options.deviation, options.memory, options.lag, options.standstill, options.slope
+        given.deviation, given.memory, given.lag, given.standstill, given.slope
     )
-    study = measure(options.recordings, disturbance, options.duration)
-    print(json.dumps(asdict(study), indent=2) if options.json else text(study))
+    study = measure(given.recordings, disturbance, given.duration, workers=given.workers)
+    print(json.dumps(asdict(study), indent=2) if given.json else text(study))
     return int(not is_as_promised(study))
 
 

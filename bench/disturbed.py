@@ -5,8 +5,9 @@
 On the real recordings that this package was made for, the residual of the model after smoothing
 has a standard deviation of 0.15 to 0.39 m/s² in car-following with ACC, and its correlation falls
 to 1/e within three to six seconds. Effects that the model lacks can be added: an actuator lag, a
-standstill distance (p - s₀ in place of p), and a slope. Leaders and the receivers' noise come from
-`accpinn.recordings.synthetic`.
+delay, a standstill distance (p - s₀ in place of p), a slope, disturbances that grow with the speed,
+limits of the acceleration that the controller asks for, and space-gaps in steps. Leaders and the
+receivers' noise come from `accpinn.recordings.synthetic`.
 """
 
 from collections.abc import Iterable
@@ -19,9 +20,11 @@ from scipy.signal import lfilter
 from accpinn.model.cthp import Parameters, Trajectories
 from accpinn.recordings.synthetic import SIMULATION_STEP, LeaderProfile, Noise, leader_speed, record
 from accpinn.segment.segment import Segment
-from accpinn.units import FloatArray, Metres, Seconds
+from accpinn.units import FloatArray, Metres, MetresPerSecond, Seconds
 
 MOTORWAY = LeaderProfile(28.0, 20.0, 34.0, (8.0, 25.0), (0.4, 1.2), 0.15)
+USUAL_SPEED: MetresPerSecond = 27.0
+"""The middle of that leader's speeds."""
 
 
 @dataclass(frozen=True)
@@ -38,6 +41,12 @@ class Disturbance:
     """s₀: the gap in equilibrium is s₀ + τv."""
     slope: float = 0.0
     """Mean of w in m/s²; uphill is negative, 1 % are 0.1 m/s²."""
+    delay: Seconds = 0.0
+    """Of the controller's command."""
+    growth: float = 0.0
+    """w is multiplied by (v / `USUAL_SPEED`) to this power."""
+    limits: tuple[float, float] = (-np.inf, np.inf)
+    """Of the controller's command in m/s²."""
 
 
 def disturbed(
@@ -47,6 +56,7 @@ def disturbed(
     driving: LeaderProfile = MOTORWAY,
     duration: Seconds = 300.0,
     noise: Noise | None = Noise(),  # noqa: B008 (a frozen value object)
+    resolution: Metres = 0.0,
 ) -> Segment:
     """A synthetic recording of a platoon, as a segment.
 
@@ -57,6 +67,7 @@ def disturbed(
         driving: how the leader drives.
         duration: in s.
         noise: of the receivers; None for none.
+        resolution: of the space-gaps, which are its multiples; 0 for any gap.
     """
     count = round(duration / SIMULATION_STEP) + 1
     time = SIMULATION_STEP * np.arange(count)
@@ -64,17 +75,19 @@ def disturbed(
     rng = np.random.default_rng([seed, 2])
     speeds, gaps = [ahead], []
     for follower in parameters:
-        wander = disturbance.slope + _wander(disturbance, count, rng)
-        gap, ahead = _follow(follower, ahead, wander, disturbance)
+        gap, ahead = _follow(follower, ahead, _wander(disturbance, count, rng), disturbance)
         speeds.append(ahead)
         gaps.append(gap)
     true = Trajectories(time, np.column_stack(speeds), np.column_stack(gaps))
     recorded = record(true, noise, seed)
+    recorded_gaps = recorded.gaps
+    if resolution:
+        recorded_gaps = resolution * np.round(recorded_gaps / resolution)
     numbers = tuple(range(1, len(speeds) + 1))
     return Segment(
         time=recorded.time,
         speeds=recorded.speeds,
-        gaps=recorded.gaps,
+        gaps=recorded_gaps,
         vehicles=numbers,
         names=tuple(f"Car {number}" for number in numbers),
         start=0.0,
@@ -94,27 +107,35 @@ def _wander(disturbance: Disturbance, count: int, rng: np.random.Generator) -> F
 def _follow(
     follower: Parameters, ahead: FloatArray, wander: FloatArray, disturbance: Disturbance
 ) -> tuple[FloatArray, FloatArray]:
-    """Gap and speed from equilibrium on, with inputs held over each small step."""
+    """Gap and speed from equilibrium on, with inputs held over each small step.
+
+    The linear system is stepped exactly. What delay and limits change of the command is an input.
+    """
     alpha, alpha_tau, beta = follower.theta
     lag = disturbance.lag
-    # States gap above s₀, speed and acceleration by the actuator; inputs speed ahead and w.
-    rates = np.zeros((5, 5))
+    # States gap above s₀, speed and acceleration by the actuator; inputs speed ahead, what is added
+    # to the command, and w.
+    rates = np.zeros((6, 6))
     rates[0, [1, 3]] = -1.0, 1.0
-    command = [alpha, -alpha_tau - beta, beta]
+    command = np.array([alpha, -alpha_tau - beta, 0.0, beta, 0.0, 0.0])
+    actuated = 2 if lag else 1
+    rates[actuated] = command / (lag or 1.0)
+    rates[actuated, 4] = 1.0 / (lag or 1.0)
     if lag:
-        rates[1, [2, 4]] = 1.0, 1.0
-        rates[2, [0, 1, 3]] = np.array(command) / lag
+        rates[1, 2] = 1.0
         rates[2, 2] = -1.0 / lag
-    else:
-        rates[1, [0, 1, 3]] = command
-        rates[1, 4] = 1.0
+    rates[1, 5] = 1.0
     step = expm(rates * SIMULATION_STEP)[:3]
     middle = np.r_[(ahead[1:] + ahead[:-1]) / 2, ahead[-1]]
-    inputs = np.column_stack([middle, wander]) @ step[:, 3:].T
-    states = np.empty((len(ahead), 3))
-    state = np.array([follower.tau * ahead[0], ahead[0], 0.0])
-    transition = step[:, :3]
-    for k, push in enumerate(inputs):
-        states[k] = state
-        state = transition @ state + push
+    late = round(disturbance.delay / SIMULATION_STEP)
+    least, most = disturbance.limits
+    states, asked = np.empty((len(ahead), 3)), np.zeros(len(ahead) + late)
+    now = np.array([follower.tau * ahead[0], ahead[0], 0.0, 0.0, 0.0, 0.0])
+    for k, speed_ahead in enumerate(middle):
+        states[k] = now[:3]
+        now[3] = speed_ahead
+        asked[k + late] = unlimited = command @ now
+        now[4] = min(max(asked[k], least), most) - unlimited
+        now[5] = disturbance.slope + wander[k] * (now[1] / USUAL_SPEED) ** disturbance.growth
+        now[:3] = step @ now
     return states[:, 0] + disturbance.standstill, states[:, 1]

@@ -16,7 +16,6 @@ ln β and ln τ beyond sampling error is estimated (`accpinn.study.windows`).
 
 import argparse
 import json
-import os
 import sys
 from collections import defaultdict
 from collections.abc import Iterator
@@ -27,7 +26,6 @@ from pathlib import Path
 import numpy as np
 from tqdm import tqdm
 
-from accpinn.channels import PARAMETERS
 from accpinn.inference.identifiability import WIDE
 from accpinn.inference.intervals import LEVEL
 from accpinn.recordings.openacc import read
@@ -35,9 +33,9 @@ from accpinn.segment.cut import DURATION, cut, disjoint_windows
 from accpinn.segment.segment import Segment
 from accpinn.study.windows import RandomEffects, estimate, random_effects
 from accpinn.units import FloatArray
+from bench.run import SYMBOLS, openacc
 
 CAMPAIGNS = ("AstaZero", "Casale")
-SYMBOLS = tuple(quantity.symbol for quantity in PARAMETERS)
 
 
 @dataclass(frozen=True, eq=False)
@@ -210,12 +208,10 @@ def main(arguments: list[str] | None = None) -> int:
     )
     parser.add_argument("--json", action="store_true", help="one JSON document")
     options = parser.parse_args(arguments)
-    folder = os.environ.get("OPENACC_DIR", "")
-    if not folder or not Path(folder).is_dir():
-        parser.error("OPENACC_DIR: name the folder of the OpenACC recordings in this variable")
+    folder = openacc(parser)
     if not 20.0 <= options.duration <= 600.0:
         parser.error("--duration: give 20 to 600 s")
-    study = measure(Path(folder), options.duration)
+    study = measure(folder, options.duration)
     print(json.dumps(asdict(study), indent=2) if options.json else text(study))
     return 0
 

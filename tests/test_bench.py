@@ -2,8 +2,9 @@
 
 import json
 import shutil
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -12,11 +13,15 @@ import torch
 from accpinn.methods.pinn.config import PRESETS
 from accpinn.methods.pinn.loss import loss_terms
 from accpinn.methods.pinn.method import output_columns
+from accpinn.methods.state_space import Form
 from accpinn.model.cthp import Parameters, regressors
+from accpinn.recordings.openacc import read
 from accpinn.recordings.synthetic import LeaderProfile
+from accpinn.segment.cut import cut
 from accpinn.segment.segment import Segment
-from bench import coverage, departures, replication
-from bench.disturbed import Disturbance, disturbed
+from accpinn.units import FloatArray
+from bench import coverage, departures, replication, widths
+from bench.disturbed import MOTORWAY, Disturbance, disturbed
 from bench.paper_protocol import PaperProtocol
 from tests.support.samples import FOLDER, NOISY, PLATOON, sample
 
@@ -90,20 +95,56 @@ class TestReplication:
 
 
 class TestDepartures:
-    def test_every_line_is_a_study_of_its_own(self, monkeypatch: pytest.MonkeyPatch) -> None:
-        asked = []
+    @pytest.mark.parametrize(
+        ("form", "covered", "noticed", "kept"),
+        [
+            ("cthp", 4, 0, True),
+            ("lag", 3, 5, False),
+            ("lag", 4, 0, True),
+            (None, 0, 4, True),
+            (None, 5, 3, False),
+        ],
+    )
+    def test_limits_are_of_the_true_form_or_of_the_findings(
+        self, form: Form | None, covered: int, noticed: int, kept: bool
+    ) -> None:
+        """Five recordings of one follower."""
+        found = []
+        for k in range(5):
+            inside: dict[Form, np.ndarray] = {"cthp": np.zeros((1, 3), bool)}
+            inside[form or "cthp"] = np.full((1, 3), k < covered)
+            found.append(departures.Noticed(inside, better=False, inadequate=k < noticed))
+        line = departures.Line.of(departures.Departure("", form=form), found)
+        assert (line.better, line.inadequate, line.noticed) == (0.0, noticed / 5, noticed / 5)
+        assert line.covered[form or "cthp"] == pytest.approx(4 * [covered / 5])
+        assert line.is_as_promised == kept
 
-        def measured(
-            recordings: int, disturbance: Disturbance, **rest: Any
-        ) -> coverage.CoverageStudy:
-            asked.append((disturbance, rest["sets"]))
-            return coverage.measure(1, disturbance, duration=60.0, **rest)
+    def test_prints_a_row_a_departure(
+        self, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    ) -> None:
+        departure = departures.Departure(
+            "slope", Disturbance(0.05, slope=-0.4), "offset", (coverage.SETS[[0]],)
+        )
+        other = replace(departure, name="other")
+        monkeypatch.setattr(departures, "DEPARTURES", (departure, other))
+        monkeypatch.setattr(departures, "disturbed", partial(disturbed, duration=60.0))
+        departures.main(["--recordings", "1", "--only", "^slope"])
+        heads, _, row = capsys.readouterr().out.splitlines()
+        assert row.startswith("| slope |")
+        assert row.count("|") == heads.count("|")
 
-        monkeypatch.setattr(departures, "measure", measured)
-        lines = departures.table(1).splitlines()
-        assert len(lines) == 2 + len(departures.DEPARTURES)
-        assert asked == [(one.disturbance, one.sets) for one in departures.DEPARTURES]
-        assert all(line.count(" %") >= 4 for line in lines[2:])
+
+class TestWidths:
+    def test_counts_followers_whose_interval_is_wide(self) -> None:
+        segment = sample(NOISY).segment
+        recording = read(FOLDER / f"{NOISY}.csv")
+        (window,) = widths.windows(recording)
+        np.testing.assert_array_equal(window.gaps, segment.gaps)
+        assert widths.whole(recording).time[-1] == recording.time[-1] - recording.time[0]
+        found = widths.widths([cut(recording, 0.0, 100.0)])
+        assert (found.sets, found.wide) == (1, (0.0, 0.0, 0.0))
+        assert 0.0 < found.median[2] < found.median[0] < 1.0
+        assert "| run | 1 | 0 %, 0 %, 0 % |" in widths.text({"run": found})
 
 
 class TestDisturbedRecordings:
@@ -117,6 +158,27 @@ class TestDisturbedRecordings:
             gap = 1.2 * 20.0 + standstill - slope / 0.2
             assert segment.gaps[-1, 0] == pytest.approx(gap, abs=1e-6)
 
+    def test_the_command_is_limited(self) -> None:
+        acceleration = motion(Disturbance(1e-9, limits=(-0.2, 0.3)))[0]
+        assert acceleration.min() == pytest.approx(-0.2, abs=0.01)
+        assert acceleration.max() == pytest.approx(0.3, abs=0.01)
+
+    def test_the_command_comes_late(self) -> None:
+        acceleration, command = motion(Disturbance(1e-9, delay=0.5))
+        np.testing.assert_allclose(acceleration[100:-5], command[95:-10], atol=0.01)
+
+    def test_disturbances_grow_with_the_speed(self) -> None:
+        left = []
+        for speed in (20.0, 30.0):
+            calm = LeaderProfile(speed, 10.0, 40.0, (500.0, 600.0), (0.4, 1.2), 0.0)
+            acceleration, command = motion(Disturbance(1e-3, growth=2.0), calm)
+            left.append(acceleration[5:-5] - command[5:-5])
+        np.testing.assert_allclose(left[1], left[0] * 1.5**2, atol=2e-5)
+
+    def test_gaps_are_multiples_of_their_resolution(self) -> None:
+        segment = disturbed(coverage.SETS[[0]], 1, Disturbance(), duration=20.0, resolution=0.5)
+        np.testing.assert_array_equal(2 * segment.gaps, np.round(2 * segment.gaps))
+
     def test_the_disturbance_is_as_strong_as_stated(self) -> None:
         """Without noise the residual of the model is the disturbance."""
         parameters = coverage.SETS[[0]]
@@ -127,6 +189,15 @@ class TestDisturbedRecordings:
         left = [residual(segment, parameters) for segment in (strong, calm)]
         added = np.sqrt(max(left[0] ** 2 - left[1] ** 2, 0.0))
         assert added == pytest.approx(0.25, rel=0.35)
+
+
+def motion(
+    disturbance: Disturbance, driving: LeaderProfile = MOTORWAY
+) -> tuple[FloatArray, FloatArray]:
+    """Acceleration and command, without noise; (N,) each."""
+    segment = disturbed(coverage.SETS[[3]], 3, disturbance, driving, 100.0, noise=None)
+    acceleration = np.gradient(segment.speeds[:, 1], segment.time)
+    return acceleration, regressors(segment.speeds, segment.gaps)[0] @ coverage.SETS[[3]].theta[0]
 
 
 def residual(segment: Segment, parameters: Parameters) -> float:

@@ -13,18 +13,24 @@ five minutes of a recording hardly tell it from none. The forms' estimates side 
 much rests on the form. Where one is better than the CTHP, its intervals are those of its own
 posterior (see `inference.posterior`), with the further unknown free.
 
-If a form holds, its standardised innovations ε are white, even and normal. Tested are
-the correlation over 10 s (Ljung and Box, 1978), the variance against the speed (Breusch and Pagan,
-1979), and skewness and kurtosis (Jarque and Bera, 1980); Holm's correction keeps the chance that a
-true model fails any of them below the level.
+If a form holds, its standardised innovations ε are white, even and normal. Of those of gap and own
+speed (Bonferroni's correction unites the two) are tested the correlation over 10 s (Ljung and Box,
+1978), the variance against the speed (Breusch and Pagan, 1979), and skewness and kurtosis (Jarque
+and Bera, 1980). A response that is not linear, as where the controller limits its acceleration,
+would add powers of the command c = α(p - τv) + βΔv to the acceleration. ε is regressed on what c²
+and c³, so added, would do to it, beside p, v, u and 1 (a score test, after the RESET of Ramsey,
+1969); the filter is linear, so it turns their effects on p and v into those on ε. Holm's correction
+keeps the chance that a true model fails any test below the level. What no single follower shows may
+show in all of them: their p-values are united by Fisher's method (1925), and tested alike.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import lru_cache
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.linalg import expm
 from scipy.special import chdtrc, ndtr
 
 from accpinn.channels import PARAMETERS
@@ -43,10 +49,10 @@ from accpinn.methods.maximum_likelihood import (
     natural,
     series_of,
 )
-from accpinn.methods.state_space import FORMS, Form, coordinates
+from accpinn.methods.state_space import FORMS, Form, StateSpace, coordinates
 from accpinn.model.cthp import Case, Parameters
 from accpinn.segment.segment import Segment
-from accpinn.units import FloatArray, Mask
+from accpinn.units import FloatArray, Mask, Seconds
 
 LEARNED = 2 / 3
 """Share of the time from which a form is estimated before it is tried on the rest."""
@@ -90,8 +96,10 @@ class Inadequate(Finding, frozen=True):
     """Over time."""
     uneven: bool
     """Larger at some speeds than at others."""
-    heavy: bool
-    """Skewed, or with heavier tails than a normal distribution's."""
+    nonnormal: bool
+    """Skewed, or with other tails than a normal distribution's."""
+    nonlinear: bool
+    """The acceleration is no linear function of gap and speeds."""
 
 
 AdequacyFinding = BetterForm | Inadequate
@@ -121,18 +129,30 @@ class InnovationTests:
 
     correlated: FloatArray
     uneven: FloatArray
-    heavy: FloatArray
+    nonnormal: FloatArray
+    nonlinear: FloatArray
 
     @property
     def fails(self) -> Mask:
-        """(M, 3) which of the three fail at `LEVEL`, by Holm's correction."""
-        values = np.stack([self.correlated, self.uneven, self.heavy], axis=1)
+        """(M, 4) which of the four fail at `LEVEL`, by Holm's correction."""
+        values = np.stack([self.correlated, self.uneven, self.nonnormal, self.nonlinear], axis=1)
         order = np.argsort(values, axis=1)
         ranked = np.take_along_axis(values, order, axis=1)
-        below = np.logical_and.accumulate(ranked * (3, 2, 1) < LEVEL, axis=1)
+        below = np.logical_and.accumulate(ranked * (4, 3, 2, 1) < LEVEL, axis=1)
         failing = np.zeros_like(below)
         np.put_along_axis(failing, order, below, axis=1)
         return np.asarray(failing)
+
+    @property
+    def united(self) -> "InnovationTests":
+        """(1,) of all followers together, by Fisher's method."""
+        each = (self.correlated, self.uneven, self.nonnormal, self.nonlinear)
+        return InnovationTests(*(_united(values[np.isfinite(values)]) for values in each))
+
+
+def _united(values: FloatArray) -> FloatArray:
+    statistic = -2.0 * np.log(np.maximum(values, 1e-300)).sum()
+    return np.array([chdtrc(2 * len(values), statistic)])
 
 
 @dataclass(frozen=True, eq=False)
@@ -203,9 +223,7 @@ def model_forms(segment: Segment, case: Case = "II") -> Adequacy:
         if best.aic[k] < -BETTER and best.holdout[k] > 0:
             own = series_of([segment], case, (k,))
             found.append(_better_form(vehicle, k, best, own, maxima[best.form][group]))
-    fails = tests.fails
-    found += [Inadequate(v, *fails[k].tolist()) for v, k in subjects if fails[k].any()]
-    return Adequacy(tuple(forms), tests, tuple(found))
+    return Adequacy(tuple(forms), tests, (*found, *_inadequate(subjects, tests)))
 
 
 def _extra(form: Form, values: FloatArray) -> FloatArray:
@@ -274,23 +292,90 @@ def _innovations(series: Series, maxima: Sequence[Maximum]) -> Innovations:
     return innovations(Criterion(series, maxima[0].form).model(z), series.measured)[1]
 
 
-def _tests(series: Series, maxima: Sequence[Maximum]) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """p-values (G,) of correlation, unevenness and heaviness of the speed's innovations."""
+def _tests(series: Series, maxima: Sequence[Maximum]) -> tuple[FloatArray, ...]:
+    """p-values (G,) of the four tests, in the order of `InnovationTests`."""
     from scipy.stats import jarque_bera  # takes half a second, which most commands need not
 
-    found = _innovations(series, maxima)
-    standard = np.where(found.known, found.errors / np.sqrt(found.variances), np.nan)[SETTLING:, 1]
+    z = np.array([maxima[g].coordinates for g in series.group])
+    model = _gap_last(Criterion(series).model(z))
+    found = innovations(model, series.measured[:, ::-1])[1]
+    standard = np.where(found.known, found.errors / np.sqrt(found.variances), np.nan)[SETTLING:]
     speeds = series.measured[SETTLING:, 1]
     rows = []
     for group in range(series.groups):
         members = series.members(group)
-        error, speed = standard[:, members], speeds[:, members]
-        known = np.isfinite(error) & np.isfinite(speed)
-        rows.append(
-            (_correlated(error), _uneven(error[known], speed[known]), jarque_bera(error[known])[1])
-        )
-    correlated, uneven, heavy = np.array(rows).T
-    return correlated, uneven, heavy
+        speed = speeds[:, members]
+        values = []
+        for errors in (standard[:, 1, members], standard[:, 2, members]):
+            known = np.isfinite(errors) & np.isfinite(speed)
+            uneven = _uneven(errors[known], speed[known])
+            values.append((_correlated(errors), uneven, jarque_bera(errors[known])[1]))
+        rows.append(np.minimum(2.0 * np.min(values, axis=0), 1.0))
+    return (*np.array(rows).T, _nonlinear(series, maxima, model, found))
+
+
+def _gap_last(model: StateSpace) -> StateSpace:
+    """The same with u, v, p in place of p, v, u, so that the filter takes in the gap last.
+
+    The gap's innovation is then what neither speed of the same instant says, and is white even
+    though the speed ahead is not the simple process that the model takes it for.
+    """
+    order = [2, 1, 0, *range(3, len(model.first))]
+    swap = np.ix_(order, order)
+    return StateSpace(
+        transition=model.transition[swap],
+        process=model.process[swap],
+        noise=model.noise[::-1],
+        first=model.first[order],
+        first_covariance=model.first_covariance[swap],
+        rates=model.rates[swap],
+    )
+
+
+def _nonlinear(
+    series: Series, maxima: Sequence[Maximum], model: StateSpace, found: Innovations
+) -> FloatArray:
+    """(G,) p-values of c² and c³ as further terms; see above. Model and innovations: gap last."""
+    theta = np.array([maxima[g].theta for g in series.group])
+    alpha, alpha_tau, beta = theta.T
+    p, v, u = series.measured.transpose(1, 0, 2)
+    command = alpha * p - alpha_tau * v + beta * (u - v)
+    terms = np.nan_to_num([command**2, command**3, p, v, u, np.ones_like(p)])
+    count = len(terms)
+    effects = np.where(found.known[:, :, None], _effects(theta, terms, series.step), np.nan)
+    each = StateSpace(*(np.tile(getattr(model, one.name), count) for one in fields(model)))
+    filtered = innovations(each, effects.reshape(len(p), 3, -1))[1].errors.reshape(effects.shape)
+    deviations = np.sqrt(found.variances)[SETTLING:]
+    columns = np.moveaxis(filtered[SETTLING:] / deviations[:, :, None], 2, -1)
+    errors = found.errors[SETTLING:] / deviations
+    values = []
+    for group in range(series.groups):
+        members = series.members(group)
+        rows, target = columns[:, :, members].reshape(-1, count), errors[..., members].ravel()
+        explained = _explained(rows, target) - _explained(rows[:, 2:], target)
+        values.append(chdtrc(2, explained))
+    return np.array(values)
+
+
+def _effects(theta: FloatArray, terms: FloatArray, step: Seconds) -> FloatArray:
+    """(N, 3, K, S): what accelerations (K, N, S), held over each step, change of u, v and p."""
+    alpha, alpha_tau, beta = theta.T
+    rates = np.zeros((len(theta), 3, 3))  # of v, p, and the acceleration that is held
+    rates[:, 0, 0], rates[:, 0, 1], rates[:, 1, 0] = -alpha_tau - beta, alpha, -1.0
+    rates[:, 0, 2] = 1.0
+    held = expm(rates * step)[:, :2]
+    effects = np.zeros((terms.shape[1], 3, *terms[:, 0].shape))
+    for k in range(1, len(effects)):
+        moved = np.einsum("sij,jks->iks", held[:, :, :2], effects[k - 1, 1:])
+        effects[k, 1:] = moved + held[:, :, 2].T[:, None] * terms[:, k - 1]
+    return effects
+
+
+def _explained(columns: FloatArray, target: FloatArray) -> float:
+    """The sum of squares of the target (n,) that the columns (n, k) explain."""
+    scale = np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
+    left, values, _ = np.linalg.svd(columns / scale, full_matrices=False)
+    return float(((target @ left[:, values > 1e-9 * values[0]]) ** 2).sum())
 
 
 def _correlated(errors: FloatArray) -> float:
@@ -313,3 +398,16 @@ def _uneven(errors: FloatArray, speeds: FloatArray) -> float:
         return 1.0
     correlation = float(np.corrcoef(errors**2, speeds)[0, 1])
     return float(2 * ndtr(-abs(correlation) * np.sqrt(len(errors))))
+
+
+def _inadequate(subjects: Sequence[tuple[int, int]], tests: InnovationTests) -> list[Inadequate]:
+    """Followers that fail a test; where none does, all of them together if these do.
+
+    Args:
+        subjects: number in the file, and row of the tests.
+        tests: of M followers.
+    """
+    fails = tests.fails
+    found = [Inadequate(v, *fails[k].tolist()) for v, k in subjects if fails[k].any()]
+    together = tests.united.fails[0].tolist()
+    return found or ([Inadequate(0, *together)] if any(together) and len(subjects) > 1 else [])

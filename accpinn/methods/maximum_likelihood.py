@@ -115,10 +115,8 @@ class Series:
         return Series(self.measured[:, :, list(rows)], group, self.step)
 
     def until(self, share: float) -> "Series":
-        """The same with what comes after a share of the time missing."""
-        kept = self.measured.copy()
-        kept[round(share * len(kept)) :] = np.nan
-        return Series(kept, self.group, self.step)
+        """The same without what comes after a share of the time."""
+        return Series(self.measured[: round(share * len(self.measured))], self.group, self.step)
 
 
 def series_of(

@@ -4,7 +4,13 @@ import numpy as np
 import pytest
 
 from accpinn.inference.intervals import intervals
-from accpinn.inference.model_adequacy import Adequacy, BetterForm, Inadequate, model_forms
+from accpinn.inference.model_adequacy import (
+    Adequacy,
+    BetterForm,
+    Inadequate,
+    InnovationTests,
+    model_forms,
+)
 from accpinn.methods import least_squares
 from accpinn.methods.state_space import FORMS, coordinates, state_space
 from accpinn.model.cthp import Parameters
@@ -92,7 +98,22 @@ def test_innovations_that_are_not_those_of_the_model_are_told() -> None:
     )  # fmt: skip
     (told,) = [one for one in model_forms(jumping).findings if isinstance(one, Inadequate)]
     assert told.vehicle == 2
-    assert told.correlated or told.heavy
+    assert told.correlated or told.nonnormal
+
+
+def test_a_limited_acceleration_is_no_linear_response() -> None:
+    segment = disturbed(Parameters.of([TRUE]), 1, Disturbance(limits=(-2.0, 0.5)), duration=150.0)
+    (told,) = [one for one in model_forms(segment).findings if isinstance(one, Inadequate)]
+    assert told.nonlinear
+    assert not told.nonnormal
+
+
+def test_what_no_follower_shows_may_show_in_all() -> None:
+    """p-values of 0.02 are no reason for doubt; six of them are."""
+    each, none = np.full(6, 0.02), np.ones(6)
+    tests = InnovationTests(none, each, none, np.full(6, np.nan))
+    assert not tests.fails.any()
+    assert tests.united.fails.tolist() == [[False, True, False, False]]
 
 
 def test_followers_of_case_i_share_the_forms() -> None:

@@ -120,7 +120,8 @@ def _(finding: AdequacyFinding, about: Labelled) -> str:
             faults = {
                 "correlated over time": finding.correlated,
                 "larger at some speeds than at others": finding.uneven,
-                "more often large than noise is": finding.heavy,
+                "not normally distributed": finding.nonnormal,
+                "dependent on the command, as where it is limited": finding.nonlinear,
             }
             what = joined([name for name, holds in faults.items() if holds])
             return (
