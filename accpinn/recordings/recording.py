@@ -32,8 +32,8 @@ MOVING: MetresPerSecond = 1.0
 LITTLE_LEADER_MOTION: MetresPerSecond = 0.5
 """A leader whose speed deviates less excites nothing."""
 BLOCKS_LISTED = 3
-_JOINED = re.compile(r"(?<=\w)\(")
-"""Files join model and make: "Mercedes(AClass)"."""
+_JOINED = re.compile(r"(.*\w)(\([^()]*\))")
+"""Files join make and model: "Mercedes(AClass)"."""
 HUMAN_FLAG = 0
 """The file's ACC flag of a run with human drivers."""
 
@@ -200,7 +200,10 @@ class Vehicle:
 
 def vehicle_label(number: int, name: str) -> str:
     """Number and name of a vehicle, as "4 Mercedes (AClass)"; without a name "Vehicle 4"."""
-    return name if name == unnamed(number) else f"{number} {_JOINED.sub(' (', name)}"
+    if name == unnamed(number):
+        return name
+    joined = _JOINED.fullmatch(name)
+    return f"{number} {' '.join(joined.groups()) if joined else name}"
 
 
 def unnamed(number: int) -> str:

@@ -36,6 +36,8 @@ def save(page: Page, name: str, note: str = "") -> str:
 def send(page: Page, content: bytes) -> str:
     """Bring a file to the server that was made elsewhere; its short name."""
     name = load(content).id
+    page.reload()  # the field of the file before this one goes
+    idle(page)
     give(page, ("sent.accpinn.zip", content))
     expect(page.get_by_text(f"is whole and now in the list as {name}")).to_be_visible()
     idle(page)

@@ -151,6 +151,10 @@ class TestLatex:
         assert r"\cmidrule(lr){2-3} \cmidrule(lr){4-4}" in text
         assert text.count(r"\\") == 2 + len(TABLE.rows)
 
+    @pytest.mark.parametrize("symbol", [*"αβτΔλω∞₀₁₂²−≤", "L₂", "‖h‖₁"])
+    def test_has_every_symbol_of_the_tables(self, symbol: str) -> None:
+        assert "U+" not in latex(symbol)
+
     @pytest.mark.parametrize(
         ("text", "shown"),
         [("a\n\nb", "a  b"), ("[x]", "{}[x]"), ("\u202ea", "(U+202E)a"), ("😀", "(U+1F600)"),
