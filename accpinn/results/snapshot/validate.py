@@ -41,7 +41,7 @@ SHAPES = (
         PlatoonStability="peaks",
         Gains="gain error",
         ModelForm="extra aic holdout",
-        InnovationTests="correlated uneven heavy",
+        InnovationTests="correlated uneven nonnormal nonlinear",
     )
     | _of(Shape("M", 3), Uncertainty="centre lower upper inside")
     | _of(Shape("M", 3), ModelForm="parameters deviation")
