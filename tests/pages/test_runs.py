@@ -68,6 +68,6 @@ def test_equal_runs_are_kept_once_unfinished_ones_never_and_two_are_compared(
 
 
 def test_no_name_leads_out_of_the_folder() -> None:
-    cache = fitted().runs.library.folder.parent.parent
+    cache = fitted().runs.snapshots.folder.parent.parent
     for name in ("", "..", "../../x", "a" * 20 + "/..", "short"):
         assert not runs.is_known(name, cache)

@@ -28,7 +28,7 @@ _SESSION = re.compile(r"[\w-]{20,43}", re.ASCII)
 class Runs:
     """The finished runs of one session."""
 
-    library: Library
+    snapshots: Library
 
     @classmethod
     def of(cls, session: str, cache: Path) -> "Runs":
@@ -45,17 +45,17 @@ class Runs:
             return
         with suppress(SnapshotError):
             for old in entries[KEPT_RUNS - 1 :]:
-                self.library.delete(old.id)
-            self.library.add(snapshot)
-        _tidy(self.library.folder.parent)
+                self.snapshots.delete(old.id)
+            self.snapshots.add(snapshot)
+        _tidy(self.snapshots.folder.parent)
 
     def entries(self) -> tuple[Entry, ...]:
         """Those that can be read, the newest first."""
-        return tuple(entry for entry in self.library.entries() if not entry.fault)
+        return tuple(entry for entry in self.snapshots.entries() if not entry.fault)
 
     def has(self, name: str) -> bool:
         """Whether a run of that short name is kept."""
-        return self.library.has(name)
+        return self.snapshots.has(name)
 
     def open(self, name: str) -> Snapshot:
         """The run of that short name.
@@ -63,7 +63,7 @@ class Runs:
         Raises:
             SnapshotError: for an unknown name or a damaged file.
         """
-        return self.library.open(name)
+        return self.snapshots.open(name)
 
 
 def is_known(session: str, cache: Path) -> bool:
