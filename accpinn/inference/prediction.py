@@ -68,7 +68,7 @@ class GapBand:
     time: FloatArray
     """(K,) in s from the segment's start."""
     lower: FloatArray
-    """(K, M) in m; nan where nothing is simulated, and for followers that the data leave open."""
+    """(K, M) in m; nan where nothing is simulated, and for followers that are not determined."""
     upper: FloatArray
     """(K, M)"""
     level: float

@@ -97,9 +97,9 @@ def test_the_band_of_the_gain_is_that_of_the_draws(segment: Segment) -> None:
     uncertainty, omega = intervals(segment, least_squares.fit(segment)), np.array([0.01, 0.3, 2.0])
     band = gain_band(uncertainty, 0, omega)
     low = np.abs([_gain(one, 0.3) for one in uncertainty.draws[:, 0]])
-    # Draws of large weight repeat, so that shares of them come in steps.
-    assert (low < band.lower[1]).mean() == pytest.approx(0.05, abs=0.005)
-    assert (low > band.upper[1]).mean() == pytest.approx(0.05, abs=0.005)
+    # Draws of large weight repeat: an end may be one of them, and so many are neither side of it.
+    for beyond in (band.lower[1] - low, low - band.upper[1]):
+        assert (beyond > 1e-9).mean() <= 0.05 <= (beyond > -1e-9).mean()
 
 
 def _gain(one: Parameters, omega: float) -> complex:

@@ -193,7 +193,7 @@ def cautions(snapshot: Snapshot) -> dict[str, tuple[str, ...]]:
     of_parameters = (
         *snapshot.fit.findings,
         *(uncertainty.findings if uncertainty else ()),
-        *(_openness(snapshot, uncertainty) if uncertainty else ()),
+        *(_wide_intervals(snapshot, uncertainty) if uncertainty else ()),
         *(evaluation.whiteness.findings if evaluation else ()),
     )
     return {
@@ -203,8 +203,8 @@ def cautions(snapshot: Snapshot) -> dict[str, tuple[str, ...]]:
     }
 
 
-def _openness(snapshot: Snapshot, uncertainty: Uncertainty) -> tuple[Finding, ...]:
-    """Which parameters the data leave open, and what would narrow their intervals."""
+def _wide_intervals(snapshot: Snapshot, uncertainty: Uncertainty) -> tuple[Finding, ...]:
+    """Which intervals are wide, and what would narrow them."""
     info = snapshot.info
     found = weakly_identified(info, snapshot.quality, uncertainty, snapshot.fit.case)
     cure = narrower_intervals(info, uncertainty, found, snapshot.facts.get("duration"))
