@@ -27,8 +27,12 @@ _ICONS = {
 }
 """All pages, in the order of the links to them."""
 
+SIDEBAR = 230
+"""Width in pixels: what stands there must not take room from tables."""
+
 _STYLE = """<style>
-.stMainBlockContainer { padding-top: 4.2rem; padding-bottom: 3rem; max-width: 86rem; }
+.stMainBlockContainer { padding: 2.6rem 2.5rem 3rem; max-width: 92rem; }
+@media (max-width: 640px) { .stMainBlockContainer { padding: 3.4rem 1rem 3rem; } }
 [data-testid="stStatusWidget"] { display: none; }
 .vehicle-key { display: flex; flex-wrap: wrap; gap: .2rem 1.1rem; font-size: .875rem; }
 .vehicle-key span { white-space: nowrap; }
@@ -52,6 +56,7 @@ def begin(title: str, lead: str = "") -> Workspace:
         page_title=f"{title} · accpinn" if title else "accpinn",
         page_icon=str(HERE / "icon.svg"),
         layout="wide",
+        initial_sidebar_state=SIDEBAR,
     )
     st.html(_STYLE)
     workspace = current()

@@ -6,6 +6,7 @@ from typing import Any, TypeVar
 import streamlit as st
 
 from accpinn.segment.segment import Segment, SegmentInfo
+from pages.ui.session.workspace import Workspace
 
 T = TypeVar("T")
 Change = Callable[[Any], object]
@@ -93,6 +94,26 @@ def segments(
         **bound(key, value, change, default="default"),
         **look,
     )
+
+
+def tabs(workspace: Workspace, key: str, views: Mapping[str, Callable[[], None]]) -> None:
+    """Tabs of which only the open one is drawn; a switch draws the page anew.
+
+    Args:
+        workspace: keeps which is open.
+        key: of the widget.
+        views: by title, what draws each tab.
+    """
+    titles, kept = list(views), workspace.tabs
+    value = kept.get(key, "")
+    arguments = bound(
+        key, value if value in views else titles[0],
+        lambda title: kept.update({key: title}), default="default",
+    )  # fmt: skip
+    for tab, draw in zip(st.tabs(titles, **arguments), views.values(), strict=True):
+        if tab.open:
+            with tab:
+                draw()
 
 
 def pick_follower(segment: Segment | SegmentInfo, key: str) -> int:

@@ -140,6 +140,8 @@ class Workspace:
     platoon_choice: PlatoonChoice = field(default_factory=PlatoonChoice)
     pictures: str = "SVG"
     """The format in which charts are saved."""
+    tabs: dict[str, str] = field(default_factory=dict)
+    """The title of the tab that is open, by the key of its row of tabs."""
     legends: bool = False
     """Whether each chart has one of its own, beside the key that serves a whole page."""
     opened: dict[str, tuple[Recording, Truth | None]] = field(default_factory=dict)
