@@ -113,3 +113,11 @@ def everything(page: AppTest) -> str:
 def figures(page: AppTest) -> list[dict[str, Any]]:
     """The charts as plotly has them."""
     return [json.loads(chart.proto.spec) for chart in page.get("plotly_chart")]
+
+
+def open_tab(page: AppTest, key: str, title: str) -> AppTest:
+    """Open a tab of the row with that key, and run."""
+    workspace_of(page).tabs[key] = title
+    page.run()
+    assert not page.exception, page.exception
+    return page
