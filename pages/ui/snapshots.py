@@ -29,7 +29,7 @@ from accpinn.results.tables.estimates import PARAMETER_COLUMNS, TITLES, learned_
 from accpinn.results.tables.table import ABSENT, Column, Range, Table
 from accpinn.units import Seconds
 from pages.ui.components import frame, show
-from pages.ui.results import banner
+from pages.ui.result.saved import banner
 from pages.ui.session.resources import library, opened
 from pages.ui.session.sessions import SNAPSHOT
 from pages.ui.session.workspace import Workspace

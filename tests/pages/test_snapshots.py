@@ -16,7 +16,7 @@ from pages.ui.session import sessions
 from pages.ui.session.resources import library, task_queue
 from pages.ui.session.workspace import Workspace
 from pages.ui.snapshots import differing_settings, other_vehicles, parameter_differences
-from pages.ui.train import chosen_config
+from pages.ui.train.options import chosen_config
 from tests.support.apptest import (
     COMPARE,
     DATA,

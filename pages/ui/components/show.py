@@ -154,21 +154,28 @@ def chart(figure: go.Figure, key: str, **options: Any) -> Any:
     return st.plotly_chart(figure, key=key, config=config, **options)
 
 
-def key(entries: Iterable[tuple[str, str]], faint: Container[str] = (), dashed: str = "") -> None:
+def key(
+    entries: Iterable[tuple[str, str]],
+    faint: Container[str] = (),
+    dashed: str = "",
+    dotted: str = "",
+) -> None:
     """Names beside their colours.
 
     Args:
         entries: name and colour.
         faint: names that are less visible.
         dashed: what a dashed line means.
+        dotted: what a dotted line means.
     """
     spans = [
         f"<span{' class=faint' if name in faint else ''}>"
         f'<i style="background:{colour}"></i>{html.escape(name)}</span>'
         for name, colour in entries
     ]
-    if dashed:
-        spans.append(f'<span><b aria-hidden="true">- -</b> {html.escape(dashed)}</span>')
+    for line, meaning in (("- -", dashed), ("···", dotted)):
+        if meaning:
+            spans.append(f'<span><b aria-hidden="true">{line}</b> {html.escape(meaning)}</span>')
     st.html(f'<div class="vehicle-key">{"".join(spans)}</div>')
 
 
@@ -181,7 +188,10 @@ def vehicle_colours(
 
 
 def vehicle_key(
-    segment: Segment | SegmentInfo, with_truth: bool = False, shared: bool = False
+    segment: Segment | SegmentInfo,
+    with_truth: bool = False,
+    shared: bool = False,
+    with_solved: bool = False,
 ) -> None:
     """The colour of each vehicle, once for all charts below.
 
@@ -189,11 +199,13 @@ def vehicle_key(
         segment: with the vehicles.
         with_truth: whether the charts have true values.
         shared: whether the charts have lines of what all followers share, as in Case I.
+        with_solved: whether the charts have the values of least squares.
     """
     leader, *followers = segment.labels
     entries = [*zip((f"{leader} (leader)", *followers), vehicle_colours(segment), strict=True)]
     entries += [(EVERY_FOLLOWER, SHARED)] * shared
-    key(entries, dashed="true value" if with_truth else "")
+    dotted = "least squares" if with_solved else ""
+    key(entries, dashed="true value" if with_truth else "", dotted=dotted)
 
 
 def clicked_data(points: list[dict[str, Any]]) -> Any:

@@ -25,9 +25,9 @@ from pages.ui.components import frame, show
 from pages.ui.components.show import escape_markdown
 from pages.ui.components.widgets import bound, segments, select
 from pages.ui.data.sources import choose_source, is_asked
-from pages.ui.results import banner, show_data
+from pages.ui.result.saved import banner, show_data
 from pages.ui.session.workspace import Workspace
-from pages.ui.train import chosen_config
+from pages.ui.train.options import chosen_config
 
 CASES = {
     "I": "Case I: one set of α, β, τ for the whole platoon, as if all followers were the same car.",

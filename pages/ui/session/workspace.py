@@ -127,7 +127,7 @@ class Workspace:
     settings: dict[str, dict[str, Any]] = field(default_factory=dict)
     """Per preset, the settings that differ from it."""
     training: Task[Fit] | None = None
-    comparison: Task[MethodResult | MethodFailure] | None = None
+    comparison: Task[MethodResult | MethodFailure | Adequacy] | None = None
     """All methods on the segment, while they run and when they are done."""
     starts: Task[Trial] | None = None
     """Trainings of the segment from several initial values."""
@@ -330,7 +330,9 @@ class Workspace:
     def compared(self) -> tuple[MethodResult, ...]:
         """The results of the methods, as far as they were run."""
         if self.comparison:
-            return results_among(self.comparison.results)
+            order = list(METHODS)
+            found = results_among(self.comparison.results)
+            return tuple(sorted(found, key=lambda row: order.index(row.fit.method)))
         return self.snapshot.methods if self.snapshot else ()
 
     def compared_with_training(self) -> tuple[MethodResult, ...]:
@@ -390,6 +392,9 @@ class Workspace:
     @property
     def known_adequacy(self) -> Adequacy | None:
         """The forms of the model for the segment, if they were compared before."""
+        found = self.comparison.results if self.comparison else ()
+        if compared := next((one for one in found if isinstance(one, Adequacy)), None):
+            return compared
         kept = self._adequacy
         if kept and kept[0] is self.segment and kept[1] == self.case:
             return kept[2]
