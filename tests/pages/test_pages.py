@@ -34,6 +34,7 @@ from tests.support.apptest import (
     choose,
     figures,
     open_page,
+    open_tab,
     plain,
     press,
     texts,
@@ -299,15 +300,18 @@ def test_train_shows_table_curves_and_downloads_and_keeps_the_result() -> None:
         assert ("From the cache" in texts(page)) == cached
     for said in ("Converged", "Surrogate fit, MAE", "Closed-loop simulation, MAE"):
         assert said in texts(page)
+    assert len(figures(page)) == 1
+    open_tab(page, "train_tabs", "Comparison")
     assert "0.0612" in texts(page), "the truth of the first follower"
-    assert len(figures(page)) == 5
-    assert len(page.get("download_button")) == 2
+    assert "Estimates and intervals are those of the CTHP." in plain(page)
+    assert len(figures(open_tab(page, "train_tabs", "Training"))) == 5
+    assert len(open_tab(page, "train_tabs", "Export").get("download_button")) == 2
+    open_tab(page, "train_tabs", "Fit")
     assert "Start training" in labels(page)
     assert "Stop training" not in labels(page)
     choose(page, "train_follower", 3)
     assert figures(page)[0]["layout"]["uirevision"] == "tracking-5"
     assert "90 % band" in [trace["name"] for trace in figures(page)[0]["data"]]
-    assert "Estimates and intervals are those of the CTHP." in plain(page)
 
 
 @pytest.mark.parametrize(
@@ -393,7 +397,8 @@ def test_a_second_session_waits_and_is_told() -> None:
 
 def test_options_are_refused_reach_the_training_and_survive_a_visit_elsewhere() -> None:
     found = with_sample()
-    page = choose(open_page(TRAIN, found), "train_fast_iterations", 0)
+    page = choose(open_page(TRAIN, found), "train_options", True)
+    choose(page, "train_fast_iterations", 0)
     (error,) = page.error
     assert "iterations: 0 is not allowed" in error.value.replace("\\", "")
     assert page.button(key="train_start").disabled
@@ -403,7 +408,7 @@ def test_options_are_refused_reach_the_training_and_survive_a_visit_elsewhere() 
     choose(page, "train_fast_seed", 7)
     choose(page, "train_fast_weight_data_1", 2.0)
     choose(page, "train_fast_start", (0.5, 0.5, 0.5))
-    page = open_page(TRAIN, found)  # as after a reload
+    page = choose(open_page(TRAIN, found), "train_options", True)  # as after a reload
     assert page.number_input(key="train_fast_seed").value == 7
     press(page, "Start training")
     config = found.training.request.config

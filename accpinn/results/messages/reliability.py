@@ -22,6 +22,8 @@ from accpinn.results.messages import Labelled, joined, message
 from accpinn.study.recommendation import Recommendation
 from accpinn.study.windows import WindowsDiffer
 
+FEW = 3
+"""More methods than these are counted, not named."""
 QUANTITIES = {one.symbol: one for one in PARAMETERS}
 BIAS = (
     "disturbances to which the vehicle itself responds bias what fits the accelerations best, so"
@@ -309,6 +311,8 @@ def _(finding: Recommendation, about: Labelled) -> str:
     if count:
         of = "the CTHP's" if finding.better else "the"
         who = joined([METHODS[key].title for key in finding.outside])
+        if count > FEW:
+            who = f"{count} of {finding.methods} methods"
         said.append(f"Outside {of} {level} intervals: {who}.")
     else:
         said.append(f"All {finding.methods} methods lie within the {level} intervals.")

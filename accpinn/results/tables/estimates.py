@@ -246,11 +246,11 @@ def recommendation_table(
         found: the recommendations, at least one.
         reasons: for each, in words.
     """
-    cells = [
+    cells: list[list[Cell]] = [
         [Estimate(_number(k.likeliest), k.lower, _number(k.upper, inf)) for k in one.intervals]
-        or [None] * len(PARAMETERS)
         for one in found
     ]
+    cells = [row or [None] * len(PARAMETERS) for row in cells]
     of = [
         f"Maximum likelihood, {one.better.form}" if one.better else "Maximum likelihood"
         for one in found

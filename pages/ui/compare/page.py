@@ -221,8 +221,8 @@ def _show_methods(shown: _Shown) -> None:
     show.downloads(table, f"{Path(segment.source).stem}_methods", "compare")
     shared = rows[0].fit.case == "I" and segment.followers > 1
     who = "All followers together" if shared else segment.labels[shown.follower + 1]
-    agreed = agreement(rows, 0 if shared else shown.follower)
-    st.markdown(f"Do the methods agree on {escape_markdown(who)}? {escape_markdown(agreed)}")
+    agreed = escape_markdown(agreement(rows, 0 if shared else shown.follower))
+    st.markdown(f"Do the methods agree on {escape_markdown(who)}? {agreed[:1].upper()}{agreed[1:]}")
     show_intervals(segment.info, shown.uncertainty, GAP_ERROR, rows[0].fit.case)
     show.messages(messages(shown.uncertainty.findings, segment))
     _show_curves(shown)
