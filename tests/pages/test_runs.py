@@ -36,7 +36,7 @@ def test_runs_survive_another_recording_and_a_restart_and_are_restored() -> None
     again = workspace_of(page)
     assert again is not found
     assert again.id == found.id
-    press(page, "runs_restore")
+    press(page, f"runs_open_{run.id}")
     assert again.fit.parameters == before
     assert again.recording is not None, "a sample is opened again"
     assert again.window == Window(0.0, 60.0)

@@ -14,11 +14,13 @@ from accpinn.evaluation.closed_loop import (
 )
 from accpinn.evaluation.whiteness import Whiteness, whiteness
 from accpinn.inference.intervals import Uncertainty
+from accpinn.inference.model_adequacy import Adequacy
 from accpinn.methods.fit import Fit
 from accpinn.model.cthp import Parameters, Trajectories
 from accpinn.results.snapshot import Snapshot
 from accpinn.segment.quality import Quality, assess_quality
 from accpinn.segment.segment import Segment, SegmentInfo
+from accpinn.units import Seconds
 from pages.ui.session.workspace import Workspace
 
 
@@ -37,6 +39,10 @@ class Evaluated:
     """Of that simulation; None where they are not known."""
     residual: Whiteness | None
     uncertainty: Uncertainty | None
+    adequacy: Adequacy | None = None
+    """Of the forms of the model, where they were compared."""
+    recording: Seconds | None = None
+    """The recording's duration, where it is known."""
     segment: Segment | None = None
     """None where the data are not here."""
     driven: Trajectories | None = None
@@ -52,21 +58,23 @@ def of_training(workspace: Workspace) -> Evaluated | None:
         return None
     return Evaluated(
         segment.info, fit, assess_quality(segment), *_evaluate(segment, fit),
-        uncertainty=workspace.uncertainty(), segment=segment, driven=simulated(segment, fit),
+        uncertainty=workspace.uncertainty(), adequacy=workspace.known_adequacy,
+        recording=workspace.recording_duration, segment=segment, driven=simulated(segment, fit),
         truth=workspace.true_parameters,
     )  # fmt: skip
 
 
-def of_snapshot(workspace: Workspace, snapshot: Snapshot) -> Evaluated:
+def of_snapshot(snapshot: Snapshot, segment: Segment | None) -> Evaluated:
     """A saved result, with its data where they are here."""
-    fit, saved, segment = snapshot.fit, snapshot.evaluation, workspace.segment
+    fit, saved = snapshot.fit, snapshot.evaluation
     return Evaluated(
         snapshot.info, fit, snapshot.quality,
         saved.surrogate if saved else None,
         saved.closed_loop if saved else None,
         saved.all_findings if saved else None,
         saved.whiteness if saved else None,
-        snapshot.uncertainty, segment, simulated(segment, fit) if segment else None,
+        snapshot.uncertainty, snapshot.adequacy, snapshot.facts.get("duration"),
+        segment, simulated(segment, fit) if segment else None,
     )  # fmt: skip
 
 

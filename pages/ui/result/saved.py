@@ -84,7 +84,8 @@ def show_saved_result(
     if workspace.segment is None:
         show.not_acc(snapshot.info)
     _recording_needed(workspace, snapshot, "To train on, the page needs")
-    show_evaluated(workspace, of_snapshot(workspace, snapshot), "snapshots", next_step)
+    result = of_snapshot(snapshot, workspace.segment)
+    show_evaluated(workspace, result, "snapshots", next_step)
 
 
 def show_saved_rows(workspace: Workspace) -> None:

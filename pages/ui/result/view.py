@@ -73,7 +73,7 @@ def show_evaluated(
         follower = pick_follower(info, f"{page}_follower", labelled=False)
         _show_tracking(result, follower, f"{page}_tracking", BESIDE)
     views: dict[str, Callable[[], None]] = {
-        "Fit": lambda: _show_fit(workspace, result, table, follower),
+        "Fit": lambda: _show_fit(result, table, follower),
     }
     if history := fit.history:
         views["Training"] = lambda: show_history(history, info, page, fit.case, result.truth)
@@ -130,7 +130,7 @@ def _parameter_table(result: Evaluated) -> Table:
     return table.coloured(show.vehicle_colours(info, tables.row_vehicles(info, fit.case)))
 
 
-def _show_fit(workspace: Workspace, result: Evaluated, table: Table, follower: int) -> None:
+def _show_fit(result: Evaluated, table: Table, follower: int) -> None:
     """Errors, what happens in simulation, and what the intervals take for granted."""
     info, fit = result.info, result.fit
     took = f"{fit.seconds:.1f} s" if fit.seconds < 60 else show.format_duration(fit.seconds)
@@ -145,20 +145,20 @@ def _show_fit(workspace: Workspace, result: Evaluated, table: Table, follower: i
     )
     after = "The simulation continues, and the closed-loop errors include what follows."
     show.messages(messages(result.events or (), info), "warning", "car_crash", after)
-    _show_limits(workspace, result)
+    _show_limits(result)
     show.messages(messages((*fit.findings, *headway_findings(info.vehicles, fit.parameters)), info))
     if said := _about_tracking(result, follower):
         st.caption(escape_markdown(said))
 
 
-def _show_limits(workspace: Workspace, result: Evaluated) -> None:
+def _show_limits(result: Evaluated) -> None:
     """Which intervals are wide, and what would narrow them."""
     info, uncertainty = result.info, result.uncertainty
     if uncertainty is None:
         return
     quality = assess_quality(result.segment) if result.segment else result.quality
     wide = weakly_identified(info, quality, uncertainty, result.fit.case)
-    cure = narrower_intervals(info, uncertainty, wide, workspace.recording_duration)
+    cure = narrower_intervals(info, uncertainty, wide, result.recording)
     show.messages(messages((*wide, *cure), info), "warning")
 
 
@@ -183,8 +183,9 @@ def _show_comparison(workspace: Workspace, result: Evaluated, page: str) -> None
     show.downloads(table, f"{Path(info.source).stem}_comparison", f"{page}_comparison")
     if uncertainty is None:
         return
-    adequacy = workspace.known_adequacy
-    if adequacy is None and segment:
+    is_own = segment is not None and segment is workspace.segment
+    adequacy = workspace.known_adequacy if is_own else result.adequacy
+    if adequacy is None and is_own:
         label = "Compare with other forms of the model"
         if st.button(label, key=f"{page}_forms", icon=":material/rule:"):
             with st.spinner("This takes some seconds."):

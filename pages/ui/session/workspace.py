@@ -135,6 +135,8 @@ class Workspace:
     """Fits that are no longer current, oldest first."""
     snapshot: Snapshot | None = None
     """The result that is shown as it was saved; without its data there may be no segment."""
+    viewed: str = ""
+    """Short name of the snapshot that page Snapshots shows in full; empty for the list."""
     parameter_choice: ParameterChoice = field(default_factory=ParameterChoice)
     map_choice: MapChoice = field(default_factory=MapChoice)
     platoon_choice: PlatoonChoice = field(default_factory=PlatoonChoice)
