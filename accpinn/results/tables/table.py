@@ -16,6 +16,8 @@ import numpy as np
 from jinja2 import Environment, StrictUndefined
 from markupsafe import Markup
 
+from accpinn.results.glossary import meaning_of
+
 
 class Range(NamedTuple):
     """An interval as one cell; an end may be infinite, both are nan where nothing is known."""
@@ -268,7 +270,7 @@ class Table:
 
     def to_html(self) -> str:
         """A figure with caption and table, both of class "figures"; `STYLE` belongs to it."""
-        return _HTML.render(
+        return _TABLE.render(
             table=self,
             groups=self._groups(),
             rows=self._shown(Column.html),
@@ -298,7 +300,9 @@ class Table:
         return [f"    {' & '.join(heads)} \\\\", f"    {' '.join(rules)}"]
 
 
-_HTML = Environment(autoescape=True, undefined=StrictUndefined).from_string("""\
+_HTML = Environment(autoescape=True, undefined=StrictUndefined)
+_HTML.globals["meaning_of"] = meaning_of
+_TABLE = _HTML.from_string("""\
 <figure class="figures">
 {%- if table.caption %}<figcaption>{{ table.caption }}</figcaption>{% endif -%}
 <div><table class="figures"><thead>
@@ -307,7 +311,9 @@ _HTML = Environment(autoescape=True, undefined=StrictUndefined).from_string("""\
 <th colspan="{{ width }}"{{ " class=group" if name }}>{{ name }}</th>
 {%- endfor %}</tr>{% endif %}<tr>
 {%- for column in table.columns -%}
-<th scope="col"{{ column.html_class }}>{{ column.title }}
+<th scope="col"{{ column.html_class }}
+{%- set meaning = meaning_of(column.title) %}{% if meaning %} title="{{ meaning }}"{% endif %}>
+{{- column.title }}
 {%- if column.unit %} <small>[{{ column.unit }}]</small>{% endif %}</th>
 {%- endfor %}</tr></thead><tbody>
 {%- for cells in rows %}<tr>{% set row = loop.index0 %}
@@ -326,7 +332,7 @@ figure.figures > div { overflow-x: auto; background:
   linear-gradient(to left, var(--shade), transparent) right / 1rem 100% no-repeat scroll; }
 figure.figures figcaption { padding: 0 0 .35rem; font-weight: 600; }
 table.figures { border-collapse: collapse; width: 100%; font-variant-numeric: tabular-nums; }
-table.figures th, table.figures td { padding: .32rem .5rem; text-align: left; white-space: nowrap;
+table.figures th, table.figures td { padding: .32rem .4rem; text-align: left; white-space: nowrap;
   border: 0; }
 table.figures .number { text-align: right; }
 table.figures td.number { white-space: normal; }
@@ -336,6 +342,8 @@ table.figures tr > :first-child:not(th[colspan]), table.figures th[colspan="1"]:
   position: sticky; left: 0; background: var(--page); z-index: 1; }
 table.figures tbody td:first-child { max-width: 22rem; overflow: hidden; text-overflow: ellipsis; }
 table.figures th { font-weight: 600; vertical-align: bottom; white-space: normal; }
+table.figures th[title] { cursor: help; text-decoration: underline dotted 1px;
+  text-underline-offset: .25em; }
 table.figures th small { font-weight: 400; opacity: .75; white-space: nowrap; }
 table.figures th.group { text-align: center; white-space: normal;
   border-bottom: 1px solid rgba(128, 140, 155, .45); }

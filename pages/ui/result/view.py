@@ -56,7 +56,7 @@ def show_evaluated(
     info, fit = result.info, result.fit
     _show_outcome(result)
     _show_checks(result)
-    left, right = st.columns((1.18, 1), gap="medium")
+    left, right = st.columns((1.3, 1), gap="medium")
     table = _parameter_table(result)
     with left:
         show.table(tables.estimate_part(table))

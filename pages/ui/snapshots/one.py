@@ -6,11 +6,12 @@ import streamlit as st
 
 from accpinn.results.messages.methods import unfinished
 from accpinn.results.messages.snapshot import check_rows, counted, summary
-from accpinn.results.messages.summary import summary as result_summary
+from accpinn.results.messages.stability import headline
 from accpinn.results.report import render_report
 from accpinn.results.snapshot import SUFFIX, Snapshot
 from accpinn.results.snapshot.saved import Entry
 from accpinn.results.snapshot.verification import obstacle, recover, verify
+from accpinn.results.tables.estimates import learned_parameters
 from accpinn.results.tables.table import Column, Table
 from accpinn.segment.segment import Segment
 from accpinn.units import Seconds
@@ -43,8 +44,10 @@ def show_one(workspace: Workspace, snapshot: Snapshot) -> None:
     _show_buttons(workspace, snapshot, title)
     show.not_acc(info)
     show.messages(unfinished(snapshot.fit), "warning", "pause_circle")
-    for sentence in result_summary(snapshot)[-1:]:
-        st.caption(escape_markdown(sentence))
+    if snapshot.stability and not unfinished(snapshot.fit):
+        chosen = learned_parameters(info, snapshot.fit)
+        said = headline(chosen, snapshot.stability, snapshot.uncertainty)
+        st.markdown(f"**{escape_markdown(said)}**")
     result = of_snapshot(snapshot, _data_of(workspace, snapshot))
     show_evaluated(workspace, result, "snapshots", more={
         "Verify": lambda: _show_verification(workspace, snapshot),
@@ -67,6 +70,7 @@ def _show_buttons(workspace: Workspace, snapshot: Snapshot, title: str) -> None:
 
     def back() -> None:
         workspace.viewed = ""
+        show.forget_flash()
 
     def open_it() -> None:
         with show.flashing():

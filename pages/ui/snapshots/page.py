@@ -51,6 +51,7 @@ def show_page() -> None:
 
 def _view(workspace: Workspace, name: str) -> None:
     workspace.viewed = name
+    show.forget_flash()
 
 
 def _save_form(workspace: Workspace) -> None:
