@@ -163,7 +163,8 @@ def _candidates(complete: tuple[Window, ...], duration: Seconds) -> list[Window]
         if not starts and stretch.duration >= duration - SLACK:
             starts = [stretch.start]
         found += [Window(start, round(start + duration, 9)) for start in starts]
-    return found or [max(complete, key=lambda stretch: stretch.duration)] * bool(complete)
+    longest = max(complete, key=lambda stretch: stretch.duration, default=None)
+    return found or ([longest] if longest else [])
 
 
 def _before(values: FloatArray) -> FloatArray:

@@ -17,7 +17,7 @@ from accpinn.recordings.recording import Recording, Window
 from accpinn.tasks.task import Status, TrainingRequest, training_task
 from pages.ui.components.show import bullets, escape_markdown, format_duration
 from pages.ui.data.page import window_of
-from pages.ui.data.sources import FIRST_SAMPLE, sample
+from pages.ui.data.sources import FIRST_SAMPLE, OPENING, sample
 from pages.ui.session import sessions
 from pages.ui.session.resources import task_queue
 from pages.ui.session.sessions import KEPT_FOR, KEPT_WORKSPACES, Workspaces
@@ -34,6 +34,7 @@ from tests.support.apptest import (
     choose,
     figures,
     open_page,
+    open_tab,
     plain,
     press,
     texts,
@@ -109,8 +110,13 @@ def test_open_a_sample_move_the_window_and_train() -> None:
         assert said in before
     (overview,) = figures(page)
     assert overview["layout"]["shapes"][0]["x1"] == 300.0
+    assert page.slider(key="data_ends").value == (0.0, 300.0)
+    open_tab(page, "data_tabs", "Regimes")
     page.toggle(key="data_sensitivity").set_value(True).run()
     assert "so there is nothing to compare" in texts(page), "no regime occurs in it"
+    open_tab(page, "data_tabs", "Changes to the data")
+    assert "None: every sample" in texts(page)
+    open_tab(page, "data_tabs", "Window")
 
     choose(page, "data_start", 80.0)
     choose(page, "data_length", 120.0)
@@ -135,11 +141,16 @@ def test_regimes_are_left_out_when_ticked_and_said_everywhere() -> None:
     page = open_page(DATA, found)
     assert found.segment.mask is None
     assert "Without" not in texts(page)
+    open_tab(page, "data_tabs", "Regimes")
     choose(page, "data_exclude_catching up", True)
     assert found.segment.mask[:, 0].tolist() == (time >= 100).tolist()
-    for said in ("**Without** catching up", "(2 B: 25 % of the instants)",
-                 "s, without catching up", "all other figures are of all instants"):  # fmt: skip
+    open_tab(page, "data_tabs", "Changes to the data")
+    assert "(2 B: 25 % of the instants)" in plain(page)
+    open_tab(page, "data_tabs", "Window")
+    for said in ("**Without** catching up", "s, without catching up",
+                 "all other figures are of all instants"):  # fmt: skip
         assert said in plain(page)
+    open_tab(page, "data_tabs", "Regimes")
     for path in (TRAIN, COMPARE):
         assert "without catching up" in texts(open_page(path, found))
     choose(page, "data_sensitivity", True)
@@ -197,7 +208,9 @@ def test_a_bad_upload_is_one_sentence_and_loses_nothing_and_a_good_one_is_opened
     found = with_sample()
     page = open_page(DATA, found)
     before = found.recording, found.segment
-    page.segmented_control(key="data_source").set_value("Upload").run()
+    assert not page.get("file_uploader")
+    page.session_state[OPENING] = True
+    page.run()
     page.file_uploader(key="data_upload").upload("bad.csv", b"\x89PNG not a run", "x").run()
     assert not page.exception
     (error,) = page.error
@@ -213,7 +226,6 @@ def test_a_bad_upload_is_one_sentence_and_loses_nothing_and_a_good_one_is_opened
 
 def test_the_folder_on_the_server(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     page = open_page(DATA)
-    page.segmented_control(key="data_source").set_value("Folder on the server").run()
     assert "ACCPINN_RECORDINGS" in texts(page)
     root = tmp_path / "runs"
     (root / "deep").mkdir(parents=True)
@@ -224,6 +236,33 @@ def test_the_folder_on_the_server(monkeypatch: pytest.MonkeyPatch, tmp_path: Pat
     page.run()
     assert page.selectbox(key="data_file").options == ["deep/run.csv"]
     assert "run\\.csv" in texts(press(page, "Open this recording"))
+
+
+def test_handles_views_and_the_suggested_window() -> None:
+    found = with_sample()
+    page = open_page(DATA, found)
+    page.slider(key="data_ends").set_value((50.0, 250.0)).run()
+    assert found.window == Window(50.0, 250.0)
+    page.slider(key="data_ends").set_value((50.0, 55.0)).run()
+    assert found.window == Window(50.0, 250.0), "too short for a window"
+    choose(page, "data_view", "relative")
+    assert [trace["name"] for trace in figures(page)[0]["data"][:4]] == list(
+        found.segment.labels[1:]
+    )
+    press(page, "data_suggested")
+    assert found.window == Window(30.0, 330.0)
+    assert "best excitation" in texts(page)
+    assert "relative D-efficiency" not in texts(page), "it is the present one"
+    assert page.button(key="data_suggested").disabled
+
+
+def test_what_is_wrong_with_a_window_is_said_in_the_first_row() -> None:
+    frame = platoon(vehicles=2)
+    frame["Driver2"] = "Human"
+    page = open_page(DATA, with_recording(read(csv(frame, metadata(("A", "B"))), "made.csv")))
+    marks = [one.proto.popover.label for one in page.get("popover")]
+    assert any("red" in label and "Driven by hand" in label for label in marks)
+    assert any("blue" in label and "Samples complete" in label for label in marks)
 
 
 def test_the_length_that_is_shown_rounded_is_accepted() -> None:
@@ -241,16 +280,15 @@ def test_the_length_that_is_shown_rounded_is_accepted() -> None:
 def test_vehicles_and_case() -> None:
     found = with_sample()
     page = open_page(DATA, found)
-    leader, _ = page.selectbox[-2:]
+    leader, _ = page.selectbox[:2]
     assert leader.label == "Leader"
     leader.set_value(3).run()
     assert found.vehicles == (3, 4, 5)
     page.segmented_control(key="data_case").set_value("I").run()
     assert found.case == "I"
-    assert "one set of α, β, τ" in texts(page)
-    page.selectbox[-1].set_value(4).run()
+    page.selectbox[1].set_value(4).run()
     assert found.vehicles == (3, 4)
-    assert "one set of α, β, τ" not in texts(page)
+    assert not any(box.key == "data_case" for box in page.segmented_control)
     assert found.true_parameters.alpha.tolist() == [0.0766]
 
 
