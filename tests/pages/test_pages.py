@@ -12,6 +12,7 @@ from accpinn.methods import least_squares
 from accpinn.methods.fit import Continued
 from accpinn.methods.pinn.config import preset
 from accpinn.model.cthp import Parameters, Trajectories
+from accpinn.model.published import ASTAZERO_ALIKE
 from accpinn.recordings.openacc import read
 from accpinn.recordings.recording import Recording, Window
 from accpinn.tasks.task import Status, TrainingRequest, training_task
@@ -70,7 +71,7 @@ def test_a_link_to_an_unknown_session_says_so_and_shows_a_next_step(path: str) -
     assert page.query_params["session"] != "long-forgotten"
     assert page.button or page.get("page_link"), "there must be a way on"
     assert not page.error
-    assert "Your session" not in texts(page)
+    assert "**Continue**" not in texts(page)
     page.run()
     assert "no longer on this server" not in texts(page)
 
@@ -81,7 +82,7 @@ def test_with_a_recording_and_with_a_window_that_cannot_be_used(path: str) -> No
     page = open_page(path, found)
     assert not page.error
     if path == HOME:
-        assert "Your session" in texts(page)
+        assert "**Continue**" in texts(page)
         assert "vehicles 1–5" in texts(page)
     found.choose(window=Window(395.0, 399.0))
     assert found.fault
@@ -96,7 +97,56 @@ def test_one_click_on_home_trains_a_sample() -> None:
     assert found.training.wait(WAIT)
     truth = found.true_parameters.values
     np.testing.assert_allclose(found.fit.parameters.values, truth, rtol=0.03)
-    assert "**Training** is done" in texts(open_page(HOME, found))
+    open_page(TRAIN, found)
+    page = open_page(HOME, found)
+    assert "**Training** is done" in texts(page)
+    (run,) = found.runs.entries()
+    later = sessions.workspaces().new(found.id)  # as after a restart of the server
+    page = press(open_page(HOME, later), f"home_run_{run.id}")
+    assert later.snapshot is not None
+    assert later.recording.source == FIRST_SAMPLE.name, "a sample comes with it"
+    assert later.fit.parameters == found.fit.parameters
+
+
+def test_a_file_dropped_on_home_leads_to_data() -> None:
+    page = open_page(HOME)
+    raw = csv(platoon(vehicles=2), metadata(("A", "B")))
+    page.file_uploader(key="data_upload").upload("bad.csv", b"nothing", "text/csv").run()
+    (error,) = page.error
+    assert "bad" in error.value
+    page.file_uploader(key="data_upload").upload("mine.csv", raw, "text/csv").run()
+    assert not page.exception
+    assert workspace_of(page).recording.source == "mine.csv"
+    assert "Preview of the window" in texts(page), "this is page Data"
+
+
+def test_published_parameters_and_the_papers_items_from_home() -> None:
+    page = open_tab(open_page(HOME), "home_tabs", "Published parameters")
+    found = workspace_of(page)
+    press(page, f"home_{ASTAZERO_ALIKE.title}_Stability")
+    assert (found.parameter_source, found.parameter_choice.example) == (
+        "published", ASTAZERO_ALIKE.title,
+    )  # fmt: skip
+    page = open_tab(open_page(HOME, found), "home_tabs", "Reproduce the paper")
+    assert "14 of 14 printed verdicts agree" in texts(page)
+    assert "1.095" in texts(page), "the gain of the one follower that is printed as stable"
+    assert page.button(key="home_TableI_run").disabled, "no such recording is at hand"
+    press(page, "home_TableI_starts")
+    assert len(found.segment.vehicles) == 2
+    assert found.starts is not None
+    page = open_tab(open_page(HOME, found), "home_tabs", "Reproduce the paper")
+    press(page, "home_Figure8_panels")
+    assert found.platoon_choice.panels
+
+
+def test_a_run_of_the_paper_is_opened_with_its_window(
+    monkeypatch: pytest.MonkeyPatch, openacc_dir: Path
+) -> None:
+    monkeypatch.setenv("ACCPINN_RECORDINGS", str(openacc_dir))
+    page = open_tab(open_page(HOME), "home_tabs", "Reproduce the paper")
+    found = workspace_of(press(page, "home_TableII_run"))
+    assert (found.window, found.case) == (Window(320.0, 620.0), "I")
+    assert found.recording.source == "ASta_040719_platoon5.csv"
 
 
 # Data

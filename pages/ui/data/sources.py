@@ -86,6 +86,15 @@ def find_sample(name: str, sha256: str) -> tuple[Recording, Truth] | None:
     return found if found and found[0].sha256 == sha256 else None
 
 
+def find_run(workspace: Workspace, file: str) -> Load | None:
+    """What opens the recording of that file name: opened before, or in the server's folder."""
+    for known in workspace.opened.values():
+        if known[0].source == file:
+            return lambda: known
+    path = next((path for path in _listed() if path.name == file), None)
+    return (lambda: (from_file(path), None)) if path else None
+
+
 def open_with(workspace: Workspace, load: Load) -> None:
     """Open what ``load`` gives; if that fails, keep what was open and say why."""
     try:
@@ -170,14 +179,11 @@ def _choose_file(workspace: Workspace) -> None:
             " listed here."
         )
         return
-    root = Path(named).resolve()
-    found = (path for path in sorted(root.rglob("*.[cC][sS][vV]")) if path.is_file())
-    # A link that leads out of the folder is left out.
-    inside = (path for path in found if path.resolve().is_relative_to(root))
-    paths = list(islice(inside, LISTED))
+    paths = _listed()
     if not paths:
         st.info(f"`{FOLDER_VARIABLE}` names a folder without CSV files.")
         return
+    root = Path(named).resolve()
     path = st.selectbox(
         "Recording in the server's folder",
         paths,
@@ -187,3 +193,15 @@ def _choose_file(workspace: Workspace) -> None:
     )
     if path:
         _open_button("Open this recording", workspace, lambda: (from_file(path), None))
+
+
+def _listed() -> list[Path]:
+    """The CSV files in the server's folder; none where none is set."""
+    named = os.environ.get(FOLDER_VARIABLE, "")
+    if not named:
+        return []
+    root = Path(named).resolve()
+    found = (path for path in sorted(root.rglob("*.[cC][sS][vV]")) if path.is_file())
+    # A link that leads out of the folder is left out.
+    inside = (path for path in found if path.resolve().is_relative_to(root))
+    return list(islice(inside, LISTED))
