@@ -48,6 +48,9 @@ def _with_unit(text: str, unit: str) -> str:
 TIME = Quantity("Time", "t", "s", 1, 0.0, 1e6, "Time", 1e12)
 SPEED = Quantity("Speed", "v", "m/s", 2, 0.0, 70.0, "Speed", 200.0)
 GAP = Quantity("Space-gap", "p", "m", 2, 0.0, 500.0, "IVS", 10_000.0)
+RELATIVE_SPEED = Quantity("Relative speed Δv", "Δv", "m/s", 2, -30.0, 30.0)
+"""Speed of the vehicle ahead minus the follower's."""
+TIME_GAP = Quantity("Time gap", "p/v", "s", 2, 0.0, 60.0)
 DRIVER = Quantity("Driver mode", "", "", 0, 0.0, 1.0, "Driver")
 RECORDED = {quantity.column: quantity for quantity in (TIME, SPEED, GAP, DRIVER)}
 """By the stem of the column."""

@@ -1,6 +1,7 @@
 """Named followers with their parameters, and the sets that the paper prints.
 
-Source: Apostolakis and Ampountolas, IEEE TVT 2024, Table III (Case II) and Table I, experiment 1.
+Source: Apostolakis and Ampountolas, IEEE TVT 2024, Table III (Case II), Table II (Case I, one set
+of parameters for all followers) and Table I (five trainings from different initial values).
 """
 
 from dataclasses import dataclass
@@ -79,6 +80,26 @@ VICOLUNGO = ParameterSet(
 CASALE = ParameterSet(
     "Ispra-Casale #1 (paper, Table I)", ("Hyundai",), Parameters([0.0104], [0.0718], [1.52])
 )
+CASALE_STARTS = ParameterSet(
+    "Ispra-Casale (paper, Table I)",
+    ("#1", "#2", "#3", "#4", "#5"),
+    Parameters(
+        alpha=[0.0104, 0.0104, 0.0104, 0.0102, 0.0103],
+        beta=[0.0718, 0.0712, 0.0723, 0.0709, 0.0724],
+        tau=[1.52, 1.52, 1.52, 1.52, 1.52],
+    ),
+)
+"""One follower five times, so no platoon to pick."""
 
-PUBLISHED = (ASTAZERO, VICOLUNGO, CASALE)
+
+def _alike(campaign: str, vehicles: ParameterSet, *shared: float) -> ParameterSet:
+    """The same followers with one set of parameters for all, as in Case I."""
+    parameters = Parameters.of([shared] * len(vehicles))
+    return ParameterSet(f"{campaign}, Case I (paper, Table II)", vehicles.names, parameters)
+
+
+ASTAZERO_ALIKE = _alike("AstaZero", ASTAZERO, 0.0627, 0.2630, 1.17)
+VICOLUNGO_ALIKE = _alike("Ispra-Vicolungo", VICOLUNGO, 0.0581, 0.3010, 1.04)
+
+PUBLISHED = (ASTAZERO, VICOLUNGO, CASALE, ASTAZERO_ALIKE, VICOLUNGO_ALIKE)
 """Every set that can be picked as an example."""

@@ -192,12 +192,10 @@ def chart(page: Page, key: str) -> Locator:
 
 def upload(page: Page, file: Path | tuple[str, bytes]) -> None:
     """On Data: open a file, whichever state the page is in."""
-    choice = page.get_by_text("Upload", exact=True)
-    closed = page.get_by_text("Open another recording")
-    choice.or_(closed).first.wait_for()
-    if not choice.is_visible():
+    field, closed = page.locator('input[type="file"]'), page.get_by_text("Open another recording")
+    field.or_(closed).first.wait_for(state="attached")
+    if not field.count():
         closed.click()
-    choice.click()
     give(page, file)
 
 

@@ -12,12 +12,13 @@ from accpinn.methods import least_squares
 from accpinn.methods.fit import Continued
 from accpinn.methods.pinn.config import preset
 from accpinn.model.cthp import Parameters, Trajectories
+from accpinn.model.published import ASTAZERO_ALIKE
 from accpinn.recordings.openacc import read
 from accpinn.recordings.recording import Recording, Window
 from accpinn.tasks.task import Status, TrainingRequest, training_task
 from pages.ui.components.show import bullets, escape_markdown, format_duration
 from pages.ui.data.page import window_of
-from pages.ui.data.sources import FIRST_SAMPLE, sample
+from pages.ui.data.sources import FIRST_SAMPLE, OPENING, sample
 from pages.ui.session import sessions
 from pages.ui.session.resources import task_queue
 from pages.ui.session.sessions import KEPT_FOR, KEPT_WORKSPACES, Workspaces
@@ -70,7 +71,7 @@ def test_a_link_to_an_unknown_session_says_so_and_shows_a_next_step(path: str) -
     assert page.query_params["session"] != "long-forgotten"
     assert page.button or page.get("page_link"), "there must be a way on"
     assert not page.error
-    assert "Your session" not in texts(page)
+    assert "**Continue**" not in texts(page)
     page.run()
     assert "no longer on this server" not in texts(page)
 
@@ -81,7 +82,7 @@ def test_with_a_recording_and_with_a_window_that_cannot_be_used(path: str) -> No
     page = open_page(path, found)
     assert not page.error
     if path == HOME:
-        assert "Your session" in texts(page)
+        assert "**Continue**" in texts(page)
         assert "vehicles 1–5" in texts(page)
     found.choose(window=Window(395.0, 399.0))
     assert found.fault
@@ -96,7 +97,56 @@ def test_one_click_on_home_trains_a_sample() -> None:
     assert found.training.wait(WAIT)
     truth = found.true_parameters.values
     np.testing.assert_allclose(found.fit.parameters.values, truth, rtol=0.03)
-    assert "**Training** is done" in texts(open_page(HOME, found))
+    open_page(TRAIN, found)
+    page = open_page(HOME, found)
+    assert "**Training** is done" in texts(page)
+    (run,) = found.runs.entries()
+    later = sessions.workspaces().new(found.id)  # as after a restart of the server
+    page = press(open_page(HOME, later), f"home_run_{run.id}")
+    assert later.snapshot is not None
+    assert later.recording.source == FIRST_SAMPLE.name, "a sample comes with it"
+    assert later.fit.parameters == found.fit.parameters
+
+
+def test_a_file_dropped_on_home_leads_to_data() -> None:
+    page = open_page(HOME)
+    raw = csv(platoon(vehicles=2), metadata(("A", "B")))
+    page.file_uploader(key="data_upload").upload("bad.csv", b"nothing", "text/csv").run()
+    (error,) = page.error
+    assert "bad" in error.value
+    page.file_uploader(key="data_upload").upload("mine.csv", raw, "text/csv").run()
+    assert not page.exception
+    assert workspace_of(page).recording.source == "mine.csv"
+    assert "Preview of the window" in texts(page), "this is page Data"
+
+
+def test_published_parameters_and_the_papers_items_from_home() -> None:
+    page = open_tab(open_page(HOME), "home_tabs", "Published parameters")
+    found = workspace_of(page)
+    press(page, f"home_{ASTAZERO_ALIKE.title}_Stability")
+    assert (found.parameter_source, found.parameter_choice.example) == (
+        "published", ASTAZERO_ALIKE.title,
+    )  # fmt: skip
+    page = open_tab(open_page(HOME, found), "home_tabs", "Reproduce the paper")
+    assert "14 of 14 printed verdicts agree" in texts(page)
+    assert "1.095" in texts(page), "the gain of the one follower that is printed as stable"
+    assert page.button(key="home_TableI_run").disabled, "no such recording is at hand"
+    press(page, "home_TableI_starts")
+    assert len(found.segment.vehicles) == 2
+    assert found.starts is not None
+    page = open_tab(open_page(HOME, found), "home_tabs", "Reproduce the paper")
+    press(page, "home_Figure8_panels")
+    assert found.platoon_choice.panels
+
+
+def test_a_run_of_the_paper_is_opened_with_its_window(
+    monkeypatch: pytest.MonkeyPatch, openacc_dir: Path
+) -> None:
+    monkeypatch.setenv("ACCPINN_RECORDINGS", str(openacc_dir))
+    page = open_tab(open_page(HOME), "home_tabs", "Reproduce the paper")
+    found = workspace_of(press(page, "home_TableII_run"))
+    assert (found.window, found.case) == (Window(320.0, 620.0), "I")
+    assert found.recording.source == "ASta_040719_platoon5.csv"
 
 
 # Data
@@ -110,8 +160,13 @@ def test_open_a_sample_move_the_window_and_train() -> None:
         assert said in before
     (overview,) = figures(page)
     assert overview["layout"]["shapes"][0]["x1"] == 300.0
+    assert page.slider(key="data_ends").value == (0.0, 300.0)
+    open_tab(page, "data_tabs", "Regimes")
     page.toggle(key="data_sensitivity").set_value(True).run()
     assert "so there is nothing to compare" in texts(page), "no regime occurs in it"
+    open_tab(page, "data_tabs", "Changes to the data")
+    assert "None: every sample" in texts(page)
+    open_tab(page, "data_tabs", "Window")
 
     choose(page, "data_start", 80.0)
     choose(page, "data_length", 120.0)
@@ -136,11 +191,16 @@ def test_regimes_are_left_out_when_ticked_and_said_everywhere() -> None:
     page = open_page(DATA, found)
     assert found.segment.mask is None
     assert "Without" not in texts(page)
+    open_tab(page, "data_tabs", "Regimes")
     choose(page, "data_exclude_catching up", True)
     assert found.segment.mask[:, 0].tolist() == (time >= 100).tolist()
-    for said in ("**Without** catching up", "(2 B: 25 % of the instants)",
-                 "s, without catching up", "all other figures are of all instants"):  # fmt: skip
+    open_tab(page, "data_tabs", "Changes to the data")
+    assert "(2 B: 25 % of the instants)" in plain(page)
+    open_tab(page, "data_tabs", "Window")
+    for said in ("**Without** catching up", "s, without catching up",
+                 "all other figures are of all instants"):  # fmt: skip
         assert said in plain(page)
+    open_tab(page, "data_tabs", "Regimes")
     for path in (TRAIN, COMPARE):
         assert "without catching up" in texts(open_page(path, found))
     choose(page, "data_sensitivity", True)
@@ -198,7 +258,9 @@ def test_a_bad_upload_is_one_sentence_and_loses_nothing_and_a_good_one_is_opened
     found = with_sample()
     page = open_page(DATA, found)
     before = found.recording, found.segment
-    page.segmented_control(key="data_source").set_value("Upload").run()
+    assert not page.get("file_uploader")
+    page.session_state[OPENING] = True
+    page.run()
     page.file_uploader(key="data_upload").upload("bad.csv", b"\x89PNG not a run", "x").run()
     assert not page.exception
     (error,) = page.error
@@ -214,7 +276,6 @@ def test_a_bad_upload_is_one_sentence_and_loses_nothing_and_a_good_one_is_opened
 
 def test_the_folder_on_the_server(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     page = open_page(DATA)
-    page.segmented_control(key="data_source").set_value("Folder on the server").run()
     assert "ACCPINN_RECORDINGS" in texts(page)
     root = tmp_path / "runs"
     (root / "deep").mkdir(parents=True)
@@ -225,6 +286,33 @@ def test_the_folder_on_the_server(monkeypatch: pytest.MonkeyPatch, tmp_path: Pat
     page.run()
     assert page.selectbox(key="data_file").options == ["deep/run.csv"]
     assert "run\\.csv" in texts(press(page, "Open this recording"))
+
+
+def test_handles_views_and_the_suggested_window() -> None:
+    found = with_sample()
+    page = open_page(DATA, found)
+    page.slider(key="data_ends").set_value((50.0, 250.0)).run()
+    assert found.window == Window(50.0, 250.0)
+    page.slider(key="data_ends").set_value((50.0, 55.0)).run()
+    assert found.window == Window(50.0, 250.0), "too short for a window"
+    choose(page, "data_view", "relative")
+    assert [trace["name"] for trace in figures(page)[0]["data"][:4]] == list(
+        found.segment.labels[1:]
+    )
+    press(page, "data_suggested")
+    assert found.window == Window(30.0, 330.0)
+    assert "best excitation" in texts(page)
+    assert "relative D-efficiency" not in texts(page), "it is the present one"
+    assert page.button(key="data_suggested").disabled
+
+
+def test_what_is_wrong_with_a_window_is_said_in_the_first_row() -> None:
+    frame = platoon(vehicles=2)
+    frame["Driver2"] = "Human"
+    page = open_page(DATA, with_recording(read(csv(frame, metadata(("A", "B"))), "made.csv")))
+    marks = [one.proto.popover.label for one in page.get("popover")]
+    assert any("red" in label and "Driven by hand" in label for label in marks)
+    assert any("blue" in label and "Samples complete" in label for label in marks)
 
 
 def test_the_length_that_is_shown_rounded_is_accepted() -> None:
@@ -242,16 +330,15 @@ def test_the_length_that_is_shown_rounded_is_accepted() -> None:
 def test_vehicles_and_case() -> None:
     found = with_sample()
     page = open_page(DATA, found)
-    leader, _ = page.selectbox[-2:]
+    leader, _ = page.selectbox[:2]
     assert leader.label == "Leader"
     leader.set_value(3).run()
     assert found.vehicles == (3, 4, 5)
     page.segmented_control(key="data_case").set_value("I").run()
     assert found.case == "I"
-    assert "one set of α, β, τ" in texts(page)
-    page.selectbox[-1].set_value(4).run()
+    page.selectbox[1].set_value(4).run()
     assert found.vehicles == (3, 4)
-    assert "one set of α, β, τ" not in texts(page)
+    assert not any(box.key == "data_case" for box in page.segmented_control)
     assert found.true_parameters.alpha.tolist() == [0.0766]
 
 

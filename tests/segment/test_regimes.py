@@ -259,9 +259,9 @@ class TestRibbons:
         segment = cut(recording, 5.0, 40.0)
         drawn = regime_ribbons(segment, label_regimes(segment, recording))
         plain = overview(recording, (1, 2), Window(5.0, 45.0))
-        figure = overview(recording, (1, 2), Window(5.0, 45.0), drawn)
+        figure = overview(recording, (1, 2), Window(5.0, 45.0), [drawn])
         assert len(figure.data) - len(plain.data) == len(drawn)
-        assert "Regime" in [axis.title.text for axis in figure.select_yaxes()]
+        assert len(list(figure.select_yaxes())) - len(list(plain.select_yaxes())) == 1
 
     def test_colours_are_explained_for_what_occurs(self, recording: Recording) -> None:
         segment = cut(recording, 0, 12.0)

@@ -1,28 +1,38 @@
-"""A recording and a segment as figures: speeds, gaps, the window, and who drove.
+"""A recording and a segment as figures: speeds, gaps, the window, who drove, and the regimes.
 
 Vehicle names come from files, so they are escaped: plotly reads a little HTML.
 """
 
 import html
 from collections.abc import Sequence
+from typing import Literal
 
 import numpy as np
 import plotly.graph_objects as go
 from numpy.typing import NDArray
 
-from accpinn.channels import GAP, SPEED, TIME
-from accpinn.recordings.recording import Mode, Recording, Window
+from accpinn.channels import GAP, RELATIVE_SPEED, SPEED, TIME, TIME_GAP
+from accpinn.recordings.recording import MOVING, Mode, Recording, Window
 from accpinn.results.figures.style import (
     FOLLOWERS,
+    LEADER,
+    POINTS,
     finished,
     label_axes,
     panels,
     thinned,
     vehicle_colour,
 )
-from accpinn.segment.quality import CATCHING_UP, FOLLOWING, MANUAL, STANDSTILL, Regimes
+from accpinn.segment.quality import (
+    CAR_FOLLOWING,
+    CATCHING_UP,
+    FOLLOWING,
+    MANUAL,
+    STANDSTILL,
+    Regimes,
+)
 from accpinn.segment.segment import Segment
-from accpinn.units import FloatArray, Seconds, stretches
+from accpinn.units import FloatArray, Mask, Seconds, stretches
 
 MISSING = "#c22f4f"
 WINDOW = "rgba(12, 126, 174, 0.16)"
@@ -36,62 +46,117 @@ REGIME_COLOURS = {
 }
 """Each with a contrast of 3 or more on white and on the dark page; car-following, which the model
 is for, is grey; the others differ under any vision, and from the first vehicles."""
+DRIVERS = {
+    "ACC": (Mode.ACC, REGIME_COLOURS[FOLLOWING], 3.0),
+    "by hand": (Mode.HUMAN, REGIME_COLOURS[MANUAL], 8.0),
+}
+"""Mode, colour and width of the bars that tell who drives."""
+
+View = Literal["motion", "relative", "time gap"]
+CHANNELS = {"motion": (SPEED, GAP), "relative": (RELATIVE_SPEED,), "time gap": (TIME_GAP,)}
+"""What each view of a recording draws, a panel each."""
+PANELS = 270
+"""Pixels of all panels together, without strips."""
+HIGHEST_TIME_GAP: Seconds = 5.0
+"""Larger ones mean free driving, and would flatten what matters."""
+TOTAL_POINTS = 12_000
+"""Of all curves together, so that ten vehicles are drawn as quickly as two."""
+LABELLED = 5
+"""More ribbons than these stand too close for numbers beside them."""
+MARGIN, MARGIN_RIGHT = 64, 12
+"""Pixels left and right of the axis of time."""
 
 
 def overview(
     recording: Recording,
     vehicles: Sequence[int],
     window: Window,
-    regimes: Sequence[go.Scatter] = (),
+    ribbons: Sequence[Sequence[go.Scatter]] = (),
+    view: View = "motion",
+    highlight: int = 0,
 ) -> go.Figure:
-    """Speeds and gaps of a whole recording, the window on it, and who drove or is missing.
+    """A whole recording over time, the window on it, and what each vehicle does.
 
     Args:
         recording: all of it is drawn.
         vehicles: those chosen, leader first; the others are faint.
         window: the interval chosen.
-        regimes: ribbons of what the followers do in it (see `regime_ribbons`).
+        ribbons: strips of bars, from the top down (see `driver_ribbons` and `regime_ribbons`).
+        view: what is drawn.
+        highlight: number of the one follower that is not faint, nor the vehicle ahead of it; 0 for
+            all chosen ones.
     """
-    strips = {"Vehicle": _ribbons(recording), "Regime": list(regimes)}
-    strips = {title: traces for title, traces in strips.items() if traces}
-    strip = max(0.14, 0.03 * len(vehicles))
-    heights = [0.5, 0.36, *[strip] * len(strips)] if strips else [0.58, 0.42]
-    figure = panels(*heights)
-    for number in recording.present:
-        chosen = number in vehicles
+    strips = [traces for traces in ribbons if traces]
+    drawn = _curves(recording, vehicles, view)
+    shares = (0.56, 0.44) if view == "motion" else (1.0,)
+    pixels = [PANELS * share for share in shares]
+    pixels += [max(24, 9 * len({one.y[0] for one in traces})) for traces in strips]
+    figure = panels(*pixels, spacing=0.03)
+    strong = {highlight} if highlight else {*vehicles[1:]}
+    ahead = {number - 1 for number in strong}
+    points = max(400, min(POINTS, TOTAL_POINTS // max(1, len(drawn))))
+    for row, number, values in drawn:
         label = html.escape(recording.label(number))
-        colour = vehicle_colour(number, vehicles[0])
-        curves = [(recording.speed_of(number), chosen)]
-        if number > 1 and number - 1 in recording.present:
-            curves.append((recording.gap_behind(number - 1), chosen and number != vehicles[0]))
-        for row, (values, strong) in enumerate(curves, 1):
-            x, y = thinned(recording.time, values)
-            figure.add_scatter(
+        shown = number in strong or (number in ahead and view == "motion" and row == 1)
+        x, y = thinned(recording.time, values, points)
+        figure.add_trace(
+            go.Scatter(
                 x=x, y=y, name=label, mode="lines", connectgaps=False,
-                line={"color": colour, "width": 1.8 if strong else 1},
-                opacity=1 if strong else FAINT, legendgroup=label, showlegend=row == 1, row=row,
-                col=1,
-            )  # fmt: skip
-    for row, (title, traces) in enumerate(strips.items(), 3):
-        _strip(figure, row, title, traces)
+                line={"color": vehicle_colour(number, vehicles[0]), "width": 1.8 if shown else 1},
+                opacity=1 if shown else FAINT, legendgroup=label, showlegend=row == 1,
+            ),
+            row=row, col=1,
+        )  # fmt: skip
+    for row, traces in enumerate(strips, len(shares) + 1):
+        _strip(figure, row, traces)
     figure.add_shape(
         type="rect", xref="x", yref="paper", x0=window.start, x1=window.end, y0=0, y1=1,
         fillcolor=WINDOW, line={"color": FOLLOWERS[0], "width": 1.5}, layer="below",
     )  # fmt: skip
     figure.update_xaxes(range=[0, recording.duration], title_text="")
-    label_axes(figure, (SPEED, GAP), len(heights))
+    figure.update_yaxes(fixedrange=True)
+    label_axes(figure, CHANNELS[view], len(pixels))
+    if view == "time gap":
+        figure.update_yaxes(range=[0, HIGHEST_TIME_GAP], row=1, col=1)
+        figure.add_hline(CAR_FOLLOWING, line={"color": LEADER, "width": 1, "dash": "dot"}, row=1)
+    if view == "relative":
+        figure.add_hline(0.0, line={"color": LEADER, "width": 1, "dash": "dot"}, row=1)
     figure.update_layout(dragmode="select", selectdirection="h")
-    return finished(figure, 430 + 40 * len(strips), f"overview-{recording.sha256}")
+    # Its left margin is fixed, so that the handles below can stand under the axis.
+    figure = finished(figure, round(sum(pixels)) + 50, f"overview-{recording.sha256}")
+    figure.update_yaxes(automargin=False, title_standoff=6)
+    return figure.update_layout(margin={"l": MARGIN, "r": MARGIN_RIGHT, "t": 6, "b": 34})
 
 
-def _strip(figure: go.Figure, row: int, title: str, traces: Sequence[go.Scatter]) -> None:
+def _curves(
+    recording: Recording, vehicles: Sequence[int], view: View
+) -> list[tuple[int, int, FloatArray]]:
+    """Row, vehicle and values (N,) of each curve; Δv and time gap only of the chosen followers."""
+    drawn = []
+    for number in recording.present:
+        speed = recording.speed_of(number)
+        ahead = number - 1 in recording.present
+        if view == "motion":
+            drawn.append((1, number, speed))
+            drawn += [(2, number, recording.gap_behind(number - 1))] if ahead else []
+        elif number in vehicles[1:]:
+            if view == "relative":
+                values = recording.speed_of(number - 1) - speed
+            else:
+                values = np.full_like(speed, np.nan)
+                np.divide(recording.gap_behind(number - 1), speed, values, where=speed > MOVING)
+            drawn.append((1, number, values))
+    return drawn
+
+
+def _strip(figure: go.Figure, row: int, traces: Sequence[go.Scatter]) -> None:
     """Ribbons of vehicles, by number from the top down."""
     for trace in traces:
         figure.add_trace(trace.update(showlegend=False), row=row, col=1)
     numbers = sorted({trace.y[0] for trace in traces}, key=int, reverse=True)
     figure.update_yaxes(
-        row=row, col=1, title_text=title, type="category", showgrid=False, categoryorder="array",
-        categoryarray=numbers,
+        row=row, col=1, type="category", showgrid=False, categoryorder="array",
+        categoryarray=numbers, showticklabels=len(numbers) <= LABELLED, tickfont={"size": 10},
     )  # fmt: skip
 
 
@@ -111,45 +176,54 @@ def preview(segment: Segment) -> go.Figure:
     return finished(figure, 330, "preview")
 
 
-def has_ribbons(recording: Recording) -> bool:
-    """Whether `overview` has bars for stretches driven by hand or missing."""
-    return bool(_ribbons(recording))
+def driver_ribbons(recording: Recording, vehicles: Sequence[int]) -> list[go.Scatter]:
+    """Who drives each vehicle; nothing where no driver is known to, as nothing is to be seen then.
 
-
-def _ribbons(recording: Recording) -> list[go.Scatter]:
-    """A bar for each stretch driven by hand or missing; none where all is well."""
-    by_hand = recording.mode == Mode.HUMAN
-    missing = np.isnan(recording.speed)
-    if not (recording.mode == Mode.ACC).any():
-        by_hand = np.zeros_like(missing)  # a recording without ACC is by hand throughout
+    Args:
+        recording: all of it is drawn.
+        vehicles: those chosen, leader first.
+    """
+    modes = recording.mode[:, np.array(vehicles) - 1].T
+    if not (modes == Mode.HUMAN).any():
+        return []
     return [
-        bars
-        for number in recording.present
-        for name, mask, colour in (
-            ("by hand", by_hand, vehicle_colour(number, 1)),
-            ("missing", missing, MISSING),
-        )
-        for bars in _bars(number, name, mask[:, number - 1], recording.time, colour, 7)
+        bars.update(hoverinfo="skip")
+        for number, mode in zip(vehicles, modes, strict=True)
+        for name, (code, colour, width) in DRIVERS.items()
+        for bars in _bars(number, name, mode == code, recording.time, colour, width)
     ]
+
+
+def driver_key() -> list[tuple[str, str]]:
+    """Name and colour of the bars among `driver_ribbons`."""
+    return [(name, colour) for name, (_, colour, _) in DRIVERS.items()]
 
 
 def regime_ribbons(segment: Segment, regimes: Regimes) -> list[go.Scatter]:
     """A trace for each follower and regime that occurs, over the recording's time."""
     time, step = segment.window.start + segment.time, segment.sample_time
-    return [
-        bars.update(hoverinfo="skip")
-        for codes, number in zip(regimes.codes.T, segment.vehicles[1:], strict=True)
-        for code, name in enumerate(regimes.names)
-        for bars in _bars(
-            number, name, codes == code, time, REGIME_COLOURS[code], 8 if code else 3, step
-        )
-    ]
+    ribbons: list[go.Scatter] = []
+    for k, number in enumerate(segment.vehicles[1:]):
+        measured = _measured(regimes)[:, k]
+        for code, name in enumerate(regimes.names):
+            mask = (regimes.codes[:, k] == code) & measured
+            colour, width = REGIME_COLOURS[code], 8.0 if code else 3.0
+            ribbons += _bars(number, name, mask, time, colour, width, step)
+        ribbons += _bars(number, "missing", ~measured, time, MISSING, 8.0, step)
+    return [bars.update(hoverinfo="skip") for bars in ribbons]
+
+
+def _measured(regimes: Regimes) -> Mask:
+    everywhere: Mask = np.ones(regimes.codes.shape, bool)
+    return everywhere if regimes.measured is None else regimes.measured
 
 
 def regime_key(regimes: Regimes) -> list[tuple[str, str]]:
-    """Name and colour of each regime that occurs."""
-    occurring = [code for code in REGIME_COLOURS if (regimes.codes == code).any()]
-    return [(regimes.names[code], REGIME_COLOURS[code]) for code in occurring]
+    """Name and colour of each regime that occurs, and of missing samples."""
+    measured = _measured(regimes)
+    found = [code for code in REGIME_COLOURS if ((regimes.codes == code) & measured).any()]
+    names = [(regimes.names[code], REGIME_COLOURS[code]) for code in found]
+    return names + [("missing", MISSING)] * (not measured.all())
 
 
 def _bars(

@@ -16,6 +16,7 @@ from pages.ui.session.workspace import Workspace
 HERE = Path(__file__).parent
 HOME, DATA, TRAIN = "app.py", "pages/1_Data.py", "pages/2_Train.py"
 STABILITY, PLATOON = "pages/3_Stability.py", "pages/4_Platoon.py"
+COMPARE = "pages/5_Compare.py"
 
 _ICONS = {
     HOME: "home",
@@ -23,7 +24,7 @@ _ICONS = {
     TRAIN: "model_training",
     STABILITY: "vital_signs",
     PLATOON: "directions_car",
-    "pages/5_Compare.py": "compare_arrows",
+    COMPARE: "compare_arrows",
     "pages/6_Snapshots.py": "inventory_2",
 }
 """All pages, in the order of the links to them."""

@@ -141,8 +141,15 @@ def downloads(table: Table, name: str, key: str) -> None:
             )  # fmt: skip
 
 
-def chart(figure: go.Figure, key: str, **options: Any) -> Any:
-    """Draw it; on hovering a button saves it as a picture named after ``key``."""
+def chart(figure: go.Figure, key: str, tools: Sequence[str] = (), **options: Any) -> Any:
+    """Draw it; on hovering a button saves it as a picture named after ``key``.
+
+    Args:
+        figure: is not changed.
+        key: of the chart.
+        tools: plotly's names of further buttons, as "pan2d".
+        options: further ones of Streamlit's chart.
+    """
     if st.session_state.get(LEGEND):
         figure = with_legend(go.Figure(figure))
     # The page's own background goes into the picture, whose text has the page's colour.
@@ -153,7 +160,7 @@ def chart(figure: go.Figure, key: str, **options: Any) -> Any:
     scale = PNG_SCALE if chosen == "png" else 1
     config = {
         "displaylogo": False,
-        "modeBarButtons": [["toImage"]],
+        "modeBarButtons": [["toImage", *tools]],
         "toImageButtonOptions": {"format": chosen, "filename": f"accpinn_{key}", "scale": scale},
     }
     return st.plotly_chart(figure, key=key, config=config, **options)
@@ -164,6 +171,7 @@ def key(
     faint: Container[str] = (),
     dashed: str = "",
     dotted: str = "",
+    title: str = "",
 ) -> None:
     """Names beside their colours.
 
@@ -172,8 +180,10 @@ def key(
         faint: names that are less visible.
         dashed: what a dashed line means.
         dotted: what a dotted line means.
+        title: stands before them.
     """
-    spans = [
+    spans = [f"<span>{html.escape(title)}</span>"] if title else []
+    spans += [
         f"<span{' class=faint' if name in faint else ''}>"
         f'<i style="background:{colour}"></i>{html.escape(name)}</span>'
         for name, colour in entries

@@ -1,99 +1,135 @@
-"""The page Data: the recording, the segment cut from it, its regimes, and a preview."""
+"""The page Data: the recording over time, the window and vehicles to use, and what they are worth.
 
-from collections.abc import Mapping, Sequence
+The parts below the timeline are in `pages.ui.data.views`.
+"""
+
+from collections.abc import Mapping
 from contextlib import suppress
+from dataclasses import dataclass
 from itertools import takewhile
 from math import ceil
+from typing import Any
 
+import plotly.graph_objects as go
 import streamlit as st
 
-from accpinn.errors import ConfigError, SegmentError
-from accpinn.methods import least_squares
-from accpinn.methods.fit import headway_findings
+from accpinn.errors import ConfigError
 from accpinn.model.cthp import Case
 from accpinn.recordings.recording import Recording, Window
 from accpinn.results.figures import recording as figures
 from accpinn.results.figures.style import vehicle_colour
-from accpinn.results.messages import messages
 from accpinn.results.messages.data import drivers
-from accpinn.results.tables.estimates import quality_table, regimes_table, sensitivity_table
-from accpinn.segment.cut import MAX_FOLLOWERS, MINIMUM_DURATION, chains
-from accpinn.segment.quality import EXCLUDABLE, LARGE_CONDITION, assess_quality, label_regimes
-from accpinn.segment.segment import DrivenByHand, Segment
-from accpinn.study.sensitivity import SensitivityResult, sensitivity
+from accpinn.results.messages.window import (
+    MEANING,
+    rating_label,
+    rating_reasons,
+    suggestion_reasons,
+)
+from accpinn.segment.cut import MAX_FOLLOWERS, MINIMUM_DURATION, chains, cut
+from accpinn.segment.quality import assess_quality, label_regimes
+from accpinn.segment.rating import Grade, rate
+from accpinn.segment.suggestion import Information, Suggestion, suggest_window
 from pages.ui.components import frame, show
 from pages.ui.components.show import escape_markdown
-from pages.ui.components.widgets import bound, segments, select
-from pages.ui.data.sources import choose_source, is_asked
+from pages.ui.components.widgets import bound, segments, select, tabs
+from pages.ui.data import views
+from pages.ui.data.sources import OPENING, choose_source
 from pages.ui.result.saved import banner, show_data
 from pages.ui.session.workspace import Workspace
 from pages.ui.train.options import chosen_config
 
-CASES = {
+CASES: Mapping[Case, str] = {
     "I": "Case I: one set of α, β, τ for the whole platoon, as if all followers were the same car.",
     "II": "Case II: each follower has its own α, β, τ, as different cars do.",
 }
-CHART = "data_overview"
-SHOWN = 3
-"""Warnings that are shown without being asked for."""
-REGIMES = {
-    "catching up": "The time gap, space-gap over speed, is above 2 s: the vehicle catches up or"
-    " drives freely.",
-    "manual": "A driver controls the vehicle, according to the file.",
-    "standstill": "The vehicle moves at 1 m/s or less.",
+VIEWS: Mapping[figures.View, str] = {
+    "motion": "Speed and gap",
+    "relative": "Δv",
+    "time gap": "Time gap",
 }
+CHART = "data_overview"
+CROWD = 4
+"""With more followers than this, one of them can be highlighted."""
+MARKS = {
+    Grade.GOOD: ("blue", "check_circle"),
+    Grade.FAIR: ("orange", "warning"),
+    Grade.POOR: ("red", "cancel"),
+    Grade.UNKNOWN: ("gray", "help"),
+}
+"""Colour and icon of a grade: the icons differ in shape."""
+TOOLS = ("zoom2d", "pan2d", "select2d", "zoomIn2d", "zoomOut2d", "resetScale2d")
+_HANDLES = f"""<style>
+.st-key-data_handles {{ padding: 0 {figures.MARGIN_RIGHT}px 0 {figures.MARGIN}px;
+  margin: -1.4rem 0 -1.5rem; }}
+</style>"""
+
+
+@dataclass(frozen=True, eq=False)
+class _Whole:
+    """What is known of a whole recording and the vehicles chosen; kept while it is open."""
+
+    drivers: list[go.Scatter]
+    regimes: list[go.Scatter]
+    regime_key: list[tuple[str, str]]
+    information: Information
+    suggestion: Suggestion | None
 
 
 def show_page() -> None:
     """Draw the page."""
-    workspace = frame.begin("Data", "Open a recording, choose who follows whom, and when.")
+    workspace = frame.begin("Data")
     recording = workspace.recording
     if recording is None:
+        st.caption("Open a recording, then choose who follows whom, and when.")
         if workspace.snapshot:
             show_data(workspace, workspace.snapshot)
         with st.container(border=True):
             choose_source(workspace)
-        _show_preview(workspace)
+        if workspace.segment:
+            views.show_window(workspace, workspace.segment)
         return
+    named, other = st.columns((4, 1), vertical_alignment="center")
+    named.caption(_describe(recording))
+    with other:
+        _choose_another(workspace)
     banner(workspace)
-    with st.expander(
-        f"Open another recording instead of {escape_markdown(recording.source)}",
-        icon=":material/folder_open:",
-        expanded=is_asked(),
-    ):
-        choose_source(workspace)
-    st.markdown(_describe(recording))
-    _show_warnings(messages(recording.findings, recording), "this recording")
-    controls, chart = st.columns((1, 2.6), gap="medium")
-    with controls:
-        _choose_vehicles(workspace, recording)
-        _choose_window(workspace, recording)
-        st.caption("Or drag over the chart to set the window.")
-        _train_button(workspace)
-    with chart:
-        _show_overview(workspace, recording)
-    _show_preview(workspace)
-    _show_regimes(workspace, recording)
+    whole = _whole(f"{recording.sha256} {workspace.vehicles}", recording, workspace.vehicles)
+    _controls(workspace, recording, whole)
+    _show_overview(workspace, recording, whole)
+    _answer(workspace, recording)
+    drawn = {
+        "Window": lambda: views.show_window(workspace, workspace.segment),
+        "Regimes": lambda: views.show_regimes(workspace, recording),
+        "Changes to the data": lambda: views.show_changes(workspace),
+        "About the recording": lambda: views.show_about(recording),
+    }
+    tabs(workspace, "data_tabs", drawn)
 
 
-def _train_button(workspace: Workspace) -> None:
-    """The way to the result; it says which training this begins, and how long that takes."""
-    segment, parts, request = workspace.segment, [f"{workspace.preset} preset"], None
-    if workspace.settings.get(workspace.preset):
-        parts[0] += " with your options"
-    if segment and segment.followers > 1:
-        parts.append(f"Case {workspace.case}")
-    with suppress(ConfigError):  # the Train page shows what is wrong with a setting
-        request = workspace.request(chosen_config(workspace))
-    if request:
-        parts.append(f"about {show.format_duration(request.typical_seconds)}")
-    if st.button(
-        f"Train on this window ({', '.join(parts)})", type="primary", icon=":material/play_arrow:",
-        width="stretch", disabled=segment is None, key="data_train",
-    ):  # fmt: skip
-        if request:
-            workspace.train(request.config)
-        frame.go(frame.TRAIN, workspace)
+def _choose_another(workspace: Workspace) -> None:
+    """The ways to open another recording, behind a button."""
+    popover = st.popover(
+        "Open another recording", icon=":material/folder_open:", width="stretch", key=OPENING,
+        on_change="rerun",
+    )  # fmt: skip
+    if popover.open:
+        with popover:
+            choose_source(workspace)
+
+
+@st.cache_resource(max_entries=16, show_spinner=False)
+def _whole(request: str, _recording: Recording, _vehicles: tuple[int, ...]) -> _Whole:
+    """Kept by ``request``, which names the recording and the vehicles."""
+    segment = cut(_recording, 0.0, _recording.duration, _vehicles, allow_missing=True)
+    regimes = label_regimes(segment, _recording)
+    known = Information.of(segment, regimes)
+    return _Whole(
+        figures.driver_ribbons(_recording, _vehicles),
+        figures.regime_ribbons(segment, regimes),
+        figures.regime_key(regimes),
+        known,
+        suggest_window(_recording, _vehicles, known=known),
+    )
 
 
 def _describe(recording: Recording) -> str:
@@ -111,16 +147,29 @@ def _describe(recording: Recording) -> str:
     return " · ".join(part for part in parts if part)
 
 
-def _show_warnings(warnings: Sequence[str], about: str) -> None:
-    """The first few openly, the rest on demand."""
-    show.messages(warnings[:SHOWN], "warning")
-    if warnings[SHOWN:]:
-        with st.expander(f"{len(warnings) - SHOWN} more about {about}"):
-            st.markdown(show.bullets(warnings[SHOWN:]))
+# What is chosen
 
 
-def _choose_vehicles(workspace: Workspace, recording: Recording) -> None:
-    """Leader and last follower, from the chains the recording has; and the Case."""
+def _controls(workspace: Workspace, recording: Recording, whole: _Whole) -> None:
+    """Vehicles, Case, window and the suggestion, in one row."""
+    has_cases = len(workspace.vehicles) > 2
+    widths = (1.35, 1.35, *((1.1,) if has_cases else ()), 1.12, 0.95, 1.25)
+    columns = st.columns(widths, gap="small", vertical_alignment="bottom")
+    _choose_vehicles(workspace, recording, columns[:2])
+    if has_cases:
+        with columns[2]:
+            segments(
+                "Case", {case: f"Case {case}" for case in CASES}, workspace.case, "data_case",
+                lambda case: workspace.choose(case=case), labelled=True,
+                help="  \n".join(CASES.values()),
+            )  # fmt: skip
+    _choose_window(workspace, recording, columns[-3:-1])
+    with columns[-1]:
+        _suggest(workspace, whole)
+
+
+def _choose_vehicles(workspace: Workspace, recording: Recording, columns: list[Any]) -> None:
+    """Leader and last follower, from the chains the recording has."""
     possible = {
         leader: chain[position : position + MAX_FOLLOWERS + 1]
         for chain in chains(recording)
@@ -131,23 +180,22 @@ def _choose_vehicles(workspace: Workspace, recording: Recording) -> None:
     leader_key, last_key = (f"data_{place}_{recording.sha256[:12]}" for place in ("leader", "last"))
 
     def choose(leader: int, last: int) -> None:
+        workspace.data_choice.highlight = 0
         workspace.choose(tuple(takewhile(lambda vehicle: vehicle <= last, possible[leader])))
 
     leaders = {number: recording.label(number) for number in possible}
     select(
-        "Leader", leaders, first, leader_key, lambda leader: choose(leader, max(end, leader + 1))
-    )
+        "Leader", leaders, first, leader_key, lambda leader: choose(leader, max(end, leader + 1)),
+        place=columns[0], help="The vehicle whose speed is given; nothing is estimated of it.",
+    )  # fmt: skip
     followers = {number: recording.label(number) for number in possible[first][1:]}
-    select("Last follower", followers, end, last_key, lambda last: choose(first, last))
-    if len(workspace.vehicles) > 2:
-        segments(
-            "Case", {case: f"Case {case}" for case in CASES}, workspace.case, "data_case",
-            lambda case: workspace.choose(case=case),
-        )  # fmt: skip
-        st.caption(CASES[workspace.case])
+    select(
+        "Last follower", followers, end, last_key, lambda last: choose(first, last),
+        place=columns[1], help="Every vehicle from behind the leader to this one is a follower.",
+    )  # fmt: skip
 
 
-def _choose_window(workspace: Workspace, recording: Recording) -> None:
+def _choose_window(workspace: Workspace, recording: Recording, columns: list[Any]) -> None:
     """Start and length in seconds."""
     start, length = float(workspace.window.start), float(workspace.window.duration)
     longest = float(ceil(recording.duration))
@@ -158,19 +206,80 @@ def _choose_window(workspace: Workspace, recording: Recording) -> None:
             workspace.choose(window=Window(start, start + length))
 
     fields = (
-        ("Window starts at [s]", "data_start", start, recording.duration),
-        ("and lasts [s]", "data_length", length, longest),
-    )
-    for column, (label, key, value, most) in zip(st.columns(2), fields, strict=True):
+        ("Window starts at [s]", "data_start", start, recording.duration,
+         "In the recording's time, from its first sample."),
+        ("and lasts [s]", "data_length", length, longest,
+         "300 s are usual; a longer window narrows the intervals."),
+    )  # fmt: skip
+    for column, (label, key, value, most, explained) in zip(columns, fields, strict=True):
         column.number_input(
             label, **bound(key, value, moved), min_value=0.0, max_value=max(most, value),
-            step=10.0, format="%.1f",
+            step=10.0, format="%.1f", help=explained,
         )  # fmt: skip
 
 
-def _show_overview(workspace: Workspace, recording: Recording) -> None:
-    """Speeds and gaps over the whole recording; dragging over them sets the window."""
-    leader = workspace.vehicles[0]
+def _suggest(workspace: Workspace, whole: _Whole) -> None:
+    """The window that tells most, why, and the button that takes it."""
+    found = whole.suggestion
+    if found is None:
+        st.button(
+            "Suggest a window", icon=":material/lightbulb:", disabled=True, width="stretch",
+            help="No stretch is complete with every follower in car-following.",
+        )  # fmt: skip
+        return
+    taken = found.window == workspace.window
+    with st.popover("Suggest a window", icon=":material/lightbulb:", width="stretch"):
+        usable = workspace.segment.window if workspace.segment else None
+        efficiency = whole.information.efficiency(usable, found.window) if usable else 0.0
+        st.markdown(show.bullets(suggestion_reasons(found, usable, efficiency)))
+        st.button(
+            "This window is chosen" if taken else f"Take {found.window}", type="primary",
+            disabled=taken, key="data_suggested",
+            on_click=lambda: workspace.choose(window=found.window),
+        )  # fmt: skip
+
+
+# The timeline
+
+
+def _show_overview(workspace: Workspace, recording: Recording, whole: _Whole) -> None:
+    """The whole recording over time; dragging over it, or the handles below, set the window."""
+    choice, leader = workspace.data_choice, workspace.vehicles[0]
+    followers = workspace.vehicles[1:]
+    if choice.highlight not in followers:
+        choice.highlight = 0
+    with st.container(horizontal=True, vertical_alignment="center"):
+        segments(
+            "Drawn", VIEWS, choice.view, "data_view", lambda view: choice.set(view=view),
+            help="Δv: speed of the vehicle ahead minus the follower's. Time gap: space-gap over"
+            " speed; dotted: 2 s, above which a vehicle catches up or drives freely.",
+        )  # fmt: skip
+        if len(followers) > CROWD:
+            options = {0: "All chosen vehicles"} | {n: recording.label(n) for n in followers}
+            select(
+                "Highlight", options, choice.highlight, "data_highlight",
+                lambda number: choice.set(highlight=number), labelled=False, width=240,
+                help="One follower and the vehicle ahead of it; the others are faint.",
+            )  # fmt: skip
+        _vehicle_key(recording, workspace, leader)
+
+    def dragged() -> None:
+        if window := window_of(st.session_state[CHART], recording):
+            workspace.choose(window=window)
+
+    figure = figures.overview(
+        recording, workspace.vehicles, workspace.window,
+        [whole.drivers, whole.regimes], choice.view, choice.highlight,
+    )  # fmt: skip
+    show.chart(figure, CHART, TOOLS, on_select=dragged, selection_mode="box")
+    _handles(workspace, recording)
+    with st.container(horizontal=True, gap="large"):
+        if whole.drivers:
+            show.key(figures.driver_key(), title="Upper bars, driver:")
+        show.key(whole.regime_key, title=f"{'Lower bars' if whole.drivers else 'Bars'}, regime:")
+
+
+def _vehicle_key(recording: Recording, workspace: Workspace, leader: int) -> None:
     entries, faint = [], set()
     for vehicle in recording.present:
         role = " (leader)" if vehicle == leader else ""
@@ -178,29 +287,24 @@ def _show_overview(workspace: Workspace, recording: Recording) -> None:
         if vehicle not in workspace.vehicles:
             faint.add(recording.label(vehicle))
     show.key(entries, faint)
-    segment = _whole_segment(workspace)
-    regimes = label_regimes(segment, recording) if segment else None
-    ribbons = figures.regime_ribbons(segment, regimes) if segment and regimes else []
-
-    def dragged() -> None:
-        if window := window_of(st.session_state[CHART], recording):
-            workspace.choose(window=window)
-
-    show.chart(
-        figures.overview(recording, workspace.vehicles, workspace.window, ribbons),
-        CHART, on_select=dragged, selection_mode="box",
-    )  # fmt: skip
-    if figures.has_ribbons(recording):
-        st.caption("Vehicle: driven by hand (in the vehicle's colour) and missing data (red).")
-    if regimes:
-        show.key((f"Regime: {name}", colour) for name, colour in figures.regime_key(regimes))
 
 
-def _whole_segment(workspace: Workspace) -> Segment | None:
-    """The chosen segment with all its instants; None where the window cannot be used."""
-    with suppress(SegmentError):
-        return workspace.whole_segment()
-    return None
+def _handles(workspace: Workspace, recording: Recording) -> None:
+    """The window's two ends, below the axis of time."""
+    most = max(recording.duration, workspace.window.end)
+
+    def moved(ends: tuple[float, float]) -> None:
+        start, end = (round(value, 1) for value in ends)
+        if end - start >= MINIMUM_DURATION:
+            workspace.choose(window=Window(start, end))
+
+    st.html(_HANDLES)
+    with st.container(key="data_handles"):
+        st.slider(
+            "Window [s]; drag an end, or drag over the chart", min_value=0.0, max_value=most,
+            step=0.1, format="%.1f s", label_visibility="collapsed",
+            **bound("data_ends", (workspace.window.start, workspace.window.end), moved),
+        )  # fmt: skip
 
 
 def window_of(
@@ -215,83 +319,41 @@ def window_of(
     return Window(start, end) if end - start >= MINIMUM_DURATION else None
 
 
-def _show_preview(workspace: Workspace) -> None:
-    """The window's figures, and the estimate that needs no training."""
+# What the window is worth, and the next step
+
+
+def _answer(workspace: Workspace, recording: Recording) -> None:
+    """The window's ratings and the button that trains on it."""
     segment = workspace.segment
     if segment is None:
         show.messages(workspace.fault, "error")
-        return
-    quality = assess_quality(segment)
-    estimate = least_squares.fit(segment, workspace.case)
-    st.subheader("Preview of the window", anchor=False)
-    show.not_acc(segment)
-    show.table(quality_table(segment.info, quality, estimate), show.vehicle_colours(segment)[1:])
-    excluded = (
-        f" Without {', '.join(segment.excluded_regimes)}: the estimate and the condition number;"
-        " all other figures are of all instants."
-    )
-    st.caption(
-        "Least squares solves the model for α, β and τ in one step, from differences of the"
-        " measured speeds. Noise in the data biases it: take it as a first look. The leader's"
-        f" speed varies by {quality.leader_deviation:.2f} m/s (standard deviation). Condition"
-        f" number: above about {LARGE_CONDITION:.0f}, gap, speed and relative speed move so alike"
-        " that α, β and τ are not identifiable." + excluded * bool(segment.excluded_regimes)
-    )
-    headways = headway_findings(segment.vehicles, estimate.parameters)
-    findings = (*headways, *quality.findings, *estimate.findings)
-    _show_warnings(messages(findings, segment), "this window")
-    changes = [one for one in segment.findings if not isinstance(one, DrivenByHand)]
-    if changes:
-        with st.expander("Changes to the data", icon=":material/build:"):
-            st.markdown(show.bullets(messages(changes, segment)))
-
-
-def _show_regimes(workspace: Workspace, recording: Recording) -> None:
-    """Shares, the user's choice, and on request the sensitivity of the estimates to it."""
-    segment = _whole_segment(workspace)
-    if segment is None:
-        return
-    regimes, excluded = label_regimes(segment, recording), workspace.excluded_regimes
-    # Its state is the server's, as what stands above it comes and goes.
-    with st.expander("Regimes", icon=":material/category:", key="data_regimes", on_change="rerun"):
-        show.table(regimes_table(segment.info, regimes))
-        if not any(regimes.mode_known):
-            st.caption("The file has no driver modes, so no instant counts as manual.")
-        st.markdown("**Leave out of the model's equations**")
+    else:
         with st.container(horizontal=True):
-            for name in EXCLUDABLE:
-
-                def ticked(on: bool, name: str = name) -> None:
-                    left_out = {*workspace.excluded_regimes} - {name} | ({name} if on else set())
-                    workspace.choose(excluded_regimes=tuple(n for n in EXCLUDABLE if n in left_out))
-
-                shown = bound(f"data_exclude_{name}", name in excluded, ticked)
-                st.checkbox(name.capitalize(), **shown, help=REGIMES[name])
-        st.caption(
-            "The model describes car-following. Nothing is left out unless you tick it; every"
-            " method then works without it, and every page names it. The data stay: only the"
-            " equation of the follower's acceleration does not count there. Leaving out by the"
-            " time gap biases as well, since the model is to explain that gap: compare before you"
-            " decide."
-        )
-        if st.toggle("Show the sensitivity of the estimates", key="data_sensitivity"):
-            _show_sensitivity(workspace, segment, recording)
+            for rating in rate(segment, recording, assess_quality(segment)):
+                colour, icon = MARKS[rating.grade]
+                with st.popover(f":{colour}[:material/{icon}:] {rating_label(rating)}"):
+                    st.markdown(escape_markdown(MEANING[rating.question]))
+                    if reasons := rating_reasons(rating, segment):
+                        st.markdown(show.bullets(reasons))
+        show.not_acc(segment)
+    _train_button(workspace)
 
 
-def _show_sensitivity(workspace: Workspace, segment: Segment, recording: Recording) -> None:
-    request = f"{segment.info.digest} {recording.sha256} {workspace.case}"
-    found = _sensitivity(request, segment, recording, workspace.case)
-    if not any(any(row.share) for row in found):
-        st.caption("None of these occurs in this window, so there is nothing to compare.")
-        return
-    for follower in range(segment.followers):
-        show.table(sensitivity_table(segment.info, found, follower))
-    show.messages(tuple(dict.fromkeys(str(row.fault) for row in found if row.fault)))
-
-
-@st.cache_data(max_entries=32, show_spinner="Estimating with and without them …")
-def _sensitivity(
-    request: str, _segment: Segment, _recording: Recording, _case: Case
-) -> tuple[SensitivityResult, ...]:
-    """Kept by ``request``, which names the data and the case."""
-    return sensitivity(_segment, _recording, _case)
+def _train_button(workspace: Workspace) -> None:
+    """The way to the result; it says which training this begins, and how long that takes."""
+    segment, parts, request = workspace.segment, [f"{workspace.preset} preset"], None
+    if workspace.settings.get(workspace.preset):
+        parts[0] += " with your options"
+    if segment and segment.followers > 1:
+        parts.append(f"Case {workspace.case}")
+    with suppress(ConfigError):  # the Train page shows what is wrong with a setting
+        request = workspace.request(chosen_config(workspace))
+    if request:
+        parts.append(f"about {show.format_duration(request.typical_seconds)}")
+    if st.button(
+        f"Train on this window ({', '.join(parts)})", type="primary", icon=":material/play_arrow:",
+        disabled=segment is None, key="data_train",
+    ):  # fmt: skip
+        if request:
+            workspace.train(request.config)
+        frame.go(frame.TRAIN, workspace)

@@ -29,8 +29,9 @@ TITLES = {
 LISTED = 1000
 """Files of a folder that are offered at most."""
 
-SOURCE, ASKED = "data_source", "data_asked"
-"""Entries in Streamlit's session state: the kind of source, and whether its controls are opened."""
+OPENING, ARRIVED = "data_opening", "data_arrived"
+"""Entries in Streamlit's session state: whether the ways to open another recording are shown, and
+whether an upload has just been opened."""
 
 Load = Callable[[], tuple[Recording, Truth | None]]
 
@@ -60,11 +61,38 @@ def sample(path: Path) -> tuple[Recording, Truth]:
     return from_file(path), load_truth(truth_path(path))
 
 
+def samples() -> list[Path]:
+    """The samples' files, the first of them first."""
+    return sorted(SAMPLES.glob("*.csv"), key=lambda path: path != FIRST_SAMPLE)
+
+
+def title_of(path: Path) -> str:
+    """What a sample is called."""
+    return TITLES.get(path.stem, path.stem)
+
+
+def about(path: Path) -> str:
+    """A sample's description, or why there is none."""
+    try:
+        return load_truth(truth_path(path)).description
+    except AccpinnError as fault:
+        return str(fault)
+
+
 def find_sample(name: str, sha256: str) -> tuple[Recording, Truth] | None:
     """The sample of that file name and content, with its true parameters; None for none."""
     path = next((path for path in SAMPLES.glob("*.csv") if path.name == name), None)
     found = sample(path) if path else None
     return found if found and found[0].sha256 == sha256 else None
+
+
+def find_run(workspace: Workspace, file: str) -> Load | None:
+    """What opens the recording of that file name: opened before, or in the server's folder."""
+    for known in workspace.opened.values():
+        if known[0].source == file:
+            return lambda: known
+    path = next((path for path in _listed() if path.name == file), None)
+    return (lambda: (from_file(path), None)) if path else None
 
 
 def open_with(workspace: Workspace, load: Load) -> None:
@@ -73,56 +101,66 @@ def open_with(workspace: Workspace, load: Load) -> None:
         workspace.open(*load())
     except AccpinnError as fault:
         workspace.refusal = str(fault)
+    else:
+        st.session_state[OPENING] = False
 
 
 def ask_for_upload() -> None:
     """Let the page Data begin with the field for a file of the user's own."""
-    st.session_state[SOURCE] = "Upload"
-    st.session_state[ASKED] = True
-
-
-def is_asked() -> bool:
-    """Whether the user has just asked for another recording."""
-    return bool(st.session_state.pop(ASKED, False))
+    st.session_state[OPENING] = True
 
 
 def choose_source(workspace: Workspace) -> None:
-    """One of the three sources, and its controls."""
-    kind = st.segmented_control(
-        "Source of the recording",
-        ("Sample", "Upload", "Folder on the server"),
-        key=SOURCE,
-        default="Sample",
-        required=True,
-        label_visibility="collapsed",
-    )
-    if kind == "Sample":
+    """A field for a file, and beside each other the samples and the server's folder."""
+    drop_zone(workspace)
+    left, right = st.columns(2, gap="large")
+    with left:
         _choose_sample(workspace)
-    elif kind == "Upload":
-        _choose_upload(workspace)
-    else:
+    with right:
         _choose_file(workspace)
+
+
+def drop_zone(workspace: Workspace) -> bool:
+    """The field for a file of the user's own, and why the last attempt to open one failed.
+
+    Returns:
+        Whether a file has just been opened.
+    """
+    limit = int(config.get_option("server.maxUploadSize"))
+
+    def uploaded() -> None:
+        upload = st.session_state["data_upload"]
+        if upload is not None:
+            open_with(workspace, lambda: (from_bytes(upload.getvalue(), upload.name), None))
+            st.session_state[ARRIVED] = not workspace.refusal
+
+    st.file_uploader(
+        f"Drop an OpenACC recording here: one CSV file of up to {limit} MB. It is not stored on"
+        " disk.",
+        key="data_upload",
+        on_change=uploaded,
+        help="Columns Time, Speed1, Speed2, .. in m/s and IVS1, .. in m, below the five rows of"
+        " metadata, as the OpenACC database has them.",
+    )
     if workspace.refusal:
         kept = " The recording opened before is kept." if workspace.recording else ""
         show.messages(workspace.refusal + kept, "error")
+    return bool(st.session_state.pop(ARRIVED, False))
 
 
 def _choose_sample(workspace: Workspace) -> None:
-    paths = sorted(SAMPLES.glob("*.csv"), key=lambda path: path != FIRST_SAMPLE)
+    paths = samples()
     if not paths:
         st.info("There are no samples here; write them with `make samples`.")
         return
     path = st.selectbox(
-        "Synthetic recording, true parameters known",
+        "Sample: synthetic, true parameters known",
         paths,
-        format_func=lambda path: TITLES.get(path.stem, path.stem),
+        format_func=title_of,
         key="data_sample",
+        help="Made from the parameters that the paper reports, with noise as receivers have it.",
     )
-    try:
-        about = load_truth(truth_path(path)).description
-    except AccpinnError as fault:
-        about = str(fault)
-    st.caption(escape_markdown(about))
+    st.caption(escape_markdown(about(path)))
     _open_button("Open this sample", workspace, lambda: sample(path))
 
 
@@ -132,42 +170,38 @@ def _open_button(label: str, workspace: Workspace, load: Load) -> None:
     st.button(label, type=kind, on_click=open_with, args=(workspace, load))
 
 
-def _choose_upload(workspace: Workspace) -> None:
-    limit = int(config.get_option("server.maxUploadSize"))
-
-    def opened() -> None:
-        upload = st.session_state["data_upload"]
-        if upload is not None:
-            open_with(workspace, lambda: (from_bytes(upload.getvalue(), upload.name), None))
-
-    st.file_uploader(
-        f"An OpenACC recording: one CSV file of up to {limit} MB. It is not stored on disk.",
-        key="data_upload",
-        on_change=opened,
-    )
-
-
 def _choose_file(workspace: Workspace) -> None:
     named = os.environ.get(FOLDER_VARIABLE, "")
     if not named:
-        st.info(
-            f"No folder is set. Start the app with the environment variable `{FOLDER_VARIABLE}`"
-            " naming one, and the recordings in it and its subfolders are listed here."
+        st.caption(
+            f"Folder on the server: none is set. Start the app with the environment variable"
+            f" `{FOLDER_VARIABLE}` naming one, and the recordings in it and its subfolders are"
+            " listed here."
         )
         return
-    root = Path(named).resolve()
-    found = (path for path in sorted(root.rglob("*.[cC][sS][vV]")) if path.is_file())
-    # A link that leads out of the folder is left out.
-    inside = (path for path in found if path.resolve().is_relative_to(root))
-    paths = list(islice(inside, LISTED))
+    paths = _listed()
     if not paths:
         st.info(f"`{FOLDER_VARIABLE}` names a folder without CSV files.")
         return
+    root = Path(named).resolve()
     path = st.selectbox(
         "Recording in the server's folder",
         paths,
         format_func=lambda path: str(path.relative_to(root)),
         key="data_file",
+        help=f"The folder that `{FOLDER_VARIABLE}` names, with its subfolders.",
     )
     if path:
         _open_button("Open this recording", workspace, lambda: (from_file(path), None))
+
+
+def _listed() -> list[Path]:
+    """The CSV files in the server's folder; none where none is set."""
+    named = os.environ.get(FOLDER_VARIABLE, "")
+    if not named:
+        return []
+    root = Path(named).resolve()
+    found = (path for path in sorted(root.rglob("*.[cC][sS][vV]")) if path.is_file())
+    # A link that leads out of the folder is left out.
+    inside = (path for path in found if path.resolve().is_relative_to(root))
+    return list(islice(inside, LISTED))

@@ -18,6 +18,7 @@ from accpinn.model.cthp import Case, Parameters
 from accpinn.model.published import ASTAZERO
 from accpinn.recordings.recording import Recording, Window
 from accpinn.recordings.synthetic import Truth
+from accpinn.results.figures.recording import View
 from accpinn.results.snapshot import Snapshot, create
 from accpinn.results.snapshot.verification import recover
 from accpinn.results.tables.estimates import name_of
@@ -107,6 +108,20 @@ class PlatoonChoice:
 
 
 @dataclass(eq=False)
+class DataChoice:
+    """What page Data draws of the recording."""
+
+    view: View = "motion"
+    highlight: int = 0
+    """Number of the one follower that is not faint; 0 for all chosen."""
+
+    def set(self, **choices: Any) -> None:
+        """Set one or several of the choices."""
+        for name, value in choices.items():
+            setattr(self, name, value)
+
+
+@dataclass(eq=False)
 class Workspace:
     """The steps of one user, first to last: recording, segment, training."""
 
@@ -137,6 +152,7 @@ class Workspace:
     """The result that is shown as it was saved; without its data there may be no segment."""
     viewed: str = ""
     """Short name of the snapshot that page Snapshots shows in full; empty for the list."""
+    data_choice: DataChoice = field(default_factory=DataChoice)
     parameter_choice: ParameterChoice = field(default_factory=ParameterChoice)
     map_choice: MapChoice = field(default_factory=MapChoice)
     platoon_choice: PlatoonChoice = field(default_factory=PlatoonChoice)

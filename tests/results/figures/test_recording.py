@@ -8,8 +8,15 @@ import pytest
 
 from accpinn.recordings.openacc import read
 from accpinn.recordings.recording import Recording, Window
-from accpinn.results.figures.recording import has_ribbons, overview, preview
+from accpinn.results.figures.recording import (
+    driver_ribbons,
+    overview,
+    preview,
+    regime_key,
+    regime_ribbons,
+)
 from accpinn.segment.cut import cut
+from accpinn.segment.quality import label_regimes
 from tests.support.figures import names
 from tests.support.openacc_files import csv, metadata, platoon
 
@@ -38,25 +45,50 @@ def test_overview_keeps_its_zoom_until_another_recording_comes() -> None:
     assert first == second != third
 
 
+def test_views_of_the_followers_and_one_that_is_highlighted() -> None:
+    run = recording()
+    relative = overview(run, (1, 2, 3), Window(5.0, 25.0), view="relative")
+    assert names(relative) == ["2 B", "3 C"]
+    np.testing.assert_allclose(relative.data[1].y, run.speed[:, 1] - run.speed[:, 2])
+    gaps = overview(run, (1, 2, 3), Window(5.0, 25.0), view="time gap", highlight=3)
+    np.testing.assert_allclose(gaps.data[0].y, run.gap[:, 0] / run.speed[:, 1])
+    assert [trace.opacity for trace in gaps.data] == [0.35, 1]
+    motion = overview(run, (1, 2, 3), Window(5.0, 25.0), highlight=3)
+    strong = [(trace.name, trace.yaxis) for trace in motion.data if trace.opacity == 1]
+    assert strong == [("2 B", "y"), ("3 C", "y"), ("3 C", "y2")], "and the speed ahead of it"
+
+
+def test_ten_vehicles_are_drawn_with_no_more_points_than_two() -> None:
+    def points(vehicles: int) -> int:
+        run = recording("ABCDEFGHIJK"[:vehicles], platoon(vehicles=vehicles, samples=6000))
+        figure = overview(run, run.present, Window(5.0, 25.0))
+        return sum(len(trace.x) for trace in figure.data)
+
+    assert points(11) < 3 * points(2)
+
+
 def test_overview_shows_missing_blocks_and_driving_by_hand() -> None:
     frame = platoon()
     frame.loc[100:149, ["Speed2", "IVS1", "IVS2"]] = np.nan
     frame["Driver3"] = ["Human"] * 50 + ["ACC"] * 350
     run = recording(frame=frame)
-    assert has_ribbons(run)
-    figure = overview(run, (1, 2, 3), Window(20.0, 35.0))
-    ribbons = {trace.name: trace for trace in figure.data if trace.yaxis == "y3"}
-    assert set(ribbons) == {"2 missing", "3 by hand"}
-    assert ribbons["2 missing"].x[:2] == pytest.approx((10.0, 14.9))
-    assert ribbons["3 by hand"].x[:2] == pytest.approx((0.0, 4.9))
-    assert figure.layout.yaxis3.categoryarray == ("3", "2")
+    whole = cut(run, 0.0, run.duration, allow_missing=True)
+    regimes = label_regimes(whole, run)
+    drivers = driver_ribbons(run, (1, 2, 3))
+    figure = overview(run, (1, 2, 3), Window(20.0, 35.0), [drivers, regime_ribbons(whole, regimes)])
+    first, second = (
+        {trace.name: trace for trace in figure.data if trace.yaxis == axis} for axis in ("y3", "y4")
+    )
+    assert set(first) == {"3 by hand", "3 ACC"}
+    assert first["3 by hand"].x[:2] == pytest.approx((0.0, 4.9))
+    assert second["2 missing"].x[:2] == pytest.approx((9.95, 14.95))
+    assert figure.layout.yaxis4.categoryarray == ("3", "2")
+    assert "missing" in dict(regime_key(regimes))
     assert np.isnan(figure.data[1].y[100:150]).all(), "a hole stays a hole"
 
 
-def test_a_recording_without_acc_has_no_ribbons_of_driving_by_hand() -> None:
-    frame = platoon()
-    frame["Driver2"] = "Human"
-    assert not has_ribbons(recording(frame=frame))
+def test_without_a_driver_no_bars_tell_who_drives() -> None:
+    assert driver_ribbons(recording(), (1, 2)) == []
 
 
 def test_preview_has_every_vehicle_in_the_recordings_time() -> None:

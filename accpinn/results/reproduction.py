@@ -1,0 +1,124 @@
+"""What the paper prints, table by table and figure by figure, and what comes out here.
+
+Source of all printed values: Apostolakis and Ampountolas, IEEE TVT 2024, Tables I to III and
+Figures 2 to 8. Verdicts and peaks follow from the printed parameters alone, so they are computed
+at once; what takes a recording names its run and window.
+"""
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+from accpinn.model.cthp import Case
+from accpinn.model.published import (
+    ASTAZERO,
+    ASTAZERO_ALIKE,
+    CASALE,
+    CASALE_STARTS,
+    VICOLUNGO,
+    VICOLUNGO_ALIKE,
+    ParameterSet,
+)
+from accpinn.recordings.recording import Window
+from accpinn.stability.report import StabilityReport, stability_report
+
+
+@dataclass(frozen=True)
+class PrintedVerdicts:
+    """Followers with the verdicts on their string stability as printed."""
+
+    vehicles: ParameterSet
+    l2: tuple[bool, ...]
+    """(M,) YES or NO in the column L₂."""
+    linf: tuple[bool, ...]
+    """(M,) the same for L∞, which the paper decides by D > 0."""
+
+    @cached_property
+    def report(self) -> StabilityReport:
+        """The same computed here from the printed parameters."""
+        return stability_report(self.vehicles.parameters)
+
+    @property
+    def agreeing(self) -> int:
+        """How many of the printed verdicts come out the same, by the paper's own criteria."""
+        pairs = zip(self.report.vehicles, self.l2, self.linf, strict=True)
+        return sum(
+            (one.l2.stable == l2) + (one.linf_paper.stable == linf) for one, l2, linf in pairs
+        )
+
+    @property
+    def refuted(self) -> tuple[str, ...]:
+        """Followers whose printed verdict on L∞ differs from that of the exact criterion."""
+        pairs = zip(self.report.vehicles, self.linf, self.vehicles.labels, strict=True)
+        return tuple(name for one, linf, name in pairs if one.linf_exact.stable != linf)
+
+
+@dataclass(frozen=True)
+class Run:
+    """A recording of the OpenACC database, with the window and vehicles that the paper took."""
+
+    campaign: str
+    file: str
+    window: Window
+    vehicles: tuple[int, ...]
+    case: Case = "II"
+
+
+@dataclass(frozen=True)
+class PrintedItem:
+    """A table or a figure of the paper."""
+
+    title: str
+    subject: str
+    run: Run | None = None
+    """What it takes; None where it needs no recording, or its run is not known."""
+    sample: str = ""
+    """Stem of the synthetic sample that can stand in for the recording; empty for none."""
+    verdicts: tuple[PrintedVerdicts, ...] = ()
+    """Those printed in it."""
+    shown: tuple[ParameterSet, ...] = ()
+    """The published parameters that it can be drawn from."""
+
+    @property
+    def starts(self) -> bool:
+        """Whether it is about trainings from several initial values."""
+        return any(one.vehicles is CASALE_STARTS for one in self.verdicts)
+
+
+def _no(vehicles: ParameterSet, *linf: bool) -> PrintedVerdicts:
+    """Every follower L₂ unstable, as all are that the paper prints."""
+    none = (False,) * len(vehicles)
+    return PrintedVerdicts(vehicles, none, linf or none)
+
+
+def _row(vehicles: ParameterSet) -> PrintedVerdicts:
+    """The one row that Table II has for all followers of a platoon."""
+    one = vehicles.parameters[:1]
+    return _no(ParameterSet(vehicles.title, ("All followers",), one))
+
+
+CASALE_RUN = Run("Casale", "part7.csv", Window(0.0, 300.0), (1, 2))
+ASTAZERO_RUN = Run("AstaZero", "ASta_040719_platoon5.csv", Window(320.0, 620.0), (1, 2, 3, 4, 5))
+_SYNTHETIC, _ASTAZERO = "synthetic_paper_study", "synthetic_astazero_like"
+
+ITEMS = (
+    PrintedItem(
+        "Table I", "Ispra-Casale, five initial values", CASALE_RUN, _SYNTHETIC,
+        (_no(CASALE_STARTS),), (CASALE,),
+    ),
+    PrintedItem(
+        "Table II", "Case I: one set of parameters for a platoon",
+        replace(ASTAZERO_RUN, case="I"),
+        _ASTAZERO, (_row(ASTAZERO_ALIKE), _row(VICOLUNGO_ALIKE)), (ASTAZERO_ALIKE, VICOLUNGO_ALIKE),
+    ),
+    PrintedItem(
+        "Table III", "Case II: each follower with its own parameters", ASTAZERO_RUN, _ASTAZERO,
+        (_no(ASTAZERO, False, False, False, True), _no(VICOLUNGO)), (ASTAZERO, VICOLUNGO),
+    ),
+    PrintedItem("Figures 2, 3a", "Synthetic study: trajectories and convergence", None, _SYNTHETIC),
+    PrintedItem("Figures 3b, 4", "Ispra-Casale: convergence and trajectories", CASALE_RUN),
+    PrintedItem("Figure 5", "Speed profiles of the platoons", ASTAZERO_RUN),
+    PrintedItem("Figures 6, 7", "String stability along the platoon, Bode plots",
+                shown=(ASTAZERO, VICOLUNGO)),
+    PrintedItem("Figure 8", "Eight followers behind a sinusoid, four panels"),
+)  # fmt: skip
+"""In the order of the checklist; Figure 1 is a drawing of the network."""

@@ -1,0 +1,38 @@
+"""A table of the paper with its verdicts beside those computed here."""
+
+from collections.abc import Iterable
+
+from accpinn.channels import FREQUENCY, LINF_GAIN, MAGNITUDE
+from accpinn.results.reproduction import PrintedVerdicts
+from accpinn.results.tables.estimates import parameter_cells
+from accpinn.results.tables.stability import answer
+from accpinn.results.tables.table import Column, Table
+
+L2, LINF = "L₂", "L∞"
+
+
+def reproduction_table(printed: PrintedVerdicts) -> Table:
+    """A row a follower: printed parameters and verdicts, and what follows from the parameters."""
+    found, frequency = printed.report.vehicles, FREQUENCY
+    return Table.of(
+        printed.vehicles.title,
+        [
+            (Column("Vehicle"), printed.vehicles.labels),
+            *parameter_cells(printed.vehicles.parameters, "Printed"),
+            (Column("printed", group=L2), _words(printed.l2)),
+            (Column("computed", group=L2), [answer(one.l2) for one in found]),
+            (Column("printed", group=LINF), _words(printed.linf)),
+            (Column("paper's criterion", group=LINF), [answer(one.linf_paper) for one in found]),
+            (Column("exact criterion", group=LINF), [answer(one.linf_exact) for one in found]),
+            (Column(LINF_GAIN.symbol, "", LINF_GAIN.digits, LINF, key="linf_gain"),
+             [one.linf_gain for one in found]),
+            (Column("Peak", "dB", MAGNITUDE.digits, MAGNITUDE.name),
+             [one.peak.db for one in found]),
+            (Column("at ω", frequency.unit, frequency.digits, MAGNITUDE.name),
+             [one.peak.omega or None for one in found]),
+        ],
+    )  # fmt: skip
+
+
+def _words(verdicts: Iterable[bool]) -> list[str]:
+    return ["YES" if stable else "NO" for stable in verdicts]

@@ -1,0 +1,174 @@
+"""A window to estimate parameters from: complete, in car-following under ACC, best excitation.
+
+The information that a window holds about the parameters of follower i is that of the regression of
+its acceleration (Fedorov, Theory of Optimal Experiments, 1972):
+
+    I_i = Σ_t x_t x_tᵀ,   x = (p, -v, Δv),   over the instants in car-following
+
+Of all windows, those are kept whose share of car-following is close to the largest; among them the
+one with the largest Σ_i log det I_i is D-optimal. Two windows compare by their relative
+D-efficiency, exp((Σ_i log det I_i - Σ_i log det I'_i)/3M): the first tells as much as the second
+would if it lasted longer by this factor. An instant driven by hand, at standstill or with a time
+gap above 2 s is not in car-following (see `segment.quality`); where the file has no driver modes,
+nobody knows who drove.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from accpinn.model.cthp import regressors
+from accpinn.recordings.recording import Recording, Window
+from accpinn.segment.cut import DURATION, SLACK, complete_windows, cut
+from accpinn.segment.quality import FOLLOWING, MANUAL, Regimes, label_regimes
+from accpinn.segment.segment import Segment
+from accpinn.units import FloatArray, Seconds
+
+GRID: Seconds = 5.0
+"""Windows start at multiples of it."""
+NEARLY = 0.05
+"""Shares of car-following that differ by less count as the same."""
+
+
+@dataclass(frozen=True)
+class Suggestion:
+    """The window of a recording that tells most about the parameters of M followers."""
+
+    window: Window
+    vehicles: tuple[int, ...]
+    """(M+1,) leader first."""
+    car_following: float
+    """The smallest share of the window's instants in car-following of any follower, 0 to 1."""
+    manual: float | None
+    """The largest share driven by hand of any follower; None where the file has no modes."""
+    candidates: int
+    """How many windows were compared."""
+    asked: Seconds
+    """The usual length; the window is shorter where nothing as long is complete."""
+
+    @property
+    def shortened(self) -> bool:
+        """Whether no complete stretch has the usual length."""
+        return self.window.duration < self.asked - SLACK
+
+
+@dataclass(frozen=True, eq=False)
+class Information:
+    """What each window of a recording tells about the parameters of M followers."""
+
+    start: Seconds
+    """Of the first instant, in the recording's time."""
+    step: Seconds
+    following: FloatArray
+    """(N+1, M) instants in car-following before each instant."""
+    manual: FloatArray
+    """(N+1, M) instants driven by hand before each instant."""
+    products: FloatArray
+    """(N+1, M, 3, 3) Σ x xᵀ over the instants in car-following before each instant."""
+    mode_known: bool
+
+    @classmethod
+    def of(cls, segment: Segment, regimes: Regimes) -> "Information":
+        """That of a segment, which may be a whole recording with samples missing."""
+        counts = (regimes.codes == FOLLOWING) & segment.counts
+        scaled = np.where(counts.T[..., None], regressors(segment.speeds, segment.gaps), 0.0)
+        outer = scaled[..., :, None] * scaled[..., None, :]
+        return cls(
+            start=segment.start,
+            step=segment.sample_time,
+            following=_before(counts),
+            manual=_before(regimes.codes == MANUAL),
+            products=_before(outer.transpose(1, 0, 2, 3)),
+            mode_known=any(regimes.mode_known),
+        )
+
+    def _within(self, sums: FloatArray, window: Window) -> FloatArray:
+        first, last = (round((t - self.start) / self.step) for t in (window.start, window.end))
+        first, after = max(first, 0), min(last + 1, len(sums) - 1)
+        return np.asarray(sums[after] - sums[first])
+
+    def _share(self, sums: FloatArray, window: Window) -> FloatArray:
+        return self._within(sums, window) / (round(window.duration / self.step) + 1)
+
+    def car_following(self, window: Window) -> float:
+        """The smallest share of any follower in car-following, 0 to 1."""
+        return float(self._share(self.following, window).min())
+
+    def by_hand(self, window: Window) -> float | None:
+        """The largest share of any follower driven by hand; None without driver modes."""
+        return float(self._share(self.manual, window).max()) if self.mode_known else None
+
+    def log_det(self, window: Window) -> float:
+        """Σ_i log det I_i; minus infinity where some follower is never in car-following."""
+        signs, logs = np.linalg.slogdet(self._within(self.products, window))
+        return float(logs.sum()) if (signs > 0).all() else -np.inf
+
+    def efficiency(self, window: Window, best: Window) -> float:
+        """The relative D-efficiency of a window against another; 0 where it tells nothing."""
+        followers = self.following.shape[1]
+        return float(np.exp((self.log_det(window) - self.log_det(best)) / (3 * followers)))
+
+
+def information(recording: Recording, vehicles: tuple[int, ...]) -> Information:
+    """What each window of a recording tells about the followers' parameters.
+
+    Raises:
+        SegmentError: when the vehicles are no platoon, or the recording is too short.
+    """
+    whole = cut(recording, 0.0, recording.duration, vehicles, allow_missing=True)
+    return Information.of(whole, label_regimes(whole, recording))
+
+
+def suggest_window(
+    recording: Recording,
+    vehicles: tuple[int, ...],
+    duration: Seconds = DURATION,
+    known: Information | None = None,
+) -> Suggestion | None:
+    """The window that tells most about the followers' parameters.
+
+    Args:
+        recording: what to choose from.
+        vehicles: leader first.
+        duration: the usual length, in s.
+        known: what `information` says of the same recording and vehicles, if it is at hand.
+
+    Returns:
+        None where no stretch is complete, or a follower never in car-following.
+
+    Raises:
+        SegmentError: when the vehicles are no platoon.
+    """
+    candidates = _candidates(complete_windows(recording, vehicles), duration)
+    if not candidates:
+        return None
+    found = known or information(recording, vehicles)
+    shares = np.array([found.car_following(window) for window in candidates])
+    kept = [w for w, s in zip(candidates, shares, strict=True) if s > shares.max() - NEARLY]
+    best = max(kept, key=found.log_det)
+    if not np.isfinite(found.log_det(best)):
+        return None
+    return Suggestion(
+        best, vehicles, found.car_following(best), found.by_hand(best), len(candidates), duration
+    )
+
+
+def _candidates(complete: tuple[Window, ...], duration: Seconds) -> list[Window]:
+    """Windows of that length on a grid; the longest stretch where none is as long."""
+    found = []
+    for stretch in complete:
+        first = np.ceil((stretch.start - SLACK) / GRID) * GRID + 0.0
+        latest = stretch.end - duration
+        starts = [float(s) for s in np.arange(first, latest + SLACK, GRID)]
+        if not starts and stretch.duration >= duration - SLACK:
+            starts = [stretch.start]
+        found += [Window(start, round(start + duration, 9)) for start in starts]
+    longest = max(complete, key=lambda stretch: stretch.duration, default=None)
+    return found or ([longest] if longest else [])
+
+
+def _before(values: FloatArray) -> FloatArray:
+    """(N+1, ...) the sum of what lies before each of N instants."""
+    sums = np.zeros((len(values) + 1, *values.shape[1:]))
+    np.cumsum(values, axis=0, out=sums[1:])
+    return sums

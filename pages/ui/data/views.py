@@ -1,0 +1,156 @@
+"""The tabs of page Data: the window, its regimes, what was done to it, and the recording."""
+
+from collections.abc import Sequence
+from contextlib import suppress
+from pathlib import Path
+
+import streamlit as st
+
+from accpinn.errors import SegmentError
+from accpinn.methods import least_squares
+from accpinn.methods.fit import headway_findings
+from accpinn.model.cthp import Case
+from accpinn.recordings.recording import Recording
+from accpinn.results.messages import messages
+from accpinn.results.tables.estimates import quality_table, regimes_table, sensitivity_table
+from accpinn.results.tables.recording import recording_table
+from accpinn.segment.quality import EXCLUDABLE, LARGE_CONDITION, assess_quality, label_regimes
+from accpinn.segment.segment import DrivenByHand, Segment
+from accpinn.study.sensitivity import SensitivityResult, sensitivity
+from pages.ui.components import show
+from pages.ui.components.widgets import bound
+from pages.ui.session.workspace import Workspace
+
+SHOWN = 3
+"""Warnings that are shown without being asked for."""
+REGIMES = {
+    "catching up": "The time gap, space-gap over speed, is above 2 s: the vehicle catches up or"
+    " drives freely.",
+    "manual": "A driver controls the vehicle, according to the file.",
+    "standstill": "The vehicle moves at 1 m/s or less.",
+}
+
+
+def show_window(workspace: Workspace, segment: Segment | None) -> None:
+    """The window's figures, and the estimate that needs no training."""
+    if segment is None:
+        st.caption("The window cannot be used yet.")
+        return
+    quality = assess_quality(segment)
+    estimate = least_squares.fit(segment, workspace.case)
+    st.markdown("**Preview of the window**")
+    if workspace.recording is None:
+        show.not_acc(segment)
+    table = quality_table(segment.info, quality, estimate)
+    show.table(table, show.vehicle_colours(segment)[1:])
+    excluded = (
+        f" Without {', '.join(segment.excluded_regimes)}: the estimate and the condition number;"
+        " all other figures are of all instants."
+    )
+    st.caption(
+        "Least squares solves the model for α, β and τ in one step, from differences of the"
+        " measured speeds. Noise in the data biases it: take it as a first look. The leader's"
+        f" speed varies by {quality.leader_deviation:.2f} m/s (standard deviation). Condition"
+        f" number: above about {LARGE_CONDITION:.0f}, gap, speed and relative speed move so alike"
+        " that α, β and τ are not identifiable." + excluded * bool(segment.excluded_regimes)
+    )
+    headways = headway_findings(segment.vehicles, estimate.parameters)
+    findings = (*headways, *quality.findings, *estimate.findings)
+    _show_warnings(messages(findings, segment), "this window")
+    show.downloads(table, f"{Path(segment.source).stem}_window", "data_window")
+
+
+def _show_warnings(warnings: Sequence[str], about: str) -> None:
+    """The first few openly, the rest on demand."""
+    show.messages(warnings[:SHOWN], "warning")
+    if warnings[SHOWN:]:
+        with st.expander(f"{len(warnings) - SHOWN} more about {about}"):
+            st.markdown(show.bullets(warnings[SHOWN:]))
+
+
+def show_changes(workspace: Workspace) -> None:
+    """What was done to the window's data before anything is estimated from them."""
+    segment = workspace.segment
+    if segment is None:
+        st.caption("The window cannot be used yet.")
+        return
+    changes = [one for one in segment.findings if not isinstance(one, DrivenByHand)]
+    if changes:
+        st.markdown(show.bullets(messages(changes, segment)))
+    else:
+        st.caption("None: every sample of the window is used as it was recorded.")
+
+
+def show_about(recording: Recording) -> None:
+    """The vehicles of the recording, and what is wrong with its data."""
+    table = recording_table(recording)
+    show.table(table)
+    st.caption(
+        "Correlation: of the gap's rate of change with the difference of the two speeds, 0.8 and"
+        " more for sound data."
+    )
+    found = messages(recording.findings, recording)
+    if found:
+        show.messages(found, "warning")
+    else:
+        st.caption("Nothing is wrong with the data of this recording.")
+    if recording.sha256:
+        st.caption(f"SHA-256 `{recording.sha256}`")
+    show.downloads(table, f"{Path(recording.source).stem}_vehicles", "data_about")
+
+
+def show_regimes(workspace: Workspace, recording: Recording) -> None:
+    """Shares, the user's choice, and on request the sensitivity of the estimates to it."""
+    segment = None
+    with suppress(SegmentError):
+        segment = workspace.whole_segment()
+    if segment is None:
+        st.caption("The window cannot be used yet.")
+        return
+    regimes, excluded = label_regimes(segment, recording), workspace.excluded_regimes
+    table = regimes_table(segment.info, regimes)
+    show.table(table)
+    if not any(regimes.mode_known):
+        st.caption("The file has no driver modes, so no instant counts as manual.")
+    st.markdown("**Leave out of the model's equations**")
+    with st.container(horizontal=True):
+        for name in EXCLUDABLE:
+
+            def ticked(on: bool, name: str = name) -> None:
+                left_out = {*workspace.excluded_regimes} - {name} | ({name} if on else set())
+                workspace.choose(excluded_regimes=tuple(n for n in EXCLUDABLE if n in left_out))
+
+            shown = bound(f"data_exclude_{name}", name in excluded, ticked)
+            st.checkbox(name.capitalize(), **shown, help=REGIMES[name])
+    st.caption(
+        "The model describes car-following. Nothing is left out unless you tick it; every"
+        " method then works without it, and every page names it. The data stay: only the"
+        " equation of the follower's acceleration does not count there. Leaving out by the"
+        " time gap biases as well, since the model is to explain that gap: compare before you"
+        " decide."
+    )
+    if st.toggle(
+        "Show the sensitivity of the estimates", key="data_sensitivity",
+        help="Estimates by least squares and splines with and without each regime.",
+    ):  # fmt: skip
+        _show_sensitivity(workspace, segment, recording)
+    show.downloads(table, f"{Path(segment.source).stem}_regimes", "data_regimes")
+
+
+def _show_sensitivity(workspace: Workspace, segment: Segment, recording: Recording) -> None:
+    request = f"{segment.info.digest} {recording.sha256} {workspace.case}"
+    found = _sensitivity(request, segment, recording, workspace.case)
+    if not any(any(row.share) for row in found):
+        st.caption("None of these occurs in this window, so there is nothing to compare.")
+        return
+    for follower in range(segment.followers):
+        show.table(sensitivity_table(segment.info, found, follower))
+    show.messages(tuple(dict.fromkeys(str(row.fault) for row in found if row.fault)))
+
+
+@st.cache_data(max_entries=32, show_spinner="Estimating with and without them …")
+def _sensitivity(
+    request: str, _segment: Segment, _recording: Recording, _case: Case
+) -> tuple[SensitivityResult, ...]:
+    """Kept by ``request``, which names the data and the case."""
+    return sensitivity(_segment, _recording, _case)

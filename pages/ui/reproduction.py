@@ -1,0 +1,134 @@
+"""The paper's tables and figures as a checklist: what comes out here, and what leads to it."""
+
+import streamlit as st
+
+from accpinn.methods.pinn.config import FAST
+from accpinn.model.published import ParameterSet
+from accpinn.results.messages.reproduction import outcome, run_line
+from accpinn.results.reproduction import ITEMS, PrintedItem, Run
+from accpinn.results.tables.reproduction import reproduction_table
+from pages.ui.components import frame, show
+from pages.ui.components.show import escape_markdown
+from pages.ui.data.sources import SAMPLES, find_run, open_with, sample
+from pages.ui.session.workspace import Workspace
+
+
+def show_checklist(workspace: Workspace) -> None:
+    """A row for each table and figure: printed beside computed, and the buttons that do it."""
+    st.caption(
+        "Apostolakis and Ampountolas, IEEE Transactions on Vehicular Technology, 2024. What follows"
+        " from printed parameters is computed at once; the rest takes a recording, or a synthetic"
+        " sample in its place."
+    )
+    for item in ITEMS:
+        _show_item(workspace, item)
+    names = {f"{one.vehicles.title}": one for item in ITEMS for one in item.verdicts}
+    chosen = st.selectbox(
+        "Printed beside computed",
+        list(names),
+        index=len(names) - 2,
+        key="home_printed",
+        width=420,
+        help="The verdicts as printed, and those that follow from the printed parameters.",
+    )
+    table = reproduction_table(names[chosen])
+    show.table(table)
+    show.downloads(table, chosen, "home_printed")
+
+
+def _show_item(workspace: Workspace, item: PrintedItem) -> None:
+    key = item.title.replace(" ", "").replace(",", "")
+    with st.container(border=True):
+        title, words, buttons = st.columns((1, 3, 2.6), vertical_alignment="center")
+        computed = item.verdicts or item.shown or not (item.run or item.sample)
+        title.markdown(f"{MARK if computed else NEEDS} **{item.title}**")
+        said = [item.subject + ".", outcome(item)]
+        said += [f"Takes {run_line(item.run)}."] if item.run else []
+        words.caption(escape_markdown(" ".join(filter(None, said))))
+        with buttons.container(horizontal=True, horizontal_alignment="right"):
+            if item.starts:
+                _starts_button(workspace, item, key)
+            elif item.sample:
+                _sample_button(workspace, item, key)
+            if item.run:
+                _run_button(workspace, item.run, key)
+            for vehicles in item.shown:
+                _published_button(workspace, vehicles, key)
+            if not (item.run or item.sample or item.shown) and st.button(
+                "Four panels", key=f"home_{key}_panels", help="Page Platoon, with the four panels."
+            ):
+                workspace.platoon_choice.panels = True
+                frame.go(frame.PLATOON, workspace)
+
+
+MARK, NEEDS = ":blue[:material/check_circle:]", ":gray[:material/database:]"
+"""Computed here at once; needs a recording."""
+
+
+def _starts_button(workspace: Workspace, item: PrintedItem, key: str) -> None:
+    if st.button(
+        "Five starts on the sample", key=f"home_{key}_starts", icon=":material/casino:",
+        help="Opens the synthetic study, trains it from five initial values with the fast preset,"
+        " and shows page Compare.",
+    ):  # fmt: skip
+        open_with(workspace, lambda: sample(SAMPLES / f"{item.sample}.csv"))
+        workspace.train_starts(FAST)
+        frame.go(frame.COMPARE, workspace)
+
+
+def _sample_button(workspace: Workspace, item: PrintedItem, key: str) -> None:
+    case = item.run.case if item.run else workspace.case
+    if st.button(
+        "Train the sample", key=f"home_{key}_sample", icon=":material/play_arrow:",
+        help="Opens the synthetic recording made from the printed parameters, and trains on it.",
+    ):  # fmt: skip
+        open_with(workspace, lambda: sample(SAMPLES / f"{item.sample}.csv"))
+        workspace.choose(case=case)
+        workspace.train(FAST)
+        frame.go(frame.TRAIN, workspace)
+
+
+def _run_button(workspace: Workspace, run: Run, key: str) -> None:
+    """Open the recording with the paper's window, where it is at hand."""
+    load = find_run(workspace, run.file)
+    if st.button(
+        "Open the recording", key=f"home_{key}_run", disabled=load is None,
+        help=f"With {run.window} and these vehicles."
+        if load
+        else f"{run.file} is not at hand: drop it above, or start the app with a folder that has"
+        " it.",
+    ) and load:  # fmt: skip
+        open_with(workspace, load)
+        if not workspace.refusal:
+            workspace.choose(run.vehicles, run.window, run.case)
+            frame.go(frame.DATA, workspace)
+
+
+def _published_button(workspace: Workspace, vehicles: ParameterSet, key: str) -> None:
+    name = vehicles.title.partition(" (")[0].partition(",")[0]
+    if st.button(
+        name.removeprefix("Ispra-"), key=f"home_{key}_{name}", icon=":material/vital_signs:",
+        help="Page Stability, with these printed parameters.",
+    ):  # fmt: skip
+        choose_published(workspace, vehicles)
+        frame.go(frame.STABILITY, workspace)
+
+
+def choose_published(workspace: Workspace, vehicles: ParameterSet) -> None:
+    """Let pages Stability and Platoon show a published set."""
+    workspace.choose_source("published")
+    workspace.parameter_choice.example = vehicles.title
+    workspace.platoon_choice.reset()
+    workspace.platoon_choice.panels = False
+
+
+def open_published(workspace: Workspace, vehicles: ParameterSet, key: str) -> None:
+    """Buttons to the pages that show a published set."""
+    with st.container(horizontal=True):
+        for name, page in (("Stability", frame.STABILITY), ("Platoon", frame.PLATOON)):
+            if st.button(
+                name, key=f"{key}_{vehicles.title}_{name}",
+                help=f"Page {name}, with these printed parameters.",
+            ):  # fmt: skip
+                choose_published(workspace, vehicles)
+                frame.go(page, workspace)

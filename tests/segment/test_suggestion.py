@@ -1,0 +1,129 @@
+"""The suggested window: invariants on made recordings, and what it chooses on real ones."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from accpinn.model.cthp import Parameters, simulate
+from accpinn.recordings.openacc import read
+from accpinn.recordings.recording import Mode, Recording, Window
+from accpinn.segment.cut import complete_windows, cut
+from accpinn.segment.suggestion import GRID, Suggestion, information, suggest_window
+from tests.support.openacc_files import csv, metadata, platoon
+
+STEP = 0.5
+"""Between samples in s; a coarse one keeps the tests short."""
+
+
+def driven(leader: np.ndarray, headway: float = 1.5) -> Recording:
+    """A follower behind a leader with that speed (N,)."""
+    time = STEP * np.arange(len(leader))
+    start = leader[:1]
+    motion = simulate(Parameters([0.1], [0.3], [headway]), time, leader, start, headway * start)
+    frame = platoon(vehicles=2, samples=len(leader))
+    frame["Time"] = time
+    frame["Speed1"], frame["Speed2"] = motion.speeds.T
+    frame["IVS1"] = motion.gaps[:, 0]
+    return read(csv(frame, metadata(("A", "B"))), "made.csv")
+
+
+def lively(samples: int, first: int, last: int) -> np.ndarray:
+    """Even speed but for a swing between two samples."""
+    leader = np.full(samples, 20.0)
+    swing = np.arange(last - first)
+    leader[first:last] += 2 * np.sin(0.15 * swing) + np.sin(0.37 * swing)
+    return leader
+
+
+def suggested(recording: Recording, duration: float = 60.0) -> Suggestion:
+    found = suggest_window(recording, (1, 2), duration)
+    assert found is not None
+    return found
+
+
+@settings(max_examples=25, deadline=None)
+@given(first=st.integers(0, 400), seed=st.integers(0, 99), hole=st.integers(0, 560))
+def test_it_is_complete_of_the_length_asked_for_and_where_the_vehicles_move(
+    first: int, seed: int, hole: int
+) -> None:
+    leader = lively(600, first, first + 160)
+    leader += 0.02 * np.random.default_rng(seed).standard_normal(600)
+    plain = driven(leader)
+    best = suggested(plain).window
+    assert best.duration == 60.0
+    assert best.start % GRID == 0
+    known = information(plain, (1, 2))
+    windows = [Window(float(start), start + 60.0) for start in range(0, 240, 5)]
+    assert all(known.efficiency(one, best) <= 1 + 1e-9 for one in windows)
+    assert best.start < STEP * (first + 160)
+    assert best.end > STEP * first, "they touch"
+
+    gap = plain.gap.copy()
+    gap[hole : hole + 10] = np.nan
+    holed = replace(plain, gap=gap)
+    chosen = suggested(holed)
+    stretches = complete_windows(holed, (1, 2))
+    assert any(s.start <= chosen.window.start <= chosen.window.end <= s.end for s in stretches)
+
+
+def test_the_efficiency_is_that_of_the_windows_own_regressors() -> None:
+    """Against the definition; doubling a periodic window doubles what it tells."""
+    recording = driven(20 + 2 * np.sin(2 * np.pi / 60 * STEP * np.arange(1200)))
+    known = information(recording, (1, 2))
+    window = Window(300.0, 360.0)
+    segment = cut(recording, window.start, window.duration, (1, 2))
+    p, v, dv = segment.gaps[:, 0], segment.speeds[:, 1], segment.speeds[:, 0] - segment.speeds[:, 1]
+    x = np.column_stack([p, -v, dv])
+    assert known.log_det(window) == pytest.approx(np.linalg.slogdet(x.T @ x)[1], rel=1e-6)
+    assert known.efficiency(window, Window(300.0, 420.0)) == pytest.approx(0.5, abs=0.01)
+
+
+def test_driving_by_hand_and_catching_up_are_avoided_however_lively_they_are() -> None:
+    leader = lively(800, 0, 250) + lively(800, 500, 650) - 20.0
+    recording = driven(leader)
+    assert suggested(recording).window.end <= 130.0, "the livelier stretch"
+    mode = np.full_like(recording.mode, Mode.ACC)
+    mode[:300, 1] = Mode.HUMAN
+    by_hand = suggested(replace(recording, mode=mode))
+    assert by_hand.window.start >= 150.0
+    assert by_hand.manual == 0.0
+    gap = recording.gap.copy()
+    gap[:300] += 40.0
+    catching = suggested(replace(recording, gap=gap))
+    assert catching.window.start >= 147.5
+    assert catching.manual is None, "this file has no driver modes"
+
+
+def test_what_is_too_short_is_the_longest_stretch_and_nothing_is_nothing() -> None:
+    recording = driven(lively(300, 50, 250))
+    short = suggested(recording, 300.0)
+    assert short.shortened
+    assert short.window == Window(0.0, 149.5)
+    assert not suggested(recording, 100.0).shortened
+    assert (
+        suggest_window(replace(recording, gap=np.full_like(recording.gap, 150.0)), (1, 2)) is None
+    )
+    holes = recording.gap.copy()
+    holes[::12] = holes[1::12] = holes[2::12] = holes[3::12] = np.nan
+    assert suggest_window(replace(recording, gap=holes), (1, 2)) is None
+
+
+def test_of_real_recordings(openacc_dir: Path) -> None:
+    """The paper's AstaZero window is as good as the best; its Casale window catches up."""
+    asta = read(openacc_dir / "AstaZero/ASta_040719_platoon5.csv")
+    vehicles = (1, 2, 3, 4, 5)
+    found = suggest_window(asta, vehicles)
+    assert found is not None
+    assert found.window == Window(330.0, 630.0)
+    assert found.car_following == 1.0
+    efficiency = information(asta, vehicles).efficiency(Window(320.0, 620.0), found.window)
+    assert efficiency == pytest.approx(0.999, abs=0.001)
+    casale = suggest_window(read(openacc_dir / "Casale/part7.csv"), (1, 2))
+    assert casale is not None
+    assert casale.window == Window(915.0, 1215.0)
+    assert casale.car_following == pytest.approx(0.96, abs=0.005)
+    assert casale.manual == 0.0
