@@ -177,6 +177,12 @@ def choose(page: Page, label: str, option: str) -> None:
     idle(page)
 
 
+def open_tab(page: Page, title: str) -> None:
+    """Open a tab; only the open one is drawn."""
+    page.get_by_role("tab", name=title, exact=True).click()
+    idle(page)
+
+
 def table(page: Page, containing: str) -> Locator:
     """The first table with that text."""
     return page.locator("table.figures").filter(has_text=containing).first
