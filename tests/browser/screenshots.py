@@ -191,8 +191,10 @@ def stability(camera: Camera) -> None:
         open_example(page)
         chart(page, "stability_criteria")
         camera.shoot(page, "stability_fold", whole=False)
-        for title in ("Map", "Why", "Measured"):
+        for title in ("Map", "Why"):
             open_tab(page, title)
+            if title == "Map":
+                chart(page, "stability_map")
             camera.shoot(page, f"stability_{title.lower()}")
         page.get_by_text("By hand").click()
         page.get_by_test_id("stDataFrame").wait_for()
@@ -239,6 +241,8 @@ def platoon_recorded(camera: Camera) -> None:
             camera.shoot(page, f"stability_{name}_measured")
             to(page, "Platoon")
             choose(page, "Disturbance of the leader", "As recorded")
+            page.get_by_text("begins in equilibrium").wait_for()
+            idle(page)
             camera.shoot(page, f"platoon_{name}_recorded")
 
 

@@ -5,6 +5,7 @@ import html
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 import plotly.graph_objects as go
@@ -61,6 +62,9 @@ SOFTENED = 0.8
 """Saturation of the shades, relative to the colour's."""
 Span = tuple[Seconds, Seconds]
 """Beginning and end of a part of a run, by its clock."""
+View = Literal["observer", "leader", "road"]
+"""From where a time-space diagram is seen: an observer who drives at the leader's mean speed, so
+that the vehicles' distances fill the axes and their motion is seen; the leader; or the road."""
 
 
 @dataclass(frozen=True)
@@ -227,7 +231,7 @@ def add_line(
 
 
 def time_space(
-    run: PlatoonRun, cast: Cast, span: Span | None = None, on_road: bool = False,
+    run: PlatoonRun, cast: Cast, span: Span | None = None, view: View = "observer",
     height: int = 540,
 ) -> go.Figure:  # fmt: skip
     """The time-space diagram: each vehicle's position over time, coloured by its speed.
@@ -236,8 +240,7 @@ def time_space(
         run: the simulated platoon.
         cast: its labels and colours.
         span: the part to draw; by default all.
-        on_road: seen from the road; else by an observer who drives at the leader's mean speed, so
-            that the distances between the vehicles fill the axes.
+        view: where it is seen from.
         height: in pixels.
     """
     driven = run.valid
@@ -246,9 +249,11 @@ def time_space(
     rows = inside[np.linspace(0, len(inside) - 1, count).round().astype(int)]
     time, speeds = driven.time[rows], driven.speeds[rows]
     way = cumulative_trapezoid(driven.speeds[inside, 0], driven.time[inside], initial=0)
-    observer = 0.0 if on_road else float(way[-1] / (driven.time[inside[-1]] - time[0]))
+    mean = float(way[-1] / (driven.time[inside[-1]] - time[0]))
+    ahead = way[rows - inside[0]]
+    origin = {"road": 0.0 * time, "leader": ahead, "observer": mean * (time - time[0])}[view]
     places = np.empty(speeds.shape)
-    places[:, 0] = way[rows - inside[0]] - observer * (time - time[0])
+    places[:, 0] = ahead - origin
     places[:, 1:] = places[:, :1] - np.cumsum(driven.gaps[rows] + CAR_LENGTH, axis=1)
     middle = float(speeds[:, 0].mean()) if isinstance(run.leader, Recorded) else run.leader.speed
     limit = float(np.nanmax(np.abs(speeds - middle))) or 1.0
@@ -274,10 +279,10 @@ def time_space(
     scale = {"colorscale": TRACK_SCALE, "cmin": middle - limit, "cmax": middle + limit}
     bar = {"title": {"text": SPEED.axis, "side": "right"}, "thickness": 12, "x": 1.06}
     figure.update_layout(coloraxis=scale | {"colorbar": bar})
-    seen = "on the road" if on_road else f"seen at {observer:.1f} m/s"
+    seen = {"road": "on the road", "leader": "seen from leader", "observer": f"at {mean:.1f} m/s"}
     figure.update_xaxes(title_text=TIME.axis)
-    figure.update_yaxes(title_text=f"Position {seen} [m]")
-    figure = finished(figure, height, f"platoon-time-space-{on_road}")
+    figure.update_yaxes(title_text=f"Position {seen[view]} [m]")
+    figure = finished(figure, height, f"platoon-time-space-{view}")
     return figure.update_layout(hovermode="closest")
 
 

@@ -20,7 +20,8 @@ from pages.ui.components.show import escape_markdown
 from pages.ui.components.widgets import bound, segments, select
 from pages.ui.session.workspace import Disturbance, PlatoonChoice, Workspace
 
-MOST_FOLLOWERS = 20
+FOLLOWERS, MOST_FOLLOWERS = 8, 20
+"""Of a repeated vehicle, by default as in the paper; and at most."""
 ORDERS = {"learned": "In order", "repeated": "One car", "own": "Own order"}
 PLANNED: dict[Disturbance, type[Sinusoid] | type[SpeedStep] | type[Brake]] = {
     "sinusoid": Sinusoid,
@@ -57,7 +58,7 @@ def choose_platoon(
     """
     choice = workspace.platoon_choice
     with st.container(horizontal=True, vertical_alignment="bottom"):
-        order = _choose_order(choice, chosen)
+        order = _choose_order(workspace, chosen)
         leader = _choose_leader(workspace, chosen.parameters[order]) if order else None
     if choice.order == "own" and len(chosen) > 1:
         st.caption(
@@ -66,8 +67,9 @@ def choose_platoon(
     return order, leader
 
 
-def _choose_order(choice: PlatoonChoice, chosen: ParameterSet) -> list[int] | None:
+def _choose_order(workspace: Workspace, chosen: ParameterSet) -> list[int] | None:
     """The followers' indices in ``chosen``; None, with a sentence, for no order."""
+    choice = workspace.platoon_choice
     if len(chosen) > 1:
         segments("Platoon", ORDERS, choice.order, "platoon_order",
                  lambda order: choice.set(order=order), labelled=True,
@@ -78,12 +80,14 @@ def _choose_order(choice: PlatoonChoice, chosen: ParameterSet) -> list[int] | No
             select("Vehicle", dict(enumerate(chosen.labels)), vehicle, "platoon_vehicle",
                    lambda k: choice.set(vehicle=k), width=200,
                    help="The vehicle that is repeated.")  # fmt: skip
-        counted = bound("platoon_followers", choice.followers, lambda n: choice.set(followers=n))
+        recorded = recorded_leader(workspace) if choice.kind == "recorded" else None
+        followers = choice.followers or (recorded.followers if recorded else FOLLOWERS)
+        counted = bound("platoon_followers", followers, lambda n: choice.set(followers=n))
         st.number_input(
             "Followers", **counted, min_value=1, max_value=MOST_FOLLOWERS, width=120,
             help="How many of it drive behind the leader.",
         )  # fmt: skip
-        return [vehicle] * choice.followers
+        return [vehicle] * followers
     if choice.order == "learned":
         return list(range(len(chosen)))
     text = choice.own or f"1-{len(chosen)}, 1-{len(chosen)}"

@@ -29,8 +29,9 @@ from pages.ui.platoon.details import show_amplitudes, show_animation, show_panel
 from pages.ui.session.workspace import PlatoonChoice, Workspace
 
 LEAD = "A disturbance of the leader, in a platoon of these vehicles."
-HEIGHT = 430
+HEIGHT = 350
 """Of both charts, in pixels."""
+VIEWS: dict[figures.View, str] = {"observer": "Observer", "leader": "Leader", "road": "Road"}
 TABS = "platoon"
 """The key of the row of tabs."""
 PANELS = "The paper's four panels"
@@ -117,6 +118,9 @@ def _show_answer(shown: Shown) -> None:
         said = f"{disturbance(run, places)} {not_acc(chosen)}".rstrip()
         st.markdown(f"{escape_markdown(source.origin)}\n\n#### {escape_markdown(said)}")
         details = disturbance_details(run, places)
+        if recorded := shown.recorded:
+            leader = f"{recorded.labels[0]} as recorded, {recorded.source}, {recorded.window}"
+            details = f"The leader: {leader}; the platoon begins in equilibrium. {details}"
         if source.uncertainty:
             odds = probabilities(chosen, source.uncertainty)
             details += f" The simulation is that of the estimates. {odds}"
@@ -129,43 +133,40 @@ def _show_answer(shown: Shown) -> None:
 def _show_charts(shown: Shown) -> None:
     """Speeds and gaps beside the time-space diagram."""
     run, cast, choice, recorded = shown.run, shown.cast, shown.choice, shown.recorded
-    show.key(
-        zip(cast.labels, cast.colours, strict=True),
-        dashed="recorded followers (dotted)" if recorded and choice.measured else "",
-    )
+    with st.container(horizontal=True, vertical_alignment="center"):
+        _choose_part(shown)
+        segments(
+            "Seen from", VIEWS, choice.view, "platoon_view", lambda view: choice.set(view=view),
+            help="Of the time-space diagram. The observer drives at the leader's mean speed, so"
+            " that distances between the vehicles and their motion are seen.",
+        )  # fmt: skip
+        show.key(
+            zip(cast.labels, cast.colours, strict=True),
+            dashed="recorded (dotted)" if recorded and choice.measured else "",
+        )
     left, right = st.columns(2, gap="medium")
     with left:
-        with st.container(horizontal=True, vertical_alignment="center"):
-            if recorded:
-                st.toggle(
-                    "Recorded followers",
-                    **bound("platoon_measured", choice.measured,
-                            lambda on: choice.set(measured=on)),
-                    help="The speeds and space-gaps of the followers in the recording, dotted. The"
-                    " simulated ones begin in equilibrium.",
-                )  # fmt: skip
-                st.caption(
-                    f"{escape_markdown(recorded.labels[0])} as recorded,"
-                    f" {escape_markdown(recorded.source)}, {recorded.window}."
-                )
-            else:
-                closer = "Last periods" if isinstance(run.leader, Sinusoid) else "Disturbance"
-                closer = "Collision" if run.collisions else closer
-                segments(
-                    "Part of the run", {False: closer, True: "Whole run"}, choice.whole,
-                    "platoon_whole", lambda whole: choice.set(whole=whole),
-                    help="Which part of the run both charts show.",
-                )  # fmt: skip
         measured = recorded if choice.measured else None
         figure = figures.profiles(run, cast, shown.span, measured, HEIGHT)
         show.chart(figure, "platoon_profiles")
     with right:
-        with st.container(horizontal=True, vertical_alignment="center"):
-            segments(
-                "Seen from", {False: "Moving observer", True: "Road"}, choice.on_road,
-                "platoon_on_road", lambda on: choice.set(on_road=on),
-                help="The observer drives at the leader's mean speed, so that distances between"
-                " the vehicles can be seen.",
-            )  # fmt: skip
-        figure = figures.time_space(run, cast, shown.span, choice.on_road, HEIGHT)
+        figure = figures.time_space(run, cast, shown.span, choice.view, HEIGHT)
         show.chart(figure, "platoon_time_space")
+
+
+def _choose_part(shown: Shown) -> None:
+    """Which part of the run is drawn; of a recorded leader all, with or without its followers."""
+    run, choice = shown.run, shown.choice
+    if shown.recorded:
+        st.toggle(
+            "Recorded followers",
+            **bound("platoon_measured", choice.measured, lambda on: choice.set(measured=on)),
+            help="The speeds and space-gaps of the followers in the recording, dotted.",
+        )
+        return
+    closer = "Last periods" if isinstance(run.leader, Sinusoid) else "Disturbance"
+    segments(
+        "Part of the run", {False: "Collision" if run.collisions else closer, True: "Whole run"},
+        choice.whole, "platoon_whole", lambda whole: choice.set(whole=whole),
+        help="Which part of the run both charts show.",
+    )  # fmt: skip

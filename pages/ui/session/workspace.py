@@ -87,7 +87,8 @@ class PlatoonChoice:
     order: Literal["learned", "repeated", "own"] = "learned"
     vehicle: int = 0
     """Index of the vehicle that is repeated."""
-    followers: int = 8
+    followers: int | None = None
+    """How often it is repeated; None: eight times, or as often as there are recorded followers."""
     own: str = ""
     """Own order, as typed in."""
     kind: Disturbance = "sinusoid"
@@ -97,8 +98,8 @@ class PlatoonChoice:
     """Per kind and name, what differs from the default."""
     whole: bool = False
     """Show the whole run in place of the part worth a closer look."""
-    on_road: bool = False
-    """The time-space diagram as seen from the road."""
+    view: Literal["observer", "leader", "road"] = "observer"
+    """Where the time-space diagram is seen from."""
     measured: bool = True
     """Show the recorded followers behind a recorded leader."""
     in_db: bool = False

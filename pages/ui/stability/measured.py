@@ -2,9 +2,12 @@
 
 from functools import lru_cache
 
+import numpy as np
 import streamlit as st
 
-from accpinn.results.figures.measured_gain import measured_bode
+from accpinn.inference.intervals import Uncertainty
+from accpinn.model.published import ParameterSet
+from accpinn.results.figures.measured_gain import Model, measured_bode
 from accpinn.results.figures.style import LEADER, vehicle_colour
 from accpinn.results.tables.stability import measured_gain_table
 from accpinn.stability.measured_gain import measured_gain
@@ -18,6 +21,15 @@ NO_DATA = (
     " snapshot with its data."
 )
 _measured = lru_cache(maxsize=64)(measured_gain)
+_figure = lru_cache(maxsize=16)(measured_bode)
+
+
+@lru_cache(maxsize=64)
+def _model(chosen: ParameterSet, which: int, uncertainty: Uncertainty | None) -> Model:
+    """One vehicle's curve, with the band of its posterior where that is known."""
+    draws = uncertainty.draws[:, which] if uncertainty else None
+    known = draws is not None and np.isfinite(draws.alpha).all()
+    return Model(chosen.labels[which], chosen.parameters[which], draws if known else None)
 
 
 def show_measured(shown: Shown) -> None:
@@ -41,28 +53,25 @@ def show_measured(shown: Shown) -> None:
     if found is None:
         return
     # Vehicles of another source stand for those of the recording, in their order.
-    model = 0 if len(chosen) == 1 else follower if len(chosen) == len(labels) else None
+    which = 0 if len(chosen) == 1 else follower if len(chosen) == len(labels) else None
+    model = None if which is None else _model(chosen, which, shown.uncertainty)
     colour = vehicle_colour(segment.vehicles[follower + 1], segment.vehicles[0])
     key = [(f"{labels[follower]}, measured", LEADER)]
-    parameters, name = None, ""
-    if model is not None:
-        parameters, name = chosen.parameters[model], chosen.labels[model]
-        key.append((f"{name}, model with the {'estimate' if shown.source.fit else 'parameters'}",
-                    colour))  # fmt: skip
+    if model:
+        key.append((f"{model.name}, model", colour))
     with head:
         show.key(key)
-    show.chart(
-        measured_bode(found, labels[follower], colour, parameters, name), "stability_measured_gain"
-    )
-    band = f"{100 * found.level:.0f} %"
+    show.chart(_figure(found, labels[follower], colour, model), "stability_measured_gain")
+    level = f"{100 * found.level:.0f} %"
+    band = f" Shaded: {level} band of the model." if model and model.draws is not None else ""
     st.caption(
         f"{escape_markdown(segment.source)}, {segment.window}. The measured gain from the speed"
         " ahead to the vehicle's own, from the recorded speeds alone (Welch's method,"
-        f" {found.pieces} pieces of {found.length:.0f} s), with {band} bars for the random error."
+        f" {found.pieces} pieces of {found.length:.0f} s), with {level} bars for the random error."
         " Faint: the coherence is not above that of unrelated signals. Where the points leave the"
         " curve, the CTHP with these parameters does not describe how this vehicle passes on"
-        " disturbances. A peak narrower than"
-        f" {found.omega[0]:.2g} rad/s appears lower than it is."
+        f" disturbances. A peak narrower than {found.omega[0]:.2g} rad/s appears lower than it"
+        f" is.{band}"
     )
     show.downloads(
         measured_gain_table(labels[follower], found),

@@ -20,7 +20,7 @@ from accpinn.results.messages.stability import (
     reason,
 )
 from accpinn.results.tables.stability import answer, verdict_table
-from accpinn.stability.report import stability_report
+from accpinn.stability.report import CERTAIN, stability_report
 from accpinn.units import RadiansPerSecond
 from pages.ui.components import frame, show
 from pages.ui.components.parameter_picker import choose_parameters, show_missing
@@ -31,11 +31,9 @@ from pages.ui.stability.details import Shown, show_criteria, show_map, show_reas
 from pages.ui.stability.measured import show_measured
 
 LEAD = "Which of these vehicles amplify the disturbances of the car ahead?"
-COLUMNS = """
-Verdicts: by the posterior where there is one, “undecided” between 5 % and 95 %. Probability: the
-share of posterior samples that are string stable. In brackets: 90 % intervals. ‖h‖₁: the largest
-factor by which a peak of the speed deviation can grow.
-"""
+GAIN = "‖h‖₁: the largest factor by which a peak of the speed deviation can grow."
+HEIGHT = 370
+"""Of the Bode magnitude, in pixels: the table's head is above the fold then."""
 WHOLE = -1
 """Stands for the platoon in place of one vehicle's index."""
 report_of = lru_cache(maxsize=64)(stability_report)
@@ -54,7 +52,7 @@ def show_page() -> None:
     if report is None:
         return
     shown = Shown(workspace, chosen, report)
-    answer_column, chart_column = st.columns((1, 1.5), gap="medium")
+    answer_column, chart_column = st.columns((1, 1.35), gap="medium")
     with answer_column:
         _show_answer(shown)
     with chart_column:
@@ -95,8 +93,6 @@ def _show_answer(shown: Shown) -> None:
                 help="Strictly: no vehicle amplifies anything. Weakly: nothing has grown at the"
                 " last one.",
             )
-        if differ := criteria_differ(chosen, report):
-            st.markdown(f":material/warning: {escape_markdown(differ)}")
         given = GIVEN_PARAMETERS
         assumed = conditional(source.adequacy, source.info) if source.info else given
         st.caption(escape_markdown(assumed))
@@ -131,6 +127,7 @@ def _show_bode(shown: Shown) -> None:
 @lru_cache(maxsize=16)
 def _bode(chosen: ParameterSet, uncertainty: Uncertainty | None) -> go.Figure:
     figure = figures.bode(chosen, report_of(chosen.parameters))
+    figure.update_layout(height=HEIGHT)
     return add_bands(figure, chosen, uncertainty) if uncertainty else figure
 
 
@@ -139,12 +136,24 @@ def _show_verdicts(shown: Shown) -> None:
     chosen = shown.chosen
     table = verdict_table(chosen, shown.report, shown.known)
     show.table(table, figures.colours(chosen))
-    st.caption(" ".join(COLUMNS.split()))
+    st.caption(f"{_posterior(shown.known)} {GAIN}" if shown.known else GAIN)
+    if differ := criteria_differ(chosen, shown.report):
+        st.markdown(f":material/warning: {escape_markdown(differ)}")
     left, right = st.columns((2.4, 1), vertical_alignment="center")
     with left:
         _show_simulate(shown)
     with right:
         show.downloads(table, f"stability_{chosen.title}".lower(), "stability")
+
+
+def _posterior(known: Uncertainty) -> str:
+    """What probabilities, verdicts and brackets in the table mean."""
+    sure = 100 * CERTAIN
+    return (
+        "Probability: the share of posterior samples that are string stable; the verdict is"
+        f" undecided between {100 - sure:.0f} and {sure:.0f} %. In brackets:"
+        f" {100 * known.level:.0f} % intervals."
+    )
 
 
 def _show_simulate(shown: Shown) -> None:
@@ -158,12 +167,13 @@ def _show_simulate(shown: Shown) -> None:
     choice = workspace.map_choice
     which = choice.simulated if choice.simulated in peaks else next(iter(peaks))
     with st.container(horizontal=True, vertical_alignment="center"):
-        options = {k: "All vehicles in order" if k == WHOLE else chosen.labels[k] for k in peaks}
-        select(
-            "Platoon of", options, which, "stability_simulate",
-            lambda k: setattr(choice, "simulated", k), labelled=False, width=260,
-            help="The vehicles of the platoon that is simulated: all in order, or one repeated.",
-        )  # fmt: skip
+        if len(peaks) > 1:
+            names = {k: "All vehicles in order" if k == WHOLE else chosen.labels[k] for k in peaks}
+            select(
+                "Platoon of", names, which, "stability_simulate",
+                lambda k: setattr(choice, "simulated", k), labelled=False, width=260,
+                help="Of the platoon that is simulated: all vehicles in order, or one repeated.",
+            )  # fmt: skip
         if st.button(
             f"Simulate at the peak, {peaks[which].omega:.3g} rad/s",
             key="stability_open_platoon",
