@@ -172,8 +172,14 @@ def fill(page: Page, label: str, value: str) -> None:
 
 def choose(page: Page, label: str, option: str) -> None:
     """Choose from a list."""
-    page.get_by_label(label).click()
+    page.get_by_role("combobox", name=label).click()
     page.get_by_role("option", name=option).click()
+    idle(page)
+
+
+def open_tab(page: Page, title: str) -> None:
+    """Open a tab; only the open one is drawn."""
+    page.get_by_role("tab", name=title, exact=True).click()
     idle(page)
 
 

@@ -5,7 +5,7 @@ from pathlib import Path
 import streamlit as st
 
 from accpinn.results.glossary import GROUPS
-from accpinn.segment.segment import Segment
+from accpinn.segment.segment import Segment, SegmentInfo
 from accpinn.tasks.task import Status
 from pages.ui.components import show
 from pages.ui.components.show import escape_markdown
@@ -100,7 +100,7 @@ def empty_state(workspace: Workspace, nothing: str) -> None:
     link(DATA, "Go to Data", workspace)
 
 
-def segment_line(segment: Segment, case: str, vehicles: bool = False) -> str:
+def segment_line(segment: Segment | SegmentInfo, case: str, vehicles: bool = False) -> str:
     """File, window, vehicles, Case and excluded regimes, for a caption."""
     parts = [segment.source, str(segment.window)]
     parts += [f"{segment.labels[0]} to {segment.labels[-1]}"] if vehicles else []

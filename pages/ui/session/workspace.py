@@ -74,7 +74,11 @@ class MapChoice:
     held: int = -1
     """Index of the vehicle whose third parameter is kept; -1 is the last."""
     uncertainty: bool = True
-    """Show the uncertainty."""
+    """Show the uncertainty in charts."""
+    simulated: int = -1
+    """Index of the vehicle whose platoon is offered; -1 is the platoon in order."""
+    measured: int = 0
+    """Index of the follower whose measured gain is shown."""
 
 
 @dataclass(eq=False)
@@ -84,7 +88,8 @@ class PlatoonChoice:
     order: Literal["learned", "repeated", "own"] = "learned"
     vehicle: int = 0
     """Index of the vehicle that is repeated."""
-    followers: int = 8
+    followers: int | None = None
+    """How often it is repeated; None: eight times, or as often as there are recorded followers."""
     own: str = ""
     """Own order, as typed in."""
     kind: Disturbance = "sinusoid"
@@ -92,8 +97,12 @@ class PlatoonChoice:
     """None: the frequency that the chosen platoon amplifies most."""
     settings: dict[str, float] = field(default_factory=dict)
     """Per kind and name, what differs from the default."""
-    panels: bool = False
-    """Show the paper's four panels instead."""
+    whole: bool = False
+    """Show the whole run in place of the part worth a closer look."""
+    view: Literal["observer", "leader", "road"] = "observer"
+    """Where the time-space diagram is seen from."""
+    measured: bool = True
+    """Show the recorded followers behind a recorded leader."""
     in_db: bool = False
     """Amplitudes in dB."""
 
@@ -388,7 +397,7 @@ class Workspace:
     def _forget_vehicles(self) -> None:
         """Forget what was chosen among other vehicles."""
         self.platoon_choice.reset()
-        self.map_choice.held = -1
+        self.map_choice.held, self.map_choice.simulated, self.map_choice.measured = -1, -1, 0
 
     @property
     def fit_info(self) -> SegmentInfo | None:
