@@ -19,6 +19,7 @@ from accpinn.tasks.task import Status, TrainingRequest, training_task
 from pages.ui.components.show import bullets, escape_markdown, format_duration
 from pages.ui.data.page import window_of
 from pages.ui.data.sources import FIRST_SAMPLE, OPENING, sample
+from pages.ui.platoon.page import PANELS, TABS
 from pages.ui.session import sessions
 from pages.ui.session.resources import task_queue
 from pages.ui.session.sessions import KEPT_FOR, KEPT_WORKSPACES, Workspaces
@@ -136,7 +137,7 @@ def test_published_parameters_and_the_papers_items_from_home() -> None:
     assert found.starts is not None
     page = open_tab(open_page(HOME, found), "home_tabs", "Reproduce the paper")
     press(page, "home_Figure8_panels")
-    assert found.platoon_choice.panels
+    assert found.tabs[TABS] == PANELS
 
 
 def test_a_run_of_the_paper_is_opened_with_its_window(

@@ -92,8 +92,9 @@ def show_page() -> None:
     _controls(workspace, segment)
     if task:
         monitor(workspace, task, lambda running: _show(workspace, segment, running))
-    elif workspace.records and not workspace.snapshot:
-        _show_records(_Shown(workspace, segment, (), pick_follower(segment, "compare_follower")))
+    elif workspace.starts or (workspace.records and not workspace.snapshot):
+        follower = pick_follower(segment, "compare_follower", labelled=False)
+        _show_repeatability(_Shown(workspace, segment, (), follower))
 
 
 def _controls(workspace: Workspace, segment: Segment) -> None:
