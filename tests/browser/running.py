@@ -167,9 +167,10 @@ def train_sample(page: Page) -> None:
 
 
 def fill(page: Page, label: str, value: str) -> None:
-    """Type a value and leave the field."""
-    page.get_by_label(label).fill(value)
-    page.get_by_label(label).press("Enter")
+    """Type a number and leave the field."""
+    field = page.get_by_role("spinbutton", name=label)
+    field.fill(value)
+    field.press("Enter")
 
 
 def choose(page: Page, label: str, option: str) -> None:

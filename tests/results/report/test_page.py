@@ -175,14 +175,14 @@ class TestContents:
         names = {trace.name for picture in fit_pictures(without) for trace in picture.figure.data}
         assert names == {name_of(whole().fit)}
 
-    def test_the_platoon_repeats_the_vehicle_that_amplifies_most(self) -> None:
+    def test_the_platoon_is_that_of_the_study(self) -> None:
         stability, made = whole().stability, platoon_pictures(whole())
         assert stability is not None
         assert made is not None
-        run, pictures, label = made
-        worst = max(range(4), key=lambda k: stability.vehicles[k].peak.gain)
-        assert label == whole().info.labels[1 + worst]
-        assert run.trajectories.gaps.shape[1] == 8
+        run, pictures, who = made
+        assert who == "The 4 followers in their order"
+        assert run.leader.frequency == stability.platoon.peaks[-1].omega
+        assert run.trajectories.gaps.shape[1] == 4
         assert [picture.name for picture in pictures] == ["platoon", "amplitude"]
 
 
