@@ -34,6 +34,7 @@ from tests.support.apptest import (
     boxes,
     choose,
     figures,
+    fitted,
     open_page,
     open_tab,
     plain,
@@ -97,15 +98,7 @@ def test_one_click_on_home_trains_a_sample() -> None:
     assert found.training.wait(WAIT)
     truth = found.true_parameters.values
     np.testing.assert_allclose(found.fit.parameters.values, truth, rtol=0.03)
-    open_page(TRAIN, found)
-    page = open_page(HOME, found)
-    assert "**Training** is done" in texts(page)
-    (run,) = found.runs.entries()
-    later = sessions.workspaces().new(found.id)  # as after a restart of the server
-    page = press(open_page(HOME, later), f"home_run_{run.id}")
-    assert later.snapshot is not None
-    assert later.recording.source == FIRST_SAMPLE.name, "a sample comes with it"
-    assert later.fit.parameters == found.fit.parameters
+    assert "**Training** is done" in texts(open_page(HOME, found))
 
 
 def test_a_file_dropped_on_home_leads_to_data() -> None:
@@ -304,6 +297,23 @@ def test_handles_views_and_the_suggested_window() -> None:
     assert "best excitation" in texts(page)
     assert "relative D-efficiency" not in texts(page), "it is the present one"
     assert page.button(key="data_suggested").disabled
+
+
+def test_learned_parameters_are_validated_on_a_window_beside_theirs() -> None:
+    found = fitted(Window(0.0, 200.0))
+    page = open_tab(open_page(DATA, found), "data_tabs", "Validation")
+    assert "Validation: error" not in texts(page)
+    press(page, "data_validate")
+    assert found.validation.window == Window(200.0, 400.0)
+    assert "Validation: error" in texts(page)
+    assert not page.warning
+    choose(page, next(n.key for n in page.number_input if "start" in n.key and n.value), 100.0)
+    press(page, "data_validate")
+    assert any("shares 100 s" in said for said in boxes(page, "warning"))
+    second = csv(platoon(vehicles=2), metadata(("A", "B")))
+    page.file_uploader(key="data_validation_upload").upload("b.csv", second, "text/csv").run()
+    assert "has no platoon with 3 followers" in plain(page)
+    assert found.recording.source == FIRST_SAMPLE.name, "the first one stays open"
 
 
 def test_what_is_wrong_with_a_window_is_said_in_the_first_row() -> None:

@@ -34,6 +34,7 @@ from pages.ui.components.show import escape_markdown
 from pages.ui.components.widgets import bound, segments, select, tabs
 from pages.ui.data import views
 from pages.ui.data.sources import OPENING, choose_source
+from pages.ui.data.validation import choose_validation
 from pages.ui.results import banner, show_data
 from pages.ui.session.workspace import Workspace
 from pages.ui.train import chosen_config
@@ -100,6 +101,7 @@ def show_page() -> None:
     drawn = {
         "Window": lambda: views.show_window(workspace, workspace.segment),
         "Regimes": lambda: views.show_regimes(workspace, recording),
+        "Validation": lambda: choose_validation(workspace, recording),
         "Changes to the data": lambda: views.show_changes(workspace),
         "About the recording": lambda: views.show_about(recording),
     }
