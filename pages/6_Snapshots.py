@@ -1,5 +1,5 @@
 """Snapshots: save a result, send it, import another, and compare two."""
 
-from pages.ui.snapshots import show_page
+from pages.ui.snapshots.page import show_page
 
 show_page()

@@ -126,7 +126,12 @@ def chosen_context(options: argparse.Namespace) -> TaskContext:
 
 
 def chosen_parameters(options: argparse.Namespace) -> Parameters:
-    """The parameter sets (V,) that the options give.
+    """The parameter sets (V,) that the options give; see `chosen_vehicles`."""
+    return chosen_vehicles(options)[0]
+
+
+def chosen_vehicles(options: argparse.Namespace) -> tuple[Parameters, Segment | None]:
+    """The parameter sets (V,) that the options give, and the data of a snapshot that has them.
 
     Raises:
         ConfigError: when they are missing, given twice, or differ in number.
@@ -138,7 +143,8 @@ def chosen_parameters(options: argparse.Namespace) -> Parameters:
             raise ConfigError(f"parameters: give --{next(iter(values))} or --snapshot, not both.")
         from accpinn.results.snapshot.archive import load  # not needed for numbers given by hand
 
-        return load(options.snapshot).fit.parameters
+        snapshot = load(options.snapshot)
+        return snapshot.fit.parameters, snapshot.segment
     missing = [f"--{name}" for name in PARAMETER_NAMES if name not in values]
     if missing:
         listed = " and ".join(missing)
@@ -147,7 +153,7 @@ def chosen_parameters(options: argparse.Namespace) -> Parameters:
     if len(set(counts.values())) > 1:
         listed = ", ".join(f"{count} of --{name}" for name, count in counts.items())
         raise ConfigError(f"parameters: {listed}; give as many of each as there are vehicles.")
-    return Parameters(*values.values())
+    return Parameters(*values.values()), None
 
 
 def describe_segment(segment: Segment) -> dict[str, Any]:

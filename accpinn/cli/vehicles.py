@@ -1,11 +1,18 @@
 """`stability` and `simulate`: what vehicles with given parameters do to disturbances."""
 
 import argparse
+from contextlib import suppress
 from typing import Any
 
-from accpinn.cli.options import PARAMETER_NAMES, add_parameter_options, chosen_parameters, fields
+from accpinn.cli.options import (
+    PARAMETER_NAMES,
+    add_parameter_options,
+    chosen_parameters,
+    chosen_vehicles,
+    fields,
+)
 from accpinn.cli.output import show_result
-from accpinn.errors import ConfigError
+from accpinn.errors import ConfigError, SegmentError
 from accpinn.model.cthp import Parameters
 from accpinn.model.published import ParameterSet
 from accpinn.platoon.leader import Sinusoid
@@ -13,26 +20,35 @@ from accpinn.platoon.simulation import PlatoonRun, simulate_platoon
 from accpinn.results.messages import messages
 from accpinn.results.messages.stability import PLACES, TITLES, reason
 from accpinn.results.tables.stability import amplitude_table, answer, stability_table
+from accpinn.segment.segment import Segment
+from accpinn.stability.measured_gain import measured_gain
 from accpinn.stability.report import StabilityReport, VehicleStability, Verdict, stability_report
 
 PLATOON = ("l2_strict", "l2_weak", "linf_strict", "linf_weak")
 MOST_VEHICLES = 100
+MEASURED = ("omega", "gain", "lower", "upper", "coherence", "coherent", "level", "averages")
 
 add_stability_options = add_parameter_options
 
 
 def run_stability(options: argparse.Namespace) -> int:
     """Assess vehicles one by one and together, and print the verdicts."""
-    parameters = chosen_parameters(options)
-    show_result(options, _describe_report, _report_text, stability_report(parameters), parameters)
+    parameters, segment = chosen_vehicles(options)
+    report = stability_report(parameters)
+    show_result(options, _describe_report, _report_text, report, parameters, segment)
     return 0
 
 
-def _describe_report(report: StabilityReport, _parameters: Parameters) -> dict[str, Any]:
+def _describe_report(
+    report: StabilityReport, _parameters: Parameters, segment: Segment | None
+) -> dict[str, Any]:
     """The report as the command-line contract has it."""
     platoon = report.platoon
     return {
-        "vehicles": [_describe_vehicle(vehicle) for vehicle in report.vehicles],
+        "vehicles": [
+            _describe_vehicle(vehicle) | {"measured": _measured(segment, k)}
+            for k, vehicle in enumerate(report.vehicles)
+        ],
         "platoon": {
             "head_to_tail_peaks": [vars(peak) for peak in platoon.peaks],
             "head_to_tail_linf": platoon.linf.gain.tolist(),
@@ -59,11 +75,19 @@ def _describe_vehicle(vehicle: VehicleStability) -> dict[str, Any]:
     }
 
 
+def _measured(segment: Segment | None, follower: int) -> dict[str, Any] | None:
+    """The gain by Welch's method; None without data, or with too few."""
+    if segment:
+        with suppress(SegmentError):
+            return fields(measured_gain(segment, follower), *MEASURED)
+    return None
+
+
 def _verdict(verdict: Verdict, of: VehicleStability | StabilityReport) -> dict[str, Any]:
     return {**fields(verdict, "stable", "marginal"), "reason": reason(verdict, of)}
 
 
-def _report_text(report: StabilityReport, parameters: Parameters) -> str:
+def _report_text(report: StabilityReport, parameters: Parameters, _segment: Segment | None) -> str:
     labels = tuple(f"Vehicle {k + 1}" for k in range(len(parameters)))
     table = stability_table(ParameterSet("parameters given", labels, parameters), report)
     lines = [table.to_text(), ""]

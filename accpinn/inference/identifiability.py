@@ -132,12 +132,15 @@ def narrower_intervals(
 
 def wide_intervals(uncertainty: Uncertainty, follower: int) -> tuple[ParameterInterval, ...]:
     """Those of α, β, τ that give little more than the order of magnitude."""
-    # An interval that is 0 alone is narrow, and one of which nothing is known has no ends.
-    return tuple(
-        one
-        for one in parameter_intervals(uncertainty, follower)
-        if np.isfinite(one.lower) and (one.upper is None or one.upper > WIDE * one.lower)
-    )
+    return tuple(filter(is_wide, parameter_intervals(uncertainty, follower)))
+
+
+def is_wide(one: ParameterInterval) -> bool:
+    """Whether an interval gives little more than the order of magnitude; one without ends does not.
+
+    An interval that is 0 alone is narrow.
+    """
+    return np.isfinite(one.lower) and (one.upper is None or one.upper > WIDE * one.lower)
 
 
 def _identification(

@@ -186,6 +186,8 @@ class Progress:
     """log evidence + log prior, where it is what the training maximises."""
     deviations: FloatArray | None = None
     """(P, 3) standard errors of ln α, ln β, ln τ so far; None where the training has none."""
+    surrogate: Trajectories | None = None
+    """The method's present estimate of the motion; only now and then, as it costs time."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,7 +7,9 @@ e = (level, slope, a sin ωt, a cos ωt) obey one linear equation on each phase 
 
 whatever h is, so there is no step-size error. An equilibrium stays one to the last bit, as its
 deviations are zero. The model has no limit of acceleration, no standstill and no collision: a run
-says where it leaves what cars can do, and goes on.
+says where it leaves what cars can do, and goes on. Each vehicle depends on those ahead of it alone,
+so what follows a collision has no meaning for the vehicle that collides and those behind it, which
+would have a wreck ahead; those ahead of it drive on.
 
 Behind a sinusoid, once the transient is over, follower k's speed is one of amplitude
 A |H_1(jω) .. H_k(jω)|. The measured amplitude is the least-squares fit of a constant, a sine and a
@@ -16,6 +18,7 @@ itself, started from what the sinusoids would need and the equilibrium does not 
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import pairwise
 from math import ceil, isinf
 
@@ -54,7 +57,7 @@ HORIZONS = 20
 
 
 class Collision(Finding, frozen=True):
-    """A follower's gap is used up; what is simulated afterwards has no physical meaning."""
+    """A follower's gap is used up; what it and those behind it do afterwards has no meaning."""
 
     follower: int
     """1 = the one behind the leader."""
@@ -62,7 +65,7 @@ class Collision(Finding, frozen=True):
 
 
 class Reversal(Finding, frozen=True):
-    """A vehicle drives backwards for the first time, before any collision."""
+    """A vehicle drives backwards, the first one to do so, before any collision that concerns it."""
 
     follower: int
     """0 = the leader."""
@@ -124,18 +127,41 @@ class PlatoonRun:
     minimum_gap_time: FloatArray
     """(M,) in s."""
     largest_deviation: FloatArray
-    """(M+1,) in m/s: the peak of |v - speed| until the first collision, leader first."""
+    """(M+1,) in m/s: the peak of |v - speed| as far as it has meaning, leader first."""
     collisions: tuple[Collision, ...]
-    """The first of each follower that has one, in order of time."""
+    """The first of each follower that has one, in order of time; see `contacts`."""
+    meaningful: NDArray[np.intp]
+    """(M+1,) how many samples of each vehicle there are until a collision of it or of one ahead;
+    two at least, and all without one."""
     amplitudes: Amplitudes | None
     """Behind a sinusoid only."""
     findings: tuple[PlatoonFinding, ...]
     """Where the run leaves what cars can do, and what keeps the amplitudes from being measured."""
 
+    @cached_property
+    def valid(self) -> Trajectories:
+        """The trajectories, nan where they have no meaning: see `meaningful`."""
+        driven = self.trajectories
+        gone = np.arange(len(driven.time))[:, None] >= self.meaningful
+        return Trajectories(
+            driven.time,
+            frozen(np.where(gone, np.nan, driven.speeds)),
+            frozen(np.where(gone[:, 1:], np.nan, driven.gaps)),
+        )
+
     @property
-    def meaningful(self) -> int:
-        """How many samples there are until the first collision; two at least, all without one."""
-        return _until(self.trajectories.time, self.collisions)
+    def contacts(self) -> tuple[Collision, ...]:
+        """The collisions that can happen: no vehicle further ahead has had one before."""
+        return tuple(
+            one
+            for one in self.collisions
+            if not any(c.follower < one.follower and c.time < one.time for c in self.collisions)
+        )
+
+    @property
+    def survivors(self) -> int:
+        """How many vehicles from the leader on, which counts, drive to the end."""
+        return min((one.follower for one in self.collisions), default=len(self.meaningful))
 
 
 def simulate_platoon(
@@ -166,19 +192,22 @@ def simulate_platoon(
     )
     wave = _amplitudes(parameters, leader, driven) if isinstance(leader, Sinusoid) else None
     collisions = _collisions(driven)
-    before = driven.speeds[: _until(driven.time, collisions)]
+    meaningful = _meaningful(driven, collisions)
+    counts = np.arange(len(driven.time))[:, None] < meaningful
     reversals = [
         Reversal(vehicle, float(driven.time[at]))
-        for at, vehicle in np.argwhere(before < 0)[:1].tolist()
+        for at, vehicle in np.argwhere(counts & (driven.speeds < 0))[:1].tolist()
     ]
+    moves = np.where(counts, np.abs(driven.speeds - leader.speed), 0.0)
     return PlatoonRun(
         parameters,
         leader,
         driven,
         minimum_gap=frozen(driven.gaps.min(axis=0)),
         minimum_gap_time=frozen(driven.time[driven.gaps.argmin(axis=0)]),
-        largest_deviation=frozen(np.abs(before - leader.speed).max(axis=0)),
+        largest_deviation=frozen(moves.max(axis=0)),
         collisions=collisions,
+        meaningful=meaningful,
         amplitudes=wave,
         findings=(*collisions[:1], *reversals, *(wave.findings if wave else ())),
     )
@@ -271,11 +300,14 @@ def _collisions(driven: Trajectories) -> tuple[Collision, ...]:
     return tuple(sorted(found, key=lambda collision: collision.time))
 
 
-def _until(time: FloatArray, collisions: tuple[Collision, ...]) -> int:
-    """Samples until the first collision."""
-    if not collisions:
-        return len(time)
-    return max(2, int(np.searchsorted(time, collisions[0].time, side="right")))
+def _meaningful(driven: Trajectories, collisions: tuple[Collision, ...]) -> NDArray[np.intp]:
+    """(M+1,) samples of each vehicle until a collision of it or of one ahead."""
+    ends = np.full(driven.speeds.shape[1], np.inf)
+    for one in collisions:
+        ends[one.follower :] = np.minimum(ends[one.follower :], one.time)
+    counts = np.maximum(2, np.searchsorted(driven.time, ends, side="right"))
+    counts.setflags(write=False)
+    return counts
 
 
 def _amplitudes(parameters: Parameters, leader: Sinusoid, run: Trajectories) -> Amplitudes:

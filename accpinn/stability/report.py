@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from enum import Enum
 from functools import partial
 from math import isnan
+from typing import Literal
 
 import numpy as np
 
@@ -28,6 +29,17 @@ from accpinn.stability.criteria import (
 from accpinn.stability.frequency import Peak, crossovers, peaks, poles
 from accpinn.stability.head_to_tail import Gains, head_to_tail_gains, head_to_tail_peaks
 from accpinn.units import FloatArray, Mask, RadiansPerSecond, Seconds
+
+CERTAIN = 0.95
+"""A vehicle is called string stable from this probability on, and unstable up to its complement."""
+Assessment = Literal["unstable", "stable", "open", "not determined"]
+
+
+def assessment(stable: float) -> Assessment:
+    """What a probability of string stability amounts to; nan is that of unknown parameters."""
+    if isnan(stable):
+        return "not determined"
+    return "stable" if stable >= CERTAIN else "unstable" if stable <= 1 - CERTAIN else "open"
 
 
 class Behaviour(Enum):

@@ -10,6 +10,7 @@ from accpinn.errors import AccpinnError, ConfigError
 from accpinn.evaluation.closed_loop import closed_loop_errors
 from accpinn.evaluation.evaluation import Evaluation, evaluate
 from accpinn.inference.intervals import Uncertainty, intervals
+from accpinn.inference.model_adequacy import Adequacy
 from accpinn.methods.fit import Fit, Outcome
 from accpinn.methods.method import TaskContext
 from accpinn.methods.registry import METHODS
@@ -180,7 +181,7 @@ def compare(
             worker.close()
 
 
-Outcomes = Iterable[MethodResult | MethodFailure]
+Outcomes = Iterable[MethodResult | MethodFailure | Adequacy]
 
 
 def results_among(outcomes: Outcomes) -> tuple[MethodResult, ...]:

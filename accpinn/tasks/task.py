@@ -18,6 +18,7 @@ from typing import Generic, TypeVar
 import numpy as np
 
 from accpinn.errors import AccpinnError
+from accpinn.inference.model_adequacy import Adequacy, model_forms
 from accpinn.inference.multistart import Trial, multistart
 from accpinn.methods.fit import Fit, History, Outcome, Progress, Recorder
 from accpinn.methods.method import TaskContext
@@ -33,7 +34,7 @@ from accpinn.methods.pinn.config import (
 from accpinn.methods.pinn.method import WarmStart
 from accpinn.methods.registry import METHODS
 from accpinn.methods.store import Store
-from accpinn.model.cthp import Case, Parameters
+from accpinn.model.cthp import Case, Parameters, Trajectories
 from accpinn.recordings.recording import Recording
 from accpinn.segment.segment import Segment
 from accpinn.study.comparison import MethodFailure, MethodResult, compare
@@ -52,6 +53,11 @@ TYPICAL: dict[PresetName, tuple[Seconds, float, int]] = {
 }
 """Of a training on so many samples of one follower, the share of it that each further one adds, and
 for how many iterations at most; see docs/validation.md."""
+
+FORMS_SECONDS: Seconds = 2.0
+"""Of the forms of the model for one follower, as the typical seconds of methods."""
+FURTHER = 0.35
+"""Of the time of a comparison, the share that each further follower adds."""
 
 Result = TypeVar("Result")
 Steps = Callable[[TaskContext], Iterator[Result]]
@@ -140,6 +146,8 @@ class Task(Generic[Result]):
         self._recent = deque[Progress](maxlen=200)
         self._recorder: Recorder | None = None
         self._began: Seconds | None = None
+        self.surrogate: Trajectories | None = None
+        """The running estimation's latest curves."""
         self.earlier: History | None = None
         """The history of the training that this one continues."""
         self.ended_at: Seconds | None = None
@@ -266,6 +274,7 @@ class Task(Generic[Result]):
                 self._recorder = Recorder()
             self._recent.append(progress)
             self._recorder.add(progress)
+            self.surrogate = progress.surrogate or self.surrogate
 
     def _add(self, result: Result) -> None:
         with self._lock:
@@ -312,8 +321,8 @@ def training_task(owner: str, request: TrainingRequest) -> Task[Fit]:
 
 def comparison_task(
     owner: str, segment: Segment, case: Case, recording: Recording | None = None
-) -> Task[MethodResult | MethodFailure]:
-    """All methods on one segment.
+) -> Task[MethodResult | MethodFailure | Adequacy]:
+    """All methods on one segment, those first that take least, and the forms of the model.
 
     Args:
         owner: who asked.
@@ -321,14 +330,24 @@ def comparison_task(
         case: "I" or "II".
         recording: the segment's; with it the methods are also tested outside the window.
     """
+    methods = sorted(METHODS.values(), key=lambda method: method.typical_seconds)
 
-    def steps(context: TaskContext) -> Iterator[MethodResult | MethodFailure]:
+    def steps(context: TaskContext) -> Iterator[MethodResult | MethodFailure | Adequacy]:
         quiet = replace(context, on_progress=None)  # several fits make one result
-        return compare(segment, case, recording=recording, context=quiet)
+        keys = [method.key for method in methods]
+        yield from compare(segment, case, keys, recording=recording, context=quiet)
+        if not (context.should_stop and context.should_stop()):
+            yield model_forms(segment, case)
 
-    methods = METHODS.values()
-    names = tuple(method.title for method in methods)
-    return Task(owner, "comparison", steps, names, [method.typical_seconds for method in methods])
+    names = (*(method.title for method in methods), "Forms of the model")
+    weights = [*(method.typical_seconds for method in methods), FORMS_SECONDS]
+    return Task(owner, "comparison", steps, names, weights)
+
+
+def comparison_seconds(segment: Segment) -> Seconds:
+    """How long a comparison of all methods takes on two cores, to within a factor of two or so."""
+    size = segment.samples / TYPICAL_SAMPLES * (1 + FURTHER * (segment.followers - 1))
+    return size * (sum(method.typical_seconds for method in METHODS.values()) + FORMS_SECONDS)
 
 
 def starts_task(owner: str, segment: Segment, case: Case, config: PinnConfig) -> Task[Trial]:

@@ -10,6 +10,7 @@ from accpinn.results.tables.reproduction import reproduction_table
 from pages.ui.components import frame, show
 from pages.ui.components.show import escape_markdown
 from pages.ui.data.sources import SAMPLES, find_run, open_with, sample
+from pages.ui.platoon.page import PANELS, TABS
 from pages.ui.session.workspace import Workspace
 
 
@@ -57,7 +58,7 @@ def _show_item(workspace: Workspace, item: PrintedItem) -> None:
             if not (item.run or item.sample or item.shown) and st.button(
                 "Four panels", key=f"home_{key}_panels", help="Page Platoon, with the four panels."
             ):
-                workspace.platoon_choice.panels = True
+                workspace.tabs[TABS] = PANELS
                 frame.go(frame.PLATOON, workspace)
 
 
@@ -119,7 +120,6 @@ def choose_published(workspace: Workspace, vehicles: ParameterSet) -> None:
     workspace.choose_source("published")
     workspace.parameter_choice.example = vehicles.title
     workspace.platoon_choice.reset()
-    workspace.platoon_choice.panels = False
 
 
 def open_published(workspace: Workspace, vehicles: ParameterSet, key: str) -> None:

@@ -8,33 +8,28 @@ from accpinn.segment.segment import SegmentInfo
 from pages.ui.components import show
 from pages.ui.data.sources import find_sample
 from pages.ui.session.workspace import Workspace
-from pages.ui.snapshots import choose_entry, listing, show_both
-
-CHOSEN, SECOND = "runs_chosen", "runs_second"
+from pages.ui.snapshots.both import show_both
+from pages.ui.snapshots.listing import show_entries
+from pages.ui.snapshots.one import choose_entry
 
 
 def show_runs(workspace: Workspace) -> None:
-    """The list, with a button that restores one and a second one to compare it with."""
+    """The list, whose rows restore a run, and two of them beside each other."""
     entries = workspace.runs.entries()
     if not entries:
         return
     with st.expander(f"Finished runs of this session ({len(entries)})", icon=":material/history:"):
         show.flashed()
-        show.table(listing(entries))
-        entry = choose_entry("Run", CHOSEN, entries)
-        if entry is None:
-            return
-        st.button(
-            "Restore", icon=":material/restore:", key="runs_restore",
-            on_click=restore_run, args=(workspace, entry.id),
+        show_entries(
+            entries, "runs", lambda entry: restore_run(workspace, entry.id),
             help="Shows this run on every page again. The present result stays in this list.",
         )  # fmt: skip
-        others = tuple(one for one in entries if one.id != entry.id)
-        if others:
-            other = choose_entry("Compare with", SECOND, others)
-            if other and st.toggle("Show both side by side", key="runs_compare"):
-                with show.flashing():
-                    show_both(workspace.runs.open(entry.id), workspace.runs.open(other.id))
+        if len(entries) > 1 and st.toggle("Show two side by side", key="runs_compare"):
+            one = choose_entry("Run", "runs_first", [*entries])
+            others = [entry for entry in entries if entry.id != one.id]
+            other = choose_entry("Beside", "runs_second", others)
+            with show.flashing():
+                show_both(workspace.runs.open(one.id), workspace.runs.open(other.id))
         st.caption(
             "The last runs are kept on this server, without the recordings; your recording itself"
             " is not stored."

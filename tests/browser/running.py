@@ -39,6 +39,8 @@ OVERTAKEN = re.compile(r"/media/\w+\.(csv|tex|zip|html)$|source error - 404")
 new name. A button that offered nothing would fail the tests that press it."""
 CUT_OFF = "undefined"
 """What plotly throws when Pause or the slider ends an animation; nothing is wrong then."""
+ESTIMATES = "Probability of string stability"
+"""In the headings of the table with the parameters that were learned."""
 PATIENCE_MS = 60_000
 """How long the page may take to show something; the machine may be busy."""
 TRAINING_MS = 180_000
@@ -160,7 +162,7 @@ def open_example(page: Page) -> None:
 def train_sample(page: Page) -> None:
     """On Home: the first sample's result at one click."""
     page.get_by_role("button", name="Train a sample now").click()
-    table(page, "Surrogate fit").wait_for(timeout=TRAINING_MS)
+    table(page, ESTIMATES).wait_for(timeout=TRAINING_MS)
     idle(page)
 
 
@@ -172,8 +174,14 @@ def fill(page: Page, label: str, value: str) -> None:
 
 def choose(page: Page, label: str, option: str) -> None:
     """Choose from a list."""
-    page.get_by_label(label).click()
+    page.get_by_role("combobox", name=label).click()
     page.get_by_role("option", name=option).click()
+    idle(page)
+
+
+def open_tab(page: Page, title: str) -> None:
+    """Open a tab; only the open one is drawn."""
+    page.get_by_role("tab", name=title, exact=True).click()
     idle(page)
 
 

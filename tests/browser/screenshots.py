@@ -5,6 +5,7 @@ of real recordings.
 """
 
 import os
+import re
 import shutil
 import sys
 import tempfile
@@ -26,6 +27,7 @@ from tests.browser.running import (
     launched,
     open_example,
     open_sample,
+    open_tab,
     served,
     table,
     train_sample,
@@ -97,7 +99,7 @@ def open_real(page: Page, name: str) -> None:
 
 def to(page: Page, title: str) -> None:
     """To another page with the same session; the sidebar is folded on a narrow screen."""
-    page.goto(page.url.replace("/Data", f"/{title}").replace("/Train", f"/{title}"))
+    page.goto(re.sub(r"/\w+\?", f"/{title}?", page.url))
     idle(page)
 
 
@@ -110,7 +112,7 @@ def home(camera: Camera) -> None:
         camera.shoot(page, "train_sample")
         page.get_by_text("Next: do these vehicles amplify").click()
         page.get_by_text("Show the uncertainty").wait_for()
-        chart(page, "stability_map")
+        chart(page, "stability_criteria")
         idle(page)
         camera.shoot(page, "stability_learned")
 
@@ -187,12 +189,13 @@ def stability(camera: Camera) -> None:
     with camera.page("/Stability") as page:
         camera.shoot(page, "stability_empty", whole=False)
         open_example(page)
-        chart(page, "stability_map")
+        chart(page, "stability_criteria")
         camera.shoot(page, "stability_fold", whole=False)
-        page.get_by_text("Reasons for the verdicts").click()
-        page.get_by_text("α and τ").click()
-        idle(page)
-        camera.shoot(page, "stability")
+        for title in ("Map", "Why"):
+            open_tab(page, title)
+            if title == "Map":
+                chart(page, "stability_map")
+            camera.shoot(page, f"stability_{title.lower()}")
         page.get_by_text("By hand").click()
         page.get_by_test_id("stDataFrame").wait_for()
         idle(page)
@@ -202,17 +205,45 @@ def stability(camera: Camera) -> None:
 def platoon(camera: Camera) -> None:
     with camera.page("/Platoon") as page:
         open_example(page)
-        chart(page, "platoon_wave")
+        chart(page, "platoon_amplitude")
         camera.shoot(page, "platoon_fold", whole=False)
         camera.shoot(page, "platoon")
+        page.get_by_text("Road", exact=True).click()
+        page.get_by_text("Whole run", exact=True).click()
         page.get_by_text("One car", exact=True).click()
         idle(page)
         camera.shoot(page, "platoon_collision")
         choose(page, "Disturbance of the leader", "Brake")
+        open_tab(page, "Animation")
+        chart(page, "platoon_wave")
         camera.shoot(page, "platoon_brake")
-        page.get_by_role("button", name="The paper's four panels").click()
-        page.get_by_role("button", name="Back to my platoon").wait_for()
+        open_tab(page, "The paper's four panels")
+        chart(page, "platoon_panel_3")
         camera.shoot(page, "platoon_panels")
+
+
+def platoon_recorded(camera: Camera) -> None:
+    for name, file, start in (("casale", "Casale/part7", ""),
+                              ("astazero", "AstaZero/ASta_040719_platoon5", "320")):  # fmt: skip
+        with camera.page("/Data") as page:
+            open_real(page, file)
+            if start:
+                fill(page, "Window starts at", start)
+                idle(page)
+            page.get_by_role("button", name="Train on this window").click()
+            table(page, "Surrogate fit").wait_for()
+            idle(page)
+            to(page, "Stability")
+            chart(page, "stability_criteria")
+            camera.shoot(page, f"stability_{name}_fold", whole=False)
+            open_tab(page, "Measured")
+            chart(page, "stability_measured_gain")
+            camera.shoot(page, f"stability_{name}_measured")
+            to(page, "Platoon")
+            choose(page, "Disturbance of the leader", "As recorded")
+            page.get_by_text("begins in equilibrium").wait_for()
+            idle(page)
+            camera.shoot(page, f"platoon_{name}_recorded")
 
 
 def compare(camera: Camera) -> None:
@@ -251,7 +282,7 @@ def snapshots(camera: Camera) -> None:
             camera.shoot(page, f"snapshot_{path.lower()}")
 
 
-OF_REAL_RECORDINGS = (real, regimes)
+OF_REAL_RECORDINGS = (real, regimes, platoon_recorded)
 SCENES: tuple[Callable[[Camera], None], ...] = (
     home, data, training, *(OF_REAL_RECORDINGS if REAL else ()), stability, platoon, compare,
     snapshots,

@@ -10,6 +10,7 @@ from accpinn.model.cthp import Parameters
 from accpinn.results.snapshot.archive import load
 from accpinn.results.snapshot.saved import save
 from accpinn.results.snapshot.verification import REFIT
+from accpinn.stability.measured_gain import measured_gain
 from tests.support.command import PLATOON, SHORT, STUDY, Capture, document, refused
 from tests.support.snapshots import small, whole
 
@@ -51,6 +52,16 @@ def test_a_recording_supplies_the_data(tmp_path: Path) -> None:
     assert "Measured space-gaps and speeds" in text
 
 
+def test_a_snapshot_with_data_has_the_measured_gain(tmp_path: Path, capsys: Capture) -> None:
+    path = save(whole(), tmp_path / "whole.accpinn.zip")
+    vehicles = document(capsys, "stability", "--snapshot", path)["vehicles"]
+    segment = whole().segment
+    assert segment is not None
+    for k, vehicle in enumerate(vehicles):
+        assert vehicle["measured"]["gain"] == measured_gain(segment, k).gain.tolist()
+        assert len(vehicle["measured"]["coherent"]) == len(vehicle["measured"]["omega"])
+
+
 def test_faults_of_files_are_sentences(file: Path, tmp_path: Path, capsys: Capture) -> None:
     (tmp_path / "x.accpinn.zip").write_bytes(b"no zip")
     assert "x.accpinn.zip" in refused(capsys, 1, "report", tmp_path / "x.accpinn.zip")
@@ -74,6 +85,7 @@ def test_fit_keeps_a_snapshot_that_others_read(tmp_path: Path, capsys: Capture) 
     fitted = document(capsys, "fit", STUDY, *SHORT, *options)["parameters"][0]
     judged = document(capsys, "stability", "--snapshot", path)["vehicles"][0]
     assert judged["alpha"] == fitted["alpha"]
+    assert judged["measured"] is None, "a snapshot without data"
     run = document(capsys, "simulate", "--snapshot", path, "--duration", 60)
     assert len(run["minimum_gap"]) == 8
     assert document(capsys, "verify", path, "--recording", STUDY)["name"] == "mine"

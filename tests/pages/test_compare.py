@@ -11,12 +11,24 @@ from accpinn.methods.fit import Outcome
 from accpinn.methods.pinn.config import FAST, PAPER
 from accpinn.methods.registry import METHODS
 from accpinn.recordings.recording import Window
+from accpinn.results.messages import message
 from accpinn.study.comparison import MethodFailure, MethodResult, compare, result_of
+from accpinn.study.recommendation import recommend
 from accpinn.tasks.task import Status, Task
 from pages.ui.data.sources import FIRST_SAMPLE, sample
 from pages.ui.session.resources import task_queue
 from pages.ui.session.workspace import KEPT_RECORDS, Workspace
-from tests.support.apptest import COMPARE, WAIT, boxes, everything, open_page, plain, with_sample
+from tests.support.apptest import (
+    COMPARE,
+    WAIT,
+    boxes,
+    everything,
+    figures,
+    open_page,
+    open_tab,
+    plain,
+    with_sample,
+)
 
 pytestmark = pytest.mark.usefixtures("fresh_server")
 
@@ -42,16 +54,20 @@ def test_rows_pictures_warnings_starts_and_earlier_fits(found: Workspace) -> Non
     page.button(key="compare_run").click().run()
     assert found.comparison.wait(WAIT)
     assert found.comparison.status is Status.DONE
+    assert found.known_adequacy, "the forms of the model come with the methods"
     page = open_page(COMPARE, found)
+    (recommended,) = recommend(found.segment, found.compared, found.known_adequacy)
     shown = everything(page)
-    assert "**2 Audi (A6-like)**: " in plain(page)
-    assert "The estimates differ most in" in shown
-    for part in ("Agreement of the methods", "Identifiability", "Model adequacy"):
-        assert part in shown
-    assert "the disturbance has a standard deviation of" in plain(page)
-    assert "Earlier fits" not in shown
+    assert message(recommended, found.segment) in shown
+    assert "Recommended, synthetic_astazero_like.csv, 0–60 s" in shown
+    assert len(figures(page)) == 1, "only the open tab is drawn"
+    assert "Profile of the loss" in plain(open_tab(page, "compare_tabs", "Identifiability"))
+    adequacy = plain(open_tab(page, "compare_tabs", "Model adequacy"))
+    assert "the disturbance has a standard deviation of" in adequacy
+    assert "The estimates differ most in" in plain(open_tab(page, "compare_tabs", "Methods"))
     page.selectbox(key="compare_method").set_value("Splines").run()
     assert "Splines against the data" in everything(page)
+    assert "Earlier fits" not in everything(open_tab(page, "compare_tabs", "Repeatability"))
 
     found.train_starts(replace(FAST, iterations=20))
     assert found.starts.wait(WAIT)
@@ -67,6 +83,7 @@ def test_rows_pictures_warnings_starts_and_earlier_fits(found: Workspace) -> Non
     finished(found, tuple(compare(found.segment, "II", ("least-squares",))))
     page = open_page(COMPARE, found)
     assert "0–60 s → 10–60 s" in everything(page)
+    open_tab(page, "compare_tabs", "Summary")
     earlier = page.multiselect(key="compare_earlier")
     earlier.set_value(earlier.options[:1]).run()
     assert not page.exception
@@ -85,7 +102,8 @@ def test_methods_that_fail_are_named_and_the_others_shown(
     (failures,) = [box for box in boxes(page, "warning") if box.startswith("No result from ")]
     who = "Splines, Particle filter" if len(failing) == 2 else "any method"
     assert failures == f"No result from {who}: {fault}"
-    assert ("Least squares" in everything(page)) == (len(failing) == 2)
+    if len(failing) == 2:
+        assert "Least squares" in everything(open_tab(page, "compare_tabs", "Methods"))
     assert len(found.compared) == len(METHODS) - len(failing)
 
 
@@ -96,7 +114,7 @@ def test_a_stop_keeps_the_rows_and_offers_to_run_again(found: Workspace) -> None
     assert found.comparison.status is Status.STOPPED
     page = open_page(COMPARE, found)
     assert "Stopped: no result" in plain(page)
-    assert page.button(key="compare_run").label == "Run all methods"
+    assert page.button(key="compare_run").label.startswith("Run all methods (about ")
 
 
 def test_earlier_fits_are_bounded_and_shown_without_a_comparison(found: Workspace) -> None:

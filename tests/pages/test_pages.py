@@ -19,6 +19,7 @@ from accpinn.tasks.task import Status, TrainingRequest, training_task
 from pages.ui.components.show import bullets, escape_markdown, format_duration
 from pages.ui.data.page import window_of
 from pages.ui.data.sources import FIRST_SAMPLE, OPENING, sample
+from pages.ui.platoon.page import PANELS, TABS
 from pages.ui.session import sessions
 from pages.ui.session.resources import task_queue
 from pages.ui.session.sessions import KEPT_FOR, KEPT_WORKSPACES, Workspaces
@@ -129,7 +130,7 @@ def test_published_parameters_and_the_papers_items_from_home() -> None:
     assert found.starts is not None
     page = open_tab(open_page(HOME, found), "home_tabs", "Reproduce the paper")
     press(page, "home_Figure8_panels")
-    assert found.platoon_choice.panels
+    assert found.tabs[TABS] == PANELS
 
 
 def test_a_run_of_the_paper_is_opened_with_its_window(
@@ -397,15 +398,18 @@ def test_train_shows_table_curves_and_downloads_and_keeps_the_result() -> None:
         assert ("From the cache" in texts(page)) == cached
     for said in ("Converged", "Surrogate fit, MAE", "Closed-loop simulation, MAE"):
         assert said in texts(page)
+    assert len(figures(page)) == 1
+    open_tab(page, "train_tabs", "Comparison")
     assert "0.0612" in texts(page), "the truth of the first follower"
-    assert len(figures(page)) == 5
-    assert len(page.get("download_button")) == 2
+    assert "Estimates and intervals are those of the CTHP." in plain(page)
+    assert len(figures(open_tab(page, "train_tabs", "Training"))) == 5
+    assert len(open_tab(page, "train_tabs", "Export").get("download_button")) == 2
+    open_tab(page, "train_tabs", "Fit")
     assert "Start training" in labels(page)
     assert "Stop training" not in labels(page)
     choose(page, "train_follower", 3)
     assert figures(page)[0]["layout"]["uirevision"] == "tracking-5"
     assert "90 % band" in [trace["name"] for trace in figures(page)[0]["data"]]
-    assert "Estimates and intervals are those of the CTHP." in plain(page)
 
 
 @pytest.mark.parametrize(
@@ -491,7 +495,8 @@ def test_a_second_session_waits_and_is_told() -> None:
 
 def test_options_are_refused_reach_the_training_and_survive_a_visit_elsewhere() -> None:
     found = with_sample()
-    page = choose(open_page(TRAIN, found), "train_fast_iterations", 0)
+    page = choose(open_page(TRAIN, found), "train_options", True)
+    choose(page, "train_fast_iterations", 0)
     (error,) = page.error
     assert "iterations: 0 is not allowed" in error.value.replace("\\", "")
     assert page.button(key="train_start").disabled
@@ -501,7 +506,7 @@ def test_options_are_refused_reach_the_training_and_survive_a_visit_elsewhere() 
     choose(page, "train_fast_seed", 7)
     choose(page, "train_fast_weight_data_1", 2.0)
     choose(page, "train_fast_start", (0.5, 0.5, 0.5))
-    page = open_page(TRAIN, found)  # as after a reload
+    page = choose(open_page(TRAIN, found), "train_options", True)  # as after a reload
     assert page.number_input(key="train_fast_seed").value == 7
     press(page, "Start training")
     config = found.training.request.config

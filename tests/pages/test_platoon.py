@@ -1,16 +1,21 @@
 """The page Platoon without a browser: order, disturbance, captions and panels."""
 
+import base64
 from contextlib import suppress
 from dataclasses import replace
+from math import pi
+from typing import Any
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as some
+from streamlit.testing.v1 import AppTest
 
 from accpinn.errors import ParameterError
 from accpinn.model.published import CASALE
 from accpinn.results.messages.stability import AFTER_COLLISION
-from pages.ui.platoon import parse_order
+from pages.ui.platoon.controls import parse_order
 from tests.support.apptest import (
     PLATOON,
     boxes,
@@ -18,11 +23,30 @@ from tests.support.apptest import (
     figures,
     fitted,
     open_page,
+    open_tab,
     plain,
     press,
     with_example,
     workspace_of,
 )
+
+
+def reach(page: AppTest, place: int) -> tuple[float, float]:
+    """First and last instant that a chart draws; its numbers may be packed."""
+    every = [numbers(one["x"]) for one in figures(page)[place]["data"] if one["mode"] != "text"]
+    return min(map(min, filter(len, every))), max(map(max, filter(len, every)))
+
+
+def numbers(values: Any) -> Any:
+    """A chart's numbers, which plotly may have packed."""
+    if isinstance(values, dict):
+        return np.frombuffer(base64.b64decode(values["bdata"]), values["dtype"])
+    return values
+
+
+def traces(page: AppTest, place: int) -> list[str]:
+    """The names in the upper panel of a chart."""
+    return [one["name"] for one in figures(page)[place]["data"] if one.get("yaxis") == "y"]
 
 
 @pytest.mark.usefixtures("fresh_server")
@@ -34,18 +58,29 @@ class TestPage:
         assert "The oscillation grows to 2.44 times the leader's" in said
         assert "By |H| the last follower reaches 2.44 m/s." in said
         assert "From 6 to 235 s of 500 s." in said
-        assert "From 443 to 500 s of 500 s." in said
-        assert "All 500 s." not in said
         assert len(page.get("plotly_chart")) == 4
         assert page.selectbox(key="platoon_kind").options == ["Sinusoid", "Step", "Brake"]
-        assert "[m/s]" in figures(page)[1]["layout"]["yaxis"]["title"]["text"]
+        assert "[m/s]" in figures(page)[2]["layout"]["yaxis"]["title"]["text"]
         choose(page, "platoon_db", True)
-        assert "[dB re leader]" in figures(page)[1]["layout"]["yaxis"]["title"]["text"]
-        said = plain(press(page, "platoon_panels"))
+        assert "[dB re leader]" in figures(page)[2]["layout"]["yaxis"]["title"]["text"]
+        assert "From 414 to 500 s of 500 s." in plain(open_tab(page, "platoon", "Animation"))
+        said = plain(open_tab(page, "platoon", "The paper's four panels"))
         assert "(a) Mercedes A-Class at 0.25 rad/s: grows to 4.2" in said
         assert "(d) Tesla Model 3 at 0.3 rad/s: fades to 0.42" in said
-        assert len(page.get("plotly_chart")) == 4
-        assert "The paper's four panels" not in plain(press(page, "platoon_back"))
+        assert len(page.get("plotly_chart")) == 6
+
+    def test_both_charts_show_the_part_and_the_view_that_were_chosen(self) -> None:
+        page = open_page(PLATOON, with_example())
+        start, period = 500 - 3 * 2 * pi / 0.2189, 0.2
+        for chart in figures(page)[:2]:
+            assert chart["data"][0]["hovertemplate"]
+        assert reach(page, 0) == pytest.approx((start, 500), abs=period)
+        assert reach(page, 1) == pytest.approx((start, 500), abs=period)
+        choose(page, "platoon_whole", True)
+        assert reach(page, 0) == reach(page, 1) == (0, 500)
+        assert "at 20.0 m/s" in figures(page)[1]["layout"]["yaxis"]["title"]["text"]
+        choose(page, "platoon_view", "road")
+        assert "on the road" in figures(page)[1]["layout"]["yaxis"]["title"]["text"]
 
     def test_one_vehicle_again_and_again_as_in_the_paper(self) -> None:
         page = choose(open_page(PLATOON, with_example()), "platoon_order", "repeated")
@@ -93,9 +128,7 @@ class TestPage:
             assert "The smallest gap is" in said
             said = plain(choose(page, f"platoon_{kind}_{setting}", plenty))
             assert AFTER_COLLISION in said
-            assert "times as much as the leader's, until Audi A6 collides at" in said
-            assert "Only up to the collision." in said
-            assert ", until the collision." in said
+            assert "times as much as the leader's; Audi A6 collides at" in said
             assert not any("collides" in box for box in boxes(page, "warning")), "named once"
         found = workspace_of(page)
         found.segment = replace(found.segment, start=40.0)
@@ -103,6 +136,12 @@ class TestPage:
         assert "From 40 to 340 s" in said, "by the recording's clock"
         assert "as recorded" in said
         assert "largest speed deviation" in said
+        names = [f"{label}, measured" for label in found.segment.labels[1:]]
+        assert [one for one in traces(page, 0) if one in names] == names
+        choose(page, "platoon_measured", False)
+        assert not set(names) & set(traces(page, 0))
+        choose(page, "platoon_order", "repeated")
+        assert page.number_input(key="platoon_followers").value == 3, "as many as recorded"
 
     def test_settings_are_refused_or_warned_of_and_kept_for_mending(self) -> None:
         page = choose(open_page(PLATOON, with_example()), "platoon_sinusoid_duration", -5.0)

@@ -40,7 +40,7 @@ def test_runs_survive_another_recording_and_a_restart_and_are_restored() -> None
     assert again.fit.parameters == before
     again.open(*sample(FIRST_SAMPLE))
     page.run()
-    press(page, "runs_restore")
+    press(page, f"runs_open_{run.id}")
     assert again.fit.parameters == before
     assert again.recording is not None, "a sample is opened again"
     assert again.window == Window(0.0, 60.0)

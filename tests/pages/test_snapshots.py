@@ -9,14 +9,17 @@ from accpinn.methods.pinn.config import PAPER, preset
 from accpinn.methods.pinn.method import WarmStart
 from accpinn.model.cthp import Parameters
 from accpinn.recordings.recording import Recording
+from accpinn.results.messages.snapshot import counted
 from accpinn.results.snapshot import Snapshot
+from accpinn.results.snapshot.verification import verify
 from accpinn.tasks.task import Status
 from pages.ui.data.sources import FIRST_SAMPLE, sample
 from pages.ui.session import sessions
 from pages.ui.session.resources import library, task_queue
 from pages.ui.session.workspace import Workspace
-from pages.ui.snapshots import differing_settings, other_vehicles, parameter_differences
-from pages.ui.train import chosen_config
+from pages.ui.snapshots.both import differing_settings, other_vehicles, parameter_differences
+from pages.ui.snapshots.page import suggested_name
+from pages.ui.train.options import chosen_config
 from tests.support.apptest import (
     COMPARE,
     DATA,
@@ -27,6 +30,7 @@ from tests.support.apptest import (
     choose,
     figures,
     open_page,
+    open_tab,
     plain,
     press,
     texts,
@@ -38,7 +42,7 @@ from tests.support.snapshots import whole
 
 pytestmark = pytest.mark.usefixtures("fresh_server")
 
-FIGURES = {DATA: 1, TRAIN: 5, STABILITY: 3}
+FIGURES = {DATA: 1, TRAIN: 1, STABILITY: 1, SNAPSHOTS: 1}
 """Charts on a page that shows a snapshot with its data."""
 
 
@@ -71,22 +75,27 @@ class TestSaving:
         found = with_fit()
         page = open_page(SNAPSHOTS, found)
         assert "No snapshot is kept here yet" in plain(page)
+        assert page.checkbox(key="snapshots_with_data").value, "samples include their data"
+        page.checkbox(key="snapshots_with_data").uncheck()
         page.text_input(key="snapshots_name").input("<b>mine</b>")
-        page.text_area(key="snapshots_note").input("first try")
+        page.text_input(key="snapshots_note").input("first try")
         press(page, "Save")
         assert "Saved as" in plain(page)
-        assert "“\\<b\\>mine" in texts(page)
         (entry,) = library().entries()
         assert (entry.name, entry.note, entry.with_data) == ("<b>mine</b>", "first try", False)
-        assert "&lt;b&gt;mine&lt;/b&gt;" in plain(page)
-        assert "<b>mine</b>" not in texts(page)
+        assert "first try" in plain(page), "the result that was saved is shown"
+        assert "<b>mine" not in texts(page)
         kept = library().open(entry.id)
         assert kept.fit.parameters.values.tobytes() == found.fit.parameters.values.tobytes()
 
-        page.text_input(key="snapshots_name").input("with data")
+        press(page, "snapshots_back")
+        assert page.button(key=f"snapshots_open_{entry.id}").label == "\\<b\\>mine\\<\\/b\\>"
         page.checkbox(key="snapshots_with_data").check()
         press(page, "Save")
-        assert [e.with_data for e in library().entries() if e.name == "with data"] == [True]
+        (with_data,) = [one for one in library().entries() if one.with_data]
+        assert with_data.name == suggested_name(found)
+        assert found.segment.labels[1] in with_data.name
+        press(page, "snapshots_back")
         library().cap_count = 0
         page.text_input(key="snapshots_name").input("one more")
         assert "is full" in plain(press(page, "Save"))
@@ -94,6 +103,7 @@ class TestSaving:
     def test_what_is_known_of_the_recording_survives_saving_again(self) -> None:
         facts = {"campaign": "Ispra", "date": "2019-04-01", "acc_flag": 1}
         page = open_page(SNAPSHOTS, snapshot=library().add(replace(whole(), facts=facts)))
+        press(page, "snapshots_back")
         page.text_input(key="snapshots_name").input("again")
         press(page, "Save")
         (again,) = (entry for entry in library().entries() if entry.name == "again")
@@ -104,34 +114,53 @@ class TestSaving:
         fit = replace(whole().fit, outcome=Outcome.STOPPED, iterations=7)
         page = open_page(SNAPSHOTS, snapshot=library().add(replace(whole(), fit=fit)))
         assert "stopped at 7 of 20 iterations" in plain(page)
+        assert "stopped at 7 of 20 iterations" in plain(press(page, "snapshots_back"))
 
 
 class TestList:
-    def test_verify_run_again_open_and_delete(self) -> None:
+    def test_a_row_opens_the_result_which_is_verified_and_opened_on_every_page(self) -> None:
         name = library().add(whole())
         page = open_page(SNAPSHOTS)
         assert "no result to save yet" in plain(page)
+        press(page, f"snapshots_open_{name}")
         assert f"/Snapshots?snapshot={name}" in page.code[0].value
+        assert workspace_of(page).snapshot is None, "looking at it changes nothing"
+        assert len(figures(page)) == 1
+        open_tab(page, "snapshots_tabs", "Verify")
         for said in ("The snapshot is whole", "Recomputed", "the same", "finds these parameters"):
             assert said in plain(page)
+        agreed = counted(verify(whole()))
+        assert agreed.split()[0] == agreed.split()[2], "all of them"
+        assert agreed in plain(page)
         choose(page, "snapshots_again", True)
         assert "finds these parameters" not in plain(page)
         assert "Method run again, Recursive" in plain(page)
         press(page, "snapshots_open")
         assert workspace_of(page).snapshot is not None
-        assert "From the snapshot" in plain(page)
-        press(page, "snapshots_delete")
-        assert library().entries() == ()
+        assert not [b.key for b in page.button if b.key == "snapshots_open"]
 
-    def test_stands_at_the_one_that_is_open_then_at_the_one_just_saved(self) -> None:
-        name = library().add(replace(whole(), name="old", created="2026-01-01T00:00:00Z"))
-        library().add(whole())
-        page = open_page(SNAPSHOTS, snapshot=name)
-        assert page.selectbox(key="snapshots_chosen").value == name
-        press(page, "Save")
-        kept = page.selectbox(key="snapshots_chosen").value
-        assert f"Saved as snapshot {kept}" in plain(page)
-        assert not page.warning
+    def test_a_link_shows_the_result_without_save_or_delete(self) -> None:
+        page = open_page(SNAPSHOTS, snapshot=library().add(whole()))
+        assert workspace_of(page).snapshot is not None
+        keys = [button.key or "" for button in page.button]
+        assert not [key for key in keys if "delete" in key or "save" in key]
+        assert "From the snapshot" in plain(press(page, "snapshots_back"))
+
+    def test_what_is_deleted_can_be_brought_back(self) -> None:
+        name = library().add(whole())
+        page = press(open_page(SNAPSHOTS), f"snapshots_delete_{name}")
+        assert library().entries() == ()
+        press(page, "snapshots_undo_button")
+        assert [entry.id for entry in library().entries()] == [name]
+        assert library().open(name).id == name
+
+    def test_words_find_rows(self) -> None:
+        for name in ("alfa", "bravo", "charlie", "delta", "echo", "foxtrot"):
+            library().add(replace(whole(), name=name))
+        page = open_page(SNAPSHOTS)
+        page.text_input(key="snapshots_search").input("BRAVO").run()
+        found = [b.label for b in page.button if (b.key or "").startswith("snapshots_open_")]
+        assert found == ["bravo"]
 
     def test_one_deleted_elsewhere_can_be_kept_again(self) -> None:
         name = library().add(whole())
@@ -149,21 +178,22 @@ class TestList:
         sound = path.read_bytes()
         path.write_bytes(sound[:-9])
         page = open_page(SNAPSHOTS)
-        assert "(damaged)" in plain(page)
-        assert page.error
-        press(page, "snapshots_delete")
+        assert "damaged" in plain(page)
+        assert press(page, f"snapshots_open_{name}").error
+        press(press(page, "snapshots_back"), f"snapshots_delete_{name}")
         assert library().entries() == ()
         page.file_uploader(key="snapshots_upload").upload("it.accpinn.zip", sound).run()
-        assert f"it.accpinn.zip is whole and now in the list as {name}" in plain(page)
+        assert f"it.accpinn.zip is whole and now kept as {name}" in plain(page)
 
 
 class TestTwo:
     def test_side_by_side(self) -> None:
         library().add(whole())
         fit = replace(whole().fit, config={**whole().fit.config, "seed": 7})
-        library().add(replace(whole(), name="other seed", fit=fit))
-        page = choose(open_page(SNAPSHOTS), "snapshots_compare", True)
-        assert len(figures(page)) == 1
+        name = library().add(replace(whole(), name="other seed", fit=fit))
+        page = press(open_page(SNAPSHOTS), f"snapshots_open_{name}")
+        open_tab(page, "snapshots_tabs", "Beside another")
+        assert len(figures(page)) == 2
         assert "What differs" in plain(page)
 
     def test_differences_are_those_of_the_second_against_the_first(self) -> None:

@@ -13,16 +13,17 @@ from accpinn.model.cthp import Parameters
 from accpinn.model.published import ASTAZERO, CASALE
 from accpinn.recordings.recording import Window
 from accpinn.results.figures.style import FOLLOWERS, LEADER, SHARED
-from accpinn.results.messages.stability import reason
+from accpinn.results.messages.stability import GIVEN_PARAMETERS, reason
 from accpinn.results.snapshot import create
 from accpinn.results.snapshot.saved import Library
 from accpinn.results.tables.estimates import EVERY_FOLLOWER
+from accpinn.stability.measured_gain import measured_gain
 from accpinn.stability.report import stability_report
 from accpinn.tasks.task import training_task
 from pages.ui.components.parameter_picker import parameters_from
 from pages.ui.session import sessions
 from pages.ui.session.resources import library, task_queue
-from pages.ui.stability import clicked_point
+from pages.ui.stability.page import clicked_point
 from tests.support.apptest import (
     PLATOON,
     STABILITY,
@@ -32,6 +33,7 @@ from tests.support.apptest import (
     figures,
     fitted,
     open_page,
+    open_tab,
     plain,
     press,
     texts,
@@ -56,24 +58,27 @@ def test_published_vehicles_are_answered_before_anything_was_trained() -> None:
     said = plain(page)
     assert "All four vehicles amplify disturbances, Audi A6 the most: up to 1.51 times" in said
     assert "L₂ **NO**, L∞ **NO**" in said
-    assert len(page.get("plotly_chart")) == 3
-    (warning,) = boxes(page, "warning")  # the paper's yes and the exact no catch the eye
-    for part in ("Tesla Model 3", "necessary but not sufficient", "1.095"):
-        assert part in warning
-    (why,) = (e for e in page.expander if e.label.startswith("Reasons"))
-    reasons = "\n".join(element.value for element in why.markdown).replace("\\", "")
+    assert GIVEN_PARAMETERS in said
+    # The paper's yes and the exact no catch the eye.
+    assert "Tesla Model 3 meets the paper's L∞ criterion, which is necessary but not" in said
+    bode, criteria = figures(page)
+    assert bode["layout"]["xaxis"]["type"] == "log"
+    assert criteria["layout"]["xaxis2"]["ticktext"] == [*ASTAZERO.labels]
+
+    reasons = plain(open_tab(page, "stability", "Why"))
     for vehicle in stability_report(ASTAZERO.parameters).vehicles:
         for verdict in (vehicle.l2, vehicle.linf_paper, vehicle.linf_exact):
             assert reason(verdict, vehicle) in reasons
 
-    assert figures(page)[2]["layout"]["xaxis"]["title"]["text"].startswith("β")
+    open_tab(page, "stability", "Map")
+    assert figures(page)[1]["layout"]["xaxis"]["title"]["text"].startswith("β")
     choose(page, "stability_plane", "alpha")
     choose(page, "stability_held", 1)
-    assert figures(page)[2]["layout"]["xaxis"]["title"]["text"].startswith("α")
+    assert figures(page)[1]["layout"]["xaxis"]["title"]["text"].startswith("α")
     assert "BMW X5's β" in plain(page)
 
     choose(page, "stability_example", CASALE.title)
-    assert not page.warning
+    assert "meets the paper's" not in plain(page)
     assert "Hyundai amplifies disturbances up to 1.49 times at 0.0879 rad/s" in plain(page)
     assert "Hyundai's β" in plain(page)
 
@@ -86,18 +91,18 @@ def test_the_fit_is_shown_with_its_certainty_until_it_is_lost() -> None:
     said = headline(page)
     assert said.startswith("Current fit: synthetic_astazero_like.csv, 0–300 s")
     assert "probability of L₂ string stability" in said
-    for label in found.segment.labels[1:]:
-        assert f"{label} " in plain(page)
     # Vehicle 3 keeps the colour it has on the other pages.
     curves = [trace for trace in figures(page)[0]["data"] if "line" in trace]
     assert curves[0]["line"]["color"] == "#d8660c"
     assert "Shaded: 90 % bands" in plain(page)
+    assert "synthetic_astazero_like.csv · 0–300 s" in page.caption[0].value.replace("\\", "")
+    assert "They hold if it does" in plain(page), "the verdict is conditional on the model"
     choose(page, "stability_uncertainty", False)
     assert "Shaded" not in plain(page)
-    assert "Peak gain of the estimate" in plain(page), "with and without the bands"
+    assert "Peak gain of vehicle" in plain(page), "with and without the bands"
     choose(page, "stability_source", "published")
     assert "Audi A6" in plain(page)
-    assert "Peak gain of the estimate" not in plain(page)
+    assert "Peak gain of vehicle" not in plain(page)
     assert headline(page).startswith("Published: AstaZero (paper, Table III)")
     found.training.results = (replace(found.fit),)
     assert headline(page.run()).startswith("Current fit: "), "a new fit takes its place"
@@ -137,7 +142,7 @@ def test_followers_that_share_their_parameters_are_one_row_and_one_colour() -> N
     assert SHARED in colours
     assert not colours & {LEADER, *FOLLOWERS}
     tables = [html.proto.body for html in page.get("html") if "<tbody>" in html.proto.body]
-    assert [table.partition("<tbody>")[2].count("<tr>") for table in tables] == [1, 1]
+    assert [table.partition("<tbody>")[2].count("<tr>") for table in tables] == [1]
 
 
 @pytest.mark.parametrize("path", [STABILITY, PLATOON])
@@ -241,8 +246,9 @@ def test_a_snapshot_is_a_source_that_is_read_once(
 @pytest.mark.parametrize(
     ("which", "chosen"), [(1, ("repeated", 1, 0.2657)), (-1, ("learned", 0, 0.2189))]
 )
-def test_a_peak_goes_to_the_platoon_page(which: int, chosen: tuple[Any, ...]) -> None:
-    found = workspace_of(press(open_page(STABILITY, with_example()), f"stability_peak_{which}"))
+def test_a_row_goes_to_the_platoon_page(which: int, chosen: tuple[Any, ...]) -> None:
+    page = choose(open_page(STABILITY, with_example()), "stability_simulate", which)
+    found = workspace_of(press(page, "stability_open_platoon"))
     drive = found.platoon_choice
     assert (drive.order, drive.vehicle, drive.kind) == (*chosen[:2], "sinusoid")
     assert drive.omega == pytest.approx(chosen[2], abs=1e-4)
@@ -250,6 +256,29 @@ def test_a_peak_goes_to_the_platoon_page(which: int, chosen: tuple[Any, ...]) ->
         other = open_page(PLATOON, found)
         assert other.number_input(key="platoon_frequency").value == drive.omega
         assert "Follower 8: BMW X5" in plain(other)
+
+
+def test_the_measured_gain_stands_beside_the_model() -> None:
+    found = fitted()
+    page = open_tab(open_page(STABILITY, found), "stability", "Measured")
+    assert found.segment is not None
+    for follower in (0, 1):
+        if follower:
+            choose(page, "stability_measured", follower)
+        chart = figures(page)[1]["data"]
+        label = found.segment.labels[follower + 1]
+        measured = measured_gain(found.segment, follower)
+        (drawn,) = (one for one in chart if one.get("name") == f"{label}, measured"
+                    and one["yaxis"] == "y2")  # fmt: skip
+        assert len(drawn["x"]) == measured.coherent.sum()
+        assert any(one.get("name") == f"{label}, model" for one in chart)
+    choose(page, "stability_source", "published")
+    assert any(one.get("name") == "BMW X5, model" for one in figures(page)[1]["data"])
+    found.choose(window=Window(0.0, 40.0))
+    found.choose_source("published")
+    assert "no measured gain" in boxes(page.run(), "error")[0]
+    alone = open_tab(open_page(STABILITY, with_example()), "stability", "Measured")
+    assert "needs the recorded speeds" in boxes(alone, "info")[0]
 
 
 def test_a_click_is_a_frequency_and_a_vehicle() -> None:

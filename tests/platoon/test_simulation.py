@@ -150,21 +150,43 @@ class TestFindings:
         assert found.follower == 0
         assert found.time == pytest.approx(20 + pi + np.arcsin(1.5 / 2), abs=0.1)
 
-    def test_what_comes_after_a_collision_is_left_out(self) -> None:
+    def test_a_collision_ends_the_vehicle_and_those_behind_it_only(self) -> None:
+        run = simulate_platoon(row(*[MERCEDES] * 8), SpeedStep(-8.0))
+        driven, valid, first = run.trajectories, run.valid, run.collisions[0]
+        assert (first.follower, run.survivors) == (4, 4)
+        assert run.contacts == (first,), "those behind it collide with what is not there any more"
+        ahead, behind = slice(None, 4), slice(4, None)
+        np.testing.assert_array_equal(valid.speeds[:, ahead], driven.speeds[:, ahead])
+        np.testing.assert_array_equal(valid.gaps[:, :3], driven.gaps[:, :3])
+        after = driven.time > first.time
+        assert np.isnan(valid.speeds[after, behind]).all()
+        np.testing.assert_array_equal(valid.speeds[~after], driven.speeds[~after])
+        np.testing.assert_array_equal(valid.gaps[~after], driven.gaps[~after])
+        moved = np.abs(driven.speeds - run.leader.speed)
+        np.testing.assert_array_equal(run.largest_deviation[ahead], moved[:, ahead].max(axis=0))
+        before = moved[~after].max(axis=0)
+        np.testing.assert_array_equal(run.largest_deviation[behind], before[behind])
+        assert (before < moved.max(axis=0))[behind].any()
+
+    def test_a_vehicle_further_ahead_may_collide_later(self) -> None:
+        run = simulate_platoon(row(*[AUDI] * 8), Sinusoid(0.214))
+        assert [one.follower for one in run.contacts] == [6, 5]
+        ends = run.trajectories.time[run.meaningful - 1]
+        assert ends[6] <= run.contacts[0].time < run.contacts[1].time
+        assert ends[5] == pytest.approx(run.contacts[1].time, abs=0.1)
+        assert (ends[:5] == run.trajectories.time[-1]).all()
+        assert (ends[7:] == ends[6]).all()
+
+    def test_who_drives_backwards_after_a_collision_does_not_count(self) -> None:
         run = simulate_platoon(row(*[AUDI] * 4), SpeedStep(-8.0, speed=10.0))
-        driven, first = run.trajectories, run.collisions[0]
-        assert driven.time[run.meaningful - 1] <= first.time < driven.time[run.meaningful]
-        moved = np.abs(driven.speeds - 10.0)
-        before = moved[driven.time <= first.time].max(axis=0)
-        np.testing.assert_array_equal(run.largest_deviation, before)
-        assert (before < moved.max(axis=0)).any()
-        assert (driven.speeds < 0).any()
+        assert (run.trajectories.speeds < 0).any()
+        assert not (run.valid.speeds < 0).any()
         assert [type(finding) for finding in run.findings] == [Collision]
 
     def test_a_collision_at_the_start_leaves_two_samples(self) -> None:
         run = simulate_platoon(Parameters(0.1, 0.2, 0.0), SpeedStep())
-        assert (run.collisions[0].time, run.meaningful) == (0, 2)
-        assert simulate_platoon(AUDI, SpeedStep(0.0)).meaningful == 3001
+        assert (run.collisions[0].time, run.meaningful.tolist()) == (0, [3001, 2])
+        assert simulate_platoon(AUDI, SpeedStep(0.0)).meaningful.tolist() == [3001, 3001]
 
     def test_a_stop_behind_a_stopped_leader_is_no_collision(self) -> None:
         """At standstill the equilibrium gap is zero; rounding makes that -1e-13 m."""

@@ -207,6 +207,10 @@ class CalibratedTraining(Training):
         if not np.isfinite([self.progress.total, evidence]).all():
             self.outcome = Outcome.DIVERGED
 
+    def outputs(self) -> FloatArray:
+        """(N, 2M+1) the present surrogate on all instants."""
+        return self._surrogate().numpy()
+
     def learned(self) -> Learned:
         """The surrogate, the parameters, and what training the hidden layers brought."""
         now, found = self.progress, list[MethodFinding]()
@@ -230,7 +234,7 @@ class CalibratedTraining(Training):
         loss = {"total": now.total, "data": now.data, "physics": now.physics}
         loss |= {"initial": now.initial, "start": self._start_loss, "evidence": now.evidence}
         return Learned(
-            outputs=self._surrogate().numpy(),
+            outputs=self.outputs(),
             solution=self._solution,
             loss=loss,
             network_weights=count_weights(self._descent.hidden) + self._weights.numel(),

@@ -178,6 +178,10 @@ class FastTraining(Training):
         rates = self._static.rate @ weights[:size] + self._active_rate @ weights[size:]
         return outputs, rates
 
+    def outputs(self) -> FloatArray:
+        """(N, 2M+1) the present surrogate on all instants."""
+        return self._surrogate()[0].numpy()
+
     def learned(self) -> Learned:
         """The surrogate, the parameters, and what training the hidden layers brought."""
         now, start = self.progress, self._start_loss
@@ -192,7 +196,7 @@ class FastTraining(Training):
         if self.outcome is Outcome.FINISHED:
             found.append(IterationsExhausted(self._iteration))
         return Learned(
-            outputs=self._surrogate()[0].numpy(),
+            outputs=self.outputs(),
             solution=self._solution,
             loss=loss,
             network_weights=count_weights(self._descent.hidden) + self._weights.numel(),

@@ -148,6 +148,10 @@ class Training(ABC):
         """Go on from ``state``, which a training of the same problem gave."""
 
     @abstractmethod
+    def outputs(self) -> FloatArray:
+        """(N, 2M+1) the present surrogate on all instants."""
+
+    @abstractmethod
     def learned(self) -> Learned:
         """The present surrogate and parameters."""
 
@@ -175,4 +179,5 @@ class Training(ABC):
             parameters=parameters[:1] if self.case == "I" else parameters,
             evidence=evidence,
             deviations=deviations,
+            surrogate=None,
         )

@@ -115,6 +115,12 @@ class PaperTraining(Training):
         return loss_terms(outputs, rates, data, self._theta(), self.config, mask)
 
     @torch.no_grad()
+    def outputs(self) -> FloatArray:
+        """(N, 2M+1) the present surrogate on all instants."""
+        outputs, _ = self.network(self._time)
+        return np.asarray(outputs)
+
+    @torch.no_grad()
     def learned(self) -> Learned:
         """The surrogate on all instants, the parameters, and the losses on both parts."""
         outputs, rates = self.network(self._time)

@@ -33,12 +33,14 @@ from accpinn.methods.pinn.paper import PaperTraining
 from accpinn.methods.store import Store
 from accpinn.model.cthp import Case, Trajectories
 from accpinn.segment.segment import Segment
-from accpinn.units import Seconds
+from accpinn.units import FloatArray, Seconds
 
 DEFAULT_THREADS = max(1, min(4, (os.cpu_count() or 2) - 1))
 """One core is left to others: on matrices this small, threads that wait for a busy core cost far
 more than another thread gains."""
 MOST_THREADS = 4 * (os.cpu_count() or 2)
+CURVE_EVERY = 1.0
+"""Seconds between two moments that carry the surrogate's curves, which cost an evaluation."""
 CHECKPOINT_EVERY = 5.0
 """Seconds between checkpoints: what a killed process can lose."""
 
@@ -115,7 +117,7 @@ def _train(
     if store and (known := store.load_fit(result_key, segment, faults.append)):
         return replace(known, cached=True)
     require_memory(segment, config)
-    started = saved = time.perf_counter()
+    started = saved = drawn = time.perf_counter()
     training, recorder, earlier = _begin(segment, case, config, warm), Recorder(), 0.0
     # A checkpoint beyond the planned iterations is a longer training's and stays untouched; the
     # shorter one then has its own under the result's key.
@@ -139,9 +141,17 @@ def _train(
     def elapsed() -> Seconds:
         return earlier + time.perf_counter() - started
 
+    def motion(outputs: FloatArray) -> Trajectories:
+        speeds, gaps = output_columns(segment.followers)
+        return Trajectories(segment.time, outputs[:, speeds], outputs[:, gaps])
+
     def report() -> Progress:
+        nonlocal drawn
         now = replace(training.progress, seconds=elapsed())
         recorder.add(now)
+        if outcome is None and time.perf_counter() - drawn > CURVE_EVERY:
+            drawn = time.perf_counter()
+            return replace(now, surrogate=motion(training.outputs()))
         return now
 
     def save() -> None:
@@ -166,13 +176,12 @@ def _train(
         if outcome is not Outcome.DIVERGED:
             save()
     learned = training.learned()
-    speeds, gaps = output_columns(segment.followers)
     fit = Fit.of(
         "pinn",
         segment,
         case,
         learned.solution,
-        surrogate=Trajectories(segment.time, learned.outputs[:, speeds], learned.outputs[:, gaps]),
+        surrogate=motion(learned.outputs),
         outcome=outcome,
         seconds=elapsed(),
         config=config.to_json() | ({"started_from": warm.digest()} if warm else {}),

@@ -1,63 +1,70 @@
-"""A simulated platoon as figures: profiles, amplitudes, map of speeds, animation, the paper's."""
+"""A simulated platoon as figures: profiles, time-space diagram, amplitudes, map."""
 
 import colorsys
 import html
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Literal
 
 import numpy as np
 import plotly.graph_objects as go
 from numpy.typing import NDArray
 from plotly.colors import hex_to_rgb
+from scipy.integrate import cumulative_trapezoid
 
 from accpinn.channels import GAP, SPEED, TIME
-from accpinn.model.published import ASTAZERO, ParameterSet
+from accpinn.model.published import ParameterSet
 from accpinn.platoon.leader import Recorded, Sinusoid
-from accpinn.platoon.simulation import PlatoonRun, simulate_platoon
+from accpinn.platoon.simulation import PlatoonRun
 from accpinn.results.figures.stability import colours
 from accpinn.results.figures.style import (
-    CLEAR,
     FOLLOWERS,
     LEADER,
     LEGEND,
+    MODEL,
     finished,
     label_axes,
     panels,
     thinned,
+    vehicle_colour,
 )
+from accpinn.segment.segment import Segment
 from accpinn.units import FloatArray, Metres, Seconds
 
 CLOSE: Metres = 5.0
 """Gaps below this make the figure show where zero is."""
-POINTS = 1000
+POINTS = 800
 """Drawn per line of a profile."""
 COLUMNS = 240
 """Instants of the map of speeds."""
+DOTS = 2400
+"""Of all vehicles in the time-space diagram together."""
 STRIPES = 8
-"""Periods of a sinusoid on it; with more the wave's slope is not seen."""
+"""Periods of a sinusoid on the map of speeds; with more the wave's slope is not seen."""
 CAR_LENGTH: Metres = 4.5
 """Between the fronts of two cars lie the gap and this; the model has gaps only."""
-FRAMES = 60
-FRAME_MS = 90
-PERIODS = 2
-"""Of a sinusoid that are shown."""
+PERIODS = 3
+"""Of a sinusoid in a close-up."""
 WATCHED: Seconds = 120.0
-"""What is shown of any other planned disturbance."""
-PANEL_POINTS = 500
-"""Drawn per line of the paper's panels."""
-PANEL_FOLLOWERS = 8
-PANELS = ((2, 0.25), (2, 0.3), (3, 0.25), (3, 0.3))
-"""AstaZero vehicle, by its index, and frequency in rad/s; row by row (a), (c), (b), (d)."""
+"""What a close-up shows of any other planned disturbance."""
 PLACE = "Follower (0 = leader)"
-MEANINGLESS = "rgba(216, 102, 12, 0.13)"
 SLOWER, FASTER = FOLLOWERS[1], FOLLOWERS[0]
 SPEED_SCALE = [[0.0, SLOWER], [0.5, "rgba(140, 150, 162, 0.25)"], [1.0, FASTER]]
+TRACK_SCALE = [[0.0, SLOWER], [0.5, "#9aa2ac"], [1.0, FASTER]]
+"""The same on lines, which must be seen at any speed."""
+END = {"symbol": "x", "size": 9, "color": MODEL}
+"""Where a vehicle's motion ends with a collision."""
+MEASURED_OPACITY = 0.65
 LIGHTEST, DARKEST = 0.70, 0.42
 """Lightness of the shades of one colour, between what white and what dark pages swallow."""
 SOFTENED = 0.8
 """Saturation of the shades, relative to the colour's."""
+Span = tuple[Seconds, Seconds]
+"""Beginning and end of a part of a run, by its clock."""
+View = Literal["observer", "leader", "road"]
+"""From where a time-space diagram is seen: an observer who drives at the leader's mean speed, so
+that the vehicles' distances fill the axes and their motion is seen; the leader; or the road."""
 
 
 @dataclass(frozen=True)
@@ -66,6 +73,8 @@ class Cast:
 
     labels: tuple[str, ...]
     colours: tuple[str, ...]
+    numbers: tuple[str, ...]
+    """What stands beside a line in place of the label: its number, or the follower's place."""
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -80,13 +89,14 @@ def cast_of(vehicles: ParameterSet, order: Sequence[int]) -> Cast:
     """
     in_order = is_in_order(vehicles, order)
     total, seen = Counter(order), Counter[int]()
-    names, paints = ["Leader"], [LEADER]
+    names, paints, numbers = ["Leader"], [LEADER], ["0"]
     for place, k in enumerate(order, 1):
         names.append(vehicles.labels[k] if in_order else follower_name(vehicles, k, place))
         share = seen[k] / (total[k] - 1) if total[k] > 1 else None
         paints.append(_shade(colours(vehicles)[k], share))
+        numbers.append(str(vehicles.vehicles[k + 1] if in_order and vehicles.numbered else place))
         seen[k] += 1
-    return Cast(tuple(names), tuple(paints))
+    return Cast(tuple(names), tuple(paints), tuple(numbers))
 
 
 def is_in_order(vehicles: ParameterSet, order: Sequence[int]) -> bool:
@@ -109,38 +119,109 @@ def _shade(colour: str, share: float | None) -> str:
     return "#" + "".join(f"{round(255 * part):02x}" for part in rgb)
 
 
-def profiles(run: PlatoonRun, cast: Cast) -> go.Figure:
-    """Speeds of all vehicles, and the gaps of the followers, over time."""
-    driven = run.trajectories
-    figure = panels(0.58, 0.42, spacing=0.06)
+def close_up(run: PlatoonRun) -> Span:
+    """The part worth a closer look.
+
+    The last periods of a sinusoid, or what follows another disturbance; where a vehicle collides,
+    what goes before. Of a recorded leader it is the whole run.
+    """
+    leader, time = run.leader, run.trajectories.time
+    first, end = float(time[0]), float(time[-1])
+    if isinstance(leader, Recorded):
+        return first, end
+    width = PERIODS * leader.period if isinstance(leader, Sinusoid) else WATCHED
+    if run.contacts:
+        last = min(end, run.contacts[-1].time + width / PERIODS)
+        return max(first, min(run.contacts[0].time, last - width / 2) - width / 2), last
+    if isinstance(leader, Sinusoid):
+        return max(first, end - width), end
+    start = max(first, leader.settle - 5.0)
+    return start, min(end, start + width)
+
+
+def profiles(
+    run: PlatoonRun, cast: Cast, span: Span | None = None, measured: Segment | None = None,
+    height: int = 540,
+) -> go.Figure:  # fmt: skip
+    """Speeds of all vehicles, and the gaps of the followers, over time.
+
+    Args:
+        run: the simulated platoon.
+        cast: its labels and colours.
+        span: the part to draw; by default all.
+        measured: the recording whose leader drives, to draw its followers, dashed.
+        height: in pixels.
+    """
+    driven, figure = run.valid, panels(0.58, 0.42, spacing=0.06)
+    if measured:
+        _add_measured(figure, measured)
+    rows = _within(driven.time, span)
     for k in [*range(1, len(cast.names)), 0]:  # the leader last, on top
-        kept = slice(run.meaningful if k else None)  # the leader's drive is given
-        _line(figure, driven.time[kept], driven.speeds[kept, k], cast, k, 1)
+        add_line(figure, driven.time[rows], driven.speeds[rows, k], cast, k, 1)
         if k:
-            _line(figure, driven.time[kept], driven.gaps[kept, k - 1], cast, k, 2)
-    if run.minimum_gap.min() < CLOSE:
+            add_line(figure, driven.time[rows], driven.gaps[rows, k - 1], cast, k, 2)
+    if np.nanmin(driven.gaps[rows]) < CLOSE:
         figure.add_hline(y=0, line={"color": SLOWER, "width": 1.5, "dash": "dash"}, row=2, col=1)
-    if run.collisions:
-        _mark_collision(figure, run)
+    _mark_collisions(figure, run, span)
     label_axes(figure, (SPEED, GAP))
-    return finished(figure, 540, "platoon-profiles")
+    return finished(figure, height, "platoon-profiles")
 
 
-def _mark_collision(figure: go.Figure, run: PlatoonRun) -> None:
-    """What comes after the first one has no meaning: it is shaded, and not drawn."""
-    start, end = run.collisions[0].time, float(run.trajectories.time[-1])
-    figure.add_vrect(x0=start, x1=end, fillcolor=MEANINGLESS, line_width=0, row="all", col=1)
-    side = "left" if start < 0.8 * end else "right"
+def _within(time: FloatArray, span: Span | None) -> NDArray[np.intp]:
+    """The samples of a part, two at least."""
+    start, end = span or (-np.inf, np.inf)
+    inside = np.flatnonzero((time >= start - 1e-9) & (time <= end + 1e-9))
+    return inside if len(inside) > 1 else np.arange(len(time))
+
+
+def _add_measured(figure: go.Figure, measured: Segment) -> None:
+    """Speeds and gaps of the recorded followers."""
+    time, leader = measured.start + measured.time, measured.vehicles[0]
+    for k, (number, label) in enumerate(
+        zip(measured.vehicles[1:], measured.labels[1:], strict=True)
+    ):
+        channels = measured.measured_speeds[:, k + 1], measured.measured_gaps[:, k]
+        for row, values in enumerate(channels, 1):
+            x, y = thinned(time, values, POINTS)
+            figure.add_scatter(
+                x=x.astype(np.float32), y=y.astype(np.float32), mode="lines",
+                name=f"{html.escape(label)}, measured", opacity=MEASURED_OPACITY,
+                line={"color": vehicle_colour(number, leader), "width": 1.3, "dash": "dot"},
+                hovertemplate="%{y:.2f}", showlegend=row == 1, legendrank=100 + k, row=row, col=1,
+            )  # fmt: skip
+
+
+def _mark_collisions(figure: go.Figure, run: PlatoonRun, span: Span | None) -> None:
+    """A cross where a vehicle's motion ends, and the word at the first contact."""
+    driven = run.valid
+    start, end = span or (-np.inf, np.inf)
+    ended = np.flatnonzero(run.meaningful < len(driven.time))
+    at = run.meaningful[ended] - 1
+    shown = (driven.time[at] >= start) & (driven.time[at] <= end)
+    ended, at = ended[shown], at[shown]
+    if not len(ended):
+        return
+    for row, values in ((1, driven.speeds[at, ended]), (2, driven.gaps[at, ended - 1])):
+        figure.add_scatter(
+            x=driven.time[at], y=values, mode="markers", marker=END, name="ends with a collision",
+            hovertemplate="ends with a collision", showlegend=row == 1, legendrank=90, row=row,
+            col=1,
+        )  # fmt: skip
+    first = run.contacts[0].time
+    shown_end = min(end, float(driven.time[-1]))
+    side = "left" if first < 0.8 * shown_end else "right"
     figure.add_annotation(  # within the axes, where no legend above them can be in the way
-        text="collision", x=start, y=1, xref="x", yref="y domain", xanchor=side, yanchor="top",
+        text="collision", x=first, y=1, xref="x", yref="y domain", xanchor=side, yanchor="top",
         showarrow=False,
     )  # fmt: skip
+    figure.add_vline(x=first, line={"color": MODEL, "width": 1, "dash": "dot"})
 
 
-def _line(
+def add_line(
     figure: go.Figure, time: FloatArray, values: FloatArray, cast: Cast, k: int, row: int,
     points: int = POINTS,
 ) -> None:  # fmt: skip
+    """A vehicle's line in a panel, and in the legend if that is the first."""
     x, y = thinned(time, values, points)
     figure.add_scatter(
         x=x.astype(np.float32), y=y.astype(np.float32), name=cast.names[k], mode="lines",
@@ -149,14 +230,71 @@ def _line(
     )  # fmt: skip
 
 
+def time_space(
+    run: PlatoonRun, cast: Cast, span: Span | None = None, view: View = "observer",
+    height: int = 540,
+) -> go.Figure:  # fmt: skip
+    """The time-space diagram: each vehicle's position over time, coloured by its speed.
+
+    Args:
+        run: the simulated platoon.
+        cast: its labels and colours.
+        span: the part to draw; by default all.
+        view: where it is seen from.
+        height: in pixels.
+    """
+    driven = run.valid
+    inside = _within(driven.time, span)
+    count = min(len(inside), DOTS // len(cast.names))
+    rows = inside[np.linspace(0, len(inside) - 1, count).round().astype(int)]
+    time, speeds = driven.time[rows], driven.speeds[rows]
+    way = cumulative_trapezoid(driven.speeds[inside, 0], driven.time[inside], initial=0)
+    mean = float(way[-1] / (driven.time[inside[-1]] - time[0]))
+    ahead = way[rows - inside[0]]
+    origin = {"road": 0.0 * time, "leader": ahead, "observer": mean * (time - time[0])}[view]
+    places = np.empty(speeds.shape)
+    places[:, 0] = ahead - origin
+    places[:, 1:] = places[:, :1] - np.cumsum(driven.gaps[rows] + CAR_LENGTH, axis=1)
+    middle = float(speeds[:, 0].mean()) if isinstance(run.leader, Recorded) else run.leader.speed
+    limit = float(np.nanmax(np.abs(speeds - middle))) or 1.0
+    figure = go.Figure()
+    for k, name in enumerate(cast.names):
+        figure.add_scatter(
+            x=time.astype(np.float32), y=places[:, k].astype(np.float32), mode="markers",
+            marker={"size": 4, "color": speeds[:, k].round(3), "coloraxis": "coloraxis"},
+            name=name, showlegend=False,
+            hovertemplate="%{marker.color:.2f} m/s at %{x:.1f} s",
+        )  # fmt: skip
+    last = [int(np.flatnonzero(np.isfinite(column))[-1]) for column in places.T]
+    ends = [k for k, at in enumerate(last) if at < len(rows) - 1]
+    figure.add_scatter(
+        x=time[last], y=[places[at, k] for k, at in enumerate(last)], mode="text",
+        text=[f" {number}" for number in cast.numbers], textposition="middle right",
+        cliponaxis=False, hoverinfo="skip", showlegend=False,
+    )  # fmt: skip
+    figure.add_scatter(
+        x=time[[last[k] for k in ends]], y=[places[last[k], k] for k in ends], mode="markers",
+        marker=END, name="ends with a collision", hovertemplate="ends with a collision",
+    )  # fmt: skip
+    scale = {"colorscale": TRACK_SCALE, "cmin": middle - limit, "cmax": middle + limit}
+    bar = {"title": {"text": SPEED.axis, "side": "right"}, "thickness": 12, "x": 1.06}
+    figure.update_layout(coloraxis=scale | {"colorbar": bar})
+    seen = {"road": "on the road", "leader": "seen from leader", "observer": f"at {mean:.1f} m/s"}
+    figure.update_xaxes(title_text=TIME.axis)
+    figure.update_yaxes(title_text=f"Position {seen[view]} [m]")
+    figure = finished(figure, height, f"platoon-time-space-{view}")
+    return figure.update_layout(hovermode="closest")
+
+
 def amplitude_by_vehicle(run: PlatoonRun, cast: Cast, in_db: bool) -> go.Figure:
-    """The amplitude at each vehicle: simulated, and for a sinusoid predicted by |H(jω)|."""
-    wave = run.amplitudes
-    # A sinusoid is measured at the end of the run, which a collision leaves without meaning.
-    measured = wave.measured if wave and not run.collisions else run.largest_deviation
-    cut = wave and run.collisions
-    simulated = "Largest deviation before the collision" if cut else "Simulated"
-    figure, places = go.Figure(), np.arange(len(cast.names))
+    """The amplitude at each vehicle: simulated, and for a sinusoid predicted by |H(jω)|.
+
+    Of a vehicle that does not drive to the end it is the largest deviation so far.
+    """
+    wave, driving = run.amplitudes, run.survivors
+    measured = wave.measured if wave else run.largest_deviation
+    places = np.arange(len(cast.names))
+    figure = go.Figure()
     unit, scaled = ("dB", _decibels) if in_db else ("m/s", np.asarray)
     if wave:
         figure.add_scatter(
@@ -164,20 +302,30 @@ def amplitude_by_vehicle(run: PlatoonRun, cast: Cast, in_db: bool) -> go.Figure:
             line={"color": LEADER, "width": 2.5},
             hovertemplate=f"predicted %{{y:.3f}} {unit}<extra></extra>",
         )  # fmt: skip
-    figure.add_scatter(
-        x=places, y=scaled(measured), name=simulated,
-        mode="markers" if wave else "lines+markers", text=cast.names,
-        marker={"size": 10, "color": cast.colours}, line={"color": LEADER, "width": 1.5},
-        hovertemplate=f"%{{text}}<br>{simulated.lower()} %{{y:.3f}} {unit}<extra></extra>",
-    )  # fmt: skip
+    for name, values, part, symbol in (
+        ("Simulated", measured, slice(None, driving), "circle"),
+        ("Largest deviation before the collision", run.largest_deviation, slice(driving, None),
+         "circle-open"),
+    ):  # fmt: skip
+        if len(places[part]):
+            figure.add_scatter(
+                x=places[part], y=scaled(values)[part], name=name, text=cast.names[part],
+                mode="markers" if wave or part.start else "lines+markers",
+                marker={"size": 10, "color": cast.colours[part], "symbol": symbol,
+                        "line": {"width": 2}},
+                line={"color": LEADER, "width": 1.5},
+                hovertemplate=f"%{{text}}<br>{name.lower()} %{{y:.3f}} {unit}<extra></extra>",
+            )  # fmt: skip
     what = "Amplitude of speed" if wave else "Largest speed deviation"
     figure.update_yaxes(title_text=f"{what} [{'dB re leader' if in_db else unit}]",
                         rangemode="normal" if in_db else "tozero")  # fmt: skip
-    figure.update_xaxes(title_text=PLACE, dtick=1 if len(places) < 14 else 2)
+    figure.update_xaxes(title_text=PLACE if cast.numbers[-1] == str(len(places) - 1) else "Vehicle",
+                        tickvals=places, ticktext=cast.numbers)  # fmt: skip
     figure = finished(figure, 380, "platoon-amplitude")
     return figure.update_layout(
-        hovermode="closest", showlegend=wave is not None, legend=LEGEND | {"y": 1.0}, margin_t=40
-    )
+        hovermode="closest", showlegend=len(figure.data) > 1, legend=LEGEND | {"y": 1.0},
+        margin_t=40,
+    )  # fmt: skip
 
 
 def _decibels(values: FloatArray) -> FloatArray:
@@ -188,10 +336,10 @@ def _decibels(values: FloatArray) -> FloatArray:
 
 def speed_map(run: PlatoonRun, cast: Cast) -> go.Figure:
     """Speeds relative to the first one, over time and along the platoon."""
-    driven = run.trajectories
+    driven = run.valid
     rows = stretch(run)
     deviation = (driven.speeds[rows] - run.leader.speed).T
-    limit = float(np.abs(deviation).max()) or 1.0
+    limit = float(np.nanmax(np.abs(deviation))) or 1.0
     figure = go.Figure(
         go.Heatmap(
             x=driven.time[rows].astype(np.float32), y=np.arange(len(cast.names)),
@@ -201,165 +349,23 @@ def speed_map(run: PlatoonRun, cast: Cast) -> go.Figure:
         )
     )  # fmt: skip
     figure.update_xaxes(title_text=TIME.axis)
-    figure.update_yaxes(title_text=PLACE, autorange="reversed",
-                        dtick=1 if len(cast.names) < 14 else 2)  # fmt: skip
+    figure.update_yaxes(title_text="Vehicle", autorange="reversed",
+                        tickvals=np.arange(len(cast.names)), ticktext=cast.numbers)  # fmt: skip
     return finished(figure, 380, "platoon-map").update_layout(hovermode="closest")
 
 
 def stretch(run: PlatoonRun) -> NDArray[np.intp]:
     """The samples of the map: from just before the disturbance on; of a sinusoid, few periods."""
-    leader = run.leader
+    leader, time = run.leader, run.trajectories.time
     if not isinstance(leader, Sinusoid):
-        return _samples(run, 0.0, np.inf, COLUMNS)
+        return samples(run, (float(time[0]), float(time[-1])), COLUMNS)
     start = max(0.0, leader.settle - leader.period / 2)
-    return _samples(run, start, STRIPES * leader.period, COLUMNS)
+    return samples(run, (start, start + STRIPES * leader.period), COLUMNS)
 
 
-def watched(run: PlatoonRun) -> NDArray[np.intp]:
-    """The samples that become frames: the last periods, or what follows the disturbance."""
-    leader = run.leader
-    if isinstance(leader, Recorded):
-        return _samples(run, 0.0, np.inf, FRAMES)
-    if isinstance(leader, Sinusoid):
-        end = float(run.trajectories.time[run.meaningful - 1])
-        return _samples(run, max(0.0, end - PERIODS * leader.period), np.inf, FRAMES)
-    return _samples(run, max(0.0, leader.settle - 5.0), WATCHED, FRAMES)
-
-
-def _samples(run: PlatoonRun, start: Seconds, duration: Seconds, count: int) -> NDArray[np.intp]:
-    """At most ``count``, evenly spread, none after a collision, as these have no meaning."""
-    time = run.trajectories.time[: run.meaningful]
-    start = min(max(start, float(time[0])), float(time[-1]))
-    instants = np.linspace(start, min(float(time[-1]), start + duration), count)
+def samples(run: PlatoonRun, span: Span, count: int) -> NDArray[np.intp]:
+    """At most ``count`` of a part, evenly spread."""
+    time = run.trajectories.time
+    start, end = np.clip(span, time[0], time[-1])
+    instants = np.linspace(start, end, count)
     return np.unique(np.clip(np.searchsorted(time, instants - 1e-9), 0, len(time) - 1))
-
-
-def animation(run: PlatoonRun, cast: Cast) -> go.Figure:
-    """The cars on the road, seen from the leader, and their speeds: an animation with a slider."""
-    driven = run.trajectories
-    rows = watched(run)
-    behind = np.zeros((len(rows), len(cast.names)))
-    behind[:, 1:] = -np.cumsum(driven.gaps[rows] + CAR_LENGTH, axis=1)
-    speeds = driven.speeds[rows]
-    moments = [f"{driven.time[row]:.1f}" for row in rows]
-    pictures = [  # rounded to what a screen shows
-        ({"x": x, "y": [0.0] * len(x)}, {"x": x, "y": y})
-        for x, y in zip(behind.round(2).tolist(), speeds.round(3).tolist(), strict=True)
-    ]
-    figure = panels(0.2, 0.8, spacing=0.04)
-    look = {"color": cast.colours, "line": {"width": 0}}
-    road, track = pictures[0]
-    figure.add_scatter(
-        **road, mode="markers", marker={**look, "symbol": "square", "size": 13}, text=cast.names,
-        hovertemplate="%{text}<br>%{x:.1f} m<extra></extra>", row=1, col=1,
-    )  # fmt: skip
-    figure.add_scatter(
-        **track, mode="lines+markers", line={"color": LEADER, "width": 1.2}, text=cast.names,
-        marker={**look, "size": 10}, hovertemplate="%{text}<br>%{y:.2f} m/s<extra></extra>",
-        row=2, col=1,
-    )  # fmt: skip
-    for name, colour in zip(cast.names, cast.colours, strict=True):  # for `with_legend`
-        figure.add_scatter(
-            x=[None], y=[None], mode="markers", name=name, hoverinfo="skip",
-            marker={"symbol": "square", "size": 13, "color": colour}, row=1, col=1,
-        )  # fmt: skip
-    figure.frames = [
-        go.Frame(name=moment, data=list(picture), traces=[0, 1])
-        for moment, picture in zip(moments, pictures, strict=True)
-    ]
-    _ranges(figure, behind, speeds)
-    figure = finished(figure, 490, "platoon-wave")
-    return figure.update_layout(
-        hovermode="closest", margin_b=156, updatemenus=[_buttons()], sliders=[_slider(moments)]
-    )
-
-
-def _ranges(figure: go.Figure, behind: FloatArray, speeds: FloatArray) -> None:
-    """Axes that stand still while the cars move."""
-    margin = 0.06 * float(np.ptp(behind)) + 2.0
-    figure.update_xaxes(range=[float(behind.min()) - margin, float(behind.max()) + margin])
-    low, high = float(speeds.min()), float(speeds.max())
-    rim = 0.1 * (high - low) + 0.05
-    figure.update_yaxes(visible=False, range=[-1, 1], row=1, col=1)
-    figure.add_hline(y=-0.55, line={"color": LEADER, "width": 1}, row=1, col=1)
-    figure.update_yaxes(title_text=SPEED.axis, range=[low - rim, high + rim], row=2, col=1)
-    title = "Position behind the leader [m], driving to the right"
-    figure.update_xaxes(title_text=title, row=2, col=1)
-
-
-def _motion(duration: int) -> dict[str, Any]:
-    return {
-        "mode": "immediate", "fromcurrent": True, "frame": {"duration": duration, "redraw": False},
-        "transition": {"duration": duration, "easing": "linear"},
-    }  # fmt: skip
-
-
-def _buttons() -> dict[str, Any]:
-    play = {"label": "▶ Play", "method": "animate", "args": [None, _motion(FRAME_MS)]}
-    pause = {"label": "Pause", "method": "animate", "args": [[None], _motion(0)]}
-    return {
-        "type": "buttons", "direction": "left", "buttons": [play, pause], "showactive": False,
-        "x": 0, "xanchor": "left", "y": 0, "yanchor": "top", "pad": {"t": 112, "r": 8},
-        "bgcolor": "rgba(128, 140, 155, 0.18)", "borderwidth": 0,
-    }  # fmt: skip
-
-
-def _slider(moments: Sequence[str]) -> dict[str, Any]:
-    still = _motion(0)
-    steps = [{"label": one, "method": "animate", "args": [[one], still]} for one in moments]
-    return {
-        "steps": steps, "x": 0, "len": 1, "y": 0, "yanchor": "top", "pad": {"t": 58},
-        "ticklen": 0, "minorticklen": 0, "bordercolor": CLEAR,
-        "bgcolor": "rgba(128, 140, 155, 0.35)", "font": {"color": CLEAR},
-        "currentvalue": {"prefix": "t = ", "suffix": " s", "xanchor": "right",
-                         "font": {"color": LEADER}},
-    }  # fmt: skip
-
-
-@dataclass(frozen=True)
-class Panel:
-    """One of the paper's four."""
-
-    title: str
-    figure: go.Figure
-
-
-def paper_panels() -> tuple[Panel, ...]:
-    """The paper's four panels: eight times one AstaZero vehicle behind a sinusoid of 1 m/s.
-
-    Row by row, two a row; those of a vehicle have the same axis of speed.
-    """
-    runs = [
-        simulate_platoon(ASTAZERO.parameters[[k] * PANEL_FOLLOWERS], Sinusoid(frequency))
-        for k, frequency in PANELS
-    ]
-    reach: dict[int, float] = {}
-    for (k, _), run in zip(PANELS, runs, strict=True):
-        reach[k] = max(reach.get(k, 0.0), 1.05 * float(run.largest_deviation.max()))
-    return tuple(
-        Panel(
-            f"({letter}) {ASTAZERO.labels[k]} at {frequency:g} rad/s: {_fate(run)}",
-            _panel(run, k, letter, reach[k]),
-        )
-        for letter, (k, frequency), run in zip("acbd", PANELS, runs, strict=True)
-    )
-
-
-def _panel(run: PlatoonRun, k: int, letter: str, reach: float) -> go.Figure:
-    figure = panels(1)
-    cast, driven = cast_of(ASTAZERO, [k] * PANEL_FOLLOWERS), run.trajectories
-    for who in [*range(1, PANEL_FOLLOWERS + 1), 0]:
-        _line(figure, driven.time, driven.speeds[:, who], cast, who, 1, PANEL_POINTS)
-    speed = run.leader.speed
-    figure.update_xaxes(title_text=TIME.axis)
-    figure.update_yaxes(title_text=SPEED.axis, range=[speed - reach, speed + reach])
-    return finished(figure, 300, f"platoon-panel-{letter}")
-
-
-def _fate(run: PlatoonRun) -> str:
-    """Whether the wave grows or fades along the platoon; its amplitude at the last follower."""
-    size = run.amplitudes
-    if size is None or not size.periods:
-        return "not settled"
-    ratio = size.measured[-1] / size.measured[0]
-    return f"{'grows' if ratio > 1 else 'fades'} to {size.measured[-1]:.2f} m/s"

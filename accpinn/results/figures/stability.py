@@ -181,10 +181,8 @@ def criteria_by_vehicle(vehicles: ParameterSet, report: StabilityReport) -> go.F
     for row, limit, title in ((1, 0, "Criterion [1/s²]"), (2, 1, "Gain")):
         figure.add_hline(y=limit, line=LIMIT, row=row, col=1)
         figure.update_yaxes(title_text=title, row=row, col=1)
-    numbers = vehicles.vehicles[1:] if vehicles.numbered else places
-    figure.update_xaxes(tickvals=places, ticktext=[str(number) for number in numbers],
+    figure.update_xaxes(tickvals=places, ticktext=[*map(html.escape, vehicles.labels)],
                         range=[0.7, len(vehicles) + 0.3])  # fmt: skip
-    figure.update_xaxes(title_text="Vehicle" if vehicles.numbered else "Follower", row=2, col=1)
     return finished(figure, 400, "criteria")
 
 

@@ -35,6 +35,7 @@ from accpinn.units import FloatArray, Seconds, stretches
 
 NORMAL_90 = 1.645
 """Standard errors to each end of a 90 % interval."""
+HISTORY_HEIGHT = 225
 FEW = 30
 """So few moments of a training are marked one by one."""
 GAP_ERROR = replace(GAP, name="Error of the space-gap")
@@ -47,7 +48,7 @@ _SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
 def loss_history(history: History) -> go.Figure:
-    """The loss terms over iterations, on a logarithmic axis."""
+    """The loss terms over iterations, on logarithmic axes."""
     figure = go.Figure()
     terms = (
         ("Ψ", "total", history.total, LEADER, 3.0),
@@ -59,7 +60,7 @@ def loss_history(history: History) -> go.Figure:
     used = [term for term in terms if term[2].any()]
     for symbol, name, values, colour, width in used:
         figure.add_scatter(
-            x=history.iteration, y=np.where(values > 0, values, np.nan), name=f"{symbol} {name}",
+            x=_counted(history), y=np.where(values > 0, values, np.nan), name=f"{symbol} {name}",
             showlegend=False,  # the title names them, each in its colour
             mode=mode, line={"color": colour, "width": width}, marker={"size": 4},
         )  # fmt: skip
@@ -67,7 +68,7 @@ def loss_history(history: History) -> go.Figure:
     names = [f'<span style="color:{colour}">{name}</span>' for _, name, _, colour, _ in used]
     if history.evidence is not None:
         figure.add_scatter(
-            x=history.iteration, y=history.evidence, name="log evidence", yaxis="y2",
+            x=_counted(history), y=history.evidence, name="log evidence", yaxis="y2",
             showlegend=False, mode=mode, line={"color": MODEL, "width": 2, "dash": "dash"},
             marker={"size": 4},
         )  # fmt: skip
@@ -79,15 +80,20 @@ def loss_history(history: History) -> go.Figure:
 
 
 def parameter_history(
-    history: History, which: int, segment: SegmentInfo, truth: Parameters | None = None
+    history: History,
+    which: int,
+    segment: SegmentInfo,
+    truth: Parameters | None = None,
+    solved: Parameters | None = None,
 ) -> go.Figure:
-    """One parameter over iterations, dashed where the truth is known.
+    """One parameter over iterations, dashed where the truth is known, dotted for least squares.
 
     Args:
         history: parameters (K, P, 3), P = 1 in Case I.
         which: 0 for α, 1 for β, 2 for τ.
         segment: whose vehicles they belong to.
         truth: one entry a follower, or nothing.
+        solved: by least squares, one entry a follower, or nothing.
     """
     quantity = PARAMETERS[which]
     figure = go.Figure()
@@ -98,25 +104,30 @@ def parameter_history(
         shared = sets == 1 and segment.followers > 1
         if ends is not None:
             figure.add_scatter(
-                x=np.concatenate([history.iteration, history.iteration[::-1]]),
+                x=np.concatenate([_counted(history), _counted(history)[::-1]]),
                 y=np.concatenate([ends[0][:, k], ends[1][::-1, k]]), fill="toself",
                 line={"width": 0, "color": SHARED if shared else colours[k]}, opacity=0.25,
                 mode="lines", hoverinfo="skip", showlegend=False,
             )  # fmt: skip
         figure.add_scatter(
-            x=history.iteration, y=history.parameters.values[:, k, which],
+            x=_counted(history), y=history.parameters.values[:, k, which],
             name=EVERY_FOLLOWER if shared else html.escape(segment.labels[k + 1]),
             mode=_mode_for(len(history.iteration)), marker={"size": 4},
             line={"color": SHARED if shared else colours[k], "width": 2},
         )  # fmt: skip
-    true = truth.values[:, which].tolist() if truth else []
-    for value, colour in zip(true, colours, strict=False):
-        figure.add_hline(y=value, line=TRUTH | {"color": colour})
-    # Where the parameters converge, not where they happened to start.
-    late = history.parameters.values[len(history.iteration) // 2 :, :, which]
+    seen = history.parameters.values[:, :, which]
     if ends is not None:
-        late = np.append(late, [one[-1] for one in ends])
-    shown = limits(np.append(late, true), 0.12) or None
+        seen = np.append(seen, [one[-1] for one in ends])
+    for reference, dash in ((solved, "dot"), (truth, "dash")):
+        values = reference.values[:sets, which] if reference else np.zeros(0)
+        for value, colour in zip(values, colours, strict=False):
+            colour = SHARED if sets < segment.followers else colour
+            figure.add_shape(
+                type="line", xref="paper", x0=0, x1=1, y0=value, y1=value,
+                line=TRUTH | {"color": colour, "dash": dash},
+            )  # fmt: skip
+        seen = np.append(seen, values)
+    shown = limits(seen, 0.08) or None
     figure.update_yaxes(title_text=quantity.heading, range=shown)
     return _over_iterations(figure, quantity.name, f"parameter-{which}")
 
@@ -130,10 +141,15 @@ def _interval(history: History, which: int) -> tuple[FloatArray, FloatArray] | N
     return values / spread, values * spread
 
 
+def _counted(history: History) -> FloatArray:
+    """(K,) the iterations for a logarithmic axis, which has no zero."""
+    return np.maximum(history.iteration, 1.0)
+
+
 def _over_iterations(figure: go.Figure, title: str, revision: str) -> go.Figure:
     """The looks of a small panel over iterations."""
-    figure.update_xaxes(title_text="Iteration")
-    figure = finished(figure, 250, revision)
+    figure.update_xaxes(title_text="Iteration", type="log", dtick=1)
+    figure = finished(figure, HISTORY_HEIGHT, revision)
     return figure.update_layout(
         title={"text": title, "font": {"size": 13}, "x": 0, "y": 0.97}, margin_t=34
     )
@@ -164,6 +180,7 @@ def tracking(
     with_error: bool = False,
     predicted: GapBand | None = None,
     disturbance: FloatArray | None = None,
+    height: int | None = None,
 ) -> go.Figure:
     """Gap and speed of one follower: data, the method's curve, and the closed-loop simulation.
 
@@ -176,6 +193,7 @@ def tracking(
         with_error: adds a panel with the error of the gap; needs the data.
         predicted: the band of the gap, drawn under its curves.
         disturbance: (N, M) in m/s²; adds a panel.
+        height: in pixels; by default that of its panels.
     """
     data = segment if isinstance(segment, Segment) else None
     rows = [GAP, SPEED, *([GAP_ERROR] if data and with_error else [])]
@@ -221,7 +239,7 @@ def tracking(
             showlegend=False, row=len(rows), col=1,
         )  # fmt: skip
     label_axes(figure, rows)
-    height = 140 + 160 * len(rows)
+    height = height or 140 + 160 * len(rows)
     return with_legend(finished(figure, height, f"tracking-{number}"))
 
 

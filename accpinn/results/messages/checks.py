@@ -15,7 +15,7 @@ TITLES: Mapping[CheckName, str] = {
 }
 MEANING: Mapping[CheckName, str] = {
     "converged": (
-        "Whether more iterations would still change the estimate. The first charts show loss and"
+        "Whether more iterations would still change the estimate. Tab Training shows loss and"
         " parameters over iterations."
     ),
     "inside": (
@@ -28,7 +28,7 @@ MEANING: Mapping[CheckName, str] = {
     ),
     "collision-free": (
         "Whether the closed-loop simulation behind the measured leader ends without a collision,"
-        " reversing or divergence. The last chart shows it beside the data."
+        " reversing or divergence. The chart shows it beside the data."
     ),
     "explained": (
         "Whether what the model leaves over is no more than noise. Page Compare shows forms of the"

@@ -16,10 +16,14 @@ from accpinn.inference.model_adequacy import (
     Inadequate,
 )
 from accpinn.methods.maximum_likelihood import DisturbanceSize
+from accpinn.methods.registry import METHODS
 from accpinn.methods.state_space import Form
 from accpinn.results.messages import Labelled, joined, message
+from accpinn.study.recommendation import Recommendation
 from accpinn.study.windows import WindowsDiffer
 
+FEW = 3
+"""More methods than these are counted, not named."""
 QUANTITIES = {one.symbol: one for one in PARAMETERS}
 BIAS = (
     "disturbances to which the vehicle itself responds bias what fits the accelerations best, so"
@@ -289,3 +293,31 @@ def _(finding: DisturbanceSize, about: Labelled) -> str:
         f" {finding.deviation:.2f} m/s²; it is correlated over about {finding.memory:.1f} s and"
         f" builds up within about {finding.rise:.1f} s."
     )
+
+
+@message.register
+def _(finding: Recommendation, about: Labelled) -> str:
+    if not finding.intervals:
+        return "Nothing: these data determine no parameter."
+    said = []
+    if finding.better:
+        said.append(f"A model with {EXTRA[finding.better.form]} describes the data better.")
+    if finding.wide:
+        only = "is" if len(finding.wide) == 1 else "are"
+        said.append(f"{joined(finding.wide)} {only} known only to the order of magnitude.")
+    else:
+        said.append("All three are identified.")
+    count, level = len(finding.outside), f"{100 * finding.level:.0f} %"
+    if count:
+        of = "the CTHP's" if finding.better else "the"
+        who = joined([METHODS[key].title for key in finding.outside])
+        if count > FEW:
+            who = f"{count} of {finding.methods} methods"
+        said.append(f"Outside {of} {level} intervals: {who}.")
+    else:
+        said.append(f"All {finding.methods} methods lie within the {level} intervals.")
+    if finding.is_adequate is False:
+        said.append("What the model leaves over is not noise, so intervals may be too narrow.")
+    elif finding.is_adequate:
+        said.append("No test speaks against the model.")
+    return " ".join(said)

@@ -165,3 +165,9 @@ def check_rows(verification: Verification, about: Labelled) -> tuple[CheckRow, .
         CheckRow(_title(check), *_values(check), check.ok, message(check, about))
         for check in verification.checks
     )
+
+
+def counted(verification: Verification) -> str:
+    """How many of the stored figures agree with those computed anew: "41 of 41 agree"."""
+    agreeing = sum(check.ok for check in verification.checks)
+    return f"{agreeing} of {len(verification.checks)} agree"

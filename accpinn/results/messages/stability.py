@@ -4,7 +4,6 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from math import isinf, isnan
-from typing import Literal
 
 from accpinn.channels import PARAMETERS
 from accpinn.inference.intervals import Uncertainty
@@ -14,11 +13,13 @@ from accpinn.platoon.simulation import PlatoonRun
 from accpinn.results.messages import Labelled, joined, message
 from accpinn.results.tables.table import between
 from accpinn.stability.report import (
+    Assessment,
     Behaviour,
     Criterion,
     StabilityReport,
     VehicleStability,
     Verdict,
+    assessment,
 )
 from accpinn.units import FloatArray
 
@@ -46,9 +47,6 @@ BEHAVIOURS: Mapping[Behaviour, str] = {
 }
 _UNDAMPED = "With β = 0 and τ = 0 the vehicle is undamped"
 NUMBERS = ("no", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine", "ten")
-CERTAIN = 0.95
-"""A vehicle is called string stable from this probability on, and unstable up to its complement."""
-Assessment = Literal["unstable", "stable", "open", "not determined"]
 _ASSESSED: Mapping[Assessment, str] = {
     "unstable": "amplifies disturbances",
     "stable": "is L₂ string stable",
@@ -61,7 +59,15 @@ _ASSESSED_MANY: Mapping[Assessment, str] = {
     "open": "may amplify disturbances or not",
     "not determined": "are not determined by the data",
 }
-AFTER_COLLISION = "The model has no collisions: the motion simulated after one has no meaning."
+AFTER_COLLISION = (
+    "The model has no collisions: what is simulated after one has no meaning for that vehicle and"
+    " those behind it, so they end there; those ahead of it drive on."
+)
+GIVEN_PARAMETERS = (
+    "The verdict is that of the CTHP with these parameters; a car whose actuator lags or whose"
+    " controller responds with a delay may amplify more."
+)
+"""What a verdict on parameters without a recording takes for granted."""
 SAME_AMPLITUDE = 0.005
 """An amplitude that differs by a smaller share is called as large as the leader's."""
 
@@ -259,13 +265,6 @@ def _verdict(chosen: ParameterSet, uncertainty: Uncertainty) -> str:
     return f"Of {total} vehicles {joined(parts)}."
 
 
-def assessment(stable: float) -> Assessment:
-    """What a probability of string stability amounts to."""
-    if isnan(stable):
-        return "not determined"
-    return "stable" if stable >= CERTAIN else "unstable" if stable <= 1 - CERTAIN else "open"
-
-
 def _odds(stable: FloatArray) -> str:
     """The probability of each of M vehicles, or its range, in brackets."""
     low, high = float(stable.min()), float(stable.max())
@@ -278,7 +277,7 @@ def _odds(stable: FloatArray) -> str:
 
 
 def certainty(chosen: ParameterSet, report: StabilityReport, uncertainty: Uncertainty) -> str:
-    """Each vehicle's probability of string stability, and the interval of the largest peak.
+    """The interval of the largest peak, and the estimates outside their intervals.
 
     Args:
         chosen: the vehicles' names and parameters.
@@ -287,11 +286,31 @@ def certainty(chosen: ParameterSet, report: StabilityReport, uncertainty: Uncert
     """
     worst = max(range(len(chosen)), key=lambda k: report.vehicles[k].peak.gain)
     parts = (
-        probabilities(chosen, uncertainty) if len(chosen) > 1 else "",
         _peak_interval(chosen, report, uncertainty, worst),
         _outside(chosen, uncertainty),
     )
     return " ".join(part for part in parts if part)
+
+
+def criteria_differ(chosen: ParameterSet, report: StabilityReport) -> str:
+    """Which vehicles are L∞ stable by the paper's criterion only; empty where none is.
+
+    Args:
+        chosen: the vehicles' names and parameters.
+        report: theirs.
+    """
+    who = [
+        name
+        for name, vehicle in zip(chosen.spoken, report.vehicles, strict=True)
+        if vehicle.linf_paper.stable and not vehicle.linf_exact.stable
+    ]
+    if not who:
+        return ""
+    verb = "meets" if len(who) == 1 else "meet"
+    return (
+        f"{_capital(joined(who))} {verb} the paper's L∞ criterion, which is necessary but not"
+        " sufficient: by the exact criterion peaks grow."
+    )
 
 
 def probabilities(chosen: ParameterSet, uncertainty: Uncertainty) -> str:
@@ -309,7 +328,8 @@ def _peak_interval(
     peak = uncertainty.peak_gain
     interval = between(float(peak.lower[k]), float(peak.upper[k]), 2)
     gain, level = report.vehicles[k].peak.gain, 100 * uncertainty.level
-    return f"Peak gain of the estimate: {gain:.3g}; {level:.0f} % interval: {interval}."
+    whose = f" of {chosen.spoken[k]}" if len(chosen) > 1 else ""
+    return f"Peak gain{whose}: {gain:.3g} by the estimate, {level:.0f} % interval {interval}."
 
 
 def _outside(chosen: ParameterSet, uncertainty: Uncertainty) -> str:
@@ -395,12 +415,15 @@ def disturbance(run: PlatoonRun, places: Places = PLACES) -> str:
     wave, moved = run.amplitudes, run.largest_deviation
     what = "oscillation" if wave else "largest speed deviation"
     if run.collisions:
-        first = run.collisions[0]
+        first, *others = run.contacts
         end = f"{places.spoken(first.follower)} collides at {first.time:.0f} s"
+        if others:
+            who = [f"{places.spoken(one.follower)} at {one.time:.0f} s" for one in others]
+            end += f", then {joined(who)}"
         if not moved[0] > 0:
             return f"{_capital(end)}."
         ratio = moved.max() / moved[0]
-        return f"Speeds deviate up to {ratio:.3g} times as much as the leader's, until {end}."
+        return f"Speeds deviate up to {ratio:.3g} times as much as the leader's; {end}."
     sizes = wave.measured if wave and wave.periods else moved
     if not sizes[0] > 0:
         return "The leader's speed is constant, so there is no disturbance."
@@ -416,6 +439,12 @@ def disturbance_details(run: PlatoonRun, places: Places = PLACES) -> str:
     wave, parts = run.amplitudes, []
     if run.collisions:
         parts.append(AFTER_COLLISION)
+        last = run.survivors - 1
+        if last:
+            size = run.largest_deviation[last]
+            parts.append(
+                f"The last to drive on, {places.spoken(last)}, deviates by {size:.3g} m/s."
+            )
     if wave:
         would = "would reach" if run.collisions else "reaches"
         parts.append(f"By |H| the last follower {would} {wave.predicted[-1]:.3g} m/s.")

@@ -33,6 +33,9 @@ _BEGINNING = 200
 CAP_BYTES = 2_000_000_000
 """Of the whole library; a result of 300 s without its data takes well below 1 MB."""
 CAP_COUNT = 1000
+DELETED = ".deleted"
+"""Ending of a file that can still be brought back."""
+RESTORABLE: Seconds = 24 * 3600.0
 ABANDONED: Seconds = 3600.0
 """A file that was begun so long ago is nobody's any more."""
 LOCK = ".lock"
@@ -201,11 +204,12 @@ class Library:
             lock.release()
 
     def _sweep(self) -> None:
-        """Remove what processes that were killed while writing have left behind."""
-        for path in self.folder.glob(f"*{UNFINISHED}"):
-            with suppress(OSError):  # another process swept it just now
-                if time.time() - path.stat().st_mtime > ABANDONED:
-                    path.unlink()
+        """Remove what was deleted long ago, and what killed processes have left behind."""
+        for ending, kept in ((UNFINISHED, ABANDONED), (DELETED, RESTORABLE)):
+            for path in self.folder.glob(f"*{ending}"):
+                with suppress(OSError):  # another process swept it just now
+                    if time.time() - path.stat().st_mtime > kept:
+                        path.unlink()
 
     def entries(self) -> tuple[Entry, ...]:
         """All, the newest first, damaged ones last; a file is read again once it changed."""
@@ -245,14 +249,36 @@ class Library:
         return read_file(path)
 
     def delete(self, name: str) -> None:
-        """Remove one, damaged or not; nothing happens where another did so already."""
+        """Remove one, damaged or not; nothing happens where another did so already.
+
+        For a day `restore` brings it back.
+        """
         try:
-            self._path(name).unlink(missing_ok=True)
+            path = self._path(name)
+            with suppress(FileNotFoundError):
+                os.replace(path, path.with_suffix(DELETED))
+                os.utime(path.with_suffix(DELETED))
         except OSError as fault:
             raise SnapshotError(
                 f"Snapshot {name} cannot be deleted ({fault.strerror}); check who may write to"
                 f" {self.folder}."
             ) from None
+
+    def restore(self, name: str) -> None:
+        """Bring back one that was deleted.
+
+        Raises:
+            SnapshotError: where it is gone for good, or the library is full.
+        """
+        path = self._path(name)
+        deleted = path.with_suffix(DELETED)
+        with self._alone():
+            if path.exists():
+                return
+            if not deleted.exists():
+                raise _unknown(name)
+            self._check_room(deleted.stat().st_size)
+            os.replace(deleted, path)
 
     def _path(self, name: str) -> Path:
         """Where it lies; a name that is none never becomes a path."""

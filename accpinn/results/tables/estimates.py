@@ -3,6 +3,7 @@
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import repeat
+from math import inf, nan
 from typing import Any
 
 import numpy as np
@@ -21,19 +22,22 @@ from accpinn.results.tables.table import Cell, Column, Estimate, Range, Table, s
 from accpinn.segment.quality import Quality, Regimes
 from accpinn.segment.segment import SegmentInfo
 from accpinn.study.comparison import FitRecord, MethodResult, differences
+from accpinn.study.recommendation import Recommendation
 from accpinn.study.sensitivity import COMPARED, SensitivityResult
 from accpinn.units import FloatArray
 
 Filled = tuple[Column, Iterable[Cell]]
 """A column with its cells."""
 
+PARAMETER_KEYS = ("alpha", "beta", "tau")
 PARAMETER_COLUMNS = tuple(
     Column(quantity.symbol, quantity.unit, quantity.digits, key=key)
-    for quantity, key in zip(PARAMETERS, ("alpha", "beta", "tau"), strict=True)
+    for quantity, key in zip(PARAMETERS, PARAMETER_KEYS, strict=True)
 )
 GAP = "MAE of the space-gap"
 EVERY_FOLLOWER = "Every follower"
 """The label of parameters that all followers share (Case I)."""
+DRIVER = "Driver"
 PROBABILITY = "Probability of string stability"
 AGAINST = "Minus the CTHP's"
 TITLES = {key: method.title for key, method in METHODS.items()}
@@ -83,7 +87,7 @@ def _driver(share: float) -> str:
 def driver_cells(who: Sequence[str], above: int = 0) -> Iterator[Filled]:
     """Who drives in place of ACC, as a column below ``above`` empty cells; none for nobody."""
     if who:
-        yield Column("Driver"), _absent(above, [name or None for name in who])
+        yield Column(DRIVER), _absent(above, [name or None for name in who])
 
 
 def parameter_table(
@@ -136,6 +140,18 @@ def parameter_table(
             *((column, own(cells)) for column, cells in of_each),
         ],
     )
+
+
+def estimate_part(table: Table) -> Table:
+    """Of a `parameter_table`: who drives, parameters and probabilities; no row without any."""
+    return table.only(lambda column: column.key in PARAMETER_KEYS or column.group == PROBABILITY
+                      or column.title == DRIVER)  # fmt: skip
+
+
+def error_part(table: Table) -> Table:
+    """Of a `parameter_table`: mean time gap and the errors of both kinds."""
+    return table.only(lambda column: not (column.key or column.group == PROBABILITY)
+                      and column.title != DRIVER)  # fmt: skip
 
 
 def row_vehicles(info: SegmentInfo, case: Case) -> tuple[int, ...]:
@@ -218,6 +234,42 @@ def intervals_table(info: SegmentInfo, uncertainty: Uncertainty, case: Case = "I
             *((column, [*cells][: len(numbers)]) for column, cells in filled),
         ],
     )
+
+
+def recommendation_table(
+    info: SegmentInfo, found: Sequence[Recommendation], reasons: Sequence[str]
+) -> Table:
+    """One row a follower, or one for all that share: what to use, and how sure that is.
+
+    Args:
+        info: names the followers.
+        found: the recommendations, at least one.
+        reasons: for each, in words.
+    """
+    cells: list[list[Cell]] = [
+        [Estimate(_number(k.likeliest), k.lower, _number(k.upper, inf)) for k in one.intervals]
+        for one in found
+    ]
+    cells = [row or [None] * len(PARAMETERS) for row in cells]
+    of = [
+        f"Maximum likelihood, {one.better.form}" if one.better else "Maximum likelihood"
+        for one in found
+    ]
+    group = f"Estimate ({100 * found[0].level:.0f} % interval)"
+    columns = (replace(column, group=group) for column in PARAMETER_COLUMNS)
+    return Table.of(
+        f"Recommended, {where(info)}",
+        [
+            (Column("Vehicle"), _labels(info, [one.vehicle for one in found])),
+            (Column("Use"), of),
+            *zip(columns, zip(*cells, strict=True), strict=True),
+            (Column("How sure", prose=True), reasons),
+        ],
+    )
+
+
+def _number(value: float | None, otherwise: float = nan) -> float:
+    return otherwise if value is None else value
 
 
 def methods_table(info: SegmentInfo, results: Sequence[MethodResult], follower: int) -> Table:

@@ -1,6 +1,6 @@
 """String stability as tables in the manner of the paper's Table III, with the exact L∞ gain."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
@@ -16,16 +16,27 @@ from accpinn.results.tables.estimates import (
     parameter_cells,
     supported_columns,
 )
-from accpinn.results.tables.table import Cell, Column, Range, Table
-from accpinn.stability.report import StabilityReport, Verdict
+from accpinn.results.tables.table import Cell, Column, Estimate, Range, Table
+from accpinn.stability.measured_gain import MeasuredGain
+from accpinn.stability.report import Assessment, StabilityReport, Verdict, assessment
 from accpinn.units import FloatArray
 
 L2, LINF = "L₂ string stability", "L∞ string stability"
 HEADWAY = "Smallest stable τ"
+WORDS: Mapping[Assessment, str] = {
+    "unstable": "unstable",
+    "stable": "stable",
+    "open": "undecided",
+    "not determined": "not determined",
+}
+"""What the posterior says of a vehicle, in a cell."""
 
 
 def stability_table(
-    vehicles: ParameterSet, report: StabilityReport, uncertainty: Uncertainty | None = None
+    vehicles: ParameterSet,
+    report: StabilityReport,
+    uncertainty: Uncertainty | None = None,
+    parameters: bool = True,
 ) -> Table:
     """One row a vehicle: parameters, verdicts, peak, crossover, exact gain, smallest headways.
 
@@ -33,8 +44,13 @@ def stability_table(
         vehicles: names and parameters.
         report: theirs.
         uncertainty: of the fit that they are from; adds the probabilities of string stability.
+        parameters: whether α, β and τ are among the columns.
     """
     found = report.vehicles
+    own = parameter_cells(
+        Parameters.stack(vehicle.parameters for vehicle in found),
+        columns=supported_columns(uncertainty),
+    )
     headways = [vehicle.smallest_tau for vehicle in found]
     gain = Column(LINF_GAIN.symbol, "", LINF_GAIN.digits, LINF, key="linf_gain")
     frequency, digits = FREQUENCY.unit, FREQUENCY.digits
@@ -43,10 +59,7 @@ def stability_table(
         [
             (Column("Vehicle"), vehicles.labels),
             *driver_cells(vehicles.drivers),
-            *parameter_cells(
-                Parameters.stack(vehicle.parameters for vehicle in found),
-                columns=supported_columns(uncertainty),
-            ),
+            *(own if parameters else ()),
             *_probability(L2, uncertainty.probability_l2 if uncertainty else None),
             (Column("Stable", group=L2), [answer(v.l2) for v in found]),
             (Column("Peak", "dB", MAGNITUDE.digits, L2), [v.peak.db for v in found]),
@@ -62,6 +75,70 @@ def stability_table(
     )
 
 
+def verdict_table(
+    vehicles: ParameterSet, report: StabilityReport, uncertainty: Uncertainty | None = None
+) -> Table:
+    """One row a vehicle, fit for a narrow page: parameters, and by each norm gain and verdict.
+
+    With an uncertainty the verdicts are those of the posterior, and gains have their intervals.
+
+    Args:
+        vehicles: names and parameters.
+        report: theirs.
+        uncertainty: of the fit that they are from.
+    """
+    found = report.vehicles
+    gain = Column(LINF_GAIN.symbol, "", LINF_GAIN.digits, LINF, key="linf_gain")
+    peak = Column("Peak", "dB", MAGNITUDE.digits, L2)
+    peaks, gains = [v.peak.db for v in found], [v.linf_gain for v in found]
+    decibels = _decibels(uncertainty.peak_gain) if uncertainty else None
+    l2, linf = (
+        (uncertainty.probability_l2, uncertainty.probability_linf) if uncertainty else (None, None)
+    )
+    return Table.of(
+        "",
+        [
+            (Column("Vehicle"), vehicles.labels),
+            *driver_cells(vehicles.drivers),
+            *parameter_cells(
+                Parameters.stack(vehicle.parameters for vehicle in found),
+                columns=supported_columns(uncertainty),
+            ),
+            *_probability(L2, l2),
+            (Column("Verdict", group=L2), _verdicts(l2, [v.l2 for v in found])),
+            (peak, _with_ends(peaks, decibels)),
+            (Column("at ω", FREQUENCY.unit, FREQUENCY.digits, L2),
+             [v.peak.omega or None for v in found]),
+            *_probability(LINF, linf),
+            (Column("Verdict", group=LINF), _verdicts(linf, [v.linf_exact for v in found])),
+            (gain, _with_ends(gains, uncertainty.linf_gain if uncertainty else None)),
+        ],
+    )  # fmt: skip
+
+
+def _verdicts(shares: FloatArray | None, verdicts: Sequence[Verdict]) -> list[str]:
+    """By the posterior where it is known, else by the criterion."""
+    if shares is not None:
+        return [WORDS[assessment(share)] for share in shares.tolist()]
+    return [
+        ("stable" if one.stable else "unstable") + (", marginal" if one.marginal else "")
+        for one in verdicts
+    ]
+
+
+def _with_ends(values: Sequence[float], ends: Interval | None) -> Sequence[Cell]:
+    """Values with their intervals, where these are known."""
+    if ends is None:
+        return values
+    rows = zip(values, ends.lower.tolist(), ends.upper.tolist(), strict=True)
+    return [Estimate(value, low, high) for value, low, high in rows]
+
+
+def _decibels(gain: Interval) -> Interval:
+    with np.errstate(divide="ignore"):  # minus infinity where nothing passes
+        return Interval(20 * np.log10(gain.lower), 20 * np.log10(gain.upper))
+
+
 def _probability(group: str, shares: FloatArray | None) -> Iterator[Filled]:
     if shares is not None:
         yield Column("Probability", "%", 0, group), 100 * shares
@@ -71,15 +148,14 @@ def stability_interval_table(vehicles: ParameterSet, uncertainty: Uncertainty) -
     """One row a vehicle: intervals of peak, crossover and gain; probability of stability."""
     percent = f"{100 * uncertainty.level:.0f} % interval"
     l2, linf = 100 * uncertainty.probability_l2, 100 * uncertainty.probability_linf
-    with np.errstate(divide="ignore"):  # minus infinity where nothing passes
-        decibels = Interval(
-            20 * np.log10(uncertainty.peak_gain.lower), 20 * np.log10(uncertainty.peak_gain.upper)
-        )
     return Table.of(
         f"Uncertainty of string stability, {vehicles.title}",
         [
             (Column("Vehicle"), vehicles.labels),
-            (Column("Peak of |H|", "dB", MAGNITUDE.digits, percent), _ranges(decibels)),
+            (
+                Column("Peak of |H|", "dB", MAGNITUDE.digits, percent),
+                _ranges(_decibels(uncertainty.peak_gain)),
+            ),
             (
                 Column("Amplified below", FREQUENCY.unit, FREQUENCY.digits, percent),
                 _ranges(uncertainty.crossover),
@@ -91,17 +167,34 @@ def stability_interval_table(vehicles: ParameterSet, uncertainty: Uncertainty) -
     )
 
 
-def amplitude_table(run: PlatoonRun) -> Table:
-    """One row a vehicle, leader first: amplitudes behind a sinusoid, and the smallest gap."""
+def amplitude_table(run: PlatoonRun, labels: Sequence[str] = ()) -> Table:
+    """One row a vehicle, leader first: behind a sinusoid amplitudes, and else largest deviations.
+
+    Args:
+        run: a simulated platoon.
+        labels: (M+1,) of the vehicles; by default their places.
+    """
     waves, followers = run.amplitudes, len(run.minimum_gap)
-    assert waves is not None
-    return Table.of(
-        "",
-        [
-            (Column("Vehicle"), ["Leader", *(f"Follower {k + 1}" for k in range(followers))]),
+    labels = labels or ["Leader", *(f"Follower {k + 1}" for k in range(followers))]
+    sizes: list[Filled] = [(Column("Largest deviation", "m/s", 4), run.largest_deviation)]
+    if waves:
+        sizes = [
             (Column("Amplitude", "m/s", 4), waves.measured),
             (Column("Predicted", "m/s", 4), waves.predicted),
-            (Column("Smallest gap", "m", 2), [None, *run.minimum_gap]),
+        ]
+    gap = Column("Smallest gap", "m", 2)
+    return Table.of("", [(Column("Vehicle"), labels), *sizes, (gap, [None, *run.minimum_gap])])
+
+
+def measured_gain_table(label: str, found: MeasuredGain) -> Table:
+    """One row a frequency: the gain measured by Welch's method, its band and the coherence."""
+    band = map(Estimate, found.gain.tolist(), found.lower.tolist(), found.upper.tolist())
+    return Table.of(
+        f"Measured gain, {label}",
+        [
+            (Column(FREQUENCY.symbol, FREQUENCY.unit, FREQUENCY.digits), found.omega),
+            (Column("Gain", "", 3), band),
+            (Column("Coherence", "", 3), found.coherence),
         ],
     )
 

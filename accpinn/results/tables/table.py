@@ -7,14 +7,16 @@ import csv
 import io
 import math
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
-from itertools import groupby
+from itertools import compress, groupby
 from typing import NamedTuple
 
 import numpy as np
 from jinja2 import Environment, StrictUndefined
 from markupsafe import Markup
+
+from accpinn.results.glossary import meaning_of
 
 
 class Range(NamedTuple):
@@ -30,6 +32,11 @@ class Estimate(NamedTuple):
     value: float
     low: float
     high: float
+
+    @property
+    def is_inside(self) -> bool:
+        """Whether the value lies in its interval; one that is unknown does."""
+        return not (self.value < self.low or self.value > self.high)
 
 
 Cell = str | float | Range | Estimate | None
@@ -117,7 +124,7 @@ class Column:
         if isinstance(cell, Range):
             return self._range(cell)
         if isinstance(cell, Estimate):
-            return self._estimate(cell)
+            return "{} ({})".format(*self._estimate(cell))
         if cell is None or (isinstance(cell, float) and not math.isfinite(cell)):
             return ABSENT
         if isinstance(cell, str):
@@ -128,11 +135,19 @@ class Column:
             return f"< {10.0**-digits:.{digits}f}"
         return shown
 
-    def _estimate(self, cell: Estimate) -> str:
-        """As "0.0147 (0.0095–0.0198)"."""
+    def html(self, cell: Cell) -> str:
+        """The same for a web page: where there is little room, an interval has its own line."""
+        if isinstance(cell, Estimate):
+            mark = "" if cell.is_inside else Markup('<b title="outside its interval">*</b>')
+            value, ends = self._estimate(cell)
+            return Markup("{}{} <span>({})</span>").format(value, mark, ends)
+        return self.shown(cell)
+
+    def _estimate(self, cell: Estimate) -> tuple[str, str]:
+        """As "0.0147" and "0.0095–0.0198"."""
         column = replace(self, digits=supported_digits(cell.low, cell.high, self.digits or 0))
         ends = column.shown(Range(cell.low, cell.high)).replace(" to ", "–")
-        return f"{column.shown(cell.value)} ({ends})"
+        return column.shown(cell.value), ends
 
     def _range(self, cell: Range) -> str:
         low, high = (math.isfinite(end) for end in cell)
@@ -181,6 +196,17 @@ class Table:
     def coloured(self, colours: Sequence[str]) -> "Table":
         """The same table with a mark for each row."""
         return replace(self, colours=tuple(colours))
+
+    def only(self, wanted: Callable[[Column], bool]) -> "Table":
+        """The first column and the ``wanted`` ones, without the rows that are empty in those."""
+        places = [k for k, column in enumerate(self.columns) if k and wanted(column)]
+        kept = [any(row[k] is not None for k in places) for row in self.rows]
+        return replace(
+            self,
+            columns=tuple(self.columns[k] for k in (0, *places)),
+            rows=tuple(tuple(row[k] for k in (0, *places)) for row in compress(self.rows, kept)),
+            colours=tuple(compress(self.colours, kept)),
+        )
 
     def to_text(self) -> str:
         """Columns as wide as they need to be; the first is set left, the others right."""
@@ -244,12 +270,17 @@ class Table:
 
     def to_html(self) -> str:
         """A figure with caption and table, both of class "figures"; `STYLE` belongs to it."""
-        return _HTML.render(
-            table=self, groups=self._groups(), rows=self._shown(), colours=self.colours, long=LONG
+        return _TABLE.render(
+            table=self,
+            groups=self._groups(),
+            rows=self._shown(Column.html),
+            long=LONG,
+            colours=self.colours,
         )
 
-    def _shown(self) -> list[list[str]]:
-        return [[c.shown(v) for c, v in zip(self.columns, row, strict=True)] for row in self.rows]
+    def _shown(self, as_text: Callable[[Column, Cell], str] = Column.shown) -> list[list[str]]:
+        columns = self.columns
+        return [[as_text(c, v) for c, v in zip(columns, row, strict=True)] for row in self.rows]
 
     def _groups(self) -> list[tuple[str, int]]:
         """Each group's heading and how many columns it spans; empty where there is none."""
@@ -269,7 +300,9 @@ class Table:
         return [f"    {' & '.join(heads)} \\\\", f"    {' '.join(rules)}"]
 
 
-_HTML = Environment(autoescape=True, undefined=StrictUndefined).from_string("""\
+_HTML = Environment(autoescape=True, undefined=StrictUndefined)
+_HTML.globals["meaning_of"] = meaning_of
+_TABLE = _HTML.from_string("""\
 <figure class="figures">
 {%- if table.caption %}<figcaption>{{ table.caption }}</figcaption>{% endif -%}
 <div><table class="figures"><thead>
@@ -278,7 +311,9 @@ _HTML = Environment(autoescape=True, undefined=StrictUndefined).from_string("""\
 <th colspan="{{ width }}"{{ " class=group" if name }}>{{ name }}</th>
 {%- endfor %}</tr>{% endif %}<tr>
 {%- for column in table.columns -%}
-<th scope="col"{{ column.html_class }}>{{ column.title }}
+<th scope="col"{{ column.html_class }}
+{%- set meaning = meaning_of(column.title) %}{% if meaning %} title="{{ meaning }}"{% endif %}>
+{{- column.title }}
 {%- if column.unit %} <small>[{{ column.unit }}]</small>{% endif %}</th>
 {%- endfor %}</tr></thead><tbody>
 {%- for cells in rows %}<tr>{% set row = loop.index0 %}
@@ -297,16 +332,20 @@ figure.figures > div { overflow-x: auto; background:
   linear-gradient(to left, var(--shade), transparent) right / 1rem 100% no-repeat scroll; }
 figure.figures figcaption { padding: 0 0 .35rem; font-weight: 600; }
 table.figures { border-collapse: collapse; width: 100%; font-variant-numeric: tabular-nums; }
-table.figures th, table.figures td { padding: .32rem .5rem; text-align: left; white-space: nowrap;
+table.figures th, table.figures td { padding: .32rem .4rem; text-align: left; white-space: nowrap;
   border: 0; }
 table.figures .number { text-align: right; }
+table.figures td.number { white-space: normal; }
+table.figures td span { display: inline-block; white-space: nowrap; opacity: .8; font-size: .92em; }
 table.figures td.prose { white-space: normal; min-width: 12rem; overflow-wrap: anywhere; }
 table.figures tr > :first-child:not(th[colspan]), table.figures th[colspan="1"]:first-child {
   position: sticky; left: 0; background: var(--page); z-index: 1; }
 table.figures tbody td:first-child { max-width: 22rem; overflow: hidden; text-overflow: ellipsis; }
 table.figures th { font-weight: 600; vertical-align: bottom; white-space: normal; }
+table.figures th[title] { cursor: help; text-decoration: underline dotted 1px;
+  text-underline-offset: .25em; }
 table.figures th small { font-weight: 400; opacity: .75; white-space: nowrap; }
-table.figures th.group { text-align: center; white-space: nowrap;
+table.figures th.group { text-align: center; white-space: normal;
   border-bottom: 1px solid rgba(128, 140, 155, .45); }
 table.figures thead tr:last-child th { border-bottom: 1px solid rgba(128, 140, 155, .8); }
 table.figures tbody tr + tr td { border-top: 1px solid rgba(128, 140, 155, .25); }

@@ -4,7 +4,8 @@ from pathlib import Path
 
 import streamlit as st
 
-from accpinn.segment.segment import Segment
+from accpinn.results.glossary import GROUPS
+from accpinn.segment.segment import Segment, SegmentInfo
 from accpinn.tasks.task import Status
 from pages.ui.components import show
 from pages.ui.components.show import escape_markdown
@@ -99,7 +100,7 @@ def empty_state(workspace: Workspace, nothing: str) -> None:
     link(DATA, "Go to Data", workspace)
 
 
-def segment_line(segment: Segment, case: str, vehicles: bool = False) -> str:
+def segment_line(segment: Segment | SegmentInfo, case: str, vehicles: bool = False) -> str:
     """File, window, vehicles, Case and excluded regimes, for a caption."""
     parts = [segment.source, str(segment.window)]
     parts += [f"{segment.labels[0]} to {segment.labels[-1]}"] if vehicles else []
@@ -129,6 +130,19 @@ def session_state(workspace: Workspace) -> list[str]:
     return lines + ([f"**Training** {_STATUS[training.status]}"] if training else [])
 
 
+@st.dialog("Glossary", width="large")
+def _show_glossary() -> None:
+    for subject, terms in GROUPS.items():
+        st.markdown(f"**{subject}**")
+        lines = (
+            f"- **{escape_markdown(term.word)}**"
+            + (f" [{escape_markdown(term.unit)}]" if term.unit else "")
+            + f" {escape_markdown(term.meaning)}"
+            for term in terms
+        )
+        st.markdown("\n".join(lines))
+
+
 def _sidebar(workspace: Workspace) -> None:
     st.logo(str(HERE / "logo.svg"), size="large", icon_image=str(HERE / "icon.svg"))
     with st.sidebar:
@@ -147,6 +161,11 @@ def _sidebar(workspace: Workspace) -> None:
             **bound(show.LEGEND, workspace.legends, lambda on: setattr(workspace, "legends", on)),
             help="A saved picture then shows which colour is which vehicle.",
         )
+        if st.button(
+            "Glossary", icon=":material/menu_book:", key="frame_glossary", type="tertiary",
+            help="What the symbols and terms mean.",
+        ):  # fmt: skip
+            _show_glossary()
         st.caption(
             "Anyone with this address controls this session. To show a result, send a snapshot's"
             " link instead."

@@ -1,7 +1,8 @@
 """Whose α, β, τ the pages Stability and Platoon show: learned, published, or typed in."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import pandas as pd
 import streamlit as st
@@ -9,13 +10,14 @@ import streamlit as st
 from accpinn.channels import PARAMETERS
 from accpinn.errors import ParameterError
 from accpinn.inference.intervals import Uncertainty, of_first
+from accpinn.inference.model_adequacy import Adequacy
 from accpinn.methods.fit import Fit
 from accpinn.model.cthp import Parameters
 from accpinn.model.published import ASTAZERO, PUBLISHED, ParameterSet
 from accpinn.results.messages.methods import unfinished
 from accpinn.results.snapshot.saved import Entry
 from accpinn.results.tables.estimates import EVERY_FOLLOWER, learned_parameters
-from accpinn.segment.segment import SegmentInfo
+from accpinn.segment.segment import Segment, SegmentInfo
 from pages.ui.components import frame, show
 from pages.ui.components.show import escape_markdown
 from pages.ui.components.widgets import segments, select
@@ -32,6 +34,7 @@ COLUMNS = ("Vehicle", *(parameter.heading for parameter in PARAMETERS))
 BY_HAND = "parameters by hand"
 MOST = 20
 """Vehicles typed in at most."""
+_of_first = lru_cache(maxsize=8)(of_first)
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,6 +48,10 @@ class Chosen:
     info: SegmentInfo | None = None
     """Of the segment that they were learned from."""
     uncertainty: Uncertainty | None = None
+    segment: Segment | None = None
+    """The data that they were learned from, where they are here."""
+    adequacy: Adequacy | None = None
+    """Of the model on these data, where it is known."""
 
     @property
     def origin(self) -> str:
@@ -58,8 +65,19 @@ class Chosen:
         return unfinished(self.fit) if self.fit else ""
 
 
-def choose_parameters(workspace: Workspace, page: str) -> Chosen | None:
-    """The picker, and the parameters chosen; None, with a sentence, where there are none."""
+def choose_parameters(workspace: Workspace, page: str, lead: str) -> Chosen | None:
+    """What they are about, the picker, and the parameters chosen.
+
+    Args:
+        workspace: the session.
+        page: its name, for the keys of the widgets.
+        lead: the caption where the parameters are of no recording.
+
+    Returns:
+        None, with a sentence, where there are none.
+    """
+    about = st.empty()
+    about.caption(lead)
     # Every call looks at all files of the store; the newest snapshot comes first.
     entries = tuple(entry for entry in library().entries() if not entry.fault)
     source = workspace.parameter_source
@@ -103,7 +121,11 @@ def choose_parameters(workspace: Workspace, page: str) -> Chosen | None:
         return None
     if source == "hand":
         _edit_rows(workspace, f"{page}_rows")
-    return show.attempt(lambda: parameters_from(workspace, source, entries))
+    chosen = show.attempt(lambda: parameters_from(workspace, source, entries))
+    if chosen and chosen.fit and chosen.info:
+        about.caption(frame.segment_line(chosen.info, chosen.fit.case, vehicles=True))
+        show.not_acc(chosen.info)
+    return chosen
 
 
 def _empty_state(workspace: Workspace, page: str) -> None:
@@ -147,24 +169,30 @@ def parameters_from(
         return Chosen(_typed(choice.rows), source)
     if source == "snapshot":
         snapshot = opened(_chosen_snapshot(workspace, entries))
-        return _of_fit(source, snapshot.info, snapshot.fit, snapshot.uncertainty)
+        return _of_fit(
+            Chosen(
+                learned_parameters(snapshot.info, snapshot.fit), source, snapshot.fit,
+                snapshot.info, snapshot.uncertainty, snapshot.segment, snapshot.adequacy,
+            )
+        )  # fmt: skip
     if fit is None or info is None:
         return None
     known = None if unfinished(fit) else workspace.uncertainty()
-    return _of_fit(source, info, fit, known)
+    learned = learned_parameters(info, fit)
+    segment, adequacy = workspace.segment, workspace.known_adequacy
+    return _of_fit(Chosen(learned, source, fit, info, known, segment, adequacy))
 
 
-def _of_fit(source: Source, info: SegmentInfo, fit: Fit, uncertainty: Uncertainty | None) -> Chosen:
+def _of_fit(chosen: Chosen) -> Chosen:
     """A fit's followers; in Case I, where they share their parameters, one stands for all."""
-    vehicles = learned_parameters(info, fit)
-    if fit.case == "I" and info.followers > 1:
-        who = tuple(filter(None, vehicles.drivers))[:1]
-        vehicles = ParameterSet(
-            vehicles.title, (EVERY_FOLLOWER,), fit.parameters[:1], (info.vehicles[0], 0),
-            drivers=who,
-        )  # fmt: skip
-        uncertainty = of_first(uncertainty) if uncertainty else None
-    return Chosen(vehicles, source, fit, info, uncertainty)
+    fit, info, vehicles, known = chosen.fit, chosen.info, chosen.vehicles, chosen.uncertainty
+    if fit is None or info is None or fit.case == "II" or info.followers == 1:
+        return chosen
+    shared = ParameterSet(
+        vehicles.title, (EVERY_FOLLOWER,), fit.parameters[:1], (info.vehicles[0], 0),
+        drivers=tuple(filter(None, vehicles.drivers))[:1],
+    )  # fmt: skip
+    return replace(chosen, vehicles=shared, uncertainty=_of_first(known) if known else None)
 
 
 def show_missing(workspace: Workspace, chosen: Chosen) -> None:

@@ -96,6 +96,11 @@ def flashing(about: str = "") -> Iterator[None]:
         flash("error", f"{about}{fault}")
 
 
+def forget_flash() -> None:
+    """Show the last click's outcome no longer."""
+    st.session_state.pop(FLASH, None)
+
+
 def flashed() -> None:
     """The outcome of the last click; a second run right after the first must not swallow it."""
     if FLASH in st.session_state:
@@ -165,6 +170,7 @@ def key(
     entries: Iterable[tuple[str, str]],
     faint: Container[str] = (),
     dashed: str = "",
+    dotted: str = "",
     title: str = "",
 ) -> None:
     """Names beside their colours.
@@ -173,6 +179,7 @@ def key(
         entries: name and colour.
         faint: names that are less visible.
         dashed: what a dashed line means.
+        dotted: what a dotted line means.
         title: stands before them.
     """
     spans = [f"<span>{html.escape(title)}</span>"] if title else []
@@ -181,8 +188,9 @@ def key(
         f'<i style="background:{colour}"></i>{html.escape(name)}</span>'
         for name, colour in entries
     ]
-    if dashed:
-        spans.append(f'<span><b aria-hidden="true">- -</b> {html.escape(dashed)}</span>')
+    for line, meaning in (("- -", dashed), ("···", dotted)):
+        if meaning:
+            spans.append(f'<span><b aria-hidden="true">{line}</b> {html.escape(meaning)}</span>')
     st.html(f'<div class="vehicle-key">{"".join(spans)}</div>')
 
 
@@ -195,7 +203,10 @@ def vehicle_colours(
 
 
 def vehicle_key(
-    segment: Segment | SegmentInfo, with_truth: bool = False, shared: bool = False
+    segment: Segment | SegmentInfo,
+    with_truth: bool = False,
+    shared: bool = False,
+    with_solved: bool = False,
 ) -> None:
     """The colour of each vehicle, once for all charts below.
 
@@ -203,11 +214,13 @@ def vehicle_key(
         segment: with the vehicles.
         with_truth: whether the charts have true values.
         shared: whether the charts have lines of what all followers share, as in Case I.
+        with_solved: whether the charts have the values of least squares.
     """
     leader, *followers = segment.labels
     entries = [*zip((f"{leader} (leader)", *followers), vehicle_colours(segment), strict=True)]
     entries += [(EVERY_FOLLOWER, SHARED)] * shared
-    key(entries, dashed="true value" if with_truth else "")
+    dotted = "least squares" if with_solved else ""
+    key(entries, dashed="true value" if with_truth else "", dotted=dotted)
 
 
 def clicked_data(points: list[dict[str, Any]]) -> Any:

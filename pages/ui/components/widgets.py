@@ -116,11 +116,14 @@ def tabs(workspace: Workspace, key: str, views: Mapping[str, Callable[[], None]]
                 draw()
 
 
-def pick_follower(segment: Segment | SegmentInfo, key: str) -> int:
+def pick_follower(segment: Segment | SegmentInfo, key: str, labelled: bool = True) -> int:
     """The index of the follower that is shown below, 0 for the first; no question about one."""
     labels = segment.labels[1:]
     if len(labels) == 1:
         return 0
     places = range(len(labels))
-    chosen = st.selectbox("Follower", places, format_func=labels.__getitem__, key=key, width=320)
+    chosen = st.selectbox(
+        "Follower", places, format_func=labels.__getitem__, key=key, width=320,
+        label_visibility="visible" if labelled else "collapsed",
+    )  # fmt: skip
     return chosen or 0

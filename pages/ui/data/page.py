@@ -35,9 +35,9 @@ from pages.ui.components.widgets import bound, segments, select, tabs
 from pages.ui.data import views
 from pages.ui.data.sources import OPENING, choose_source
 from pages.ui.data.validation import choose_validation
-from pages.ui.results import banner, show_data
+from pages.ui.result.saved import banner, show_data
 from pages.ui.session.workspace import Workspace
-from pages.ui.train import chosen_config
+from pages.ui.train.options import chosen_config
 
 CASES: Mapping[Case, str] = {
     "I": "Case I: one set of α, β, τ for the whole platoon, as if all followers were the same car.",

@@ -105,6 +105,7 @@ def _follow_link(workspace: Workspace) -> None:
         try:
             holder = workspace.runs if workspace.runs.has(asked) else library()
             workspace.restore(holder.open(asked))
+            workspace.viewed = asked if holder is not workspace.runs else ""
         except SnapshotError as fault:
             st.session_state["snapshot_fault"] = str(fault)
             return

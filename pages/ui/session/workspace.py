@@ -74,7 +74,11 @@ class MapChoice:
     held: int = -1
     """Index of the vehicle whose third parameter is kept; -1 is the last."""
     uncertainty: bool = True
-    """Show the uncertainty."""
+    """Show the uncertainty in charts."""
+    simulated: int = -1
+    """Index of the vehicle whose platoon is offered; -1 is the platoon in order."""
+    measured: int = 0
+    """Index of the follower whose measured gain is shown."""
 
 
 @dataclass(eq=False)
@@ -84,7 +88,8 @@ class PlatoonChoice:
     order: Literal["learned", "repeated", "own"] = "learned"
     vehicle: int = 0
     """Index of the vehicle that is repeated."""
-    followers: int = 8
+    followers: int | None = None
+    """How often it is repeated; None: eight times, or as often as there are recorded followers."""
     own: str = ""
     """Own order, as typed in."""
     kind: Disturbance = "sinusoid"
@@ -92,8 +97,12 @@ class PlatoonChoice:
     """None: the frequency that the chosen platoon amplifies most."""
     settings: dict[str, float] = field(default_factory=dict)
     """Per kind and name, what differs from the default."""
-    panels: bool = False
-    """Show the paper's four panels instead."""
+    whole: bool = False
+    """Show the whole run in place of the part worth a closer look."""
+    view: Literal["observer", "leader", "road"] = "observer"
+    """Where the time-space diagram is seen from."""
+    measured: bool = True
+    """Show the recorded followers behind a recorded leader."""
     in_db: bool = False
     """Amplitudes in dB."""
 
@@ -144,7 +153,7 @@ class Workspace:
     settings: dict[str, dict[str, Any]] = field(default_factory=dict)
     """Per preset, the settings that differ from it."""
     training: Task[Fit] | None = None
-    comparison: Task[MethodResult | MethodFailure] | None = None
+    comparison: Task[MethodResult | MethodFailure | Adequacy] | None = None
     """All methods on the segment, while they run and when they are done."""
     starts: Task[Trial] | None = None
     """Trainings of the segment from several initial values."""
@@ -154,6 +163,8 @@ class Workspace:
     """Fits that are no longer current, oldest first."""
     snapshot: Snapshot | None = None
     """The result that is shown as it was saved; without its data there may be no segment."""
+    viewed: str = ""
+    """Short name of the snapshot that page Snapshots shows in full; empty for the list."""
     data_choice: DataChoice = field(default_factory=DataChoice)
     parameter_choice: ParameterChoice = field(default_factory=ParameterChoice)
     map_choice: MapChoice = field(default_factory=MapChoice)
@@ -355,7 +366,9 @@ class Workspace:
     def compared(self) -> tuple[MethodResult, ...]:
         """The results of the methods, as far as they were run."""
         if self.comparison:
-            return results_among(self.comparison.results)
+            order = list(METHODS)
+            found = results_among(self.comparison.results)
+            return tuple(sorted(found, key=lambda row: order.index(row.fit.method)))
         return self.snapshot.methods if self.snapshot else ()
 
     def compared_with_training(self) -> tuple[MethodResult, ...]:
@@ -393,7 +406,7 @@ class Workspace:
     def _forget_vehicles(self) -> None:
         """Forget what was chosen among other vehicles."""
         self.platoon_choice.reset()
-        self.map_choice.held = -1
+        self.map_choice.held, self.map_choice.simulated, self.map_choice.measured = -1, -1, 0
 
     @property
     def fit_info(self) -> SegmentInfo | None:
@@ -415,6 +428,9 @@ class Workspace:
     @property
     def known_adequacy(self) -> Adequacy | None:
         """The forms of the model for the segment, if they were compared before."""
+        found = self.comparison.results if self.comparison else ()
+        if compared := next((one for one in found if isinstance(one, Adequacy)), None):
+            return compared
         kept = self._adequacy
         if kept and kept[0] is self.segment and kept[1] == self.case:
             return kept[2]

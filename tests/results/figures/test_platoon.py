@@ -12,9 +12,12 @@ from accpinn.model.published import ASTAZERO, ParameterSet
 from accpinn.platoon.leader import Brake, Recorded, Sinusoid, SpeedStep
 from accpinn.platoon.simulation import PlatoonRun, simulate_platoon
 from accpinn.results.figures import platoon as figures
+from accpinn.results.figures.animation import animation
+from accpinn.results.figures.paper_panels import PANELS, paper_panels
 from accpinn.results.figures.style import FOLLOWERS, LEADER
 from accpinn.stability.frequency import response
-from tests.support.figures import legend, named, rectangles
+from tests.support.driving import MIXED, driven
+from tests.support.figures import legend, named
 from tests.support.vehicles import CALM, row
 
 AUDIS = figures.cast_of(ASTAZERO, [0] * 8)
@@ -72,14 +75,64 @@ class TestProfiles:
         assert size(figure) <= 400_000
         assert len(legend(figure)) == 9
 
-    def test_a_collision_is_marked_and_what_follows_shaded(self, collision: PlatoonRun) -> None:
+    def test_a_collision_ends_lines_with_a_cross(self, collision: PlatoonRun) -> None:
         figure = figures.profiles(collision, AUDIS)
-        first = collision.collisions[0].time
-        assert [band.x0 for band in rectangles(figure)] == [first] * 2
+        ends = collision.trajectories.time[collision.meaningful - 1]
         for trace in figure.data:
-            assert max(trace.x) <= (500.0 if trace.name == "Leader" else first)
+            if trace.name in AUDIS.names:
+                drawn = np.asarray(trace.x)[np.isfinite(trace.y)]
+                assert drawn.max() == pytest.approx(ends[AUDIS.names.index(trace.name)], abs=1)
+        crosses, gaps = (trace for trace in figure.data if trace.name == "ends with a collision")
+        np.testing.assert_array_equal(crosses.x, ends[5:])
+        assert min(gaps.y) == pytest.approx(0, abs=1)
         (note,) = figure.layout.annotations
         assert (note.text, note.yanchor) == ("collision", "top"), "a legend stands above the axes"
+
+    def test_a_close_up_draws_the_last_periods_alone(self, sinusoid: PlatoonRun) -> None:
+        span = figures.close_up(sinusoid)
+        assert span[1] - span[0] == pytest.approx(3 * 2 * np.pi / 0.25)
+        for trace in figures.profiles(sinusoid, EIGHT, span).data:
+            assert span[0] - 0.01 <= min(trace.x) < max(trace.x) <= span[1] + 0.01
+
+    def test_recorded_followers_are_dotted_and_named(self) -> None:
+        segment = driven(MIXED)
+        leader = Recorded(segment.start + segment.time, segment.speeds[:, 0])
+        run = simulate_platoon(ASTAZERO.parameters[:3], leader)
+        cast = figures.cast_of(ASTAZERO, [0, 1, 2])
+        figure = figures.profiles(run, cast, measured=segment)
+        for k, label in enumerate(segment.labels[1:]):
+            speed, gap = (trace for trace in figure.data if trace.name == f"{label}, measured")
+            np.testing.assert_allclose(speed.y, segment.speeds[:, k + 1], rtol=1e-6)
+            np.testing.assert_allclose(gap.y, segment.gaps[:, k], rtol=1e-6)
+            assert speed.line.dash == "dot"
+            assert speed.line.color == FOLLOWERS[k]
+        assert figures.close_up(run) == (0.0, 60.0)
+
+
+class TestTimeSpace:
+    @pytest.mark.parametrize(("view", "way"), [("observer", 0), ("leader", 0), ("road", 2000)])
+    def test_positions_and_speeds_are_those_of_the_run(
+        self, sinusoid: PlatoonRun, view: figures.View, way: float
+    ) -> None:
+        figure = figures.time_space(sinusoid, EIGHT, (400.0, 500.0), view)
+        tracks = [named(figure, name) for name in EIGHT.names]
+        time, run = np.asarray(tracks[0].x, float), sinusoid.trajectories
+        rows = np.searchsorted(run.time, time - 0.05)
+        for k, track in enumerate(tracks):
+            np.testing.assert_allclose(track.marker.color, run.speeds[rows, k], atol=1e-3)
+            if k:
+                apart = np.asarray(tracks[k - 1].y) - track.y - figures.CAR_LENGTH
+                np.testing.assert_allclose(apart, run.gaps[rows, k - 1], atol=1e-2)
+        assert tracks[0].y[-1] - tracks[0].y[0] == pytest.approx(way, abs=10)
+        (labels,) = (trace for trace in figure.data if trace.mode == "text")
+        assert [text.strip() for text in labels.text] == list("012345678")
+        assert size(figure) <= 120_000
+
+    def test_tracks_end_with_a_collision(self, collision: PlatoonRun) -> None:
+        figure = figures.time_space(collision, AUDIS)
+        ended = named(figure, "ends with a collision")
+        assert len(ended.x) == 4
+        assert max(ended.x) <= collision.contacts[-1].time
 
 
 class TestAmplitudes:
@@ -99,15 +152,18 @@ class TestAmplitudes:
         (trace,) = figures.amplitude_by_vehicle(braking, ALL, in_db=False).data
         np.testing.assert_allclose(trace.y, braking.largest_deviation)
         figure = figures.amplitude_by_vehicle(collision, AUDIS, in_db=False)
-        measured = named(figure, "Largest deviation before the collision")
-        np.testing.assert_allclose(measured.y, collision.largest_deviation)
+        assert collision.amplitudes is not None
+        drives, ended = "Simulated", "Largest deviation before the collision"
+        np.testing.assert_allclose(named(figure, drives).y, collision.amplitudes.measured[:5])
+        np.testing.assert_allclose(named(figure, ended).y, collision.largest_deviation[5:])
+        np.testing.assert_array_equal(named(figure, ended).x, [5, 6, 7, 8])
 
     def test_of_an_undisturbed_leader_are_no_division_by_zero(self) -> None:
         run = simulate_platoon(ASTAZERO.parameters, SpeedStep(change=0.0))
         figure = figures.amplitude_by_vehicle(run, ALL, in_db=True)
         assert np.isnan(figure.data[0].y).all()
         assert figures.speed_map(run, ALL).data[0].zmax > 0
-        figures.animation(run, ALL)
+        animation(run, ALL)
 
 
 def test_speed_map_has_a_row_a_vehicle_and_is_even_about_zero(
@@ -121,7 +177,10 @@ def test_speed_map_has_a_row_a_vehicle_and_is_even_about_zero(
     expected = np.where(stripes.x < 20, 0, np.sin(0.25 * (np.asarray(stripes.x) - 20)))
     np.testing.assert_allclose(stripes.z[0], expected, atol=1e-5)
     (stripes,) = figures.speed_map(collision, AUDIS).data
-    assert max(stripes.x) <= collision.collisions[0].time
+    first = collision.contacts[0].time
+    drawn = np.isfinite(np.asarray(stripes.z, float))
+    assert drawn[:5].all()
+    np.testing.assert_array_equal(drawn[6], np.asarray(stripes.x) <= first)
 
 
 class TestAnimation:
@@ -132,7 +191,7 @@ class TestAnimation:
     )  # fmt: skip
     def test_moves_the_cars_as_simulated(self, leader: Any) -> None:
         run = simulate_platoon(ASTAZERO.parameters, leader)
-        figure = figures.animation(run, ALL)
+        figure = animation(run, ALL)
         assert 2 <= len(figure.frames) <= 60
         assert len(figure.layout.sliders[0].steps) == len(figure.frames)
         assert len({frame.name for frame in figure.frames}) == len(figure.frames)
@@ -143,17 +202,23 @@ class TestAnimation:
             np.testing.assert_allclose(gaps, run.trajectories.gaps[at], atol=0.02)
             np.testing.assert_allclose(frame.data[1].y, run.trajectories.speeds[at], atol=1e-3)
 
-    def test_has_a_legend_and_ends_at_a_collision(self, collision: PlatoonRun) -> None:
-        figure = figures.animation(collision, AUDIS)
-        assert float(figure.frames[-1].name) <= collision.collisions[0].time + 0.1
+    def test_has_a_legend_and_vehicles_vanish_with_a_collision(self, collision: PlatoonRun) -> None:
+        figure = animation(collision, AUDIS)
+        for frame in figure.frames:
+            speeds = frame.data[1].y
+            gone = [k for k, speed in enumerate(speeds) if speed is None]
+            now = float(frame.name)
+            ends = collision.trajectories.time[collision.meaningful - 1]
+            assert gone == [k for k, end in enumerate(ends) if now > end + 0.05]
+        assert gone == [5, 6, 7, 8]
         entries = [(trace.name, trace.marker.color) for trace in legend(figure)]
         assert entries == list(zip(AUDIS.names, AUDIS.colours, strict=True))
 
 
 def test_the_papers_panels_grow_and_fade_as_the_response_predicts() -> None:
-    panels = figures.paper_panels()
+    panels = paper_panels()
     assert [panel.title[:3] for panel in panels] == ["(a)", "(c)", "(b)", "(d)"]
-    for panel, (k, omega) in zip(panels, figures.PANELS, strict=True):
+    for panel, (k, omega) in zip(panels, PANELS, strict=True):
         last = abs(response(ASTAZERO.parameters[[k]], np.array([omega]))[0, 0]) ** 8
         assert ("grows" in panel.title) == (last > 1)
         assert float(panel.title.split(" to ")[1].split()[0]) == pytest.approx(last, rel=0.01)

@@ -124,13 +124,12 @@ class TestCriteria:
         assert {colour for _, colour in keys}.isdisjoint(FOLLOWERS)
         assert figures.L2 in SERIES, "whose contrast and likeness to vehicles are tested"
 
-    def test_a_recordings_followers_go_by_its_numbers(self, astazero: StabilityReport) -> None:
+    def test_vehicles_go_by_their_labels(self, astazero: StabilityReport) -> None:
         ours = ParameterSet("run", ("X", "Y"), row(CALM, CALM), (3, 4, 5), ("4 X", "5 Y"))
         report = stability_report(ours.parameters)
-        axis = figures.criteria_by_vehicle(ours, report).layout.xaxis2
-        assert (axis.title.text, axis.ticktext) == ("Vehicle", ("4", "5"))
+        assert figures.criteria_by_vehicle(ours, report).layout.xaxis2.ticktext == ours.labels
         axis = figures.criteria_by_vehicle(ASTAZERO, astazero).layout.xaxis2
-        assert (axis.title.text, axis.ticktext) == ("Follower", ("1", "2", "3", "4"))
+        assert axis.ticktext == ASTAZERO.labels
 
 
 class TestMap:

@@ -26,7 +26,6 @@ from accpinn.results.messages.stability import (
     PLACES,
     TITLES,
     amplification,
-    assessment,
     certainty,
     factor,
     headline,
@@ -38,6 +37,7 @@ from accpinn.stability.report import (
     Criterion,
     StabilityReport,
     VehicleStability,
+    assessment,
     stability_report,
 )
 from tests.support.vehicles import AUDI, BMW, CALM, TESLA, UNDAMPED, extreme, ordinary, row
@@ -92,7 +92,7 @@ def test_a_verdict_follows_the_posterior_not_the_estimate(stable: float, state: 
     assert headline(chosen, report, None) == amplification(chosen, report)
     sentence = certainty(chosen, report, posterior(stable))
     assert "outside their intervals: β." in sentence
-    assert ("90 % interval: 1.00 to 1.53" in sentence) == (stable == stable)
+    assert ("90 % interval 1.00 to 1.53" in sentence) == (stable == stable)
 
 
 def test_verdicts_of_several_vehicles_are_counted() -> None:

@@ -6,7 +6,6 @@ from pathlib import Path
 
 import streamlit as st
 
-from accpinn.evaluation.closed_loop import closed_loop
 from accpinn.inference.identifiability import (
     INCREASE,
     identifiability_warnings,
@@ -29,12 +28,16 @@ from accpinn.results.tables.estimates import TITLES, name_of
 from accpinn.segment.quality import LARGE_CONDITION, assess_quality
 from accpinn.segment.segment import Segment
 from accpinn.study.comparison import FitRecord, MethodFailure, MethodResult, failures_among
+from accpinn.study.recommendation import recommend
+from accpinn.tasks.task import comparison_seconds
 from accpinn.units import FloatArray, known_mean
 from pages.ui.components import frame, show
 from pages.ui.components.monitor import monitor, own_task_line, stop_button
 from pages.ui.components.show import escape_markdown
-from pages.ui.components.widgets import pick_follower
-from pages.ui.results import show_better_forms, show_intervals, show_saved_rows
+from pages.ui.components.widgets import pick_follower, tabs
+from pages.ui.result.evaluated import simulated
+from pages.ui.result.saved import show_saved_rows
+from pages.ui.result.view import show_better_forms, show_intervals
 from pages.ui.session.workspace import Workspace
 
 GAP_ERROR = "A constant error of the measured gap shifts τ: 0.1 m in 30 m by 0.3 %."
@@ -77,39 +80,43 @@ class _Shown:
 
 def show_page() -> None:
     """Draw the page."""
-    workspace = frame.begin("Compare", "Every method on the same data: do they agree?")
+    workspace = frame.begin("Compare")
     segment, task = workspace.segment, workspace.comparison
     show_saved_rows(workspace)
     if segment is None:
         if not workspace.snapshot:
             frame.empty_state(workspace, "Nothing to compare on")
         return
-    st.caption(frame.segment_line(segment, workspace.case))
+    st.caption(f"Do all methods agree? {frame.segment_line(segment, workspace.case)}")
     show.not_acc(segment)
-    _controls(workspace)
+    _controls(workspace, segment)
     if task:
         monitor(workspace, task, lambda running: _show(workspace, segment, running))
-    elif workspace.records and not workspace.snapshot:
-        _show_records(_Shown(workspace, segment, (), pick_follower(segment, "compare_follower")))
+    elif workspace.starts or (workspace.records and not workspace.snapshot):
+        follower = pick_follower(segment, "compare_follower", labelled=False)
+        _show_repeatability(_Shown(workspace, segment, (), follower))
 
 
-def _controls(workspace: Workspace) -> None:
+def _controls(workspace: Workspace, segment: Segment) -> None:
     """Run, or stop what runs."""
     task, training = workspace.comparison, workspace.training
     if task and task.is_active:
         stop_button(task, "Stop", "compare_stop")
         return
     if task is None:
-        st.markdown(
-            "Eight ways to estimate α, β and τ, with the errors of each, take some seconds."
-        )
         if training and training.is_active:
             first = own_task_line(training, training.time_left)
             st.caption(f"{first} The methods would run after it.")
+        st.markdown(
+            f"{len(METHODS)} ways to estimate α, β and τ, each with its errors, and the forms of"
+            " the model: which parameters to use, and how sure they are."
+        )
     complete = task is not None and len(task.results) == len(task.names)
+    takes = show.format_duration(comparison_seconds(segment))
     if not complete and st.button(
-        "Run all methods", type="primary", icon=":material/play_arrow:", key="compare_run"
-    ):
+        f"Run all methods (about {takes})", type="primary", icon=":material/play_arrow:",
+        key="compare_run",
+    ):  # fmt: skip
         workspace.compare()
         st.rerun()
 
@@ -118,24 +125,69 @@ def _show(workspace: Workspace, segment: Segment, running: bool) -> None:
     """The rows so far; what takes a choice or a while only comes once all have ended."""
     if workspace.comparison is None:
         return
+    if running:
+        if workspace.compared:
+            show.table(tables.methods_table(segment.info, workspace.compared, 0))
+        return
     _show_failures(failures_among(workspace.comparison.results))
     if not workspace.compared:
         return
-    if running:
-        show.table(tables.methods_table(segment.info, workspace.compared, 0))
-        return
     rows = workspace.compared_with_training()
-    _show_verdict(segment, rows)
-    show_intervals(segment.info, rows[0].uncertainty, GAP_ERROR, rows[0].fit.case)
-    show.messages(messages(rows[0].uncertainty.findings, segment))
-    shown = _Shown(workspace, segment, rows, pick_follower(segment, "compare_follower"))
-    _show_methods(shown)
+    follower = pick_follower(segment, "compare_follower", labelled=False)
+    shown = _Shown(workspace, segment, rows, follower)
+    tabs(workspace, "compare_tabs", {
+        "Summary": lambda: _show_summary(shown),
+        "Methods": lambda: _show_methods(shown),
+        "Identifiability": lambda: _show_identifiability(shown),
+        "Model adequacy": lambda: _show_adequacy(shown),
+        "Repeatability": lambda: _show_repeatability(shown),
+    })  # fmt: skip
+
+
+def _show_summary(shown: _Shown) -> None:
+    """What to use, how sure it is, and where each method's estimates lie."""
+    segment, rows = shown.segment, shown.rows
+    adequacy = shown.workspace.known_adequacy
+    found = recommend(segment, rows, adequacy)
+    colours = show.vehicle_colours(segment, [one.vehicle for one in found])
+    table = tables.recommendation_table(segment.info, found, messages(found, segment))
+    show.table(table, colours)
+    st.caption(
+        "Maximum likelihood estimates the disturbances together with the parameters; methods that"
+        " take them for noise, least squares and the PiNN's loss among them, are biased where"
+        f" disturbances last for seconds. {conditional(adequacy, segment)}"
+    )
+    _show_collisions(shown)
     _show_estimates(shown)
-    _show_tracks(shown)
-    _show_identifiability(shown)
-    _show_adequacy(shown)
-    _show_starts(shown)
-    _show_records(shown)
+    show.downloads(table, f"{Path(segment.source).stem}_recommended", "compare_recommended")
+
+
+def _show_collisions(shown: _Shown) -> None:
+    """What happens in closed loop by any method's parameters, as one line that opens."""
+    segment, rows = shown.segment, shown.rows
+    count = sum(len(row.evaluation.all_findings) for row in rows)
+    if not count:
+        return
+    colliding = colliding_methods(segment.info, rows)
+    title = f"{len(colliding)} of {segment.followers} followers collide" if colliding else (
+        "No follower collides on this window"
+    )  # fmt: skip
+    with st.expander(
+        f"{title} in closed-loop simulation by some method's parameters; {count} events in all,"
+        " inside and outside the window",
+        icon=":material/car_crash:",
+    ):
+        if colliding:
+            st.markdown(f"On this window:\n\n{show.bullets(colliding)}")
+        for vehicle in segment.vehicles[1:]:
+            lines = []
+            for row in rows:
+                found = [one for one in row.evaluation.all_findings if one.vehicle == vehicle]
+                if said := " · ".join(map(closed_loop_event, found)):
+                    lines.append(f"- {name_of(row.fit)}: {escape_markdown(said)}")
+            if lines:
+                label = escape_markdown(segment.label(vehicle))
+                st.markdown("\n".join((f"**{label}**\n", *lines)))
 
 
 def _show_failures(failures: Sequence[MethodFailure]) -> None:
@@ -148,35 +200,6 @@ def _show_failures(failures: Sequence[MethodFailure]) -> None:
         for why, who in reasons.items()
     ]
     show.messages(sentences, "warning")
-
-
-def _show_verdict(segment: Segment, rows: tuple[MethodResult, ...]) -> None:
-    """Whether the methods agree on each set of parameters, and what happens in closed loop."""
-    shared = rows[0].fit.case == "I" and segment.followers > 1
-    names = ("All followers together",) if shared else segment.labels[1:]
-    lines = [
-        f"**{escape_markdown(name)}**: {escape_markdown(agreement(rows, k))}"
-        for k, name in enumerate(names)
-    ]
-    st.markdown("\n".join(f"- {line}" for line in lines) if len(lines) > 1 else lines[0])
-    if colliding := colliding_methods(segment.info, rows):
-        lead = "In closed-loop simulation on this window, these collide with the vehicle ahead:"
-        gap = " " if len(colliding) == 1 else "\n\n"
-        st.warning(f"{lead}{gap}{show.bullets(colliding)}", icon=":material/warning:")
-    events = []
-    for vehicle in segment.vehicles[1:]:
-        lines = []
-        for row in rows:
-            found = [one for one in row.evaluation.all_findings if one.vehicle == vehicle]
-            if said := " · ".join(map(closed_loop_event, found)):
-                lines.append(f"- {name_of(row.fit)}: {escape_markdown(said)}")
-        if lines:
-            events.append("\n".join((f"**{escape_markdown(segment.label(vehicle))}**\n", *lines)))
-    if events:
-        count = sum(len(row.evaluation.all_findings) for row in rows)
-        title = f"All events in closed-loop simulation, inside and outside the window ({count})"
-        with st.expander(title, icon=":material/car_crash:"):
-            st.markdown("\n\n".join(events))
 
 
 def _show_methods(shown: _Shown) -> None:
@@ -197,42 +220,44 @@ def _show_methods(shown: _Shown) -> None:
         + (" Hold-out is not computed for your own training." * own)
     )
     show.downloads(table, f"{Path(segment.source).stem}_methods", "compare")
+    shared = rows[0].fit.case == "I" and segment.followers > 1
+    who = "All followers together" if shared else segment.labels[shown.follower + 1]
+    agreed = escape_markdown(agreement(rows, 0 if shared else shown.follower))
+    st.markdown(f"Do the methods agree on {escape_markdown(who)}? {agreed[:1].upper()}{agreed[1:]}")
+    show_intervals(segment.info, shown.uncertainty, GAP_ERROR, rows[0].fit.case)
+    show.messages(messages(shown.uncertainty.findings, segment))
+    _show_curves(shown)
+    _show_tracks(shown)
 
 
 def _show_estimates(shown: _Shown) -> None:
-    """Dots over the intervals, and one method, which the user picks, against the data."""
-    segment, follower, uncertainty = shown.segment, shown.follower, shown.uncertainty
+    """Dots over the intervals, for one follower."""
+    follower, uncertainty = shown.follower, shown.uncertainty
     earlier = _choose_earlier(shown)
-    st.subheader("Agreement of the methods", anchor=False)
-    by_name = {name_of(row.fit): row for row in shown.rows}
-    chart = st.container()
-    name = st.selectbox(
-        "Method", list(by_name), key="compare_method", width=320, help="Or click on its dot above."
-    )
     dots = [
-        figures.Estimate(title, row.fit.parameters.values[follower])
-        for title, row in by_name.items()
+        figures.Estimate(name_of(row.fit), row.fit.parameters.values[follower])
+        for row in shown.rows
     ]
-    figure = figures.estimates(
-        [*dots, *earlier], shown.colour, uncertainty, follower, shown.truth, name
+    figure = figures.estimates([*dots, *earlier], shown.colour, uncertainty, follower, shown.truth)
+    show.chart(figure, "compare_estimates")
+    st.caption(
+        f"{escape_markdown(shown.segment.labels[follower + 1])}: one dot a method. Grey:"
+        f" {100 * uncertainty.level:.0f} % interval of the CTHP."
+        + (" Dashed: true value." if shown.truth else "")
+        + (" Rings: earlier fits." if earlier else "")
     )
 
-    def clicked() -> None:
-        picked = show.clicked_data(st.session_state["compare_estimates"]["selection"]["points"])
-        if picked in by_name:
-            st.session_state["compare_method"] = picked
 
-    with chart:
-        show.chart(figure, "compare_estimates", on_select=clicked, selection_mode="points")
-        st.caption(
-            f"Grey: {100 * uncertainty.level:.0f} % interval."
-            + (" Dashed: true value." if shown.truth else "")
-            + (" Rings: earlier fits." if earlier else "")
-        )
+def _show_curves(shown: _Shown) -> None:
+    """One method, which the user picks, against the data."""
+    segment, follower = shown.segment, shown.follower
+    by_name = {name_of(row.fit): row for row in shown.rows}
+    name = st.selectbox("Method against the data", list(by_name), key="compare_method", width=320)
     fit = by_name[name].fit
     st.subheader(f"{name} against the data", anchor=False)
-    driven = closed_loop(segment, fit)
-    figure = tracking(segment, follower, fit.surrogate, driven, name, with_error=True)
+    figure = tracking(
+        segment, follower, fit.surrogate, simulated(segment, fit), name, with_error=True
+    )
     show.chart(figure, "compare_curves")
 
 
@@ -269,7 +294,6 @@ def _show_identifiability(shown: _Shown) -> None:
     """Which parameters the data determine, whichever method is used."""
     segment, follower, uncertainty = shown.segment, shown.follower, shown.uncertainty
     case = shown.workspace.case
-    st.subheader("Identifiability", anchor=False)
     warnings = identifiability_warnings(segment, uncertainty, case)
     duration = shown.workspace.recording_duration
     cure = narrower_intervals(segment.info, uncertainty, warnings, duration)
@@ -303,7 +327,6 @@ def _show_identifiability(shown: _Shown) -> None:
 def _show_adequacy(shown: _Shown) -> None:
     """Whether a model with one term more explains the data better."""
     segment = shown.segment
-    st.subheader("Model adequacy", anchor=False)
     found = shown.workspace.compare_forms()
     if found is None or not found.forms:
         st.caption("The window is too short for the likelihood of the model's forms.")
@@ -339,6 +362,12 @@ def _show_disturbance(shown: _Shown) -> None:
         escape_markdown(" ".join(messages(said, segment)))
         + " Shown is its most probable course, given all data."
     )
+
+
+def _show_repeatability(shown: _Shown) -> None:
+    """Five starts, and what was found before."""
+    _show_starts(shown)
+    _show_records(shown)
 
 
 def _show_starts(shown: _Shown) -> None:

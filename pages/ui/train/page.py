@@ -1,24 +1,25 @@
 """The page Train: preset, options, the buttons that start and stop, and what is learned."""
 
-from collections.abc import Sequence
 from contextlib import suppress
-from typing import Any
 
 import streamlit as st
 
-from accpinn.channels import PARAMETERS
 from accpinn.errors import ConfigError
 from accpinn.methods.fit import Fit
-from accpinn.methods.pinn.config import PRESETS, STARTS, PinnConfig
+from accpinn.methods.pinn.config import PRESETS, PinnConfig
 from accpinn.methods.pinn.method import WarmStart
 from accpinn.tasks.task import Status, Task
 from pages.ui.components import frame, show
 from pages.ui.components.monitor import monitor, stop_button
-from pages.ui.components.widgets import bound, segments, select
-from pages.ui.results import banner, show_result, show_saved_result, show_training
+from pages.ui.components.widgets import segments
+from pages.ui.result.evaluated import of_training
+from pages.ui.result.saved import banner, show_saved_result
+from pages.ui.result.view import show_evaluated
 from pages.ui.runs import show_runs
 from pages.ui.session.resources import store
 from pages.ui.session.workspace import Workspace
+from pages.ui.train.live import show_live
+from pages.ui.train.options import chosen_config, show_options
 
 PRESET_LINES = {
     "fast": "A few seconds: output layer and α, β, τ solved exactly, hidden layers trained.",
@@ -56,20 +57,25 @@ def _show_page(workspace: Workspace) -> None:
     if training := workspace.training:
         monitor(workspace, training, lambda running: _show_run(workspace, training, running))
     elif snapshot:
-        show_saved_result(workspace, snapshot)
-    if workspace.fit and st.button(
-        "Next: do these vehicles amplify disturbances?", icon=":material/arrow_forward:",
-        key="train_next", type="tertiary",
-    ):  # fmt: skip
-        workspace.choose_source("fit")
-        frame.go(frame.STABILITY, workspace)
+        show_saved_result(workspace, snapshot, lambda: _next_button(workspace))
 
 
 def _show_run(workspace: Workspace, training: Task[Fit], running: bool) -> None:
-    """The training; once it is over, what was learned comes first."""
-    if not running:
-        show_result(workspace)
-    show_training(training, workspace.true_parameters, running)
+    """The training, or what was learned once it is over."""
+    if running:
+        show_live(training, workspace.true_parameters)
+    elif result := of_training(workspace):
+        workspace.keep_run()
+        show_evaluated(workspace, result, "train", lambda: _next_button(workspace))
+
+
+def _next_button(workspace: Workspace) -> None:
+    if st.button(
+        "Next: do these vehicles amplify disturbances?", icon=":material/arrow_forward:",
+        key="train_next", type="primary",
+    ):  # fmt: skip
+        workspace.choose_source("fit")
+        frame.go(frame.STABILITY, workspace)
 
 
 def _controls(workspace: Workspace) -> None:
@@ -81,23 +87,15 @@ def _controls(workspace: Workspace) -> None:
             lambda name: setattr(workspace, "preset", name),
         )  # fmt: skip
         place = st.container(horizontal=True, width="content")
+        st.toggle("Options", key="train_options", help="All settings of the preset.")
         changed = " With your options." if workspace.settings.get(preset) else ""
         st.caption(PRESET_LINES[preset] + changed, width="stretch")
-    with st.expander("Options", icon=":material/tune:"):
-        _options(workspace)
+    if st.session_state.get("train_options"):
+        with st.container(border=True):
+            show_options(workspace)
     config = show.attempt(lambda: chosen_config(workspace))
     with place:
         _buttons(workspace, config)
-
-
-def chosen_config(workspace: Workspace) -> PinnConfig:
-    """The preset with the user's changes.
-
-    Raises:
-        ConfigError: a setting outside its range, as one sentence.
-    """
-    changes = workspace.settings.get(workspace.preset, {})
-    return PinnConfig.from_json(PRESETS[workspace.preset].to_json() | changes)
 
 
 def _buttons(workspace: Workspace, config: PinnConfig | None) -> None:
@@ -166,75 +164,3 @@ def _stopped_warm(workspace: Workspace, config: PinnConfig) -> WarmStart | None:
     if asked is None or asked.config != config or asked.resume_iteration(store()) is None:
         return None
     return asked.warm
-
-
-def _options(workspace: Workspace) -> None:
-    """All settings of the preset."""
-    fields = _Fields(workspace)
-    rows = [st.columns(4) for _ in range(4)]
-    fields.one("iterations", "Iterations, at most", rows[0][0], step=100)
-    fields.one("seed", "Seed", rows[0][1], step=1)
-    fields.one("learning_rate", "Learning rate", rows[0][2], step=0.001, format="%g")
-    fields.several("weight_initial", ("R, weight of the first instant (Ψ_R)",), rows[0][3:])
-    fields.start(rows[1])
-    physics = ("Q, weight of dp/dt in Ψ_F", "Q, weight of dv/dt in Ψ_F")
-    fields.several("weight_physics", physics, rows[2][:2])
-    data = ("S, weight of gaps in Ψ_D", "S, weight of speeds in Ψ_D")
-    fields.several("weight_data", data, rows[2][2:])
-    left, right, _, last = rows[3]
-    if workspace.preset == "paper":
-        fields.one("lbfgs_iterations", "L-BFGS iterations after Adam", left, step=100)
-        fields.one("test_share", "Share kept for testing", right, step=0.05, format="%g")
-    else:
-        fields.one("highest_frequency", "Highest frequency [Hz]", left, step=0.05, format="%g")
-        fields.one("batch", "Instants per iteration", right, step=100)
-    with last:
-        st.space("stretch")
-        st.button("Back to the preset", on_click=fields.changes.clear, icon=":material/undo:")
-
-
-class _Fields:
-    """Number inputs for the settings of one preset; only what differs from it is kept."""
-
-    def __init__(self, workspace: Workspace) -> None:
-        self.changes = workspace.settings.setdefault(workspace.preset, {})
-        self._preset = workspace.preset
-        self._default = PRESETS[workspace.preset].to_json()
-
-    def _value(self, name: str) -> Any:
-        return self.changes.get(name, self._default[name])
-
-    def one(self, name: str, label: str, column: Any, **look: Any) -> None:
-        """One number, whole or not as the preset has it."""
-
-        def changed(value: float) -> None:
-            self.changes[name] = value
-
-        shown = bound(f"train_{self._preset}_{name}", self._value(name), changed)
-        column.number_input(label, **shown, **look)
-
-    def several(self, name: str, labels: tuple[str, ...], columns: Sequence[Any]) -> None:
-        """A setting of several numbers, or of one that is a float."""
-        now = self._value(name)
-        single = not isinstance(now, list | tuple)
-        values = [float(now)] if single else [float(value) for value in now]
-        for at, (label, column) in enumerate(zip(labels, columns, strict=True)):
-
-            def changed(value: float, at: int = at) -> None:
-                values[at] = float(value)
-                self.changes[name] = values[0] if single else tuple(values)
-
-            shown = bound(f"train_{self._preset}_{name}_{at}", values[at], changed)
-            column.number_input(label, **shown, step=0.1, format="%g")
-
-    def start(self, columns: Sequence[Any]) -> None:
-        """Initial values, each by itself or one of five sets."""
-        now = tuple(float(value) for value in self._value("initial"))
-        starts = [*(tuple(start.values.tolist()) for start in STARTS), now]
-        select(
-            "Start from", {start: "α {:g}, β {:g}, τ {:g}".format(*start) for start in starts},
-            now, f"train_{self._preset}_start",
-            lambda initial: self.changes.update(initial=initial), place=columns[0],
-        )  # fmt: skip
-        labels = tuple(f"Initial {parameter.heading}" for parameter in PARAMETERS)
-        self.several("initial", labels, columns[1:])

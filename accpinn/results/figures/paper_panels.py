@@ -1,0 +1,69 @@
+"""The paper's figure of four simulated platoons."""
+
+from dataclasses import dataclass
+from functools import cache
+
+import plotly.graph_objects as go
+
+from accpinn.channels import SPEED, TIME
+from accpinn.model.published import ASTAZERO
+from accpinn.platoon.leader import Sinusoid
+from accpinn.platoon.simulation import PlatoonRun, simulate_platoon
+from accpinn.results.figures.platoon import add_line, cast_of
+from accpinn.results.figures.style import finished, panels
+
+PANEL_POINTS = 500
+"""Drawn per line of the paper's panels."""
+PANEL_FOLLOWERS = 8
+PANELS = ((2, 0.25), (2, 0.3), (3, 0.25), (3, 0.3))
+"""AstaZero vehicle, by its index, and frequency in rad/s; row by row (a), (c), (b), (d)."""
+
+
+@dataclass(frozen=True)
+class Panel:
+    """One of the paper's four."""
+
+    title: str
+    figure: go.Figure
+
+
+@cache
+def paper_panels() -> tuple[Panel, ...]:
+    """The paper's four panels: eight times one AstaZero vehicle behind a sinusoid of 1 m/s.
+
+    Row by row, two a row; those of a vehicle have the same axis of speed.
+    """
+    runs = [
+        simulate_platoon(ASTAZERO.parameters[[k] * PANEL_FOLLOWERS], Sinusoid(frequency))
+        for k, frequency in PANELS
+    ]
+    reach: dict[int, float] = {}
+    for (k, _), run in zip(PANELS, runs, strict=True):
+        reach[k] = max(reach.get(k, 0.0), 1.05 * float(run.largest_deviation.max()))
+    return tuple(
+        Panel(
+            f"({letter}) {ASTAZERO.labels[k]} at {frequency:g} rad/s: {_fate(run)}",
+            _panel(run, k, letter, reach[k]),
+        )
+        for letter, (k, frequency), run in zip("acbd", PANELS, runs, strict=True)
+    )
+
+
+def _panel(run: PlatoonRun, k: int, letter: str, reach: float) -> go.Figure:
+    figure = panels(1)
+    cast, driven = cast_of(ASTAZERO, [k] * PANEL_FOLLOWERS), run.trajectories
+    for who in [*range(1, PANEL_FOLLOWERS + 1), 0]:
+        add_line(figure, driven.time, driven.speeds[:, who], cast, who, 1, PANEL_POINTS)
+    speed = run.leader.speed
+    figure.update_xaxes(title_text=TIME.axis)
+    figure.update_yaxes(title_text=SPEED.axis, range=[speed - reach, speed + reach])
+    return finished(figure, 300, f"platoon-panel-{letter}")
+
+
+def _fate(run: PlatoonRun) -> str:
+    """Whether the wave grows or fades along the platoon; its amplitude at the last follower."""
+    size = run.amplitudes
+    if size is None or not size.periods:
+        return "not settled"
+    ratio = size.measured[-1] / size.measured[0]
+    return f"{'grows' if ratio > 1 else 'fades'} to {size.measured[-1]:.2f} m/s"

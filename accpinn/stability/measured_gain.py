@@ -1,0 +1,160 @@
+"""The gain from the speed ahead to a vehicle's own, estimated from its recording without a model.
+
+With u the speed ahead and v the vehicle's, and spectral densities S averaged over n pieces of the
+recording (Welch's method), the estimator H1, the coherence and the random error are
+
+    Ĝ(ω) = S_uv / S_uu,   γ²(ω) = |S_uv|² / (S_uu S_vv),   ε = √(1 - γ²) / (|γ| √(2n))
+
+ε is the standard deviation of |Ĝ| relative to it, so the band is |Ĝ| exp(±zε). Of two signals that
+have nothing in common, γ² is below 1 - p^(1/(n-1)) with probability 1 - p: where it is not above
+that, the recording says nothing about the gain. Overlapping pieces are not independent; with the
+window w and pieces of 2D samples that overlap by half, K of them count as
+
+    n = K / (1 + 2 (1 - 1/K) ρ),   ρ = [Σ w(i) w(i+D) / Σ w(i)²]²
+
+A disturbance of the vehicle itself widens the band but does not bias Ĝ, as the vehicle ahead does
+not answer it; noise of the measured speed ahead makes Ĝ too small by S_uu / (S_uu + S_noise). The
+band holds the random error only: a piece flattens what is narrower than 2π over its length. Speeds
+are differenced first, which leaves the gain as it is and takes most of the slope from spectra that
+fall steeply, so that less leaks from low frequencies to high ones.
+
+Sources: Welch, IEEE Trans. Audio Electroacoust. 1967, for the average and n; Bendat and Piersol,
+Random Data, 4th ed. 2010, chapter 9, for H1 and ε; Carter, Proc. IEEE 1987, for the coherence of
+independent signals.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.signal import csd, get_window
+from scipy.stats import norm
+
+from accpinn.errors import SegmentError
+from accpinn.segment.cut import BRIDGE
+from accpinn.segment.segment import Segment
+from accpinn.units import FloatArray, Mask, RadiansPerSecond, Seconds, Stretch, frozen, stretches
+
+LEVEL = 0.9
+WINDOW = "cosine"
+SHARE = 0.25
+"""Of the usable time, a piece's length: longer ones resolve more, but there are fewer of them."""
+LONGEST: Seconds = 150.0
+"""Of a piece; vehicles answer within a minute, and a finer resolution gains little."""
+SHORTEST: Seconds = 20.0
+"""Of a piece; a shorter one resolves no frequency at which vehicles amplify."""
+LEAST_PIECES = 4
+"""Fewer averages leave a band without meaning."""
+FASTEST: RadiansPerSecond = 3.0
+"""Highest frequency given; receivers report a few times a second, and cars do little above it."""
+CHANCE = 0.05
+"""How often independent signals appear coherent at a frequency."""
+
+
+@dataclass(frozen=True, eq=False)
+class MeasuredGain:
+    """A follower's gain at K frequencies, from its recorded speed and that of the car ahead."""
+
+    omega: FloatArray
+    """(K,) in rad/s, above zero, evenly spaced."""
+    gain: FloatArray
+    """(K,) |Ĝ|."""
+    lower: FloatArray
+    """(K,) of the band."""
+    upper: FloatArray
+    """(K,) of the band; infinite where nothing is known."""
+    coherence: FloatArray
+    """(K,) γ², 0 to 1."""
+    coherent: Mask
+    """(K,) where the coherence is above that of independent signals."""
+    level: float
+    """How often the band covers the gain, as far as the error is random."""
+    averages: float
+    """n, how many independent pieces the average is worth."""
+    pieces: int
+    """How many pieces there are."""
+    length: Seconds
+    """Of a piece; frequencies are 2π over it apart."""
+
+
+def measured_gain(segment: Segment, follower: int, level: float = LEVEL) -> MeasuredGain:
+    """The gain |V_i / V_{i-1}| of one follower by Welch's method.
+
+    Where samples are missing for longer than a straight line may bridge, or are excluded, the
+    complete stretches between them are averaged.
+
+    Args:
+        segment: the recorded speeds.
+        follower: 0 for the first one.
+        level: how often the band is to cover the gain, above 0 and below 1.
+
+    Raises:
+        SegmentError: where the complete stretches are too short for an average.
+    """
+    step, usable = segment.sample_time, stretches(_complete(segment, follower))
+    length = _piece_length(usable, step)
+    # A stretch of N speeds has N - 1 differences.
+    counts = {one: 2 * (len(one) - 1) // length - 1 for one in usable if len(one) > length}
+    if sum(counts.values()) < LEAST_PIECES:
+        raise SegmentError(
+            f"{segment.labels[follower + 1]}: no measured gain, as the complete stretches of the"
+            f" window hold fewer than {LEAST_PIECES} pieces of {SHORTEST:g} s; choose a longer"
+            " window."
+        )
+    pair = segment.speeds[:, follower : follower + 2]
+    parts = [count * _densities(pair[one.rows], step, length) for one, count in counts.items()]
+    omega = 2.0 * np.pi * np.fft.rfftfreq(length, step)
+    kept = (omega > 0) & (omega <= FASTEST)
+    ahead, own, cross = np.sum(parts, axis=0)[:, kept]
+    averages = sum(_independent(count, length) for count in counts.values())
+    moving = (ahead.real > 0) & (own.real > 0)
+    gain = np.abs(cross) / np.where(moving, ahead.real, np.inf)
+    coherence = np.minimum(gain**2 * ahead.real / np.where(moving, own.real, np.inf), 1.0)
+    with np.errstate(divide="ignore", over="ignore"):  # without coherence the band has no end
+        error = np.sqrt((1.0 - coherence) / coherence / (2.0 * averages))
+        factor = np.exp(norm.ppf(0.5 + level / 2.0) * error)
+    return MeasuredGain(
+        omega=frozen(omega[kept]),
+        gain=frozen(gain),
+        lower=frozen(gain / factor),
+        upper=frozen(np.where(gain > 0, gain, 1.0) * factor),
+        coherence=frozen(coherence),
+        coherent=coherence > 1.0 - CHANCE ** (1.0 / (averages - 1.0)),
+        level=level,
+        averages=averages,
+        pieces=sum(counts.values()),
+        length=length * step,
+    )
+
+
+def _complete(segment: Segment, follower: int) -> Mask:
+    """(N,) where both speeds can be used, bridged ones included."""
+    complete = np.ones(segment.samples, bool)
+    if segment.missing is not None:
+        longest = BRIDGE / segment.sample_time
+        for gone in stretches(segment.missing[:, follower : follower + 2].any(axis=1)):
+            complete[gone.rows] = len(gone) <= longest + 0.5
+    return complete if segment.mask is None else complete & segment.mask[:, follower]
+
+
+def _piece_length(usable: tuple[Stretch, ...], step: Seconds) -> int:
+    """Samples of a piece, an even number."""
+    lengths = [len(stretch) - 1 for stretch in usable]
+    wanted = min(SHARE * sum(lengths), LONGEST / step, max(lengths, default=0))
+    return 2 * round(max(wanted, SHORTEST / step) / 2.0 - 0.25)
+
+
+def _densities(pair: FloatArray, step: Seconds, length: int) -> NDArray[np.complex128]:
+    """(3, F): spectral densities of the speed ahead, the vehicle's own, and across."""
+    ahead, own = np.diff(pair, axis=0).T
+    return np.array(
+        [csd(one, other, 1.0 / step, WINDOW, length)[1]
+         for one, other in ((ahead, ahead), (own, own), (ahead, own))]
+    )  # fmt: skip
+
+
+def _independent(count: int, length: int) -> float:
+    """How many independent pieces ``count`` are worth."""
+    window, half = get_window(WINDOW, length), length // 2
+    shared = float(window[:half] @ window[half:] / (window @ window)) ** 2
+    return count / (1.0 + 2.0 * (1.0 - 1.0 / count) * shared)

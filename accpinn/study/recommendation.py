@@ -1,0 +1,84 @@
+"""Which parameters of a vehicle to use, why, and how sure they are: data for a sentence."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from accpinn.errors import Finding
+from accpinn.inference.identifiability import is_wide
+from accpinn.inference.intervals import ParameterInterval, parameter_intervals
+from accpinn.inference.model_adequacy import Adequacy, BetterForm, Inadequate
+from accpinn.segment.segment import Segment
+from accpinn.study.comparison import MethodResult
+from accpinn.units import FloatArray
+
+
+class Recommendation(Finding, frozen=True, kw_only=True):
+    """The parameters to be used of one vehicle: those of maximum likelihood."""
+
+    vehicle: int
+    """0 for all followers together."""
+    better: BetterForm | None
+    """A form of the model that is to be preferred to the CTHP."""
+    is_adequate: bool | None
+    """Whether the tests of the preferred form find nothing; None where it was not tested."""
+    intervals: tuple[ParameterInterval, ...]
+    """Of α, β and τ, under the preferred form; empty where the data determine none."""
+    wide: tuple[str, ...]
+    """Symbols of those that are known only to the order of magnitude."""
+    outside: tuple[str, ...]
+    """Keys of the methods with an estimate outside the CTHP's intervals."""
+    methods: int
+    """How many were compared."""
+    level: float
+    """Of the intervals."""
+
+
+def recommend(
+    segment: Segment, rows: Sequence[MethodResult], adequacy: Adequacy | None
+) -> tuple[Recommendation, ...]:
+    """A recommendation for each follower, or one for all that share their parameters.
+
+    Args:
+        segment: the data.
+        rows: the methods' results, at least one.
+        adequacy: of the forms of the model, where they were compared.
+    """
+    shared = rows[0].fit.case == "I" and segment.followers > 1
+    vehicles = (0,) if shared else segment.vehicles[1:]
+    return tuple(_of_vehicle(k, vehicle, rows, adequacy) for k, vehicle in enumerate(vehicles))
+
+
+def _of_vehicle(
+    k: int, vehicle: int, rows: Sequence[MethodResult], adequacy: Adequacy | None
+) -> Recommendation:
+    uncertainty = rows[0].uncertainty
+    forms = adequacy.better if adequacy else ()
+    better = next((one for one in forms if one.vehicle == vehicle), None)
+    lower, upper = uncertainty.lower[k].values, uncertainty.upper[k].values
+    is_known = bool(np.isfinite(lower).any())
+    outside = [
+        row.fit.method
+        for row in rows
+        if is_known and not _inside(row.fit.parameters.values[k], lower, upper)
+    ]
+    of_cthp = tuple(parameter_intervals(uncertainty, k)) if is_known else ()
+    preferred = better.intervals if better else of_cthp
+    tested = adequacy is not None and bool(adequacy.forms)
+    found = adequacy.findings if adequacy else ()
+    failing = {one.vehicle for one in found if isinstance(one, Inadequate)}
+    return Recommendation(
+        vehicle=vehicle,
+        better=better,
+        is_adequate=vehicle not in failing if tested and not better else None,
+        intervals=preferred,
+        wide=tuple(one.symbol for one in preferred if is_wide(one)),
+        outside=tuple(outside),
+        methods=len(rows),
+        level=uncertainty.level,
+    )
+
+
+def _inside(values: FloatArray, lower: FloatArray, upper: FloatArray) -> bool:
+    """Whether no value (3,) is beyond an end; an undetermined one is not."""
+    return not bool(((values < lower) | (values > upper)).any())

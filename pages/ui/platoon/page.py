@@ -1,0 +1,172 @@
+"""The page Platoon: controls, the simulation in words, speeds and time-space diagram, and tabs."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+
+import streamlit as st
+
+from accpinn.model.cthp import Parameters
+from accpinn.platoon.leader import Leader, Recorded, Sinusoid
+from accpinn.platoon.simulation import Collision, PlatoonRun, simulate_platoon
+from accpinn.results.figures import platoon as figures
+from accpinn.results.messages import messages
+from accpinn.results.messages.stability import (
+    PLACES,
+    Places,
+    disturbance,
+    disturbance_details,
+    not_acc,
+    probabilities,
+)
+from accpinn.segment.segment import Segment
+from pages.ui.components import frame, show
+from pages.ui.components.parameter_picker import Chosen, choose_parameters, show_missing
+from pages.ui.components.show import escape_markdown
+from pages.ui.components.widgets import bound, segments, tabs
+from pages.ui.platoon.controls import choose_platoon, recorded_leader
+from pages.ui.platoon.details import show_amplitudes, show_animation, show_panels
+from pages.ui.session.workspace import PlatoonChoice, Workspace
+
+LEAD = "A disturbance of the leader, in a platoon of these vehicles."
+HEIGHT = 350
+"""Of both charts, in pixels."""
+VIEWS: dict[figures.View, str] = {"observer": "Observer", "leader": "Leader", "road": "Road"}
+TABS = "platoon"
+"""The key of the row of tabs."""
+PANELS = "The paper's four panels"
+_simulated = lru_cache(maxsize=16)(simulate_platoon)
+
+
+@dataclass(frozen=True, eq=False)
+class Shown:
+    """What the parts of the page are about."""
+
+    workspace: Workspace
+    source: Chosen
+    order: Sequence[int]
+    """Of each follower, its index among the source's vehicles."""
+    run: PlatoonRun
+
+    @property
+    def choice(self) -> PlatoonChoice:
+        """What the user has chosen."""
+        return self.workspace.platoon_choice
+
+    @cached_property
+    def cast(self) -> figures.Cast:
+        """Labels and colours."""
+        return figures.cast_of(self.source.vehicles, self.order)
+
+    @property
+    def places(self) -> Places:
+        """What sentences call the vehicles."""
+        vehicles = self.source.vehicles
+        in_order = figures.is_in_order(vehicles, self.order)
+        return Places(vehicles.spoken) if in_order else PLACES
+
+    @property
+    def span(self) -> figures.Span | None:
+        """The part of the run that is drawn; None for all of it."""
+        return None if self.choice.whole else figures.close_up(self.run)
+
+    @property
+    def recorded(self) -> Segment | None:
+        """The recording whose leader drives."""
+        return recorded_leader(self.workspace) if isinstance(self.run.leader, Recorded) else None
+
+
+def show_page() -> None:
+    """Draw the page."""
+    workspace = frame.begin("Platoon")
+    source = choose_parameters(workspace, "platoon", LEAD)
+    if source is None:
+        tabs(workspace, TABS, {PANELS: show_panels})
+        return
+    if source.missing:
+        show_missing(workspace, source)
+        return
+    order, leader = choose_platoon(workspace, source.vehicles)
+    run = _run(source.vehicles.parameters[order], leader) if order and leader else None
+    if run is None or order is None:
+        return
+    shown = Shown(workspace, source, order, run)
+    _show_answer(shown)
+    _show_charts(shown)
+    tabs(
+        workspace,
+        TABS,
+        {
+            "Amplitudes": lambda: show_amplitudes(shown.choice, run, shown.cast),
+            "Animation": lambda: show_animation(run, shown.cast),
+            PANELS: show_panels,
+        },
+    )
+
+
+def _run(platoon: Parameters, leader: Leader) -> PlatoonRun | None:
+    """The simulation; None, with a sentence, where it is refused."""
+    work = simulate_platoon if isinstance(leader, Recorded) else _simulated
+    return show.attempt(lambda: work(platoon, leader))
+
+
+def _show_answer(shown: Shown) -> None:
+    """What becomes of the disturbance, and what limits the run."""
+    run, source, places = shown.run, shown.source, shown.places
+    chosen = source.vehicles
+    with st.container(border=True):
+        said = f"{disturbance(run, places)} {not_acc(chosen)}".rstrip()
+        st.markdown(f"{escape_markdown(source.origin)}\n\n#### {escape_markdown(said)}")
+        details = disturbance_details(run, places)
+        if recorded := shown.recorded:
+            leader = f"{recorded.labels[0]} as recorded, {recorded.source}, {recorded.window}"
+            details = f"The leader: {leader}; the platoon begins in equilibrium. {details}"
+        if source.uncertainty:
+            odds = probabilities(chosen, source.uncertainty)
+            details += f" The simulation is that of the estimates. {odds}"
+        st.caption(escape_markdown(details))
+    # The answer names the collisions already.
+    others = [finding for finding in run.findings if not isinstance(finding, Collision)]
+    show.messages(messages(others, places), "warning")
+
+
+def _show_charts(shown: Shown) -> None:
+    """Speeds and gaps beside the time-space diagram."""
+    run, cast, choice, recorded = shown.run, shown.cast, shown.choice, shown.recorded
+    with st.container(horizontal=True, vertical_alignment="center"):
+        _choose_part(shown)
+        segments(
+            "Seen from", VIEWS, choice.view, "platoon_view", lambda view: choice.set(view=view),
+            help="Of the time-space diagram. The observer drives at the leader's mean speed, so"
+            " that distances between the vehicles and their motion are seen.",
+        )  # fmt: skip
+        show.key(
+            zip(cast.labels, cast.colours, strict=True),
+            dashed="recorded (dotted)" if recorded and choice.measured else "",
+        )
+    left, right = st.columns(2, gap="medium")
+    with left:
+        measured = recorded if choice.measured else None
+        figure = figures.profiles(run, cast, shown.span, measured, HEIGHT)
+        show.chart(figure, "platoon_profiles")
+    with right:
+        figure = figures.time_space(run, cast, shown.span, choice.view, HEIGHT)
+        show.chart(figure, "platoon_time_space")
+
+
+def _choose_part(shown: Shown) -> None:
+    """Which part of the run is drawn; of a recorded leader all, with or without its followers."""
+    run, choice = shown.run, shown.choice
+    if shown.recorded:
+        st.toggle(
+            "Recorded followers",
+            **bound("platoon_measured", choice.measured, lambda on: choice.set(measured=on)),
+            help="The speeds and space-gaps of the followers in the recording, dotted.",
+        )
+        return
+    closer = "Last periods" if isinstance(run.leader, Sinusoid) else "Disturbance"
+    segments(
+        "Part of the run", {False: "Collision" if run.collisions else closer, True: "Whole run"},
+        choice.whole, "platoon_whole", lambda whole: choice.set(whole=whole),
+        help="Which part of the run both charts show.",
+    )  # fmt: skip

@@ -1,0 +1,302 @@
+"""A result on a page: checks, parameters and fit on the first screen, all else in tabs."""
+
+from collections.abc import Callable, Mapping, Sequence
+from itertools import groupby
+from pathlib import Path
+
+import streamlit as st
+
+from accpinn.inference.identifiability import narrower_intervals, weakly_identified
+from accpinn.inference.intervals import Uncertainty
+from accpinn.inference.model_adequacy import Adequacy
+from accpinn.inference.prediction import GapBand, gap_band
+from accpinn.methods import least_squares
+from accpinn.methods.fit import History, Outcome, headway_findings
+from accpinn.methods.maximum_likelihood import disturbance_sizes
+from accpinn.model.cthp import Case, Parameters
+from accpinn.results.checks import Check, CheckName, checks
+from accpinn.results.figures import training as figures
+from accpinn.results.messages import messages
+from accpinn.results.messages.checks import MEANING, failing_of, label_of
+from accpinn.results.messages.methods import outcome_message
+from accpinn.results.messages.reliability import BAND, conditional
+from accpinn.results.tables import estimates as tables
+from accpinn.results.tables.estimates import name_of
+from accpinn.results.tables.table import Table
+from accpinn.segment.quality import assess_quality
+from accpinn.segment.segment import SegmentInfo
+from pages.ui.components import show
+from pages.ui.components.show import escape_markdown
+from pages.ui.components.widgets import pick_follower, tabs
+from pages.ui.result.evaluated import Evaluated
+from pages.ui.session.workspace import Workspace
+
+MARKS = {True: ("blue", "check_circle"), False: ("orange", "cancel"), None: ("gray", "help")}
+"""Colour and icon of a check's answer: the icons differ in shape."""
+BESIDE = 400
+"""Height in pixels of the chart beside the table."""
+
+
+def show_evaluated(
+    workspace: Workspace,
+    result: Evaluated,
+    page: str,
+    next_step: Callable[[], None] | None = None,
+    more: Mapping[str, Callable[[], None]] | None = None,
+) -> None:
+    """The first screen of a result, and its tabs.
+
+    Args:
+        workspace: the session.
+        result: to be shown.
+        page: begins the keys of widgets.
+        next_step: draws what leads on.
+        more: further tabs by title.
+    """
+    info, fit = result.info, result.fit
+    _show_outcome(result)
+    _show_checks(result)
+    left, right = st.columns((1.3, 1), gap="medium")
+    table = _parameter_table(result)
+    with left:
+        show.table(tables.estimate_part(table))
+        if result.uncertainty:
+            level = f"{100 * result.uncertainty.level:.0f} %"
+            st.caption(
+                f"In brackets: the {level} interval, the values consistent with the data; an"
+                " estimate with * lies outside. Probability: the share of them that is string"
+                " stable."
+            )
+        if next_step:
+            next_step()
+    with right:
+        follower = pick_follower(info, f"{page}_follower", labelled=False)
+        _show_tracking(result, follower, f"{page}_tracking", BESIDE)
+    views: dict[str, Callable[[], None]] = {
+        "Fit": lambda: _show_fit(result, table, follower),
+    }
+    if history := fit.history:
+        views["Training"] = lambda: show_history(history, info, page, fit.case, result.truth)
+    views["Comparison"] = lambda: _show_comparison(workspace, result, page)
+    tabs(workspace, f"{page}_tabs", views | dict(more or {}) | {
+        "Export": lambda: _show_export(result, table, page),
+    })  # fmt: skip
+
+
+def _show_outcome(result: Evaluated) -> None:
+    """Before all else, a training that did not end by itself."""
+    if result.fit.outcome is Outcome.DIVERGED:
+        st.error(outcome_message(result.fit), icon=":material/error:")
+    elif result.fit.outcome is Outcome.STOPPED:
+        st.warning(outcome_message(result.fit), icon=":material/pause_circle:")
+
+
+def _show_checks(result: Evaluated) -> None:
+    """A button for each check, with its answer; it opens what the answer rests on."""
+    info, fit, uncertainty = result.info, result.fit, result.uncertainty
+    events, residual = result.events, result.residual
+    evidence: Mapping[CheckName, Sequence[str]] = {
+        "converged": (outcome_message(fit),),
+        "inside": messages(uncertainty.findings if uncertainty else (), info),
+        "identified": messages(headway_findings(info.vehicles, fit.parameters), info),
+        "collision-free": messages(events or (), info),
+        "explained": messages(residual.findings if residual else (), info),
+    }
+    found = checks(info, fit, uncertainty, events, residual)
+    with st.container(horizontal=True, gap="small", key="checks"):
+        for name, each in groupby(found, lambda check: check.name):
+            _show_check(info, name, [*each], evidence[name])
+
+
+def _show_check(
+    info: SegmentInfo, name: CheckName, group: Sequence[Check], evidence: Sequence[str]
+) -> None:
+    answers = {check.passed for check in group}
+    worst = next(answer for answer in (False, None, True) if answer in answers)
+    colour, icon = MARKS[worst]
+    with st.popover(f":{colour}[:material/{icon}:] {label_of(group)}"):
+        st.markdown(escape_markdown(MEANING[name]))
+        failing = [said for check in group if (said := failing_of(check, info))]
+        if reasons := (*failing, *evidence):
+            st.markdown(show.bullets(reasons))
+
+
+def _parameter_table(result: Evaluated) -> Table:
+    """All that is known of each vehicle."""
+    info, fit = result.info, result.fit
+    table = tables.parameter_table(
+        info, fit, result.quality, result.surrogate, result.simulated, result.uncertainty
+    )
+    return table.coloured(show.vehicle_colours(info, tables.row_vehicles(info, fit.case)))
+
+
+def _show_fit(result: Evaluated, table: Table, follower: int) -> None:
+    """Errors, what happens in simulation, and what the intervals take for granted."""
+    info, fit = result.info, result.fit
+    took = f"{fit.seconds:.1f} s" if fit.seconds < 60 else show.format_duration(fit.seconds)
+    cost = f"{fit.iterations:,} iterations in {took}, {fit.network_weights:,} network weights."
+    cache = " From the cache: this exact request was trained before." if fit.cached else ""
+    show.table(tables.error_part(table))
+    st.caption(
+        "Surrogate fit: error of the network's own curves, as in the paper's tables. Closed-loop"
+        " simulation: error of the simulation with the learned parameters, with only the leader's"
+        " speed given. MAE: mean absolute error of space-gap p and speed v."
+        f" {cost}{cache}"
+    )
+    after = "The simulation continues, and the closed-loop errors include what follows."
+    show.messages(messages(result.events or (), info), "warning", "car_crash", after)
+    _show_limits(result)
+    show.messages(messages((*fit.findings, *headway_findings(info.vehicles, fit.parameters)), info))
+    if said := _about_tracking(result, follower):
+        st.caption(escape_markdown(said))
+
+
+def _show_limits(result: Evaluated) -> None:
+    """Which intervals are wide, and what would narrow them."""
+    info, uncertainty = result.info, result.uncertainty
+    if uncertainty is None:
+        return
+    quality = assess_quality(result.segment) if result.segment else result.quality
+    wide = weakly_identified(info, quality, uncertainty, result.fit.case)
+    cure = narrower_intervals(info, uncertainty, wide, result.recording)
+    show.messages(messages((*wide, *cure), info), "warning")
+
+
+def _show_comparison(workspace: Workspace, result: Evaluated, page: str) -> None:
+    """The same parameters by least squares and maximum likelihood, and under other forms."""
+    info, fit, segment, uncertainty = result.info, result.fit, result.segment, result.uncertainty
+    estimates = {name_of(fit).partition(" (")[0]: fit.parameters}
+    if segment:
+        estimates["Least squares"] = least_squares.fit(segment, fit.case).parameters
+    if uncertainty:
+        estimates["Maximum likelihood"] = uncertainty.centre
+    if result.truth:
+        estimates["Truth"] = result.truth
+    colours = show.vehicle_colours(info, tables.parameter_rows(info, fit.case))
+    table = tables.comparison_table(info, estimates, fit.case, uncertainty)
+    show.table(table, colours)
+    st.caption(
+        "Disturbances that last for seconds bias least squares and the PiNN's loss alike; maximum"
+        " likelihood estimates the disturbances together with the parameters, and the intervals"
+        " are around it."
+    )
+    show.downloads(table, f"{Path(info.source).stem}_comparison", f"{page}_comparison")
+    if uncertainty is None:
+        return
+    is_own = segment is not None and segment is workspace.segment
+    adequacy = workspace.known_adequacy if is_own else result.adequacy
+    if adequacy is None and is_own:
+        label = "Compare with other forms of the model"
+        if st.button(label, key=f"{page}_forms", icon=":material/rule:"):
+            with st.spinner("This takes some seconds."):
+                workspace.compare_forms()
+            st.rerun()
+    st.caption(conditional(adequacy, info))
+    show_better_forms(info, uncertainty, adequacy)
+
+
+def show_better_forms(
+    info: SegmentInfo, uncertainty: Uncertainty, adequacy: Adequacy | None
+) -> None:
+    """The intervals under forms that describe a vehicle better than the CTHP."""
+    if adequacy and adequacy.better:
+        show.table(tables.form_intervals_table(info, uncertainty, adequacy.better))
+        show.messages(messages(adequacy.better, info), icon="lightbulb")
+
+
+def _show_tracking(result: Evaluated, follower: int, key: str, height: int | None = None) -> None:
+    """One follower's curves, with the band that the posterior predicts where the data are here."""
+    fit, segment = result.fit, result.segment
+    if segment is None and fit.surrogate is None:
+        st.caption("The curves need the recording, which is not part of the snapshot.")
+        return
+    figure = figures.tracking(
+        segment or result.info, follower, fit.surrogate, result.driven, _own(result),
+        predicted=_band(result), disturbance=fit.arrays.get("disturbance"), height=height,
+    )  # fmt: skip
+    show.chart(figure, key)
+
+
+def _own(result: Evaluated) -> str:
+    """What the method's own curves are called."""
+    return "network" if result.fit.method == "pinn" else name_of(result.fit)
+
+
+def _band(result: Evaluated) -> GapBand | None:
+    if result.segment is None or result.uncertainty is None:
+        return None
+    return gap_band(result.segment, result.uncertainty, result.fit.case)
+
+
+def _about_tracking(result: Evaluated, follower: int) -> str:
+    """What the band is, how much it covers, and what disturbs the vehicle."""
+    info, band = result.info, _band(result)
+    vehicle = info.vehicles[follower + 1]
+    covered = [one for one in band.findings if one.vehicle == vehicle] if band else []
+    sizes = disturbance_sizes(info.vehicles, result.fit)
+    moved = [one for one in sizes if one.vehicle in (0, vehicle)]
+    return " ".join(((BAND,) if band else ()) + messages((*covered, *moved), info))
+
+
+def show_history(
+    history: History,
+    info: SegmentInfo,
+    page: str,
+    case: Case,
+    truth: Parameters | None = None,
+    solved: Parameters | None = None,
+) -> None:
+    """Loss terms and parameters over iterations, two by two.
+
+    Args:
+        history: of a training, also of one that runs.
+        info: of its segment.
+        page: begins the keys of the charts.
+        case: in Case I all followers share one line.
+        truth: the true parameters, where they are known.
+        solved: those of least squares, as lines to compare with.
+    """
+    show.vehicle_key(info, bool(truth), case == "I" and info.followers > 1, bool(solved))
+    drawn = (
+        ("loss", figures.loss_history(history)),
+        *(
+            (f"parameter_{which}",
+             figures.parameter_history(history, which, info, truth, solved))
+            for which in range(3)
+        ),
+    )  # fmt: skip
+    for pair in (drawn[:2], drawn[2:]):
+        for column, (name, figure) in zip(st.columns(2), pair, strict=True):
+            with column:
+                show.chart(figure, f"{page}_{name}")
+
+
+def _show_export(result: Evaluated, table: Table, page: str) -> None:
+    """The table with all of its columns, as it leaves."""
+    show.table(table)
+    show.downloads(table, f"{Path(result.info.source).stem}_parameters", page)
+
+
+def show_intervals(
+    info: SegmentInfo,
+    uncertainty: Uncertainty | None,
+    more: str = "Pages Compare and Stability show more.",
+    case: Case = "II",
+) -> None:
+    """Intervals of the parameters and the probability of string stability.
+
+    Args:
+        info: names the vehicles.
+        uncertainty: None shows nothing.
+        more: the end of the caption.
+        case: in Case I all followers share one row.
+    """
+    if uncertainty is None:
+        return
+    colours = show.vehicle_colours(info, tables.parameter_rows(info, case))
+    show.table(tables.intervals_table(info, uncertainty, case), colours)
+    st.caption(
+        "Interval: the values consistent with the data, with disturbances that last for seconds,"
+        " as on a road. Probability of string stability: the share of parameter sets consistent"
+        f" with the data (posterior samples) that are string stable. {more}"
+    )

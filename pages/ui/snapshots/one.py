@@ -1,0 +1,154 @@
+"""One snapshot in full, to be read: where it is from, its result, link, report, verification."""
+
+from urllib.parse import urlsplit
+
+import streamlit as st
+
+from accpinn.results.messages.methods import unfinished
+from accpinn.results.messages.snapshot import check_rows, counted, summary
+from accpinn.results.messages.stability import headline
+from accpinn.results.report import render_report
+from accpinn.results.snapshot import SUFFIX, Snapshot
+from accpinn.results.snapshot.saved import Entry
+from accpinn.results.snapshot.verification import obstacle, recover, verify
+from accpinn.results.tables.estimates import learned_parameters
+from accpinn.results.tables.table import Column, Table
+from accpinn.segment.segment import Segment
+from accpinn.units import Seconds
+from pages.ui.components import show
+from pages.ui.components.show import escape_markdown
+from pages.ui.result.evaluated import of_snapshot
+from pages.ui.result.view import show_evaluated
+from pages.ui.session.resources import library, opened
+from pages.ui.session.sessions import SNAPSHOT
+from pages.ui.session.workspace import Workspace
+from pages.ui.snapshots.both import show_both
+from pages.ui.snapshots.listing import title_of
+
+SAME = "the same"
+"""In place of a recomputed value that equals the stored one."""
+QUICK: Seconds = 20.0
+"""A method that took longer is not run again while the page waits."""
+
+
+def show_one(workspace: Workspace, snapshot: Snapshot) -> None:
+    """The result, as whoever follows its link sees it: nothing here changes or deletes it."""
+    info, title = snapshot.info, snapshot.name.strip() or snapshot.id
+    st.subheader(escape_markdown(title), anchor=False)
+    when = snapshot.created[:16].replace("T", " ")
+    place = f"{info.source} · {info.window} · {info.labels[0]} to {info.labels[-1]}"
+    case = f" · Case {snapshot.fit.case}" if info.followers > 1 else ""
+    st.caption(escape_markdown(f"{place}{case} · saved {when} UTC"))
+    if snapshot.note:
+        st.text(snapshot.note)
+    _show_buttons(workspace, snapshot, title)
+    show.not_acc(info)
+    show.messages(unfinished(snapshot.fit), "warning", "pause_circle")
+    if snapshot.stability and not unfinished(snapshot.fit):
+        chosen = learned_parameters(info, snapshot.fit)
+        said = headline(chosen, snapshot.stability, snapshot.uncertainty)
+        st.markdown(f"**{escape_markdown(said)}**")
+    result = of_snapshot(snapshot, _data_of(workspace, snapshot))
+    show_evaluated(workspace, result, "snapshots", more={
+        "Verify": lambda: _show_verification(workspace, snapshot),
+        "Beside another": lambda: _show_beside(snapshot),
+    })  # fmt: skip
+
+
+def _data_of(workspace: Workspace, snapshot: Snapshot) -> Segment | None:
+    """The data that came along, or else the open recording's."""
+    recording = workspace.recording
+    found = recover(snapshot, recording).segment if recording and not snapshot.segment else None
+    return snapshot.segment or found
+
+
+def _show_buttons(workspace: Workspace, snapshot: Snapshot, title: str) -> None:
+    """Back, open, share, report and file."""
+    # The title with nothing in it that a file name cannot have.
+    stem = "".join(c if c.isalnum() or c in "-_." else "_" for c in title)
+    stem = stem.strip("._")[:60] or snapshot.id
+
+    def back() -> None:
+        workspace.viewed = ""
+        show.forget_flash()
+
+    def open_it() -> None:
+        with show.flashing():
+            workspace.restore(snapshot)
+            show.flash("success", "Opened: every page now shows this snapshot.")
+
+    with st.container(horizontal=True):
+        st.button(
+            "All snapshots", icon=":material/arrow_back:", key="snapshots_back", on_click=back
+        )
+        if workspace.snapshot is None or workspace.snapshot.id != snapshot.id:
+            st.button(
+                "Open on every page", type="primary", icon=":material/folder_open:",
+                key="snapshots_open", on_click=open_it,
+                help="Stability, Platoon and Train then show it; your present result stays in the"
+                " list of finished runs on page Train.",
+            )  # fmt: skip
+        with st.popover("Share", icon=":material/share:"):
+            st.caption("A link to this page; it opens on any page of this server.")
+            address = urlsplit(st.context.url or "")
+            server = f"{address.scheme}://{address.netloc}" if address.netloc else ""
+            st.code(f"{server}/Snapshots?{SNAPSHOT}={snapshot.id}", language=None)
+        st.download_button(
+            "Report", lambda: render_report(snapshot), f"{stem}.html", "text/html",
+            on_click="ignore", icon=":material/description:",
+            help="One web page that needs nothing but a browser; it can be printed.",
+        )  # fmt: skip
+        if library().has(snapshot.id):
+            st.download_button(
+                "Download", lambda: library().raw(snapshot.id), f"{stem}{SUFFIX}",
+                "application/zip", on_click="ignore", icon=":material/download:",
+                help="The file itself: it can be sent, kept, and imported on any server.",
+            )  # fmt: skip
+
+
+def _show_verification(workspace: Workspace, snapshot: Snapshot) -> None:
+    """How many of the stored figures agree with those computed now, and the exceptions."""
+    recording = workspace.recording
+    same = recording if recording and recording.sha256 == snapshot.info.sha256 else None
+    again = False
+    if snapshot.fit.seconds < QUICK and (snapshot.segment or same) and not obstacle(snapshot.fit):
+        again = st.toggle(
+            "Run the methods again, too", key="snapshots_again",
+            help="Every method of the snapshot is run anew on its data, with its settings.",
+        )  # fmt: skip
+    with st.spinner("Computing all of it anew"):
+        found = verify(snapshot, same, refit=again)
+    st.markdown(f"**{escape_markdown(counted(found))}**")
+    said = summary(found, snapshot.info)
+    show.messages(said, *(("success", "verified") if found.ok else ("error",)))
+    texts = (Column(title, prose=True) for title in ("Result", "Stored", "Recomputed"))
+    columns = (Column("Checked"), *texts)
+    checks = check_rows(found, snapshot.info)
+    rows = tuple(
+        (c.name, c.sentence, c.stored, SAME if c.ok and c.stored == c.recomputed else c.recomputed)
+        for c in sorted(checks, key=lambda check: check.ok)
+    )
+    with st.expander("Every figure, stored beside recomputed", expanded=not found.ok):
+        show.table(Table("", columns, rows))
+
+
+def _show_beside(snapshot: Snapshot) -> None:
+    """The same beside another of the server's snapshots, which the user picks."""
+    others = [e for e in library().entries() if not e.fault and e.id != snapshot.id]
+    if not others:
+        st.caption("No other snapshot is kept on this server.")
+        return
+    other = choose_entry("The second snapshot", "snapshots_second", others)
+    show_both(snapshot, opened(other.id))
+
+
+def choose_entry(label: str, key: str, entries: list[Entry]) -> Entry:
+    """One of them, by name; at first the newest."""
+    known = {e.id: e for e in entries}
+    if st.session_state.get(key) not in known:
+        st.session_state[key] = next(iter(known))
+    chosen = st.selectbox(
+        label, list(known), key=key, width=520,
+        format_func=lambda name: f"{title_of(known[name])} · {known[name].source} · {name[:6]}",
+    )  # fmt: skip
+    return known[chosen]

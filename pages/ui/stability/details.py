@@ -1,0 +1,150 @@
+"""Tabs of the page Stability: criteria along the platoon, the map, and why verdicts are so."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import streamlit as st
+
+from accpinn.inference.intervals import Uncertainty
+from accpinn.model.published import ParameterSet
+from accpinn.results.figures import stability as figures
+from accpinn.results.figures.stability import add_clouds, cloud_caption
+from accpinn.results.messages import messages
+from accpinn.results.messages.stability import BEHAVIOURS, TITLES, reason
+from accpinn.results.tables.estimates import form_intervals_table
+from accpinn.results.tables.stability import answer, stability_interval_table, stability_table
+from accpinn.stability.report import StabilityReport, VehicleStability, Verdict
+from pages.ui.components import show
+from pages.ui.components.parameter_picker import Chosen
+from pages.ui.components.show import escape_markdown
+from pages.ui.components.widgets import segments, select
+from pages.ui.session.workspace import Plane, Workspace
+
+PLANES: dict[Plane, str] = {"beta": "β and τ", "alpha": "α and τ"}
+
+
+@dataclass(frozen=True, eq=False)
+class Shown:
+    """What the parts of the page are about."""
+
+    workspace: Workspace
+    source: Chosen
+    """Where the parameters are from, and what is known of them."""
+    report: StabilityReport
+    """Of the parameters."""
+
+    @property
+    def chosen(self) -> ParameterSet:
+        """The vehicles' names and parameters."""
+        return self.source.vehicles
+
+    @property
+    def known(self) -> Uncertainty | None:
+        """The uncertainty of the fit that the parameters are from; None for others."""
+        return self.source.uncertainty
+
+    @property
+    def uncertainty(self) -> Uncertainty | None:
+        """The same where the user wants to see it in charts."""
+        return self.known if self.workspace.map_choice.uncertainty else None
+
+
+def show_criteria(shown: Shown) -> None:
+    """Each vehicle's criteria, and those of the platoon up to it."""
+    st.caption(
+        "Criteria and gains of each vehicle, in their order in the platoon: stable where a"
+        " criterion is above 0 and a gain is at 1. Dotted: from the leader to that follower,"
+        " through all vehicles before it."
+    )
+    show.key(figures.CRITERIA_KEY)
+    show.chart(figures.criteria_by_vehicle(shown.chosen, shown.report), "stability_criteria")
+
+
+def show_map(shown: Shown) -> None:
+    """The boundaries of stability in a plane of two parameters."""
+    chosen, uncertainty, choice = shown.chosen, shown.uncertainty, shown.workspace.map_choice
+    plane, many = choice.plane, len(chosen) > 1
+    held = choice.held if 0 <= choice.held < len(chosen) else len(chosen) - 1
+    with st.container(horizontal=True, vertical_alignment="center"):
+        segments(
+            "Plane", PLANES, plane, "stability_plane",
+            lambda plane: setattr(choice, "plane", plane),
+            help="The two parameters on the axes; the third is that of the vehicle chosen.",
+        )  # fmt: skip
+        if many:
+            select(
+                "Vehicle", dict(enumerate(chosen.labels)), held, "stability_held",
+                lambda k: setattr(choice, "held", k), labelled=False, width=240,
+                help="The vehicle whose third parameter the boundaries are drawn for.",
+            )  # fmt: skip
+        show.key(figures.MAP_KEY)
+    chart = figures.stability_map(chosen, shown.report, held, plane)
+    if uncertainty:
+        chart = add_clouds(chart, chosen, uncertainty, plane)
+    show.chart(chart, "stability_map")
+    kept = "α" if plane == "beta" else "β"
+    st.caption(
+        f"Boundaries at {escape_markdown(chosen.labels[held])}'s {kept}; above them the vehicle is"
+        " stable. Hatched: stable by the paper's L∞ criterion, but peaks grow."
+        + (f" Rings: vehicles with a {kept} of their own." if many else "")
+        + (f" {cloud_caption(chart, uncertainty, plane)}" if uncertainty else "")
+    )
+
+
+def show_reasons(shown: Shown) -> None:
+    """A sentence for every verdict, and all figures that it rests on."""
+    chosen, report = shown.chosen, shown.report
+    columns = st.columns(2, gap="large")
+    for k, (label, vehicle) in enumerate(zip(chosen.labels, report.vehicles, strict=True)):
+        verdicts: tuple[Verdict, ...] = (vehicle.l2, vehicle.linf_paper, vehicle.linf_exact)
+        columns[k % 2].markdown(
+            f"**{escape_markdown(label)}.** {BEHAVIOURS[vehicle.behaviour]}\n"
+            + _listed(verdicts, vehicle)
+        )
+    if len(chosen) > 1:
+        platoon = report.platoon
+        verdicts = (platoon.l2_strict, platoon.l2_weak, platoon.linf_strict, platoon.linf_weak)
+        columns[len(chosen) % 2].markdown(
+            "**The platoon.** Strict: no vehicle amplifies anything. Weak: nothing has grown at"
+            " the last one.\n" + _listed(verdicts, report, chosen.spoken)
+        )
+    table = stability_table(chosen, report, parameters=False)
+    show.table(table, figures.colours(chosen))
+    st.caption(
+        "By the estimates. Smallest stable time headway: that of this vehicle with its α and β."
+    )
+    show.downloads(
+        stability_table(chosen, report, shown.known), f"criteria_{chosen.title}".lower(), "criteria"
+    )
+    if shown.known:
+        _show_intervals(shown, shown.known)
+
+
+def _show_intervals(shown: Shown, known: Uncertainty) -> None:
+    """Of the measures of stability, and of the parameters under a better form of the model."""
+    source, chosen = shown.source, shown.chosen
+    table = stability_interval_table(chosen, known)
+    show.table(table, figures.colours(chosen))
+    st.caption(
+        "From posterior samples of a model with disturbances that last for seconds. Probability"
+        " of string stability: the share of samples that are stable."
+    )
+    show.downloads(table, f"uncertainty_{chosen.title}".lower(), "intervals")
+    if source.info:
+        show.messages(messages(known.findings, source.info))
+        if source.adequacy and source.adequacy.better:
+            forms = form_intervals_table(source.info, known, source.adequacy.better)
+            show.table(forms)
+            show.downloads(forms, f"forms_{chosen.title}".lower(), "forms")
+
+
+def _listed(
+    verdicts: tuple[Verdict, ...],
+    of: VehicleStability | StabilityReport,
+    names: Sequence[str] = (),
+) -> str:
+    return "".join(
+        f"\n- {TITLES[verdict.criterion]}: **{answer(verdict)}**."
+        f" {escape_markdown(reason(verdict, of, names))}"
+        for verdict in verdicts
+    )

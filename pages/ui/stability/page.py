@@ -1,0 +1,201 @@
+"""The page Stability: the verdict beside the Bode magnitude, a table, and details in tabs."""
+
+from functools import lru_cache
+from typing import Any
+
+import plotly.graph_objects as go
+import streamlit as st
+
+from accpinn.inference.intervals import Uncertainty
+from accpinn.model.published import ParameterSet
+from accpinn.results.figures import stability as figures
+from accpinn.results.figures.stability import add_bands
+from accpinn.results.figures.style import LEADER
+from accpinn.results.messages.reliability import conditional
+from accpinn.results.messages.stability import (
+    GIVEN_PARAMETERS,
+    certainty,
+    criteria_differ,
+    headline,
+    reason,
+)
+from accpinn.results.tables.stability import answer, verdict_table
+from accpinn.stability.report import CERTAIN, stability_report
+from accpinn.units import RadiansPerSecond
+from pages.ui.components import frame, show
+from pages.ui.components.parameter_picker import choose_parameters, show_missing
+from pages.ui.components.show import escape_markdown
+from pages.ui.components.widgets import bound, select, tabs
+from pages.ui.session.workspace import Workspace
+from pages.ui.stability.details import Shown, show_criteria, show_map, show_reasons
+from pages.ui.stability.measured import show_measured
+
+LEAD = "Which of these vehicles amplify the disturbances of the car ahead?"
+GAIN = "‖h‖₁: the largest factor by which a peak of the speed deviation can grow."
+HEIGHT = 370
+"""Of the Bode magnitude, in pixels: the table's head is above the fold then."""
+WHOLE = -1
+"""Stands for the platoon in place of one vehicle's index."""
+report_of = lru_cache(maxsize=64)(stability_report)
+
+
+def show_page() -> None:
+    """Draw the page."""
+    workspace = frame.begin("Stability")
+    chosen = choose_parameters(workspace, "stability", LEAD)
+    if chosen is None:
+        return
+    if chosen.missing:
+        show_missing(workspace, chosen)
+        return
+    report = show.attempt(lambda: report_of(chosen.vehicles.parameters))
+    if report is None:
+        return
+    shown = Shown(workspace, chosen, report)
+    answer_column, chart_column = st.columns((1, 1.35), gap="medium")
+    with answer_column:
+        _show_answer(shown)
+    with chart_column:
+        _show_bode(shown)
+    _show_verdicts(shown)
+    tabs(
+        workspace,
+        "stability",
+        {
+            "Criteria": lambda: show_criteria(shown),
+            "Map": lambda: show_map(shown),
+            "Why": lambda: show_reasons(shown),
+            "Measured": lambda: show_measured(shown),
+        },
+    )
+
+
+def _show_answer(shown: Shown) -> None:
+    """Who amplifies, how certain that is, the platoon, and what the verdict takes for granted."""
+    chosen, report, source = shown.chosen, shown.report, shown.source
+    with st.container(border=True):
+        said = headline(chosen, report, shown.known)
+        st.markdown(f"{escape_markdown(source.origin)}\n\n#### {escape_markdown(said)}")
+        if shown.known:
+            st.markdown(escape_markdown(certainty(chosen, report, shown.known)))
+        if len(chosen) > 1:
+            platoon = report.platoon
+            verdicts = (
+                ("Strictly stable", platoon.l2_strict, platoon.linf_strict),
+                ("Weakly stable", platoon.l2_weak, platoon.linf_weak),
+            )
+            lines = [f"{name}: L₂ **{answer(l2)}**, L∞ **{answer(linf)}**."
+                     for name, l2, linf in verdicts]  # fmt: skip
+            why = escape_markdown(reason(platoon.l2_weak, report))
+            of = "estimates" if source.fit else "parameters"
+            st.markdown(
+                f"The {of} as a platoon in this order. {' '.join(lines)} {why}",
+                help="Strictly: no vehicle amplifies anything. Weakly: nothing has grown at the"
+                " last one.",
+            )
+        given = GIVEN_PARAMETERS
+        assumed = conditional(source.adequacy, source.info) if source.info else given
+        st.caption(escape_markdown(assumed))
+
+
+def _show_bode(shown: Shown) -> None:
+    """The chart; a click on a curve leads to the platoon at that frequency."""
+    chosen, choice, uncertainty = shown.chosen, shown.workspace.map_choice, shown.uncertainty
+    key = list(zip(chosen.labels, figures.colours(chosen), strict=True))
+    key += [("Leader to last follower (dashed)", LEADER)] if len(chosen) > 1 else []
+    show.key(key)
+    event = show.chart(
+        _bode(chosen, uncertainty), "stability_bode", on_select="rerun", selection_mode="points"
+    )
+    band = f" Shaded: {100 * uncertainty.level:.0f} % bands." if uncertainty else ""
+    with st.container(horizontal=True, vertical_alignment="center"):
+        st.caption(
+            "Diamonds: peaks. Rings: below that frequency the vehicle amplifies. Click on a curve"
+            f" to simulate a platoon at that frequency.{band}"
+        )
+        if shown.known:
+            st.toggle(
+                "Show the uncertainty",
+                **bound("stability_uncertainty", choice.uncertainty,
+                        lambda on: setattr(choice, "uncertainty", on)),
+                help="Bands of the Bode magnitude, and posterior samples on the map.",
+            )  # fmt: skip
+    if clicked := clicked_point(event["selection"]["points"]):
+        _open_platoon(shown.workspace, *clicked)
+
+
+@lru_cache(maxsize=16)
+def _bode(chosen: ParameterSet, uncertainty: Uncertainty | None) -> go.Figure:
+    figure = figures.bode(chosen, report_of(chosen.parameters))
+    figure.update_layout(height=HEIGHT)
+    return add_bands(figure, chosen, uncertainty) if uncertainty else figure
+
+
+def _show_verdicts(shown: Shown) -> None:
+    """The table, and the way from one of its rows to the platoon."""
+    chosen = shown.chosen
+    table = verdict_table(chosen, shown.report, shown.known)
+    show.table(table, figures.colours(chosen))
+    st.caption(f"{_posterior(shown.known)} {GAIN}" if shown.known else GAIN)
+    if differ := criteria_differ(chosen, shown.report):
+        st.markdown(f":material/warning: {escape_markdown(differ)}")
+    left, right = st.columns((2.4, 1), vertical_alignment="center")
+    with left:
+        _show_simulate(shown)
+    with right:
+        show.downloads(table, f"stability_{chosen.title}".lower(), "stability")
+
+
+def _posterior(known: Uncertainty) -> str:
+    """What probabilities, verdicts and brackets in the table mean."""
+    sure = 100 * CERTAIN
+    return (
+        "Probability: the share of posterior samples that are string stable; the verdict is"
+        f" undecided between {100 - sure:.0f} and {sure:.0f} %. In brackets:"
+        f" {100 * known.level:.0f} % intervals."
+    )
+
+
+def _show_simulate(shown: Shown) -> None:
+    """One vehicle or the platoon chosen, and a button; nothing where none has a peak."""
+    chosen, report, workspace = shown.chosen, shown.report, shown.workspace
+    peaks = {WHOLE: report.platoon.peaks[-1]} if len(chosen) > 1 else {}
+    peaks |= {k: vehicle.peak for k, vehicle in enumerate(report.vehicles)}
+    peaks = {k: peak for k, peak in peaks.items() if peak.omega}
+    if not peaks:
+        return
+    choice = workspace.map_choice
+    which = choice.simulated if choice.simulated in peaks else next(iter(peaks))
+    with st.container(horizontal=True, vertical_alignment="center"):
+        if len(peaks) > 1:
+            names = {k: "All vehicles in order" if k == WHOLE else chosen.labels[k] for k in peaks}
+            select(
+                "Platoon of", names, which, "stability_simulate",
+                lambda k: setattr(choice, "simulated", k), labelled=False, width=260,
+                help="Of the platoon that is simulated: all vehicles in order, or one repeated.",
+            )  # fmt: skip
+        if st.button(
+            f"Simulate at the peak, {peaks[which].omega:.3g} rad/s",
+            key="stability_open_platoon",
+            icon=":material/directions_car:",
+        ):
+            _open_platoon(workspace, peaks[which].omega, which)
+
+
+def clicked_point(points: list[dict[str, Any]]) -> tuple[RadiansPerSecond, int] | None:
+    """Frequency and vehicle of the point clicked on; None where there is none."""
+    vehicle = show.clicked_data(points)
+    if not points:
+        return None
+    return float(points[0]["x"]), WHOLE if vehicle is None else int(vehicle)
+
+
+def _open_platoon(workspace: Workspace, omega: RadiansPerSecond, vehicle: int) -> None:
+    """Turn to the platoon of that vehicle, or of all in order, at that frequency."""
+    workspace.platoon_choice.set(
+        order="learned" if vehicle == WHOLE else "repeated",
+        vehicle=max(vehicle, 0),
+        omega=float(f"{omega:.4g}"),
+        kind="sinusoid",
+    )
+    frame.go(frame.PLATOON, workspace)
