@@ -166,10 +166,15 @@ def train_sample(page: Page) -> None:
     idle(page)
 
 
+def number(page: Page, label: str) -> Locator:
+    """A field for a number."""
+    return page.get_by_role("spinbutton", name=label)
+
+
 def fill(page: Page, label: str, value: str) -> None:
-    """Type a value and leave the field."""
-    page.get_by_label(label).fill(value)
-    page.get_by_label(label).press("Enter")
+    """Type a number and leave the field."""
+    number(page, label).fill(value)
+    number(page, label).press("Enter")
 
 
 def choose(page: Page, label: str, option: str) -> None:
