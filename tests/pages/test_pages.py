@@ -15,6 +15,7 @@ from accpinn.model.cthp import Parameters, Trajectories
 from accpinn.model.published import ASTAZERO_ALIKE
 from accpinn.recordings.openacc import read
 from accpinn.recordings.recording import Recording, Window
+from accpinn.results.snapshot import create
 from accpinn.tasks.task import Status, TrainingRequest, training_task
 from pages.ui.components.show import bullets, escape_markdown, format_duration
 from pages.ui.data.page import window_of
@@ -141,6 +142,12 @@ def test_a_run_of_the_paper_is_opened_with_its_window(
     found = workspace_of(press(page, "home_TableII_run"))
     assert (found.window, found.case) == (Window(320.0, 620.0), "I")
     assert found.recording.source == "ASta_040719_platoon5.csv"
+    fit = least_squares.fit(found.segment, "I")
+    found.runs.keep(create(found.segment, fit, name="mine"))
+    page = open_tab(open_page(HOME, found), "home_tabs", "Reproduce the paper")
+    assert "Learned here" not in texts(page), "Table III is not of Case I"
+    choose(page, "home_printed", ASTAZERO_ALIKE.title)
+    assert "Learned here" in texts(page)
 
 
 # Data
