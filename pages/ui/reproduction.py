@@ -3,15 +3,20 @@
 import streamlit as st
 
 from accpinn.methods.pinn.config import FAST
+from accpinn.model.cthp import Parameters
 from accpinn.model.published import ParameterSet
 from accpinn.results.messages.reproduction import outcome, run_line
-from accpinn.results.reproduction import ITEMS, PrintedItem, Run
+from accpinn.results.reproduction import ITEMS, PrintedItem, PrintedVerdicts, Run
+from accpinn.results.snapshot.saved import Entry
 from accpinn.results.tables.reproduction import reproduction_table
 from pages.ui.components import frame, show
 from pages.ui.components.show import escape_markdown
 from pages.ui.data.sources import SAMPLES, find_run, open_with, sample
 from pages.ui.platoon.page import PANELS, TABS
 from pages.ui.session.workspace import Workspace
+
+MARK, NEEDS = ":blue[:material/check_circle:]", ":gray[:material/database:]"
+"""Computed here; needs a training."""
 
 
 def show_checklist(workspace: Workspace) -> None:
@@ -23,16 +28,18 @@ def show_checklist(workspace: Workspace) -> None:
     )
     for item in ITEMS:
         _show_item(workspace, item)
-    names = {f"{one.vehicles.title}": one for item in ITEMS for one in item.verdicts}
+    names = {one.vehicles.title: (item, one) for item in ITEMS for one in item.verdicts}
     chosen = st.selectbox(
         "Printed beside computed",
         list(names),
         index=len(names) - 2,
         key="home_printed",
         width=420,
-        help="The verdicts as printed, and those that follow from the printed parameters.",
+        help="The verdicts as printed, and those that follow from the printed parameters; beside"
+        " them what this session learned from the same window, once it has.",
     )
-    table = reproduction_table(names[chosen])
+    item, printed = names[chosen]
+    table = reproduction_table(printed, _learned(workspace, item, printed))
     show.table(table)
     show.downloads(table, chosen, "home_printed")
 
@@ -41,7 +48,8 @@ def _show_item(workspace: Workspace, item: PrintedItem) -> None:
     key = item.title.replace(" ", "").replace(",", "")
     with st.container(border=True):
         title, words, buttons = st.columns((1, 3, 2.6), vertical_alignment="center")
-        computed = item.verdicts or item.shown or not (item.run or item.sample)
+        at_once = item.verdicts or item.shown or not (item.run or item.sample)
+        computed = at_once or bool(item.run and runs_of(workspace, item.run))
         title.markdown(f"{MARK if computed else NEEDS} **{item.title}**")
         said = [item.subject + ".", outcome(item)]
         said += [f"Takes {run_line(item.run)}."] if item.run else []
@@ -62,8 +70,34 @@ def _show_item(workspace: Workspace, item: PrintedItem) -> None:
                 frame.go(frame.PLATOON, workspace)
 
 
-MARK, NEEDS = ":blue[:material/check_circle:]", ":gray[:material/database:]"
-"""Computed here at once; needs a recording."""
+def _learned(
+    workspace: Workspace, item: PrintedItem, printed: PrintedVerdicts
+) -> Parameters | None:
+    """What this session learned for the rows of a table; None before."""
+    if item.run is None or printed is not item.verdicts[0]:
+        return None  # the other platoon's run is not known
+    if item.starts:
+        task, segment = workspace.starts, workspace.segment
+        is_same = segment and (segment.source, segment.window) == (item.run.file, item.run.window)
+        found = [trial.fit.parameters[0] for trial in task.results] if task and is_same else []
+        return Parameters.stack(found) if len(found) == len(printed.vehicles) else None
+    runs = runs_of(workspace, item.run)
+    return Parameters.of(runs[0].parameters[: len(printed.vehicles)]) if runs else None
+
+
+def runs_of(workspace: Workspace, run: Run) -> list[Entry]:
+    """The session's finished runs of that recording, window, vehicles and Case, newest first."""
+    return [
+        entry
+        for entry in workspace.runs.entries()
+        if (entry.source, entry.window) == (run.file, str(run.window))
+        and len(entry.vehicles) == len(run.vehicles)
+        and (len({*entry.parameters}) == 1) == (run.case == "I" or len(run.vehicles) == 2)
+    ]
+
+
+def _open_sample(workspace: Workspace, item: PrintedItem) -> None:
+    open_with(workspace, lambda: sample(SAMPLES / f"{item.sample}.csv"))
 
 
 def _starts_button(workspace: Workspace, item: PrintedItem, key: str) -> None:
@@ -72,7 +106,7 @@ def _starts_button(workspace: Workspace, item: PrintedItem, key: str) -> None:
         help="Opens the synthetic study, trains it from five initial values with the fast preset,"
         " and shows page Compare.",
     ):  # fmt: skip
-        open_with(workspace, lambda: sample(SAMPLES / f"{item.sample}.csv"))
+        _open_sample(workspace, item)
         workspace.train_starts(FAST)
         frame.go(frame.COMPARE, workspace)
 
@@ -83,7 +117,7 @@ def _sample_button(workspace: Workspace, item: PrintedItem, key: str) -> None:
         "Train the sample", key=f"home_{key}_sample", icon=":material/play_arrow:",
         help="Opens the synthetic recording made from the printed parameters, and trains on it.",
     ):  # fmt: skip
-        open_with(workspace, lambda: sample(SAMPLES / f"{item.sample}.csv"))
+        _open_sample(workspace, item)
         workspace.choose(case=case)
         workspace.train(FAST)
         frame.go(frame.TRAIN, workspace)

@@ -166,11 +166,15 @@ def train_sample(page: Page) -> None:
     idle(page)
 
 
+def number(page: Page, label: str) -> Locator:
+    """A field for a number."""
+    return page.get_by_role("spinbutton", name=label)
+
+
 def fill(page: Page, label: str, value: str) -> None:
     """Type a number and leave the field."""
-    field = page.get_by_role("spinbutton", name=label)
-    field.fill(value)
-    field.press("Enter")
+    number(page, label).fill(value)
+    number(page, label).press("Enter")
 
 
 def choose(page: Page, label: str, option: str) -> None:

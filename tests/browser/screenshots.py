@@ -17,6 +17,7 @@ from pathlib import Path
 from playwright.sync_api import Browser, Page, expect
 
 from tests.browser.running import (
+    ESTIMATES,
     PATIENCE_MS,
     ROOT,
     TRAINING_MS,
@@ -105,8 +106,11 @@ def to(page: Page, title: str) -> None:
 
 def home(camera: Camera) -> None:
     with camera.page() as page:
-        page.locator(".js-plotly-plot").wait_for()
+        page.locator(".js-plotly-plot").nth(3).wait_for()
         camera.shoot(page, "home", whole=False)
+        for title in ("Published parameters", "Reproduce the paper"):
+            open_tab(page, title)
+            camera.shoot(page, f"home_{title.partition(' ')[0].lower()}")
         train_sample(page)
         camera.shoot(page, "train_sample_fold", whole=False)
         camera.shoot(page, "train_sample")
@@ -163,17 +167,32 @@ def real(camera: Camera) -> None:
             open_real(page, file)
             camera.shoot(page, name)
         page.get_by_role("button", name="Train on this window").click()
-        table(page, "Surrogate fit").wait_for()
+        table(page, ESTIMATES).wait_for()
         idle(page)
         camera.shoot(page, "train_casale")
+        to(page, "")
+        camera.shoot(page, "home_session")
+        to(page, "Data")
+        for title in ("Δv", "Time gap"):
+            page.get_by_text(title, exact=True).first.click()
+            idle(page)
+            camera.shoot(page, f"data_casale_{title.partition(' ')[0].lower()}", whole=False)
+        page.get_by_role("button", name="Suggested: ").click()
+        camera.shoot(page, "data_suggested", whole=False)
+        page.keyboard.press("Escape")
+        open_tab(page, "Validation")
+        page.get_by_role("button", name="Validate on").click()
+        table(page, "Validation").wait_for()
+        for title in ("Validation", "Changes to the data", "About the recording"):
+            open_tab(page, title)
+            camera.shoot(page, f"data_{title.partition(' ')[0].lower()}")
 
 
 def regimes(camera: Camera) -> None:
     with camera.page("/Data") as page:
         for name in ("data_casale", "data_ZalaZone"):
             open_real(page, REAL_RUNS[name])
-            if not page.get_by_text("Leave out of the model's equations").is_visible():
-                page.get_by_text("Regimes", exact=True).click()
+            open_tab(page, "Regimes")
             for regime in ("Standstill", "Catching up"):
                 idle(page)
                 page.get_by_test_id("stCheckbox").filter(has_text=regime).click()

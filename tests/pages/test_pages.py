@@ -15,6 +15,7 @@ from accpinn.model.cthp import Parameters, Trajectories
 from accpinn.model.published import ASTAZERO_ALIKE
 from accpinn.recordings.openacc import read
 from accpinn.recordings.recording import Recording, Window
+from accpinn.results.snapshot import create
 from accpinn.tasks.task import Status, TrainingRequest, training_task
 from pages.ui.components.show import bullets, escape_markdown, format_duration
 from pages.ui.data.page import window_of
@@ -35,6 +36,7 @@ from tests.support.apptest import (
     boxes,
     choose,
     figures,
+    fitted,
     open_page,
     open_tab,
     plain,
@@ -98,15 +100,7 @@ def test_one_click_on_home_trains_a_sample() -> None:
     assert found.training.wait(WAIT)
     truth = found.true_parameters.values
     np.testing.assert_allclose(found.fit.parameters.values, truth, rtol=0.03)
-    open_page(TRAIN, found)
-    page = open_page(HOME, found)
-    assert "**Training** is done" in texts(page)
-    (run,) = found.runs.entries()
-    later = sessions.workspaces().new(found.id)  # as after a restart of the server
-    page = press(open_page(HOME, later), f"home_run_{run.id}")
-    assert later.snapshot is not None
-    assert later.recording.source == FIRST_SAMPLE.name, "a sample comes with it"
-    assert later.fit.parameters == found.fit.parameters
+    assert "**Training** is done" in texts(open_page(HOME, found))
 
 
 def test_a_file_dropped_on_home_leads_to_data() -> None:
@@ -148,6 +142,12 @@ def test_a_run_of_the_paper_is_opened_with_its_window(
     found = workspace_of(press(page, "home_TableII_run"))
     assert (found.window, found.case) == (Window(320.0, 620.0), "I")
     assert found.recording.source == "ASta_040719_platoon5.csv"
+    fit = least_squares.fit(found.segment, "I")
+    found.runs.keep(create(found.segment, fit, name="mine"))
+    page = open_tab(open_page(HOME, found), "home_tabs", "Reproduce the paper")
+    assert "Learned here" not in texts(page), "Table III is not of Case I"
+    choose(page, "home_printed", ASTAZERO_ALIKE.title)
+    assert "Learned here" in texts(page)
 
 
 # Data
@@ -305,6 +305,23 @@ def test_handles_views_and_the_suggested_window() -> None:
     assert "best excitation" in texts(page)
     assert "relative D-efficiency" not in texts(page), "it is the present one"
     assert page.button(key="data_suggested").disabled
+
+
+def test_learned_parameters_are_validated_on_a_window_beside_theirs() -> None:
+    found = fitted(Window(0.0, 200.0))
+    page = open_tab(open_page(DATA, found), "data_tabs", "Validation")
+    assert "Validation: error" not in texts(page)
+    press(page, "data_validate")
+    assert found.validation.window == Window(200.0, 400.0)
+    assert "Validation: error" in texts(page)
+    assert not page.warning
+    choose(page, next(n.key for n in page.number_input if "start" in n.key and n.value), 100.0)
+    press(page, "data_validate")
+    assert any("shares 100 s" in said for said in boxes(page, "warning"))
+    second = csv(platoon(vehicles=2), metadata(("A", "B")))
+    page.file_uploader(key="data_validation_upload").upload("b.csv", second, "text/csv").run()
+    assert "has no platoon with 3 followers" in plain(page)
+    assert found.recording.source == FIRST_SAMPLE.name, "the first one stays open"
 
 
 def test_what_is_wrong_with_a_window_is_said_in_the_first_row() -> None:

@@ -11,7 +11,7 @@ from accpinn.tasks.task import TrainingRequest, training_task
 from pages.ui.data.sources import FIRST_SAMPLE, SAMPLES, sample
 from pages.ui.session import runs, sessions
 from pages.ui.session.workspace import Workspace
-from tests.support.apptest import TRAIN, choose, fitted, open_page, press, texts, workspace_of
+from tests.support.apptest import HOME, TRAIN, choose, fitted, open_page, press, texts, workspace_of
 
 pytestmark = pytest.mark.usefixtures("fresh_server")
 
@@ -32,10 +32,14 @@ def test_runs_survive_another_recording_and_a_restart_and_are_restored() -> None
     assert (run.source, run.window) == (FIRST_SAMPLE.name, "0–60 s")
 
     sessions.workspaces.clear()  # as a restart of the server
-    page = open_page(TRAIN, session=found.id)
+    page = open_page(HOME, session=found.id)
     again = workspace_of(page)
     assert again is not found
     assert again.id == found.id
+    press(page, f"home_run_{run.id}")
+    assert again.fit.parameters == before
+    again.open(*sample(FIRST_SAMPLE))
+    page.run()
     press(page, f"runs_open_{run.id}")
     assert again.fit.parameters == before
     assert again.recording is not None, "a sample is opened again"

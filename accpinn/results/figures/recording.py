@@ -61,7 +61,9 @@ HIGHEST_TIME_GAP: Seconds = 5.0
 """Larger ones mean free driving, and would flatten what matters."""
 TOTAL_POINTS = 12_000
 """Of all curves together, so that ten vehicles are drawn as quickly as two."""
-LABELLED = 5
+ROW = 11
+"""Pixels of a vehicle's bars."""
+LABELLED = 6
 """More ribbons than these stand too close for numbers beside them."""
 MARGIN, MARGIN_RIGHT = 64, 12
 """Pixels left and right of the axis of time."""
@@ -90,7 +92,7 @@ def overview(
     drawn = _curves(recording, vehicles, view)
     shares = (0.56, 0.44) if view == "motion" else (1.0,)
     pixels = [PANELS * share for share in shares]
-    pixels += [max(24, 9 * len({one.y[0] for one in traces})) for traces in strips]
+    pixels += [max(24, ROW * len({one.y[0] for one in traces})) for traces in strips]
     figure = panels(*pixels, spacing=0.03)
     strong = {highlight} if highlight else {*vehicles[1:]}
     ahead = {number - 1 for number in strong}
@@ -156,7 +158,8 @@ def _strip(figure: go.Figure, row: int, traces: Sequence[go.Scatter]) -> None:
     numbers = sorted({trace.y[0] for trace in traces}, key=int, reverse=True)
     figure.update_yaxes(
         row=row, col=1, type="category", showgrid=False, categoryorder="array",
-        categoryarray=numbers, showticklabels=len(numbers) <= LABELLED, tickfont={"size": 10},
+        categoryarray=numbers, showticklabels=len(numbers) <= LABELLED, dtick=1,
+        tickfont={"size": 9},
     )  # fmt: skip
 
 

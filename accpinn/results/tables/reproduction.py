@@ -3,6 +3,7 @@
 from collections.abc import Iterable
 
 from accpinn.channels import FREQUENCY, LINF_GAIN, MAGNITUDE
+from accpinn.model.cthp import Parameters
 from accpinn.results.reproduction import PrintedVerdicts
 from accpinn.results.tables.estimates import parameter_cells
 from accpinn.results.tables.stability import answer
@@ -11,14 +12,20 @@ from accpinn.results.tables.table import Column, Table
 L2, LINF = "L₂", "L∞"
 
 
-def reproduction_table(printed: PrintedVerdicts) -> Table:
-    """A row a follower: printed parameters and verdicts, and what follows from the parameters."""
+def reproduction_table(printed: PrintedVerdicts, learned: Parameters | None = None) -> Table:
+    """A row a follower: printed parameters and verdicts, and what follows from the parameters.
+
+    Args:
+        printed: what the paper says.
+        learned: (M,) what was learned here from the same data; adds its columns.
+    """
     found, frequency = printed.report.vehicles, FREQUENCY
     return Table.of(
         printed.vehicles.title,
         [
             (Column("Vehicle"), printed.vehicles.labels),
             *parameter_cells(printed.vehicles.parameters, "Printed"),
+            *(parameter_cells(learned, "Learned here") if learned else ()),
             (Column("printed", group=L2), _words(printed.l2)),
             (Column("computed", group=L2), [answer(one.l2) for one in found]),
             (Column("printed", group=LINF), _words(printed.linf)),

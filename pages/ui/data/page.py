@@ -34,6 +34,7 @@ from pages.ui.components.show import escape_markdown
 from pages.ui.components.widgets import bound, segments, select, tabs
 from pages.ui.data import views
 from pages.ui.data.sources import OPENING, choose_source
+from pages.ui.data.validation import choose_validation
 from pages.ui.result.saved import banner, show_data
 from pages.ui.session.workspace import Workspace
 from pages.ui.train.options import chosen_config
@@ -58,10 +59,15 @@ MARKS = {
 }
 """Colour and icon of a grade: the icons differ in shape."""
 TOOLS = ("zoom2d", "pan2d", "select2d", "zoomIn2d", "zoomOut2d", "resetScale2d")
-_HANDLES = f"""<style>
+_STYLE = f"""<style>
 .st-key-data_handles {{ padding: 0 {figures.MARGIN_RIGHT}px 0 {figures.MARGIN}px;
   margin: -1.4rem 0 -1.5rem; }}
+@media (max-width: 640px) {{
+  div:has(> .st-key-data_controls) {{ order: 1; }}
+  div:has(> .st-key-data_details) {{ order: 2; }}
+}}
 </style>"""
+"""On a narrow screen the timeline and the answer come before what is chosen."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,6 +84,7 @@ class _Whole:
 def show_page() -> None:
     """Draw the page."""
     workspace = frame.begin("Data")
+    st.html(_STYLE)
     recording = workspace.recording
     if recording is None:
         st.caption("Open a recording, then choose who follows whom, and when.")
@@ -94,16 +101,19 @@ def show_page() -> None:
         _choose_another(workspace)
     banner(workspace)
     whole = _whole(f"{recording.sha256} {workspace.vehicles}", recording, workspace.vehicles)
-    _controls(workspace, recording, whole)
+    with st.container(key="data_controls"):
+        _controls(workspace, recording, whole)
     _show_overview(workspace, recording, whole)
     _answer(workspace, recording)
     drawn = {
         "Window": lambda: views.show_window(workspace, workspace.segment),
         "Regimes": lambda: views.show_regimes(workspace, recording),
+        "Validation": lambda: choose_validation(workspace, recording),
         "Changes to the data": lambda: views.show_changes(workspace),
         "About the recording": lambda: views.show_about(recording),
     }
-    tabs(workspace, "data_tabs", drawn)
+    with st.container(key="data_details"):
+        tabs(workspace, "data_tabs", drawn)
 
 
 def _choose_another(workspace: Workspace) -> None:
@@ -153,7 +163,7 @@ def _describe(recording: Recording) -> str:
 def _controls(workspace: Workspace, recording: Recording, whole: _Whole) -> None:
     """Vehicles, Case, window and the suggestion, in one row."""
     has_cases = len(workspace.vehicles) > 2
-    widths = (1.35, 1.35, *((1.1,) if has_cases else ()), 1.12, 0.95, 1.25)
+    widths = (1.3, 1.3, *((1.1,) if has_cases else ()), 1.12, 0.95, 1.4)
     columns = st.columns(widths, gap="small", vertical_alignment="bottom")
     _choose_vehicles(workspace, recording, columns[:2])
     if has_cases:
@@ -228,7 +238,11 @@ def _suggest(workspace: Workspace, whole: _Whole) -> None:
         )  # fmt: skip
         return
     taken = found.window == workspace.window
-    with st.popover("Suggest a window", icon=":material/lightbulb:", width="stretch"):
+    label = "As suggested" if taken else f"Suggested: {found.window}"
+    with st.popover(
+        label, icon=":material/lightbulb:", width="stretch",
+        help="The window that tells most about α, β and τ, and why.",
+    ):  # fmt: skip
         usable = workspace.segment.window if workspace.segment else None
         efficiency = whole.information.efficiency(usable, found.window) if usable else 0.0
         st.markdown(show.bullets(suggestion_reasons(found, usable, efficiency)))
@@ -267,16 +281,30 @@ def _show_overview(workspace: Workspace, recording: Recording, whole: _Whole) ->
         if window := window_of(st.session_state[CHART], recording):
             workspace.choose(window=window)
 
-    figure = figures.overview(
-        recording, workspace.vehicles, workspace.window,
-        [whole.drivers, whole.regimes], choice.view, choice.highlight,
-    )  # fmt: skip
+    request = f"{recording.sha256} {workspace.vehicles} {workspace.window!r}"
+    figure = _overview(request, choice.view, choice.highlight, workspace, recording, whole)
     show.chart(figure, CHART, TOOLS, on_select=dragged, selection_mode="box")
     _handles(workspace, recording)
     with st.container(horizontal=True, gap="large"):
         if whole.drivers:
             show.key(figures.driver_key(), title="Upper bars, driver:")
         show.key(whole.regime_key, title=f"{'Lower bars' if whole.drivers else 'Bars'}, regime:")
+
+
+@st.cache_resource(max_entries=32, show_spinner=False)
+def _overview(
+    request: str,
+    view: figures.View,
+    highlight: int,
+    _workspace: Workspace,
+    _recording: Recording,
+    _whole: _Whole,
+) -> go.Figure:
+    """Kept by ``request``, which names recording, vehicles and window, and by how it is drawn."""
+    return figures.overview(
+        _recording, _workspace.vehicles, _workspace.window, [_whole.drivers, _whole.regimes],
+        view, highlight,
+    )  # fmt: skip
 
 
 def _vehicle_key(recording: Recording, workspace: Workspace, leader: int) -> None:
@@ -298,7 +326,6 @@ def _handles(workspace: Workspace, recording: Recording) -> None:
         if end - start >= MINIMUM_DURATION:
             workspace.choose(window=Window(start, end))
 
-    st.html(_HANDLES)
     with st.container(key="data_handles"):
         st.slider(
             "Window [s]; drag an end, or drag over the chart", min_value=0.0, max_value=most,

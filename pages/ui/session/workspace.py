@@ -123,6 +123,8 @@ class DataChoice:
     view: View = "motion"
     highlight: int = 0
     """Number of the one follower that is not faint; 0 for all chosen."""
+    validation: str = ""
+    """SHA-256 of the recording from which a window for validation is chosen."""
 
     def set(self, **choices: Any) -> None:
         """Set one or several of the choices."""
@@ -155,6 +157,8 @@ class Workspace:
     """All methods on the segment, while they run and when they are done."""
     starts: Task[Trial] | None = None
     """Trainings of the segment from several initial values."""
+    validation: Segment | None = None
+    """The window on which the learned parameters are validated."""
     records: tuple[FitRecord, ...] = ()
     """Fits that are no longer current, oldest first."""
     snapshot: Snapshot | None = None
@@ -215,10 +219,15 @@ class Workspace:
         vehicles = default_vehicles(recording)
         self.archive_and_stop()
         self.recording, self.truth, self.refusal = recording, truth, ""
+        self.validation = None
+        self.remember(recording, truth)
+        self.choose(vehicles, _first_window(recording, vehicles), DEFAULT_CASE, ())
+
+    def remember(self, recording: Recording, truth: Truth | None = None) -> None:
+        """Put a recording among those opened last."""
         self.opened = {**self.opened, recording.sha256: (recording, truth)}
         for oldest in list(self.opened)[:-KEPT_RECORDINGS]:
             del self.opened[oldest]
-        self.choose(vehicles, _first_window(recording, vehicles), DEFAULT_CASE, ())
 
     def restore(
         self, snapshot: Snapshot, recording: Recording | None = None, truth: Truth | None = None

@@ -1,0 +1,67 @@
+"""Validation on another window: errors against known ones, and what speaks against them."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from accpinn.errors import SegmentError
+from accpinn.evaluation.validation import OtherVehicles, ValidationOverlaps, validate
+from accpinn.methods import least_squares
+from accpinn.model.cthp import Parameters
+from accpinn.recordings.openacc import read
+from accpinn.results.messages import messages
+from accpinn.results.tables.validation import validation_table
+from accpinn.segment.cut import cut
+from tests.support.driving import LAW, MIXED, driven
+from tests.support.samples import FOLDER, PLATOON
+
+
+def test_the_truth_has_no_error_on_either_window_and_another_law_has_some() -> None:
+    one = driven(MIXED)
+    other = replace(driven(MIXED, duration=90.0), source="other")
+    truth = replace(least_squares.fit(one), parameters=Parameters.of(MIXED))
+    found = validate(truth, one, other)
+    assert found.learned is not None
+    assert found.validated is not None
+    assert found.learned.gap_mae.max() < 0.01
+    assert found.validated.gap_mae.max() < 0.01
+    assert found.findings == found.events == ()
+    wrong = replace(truth, parameters=Parameters.of([LAW] * 3))
+    errors = validate(wrong, one, other).validated
+    assert errors is not None
+    assert errors.gap_mae[0] < 0.01, "the first obeys that law"
+    assert errors.gap_mae[1] > 1.0
+    row = validation_table(one.info, other.info, found).rows[0]
+    assert row[0] == "2 Car 2"
+    assert row[-2] == pytest.approx(float(found.validated.gap_mae[0]))
+
+
+def test_overlap_and_other_vehicles_are_findings_and_another_number_is_refused() -> None:
+    recording = read(FOLDER / f"{PLATOON}.csv")
+    segment = cut(recording, 0.0, 200.0, (1, 2, 3))
+    fit = least_squares.fit(segment)
+    assert validate(fit, segment, cut(recording, 200.0, 200.0, (1, 2, 3))).findings == ()
+    overlapping = validate(fit, segment, cut(recording, 150.0, 100.0, (1, 2, 3)))
+    assert overlapping.findings == (ValidationOverlaps(50.0),)
+    others = validate(fit, segment, cut(recording, 200.0, 100.0, (3, 4, 5)))
+    (found,) = others.findings
+    assert isinstance(found, OtherVehicles)
+    assert found.learned == segment.labels[1:]
+    assert all(messages((*overlapping.findings, found), segment))
+    with pytest.raises(SegmentError, match="choose as many"):
+        validate(fit, segment, cut(recording, 200.0, 100.0, (1, 2)))
+
+
+def test_of_the_papers_casale_parameters(openacc_dir: Path) -> None:
+    """On another window of the same drive the error is of the size of that on its own window."""
+    recording = read(openacc_dir / "Casale/part7.csv")
+    segment, other = cut(recording, 0.0, 300.0), cut(recording, 900.0, 300.0)
+    fit = replace(least_squares.fit(segment), parameters=Parameters([0.0104], [0.0718], [1.52]))
+    found = validate(fit, segment, other)
+    assert found.learned is not None
+    assert found.validated is not None
+    assert found.learned.gap_mae[0] == pytest.approx(13.6, abs=0.1)
+    assert np.isfinite(found.validated.gap_mae).all()
+    assert found.events == ()
