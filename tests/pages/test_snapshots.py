@@ -38,7 +38,7 @@ from tests.support.snapshots import whole
 
 pytestmark = pytest.mark.usefixtures("fresh_server")
 
-FIGURES = {DATA: 1, TRAIN: 5, STABILITY: 3}
+FIGURES = {DATA: 1, TRAIN: 5, STABILITY: 2}
 """Charts on a page that shows a snapshot with its data."""
 
 

@@ -32,9 +32,6 @@ LEAD = "A disturbance of the leader, in a platoon of these vehicles."
 HEIGHT = 350
 """Of both charts, in pixels."""
 VIEWS: dict[figures.View, str] = {"observer": "Observer", "leader": "Leader", "road": "Road"}
-TABS = "platoon"
-"""The key of the row of tabs."""
-PANELS = "The paper's four panels"
 _simulated = lru_cache(maxsize=16)(simulate_platoon)
 
 
@@ -81,7 +78,6 @@ def show_page() -> None:
     workspace = frame.begin("Platoon")
     source = choose_parameters(workspace, "platoon", LEAD)
     if source is None:
-        tabs(workspace, TABS, {PANELS: show_panels})
         return
     if source.missing:
         show_missing(workspace, source)
@@ -95,11 +91,11 @@ def show_page() -> None:
     _show_charts(shown)
     tabs(
         workspace,
-        TABS,
+        "platoon",
         {
             "Amplitudes": lambda: show_amplitudes(shown.choice, run, shown.cast),
             "Animation": lambda: show_animation(run, shown.cast),
-            PANELS: show_panels,
+            "The paper's four panels": show_panels,
         },
     )
 
