@@ -208,7 +208,7 @@ def platoon(camera: Camera) -> None:
         chart(page, "platoon_amplitude")
         camera.shoot(page, "platoon_fold", whole=False)
         camera.shoot(page, "platoon")
-        page.get_by_text("Road", exact=True).click()
+        page.get_by_text("From the leader", exact=True).click()
         page.get_by_text("Whole run", exact=True).click()
         page.get_by_text("One car", exact=True).click()
         idle(page)

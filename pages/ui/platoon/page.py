@@ -31,7 +31,11 @@ from pages.ui.session.workspace import PlatoonChoice, Workspace
 LEAD = "A disturbance of the leader, in a platoon of these vehicles."
 HEIGHT = 350
 """Of both charts, in pixels."""
-VIEWS: dict[figures.View, str] = {"observer": "Observer", "leader": "Leader", "road": "Road"}
+VIEWS: dict[figures.View, str] = {
+    "observer": "Moving observer",
+    "leader": "From the leader",
+    "road": "From the road",
+}
 _simulated = lru_cache(maxsize=16)(simulate_platoon)
 
 
