@@ -20,6 +20,7 @@ The public interface, in the order data flows:
     PinnConfig, preset                settings of the physics-inspired neural network
     evaluate, Evaluation              surrogate, closed-loop and hold-out errors
     stability_report, StabilityReport L₂ and L∞ string stability
+    measured_gain, MeasuredGain       of a vehicle, from its recording by Welch's method
     transfer_function                 of a vehicle, as an object of python-control
     simulate_platoon                  a platoon behind a leader, exact at every sample
     Sinusoid, SpeedStep, Brake        leaders
@@ -84,6 +85,8 @@ if TYPE_CHECKING:
     from accpinn.segment.quality import label_regimes as label_regimes
     from accpinn.segment.segment import Segment as Segment
     from accpinn.stability.frequency import transfer_function as transfer_function
+    from accpinn.stability.measured_gain import MeasuredGain as MeasuredGain
+    from accpinn.stability.measured_gain import measured_gain as measured_gain
     from accpinn.stability.report import StabilityReport as StabilityReport
     from accpinn.stability.report import stability_report as stability_report
     from accpinn.study.comparison import compare as compare
@@ -122,6 +125,7 @@ _HOMES = {
     "segment.quality": "assess_quality exclude_regimes label_regimes",
     "segment.segment": "Segment",
     "stability.frequency": "transfer_function",
+    "stability.measured_gain": "MeasuredGain measured_gain",
     "stability.report": "StabilityReport stability_report",
     "study.comparison": "compare",
     "study.windows": "JointFit fit_windows",

@@ -28,7 +28,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import csd, get_window
-from scipy.stats import norm
+from scipy.special import ndtri
 
 from accpinn.errors import SegmentError
 from accpinn.segment.cut import BRIDGE
@@ -112,7 +112,7 @@ def measured_gain(segment: Segment, follower: int, level: float = LEVEL) -> Meas
     coherence = np.minimum(gain**2 * ahead.real / np.where(moving, own.real, np.inf), 1.0)
     with np.errstate(divide="ignore", over="ignore"):  # without coherence the band has no end
         error = np.sqrt((1.0 - coherence) / coherence / (2.0 * averages))
-        factor = np.exp(norm.ppf(0.5 + level / 2.0) * error)
+        factor = np.exp(ndtri(0.5 + level / 2.0) * error)
     return MeasuredGain(
         omega=frozen(omega[kept]),
         gain=frozen(gain),

@@ -50,7 +50,9 @@ def send(page: Page, content: bytes) -> str:
     name = load(content).id
     page.reload()  # the field of the file before this one goes
     idle(page)
-    if (back := page.get_by_role("button", name="All snapshots")).is_visible():
+    back, field = page.get_by_role("button", name="All snapshots"), page.locator("[type=file]")
+    back.or_(field).first.wait_for(state="attached")
+    if back.count():
         back.click()
     give(page, ("sent.accpinn.zip", content))
     expect(page.get_by_text(f"is whole and now kept as {name}")).to_be_visible()

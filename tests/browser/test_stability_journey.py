@@ -7,7 +7,7 @@ import pytest
 from playwright.sync_api import Locator, Page, expect
 
 from tests.browser.conftest import Open
-from tests.browser.running import chart, choose, go, idle, open_example
+from tests.browser.running import chart, choose, go, idle, open_example, open_tab
 
 pytestmark = pytest.mark.browser
 
@@ -25,14 +25,14 @@ CURVE = """
 
 
 def frequency(page: Page) -> Locator:
-    return page.get_by_label("Frequency [rad/s]")
+    return page.get_by_role("spinbutton", name="Frequency")
 
 
 def test_a_click_on_the_response_carries_its_frequency_to_the_platoon(opened: Open) -> None:
     page = opened("/Stability")
     open_example(page)
     expect(page.get_by_text("All four vehicles amplify disturbances")).to_be_visible()
-    expect(page.get_by_role("alert")).to_contain_text("necessary but not sufficient")
+    expect(page.get_by_text("necessary but not sufficient")).to_be_visible()
     bode = chart(page, "stability_bode")
     bode.scroll_into_view_if_needed()
     at = bode.evaluate(CURVE)
@@ -47,21 +47,22 @@ def test_a_click_on_the_response_carries_its_frequency_to_the_platoon(opened: Op
     expect(frequency(page)).to_have_value(re.compile(rf"^{shown[1][:4]}"))
     carried = frequency(page).input_value()
     assert float(carried) == pytest.approx(float(shown[1]), abs=6e-4)
-    expect(page.locator(".vehicle-key")).to_contain_text("Follower 8: BMW X5")
+    expect(page.locator(".vehicle-key").first).to_contain_text("Follower 8: BMW X5")
     expect(chart(page, "platoon_profiles").locator(".scatterlayer").first).to_be_visible()
 
     # Back again, it is not carried a second time, and the choice stays.
     go(page, "Stability")
-    chart(page, "stability_map")
+    chart(page, "stability_criteria")
     expect(page).to_have_url(re.compile(r"/Stability\?session="))
     go(page, "Platoon")
     expect(frequency(page)).to_have_value(carried)
     page.reload()
     expect(frequency(page)).to_have_value(carried)
 
-    # A peak's button leads there, too.
+    # A row of the table leads there, too.
     go(page, "Stability")
-    page.get_by_role("button", name="Simulate Tesla Model 3 at 0.106 rad/s").click()
+    choose(page, "Platoon of", "Tesla Model 3")
+    page.get_by_role("button", name="Simulate at the peak, 0.106 rad/s").click()
     expect(page).to_have_url(re.compile(r"/Platoon\?session="))
     expect(frequency(page)).to_have_value("0.1059")
     expect(page.get_by_text("The oscillation grows to 1.37 times")).to_be_visible()
@@ -70,6 +71,8 @@ def test_a_click_on_the_response_carries_its_frequency_to_the_platoon(opened: Op
 def test_the_wave_plays_and_can_be_dragged_and_the_papers_panels_are_drawn(opened: Open) -> None:
     page = opened("/Platoon")
     open_example(page)
+    chart(page, "platoon_time_space")
+    open_tab(page, "Animation")
     wave = chart(page, "platoon_wave")
     wave.scroll_into_view_if_needed()
     moment = wave.locator(".slider-label").first
@@ -86,14 +89,12 @@ def test_the_wave_plays_and_can_be_dragged_and_the_papers_panels_are_drawn(opene
     rail.click(position={"x": box["width"] - 3, "y": box["height"] / 2})
     expect(moment).to_have_text("t = 500.0 s")
 
-    page.get_by_role("button", name="The paper's four panels").click()
+    open_tab(page, "The paper's four panels")
     for title in ("(a) Mercedes A-Class at 0.25 rad/s: grows to 4.23 m/s",
                   "(d) Tesla Model 3 at 0.3 rad/s: fades to 0.42 m/s"):  # fmt: skip
         expect(page.get_by_text(title)).to_be_visible()
     for place in range(4):
         chart(page, f"platoon_panel_{place}")
-    page.get_by_role("button", name="Back to my platoon").click()
-    chart(page, "platoon_wave")
 
 
 def test_values_by_hand_are_typed_into_the_table(opened: Open) -> None:
@@ -129,6 +130,7 @@ def saved(page: Page, key: str) -> tuple[str, bytes]:
 def test_a_chart_is_saved_as_svg_and_as_png(opened: Open) -> None:
     page = opened("/Stability")
     open_example(page)
+    open_tab(page, "Map")
     name, content = saved(page, "stability_map")
     assert name == "accpinn_stability_map.svg"
     assert content.startswith(b"<svg")

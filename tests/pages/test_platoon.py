@@ -1,12 +1,9 @@
 """The page Platoon without a browser: order, disturbance, captions and panels."""
 
-import base64
 from contextlib import suppress
 from dataclasses import replace
 from math import pi
-from typing import Any
 
-import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as some
@@ -22,6 +19,7 @@ from tests.support.apptest import (
     choose,
     figures,
     fitted,
+    numbers,
     open_page,
     open_tab,
     plain,
@@ -35,13 +33,6 @@ def reach(page: AppTest, place: int) -> tuple[float, float]:
     """First and last instant that a chart draws; its numbers may be packed."""
     every = [numbers(one["x"]) for one in figures(page)[place]["data"] if one["mode"] != "text"]
     return min(map(min, filter(len, every))), max(map(max, filter(len, every)))
-
-
-def numbers(values: Any) -> Any:
-    """A chart's numbers, which plotly may have packed."""
-    if isinstance(values, dict):
-        return np.frombuffer(base64.b64decode(values["bdata"]), values["dtype"])
-    return values
 
 
 def traces(page: AppTest, place: int) -> list[str]:

@@ -3,6 +3,7 @@
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
 import pytest
 from streamlit.testing.v1 import AppTest
 
@@ -32,6 +33,7 @@ from tests.support.apptest import (
     choose,
     figures,
     fitted,
+    numbers,
     open_page,
     open_tab,
     plain,
@@ -268,12 +270,13 @@ def test_the_measured_gain_stands_beside_the_model() -> None:
         chart = figures(page)[1]["data"]
         label = found.segment.labels[follower + 1]
         measured = measured_gain(found.segment, follower)
-        (drawn,) = (one for one in chart if one.get("name") == f"{label}, measured"
-                    and one["yaxis"] == "y2")  # fmt: skip
-        assert len(drawn["x"]) == measured.coherent.sum()
+        (drawn,) = (one for one in chart if one.get("name") == f"{label}, measured")
+        np.testing.assert_allclose(numbers(drawn["x"]), measured.omega[measured.coherent])
         assert any(one.get("name") == f"{label}, model" for one in chart)
     choose(page, "stability_source", "published")
-    assert any(one.get("name") == "BMW X5, model" for one in figures(page)[1]["data"])
+    assert not any("model" in one.get("name", "") for one in figures(page)[1]["data"])
+    choose(page, "stability_example", CASALE.title)
+    assert any(one.get("name") == "Hyundai, model" for one in figures(page)[1]["data"])
     found.choose(window=Window(0.0, 40.0))
     found.choose_source("published")
     assert "no measured gain" in boxes(page.run(), "error")[0]

@@ -1,10 +1,12 @@
 """Pages run without a browser: opening them, and what is written on them."""
 
+import base64
 import json
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from streamlit.testing.v1 import AppTest
 
 from accpinn.methods import least_squares
@@ -113,6 +115,13 @@ def everything(page: AppTest) -> str:
 def figures(page: AppTest) -> list[dict[str, Any]]:
     """The charts as plotly has them."""
     return [json.loads(chart.proto.spec) for chart in page.get("plotly_chart")]
+
+
+def numbers(values: Any) -> Any:
+    """A chart's numbers, which plotly may have packed."""
+    if isinstance(values, dict):
+        return np.frombuffer(base64.b64decode(values["bdata"]), values["dtype"])
+    return values
 
 
 def open_tab(page: AppTest, key: str, title: str) -> AppTest:

@@ -72,8 +72,11 @@ def measured_bode(
                 "width": 0, "thickness": 1.2}  # fmt: skip
         shown = {"error_y": bars} if symbol == "circle" else {}
         marker = {"color": LEADER, "size": 7, "symbol": symbol}
-        who = f"{html.escape(name)}, {words}"
-        for row, values, more in ((1, decibels, shown), (2, found.coherence, {})):
+        gain = f"{html.escape(name)}, {words}"
+        for row, who, values, more in (
+            (1, gain, decibels, shown),
+            (2, f"coherence, {gain}", found.coherence, {}),
+        ):
             figure.add_scatter(
                 x=found.omega[part], y=values[part], mode="markers", marker=marker, opacity=look,
                 name=who, showlegend=row == 1, row=row, col=1, **more,

@@ -74,7 +74,7 @@ class Cast:
     labels: tuple[str, ...]
     colours: tuple[str, ...]
     numbers: tuple[str, ...]
-    """What stands beside a line in place of the label: its number, or the follower's place."""
+    """What stands beside a line in place of the label: the number in a recording, or the place."""
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -89,12 +89,13 @@ def cast_of(vehicles: ParameterSet, order: Sequence[int]) -> Cast:
     """
     in_order = is_in_order(vehicles, order)
     total, seen = Counter(order), Counter[int]()
-    names, paints, numbers = ["Leader"], [LEADER], ["0"]
+    recorded = in_order and vehicles.numbered
+    names, paints, numbers = ["Leader"], [LEADER], ["L" if recorded else "0"]
     for place, k in enumerate(order, 1):
         names.append(vehicles.labels[k] if in_order else follower_name(vehicles, k, place))
         share = seen[k] / (total[k] - 1) if total[k] > 1 else None
         paints.append(_shade(colours(vehicles)[k], share))
-        numbers.append(str(vehicles.vehicles[k + 1] if in_order and vehicles.numbered else place))
+        numbers.append(str(vehicles.vehicles[k + 1] if recorded else place))
         seen[k] += 1
     return Cast(tuple(names), tuple(paints), tuple(numbers))
 
@@ -319,13 +320,18 @@ def amplitude_by_vehicle(run: PlatoonRun, cast: Cast, in_db: bool) -> go.Figure:
     what = "Amplitude of speed" if wave else "Largest speed deviation"
     figure.update_yaxes(title_text=f"{what} [{'dB re leader' if in_db else unit}]",
                         rangemode="normal" if in_db else "tozero")  # fmt: skip
-    figure.update_xaxes(title_text=PLACE if cast.numbers[-1] == str(len(places) - 1) else "Vehicle",
+    figure.update_xaxes(title_text=_places_title(cast),
                         tickvals=places, ticktext=cast.numbers)  # fmt: skip
     figure = finished(figure, 380, "platoon-amplitude")
     return figure.update_layout(
         hovermode="closest", showlegend=len(figure.data) > 1, legend=LEGEND | {"y": 1.0},
         margin_t=40,
     )  # fmt: skip
+
+
+def _places_title(cast: Cast) -> str:
+    """Of an axis with a tick for each vehicle."""
+    return PLACE if cast.numbers[0] == "0" else "Vehicle (L = leader)"
 
 
 def _decibels(values: FloatArray) -> FloatArray:
@@ -349,7 +355,7 @@ def speed_map(run: PlatoonRun, cast: Cast) -> go.Figure:
         )
     )  # fmt: skip
     figure.update_xaxes(title_text=TIME.axis)
-    figure.update_yaxes(title_text="Vehicle", autorange="reversed",
+    figure.update_yaxes(title_text=_places_title(cast), autorange="reversed",
                         tickvals=np.arange(len(cast.names)), ticktext=cast.numbers)  # fmt: skip
     return finished(figure, 380, "platoon-map").update_layout(hovermode="closest")
 

@@ -158,7 +158,7 @@ def _planned(choice: PlatoonChoice, kind: Disturbance, platoon: Parameters) -> L
         values[first] = _frequency(choice, platoon)
     else:
         values[first] = _setting(choice, kind, first, st.container(width=170))
-    with st.popover("Leader", icon=":material/tune:", help="Further settings of the leader"):
+    with st.popover("Settings", icon=":material/tune:", help="Further settings of the leader"):
         columns = cycle(st.columns(2))
         for setting in fields(PLANNED[kind]):
             if setting.name != first:

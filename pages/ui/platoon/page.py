@@ -31,10 +31,11 @@ from pages.ui.session.workspace import PlatoonChoice, Workspace
 LEAD = "A disturbance of the leader, in a platoon of these vehicles."
 HEIGHT = 350
 """Of both charts, in pixels."""
-VIEWS: dict[figures.View, str] = {"observer": "Observer", "leader": "Leader", "road": "Road"}
-TABS = "platoon"
-"""The key of the row of tabs."""
-PANELS = "The paper's four panels"
+VIEWS: dict[figures.View, str] = {
+    "observer": "Moving observer",
+    "leader": "From the leader",
+    "road": "From the road",
+}
 _simulated = lru_cache(maxsize=16)(simulate_platoon)
 
 
@@ -81,7 +82,6 @@ def show_page() -> None:
     workspace = frame.begin("Platoon")
     source = choose_parameters(workspace, "platoon", LEAD)
     if source is None:
-        tabs(workspace, TABS, {PANELS: show_panels})
         return
     if source.missing:
         show_missing(workspace, source)
@@ -95,11 +95,11 @@ def show_page() -> None:
     _show_charts(shown)
     tabs(
         workspace,
-        TABS,
+        "platoon",
         {
             "Amplitudes": lambda: show_amplitudes(shown.choice, run, shown.cast),
             "Animation": lambda: show_animation(run, shown.cast),
-            PANELS: show_panels,
+            "The paper's four panels": show_panels,
         },
     )
 

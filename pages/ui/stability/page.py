@@ -103,23 +103,24 @@ def _show_bode(shown: Shown) -> None:
     chosen, choice, uncertainty = shown.chosen, shown.workspace.map_choice, shown.uncertainty
     key = list(zip(chosen.labels, figures.colours(chosen), strict=True))
     key += [("Leader to last follower (dashed)", LEADER)] if len(chosen) > 1 else []
-    show.key(key)
+    with st.container(horizontal=True):
+        show.key(key)
+        if shown.known:
+            st.toggle(
+                "Uncertainty",
+                **bound("stability_uncertainty", choice.uncertainty,
+                        lambda on: setattr(choice, "uncertainty", on)),
+                help="Bands of the Bode magnitude and of the model beside the measured gain, and"
+                " posterior samples on the map.",
+            )  # fmt: skip
     event = show.chart(
         _bode(chosen, uncertainty), "stability_bode", on_select="rerun", selection_mode="points"
     )
     band = f" Shaded: {100 * uncertainty.level:.0f} % bands." if uncertainty else ""
-    with st.container(horizontal=True, vertical_alignment="center"):
-        st.caption(
-            "Diamonds: peaks. Rings: below that frequency the vehicle amplifies. Click on a curve"
-            f" to simulate a platoon at that frequency.{band}"
-        )
-        if shown.known:
-            st.toggle(
-                "Show the uncertainty",
-                **bound("stability_uncertainty", choice.uncertainty,
-                        lambda on: setattr(choice, "uncertainty", on)),
-                help="Bands of the Bode magnitude, and posterior samples on the map.",
-            )  # fmt: skip
+    st.caption(
+        "Diamonds: peaks. Rings: below that frequency the vehicle amplifies. Click on a curve"
+        f" to simulate a platoon at that frequency.{band}"
+    )
     if clicked := clicked_point(event["selection"]["points"]):
         _open_platoon(shown.workspace, *clicked)
 

@@ -60,6 +60,9 @@ class TestCast:
         cast = figures.cast_of(learned, [0])
         assert cast.colours == (LEADER, FOLLOWERS[2])
         assert cast.names == ("Leader", "&lt;X&gt;")
+        recorded = ParameterSet("run", ("X", "Y"), row(CALM, CALM), (3, 4, 5), ("4 X", "5 Y"))
+        assert figures.cast_of(recorded, [0, 1]).numbers == ("L", "4", "5")
+        assert figures.cast_of(recorded, [1, 0]).numbers == ("0", "1", "2")
 
 
 class TestProfiles:

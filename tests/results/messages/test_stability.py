@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from accpinn.inference.intervals import Interval
 from accpinn.model.cthp import Parameters
 from accpinn.model.published import ParameterSet
+from accpinn.platoon.leader import Sinusoid, SpeedStep
 from accpinn.platoon.simulation import (
     Collision,
     NeverSettles,
@@ -19,14 +20,19 @@ from accpinn.platoon.simulation import (
     Reversal,
     TooShort,
     TransientLeft,
+    simulate_platoon,
 )
 from accpinn.results.messages import message
 from accpinn.results.messages.stability import (
+    AFTER_COLLISION,
     BEHAVIOURS,
     PLACES,
     TITLES,
     amplification,
     certainty,
+    criteria_differ,
+    disturbance,
+    disturbance_details,
     factor,
     headline,
     probabilities,
@@ -170,6 +176,23 @@ def test_every_criterion_and_behaviour_has_its_words() -> None:
 )
 def test_a_factor_keeps_its_digits(gain: float, text: str) -> None:
     assert factor(gain) == text
+
+
+def test_the_disturbance_names_each_collision_and_who_drives_on() -> None:
+    run = simulate_platoon(row(*[AUDI] * 8), Sinusoid(0.214))
+    said = disturbance(run)
+    assert "follower 6 collides at 88 s, then follower 5 at 114 s" in said
+    details = disturbance_details(run)
+    assert AFTER_COLLISION in details
+    assert f"follower 4, deviates by {run.largest_deviation[4]:.3g} m/s" in details
+    first = disturbance_details(simulate_platoon(AUDI, SpeedStep(-19.0)))
+    assert "drive on," not in first, "the leader alone does"
+
+
+def test_who_meets_the_papers_criterion_only_is_named() -> None:
+    chosen = named(TESLA, CALM)
+    assert criteria_differ(chosen, stability_report(chosen.parameters)).startswith("V1 meets")
+    assert not criteria_differ(named(CALM), stability_report(CALM))
 
 
 def test_findings_of_a_platoon_name_vehicle_and_figures() -> None:

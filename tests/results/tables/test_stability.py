@@ -9,15 +9,19 @@ import pytest
 from accpinn.inference.intervals import intervals
 from accpinn.methods import splines
 from accpinn.model.published import ASTAZERO, ParameterSet
-from accpinn.platoon.leader import Sinusoid
+from accpinn.platoon.leader import Sinusoid, SpeedStep
 from accpinn.platoon.simulation import simulate_platoon
 from accpinn.results.tables.stability import (
+    WORDS,
     amplitude_table,
+    measured_gain_table,
     stability_interval_table,
     stability_table,
+    verdict_table,
 )
 from accpinn.results.tables.table import Range
-from accpinn.stability.report import stability_report
+from accpinn.stability.measured_gain import measured_gain
+from accpinn.stability.report import assessment, stability_report
 from tests.support.samples import PLATOON, sample
 from tests.support.vehicles import CALM, NO_GAP_CONTROL, row
 
@@ -64,6 +68,36 @@ def test_intervals_and_probabilities() -> None:
     assert first[5] == pytest.approx(100 * uncertainty.probability_linf[0])
     assert {column.group for column in table.columns[1:4]} == {"90 % interval"}
 
+    verdicts = verdict_table(learned, stability_report(learned.parameters), uncertainty)
+    cells = dict(zip([(c.group, c.title) for c in verdicts.columns], verdicts.rows[0], strict=True))
+    assert cells[L2, "Probability"] == pytest.approx(100 * uncertainty.probability_l2[0])
+    assert cells[L2, "Verdict"] == WORDS[assessment(uncertainty.probability_l2[0])]
+    assert (cells[L2, "Peak"].low, cells[L2, "Peak"].high) == tuple(decibels)
+    gain = uncertainty.linf_gain
+    assert cells[LINF, "‖h‖₁"][1:] == (gain.lower[0], gain.upper[0])
+
+
+def test_given_parameters_have_verdicts_by_the_criteria() -> None:
+    pair = ParameterSet("Mine", ("tesla", "calm"), row(ASTAZERO.parameters[3], CALM))
+    table = verdict_table(pair, stability_report(pair.parameters))
+    heads = [(column.group, column.title) for column in table.columns]
+    tesla, calm = (dict(zip(heads, cells, strict=True)) for cells in table.rows)
+    assert (L2, "Probability") not in heads
+    assert [tesla[group, "Verdict"] for group in (L2, LINF)] == ["unstable", "unstable"]
+    assert [calm[group, "Verdict"] for group in (L2, LINF)] == ["stable", "stable"]
+    assert tesla[L2, "Peak"] == pytest.approx(0.3395, abs=5e-5)
+    short = stability_table(pair, stability_report(pair.parameters), parameters=False)
+    assert "α" not in [column.title for column in short.columns]
+
+
+def test_the_measured_gain_as_a_table() -> None:
+    segment = sample(PLATOON).segment
+    found = measured_gain(segment, 0)
+    table = measured_gain_table(segment.labels[1], found)
+    assert len(table.rows) == len(found.omega)
+    assert table.rows[3][1] == (found.gain[3], found.lower[3], found.upper[3])
+    assert table.to_latex().isascii()
+
 
 def test_amplitudes_and_smallest_gaps() -> None:
     run = simulate_platoon(ASTAZERO.parameters, Sinusoid(0.25))
@@ -72,3 +106,7 @@ def test_amplitudes_and_smallest_gaps() -> None:
     assert [cells[0] for cells in table.rows][:2] == ["Leader", "Follower 1"]
     assert [cells[1] for cells in table.rows] == run.amplitudes.measured.tolist()
     assert [cells[3] for cells in table.rows] == [None, *run.minimum_gap.tolist()]
+    step = simulate_platoon(ASTAZERO.parameters, SpeedStep())
+    table = amplitude_table(step, ("Leader", *ASTAZERO.labels))
+    assert [cells[0] for cells in table.rows] == ["Leader", *ASTAZERO.labels]
+    assert [cells[1] for cells in table.rows] == step.largest_deviation.tolist()
