@@ -23,7 +23,7 @@ from pages.ui.data.sources import (
     samples,
     title_of,
 )
-from pages.ui.platoon.page import PANELS, TABS
+from pages.ui.platoon.page import open_panels
 from pages.ui.reproduction import open_published, show_checklist
 from pages.ui.runs import restore_run
 from pages.ui.session.workspace import Workspace
@@ -167,7 +167,7 @@ def _show_published(workspace: Workspace) -> None:
             " parameters of the Mercedes and the Tesla."
         )
         if st.button("Platoon", key="home_panels", help="Page Platoon, with the four panels."):
-            workspace.tabs[TABS] = PANELS
+            open_panels(workspace)
             frame.go(frame.PLATOON, workspace)
 
 

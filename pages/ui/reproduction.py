@@ -12,7 +12,7 @@ from accpinn.results.tables.reproduction import reproduction_table
 from pages.ui.components import frame, show
 from pages.ui.components.show import escape_markdown
 from pages.ui.data.sources import SAMPLES, find_run, open_with, sample
-from pages.ui.platoon.page import PANELS, TABS
+from pages.ui.platoon.page import open_panels
 from pages.ui.session.workspace import Workspace
 
 MARK, NEEDS = ":blue[:material/check_circle:]", ":gray[:material/database:]"
@@ -66,7 +66,7 @@ def _show_item(workspace: Workspace, item: PrintedItem) -> None:
             if not (item.run or item.sample or item.shown) and st.button(
                 "Four panels", key=f"home_{key}_panels", help="Page Platoon, with the four panels."
             ):
-                workspace.tabs[TABS] = PANELS
+                open_panels(workspace)
                 frame.go(frame.PLATOON, workspace)
 
 

@@ -39,6 +39,11 @@ VIEWS: dict[figures.View, str] = {
 _simulated = lru_cache(maxsize=16)(simulate_platoon)
 
 
+TABS = "platoon"
+"""Key of the page's tabs."""
+PANELS = "The paper's four panels"
+
+
 @dataclass(frozen=True, eq=False)
 class Shown:
     """What the parts of the page are about."""
@@ -77,6 +82,13 @@ class Shown:
         return recorded_leader(self.workspace) if isinstance(self.run.leader, Recorded) else None
 
 
+def open_panels(workspace: Workspace) -> None:
+    """Let the page show the paper's four panels, which need parameters to stand beside."""
+    if workspace.fit is None:
+        workspace.choose_source("published")
+    workspace.tabs[TABS] = PANELS
+
+
 def show_page() -> None:
     """Draw the page."""
     workspace = frame.begin("Platoon")
@@ -95,11 +107,11 @@ def show_page() -> None:
     _show_charts(shown)
     tabs(
         workspace,
-        "platoon",
+        TABS,
         {
             "Amplitudes": lambda: show_amplitudes(shown.choice, run, shown.cast),
             "Animation": lambda: show_animation(run, shown.cast),
-            "The paper's four panels": show_panels,
+            PANELS: show_panels,
         },
     )
 
