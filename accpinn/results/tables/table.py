@@ -308,7 +308,8 @@ _TABLE = _HTML.from_string("""\
 <div><table class="figures"><thead>
 {%- if groups %}<tr>
 {%- for name, width in groups -%}
-<th colspan="{{ width }}"{{ " class=group" if name }}>{{ name }}</th>
+{% if name %}<th colspan="{{ width }}" class="group">{{ name }}</th>
+{%- else %}<td colspan="{{ width }}"></td>{% endif %}
 {%- endfor %}</tr>{% endif %}<tr>
 {%- for column in table.columns -%}
 <th scope="col"{{ column.html_class }}
@@ -338,7 +339,7 @@ table.figures .number { text-align: right; }
 table.figures td.number { white-space: normal; }
 table.figures td span { display: inline-block; white-space: nowrap; opacity: .8; font-size: .92em; }
 table.figures td.prose { white-space: normal; min-width: 12rem; overflow-wrap: anywhere; }
-table.figures tr > :first-child:not(th[colspan]), table.figures th[colspan="1"]:first-child {
+table.figures tr > :first-child:not([colspan]), table.figures td[colspan="1"]:first-child {
   position: sticky; left: 0; background: var(--page); z-index: 1; }
 table.figures tbody td:first-child { max-width: 22rem; overflow: hidden; text-overflow: ellipsis; }
 table.figures th { font-weight: 600; vertical-align: bottom; white-space: normal; }
