@@ -37,7 +37,8 @@ _STYLE = """<style>
 @media (max-width: 640px) { .stMainBlockContainer { padding: 3.4rem 1rem 3rem; } }
 [data-testid="stStatusWidget"] { display: none; }
 [data-testid="stCaptionContainer"] { color: inherit; opacity: .78; }
-[data-selected="true"] p, [role="tab"][aria-selected="true"] p { color: light-dark(#0b6e8a, #7cc8e0); }
+[data-selected="true"] p, [role="tab"][aria-selected="true"] p {
+  color: light-dark(#0b6e8a, #7cc8e0); }
 .vehicle-key { display: flex; flex-wrap: wrap; gap: .2rem 1.1rem; font-size: .875rem; }
 .vehicle-key span { white-space: nowrap; }
 .vehicle-key .faint { opacity: .5; }
