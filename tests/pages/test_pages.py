@@ -410,7 +410,7 @@ def test_train_shows_table_curves_and_downloads_and_keeps_the_result() -> None:
     assert "0.0612" in texts(page), "the truth of the first follower"
     assert "Estimates and intervals are those of the CTHP." in plain(page)
     assert len(figures(open_tab(page, "train_tabs", "Training"))) == 5
-    assert len(open_tab(page, "train_tabs", "Export").get("download_button")) == 2
+    assert len(open_tab(page, "train_tabs", "Export").get("download_button")) == 3
     open_tab(page, "train_tabs", "Fit")
     assert "Start training" in labels(page)
     assert "Stop training" not in labels(page)

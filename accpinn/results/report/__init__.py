@@ -124,24 +124,32 @@ def render_report(snapshot: Snapshot, verification: Verification | None = None) 
     )
 
 
-def _story(snapshot: Snapshot, checked: Verification, shown: list[Picture]) -> dict[str, Any]:
+def tables_of(snapshot: Snapshot) -> dict[str, Table]:
+    """Every table of a report by its name, with the vehicles' colours."""
     info, evaluation, uncertainty = snapshot.info, snapshot.evaluation, snapshot.uncertainty
-    fit, report = snapshot.fit, snapshot.stability
-    vehicles = learned_parameters(info, fit)
-    paints = [vehicle_colour(number, info.vehicles[0]) for number in info.vehicles]
-    motion, run = motion_picture(snapshot), platoon_pictures(snapshot)
+    fit, report, adequacy = snapshot.fit, snapshot.stability, snapshot.adequacy
     errors = (evaluation.surrogate, evaluation.closed_loop) if evaluation else (None, None)
-    first = parameter_table(info, fit, snapshot.quality, *errors, uncertainty)
+    paints = [vehicle_colour(number, info.vehicles[0]) for number in info.vehicles]
     rows = [vehicle_colour(number, info.vehicles[0]) for number in row_vehicles(info, fit.case)]
+    first = parameter_table(info, fit, snapshot.quality, *errors, uncertainty)
     tables = {"parameters": first.coloured(rows)}
-    adequacy = snapshot.adequacy
     if uncertainty and adequacy and adequacy.better:
         tables["forms"] = form_intervals_table(info, uncertainty, adequacy.better)
     if report:
+        vehicles = learned_parameters(info, fit)
         tables["stability"] = stability_table(vehicles, report, uncertainty).coloured(paints[1:])
-    if report and uncertainty:
-        table = stability_interval_table(vehicles, uncertainty)
-        tables["stability_intervals"] = table.coloured(paints[1:])
+        if uncertainty:
+            table = stability_interval_table(vehicles, uncertainty)
+            tables["stability_intervals"] = table.coloured(paints[1:])
+    for k in range(info.followers if snapshot.methods else 0):
+        tables[f"methods_{k + 1}"] = methods_table(info, snapshot.methods, k)
+    return tables
+
+
+def _story(snapshot: Snapshot, checked: Verification, shown: list[Picture]) -> dict[str, Any]:
+    info, uncertainty, fit = snapshot.info, snapshot.uncertainty, snapshot.fit
+    motion, run, adequacy = motion_picture(snapshot), platoon_pictures(snapshot), snapshot.adequacy
+    sheets = {name: _sheet(table, name) for name, table in tables_of(snapshot).items()}
     fits, responses = [*fit_pictures(snapshot)], [*stability_pictures(snapshot)]
     first_page = [*fits[:1], *responses[:1]]
     return {
@@ -152,7 +160,7 @@ def _story(snapshot: Snapshot, checked: Verification, shown: list[Picture]) -> d
         "about": words.about_data(snapshot),
         "cautions": words.cautions(snapshot),
         "motion": _placed([motion] if motion else [], shown),
-        "sheets": {name: _sheet(table, name) for name, table in tables.items()},
+        "sheets": sheets,
         "uncertainty": uncertainty,
         "conditional": conditional(adequacy, info),
         "forms": messages(adequacy.findings if adequacy else (), info),
@@ -165,10 +173,7 @@ def _story(snapshot: Snapshot, checked: Verification, shown: list[Picture]) -> d
         "run": run[0] if run else None,
         "run_warnings": messages(run[0].findings, PLACES) if run else (),
         "repeated": run[2] if run else "",
-        "methods": [
-            _sheet(methods_table(info, snapshot.methods, k), f"methods_{k + 1}")
-            for k in range(info.followers if snapshot.methods else 0)
-        ],
+        "methods": [sheet for name, sheet in sheets.items() if name.startswith("methods_")],
         "checked": checked,
         "verdict": summary(checked, info),
         "checks": check_rows(checked, info),

@@ -85,7 +85,7 @@ def show_saved_result(
         show.not_acc(snapshot.info)
     _recording_needed(workspace, snapshot, "To train on, the page needs")
     result = of_snapshot(snapshot, workspace.segment)
-    show_evaluated(workspace, result, "snapshots", next_step)
+    show_evaluated(workspace, result, "snapshots", lambda: snapshot, next_step)
 
 
 def show_saved_rows(workspace: Workspace) -> None:

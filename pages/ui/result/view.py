@@ -14,12 +14,14 @@ from accpinn.methods import least_squares
 from accpinn.methods.fit import History, Outcome, headway_findings
 from accpinn.methods.maximum_likelihood import disturbance_sizes
 from accpinn.model.cthp import Case, Parameters
+from accpinn.results.bundle import bundle
 from accpinn.results.checks import Check, CheckName, checks
 from accpinn.results.figures import training as figures
 from accpinn.results.messages import messages
 from accpinn.results.messages.checks import MEANING, failing_of, label_of
 from accpinn.results.messages.methods import outcome_message
 from accpinn.results.messages.reliability import BAND, conditional
+from accpinn.results.snapshot import Snapshot
 from accpinn.results.tables import estimates as tables
 from accpinn.results.tables.estimates import name_of
 from accpinn.results.tables.table import Table
@@ -41,6 +43,7 @@ def show_evaluated(
     workspace: Workspace,
     result: Evaluated,
     page: str,
+    snapshot: Callable[[], Snapshot],
     next_step: Callable[[], None] | None = None,
     more: Mapping[str, Callable[[], None]] | None = None,
 ) -> None:
@@ -50,6 +53,7 @@ def show_evaluated(
         workspace: the session.
         result: to be shown.
         page: begins the keys of widgets.
+        snapshot: the result as a snapshot, made where it is asked for.
         next_step: draws what leads on.
         more: further tabs by title.
     """
@@ -79,7 +83,7 @@ def show_evaluated(
         views["Training"] = lambda: show_history(history, info, page, fit.case, result.truth)
     views["Comparison"] = lambda: _show_comparison(workspace, result, page)
     tabs(workspace, f"{page}_tabs", views | dict(more or {}) | {
-        "Export": lambda: _show_export(result, table, page),
+        "Export": lambda: _show_export(result, table, page, snapshot),
     })  # fmt: skip
 
 
@@ -271,10 +275,19 @@ def show_history(
                 show.chart(figure, f"{page}_{name}")
 
 
-def _show_export(result: Evaluated, table: Table, page: str) -> None:
-    """The table with all of its columns, as it leaves."""
+def _show_export(
+    result: Evaluated, table: Table, page: str, snapshot: Callable[[], Snapshot]
+) -> None:
+    """The table with all of its columns, as it leaves, and all else in one file."""
+    stem = Path(result.info.source).stem
+    show.downloads(table, f"{stem}_parameters", page)
+    st.download_button(
+        "Download all", lambda: bundle(snapshot()), f"{stem}_accpinn.zip", "application/zip",
+        key=f"{page}_all", on_click="ignore", icon=":material/folder_zip:",
+        help="One zip file: the report, the snapshot, every table as CSV and LaTeX, the training's"
+        " history and the curves as numbers. Charts are saved by the camera in their corner.",
+    )  # fmt: skip
     show.table(table)
-    show.downloads(table, f"{Path(result.info.source).stem}_parameters", page)
 
 
 def show_intervals(

@@ -444,6 +444,29 @@ class Workspace:
         self._adequacy = (self.segment, self.case, found)
         return found
 
+    def as_snapshot(self, name: str = "", note: str = "", with_data: bool = False) -> Snapshot:
+        """The current result with all that the session knows of it.
+
+        Raises:
+            SnapshotError: where there is no result, or its data are not open.
+        """
+        fit, segment, old = self.fit, self.segment, self.snapshot
+        if fit is None or segment is None:
+            raise SnapshotError("There is no result with its data to save; train on a window.")
+        return create(
+            segment,
+            fit,
+            recording=self.recording,
+            facts=old.facts if old else None,
+            uncertainty=self.uncertainty(),
+            evaluation=old.evaluation if old and old.fit is fit else None,
+            methods=self.compared,
+            adequacy=self.known_adequacy,
+            name=name,
+            note=note,
+            with_data=with_data,
+        )
+
     @property
     def recording_duration(self) -> Seconds | None:
         """That of the recording which the window is of, as far as it is known."""

@@ -49,7 +49,7 @@ def show_one(workspace: Workspace, snapshot: Snapshot) -> None:
         said = headline(chosen, snapshot.stability, snapshot.uncertainty)
         st.markdown(f"**{escape_markdown(said)}**")
     result = of_snapshot(snapshot, _data_of(workspace, snapshot))
-    show_evaluated(workspace, result, "snapshots", more={
+    show_evaluated(workspace, result, "snapshots", lambda: snapshot, more={
         "Verify": lambda: _show_verification(workspace, snapshot),
         "Beside another": lambda: _show_beside(snapshot),
     })  # fmt: skip

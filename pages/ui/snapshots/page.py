@@ -5,7 +5,7 @@ import streamlit as st
 from accpinn.errors import SnapshotError
 from accpinn.methods.fit import Outcome
 from accpinn.results.messages.methods import unfinished
-from accpinn.results.snapshot import LARGEST, LONGEST_NAME, LONGEST_NOTE, create
+from accpinn.results.snapshot import LARGEST, LONGEST_NAME, LONGEST_NOTE
 from accpinn.results.snapshot.saved import Entry
 from pages.ui.components import frame, show
 from pages.ui.result.saved import banner
@@ -97,19 +97,8 @@ def suggested_name(workspace: Workspace) -> str:
 
 def _save(workspace: Workspace) -> None:
     """Keep the current result with all that the session knows of it."""
-    fit, segment, old = workspace.fit, workspace.segment, workspace.snapshot
-    if fit is None or segment is None:
-        return
     with show.flashing():
-        snapshot = create(
-            segment,
-            fit,
-            recording=workspace.recording,
-            facts=old.facts if old else None,
-            uncertainty=workspace.uncertainty(),
-            evaluation=old.evaluation if old and old.fit is fit else None,
-            methods=workspace.compared,
-            adequacy=workspace.known_adequacy,
+        snapshot = workspace.as_snapshot(
             name=st.session_state["snapshots_name"].strip() or suggested_name(workspace),
             note=st.session_state["snapshots_note"].strip(),
             with_data=st.session_state["snapshots_with_data"],

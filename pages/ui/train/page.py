@@ -68,7 +68,7 @@ def _show_run(workspace: Workspace, training: Task[Fit], running: bool) -> None:
     elif result := of_training(workspace):
         workspace.keep_run()
         show_evaluated(
-            workspace, result, "train", lambda: _next_button(workspace),
+            workspace, result, "train", workspace.as_snapshot, lambda: _next_button(workspace),
             {"Validation": lambda: _show_validation(workspace)},
         )  # fmt: skip
 

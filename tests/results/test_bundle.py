@@ -1,0 +1,30 @@
+"""Everything of a result in one file: complete, equal for equal results, readable as numbers."""
+
+import io
+import zipfile
+
+import numpy as np
+import pandas as pd
+
+from accpinn.results.bundle import bundle
+from accpinn.results.snapshot.archive import load
+from tests.support.snapshots import whole
+
+
+def test_holds_report_snapshot_tables_history_and_motion() -> None:
+    content = bundle(whole())
+    assert content == bundle(whole())
+    archive = zipfile.ZipFile(io.BytesIO(content))
+    names = set(archive.namelist())
+    assert {"report.html", "result.accpinn.zip", "tables/parameters.csv", "tables/stability.tex",
+            "tables/methods_1.csv", "training.csv", "motion_measured.csv"} <= names  # fmt: skip
+    assert load(archive.read("result.accpinn.zip")).fit.parameters == whole().fit.parameters
+    segment, history = whole().segment, whole().fit.history
+    assert segment is not None
+    assert history is not None
+    motion = pd.read_csv(io.BytesIO(archive.read("motion_measured.csv")))
+    assert np.allclose(motion["gap_2_m"], segment.gaps[:, 0])
+    assert np.allclose(motion["speed_1_m_per_s"], segment.speeds[:, 0])
+    training = pd.read_csv(io.BytesIO(archive.read("training.csv")))
+    assert np.allclose(training["tau_2_s"], history.parameters.tau[:, 0])
+    assert np.allclose(training["alpha_2_per_s2"], history.parameters.alpha[:, 0], rtol=1e-7)
