@@ -54,11 +54,9 @@ from accpinn.results.snapshot.verification import Verification, verify
 from accpinn.results.tables.estimates import (
     TITLES,
     form_intervals_table,
-    intervals_table,
     learned_parameters,
     methods_table,
     name_of,
-    parameter_rows,
     parameter_table,
     row_vehicles,
 )
@@ -137,9 +135,6 @@ def _story(snapshot: Snapshot, checked: Verification, shown: list[Picture]) -> d
     rows = [vehicle_colour(number, info.vehicles[0]) for number in row_vehicles(info, fit.case)]
     tables = {"parameters": first.coloured(rows)}
     adequacy = snapshot.adequacy
-    if uncertainty:
-        shared = [vehicle_colour(n, info.vehicles[0]) for n in parameter_rows(info, fit.case)]
-        tables["intervals"] = intervals_table(info, uncertainty, fit.case).coloured(shared)
     if uncertainty and adequacy and adequacy.better:
         tables["forms"] = form_intervals_table(info, uncertainty, adequacy.better)
     if report:
@@ -147,7 +142,10 @@ def _story(snapshot: Snapshot, checked: Verification, shown: list[Picture]) -> d
     if report and uncertainty:
         table = stability_interval_table(vehicles, uncertainty)
         tables["stability_intervals"] = table.coloured(paints[1:])
+    fits, responses = [*fit_pictures(snapshot)], [*stability_pictures(snapshot)]
+    first_page = [*fits[:1], *responses[:1]]
     return {
+        "first_page": _placed(first_page, shown),
         "snapshot": snapshot,
         "title": words.title(snapshot),
         "summary": words.summary(snapshot),
@@ -158,11 +156,11 @@ def _story(snapshot: Snapshot, checked: Verification, shown: list[Picture]) -> d
         "uncertainty": uncertainty,
         "conditional": conditional(adequacy, info),
         "forms": messages(adequacy.findings if adequacy else (), info),
-        "fits": _placed(fit_pictures(snapshot), shown),
+        "fits": _placed(fits[1:], shown),
         "band": BAND if snapshot.segment and uncertainty else "",
         "training": _placed(training_pictures(snapshot), shown),
         "reasons": _reasons(snapshot),
-        "stability_pictures": _placed(stability_pictures(snapshot), shown),
+        "stability_pictures": _placed(responses[1:], shown),
         "platoon": _placed(run[1] if run else [], shown),
         "run": run[0] if run else None,
         "run_warnings": messages(run[0].findings, PLACES) if run else (),
@@ -343,25 +341,27 @@ def stability_pictures(snapshot: Snapshot) -> Iterator[Picture]:
 
 
 def platoon_pictures(snapshot: Snapshot) -> tuple[PlatoonRun, tuple[Picture, Picture], str] | None:
-    """Eight vehicles like the one that amplifies most, behind a leader at its worst frequency."""
+    """The followers in their order, or eight like the only one, at the frequency amplified most."""
     report, vehicles = snapshot.stability, learned_parameters(snapshot.info, snapshot.fit)
     if report is None:
         return None
-    peaks = [vehicle.peak for vehicle in report.vehicles]
-    worst = max(range(len(peaks)), key=lambda k: peaks[k].gain)
-    omega = peaks[worst].omega or QUIET
+    order = [*range(len(vehicles))] if len(vehicles) > 1 else [0] * FOLLOWERS
+    omega = report.platoon.peaks[-1].omega or QUIET
     try:
-        run = simulate_platoon(vehicles.parameters[[worst] * FOLLOWERS], Sinusoid(frequency=omega))
+        run = simulate_platoon(vehicles.parameters[order], Sinusoid(frequency=omega))
     except ParameterError:
         return None
-    cast = platoon_figures.cast_of(vehicles, [worst] * FOLLOWERS)
+    cast = platoon_figures.cast_of(vehicles, order)
     profiles = with_legend(platoon_figures.profiles(run, cast))
     amplitudes = platoon_figures.amplitude_by_vehicle(run, cast, in_db=False)
     pictures = (
         Picture("platoon", profiles, "Speeds and gaps; light to dark: first to last follower."),
         Picture("amplitude", amplitudes, "Amplitude of the speed along the platoon; line: by |H|."),
     )
-    return run, pictures, vehicles.labels[worst]
+    who = f"The {len(order)} followers in their order"
+    if len(vehicles) == 1:
+        who = f"{FOLLOWERS} vehicles like {vehicles.labels[0]}"
+    return run, pictures, who
 
 
 def _plain(part: Any) -> Any:

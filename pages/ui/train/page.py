@@ -12,6 +12,7 @@ from accpinn.tasks.task import Status, Task
 from pages.ui.components import frame, show
 from pages.ui.components.monitor import monitor, stop_button
 from pages.ui.components.widgets import segments
+from pages.ui.data.validation import show_validation
 from pages.ui.result.evaluated import of_training
 from pages.ui.result.saved import banner, show_saved_result
 from pages.ui.result.view import show_evaluated
@@ -66,7 +67,22 @@ def _show_run(workspace: Workspace, training: Task[Fit], running: bool) -> None:
         show_live(training, workspace.true_parameters)
     elif result := of_training(workspace):
         workspace.keep_run()
-        show_evaluated(workspace, result, "train", lambda: _next_button(workspace))
+        show_evaluated(
+            workspace, result, "train", lambda: _next_button(workspace),
+            {"Validation": lambda: _show_validation(workspace)},
+        )  # fmt: skip
+
+
+def _show_validation(workspace: Workspace) -> None:
+    """What the learned parameters do in another window, once the user chose one."""
+    if workspace.validation is None:
+        st.caption(
+            "Choose a second window, or another recording of the same vehicles, on page Data: the"
+            " learned parameters are then simulated there."
+        )
+        frame.link(frame.DATA, "Choose it on Data", workspace)
+        return
+    show_validation(workspace)
 
 
 def _next_button(workspace: Workspace) -> None:

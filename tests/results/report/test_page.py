@@ -110,7 +110,7 @@ class TestPage:
         made = drawings(page())
         places = [int(a["data-place"] or -1) for _, a in Reader(page()).tags if "data-place" in a]
         assert places == list(range(len(made)))
-        assert [drawing["name"] for drawing in made][:2] == ["motion", "fit_1"]
+        assert [drawing["name"] for drawing in made][:3] == ["fit_1", "bode", "motion"]
         for drawing in made:
             for trace in drawing["data"]:
                 for axis in ("x", "y"):
@@ -122,7 +122,7 @@ class TestPage:
             small(), uncertainty=None, evaluation=None, stability=None, segment=None, methods=()
         )
         headings = [text.strip() for text in Reader(render_report(bare)).within("h2")]
-        assert headings == [ORDER[0], ORDER[1], ORDER[3], *ORDER[-2:]]
+        assert headings == [*ORDER[:4], *ORDER[-2:]]
 
 
 class TestContents:
@@ -137,7 +137,7 @@ class TestContents:
 
     def test_tables_are_offered_as_files(self) -> None:
         files = {a["download"]: a["href"] for _, a in Reader(page()).tags if "download" in a}
-        assert {"parameters.csv", "intervals.tex", "stability.csv", "methods_1.csv"} <= set(files)
+        assert {"parameters.csv", "parameters.tex", "stability.csv", "methods_1.csv"} <= set(files)
         address = files["parameters.csv"]
         assert address
         text = base64.b64decode(address.split("base64,")[1]).decode()
@@ -175,14 +175,14 @@ class TestContents:
         names = {trace.name for picture in fit_pictures(without) for trace in picture.figure.data}
         assert names == {name_of(whole().fit)}
 
-    def test_the_platoon_repeats_the_vehicle_that_amplifies_most(self) -> None:
+    def test_the_platoon_is_that_of_the_study(self) -> None:
         stability, made = whole().stability, platoon_pictures(whole())
         assert stability is not None
         assert made is not None
-        run, pictures, label = made
-        worst = max(range(4), key=lambda k: stability.vehicles[k].peak.gain)
-        assert label == whole().info.labels[1 + worst]
-        assert run.trajectories.gaps.shape[1] == 8
+        run, pictures, who = made
+        assert who == "The 4 followers in their order"
+        assert run.leader.frequency == stability.platoon.peaks[-1].omega
+        assert run.trajectories.gaps.shape[1] == 4
         assert [picture.name for picture in pictures] == ["platoon", "amplitude"]
 
 
