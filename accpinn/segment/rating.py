@@ -100,9 +100,11 @@ def _driver(segment: Segment, recording: Recording) -> Rating:
         by_flag = recording.acc_flag == HUMAN_FLAG
         return Rating("driver", Grade.POOR if by_flag else Grade.UNKNOWN, found)
     share = float((modes == Mode.HUMAN).mean(axis=0).max())
-    some = share > 0 or bool((modes == Mode.UNKNOWN).any())
-    grade = Grade.POOR if found else Grade.FAIR if some else Grade.GOOD
-    return Rating("driver", grade, found, (share,))
+    if found or share:
+        return Rating("driver", Grade.POOR if found else Grade.FAIR, found, (share,))
+    if (modes == Mode.UNKNOWN).any():
+        return Rating("driver", Grade.UNKNOWN, found)
+    return Rating("driver", Grade.GOOD, found, (share,))
 
 
 def _consistent(segment: Segment, recording: Recording, quality: Quality) -> Rating:

@@ -40,7 +40,8 @@ class Suggestion:
     car_following: float
     """The smallest share of the window's instants in car-following of any follower, 0 to 1."""
     manual: float | None
-    """The largest share driven by hand of any follower; None where the file has no modes."""
+    """The largest share driven by hand of any follower; None where it is 0 as far as is known, but
+    the file does not give every follower's modes."""
     candidates: int
     """How many windows were compared."""
     asked: Seconds
@@ -66,6 +67,7 @@ class Information:
     products: FloatArray
     """(N+1, M, 3, 3) Σ x xᵀ over the instants in car-following before each instant."""
     mode_known: bool
+    """Whether the file has driver modes of every follower."""
 
     @classmethod
     def of(cls, segment: Segment, regimes: Regimes) -> "Information":
@@ -79,7 +81,7 @@ class Information:
             following=_before(counts),
             manual=_before(regimes.codes == MANUAL),
             products=_before(outer.transpose(1, 0, 2, 3)),
-            mode_known=any(regimes.mode_known),
+            mode_known=all(regimes.mode_known),
         )
 
     def _within(self, sums: FloatArray, window: Window) -> FloatArray:
@@ -95,8 +97,9 @@ class Information:
         return float(self._share(self.following, window).min())
 
     def by_hand(self, window: Window) -> float | None:
-        """The largest share of any follower driven by hand; None without driver modes."""
-        return float(self._share(self.manual, window).max()) if self.mode_known else None
+        """The largest share of any follower driven by hand; see `Suggestion.manual`."""
+        share = float(self._share(self.manual, window).max())
+        return share if share or self.mode_known else None
 
     def log_det(self, window: Window) -> float:
         """Σ_i log det I_i; minus infinity where some follower is never in car-following."""

@@ -100,7 +100,7 @@ def _ways_in(workspace: Workspace) -> None:
     """A field for a file of the user's own, and a result without one."""
     left, right = st.columns((2, 1), gap="large")
     with left.container(key="home_drop"):
-        if drop_zone(workspace):
+        if drop_zone(workspace, announce=True):
             frame.go(frame.DATA, workspace)
     with right:
         if st.button(

@@ -273,6 +273,8 @@ def test_a_bad_upload_is_one_sentence_and_loses_nothing_and_a_good_one_is_opened
     assert not page.exception
     assert "mine\\.csv" in texts(page)
     assert "Case" not in [control.label for control in page.segmented_control], "M = 1 has no cases"
+    page.switch_page(HOME).run()
+    assert "**Continue**" in texts(page), "Home stays open"
 
 
 def test_the_folder_on_the_server(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

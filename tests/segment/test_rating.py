@@ -51,6 +51,9 @@ def test_each_fault_lowers_the_grade_of_its_own_question_alone(sound: Recording)
     assert grades(replace(sound, mode=mode)) == {"driver": Grade.FAIR}
     mode[1000:1200, 1] = Mode.HUMAN
     assert grades(replace(sound, mode=mode)) == {"driver": Grade.POOR}
+    mode = sound.mode.copy()
+    mode[1000:1020, 1] = Mode.UNKNOWN
+    assert grades(replace(sound, mode=mode)) == {"driver": Grade.UNKNOWN}
     silent = replace(sound, mode=np.full_like(sound.mode, Mode.UNKNOWN))
     assert grades(silent) == {"driver": Grade.UNKNOWN}
     assert grades(replace(silent, acc_flag=0)) == {"driver": Grade.POOR}

@@ -103,7 +103,7 @@ def suggestion_reasons(
         f"of {found.candidates} complete windows of {length}, the one with the best excitation in"
         " car-following"
     )  # fmt: skip
-    who = "The file does not say who drives."
+    who = "The file does not say who drives every follower."
     if found.manual is not None:
         by_hand = f"{_percent(found.manual)} of the time by hand"
         who = f"At most {by_hand}." if found.manual else "ACC throughout."

@@ -41,7 +41,7 @@ _STYLE = """<style>
   color: light-dark(#0b6e8a, #7cc8e0); }
 .vehicle-key { display: flex; flex-wrap: wrap; gap: .2rem 1.1rem; font-size: .875rem; }
 .vehicle-key span { white-space: nowrap; }
-.vehicle-key .faint { opacity: .5; }
+.vehicle-key .faint { opacity: .75; font-style: italic; }
 .vehicle-key i { display: inline-block; width: 1.1em; height: .28em; border-radius: 2px;
   margin-right: .45em; vertical-align: middle; }
 </style>"""

@@ -120,8 +120,12 @@ def choose_source(workspace: Workspace) -> None:
         _choose_file(workspace)
 
 
-def drop_zone(workspace: Workspace) -> bool:
+def drop_zone(workspace: Workspace, announce: bool = False) -> bool:
     """The field for a file of the user's own, and why the last attempt to open one failed.
+
+    Args:
+        workspace: the session that the recording is opened in.
+        announce: whether to return that a file was opened; else nothing is remembered of it.
 
     Returns:
         Whether a file has just been opened.
@@ -132,7 +136,7 @@ def drop_zone(workspace: Workspace) -> bool:
         upload = st.session_state["data_upload"]
         if upload is not None:
             open_with(workspace, lambda: (from_bytes(upload.getvalue(), upload.name), None))
-            st.session_state[ARRIVED] = not workspace.refusal
+            st.session_state[ARRIVED] = announce and not workspace.refusal
 
     st.file_uploader(
         f"Drop an OpenACC recording here: one CSV file of up to {limit} MB. It is not stored on"
