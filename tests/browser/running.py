@@ -166,8 +166,9 @@ def train_sample(page: Page) -> None:
 
 def fill(page: Page, label: str, value: str) -> None:
     """Type a value and leave the field."""
-    page.get_by_label(label).fill(value)
-    page.get_by_label(label).press("Enter")
+    field = page.get_by_label(label).and_(page.locator("input"))  # not its tooltip
+    field.fill(value)
+    field.press("Enter")
 
 
 def choose(page: Page, label: str, option: str) -> None:
