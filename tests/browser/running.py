@@ -172,9 +172,10 @@ def number(page: Page, label: str) -> Locator:
 
 
 def fill(page: Page, label: str, value: str) -> None:
-    """Type a number and leave the field."""
-    number(page, label).fill(value)
-    number(page, label).press("Enter")
+    """Type a value and leave the field."""
+    field = page.get_by_label(label).and_(page.locator("input"))  # not its tooltip
+    field.fill(value)
+    field.press("Enter")
 
 
 def choose(page: Page, label: str, option: str) -> None:

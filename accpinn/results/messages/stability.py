@@ -443,7 +443,7 @@ def disturbance_details(run: PlatoonRun, places: Places = PLACES) -> str:
         if last:
             size = run.largest_deviation[last]
             parts.append(
-                f"The last to drive on, {places.spoken(last)}, deviates by {size:.3g} m/s."
+                f"The last one that drives on, {places.spoken(last)}, deviates by {size:.3g} m/s."
             )
     if wave:
         would = "would reach" if run.collisions else "reaches"
