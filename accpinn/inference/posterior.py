@@ -20,7 +20,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from accpinn.methods.maximum_likelihood import Criterion, Groups, Maximum, Series, natural
-from accpinn.methods.state_space import Form
+from accpinn.methods.state_space import Form, coordinates
 from accpinn.model.cthp import TYPICAL
 from accpinn.units import FloatArray
 
@@ -160,9 +160,13 @@ class _Proposal:
 
     @classmethod
     def at(cls, maximum: Maximum) -> "_Proposal":
-        free = np.diag(maximum.curvature) > 0
+        curvature = maximum.curvature.copy()
+        for k, extra in list(enumerate(coordinates(maximum.form)))[9:]:
+            if curvature[k, k] == 0.0:
+                curvature[k, k] = extra.spread**-2
+        free = np.diag(curvature) > 0
         free[:3] = True
-        values, vectors = np.linalg.eigh(maximum.curvature[np.ix_(free, free)])
+        values, vectors = np.linalg.eigh(curvature[np.ix_(free, free)])
         scale = np.zeros_like(maximum.curvature)
         scale[np.ix_(free, free)] = vectors / np.maximum(values, LEAST_PRECISION) @ vectors.T
         return cls(maximum.coordinates, scale)

@@ -7,7 +7,7 @@ rise of the disturbance and the receivers' noise:
     maximise  log L(z) + log prior(z),   z = ln of all unknowns,
 
 the prior weak and on disturbance and noise alone. The search is scoring: the gradient g of the
-criterion and the expected information I, both from central differences of the innovations, give
+criterion and the expected information I, both from differences of the innovations, give
 z + I⁻¹g; after a few rounds the curvature is corrected by what the gradient shows (BFGS), as the
 expected information is not the curvature where the model is incomplete.
 
@@ -49,11 +49,13 @@ from accpinn.units import FloatArray, Mask, MetresPerSecond, Seconds, frozen, st
 KEY = "maximum-likelihood"
 SPACING: Seconds = 0.5
 """Between the samples used; see above."""
-DIFFERENCE = 1e-4
-"""Of a coordinate, for central differences."""
+DIFFERENCE = 1e-5
+"""Of a coordinate, for the slopes; it moves the maximum by less."""
 ROUNDS = 60
-SCORING = 5
+SCORING = 1.0
 """Rounds that use the expected information alone."""
+SAME = 0.3
+"""Squared standard errors from a better search within which another one is given up."""
 LONGEST_STEP = 1.5
 """In ln of an unknown."""
 CLOSE = 1e-5
@@ -74,6 +76,13 @@ STARTS = ((0.0, 0.0), (-1.5, 1.4), (1.0, 0.0))
 
 Near the middle of published parameters; far below it, where weak controllers lie that are disturbed
 for long; and above it. A disturbance that lasts has a maximum of its own in some recordings."""
+
+EXTRA_STARTS: dict[Form, tuple[float, ...]] = {
+    "offset": (0.0,),
+    "lag": (0.1, 0.5, 1.2),
+    "delay": (0.1, 0.5, 1.2),
+}
+"""From which the further unknown is sought; the likelihood of a lag may have two maxima."""
 
 
 class DisturbanceSize(Finding, frozen=True):
@@ -304,27 +313,29 @@ class Criterion:
             groups: (K,) which group each row belongs to.
         """
         size = self.size
-        moves = DIFFERENCE * np.eye(size)
-        around = np.stack([z, *(z + sign * move for move in moves for sign in (1, -1))], axis=1)
+        around = np.stack([z, *(z + move for move in DIFFERENCE * np.eye(size))], axis=1)
         pairs = [(k, j) for k, g in enumerate(groups) for j in self._members[g]]
         which, series = np.array(pairs).T
         model = self.model(around[which].reshape(-1, size))
-        measured = np.repeat(self.series.measured[:, :, series], 2 * size + 1, axis=2)
+        measured = np.repeat(self.series.measured[:, :, series], size + 1, axis=2)
         total, found = innovations(model, measured)
         total = total.reshape(len(pairs), -1)
-        errors = found.errors.reshape(-1, len(pairs), 2 * size + 1)
+        errors = found.errors.reshape(-1, len(pairs), size + 1)
         variances = found.variances.reshape(errors.shape)
-        slope = (errors[..., 1::2] - errors[..., 2::2]) / np.sqrt(variances[..., :1])
-        growth = np.log(variances[..., 1::2] / variances[..., 2::2]) / np.sqrt(2.0)
+        slope = (errors[..., 1:] - errors[..., :1]) / np.sqrt(variances[..., :1])
+        growth = np.log(variances[..., 1:] / variances[..., :1]) / np.sqrt(2.0)
         information = sum(
             np.einsum("tbi,tbj->bij", one, one, optimize=True) for one in (slope, growth)
         )
         value, gradient = self.log_prior(z), -(z - self.start) * self._weight
         curvature = np.tile(np.diag(self._weight), (len(z), 1, 1))
-        step = 2 * DIFFERENCE
         np.add.at(value, which, total[:, 0])
-        np.add.at(gradient, which, (total[:, 1::2] - total[:, 2::2]) / step)
-        np.add.at(curvature, which, information / step**2)
+        information = information / DIFFERENCE**2
+        # A forward difference has half the curvature too much of it.
+        slopes = (total[:, 1:] - total[:, :1]) / DIFFERENCE
+        slopes += DIFFERENCE / 2 * np.einsum("kii->ki", information)
+        np.add.at(gradient, which, slopes)
+        np.add.at(curvature, which, information)
         return value, gradient, curvature
 
 
@@ -336,17 +347,18 @@ def maximise(
     Args:
         series: G groups.
         form: of the model.
-        near: (G, P) coordinates that the maximum is known to be near to; else `STARTS` count.
+        near: (S * G, P) coordinates that the maximum is known to be near to, those of all groups
+            in turn; else `STARTS` count.
     """
-    criterion, groups = Criterion(series, form), np.arange(series.groups)
+    criterion = Criterion(series, form)
     if near is None:
         z = np.tile(criterion.start, (len(STARTS) * series.groups, 1))
         gain, memory = np.repeat(STARTS, series.groups, axis=0).T
         z[:, :2] += gain[:, None]
         z[:, MEMORY] += memory
-        groups = np.tile(groups, len(STARTS))
     else:
         z = np.array(near)
+    groups = np.arange(len(z)) % series.groups
     found = _search(criterion, z, groups)
     best = []
     for group in range(series.groups):
@@ -358,7 +370,7 @@ def _search(criterion: Criterion, z: FloatArray, groups: Groups) -> list[Maximum
     """Ascend from each row of z (K, P); all rows move at once."""
     z = np.clip(z, criterion.lower, criterion.upper)
     value, gradient, curvature = criterion.score(z, groups)
-    damping = np.full(len(z), 1e-2)
+    damping, reach = np.full(len(z), 1e-2), np.full(len(z), LONGEST_STEP)
     rounds = np.zeros(len(z), int)
     done = np.zeros(len(z), bool)
     for _ in range(ROUNDS):
@@ -368,9 +380,10 @@ def _search(criterion: Criterion, z: FloatArray, groups: Groups) -> list[Maximum
         trial = z.copy()
         for k in active:
             free = not_held(criterion, z[k], gradient[k])
-            step = scoring_step(curvature[k], gradient[k], free, damping[k])
+            step = scoring_step(curvature[k], gradient[k], free, damping[k], reach[k])
             trial[k] = np.clip(z[k] + step, criterion.lower, criterion.upper)
-            done[k] = gradient[k] @ step < CLOSE and damping[k] < 1.0
+            is_full = damping[k] < 1.0 and np.abs(step).max() < 0.99 * reach[k]
+            done[k] = is_full and gradient[k] @ step < CLOSE
         active = active[~done[active]]
         if not len(active):
             break
@@ -379,9 +392,10 @@ def _search(criterion: Criterion, z: FloatArray, groups: Groups) -> list[Maximum
         for k, new, slope, information in zip(active, *found, strict=True):
             if not new > value[k] - 1e-9:
                 damping[k] *= 8.0
+                reach[k] = np.abs(trial[k] - z[k]).max() / 4.0
                 done[k] = damping[k] > 1e8
                 continue
-            if rounds[k] > SCORING:
+            if new - value[k] < SCORING:
                 curvature[k] = corrected_curvature(
                     curvature[k], trial[k] - z[k], gradient[k] - slope
                 )
@@ -389,6 +403,11 @@ def _search(criterion: Criterion, z: FloatArray, groups: Groups) -> list[Maximum
                 curvature[k] = information
             z[k], value[k], gradient[k] = trial[k], new, slope
             damping[k] = max(damping[k] / 8.0, 1e-9)
+            reach[k] = min(4.0 * reach[k], LONGEST_STEP)
+        for k in active:
+            rivals = np.flatnonzero((groups == groups[k]) & (value > value[k]))
+            away = z[rivals] - z[k]
+            done[k] |= (np.einsum("ki,kij,kj->k", away, curvature[rivals], away) < SAME).any()
     return [
         Maximum(
             criterion.form,
@@ -414,14 +433,14 @@ def not_held(criterion: Criterion, z: FloatArray, gradient: FloatArray) -> Mask:
 
 
 def scoring_step(
-    curvature: FloatArray, gradient: FloatArray, free: Mask, damping: float
+    curvature: FloatArray, gradient: FloatArray, free: Mask, damping: float, reach: float = LONGEST_STEP
 ) -> FloatArray:
     """(P,) the damped Newton step of the free coordinates; 0 for the others."""
     part = curvature[np.ix_(free, free)]
     part = part + np.diag(damping * np.diag(part) + 1e-9)
     step = np.zeros(len(gradient))
     step[free] = np.linalg.solve(part, gradient[free])
-    return step * min(1.0, LONGEST_STEP / max(float(np.abs(step).max()), 1e-300))
+    return step * min(1.0, reach / max(float(np.abs(step).max()), 1e-300))
 
 
 def corrected_curvature(curvature: FloatArray, move: FloatArray, fall: FloatArray) -> FloatArray:
@@ -466,9 +485,8 @@ def _joint_maxima(
     series = series_of(segments, case, followers)
     if form == "cthp":
         return maximise(series)
-    start = coordinates(form)[-1].centre
     known = [one.coordinates for one in _joint_maxima(segments, case, "cthp", followers)]
-    return maximise(series, form, near=[np.append(z, start) for z in known])
+    return maximise(series, form, near=[np.append(z, x) for x in EXTRA_STARTS[form] for z in known])
 
 
 def fit(segment: Segment, case: Case = "II") -> Fit:

@@ -88,8 +88,8 @@ COMMON = (
 that were smoothed drive the disturbance's memory to absurd values."""
 EXTRA: dict[Form, Coordinate] = {
     "offset": Coordinate("offset", 0.0, -2.0, 2.0, 0.5, logarithmic=False),
-    "lag": Coordinate("lag", 0.4, 0.05, 4.0, 1.0),
-    "delay": Coordinate("delay", 0.4, 0.05, 4.0, 1.0),
+    "lag": Coordinate("lag", 0.0, 0.05, 3.0, 1.0, logarithmic=False),
+    "delay": Coordinate("delay", 0.0, 0.05, 3.0, 1.0, logarithmic=False),
 }
 """The offset is in m/s², a standstill distance times -α; lag and delay are in s."""
 
