@@ -265,7 +265,7 @@ class _ConstantGain:
         known = np.empty((len(measured) + 1, size + len(OBSERVED), count))
         known[:-1, size:] = measured
         known[0, :size] = state
-        for now, after in zip(known, known[1:, :size]):
+        for now, after in zip(known[:-1], known[1:, :size], strict=True):
             np.einsum("ijb,jb->ib", both, now, out=after)
         return known[:-1, :size], known[-1, :size]
 

@@ -359,15 +359,24 @@ def maximise(
     else:
         z = np.array(near)
     groups = np.arange(len(z)) % series.groups
-    found = _search(criterion, z, groups)
+    found = search(criterion, z, groups)
     best = []
     for group in range(series.groups):
         best.append(max(found[group :: series.groups], key=lambda one: one.criterion))
     return tuple(best)
 
 
-def _search(criterion: Criterion, z: FloatArray, groups: Groups) -> list[Maximum]:
-    """Ascend from each row of z (K, P); all rows move at once."""
+def search(
+    criterion: Criterion, z: FloatArray, groups: Groups, is_last_held: bool = False
+) -> list[Maximum]:
+    """Ascend from each row of z (K, P); all rows move at once.
+
+    Args:
+        criterion: of all groups.
+        z: (K, P)
+        groups: (K,) the group of each row.
+        is_last_held: whether the last unknown keeps its value, each row its own.
+    """
     z = np.clip(z, criterion.lower, criterion.upper)
     value, gradient, curvature = criterion.score(z, groups)
     damping, reach = np.full(len(z), 1e-2), np.full(len(z), LONGEST_STEP)
@@ -380,6 +389,7 @@ def _search(criterion: Criterion, z: FloatArray, groups: Groups) -> list[Maximum
         trial = z.copy()
         for k in active:
             free = not_held(criterion, z[k], gradient[k])
+            free[-1] &= not is_last_held
             step = scoring_step(curvature[k], gradient[k], free, damping[k], reach[k])
             trial[k] = np.clip(z[k] + step, criterion.lower, criterion.upper)
             is_full = damping[k] < 1.0 and np.abs(step).max() < 0.99 * reach[k]
@@ -404,26 +414,22 @@ def _search(criterion: Criterion, z: FloatArray, groups: Groups) -> list[Maximum
             z[k], value[k], gradient[k] = trial[k], new, slope
             damping[k] = max(damping[k] / 8.0, 1e-9)
             reach[k] = min(4.0 * reach[k], LONGEST_STEP)
-        for k in active:
+        for k in active if not is_last_held else ():
             rivals = np.flatnonzero((groups == groups[k]) & (value > value[k]))
             away = z[rivals] - z[k]
             done[k] |= (np.einsum("ki,kij,kj->k", away, curvature[rivals], away) < SAME).any()
-    return [
-        Maximum(
-            criterion.form,
-            z[k],
-            float(value[k]),
-            float(value[k] - criterion.log_prior(z[k])),
-            np.where(
-                np.logical_and.outer(*2 * [not_held(criterion, z[k], gradient[k])]),
-                curvature[k],
-                0.0,
-            ),
-            bool(done[k] and damping[k] < 1.0),
-            int(rounds[k]),
+    maxima = []
+    for end, top, slope, bend, is_done, taken in zip(
+        z, value, gradient, curvature, done & (damping < 1.0), rounds, strict=True
+    ):
+        free = not_held(criterion, end, slope)
+        free[len(COMMON) :] = True  # a lag of almost nothing is as uncertain as any other
+        bend = np.where(np.logical_and.outer(free, free), bend, 0.0)
+        likelihood = float(top - criterion.log_prior(end))
+        maxima.append(
+            Maximum(criterion.form, end, float(top), likelihood, bend, bool(is_done), int(taken))
         )
-        for k in range(len(z))
-    ]
+    return maxima
 
 
 def not_held(criterion: Criterion, z: FloatArray, gradient: FloatArray) -> Mask:
@@ -433,7 +439,11 @@ def not_held(criterion: Criterion, z: FloatArray, gradient: FloatArray) -> Mask:
 
 
 def scoring_step(
-    curvature: FloatArray, gradient: FloatArray, free: Mask, damping: float, reach: float = LONGEST_STEP
+    curvature: FloatArray,
+    gradient: FloatArray,
+    free: Mask,
+    damping: float,
+    reach: float = LONGEST_STEP,
 ) -> FloatArray:
     """(P,) the damped Newton step of the free coordinates; 0 for the others."""
     part = curvature[np.ix_(free, free)]
