@@ -140,8 +140,8 @@ def _story(snapshot: Snapshot, checked: Verification, shown: list[Picture]) -> d
     if uncertainty:
         shared = [vehicle_colour(n, info.vehicles[0]) for n in parameter_rows(info, fit.case)]
         tables["intervals"] = intervals_table(info, uncertainty, fit.case).coloured(shared)
-    if uncertainty and adequacy and adequacy.better:
-        tables["forms"] = form_intervals_table(info, uncertainty, adequacy.better)
+    if uncertainty and adequacy and adequacy.recommended:
+        tables["forms"] = form_intervals_table(info, uncertainty, adequacy.recommended)
     if report:
         tables["stability"] = stability_table(vehicles, report, uncertainty).coloured(paints[1:])
     if report and uncertainty:
