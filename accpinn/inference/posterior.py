@@ -95,7 +95,6 @@ def sample(
     maxima: Sequence[Maximum],
     form: Form = "cthp",
     seed: int = 0,
-    stages: Sequence[int] | None = None,
 ) -> tuple[Posterior, ...]:
     """The posterior of each group.
 
@@ -104,19 +103,24 @@ def sample(
         maxima: (G,) where the search for each of them ended.
         form: of the model.
         seed: of the proposals.
-        stages: how many proposals each stage has; by default `STAGES`.
     """
-    return sample_from(Criterion(series, form), maxima, seed, stages)
+    return sample_from(Criterion(series, form), maxima, seed)
 
 
 def sample_from(
     criterion: Criterion,
     maxima: Sequence[Maximum],
     seed: int = 0,
-    stages: Sequence[int] | None = None,
+    stages: Sequence[int] = STAGES,
 ) -> tuple[Posterior, ...]:
-    """The same for another criterion of the same unknowns, such as the evidence of a network."""
-    stages = STAGES if stages is None else stages
+    """The same for another criterion of the same unknowns, such as the evidence of a network.
+
+    Args:
+        criterion: of G groups.
+        maxima: (G,) where the search for each of them ended.
+        seed: of the proposals.
+        stages: how many proposals each stage has.
+    """
     form, rng = criterion.form, np.random.default_rng(seed)
     proposals = [_Proposal.at(one) for one in _first_parts(criterion, maxima)]
     best: dict[int, Posterior] = {}
