@@ -18,7 +18,8 @@ import numpy as np
 
 from accpinn.inference.intervals import LEVEL
 from accpinn.inference.posterior import sample_from
-from accpinn.methods.maximum_likelihood import maxima_of, natural, series_of
+from accpinn.methods.likelihood import natural
+from accpinn.methods.maximum_likelihood import maxima_of
 from accpinn.methods.pinn.evidence import (
     COMPLETE,
     LOSS,
@@ -29,6 +30,7 @@ from accpinn.methods.pinn.evidence import (
     maximise_evidence,
 )
 from accpinn.methods.regression import Regression
+from accpinn.methods.series import series_of
 from accpinn.model.cthp import Parameters
 from accpinn.units import FloatArray
 from bench.coverage import ALL_THREE, EACH, SETS

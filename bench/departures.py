@@ -26,7 +26,8 @@ import numpy as np
 from accpinn.inference.intervals import DRAWS, LEVEL
 from accpinn.inference.model_adequacy import Inadequate, model_forms
 from accpinn.inference.posterior import sample
-from accpinn.methods.maximum_likelihood import maxima_of, series_of
+from accpinn.methods.maximum_likelihood import maxima_of
+from accpinn.methods.series import series_of
 from accpinn.methods.state_space import Form
 from accpinn.model.cthp import Parameters
 from accpinn.model.published import ASTAZERO, VICOLUNGO

@@ -41,16 +41,9 @@ from accpinn.inference.intervals import DRAWS, ParameterInterval, interval_ends
 from accpinn.inference.intervals import LEVEL as INTERVAL_LEVEL
 from accpinn.inference.posterior import sample
 from accpinn.methods.kalman import Innovations, innovations
-from accpinn.methods.maximum_likelihood import (
-    Criterion,
-    Maximum,
-    Series,
-    joint_maxima,
-    maximise,
-    measured_followers,
-    natural,
-    series_of,
-)
+from accpinn.methods.likelihood import Criterion, Maximum, maximise, natural
+from accpinn.methods.maximum_likelihood import joint_maxima
+from accpinn.methods.series import Series, measured_followers, series_of
 from accpinn.methods.state_space import FORMS, Form, StateSpace, coordinates
 from accpinn.model.cthp import Case, Parameters
 from accpinn.segment.segment import Segment

@@ -20,7 +20,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import solve_triangular
 
-from accpinn.methods.maximum_likelihood import Criterion, Groups, Maximum, Series, natural, search
+from accpinn.methods.likelihood import Criterion, Groups, Maximum, natural, search
+from accpinn.methods.series import Series
 from accpinn.methods.state_space import Form
 from accpinn.model.cthp import TYPICAL
 from accpinn.units import FloatArray, Mask

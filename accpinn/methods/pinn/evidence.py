@@ -36,15 +36,15 @@ from scipy.linalg import lapack
 from scipy.sparse import csr_array, diags_array
 
 from accpinn.methods.kalman import LOG_TWO_PI
-from accpinn.methods.maximum_likelihood import (
+from accpinn.methods.likelihood import (
     Criterion,
     Groups,
     Maximum,
-    Series,
     corrected_curvature,
     not_held,
     scoring_step,
 )
+from accpinn.methods.series import Series
 from accpinn.methods.state_space import FIRST, GAP_DRIFT, LEADER_MEMORY
 from accpinn.units import FloatArray, Mask, Seconds
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.interpolate import BSpline
 
-from accpinn.methods.maximum_likelihood import Criterion, Maximum, Series, series_of
+from accpinn.methods.likelihood import Criterion, Maximum
 from accpinn.methods.pinn.evidence import (
     DEGREE,
     OUTPUTS,
@@ -19,6 +19,7 @@ from accpinn.methods.pinn.evidence import (
     physics,
 )
 from accpinn.methods.regression import Regression
+from accpinn.methods.series import Series, series_of
 from accpinn.methods.state_space import COMMON, GAP_DRIFT, LEADER_MEMORY
 from accpinn.model.cthp import Parameters
 from accpinn.segment.segment import Segment
