@@ -20,15 +20,8 @@ from accpinn.inference.intervals import LEVEL
 from accpinn.inference.posterior import sample_from
 from accpinn.methods.likelihood import natural
 from accpinn.methods.maximum_likelihood import maxima_of
-from accpinn.methods.pinn.evidence import (
-    COMPLETE,
-    LOSS,
-    Ascent,
-    Determinants,
-    Evidence,
-    log_deviations,
-    maximise_evidence,
-)
+from accpinn.methods.pinn.evidence import COMPLETE, LOSS, Determinants, Evidence
+from accpinn.methods.pinn.evidence_search import Ascent, log_deviations, maximise_evidence
 from accpinn.methods.regression import Regression
 from accpinn.methods.series import series_of
 from accpinn.model.cthp import Parameters

@@ -271,13 +271,17 @@ def not_held(criterion: Criterion, z: FloatArray, gradient: FloatArray) -> Mask:
 
 
 def scoring_step(
-    curvature: FloatArray,
-    gradient: FloatArray,
-    free: Mask,
-    damping: float,
-    reach: float = LONGEST_STEP,
+    curvature: FloatArray, gradient: FloatArray, free: Mask, damping: float, reach: float
 ) -> FloatArray:
-    """(P,) the damped Newton step of the free coordinates; 0 for the others."""
+    """(P,) the damped Newton step of the free coordinates; 0 for the others.
+
+    Args:
+        curvature: (P, P) -d²/dz² of the criterion.
+        gradient: (P,)
+        free: (P,) which coordinates move.
+        damping: share of each diagonal entry that is added to it.
+        reach: the longest step of any coordinate.
+    """
     part = curvature[np.ix_(free, free)]
     part = part + np.diag(damping * np.diag(part) + 1e-9)
     step = np.zeros(len(gradient))

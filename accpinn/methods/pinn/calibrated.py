@@ -27,8 +27,9 @@ from accpinn.methods.fit import (
 )
 from accpinn.methods.likelihood import natural, vanishing
 from accpinn.methods.pinn.config import PinnConfig
-from accpinn.methods.pinn.evidence import Ascent, Evidence, begin, deviations_of, refine
+from accpinn.methods.pinn.evidence import Evidence
 from accpinn.methods.pinn.evidence_output import FourierOrders, OutputLayer, activations
+from accpinn.methods.pinn.evidence_search import Ascent, begin, deviations_of, refine
 from accpinn.methods.pinn.loss import Learned, LossTerms, Training
 from accpinn.methods.pinn.method import WarmStart, calibrated_features, hidden_inputs
 from accpinn.methods.pinn.network import HIDDEN, Descent, count_weights, load_state, state_of

@@ -10,14 +10,12 @@ from accpinn.methods.likelihood import Criterion, Maximum
 from accpinn.methods.pinn.evidence import (
     DEGREE,
     OUTPUTS,
-    Ascent,
     Determinants,
     Evidence,
     LinearEvidence,
-    log_deviations,
-    maximise_evidence,
     physics,
 )
+from accpinn.methods.pinn.evidence_search import Ascent, log_deviations, maximise_evidence
 from accpinn.methods.regression import Regression
 from accpinn.methods.series import Series, series_of
 from accpinn.methods.state_space import COMMON, GAP_DRIFT, LEADER_MEMORY
