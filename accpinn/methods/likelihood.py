@@ -34,8 +34,8 @@ DIFFERENCE = 1e-5
 ROUNDS = 60
 LONGEST_STEP = 1.5
 """Of any coordinate, in a round."""
-NEAR = 1.0
-"""Gain of a round in log L below which the curvature is corrected."""
+SCORING, NEAR = 10, 1.0
+"""Rounds after which the curvature is corrected, and the gain in log L below which it is."""
 CLOSE = 1e-5
 """The search ends when a full step would gain less than this in log L."""
 SAME = 0.3
@@ -237,7 +237,7 @@ def search(
                 reach[k] = np.abs(trial[k] - z[k]).max() / 4.0
                 done[k] = damping[k] > 1e8
                 continue
-            if new - value[k] < NEAR:
+            if new - value[k] < NEAR or rounds[k] > SCORING:
                 curvature[k] = corrected_curvature(
                     curvature[k], trial[k] - z[k], gradient[k] - slope
                 )
