@@ -5,7 +5,11 @@
 is sampled by importance sampling: proposals from a multivariate Student's t, weighted by posterior
 over proposal. The first proposal has the curvature at the maximum; each further one has the
 weighted mean and covariance of the draws before it. What a bound holds at the maximum stays there,
-α, ατ and β excepted.
+α, ατ, β and a further unknown excepted.
+
+With a lag or a delay the posterior is a curved ridge, and may have two modes. There the proposal is
+a mixture: one part where the criterion is largest for each of several values of the lag, as wide
+along it as these values are apart; each part adapts to the draws that it stands for.
 
 The prior of α, β and τ is wide: normal in their logarithms, so that 95 % of α lie within a factor
 of fifty of 0.08 1/s², of β within one of twenty of 0.2 1/s, and of τ within one of three of 1.4 s.
@@ -42,11 +46,9 @@ TRUST = 10.0
 """Effective draws at which a covariance of draws counts half."""
 LEAST_PRECISION = 0.25
 """In any direction, of the first proposal: a flat criterion is no reason to look far away."""
-GRID: dict[Form, tuple[float, ...]] = {
-    "lag": (0.1, 0.4, 0.8, 1.2, 1.8),
-    "delay": (0.1, 0.4, 0.8, 1.2, 1.8),
-}
-"""In s: where the first proposal for a further unknown has its parts."""
+CURVED: tuple[Form, ...] = ("lag", "delay")
+GRID = (0.1, 0.4, 0.8, 1.2, 1.8)
+"""Lags or delays in s at which the first proposal has its parts."""
 LEAST_SHARE = 0.02
 """Of a part of a proposal."""
 ROUNDING = 1e-12
@@ -149,12 +151,10 @@ def _first_parts(criterion: Criterion, maxima: Sequence[Maximum]) -> Sequence[Se
     With a lag or a delay the posterior is curved, and may have two modes; there is one for each of
     several values of it.
     """
-    if criterion.form not in GRID:
+    if criterion.form not in CURVED:
         return [[one] for one in maxima]
-    rows = [
-        np.append(one.coordinates[:-1], value) for value in GRID[criterion.form] for one in maxima
-    ]
-    found = search(criterion, np.array(rows), np.arange(len(rows)) % len(maxima), is_last_held=True)
+    rows = np.array([np.append(one.coordinates[:-1], lag) for lag in GRID for one in maxima])
+    found = search(criterion, rows, np.arange(len(rows)) % len(maxima), is_last_held=True)
     return [found[g :: len(maxima)] for g in range(len(maxima))]
 
 
