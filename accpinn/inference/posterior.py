@@ -22,13 +22,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import solve_triangular
 
+from accpinn.inference.proposal import Proposal, normalised
 from accpinn.methods.likelihood import Criterion, Groups, Maximum, natural, search
 from accpinn.methods.series import Series
 from accpinn.methods.state_space import Form
 from accpinn.model.cthp import TYPICAL
-from accpinn.units import FloatArray, Mask
+from accpinn.units import FloatArray
 
 PRIOR_SPREAD = (2.0, 1.5, 0.6)
 """Deviations of ln α, ln β, ln τ."""
@@ -38,21 +38,9 @@ FURTHER = 3
 """Stages as large as the last that are added at most, for groups with few effective draws."""
 ENOUGH = 0.2
 """Effective draws per proposal at which no further stage is needed."""
-FREEDOM = 5.0
-"""Of Student's t: its tails are wider than those of any posterior met so far."""
-INFLATION = 1.15
-"""Of the proposal's deviations, for the same reason."""
-TRUST = 10.0
-"""Effective draws at which a covariance of draws counts half."""
-LEAST_PRECISION = 0.25
-"""In any direction, of the first proposal: a flat criterion is no reason to look far away."""
 CURVED: tuple[Form, ...] = ("lag", "delay")
 GRID = (0.1, 0.4, 0.8, 1.2, 1.8)
 """Lags or delays in s at which the first proposal has its parts."""
-LEAST_SHARE = 0.02
-"""Of a part of a proposal."""
-ROUNDING = 1e-12
-"""Share of a proposal's variance that stands for none."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,7 +113,7 @@ def sample_from(
         stages: how many proposals each stage has.
     """
     form, rng = criterion.form, np.random.default_rng(seed)
-    proposals = [_Proposal.at(one) for one in _first_parts(criterion, maxima)]
+    proposals = [Proposal.at(one) for one in _first_parts(criterion, maxima)]
     best: dict[int, Posterior] = {}
     wanted = list(range(len(maxima)))
     for stage, count in enumerate((*stages, *[stages[-1]] * FURTHER)):
@@ -133,9 +121,9 @@ def sample_from(
         log = _log_posterior(criterion, np.concatenate(drawn), np.repeat(np.array(wanted), count))
         for g, z, rows in zip(wanted, drawn, log.reshape(-1, count), strict=True):
             densities = proposals[g].log_densities(z)
-            weights = _weights(rows - np.logaddexp.reduce(densities, axis=0))
+            weights = normalised(rows - np.logaddexp.reduce(densities, axis=0))
             found = Posterior(z, natural(form, z)[:, :3], weights)
-            proposals[g] = proposals[g].adapted(found, densities)
+            proposals[g] = proposals[g].adapted(z, weights, densities)
             if stage < len(stages) or found.effective > best[g].effective:
                 best[g] = found
         if stage >= len(stages) - 1:
@@ -168,128 +156,3 @@ def _log_posterior(criterion: Criterion, z: FloatArray, groups: Groups) -> Float
         + log_prior_of_theta(plausible)
     )
     return np.where(np.isfinite(log), log, -np.inf)
-
-
-def _weights(log: FloatArray) -> FloatArray:
-    if not np.isfinite(log.max()):  # nothing plausible was proposed
-        return np.asarray(np.full(len(log), 1.0 / len(log)))
-    weights = np.exp(log - log.max())
-    return np.asarray(weights / weights.sum())
-
-
-@dataclass(frozen=True, eq=False)
-class _Student:
-    """A multivariate Student's t."""
-
-    centre: FloatArray
-    """(P,)"""
-    scale: FloatArray
-    """(P, P); rows and columns of what a bound holds are zero."""
-
-    @classmethod
-    def of(cls, centre: FloatArray, curvature: FloatArray) -> "_Student":
-        free = np.diag(curvature) > 0
-        free[:3] = True
-        values, vectors = np.linalg.eigh(curvature[np.ix_(free, free)])
-        scale = np.zeros_like(curvature)
-        scale[np.ix_(free, free)] = vectors / np.maximum(values, LEAST_PRECISION) @ vectors.T
-        return cls(centre, scale)
-
-    def adapted(self, drawn: FloatArray, weights: FloatArray) -> "_Student":
-        """With mean and covariance of draws (n, P) that have weights (n,)."""
-        total = weights.sum()
-        if not total > 0.0:
-            return self
-        weights = weights / total
-        centre = weights @ drawn
-        away = drawn - centre
-        covariance = (away * weights[:, None]).T @ away
-        effective = 1.0 / (weights**2).sum()
-        trust = effective / (effective + TRUST)
-        return _Student(centre, trust * covariance + (1.0 - trust) * self.scale)
-
-    def root(self) -> tuple[Mask, FloatArray]:
-        """Which coordinates are free (P,), and a root of their scale (f, f)."""
-        # Unlike a root by eigenvectors, Cholesky's hardly changes where the matrix hardly does, so
-        # that the draws are the same wherever they are made.
-        variances = np.diag(self.scale)
-        free: Mask = np.asarray(variances > ROUNDING * variances.max())
-        part = self.scale[np.ix_(free, free)] + np.diag(ROUNDING * variances[free])
-        return free, np.asarray(np.linalg.cholesky(part) * INFLATION)
-
-    def draw(self, count: int, rng: np.random.Generator) -> FloatArray:
-        """Draws (count, P)."""
-        free, root = self.root()
-        normal = rng.standard_normal((count, len(root)))
-        stretch = FREEDOM / rng.chisquare(FREEDOM, count)
-        drawn = np.tile(self.centre, (count, 1))
-        drawn[:, free] += (normal * np.sqrt(stretch)[:, None]) @ root.T
-        return drawn
-
-    def log_density(self, drawn: FloatArray) -> FloatArray:
-        """(n,) at (n, P), up to a constant that all of one number of free coordinates share."""
-        free, root = self.root()
-        away = solve_triangular(root, (drawn - self.centre)[:, free].T, lower=True)
-        distance = (away**2).sum(axis=0)
-        size = np.log(np.diag(root)).sum()
-        return np.asarray(-size - 0.5 * (FREEDOM + len(root)) * np.log1p(distance / FREEDOM))
-
-
-@dataclass(frozen=True, eq=False)
-class _Proposal:
-    """A mixture of Student's t."""
-
-    parts: tuple[_Student, ...]
-    shares: FloatArray
-
-    @classmethod
-    def at(cls, maxima: Sequence[Maximum]) -> "_Proposal":
-        """With a part at each maximum; several are those on the grid of the further unknown."""
-        curvatures = np.array([one.curvature for one in maxima])
-        if len(maxima) > 1:
-            # What a bound holds in some parts has a spread there as well.
-            least = np.where(np.diagonal(curvatures, axis1=1, axis2=2) > 0, 0.0, 1.0)
-            usual = np.diagonal(curvatures, axis1=1, axis2=2).max(axis=0)
-            curvatures += np.einsum("kp,pq->kpq", least * usual, np.eye(len(usual)))
-            curvatures[:, -1, -1] += 1.0 / np.gradient([one.coordinates[-1] for one in maxima]) ** 2
-        parts = tuple(
-            _Student.of(one.coordinates, curvature)
-            for one, curvature in zip(maxima, curvatures, strict=True)
-        )
-        mass = [
-            one.criterion + np.log(np.diag(part.root()[1])).sum()
-            for one, part in zip(maxima, parts, strict=True)
-        ]
-        return cls(parts, _floored(_weights(np.array(mass))))
-
-    def draw(self, count: int, rng: np.random.Generator) -> FloatArray:
-        """Draws (count, P)."""
-        if len(self.parts) == 1:
-            return self.parts[0].draw(count, rng)
-        numbers = rng.multinomial(count, self.shares)
-        return np.concatenate(
-            [part.draw(number, rng) for part, number in zip(self.parts, numbers, strict=True)]
-        )
-
-    def log_densities(self, drawn: FloatArray) -> FloatArray:
-        """(K, n): of each part at (n, P), its share included."""
-        return np.array(
-            [
-                np.log(share) + part.log_density(drawn)
-                for part, share in zip(self.parts, self.shares, strict=True)
-            ]
-        )
-
-    def adapted(self, draws: Posterior, densities: FloatArray) -> "_Proposal":
-        """Each part with the weighted mean and covariance of the draws that it stands for."""
-        belongs = np.exp(densities - np.logaddexp.reduce(densities, axis=0)) * draws.weights
-        parts = [
-            part.adapted(draws.coordinates, own)
-            for part, own in zip(self.parts, belongs, strict=True)
-        ]
-        return _Proposal(tuple(parts), _floored(belongs.sum(axis=1)))
-
-
-def _floored(shares: FloatArray) -> FloatArray:
-    """Shares of which none vanishes, as a part may lie where too few draws have been yet."""
-    return np.asarray((shares + LEAST_SHARE) / (1.0 + LEAST_SHARE * len(shares)))
