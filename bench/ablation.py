@@ -18,17 +18,12 @@ import numpy as np
 
 from accpinn.inference.intervals import LEVEL
 from accpinn.inference.posterior import sample_from
-from accpinn.methods.maximum_likelihood import maxima_of, natural, series_of
-from accpinn.methods.pinn.evidence import (
-    COMPLETE,
-    LOSS,
-    Ascent,
-    Determinants,
-    Evidence,
-    log_deviations,
-    maximise_evidence,
-)
+from accpinn.methods.likelihood import natural
+from accpinn.methods.maximum_likelihood import maxima_of
+from accpinn.methods.pinn.evidence import COMPLETE, LOSS, Determinants, Evidence
+from accpinn.methods.pinn.evidence_search import Ascent, log_deviations, maximise_evidence
 from accpinn.methods.regression import Regression
+from accpinn.methods.series import series_of
 from accpinn.model.cthp import Parameters
 from accpinn.units import FloatArray
 from bench.coverage import ALL_THREE, EACH, SETS

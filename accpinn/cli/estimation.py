@@ -297,7 +297,7 @@ def _describe_comparison(
                 "extra": form.extra[k],
                 "aic": form.aic[k],
                 "holdout": form.holdout[k],
-                "intervals": _describe_better(adequacy, form.form, vehicle),
+                "intervals": _describe_recommended(adequacy, form.form, vehicle),
             }
             for form in adequacy.forms
             for k, vehicle in enumerate(segment.vehicles[1:])
@@ -305,9 +305,9 @@ def _describe_comparison(
     }
 
 
-def _describe_better(adequacy: Adequacy, form: Form, vehicle: int) -> dict[str, Any] | None:
-    """The intervals under a form, where it describes the vehicle better than the CTHP."""
-    for one in adequacy.better:
+def _describe_recommended(adequacy: Adequacy, form: Form, vehicle: int) -> dict[str, Any] | None:
+    """The intervals under a form, where they are the ones to be used for the vehicle."""
+    for one in adequacy.recommended:
         if one.form == form and one.vehicle in (0, vehicle):
             ends = [[own.lower, own.upper] for own in one.intervals]
             extra = {"extra": [one.extra_lower, one.extra_upper], "level": one.level}
@@ -374,8 +374,8 @@ def _comparison_text(
         stability_interval_table(followers, uncertainty),
         *(model_form_table(info, adequacy.forms, k) for k in each if adequacy.forms),
     ]
-    if adequacy.better:
-        tables.append(form_intervals_table(info, uncertainty, adequacy.better))
+    if adequacy.recommended:
+        tables.append(form_intervals_table(info, uncertainty, adequacy.recommended))
     said = [
         *(f"{one.method} has no result: {one.fault}" for one in failures),
         *messages(segment.findings, segment),

@@ -24,13 +24,8 @@ from accpinn.channels import PARAMETERS
 from accpinn.errors import ConfigError, Finding
 from accpinn.inference.posterior import sample
 from accpinn.methods.fit import Fit, Outcome
-from accpinn.methods.maximum_likelihood import (
-    KEY,
-    joint_maxima,
-    measured_followers,
-    moving,
-    series_of,
-)
+from accpinn.methods.maximum_likelihood import KEY, joint_maxima
+from accpinn.methods.series import measured_followers, moving, series_of
 from accpinn.model.cthp import Case, Parameters
 from accpinn.segment.segment import Segment
 from accpinn.stability.criteria import exact_margin, l2_margin, step_metrics

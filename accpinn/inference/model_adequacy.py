@@ -9,9 +9,10 @@ Three further forms of the model stand in the same exact likelihood (see `method
 They are compared by Akaike's criterion, AIC = 2k - 2 log L with k unknowns, and by the density that
 each, estimated from the first two thirds of the time, gives to what is measured in the last third.
 A form that neither prefers may still be true: a lag of a second changes α and β by half, and yet
-five minutes of a recording hardly tell it from none. The forms' estimates side by side show how
-much rests on the form. Where one is better than the CTHP, its intervals are those of its own
-posterior (see `inference.posterior`), with the further unknown free.
+five minutes of a recording hardly tell it from none, while those of a vehicle without lag exclude
+one of a second. So where no form is clearly better, the intervals to be used are those with a lag:
+they hold for lags of up to about a second, and where there is none they are hardly wider than the
+CTHP's. All are of the form's own posterior (see `inference.posterior`), its further unknown free.
 
 If a form holds, its standardised innovations ε are white, even and normal. Of those of gap and own
 speed (Bonferroni's correction unites the two) are tested the correlation over 10 s (Ljung and Box,
@@ -27,6 +28,7 @@ show in all of them: their p-values are united by Fisher's method (1925), and te
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -39,16 +41,9 @@ from accpinn.inference.intervals import DRAWS, ParameterInterval, interval_ends
 from accpinn.inference.intervals import LEVEL as INTERVAL_LEVEL
 from accpinn.inference.posterior import sample
 from accpinn.methods.kalman import Innovations, innovations
-from accpinn.methods.maximum_likelihood import (
-    Criterion,
-    Maximum,
-    Series,
-    joint_maxima,
-    maximise,
-    measured_followers,
-    natural,
-    series_of,
-)
+from accpinn.methods.likelihood import Criterion, Maximum, maximise, natural
+from accpinn.methods.maximum_likelihood import joint_maxima
+from accpinn.methods.series import Series, measured_followers, series_of
 from accpinn.methods.state_space import FORMS, Form, StateSpace, coordinates
 from accpinn.model.cthp import Case, Parameters
 from accpinn.segment.segment import Segment
@@ -66,18 +61,14 @@ SETTLING = 20
 """Samples at the start of a series that the filter needs to forget that it knew nothing."""
 
 
-class BetterForm(Finding, frozen=True, kw_only=True):
-    """Another form of the model is better supported by a follower's data than the CTHP."""
+class FormIntervals(Finding, frozen=True, kw_only=True):
+    """The intervals of a follower's parameters under another form of the model."""
 
     vehicle: int
     """0 for all followers together."""
     form: Form
     extra: float
     """s₀ in m, λ or d in s."""
-    aic: float
-    """Its AIC minus the CTHP's."""
-    holdout: float
-    """ln of how many times as probable held-out time is."""
     intervals: tuple[ParameterInterval, ...]
     """Of α, β and τ under this form, with the values of greatest likelihood."""
     extra_lower: float
@@ -85,6 +76,22 @@ class BetterForm(Finding, frozen=True, kw_only=True):
     """Ends of the interval of s₀, λ or d."""
     level: float
     """Of these intervals."""
+
+
+class BetterForm(FormIntervals, frozen=True, kw_only=True):
+    """Another form of the model is better supported by a follower's data than the CTHP."""
+
+    aic: float
+    """Its AIC minus the CTHP's."""
+    holdout: float
+    """ln of how many times as probable held-out time is."""
+
+
+class PossibleLag(FormIntervals, frozen=True, kw_only=True):
+    """No form is clearly better, which is no evidence against a lag: the intervals that allow it.
+
+    Data that a lag of a second has shaped hardly tell it from none, while α and β differ by half.
+    """
 
 
 class Inadequate(Finding, frozen=True):
@@ -102,7 +109,7 @@ class Inadequate(Finding, frozen=True):
     """The acceleration is no linear function of gap and speeds."""
 
 
-AdequacyFinding = BetterForm | Inadequate
+AdequacyFinding = BetterForm | PossibleLag | Inadequate
 
 
 @dataclass(frozen=True, eq=False)
@@ -170,6 +177,11 @@ class Adequacy:
         """The forms that describe a follower better than the CTHP, one a follower at most."""
         return tuple(one for one in self.findings if isinstance(one, BetterForm))
 
+    @property
+    def recommended(self) -> tuple[FormIntervals, ...]:
+        """The intervals to be used, one set a follower: of a better form, or with a lag."""
+        return tuple(one for one in self.findings if isinstance(one, FormIntervals))
+
 
 @lru_cache(maxsize=32)
 def model_forms(segment: Segment, case: Case = "II") -> Adequacy:
@@ -220,9 +232,12 @@ def model_forms(segment: Segment, case: Case = "II") -> Adequacy:
     found: list[AdequacyFinding] = []
     for group, (vehicle, k) in enumerate(subjects):
         best = min(forms, key=lambda form: form.aic[k])
+        own = series_of([segment], case, (k,))
         if best.aic[k] < -BETTER and best.holdout[k] > 0:
-            own = series_of([segment], case, (k,))
-            found.append(_better_form(vehicle, k, best, own, maxima[best.form][group]))
+            told = _form_intervals(vehicle, best.form, own, maxima[best.form][group])
+            found.append(BetterForm(**told, aic=float(best.aic[k]), holdout=float(best.holdout[k])))
+        else:
+            found.append(PossibleLag(**_form_intervals(vehicle, "lag", own, maxima["lag"][group])))
     return Adequacy(tuple(forms), tests, (*found, *_inadequate(subjects, tests)))
 
 
@@ -233,39 +248,34 @@ def _extra(form: Form, values: FloatArray) -> FloatArray:
     return np.asarray(-values[..., -1] / values[..., 0] if form == "offset" else values[..., -1])
 
 
-def _better_form(
-    vehicle: int, follower: int, best: ModelForm, series: Series, maximum: Maximum
-) -> BetterForm:
-    """The finding, with intervals from the posterior of that form.
+def _form_intervals(vehicle: int, form: Form, series: Series, maximum: Maximum) -> dict[str, Any]:
+    """What `FormIntervals` has, from the posterior of a form.
 
     Args:
         vehicle: its number in the file.
-        follower: 0 for the first.
-        best: the form.
+        form: of the model.
         series: this follower's alone, or in Case I that of all.
         maximum: where the search ended.
     """
-    (posterior,) = sample(series, [maximum], best.form)
-    drawn = natural(best.form, posterior.all_evenly(DRAWS))
+    (posterior,) = sample(series, [maximum], form)
+    drawn = natural(form, posterior.all_evenly(DRAWS))
     lower, upper = interval_ends(Parameters.from_theta(drawn[:, :3]).values, INTERVAL_LEVEL)
-    extra_lower, extra_upper = interval_ends(_extra(best.form, drawn), INTERVAL_LEVEL)
-    values = best.parameters[follower].values
+    extra_lower, extra_upper = interval_ends(_extra(form, drawn), INTERVAL_LEVEL)
+    values = Parameters.from_theta(maximum.theta).values
     lower = np.where(values == 0.0, 0.0, lower)
     rows = zip(PARAMETERS, lower.tolist(), upper.tolist(), values.tolist(), strict=True)
-    return BetterForm(
-        vehicle=vehicle,
-        form=best.form,
-        extra=float(best.extra[follower]),
-        aic=float(best.aic[follower]),
-        holdout=float(best.holdout[follower]),
-        intervals=tuple(
+    return {
+        "vehicle": vehicle,
+        "form": form,
+        "extra": float(_extra(form, maximum.values)),
+        "intervals": tuple(
             ParameterInterval(one.symbol, low, high, likeliest=value)
             for one, low, high, value in rows
         ),
-        extra_lower=float(extra_lower),
-        extra_upper=float(extra_upper),
-        level=INTERVAL_LEVEL,
-    )
+        "extra_lower": float(extra_lower),
+        "extra_upper": float(extra_upper),
+        "level": INTERVAL_LEVEL,
+    }
 
 
 def _deviations(maximum: Maximum) -> FloatArray:

@@ -5,7 +5,11 @@
 is sampled by importance sampling: proposals from a multivariate Student's t, weighted by posterior
 over proposal. The first proposal has the curvature at the maximum; each further one has the
 weighted mean and covariance of the draws before it. What a bound holds at the maximum stays there,
-α, ατ and β excepted.
+α, ατ, β and a further unknown excepted.
+
+With a lag or a delay the posterior is a curved ridge, and may have two modes. There the proposal is
+a mixture: one part where the criterion is largest for each of several values of the lag, as wide
+along it as these values are apart; each part adapts to the draws that it stands for.
 
 The prior of α, β and τ is wide: normal in their logarithms, so that 95 % of α lie within a factor
 of fifty of 0.08 1/s², of β within one of twenty of 0.2 1/s, and of τ within one of three of 1.4 s.
@@ -19,7 +23,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from accpinn.methods.maximum_likelihood import Criterion, Groups, Maximum, Series, natural
+from accpinn.inference.proposal import Proposal, normalised
+from accpinn.methods.likelihood import Criterion, Groups, Maximum, natural, search
+from accpinn.methods.series import Series
 from accpinn.methods.state_space import Form
 from accpinn.model.cthp import TYPICAL
 from accpinn.units import FloatArray
@@ -32,16 +38,9 @@ FURTHER = 3
 """Stages as large as the last that are added at most, for groups with few effective draws."""
 ENOUGH = 0.2
 """Effective draws per proposal at which no further stage is needed."""
-FREEDOM = 5.0
-"""Of Student's t: its tails are wider than those of any posterior met so far."""
-INFLATION = 1.15
-"""Of the proposal's deviations, for the same reason."""
-TRUST = 10.0
-"""Effective draws at which a covariance of draws counts half."""
-LEAST_PRECISION = 0.25
-"""In any direction, of the first proposal: a flat criterion is no reason to look far away."""
-ROUNDING = 1e-12
-"""Share of a proposal's variance that stands for none."""
+CURVED: tuple[Form, ...] = ("lag", "delay")
+GRID = (0.1, 0.4, 0.8, 1.2, 1.8)
+"""Lags or delays in s at which the first proposal has its parts."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,7 +86,6 @@ def sample(
     maxima: Sequence[Maximum],
     form: Form = "cthp",
     seed: int = 0,
-    stages: Sequence[int] | None = None,
 ) -> tuple[Posterior, ...]:
     """The posterior of each group.
 
@@ -96,31 +94,36 @@ def sample(
         maxima: (G,) where the search for each of them ended.
         form: of the model.
         seed: of the proposals.
-        stages: how many proposals each stage has; by default `STAGES`.
     """
-    return sample_from(Criterion(series, form), maxima, seed, stages)
+    return sample_from(Criterion(series, form), maxima, seed)
 
 
 def sample_from(
     criterion: Criterion,
     maxima: Sequence[Maximum],
     seed: int = 0,
-    stages: Sequence[int] | None = None,
+    stages: Sequence[int] = STAGES,
 ) -> tuple[Posterior, ...]:
-    """The same for another criterion of the same unknowns, such as the evidence of a network."""
-    stages = STAGES if stages is None else stages
+    """The same for another criterion of the same unknowns, such as the evidence of a network.
+
+    Args:
+        criterion: of G groups.
+        maxima: (G,) where the search for each of them ended.
+        seed: of the proposals.
+        stages: how many proposals each stage has.
+    """
     form, rng = criterion.form, np.random.default_rng(seed)
-    proposals = [_Proposal.at(one) for one in maxima]
+    proposals = [Proposal.at(one) for one in _first_parts(criterion, maxima)]
     best: dict[int, Posterior] = {}
     wanted = list(range(len(maxima)))
     for stage, count in enumerate((*stages, *[stages[-1]] * FURTHER)):
-        drawn, densities = zip(*(proposals[g].draw(count, rng) for g in wanted), strict=True)
+        drawn = [proposals[g].draw(count, rng) for g in wanted]
         log = _log_posterior(criterion, np.concatenate(drawn), np.repeat(np.array(wanted), count))
-        for g, z, rows, density in zip(
-            wanted, drawn, log.reshape(-1, count), densities, strict=True
-        ):
-            found = Posterior(z, natural(form, z)[:, :3], _weights(rows - density))
-            proposals[g] = proposals[g].adapted(found)
+        for g, z, rows in zip(wanted, drawn, log.reshape(-1, count), strict=True):
+            densities = proposals[g].log_densities(z)
+            weights = normalised(rows - np.logaddexp.reduce(densities, axis=0))
+            found = Posterior(z, natural(form, z)[:, :3], weights)
+            proposals[g] = proposals[g].adapted(z, weights, densities)
             if stage < len(stages) or found.effective > best[g].effective:
                 best[g] = found
         if stage >= len(stages) - 1:
@@ -128,6 +131,19 @@ def sample_from(
         if not wanted:
             break
     return tuple(best[g] for g in range(len(maxima)))
+
+
+def _first_parts(criterion: Criterion, maxima: Sequence[Maximum]) -> Sequence[Sequence[Maximum]]:
+    """Where the first proposal of each group has its parts.
+
+    With a lag or a delay the posterior is curved, and may have two modes; there is one for each of
+    several values of it.
+    """
+    if criterion.form not in CURVED:
+        return [[one] for one in maxima]
+    rows = np.array([np.append(one.coordinates[:-1], lag) for lag in GRID for one in maxima])
+    found = search(criterion, rows, np.arange(len(rows)) % len(maxima), is_last_held=True)
+    return [found[g :: len(maxima)] for g in range(len(maxima))]
 
 
 def _log_posterior(criterion: Criterion, z: FloatArray, groups: Groups) -> FloatArray:
@@ -140,52 +156,3 @@ def _log_posterior(criterion: Criterion, z: FloatArray, groups: Groups) -> Float
         + log_prior_of_theta(plausible)
     )
     return np.where(np.isfinite(log), log, -np.inf)
-
-
-def _weights(log: FloatArray) -> FloatArray:
-    if not np.isfinite(log.max()):  # nothing plausible was proposed
-        return np.asarray(np.full(len(log), 1.0 / len(log)))
-    weights = np.exp(log - log.max())
-    return np.asarray(weights / weights.sum())
-
-
-@dataclass(frozen=True, eq=False)
-class _Proposal:
-    """A multivariate Student's t."""
-
-    centre: FloatArray
-    """(P,)"""
-    scale: FloatArray
-    """(P, P); rows and columns of what a bound holds are zero."""
-
-    @classmethod
-    def at(cls, maximum: Maximum) -> "_Proposal":
-        free = np.diag(maximum.curvature) > 0
-        free[:3] = True
-        values, vectors = np.linalg.eigh(maximum.curvature[np.ix_(free, free)])
-        scale = np.zeros_like(maximum.curvature)
-        scale[np.ix_(free, free)] = vectors / np.maximum(values, LEAST_PRECISION) @ vectors.T
-        return cls(maximum.coordinates, scale)
-
-    def adapted(self, draws: Posterior) -> "_Proposal":
-        centre = draws.weights @ draws.coordinates
-        away = draws.coordinates - centre
-        covariance = (away * draws.weights[:, None]).T @ away
-        trust = draws.effective / (draws.effective + TRUST)
-        return _Proposal(centre, trust * covariance + (1.0 - trust) * self.scale)
-
-    def draw(self, count: int, rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
-        """Draws (count, P), and ln of their density (count,) up to a constant."""
-        # Unlike a root by eigenvectors, Cholesky's hardly changes where the matrix hardly does, so
-        # that the draws are the same wherever they are made.
-        variances = np.diag(self.scale)
-        free = variances > ROUNDING * variances.max()
-        part = self.scale[np.ix_(free, free)] + np.diag(ROUNDING * variances[free])
-        root = np.zeros((len(free), len(part)))
-        root[free] = np.linalg.cholesky(part) * INFLATION
-        size = root.shape[1]
-        normal = rng.standard_normal((count, size))
-        stretch = FREEDOM / rng.chisquare(FREEDOM, count)
-        distance = (normal**2).sum(axis=1) * stretch
-        drawn = self.centre + (normal * np.sqrt(stretch)[:, None]) @ root.T
-        return drawn, -0.5 * (FREEDOM + size) * np.log1p(distance / FREEDOM)

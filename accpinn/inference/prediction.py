@@ -25,13 +25,8 @@ import numpy as np
 from accpinn.errors import Finding
 from accpinn.evaluation.closed_loop import simulable
 from accpinn.inference.intervals import Uncertainty, interval_ends
-from accpinn.methods.maximum_likelihood import (
-    DISTURBANCE,
-    joint_maxima,
-    measured_followers,
-    moving,
-    stride_of,
-)
+from accpinn.methods.maximum_likelihood import DISTURBANCE, joint_maxima
+from accpinn.methods.series import measured_followers, moving, stride_of
 from accpinn.methods.state_space import discretise
 from accpinn.model.cthp import Case, Parameters, motion_matrix
 from accpinn.segment.segment import Segment

@@ -23,13 +23,13 @@ import numpy as np
 from accpinn.methods.state_space import OBSERVED, Columns, StateSpace
 from accpinn.units import FloatArray, Mask
 
-SETTLED = 1e-13
+SETTLED = 1e-11
 """Largest change of the covariance in a step, in units of its deviations, taken for none."""
-CHUNK = 256
-"""Instants to which constant gains are applied at once."""
-STRETCH = 1_000_000
-"""Instants times models that a step of constant gains covers at most, which bounds the memory."""
-FEW = 8
+STRETCH = 30_000
+"""Instants times models that a step of constant gains covers, so that they fit the cache."""
+LEAST_STRETCH = 16
+"""Instants that it covers at least."""
+FEW = 12
 """Models up to which `recursion` takes on blocks of time together; with more, nothing is gained."""
 LOG_TWO_PI = float(np.log(2 * np.pi))
 
@@ -111,6 +111,8 @@ def _incomplete(missing: Mask) -> int:
 
 def _measured_part(measured: FloatArray) -> FloatArray:
     """Samples (N, 3, B) up to the last one that is not missing."""
+    if len(measured) and not np.isnan(measured[-1]).all():
+        return measured
     there = np.flatnonzero(~np.isnan(measured).all(axis=(1, 2)))
     return measured[: there[-1] + 1] if len(there) else measured[:0]
 
@@ -147,11 +149,10 @@ class _Step(NamedTuple):
                 density = error**2 / variance + np.log(variance) + LOG_TWO_PI
                 total = total + np.where(np.isinf(variance), 0.0, density)
             return total
-        for begin in range(0, len(self.errors), CHUNK):
-            part = self.errors[begin : begin + CHUNK]
-            total = total + (part**2 / self.variances).sum(axis=(0, 1))
-        constant = (np.log(self.variances) + LOG_TWO_PI).sum(axis=0)
-        return np.asarray(total + len(self.errors) * constant)
+        squares = np.einsum("krb,krb->rb", self.errors, self.errors)
+        constant = np.log(self.variances) + LOG_TWO_PI
+        added = squares / self.variances + len(self.errors) * constant
+        return np.asarray(total + added.sum(axis=0))
 
 
 def _filtered(model: StateSpace, measured: FloatArray) -> Iterator[_Step]:
@@ -161,7 +162,7 @@ def _filtered(model: StateSpace, measured: FloatArray) -> Iterator[_Step]:
     everywhere: Mask = np.asarray(known.all(axis=2))
     whole: Mask = np.asarray(everywhere.all(axis=1))
     samples, _, count = measured.shape
-    width = max(CHUNK, STRETCH // count)
+    width = max(LEAST_STRETCH, STRETCH // count)
     state, covariance = model.first, model.first_covariance
     back = np.ascontiguousarray(model.transition.transpose(1, 0, 2))
     k = 0
@@ -243,19 +244,30 @@ class _ConstantGain:
         self, measured: FloatArray, state: FloatArray, covariance: FloatArray, first: int
     ) -> tuple[_Step, FloatArray]:
         """Filter on over measurements (K, 3, B); also the state predicted after them."""
-        states = np.empty((len(measured), *state.shape))
-        errors = np.empty(measured.shape)
-        for begin in range(0, len(measured), CHUNK):
-            part = slice(begin, min(begin + CHUNK, len(measured)))
-            driven = np.einsum("ijb,kjb->kib", self.drive, measured[part])
-            reached = recursion(self.transition, driven, state)
-            states[part], state = reached[:-1], reached[-1]
-            surprises = measured[part] - states[part, : len(OBSERVED)]
-            errors[part] = np.einsum("ijb,kjb->kib", self.whitening, surprises)
+        states, after = self._states(measured, state)
+        errors = measured - states[:, : len(OBSERVED)]
+        for row in range(len(OBSERVED) - 1, 0, -1):  # the whitening is lower triangular
+            for before in range(row):
+                errors[:, row] += self.whitening[row, before] * errors[:, before]
         rows = tuple(range(len(OBSERVED)))
         return _Step(
             first, rows, states, covariance, errors, self.variances, self.gains, self
-        ), state
+        ), after
+
+    def _states(self, measured: FloatArray, state: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """(K, n, B) predicted under measurements (K, 3, B), and (n, B) after them."""
+        size, count = state.shape
+        if count <= FEW:
+            driven = np.einsum("ijb,kjb->kib", self.drive, measured)
+            every = recursion(self.transition, driven, state)
+            return every[:-1], every[-1]
+        both = np.concatenate([self.transition, self.drive], axis=1)
+        known = np.empty((len(measured) + 1, size + len(OBSERVED), count))
+        known[:-1, size:] = measured
+        known[0, :size] = state
+        for now, after in zip(known[:-1], known[1:, :size], strict=True):
+            np.einsum("ijb,jb->ib", both, now, out=after)
+        return known[:-1, :size], known[-1, :size]
 
     def backward(
         self, errors: FloatArray, says: FloatArray, sure: FloatArray

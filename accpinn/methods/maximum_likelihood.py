@@ -2,78 +2,40 @@
 
 The model of `state_space` says how probable a recording is, disturbance and noise included, and
 its Kalman filter computes it exactly. So α, ατ and β are sought together with the size, memory and
-rise of the disturbance and the receivers' noise:
-
-    maximise  log L(z) + log prior(z),   z = ln of all unknowns,
-
-the prior weak and on disturbance and noise alone. The search is scoring: the gradient g of the
-criterion and the expected information I, both from central differences of the innovations, give
-z + I⁻¹g; after a few rounds the curvature is corrected by what the gradient shows (BFGS), as the
-expected information is not the curvature where the model is incomplete.
+rise of the disturbance and the receivers' noise (see `likelihood`).
 
 One set of parameters may hold for several series: the followers of a platoon (Case I), or several
 windows of one vehicle. Their log-likelihoods add up; disturbance and noise are shared as well.
-
-Samples: receivers report every 0.25 s and files of 10 Hz are smooth curves through the reports, so
-neighbouring samples share their noise. One sample each 0.5 s is used. Missing samples are those
-that the filter does not take in, so recordings with holes are used whole.
-
-Source: Ljung, System Identification, 2nd ed., 1999, chapters 7 and 10.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicHermiteSpline
 
-from accpinn.errors import Finding, SegmentError
+from accpinn.errors import Finding
 from accpinn.methods.fit import Fit, Outcome, WeaklyDetermined
-from accpinn.methods.kalman import SmoothedStates, innovations, log_likelihood, smooth
+from accpinn.methods.kalman import SmoothedStates, smooth
+from accpinn.methods.likelihood import Maximum, maximise
 from accpinn.methods.method import direct
 from accpinn.methods.regression import Solution
-from accpinn.methods.state_space import (
-    COMMON,
-    Coordinate,
-    Form,
-    StateSpace,
-    coordinates,
-    state_space,
-)
+from accpinn.methods.series import measured_of, moving, series_of, stride_of
+from accpinn.methods.state_space import Form, StateSpace, state_space
 from accpinn.model.cthp import Case, Trajectories
 from accpinn.segment.segment import Segment
-from accpinn.units import FloatArray, Mask, MetresPerSecond, Seconds, frozen, stretches
+from accpinn.units import FloatArray, Seconds, frozen
 
 KEY = "maximum-likelihood"
-SPACING: Seconds = 0.5
-"""Between the samples used; see above."""
-DIFFERENCE = 1e-4
-"""Of a coordinate, for central differences."""
-ROUNDS = 60
-SCORING = 5
-"""Rounds that use the expected information alone."""
-LONGEST_STEP = 1.5
-"""In ln of an unknown."""
-CLOSE = 1e-5
-"""The search ends when a full step would gain less than this in log L."""
-LEAST_SAMPLES = 40
-LEAST_MOTION: MetresPerSecond = 0.05
-"""Deviation of a speed below which it may be noise alone, and no parameter is determined."""
 DISTURBANCE = slice(3, 6)
 """s, T and T₂ among the unknowns."""
-MEMORY = [one.name for one in COMMON].index("memory")
-Groups = NDArray[np.int64]
-SHORTEST_STRETCH = 10
-"""Samples; what is left between masked instants and is shorter says next to nothing."""
-LARGEST_BATCH = 3_000_000
-"""Samples times models filtered at once, which bounds the memory."""
-STARTS = ((0.0, 0.0), (-1.5, 1.4), (1.0, 0.0))
-"""ln of two factors that each search starts with: on α and ατ, and on the disturbance's memory.
-
-Near the middle of published parameters; far below it, where weak controllers lie that are disturbed
-for long; and above it. A disturbance that lasts has a maximum of its own in some recordings."""
+EXTRA_STARTS: dict[Form, tuple[float, ...]] = {
+    "offset": (0.0,),
+    "lag": (0.1, 0.5, 1.2),
+    "delay": (0.1, 0.5, 1.2),
+}
+"""From which the further unknown is sought; the likelihood of a lag may have two maxima."""
 
 
 class DisturbanceSize(Finding, frozen=True):
@@ -87,352 +49,6 @@ class DisturbanceSize(Finding, frozen=True):
     """T."""
     rise: Seconds
     """T₂."""
-
-
-@dataclass(frozen=True, eq=False)
-class Series:
-    """Measurements of p, v, u, one sample each `step`, and which of them share one set."""
-
-    measured: FloatArray
-    """(N, 3, S); nan where missing, and after the end of a series shorter than others."""
-    group: tuple[int, ...]
-    """(S,) 0 to G-1: the set of parameters that each series belongs to."""
-    step: Seconds
-
-    @property
-    def groups(self) -> int:
-        """G."""
-        return max(self.group) + 1
-
-    def members(self, group: int) -> list[int]:
-        """The series of a group."""
-        return [k for k, of in enumerate(self.group) if of == group]
-
-    def of(self, groups: Sequence[int]) -> "Series":
-        """Some of the groups, numbered anew."""
-        kept = [(k, groups.index(of)) for k, of in enumerate(self.group) if of in groups]
-        rows, group = zip(*kept, strict=True)
-        return Series(self.measured[:, :, list(rows)], group, self.step)
-
-    def until(self, share: float) -> "Series":
-        """The same without what comes after a share of the time."""
-        return Series(self.measured[: round(share * len(self.measured))], self.group, self.step)
-
-
-def series_of(
-    segments: Sequence[Segment], case: Case, followers: Sequence[int] | None = None
-) -> Series:
-    """The series of each follower; one group a follower (Case II), or one for all (Case I).
-
-    Where the model's equation does not count (the segment's mask), a series ends, and another one
-    begins after it.
-
-    Args:
-        segments: of the same vehicles and with the same step; several are taken as further windows
-            of these vehicles.
-        case: "I" or "II".
-        followers: which ones in Case II, 0 for the first; by default all.
-
-    Raises:
-        SegmentError: when too little of a follower is measured.
-    """
-    chosen = range(segments[0].followers) if followers is None or case == "I" else followers
-    parts = [_measured_parts(segments, k) for k in chosen]
-    counts = [sum(map(_complete, one)) for one in parts]
-    if lacking := [k for k, count in zip(chosen, counts, strict=True) if count < LEAST_SAMPLES]:
-        if case == "II" or sum(counts) < LEAST_SAMPLES:
-            raise SegmentError(_too_little(segments[0], lacking))
-    group = [0 if case == "I" else at for at, one in enumerate(parts) for _ in one]
-    every = [part for one in parts for part in one]
-    measured = np.full((max(map(len, every)), 3, len(every)), np.nan)
-    for k, part in enumerate(every):
-        measured[: len(part), :, k] = part
-    step = stride_of(segments[0]) * segments[0].sample_time
-    return Series(measured, tuple(group), step)
-
-
-def measured_followers(segments: Sequence[Segment], case: Case) -> tuple[int, ...]:
-    """The followers of whom enough is measured for the likelihood; in Case I all or none."""
-    counts = [
-        sum(map(_complete, _measured_parts(segments, k))) for k in range(segments[0].followers)
-    ]
-    if case == "I":
-        return tuple(range(len(counts))) if sum(counts) >= LEAST_SAMPLES else ()
-    return tuple(k for k, count in enumerate(counts) if count >= LEAST_SAMPLES)
-
-
-def _measured_parts(segments: Sequence[Segment], follower: int) -> list[FloatArray]:
-    """What counts of a follower in one piece each, (N, 3); pieces that say next to nothing go."""
-    parts = []
-    for segment in segments:
-        measured, mask = measured_of(segment)[:, :, follower], segment.mask
-        stride = stride_of(segment)
-        rows = np.ones(len(measured), bool) if mask is None else mask[::stride, follower]
-        pieces = [measured[stretch.rows] for stretch in stretches(rows)]
-        parts += [piece for piece in pieces if _complete(piece) >= SHORTEST_STRETCH]
-    return parts
-
-
-def _too_little(segment: Segment, lacking: Sequence[int]) -> str:
-    """Which followers are hardly measured, and the cure."""
-    least = f"take a window in which at least {LEAST_SAMPLES * SPACING:g} s count and are measured"
-    if len(lacking) == segment.followers:
-        left = f"{segment.source}: what is left of {segment.window}"
-        return f"{left} is too short for the likelihood; {least}."
-    who = " and ".join(segment.labels[k + 1] for k in lacking)
-    return (
-        f"{segment.source}: too little of {who} is measured at {segment.window} for the likelihood;"
-        f" choose other vehicles, or {least}."
-    )
-
-
-def _complete(measured: FloatArray) -> int:
-    """How many of the samples (N, 3) have p, v and u."""
-    return int((~np.isnan(measured)).all(axis=1).sum())
-
-
-def stride_of(segment: Segment) -> int:
-    """Samples of the segment from one that is used to the next."""
-    return max(1, round(SPACING / segment.sample_time))
-
-
-def measured_of(segment: Segment) -> FloatArray:
-    """(N, 3, M): p, v and the speed ahead of each follower at the samples used; nan if missing."""
-    speeds = segment.measured_speeds
-    pairs = (segment.measured_gaps, speeds[:, 1:], speeds[:, :-1])
-    return np.stack(pairs, axis=1)[:: stride_of(segment)]
-
-
-def moving(segment: Segment, case: Case) -> Mask:
-    """(M,) whether a follower or the vehicle ahead changes its speed by more than noise does."""
-    varies = segment.speeds.std(axis=0) > LEAST_MOTION
-    moves = varies[1:] | varies[:-1]
-    return np.full_like(moves, moves.any()) if case == "I" else moves
-
-
-@dataclass(frozen=True, eq=False)
-class Maximum:
-    """Where the criterion of one group is largest."""
-
-    form: Form
-    coordinates: FloatArray
-    """(P,) z."""
-    criterion: float
-    """log L + log prior."""
-    log_likelihood: float
-    curvature: FloatArray
-    """(P, P): -d²/dz² of the criterion, positive definite; without those held by a bound, where
-    rows and columns are zero."""
-    converged: bool
-    rounds: int
-
-    @property
-    def values(self) -> FloatArray:
-        """(P,) the unknowns in their own units; α, ατ, β at their least value stand for zero."""
-        return natural(self.form, self.coordinates)
-
-    @property
-    def theta(self) -> FloatArray:
-        """(3,) α, ατ, β; 0 where the search ends at the least value."""
-        return vanishing(self.form, self.coordinates)
-
-    @property
-    def errors(self) -> FloatArray:
-        """(3,) standard errors of ln α, ln β, ln τ by the curvature; nan where a bound is active.
-
-        A bound on α or ατ leaves ln τ without an error, too.
-        """
-        free = np.diag(self.curvature) > 0
-        covariance = np.full(self.curvature.shape, np.nan)
-        part = self.curvature[np.ix_(free, free)]
-        covariance[np.ix_(free, free)] = np.linalg.inv(part + 1e-9 * np.eye(len(part)))
-        alpha, alpha_tau, beta = np.diag(covariance)[:3]
-        tau = alpha + alpha_tau - 2.0 * covariance[0, 1]
-        return np.asarray(np.sqrt([alpha, beta, tau]))
-
-
-def natural(form: Form, z: FloatArray) -> FloatArray:
-    """Unknowns in their own units from coordinates (.., P)."""
-    logarithmic = np.array([one.logarithmic for one in coordinates(form)])
-    return np.where(logarithmic, np.exp(np.where(logarithmic, z, 0.0)), z)
-
-
-def vanishing(form: Form, z: FloatArray) -> FloatArray:
-    """θ (.., 3) from coordinates (.., P); components at their least value are 0."""
-    theta = natural(form, z)[..., :3]
-    least = np.array([one.lower for one in coordinates(form)[:3]])
-    return np.where(theta <= least * (1 + 1e-9), 0.0, theta)
-
-
-class Criterion:
-    """log L + log prior of every group, as a function of its coordinates."""
-
-    def __init__(self, series: Series, form: Form = "cthp") -> None:
-        """For series, under a form of the model."""
-        self.series, self.form = series, form
-        unknowns: tuple[Coordinate, ...] = coordinates(form)
-        self.size = len(unknowns)
-        self.lower, self.upper = np.array([one.bounds for one in unknowns]).T
-        self.start = np.array([one.centre for one in unknowns])
-        self._weight = np.array([0.0 if one.spread is None else one.spread**-2 for one in unknowns])
-        self._members = [series.members(g) for g in range(series.groups)]
-
-    def model(self, z: FloatArray) -> StateSpace:
-        """The models of coordinates (B, P)."""
-        return state_space(self.form, natural(self.form, z), self.series.step)
-
-    def log_prior(self, z: FloatArray) -> FloatArray:
-        """(..) of coordinates (.., P), up to a constant."""
-        return np.asarray(-0.5 * ((z - self.start) ** 2 * self._weight).sum(axis=-1))
-
-    def log_likelihood(self, z: FloatArray, groups: Groups) -> FloatArray:
-        """(K,) log L at coordinates (K, P), each of the group (K,) that is named with it."""
-        found = np.zeros(len(z))
-        pairs = np.array([(k, j) for k, g in enumerate(groups) for j in self._members[g]])
-        most = max(1, LARGEST_BATCH // len(self.series.measured))
-        for part in np.array_split(pairs, range(most, len(pairs), most)):
-            which, series = part.T
-            total = log_likelihood(self.model(z[which]), self.series.measured[:, :, series])
-            np.add.at(found, which, total)
-        return found
-
-    def score(self, z: FloatArray, groups: Groups) -> tuple[FloatArray, ...]:
-        """Criterion (K,), gradient (K, P) and expected information (K, P, P), prior included.
-
-        Args:
-            z: (K, P)
-            groups: (K,) which group each row belongs to.
-        """
-        size = self.size
-        moves = DIFFERENCE * np.eye(size)
-        around = np.stack([z, *(z + sign * move for move in moves for sign in (1, -1))], axis=1)
-        pairs = [(k, j) for k, g in enumerate(groups) for j in self._members[g]]
-        which, series = np.array(pairs).T
-        model = self.model(around[which].reshape(-1, size))
-        measured = np.repeat(self.series.measured[:, :, series], 2 * size + 1, axis=2)
-        total, found = innovations(model, measured)
-        total = total.reshape(len(pairs), -1)
-        errors = found.errors.reshape(-1, len(pairs), 2 * size + 1)
-        variances = found.variances.reshape(errors.shape)
-        slope = (errors[..., 1::2] - errors[..., 2::2]) / np.sqrt(variances[..., :1])
-        growth = np.log(variances[..., 1::2] / variances[..., 2::2]) / np.sqrt(2.0)
-        information = sum(
-            np.einsum("tbi,tbj->bij", one, one, optimize=True) for one in (slope, growth)
-        )
-        value, gradient = self.log_prior(z), -(z - self.start) * self._weight
-        curvature = np.tile(np.diag(self._weight), (len(z), 1, 1))
-        step = 2 * DIFFERENCE
-        np.add.at(value, which, total[:, 0])
-        np.add.at(gradient, which, (total[:, 1::2] - total[:, 2::2]) / step)
-        np.add.at(curvature, which, information / step**2)
-        return value, gradient, curvature
-
-
-def maximise(
-    series: Series, form: Form = "cthp", near: Sequence[FloatArray] | None = None
-) -> tuple[Maximum, ...]:
-    """The maximum of each group, the best of several searches.
-
-    Args:
-        series: G groups.
-        form: of the model.
-        near: (G, P) coordinates that the maximum is known to be near to; else `STARTS` count.
-    """
-    criterion, groups = Criterion(series, form), np.arange(series.groups)
-    if near is None:
-        z = np.tile(criterion.start, (len(STARTS) * series.groups, 1))
-        gain, memory = np.repeat(STARTS, series.groups, axis=0).T
-        z[:, :2] += gain[:, None]
-        z[:, MEMORY] += memory
-        groups = np.tile(groups, len(STARTS))
-    else:
-        z = np.array(near)
-    found = _search(criterion, z, groups)
-    best = []
-    for group in range(series.groups):
-        best.append(max(found[group :: series.groups], key=lambda one: one.criterion))
-    return tuple(best)
-
-
-def _search(criterion: Criterion, z: FloatArray, groups: Groups) -> list[Maximum]:
-    """Ascend from each row of z (K, P); all rows move at once."""
-    z = np.clip(z, criterion.lower, criterion.upper)
-    value, gradient, curvature = criterion.score(z, groups)
-    damping = np.full(len(z), 1e-2)
-    rounds = np.zeros(len(z), int)
-    done = np.zeros(len(z), bool)
-    for _ in range(ROUNDS):
-        active = np.flatnonzero(~done)
-        if not len(active):
-            break
-        trial = z.copy()
-        for k in active:
-            free = not_held(criterion, z[k], gradient[k])
-            step = scoring_step(curvature[k], gradient[k], free, damping[k])
-            trial[k] = np.clip(z[k] + step, criterion.lower, criterion.upper)
-            done[k] = gradient[k] @ step < CLOSE and damping[k] < 1.0
-        active = active[~done[active]]
-        if not len(active):
-            break
-        found = criterion.score(trial[active], groups[active])
-        rounds[active] += 1
-        for k, new, slope, information in zip(active, *found, strict=True):
-            if not new > value[k] - 1e-9:
-                damping[k] *= 8.0
-                done[k] = damping[k] > 1e8
-                continue
-            if rounds[k] > SCORING:
-                curvature[k] = corrected_curvature(
-                    curvature[k], trial[k] - z[k], gradient[k] - slope
-                )
-            else:
-                curvature[k] = information
-            z[k], value[k], gradient[k] = trial[k], new, slope
-            damping[k] = max(damping[k] / 8.0, 1e-9)
-    return [
-        Maximum(
-            criterion.form,
-            z[k],
-            float(value[k]),
-            float(value[k] - criterion.log_prior(z[k])),
-            np.where(
-                np.logical_and.outer(*2 * [not_held(criterion, z[k], gradient[k])]),
-                curvature[k],
-                0.0,
-            ),
-            bool(done[k] and damping[k] < 1.0),
-            int(rounds[k]),
-        )
-        for k in range(len(z))
-    ]
-
-
-def not_held(criterion: Criterion, z: FloatArray, gradient: FloatArray) -> Mask:
-    """(P,) whether a coordinate is not held by a bound."""
-    held = (z <= criterion.lower) & (gradient < 0) | (z >= criterion.upper) & (gradient > 0)
-    return np.asarray(~held)
-
-
-def scoring_step(
-    curvature: FloatArray, gradient: FloatArray, free: Mask, damping: float
-) -> FloatArray:
-    """(P,) the damped Newton step of the free coordinates; 0 for the others."""
-    part = curvature[np.ix_(free, free)]
-    part = part + np.diag(damping * np.diag(part) + 1e-9)
-    step = np.zeros(len(gradient))
-    step[free] = np.linalg.solve(part, gradient[free])
-    return step * min(1.0, LONGEST_STEP / max(float(np.abs(step).max()), 1e-300))
-
-
-def corrected_curvature(curvature: FloatArray, move: FloatArray, fall: FloatArray) -> FloatArray:
-    """The BFGS update of a curvature, where the gradient falls along the move."""
-    along = float(move @ fall)
-    pulled = curvature @ move
-    expected = float(move @ pulled)
-    if along <= 1e-10 * max(expected, 1e-300):
-        return curvature
-    change = np.outer(fall, fall) / along - np.outer(pulled, pulled) / expected
-    return np.asarray(curvature + change)
 
 
 def maxima_of(segment: Segment, case: Case, form: Form = "cthp") -> tuple[Maximum, ...]:
@@ -466,9 +82,8 @@ def _joint_maxima(
     series = series_of(segments, case, followers)
     if form == "cthp":
         return maximise(series)
-    start = coordinates(form)[-1].centre
     known = [one.coordinates for one in _joint_maxima(segments, case, "cthp", followers)]
-    return maximise(series, form, near=[np.append(z, start) for z in known])
+    return maximise(series, form, near=[np.append(z, x) for x in EXTRA_STARTS[form] for z in known])
 
 
 def fit(segment: Segment, case: Case = "II") -> Fit:

@@ -88,10 +88,14 @@ COMMON = (
 that were smoothed drive the disturbance's memory to absurd values."""
 EXTRA: dict[Form, Coordinate] = {
     "offset": Coordinate("offset", 0.0, -2.0, 2.0, 0.5, logarithmic=False),
-    "lag": Coordinate("lag", 0.4, 0.05, 4.0, 1.0),
-    "delay": Coordinate("delay", 0.4, 0.05, 4.0, 1.0),
+    "lag": Coordinate("lag", 0.0, 0.05, 3.0, 1.0, logarithmic=False),
+    "delay": Coordinate("delay", 0.0, 0.05, 3.0, 1.0, logarithmic=False),
 }
-"""The offset is in m/s², a standstill distance times -α; lag and delay are in s."""
+"""The offset is in m/s², a standstill distance times -α; lag and delay are in s.
+
+The prior of lag and delay is the positive half of a normal distribution, in seconds: one of their
+logarithms has much of its weight at values near zero, which the data can hardly tell from a second.
+"""
 
 
 def coordinates(form: Form) -> tuple[Coordinate, ...]:

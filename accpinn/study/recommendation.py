@@ -3,11 +3,12 @@
 from collections.abc import Sequence
 
 import numpy as np
+from msgspec import structs
 
 from accpinn.errors import Finding
 from accpinn.inference.identifiability import is_wide
 from accpinn.inference.intervals import ParameterInterval, parameter_intervals
-from accpinn.inference.model_adequacy import Adequacy, BetterForm, Inadequate
+from accpinn.inference.model_adequacy import Adequacy, BetterForm, Inadequate, PossibleLag
 from accpinn.segment.segment import Segment
 from accpinn.study.comparison import MethodResult
 from accpinn.units import FloatArray
@@ -20,10 +21,14 @@ class Recommendation(Finding, frozen=True, kw_only=True):
     """0 for all followers together."""
     better: BetterForm | None
     """A form of the model that is to be preferred to the CTHP."""
+    lag: PossibleLag | None
+    """Where none is: what allows for a lag, which the data hardly tell from none."""
     is_adequate: bool | None
     """Whether the tests of the preferred form find nothing; None where it was not tested."""
     intervals: tuple[ParameterInterval, ...]
-    """Of α, β and τ, under the preferred form; empty where the data determine none."""
+    """Of α, β and τ, with the values of greatest likelihood, under the preferred form. Without one
+    the values are the CTHP's, and the intervals allow for a lag. Empty where the data determine
+    none."""
     wide: tuple[str, ...]
     """Symbols of those that are known only to the order of magnitude."""
     outside: tuple[str, ...]
@@ -53,8 +58,10 @@ def _of_vehicle(
     k: int, vehicle: int, rows: Sequence[MethodResult], adequacy: Adequacy | None
 ) -> Recommendation:
     uncertainty = rows[0].uncertainty
-    forms = adequacy.better if adequacy else ()
-    better = next((one for one in forms if one.vehicle == vehicle), None)
+    found = adequacy.findings if adequacy else ()
+    of_vehicle = [one for one in found if one.vehicle == vehicle]
+    better = next((one for one in of_vehicle if isinstance(one, BetterForm)), None)
+    lag = next((one for one in of_vehicle if isinstance(one, PossibleLag)), None)
     lower, upper = uncertainty.lower[k].values, uncertainty.upper[k].values
     is_known = bool(np.isfinite(lower).any())
     outside = [
@@ -62,15 +69,21 @@ def _of_vehicle(
         for row in rows
         if is_known and not _inside(row.fit.parameters.values[k], lower, upper)
     ]
-    of_cthp = tuple(parameter_intervals(uncertainty, k)) if is_known else ()
-    preferred = better.intervals if better else of_cthp
+    preferred = tuple(parameter_intervals(uncertainty, k)) if is_known else ()
+    if better:
+        preferred = better.intervals
+    elif lag and is_known:
+        preferred = tuple(
+            structs.replace(with_lag, likeliest=own.likeliest)
+            for own, with_lag in zip(preferred, lag.intervals, strict=True)
+        )
     tested = adequacy is not None and bool(adequacy.forms)
-    found = adequacy.findings if adequacy else ()
-    failing = {one.vehicle for one in found if isinstance(one, Inadequate)}
+    failing = any(isinstance(one, Inadequate) for one in of_vehicle)
     return Recommendation(
         vehicle=vehicle,
         better=better,
-        is_adequate=vehicle not in failing if tested and not better else None,
+        lag=lag,
+        is_adequate=not failing if tested and not better else None,
         intervals=preferred,
         wide=tuple(one.symbol for one in preferred if is_wide(one)),
         outside=tuple(outside),

@@ -45,7 +45,8 @@ from accpinn.channels import PARAMETERS
 from accpinn.errors import ConfigError, Finding, SegmentError
 from accpinn.inference.intervals import LEVEL, Uncertainty, intervals
 from accpinn.methods.fit import Fit
-from accpinn.methods.maximum_likelihood import fit_at, joint_maxima, maxima_of, series_of, stride_of
+from accpinn.methods.maximum_likelihood import fit_at, joint_maxima, maxima_of
+from accpinn.methods.series import series_of, stride_of
 from accpinn.model.cthp import Case, Parameters
 from accpinn.segment.segment import Segment
 from accpinn.units import FloatArray, Seconds

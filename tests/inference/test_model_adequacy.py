@@ -9,9 +9,13 @@ from accpinn.inference.model_adequacy import (
     BetterForm,
     Inadequate,
     InnovationTests,
+    PossibleLag,
     model_forms,
 )
+from accpinn.inference.posterior import STAGES, sample
 from accpinn.methods import least_squares
+from accpinn.methods.maximum_likelihood import maxima_of
+from accpinn.methods.series import series_of
 from accpinn.methods.state_space import FORMS, coordinates, state_space
 from accpinn.model.cthp import Parameters
 from accpinn.results.messages import messages
@@ -39,6 +43,14 @@ def test_where_the_cthp_holds_no_form_is_better() -> None:
     assert not [one for one in found.findings if isinstance(one, BetterForm)]
     np.testing.assert_allclose(found.forms[0].parameters.values[0], TRUE, rtol=0.1)
     assert found.forms[0].aic[0] == found.forms[0].holdout[0] == 0.0
+    (told,) = found.recommended
+    assert isinstance(told, PossibleLag)
+    assert told.form == "lag"
+    assert 0.0 < told.extra_lower < told.extra_upper < 0.5
+    for one, true in zip(told.intervals, TRUE, strict=True):
+        assert one.upper is not None
+        beyond = one.upper - one.lower  # a 90 % interval misses now and then, but not by far
+        assert one.lower - beyond < true < one.upper + beyond < 1.5 * true
 
 
 @pytest.mark.parametrize(
@@ -74,6 +86,19 @@ def test_a_term_that_the_recording_shows_is_found(
     assert table.rows[1][-1] == (better.extra_lower, better.extra_upper)
     assert table.rows[1][2] == (better.intervals[0].lower, better.intervals[0].upper)
     assert str(round(better.extra, 1))[:3] in messages([better], segment)[0]
+
+
+def test_two_modes_of_a_lag_are_sampled_alike_from_any_seed() -> None:
+    """The truth, a lag of a second, is hardly told from none; α differs by half between them."""
+    true = Parameters.of([[0.0953, 0.127, 1.2]])
+    segment = disturbed(true, 4, Disturbance(lag=1.0), duration=200.0)
+    maxima, series = maxima_of(segment, "II", "lag"), series_of([segment], "II")
+    ends = []
+    for seed in (2, 3):
+        (found,) = sample(series, maxima, "lag", seed)
+        assert found.effective > 0.1 * STAGES[-1]
+        ends.append(np.quantile(found.all_evenly(1000)[:, [0, -1]], (0.05, 0.95), axis=0))
+    assert (np.abs(ends[1] - ends[0]) < 0.2 * np.ptp(ends[0], axis=0)).all()
 
 
 def test_a_delay_delays_what_the_controller_asks_for() -> None:

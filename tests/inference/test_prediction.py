@@ -10,7 +10,7 @@ from accpinn.inference import prediction
 from accpinn.inference.intervals import Uncertainty, intervals
 from accpinn.inference.prediction import SIMULATIONS, gap_band
 from accpinn.methods import least_squares
-from accpinn.methods.maximum_likelihood import stride_of
+from accpinn.methods.series import stride_of
 from accpinn.model.cthp import Parameters
 from accpinn.results.figures.training import tracking
 from accpinn.results.messages import messages

@@ -15,6 +15,7 @@ def random_values(form, count, rng):
     unknowns = coordinates(form)
     centre = np.array([one.centre for one in unknowns])
     z = centre + 0.4 * rng.standard_normal((count, len(unknowns)))
+    z = np.clip(z, *np.transpose([one.bounds for one in unknowns]))
     return np.where([one.logarithmic for one in unknowns], np.exp(z), z)
 
 

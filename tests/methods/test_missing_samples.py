@@ -10,8 +10,8 @@ from accpinn.errors import SegmentError
 from accpinn.inference.intervals import intervals
 from accpinn.methods import maximum_likelihood
 from accpinn.methods.kalman import log_likelihood
-from accpinn.methods.maximum_likelihood import measured_of, series_of
 from accpinn.methods.registry import METHODS
+from accpinn.methods.series import measured_of, series_of
 from accpinn.methods.state_space import OBSERVED, coordinates, state_space
 from accpinn.model.cthp import Parameters
 from accpinn.recordings.openacc import read

@@ -25,19 +25,16 @@ from accpinn.methods.fit import (
     MethodFinding,
     Outcome,
 )
-from accpinn.methods.maximum_likelihood import (
-    natural,
-    series_of,
-    stride_of,
-    vanishing,
-)
+from accpinn.methods.likelihood import natural, vanishing
 from accpinn.methods.pinn.config import PinnConfig
-from accpinn.methods.pinn.evidence import Ascent, Evidence, begin, deviations_of, refine
+from accpinn.methods.pinn.evidence import Evidence
 from accpinn.methods.pinn.evidence_output import FourierOrders, OutputLayer, activations
+from accpinn.methods.pinn.evidence_search import Ascent, begin, deviations_of, refine
 from accpinn.methods.pinn.loss import Learned, LossTerms, Training
 from accpinn.methods.pinn.method import WarmStart, calibrated_features, hidden_inputs
 from accpinn.methods.pinn.network import HIDDEN, Descent, count_weights, load_state, state_of
 from accpinn.methods.regression import Regression, Solution
+from accpinn.methods.series import series_of, stride_of
 from accpinn.model.cthp import Case, Parameters
 from accpinn.segment.segment import Segment
 from accpinn.units import FloatArray, frozen

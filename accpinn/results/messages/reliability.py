@@ -13,7 +13,9 @@ from accpinn.inference.model_adequacy import (
     Adequacy,
     AdequacyFinding,
     BetterForm,
+    FormIntervals,
     Inadequate,
+    PossibleLag,
 )
 from accpinn.methods.maximum_likelihood import DisturbanceSize
 from accpinn.methods.registry import METHODS
@@ -120,6 +122,13 @@ def _(finding: AdequacyFinding, about: Labelled) -> str:
                 f" τ {tau};"
                 f" {100 * finding.level:.0f} % intervals in brackets."
             )
+        case PossibleLag():
+            ends = joined([f"{one.symbol} {_ends(one)}" for one in finding.intervals])
+            return (
+                f"{_who(finding.vehicle, about)}: an actuator lag of up to"
+                f" {finding.extra_upper:.2g} s is consistent with the data. The"
+                f" {100 * finding.level:.0f} % intervals that allow for a lag are {ends}."
+            )
         case Inadequate():
             faults = {
                 "correlated over time": finding.correlated,
@@ -150,22 +159,26 @@ def conditional(adequacy: Adequacy | None, about: Labelled) -> str:
     if not adequacy.better:
         return (
             "Estimates and intervals are those of the CTHP; no model with a distance at standstill,"
-            " a lag or a delay describes the data clearly better."
+            " a lag or a delay describes the data clearly better. But data hardly tell a lag from"
+            " none: use the intervals that allow for one, which stand beside those of the CTHP."
         )
     who = joined([_who(one.vehicle, about) for one in adequacy.better])
     return (
         f"Estimates and intervals are those of the CTHP. For {who[0].lower() + who[1:]} a model"
-        " with one term more describes the data better; its intervals stand beside those of the"
-        " CTHP here."
+        " with one term more describes the data better. Its intervals are the ones to use, and for"
+        " other vehicles those that allow for a lag; they stand beside those of the CTHP here."
     )
 
 
 def _likeliest(one: ParameterInterval) -> str:
     """An estimate and its interval."""
     text, value = QUANTITIES[one.symbol].text, one.likeliest
-    upper = "no limit" if one.upper is None else text(one.upper)
-    ends = f"({text(one.lower)} to {upper})"
-    return f"undetermined {ends}" if value is None else f"{text(value)} {ends}"
+    return f"{'undetermined' if value is None else text(value)} ({_ends(one)})"
+
+
+def _ends(one: ParameterInterval) -> str:
+    text = QUANTITIES[one.symbol].text
+    return f"{text(one.lower)} to {'no limit' if one.upper is None else text(one.upper)}"
 
 
 EXTRA: dict[Form, str] = {
@@ -176,7 +189,7 @@ EXTRA: dict[Form, str] = {
 """What a form of the model adds."""
 
 
-def _extra(finding: BetterForm) -> str:
+def _extra(finding: FormIntervals) -> str:
     digits, unit = (1, "m") if finding.form == "offset" else (2, "s")
     ends = f"{finding.extra_lower:.{digits}f} to {finding.extra_upper:.{digits}f}"
     what = "a distance" if finding.form == "offset" else EXTRA[finding.form]
@@ -302,6 +315,8 @@ def _(finding: Recommendation, about: Labelled) -> str:
     said = []
     if finding.better:
         said.append(f"A model with {EXTRA[finding.better.form]} describes the data better.")
+    elif finding.lag:
+        said.append(f"The intervals allow for a lag of up to {finding.lag.extra_upper:.2g} s.")
     if finding.wide:
         only = "is" if len(finding.wide) == 1 else "are"
         said.append(f"{joined(finding.wide)} {only} known only to the order of magnitude.")
@@ -309,13 +324,13 @@ def _(finding: Recommendation, about: Labelled) -> str:
         said.append("All three are identified.")
     count, level = len(finding.outside), f"{100 * finding.level:.0f} %"
     if count:
-        of = "the CTHP's" if finding.better else "the"
+        of = "the CTHP's" if finding.better or finding.lag else "the"
         who = joined([METHODS[key].title for key in finding.outside])
         if count > FEW:
             who = f"{count} of {finding.methods} methods"
         said.append(f"Outside {of} {level} intervals: {who}.")
     else:
-        said.append(f"All {finding.methods} methods lie within the {level} intervals.")
+        said.append(f"All {finding.methods} methods lie within the CTHP's {level} intervals.")
     if finding.is_adequate is False:
         said.append("What the model leaves over is not noise, so intervals may be too narrow.")
     elif finding.is_adequate:

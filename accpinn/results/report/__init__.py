@@ -133,8 +133,8 @@ def tables_of(snapshot: Snapshot) -> dict[str, Table]:
     rows = [vehicle_colour(number, info.vehicles[0]) for number in row_vehicles(info, fit.case)]
     first = parameter_table(info, fit, snapshot.quality, *errors, uncertainty)
     tables = {"parameters": first.coloured(rows)}
-    if uncertainty and adequacy and adequacy.better:
-        tables["forms"] = form_intervals_table(info, uncertainty, adequacy.better)
+    if uncertainty and adequacy and adequacy.recommended:
+        tables["forms"] = form_intervals_table(info, uncertainty, adequacy.recommended)
     if report:
         vehicles = learned_parameters(info, fit)
         tables["stability"] = stability_table(vehicles, report, uncertainty).coloured(paints[1:])

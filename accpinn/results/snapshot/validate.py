@@ -179,9 +179,9 @@ def _check_uncertainty(uncertainty: Uncertainty) -> None:
 def _check_adequacy(adequacy: Adequacy, info: SegmentInfo) -> None:
     for one in adequacy.findings:
         _require(one.vehicle in (0, *info.vehicles[1:]), "a form is of a vehicle that is none")
-    for better in adequacy.better:
-        symbols = [one.symbol for one in better.intervals]
-        known = better.form in EXTRA and symbols == [quantity.symbol for quantity in PARAMETERS]
+    for told in adequacy.recommended:
+        symbols = [one.symbol for one in told.intervals]
+        known = told.form in EXTRA and symbols == [quantity.symbol for quantity in PARAMETERS]
         _require(known, "a form of the model is not known")
 
 

@@ -11,7 +11,7 @@ import numpy as np
 from accpinn.channels import PARAMETERS
 from accpinn.evaluation.closed_loop import TrackingErrors
 from accpinn.inference.intervals import Uncertainty, parameter_intervals
-from accpinn.inference.model_adequacy import BetterForm, ModelForm
+from accpinn.inference.model_adequacy import FormIntervals, ModelForm
 from accpinn.inference.multistart import MultistartResult
 from accpinn.methods.fit import Fit, Outcome
 from accpinn.methods.registry import METHODS
@@ -348,17 +348,17 @@ def model_form_table(info: SegmentInfo, forms: Sequence[ModelForm], follower: in
 
 
 def form_intervals_table(
-    info: SegmentInfo, uncertainty: Uncertainty, better: Sequence[BetterForm]
+    info: SegmentInfo, uncertainty: Uncertainty, others: Sequence[FormIntervals]
 ) -> Table:
-    """The intervals under the CTHP and under a better form, two rows a follower that has one.
+    """The intervals under the CTHP and under another form, two rows a follower that has one.
 
     Args:
         info: of the segment.
         uncertainty: the intervals under the CTHP.
-        better: the forms; one of vehicle 0 is of all followers together.
+        others: under the other form; those of vehicle 0 are of all followers together.
     """
     names, forms, intervals = list[str](), list[str](), list[list[Range]]()
-    for one in better:
+    for one in others:
         k = info.vehicles.index(one.vehicle) - 1 if one.vehicle else 0
         names += 2 * [info.label(one.vehicle) if one.vehicle else "All followers together"]
         forms += [FORMS["cthp"], FORMS[one.form]]
@@ -369,9 +369,9 @@ def form_intervals_table(
     for column, ranges in zip(PARAMETER_COLUMNS, zip(*intervals, strict=True), strict=True):
         filled.append((replace(column, group=percent), ranges))
     for form, column in EXTRA_COLUMNS.items():
-        if any(one.form == form for one in better):
+        if any(one.form == form for one in others):
             ends: list[Cell] = []
-            for one in better:
+            for one in others:
                 own = Range(one.extra_lower, one.extra_upper) if one.form == form else None
                 ends += [None, own]
             filled.append((replace(column, group=percent), ends))

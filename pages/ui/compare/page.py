@@ -37,7 +37,7 @@ from pages.ui.components.show import escape_markdown
 from pages.ui.components.widgets import pick_follower, tabs
 from pages.ui.result.evaluated import simulated
 from pages.ui.result.saved import show_saved_rows
-from pages.ui.result.view import show_better_forms, show_intervals
+from pages.ui.result.view import show_form_intervals, show_intervals
 from pages.ui.session.workspace import Workspace
 
 GAP_ERROR = "A constant error of the measured gap shifts τ: 0.1 m in 30 m by 0.3 %."
@@ -332,8 +332,8 @@ def _show_adequacy(shown: _Shown) -> None:
         st.caption("The window is too short for the likelihood of the model's forms.")
         return
     st.caption(conditional(found, segment))
-    show_better_forms(segment.info, shown.uncertainty, found)
-    others = [one for one in found.findings if one not in found.better]
+    show_form_intervals(segment.info, shown.uncertainty, found)
+    others = [one for one in found.findings if one not in found.recommended]
     show.messages(messages(others, segment), icon="lightbulb")
     show.table(tables.model_form_table(segment.info, found.forms, shown.follower))
     st.caption(

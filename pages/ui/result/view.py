@@ -196,16 +196,16 @@ def _show_comparison(workspace: Workspace, result: Evaluated, page: str) -> None
                 workspace.compare_forms()
             st.rerun()
     st.caption(conditional(adequacy, info))
-    show_better_forms(info, uncertainty, adequacy)
+    show_form_intervals(info, uncertainty, adequacy)
 
 
-def show_better_forms(
+def show_form_intervals(
     info: SegmentInfo, uncertainty: Uncertainty, adequacy: Adequacy | None
 ) -> None:
-    """The intervals under forms that describe a vehicle better than the CTHP."""
-    if adequacy and adequacy.better:
-        show.table(tables.form_intervals_table(info, uncertainty, adequacy.better))
-        show.messages(messages(adequacy.better, info), icon="lightbulb")
+    """The intervals under the form of the model that is to be used for each vehicle."""
+    if adequacy and adequacy.recommended:
+        show.table(tables.form_intervals_table(info, uncertainty, adequacy.recommended))
+        show.messages(messages(adequacy.recommended, info), icon="lightbulb")
 
 
 def _show_tracking(result: Evaluated, follower: int, key: str, height: int | None = None) -> None:

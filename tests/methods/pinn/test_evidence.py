@@ -6,19 +6,18 @@ import numpy as np
 import pytest
 from scipy.interpolate import BSpline
 
-from accpinn.methods.maximum_likelihood import Criterion, Maximum, Series, series_of
+from accpinn.methods.likelihood import Criterion, Maximum
 from accpinn.methods.pinn.evidence import (
     DEGREE,
     OUTPUTS,
-    Ascent,
     Determinants,
     Evidence,
     LinearEvidence,
-    log_deviations,
-    maximise_evidence,
     physics,
 )
+from accpinn.methods.pinn.evidence_search import Ascent, log_deviations, maximise_evidence
 from accpinn.methods.regression import Regression
+from accpinn.methods.series import Series, series_of
 from accpinn.methods.state_space import COMMON, GAP_DRIFT, LEADER_MEMORY
 from accpinn.model.cthp import Parameters
 from accpinn.segment.segment import Segment

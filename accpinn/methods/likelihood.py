@@ -1,0 +1,300 @@
+"""Search for the largest likelihood of the model of `state_space`.
+
+    maximise  log L(z) + log prior(z),   z = ln of all unknowns (the offset, λ and d as they are),
+
+the prior weak and on disturbance, noise and further unknowns alone. The search is scoring: the
+gradient g of the criterion and the expected information I, both from differences of the
+innovations, give z + I⁻¹g, within a region that grows with success. Near the end the curvature is
+corrected by what the gradient shows (BFGS), as the expected information is not the curvature where
+the model is incomplete. Several searches run at once; one that comes close to a better one ends.
+
+Source: Ljung, System Identification, 2nd ed., 1999, chapters 7 and 10.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from accpinn.methods.kalman import innovations, log_likelihood
+from accpinn.methods.series import Series
+from accpinn.methods.state_space import (
+    COMMON,
+    Coordinate,
+    Form,
+    StateSpace,
+    coordinates,
+    state_space,
+)
+from accpinn.units import FloatArray, Mask
+
+DIFFERENCE = 1e-5
+"""Of a coordinate, for the slopes."""
+ROUNDS = 60
+LONGEST_STEP = 1.5
+"""Of any coordinate, in a round."""
+SCORING, NEAR = 10, 1.0
+"""Rounds after which the curvature is corrected, and the gain in log L below which it is."""
+CLOSE = 1e-5
+"""The search ends when a full step would gain less than this in log L."""
+SAME = 0.3
+"""Squared standard errors from a better search within which another one is given up."""
+MEMORY = [one.name for one in COMMON].index("memory")
+Groups = NDArray[np.int64]
+LARGEST_BATCH = 3_000_000
+"""Samples times models filtered at once, which bounds the memory."""
+STARTS = ((0.0, 0.0), (-1.5, 1.4), (1.0, 0.0))
+"""ln of two factors that each search starts with: on α and ατ, and on the disturbance's memory.
+
+Near the middle of published parameters; far below it, where weak controllers lie that are disturbed
+for long; and above it. A disturbance that lasts has a maximum of its own in some recordings."""
+
+
+@dataclass(frozen=True, eq=False)
+class Maximum:
+    """Where the criterion of one group is largest."""
+
+    form: Form
+    coordinates: FloatArray
+    """(P,) z."""
+    criterion: float
+    """log L + log prior."""
+    log_likelihood: float
+    curvature: FloatArray
+    """(P, P): -d²/dz² of the criterion, positive definite; without those held by a bound, where
+    rows and columns are zero."""
+    converged: bool
+    rounds: int
+
+    @property
+    def values(self) -> FloatArray:
+        """(P,) the unknowns in their own units; α, ατ, β at their least value stand for zero."""
+        return natural(self.form, self.coordinates)
+
+    @property
+    def theta(self) -> FloatArray:
+        """(3,) α, ατ, β; 0 where the search ends at the least value."""
+        return vanishing(self.form, self.coordinates)
+
+    @property
+    def errors(self) -> FloatArray:
+        """(3,) standard errors of ln α, ln β, ln τ by the curvature; nan where a bound is active.
+
+        A bound on α or ατ leaves ln τ without an error, too.
+        """
+        free = np.diag(self.curvature) > 0
+        covariance = np.full(self.curvature.shape, np.nan)
+        part = self.curvature[np.ix_(free, free)]
+        covariance[np.ix_(free, free)] = np.linalg.inv(part + 1e-9 * np.eye(len(part)))
+        alpha, alpha_tau, beta = np.diag(covariance)[:3]
+        tau = alpha + alpha_tau - 2.0 * covariance[0, 1]
+        return np.asarray(np.sqrt([alpha, beta, tau]))
+
+
+def natural(form: Form, z: FloatArray) -> FloatArray:
+    """Unknowns in their own units from coordinates (.., P)."""
+    logarithmic = np.array([one.logarithmic for one in coordinates(form)])
+    return np.where(logarithmic, np.exp(np.where(logarithmic, z, 0.0)), z)
+
+
+def vanishing(form: Form, z: FloatArray) -> FloatArray:
+    """θ (.., 3) from coordinates (.., P); components at their least value are 0."""
+    theta = natural(form, z)[..., :3]
+    least = np.array([one.lower for one in coordinates(form)[:3]])
+    return np.where(theta <= least * (1 + 1e-9), 0.0, theta)
+
+
+class Criterion:
+    """log L + log prior of every group, as a function of its coordinates."""
+
+    def __init__(self, series: Series, form: Form = "cthp") -> None:
+        """For series, under a form of the model."""
+        self.series, self.form = series, form
+        unknowns: tuple[Coordinate, ...] = coordinates(form)
+        self.size = len(unknowns)
+        self.lower, self.upper = np.array([one.bounds for one in unknowns]).T
+        self.start = np.array([one.centre for one in unknowns])
+        self._weight = np.array([0.0 if one.spread is None else one.spread**-2 for one in unknowns])
+        self._members = [series.members(g) for g in range(series.groups)]
+
+    def model(self, z: FloatArray) -> StateSpace:
+        """The models of coordinates (B, P)."""
+        return state_space(self.form, natural(self.form, z), self.series.step)
+
+    def log_prior(self, z: FloatArray) -> FloatArray:
+        """(..) of coordinates (.., P), up to a constant."""
+        return np.asarray(-0.5 * ((z - self.start) ** 2 * self._weight).sum(axis=-1))
+
+    def log_likelihood(self, z: FloatArray, groups: Groups) -> FloatArray:
+        """(K,) log L at coordinates (K, P), each of the group (K,) that is named with it."""
+        found = np.zeros(len(z))
+        pairs = np.array([(k, j) for k, g in enumerate(groups) for j in self._members[g]])
+        most = max(1, LARGEST_BATCH // len(self.series.measured))
+        for part in np.array_split(pairs, range(most, len(pairs), most)):
+            which, series = part.T
+            total = log_likelihood(self.model(z[which]), self.series.measured[:, :, series])
+            np.add.at(found, which, total)
+        return found
+
+    def score(self, z: FloatArray, groups: Groups) -> tuple[FloatArray, ...]:
+        """Criterion (K,), gradient (K, P) and expected information (K, P, P), prior included.
+
+        Args:
+            z: (K, P)
+            groups: (K,) which group each row belongs to.
+        """
+        size = self.size
+        around = np.stack([z, *(z + move for move in DIFFERENCE * np.eye(size))], axis=1)
+        pairs = [(k, j) for k, g in enumerate(groups) for j in self._members[g]]
+        which, series = np.array(pairs).T
+        model = self.model(around[which].reshape(-1, size))
+        measured = np.repeat(self.series.measured[:, :, series], size + 1, axis=2)
+        total, found = innovations(model, measured)
+        total = total.reshape(len(pairs), -1)
+        errors = found.errors.reshape(-1, len(pairs), size + 1)
+        variances = found.variances.reshape(errors.shape)
+        slope = (errors[..., 1:] - errors[..., :1]) / np.sqrt(variances[..., :1])
+        growth = np.log(variances[..., 1:] / variances[..., :1]) / np.sqrt(2.0)
+        information = sum(
+            np.einsum("tbi,tbj->bij", one, one, optimize=True) for one in (slope, growth)
+        )
+        value, gradient = self.log_prior(z), -(z - self.start) * self._weight
+        curvature = np.tile(np.diag(self._weight), (len(z), 1, 1))
+        np.add.at(value, which, total[:, 0])
+        information = information / DIFFERENCE**2
+        # A forward difference has half the curvature too much of it.
+        slopes = (total[:, 1:] - total[:, :1]) / DIFFERENCE
+        slopes += DIFFERENCE / 2 * np.einsum("kii->ki", information)
+        np.add.at(gradient, which, slopes)
+        np.add.at(curvature, which, information)
+        return value, gradient, curvature
+
+
+def maximise(
+    series: Series, form: Form = "cthp", near: Sequence[FloatArray] | None = None
+) -> tuple[Maximum, ...]:
+    """The maximum of each group, the best of several searches.
+
+    Args:
+        series: G groups.
+        form: of the model.
+        near: (S * G, P) coordinates that the maximum is known to be near to, those of all groups
+            in turn; else `STARTS` count.
+    """
+    criterion = Criterion(series, form)
+    if near is None:
+        z = np.tile(criterion.start, (len(STARTS) * series.groups, 1))
+        gain, memory = np.repeat(STARTS, series.groups, axis=0).T
+        z[:, :2] += gain[:, None]
+        z[:, MEMORY] += memory
+    else:
+        z = np.array(near)
+    groups = np.arange(len(z)) % series.groups
+    found = search(criterion, z, groups)
+    best = []
+    for group in range(series.groups):
+        best.append(max(found[group :: series.groups], key=lambda one: one.criterion))
+    return tuple(best)
+
+
+def search(
+    criterion: Criterion, z: FloatArray, groups: Groups, is_last_held: bool = False
+) -> list[Maximum]:
+    """Ascend from each row of z (K, P); all rows move at once.
+
+    Args:
+        criterion: of all groups.
+        z: (K, P)
+        groups: (K,) the group of each row.
+        is_last_held: whether the last unknown keeps its value, each row its own.
+    """
+    z = np.clip(z, criterion.lower, criterion.upper)
+    value, gradient, curvature = criterion.score(z, groups)
+    damping, reach = np.full(len(z), 1e-2), np.full(len(z), LONGEST_STEP)
+    rounds = np.zeros(len(z), int)
+    done = np.zeros(len(z), bool)
+    for _ in range(ROUNDS):
+        active = np.flatnonzero(~done)
+        if not len(active):
+            break
+        trial = z.copy()
+        for k in active:
+            free = not_held(criterion, z[k], gradient[k])
+            free[-1] &= not is_last_held
+            step = scoring_step(curvature[k], gradient[k], free, damping[k], reach[k])
+            trial[k] = np.clip(z[k] + step, criterion.lower, criterion.upper)
+            is_full = damping[k] < 1.0 and np.abs(step).max() < 0.99 * reach[k]
+            done[k] = is_full and gradient[k] @ step < CLOSE
+        active = active[~done[active]]
+        if not len(active):
+            break
+        found = criterion.score(trial[active], groups[active])
+        rounds[active] += 1
+        for k, new, slope, information in zip(active, *found, strict=True):
+            if not new > value[k] - 1e-9:
+                damping[k] *= 8.0
+                reach[k] = np.abs(trial[k] - z[k]).max() / 4.0
+                done[k] = damping[k] > 1e8
+                continue
+            if new - value[k] < NEAR or rounds[k] > SCORING:
+                curvature[k] = corrected_curvature(
+                    curvature[k], trial[k] - z[k], gradient[k] - slope
+                )
+            else:
+                curvature[k] = information
+            z[k], value[k], gradient[k] = trial[k], new, slope
+            damping[k] = max(damping[k] / 8.0, 1e-9)
+            reach[k] = min(4.0 * reach[k], LONGEST_STEP)
+        for k in active if not is_last_held else ():
+            rivals = np.flatnonzero((groups == groups[k]) & (value > value[k]))
+            away = z[rivals] - z[k]
+            done[k] |= (np.einsum("ki,kij,kj->k", away, curvature[rivals], away) < SAME).any()
+    maxima = []
+    for end, top, slope, bend, is_done, taken in zip(
+        z, value, gradient, curvature, done & (damping < 1.0), rounds, strict=True
+    ):
+        free = not_held(criterion, end, slope)
+        free[len(COMMON) :] = True  # a lag of almost nothing is as uncertain as any other
+        bend = np.where(np.logical_and.outer(free, free), bend, 0.0)
+        likelihood = float(top - criterion.log_prior(end))
+        maxima.append(
+            Maximum(criterion.form, end, float(top), likelihood, bend, bool(is_done), int(taken))
+        )
+    return maxima
+
+
+def not_held(criterion: Criterion, z: FloatArray, gradient: FloatArray) -> Mask:
+    """(P,) whether a coordinate is not held by a bound."""
+    held = (z <= criterion.lower) & (gradient < 0) | (z >= criterion.upper) & (gradient > 0)
+    return np.asarray(~held)
+
+
+def scoring_step(
+    curvature: FloatArray, gradient: FloatArray, free: Mask, damping: float, reach: float
+) -> FloatArray:
+    """(P,) the damped Newton step of the free coordinates; 0 for the others.
+
+    Args:
+        curvature: (P, P) -d²/dz² of the criterion.
+        gradient: (P,)
+        free: (P,) which coordinates move.
+        damping: share of each diagonal entry that is added to it.
+        reach: the longest step of any coordinate.
+    """
+    part = curvature[np.ix_(free, free)]
+    part = part + np.diag(damping * np.diag(part) + 1e-9)
+    step = np.zeros(len(gradient))
+    step[free] = np.linalg.solve(part, gradient[free])
+    return step * min(1.0, reach / max(float(np.abs(step).max()), 1e-300))
+
+
+def corrected_curvature(curvature: FloatArray, move: FloatArray, fall: FloatArray) -> FloatArray:
+    """The BFGS update of a curvature, where the gradient falls along the move."""
+    along = float(move @ fall)
+    pulled = curvature @ move
+    expected = float(move @ pulled)
+    if along <= 1e-10 * max(expected, 1e-300):
+        return curvature
+    change = np.outer(fall, fall) / along - np.outer(pulled, pulled) / expected
+    return np.asarray(curvature + change)

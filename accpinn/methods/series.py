@@ -1,0 +1,146 @@
+"""What the likelihood is of: measurements of followers, and which of them share their parameters.
+
+Receivers report every 0.25 s and files of 10 Hz are smooth curves through the reports, so
+neighbouring samples share their noise. One sample each 0.5 s is used. Missing samples are those
+that the filter does not take in, so recordings with holes are used whole. One set of parameters may
+hold for several series: the followers of a platoon (Case I), or several windows of one vehicle.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from accpinn.errors import SegmentError
+from accpinn.model.cthp import Case
+from accpinn.segment.segment import Segment
+from accpinn.units import FloatArray, Mask, MetresPerSecond, Seconds, stretches
+
+SPACING: Seconds = 0.5
+"""Between the samples used; see above."""
+LEAST_SAMPLES = 40
+LEAST_MOTION: MetresPerSecond = 0.05
+"""Deviation of a speed below which it may be noise alone, and no parameter is determined."""
+SHORTEST_STRETCH = 10
+"""Samples; what is left between masked instants and is shorter says next to nothing."""
+
+
+@dataclass(frozen=True, eq=False)
+class Series:
+    """Measurements of p, v, u, one sample each `step`, and which of them share one set."""
+
+    measured: FloatArray
+    """(N, 3, S); nan where missing, and after the end of a series shorter than others."""
+    group: tuple[int, ...]
+    """(S,) 0 to G-1: the set of parameters that each series belongs to."""
+    step: Seconds
+
+    @property
+    def groups(self) -> int:
+        """G."""
+        return max(self.group) + 1
+
+    def members(self, group: int) -> list[int]:
+        """The series of a group."""
+        return [k for k, of in enumerate(self.group) if of == group]
+
+    def of(self, groups: Sequence[int]) -> "Series":
+        """Some of the groups, numbered anew."""
+        kept = [(k, groups.index(of)) for k, of in enumerate(self.group) if of in groups]
+        rows, group = zip(*kept, strict=True)
+        return Series(self.measured[:, :, list(rows)], group, self.step)
+
+    def until(self, share: float) -> "Series":
+        """The same without what comes after a share of the time."""
+        return Series(self.measured[: round(share * len(self.measured))], self.group, self.step)
+
+
+def series_of(
+    segments: Sequence[Segment], case: Case, followers: Sequence[int] | None = None
+) -> Series:
+    """The series of each follower; one group a follower (Case II), or one for all (Case I).
+
+    Where the model's equation does not count (the segment's mask), a series ends, and another one
+    begins after it.
+
+    Args:
+        segments: of the same vehicles and with the same step; several are taken as further windows
+            of these vehicles.
+        case: "I" or "II".
+        followers: which ones in Case II, 0 for the first; by default all.
+
+    Raises:
+        SegmentError: when too little of a follower is measured.
+    """
+    chosen = range(segments[0].followers) if followers is None or case == "I" else followers
+    parts = [_measured_parts(segments, k) for k in chosen]
+    counts = [sum(map(_complete, one)) for one in parts]
+    if lacking := [k for k, count in zip(chosen, counts, strict=True) if count < LEAST_SAMPLES]:
+        if case == "II" or sum(counts) < LEAST_SAMPLES:
+            raise SegmentError(_too_little(segments[0], lacking))
+    group = [0 if case == "I" else at for at, one in enumerate(parts) for _ in one]
+    every = [part for one in parts for part in one]
+    measured = np.full((max(map(len, every)), 3, len(every)), np.nan)
+    for k, part in enumerate(every):
+        measured[: len(part), :, k] = part
+    step = stride_of(segments[0]) * segments[0].sample_time
+    return Series(measured, tuple(group), step)
+
+
+def measured_followers(segments: Sequence[Segment], case: Case) -> tuple[int, ...]:
+    """The followers of whom enough is measured for the likelihood; in Case I all or none."""
+    counts = [
+        sum(map(_complete, _measured_parts(segments, k))) for k in range(segments[0].followers)
+    ]
+    if case == "I":
+        return tuple(range(len(counts))) if sum(counts) >= LEAST_SAMPLES else ()
+    return tuple(k for k, count in enumerate(counts) if count >= LEAST_SAMPLES)
+
+
+def _measured_parts(segments: Sequence[Segment], follower: int) -> list[FloatArray]:
+    """What counts of a follower in one piece each, (N, 3); pieces that say next to nothing go."""
+    parts = []
+    for segment in segments:
+        measured, mask = measured_of(segment)[:, :, follower], segment.mask
+        stride = stride_of(segment)
+        rows = np.ones(len(measured), bool) if mask is None else mask[::stride, follower]
+        pieces = [measured[stretch.rows] for stretch in stretches(rows)]
+        parts += [piece for piece in pieces if _complete(piece) >= SHORTEST_STRETCH]
+    return parts
+
+
+def _too_little(segment: Segment, lacking: Sequence[int]) -> str:
+    """Which followers are hardly measured, and the cure."""
+    least = f"take a window in which at least {LEAST_SAMPLES * SPACING:g} s count and are measured"
+    if len(lacking) == segment.followers:
+        left = f"{segment.source}: what is left of {segment.window}"
+        return f"{left} is too short for the likelihood; {least}."
+    who = " and ".join(segment.labels[k + 1] for k in lacking)
+    return (
+        f"{segment.source}: too little of {who} is measured at {segment.window} for the likelihood;"
+        f" choose other vehicles, or {least}."
+    )
+
+
+def _complete(measured: FloatArray) -> int:
+    """How many of the samples (N, 3) have p, v and u."""
+    return int((~np.isnan(measured)).all(axis=1).sum())
+
+
+def stride_of(segment: Segment) -> int:
+    """Samples of the segment from one that is used to the next."""
+    return max(1, round(SPACING / segment.sample_time))
+
+
+def measured_of(segment: Segment) -> FloatArray:
+    """(N, 3, M): p, v and the speed ahead of each follower at the samples used; nan if missing."""
+    speeds = segment.measured_speeds
+    pairs = (segment.measured_gaps, speeds[:, 1:], speeds[:, :-1])
+    return np.stack(pairs, axis=1)[:: stride_of(segment)]
+
+
+def moving(segment: Segment, case: Case) -> Mask:
+    """(M,) whether a follower or the vehicle ahead changes its speed by more than noise does."""
+    varies = segment.speeds.std(axis=0) > LEAST_MOTION
+    moves = varies[1:] | varies[:-1]
+    return np.full_like(moves, moves.any()) if case == "I" else moves
