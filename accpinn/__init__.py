@@ -68,7 +68,7 @@ if TYPE_CHECKING:
     from accpinn.platoon.leader import Sinusoid as Sinusoid
     from accpinn.platoon.leader import SpeedStep as SpeedStep
     from accpinn.platoon.simulation import simulate_platoon as simulate_platoon
-    from accpinn.recordings.openacc import read as read
+    from accpinn.recordings.files import read as read
     from accpinn.recordings.recording import Recording as Recording
     from accpinn.results.messages import messages as messages
     from accpinn.results.report import render_report as render_report
@@ -109,7 +109,7 @@ _HOMES = {
     "model.published": "PUBLISHED ParameterSet",
     "platoon.leader": "Brake Sinusoid SpeedStep",
     "platoon.simulation": "simulate_platoon",
-    "recordings.openacc": "read",
+    "recordings.files": "read",
     "recordings.recording": "Recording",
     "results.messages": "messages",
     "results.report": "render_report",
