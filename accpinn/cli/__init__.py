@@ -22,6 +22,7 @@ COMMANDS = {
     "fit": ("estimation", "learn α, β and τ from a window of a recording"),
     "starts": ("estimation", "train the PiNN from five initial values, one table"),
     "compare": ("estimation", "all methods on the same window, side by side"),
+    "batch": ("batch", "all windows of many recordings by several methods"),
     "stability": ("vehicles", "string stability of given parameters"),
     "simulate": ("vehicles", "a platoon behind a sinusoidal leader"),
     "verify": ("files", "check a snapshot against its own contents"),

@@ -1,0 +1,115 @@
+"""`batch` and `table`: many recordings by several methods, and what they say by groups."""
+
+import argparse
+import math
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+from tqdm import tqdm
+
+from accpinn.cli.estimation import interruptible
+from accpinn.cli.options import add_json_option, fields
+from accpinn.cli.output import show_result
+from accpinn.errors import ConfigError
+from accpinn.methods.registry import METHODS
+from accpinn.recordings.mapping import load_mapping
+from accpinn.segment.cut import DURATION
+from accpinn.study.batch import BatchProgress, BatchSummary, batch
+from accpinn.study.comparison import parse_methods
+from accpinn.study.journal import FAILURES, RESULTS
+
+ALL = "all"
+KEYS = (
+    "recordings", "refused", "windows", "followers", "rows", "failed", "reused", "seconds",
+    "stopped",
+)  # fmt: skip
+
+
+def add_batch_options(parser: argparse.ArgumentParser) -> None:
+    """Declare the options of `batch`."""
+    option = parser.add_argument
+    option("sources", nargs="+", metavar="FOLDER|FILE", help="recordings; folders with all below")
+    option("--out", required=True, metavar="STUDY", help="folder of the results; is continued")
+    option(
+        "--window",
+        default=f"{DURATION:g}",
+        metavar="S|all",
+        help=f"longest window in s; all: whole stretches ({DURATION:g})",
+    )
+    option("--methods", default=ALL, metavar="all|A,B", help="some of those below (all)")
+    option("--case", choices=["I", "II"], default="II", help="I: one set for all followers (II)")
+    option("--workers", type=int, metavar="N", help="processes on this machine (one a processor)")
+    option("--scheduler", metavar="URL", help="of dask, as tcp://host:8786, in their place")
+    option("--mapping", metavar="JSON", help="columns, units and sample time of other tables")
+    add_json_option(parser)
+    lines = [f"  {key:<16} {method.summary}" for key, method in METHODS.items()]
+    parser.epilog = "\n".join(["methods:", *lines, "", parser.epilog or ""])
+
+
+def run_batch(options: argparse.Namespace) -> int:
+    """Run what is missing, and print what the batch has come to; 130 when interrupted."""
+    mapping = load_mapping(options.mapping) if options.mapping else None
+    with interruptible() as stopped, _progress_bar() as show_progress:
+        found = batch(
+            options.sources,
+            options.out,
+            window=_seconds(options.window),
+            methods=parse_methods(options.methods),
+            case=options.case,
+            workers=options.workers,
+            scheduler=options.scheduler,
+            mapping=mapping,
+            on_progress=show_progress,
+            should_stop=stopped.is_set,
+        )
+    show_result(options, _describe_batch, _batch_text, found, options.out)
+    return 130 if found.stopped else 0
+
+
+def _seconds(text: str) -> float:
+    if text == ALL:
+        return math.inf
+    try:
+        return float(text)
+    except ValueError:
+        raise ConfigError(f'window: "{text[:40]}" is no length in s; write 300 or all.') from None
+
+
+@contextmanager
+def _progress_bar() -> Iterator[Any]:
+    """On standard error: files, time left, windows, rows and failures."""
+    form = "{l_bar}{bar}| {n:.1f}/{total_fmt} files{postfix}"
+    with tqdm(total=0, file=sys.stderr, bar_format=form, mininterval=0.2) as bar:
+
+        def show_progress(now: BatchProgress) -> None:
+            bar.total = now.files
+            bar.n = now.done
+            left = now.seconds_left
+            parts = [f"{now.windows} windows", f"{now.rows} rows", f"{now.failed} failed"]
+            parts += [f"{tqdm.format_interval(left)} left"] if left is not None else []
+            bar.set_postfix_str(", ".join(parts), refresh=True)
+
+        yield show_progress
+
+
+def _describe_batch(found: BatchSummary, _out: str) -> dict[str, Any]:
+    """The batch as the command-line contract has it."""
+    return fields(found, *KEYS)
+
+
+def _batch_text(found: BatchSummary, out: str) -> str:
+    lines = [
+        f"{out}: {found.recordings} recordings, {found.windows} windows,"
+        f" {found.followers} followers, {found.rows} rows in {RESULTS}"
+        f" ({found.reused} of them known before), {found.seconds:.1f} s"
+    ]
+    if found.refused or found.failed:
+        lines.append(
+            f"Note: {found.refused} files could not be read and {found.failed} estimates failed;"
+            f" {FAILURES} says why."
+        )
+    if found.stopped:
+        lines.append("Note: stopped before the end; the same call goes on from here.")
+    return "\n".join(lines)
