@@ -23,6 +23,7 @@ COMMANDS = {
     "starts": ("estimation", "train the PiNN from five initial values, one table"),
     "compare": ("estimation", "all methods on the same window, side by side"),
     "batch": ("batch", "all windows of many recordings by several methods"),
+    "table": ("batch", "what a batch says by make, model, setting, ..."),
     "stability": ("vehicles", "string stability of given parameters"),
     "simulate": ("vehicles", "a platoon behind a sinusoidal leader"),
     "verify": ("files", "check a snapshot against its own contents"),

@@ -10,14 +10,19 @@ from typing import Any
 from tqdm import tqdm
 
 from accpinn.cli.estimation import interruptible
-from accpinn.cli.options import add_json_option, fields
-from accpinn.cli.output import show_result
+from accpinn.cli.options import PARAMETER_NAMES, add_json_option, fields
+from accpinn.cli.output import print_json, show, show_result
 from accpinn.errors import ConfigError
+from accpinn.inference.intervals import LEVEL
+from accpinn.methods.maximum_likelihood import KEY
 from accpinn.methods.registry import METHODS
 from accpinn.recordings.mapping import load_mapping
+from accpinn.results.tables.groups import group_table
+from accpinn.results.tables.table import Table
 from accpinn.segment.cut import DURATION
 from accpinn.study.batch import BatchProgress, BatchSummary, batch
 from accpinn.study.comparison import parse_methods
+from accpinn.study.groups import BY, GROUPABLE, Groups, Share, Typical, group, read_study
 from accpinn.study.journal import FAILURES, RESULTS
 
 ALL = "all"
@@ -113,3 +118,69 @@ def _batch_text(found: BatchSummary, out: str) -> str:
     if found.stopped:
         lines.append("Note: stopped before the end; the same call goes on from here.")
     return "\n".join(lines)
+
+
+def add_table_options(parser: argparse.ArgumentParser) -> None:
+    """Declare the options of `table`."""
+    option = parser.add_argument
+    option("study", metavar="STUDY", help="the folder that batch wrote to")
+    option("--by", default=",".join(BY), metavar="A,B", help=f"of {', '.join(GROUPABLE)}")
+    option("--method", metavar="NAME", help=f"whose estimates ({KEY}, where it has some)")
+    option("--level", type=float, default=LEVEL, metavar="P", help=f"of intervals ({LEVEL:g})")
+    option("--format", choices=[*FORMATS], default="text", help="(text)")
+    add_json_option(parser)
+
+
+def run_table(options: argparse.Namespace) -> int:
+    """Group the rows, and print the table."""
+    by = tuple(part.strip() for part in options.by.split(",") if part.strip())
+    found = group(read_study(options.study), by, options.method, options.level)
+    if options.json:
+        print_json(_describe_groups(found))
+    else:
+        show(FORMATS[options.format](group_table(found)).rstrip("\n"))
+    return 0
+
+
+FORMATS = {"text": Table.to_text, "csv": Table.to_csv, "latex": Table.to_latex}
+
+
+def _describe_groups(found: Groups) -> dict[str, Any]:
+    return {
+        "by": list(found.by),
+        "method": found.method,
+        "level": found.level,
+        "groups": [
+            {
+                **dict(zip(found.by, one.values, strict=True)),
+                **fields(one, "windows", "vehicles"),
+                **{
+                    name: _describe_typical(typical)
+                    for name, typical in zip(PARAMETER_NAMES, one.parameters, strict=True)
+                },
+                "mean_time_gap": {
+                    "median": one.mean_time_gap.value,
+                    "quartiles": [one.mean_time_gap.low, one.mean_time_gap.high],
+                },
+                "l2_stable": _describe_share(one.l2_stable),
+                "linf_stable": _describe_share(one.linf_stable),
+            }
+            for one in found.groups
+        ],
+    }
+
+
+def _describe_share(share: Share) -> dict[str, float]:
+    return {"share": share.value, "low": share.low, "high": share.high}
+
+
+def _describe_typical(typical: Typical) -> dict[str, Any]:
+    between = typical.between
+    return {
+        **fields(typical, "median", "low", "high"),
+        "windows": between.windows,
+        "deviation": between.deviation,
+        "deviation_interval": [between.lower, between.upper],
+        "i_squared": between.i_squared,
+        "further_window": list(between.further),
+    }

@@ -384,6 +384,8 @@ class _Run:
         should_stop: Callable[[], bool],
     ) -> None:
         """Run all tasks; workers are started for the first one that is left to do."""
+        if on_progress:
+            on_progress(self.progress(0))
         tasks = self.tasks()
         first = next(tasks, None)
         with ExitStack() as opened:
