@@ -6,6 +6,9 @@ data, and writes each result as it arrives. Results go by their content: recordi
 window, case and method. So a batch that was killed or stopped goes on where it was, a renamed file
 is not computed again, and a further method adds its rows.
 
+At the end the windows of each vehicle with one setting are taken together, where maximum likelihood
+is among the methods (see `study.pooling`).
+
 Workers are those of dask.distributed: processes of one thread each on this machine, or whatever a
 scheduler elsewhere has. They need the package, but no access to the files.
 """
@@ -21,10 +24,11 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 from accpinn.errors import AccpinnError, ConfigError, RecordingError
 from accpinn.inference.intervals import intervals
+from accpinn.methods.maximum_likelihood import KEY
 from accpinn.methods.method import TaskContext
 from accpinn.methods.registry import METHODS, method_of
 from accpinn.model.cthp import Case
@@ -33,8 +37,9 @@ from accpinn.recordings.mapping import CsvMapping
 from accpinn.recordings.recording import Recording
 from accpinn.segment.cut import DURATION, MINIMUM_DURATION, cut
 from accpinn.segment.segment import Segment
-from accpinn.study.journal import FORMAT, Failure, Journal
+from accpinn.study.journal import FORMAT, Failure, Journal, read_rows
 from accpinn.study.plan import LEAST, PlannedWindow, plan
+from accpinn.study.pooling import Pool, PoolWindow, pooled_row, pools
 from accpinn.study.rows import RecordingFacts, rows_of
 from accpinn.units import Seconds
 
@@ -68,6 +73,16 @@ class BatchTask:
     """Those that have no result yet."""
 
 
+@dataclass(frozen=True, eq=False)
+class PoolTask:
+    """All windows of a vehicle with one setting, ready to be sent to a worker."""
+
+    key: str
+    pool: Pool
+    segments: tuple[Segment, ...]
+    """(K,) of the vehicle and the one ahead."""
+
+
 @dataclass(frozen=True)
 class MethodRows:
     """What one method made of a task."""
@@ -75,6 +90,18 @@ class MethodRows:
     method: str
     rows: list[dict[str, Any]]
     """Empty where it failed."""
+    reason: str = ""
+    """Why it failed."""
+    final: bool = True
+    """Whether it would fail again."""
+
+
+@dataclass(frozen=True)
+class PooledRow:
+    """What a worker made of a vehicle's windows."""
+
+    row: dict[str, Any] | None
+    """None where it failed."""
     reason: str = ""
     """Why it failed."""
     final: bool = True
@@ -219,6 +246,7 @@ class _Run:
         self._rows = self._failed = self._reused = self._finished = 0
         self._stopped = False
         self._seen: dict[str, str] = {}
+        self._paths: dict[str, Path] = {}
         # Progress: shares of files, each split among its tasks.
         self._done = self._computed = 0.0
         self._shares: dict[str, float] = {}
@@ -273,7 +301,7 @@ class _Run:
             self._refuse(place, file.name, f"its contents are those of {self._seen[content]}")
             return
         self._seen[content] = file.name
-        if self._skip(content):
+        if self._skip(content, file):
             return
         names: list[str] = []
         refused = self._refused
@@ -281,6 +309,7 @@ class _Run:
             for found in read_all(file, mapping=self._mapping):
                 if isinstance(found, Recording):
                     names.append(found.sha256)
+                    self._paths[found.sha256] = file
                     yield from self._tasks_in(found, file.name)
                 else:
                     self._refuse(f"{place}:{found}", file.name, str(found))
@@ -295,11 +324,12 @@ class _Run:
         about = {"recordings": names, "refused": self._refused - refused}
         self._journal.add("recording", content, file=file.name, **about)
 
-    def _skip(self, content: str) -> bool:
+    def _skip(self, content: str, file: Path) -> bool:
         """Whether all of a file is known; its numbers are then counted without reading it."""
         known = self._known.recordings.get(content)
         if known is None or any(name not in self._known.plans for name in known["recordings"]):
             return False
+        self._paths |= dict.fromkeys(known["recordings"], file)
         windows = [(name, *_place(w)) for name in known["recordings"] for w in
                    self._known.plans[name]]  # fmt: skip
         if any(self._missing(*window) for window in windows):
@@ -332,6 +362,37 @@ class _Run:
                 if segment:
                     key = self._key(name, *place, ",".join(missing))
                     yield BatchTask(key, segment, facts, one.modes, self._case, missing)
+
+    def pool_tasks(self) -> Iterator[PoolTask]:
+        """The vehicles whose pooled parameters are not known; files are read again for each."""
+        if KEY not in self._methods or self._case != "II" or self._stopped:
+            return
+        for pool in pools(read_rows(self._journal.folder)):
+            at_hand = {one.sha256 for one in pool.windows} <= self._paths.keys()
+            if not at_hand or pool.key in self._known.pooled | self._known.final:
+                continue
+            try:
+                yield PoolTask(pool.key, pool, self._pool_segments(pool))
+            except (AccpinnError, OSError) as fault:
+                self._fail_pool(pool, str(fault), final=False)
+
+    def _pool_segments(self, pool: Pool) -> tuple[Segment, ...]:
+        wanted: dict[Path, dict[str, list[PoolWindow]]] = {}
+        for one in pool.windows:
+            by_name = wanted.setdefault(self._paths[one.sha256], {})
+            by_name.setdefault(one.sha256, []).append(one)
+        segments = []
+        for path, by_name in wanted.items():
+            for recording in read_all(path, mapping=self._mapping):
+                if isinstance(recording, Recording):
+                    for one in by_name.get(recording.sha256, ()):
+                        pair = (one.vehicle - 1, one.vehicle)
+                        segments.append(cut(recording, one.start, one.duration, pair))
+        return tuple(segments)
+
+    def _fail_pool(self, pool: Pool, reason: str, final: bool) -> None:
+        said = f"{pool.shared['name']}, all windows together: {reason}"
+        self._fail(pool.key, Failure("", None, None, said), final)
 
     def _segment(self, recording: Recording, one: PlannedWindow) -> Segment | None:
         window = one.window
@@ -386,28 +447,33 @@ class _Run:
         """Run all tasks; workers are started for the first one that is left to do."""
         if on_progress:
             on_progress(self.progress(0))
-        tasks = self.tasks()
-        first = next(tasks, None)
+        client: Client | None = None
         with ExitStack() as opened:
-            client = None
-            if first is not None:
-                client = opened.enter_context(connected(workers, scheduler))
-                self._drive(client, first, tasks, on_progress, should_stop)
+            windows: Phase[Any] = Phase(self.tasks, run_task, self._finish)
+            vehicles: Phase[Any] = Phase(self.pool_tasks, run_pool, self._finish_pool)
+            for phase in (windows, vehicles):
+                tasks = phase.tasks()
+                first = next(tasks, None)
+                if first is not None:
+                    client = client or opened.enter_context(connected(workers, scheduler))
+                    self._drive(client, phase, first, tasks, on_progress, should_stop)
         if on_progress:
             on_progress(self.progress(0))
 
     def _drive(
         self,
         client: "Client",
-        first: BatchTask,
-        tasks: Iterator[BatchTask],
+        phase: "Phase[Any]",
+        first: Any,
+        tasks: Iterator[Any],
         on_progress: Callable[[BatchProgress], None] | None,
         should_stop: Callable[[], bool],
     ) -> None:
+        """Keep workers at a phase's tasks until all have ended, or the caller says stop."""
         ended: queue.SimpleQueue[Future[Any]] = queue.SimpleQueue()
-        running: dict[str, tuple[Future[Any], BatchTask]] = {}
-        put_off: list[BatchTask] = []
-        waiting: BatchTask | None = first
+        running: dict[str, tuple[Future[Any], Any]] = {}
+        put_off: list[Any] = []
+        waiting = first
         published, slots, looked = time.monotonic(), 0, -1.0
         alone = False
         try:
@@ -424,7 +490,7 @@ class _Run:
                 # What has ended is written before another file is read.
                 while waiting and len(running) < room and ended.empty():
                     key = f"{waiting.key}{'-alone' * alone}"
-                    future = client.submit(run_task, waiting, key=key, pure=False)
+                    future = client.submit(phase.run, waiting, key=key, pure=False)
                     running[key] = (future, waiting)
                     future.add_done_callback(ended.put)
                     waiting = None if alone else next(tasks, None)
@@ -437,7 +503,8 @@ class _Run:
                     if not alone and _killed(future):
                         put_off.append(task)
                         continue
-                    self._finish(future, task)
+                    phase.finish(future, task)
+                    future.release()
                     if on_progress:
                         on_progress(self.progress(slots))
                 if time.monotonic() - published > PUBLISHED_EVERY:
@@ -453,16 +520,11 @@ class _Run:
         self._done += share
         self._computed += share
         self._finished += 1
-        if future.status == "finished":
-            found = future.result()
-        elif future.status == "error":
-            fault = future.exception()
-            said = "every worker died at it" if _killed(future) else f"{fault}"
-            reason = f"{type(fault).__name__}: {said}"
+        reason = _fault(future)
+        if reason:
             found = [MethodRows(m, [], reason, final=False) for m in task.methods]
         else:
-            raise _lost()
-        future.release()
+            found = future.result()
         window, vehicles = task.segment.window, task.segment.vehicles
         for one in found:
             key = self._key(
@@ -476,6 +538,43 @@ class _Run:
             alone = vehicles[1] if len(vehicles) == 2 else None
             reason = f"{one.method}: {one.reason}"
             self._fail(key, Failure(task.facts.file, window.start, alone, reason), one.final)
+
+    def _finish_pool(self, future: "Future[Any]", task: PoolTask) -> None:
+        """Write what became of a vehicle."""
+        reason = _fault(future)
+        found = PooledRow(None, reason, final=False) if reason else future.result()
+        if found.row:
+            self._journal.add("pooled", task.key, row=found.row)
+        else:
+            self._fail_pool(task.pool, found.reason, found.final)
+
+
+T = TypeVar("T")
+
+
+@dataclass(frozen=True)
+class Phase(Generic[T]):
+    """Tasks of one kind: where they come from, what workers do, what becomes of the answer."""
+
+    tasks: Callable[[], Iterator[T]]
+    run: Callable[[T], Any]
+    finish: Callable[["Future[Any]", T], None]
+
+
+def _fault(future: "Future[Any]") -> str:
+    """Why a task has no answer; empty where it has one.
+
+    Raises:
+        RecordingError: when the scheduler is away.
+    """
+    if future.status == "finished":
+        return ""
+    if future.status != "error":
+        raise _lost()
+    if _killed(future):
+        return "every worker died at it"
+    fault = future.exception()
+    return f"{type(fault).__name__}: {fault}"
 
 
 def _place(window: dict[str, Any]) -> tuple[list[int], Seconds, Seconds]:
@@ -504,6 +603,16 @@ def run_task(task: BatchTask) -> list[MethodRows]:
         except Exception as fault:  # a fault of the program, told and tried again another time
             found.append(MethodRows(key, [], f"{type(fault).__name__}: {fault}", final=False))
     return found
+
+
+def run_pool(task: PoolTask) -> PooledRow:
+    """The pooled parameters of a vehicle, on a worker."""
+    try:
+        return PooledRow(pooled_row(task.pool, task.segments))
+    except AccpinnError as fault:
+        return PooledRow(None, str(fault))
+    except Exception as fault:  # a fault of the program, told and tried again another time
+        return PooledRow(None, f"{type(fault).__name__}: {fault}", final=False)
 
 
 def _killed(future: "Future[Any]") -> bool:

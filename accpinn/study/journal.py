@@ -1,16 +1,17 @@
 """A batch's folder: what is known so far, written as it comes, and the files made of it.
 
-`journal.jsonl` has one line for each recording that was planned, each method's result on a window
-and each failure. A line is whole or it does not count, so a process that is killed loses the line
-it was writing and no other. `results.parquet`, `failures.csv` and `schema.json` are made from it
-in one step each, at the end of a run and from time to time.
+`journal.jsonl` has one line for each recording that was planned, each method's result on a window,
+each vehicle's pooled parameters and each failure. A line is whole or it does not count, so a
+process that is killed loses the line it was writing and no other. `results.parquet`,
+`pooled.parquet`, `failures.csv` and `schema.json` are made from it in one step each, at the end of
+a run and from time to time.
 """
 
 import csv
 import io
 import json
 import os
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
@@ -20,10 +21,12 @@ from typing import Any
 from filelock import FileLock, Timeout
 
 from accpinn.errors import ConfigError, RecordingError
-from accpinn.study.rows import COLUMNS
+from accpinn.study.pooling import POOLED_COLUMNS, SHARED
+from accpinn.study.rows import COLUMNS, RowColumn
 
-JOURNAL, RESULTS, FAILURES, SCHEMA, SETTINGS, LOCK = (
-    "journal.jsonl", "results.parquet", "failures.csv", "schema.json", "study.json", ".lock"
+JOURNAL, RESULTS, POOLED, FAILURES, SCHEMA, SETTINGS, LOCK = (
+    "journal.jsonl", "results.parquet", "pooled.parquet", "failures.csv", "schema.json",
+    "study.json", ".lock",
 )  # fmt: skip
 FAILURE_COLUMNS = ("file", "start", "vehicle", "reason")
 FORMAT = 1
@@ -50,6 +53,8 @@ class Known:
     """Rows by key of a result."""
     failures: dict[str, Failure] = field(default_factory=dict)
     """By key of what failed."""
+    pooled: set[str] = field(default_factory=set)
+    """Keys of the vehicles whose pooled parameters are known."""
     final: set[str] = field(default_factory=set)
     """Keys of failures that would come again."""
     plans: dict[str, list[dict[str, Any]]] = field(default_factory=dict)
@@ -115,7 +120,7 @@ class Journal:
         """Write one line, so that it survives whatever happens next.
 
         Args:
-            kind: "recording", "plan", "result" or "failure".
+            kind: "recording", "plan", "result", "pooled", "failure" or "recovered".
             key: what the line is about; a later one with the same key takes its place.
             content: the rest.
         """
@@ -127,7 +132,8 @@ class Journal:
 
     def publish(self) -> None:
         """Make the files from what is known so far."""
-        write_results(self.folder)
+        write_parquet(self.folder / RESULTS, COLUMNS, read_rows(self.folder))
+        write_parquet(self.folder / POOLED, POOLED_COLUMNS, read_pooled(self.folder))
         text = io.StringIO()
         writer = csv.writer(text, lineterminator="\n")
         writer.writerow(FAILURE_COLUMNS)
@@ -139,6 +145,8 @@ class Journal:
             "format": FORMAT,
             "rows": "one a (recording, window, follower, method)",
             "columns": [asdict(column) for column in COLUMNS],
+            "pooled_rows": "one a vehicle and setting",
+            "pooled_columns": [asdict(column) for column in POOLED_COLUMNS],
         }
         _replace(self.folder / SCHEMA, json.dumps(schema, ensure_ascii=False, indent=2).encode())
 
@@ -175,6 +183,9 @@ def _take(known: Known, line: dict[str, Any]) -> None:
         known.final.discard(key)
         if line["final"]:
             known.final.add(key)
+    elif kind == "pooled":
+        known.pooled.add(key)
+        known.failures.pop(key, None)
     elif kind == "recovered":
         known.failures.pop(key, None)
 
@@ -209,6 +220,15 @@ def read_rows(folder: Path) -> Iterator[dict[str, Any]]:
             yield from line["rows"]
 
 
+def read_pooled(folder: Path) -> Iterator[dict[str, Any]]:
+    """The vehicles' pooled parameters: for each vehicle and setting the latest."""
+    found: dict[tuple[Any, ...], dict[str, Any]] = {}
+    for line in _lines(folder / JOURNAL):
+        if line["kind"] == "pooled":
+            found[tuple(line["row"][name] for name in SHARED)] = line["row"]
+    yield from found.values()
+
+
 def read_failures(folder: Path) -> tuple[Failure, ...]:
     """What has no result, also of a batch that is running."""
     known = Known()
@@ -217,8 +237,16 @@ def read_failures(folder: Path) -> tuple[Failure, ...]:
     return tuple(known.failures.values())
 
 
-def write_results(folder: Path) -> None:
-    """Make `results.parquet` of the journal, a part at a time."""
+def write_parquet(
+    path: Path, columns: Sequence[RowColumn], found: Iterable[dict[str, Any]]
+) -> None:
+    """Make a Parquet file of rows, a part at a time and in one step.
+
+    Args:
+        path: of the file.
+        columns: their names, kinds and units.
+        found: the rows.
+    """
     import pyarrow as pa  # takes a third of a second
     from pyarrow import parquet
 
@@ -226,20 +254,20 @@ def write_results(folder: Path) -> None:
     schema = pa.schema(
         [
             pa.field(one.name, kinds[one.kind], metadata={"unit": one.unit, "meaning": one.meaning})
-            for one in COLUMNS
+            for one in columns
         ]
     )
-    part = folder / f".{RESULTS}.{os.getpid()}.part"
+    part = path.with_name(f".{path.name}.{os.getpid()}.part")
     try:
         with parquet.ParquetWriter(part, schema) as writer:
             rows: list[dict[str, Any]] = []
-            for row in read_rows(folder):
+            for row in found:
                 rows.append(row)
                 if len(rows) == 5000:
                     writer.write_table(pa.Table.from_pylist(rows, schema))
                     rows.clear()
             writer.write_table(pa.Table.from_pylist(rows, schema))
-        os.replace(part, folder / RESULTS)
+        os.replace(part, path)
     finally:
         with suppress(OSError):
             part.unlink(missing_ok=True)

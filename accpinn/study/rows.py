@@ -55,6 +55,24 @@ _MEANINGS = dict(
     zip(PARAMETER_KEYS, ("gain on spacing", "gain on relative speed", "time headway"), strict=True)
 )
 
+
+def parameter_columns(source: str) -> tuple[RowColumn, ...]:
+    """Those of α, β and τ, and of the ends of their intervals.
+
+    Args:
+        source: where the estimates come from, in a few words.
+    """
+    values = [
+        _column(key, "double", _UNITS[key], f"{_MEANINGS[key]}, {source}") for key in PARAMETER_KEYS
+    ]
+    ends = [
+        _column(f"{key}_{end}", "double", _UNITS[key], f"{word} end of the interval")
+        for key in PARAMETER_KEYS
+        for end, word in (("low", "lower"), ("high", "upper"))
+    ]
+    return (*values, *ends)
+
+
 COLUMNS = (
     _column("campaign", "string", "", "campaign or data set"),
     _column("file", "string", "", "file name of the recording"),
@@ -73,11 +91,7 @@ COLUMNS = (
     _column("mode_source", "string", "", "what the mode rests on: driver, flag or nothing"),
     _column("method", "string", "", "key of the estimation method"),
     _column("case", "string", "", "I: one parameter set for all followers; II: one for each"),
-    *(_column(key, "double", _UNITS[key], f"{_MEANINGS[key]}, the method's estimate")
-      for key in PARAMETER_KEYS),
-    *(_column(f"{key}_{end}", "double", _UNITS[key],
-              f"{word} end of the interval, the same for all methods on a window")
-      for key in PARAMETER_KEYS for end, word in (("low", "lower"), ("high", "upper"))),
+    *parameter_columns("the method's estimate"),
     *(_column(f"{key}_error", "double", "",
               f"standard error of ln {key}: deviation of its posterior")
       for key in PARAMETER_KEYS),
@@ -175,13 +189,13 @@ def rows_of(
             "surrogate_mae": _gap_error(surrogate, k),
             "closed_loop_mae": _gap_error(simulated, k),
             "collision_time": collisions[k],
-            **_stability(fit.parameters[k]),
+            **verdicts(fit.parameters[k]),
         }
         values = (fit.parameters, uncertainty.lower, uncertainty.upper)
         for i, key in enumerate(PARAMETER_KEYS):
             row[key], row[f"{key}_low"], row[f"{key}_high"] = (v.values[k, i] for v in values)
             row[f"{key}_error"] = errors[k, i]
-        rows.append({column.name: _plain(row[column.name]) for column in COLUMNS})
+        rows.append({column.name: plain(row[column.name]) for column in COLUMNS})
     return rows
 
 
@@ -189,7 +203,7 @@ def _gap_error(errors: TrackingErrors | None, follower: int) -> float | None:
     return None if errors is None else float(errors.gap_mae[follower])
 
 
-def _stability(parameters: Parameters) -> dict[str, Any]:
+def verdicts(parameters: Parameters) -> dict[str, Any]:
     """Verdicts as the command `stability` gives them; None where the parameters allow none."""
     try:
         clean = checked(parameters)
@@ -202,7 +216,7 @@ def _stability(parameters: Parameters) -> dict[str, Any]:
     }
 
 
-def _plain(value: Any) -> Any:
+def plain(value: Any) -> Any:
     """As JSON has it; what is not finite is unknown."""
     if isinstance(value, np.generic):
         value = value.item()

@@ -21,6 +21,7 @@ from accpinn.cli import main
 from accpinn.errors import ConfigError, RecordingError
 from accpinn.inference.intervals import Uncertainty, from_draws
 from accpinn.methods.fit import Fit
+from accpinn.methods.maximum_likelihood import KEY
 from accpinn.methods.registry import METHODS
 from accpinn.model.cthp import Parameters
 from accpinn.recordings.openacc import read
@@ -28,9 +29,11 @@ from accpinn.segment.cut import cut
 from accpinn.segment.segment import Segment
 from accpinn.study import batch as batches
 from accpinn.study.batch import AHEAD, BatchTask, MethodRows, batch
-from accpinn.study.journal import JOURNAL, Failure, read_failures, read_rows
+from accpinn.study.journal import JOURNAL, Failure, read_failures, read_pooled, read_rows
 from accpinn.study.rows import COLUMNS
+from accpinn.study.windows import fit_windows
 from tests.support.command import ROOT, Capture, strict
+from tests.support.command import STUDY as STUDY_FILE
 from tests.support.openacc_files import csv, metadata, platoon
 
 
@@ -139,7 +142,7 @@ def test_a_stopped_batch_goes_on(cluster: str, folder: Path, tmp_path: Path) -> 
     seen: list[int] = []
     stopped = batch(
         folder, study, methods=METHODS_USED, window=60, scheduler=cluster,
-        on_progress=lambda now: seen.append(now.windows), should_stop=lambda: bool(seen),
+        on_progress=lambda now: seen.append(now.windows), should_stop=lambda: any(seen),
     )  # fmt: skip
     assert stopped.stopped
     assert 0 < len(table(study)) == stopped.rows < 16
@@ -294,3 +297,22 @@ def test_rows_and_failures_can_be_read_while_a_batch_runs(tmp_path: Path) -> Non
     assert list(read_rows(tmp_path)) == [{"alpha": 1}]
     assert read_failures(tmp_path) == (Failure("x.csv", None, None, "broken"),)
     assert AHEAD >= 1
+
+
+def test_windows_of_a_vehicle_with_one_setting_are_pooled(
+    cluster: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.undo()  # the intervals of the likelihood, from few draws
+    study, options = tmp_path / "study", {"methods": (KEY,), "scheduler": cluster, "window": 150}
+    batch(STUDY_FILE, study, **options)
+    [pooled] = list(read_pooled(study))
+    assert (pooled["windows"], pooled["recordings"], pooled["duration"]) == (2, 1, 300.0)
+    joint = fit_windows([cut(read(STUDY_FILE), *place) for place in ((0, 150), (150, 150))])
+    for k, key in enumerate(("alpha", "beta", "tau")):
+        assert pooled[key] == pytest.approx(joint.parameters.values[0, k], rel=1e-6)
+        assert pooled[f"{key}_low"] < pooled[key] < pooled[f"{key}_high"]
+    rows = len((study / JOURNAL).read_text().splitlines())
+    monkeypatch.setattr(batches, "connected", None)
+    batch(STUDY_FILE, study, **options)
+    assert len((study / JOURNAL).read_text().splitlines()) == rows
+    assert len(pd.read_parquet(study / "pooled.parquet")) == 1
