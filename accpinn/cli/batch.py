@@ -5,6 +5,7 @@ import math
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Any
 
 from tqdm import tqdm
@@ -17,13 +18,13 @@ from accpinn.inference.intervals import LEVEL
 from accpinn.methods.maximum_likelihood import KEY
 from accpinn.methods.registry import METHODS
 from accpinn.recordings.mapping import load_mapping
-from accpinn.results.tables.groups import group_table
+from accpinn.results.tables.groups import group_table, pooled_table
 from accpinn.results.tables.table import Table
 from accpinn.segment.cut import DURATION
 from accpinn.study.batch import BatchProgress, BatchSummary, batch
 from accpinn.study.comparison import parse_methods
 from accpinn.study.groups import BY, GROUPABLE, Groups, Share, Typical, group, read_study
-from accpinn.study.journal import FAILURES, RESULTS
+from accpinn.study.journal import FAILURES, RESULTS, read_pooled
 
 ALL = "all"
 KEYS = (
@@ -127,12 +128,21 @@ def add_table_options(parser: argparse.ArgumentParser) -> None:
     option("--by", default=",".join(BY), metavar="A,B", help=f"of {', '.join(GROUPABLE)}")
     option("--method", metavar="NAME", help=f"whose estimates ({KEY}, where it has some)")
     option("--level", type=float, default=LEVEL, metavar="P", help=f"of intervals ({LEVEL:g})")
+    option("--pooled", action="store_true", help="each vehicle's windows with one setting together")
     option("--format", choices=[*FORMATS], default="text", help="(text)")
     add_json_option(parser)
 
 
 def run_table(options: argparse.Namespace) -> int:
     """Group the rows, and print the table."""
+    if options.pooled:
+        read_study(options.study)  # refuses what is no batch
+        rows = list(read_pooled(Path(options.study)))
+        if options.json:
+            print_json({"vehicles": rows})
+        else:
+            show(FORMATS[options.format](pooled_table(rows, LEVEL)).rstrip("\n"))
+        return 0
     by = tuple(part.strip() for part in options.by.split(",") if part.strip())
     found = group(read_study(options.study), by, options.method, options.level)
     if options.json:

@@ -117,7 +117,7 @@ class Journal:
             self._lock.release()
 
     def add(self, kind: str, key: str, **content: Any) -> None:
-        """Write one line, so that it survives whatever happens next.
+        """Write one line, so that it survives the end of this process.
 
         Args:
             kind: "recording", "plan", "result", "pooled", "failure" or "recovered".
@@ -126,8 +126,7 @@ class Journal:
         """
         line = {"kind": kind, "key": key} | content
         self._file.write(json.dumps(line, ensure_ascii=False, allow_nan=False) + "\n")
-        self._file.flush()
-        os.fsync(self._file.fileno())
+        self._file.flush()  # to the system, which outlives this process
         _take(self.known, line)
 
     def publish(self) -> None:

@@ -25,6 +25,7 @@ from accpinn.methods.maximum_likelihood import KEY
 from accpinn.methods.registry import METHODS
 from accpinn.model.cthp import Parameters
 from accpinn.recordings.openacc import read
+from accpinn.results.tables.groups import pooled_table
 from accpinn.segment.cut import cut
 from accpinn.segment.segment import Segment
 from accpinn.study import batch as batches
@@ -316,3 +317,6 @@ def test_windows_of_a_vehicle_with_one_setting_are_pooled(
     batch(STUDY_FILE, study, **options)
     assert len((study / JOURNAL).read_text().splitlines()) == rows
     assert len(pd.read_parquet(study / "pooled.parquet")) == 1
+    shown = pooled_table([pooled], pooled["level"])
+    assert [cell for cell in shown.rows[0] if cell == 2.0]
+    assert f"{pooled['tau']:.1f}" in shown.to_text()

@@ -1,9 +1,14 @@
 """The groups of a batch as a table."""
 
+from collections.abc import Sequence
+from typing import Any
+
 from accpinn.channels import PARAMETERS
 from accpinn.methods.registry import METHODS
 from accpinn.results.tables.table import ABSENT, Cell, Column, Estimate, Table
 from accpinn.study.groups import Groups, Share, Typical
+from accpinn.study.pooling import SHARED
+from accpinn.study.rows import PARAMETER_KEYS
 
 HEADINGS = {
     "make": "Make",
@@ -60,3 +65,32 @@ def _estimate(typical: Typical) -> Cell:
 
 def _percent(share: Share) -> Cell:
     return Estimate(100 * share.value, 100 * share.low, 100 * share.high)
+
+
+def pooled_table(rows: Sequence[dict[str, Any]], level: float) -> Table:
+    """One row a vehicle and setting: the parameters that its windows share, with intervals.
+
+    Args:
+        rows: as `read_pooled` gives them.
+        level: of their intervals, for the caption.
+    """
+    ordered = sorted(rows, key=lambda row: [str(row[name] or "") for name in SHARED])
+    columns: list[tuple[Column, list[Cell]]] = [
+        (Column(HEADINGS[name]), [row[name] or ABSENT for row in ordered])
+        for name in ("make", "model", "campaign", "distance_setting")
+    ]
+    columns.append((Column("Windows", digits=0), [float(row["windows"]) for row in ordered]))
+    columns.append((Column("Duration", "s", 0), [row["duration"] for row in ordered]))
+    for key, quantity in zip(PARAMETER_KEYS, PARAMETERS, strict=True):
+        keys = (key, f"{key}_low", f"{key}_high")
+        cells: list[Cell] = [Estimate(*(_number(row[one]) for one in keys)) for row in ordered]
+        columns.append((Column(quantity.symbol, quantity.unit, quantity.digits), cells))
+    for name, title in (("p_l2_stable", "P(L₂ stable)"), ("p_linf_stable", "P(L∞ stable)")):
+        shares: list[Cell] = [100 * _number(row[name]) for row in ordered]
+        columns.append((Column(title, "%", 0), shares))
+    caption = f"All windows of a vehicle together, {100 * level:g} % intervals"
+    return Table.of(caption, columns)
+
+
+def _number(value: float | None) -> float:
+    return float("nan") if value is None else value
