@@ -26,6 +26,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
+from accpinn import __version__
 from accpinn.errors import AccpinnError, ConfigError, RecordingError
 from accpinn.inference.intervals import intervals
 from accpinn.methods.maximum_likelihood import KEY
@@ -684,4 +685,27 @@ def connected(
                 f"{scheduler}: the scheduler has no workers; start some, as with dask worker"
                 f" {scheduler}."
             ) from None
+        if scheduler is not None:
+            _require_package(client, scheduler)
         yield client
+
+
+def _version() -> str:
+    return __version__
+
+
+def _require_package(client: "Client", scheduler: str) -> None:
+    """Refuse workers elsewhere that cannot run tasks, before every task fails there."""
+    try:
+        versions = set(client.run(_version).values())
+    except Exception as fault:
+        raise RecordingError(
+            f"{scheduler}: its workers cannot run accpinn ({type(fault).__name__}:"
+            f" {str(fault)[:100]}); install the package there."
+        ) from None
+    if versions != {__version__}:
+        listed = ", ".join(sorted(versions))
+        raise RecordingError(
+            f"{scheduler}: its workers have accpinn {listed} and this is {__version__}; install the"
+            " same version everywhere."
+        )
