@@ -6,8 +6,8 @@ is the deviation of its posterior. The median over windows is exp(μ); its inter
 
     exp(μ ± t_{K-1} √(1/Σ w_k))
 
-with d in the weights, so that K windows that differ do not pretend to be one long one. A group of
-one window has that window's interval.
+with d in the weights, so that K windows that differ do not pretend to be one long one. Estimates of
+zero have no logarithm and do not count. A group of one window has that window's interval.
 
 The share of followers that are string stable is the mean of the posterior probabilities p_k. For
 its interval, the number of stable ones among the K is the sum of independent events with these
@@ -182,7 +182,7 @@ def _typical(rows: pd.DataFrame, name: str, level: float) -> Typical:
     logs = np.log(np.where(values > 0, values, np.nan))
     found = random_effects(logs, errors, level)
     if found.windows < 2:
-        known = rows[np.isfinite(logs)]
+        known = rows[np.isfinite(values) & np.isfinite(errors)]
         if len(known) != 1:
             return Typical(np.nan, np.nan, np.nan, found)
         value, low, high = known[[name, f"{name}_low", f"{name}_high"]].to_numpy(float)[0].tolist()

@@ -56,7 +56,9 @@ def test_what_is_unknown_counts_as_a_window_only() -> None:
     assert found.tau.between.windows == found.alpha.between.windows == 2
     [none] = group(rows(unknown), ("make",)).groups
     assert np.isnan([none.tau.median, none.l2_stable.value]).all()
-    assert "–" in group_table(group(rows(unknown))).to_text()
+    assert "(–)" not in group_table(group(rows(unknown))).to_text()
+    [zero] = group(rows(row("A", beta=0.0, beta_low=0.0)), ("make",)).groups
+    assert (zero.beta.median, zero.beta.low) == (0.0, 0.0)
 
 
 def test_a_share_of_certain_followers_is_jeffreys_interval() -> None:

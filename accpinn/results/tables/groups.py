@@ -1,5 +1,6 @@
 """The groups of a batch as a table."""
 
+import math
 from collections.abc import Sequence
 from typing import Any
 
@@ -60,11 +61,13 @@ def group_table(found: Groups) -> Table:
 
 
 def _estimate(typical: Typical) -> Cell:
-    return Estimate(typical.median, typical.low, typical.high)
+    known = math.isfinite(typical.median)
+    return Estimate(typical.median, typical.low, typical.high) if known else None
 
 
 def _percent(share: Share) -> Cell:
-    return Estimate(100 * share.value, 100 * share.low, 100 * share.high)
+    known = math.isfinite(share.value)
+    return Estimate(100 * share.value, 100 * share.low, 100 * share.high) if known else None
 
 
 def pooled_table(rows: Sequence[dict[str, Any]], level: float) -> Table:
