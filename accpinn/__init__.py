@@ -11,6 +11,8 @@ The public interface, in the order data flows:
 
     fit, Study                        a recording to parameters, uncertainty, stability and files
     read, Recording                   a CSV file of speeds and space-gaps
+    CsvMapping                        which columns of any other table hold what
+    catalogue, download               the published runs, and their files
     cut, Segment                      a window of it and consecutive vehicles
     label_regimes, exclude_regimes    car-following, catching up, manual driving, standstill
     assess_quality                    excitation and mean time gap of a segment
@@ -29,10 +31,12 @@ The public interface, in the order data flows:
     profiles, model_forms, multistart identifiability, model adequacy, other initial values
     compare                           several methods on one segment
     fit_windows, JointFit             one parameter set over several windows, and their differences
+    batch, read_study, group          many recordings on dask; their rows, and these by groups
     load, save, verify, Snapshot      one file with all of a result
     render_report                     a snapshot as one web page
     Table, parameter_table            results as text, CSV, LaTeX and HTML
     methods_table, stability_table
+    sumo_types, parameter_card        parameters for SUMO, and with their provenance
     messages                          the sentences of a result's findings
     AccpinnError                      one sentence that names place, fault and cure
 
@@ -69,8 +73,13 @@ if TYPE_CHECKING:
     from accpinn.platoon.leader import Sinusoid as Sinusoid
     from accpinn.platoon.leader import SpeedStep as SpeedStep
     from accpinn.platoon.simulation import simulate_platoon as simulate_platoon
-    from accpinn.recordings.openacc import read as read
+    from accpinn.recordings.catalogue import catalogue as catalogue
+    from accpinn.recordings.download import download as download
+    from accpinn.recordings.files import read as read
+    from accpinn.recordings.mapping import CsvMapping as CsvMapping
     from accpinn.recordings.recording import Recording as Recording
+    from accpinn.results.export import parameter_card as parameter_card
+    from accpinn.results.export import sumo_types as sumo_types
     from accpinn.results.messages import messages as messages
     from accpinn.results.report import render_report as render_report
     from accpinn.results.snapshot import Snapshot as Snapshot
@@ -89,7 +98,10 @@ if TYPE_CHECKING:
     from accpinn.stability.measured_gain import measured_gain as measured_gain
     from accpinn.stability.report import StabilityReport as StabilityReport
     from accpinn.stability.report import stability_report as stability_report
+    from accpinn.study.batch import batch as batch
     from accpinn.study.comparison import compare as compare
+    from accpinn.study.groups import group as group
+    from accpinn.study.groups import read_study as read_study
     from accpinn.study.windows import JointFit as JointFit
     from accpinn.study.windows import fit_windows as fit_windows
 
@@ -112,8 +124,12 @@ _HOMES = {
     "model.published": "PUBLISHED ParameterSet",
     "platoon.leader": "Brake Sinusoid SpeedStep",
     "platoon.simulation": "simulate_platoon",
-    "recordings.openacc": "read",
+    "recordings.catalogue": "catalogue",
+    "recordings.download": "download",
+    "recordings.files": "read",
+    "recordings.mapping": "CsvMapping",
     "recordings.recording": "Recording",
+    "results.export": "parameter_card sumo_types",
     "results.messages": "messages",
     "results.report": "render_report",
     "results.snapshot": "Snapshot",
@@ -127,7 +143,9 @@ _HOMES = {
     "stability.frequency": "transfer_function",
     "stability.measured_gain": "MeasuredGain measured_gain",
     "stability.report": "StabilityReport stability_report",
+    "study.batch": "batch",
     "study.comparison": "compare",
+    "study.groups": "group read_study",
     "study.windows": "JointFit fit_windows",
 }
 _MODULE_OF = {name: module for module, names in _HOMES.items() for name in names.split()}

@@ -23,7 +23,7 @@ from accpinn.methods.pinn.config import preset as named_config
 from accpinn.methods.registry import method_of, segment_for
 from accpinn.methods.store import Store
 from accpinn.model.cthp import Case, Parameters
-from accpinn.recordings.openacc import read
+from accpinn.recordings.files import read
 from accpinn.recordings.recording import Recording
 from accpinn.results.snapshot import Snapshot, create
 from accpinn.results.snapshot.archive import load

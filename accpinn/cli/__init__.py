@@ -22,10 +22,14 @@ COMMANDS = {
     "fit": ("estimation", "learn α, β and τ from a window of a recording"),
     "starts": ("estimation", "train the PiNN from five initial values, one table"),
     "compare": ("estimation", "all methods on the same window, side by side"),
+    "batch": ("batch", "all windows of many recordings by several methods"),
+    "table": ("batch", "what a batch says by make, model, setting, ..."),
     "stability": ("vehicles", "string stability of given parameters"),
     "simulate": ("vehicles", "a platoon behind a sinusoidal leader"),
     "verify": ("files", "check a snapshot against its own contents"),
     "report": ("files", "a snapshot as one self-contained web page"),
+    "download": ("download", "runs of the OpenACC database from their publisher"),
+    "export": ("export", "parameters of a snapshot for other programs"),
 }
 """The module of each, which has `add_NAME_options(parser)` and `run_NAME(options)`; its meaning."""
 

@@ -7,9 +7,9 @@ from typing import Any
 
 import msgspec
 
-from accpinn.cli.options import add_json_option, add_recording
+from accpinn.cli.options import add_json_option, add_recording, chosen_recording
 from accpinn.cli.output import complain, show, show_result
-from accpinn.recordings.openacc import read
+from accpinn.recordings.files import read
 from accpinn.recordings.recording import Recording
 from accpinn.results.messages import message, messages
 from accpinn.results.messages.snapshot import check_rows, summary
@@ -28,7 +28,7 @@ def add_info_options(parser: argparse.ArgumentParser) -> None:
 
 def run_info(options: argparse.Namespace) -> int:
     """Print what a recording holds, and what to know about it."""
-    show_result(options, _describe_recording, _recording_text, read(options.file))
+    show_result(options, _describe_recording, _recording_text, chosen_recording(options))
     return 0
 
 

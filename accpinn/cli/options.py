@@ -14,7 +14,8 @@ from accpinn.methods.method import TaskContext
 from accpinn.methods.registry import segment_for
 from accpinn.methods.store import Store
 from accpinn.model.cthp import Parameters
-from accpinn.recordings.openacc import read
+from accpinn.recordings.files import read
+from accpinn.recordings.mapping import load_mapping
 from accpinn.recordings.recording import Recording
 from accpinn.segment.cut import DURATION, parse_vehicles, parse_windows
 from accpinn.segment.quality import (
@@ -30,8 +31,22 @@ PARAMETER_NAMES = ("alpha", "beta", "tau")
 
 
 def add_recording(parser: argparse.ArgumentParser) -> None:
-    """Declare the file of a recording."""
-    parser.add_argument("file", metavar="FILE", help="an OpenACC recording (CSV)")
+    """Declare the file of a recording, and what of it to take."""
+    parser.add_argument("file", metavar="FILE", help="an OpenACC run or a table of pairs (CSV)")
+    parser.add_argument(
+        "--trajectory", metavar="ID", help="which one of a table that holds several"
+    )
+    parser.add_argument(
+        "--mapping",
+        metavar="JSON",
+        help="columns, units and sample time of any other table; remembered for its like",
+    )
+
+
+def chosen_recording(options: argparse.Namespace) -> Recording:
+    """The recording that the options name."""
+    mapping = load_mapping(options.mapping) if options.mapping else None
+    return read(options.file, trajectory=options.trajectory, mapping=mapping)
 
 
 def add_json_option(parser: argparse.ArgumentParser) -> None:
@@ -112,7 +127,7 @@ def chosen_segment(
     options: argparse.Namespace, methods: Sequence[str]
 ) -> tuple[Recording, Segment]:
     """The recording and the segment that the options name, for methods by their keys."""
-    recording = read(options.file)
+    recording = chosen_recording(options)
     segment = segment_for(methods, recording, options.start, options.duration, options.vehicles)
     if options.leave_out:
         regimes = label_regimes(segment, recording)

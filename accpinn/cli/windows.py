@@ -8,6 +8,7 @@ import numpy as np
 
 from accpinn.cli.options import (
     PARAMETER_NAMES,
+    chosen_recording,
     describe_errors,
     describe_interval_ends,
     describe_parameters,
@@ -25,7 +26,6 @@ from accpinn.evaluation.closed_loop import (
 )
 from accpinn.methods.fit import Fit
 from accpinn.methods.maximum_likelihood import KEY
-from accpinn.recordings.openacc import read
 from accpinn.recordings.recording import Recording, Window
 from accpinn.results.messages import messages
 from accpinn.results.messages.methods import outcome_message
@@ -42,7 +42,7 @@ EFFECTS = ("windows", "mean", "error", "deviation", "q", "probability", "i_squar
 def run_windows(options: argparse.Namespace) -> int:
     """Estimate from all windows together and from each, and print both."""
     _check(options)
-    recording = read(options.file)
+    recording = chosen_recording(options)
     segments = [_segment(recording, window, options) for window in _windows(recording, options)]
     joint = fit_windows(segments, options.case)
     show_result(options, describe_joint, joint_text, joint)

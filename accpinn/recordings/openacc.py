@@ -11,7 +11,7 @@ import csv
 import hashlib
 import re
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from datetime import date
 
 import numpy as np
@@ -22,19 +22,15 @@ from accpinn.recordings.recording import (
     GapsUnused,
     MetadataMissing,
     MetadataUnreadable,
-    Mode,
     NamesWithoutData,
     Recording,
     RecordingFinding,
-    Vehicle,
     VehicleCountMismatch,
     VehiclesWithoutName,
-    check,
-    unnamed,
+    completed,
 )
 from accpinn.recordings.samples import (
     Columns,
-    Samples,
     Source,
     SourceFile,
     excerpt,
@@ -98,7 +94,15 @@ def read(source: Source, name: str | None = None) -> Recording:
     Raises:
         RecordingError: one sentence of file, place, fault and cure.
     """
-    source_file = read_bytes(source, name)
+    return read_file(read_bytes(source, name))
+
+
+def read_file(source_file: SourceFile) -> Recording:
+    """The same for bytes that are at hand.
+
+    Raises:
+        RecordingError: one sentence of file, place, fault and cure.
+    """
     metadata, columns = _read_header(source_file)
     names = _names(source_file, metadata.get("Vehicle_order", ()))
     findings: list[RecordingFinding] = [
@@ -122,29 +126,13 @@ def read(source: Source, name: str | None = None) -> Recording:
         date=day,
         acc_flag=acc_flag,
         distance_setting=distance_setting,
-        vehicles=tuple(
-            _vehicle(number, names.get(number) or unnamed(number), samples)
-            for number in range(1, vehicles + 1)
-        ),
+        vehicles=(),
         time=samples.time - samples.time[0],
         speed=samples.speed,
         gap=samples.gap,
         mode=samples.mode,
     )
-    return replace(recording, findings=(*findings, *samples.findings, *check(recording)))
-
-
-def _vehicle(number: int, name: str, samples: Samples) -> Vehicle:
-    absent, mode = np.isnan(samples.speed[:, number - 1]), samples.mode[:, number - 1]
-    counts = {name: int((mode == Mode[name.upper()]).sum()) for name in ("ACC", "Human")}
-    return Vehicle(
-        index=number,
-        name=name,
-        present=not absent.all(),
-        missing=int(absent.sum()),
-        missing_share=float(absent.mean()),
-        modes=counts if any(counts.values()) else None,
-    )
+    return completed(recording, names, (*findings, *samples.findings))
 
 
 def _check_layout(

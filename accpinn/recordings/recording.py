@@ -1,8 +1,8 @@
 """What a file holds: metadata, vehicles, speeds, gaps and modes over time, and what is wrong."""
 
 import re
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, replace
 from datetime import date
 from enum import IntEnum
 
@@ -156,6 +156,10 @@ class ValuesFrozen(Finding, frozen=True):
     """The longest repetition."""
 
 
+class MappingRemembered(Finding, frozen=True):
+    """The columns were read as a mapping says that an earlier file with the same columns had."""
+
+
 class LittleLeaderMotion(Finding, frozen=True):
     """The leader's speed varies so little that it excites nothing."""
 
@@ -177,6 +181,7 @@ RecordingFinding = (
     | GapContradictsSpeeds
     | ValuesOutOfRange
     | ValuesFrozen
+    | MappingRemembered
     | LittleLeaderMotion
 )
 
@@ -213,12 +218,12 @@ def unnamed(number: int) -> str:
 
 @dataclass(frozen=True, eq=False)
 class Recording:
-    """One OpenACC run; N samples, V vehicles. Arrays are read-only."""
+    """One run; N samples, V vehicles. Arrays are read-only."""
 
     source: str
-    """File name."""
+    """File name; with the trajectory's name where the file holds several."""
     sha256: str
-    """Of the file's bytes."""
+    """Of the file's bytes, and of the trajectory's name where the file holds several."""
     campaign: str | None
     """None where folder, file name and date do not determine it."""
     date: date | None
@@ -237,6 +242,8 @@ class Recording:
     """(N, V) values of `Mode`."""
     findings: tuple[RecordingFinding, ...] = ()
     """What the user should know about the data."""
+    trajectory: str | None = None
+    """Which of a table's trajectories it is; None where the file holds one run."""
 
     def __post_init__(self) -> None:
         """Copy the arrays and lock them."""
@@ -291,6 +298,37 @@ class Recording:
         """The time that a stretch of samples covers, to the microsecond."""
         first, last = (round(float(self.time[at]), 6) for at in (stretch.first, stretch.last))
         return Window(first, last)
+
+
+def completed(
+    recording: Recording, names: Mapping[int, str], findings: Iterable[RecordingFinding]
+) -> Recording:
+    """A recording with its vehicles described and its data checked.
+
+    Args:
+        recording: without vehicles and findings.
+        names: by vehicle number; a vehicle without one goes by its number.
+        findings: made while reading; those about the data follow them.
+    """
+    vehicles = tuple(
+        _vehicle(recording, number, names.get(number) or unnamed(number))
+        for number in range(1, recording.speed.shape[1] + 1)
+    )
+    described = replace(recording, vehicles=vehicles)
+    return replace(described, findings=(*findings, *check(described)))
+
+
+def _vehicle(recording: Recording, number: int, name: str) -> Vehicle:
+    absent, mode = np.isnan(recording.speed_of(number)), recording.mode[:, number - 1]
+    counts = {name: int((mode == Mode[name.upper()]).sum()) for name in ("ACC", "Human")}
+    return Vehicle(
+        index=number,
+        name=name,
+        present=not absent.all(),
+        missing=int(absent.sum()),
+        missing_share=float(absent.mean()),
+        modes=counts if any(counts.values()) else None,
+    )
 
 
 def check(recording: Recording) -> Iterator[RecordingFinding]:

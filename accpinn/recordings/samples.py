@@ -5,8 +5,9 @@ The rows of numbers are read at the speed of pandas' C parser and diagnosed cell
 
 import io
 import os
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +15,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from accpinn.channels import GAP, MODE_NAMES, SPEED, TIME
+from accpinn.channels import GAP, MODE_NAMES, SPEED, TIME, Quantity
 from accpinn.errors import RecordingError
 from accpinn.recordings.recording import LineEndMissing, Mode, ModesUnknown
 from accpinn.units import FloatArray, Seconds
@@ -48,7 +49,8 @@ LONGEST_STEP: Seconds = 5.0
 GAP_STEPS = 10
 """A time step longer than this many typical ones is a hole in the recording."""
 
-_MISSING = ["", "NaN", "nan", "NA", "N/A", "null"]
+MISSING = ["", "NaN", "nan", "NA", "N/A", "null"]
+"""How files write that there is no number."""
 
 
 @dataclass(frozen=True)
@@ -200,7 +202,7 @@ def read_samples(source_file: SourceFile, columns: Columns, vehicles: int) -> Sa
     if len(frame) != rows:
         raise _unreadable(table)
     _require_numbers(table, frame)
-    _require_time(table, frame[columns.time].to_numpy())
+    require_time(frame[columns.time].to_numpy(), partial(_at, table, columns.time))
     findings: list[LineEndMissing | ModesUnknown] = []
     if not is_complete and len(columns.names) - 1 not in columns.driver.values():
         findings.append(LineEndMissing())
@@ -241,7 +243,7 @@ class _Table:
             encoding="latin-1",
             engine="c",
             keep_default_na=False,
-            na_values=_MISSING,
+            na_values=MISSING,
             skip_blank_lines=False,
             skipinitialspace=True,
             low_memory=False,
@@ -323,41 +325,70 @@ def _require_numbers(table: _Table, frame: pd.DataFrame) -> None:
         (GAP, columns.gap.values()),
     ):
         for position in positions:
-            values = frame[position].to_numpy()
-            wrong = np.flatnonzero(np.abs(values) > channel.possible)
-            if len(wrong):
-                row = int(wrong[0])
-                fault = (
-                    f"{values[row]:g} cannot be a measurement, as at most"
-                    f" {channel.possible:,.0f} {channel.unit} is possible"
-                )
-                cure = f"correct it, give it in {channel.unit}, or leave the cell empty"
-                raise table.refusal(fault, cure, row, position)
+            require_possible(channel, frame[position].to_numpy(), partial(_at, table, position))
 
 
-def _require_time(table: _Table, time: FloatArray) -> None:
-    """Time given everywhere, increasing, without holes."""
-    at = table.columns.time
+def _at(table: _Table, at: int, fault: str, cure: str, row: int | None) -> RecordingError:
+    """The sentence about a cell, or about the column where no row is named."""
+    if row is None:
+        return table.source_file.refusal(fault, cure, f"column {table.columns.names[at]}")
+    return table.refusal(fault, cure, row, at)
+
+
+Refuse = Callable[[str, str, int | None], RecordingError]
+"""The error from fault, cure and the row counted from 0; without a row about a whole column."""
+
+
+def require_possible(channel: Quantity, values: FloatArray, refuse: Refuse) -> None:
+    """Numbers of a size that measurements have; missing ones are fine.
+
+    Args:
+        channel: what they are.
+        values: (N,) in the channel's unit.
+        refuse: makes the error.
+
+    Raises:
+        RecordingError: about the first that cannot be a measurement.
+    """
+    wrong = np.flatnonzero(np.abs(values) > channel.possible)
+    if len(wrong):
+        row = int(wrong[0])
+        fault = (
+            f"{values[row]:g} cannot be a measurement, as at most"
+            f" {channel.possible:,.0f} {channel.unit} is possible"
+        )
+        cure = f"correct it, give it in {channel.unit}, or leave the cell empty"
+        raise refuse(fault, cure, row)
+
+
+def require_time(time: FloatArray, refuse: Refuse) -> None:
+    """Time given everywhere, increasing, without holes.
+
+    Args:
+        time: (N,) in s.
+        refuse: makes the error.
+
+    Raises:
+        RecordingError: about the first row that is wrong.
+    """
     missing = np.flatnonzero(np.isnan(time))
     if len(missing):
-        cure = "fill it in or delete the row"
-        raise table.refusal("the time is missing", cure, int(missing[0]), at)
+        raise refuse("the time is missing", "fill it in or delete the row", int(missing[0]))
     steps = np.diff(time)
     backward = np.flatnonzero(steps <= 0)
     if len(backward):
         row = int(backward[0]) + 1
         fault = f"the time does not increase, {time[row]:.10g} s follows {time[row - 1]:.10g} s"
-        raise table.refusal(fault, "sort or delete the rows", row, at)
+        raise refuse(fault, "sort or delete the rows", row)
     typical = float(np.median(steps))
     if not SHORTEST_STEP <= typical <= LONGEST_STEP:
         fault = f"the rows are {typical:g} s apart where 0.1 s is usual"
-        cure = "give the time in seconds"
-        raise table.source_file.refusal(fault, cure, f"column {TIME.column}")
+        raise refuse(fault, "give the time in seconds", None)
     holes = np.flatnonzero(steps > GAP_STEPS * typical)
     if len(holes):
         row = int(holes[0]) + 1
         fault = f"the recording pauses for {steps[row - 1]:.1f} s before this row"
-        raise table.refusal(fault, "split the file here into two recordings", row, at)
+        raise refuse(fault, "split the file here into two recordings", row)
 
 
 def _modes(

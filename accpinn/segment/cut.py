@@ -38,6 +38,9 @@ BRIDGE: Seconds = 1.0
 """Missing blocks up to this long are bridged by a straight line, as the database's makers did."""
 SLACK: Seconds = 1e-6
 """Times closer than this are the same; float noise of time stamps is below 1e-9 s."""
+DECIMALS = 9
+"""Of speeds and space-gaps, in m/s and m: further ones are float noise, in which copies of one run
+by different programs differ, and which searches amplify."""
 NOT_ACC = 0.1
 """A follower that a driver controls for a larger share of the window is not called ACC."""
 WINDOWS_LISTED = 3
@@ -308,7 +311,7 @@ def _on_grid(
     step = recording.sample_time
     count = math.floor((window.duration + SLACK) / step) + 1
     time: FloatArray = np.arange(count, dtype=np.float64) * step
-    values: FloatArray = platoon.filled()[source.rows]
+    values: FloatArray = platoon.filled()[source.rows].round(DECIMALS)
     missing = platoon.missing[source.rows]
     if recording.is_even:
         return time, values, missing

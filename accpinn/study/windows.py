@@ -177,7 +177,7 @@ def fit_windows(segments: Sequence[Segment], case: Case = "II", level: float = L
         SegmentError: when segments overlap or do not match, or one is too short.
     """
     segments = tuple(segments)
-    _check(segments)
+    check_windows(segments)
     for segment in segments:
         series_of([segment], case)  # refuses one that is too short before any search begins
     started = time.perf_counter()
@@ -289,8 +289,16 @@ def random_effects(estimates: ArrayLike, errors: ArrayLike, level: float = LEVEL
     )
 
 
-def _check(segments: tuple[Segment, ...]) -> None:
-    """Refuse segments that cannot share one likelihood."""
+def check_windows(segments: tuple[Segment, ...]) -> None:
+    """Refuse segments that cannot share one likelihood.
+
+    Args:
+        segments: at least two.
+
+    Raises:
+        ConfigError: for fewer.
+        SegmentError: when they overlap or do not match.
+    """
     if len(segments) < 2:
         raise ConfigError("windows: one is no comparison; give at least two, or use fit for one.")
     first = segments[0]

@@ -131,3 +131,18 @@ def test_info_has_the_document_of_the_contract(capsys: Capture) -> None:
     text = capsys.readouterr().out
     assert "300 s in 3001 samples of 0.1 s" in text
     assert "2 Synthetic (ACC)" in text
+
+
+def test_exports_for_sumo_and_as_a_card(file: Path, tmp_path: Path, capsys: Capture) -> None:
+    place = tmp_path / "types.xml"
+    card = document(capsys, "export", file, "--sumo", place)
+    assert card["provenance"]["snapshot"] == load(file).id
+    assert 'carFollowModel="ACC"' in place.read_text()
+    assert main(["export", str(file), "--sumo", str(place), "--samples", "0"]) == 0
+    assert "vTypeDistribution" not in place.read_text()
+    assert capsys.readouterr().out.strip() == str(place)
+    other = tmp_path / "mine.xml"
+    other.write_text("<routes/>")
+    assert "not overwritten" in refused(capsys, 1, "export", file, "--sumo", other)
+    assert "--sumo" in refused(capsys, 2, "export", file)
+    assert "samples" in refused(capsys, 2, "export", file, "--sumo", place, "--samples", -1)

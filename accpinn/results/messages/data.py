@@ -69,6 +69,11 @@ def _(finding: recorded.RecordingFinding, about: Labelled) -> str:
                 f"The {name} of {about.label(finding.vehicle)} is frozen for"
                 f" {finding.window.duration:.1f} s while it moves, at {finding.window}."
             )
+        case recorded.MappingRemembered():
+            return (
+                "The columns were read by the mapping that an earlier file with the same columns"
+                " was given."
+            )
         case recorded.LittleLeaderMotion():
             return (
                 f"The speed of the leader, {about.label(finding.vehicle)}, varies by only"

@@ -26,7 +26,11 @@ from accpinn.units import Seconds
 
 UNFINISHED = ".part"
 """Ending of a file that is being written."""
-MARKS = {"snapshot": MANIFEST.encode(), "report": b"<!doctype html"}
+MARKS = {
+    "snapshot": MANIFEST.encode(),
+    "report": b"<!doctype html",
+    "file for SUMO": b"car-following model acc as the cthp",
+}
 """What stands among the first bytes of every such file, in lower case."""
 _BEGINNING = 200
 
@@ -64,7 +68,7 @@ def writable_path(target: Path, kind: str) -> Path:
 
     Args:
         target: where a user wants the file.
-        kind: "snapshot" or "report"; nothing is replaced but a file of its own kind.
+        kind: a key of `MARKS`; nothing is replaced but a file of its own kind.
 
     Raises:
         SnapshotError: where something else stands, or no file can be made.

@@ -1,0 +1,196 @@
+"""`batch` and `table`: many recordings by several methods, and what they say by groups."""
+
+import argparse
+import math
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from tqdm import tqdm
+
+from accpinn.cli.estimation import interruptible
+from accpinn.cli.options import PARAMETER_NAMES, add_json_option, fields
+from accpinn.cli.output import print_json, show, show_result
+from accpinn.errors import ConfigError
+from accpinn.inference.intervals import LEVEL
+from accpinn.methods.maximum_likelihood import KEY
+from accpinn.methods.registry import METHODS
+from accpinn.recordings.mapping import load_mapping
+from accpinn.results.tables.groups import group_table, pooled_table
+from accpinn.results.tables.table import Table
+from accpinn.segment.cut import DURATION
+from accpinn.study.batch import BatchProgress, BatchSummary, batch
+from accpinn.study.comparison import parse_methods
+from accpinn.study.groups import BY, GROUPABLE, Groups, Share, Typical, group, read_study
+from accpinn.study.journal import FAILURES, RESULTS, read_pooled
+
+ALL = "all"
+KEYS = (
+    "recordings", "refused", "windows", "followers", "rows", "failed", "reused", "seconds",
+    "stopped",
+)  # fmt: skip
+
+
+def add_batch_options(parser: argparse.ArgumentParser) -> None:
+    """Declare the options of `batch`."""
+    option = parser.add_argument
+    option("sources", nargs="+", metavar="FOLDER|FILE", help="recordings; folders with all below")
+    option("--out", required=True, metavar="STUDY", help="folder of the results; is continued")
+    option(
+        "--window",
+        default=f"{DURATION:g}",
+        metavar="S|all",
+        help=f"longest window in s; all: whole stretches ({DURATION:g})",
+    )
+    option("--methods", default=ALL, metavar="all|A,B", help="some of those below (all)")
+    option("--case", choices=["I", "II"], default="II", help="I: one set for all followers (II)")
+    option("--workers", type=int, metavar="N", help="processes on this machine (one a processor)")
+    option("--scheduler", metavar="URL", help="of dask, as tcp://host:8786, in their place")
+    option("--mapping", metavar="JSON", help="columns, units and sample time of other tables")
+    add_json_option(parser)
+    lines = [f"  {key:<16} {method.summary}" for key, method in METHODS.items()]
+    parser.epilog = "\n".join(["methods:", *lines, "", parser.epilog or ""])
+
+
+def run_batch(options: argparse.Namespace) -> int:
+    """Run what is missing, and print what the batch has come to; 130 when interrupted."""
+    mapping = load_mapping(options.mapping) if options.mapping else None
+    with interruptible() as stopped, _progress_bar() as show_progress:
+        found = batch(
+            options.sources,
+            options.out,
+            window=_seconds(options.window),
+            methods=parse_methods(options.methods),
+            case=options.case,
+            workers=options.workers,
+            scheduler=options.scheduler,
+            mapping=mapping,
+            on_progress=show_progress,
+            should_stop=stopped.is_set,
+        )
+    show_result(options, _describe_batch, _batch_text, found, options.out)
+    return 130 if found.stopped else 0
+
+
+def _seconds(text: str) -> float:
+    if text == ALL:
+        return math.inf
+    try:
+        return float(text)
+    except ValueError:
+        raise ConfigError(f'window: "{text[:40]}" is no length in s; write 300 or all.') from None
+
+
+@contextmanager
+def _progress_bar() -> Iterator[Any]:
+    """On standard error: files, time left, windows, rows and failures."""
+    form = "{l_bar}{bar}| {n:.1f}/{total_fmt} files{postfix}"
+    with tqdm(total=0, file=sys.stderr, bar_format=form, mininterval=0.2) as bar:
+
+        def show_progress(now: BatchProgress) -> None:
+            bar.total = now.files
+            bar.n = now.done
+            left = now.seconds_left
+            parts = [f"{now.windows} windows", f"{now.rows} rows", f"{now.failed} failed"]
+            parts += [f"{tqdm.format_interval(left)} left"] if left is not None else []
+            bar.set_postfix_str(", ".join(parts), refresh=True)
+
+        yield show_progress
+
+
+def _describe_batch(found: BatchSummary, _out: str) -> dict[str, Any]:
+    """The batch as the command-line contract has it."""
+    return fields(found, *KEYS)
+
+
+def _batch_text(found: BatchSummary, out: str) -> str:
+    lines = [
+        f"{out}: {found.recordings} recordings, {found.windows} windows,"
+        f" {found.followers} followers, {found.rows} rows in {RESULTS}"
+        f" ({found.reused} of them known before), {found.seconds:.1f} s"
+    ]
+    if found.refused or found.failed:
+        lines.append(
+            f"Note: {found.refused} files could not be read and {found.failed} estimates failed;"
+            f" {FAILURES} says why."
+        )
+    if found.stopped:
+        lines.append("Note: stopped before the end; the same call goes on from here.")
+    return "\n".join(lines)
+
+
+def add_table_options(parser: argparse.ArgumentParser) -> None:
+    """Declare the options of `table`."""
+    option = parser.add_argument
+    option("study", metavar="STUDY", help="the folder that batch wrote to")
+    option("--by", default=",".join(BY), metavar="A,B", help=f"of {', '.join(GROUPABLE)}")
+    option("--method", metavar="NAME", help=f"whose estimates ({KEY}, where it has some)")
+    option("--level", type=float, default=LEVEL, metavar="P", help=f"of intervals ({LEVEL:g})")
+    option("--pooled", action="store_true", help="each vehicle's windows with one setting together")
+    option("--format", choices=[*FORMATS], default="text", help="(text)")
+    add_json_option(parser)
+
+
+def run_table(options: argparse.Namespace) -> int:
+    """Group the rows, and print the table."""
+    if options.pooled:
+        read_study(options.study)  # refuses what is no batch
+        rows = list(read_pooled(Path(options.study)))
+        if options.json:
+            print_json({"vehicles": rows})
+        else:
+            show(FORMATS[options.format](pooled_table(rows, LEVEL)).rstrip("\n"))
+        return 0
+    by = tuple(part.strip() for part in options.by.split(",") if part.strip())
+    found = group(read_study(options.study), by, options.method, options.level)
+    if options.json:
+        print_json(_describe_groups(found))
+    else:
+        show(FORMATS[options.format](group_table(found)).rstrip("\n"))
+    return 0
+
+
+FORMATS = {"text": Table.to_text, "csv": Table.to_csv, "latex": Table.to_latex}
+
+
+def _describe_groups(found: Groups) -> dict[str, Any]:
+    return {
+        "by": list(found.by),
+        "method": found.method,
+        "level": found.level,
+        "groups": [
+            {
+                **dict(zip(found.by, one.values, strict=True)),
+                **fields(one, "windows", "vehicles"),
+                **{
+                    name: _describe_typical(typical)
+                    for name, typical in zip(PARAMETER_NAMES, one.parameters, strict=True)
+                },
+                "mean_time_gap": {
+                    "median": one.mean_time_gap.value,
+                    "quartiles": [one.mean_time_gap.low, one.mean_time_gap.high],
+                },
+                "l2_stable": _describe_share(one.l2_stable),
+                "linf_stable": _describe_share(one.linf_stable),
+            }
+            for one in found.groups
+        ],
+    }
+
+
+def _describe_share(share: Share) -> dict[str, float]:
+    return {"share": share.value, "low": share.low, "high": share.high}
+
+
+def _describe_typical(typical: Typical) -> dict[str, Any]:
+    between = typical.between
+    return {
+        **fields(typical, "median", "low", "high"),
+        "windows": between.windows,
+        "deviation": between.deviation,
+        "deviation_interval": [between.lower, between.upper],
+        "i_squared": between.i_squared,
+        "further_window": list(between.further),
+    }

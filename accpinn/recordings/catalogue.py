@@ -1,0 +1,92 @@
+"""The runs of the OpenACC database that the Joint Research Centre publishes.
+
+`catalogue.csv` has the campaign and the name of each file, and the SHA-256 of those whose contents
+are known; it holds no recording.
+"""
+
+import csv
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cache
+from importlib.resources import files
+from pathlib import Path
+
+from platformdirs import user_data_path
+
+from accpinn.errors import ConfigError
+
+FOLDER_VARIABLE = "ACCPINN_RECORDINGS"
+"""Environment variable that names the folder of recordings."""
+
+
+@dataclass(frozen=True)
+class Run:
+    """One published file."""
+
+    campaign: str
+    """Also the name of its folder."""
+    file: str
+    sha256: str | None
+    """None where it is not known."""
+
+    @property
+    def key(self) -> str:
+        """Folder and file, as "Casale/part7.csv"."""
+        return f"{self.campaign}/{self.file}"
+
+    def path(self, folder: Path) -> Path:
+        """Where it lies below a folder of recordings."""
+        return folder / self.campaign / self.file
+
+
+@cache
+def catalogue() -> tuple[Run, ...]:
+    """All runs, by campaign and name; part10 follows part9."""
+    text = files("accpinn.recordings").joinpath("catalogue.csv").read_text(encoding="utf-8")
+    rows = csv.DictReader(text.splitlines())
+    runs = [Run(row["campaign"], row["file"], row["sha256"] or None) for row in rows]
+    return tuple(sorted(runs, key=lambda run: (run.campaign, _natural(run.file))))
+
+
+def _natural(name: str) -> list[tuple[int, int, str]]:
+    """Sorts numbers within a name by their value."""
+    digits = "".join(c if c.isdigit() else f"\n{c}\n" for c in name).split("\n")
+    return [(0, int(part), "") if part.isdigit() else (1, 0, part) for part in digits if part]
+
+
+def find(names: Sequence[str]) -> tuple[Run, ...]:
+    """The runs that campaigns or files name; all of them where nothing is named.
+
+    Args:
+        names: each a campaign, a file, or both as "Casale/part7.csv"; case does not matter.
+
+    Raises:
+        ConfigError: for a name that is not in the catalogue, or a file that two campaigns have.
+    """
+    if not names:
+        return catalogue()
+    chosen: dict[Run, None] = {}
+    for name in names:
+        wanted = name.strip().strip("/").lower()
+        found = [run for run in catalogue() if wanted == run.campaign.lower()]
+        found = found or [
+            run for run in catalogue() if wanted in (run.key.lower(), run.file.lower())
+        ]
+        campaigns = sorted({run.campaign for run in found})
+        if not found:
+            listed = ", ".join(dict.fromkeys(run.campaign for run in catalogue()))
+            raise ConfigError(
+                f'"{name[:60]}" is not in the catalogue; choose a campaign ({listed}) or a file.'
+            )
+        if len(campaigns) > 1:
+            both = " or ".join(run.key for run in found)
+            raise ConfigError(f'"{name[:60]}" is the name of several runs; choose {both}.')
+        chosen |= dict.fromkeys(found)
+    return tuple(chosen)
+
+
+def default_folder() -> Path:
+    """Where recordings are kept, by the environment variable or else among the user's data."""
+    named = os.environ.get(FOLDER_VARIABLE)
+    return Path(named) if named else user_data_path("accpinn") / "recordings"

@@ -1,0 +1,121 @@
+"""One way to read a file, whatever it is: an OpenACC run, a table of pairs, or a mapped table."""
+
+from collections.abc import Iterator
+
+from accpinn.channels import METADATA, TIME
+from accpinn.errors import RecordingError
+from accpinn.recordings import openacc, pairs
+from accpinn.recordings.mapping import (
+    CsvMapping,
+    read_mapped,
+    recall,
+    remember,
+    trajectories_of,
+)
+from accpinn.recordings.recording import Recording
+from accpinn.recordings.samples import Source, SourceFile, read_bytes
+from accpinn.recordings.tables import Layout, layout_of
+
+_HEADER_STARTS = tuple(key.lower() for key in (*METADATA, TIME.column))
+
+
+def read(
+    source: Source,
+    name: str | None = None,
+    *,
+    trajectory: str | None = None,
+    mapping: CsvMapping | None = None,
+) -> Recording:
+    """Read a recording.
+
+    Args:
+        source: path of the file, or the bytes of an upload.
+        name: file name to show; needed for bytes only.
+        trajectory: which one of a table that holds several; any pair of a platoon names it.
+        mapping: which columns hold what, for a table of one's own; it is remembered for the next
+            file with the same column names.
+
+    Raises:
+        RecordingError: one sentence of file, place, fault and cure.
+    """
+    source_file = read_bytes(source, name)
+    if mapping is not None:
+        recording = read_mapped(source_file, mapping, trajectory=trajectory)
+        remember(mapping, layout_of(source_file).names)
+        return recording
+    layout = _foreign_layout(source_file)
+    if layout and pairs.is_pair_table(layout):
+        found = pairs.platoons(source_file, layout)
+        chosen = pairs.choose(source_file, found, trajectory)
+        return pairs.recording_of(source_file, layout, chosen, len(found) == 1)
+    known = recall(layout.names) if layout else None
+    if known:
+        return read_mapped(source_file, known, trajectory=trajectory, remembered=True)
+    if layout and not _is_openacc(source_file):
+        return _refuse_unknown(source_file)
+    if trajectory is not None:
+        fault = "an OpenACC file is one run, without trajectories"
+        raise source_file.refusal(fault, "leave the trajectory out")
+    return openacc.read_file(source_file)
+
+
+def read_all(
+    source: Source, name: str | None = None, *, mapping: CsvMapping | None = None
+) -> Iterator[Recording | RecordingError]:
+    """All recordings of a file, one after the other; for one that cannot be read, why.
+
+    Args:
+        source: see `read`, as all others.
+        name: needed for bytes only.
+        mapping: for a table of one's own.
+
+    Raises:
+        RecordingError: when the file as a whole cannot be read.
+    """
+    source_file = read_bytes(source, name)
+    layout = None if mapping else _foreign_layout(source_file)
+    if layout and pairs.is_pair_table(layout):
+        found = pairs.platoons(source_file, layout)
+        for platoon in found:
+            try:
+                yield pairs.recording_of(source_file, layout, platoon, len(found) == 1)
+            except RecordingError as fault:
+                yield fault
+        return
+    known = mapping or (recall(layout.names) if layout else None)
+    runs = trajectories_of(source_file, known) if known else ()
+    if known and runs:
+        for run in runs:
+            try:
+                yield read_mapped(source_file, known, trajectory=run, remembered=mapping is None)
+            except RecordingError as fault:
+                yield fault
+        return
+    yield read(source, name, mapping=mapping)
+
+
+def _is_openacc(source_file: SourceFile) -> bool:
+    """Whether the first cell is one that an OpenACC file begins with."""
+    first = source_file.text.lstrip()[:60].decode("utf-8", "replace").splitlines()[:1]
+    return bool(first) and first[0].split(",")[0].strip().lower() in _HEADER_STARTS
+
+
+def _foreign_layout(source_file: SourceFile) -> Layout | None:
+    """The layout of a table that is no OpenACC run; None for one that is, and for no table."""
+    starts = source_file.text.lstrip()[:60].decode("utf-8", "replace").lower()
+    if starts.startswith(tuple(f"{key.lower()}," for key in METADATA)):
+        return None
+    try:
+        return layout_of(source_file)
+    except RecordingError:
+        return None
+
+
+def _refuse_unknown(source_file: SourceFile) -> Recording:
+    """OpenACC's own sentence, which says what is expected; a mapping is the other way."""
+    try:
+        return openacc.read_file(source_file)
+    except RecordingError as fault:
+        raise RecordingError(
+            f"{str(fault).removesuffix('.')}, or name its columns in a mapping (--mapping)."
+        ) from None

@@ -1,0 +1,48 @@
+"""Make and model of a vehicle from the name in a file's header, in one spelling.
+
+Headers write "Audi(A8)", "AUDI_E_TRON", "Mitsubishi(SpaceStar)", or the make or the model alone:
+"Hyundai", "Rexton". The table `makes.csv` has each spelling without case, spaces and punctuation,
+and what it stands for. Of a name that it lacks, a known make at its beginning gets its one
+spelling, and the rest is kept as it is.
+"""
+
+import csv
+import re
+from functools import cache
+from importlib.resources import files
+
+_PARTS = re.compile(r"\s*([^()_]+?)\s*(?:\(([^()]*)\)|_(.+))\s*")
+"""Make and model apart, as "Audi(A8)" and "AUDI_A8"."""
+
+
+def make_and_model(name: str) -> tuple[str, str]:
+    """Make and model; the latter empty where the name does not tell.
+
+    Args:
+        name: as in the header.
+    """
+    found = _table().get(_key(name))
+    if found:
+        return found
+    parts = _PARTS.fullmatch(name)
+    if not parts:
+        return name.strip(), ""
+    make, model = parts[1], (parts[2] or parts[3]).strip()
+    return _table().get(_key(make), (make, ""))[0], model
+
+
+def is_known(name: str) -> bool:
+    """Whether the table has a name."""
+    return _key(name) in _table()
+
+
+def _key(name: str) -> str:
+    return re.sub(r"[^0-9a-z]+", "", name.lower())
+
+
+@cache
+def _table() -> dict[str, tuple[str, str]]:
+    text = files("accpinn.recordings").joinpath("makes.csv").read_text(encoding="utf-8")
+    return {
+        row["spelling"]: (row["make"], row["model"]) for row in csv.DictReader(text.split("\n"))
+    }

@@ -1,0 +1,179 @@
+"""Results for other programs: vehicle types of the traffic simulator SUMO, and a parameter card.
+
+SUMO's car-following model ACC switches between speed control and three forms of gap control (gap
+control, gap closing, collision avoidance), each of them
+
+    dv/dt = gainSpace (p - τ v) + gainSpeed Δv
+
+which is the CTHP with gainSpace = α and gainSpeed = β. The same gains in all three make one CTHP of
+them, as long as the space-gap is below 100 m, beyond which SUMO changes to speed control. SUMO
+holds dv/dt over a step: with the ballistic method and steps of 0.05 s one follower's amplitude
+differs from that of the CTHP by less than 1 % up to 0.3 rad/s; longer steps differ more.
+
+Source: Milanés and Shladover, Transportation Research Part C 48 (2014) 285-300, and SUMO's
+`MSCFModel_ACC`.
+"""
+
+import re
+from typing import Any
+from xml.etree import ElementTree
+
+import numpy as np
+
+from accpinn.channels import PARAMETERS
+from accpinn.errors import ConfigError, ParameterError
+from accpinn.model.cthp import Parameters
+from accpinn.recordings.makes import make_and_model
+from accpinn.results.snapshot import Snapshot
+
+SAMPLES = 100
+"""Of the posterior in a distribution of vehicle types."""
+GAP_REGIMES = ("gapControl", "gapClosingControl", "collisionAvoidance")
+NOT_BINDING = {
+    "minGap": "0",
+    "accel": "10",
+    "decel": "10",
+    "emergencyDecel": "10",
+    "maxSpeed": "100",
+    "speedDev": "0",
+}
+"""Limits beside the CTHP: m, m/s², m/s; wide enough not to interfere."""
+CARD_FORMAT = "accpinn parameter card 1"
+
+
+def sumo_types(
+    names: tuple[str, ...], parameters: Parameters, draws: Parameters | None = None
+) -> str:
+    """An additional file for SUMO: one `vType` a follower, and a distribution over its draws.
+
+    Args:
+        names: (M,) of the followers; what XML does not allow in an identifier becomes "_".
+        parameters: (M,)
+        draws: (n, M) of equal weight; without them, and for followers whose draws are nan, there is
+            no distribution.
+
+    Raises:
+        ParameterError: where a follower's τ is undetermined.
+    """
+    root = ElementTree.Element("additional")
+    root.append(
+        ElementTree.Comment(
+            " Car-following model ACC as the CTHP: use it with the ballistic step method and steps"
+            " of 0.05 s. minGap, accel, decel and maxSpeed are set so that they do not interfere;"
+            " choose realistic ones for traffic. "
+        )
+    )
+    for k, name in enumerate(names):
+        own, label = parameters[k].values, _identifier(name, k)
+        if not np.isfinite(own).all():
+            raise ParameterError(f"{name}: τ is undetermined, so SUMO cannot use the parameters.")
+        root.append(_type(label, own))
+        if draws is None or not np.isfinite(draws[:, k].values).all():
+            continue
+        mixture = ElementTree.SubElement(root, "vTypeDistribution", id=f"{label}_samples")
+        count = len(draws.alpha)
+        for i in range(count):
+            one = _type(f"{label}_{i}", draws.values[i, k])
+            one.set("probability", f"{1 / count:.12g}")
+            mixture.append(one)
+    ElementTree.indent(root)
+    return ElementTree.tostring(root, encoding="unicode", xml_declaration=False) + "\n"
+
+
+def _type(label: str, parameters: np.ndarray[Any, np.dtype[np.float64]]) -> ElementTree.Element:
+    alpha, beta, tau = (f"{value:.12g}" for value in parameters)
+    gains: dict[str, str] = {}
+    for regime in GAP_REGIMES:
+        gains |= {f"{regime}GainSpace": alpha, f"{regime}GainSpeed": beta}
+    return ElementTree.Element(
+        "vType", {"id": label, "carFollowModel": "ACC", "tau": tau, **gains, **NOT_BINDING}
+    )
+
+
+def _identifier(name: str, follower: int) -> str:
+    """As "F1_Audi_A6"."""
+    return f"F{follower + 1}_{re.sub(r'[^A-Za-z0-9.-]+', '_', name).strip('_') or 'vehicle'}"
+
+
+def thinned(draws: Parameters, count: int) -> Parameters:
+    """So many of the draws (n, M), evenly chosen; all where there are no more.
+
+    Raises:
+        ConfigError: for a count that is not allowed.
+    """
+    most = len(draws.alpha)
+    if count < 1:
+        raise ConfigError(f"samples: {count} is not allowed; choose 0 or more.")
+    count = min(count, most)
+    rows = ((np.arange(count) + 0.5) * most / count).astype(int)
+    return Parameters.of(draws.values[rows])
+
+
+def snapshot_types(snapshot: Snapshot, samples: int = SAMPLES) -> str:
+    """The additional file for SUMO of a snapshot.
+
+    Args:
+        snapshot: with the parameters, and draws of the posterior where it holds some.
+        samples: how many of these a distribution holds; 0 for none.
+
+    Raises:
+        ParameterError: where a follower's τ is undetermined.
+        ConfigError: for a number of samples that is not allowed.
+    """
+    known = snapshot.uncertainty
+    draws = thinned(known.draws, samples) if known and samples else None
+    return sumo_types(snapshot.info.names[1:], snapshot.fit.parameters, draws)
+
+
+def parameter_card(snapshot: Snapshot) -> dict[str, Any]:
+    """The parameters of a snapshot with intervals, provenance and attribution, ready for JSON."""
+    info, fit, known = snapshot.info, snapshot.fit, snapshot.uncertainty
+    return {
+        "format": CARD_FORMAT,
+        "model": {
+            "name": "constant time-headway policy",
+            "equations": ["dp/dt = Δv", "dv/dt = α (p - τ v) + β Δv"],
+            "units": {"alpha": "1/s²", "beta": "1/s", "tau": "s"},
+        },
+        "level": known.level if known else None,
+        "interval_method": known.method if known else None,
+        "vehicles": [_card_of(snapshot, k) for k in range(info.followers)],
+        "provenance": {
+            "source": info.source,
+            "sha256": info.sha256,
+            "start": info.window.start,
+            "duration": info.window.duration,
+            "vehicles": list(info.vehicles),
+            **{key: snapshot.facts.get(key) for key in ("campaign", "date", "distance_setting")},
+            "method": fit.method,
+            "case": fit.case,
+            "settings": fit.config,
+            "outcome": fit.outcome.name.lower(),
+            "snapshot": snapshot.id,
+            "created": snapshot.created,
+            "accpinn": snapshot.origin.accpinn,
+        },
+        "attribution": snapshot.attribution,
+    }
+
+
+def _card_of(snapshot: Snapshot, k: int) -> dict[str, Any]:
+    known, name = snapshot.uncertainty, snapshot.info.names[k + 1]
+    make, model = make_and_model(name)
+    own = snapshot.fit.parameters[k].values.tolist()
+    ends = [(one[k].values.tolist() if one else 3 * [None]) for one in (
+        known and known.lower, known and known.upper
+    )]  # fmt: skip
+    card: dict[str, Any] = {
+        "vehicle": snapshot.info.vehicles[k + 1],
+        "name": name,
+        "make": make,
+        "model": model,
+    }
+    for i, (key, quantity) in enumerate(zip(("alpha", "beta", "tau"), PARAMETERS, strict=True)):
+        low, high = ends[0][i], ends[1][i]
+        card[key] = {"value": own[i], "low": low, "high": high, "unit": quantity.unit}
+    if known:
+        card["probability_l2_stable"] = float(known.probability_l2[k])
+        card["probability_linf_stable"] = float(known.probability_linf[k])
+    return card

@@ -1,0 +1,99 @@
+"""The groups of a batch as a table."""
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+from accpinn.channels import PARAMETERS
+from accpinn.methods.registry import METHODS
+from accpinn.results.tables.table import ABSENT, Cell, Column, Estimate, Table
+from accpinn.study.groups import Groups, Share, Typical
+from accpinn.study.pooling import SHARED
+from accpinn.study.rows import PARAMETER_KEYS
+
+HEADINGS = {
+    "make": "Make",
+    "model": "Model",
+    "distance_setting": "Setting",
+    "campaign": "Campaign",
+    "mode": "Mode",
+    "name": "Vehicle",
+    "file": "File",
+    "date": "Date",
+    "method": "Method",
+    "case": "Case",
+}
+
+
+def group_table(found: Groups) -> Table:
+    """One row a group: medians with intervals, spread between windows, shares that are stable.
+
+    Args:
+        found: the groups of a batch.
+    """
+    groups = found.groups
+    method = METHODS[found.method].title if found.method in METHODS else found.method
+    level = f"{100 * found.level:g} % intervals"
+    caption = ", ".join(filter(None, (method, "median over windows", level)))
+    columns: list[tuple[Column, list[Cell]]] = [
+        (Column(HEADINGS[name]), [one.values[k] or ABSENT for one in groups])
+        for k, name in enumerate(found.by)
+    ] or [(Column("Group"), ["all" for _ in groups])]
+    columns += [
+        (Column("Windows", digits=0), [float(one.windows) for one in groups]),
+        (Column("Vehicles", digits=0), [float(one.vehicles) for one in groups]),
+    ]
+    for k, quantity in enumerate(PARAMETERS):
+        typical = [one.parameters[k] for one in groups]
+        columns += [
+            (Column(quantity.symbol, quantity.unit, quantity.digits), [*map(_estimate, typical)]),
+            (
+                Column(f"Spread of {quantity.symbol}", "%", 0),
+                [100 * one.between.deviation for one in typical],
+            ),
+        ]
+    columns += [
+        (Column("Mean time gap", "s", 2), [one.mean_time_gap.value for one in groups]),
+        (Column("L₂ stable", "%", 0), [_percent(one.l2_stable) for one in groups]),
+        (Column("L∞ stable", "%", 0), [_percent(one.linf_stable) for one in groups]),
+    ]
+    return Table.of(caption, columns)
+
+
+def _estimate(typical: Typical) -> Cell:
+    known = math.isfinite(typical.median)
+    return Estimate(typical.median, typical.low, typical.high) if known else None
+
+
+def _percent(share: Share) -> Cell:
+    known = math.isfinite(share.value)
+    return Estimate(100 * share.value, 100 * share.low, 100 * share.high) if known else None
+
+
+def pooled_table(rows: Sequence[dict[str, Any]], level: float) -> Table:
+    """One row a vehicle and setting: the parameters that its windows share, with intervals.
+
+    Args:
+        rows: as `read_pooled` gives them.
+        level: of their intervals, for the caption.
+    """
+    ordered = sorted(rows, key=lambda row: [str(row[name] or "") for name in SHARED])
+    columns: list[tuple[Column, list[Cell]]] = [
+        (Column(HEADINGS[name]), [row[name] or ABSENT for row in ordered])
+        for name in ("make", "model", "campaign", "distance_setting")
+    ]
+    columns.append((Column("Windows", digits=0), [float(row["windows"]) for row in ordered]))
+    columns.append((Column("Duration", "s", 0), [row["duration"] for row in ordered]))
+    for key, quantity in zip(PARAMETER_KEYS, PARAMETERS, strict=True):
+        keys = (key, f"{key}_low", f"{key}_high")
+        cells: list[Cell] = [Estimate(*(_number(row[one]) for one in keys)) for row in ordered]
+        columns.append((Column(quantity.symbol, quantity.unit, quantity.digits), cells))
+    for name, title in (("p_l2_stable", "P(L₂ stable)"), ("p_linf_stable", "P(L∞ stable)")):
+        shares: list[Cell] = [100 * _number(row[name]) for row in ordered]
+        columns.append((Column(title, "%", 0), shares))
+    caption = f"All windows of a vehicle together, {100 * level:g} % intervals"
+    return Table.of(caption, columns)
+
+
+def _number(value: float | None) -> float:
+    return float("nan") if value is None else value

@@ -1,0 +1,711 @@
+"""Many recordings: every window in car-following under ACC, by several methods, on many processors.
+
+One task is one window of a chain of vehicles with all methods that have no result for it yet. The
+calling process reads the recordings, one at a time and as workers ask for more, sends each task its
+data, and writes each result as it arrives. Results go by their content: recording, vehicles,
+window, case and method. So a batch that was killed or stopped goes on where it was, a renamed file
+is not computed again, and a further method adds its rows.
+
+At the end the windows of each vehicle with one setting are taken together, where maximum likelihood
+is among the methods (see `study.pooling`).
+
+Workers are those of dask.distributed: processes of one thread each on this machine, or whatever a
+scheduler elsewhere has. They need the package, but no access to the files.
+"""
+
+import hashlib
+import json
+import math
+import os
+import queue
+import tempfile
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Generic, TypeVar
+
+from accpinn import __version__
+from accpinn.errors import AccpinnError, ConfigError, RecordingError
+from accpinn.inference.intervals import intervals
+from accpinn.methods.maximum_likelihood import KEY
+from accpinn.methods.method import TaskContext
+from accpinn.methods.registry import METHODS, method_of
+from accpinn.model.cthp import Case
+from accpinn.recordings.files import read_all
+from accpinn.recordings.mapping import CsvMapping
+from accpinn.recordings.recording import Recording
+from accpinn.segment.cut import DURATION, MINIMUM_DURATION, cut
+from accpinn.segment.segment import Segment
+from accpinn.study.journal import FORMAT, Failure, Journal, read_rows
+from accpinn.study.plan import LEAST, PlannedWindow, plan
+from accpinn.study.pooling import Pool, PoolWindow, pooled_row, pools
+from accpinn.study.rows import RecordingFacts, rows_of
+from accpinn.units import Seconds
+
+if TYPE_CHECKING:
+    from distributed import Client, Future
+
+AHEAD = 2
+"""Tasks that each worker has: one at work, and the next, so that none waits."""
+DEATHS = 1
+"""Of workers, after which a task is put off: it may have been another that they died at."""
+POLL: Seconds = 0.2
+PUBLISHED_EVERY: Seconds = 60.0
+"""How often `results.parquet` is made while a batch runs."""
+CONNECT: Seconds = 20.0
+"""How long a scheduler may take to answer, and to have a worker."""
+ENDINGS = (".csv", ".txt")
+NOTHING = f"no complete stretch of {LEAST:g} s in car-following under ACC"
+
+
+@dataclass(frozen=True, eq=False)
+class BatchTask:
+    """One window of a chain of vehicles, ready to be sent to a worker."""
+
+    key: str
+    segment: Segment
+    facts: RecordingFacts
+    modes: tuple[str, ...]
+    """(M,) as `plan` gives them."""
+    case: Case
+    methods: tuple[str, ...]
+    """Those that have no result yet."""
+
+
+@dataclass(frozen=True, eq=False)
+class PoolTask:
+    """All windows of a vehicle with one setting, ready to be sent to a worker."""
+
+    key: str
+    pool: Pool
+    segments: tuple[Segment, ...]
+    """(K,) of the vehicle and the one ahead."""
+
+
+@dataclass(frozen=True)
+class MethodRows:
+    """What one method made of a task."""
+
+    method: str
+    rows: list[dict[str, Any]]
+    """Empty where it failed."""
+    reason: str = ""
+    """Why it failed."""
+    final: bool = True
+    """Whether it would fail again."""
+
+
+@dataclass(frozen=True)
+class PooledRow:
+    """What a worker made of a vehicle's windows."""
+
+    row: dict[str, Any] | None
+    """None where it failed."""
+    reason: str = ""
+    """Why it failed."""
+    final: bool = True
+    """Whether it would fail again."""
+
+
+@dataclass(frozen=True)
+class BatchSummary:
+    """What a batch has come to."""
+
+    recordings: int
+    """That could be read."""
+    refused: int
+    """Files, and trajectories of tables, that could not be read."""
+    windows: int
+    followers: int
+    """Over all windows: followers of each."""
+    rows: int
+    """One a window, follower and method."""
+    failed: int
+    """Methods on windows that have no result."""
+    reused: int
+    """Rows that were there already."""
+    seconds: Seconds
+    stopped: bool
+    """Whether it ended early because the caller said so."""
+
+
+@dataclass(frozen=True)
+class BatchProgress:
+    """How far a batch has got."""
+
+    files: int
+    done: float
+    """Files, those in work as fractions."""
+    windows: int
+    """Finished."""
+    rows: int
+    """Known so far, those reused included."""
+    failed: int
+    workers: int
+    seconds: Seconds
+    seconds_left: Seconds | None
+    """None as long as nothing is known."""
+
+
+def batch(
+    sources: str | os.PathLike[str] | Sequence[str | os.PathLike[str]],
+    study: str | os.PathLike[str],
+    *,
+    window: Seconds = DURATION,
+    methods: Sequence[str] = tuple(METHODS),
+    case: Case = "II",
+    workers: int | None = None,
+    scheduler: str | None = None,
+    mapping: CsvMapping | None = None,
+    on_progress: Callable[[BatchProgress], None] | None = None,
+    should_stop: Callable[[], bool] | None = None,
+) -> BatchSummary:
+    """Apply methods to every window of many recordings, and keep what they find in a folder.
+
+    A script that calls this needs ``if __name__ == "__main__":``, as worker processes import it.
+
+    Args:
+        sources: files and folders; of a folder all CSV files in it and below.
+        study: the folder of the results; one that exists is continued.
+        window: longest window, in s; infinite for whole stretches.
+        methods: keys of `METHODS`.
+        case: "I" or "II".
+        workers: processes on this machine; by default one for each processor.
+        scheduler: address of a dask scheduler, as "tcp://host:8786", in place of ``workers``.
+        mapping: of tables that are neither OpenACC runs nor tables of pairs.
+        on_progress: called after every task.
+        should_stop: asked several times a second; True ends the batch, and all is kept.
+
+    Raises:
+        ConfigError: for settings that are not allowed, or a study with others.
+        RecordingError: when a source does not exist, the study cannot be written, or the scheduler
+            cannot be reached.
+    """
+    started = time.monotonic()
+    for key in methods:
+        method_of(key)
+    if case not in ("I", "II"):
+        raise ConfigError(f"case: {case} is not known; choose I or II.")
+    if not window >= MINIMUM_DURATION:
+        raise ConfigError(
+            f"window: {window:g} s is not allowed; choose {MINIMUM_DURATION:g} s or more."
+        )
+    if workers is not None and (workers < 1 or scheduler):
+        raise ConfigError(
+            f"workers: {workers} is not allowed; choose 1 or more, and none beside a scheduler."
+        )
+    files = _files(sources)
+    length = window if math.isfinite(window) else "all"
+    with Journal(Path(study), {"window": length, "case": case}) as journal:
+        run = _Run(journal, tuple(dict.fromkeys(methods)), case, window, mapping, files, started)
+        run.work(workers, scheduler, on_progress, should_stop or (lambda: False))
+        return run.summary()
+
+
+def _files(sources: str | os.PathLike[str] | Sequence[str | os.PathLike[str]]) -> list[Path]:
+    """Each file once, those of a folder in the order of their names."""
+    listed = [sources] if isinstance(sources, str | os.PathLike) else list(sources)
+    found: dict[Path, None] = {}
+    for source in listed:
+        path = Path(source)
+        if path.is_dir():
+            inside = (p for p in path.rglob("*") if p.suffix.lower() in ENDINGS and p.is_file())
+            found |= dict.fromkeys(sorted(p for p in inside if not _is_note(p)))
+        elif path.exists():
+            found[path] = None
+        else:
+            raise RecordingError(f"{path}: there is no such file or folder; check its name.")
+    if not found:
+        raise RecordingError(f"{listed[0] if listed else 'No source'}: no CSV file is there.")
+    return list(found)
+
+
+def _is_note(path: Path) -> bool:
+    """Whether a text accompanies the runs and is none."""
+    return path.suffix.lower() == ".txt" and not path.stem.lower().startswith("step")
+
+
+class _Run:
+    """One call of `batch`."""
+
+    def __init__(
+        self,
+        journal: Journal,
+        methods: tuple[str, ...],
+        case: Case,
+        window: Seconds,
+        mapping: CsvMapping | None,
+        files: list[Path],
+        started: float,
+    ) -> None:
+        self._journal, self._known = journal, journal.known
+        self._methods, self._case, self._window = methods, case, window
+        self._mapping, self._files, self._started = mapping, files, started
+        self._recordings = self._refused = self._windows = self._followers = 0
+        self._rows = self._failed = self._reused = self._finished = 0
+        self._stopped = False
+        self._seen: dict[str, str] = {}
+        self._paths: dict[str, Path] = {}
+        # Progress: shares of files, each split among its tasks.
+        self._done = self._computed = 0.0
+        self._shares: dict[str, float] = {}
+
+    def summary(self) -> BatchSummary:
+        return BatchSummary(
+            recordings=self._recordings,
+            refused=self._refused,
+            windows=self._windows,
+            followers=self._followers,
+            rows=self._rows,
+            failed=self._failed,
+            reused=self._reused,
+            seconds=round(time.monotonic() - self._started, 3),
+            stopped=self._stopped,
+        )
+
+    def progress(self, workers: int) -> BatchProgress:
+        spent = time.monotonic() - self._started
+        left = len(self._files) - self._done
+        known = self._computed > 0
+        return BatchProgress(
+            files=len(self._files),
+            done=min(self._done, len(self._files)),
+            windows=self._finished,
+            rows=self._rows,
+            failed=self._failed,
+            workers=workers,
+            seconds=spent,
+            seconds_left=max(0.0, spent * left / self._computed) if known else None,
+        )
+
+    # Planning
+
+    def tasks(self) -> Iterator[BatchTask]:
+        """What is left to do, file by file; files are read when their turn comes."""
+        for file in self._files:
+            found = list(self._tasks_of(file))
+            if not found:
+                self._done += 1.0
+            self._shares |= {task.key: 1.0 / len(found) for task in found}
+            yield from found
+
+    def _tasks_of(self, file: Path) -> Iterator[BatchTask]:
+        place = f"file:{file}"
+        try:
+            content = hashlib.sha256(file.read_bytes()).hexdigest()
+        except OSError as fault:
+            self._refuse(place, file.name, f"it cannot be opened ({fault.strerror})")
+            return
+        if content in self._seen:
+            self._refuse(place, file.name, f"its contents are those of {self._seen[content]}")
+            return
+        self._seen[content] = file.name
+        if self._skip(content, file):
+            return
+        names: list[str] = []
+        refused = self._refused
+        try:
+            for found in read_all(file, mapping=self._mapping):
+                if isinstance(found, Recording):
+                    names.append(found.sha256)
+                    self._paths[found.sha256] = file
+                    yield from self._tasks_in(found, file.name)
+                else:
+                    self._refuse(f"{place}:{found}", file.name, str(found))
+        except AccpinnError as fault:
+            self._refuse(place, file.name, str(fault))
+            return
+        except Exception as fault:  # whatever a file holds, the others go on
+            self._refuse(place, file.name, f"{type(fault).__name__}: {fault}")
+            return
+        if place in self._known.failures:  # the file was replaced since
+            self._journal.add("recovered", place)
+        about = {"recordings": names, "refused": self._refused - refused}
+        self._journal.add("recording", content, file=file.name, **about)
+
+    def _skip(self, content: str, file: Path) -> bool:
+        """Whether all of a file is known; its numbers are then counted without reading it."""
+        known = self._known.recordings.get(content)
+        if known is None or any(name not in self._known.plans for name in known["recordings"]):
+            return False
+        self._paths |= dict.fromkeys(known["recordings"], file)
+        windows = [(name, *_place(w)) for name in known["recordings"] for w in
+                   self._known.plans[name]]  # fmt: skip
+        if any(self._missing(*window) for window in windows):
+            return False
+        self._recordings += len(known["recordings"])
+        self._refused += known["refused"]
+        for window in windows:
+            self._count(*window)
+        return True
+
+    def _tasks_in(self, recording: Recording, file: str) -> Iterator[BatchTask]:
+        self._recordings += 1
+        planned = plan(recording, self._window)
+        facts = RecordingFacts.of(recording, file)
+        name = recording.sha256
+        windows = [
+            {"vehicles": list(p.vehicles), "start": p.window.start, "duration": p.window.duration}
+            for p in planned
+        ]
+        if self._known.plans.get(name) != windows:
+            self._journal.add("plan", name, windows=windows)
+        if not planned:
+            self._fail(name, Failure(file, None, None, NOTHING), final=True)
+        for one in planned:
+            place = (list(one.vehicles), one.window.start, one.window.duration)
+            self._count(name, *place)
+            missing = self._missing(name, *place)
+            if missing:
+                segment = self._segment(recording, one)
+                if segment:
+                    key = self._key(name, *place, ",".join(missing))
+                    yield BatchTask(key, segment, facts, one.modes, self._case, missing)
+
+    def pool_tasks(self) -> Iterator[PoolTask]:
+        """The vehicles whose pooled parameters are not known; files are read again for each."""
+        if KEY not in self._methods or self._case != "II" or self._stopped:
+            return
+        for pool in pools(read_rows(self._journal.folder)):
+            at_hand = {one.sha256 for one in pool.windows} <= self._paths.keys()
+            if not at_hand or pool.key in self._known.pooled | self._known.final:
+                continue
+            try:
+                yield PoolTask(pool.key, pool, self._pool_segments(pool))
+            except (AccpinnError, OSError) as fault:
+                self._fail_pool(pool, str(fault), final=False)
+
+    def _pool_segments(self, pool: Pool) -> tuple[Segment, ...]:
+        wanted: dict[Path, dict[str, list[PoolWindow]]] = {}
+        for one in pool.windows:
+            by_name = wanted.setdefault(self._paths[one.sha256], {})
+            by_name.setdefault(one.sha256, []).append(one)
+        segments = []
+        for path, by_name in wanted.items():
+            for recording in read_all(path, mapping=self._mapping):
+                if isinstance(recording, Recording):
+                    for one in by_name.get(recording.sha256, ()):
+                        pair = (one.vehicle - 1, one.vehicle)
+                        segments.append(cut(recording, one.start, one.duration, pair))
+        return tuple(segments)
+
+    def _fail_pool(self, pool: Pool, reason: str, final: bool) -> None:
+        said = f"{pool.shared['name']}, all windows together: {reason}"
+        self._fail(pool.key, Failure("", None, None, said), final)
+
+    def _segment(self, recording: Recording, one: PlannedWindow) -> Segment | None:
+        window = one.window
+        try:
+            return cut(recording, window.start, window.duration, one.vehicles)
+        except AccpinnError as fault:
+            key = self._key(recording.sha256, list(one.vehicles), window.start, window.duration, "")
+            self._fail(key, Failure(recording.source, window.start, None, str(fault)), final=True)
+            return None
+
+    def _key(
+        self, name: str, vehicles: list[int], start: Seconds, duration: Seconds, method: str
+    ) -> str:
+        """The address of a result: a digest of all that determines it."""
+        content = [FORMAT, name, vehicles, start, duration, self._case, method]
+        return hashlib.sha256(json.dumps(content).encode()).hexdigest()[:32]
+
+    def _missing(
+        self, name: str, vehicles: list[int], start: Seconds, duration: Seconds
+    ) -> tuple[str, ...]:
+        keys = {m: self._key(name, vehicles, start, duration, m) for m in self._methods}
+        known = self._known
+        return tuple(m for m, k in keys.items() if k not in known.results and k not in known.final)
+
+    def _count(self, name: str, vehicles: list[int], start: Seconds, duration: Seconds) -> None:
+        """A window, and what is known of it."""
+        self._windows += 1
+        self._followers += len(vehicles) - 1
+        for method in self._methods:
+            key = self._key(name, vehicles, start, duration, method)
+            self._reused += self._known.results.get(key, 0)
+            self._rows += self._known.results.get(key, 0)
+            self._failed += key in self._known.final
+
+    def _refuse(self, key: str, file: str, reason: str) -> None:
+        self._refused += 1
+        self._fail(key, Failure(file, None, None, reason), final=False)
+
+    def _fail(self, key: str, failure: Failure, final: bool) -> None:
+        if self._known.failures.get(key) != failure:
+            self._journal.add("failure", key, **vars(failure), final=final)
+
+    # Working
+
+    def work(
+        self,
+        workers: int | None,
+        scheduler: str | None,
+        on_progress: Callable[[BatchProgress], None] | None,
+        should_stop: Callable[[], bool],
+    ) -> None:
+        """Run all tasks; workers are started for the first one that is left to do."""
+        if on_progress:
+            on_progress(self.progress(0))
+        client: Client | None = None
+        with ExitStack() as opened:
+            windows: Phase[Any] = Phase(self.tasks, run_task, self._finish)
+            vehicles: Phase[Any] = Phase(self.pool_tasks, run_pool, self._finish_pool)
+            for phase in (windows, vehicles):
+                tasks = phase.tasks()
+                first = next(tasks, None)
+                if first is not None:
+                    client = client or opened.enter_context(connected(workers, scheduler))
+                    self._drive(client, phase, first, tasks, on_progress, should_stop)
+        if on_progress:
+            on_progress(self.progress(0))
+
+    def _drive(
+        self,
+        client: "Client",
+        phase: "Phase[Any]",
+        first: Any,
+        tasks: Iterator[Any],
+        on_progress: Callable[[BatchProgress], None] | None,
+        should_stop: Callable[[], bool],
+    ) -> None:
+        """Keep workers at a phase's tasks until all have ended, or the caller says stop."""
+        ended: queue.SimpleQueue[Future[Any]] = queue.SimpleQueue()
+        running: dict[str, tuple[Future[Any], Any]] = {}
+        put_off: list[Any] = []
+        waiting = first
+        published, slots, looked = time.monotonic(), 0, -1.0
+        alone = False
+        try:
+            while waiting or running or put_off:
+                if should_stop():
+                    self._stopped = True
+                    break
+                if time.monotonic() - looked > 1.0:
+                    slots, looked = _threads(client), time.monotonic()
+                if not waiting and not running:
+                    # What workers died at, one by one, so that nothing else is to blame.
+                    alone, waiting = True, put_off.pop(0)
+                room = 1 if alone else AHEAD * max(1, slots)
+                # What has ended is written before another file is read.
+                while waiting and len(running) < room and ended.empty():
+                    key = f"{waiting.key}{'-alone' * alone}"
+                    future = client.submit(phase.run, waiting, key=key, pure=False)
+                    running[key] = (future, waiting)
+                    future.add_done_callback(ended.put)
+                    waiting = None if alone else next(tasks, None)
+                try:
+                    future = ended.get(timeout=POLL)
+                except queue.Empty:
+                    continue
+                if future.key in running:
+                    future, task = running.pop(future.key)
+                    if not alone and _killed(future):
+                        put_off.append(task)
+                        continue
+                    phase.finish(future, task)
+                    future.release()
+                    if on_progress:
+                        on_progress(self.progress(slots))
+                if time.monotonic() - published > PUBLISHED_EVERY:
+                    self._journal.publish()
+                    published = time.monotonic()
+        finally:
+            for future, _ in running.values():
+                future.cancel()
+
+    def _finish(self, future: "Future[Any]", task: BatchTask) -> None:
+        """Write what became of a task."""
+        share = self._shares.pop(task.key)
+        self._done += share
+        self._computed += share
+        self._finished += 1
+        reason = _fault(future)
+        if reason:
+            found = [MethodRows(m, [], reason, final=False) for m in task.methods]
+        else:
+            found = future.result()
+        window, vehicles = task.segment.window, task.segment.vehicles
+        for one in found:
+            key = self._key(
+                task.facts.sha256, list(vehicles), window.start, window.duration, one.method
+            )
+            if one.rows:
+                self._journal.add("result", key, rows=one.rows)
+                self._rows += len(one.rows)
+                continue
+            self._failed += 1
+            alone = vehicles[1] if len(vehicles) == 2 else None
+            reason = f"{one.method}: {one.reason}"
+            self._fail(key, Failure(task.facts.file, window.start, alone, reason), one.final)
+
+    def _finish_pool(self, future: "Future[Any]", task: PoolTask) -> None:
+        """Write what became of a vehicle."""
+        reason = _fault(future)
+        found = PooledRow(None, reason, final=False) if reason else future.result()
+        if found.row:
+            self._journal.add("pooled", task.key, row=found.row)
+        else:
+            self._fail_pool(task.pool, found.reason, found.final)
+
+
+T = TypeVar("T")
+
+
+@dataclass(frozen=True)
+class Phase(Generic[T]):
+    """Tasks of one kind: where they come from, what workers do, what becomes of the answer."""
+
+    tasks: Callable[[], Iterator[T]]
+    run: Callable[[T], Any]
+    finish: Callable[["Future[Any]", T], None]
+
+
+def _fault(future: "Future[Any]") -> str:
+    """Why a task has no answer; empty where it has one.
+
+    Raises:
+        RecordingError: when the scheduler is away.
+    """
+    if future.status == "finished":
+        return ""
+    if future.status != "error":
+        raise _lost()
+    if _killed(future):
+        return "every worker died at it"
+    fault = future.exception()
+    return f"{type(fault).__name__}: {fault}"
+
+
+def _place(window: dict[str, Any]) -> tuple[list[int], Seconds, Seconds]:
+    """Vehicles, start and duration of a planned window as the journal has it."""
+    return window["vehicles"], window["start"], window["duration"]
+
+
+def _lost() -> RecordingError:
+    return RecordingError(
+        "The scheduler no longer answers; what was finished is kept, and the same call goes on"
+        " from there."
+    )
+
+
+def run_task(task: BatchTask) -> list[MethodRows]:
+    """All methods of a task, on a worker; one that fails does not stop the others."""
+    found = []
+    segment = replace(task.segment)  # arrays of one's own: those received may lie anyhow in memory
+    for key in task.methods:
+        try:
+            fit = METHODS[key].fit(segment, task.case, None, TaskContext(threads=1))
+            rows = rows_of(segment, task.facts, task.modes, fit, intervals(segment, fit))
+            found.append(MethodRows(key, rows))
+        except AccpinnError as fault:
+            found.append(MethodRows(key, [], str(fault)))
+        except Exception as fault:  # a fault of the program, told and tried again another time
+            found.append(MethodRows(key, [], f"{type(fault).__name__}: {fault}", final=False))
+    return found
+
+
+def run_pool(task: PoolTask) -> PooledRow:
+    """The pooled parameters of a vehicle, on a worker."""
+    try:
+        return PooledRow(pooled_row(task.pool, task.segments))
+    except AccpinnError as fault:
+        return PooledRow(None, str(fault))
+    except Exception as fault:  # a fault of the program, told and tried again another time
+        return PooledRow(None, f"{type(fault).__name__}: {fault}", final=False)
+
+
+def _killed(future: "Future[Any]") -> bool:
+    """Whether a task has no result because workers died."""
+    return future.status == "error" and type(future.exception()).__name__ == "KilledWorker"
+
+
+def _threads(client: "Client") -> int:
+    """Of all workers; they may come and go."""
+    if client.status not in ("running", "connecting"):
+        raise _lost()
+    try:
+        return sum(client.nthreads().values())
+    except Exception:  # the connection broke while it was asked
+        raise _lost() from None
+
+
+@contextmanager
+def connected(
+    workers: int | None, scheduler: str | None, processes: bool = True
+) -> "Iterator[Client]":
+    """A client of a scheduler with workers: the one at an address, or one on this machine.
+
+    Args:
+        workers: how many on this machine; by default one for each processor.
+        scheduler: the address.
+        processes: whether workers on this machine are processes of their own.
+
+    Raises:
+        RecordingError: when it cannot be reached, has no workers, or these lack the package.
+    """
+    import dask
+    from distributed import Client, LocalCluster
+
+    settings = {
+        "distributed.admin.large-graph-warning-threshold": "1GB",
+        "distributed.scheduler.allowed-failures": DEATHS,
+    }
+    with ExitStack() as opened:
+        opened.enter_context(dask.config.set(settings))
+        if scheduler is None:
+            space = opened.enter_context(tempfile.TemporaryDirectory(prefix="accpinn-"))
+            count = workers or os.cpu_count() or 1
+            address: Any = opened.enter_context(
+                LocalCluster(
+                    n_workers=count,
+                    threads_per_worker=1,
+                    processes=processes,
+                    protocol="tcp://",
+                    dashboard_address=":0",
+                    local_directory=space,
+                    memory_limit=0,
+                    silence_logs=50,
+                )
+            )
+        else:
+            address = scheduler
+        try:
+            client = opened.enter_context(Client(address, timeout=CONNECT, set_as_default=False))
+        except (OSError, ValueError, TimeoutError) as fault:
+            reason = str(fault).split("\n")[0][:120]
+            raise RecordingError(
+                f"{scheduler}: no scheduler answers there ({reason}); check the address."
+            ) from None
+        try:
+            client.wait_for_workers(1, timeout=CONNECT)
+        except TimeoutError:
+            raise RecordingError(
+                f"{scheduler}: the scheduler has no workers; start some, as with dask worker"
+                f" {scheduler}."
+            ) from None
+        if scheduler is not None:
+            _require_package(client, scheduler)
+        yield client
+
+
+def _version() -> str:
+    return __version__
+
+
+def _require_package(client: "Client", scheduler: str) -> None:
+    """Refuse workers elsewhere that cannot run tasks, before every task fails there."""
+    try:
+        versions = set(client.run(_version).values())
+    except Exception as fault:
+        raise RecordingError(
+            f"{scheduler}: its workers cannot run accpinn ({type(fault).__name__}:"
+            f" {str(fault)[:100]}); install the package there."
+        ) from None
+    if versions != {__version__}:
+        listed = ", ".join(sorted(versions))
+        raise RecordingError(
+            f"{scheduler}: its workers have accpinn {listed} and this is {__version__}; install the"
+            " same version everywhere."
+        )

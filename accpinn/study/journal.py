@@ -1,0 +1,278 @@
+"""A batch's folder: what is known so far, written as it comes, and the files made of it.
+
+`journal.jsonl` has one line for each recording that was planned, each method's result on a window,
+each vehicle's pooled parameters and each failure. A line is whole or it does not count, so a
+process that is killed loses the line it was writing and no other. `results.parquet`,
+`pooled.parquet`, `failures.csv` and `schema.json` are made from it in one step each, at the end of
+a run and from time to time.
+"""
+
+import csv
+import io
+import json
+import os
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import suppress
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+from filelock import FileLock, Timeout
+
+from accpinn.errors import ConfigError, RecordingError
+from accpinn.study.pooling import POOLED_COLUMNS, SHARED
+from accpinn.study.rows import COLUMNS, RowColumn
+
+JOURNAL, RESULTS, POOLED, FAILURES, SCHEMA, SETTINGS, LOCK = (
+    "journal.jsonl", "results.parquet", "pooled.parquet", "failures.csv", "schema.json",
+    "study.json", ".lock",
+)  # fmt: skip
+FAILURE_COLUMNS = ("file", "start", "vehicle", "reason")
+FORMAT = 1
+"""Raised whenever the same request would give other rows."""
+
+
+@dataclass(frozen=True)
+class Failure:
+    """Something that has no result."""
+
+    file: str
+    start: float | None
+    """Of the window in s; None for a whole recording."""
+    vehicle: int | None
+    """The only one that it concerns; None for all."""
+    reason: str
+
+
+@dataclass
+class Known:
+    """What a journal says, without the rows themselves."""
+
+    results: dict[str, int] = field(default_factory=dict)
+    """Rows by key of a result."""
+    failures: dict[str, Failure] = field(default_factory=dict)
+    """By key of what failed."""
+    pooled: set[str] = field(default_factory=set)
+    """Keys of the vehicles whose pooled parameters are known."""
+    final: set[str] = field(default_factory=set)
+    """Keys of failures that would come again."""
+    plans: dict[str, list[dict[str, Any]]] = field(default_factory=dict)
+    """Planned windows by the recording's SHA-256."""
+    recordings: dict[str, dict[str, Any]] = field(default_factory=dict)
+    """What was read of each file, by the SHA-256 of its bytes."""
+
+
+class Journal:
+    """The folder of one batch, while a process writes to it."""
+
+    def __init__(self, folder: Path, settings: dict[str, Any]) -> None:
+        """Open or make it.
+
+        Args:
+            folder: of the batch.
+            settings: what all of its rows share; another call must have the same.
+
+        Raises:
+            ConfigError: where it was made with other settings.
+            RecordingError: where it cannot be written, or another process writes there.
+        """
+        self.folder = folder
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            self._lock = FileLock(folder / LOCK)
+            self._lock.acquire(timeout=0)
+        except Timeout:
+            raise RecordingError(
+                f"{folder}: another batch is writing there; wait for its end, or take another"
+                " folder."
+            ) from None
+        except OSError as fault:
+            raise RecordingError(f"{folder}: it cannot be written ({fault.strerror}).") from None
+        try:
+            self._require_same(settings)
+            self.known = Known()
+            for line in _lines(folder / JOURNAL, repair=True):
+                _take(self.known, line)
+            self._file = (folder / JOURNAL).open("a", encoding="utf-8")
+        except BaseException:
+            self._lock.release()
+            raise
+
+    def __enter__(self) -> "Journal":
+        """The journal itself."""
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        fault: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """Make the files, and let others write."""
+        try:
+            self.publish()
+        finally:
+            self._file.close()
+            self._lock.release()
+
+    def add(self, kind: str, key: str, **content: Any) -> None:
+        """Write one line, so that it survives the end of this process.
+
+        Args:
+            kind: "recording", "plan", "result", "pooled", "failure" or "recovered".
+            key: what the line is about; a later one with the same key takes its place.
+            content: the rest.
+        """
+        line = {"kind": kind, "key": key} | content
+        self._file.write(json.dumps(line, ensure_ascii=False, allow_nan=False) + "\n")
+        self._file.flush()  # to the system, which outlives this process
+        _take(self.known, line)
+
+    def publish(self) -> None:
+        """Make the files from what is known so far."""
+        write_parquet(self.folder / RESULTS, COLUMNS, read_rows(self.folder))
+        write_parquet(self.folder / POOLED, POOLED_COLUMNS, read_pooled(self.folder))
+        text = io.StringIO()
+        writer = csv.writer(text, lineterminator="\n")
+        writer.writerow(FAILURE_COLUMNS)
+        for failure in self.known.failures.values():
+            cells = asdict(failure)
+            writer.writerow("" if cells[name] is None else cells[name] for name in FAILURE_COLUMNS)
+        _replace(self.folder / FAILURES, text.getvalue().encode())
+        schema = {
+            "format": FORMAT,
+            "rows": "one a (recording, window, follower, method)",
+            "columns": [asdict(column) for column in COLUMNS],
+            "pooled_rows": "one a vehicle and setting",
+            "pooled_columns": [asdict(column) for column in POOLED_COLUMNS],
+        }
+        _replace(self.folder / SCHEMA, json.dumps(schema, ensure_ascii=False, indent=2).encode())
+
+    def _require_same(self, settings: dict[str, Any]) -> None:
+        place = self.folder / SETTINGS
+        wanted = settings | {"format": FORMAT}
+        try:
+            kept = json.loads(place.read_text(encoding="utf-8"))
+        except FileNotFoundError:
+            _replace(place, json.dumps(wanted, indent=2).encode())
+            return
+        except (OSError, ValueError):
+            raise ConfigError(f"{place}: it cannot be read; take another folder.") from None
+        differing = [name for name in wanted if kept.get(name) != wanted[name]]
+        if differing:
+            said = ", ".join(f"{name} {kept.get(name)}" for name in differing)
+            raise ConfigError(
+                f"{self.folder}: it holds a batch with {said}; ask for the same, or take another"
+                " folder."
+            )
+
+
+def _take(known: Known, line: dict[str, Any]) -> None:
+    kind, key = line["kind"], line["key"]
+    if kind == "recording":
+        known.recordings[key] = line
+    elif kind == "plan":
+        known.plans[key] = line["windows"]
+    elif kind == "result":
+        known.results[key] = len(line["rows"])
+        known.failures.pop(key, None)
+    elif kind == "failure":
+        known.failures[key] = Failure(*(line[name] for name in FAILURE_COLUMNS))
+        known.final.discard(key)
+        if line["final"]:
+            known.final.add(key)
+    elif kind == "pooled":
+        known.pooled.add(key)
+        known.failures.pop(key, None)
+    elif kind == "recovered":
+        known.failures.pop(key, None)
+
+
+def _lines(path: Path, repair: bool = False) -> Iterator[dict[str, Any]]:
+    """The whole lines of a journal; a broken last one is cut off where that is asked for."""
+    try:
+        file = path.open("rb+" if repair else "rb")
+    except FileNotFoundError:
+        return
+    with file:
+        whole = 0
+        for raw in file:
+            try:
+                line = json.loads(raw) if raw.endswith(b"\n") else None
+            except ValueError:
+                line = None
+            if line is None:
+                break
+            whole += len(raw)
+            yield line
+        if repair:
+            file.truncate(whole)
+
+
+def read_rows(folder: Path) -> Iterator[dict[str, Any]]:
+    """All rows of a batch, also of one that is running; none twice."""
+    seen = set()
+    for line in _lines(folder / JOURNAL):
+        if line["kind"] == "result" and line["key"] not in seen:
+            seen.add(line["key"])
+            yield from line["rows"]
+
+
+def read_pooled(folder: Path) -> Iterator[dict[str, Any]]:
+    """The vehicles' pooled parameters: for each vehicle and setting the latest."""
+    found: dict[tuple[Any, ...], dict[str, Any]] = {}
+    for line in _lines(folder / JOURNAL):
+        if line["kind"] == "pooled":
+            found[tuple(line["row"][name] for name in SHARED)] = line["row"]
+    yield from found.values()
+
+
+def read_failures(folder: Path) -> tuple[Failure, ...]:
+    """What has no result, also of a batch that is running."""
+    known = Known()
+    for line in _lines(folder / JOURNAL):
+        _take(known, line)
+    return tuple(known.failures.values())
+
+
+def write_parquet(
+    path: Path, columns: Sequence[RowColumn], found: Iterable[dict[str, Any]]
+) -> None:
+    """Make a Parquet file of rows, a part at a time and in one step.
+
+    Args:
+        path: of the file.
+        columns: their names, kinds and units.
+        found: the rows.
+    """
+    import pyarrow as pa  # takes a third of a second
+    from pyarrow import parquet
+
+    kinds = {"string": pa.string(), "bool": pa.bool_(), "int64": pa.int64(), "double": pa.float64()}
+    schema = pa.schema(
+        [
+            pa.field(one.name, kinds[one.kind], metadata={"unit": one.unit, "meaning": one.meaning})
+            for one in columns
+        ]
+    )
+    part = path.with_name(f".{path.name}.{os.getpid()}.part")
+    try:
+        with parquet.ParquetWriter(part, schema) as writer:
+            rows: list[dict[str, Any]] = []
+            for row in found:
+                rows.append(row)
+                if len(rows) == 5000:
+                    writer.write_table(pa.Table.from_pylist(rows, schema))
+                    rows.clear()
+            writer.write_table(pa.Table.from_pylist(rows, schema))
+        os.replace(part, path)
+    finally:
+        with suppress(OSError):
+            part.unlink(missing_ok=True)
+
+
+def _replace(path: Path, content: bytes) -> None:
+    part = path.with_name(f".{path.name}.{os.getpid()}.part")
+    part.write_bytes(content)
+    os.replace(part, path)

@@ -1,0 +1,145 @@
+"""The windows of a recording that a batch takes: complete stretches in car-following under ACC.
+
+A follower qualifies at an instant where
+
+    its speed, the speed ahead and the space-gap are known (short blocks bridged, as `cut` does);
+    no driver controls it: by its driver mode, or by the file's flag where there are no modes;
+    it moves, and its time gap p/v is at most 1.3 times its median, but at least 2 s and at most
+    3.5 s, so that a long distance setting counts as car-following and catching up does not.
+
+Departures of up to 10 s from the last of these, as behind a car that cuts in, do not interrupt a
+stretch. Stretches in which all followers of a chain qualify are taken together; what a follower has
+beyond them it has alone, behind the vehicle ahead. Stretches are cut into windows of the asked
+length from their start on; the rest of a stretch is a window where it lasts for a minute.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from accpinn.recordings.recording import HUMAN_FLAG, MOVING, Mode, Recording, Window
+from accpinn.segment.cut import (
+    MAX_FOLLOWERS,
+    MINIMUM_DURATION,
+    SLACK,
+    chains,
+    complete_windows,
+)
+from accpinn.segment.quality import CAR_FOLLOWING
+from accpinn.units import FloatArray, Mask, Seconds, Stretch, stretches
+
+LONGER = 1.3
+"""Times its median, a time gap still counts as car-following."""
+LONGEST_GAP: Seconds = 3.5
+"""A longer one never does: the settings of cruise controls end near 3 s."""
+DEPARTURE: Seconds = 10.0
+LEAST: Seconds = 60.0
+"""Shorter stretches say little about three parameters."""
+ACC_FLAG = 1
+
+
+@dataclass(frozen=True)
+class PlannedWindow:
+    """One task's share of a recording."""
+
+    vehicles: tuple[int, ...]
+    """(M+1,) leader first."""
+    window: Window
+    modes: tuple[str, ...]
+    """(M,) "ACC" by the driver mode, "ACC by flag" by the file's flag, or "unknown"."""
+
+
+def plan(recording: Recording, longest: Seconds) -> tuple[PlannedWindow, ...]:
+    """The windows of a recording, in the order of chains and time.
+
+    Args:
+        recording: what to cut.
+        longest: of a window, in s; infinite for whole stretches.
+    """
+    found: list[PlannedWindow] = []
+    for chain in _short_chains(recording):
+        allowed = np.column_stack([qualifies(recording, number) for number in chain[1:]])
+        together = _windows(recording, np.asarray(allowed.all(axis=1)), longest)
+        found += [_planned(recording, chain, window) for window in together]
+        for column, pair in zip(allowed.T, pairwise(chain), strict=True):
+            if len(chain) == 2:
+                continue
+            rest = column.copy()
+            for window in together:
+                rest &= ~_inside(recording.time, window)
+            found += [_planned(recording, pair, one) for one in _windows(recording, rest, longest)]
+    return tuple(found)
+
+
+def _short_chains(recording: Recording) -> Iterator[tuple[int, ...]]:
+    """Chains with no more followers than a segment may have; the last of one leads the next."""
+    for chain in chains(recording):
+        for first in range(0, len(chain) - 1, MAX_FOLLOWERS):
+            yield chain[first : first + MAX_FOLLOWERS + 1]
+
+
+def qualifies(recording: Recording, number: int) -> Mask:
+    """(N,) where a follower is in car-following under ACC, with all channels known.
+
+    Args:
+        recording: the data.
+        number: of the follower; the vehicle ahead has the number before it.
+    """
+    modes = recording.mode[:, number - 1]
+    by_hand = modes == Mode.HUMAN
+    if (modes == Mode.UNKNOWN).all() and recording.acc_flag == HUMAN_FLAG:
+        return np.zeros(recording.samples, bool)
+    complete = np.zeros(recording.samples, bool)
+    for window in complete_windows(recording, (number - 1, number)):
+        complete |= _inside(recording.time, window)
+    allowed: Mask = complete & ~by_hand
+    speed, gap = recording.speed_of(number), recording.gap_behind(number - 1)
+    gaps = np.full(recording.samples, np.nan)
+    np.divide(gap, speed, out=gaps, where=speed > MOVING)
+    known = gaps[allowed & np.isfinite(gaps)]
+    if not len(known):
+        return np.zeros(recording.samples, bool)
+    limit = float(np.clip(LONGER * np.median(known), CAR_FOLLOWING, LONGEST_GAP))
+    # A bridged sample has no time gap of its own and counts as its neighbours do.
+    away = allowed & (speed <= MOVING) | (gaps > limit)
+    for stretch in stretches(away):
+        inside = stretch.first > 0 and stretch.last < recording.samples - 1
+        if inside and recording.window(stretch).duration <= DEPARTURE:
+            away[stretch.rows] = False
+    return allowed & ~away
+
+
+def _inside(time: FloatArray, window: Window) -> Mask:
+    return (time >= window.start - SLACK) & (time <= window.end + SLACK)
+
+
+def _windows(recording: Recording, allowed: Mask, longest: Seconds) -> list[Window]:
+    """The windows of all stretches that are long enough."""
+    least = max(MINIMUM_DURATION, min(LEAST, longest))
+    found = []
+    for stretch in stretches(allowed):
+        found += list(_pieces(recording, stretch, longest, least))
+    return found
+
+
+def _pieces(
+    recording: Recording, stretch: Stretch, longest: Seconds, least: Seconds
+) -> Iterator[Window]:
+    whole = recording.window(stretch)
+    start = whole.start
+    while whole.end - start >= least - SLACK:
+        end = min(start + longest, whole.end)
+        yield Window(start, round(end, 6))
+        start = round(start + longest, 6)
+
+
+def _planned(recording: Recording, vehicles: Sequence[int], window: Window) -> PlannedWindow:
+    rows = _inside(recording.time, window)
+    modes = []
+    for number in vehicles[1:]:
+        known = (recording.mode[rows, number - 1] == Mode.ACC).any()
+        flagged = "ACC by flag" if recording.acc_flag == ACC_FLAG else "unknown"
+        modes.append("ACC" if known else flagged)
+    return PlannedWindow(tuple(vehicles), window, tuple(modes))

@@ -1,0 +1,194 @@
+"""Downloads from a publisher that breaks off, stalls, refuses, is away or sends something else."""
+
+import hashlib
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from accpinn.cli import main
+from accpinn.errors import ConfigError, RecordingError
+from accpinn.recordings.catalogue import Run, catalogue, find
+from accpinn.recordings.download import CHECKSUMS, Download, DownloadState, Transfer, download
+from accpinn.recordings.openacc import read
+from tests.support.command import Capture, document, refused
+from tests.support.openacc_files import csv, platoon
+from tests.support.publisher import Publisher, publisher
+
+CONTENT = csv(platoon(2, 1500))
+DIGEST = hashlib.sha256(CONTENT).hexdigest()
+KNOWN = Run("JRC low speed", "part 1.csv", DIGEST)
+UNKNOWN = Run("Casale", "part2.csv", None)
+
+
+@pytest.fixture
+def server() -> Iterator[Publisher]:
+    with publisher({KNOWN.key: CONTENT, UNKNOWN.key: CONTENT}) as state:
+        yield state
+
+
+def fetched(server: Publisher, folder: Path, *runs: Run, **options: object) -> list[Download]:
+    found = download(runs, folder, server.url, pause=0.01, stall=0.3, **options)  # type: ignore[arg-type]
+    return sorted(found, key=lambda one: runs.index(one.run))
+
+
+def leftovers(folder: Path) -> list[Path]:
+    return [path for path in folder.rglob(".*") if path.is_file()]
+
+
+def test_files_arrive_once_and_can_be_read(server: Publisher, tmp_path: Path) -> None:
+    first = fetched(server, tmp_path, KNOWN, UNKNOWN)
+    assert [one.state for one in first] == [DownloadState.DOWNLOADED] * 2
+    assert read(first[0].path).samples == 1500
+    assert leftovers(tmp_path) == []
+    asked = len(server.requests)
+    again = fetched(server, tmp_path, KNOWN, UNKNOWN)
+    assert [one.state for one in again] == [DownloadState.PRESENT] * 2
+    assert len(server.requests) == asked
+    assert (tmp_path / CHECKSUMS).read_text() == f"{DIGEST}  {UNKNOWN.key}\n"
+
+
+@pytest.mark.parametrize("run", [KNOWN, UNKNOWN], ids=["known", "unknown"])
+@pytest.mark.parametrize(
+    ("faults", "resumed"),
+    [
+        (["break", "break"], 2),
+        (["stall"], 1),
+        (["503", "429"], 0),
+        (["break", "plain"], 1),
+        (["503", "break", "503"], 2),
+    ],
+)
+def test_interruptions_are_survived(
+    server: Publisher, tmp_path: Path, run: Run, faults: list[str], resumed: int
+) -> None:
+    server.faults[run.key] = [*faults]
+    [found] = fetched(server, tmp_path, run)
+    assert found.state is DownloadState.DOWNLOADED
+    assert found.path.read_bytes() == CONTENT
+    assert sum(bool(asked) for _, asked in server.requests) == resumed
+    assert leftovers(tmp_path) == []
+
+
+def test_a_later_call_goes_on_where_attempts_ended(server: Publisher, tmp_path: Path) -> None:
+    server.faults[KNOWN.key] = ["break"] * 5
+    [found] = fetched(server, tmp_path, KNOWN)
+    assert found.state is DownloadState.FAILED
+    assert "breaks off, 5 attempts" in found.reason
+    assert not found.path.exists()
+    received: list[Transfer] = []
+    [found] = fetched(server, tmp_path, KNOWN, on_transfer=received.append)
+    assert found.path.read_bytes() == CONTENT
+    missing = len(CONTENT) - int(server.requests[-1][1].removeprefix("bytes=").rstrip("-"))
+    assert 0 < missing < len(CONTENT) / 4
+    assert (received[-1].received, received[-1].size) == (len(CONTENT), len(CONTENT))
+
+
+def test_parts_of_two_versions_are_never_put_together(server: Publisher, tmp_path: Path) -> None:
+    server.faults[UNKNOWN.key] = ["break"]
+    changed = csv(platoon(2, 1600))
+    server.faults[UNKNOWN.key] = ["break"] * 5
+    fetched(server, tmp_path, UNKNOWN)
+    server.files[UNKNOWN.key] = changed
+    [found] = fetched(server, tmp_path, UNKNOWN)
+    assert found.path.read_bytes() == changed
+
+
+@pytest.mark.parametrize(
+    ("content", "fault", "words"),
+    [
+        (None, "404", "it is not there"),
+        (None, "403", "it is refused"),
+        (b"<!doctype html><p>moved", "", "no OpenACC run"),
+        (b"PK\3\4" + bytes(500), "", "no OpenACC run"),
+    ],
+)
+def test_what_is_no_run_is_not_kept(
+    server: Publisher, tmp_path: Path, content: bytes | None, fault: str, words: str
+) -> None:
+    server.files[UNKNOWN.key] = content or CONTENT
+    server.faults[UNKNOWN.key] = [fault] * bool(fault)
+    wrong, right = fetched(server, tmp_path, UNKNOWN, KNOWN)
+    assert words in wrong.reason
+    assert wrong.reason.startswith(UNKNOWN.key)
+    assert right.state is DownloadState.DOWNLOADED
+    assert not wrong.path.exists()
+    assert leftovers(tmp_path) == []
+
+
+def test_another_file_than_the_published_one_is_not_kept(server: Publisher, tmp_path: Path) -> None:
+    server.files[KNOWN.key] = csv(platoon(2, 1400))
+    [found] = fetched(server, tmp_path, KNOWN)
+    assert "SHA-256 differs" in found.reason
+    assert not found.path.exists()
+
+
+def test_a_file_that_changed_since_its_first_use_is_said(server: Publisher, tmp_path: Path) -> None:
+    [found] = fetched(server, tmp_path, UNKNOWN)
+    found.path.write_bytes(b"mine")
+    [again] = fetched(server, tmp_path, UNKNOWN)
+    assert "move it away" in again.reason
+    assert found.path.read_bytes() == b"mine"
+
+
+def test_without_a_network_one_clear_word_and_no_waiting(
+    capsys: Capture, server: Publisher, tmp_path: Path
+) -> None:
+    closed = "http://127.0.0.1:9"
+    assert main(["download", "ZalaZone", "--to", str(tmp_path), "--from", closed]) == 1
+    printed = capsys.readouterr()
+    assert printed.out == f"{tmp_path}: 73 failed\n"
+    [said] = [line for line in printed.err.splitlines() if line.startswith("error: ")]
+    assert "127.0.0.1:9 cannot be reached; check the network" in said
+
+
+def test_connections_are_limited_and_can_be_stopped(server: Publisher, tmp_path: Path) -> None:
+    runs = [Run("Casale", f"part{k}.csv", None) for k in range(20, 40)]
+    server.files |= {run.key: CONTENT for run in runs}
+    found = fetched(server, tmp_path, *runs, connections=3)
+    assert all(one.state is DownloadState.DOWNLOADED for one in found)
+    assert server.most_at_once <= 3
+    assert len((tmp_path / CHECKSUMS).read_text().splitlines()) == 20
+    [stopped] = fetched(server, tmp_path / "other", KNOWN, should_stop=lambda: True)
+    assert stopped.state is DownloadState.STOPPED
+
+
+def test_a_folder_that_cannot_be_made(server: Publisher, tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    with pytest.raises(RecordingError, match="no folder can be made"):
+        fetched(server, tmp_path / "file" / "below", KNOWN)
+
+
+def test_the_catalogue_names_every_published_run() -> None:
+    assert len(catalogue()) == 139
+    assert len(set(catalogue())) == 139
+    assert [run.file for run in find(["casale"])][-1] == "part11.csv"
+    assert find(["Casale", "casale/part7.csv"]) == find(["Casale"])
+    with pytest.raises(ConfigError, match=r"Casale/part7.csv or JRC low speed/part7.csv"):
+        find(["part7.csv"])
+    with pytest.raises(ConfigError, match="AstaZero, Casale"):
+        find(["nothing"])
+
+
+def test_the_catalogue_agrees_with_the_files_at_hand(openacc_dir: Path) -> None:
+    there = [run for run in catalogue() if run.sha256 and run.path(openacc_dir).is_file()]
+    assert there
+    for run in there:
+        assert hashlib.sha256(run.path(openacc_dir).read_bytes()).hexdigest() == run.sha256
+
+
+def test_command_lists_downloads_and_counts(
+    capsys: Capture, server: Publisher, tmp_path: Path
+) -> None:
+    server.files |= {run.key: CONTENT for run in find(["Cherasco"])}
+    options = ("--to", tmp_path, "--from", server.url)
+    name = find(["Cherasco"])[0].file
+    unknown = [run for run in find(["Cherasco"]) if run.sha256 is None]
+    listed = document(capsys, "download", name, "--list", *options)
+    assert [row["downloaded"] for row in listed["runs"]] == [False]
+    if unknown:
+        found = document(capsys, "download", unknown[0].file, *options)
+        assert [row["state"] for row in found["runs"]] == ["downloaded"]
+    assert main(["download", "--list", "--to", str(tmp_path)]) == 0
+    assert capsys.readouterr().out.startswith("139 runs, ")
+    assert "not in the catalogue" in refused(capsys, 2, "download", "x", *options)

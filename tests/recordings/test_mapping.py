@@ -1,0 +1,134 @@
+"""Any table through a mapping: units, separators, several runs, what is remembered and refused."""
+
+from pathlib import Path
+
+import msgspec
+import numpy as np
+import pandas as pd
+import pytest
+
+from accpinn.errors import RecordingError
+from accpinn.recordings.files import read, read_all
+from accpinn.recordings.mapping import (
+    FOLDER_VARIABLE,
+    CsvMapping,
+    load_mapping,
+    parse_mapping,
+    preview,
+    write_mapping,
+)
+from accpinn.recordings.recording import MappingRemembered, Mode, Recording
+from tests.support.openacc_files import csv, metadata, platoon
+
+MAPPING = """{"time": {"column": "clock", "unit": "ms"},
+ "speeds": [{"column": "v lead", "unit": "km/h", "name": "Audi (A8)"}, {"column": "v2"}],
+ "gaps": [{"column": "range", "unit": "ft", "subtract": 4.5}],
+ "modes": [{"vehicle": 2, "column": "engaged", "acc": ["1"], "human": ["0"]}]}"""
+
+
+@pytest.fixture(autouse=True)
+def mappings(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    folder = tmp_path / "mappings"
+    monkeypatch.setenv(FOLDER_VARIABLE, str(folder))
+    return folder
+
+
+def foreign(frame: pd.DataFrame) -> pd.DataFrame:
+    """An OpenACC frame with other names, units and origin of time."""
+    return pd.DataFrame(
+        {
+            "clock": (1e12 + 1000 * frame["Time"]).round(3),
+            "v2": frame["Speed2"],
+            "note": "a",
+            "range": (frame["IVS1"] + 4.5) / 0.3048,
+            "v lead": frame["Speed1"] * 3.6,
+            "engaged": np.where(frame["Time"] < 110, 0, 1),
+        }
+    )
+
+
+@pytest.mark.parametrize("separator", [",", ";", "\t"])
+def test_columns_units_and_separators(separator: str) -> None:
+    frame = platoon(2, 300)
+    original = read(csv(frame, metadata(("A", "B"))), "run.csv")
+    decimal = "," if separator == ";" else "."
+    raw = foreign(frame).to_csv(index=False, sep=separator, decimal=decimal).encode()
+    found = read(raw, "mine.csv", mapping=parse_mapping(MAPPING))
+    np.testing.assert_allclose(found.speed, original.speed, atol=2e-9)
+    np.testing.assert_allclose(found.gap, original.gap, atol=2e-9)
+    np.testing.assert_allclose(found.time, original.time, atol=1e-6)
+    assert found.is_even
+    assert [vehicle.name for vehicle in found.vehicles] == ["Audi (A8)", "Vehicle 2"]
+    assert (found.mode[0, 1], found.mode[-1, 1]) == (Mode.HUMAN, Mode.ACC)
+    shown = preview(raw, "mine.csv").layout
+    assert (shown.separator, shown.decimal, len(shown.rows)) == (separator, decimal, 5)
+    assert shown.names == tuple(foreign(frame).columns)
+
+
+def test_a_mapping_is_remembered_for_the_same_columns_only(mappings: Path) -> None:
+    frame = platoon(2, 100)
+    raw, mapping = foreign(frame).to_csv(index=False).encode(), parse_mapping(MAPPING)
+    with pytest.raises(RecordingError, match="--mapping"):
+        read(raw, "mine.csv")
+    assert preview(raw, "mine.csv").mapping is None
+    first = read(raw, "mine.csv", mapping=mapping)
+    again = read(raw, "next.csv")
+    np.testing.assert_array_equal(again.speed, first.speed)
+    assert MappingRemembered() in again.findings
+    assert MappingRemembered() not in first.findings
+    assert preview(raw, "next.csv").mapping == mapping
+    other = foreign(frame).rename(columns={"note": "remark"}).to_csv(index=False).encode()
+    with pytest.raises(RecordingError, match="--mapping"):
+        read(other, "other.csv")
+    for kept in mappings.iterdir():
+        kept.write_text("{")
+    assert preview(raw, "next.csv").mapping is None
+
+
+def test_several_runs_in_one_table_without_a_column_of_time() -> None:
+    frame = foreign(platoon(2, 200)).drop(columns="clock").assign(run=["x"] * 120 + ["y"] * 80)
+    changed = msgspec.structs.replace(
+        parse_mapping(MAPPING), time=None, sample_time=0.05, trajectory="run"
+    )
+    raw = frame.to_csv(index=False).encode()
+    found = [
+        one for one in read_all(raw, "mine.csv", mapping=changed) if isinstance(one, Recording)
+    ]
+    assert [(one.trajectory, one.samples, one.sample_time) for one in found] == [
+        ("x", 120, 0.05),
+        ("y", 80, 0.05),
+    ]
+    np.testing.assert_array_equal(
+        read(raw, "mine.csv", mapping=changed, trajectory="y").speed, found[1].speed
+    )
+    with pytest.raises(RecordingError, match=r"2 trajectories; .*x, y"):
+        read(raw, "mine.csv", mapping=changed)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ('"km/h"', '"furlong"', 'unit: "furlong" is not known; choose from m/s'),
+        ('"v2"', '"v3"', 'no column "v3"; choose among clock'),
+        ('"time"', '"tame"', "no mapping"),
+        ('"unit": "ms"', '"unit": "s"', "give the time in seconds"),
+        ('"vehicle": 2', '"vehicle": 3', "no vehicle 3"),
+        (', {"column": "v2"}', "", "speeds lists 1 columns"),
+        ('"unit": "ft", "subtract": 4.5', '"subtract": "4"', r"gaps\[0\].subtract"),
+        ('"gaps"', '"sample_time": 0.1, "gaps"', "give one of the two"),
+        ('"range"', '"note"', 'row 2, column note: "a" is not a number'),
+    ],
+)
+def test_a_mapping_that_cannot_serve_says_where(old: str, new: str, words: str) -> None:
+    raw = foreign(platoon(2, 100)).to_csv(index=False).encode()
+    with pytest.raises(RecordingError, match=words):
+        read(raw, "mine.csv", mapping=parse_mapping(MAPPING.replace(old, new)))
+
+
+def test_a_mapping_survives_its_file(tmp_path: Path) -> None:
+    mapping: CsvMapping = parse_mapping(MAPPING)
+    path = tmp_path / "mapping.json"
+    path.write_bytes(write_mapping(mapping))
+    assert load_mapping(path) == mapping
+    with pytest.raises(RecordingError, match="cannot be opened"):
+        load_mapping(tmp_path / "none.json")

@@ -1,0 +1,84 @@
+"""The file for SUMO, which SUMO itself must read as the CTHP, and the parameter card."""
+
+import importlib.util
+import json
+import subprocess
+import sys
+from pathlib import Path
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+
+from accpinn.errors import ParameterError
+from accpinn.model.cthp import Parameters
+from accpinn.model.published import PUBLISHED, ParameterSet
+from accpinn.platoon.leader import Sinusoid
+from accpinn.platoon.simulation import simulate_platoon
+from accpinn.results.export import parameter_card, snapshot_types, sumo_types
+from tests.support import sumo
+from tests.support.snapshots import small
+
+PROGRAM = Path(__file__).parents[1] / "support" / "sumo.py"
+
+
+def ids(types: str) -> list[str]:
+    return [str(one.get("id")) for one in ElementTree.fromstring(types).findall("vType")]
+
+
+@pytest.mark.skipif(importlib.util.find_spec("libsumo") is None, reason="libsumo is not installed")
+@pytest.mark.parametrize("frequency", [0.1, 0.2])
+@pytest.mark.parametrize("published", PUBLISHED, ids=lambda one: one.title)
+def test_sumo_answers_as_our_platoon(published: ParameterSet, frequency: float) -> None:
+    types = sumo_types(published.names, published.parameters)
+    headways = published.parameters.tau.tolist()
+    given = {"types": types, "ids": ids(types), "headways": headways, "frequency": frequency}
+    ran = subprocess.run(
+        [sys.executable, str(PROGRAM)], input=json.dumps(given), capture_output=True, text=True,
+        check=True,
+    )  # fmt: skip
+    leader = Sinusoid(frequency, 1.0, sumo.SPEED, sumo.SETTLE, sumo.DURATION)
+    expected = simulate_platoon(published.parameters, leader).amplitudes
+    assert expected is not None
+    found = json.loads(ran.stdout.splitlines()[-1])
+    np.testing.assert_allclose(found, expected.measured, rtol=0.02)
+
+
+def test_types_hold_the_parameters_and_every_sample() -> None:
+    snapshot = small()
+    known = snapshot.uncertainty
+    assert known is not None
+    root = ElementTree.fromstring(snapshot_types(snapshot, 5))
+    singles, mixtures = root.findall("vType"), root.findall("vTypeDistribution")
+    assert len(singles) == len(mixtures) == snapshot.info.followers
+    for k, (single, mixture) in enumerate(zip(singles, mixtures, strict=True)):
+        own = [float(single.get(a, "")) for a in ("gapControlGainSpace", "gapControlGainSpeed")]
+        np.testing.assert_allclose(own, snapshot.fit.parameters.values[k, :2], rtol=1e-9)
+        drawn = np.array([float(one.get("tau", "")) for one in mixture])
+        assert len(drawn) == 5
+        low, high = np.quantile(known.draws.tau[:, k], [0, 1])
+        assert low <= drawn.min() < np.median(drawn) < drawn.max() <= high
+        assert sum(float(one.get("probability", "")) for one in mixture) == pytest.approx(1)
+    assert not ElementTree.fromstring(snapshot_types(snapshot, 0)).findall("vTypeDistribution")
+
+
+def test_names_become_identifiers_and_an_undetermined_headway_is_refused() -> None:
+    odd = Parameters([0.1, 0.1], [0.2, 0.2], [1.0, 1.0])
+    assert ids(sumo_types(('<"&> Ä(8)', "日"), odd)) == ["F1_8", "F2_vehicle"]
+    with pytest.raises(ParameterError, match="A: τ is undetermined"):
+        sumo_types(("A",), Parameters([0.0], [0.2], [np.nan]))
+
+
+def test_a_card_names_parameters_intervals_and_where_they_come_from() -> None:
+    snapshot = small()
+    known = snapshot.uncertainty
+    assert known is not None
+    card = parameter_card(snapshot)
+    for k, vehicle in enumerate(card["vehicles"]):
+        tau = vehicle["tau"]
+        assert tau["value"] == snapshot.fit.parameters.tau[k]
+        assert (tau["low"], tau["high"]) == (known.lower.tau[k], known.upper.tau[k])
+        assert tau["unit"] == "s"
+    assert card["provenance"]["sha256"] == snapshot.info.sha256
+    assert card["provenance"]["duration"] == snapshot.info.window.duration
+    assert "CC BY 4.0" in card["attribution"]

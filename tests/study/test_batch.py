@@ -1,0 +1,322 @@
+"""Batches: every window once, what cannot be used is told, and what is known is not done again."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+from distributed import KilledWorker
+
+from accpinn.cli import main
+from accpinn.errors import ConfigError, RecordingError
+from accpinn.inference.intervals import Uncertainty, from_draws
+from accpinn.methods.fit import Fit
+from accpinn.methods.maximum_likelihood import KEY
+from accpinn.methods.registry import METHODS
+from accpinn.model.cthp import Parameters
+from accpinn.recordings.openacc import read
+from accpinn.results.tables.groups import pooled_table
+from accpinn.segment.cut import cut
+from accpinn.segment.segment import Segment
+from accpinn.study import batch as batches
+from accpinn.study.batch import AHEAD, BatchTask, MethodRows, batch
+from accpinn.study.journal import JOURNAL, Failure, read_failures, read_pooled, read_rows
+from accpinn.study.rows import COLUMNS
+from accpinn.study.windows import fit_windows
+from tests.support.command import ROOT, Capture, strict
+from tests.support.command import STUDY as STUDY_FILE
+from tests.support.openacc_files import csv, metadata, platoon
+
+
+def quick_intervals(_: Segment, fit: Fit) -> Uncertainty:
+    """Draws about the estimate: those of the likelihood take a second."""
+    normal = np.random.default_rng(0).normal(size=(50, 1, 1))
+    draws = np.maximum(fit.parameters.values, 1e-6) * np.exp(0.1 * normal)
+    return from_draws(fit.parameters, Parameters.of(draws), 0.9)
+
+
+@pytest.fixture(autouse=True)
+def quick(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(batches, "intervals", quick_intervals)
+
+
+METHODS_USED = ("least-squares", "savitzky-golay")
+NAMES = ("Audi(A8)", "Nobody", "Tesla(Model3)")
+
+
+@pytest.fixture(scope="module")
+def cluster() -> Iterator[str]:
+    """The address of a scheduler with two workers; they are threads, which start at once."""
+    with batches.connected(2, None, processes=False) as client:
+        yield client.scheduler.address
+
+
+def frame(seed: int, samples: int = 1400) -> pd.DataFrame:
+    """A platoon whose speeds differ from file to file."""
+    found = platoon(3, samples)
+    return found + 0.01 * np.random.default_rng(seed).normal(size=(samples, 1)) * [0, 1, 1, 1, 1, 1]
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    """Two sound recordings, a damaged one, one by hand, and a copy."""
+    place = tmp_path / "runs"
+    (place / "below").mkdir(parents=True)
+    for k, below in ((1, ""), (2, "below")):
+        rows = metadata(NAMES, distance=("min", "max")[k - 1])
+        (place / below / f"run{k}.csv").write_bytes(csv(frame(k), rows))
+    (place / "copy.csv").write_bytes((place / "run1.csv").read_bytes())
+    (place / "broken.csv").write_bytes(b"Date,1,1,2020\n\0\0\0")
+    (place / "hand.csv").write_bytes(csv(frame(3), metadata(NAMES, acc="0")))
+    return place
+
+
+def table(study: Path) -> pd.DataFrame:
+    return pd.read_parquet(study / "results.parquet")
+
+
+def unique(rows: pd.DataFrame) -> bool:
+    return not rows.duplicated(["sha256", "start", "vehicle", "method"]).any()
+
+
+def test_every_window_is_a_row_and_the_rest_a_failure(
+    cluster: str, folder: Path, tmp_path: Path
+) -> None:
+    study = tmp_path / "study"
+    options: dict[str, Any] = {"window": 70, "case": "II", "scheduler": cluster}
+    found = batch(folder, study, methods=METHODS_USED, **options)
+    assert (found.recordings, found.refused, found.windows, found.followers) == (3, 2, 4, 8)
+    assert (found.rows, found.failed, found.reused, found.stopped) == (16, 0, 0, False)
+    rows = table(study)
+    assert list(rows.columns) == [column.name for column in COLUMNS]
+    assert len(rows) == 16
+    assert unique(rows)
+    described = json.loads((study / "schema.json").read_text())["columns"]
+    assert [one["name"] for one in described] == list(rows.columns)
+    assert all(one["meaning"] for one in described)
+    reasons = pd.read_csv(study / "failures.csv").set_index("file")["reason"]
+    assert set(reasons.index) == {"broken.csv", "hand.csv", "run1.csv"}
+    assert "no complete stretch" in reasons["hand.csv"]
+    # A row is what its method and the intervals say of the window.
+    row = rows[(rows.file == "run2.csv") & (rows.start == 70) & (rows.vehicle == 3)].iloc[0]
+    segment = cut(read(folder / "below" / "run2.csv"), 70, 69.9)
+    fit = METHODS[row.method].fit(segment)
+    np.testing.assert_allclose(row[["alpha", "beta", "tau"]].astype(float),
+                               fit.parameters.values[1], rtol=1e-12)  # fmt: skip
+    known = quick_intervals(segment, fit)
+    assert (row.tau_low, row.tau_high) == (known.lower.tau[1], known.upper.tau[1])
+    assert (row.make, row.model, row.distance_setting) == ("Tesla", "Model 3", "max")
+    assert (row["mode"], row.mode_source, row.date) == ("ACC", "flag", "2019-02-26")
+    # Again, with a further method, without a file and with the damaged one mended.
+    (folder / "broken.csv").write_bytes(csv(frame(4), metadata(NAMES)))
+    again = batch(folder, study, methods=(*METHODS_USED, "splines"), **options)
+    assert (again.recordings, again.refused, again.reused, again.rows) == (4, 1, 16, 36)
+    assert unique(table(study))
+    assert "broken.csv" not in set(pd.read_csv(study / "failures.csv")["file"])
+
+
+def test_what_is_known_needs_neither_workers_nor_the_files_contents(
+    cluster: str, folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    study = tmp_path / "study"
+    first = batch(folder / "run1.csv", study, methods=METHODS_USED, window=70, scheduler=cluster)
+    (folder / "run1.csv").rename(folder / "renamed.csv")
+    monkeypatch.setattr(batches, "read_all", None)
+    monkeypatch.setattr(batches, "connected", None)
+    again = batch(folder / "renamed.csv", study, methods=METHODS_USED, window=70)
+    assert again.reused == again.rows == first.rows == 8
+    assert (again.windows, again.recordings) == (first.windows, first.recordings)
+
+
+def test_a_stopped_batch_goes_on(cluster: str, folder: Path, tmp_path: Path) -> None:
+    study = tmp_path / "study"
+    seen: list[int] = []
+    stopped = batch(
+        folder, study, methods=METHODS_USED, window=60, scheduler=cluster,
+        on_progress=lambda now: seen.append(now.windows), should_stop=lambda: any(seen),
+    )  # fmt: skip
+    assert stopped.stopped
+    assert 0 < len(table(study)) == stopped.rows < 16
+    ended = batch(folder, study, methods=METHODS_USED, window=60, scheduler=cluster)
+    assert ended.reused == stopped.rows
+    assert len(table(study)) == ended.rows == 4 * 2 * 2
+    assert unique(table(study))
+
+
+def killed(task: BatchTask) -> list[MethodRows]:
+    """A task as the scheduler reports it after its workers have died."""
+    if task.facts.file == "run2.csv":
+        raise KilledWorker(task.key, SimpleNamespace(address="tcp://away"), 1)
+    return []
+
+
+def test_a_task_at_which_workers_die_is_tried_alone_and_told(
+    cluster: str, folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    study = tmp_path / "study"
+    options: dict[str, Any] = {"methods": METHODS_USED[:1], "window": 200, "scheduler": cluster}
+    real = batches.run_task
+    with monkeypatch.context() as patched:
+        patched.setattr(batches, "run_task", lambda task: killed(task) or real(task))
+        found = batch(folder, study, **options)
+    assert (found.rows, found.failed) == (2, 1)
+    [failure] = [one for one in read_failures(study) if one.start == 0]
+    assert failure.file == "run2.csv"
+    assert "every worker died" in failure.reason
+    # Tried again the next time, and then no failure any more.
+    assert batch(folder, study, **options).failed == 0
+    assert len(table(study)) == 4
+    assert not [one for one in read_failures(study) if one.start == 0]
+
+
+def dying(task: BatchTask) -> list[MethodRows]:
+    """The first task ends its worker, once."""
+    with suppress(FileExistsError):
+        Path(os.environ["ACCPINN_TEST_DEATH"]).touch(exist_ok=False)
+        os._exit(1)
+    return [MethodRows("least-squares", [dict.fromkeys(column.name for column in COLUMNS)])]
+
+
+def test_a_worker_that_dies_is_replaced(
+    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    death = tmp_path / "death"
+    monkeypatch.setenv("ACCPINN_TEST_DEATH", str(death))
+    monkeypatch.setattr(batches, "run_task", dying)
+    found = batch(folder, tmp_path / "study", methods=METHODS_USED[:1], window=70, workers=1)
+    assert death.exists()
+    assert (found.rows, found.failed) == (4, 0)
+
+
+def command(folder: Path, study: Path, scheduler: str) -> list[str]:
+    return [
+        sys.executable, "-m", "accpinn", "batch", str(folder), "--out", str(study), "--window",
+        "60", "--methods", "least-squares", "--scheduler", scheduler, "--json",
+    ]  # fmt: skip
+
+
+@contextmanager
+def running(*arguments: str) -> Iterator[subprocess.Popen[str]]:
+    process = subprocess.Popen(
+        arguments, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    )
+    try:
+        yield process
+    finally:
+        process.kill()
+        process.communicate()
+
+
+def test_a_killed_batch_loses_nothing_and_repeats_little(cluster: str, tmp_path: Path) -> None:
+    folder, study = tmp_path / "runs", tmp_path / "study"
+    folder.mkdir()
+    for k in range(8):
+        (folder / f"run{k}.csv").write_bytes(csv(frame(k), metadata(NAMES)))
+    journal = study / JOURNAL
+
+    def results() -> int:
+        text = journal.read_text(encoding="utf-8") if journal.exists() else ""
+        return text.count('"kind": "result"')
+
+    with running(*command(folder, study, cluster)) as process:
+        while results() < 3 and process.poll() is None:
+            time.sleep(0.005)
+        process.send_signal(signal.SIGKILL)
+        process.wait()
+    with journal.open("a") as file:
+        file.write('{"kind": "result", "key": "half')
+    before = results() - 1
+    assert before < 16
+    with running(*command(folder, study, cluster)) as process:
+        out, err = process.communicate()
+    found = strict(out)
+    assert process.returncode == 0
+    assert (found["windows"], found["rows"], found["reused"]) == (16, 32, 2 * before)
+    assert len(table(study)) == 32
+    assert unique(table(study))
+    assert " left" in err
+    assert "error" not in err
+
+
+def test_settings_and_sources_that_cannot_be(
+    cluster: str, folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    study = tmp_path / "study"
+    one = folder / "run1.csv"
+    batch(one, study, methods=METHODS_USED[:1], window=200, scheduler=cluster)
+    with pytest.raises(ConfigError, match="holds a batch with window 200"):
+        batch(one, study, methods=METHODS_USED[:1], window=70)
+    with pytest.raises(ConfigError, match="window: 5 s"):
+        batch(one, study, window=5)
+    with pytest.raises(ConfigError, match="magic is not known"):
+        batch(one, study, methods=("magic",))
+    with pytest.raises(ConfigError, match="workers: 0"):
+        batch(one, study, workers=0)
+    with pytest.raises(RecordingError, match="no such file or folder"):
+        batch(tmp_path / "none", study)
+    (tmp_path / "empty").mkdir()
+    with pytest.raises(RecordingError, match="no CSV file"):
+        batch(tmp_path / "empty", study)
+    monkeypatch.setattr(batches, "CONNECT", 0.3)
+    with pytest.raises(RecordingError, match="no scheduler answers"):
+        batch(one, tmp_path / "other", scheduler="tcp://127.0.0.1:9")
+
+
+def test_command_prints_the_contract_and_what_was_refused(
+    capsys: Capture, cluster: str, folder: Path, tmp_path: Path
+) -> None:
+    options = ["--out", str(tmp_path / "study"), "--methods", "least-squares", "--window", "all"]
+    assert main(["batch", str(folder), *options, "--scheduler", cluster, "--json"]) == 0
+    found = strict(capsys.readouterr().out)
+    assert found.keys() >= {
+        "recordings", "refused", "windows", "followers", "rows", "failed", "reused", "seconds"
+    }  # fmt: skip
+    assert main(["batch", str(folder), *options, "--scheduler", cluster]) == 0
+    shown = capsys.readouterr().out
+    assert f"{found['rows']} of them known before" in shown
+    assert "2 files could not be read" in shown
+
+
+def test_rows_and_failures_can_be_read_while_a_batch_runs(tmp_path: Path) -> None:
+    (tmp_path / JOURNAL).write_text(
+        '{"kind": "failure", "key": "a", "file": "x.csv", "start": null, "vehicle": null,'
+        ' "reason": "broken", "final": false}\n'
+        '{"kind": "result", "key": "b", "rows": [{"alpha": 1}]}\n'
+        '{"kind": "result", "key": "b", "rows": [{"alpha": 2}]}\n'
+        '{"kind": "result", "key": "c", "rows": [{'
+    )
+    assert list(read_rows(tmp_path)) == [{"alpha": 1}]
+    assert read_failures(tmp_path) == (Failure("x.csv", None, None, "broken"),)
+    assert AHEAD >= 1
+
+
+def test_windows_of_a_vehicle_with_one_setting_are_pooled(
+    cluster: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.undo()  # the intervals of the likelihood, from few draws
+    study, options = tmp_path / "study", {"methods": (KEY,), "scheduler": cluster, "window": 150}
+    batch(STUDY_FILE, study, **options)
+    [pooled] = list(read_pooled(study))
+    assert (pooled["windows"], pooled["recordings"], pooled["duration"]) == (2, 1, 300.0)
+    joint = fit_windows([cut(read(STUDY_FILE), *place) for place in ((0, 150), (150, 150))])
+    for k, key in enumerate(("alpha", "beta", "tau")):
+        assert pooled[key] == pytest.approx(joint.parameters.values[0, k], rel=1e-6)
+        assert pooled[f"{key}_low"] < pooled[key] < pooled[f"{key}_high"]
+    rows = len((study / JOURNAL).read_text().splitlines())
+    monkeypatch.setattr(batches, "connected", None)
+    batch(STUDY_FILE, study, **options)
+    assert len((study / JOURNAL).read_text().splitlines()) == rows
+    assert len(pd.read_parquet(study / "pooled.parquet")) == 1
+    shown = pooled_table([pooled], pooled["level"])
+    assert [cell for cell in shown.rows[0] if cell == 2.0]
+    assert f"{pooled['tau']:.1f}" in shown.to_text()

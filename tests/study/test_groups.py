@@ -1,0 +1,117 @@
+"""Groups of a batch's rows: the truth recovered, shares with intervals, every format."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+from scipy.stats import beta
+
+from accpinn.cli import main
+from accpinn.errors import ConfigError, RecordingError
+from accpinn.results.tables.groups import group_table
+from accpinn.study.groups import group, read_study, share
+from accpinn.study.journal import JOURNAL
+from accpinn.study.rows import COLUMNS
+from tests.support.command import Capture, document, refused
+
+
+def row(make: str | None, **changes: Any) -> dict[str, Any]:
+    found: dict[str, Any] = dict.fromkeys(column.name for column in COLUMNS)
+    found |= {"campaign": "X", "name": make, "make": make, "method": "maximum-likelihood"}
+    for name, value in (("alpha", 0.1), ("beta", 0.2), ("tau", 1.0)):
+        found |= {name: value, f"{name}_low": 0.9 * value, f"{name}_high": 1.1 * value}
+        found[f"{name}_error"] = 0.05
+    return found | {"mean_time_gap": 1.2, "p_l2_stable": 0.0, "p_linf_stable": 0.0} | changes
+
+
+def rows(*given: dict[str, Any]) -> pd.DataFrame:
+    return pd.DataFrame(given)
+
+
+def test_medians_and_spread_are_those_of_the_windows() -> None:
+    rng = np.random.default_rng(1)
+    spread, error = 0.3, 0.1
+    normal = rng.normal(size=400)
+    taus = 1.5 * np.exp(np.hypot(spread, error) * (normal - normal.mean()) / normal.std())
+    found = group(
+        rows(*(row("A", tau=float(tau), tau_error=error) for tau in taus), row("B")), ("make",)
+    )
+    many, single = found.groups
+    assert (many.values, many.windows, many.vehicles) == (("A",), 400, 1)
+    assert many.tau.low < 1.5 < many.tau.high
+    assert many.tau.high - many.tau.low == pytest.approx(2 * 1.65 * 1.5 * 0.32 / 20, rel=0.15)
+    assert many.tau.between.deviation == pytest.approx(spread, rel=0.15)
+    assert many.alpha.between.deviation == 0
+    # One window alone has its own interval.
+    assert (single.tau.median, single.tau.low, single.tau.high) == (1.0, 0.9, 1.1)
+
+
+def test_what_is_unknown_counts_as_a_window_only() -> None:
+    unknown = row("A", tau=None, tau_error=None, p_l2_stable=None, alpha=0.0)
+    [found] = group(rows(row("A"), row("A"), unknown), ("make",)).groups
+    assert found.windows == 3
+    assert found.tau.between.windows == found.alpha.between.windows == 2
+    [none] = group(rows(unknown), ("make",)).groups
+    assert np.isnan([none.tau.median, none.l2_stable.value]).all()
+    assert "(–)" not in group_table(group(rows(unknown))).to_text()
+    [zero] = group(rows(row("A", beta=0.0, beta_low=0.0)), ("make",)).groups
+    assert (zero.beta.median, zero.beta.low) == (0.0, 0.0)
+
+
+def test_a_share_of_certain_followers_is_jeffreys_interval() -> None:
+    found = share(np.array([1.0] * 7 + [0.0] * 3))
+    expected = beta(7.5, 3.5).ppf([0.05, 0.95])
+    assert found.value == pytest.approx(0.7)
+    np.testing.assert_allclose([found.low, found.high], expected, atol=1e-6)
+    doubtful = share(np.full(10, 0.7))
+    assert doubtful.low < found.low < found.high < doubtful.high
+
+
+def test_groups_are_sorted_and_missing_names_are_empty() -> None:
+    found = group(rows(row("B"), row(None), row("A"), row("B", campaign="Y")), ("make", "campaign"))
+    values = [one.values for one in found.groups]
+    assert values == [("", "X"), ("A", "X"), ("B", "X"), ("B", "Y")]
+    by_method = group(rows(row("A"), row("A", method="splines")), ("method",))
+    assert [one.values for one in by_method.groups] == [("maximum-likelihood",), ("splines",)]
+    [everything] = group(rows(row("A"), row("B")), ()).groups
+    assert (everything.windows, everything.vehicles) == (2, 2)
+
+
+@pytest.fixture
+def study(tmp_path: Path) -> Path:
+    given = [row("Ä & B", alpha=0.1 * k) for k in (1, 2, 3)] + [
+        row("C"),
+        row("C", method="splines"),
+    ]
+    lines = [{"kind": "result", "key": str(k), "rows": [one]} for k, one in enumerate(given)]
+    (tmp_path / JOURNAL).write_text("".join(json.dumps(line) + "\n" for line in lines))
+    return tmp_path
+
+
+def test_command_prints_every_format(capsys: Capture, study: Path) -> None:
+    found = document(capsys, "table", study, "--by", "make")
+    assert [one["make"] for one in found["groups"]] == ["C", "Ä & B"]
+    assert found["groups"][1]["windows"] == 3
+    assert found["groups"][1]["alpha"]["median"] == pytest.approx(0.1 * 6 ** (1 / 3), rel=1e-6)
+    assert found["groups"][0]["l2_stable"]["share"] == 0.0
+    for kind, sign in (("text", "Ä & B"), ("csv", "alpha_per_s2_low"), ("latex", r"Ä \& B")):
+        assert main(["table", str(study), "--format", kind]) == 0
+        assert sign in capsys.readouterr().out
+    only = document(capsys, "table", study, "--by", "make", "--method", "splines")
+    assert [one["windows"] for one in only["groups"]] == [1]
+
+
+def test_what_cannot_be_grouped(capsys: Capture, study: Path, tmp_path: Path) -> None:
+    assert "colour is not known" in refused(capsys, 2, "table", study, "--by", "colour")
+    assert "choose maximum-likelihood, splines" in refused(
+        capsys, 2, "table", study, "--method", "pinn"
+    )
+    assert "level" in refused(capsys, 2, "table", study, "--level", 1)
+    assert "no batch is there" in refused(capsys, 1, "table", tmp_path / "none")
+    with pytest.raises(RecordingError):
+        read_study(tmp_path / "none")
+    with pytest.raises(ConfigError):
+        group(rows(row("A")), ("vehicle",))

@@ -1,0 +1,93 @@
+"""A publisher of files on this machine that also breaks off, stalls, refuses and sends nonsense."""
+
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from urllib.parse import unquote
+
+
+@dataclass
+class Publisher:
+    """Files by path, and what goes wrong with each: one word a request, then nothing."""
+
+    files: dict[str, bytes]
+    faults: dict[str, list[str]] = field(default_factory=dict)
+    """Of "break", "stall", "plain" (no ranges), "changed" or a status."""
+    requests: list[tuple[str, str]] = field(default_factory=list)
+    """Path and range of each request."""
+    url: str = ""
+    at_once: int = 0
+    most_at_once: int = 0
+
+
+@contextmanager
+def publisher(files: dict[str, bytes]) -> Iterator[Publisher]:
+    """The server, for as long as the block lasts."""
+    state, lock = Publisher(files), threading.Lock()
+
+    class Handler(BaseHTTPRequestHandler):
+        def log_message(self, *_: object) -> None:
+            """Say nothing."""
+
+        def do_GET(self) -> None:
+            with lock:
+                state.at_once += 1
+                state.most_at_once = max(state.most_at_once, state.at_once)
+            try:
+                self._answer()
+            finally:
+                with lock:
+                    state.at_once -= 1
+
+        def _answer(self) -> None:
+            path = unquote(self.path).strip("/")
+            asked = self.headers.get("Range", "")
+            with lock:
+                state.requests.append((path, asked))
+                faults = state.faults.get(path, [])
+                fault = faults.pop(0) if faults else ""
+            content = state.files.get(path)
+            if content is None or fault.isdigit():
+                self.send_response(int(fault) if fault else 404)
+                self.send_header("Content-Length", "0")
+                self.end_headers()
+                return
+            if fault == "changed":
+                content = state.files[path] = content[::-1]
+            tag = f'"{hash(content)}"'
+            start = 0
+            if asked and fault != "plain" and self.headers.get("If-Range", tag) == tag:
+                start = int(asked.removeprefix("bytes=").rstrip("-"))
+                self.send_response(206)
+                self.send_header(
+                    "Content-Range", f"bytes {start}-{len(content) - 1}/{len(content)}"
+                )
+            else:
+                self.send_response(200)
+            body = content[start:]
+            self.send_header("ETag", tag)
+            self.send_header("Content-Length", str(len(body)))
+            self.end_headers()
+            if fault in ("break", "stall"):
+                self.wfile.write(body[: len(body) // 2])
+                self.wfile.flush()
+                time.sleep(1.0 if fault == "stall" else 0.0)
+                self.close_connection = True
+                return
+            time.sleep(0.02)
+            self.wfile.write(body)
+
+    server = ThreadingHTTPServer(("127.0.0.1", 0), Handler)
+    server.daemon_threads = True
+    thread = threading.Thread(target=server.serve_forever, kwargs={"poll_interval": 0.02})
+    thread.start()
+    state.url = f"http://127.0.0.1:{server.server_port}"
+    try:
+        yield state
+    finally:
+        server.shutdown()
+        server.server_close()
+        thread.join()
