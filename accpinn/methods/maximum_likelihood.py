@@ -13,7 +13,6 @@ from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import CubicHermiteSpline
 
 from accpinn.errors import Finding
 from accpinn.methods.fit import Fit, Outcome, WeaklyDetermined
@@ -165,6 +164,8 @@ def _at_instants(
 
     Between the samples used the motion is the cubic that has the smoothed values and rates.
     """
+    from scipy.interpolate import CubicHermiteSpline  # takes a second to import, which few need
+
     means = states.means
     time = step * np.arange(len(means))
     rates = np.einsum("ijb,kjb->kib", model.rates, means)

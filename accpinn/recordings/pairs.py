@@ -17,7 +17,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import fftconvolve
 
 from accpinn.channels import GAP, SPEED
 from accpinn.errors import RecordingError
@@ -180,6 +179,8 @@ def _shared(own: FloatArray, ahead: FloatArray) -> tuple[int, int] | None:
         return most, 0
     if np.isnan(own).any() or np.isnan(ahead).any():
         return None
+    from scipy.signal import fftconvolve  # takes a second to import, which few need
+
     centre = own.mean()
     a, b = own - centre, ahead - centre
     shifts = np.arange(-(len(b) - 1), len(a))

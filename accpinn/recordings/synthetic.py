@@ -14,7 +14,6 @@ from pathlib import Path
 
 import msgspec
 import numpy as np
-from scipy.interpolate import CubicSpline
 
 from accpinn.channels import DRIVER, GAP, METADATA, SPEED, TIME
 from accpinn.errors import RecordingError
@@ -247,6 +246,8 @@ def true_trajectories(scenario: Scenario) -> Trajectories:
 
 def record(true: Trajectories, noise: Noise | None, seed: int) -> Trajectories:
     """What the receivers make of it, every `SAMPLE_TIME`; without noise, just those instants."""
+    from scipy.interpolate import CubicSpline  # takes a second to import, which few need
+
     kept = slice(None, None, round(SAMPLE_TIME / SIMULATION_STEP))
     time = true.time[kept]
     if noise is None:

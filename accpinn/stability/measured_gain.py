@@ -27,7 +27,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import csd, get_window
 from scipy.special import ndtri
 
 from accpinn.errors import SegmentError
@@ -146,6 +145,8 @@ def _piece_length(usable: tuple[Stretch, ...], step: Seconds) -> int:
 
 def _densities(pair: FloatArray, step: Seconds, length: int) -> NDArray[np.complex128]:
     """(3, F): spectral densities of the speed ahead, the vehicle's own, and across."""
+    from scipy.signal import csd  # takes a second to import, which few need
+
     ahead, own = np.diff(pair, axis=0).T
     return np.array(
         [csd(one, other, 1.0 / step, WINDOW, length)[1]
@@ -155,6 +156,8 @@ def _densities(pair: FloatArray, step: Seconds, length: int) -> NDArray[np.compl
 
 def _independent(count: int, length: int) -> float:
     """How many independent pieces ``count`` are worth."""
+    from scipy.signal import get_window  # takes a second to import, which few need
+
     window, half = get_window(WINDOW, length), length // 2
     shared = float(window[:half] @ window[half:] / (window @ window)) ** 2
     return count / (1.0 + 2.0 * (1.0 - 1.0 / count) * shared)
