@@ -27,6 +27,7 @@ from accpinn.results.figures.style import (
     label_axes,
     panels,
     thinned,
+    translucent,
     vehicle_colour,
 )
 from accpinn.segment.segment import Segment
@@ -261,7 +262,8 @@ def time_space(
     figure = go.Figure()
     for k, name in enumerate(cast.names):
         figure.add_scatter(
-            x=time.astype(np.float32), y=places[:, k].astype(np.float32), mode="markers",
+            x=time.astype(np.float32), y=places[:, k].astype(np.float32), mode="lines+markers",
+            line={"color": translucent(LEADER, 0.5), "width": 1},
             marker={"size": 4, "color": speeds[:, k].round(3), "coloraxis": "coloraxis"},
             name=name, showlegend=False,
             hovertemplate="%{marker.color:.2f} m/s at %{x:.1f} s",
