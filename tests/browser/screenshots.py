@@ -100,7 +100,7 @@ def open_real(page: Page, name: str) -> None:
 
 def to(page: Page, title: str) -> None:
     """To another page with the same session; the sidebar is folded on a narrow screen."""
-    page.goto(re.sub(r"/\w+\?", f"/{title}?", page.url))
+    page.goto(re.sub(r"/\w*\?", f"/{title}?", page.url))
     idle(page)
 
 
@@ -173,10 +173,10 @@ def real(camera: Camera) -> None:
         to(page, "")
         camera.shoot(page, "home_session")
         to(page, "Data")
-        for title in ("Δv", "Time gap"):
+        for title, name in (("Δv", "relative"), ("Time gap", "time_gap")):
             page.get_by_text(title, exact=True).first.click()
             idle(page)
-            camera.shoot(page, f"data_casale_{title.partition(' ')[0].lower()}", whole=False)
+            camera.shoot(page, f"data_casale_{name}", whole=False)
         page.get_by_role("button", name="Suggested: ").click()
         camera.shoot(page, "data_suggested", whole=False)
         page.keyboard.press("Escape")
