@@ -20,6 +20,7 @@ from accpinn.recordings.synthetic import LeaderProfile
 from accpinn.segment.cut import cut
 from accpinn.segment.segment import Segment
 from accpinn.units import FloatArray
+from bench import batch as batches
 from bench import coverage, departures, replication, widths
 from bench.disturbed import MOTORWAY, Disturbance, disturbed
 from bench.paper_protocol import PaperProtocol
@@ -225,3 +226,20 @@ def test_the_papers_protocol_has_the_loss_of_the_package() -> None:
     )
     ours, theirs = terms.total.item(), training.loss().item()
     assert theirs == pytest.approx(ours, rel=1e-12)
+
+
+def test_copies_of_recordings_can_be_read_and_have_contents_of_their_own(tmp_path: Path) -> None:
+    few = len(batches.originals()) + 1
+    batches.copies(tmp_path / "runs", few)
+    paths = sorted((tmp_path / "runs").iterdir())
+    assert len({path.read_bytes() for path in paths}) == len(paths) == few
+    first, again = read(paths[0]), read(paths[-1])
+    assert again.samples == first.samples - batches.SHIFT
+    np.testing.assert_array_equal(again.speed, first.speed[batches.SHIFT :])
+
+
+def test_cost_over_the_length_of_the_window(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(batches, "LENGTH_METHODS", ("splines",))
+    found = batches.lengths(FOLDER / "synthetic_paper_study.csv", (70.0, 140.0))
+    assert [(one.method, one.duration) for one in found] == [("splines", 70), ("splines", 140)]
+    assert all(one.seconds > 0 for one in found)

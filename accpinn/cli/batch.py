@@ -29,7 +29,7 @@ from accpinn.study.journal import FAILURES, RESULTS, read_pooled
 ALL = "all"
 KEYS = (
     "recordings", "refused", "windows", "followers", "rows", "failed", "reused", "seconds",
-    "stopped",
+    "stopped", "unknown_names",
 )  # fmt: skip
 
 
@@ -116,6 +116,9 @@ def _batch_text(found: BatchSummary, out: str) -> str:
             f"Note: {found.refused} files could not be read and {found.failed} estimates failed;"
             f" {FAILURES} says why."
         )
+    if found.unknown_names:
+        listed = ", ".join(found.unknown_names)
+        lines.append(f"Note: make and model stand as in the header for {listed}.")
     if found.stopped:
         lines.append("Note: stopped before the end; the same call goes on from here.")
     return "\n".join(lines)

@@ -34,6 +34,7 @@ from accpinn.methods.method import TaskContext
 from accpinn.methods.registry import METHODS, method_of
 from accpinn.model.cthp import Case
 from accpinn.recordings.files import read_all
+from accpinn.recordings.makes import is_known
 from accpinn.recordings.mapping import CsvMapping
 from accpinn.recordings.recording import Recording
 from accpinn.segment.cut import DURATION, MINIMUM_DURATION, cut
@@ -129,6 +130,8 @@ class BatchSummary:
     seconds: Seconds
     stopped: bool
     """Whether it ended early because the caller said so."""
+    unknown_names: tuple[str, ...] = ()
+    """Of followers whose make and model the package does not know in one spelling."""
 
 
 @dataclass(frozen=True)
@@ -263,7 +266,12 @@ class _Run:
             reused=self._reused,
             seconds=round(time.monotonic() - self._started, 3),
             stopped=self._stopped,
+            unknown_names=self._unknown_names(),
         )
+
+    def _unknown_names(self) -> tuple[str, ...]:
+        names = {str(row["name"]) for row in read_rows(self._journal.folder)}
+        return tuple(sorted(name for name in names if not is_known(name)))
 
     def progress(self, workers: int) -> BatchProgress:
         spent = time.monotonic() - self._started

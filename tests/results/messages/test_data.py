@@ -31,6 +31,7 @@ FACTS = [
     (recordings.ValuesOutOfRange("Speed", 1, 3, 90.0), ["Speed1", "70 m/s", "3", "90"]),
     (recordings.ValuesFrozen("IVS", 3, BLOCKS[0]), ["space-gap", "3 BMW", "1.5 s", "1–2.5 s"]),
     (recordings.LittleLeaderMotion(2, 0.021), ["2 Audi", "0.02 m/s"]),
+    (recordings.MappingRemembered(), ["mapping", "earlier file"]),
     (segments.WindowMoved(5.04, 5.0), ["5 s", "5.04 s"]),
     (segments.WindowShortened(300.0, Window(20.0, 39.9)), ["39.9 s", "19.9 s", "300 s"]),
     (segments.Resampled(0.1), ["0.1 s"]),
