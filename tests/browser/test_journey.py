@@ -243,9 +243,7 @@ def test_methods_run_stop_survive_a_reload_and_are_held_against_earlier_ones(ope
     recommended = table(page, "How sure")
     expect(recommended).to_be_visible(timeout=TRAINING_MS)
     expect(recommended.locator("tbody tr")).to_have_count(4)
-    box = recommended.bounding_box()
-    assert box
-    assert box["y"] + box["height"] < 1000, "what to use stands on the first screen"
+    expect(recommended.locator("tbody tr").last).to_be_in_viewport()  # of the first screen
     expect(chart(page, "compare_estimates").locator(".xy .points path")).to_have_count(len(METHODS))
     open_tab(page, "Methods")
     methods = table(page, "Collides at")

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import pytest
+from markupsafe import escape
 
 from accpinn.errors import SegmentError
 from accpinn.methods import least_squares
@@ -58,7 +59,7 @@ def test_rows_pictures_warnings_starts_and_earlier_fits(found: Workspace) -> Non
     page = open_page(COMPARE, found)
     (recommended,) = recommend(found.segment, found.compared, found.known_adequacy)
     shown = everything(page)
-    assert message(recommended, found.segment) in shown
+    assert escape(message(recommended, found.segment)) in shown
     assert "Recommended, synthetic_astazero_like.csv, 0–60 s" in shown
     assert len(figures(page)) == 1, "only the open tab is drawn"
     assert "Profile of the loss" in plain(open_tab(page, "compare_tabs", "Identifiability"))
