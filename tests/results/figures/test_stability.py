@@ -209,7 +209,7 @@ class TestUncertainty:
             drawn = 20 * np.log10(drawn)
             share = ((low - 1e-3 <= drawn) & (drawn <= high + 1e-3)).mean(axis=0)
             assert (share > uncertainty.level - 0.01).all()
-            wide = high - low > 0.1  # where rounding to 0.001 dB lets no draws in
+            wide = high - low > 0.05  # where rounding to 0.001 dB lets no draws in
             assert wide.any()
             assert share[wide].mean() == pytest.approx(uncertainty.level, abs=0.03)
         draws = uncertainty.draws.values.copy()
