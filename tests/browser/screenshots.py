@@ -137,17 +137,17 @@ def training(camera: Camera) -> None:
         to(page, "Train")
         page.get_by_text("Paper", exact=True).click()
         page.get_by_text("Options", exact=True).click()
-        page.get_by_text("Back to the preset").wait_for()
+        page.get_by_role("button", name="Back to the preset").wait_for()
         idle(page)
         camera.shoot(page, "train_options")
         fill(page, "Learning rate", "-1")
         page.get_by_role("alert").wait_for()
         camera.shoot(page, "train_refused")
-        page.get_by_text("Back to the preset").click()
+        page.get_by_role("button", name="Back to the preset").click()
         page.get_by_text("Options", exact=True).click()
         page.get_by_role("button", name="Start training").click()
         page.get_by_text("left at most").wait_for()
-        page.locator(".js-plotly-plot").nth(3).wait_for()
+        page.get_by_test_id("stVegaLiteChart").nth(5).wait_for()  # the fit comes last
         camera.shoot(page, "train_live", whole=False)
         open_sample(other)
         fill(other, "Window starts at", "10")  # else an earlier result is shown
@@ -272,12 +272,17 @@ def compare(camera: Camera) -> None:
         page.get_by_role("button", name="Run all methods").click()
         page.get_by_role("button", name="Stop", exact=True).wait_for()
         camera.shoot(page, "compare_running", whole=False)
-        page.get_by_text("Identifiability").wait_for(timeout=TRAINING_MS)
+        table(page, "How sure").wait_for(timeout=TRAINING_MS)
         idle(page)
-        page.get_by_role("button", name="Five starts").click()
-        page.get_by_text("All 5 trainings").wait_for(timeout=TRAINING_MS)
-        idle(page)
+        camera.shoot(page, "compare_fold", whole=False)
         camera.shoot(page, "compare")
+        for title in ("Methods", "Identifiability", "Model adequacy", "Repeatability"):
+            open_tab(page, title)
+            if title == "Repeatability":
+                page.get_by_role("button", name="Five starts").click()
+                page.get_by_text("All 5 trainings").wait_for(timeout=TRAINING_MS)
+                idle(page)
+            camera.shoot(page, f"compare_{title.lower().replace(' ', '_')}")
 
 
 def snapshots(camera: Camera) -> None:
@@ -286,14 +291,20 @@ def snapshots(camera: Camera) -> None:
         to(page, "Snapshots")
         for name in ("Before the update", "After the update"):
             page.get_by_label("Name", exact=True).fill(name)
+            if page.get_by_role("checkbox", name="Include the data slice").is_checked():
+                page.get_by_text("Include the data slice").click()
             page.get_by_role("button", name="Save", exact=True).click()
-            page.locator("td").filter(has_text=name).wait_for()
+            page.get_by_role("heading", name=name).wait_for()
             idle(page)
-        page.get_by_text("Show both side by side").click()
-        page.get_by_text("stored beside recomputed").click()
-        page.locator(".js-plotly-plot").wait_for()
-        idle(page)
+            page.get_by_role("button", name="All snapshots").click()
+            idle(page)
         camera.shoot(page, "snapshots")
+        page.get_by_role("button", name="Before the update").click()
+        page.get_by_role("heading", name="Before the update").wait_for()
+        for title in ("Verify", "Beside another"):
+            open_tab(page, title)
+            camera.shoot(page, f"snapshot_{title.partition(' ')[0].lower()}")
+        page.get_by_role("button", name="Share").click()
         address = page.locator("code").filter(has_text="?snapshot=").inner_text()
     for path in ("Data", "Train", "Compare"):
         with camera.page(address.replace("Snapshots", path)) as page:

@@ -1,4 +1,4 @@
-"""Every page for those who cannot see it as it is drawn: axe-core finds no serious violation."""
+"""Every page for those who cannot see it as it is drawn, or not all of it at once."""
 
 import pytest
 from axe_playwright_python.sync_playwright import Axe
@@ -10,6 +10,8 @@ from tests.browser.running import go, idle, open_sample
 pytestmark = pytest.mark.browser
 
 SERIOUS = ("serious", "critical")
+TALLEST = 2600
+"""Pixels of a page at a width of 1440."""
 
 
 def violations(page: Page) -> list[str]:
@@ -22,19 +24,27 @@ def violations(page: Page) -> list[str]:
     ]
 
 
+def height(page: Page) -> float:
+    """Pixels from the page's top to its end."""
+    box = page.get_by_test_id("stMainBlockContainer").bounding_box()
+    assert box
+    return box["height"]
+
+
 @pytest.mark.parametrize("theme", ["light", "dark"])
-def test_no_page_has_a_serious_violation(opened: Open, theme: str) -> None:
+def test_no_page_has_a_serious_violation_or_is_too_tall(opened: Open, theme: str) -> None:
     page = opened()
     page.emulate_media(color_scheme="dark" if theme == "dark" else "light")
-    found = {"Home": violations(page)}
+    found, heights = {"Home": violations(page)}, {"Home": height(page)}
     go(page, "Data")
     open_sample(page)
-    found["Data"] = violations(page)
+    found["Data"], heights["Data"] = violations(page), height(page)
     page.get_by_role("button", name="Train on this window").click()
     page.get_by_role("button", name="Next: do these vehicles amplify").wait_for()
     idle(page)
     for title in ("Train", "Stability", "Platoon", "Compare", "Snapshots"):
         go(page, title)
-        found[title] = violations(page)
+        found[title], heights[title] = violations(page), height(page)
     page.emulate_media(color_scheme="light")
     assert {title: wrong for title, wrong in found.items() if wrong} == {}
+    assert max(heights.values()) <= TALLEST, heights
