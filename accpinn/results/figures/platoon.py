@@ -3,14 +3,14 @@
 import colorsys
 import html
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 import plotly.graph_objects as go
 from numpy.typing import NDArray
-from plotly.colors import hex_to_rgb
+from plotly.colors import hex_to_rgb, sample_colorscale
 from scipy.integrate import cumulative_trapezoid
 
 from accpinn.channels import GAP, SPEED, TIME
@@ -19,6 +19,7 @@ from accpinn.platoon.leader import Recorded, Sinusoid
 from accpinn.platoon.simulation import PlatoonRun
 from accpinn.results.figures.stability import colours
 from accpinn.results.figures.style import (
+    CLEAR,
     FOLLOWERS,
     LEADER,
     LEGEND,
@@ -27,11 +28,10 @@ from accpinn.results.figures.style import (
     label_axes,
     panels,
     thinned,
-    translucent,
     vehicle_colour,
 )
 from accpinn.segment.segment import Segment
-from accpinn.units import FloatArray, Metres, Seconds
+from accpinn.units import FloatArray, Metres, Seconds, stretches
 
 CLOSE: Metres = 5.0
 """Gaps below this make the figure show where zero is."""
@@ -40,7 +40,9 @@ POINTS = 800
 COLUMNS = 240
 """Instants of the map of speeds."""
 DOTS = 2400
-"""Of all vehicles in the time-space diagram together."""
+"""Instants of all vehicles in the time-space diagram together."""
+SHADES = 15
+"""Colours of its tracks."""
 STRIPES = 8
 """Periods of a sinusoid on the map of speeds; with more the wave's slope is not seen."""
 CAR_LENGTH: Metres = 4.5
@@ -259,14 +261,12 @@ def time_space(
     places[:, 1:] = places[:, :1] - np.cumsum(driven.gaps[rows] + CAR_LENGTH, axis=1)
     middle = float(speeds[:, 0].mean()) if isinstance(run.leader, Recorded) else run.leader.speed
     limit = float(np.nanmax(np.abs(speeds - middle))) or 1.0
-    figure = go.Figure()
+    figure = go.Figure([*_coloured_tracks(time, places, (speeds - middle) / limit)])
     for k, name in enumerate(cast.names):
         figure.add_scatter(
-            x=time.astype(np.float32), y=places[:, k].astype(np.float32), mode="lines+markers",
-            line={"color": translucent(LEADER, 0.5), "width": 1},
-            marker={"size": 4, "color": speeds[:, k].round(3), "coloraxis": "coloraxis"},
-            name=name, showlegend=False,
-            hovertemplate="%{marker.color:.2f} m/s at %{x:.1f} s",
+            x=time.astype(np.float32), y=places[:, k].astype(np.float32), mode="lines",
+            line={"color": CLEAR, "width": 8}, customdata=speeds[:, k].round(3),
+            name=name, showlegend=False, hovertemplate="%{customdata:.2f} m/s at %{x:.1f} s",
         )  # fmt: skip
     last = [int(np.flatnonzero(np.isfinite(column))[-1]) for column in places.T]
     ends = [k for k, at in enumerate(last) if at < len(rows) - 1]
@@ -279,7 +279,12 @@ def time_space(
         x=time[[last[k] for k in ends]], y=[places[last[k], k] for k in ends], mode="markers",
         marker=END, name="ends with a collision", hovertemplate="ends with a collision",
     )  # fmt: skip
-    scale = {"colorscale": TRACK_SCALE, "cmin": middle - limit, "cmax": middle + limit}
+    ends_of_scale = [middle - limit, middle + limit]
+    figure.add_scatter(  # draws nothing: it brings the bar that says which colour is which speed
+        x=[None, None], y=[None, None], mode="markers", hoverinfo="skip", showlegend=False,
+        marker={"color": ends_of_scale, "coloraxis": "coloraxis"},
+    )  # fmt: skip
+    scale = {"colorscale": TRACK_SCALE, "cmin": ends_of_scale[0], "cmax": ends_of_scale[1]}
     bar = {"title": {"text": SPEED.axis, "side": "right"}, "thickness": 12, "x": 1.06}
     figure.update_layout(coloraxis=scale | {"colorbar": bar})
     seen = {"road": "on the road", "leader": "seen from leader", "observer": f"at {mean:.1f} m/s"}
@@ -287,6 +292,33 @@ def time_space(
     figure.update_yaxes(title_text=f"Position {seen[view]} [m]")
     figure = finished(figure, height, f"platoon-time-space-{view}")
     return figure.update_layout(hovermode="closest")
+
+
+def _coloured_tracks(
+    time: FloatArray, places: FloatArray, levels: FloatArray
+) -> Iterator[go.Scatter]:
+    """Lines of one colour each, which browsers draw far faster than a dot for each instant.
+
+    Args:
+        time: (K,) in s.
+        places: (K, V) in m; nan where a vehicle drives no more.
+        levels: (K, V) speeds between -1 and 1.
+    """
+    between = (levels[:-1] + levels[1:]) / 2  # nan where either end is
+    known = np.isfinite(between)
+    shade = np.where(known, ((np.nan_to_num(between) + 1) / 2 * (SHADES - 1)).round(), -1)
+    colours_of = sample_colorscale(TRACK_SCALE, SHADES)
+    for index, colour in enumerate(colours_of):
+        x, y = list[float](), list[float]()
+        for k in range(places.shape[1]):
+            for stretch in stretches(shade[:, k] == index):
+                rows = slice(stretch.first, stretch.last + 2)
+                x += [*time[rows].round(2).tolist(), np.nan]
+                y += [*places[rows, k].round(2).tolist(), np.nan]
+        yield go.Scatter(
+            x=np.array(x, np.float32), y=np.array(y, np.float32), mode="lines", hoverinfo="skip",
+            showlegend=False, line={"color": colour, "width": 3},
+        )  # fmt: skip
 
 
 def amplitude_by_vehicle(run: PlatoonRun, cast: Cast, in_db: bool) -> go.Figure:

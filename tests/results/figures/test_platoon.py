@@ -122,13 +122,20 @@ class TestTimeSpace:
         time, run = np.asarray(tracks[0].x, float), sinusoid.trajectories
         rows = np.searchsorted(run.time, time - 0.05)
         for k, track in enumerate(tracks):
-            np.testing.assert_allclose(track.marker.color, run.speeds[rows, k], atol=1e-3)
+            np.testing.assert_allclose(track.customdata, run.speeds[rows, k], atol=1e-3)
             if k:
                 apart = np.asarray(tracks[k - 1].y) - track.y - figures.CAR_LENGTH
                 np.testing.assert_allclose(apart, run.gaps[rows, k - 1], atol=1e-2)
         assert tracks[0].y[-1] - tracks[0].y[0] == pytest.approx(way, abs=10)
         (labels,) = (trace for trace in figure.data if trace.mode == "text")
         assert [text.strip() for text in labels.text] == list("012345678")
+        coloured = [trace for trace in figure.data if trace.line.width == 3]
+        drawn = np.concatenate([trace.y for trace in coloured])
+        assert np.isfinite(drawn).sum() >= sum(len(track.y) - 1 for track in tracks)
+        low, high = (np.nanmax(np.abs(run.speeds[:, :1] - 20)), np.nanmax(np.abs(run.speeds - 20)))
+        assert low < high, "the last vehicle swings most, and has the strongest colours"
+        strongest = {*np.flatnonzero([len(trace.y) > 0 for trace in coloured])}
+        assert {0, len(coloured) - 1} <= strongest
         assert size(figure) <= 120_000
 
     def test_tracks_end_with_a_collision(self, collision: PlatoonRun) -> None:
