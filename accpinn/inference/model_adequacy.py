@@ -11,8 +11,9 @@ each, estimated from the first two thirds of the time, gives to what is measured
 A form that neither prefers may still be true: a lag of a second changes α and β by half, and yet
 five minutes of a recording hardly tell it from none, while those of a vehicle without lag exclude
 one of a second. So where no form is clearly better, the intervals to be used are those with a lag:
-they hold for lags of up to about a second, and where there is none they are hardly wider than the
-CTHP's. All are of the form's own posterior (see `inference.posterior`), its further unknown free.
+they hold for lags of up to about a second. Where there is none, they are hardly wider than the
+CTHP's, but miss α and β somewhat more often. All are of the form's own posterior (see
+`inference.posterior`), its further unknown free.
 
 If a form holds, its standardised innovations ε are white, even and normal. Of those of gap and own
 speed (Bonferroni's correction unites the two) are tested the correlation over 10 s (Ljung and Box,
