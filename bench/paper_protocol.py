@@ -10,7 +10,7 @@ from itertools import pairwise
 import torch
 from torch import Tensor, nn
 
-from accpinn.methods.pinn.network import HIDDEN
+from accpinn.methods.pinn.config import PAPER
 from accpinn.segment.segment import Segment
 
 WARM_UP = 3
@@ -27,7 +27,7 @@ class PaperProtocol:
         self.speeds = torch.tensor(segment.speeds)
         self.gaps = torch.tensor(segment.gaps)
         layers: list[nn.Module] = []
-        sizes = [1, *HIDDEN, 2 * self.followers + 1]
+        sizes = [1, *PAPER.hidden, 2 * self.followers + 1]
         for before, after in pairwise(sizes):
             layer = nn.Linear(before, after, dtype=torch.float64)
             nn.init.xavier_uniform_(layer.weight)

@@ -32,7 +32,7 @@ from accpinn.methods.pinn.evidence_output import FourierOrders, OutputLayer, act
 from accpinn.methods.pinn.evidence_search import Ascent, begin, deviations_of, refine
 from accpinn.methods.pinn.loss import Learned, LossTerms, Training
 from accpinn.methods.pinn.method import WarmStart, calibrated_features, hidden_inputs
-from accpinn.methods.pinn.network import HIDDEN, Descent, count_weights, load_state, state_of
+from accpinn.methods.pinn.network import Descent, count_weights, load_state, state_of
 from accpinn.methods.regression import Regression, Solution
 from accpinn.methods.series import series_of, stride_of
 from accpinn.model.cthp import Case, Parameters
@@ -70,7 +70,7 @@ class CalibratedTraining(Training):
         features = calibrated_features(float(self.segment.time[-1]), self.config)
         self._inputs = hidden_inputs(features)
         self._fourier = FourierOrders(features)
-        self._descent = Descent(self._inputs, self.config.seed)
+        self._descent = Descent(self._inputs, self.config.hidden, self.config.seed)
         self._layer: OutputLayer | None = None
         self._note("evidence")
 
@@ -213,7 +213,9 @@ class CalibratedTraining(Training):
         now, found = self.progress, list[MethodFinding]()
         arrays = state_of(self._descent.hidden, "hidden.")
         if self._layer is None:  # stopped early: the best output layer at the present unknowns
-            self._weights = torch.zeros((self._fourier.size + HIDDEN[-1], self.measured.shape[1]))
+            self._weights = torch.zeros(
+                (self._fourier.size + self.config.width, self.measured.shape[1])
+            )
             self._weights = self._weights.double()
             if self.outcome is not Outcome.DIVERGED:
                 self._build()

@@ -31,6 +31,8 @@ _RANGES: dict[str, tuple[float, float, str]] = {
     "test_share": (0, 0.5, ""),
     "highest_frequency": (0.01, 2, " Hz"),
     "batch": (10, 100_000, ""),
+    "layers": (1, 6, ""),
+    "width": (5, 200, ""),
 }
 """Least, most and unit."""
 
@@ -63,6 +65,10 @@ class PinnConfig:
     """In Hz, not of `paper`: the input features reach from a cycle per window or less to here."""
     batch: int = 300
     """Random instants per Adam iteration; not of `paper`."""
+    layers: int = 3
+    """Hidden layers; the paper's network has three."""
+    width: int = 60
+    """Neurons of each; the paper's has sixty."""
 
     def __post_init__(self) -> None:
         """Refuse what cannot be trained.
@@ -96,6 +102,11 @@ class PinnConfig:
             for setting in ("lbfgs_iterations", "test_share"):
                 given = getattr(self, setting)
                 _require(not given, setting, "0, or the paper preset, which has it", given)
+
+    @property
+    def hidden(self) -> tuple[int, ...]:
+        """Neurons of the hidden layers."""
+        return self.layers * (self.width,)
 
     def to_json(self) -> dict[str, Any]:
         """All settings, with lists in place of tuples and parameters."""

@@ -31,7 +31,7 @@ from accpinn.methods.fit import (
 from accpinn.methods.pinn.config import PinnConfig
 from accpinn.methods.pinn.loss import Learned, Training, loss_terms
 from accpinn.methods.pinn.method import FourierFeatures, WarmStart
-from accpinn.methods.pinn.network import HIDDEN, Descent, count_weights, load_state, state_of
+from accpinn.methods.pinn.network import Descent, count_weights, load_state, state_of
 from accpinn.methods.pinn.variable_projection import (
     RIDGE,
     GramMatrices,
@@ -69,7 +69,7 @@ class FastTraining(Training):
         super().__init__(segment, case, config)
         self._features = FourierFeatures(float(segment.time[-1]), config.highest_frequency)
         self._static = _StaticSums(segment.time, self.measured, self.mask, self._features)
-        self._descent = Descent(self._features.size - 1, config.seed)
+        self._descent = Descent(self._features.size - 1, config.hidden, config.seed)
         initial = Parameters.of([config.initial.values] * self.followers)
         self._solution = Solution.of(initial.theta)
         self._starting, self._iteration, self._quiet_cycles = True, 0, 0
@@ -251,7 +251,7 @@ class _StaticSums:
 
     def with_hidden(self, active: Tensor, active_rate: Tensor) -> NormalEquations:
         """The sums for Φ = [φ, h] from the activations h (N, H) and their rates."""
-        slope, width = self._slope, HIDDEN[-1]
+        slope, width = self._slope, active.shape[1]
         both = torch.cat([active, active_rate], 1)
         cross = self.value.T @ both / self._count
         inner = both.T @ both / self._count

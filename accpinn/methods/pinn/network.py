@@ -13,7 +13,7 @@ Adam is as in Kingma and Ba (2014); torch's own takes a second to be imported:
     w ← w - lr · m̂ / (√v̂ + ε),   m̂ = m / (1 - b₁ᵏ),  v̂ = v / (1 - b₂ᵏ)
 """
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from itertools import pairwise
 from math import sqrt
 from typing import Any
@@ -25,20 +25,18 @@ from torch import Tensor, nn
 
 from accpinn.methods.fit import Checkpoint
 
-HIDDEN = (60, 60, 60)
-"""Neurons of the hidden layers, as in the paper."""
 EPSILON = 1e-8
 """Adam's ε."""
 
 
 class HiddenLayers(nn.Module):
-    """The tanh layers; they map input features to 60 activations, with their time derivative."""
+    """The tanh layers; they map input features to activations, with their time derivative."""
 
-    def __init__(self, inputs: int, seed: int, dtype: torch.dtype) -> None:
-        """Xavier-uniform weights and zero biases, as in the paper."""
+    def __init__(self, inputs: int, hidden: Sequence[int], seed: int, dtype: torch.dtype) -> None:
+        """Xavier-uniform weights and zero biases, as in the paper; ``hidden`` are the neurons."""
         super().__init__()
         generator = torch.Generator().manual_seed(seed)
-        sizes = (inputs, *HIDDEN)
+        sizes = (inputs, *hidden)
         self.layers = nn.ModuleList(
             nn.Linear(before, after, dtype=dtype) for before, after in pairwise(sizes)
         )
@@ -46,7 +44,7 @@ class HiddenLayers(nn.Module):
             xavier(layer, generator)
 
     def forward(self, value: Tensor, rate: Tensor) -> tuple[Tensor, Tensor]:
-        """(N, inputs) features and their time derivative to (N, 60) activations and theirs."""
+        """(N, inputs) features and their time derivative to (N, width) activations and theirs."""
         for layer in self.layers:
             assert isinstance(layer, nn.Linear)
             value = torch.tanh(layer(value))
@@ -57,11 +55,11 @@ class HiddenLayers(nn.Module):
 class PaperNetwork(nn.Module):
     """The paper's network 1-60-60-60-(2M+1): 7,623 weights for M = 1 and 7,989 for M = 4."""
 
-    def __init__(self, followers: int, seed: int) -> None:
+    def __init__(self, followers: int, hidden: Sequence[int], seed: int) -> None:
         """Double precision; outputs in m and m/s in the order of `output_columns`."""
         super().__init__()
-        self.hidden = HiddenLayers(1, seed, torch.float64)
-        self.output = nn.Linear(HIDDEN[-1], 2 * followers + 1, dtype=torch.float64)
+        self.hidden = HiddenLayers(1, hidden, seed, torch.float64)
+        self.output = nn.Linear(hidden[-1], 2 * followers + 1, dtype=torch.float64)
         xavier(self.output, torch.Generator().manual_seed(seed + 1))
 
     def forward(self, time: Tensor) -> tuple[Tensor, Tensor]:
@@ -146,12 +144,12 @@ class Adam:
 class Descent:
     """Hidden layers in single precision, Adam, and the generator that draws minibatches."""
 
-    def __init__(self, inputs: int, seed: int) -> None:
+    def __init__(self, inputs: int, hidden: Sequence[int], seed: int) -> None:
         """The seed is that of weights and minibatches."""
-        self.hidden = HiddenLayers(inputs, seed, torch.float32)
+        self.hidden = HiddenLayers(inputs, hidden, seed, torch.float32)
         self.adam = Adam(self.hidden.parameters(), b2=0.99)
         self.generator = torch.Generator().manual_seed(seed)
-        self._doubled = HiddenLayers(inputs, seed, torch.float64)
+        self._doubled = HiddenLayers(inputs, hidden, seed, torch.float64)
 
     def doubled(self) -> HiddenLayers:
         """The layers as they are, in double precision."""

@@ -32,7 +32,7 @@ class PaperTraining(Training):
     def __init__(self, segment: Segment, case: Case, config: PinnConfig) -> None:
         """Build network, parameters and the split into training and test instants."""
         super().__init__(segment, case, config)
-        self.network = PaperNetwork(self.followers, config.seed)
+        self.network = PaperNetwork(self.followers, config.hidden, config.seed)
         sets = 1 if case == "I" else self.followers
         initial = np.tile(config.initial.values, (sets, 1))
         self._parameters = torch.tensor(initial, requires_grad=True)  # (sets, 3) α, β, τ

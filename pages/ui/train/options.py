@@ -29,7 +29,7 @@ def chosen_config(workspace: Workspace) -> PinnConfig:
 def show_options(workspace: Workspace) -> None:
     """All settings of the preset."""
     fields = _Fields(workspace)
-    rows = [st.columns(4) for _ in range(4)]
+    rows = [st.columns(4) for _ in range(5)]
     fields.one(
         "iterations", "Iterations, at most", rows[0][0], step=100,
         help="Of the optimiser Adam. The fast and calibrated presets end earlier once α, β and τ"
@@ -59,8 +59,14 @@ def show_options(workspace: Workspace) -> None:
         "weight_data", ("S, weight of gaps in Ψ_D", "S, weight of speeds in Ψ_D"), rows[2][2:],
         "Of the squared distance of the network's curves from the data.",
     )  # fmt: skip
-    _special(workspace, fields, rows[3][:2])
-    with rows[3][3]:
+    fields.one(
+        "layers", "Hidden layers", rows[3][0], step=1,
+        help="Of the network; the paper's has three. A smaller network is quicker, and the curves"
+        " follow the data less closely.",
+    )  # fmt: skip
+    fields.one("width", "Neurons of each", rows[3][1], step=10, help="The paper's have sixty.")
+    _special(workspace, fields, rows[3][2:])
+    with rows[4][3]:
         st.space("stretch")
         st.button(
             "Back to the preset", on_click=fields.changes.clear, icon=":material/undo:",

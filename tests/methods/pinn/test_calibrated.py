@@ -152,7 +152,7 @@ class TestOutputLayer:
     def test_derivatives_of_the_hidden_layers_are_exact(self) -> None:
         """Against differences, up to the third."""
         fourier = FourierOrders(FourierFeatures(30.0, 0.2))
-        hidden = HiddenLayers(fourier.size - 1, 1, torch.float64)
+        hidden = HiddenLayers(fourier.size - 1, CALIBRATED.hidden, 1, torch.float64)
         step = 1e-3
         with torch.no_grad():
             orders = activations(hidden, fourier(np.array([7.0 - step, 7.0, 7.0 + step]))[:, :, 1:])
@@ -167,7 +167,7 @@ class TestOutputLayer:
         fourier = FourierOrders(FourierFeatures(0.55 * SHORT, 0.3))
         measured = stack_outputs(segment.speeds, segment.gaps)
         layer = OutputLayer(measured, 5, segment.sample_time, None, fourier, values)
-        hidden = HiddenLayers(fourier.size - 1, 0, torch.float64)
+        hidden = HiddenLayers(fourier.size - 1, CALIBRATED.hidden, 0, torch.float64)
         with torch.no_grad():
             active = activations(hidden, layer.grid_orders[:, :, 1:])
             at_samples = activations(hidden, layer.sample_orders[:, :, 1:])

@@ -1,11 +1,17 @@
 """The surrogate network: its size, its first weights, and its exact time derivative."""
 
+from typing import get_args
+
 import numpy as np
 import pytest
 import torch
 
-from accpinn.methods.pinn.method import FourierFeatures, output_columns, stack_outputs
+from accpinn.errors import ConfigError
+from accpinn.methods.pinn.config import PAPER, PresetName, preset
+from accpinn.methods.pinn.method import FourierFeatures, output_columns, redraw, stack_outputs
 from accpinn.methods.pinn.network import Adam, PaperNetwork, count_weights
+from tests.support.methods import train
+from tests.support.samples import NOISY, sample
 
 DOUBLE = torch.float64
 
@@ -20,7 +26,7 @@ def nested_rates(outputs: torch.Tensor, time: torch.Tensor) -> torch.Tensor:
 
 @pytest.mark.parametrize("followers", [1, 4])
 def test_tangent_is_automatic_differentiations_time_derivative(followers: int) -> None:
-    network = PaperNetwork(followers, seed=3)
+    network = PaperNetwork(followers, PAPER.hidden, seed=3)
     time = torch.linspace(0, 20, 40, dtype=DOUBLE, requires_grad=True)
     outputs, rates = network(time)
     expected = nested_rates(outputs, time)
@@ -29,7 +35,7 @@ def test_tangent_is_automatic_differentiations_time_derivative(followers: int) -
 
 
 def test_gradient_through_the_tangent_is_that_through_nested_differentiation() -> None:
-    network = PaperNetwork(2, seed=5)
+    network = PaperNetwork(2, PAPER.hidden, seed=5)
     time = torch.linspace(0, 20, 40, dtype=DOUBLE, requires_grad=True)
     (network(time)[1] ** 2).sum().backward()
     ours = [weight.grad.clone() for weight in network.parameters() if weight.grad is not None]
@@ -43,8 +49,12 @@ def test_gradient_through_the_tangent_is_that_through_nested_differentiation() -
 
 
 def test_first_weights_are_as_many_as_the_paper_says_xavier_uniform_and_biases_zero() -> None:
-    assert [count_weights(PaperNetwork(m, seed=0)) for m in (1, 3, 4)] == [7623, 7867, 7989]
-    network = PaperNetwork(4, seed=0)
+    assert [count_weights(PaperNetwork(m, PAPER.hidden, seed=0)) for m in (1, 3, 4)] == [
+        7623,
+        7867,
+        7989,
+    ]
+    network = PaperNetwork(4, PAPER.hidden, seed=0)
     layers = [module for module in network.modules() if isinstance(module, torch.nn.Linear)]
     assert [(layer.in_features, layer.out_features) for layer in layers] == [
         (1, 60),
@@ -149,3 +159,21 @@ def test_adam_continues_from_its_state_bit_for_bit() -> None:
     assert second.steps == 10
     for mine, other in zip(straight, broken, strict=True):
         assert torch.equal(mine, other)
+
+
+@pytest.mark.parametrize("name", get_args(PresetName))
+def test_layers_and_width_shape_the_network_and_its_curves_can_be_drawn_again(
+    name: PresetName,
+) -> None:
+    segment = sample(NOISY).segment
+    config = preset(name, iterations=10, layers=2, width=20)
+    fit = train(segment, "II", config, threads=1)
+    weights = [array for key, array in fit.arrays.items() if "hidden" in key and "weight" in key]
+    assert [array.shape[0] for array in weights] == [20, 20]
+    drawn = redraw(fit, segment.time, segment.window.duration)
+    assert fit.surrogate is not None
+    assert np.allclose(drawn.gaps, fit.surrogate.gaps, atol=2e-3)
+    with pytest.raises(ConfigError):
+        preset(name, layers=7)
+    with pytest.raises(ConfigError):
+        preset(name, width=4)
