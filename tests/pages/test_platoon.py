@@ -2,7 +2,7 @@
 
 from contextlib import suppress
 from dataclasses import replace
-from math import pi
+from math import isfinite, pi
 
 import pytest
 from hypothesis import given
@@ -31,8 +31,9 @@ from tests.support.apptest import (
 
 def reach(page: AppTest, place: int) -> tuple[float, float]:
     """First and last instant that a chart draws; its numbers may be packed."""
-    every = [numbers(one["x"]) for one in figures(page)[place]["data"] if one["mode"] != "text"]
-    return min(map(min, filter(len, every))), max(map(max, filter(len, every)))
+    drawn = [one for one in figures(page)[place]["data"] if one["mode"] != "text"]
+    known = [x for one in drawn for x in numbers(one["x"]) if x is not None and isfinite(x)]
+    return min(known), max(known)
 
 
 def traces(page: AppTest, place: int) -> list[str]:

@@ -261,13 +261,14 @@ def time_space(
     places[:, 1:] = places[:, :1] - np.cumsum(driven.gaps[rows] + CAR_LENGTH, axis=1)
     middle = float(speeds[:, 0].mean()) if isinstance(run.leader, Recorded) else run.leader.speed
     limit = float(np.nanmax(np.abs(speeds - middle))) or 1.0
-    figure = go.Figure([*_coloured_tracks(time, places, (speeds - middle) / limit)])
+    figure = go.Figure()
     for k, name in enumerate(cast.names):
         figure.add_scatter(
             x=time.astype(np.float32), y=places[:, k].astype(np.float32), mode="lines",
             line={"color": CLEAR, "width": 8}, customdata=speeds[:, k].round(3),
             name=name, showlegend=False, hovertemplate="%{customdata:.2f} m/s at %{x:.1f} s",
         )  # fmt: skip
+    figure.add_traces([*_coloured_tracks(time, places, (speeds - middle) / limit)])
     last = [int(np.flatnonzero(np.isfinite(column))[-1]) for column in places.T]
     ends = [k for k, at in enumerate(last) if at < len(rows) - 1]
     figure.add_scatter(

@@ -34,7 +34,12 @@ SIDEBAR = 230
 
 _STYLE = """<style>
 .stMainBlockContainer { padding: 2.6rem 2.5rem 3rem; max-width: 92rem; }
-@media (max-width: 640px) { .stMainBlockContainer { padding: 3.4rem 1rem 3rem; } }
+@media (max-width: 640px) {
+  .stMainBlockContainer { padding: 3.4rem 1rem 3rem; }
+  div:has(> [class*="st-key-later_1"]) { order: 1; }
+  div:has(> [class*="st-key-later_2"]) { order: 2; }
+  div:has(> [class*="st-key-later_3"]) { order: 3; }
+}
 [data-testid="stStatusWidget"] { display: none; }
 [data-testid="stCaptionContainer"] { color: inherit; opacity: .78; }
 [data-selected="true"] p, [role="tab"][aria-selected="true"] p {

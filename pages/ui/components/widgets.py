@@ -99,6 +99,9 @@ def segments(
 def tabs(workspace: Workspace, key: str, views: Mapping[str, Callable[[], None]]) -> None:
     """Tabs of which only the open one is drawn; a switch draws the page anew.
 
+    On a narrow screen they come after what is chosen on the page, and that after the answer: what
+    has a key that begins with "later_1" and so on stands below the rest there.
+
     Args:
         workspace: keeps which is open.
         key: of the widget.
@@ -110,7 +113,9 @@ def tabs(workspace: Workspace, key: str, views: Mapping[str, Callable[[], None]]
         key, value if value in views else titles[0],
         lambda title: kept.update({key: title}), default="default",
     )  # fmt: skip
-    for tab, draw in zip(st.tabs(titles, **arguments), views.values(), strict=True):
+    with st.container(key=f"later_2_{key}"):
+        drawn = st.tabs(titles, **arguments)
+    for tab, draw in zip(drawn, views.values(), strict=True):
         if tab.open:
             with tab:
                 draw()

@@ -62,12 +62,7 @@ TOOLS = ("zoom2d", "pan2d", "select2d", "zoomIn2d", "zoomOut2d", "resetScale2d")
 _STYLE = f"""<style>
 .st-key-data_handles {{ padding: 0 {figures.MARGIN_RIGHT}px 0 {figures.MARGIN}px;
   margin: -1.4rem 0 -1.5rem; }}
-@media (max-width: 640px) {{
-  div:has(> .st-key-data_controls) {{ order: 1; }}
-  div:has(> .st-key-data_details) {{ order: 2; }}
-}}
 </style>"""
-"""On a narrow screen the timeline and the answer come before what is chosen."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,7 +96,7 @@ def show_page() -> None:
         _choose_another(workspace)
     banner(workspace)
     whole = _whole(f"{recording.sha256} {workspace.vehicles}", recording, workspace.vehicles)
-    with st.container(key="data_controls"):
+    with st.container(key="later_1_data"):
         _controls(workspace, recording, whole)
     _show_overview(workspace, recording, whole)
     _answer(workspace, recording)
@@ -112,8 +107,7 @@ def show_page() -> None:
         "Changes to the data": lambda: views.show_changes(workspace),
         "About the recording": lambda: views.show_about(recording),
     }
-    with st.container(key="data_details"):
-        tabs(workspace, "data_tabs", drawn)
+    tabs(workspace, "data_tabs", drawn)
 
 
 def _choose_another(workspace: Workspace) -> None:

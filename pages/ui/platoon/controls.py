@@ -57,7 +57,7 @@ def choose_platoon(
         None for what makes no sense, with a sentence.
     """
     choice = workspace.platoon_choice
-    with st.container(horizontal=True, vertical_alignment="bottom"):
+    with st.container(horizontal=True, vertical_alignment="bottom", key="later_1_platoon"):
         order = _choose_order(workspace, chosen)
         leader = _choose_leader(workspace, chosen.parameters[order]) if order else None
     if choice.order == "own" and len(chosen) > 1:

@@ -37,7 +37,8 @@ def show_page() -> None:
     """Draw the page."""
     workspace = frame.begin("Train")
     _show_page(workspace)
-    show_runs(workspace)
+    with st.container(key="later_3_runs"):
+        show_runs(workspace)
 
 
 def _show_page(workspace: Workspace) -> None:
@@ -53,8 +54,11 @@ def _show_page(workspace: Workspace) -> None:
     banner(workspace)
     st.caption(frame.segment_line(segment, workspace.case, vehicles=True))
     show.not_acc(segment)
-    _controls(workspace)
-    _continue_button(workspace)
+    # On a narrow screen a result comes before what led to it, while a training can be stopped.
+    done = workspace.fit is not None and not (workspace.training and workspace.training.is_active)
+    with st.container(key="later_1_train" if done else "train_controls"):
+        _controls(workspace)
+        _continue_button(workspace)
     if training := workspace.training:
         monitor(workspace, training, lambda running: _show_run(workspace, training, running))
     elif snapshot:
