@@ -207,11 +207,12 @@ class TestUncertainty:
             high = high[::-1]
             drawn = np.abs(response(uncertainty.draws[:, k], omega))
             drawn = 20 * np.log10(drawn)
-            share = ((low - 1e-3 <= drawn) & (drawn <= high + 1e-3)).mean(axis=0)
-            assert (share > uncertainty.level - 0.01).all()
-            wide = high - low > 0.05  # where rounding to 0.001 dB lets no draws in
-            assert wide.any()
-            assert share[wide].mean() == pytest.approx(uncertainty.level, abs=0.03)
+            # Ends are rounded to 0.001 dB: once what lies so close counts as inside, once not.
+            within = ((low - 1e-3 <= drawn) & (drawn <= high + 1e-3)).mean(axis=0)
+            deep = ((low + 1e-3 <= drawn) & (drawn <= high - 1e-3)).mean(axis=0)
+            assert (within > uncertainty.level - 0.01).all()
+            assert (deep < uncertainty.level + 0.01).all()
+            assert (high - low > 0.05).any()
         draws = uncertainty.draws.values.copy()
         draws[:, 0] = np.nan
         unknown = replace(uncertainty, draws=Parameters.of(draws))
