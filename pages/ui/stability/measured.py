@@ -70,8 +70,9 @@ def show_measured(shown: Shown) -> None:
         f" {found.pieces} pieces of {found.length:.0f} s), with {level} bars for the random error."
         " Faint: the coherence is not above that of unrelated signals. Where the points leave the"
         " curve, the CTHP with these parameters does not describe how this vehicle passes on"
-        f" disturbances. A peak narrower than {found.omega[0]:.2g} rad/s appears lower than it"
-        f" is.{band}"
+        f" disturbances. A peak narrower than {found.omega[0]:.2g} rad/s appears lower than it is;"
+        " above 0.3 rad/s, where vehicles pass on little, the vehicle's own disturbances make the"
+        f" gain appear higher (by a quarter in simulated recordings of 300 s).{band}"
     )
     show.downloads(
         measured_gain_table(labels[follower], found),
