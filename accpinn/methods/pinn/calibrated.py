@@ -204,9 +204,9 @@ class CalibratedTraining(Training):
         if not np.isfinite([self.progress.total, evidence]).all():
             self.outcome = Outcome.DIVERGED
 
-    def outputs(self) -> FloatArray:
-        """(N, 2M+1) the present surrogate on all instants."""
-        return self._surrogate().numpy()
+    def outputs(self) -> FloatArray | None:
+        """(N, 2M+1) the present surrogate; None while the evidence is still sought without one."""
+        return None if self._layer is None else self._surrogate()
 
     def learned(self) -> Learned:
         """The surrogate, the parameters, and what training the hidden layers brought."""
@@ -233,7 +233,7 @@ class CalibratedTraining(Training):
         loss = {"total": now.total, "data": now.data, "physics": now.physics}
         loss |= {"initial": now.initial, "start": self._start_loss, "evidence": now.evidence}
         return Learned(
-            outputs=self.outputs(),
+            outputs=self._surrogate(),
             solution=self._solution,
             loss=loss,
             network_weights=count_weights(self._descent.hidden) + self._weights.numel(),
@@ -242,10 +242,10 @@ class CalibratedTraining(Training):
         )
 
     @torch.no_grad()
-    def _surrogate(self) -> Tensor:
+    def _surrogate(self) -> FloatArray:
         orders = self._fourier(self.segment.time)
         active = self._active(orders)
-        return torch.cat([orders[0], active[0]], 1) @ self._weights
+        return (torch.cat([orders[0], active[0]], 1) @ self._weights).numpy()
 
     def state(self) -> Checkpoint:
         """Every ascent; hidden layers, Adam's moments, output layer and the random generator."""

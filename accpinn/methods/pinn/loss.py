@@ -148,8 +148,8 @@ class Training(ABC):
         """Go on from ``state``, which a training of the same problem gave."""
 
     @abstractmethod
-    def outputs(self) -> FloatArray:
-        """(N, 2M+1) the present surrogate on all instants."""
+    def outputs(self) -> FloatArray | None:
+        """(N, 2M+1) the present surrogate on all instants; None where there is none yet."""
 
     @abstractmethod
     def learned(self) -> Learned:

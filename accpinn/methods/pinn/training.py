@@ -151,7 +151,8 @@ def _train(
         recorder.add(now)
         if outcome is None and time.perf_counter() - drawn > CURVE_EVERY:
             drawn = time.perf_counter()
-            return replace(now, surrogate=motion(training.outputs()))
+            outputs = training.outputs()
+            return now if outputs is None else replace(now, surrogate=motion(outputs))
         return now
 
     def save() -> None:

@@ -13,6 +13,7 @@ from accpinn.errors import ConfigError
 from accpinn.evaluation.closed_loop import surrogate_errors
 from accpinn.methods.fit import Continued, Fit, HiddenLayersGain, Outcome, Progress
 from accpinn.methods.maximum_likelihood import fit as maximum_likelihood
+from accpinn.methods.pinn import training
 from accpinn.methods.pinn.config import CALIBRATED, PinnConfig, preset
 from accpinn.methods.pinn.evidence_output import FourierOrders, OutputLayer, activations
 from accpinn.methods.pinn.method import FourierFeatures, WarmStart, stack_outputs
@@ -110,6 +111,18 @@ class TestProgress:
         np.testing.assert_array_equal(fit.history.evidence, evidence)
         assert fit.history.deviations.shape == (len(seen), 2, 3)
         assert fit.loss["evidence"] == evidence[-1]
+
+    def test_curves_are_drawn_as_soon_as_there_is_an_output_layer(
+        self, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        monkeypatch.setattr(training, "CURVE_EVERY", 0.0)  # as on a machine that is slow
+        seen: list[Progress] = []
+        fit = train(platoon(), "II", CALIBRATED, on_progress=seen.append)
+        drawn = [moment.surrogate is not None for moment in seen[:-1]]
+        assert drawn == [moment.phase != "evidence" for moment in seen[:-1]]
+        (first, *_) = [moment.surrogate for moment in seen if moment.surrogate]
+        assert fit.surrogate
+        np.testing.assert_allclose(first.speeds, fit.surrogate.speeds, atol=0.05)
 
 
 class TestGoesOn:
