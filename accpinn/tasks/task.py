@@ -48,7 +48,7 @@ RATE_WINDOW: Seconds = 3.0
 TYPICAL_SAMPLES = 3001
 TYPICAL: dict[PresetName, tuple[Seconds, float, int]] = {
     "fast": (0.5, 0.2, FAST.iterations),
-    "calibrated": (3.0, 0.3, CALIBRATED.iterations),
+    "calibrated": (1.5, 0.5, CALIBRATED.iterations),
     "paper": (450.0, 0.44, PAPER.iterations),
 }
 """Of a training on so many samples of one follower, the share of it that each further one adds, and

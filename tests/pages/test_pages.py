@@ -504,6 +504,7 @@ def test_a_second_session_waits_and_is_told() -> None:
 
 def test_options_are_refused_reach_the_training_and_survive_a_visit_elsewhere() -> None:
     found = with_sample()
+    found.preset = "fast"
     page = choose(open_page(TRAIN, found), "train_options", True)
     choose(page, "train_fast_iterations", 0)
     (error,) = page.error

@@ -72,6 +72,8 @@ class CalibratedTraining(Training):
         self._fourier = FourierOrders(features)
         self._descent = Descent(self._inputs, self.config.hidden, self.config.seed)
         self._layer: OutputLayer | None = None
+        size = self._fourier.size + self.config.width
+        self._weights = torch.zeros((size, self.measured.shape[1]), dtype=torch.float64)
         self._note("evidence")
 
     def begin_from(self, warm: WarmStart) -> None:
@@ -213,10 +215,6 @@ class CalibratedTraining(Training):
         now, found = self.progress, list[MethodFinding]()
         arrays = state_of(self._descent.hidden, "hidden.")
         if self._layer is None:  # stopped early: the best output layer at the present unknowns
-            self._weights = torch.zeros(
-                (self._fourier.size + self.config.width, self.measured.shape[1])
-            )
-            self._weights = self._weights.double()
             if self.outcome is not Outcome.DIVERGED:
                 self._build()
                 self._solve()

@@ -133,6 +133,12 @@ def _basis(samples: int, step: Seconds, knots_every: Seconds) -> Basis:
     return Basis(samples, step, knots_every)
 
 
+MOST_WEIGHT = 300.0
+"""Of the residual's second derivative. Cars whose disturbance the recording shows have about ten;
+where it shows none, its memory and rise are arbitrary, and with more weight Λ is singular to
+working precision."""
+
+
 class Physics(NamedTuple):
     """The prior's residuals as linear forms of (p, v, u) and their derivatives; whitened."""
 
@@ -149,6 +155,7 @@ def physics(values: FloatArray) -> Physics:
         values: (9,) the unknowns in the order of `state_space.COMMON`.
     """
     alpha, alpha_tau, beta, deviation, memory, rise, _, _, leader = values
+    deviation = max(deviation, memory * rise / (MOST_WEIGHT * np.sqrt(2 * (memory + rise))))
     p, v, u = range(OUTPUTS)
     law = np.zeros((OUTPUTS, ORDER + 1))
     law[p, 0], law[v, 0], law[u, 0], law[v, 1] = -alpha, alpha_tau + beta, -beta, 1.0

@@ -171,10 +171,11 @@ def require_memory(segment: Segment, config: PinnConfig) -> None:
         # Instants and features both grow with the window.
         longest = sqrt(MOST_BYTES * step / (4 * each * config.highest_frequency))
     if needed > MOST_BYTES:
+        other = ", or the preset fast" if config.preset == "calibrated" else ""
         raise SegmentError(
             f"{segment.source}: a window of {segment.window.duration:,.0f} s would take"
             f" {needed / 1e9:,.1f} GB of memory to train on; take at most"
-            f" {0.98 * longest // 10 * 10:,.0f} s."
+            f" {0.98 * longest // 10 * 10:,.0f} s{other}."
         )
 
 

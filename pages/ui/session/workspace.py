@@ -149,7 +149,8 @@ class Workspace:
     segment: Segment | None = None
     fault: str = ""
     """Why there is no segment."""
-    preset: PresetName = "fast"
+    preset: PresetName = "calibrated"
+    """To begin with the one that disturbances do not bias."""
     settings: dict[str, dict[str, Any]] = field(default_factory=dict)
     """Per preset, the settings that differ from it."""
     training: Task[Fit] | None = None

@@ -6,7 +6,7 @@ import streamlit as st
 
 from accpinn.errors import ConfigError
 from accpinn.methods.fit import Fit
-from accpinn.methods.pinn.config import PRESETS, PinnConfig
+from accpinn.methods.pinn.config import PinnConfig
 from accpinn.methods.pinn.method import WarmStart
 from accpinn.tasks.task import Status, Task
 from pages.ui.components import frame, show
@@ -23,8 +23,8 @@ from pages.ui.train.live import show_live
 from pages.ui.train.options import chosen_config, show_options
 
 PRESET_LINES = {
-    "fast": "A few seconds: output layer and α, β, τ solved exactly, hidden layers trained.",
     "calibrated": "A few seconds: the network's evidence in place of its loss removes the bias.",
+    "fast": "A second: the paper's loss, output layer and α, β, τ solved exactly. Biased as it is.",
     "paper": "As published, all by gradient: many minutes. Stop and continue at any time.",
 }
 CONTINUES = (
@@ -103,7 +103,7 @@ def _controls(workspace: Workspace) -> None:
     preset = workspace.preset
     with st.container(horizontal=True, vertical_alignment="center"):
         segments(
-            "Preset", {name: name.capitalize() for name in PRESETS}, preset, "train_preset",
+            "Preset", {name: name.capitalize() for name in PRESET_LINES}, preset, "train_preset",
             lambda name: setattr(workspace, "preset", name),
         )  # fmt: skip
         place = st.container(horizontal=True, width="content")

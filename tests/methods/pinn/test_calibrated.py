@@ -27,6 +27,7 @@ from bench.disturbed import Disturbance, disturbed
 from tests.methods.pinn.test_training import assert_same_result
 from tests.support.driving import segment_of, standing_still
 from tests.support.methods import train
+from tests.support.samples import NOISE_FREE, NOISY, sample
 
 SHORT = 40.0
 
@@ -55,6 +56,14 @@ class TestResult:
         apart = np.log(fit.parameters.values / other.parameters.values)
         assert (np.abs(apart) < 0.2 * fit.arrays["deviations"]).all()
         assert fit.arrays["deviations"].shape == (1 if case == "I" else 2, 3)
+
+    @pytest.mark.parametrize("name", [NOISE_FREE, NOISY])
+    def test_recovers_the_truth_where_nothing_disturbs(self, name: str) -> None:
+        """Memory and rise of a disturbance that is not there are arbitrary."""
+        study = sample(name)
+        fit = train(study.segment, "II", CALIBRATED)
+        assert fit.outcome in (Outcome.CONVERGED, Outcome.FINISHED)
+        np.testing.assert_allclose(fit.parameters.values, study.truth, rtol=0.015)
 
     def test_network_follows_the_data(self) -> None:
         errors = surrogate_errors(platoon(), fitted())
