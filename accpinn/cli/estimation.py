@@ -3,7 +3,7 @@
 import argparse
 import signal
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 from pathlib import Path
@@ -37,7 +37,7 @@ from accpinn.evaluation.closed_loop import (
     surrogate_errors,
 )
 from accpinn.inference.identifiability import identifiability_warnings, narrower_intervals
-from accpinn.inference.intervals import Uncertainty
+from accpinn.inference.intervals import ParameterInterval, Uncertainty
 from accpinn.inference.model_adequacy import Adequacy, model_forms
 from accpinn.inference.multistart import MultistartResult, multistart, summarise
 from accpinn.methods.fit import Fit, OnProgress, Outcome, Progress
@@ -297,22 +297,42 @@ def _describe_comparison(
                 "extra": form.extra[k],
                 "aic": form.aic[k],
                 "holdout": form.holdout[k],
-                "intervals": _describe_recommended(adequacy, form.form, vehicle),
+                **_describe_posterior(adequacy, form.form, vehicle),
             }
             for form in adequacy.forms
             for k, vehicle in enumerate(segment.vehicles[1:])
         ],
+        "weighted": [
+            {
+                "vehicle": vehicle,
+                **_ends(one.intervals),
+                "estimate": {
+                    name: own.estimate
+                    for name, own in zip(PARAMETER_NAMES, one.intervals, strict=True)
+                },
+                "level": one.level,
+            }
+            for vehicle in segment.vehicles[1:]
+            for one in adequacy.recommended
+            if one.vehicle in (0, vehicle)
+        ],
     }
 
 
-def _describe_recommended(adequacy: Adequacy, form: Form, vehicle: int) -> dict[str, Any] | None:
-    """The intervals under a form, where they are the ones to be used for the vehicle."""
+def _describe_posterior(adequacy: Adequacy, form: Form, vehicle: int) -> dict[str, Any]:
+    """A form's probability, and the intervals under it."""
     for one in adequacy.recommended:
-        if one.form == form and one.vehicle in (0, vehicle):
-            ends = [[own.lower, own.upper] for own in one.intervals]
-            extra = {"extra": [one.extra_lower, one.extra_upper], "level": one.level}
-            return dict(zip(PARAMETER_NAMES, ends, strict=True)) | extra
-    return None
+        if one.vehicle in (0, vehicle):
+            (own,) = (each for each in one.forms if each.form == form)
+            extra = {"extra": [own.extra_lower, own.extra_upper], "level": one.level}
+            return {"probability": own.probability, "intervals": _ends(own.intervals) | extra}
+    return {"probability": None, "intervals": None}
+
+
+def _ends(intervals: Sequence[ParameterInterval]) -> dict[str, Any]:
+    """Both ends of the intervals of α, β and τ, by name."""
+    ends = [[one.lower, one.upper] for one in intervals]
+    return dict(zip(PARAMETER_NAMES, ends, strict=True))
 
 
 def _describe_result(segment: Segment, result: MethodResult) -> dict[str, Any]:

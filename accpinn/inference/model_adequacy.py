@@ -9,11 +9,15 @@ Three further forms of the model stand in the same exact likelihood (see `method
 They are compared by Akaike's criterion, AIC = 2k - 2 log L with k unknowns, and by the density that
 each, estimated from the first two thirds of the time, gives to what is measured in the last third.
 A form that neither prefers may still be true: a lag of a second changes α and β by half, and yet
-five minutes of a recording hardly tell it from none, while those of a vehicle without lag exclude
-one of a second. So where no form is clearly better, the intervals to be used are those with a lag:
-they hold for lags of up to about a second. Where there is none, they are hardly wider than the
-CTHP's, but miss α and β somewhat more often. All are of the form's own posterior (see
-`inference.posterior`), its further unknown free.
+five minutes of a recording hardly tell it from none; a standstill distance hides likewise, and
+moves τ. So the intervals to be used are those over all forms, each weighted by its probability
+
+    P(form | y) ∝ P(form) ∫ L(z) p(z | form) dz,
+
+where the integral, the evidence, and the draws are those of the form's own posterior (see
+`inference.posterior`). P(form) is `PRIOR`. Every car has an actuator and many keep a distance at
+standstill, so the CTHP itself gets little of it; the priors of a lag and of a distance reach down
+to none. Source: Hoeting, Madigan, Raftery and Volinsky, Statistical Science 14 (1999) 382-417.
 
 If a form holds, its standardised innovations ε are white, even and normal. Of those of gap and own
 speed (Bonferroni's correction unites the two) are tested the correlation over 10 s (Ljung and Box,
@@ -29,8 +33,8 @@ show in all of them: their p-values are united by Fisher's method (1925), and te
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from functools import lru_cache
-from typing import Any
 
+import msgspec
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.linalg import expm
@@ -40,7 +44,8 @@ from accpinn.channels import PARAMETERS
 from accpinn.errors import Finding
 from accpinn.inference.intervals import DRAWS, ParameterInterval, interval_ends
 from accpinn.inference.intervals import LEVEL as INTERVAL_LEVEL
-from accpinn.inference.posterior import sample
+from accpinn.inference.posterior import Posterior, sample
+from accpinn.inference.proposal import normalised
 from accpinn.methods.kalman import Innovations, innovations
 from accpinn.methods.likelihood import Criterion, Maximum, maximise, natural
 from accpinn.methods.maximum_likelihood import joint_maxima
@@ -54,6 +59,9 @@ LEARNED = 2 / 3
 """Share of the time from which a form is estimated before it is tried on the rest."""
 BETTER = 4.0
 """A form is better when its AIC is lower by so much and held-out time is more probable, too."""
+PRIOR: dict[Form, float] = {"cthp": 0.05, "offset": 0.2, "lag": 0.65, "delay": 0.1}
+"""Probability of each form before the data. Chosen so that the weighted intervals cover α, β and τ
+alike whichever form is true; see docs/validation.md."""
 LEVEL = 0.01
 """Of the test whether the model is adequate."""
 LAGS = 20
@@ -62,37 +70,47 @@ SETTLING = 20
 """Samples at the start of a series that the filter needs to forget that it knew nothing."""
 
 
-class FormIntervals(Finding, frozen=True, kw_only=True):
-    """The intervals of a follower's parameters under another form of the model."""
+class FormPosterior(msgspec.Struct, frozen=True, kw_only=True):
+    """What a follower's data say if one form of the model holds."""
 
-    vehicle: int
-    """0 for all followers together."""
     form: Form
-    extra: float
-    """s₀ in m, λ or d in s."""
+    probability: float
+    """That it does, given the data."""
     intervals: tuple[ParameterInterval, ...]
     """Of α, β and τ under this form, with the values of greatest likelihood."""
+    extra: float
+    """s₀ in m, λ or d in s, where the likelihood is greatest; 0 for the CTHP."""
     extra_lower: float
     extra_upper: float
     """Ends of the interval of s₀, λ or d."""
-    level: float
-    """Of these intervals."""
 
 
-class BetterForm(FormIntervals, frozen=True, kw_only=True):
+class BetterForm(Finding, frozen=True, kw_only=True):
     """Another form of the model is better supported by a follower's data than the CTHP."""
 
+    vehicle: int
+    """0 for all followers together."""
+    posterior: FormPosterior
+    """Under that form."""
     aic: float
     """Its AIC minus the CTHP's."""
     holdout: float
     """ln of how many times as probable held-out time is."""
+    level: float
+    """Of the intervals."""
 
 
-class PossibleLag(FormIntervals, frozen=True, kw_only=True):
-    """No form is clearly better, which is no evidence against a lag: the intervals that allow it.
+class WeightedForms(Finding, frozen=True, kw_only=True):
+    """The intervals to be used: over all forms of the model, each weighted by its probability."""
 
-    Data that a lag of a second has shaped hardly tell it from none, while α and β differ by half.
-    """
+    vehicle: int
+    """0 for all followers together."""
+    intervals: tuple[ParameterInterval, ...]
+    """Of α, β and τ, with the weighted medians as estimates."""
+    forms: tuple[FormPosterior, ...]
+    """In the order of `FORMS`."""
+    level: float
+    """Of the intervals."""
 
 
 class Inadequate(Finding, frozen=True):
@@ -110,7 +128,7 @@ class Inadequate(Finding, frozen=True):
     """The acceleration is no linear function of gap and speeds."""
 
 
-AdequacyFinding = BetterForm | PossibleLag | Inadequate
+AdequacyFinding = BetterForm | WeightedForms | Inadequate
 
 
 @dataclass(frozen=True, eq=False)
@@ -179,9 +197,9 @@ class Adequacy:
         return tuple(one for one in self.findings if isinstance(one, BetterForm))
 
     @property
-    def recommended(self) -> tuple[FormIntervals, ...]:
-        """The intervals to be used, one set a follower: of a better form, or with a lag."""
-        return tuple(one for one in self.findings if isinstance(one, FormIntervals))
+    def recommended(self) -> tuple[WeightedForms, ...]:
+        """The intervals to be used, one set a follower."""
+        return tuple(one for one in self.findings if isinstance(one, WeightedForms))
 
 
 @lru_cache(maxsize=32)
@@ -210,9 +228,11 @@ def model_forms(segment: Segment, case: Case = "II") -> Adequacy:
 
     forms: list[ModelForm] = []
     maxima: dict[Form, tuple[Maximum, ...]] = {}
+    posteriors: dict[Form, tuple[Posterior, ...]] = {}
     first = held_out = np.zeros(count)
     for form in FORMS:
         maxima[form] = joint_maxima((segment,), case, form, known)
+        posteriors[form] = sample(series, maxima[form], form)
         size = len(coordinates(form))
         aic = spread([2 * size - 2 * one.log_likelihood for one in maxima[form]])
         density = spread(_held_out_density(series, maxima[form], form))
@@ -232,13 +252,19 @@ def model_forms(segment: Segment, case: Case = "II") -> Adequacy:
     subjects = [(0, 0)] if case == "I" else [(segment.vehicles[k + 1], k) for k in known]
     found: list[AdequacyFinding] = []
     for group, (vehicle, k) in enumerate(subjects):
-        best = min(forms, key=lambda form: form.aic[k])
-        own = series_of([segment], case, (k,))
-        if best.aic[k] < -BETTER and best.holdout[k] > 0:
-            told = _form_intervals(vehicle, best.form, own, maxima[best.form][group])
-            found.append(BetterForm(**told, aic=float(best.aic[k]), holdout=float(best.holdout[k])))
-        else:
-            found.append(PossibleLag(**_form_intervals(vehicle, "lag", own, maxima["lag"][group])))
+        weighted = _weighted(
+            vehicle, [maxima[form][group] for form in FORMS], [posteriors[f][group] for f in FORMS]
+        )
+        best = min(range(len(forms)), key=lambda at: float(forms[at].aic[k]))
+        gain, holdout = float(forms[best].aic[k]), float(forms[best].holdout[k])
+        if gain < -BETTER and holdout > 0:
+            own = weighted.forms[best]
+            found.append(
+                BetterForm(
+                    vehicle=vehicle, posterior=own, aic=gain, holdout=holdout, level=INTERVAL_LEVEL
+                )
+            )
+        found.append(weighted)
     return Adequacy(tuple(forms), tests, (*found, *_inadequate(subjects, tests)))
 
 
@@ -249,34 +275,68 @@ def _extra(form: Form, values: FloatArray) -> FloatArray:
     return np.asarray(-values[..., -1] / values[..., 0] if form == "offset" else values[..., -1])
 
 
-def _form_intervals(vehicle: int, form: Form, series: Series, maximum: Maximum) -> dict[str, Any]:
-    """What `FormIntervals` has, from the posterior of a form.
+def _weighted(
+    vehicle: int, maxima: Sequence[Maximum], posteriors: Sequence[Posterior]
+) -> WeightedForms:
+    """The intervals over all forms.
 
     Args:
         vehicle: its number in the file.
-        form: of the model.
-        series: this follower's alone, or in Case I that of all.
-        maximum: where the search ended.
+        maxima: where the search ended, one each of `FORMS`.
+        posteriors: alike.
     """
-    (posterior,) = sample(series, [maximum], form)
-    drawn = natural(form, posterior.all_evenly(DRAWS))
-    lower, upper = interval_ends(Parameters.from_theta(drawn[:, :3]).values, INTERVAL_LEVEL)
-    extra_lower, extra_upper = interval_ends(_extra(form, drawn), INTERVAL_LEVEL)
-    values = Parameters.from_theta(maximum.theta).values
-    lower = np.where(values == 0.0, 0.0, lower)
-    rows = zip(PARAMETERS, lower.tolist(), upper.tolist(), values.tolist(), strict=True)
-    return {
-        "vehicle": vehicle,
-        "form": form,
-        "extra": float(_extra(form, maximum.values)),
-        "intervals": tuple(
-            ParameterInterval(one.symbol, low, high, likeliest=value)
-            for one, low, high, value in rows
+    prior = np.log([PRIOR[form] for form in FORMS])
+    probability = normalised(prior + [one.log_evidence for one in posteriors])
+    drawn = [
+        natural(one, posterior.all_evenly(DRAWS))
+        for one, posterior in zip(FORMS, posteriors, strict=True)
+    ]
+    parameters = [Parameters.from_theta(rows[:, :3]).values for rows in drawn]
+    forms = []
+    for form, share, maximum, rows, own in zip(
+        FORMS, probability.tolist(), maxima, drawn, parameters, strict=True
+    ):
+        values = Parameters.from_theta(maximum.theta).values
+        lower, upper = interval_ends(own, INTERVAL_LEVEL)
+        lower = np.where(values == 0.0, 0.0, lower)
+        extra_lower, extra_upper = interval_ends(_extra(form, rows), INTERVAL_LEVEL)
+        forms.append(
+            FormPosterior(
+                form=form,
+                probability=share,
+                intervals=tuple(
+                    ParameterInterval(one.symbol, low, high, likeliest=value)
+                    for one, low, high, value in zip(
+                        PARAMETERS, lower.tolist(), upper.tolist(), values.tolist(), strict=True
+                    )
+                ),
+                extra=float(_extra(form, maximum.values)),
+                extra_lower=float(extra_lower),
+                extra_upper=float(extra_upper),
+            )
+        )
+    tail = (1.0 - INTERVAL_LEVEL) / 2.0
+    weights = np.repeat(probability / DRAWS, DRAWS)
+    ends = [
+        np.quantile(column, (tail, 0.5, 1.0 - tail), weights=weights, method="inverted_cdf")
+        for column in np.concatenate(parameters).T
+    ]
+    # Where most forms put the greatest likelihood at zero, that is no reason to exclude it.
+    zero = [
+        sum(one.probability for one in forms if one.intervals[which].likeliest == 0.0) > 0.5
+        for which in range(len(PARAMETERS))
+    ]
+    return WeightedForms(
+        vehicle=vehicle,
+        intervals=tuple(
+            ParameterInterval(one.symbol, 0.0 if none else low, high, estimate=middle)
+            for one, none, (low, middle, high) in zip(
+                PARAMETERS, zero, np.array(ends).tolist(), strict=True
+            )
         ),
-        "extra_lower": float(extra_lower),
-        "extra_upper": float(extra_upper),
-        "level": INTERVAL_LEVEL,
-    }
+        forms=tuple(forms),
+        level=INTERVAL_LEVEL,
+    )
 
 
 def _deviations(maximum: Maximum) -> FloatArray:

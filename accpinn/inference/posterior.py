@@ -22,11 +22,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.special import ndtr
 
 from accpinn.inference.proposal import Proposal, normalised
 from accpinn.methods.likelihood import Criterion, Groups, Maximum, natural, search
 from accpinn.methods.series import Series
-from accpinn.methods.state_space import Form
+from accpinn.methods.state_space import EXTRA, Form
 from accpinn.model.cthp import TYPICAL
 from accpinn.units import FloatArray
 
@@ -53,6 +54,8 @@ class Posterior:
     """(n, 3) α, ατ, β, all above zero."""
     weights: FloatArray
     """(n,) sum to one."""
+    log_evidence: float
+    """ln of the integral of likelihood times prior, up to a constant that all forms share."""
 
     @property
     def effective(self) -> float:
@@ -121,8 +124,10 @@ def sample_from(
         log = _log_posterior(criterion, np.concatenate(drawn), np.repeat(np.array(wanted), count))
         for g, z, rows in zip(wanted, drawn, log.reshape(-1, count), strict=True):
             densities = proposals[g].log_densities(z)
-            weights = normalised(rows - np.logaddexp.reduce(densities, axis=0))
-            found = Posterior(z, natural(form, z)[:, :3], weights)
+            ratios = rows - np.logaddexp.reduce(densities, axis=0)
+            weights = normalised(ratios)
+            evidence = float(np.logaddexp.reduce(ratios) - np.log(count)) - _log_mass(form)
+            found = Posterior(z, natural(form, z)[:, :3], weights, evidence)
             proposals[g] = proposals[g].adapted(z, weights, densities)
             if stage < len(stages) or found.effective > best[g].effective:
                 best[g] = found
@@ -131,6 +136,16 @@ def sample_from(
         if not wanted:
             break
     return tuple(best[g] for g in range(len(maxima)))
+
+
+def _log_mass(form: Form) -> float:
+    """Ln of the integral of the prior of a form's further unknown, as `Criterion` has it."""
+    if form not in EXTRA:
+        return 0.0
+    extra = EXTRA[form]
+    assert extra.spread is not None
+    lower, upper = ((end - extra.centre) / extra.spread for end in extra.bounds)
+    return float(np.log(extra.spread * np.sqrt(2 * np.pi) * (ndtr(upper) - ndtr(lower))))
 
 
 def _first_parts(criterion: Criterion, maxima: Sequence[Maximum]) -> Sequence[Sequence[Maximum]]:

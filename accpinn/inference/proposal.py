@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.linalg import solve_triangular
+from scipy.special import gammaln
 
 from accpinn.methods.likelihood import Maximum
 from accpinn.units import FloatArray, Mask
@@ -77,12 +78,14 @@ class Student:
         return drawn
 
     def log_density(self, drawn: FloatArray) -> FloatArray:
-        """(n,) at (n, P), up to a constant that all of one number of free coordinates share."""
+        """(n,) at (n, P), of the free coordinates."""
         free, root = self.root()
         away = solve_triangular(root, (drawn - self.centre)[:, free].T, lower=True)
         distance = (away**2).sum(axis=0)
-        size = np.log(np.diag(root)).sum()
-        return np.asarray(-size - 0.5 * (FREEDOM + len(root)) * np.log1p(distance / FREEDOM))
+        count = len(root)
+        size = np.log(np.diag(root)).sum() + 0.5 * count * np.log(FREEDOM * np.pi)
+        size += gammaln(FREEDOM / 2.0) - gammaln((FREEDOM + count) / 2.0)
+        return np.asarray(-size - 0.5 * (FREEDOM + count) * np.log1p(distance / FREEDOM))
 
 
 @dataclass(frozen=True, eq=False)

@@ -3,32 +3,33 @@
 from collections.abc import Sequence
 
 import numpy as np
-from msgspec import structs
 
 from accpinn.errors import Finding
 from accpinn.inference.identifiability import is_wide
 from accpinn.inference.intervals import ParameterInterval, parameter_intervals
-from accpinn.inference.model_adequacy import Adequacy, BetterForm, Inadequate, PossibleLag
+from accpinn.inference.model_adequacy import Adequacy, BetterForm, Inadequate, WeightedForms
 from accpinn.segment.segment import Segment
 from accpinn.study.comparison import MethodResult
 from accpinn.units import FloatArray
 
 
 class Recommendation(Finding, frozen=True, kw_only=True):
-    """The parameters to be used of one vehicle: those of maximum likelihood."""
+    """The parameters to be used of one vehicle: those over all forms of the model.
+
+    Where the forms were not compared, those of maximum likelihood.
+    """
 
     vehicle: int
     """0 for all followers together."""
     better: BetterForm | None
-    """A form of the model that is to be preferred to the CTHP."""
-    lag: PossibleLag | None
-    """Where none is: what allows for a lag, which the data hardly tell from none."""
+    """A form of the model that describes the data better than the CTHP."""
+    weighted: WeightedForms | None
+    """None where the forms were not compared."""
     is_adequate: bool | None
-    """Whether the tests of the preferred form find nothing; None where it was not tested."""
+    """Whether the tests of the CTHP find nothing; None where another form is better, or where it
+    was not tested."""
     intervals: tuple[ParameterInterval, ...]
-    """Of α, β and τ, with the values of greatest likelihood, under the preferred form. Without one
-    the values are the CTHP's, and the intervals allow for a lag. Empty where the data determine
-    none."""
+    """Of α, β and τ, with the estimates to be used. Empty where the data determine none."""
     wide: tuple[str, ...]
     """Symbols of those that are known only to the order of magnitude."""
     outside: tuple[str, ...]
@@ -61,7 +62,7 @@ def _of_vehicle(
     found = adequacy.findings if adequacy else ()
     of_vehicle = [one for one in found if one.vehicle == vehicle]
     better = next((one for one in of_vehicle if isinstance(one, BetterForm)), None)
-    lag = next((one for one in of_vehicle if isinstance(one, PossibleLag)), None)
+    weighted = next((one for one in of_vehicle if isinstance(one, WeightedForms)), None)
     lower, upper = uncertainty.lower[k].values, uncertainty.upper[k].values
     is_known = bool(np.isfinite(lower).any())
     outside = [
@@ -69,20 +70,15 @@ def _of_vehicle(
         for row in rows
         if is_known and not _inside(row.fit.parameters.values[k], lower, upper)
     ]
-    preferred = tuple(parameter_intervals(uncertainty, k)) if is_known else ()
-    if better:
-        preferred = better.intervals
-    elif lag and is_known:
-        preferred = tuple(
-            structs.replace(with_lag, likeliest=own.likeliest)
-            for own, with_lag in zip(preferred, lag.intervals, strict=True)
-        )
+    preferred = parameter_intervals(uncertainty, k, uncertainty.centre) if is_known else ()
+    if weighted and is_known:
+        preferred = weighted.intervals
     tested = adequacy is not None and bool(adequacy.forms)
     failing = any(isinstance(one, Inadequate) for one in of_vehicle)
     return Recommendation(
         vehicle=vehicle,
         better=better,
-        lag=lag,
+        weighted=weighted,
         is_adequate=not failing if tested and not better else None,
         intervals=preferred,
         wide=tuple(one.symbol for one in preferred if is_wide(one)),

@@ -54,7 +54,7 @@ TYPICAL: dict[PresetName, tuple[Seconds, float, int]] = {
 """Of a training on so many samples of one follower, the share of it that each further one adds, and
 for how many iterations at most; see docs/validation.md."""
 
-FORMS_SECONDS: Seconds = 2.0
+FORMS_SECONDS: Seconds = 2.5
 """Of the forms of the model for one follower, as the typical seconds of methods."""
 FURTHER = 0.35
 """Of the time of a comparison, the share that each further follower adds."""

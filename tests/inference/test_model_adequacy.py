@@ -9,7 +9,6 @@ from accpinn.inference.model_adequacy import (
     BetterForm,
     Inadequate,
     InnovationTests,
-    PossibleLag,
     model_forms,
 )
 from accpinn.inference.posterior import STAGES, sample
@@ -44,13 +43,16 @@ def test_where_the_cthp_holds_no_form_is_better() -> None:
     np.testing.assert_allclose(found.forms[0].parameters.values[0], TRUE, rtol=0.1)
     assert found.forms[0].aic[0] == found.forms[0].holdout[0] == 0.0
     (told,) = found.recommended
-    assert isinstance(told, PossibleLag)
-    assert told.form == "lag"
-    assert 0.0 < told.extra_lower < told.extra_upper < 0.5
+    assert [one.form for one in told.forms] == list(FORMS)
+    assert sum(one.probability for one in told.forms) == pytest.approx(1.0)
+    (lag,) = (one for one in told.forms if one.form == "lag")
+    assert 0.0 < lag.extra_lower < lag.extra_upper < 0.5
     for one, true in zip(told.intervals, TRUE, strict=True):
         assert one.upper is not None
         beyond = one.upper - one.lower  # a 90 % interval misses now and then, but not by far
-        assert one.lower - beyond < true < one.upper + beyond < 1.5 * true
+        assert one.lower - beyond < true < one.upper + beyond < 1.6 * true
+        assert one.estimate is not None
+        assert one.lower < one.estimate < one.upper
 
 
 @pytest.mark.parametrize(
@@ -72,20 +74,24 @@ def test_a_term_that_the_recording_shows_is_found(
     assert own.aic[0] < -4
     assert own.extra[0] == pytest.approx(value, abs=tolerance)
     np.testing.assert_allclose(own.parameters.values[0], TRUE, rtol=0.2)
-    assert better.extra_lower < better.extra < better.extra_upper
-    for one, true in zip(better.intervals, TRUE, strict=True):
+    under = better.posterior
+    assert under.extra_lower < under.extra < under.extra_upper
+    (weighted,) = found.recommended
+    assert under in weighted.forms
+    assert under.probability > 0.5
+    for one, true in zip(under.intervals, TRUE, strict=True):
         assert one.upper is not None
         beyond = one.upper - one.lower  # a 90 % interval misses now and then, but not by far
         assert one.lower - beyond < true < one.upper + beyond
         assert one.likeliest is not None
         assert one.lower < one.likeliest < one.upper
     table = form_intervals_table(
-        segment.info, intervals(segment, least_squares.fit(segment)), [better]
+        segment.info, intervals(segment, least_squares.fit(segment)), [weighted]
     )
     assert len(table.rows) == 2
-    assert table.rows[1][-1] == (better.extra_lower, better.extra_upper)
-    assert table.rows[1][2] == (better.intervals[0].lower, better.intervals[0].upper)
-    assert str(round(better.extra, 1))[:3] in messages([better], segment)[0]
+    assert sum(table.rows[1][-4:]) == pytest.approx(100.0)  # type: ignore[arg-type]
+    assert table.rows[1][2] == (weighted.intervals[0].lower, weighted.intervals[0].upper)
+    assert str(round(under.extra, 1))[:3] in messages([better], segment)[0]
 
 
 def test_two_modes_of_a_lag_are_sampled_alike_from_any_seed() -> None:

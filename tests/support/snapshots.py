@@ -7,9 +7,16 @@ from typing import Any
 import numpy as np
 
 from accpinn.inference.intervals import ParameterInterval, intervals
-from accpinn.inference.model_adequacy import Adequacy, BetterForm, ModelForm
+from accpinn.inference.model_adequacy import (
+    Adequacy,
+    BetterForm,
+    FormPosterior,
+    ModelForm,
+    WeightedForms,
+)
 from accpinn.methods.fit import Fit
 from accpinn.methods.pinn.config import preset
+from accpinn.methods.state_space import FORMS
 from accpinn.model.cthp import Parameters
 from accpinn.results.snapshot import MANIFEST, SCHEMA, Snapshot, create
 from accpinn.results.snapshot.archive import seal, to_bytes, unpack
@@ -62,12 +69,18 @@ def delayed(vehicle: int = 2) -> Adequacy:
         for form, extra, aic in rows
     )  # fmt: skip
     ends = (("α", 0.08, 0.12), ("β", 0.25, 0.4), ("τ", 1.1, 1.3))
-    better = BetterForm(
-        vehicle=vehicle, form="delay", extra=0.9, aic=-20.0, holdout=1.0,
-        intervals=tuple(ParameterInterval(*one, likeliest=one[1]) for one in ends),
-        extra_lower=0.8, extra_upper=1.0, level=0.9,
+    intervals = tuple(ParameterInterval(*one, estimate=one[1], likeliest=one[1]) for one in ends)
+    under = tuple(
+        FormPosterior(
+            form=form, probability=probability, intervals=intervals, extra=extra,
+            extra_lower=0.9 * extra, extra_upper=1.1 * extra,
+        )
+        for form, probability, extra in zip(FORMS, (0.0, 0.0, 0.25, 0.75), (0, 1, 0.5, 0.9),
+                                            strict=True)
     )  # fmt: skip
-    return Adequacy(forms, None, (better,))
+    better = BetterForm(vehicle=vehicle, posterior=under[-1], aic=-20.0, holdout=1.0, level=0.9)
+    weighted = WeightedForms(vehicle=vehicle, intervals=intervals, forms=under, level=0.9)
+    return Adequacy(forms, None, (better, weighted))
 
 
 def entries(data: bytes) -> dict[str, bytes]:

@@ -13,9 +13,9 @@ from accpinn.inference.model_adequacy import (
     Adequacy,
     AdequacyFinding,
     BetterForm,
-    FormIntervals,
+    FormPosterior,
     Inadequate,
-    PossibleLag,
+    WeightedForms,
 )
 from accpinn.methods.maximum_likelihood import DisturbanceSize
 from accpinn.methods.registry import METHODS
@@ -114,20 +114,22 @@ def _wide(one: ParameterInterval) -> str:
 def _(finding: AdequacyFinding, about: Labelled) -> str:
     match finding:
         case BetterForm():
-            alpha, beta, tau = map(_likeliest, finding.intervals)
+            own = finding.posterior
+            alpha, beta, tau = map(_likeliest, own.intervals)
             return (
-                f"{_who(finding.vehicle, about)}: a model with {EXTRA[finding.form]} describes the"
+                f"{_who(finding.vehicle, about)}: a model with {EXTRA[own.form]} describes the"
                 f" data better than the CTHP (AIC {finding.aic:+.0f}, log density of held-out time"
-                f" {finding.holdout:+.1f}). With {_extra(finding)}, α is {alpha}, β {beta} and"
+                f" {finding.holdout:+.1f}). With {_extra(own)}, α is {alpha}, β {beta} and"
                 f" τ {tau};"
                 f" {100 * finding.level:.0f} % intervals in brackets."
             )
-        case PossibleLag():
+        case WeightedForms():
             ends = joined([f"{one.symbol} {_ends(one)}" for one in finding.intervals])
+            shares = joined([f"{_extra(k)} {100 * k.probability:.0f} %" for k in finding.forms])
             return (
-                f"{_who(finding.vehicle, about)}: an actuator lag of up to"
-                f" {finding.extra_upper:.2g} s is consistent with the data. The"
-                f" {100 * finding.level:.0f} % intervals that allow for a lag are {ends}."
+                f"{_who(finding.vehicle, about)}: over all forms of the model, the"
+                f" {100 * finding.level:.0f} % intervals are {ends}. Probability of the forms:"
+                f" {shares}."
             )
         case Inadequate():
             faults = {
@@ -156,17 +158,20 @@ def conditional(adequacy: Adequacy | None, about: Labelled) -> str:
             "Estimates and intervals are those of the CTHP. They hold if it does; under a model"
             " with a distance at standstill, a lag or a delay they would differ."
         )
+    use = (
+        "The ones to use are those over all forms of the model, each weighted by its probability;"
+        " they stand beside those of the CTHP here."
+    )
     if not adequacy.better:
         return (
-            "Estimates and intervals are those of the CTHP; no model with a distance at standstill,"
-            " a lag or a delay describes the data clearly better. But data hardly tell a lag from"
-            " none: use the intervals that allow for one, which stand beside those of the CTHP."
+            "Estimates and intervals are those of the CTHP. No model with a distance at standstill,"
+            " a lag or a delay describes the data clearly better, but data hardly tell these from"
+            f" none. {use}"
         )
     who = joined([_who(one.vehicle, about) for one in adequacy.better])
     return (
         f"Estimates and intervals are those of the CTHP. For {who[0].lower() + who[1:]} a model"
-        " with one term more describes the data better. Its intervals are the ones to use, and for"
-        " other vehicles those that allow for a lag; they stand beside those of the CTHP here."
+        f" with one term more describes the data better. {use}"
     )
 
 
@@ -189,10 +194,12 @@ EXTRA: dict[Form, str] = {
 """What a form of the model adds."""
 
 
-def _extra(finding: FormIntervals) -> str:
+def _extra(finding: FormPosterior) -> str:
+    if finding.form == "cthp":
+        return "CTHP"
     digits, unit = (1, "m") if finding.form == "offset" else (2, "s")
     ends = f"{finding.extra_lower:.{digits}f} to {finding.extra_upper:.{digits}f}"
-    what = "a distance" if finding.form == "offset" else EXTRA[finding.form]
+    what = "a distance at standstill" if finding.form == "offset" else EXTRA[finding.form]
     return f"{what} of {finding.extra:.{digits}f} {unit} ({ends})"
 
 
@@ -314,9 +321,11 @@ def _(finding: Recommendation, about: Labelled) -> str:
         return "Nothing: these data determine no parameter."
     said = []
     if finding.better:
-        said.append(f"A model with {EXTRA[finding.better.form]} describes the data better.")
-    elif finding.lag:
-        said.append(f"The intervals allow for a lag of up to {finding.lag.extra_upper:.2g} s.")
+        said.append(
+            f"A model with {EXTRA[finding.better.posterior.form]} describes the data better."
+        )
+    elif finding.weighted:
+        said.append("The intervals allow for a distance at standstill, a lag or a delay.")
     if finding.wide:
         only = "is" if len(finding.wide) == 1 else "are"
         said.append(f"{joined(finding.wide)} {only} known only to the order of magnitude.")
@@ -324,7 +333,7 @@ def _(finding: Recommendation, about: Labelled) -> str:
         said.append("All three are identified.")
     count, level = len(finding.outside), f"{100 * finding.level:.0f} %"
     if count:
-        of = "the CTHP's" if finding.better or finding.lag else "the"
+        of = "the CTHP's" if finding.weighted else "the"
         who = joined([METHODS[key].title for key in finding.outside])
         if count > FEW:
             who = f"{count} of {finding.methods} methods"

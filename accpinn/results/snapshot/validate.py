@@ -13,7 +13,7 @@ from accpinn.inference.model_adequacy import Adequacy
 from accpinn.methods.fit import Fit
 from accpinn.methods.maximum_likelihood import KEY
 from accpinn.methods.registry import METHODS
-from accpinn.methods.state_space import COMMON, EXTRA
+from accpinn.methods.state_space import COMMON, FORMS
 from accpinn.methods.store import FIT_SHAPES
 from accpinn.results.snapshot import LONGEST_NAME, Snapshot, check_length
 from accpinn.segment.segment import BlocksMissing, SegmentInfo
@@ -179,10 +179,19 @@ def _check_uncertainty(uncertainty: Uncertainty) -> None:
 def _check_adequacy(adequacy: Adequacy, info: SegmentInfo) -> None:
     for one in adequacy.findings:
         _require(one.vehicle in (0, *info.vehicles[1:]), "a form is of a vehicle that is none")
-    for told in adequacy.recommended:
-        symbols = [one.symbol for one in told.intervals]
-        known = told.form in EXTRA and symbols == [quantity.symbol for quantity in PARAMETERS]
-        _require(known, "a form of the model is not known")
+    symbols = [quantity.symbol for quantity in PARAMETERS]
+    told = [form for one in adequacy.recommended for form in one.forms]
+    told += [one.posterior for one in adequacy.better]
+    intervals = [one.intervals for one in adequacy.recommended] + [form.intervals for form in told]
+    for every in intervals:
+        own = [parameter.symbol for parameter in every]
+        _require(own == symbols, "a form of the model has other parameters")
+    for form in told:
+        _require(form.form in FORMS, "a form of the model is not known")
+        _require(0 <= form.probability <= 1, "a probability is not within 0 to 1")
+    for weighted in adequacy.recommended:
+        forms = [form.form for form in weighted.forms]
+        _require(forms == [*FORMS], "a form of the model is missing")
 
 
 def _check_stability(report: StabilityReport) -> None:

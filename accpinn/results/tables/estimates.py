@@ -11,7 +11,7 @@ import numpy as np
 from accpinn.channels import PARAMETERS
 from accpinn.evaluation.closed_loop import TrackingErrors
 from accpinn.inference.intervals import Uncertainty, parameter_intervals
-from accpinn.inference.model_adequacy import FormIntervals, ModelForm
+from accpinn.inference.model_adequacy import ModelForm, WeightedForms
 from accpinn.inference.multistart import MultistartResult
 from accpinn.methods.fit import Fit, Outcome
 from accpinn.methods.registry import METHODS
@@ -247,14 +247,11 @@ def recommendation_table(
         reasons: for each, in words.
     """
     cells: list[list[Cell]] = [
-        [Estimate(_number(k.likeliest), k.lower, _number(k.upper, inf)) for k in one.intervals]
+        [Estimate(_number(k.estimate), k.lower, _number(k.upper, inf)) for k in one.intervals]
         for one in found
     ]
     cells = [row or [None] * len(PARAMETERS) for row in cells]
-    of = [
-        f"Maximum likelihood, {one.better.form}" if one.better else "Maximum likelihood"
-        for one in found
-    ]
+    of = ["All forms, weighted" if one.weighted else "Maximum likelihood" for one in found]
     group = f"Estimate ({100 * found[0].level:.0f} % interval)"
     columns = (replace(column, group=group) for column in PARAMETER_COLUMNS)
     return Table.of(
@@ -348,33 +345,32 @@ def model_form_table(info: SegmentInfo, forms: Sequence[ModelForm], follower: in
 
 
 def form_intervals_table(
-    info: SegmentInfo, uncertainty: Uncertainty, others: Sequence[FormIntervals]
+    info: SegmentInfo, uncertainty: Uncertainty, weighted: Sequence[WeightedForms]
 ) -> Table:
-    """The intervals under the CTHP and under another form, two rows a follower that has one.
+    """The intervals under the CTHP and over all forms, two rows a follower.
 
     Args:
         info: of the segment.
         uncertainty: the intervals under the CTHP.
-        others: under the other form; those of vehicle 0 are of all followers together.
+        weighted: over all forms; those of vehicle 0 are of all followers together.
     """
     names, forms, intervals = list[str](), list[str](), list[list[Range]]()
-    for one in others:
+    for one in weighted:
         k = info.vehicles.index(one.vehicle) - 1 if one.vehicle else 0
         names += 2 * [info.label(one.vehicle) if one.vehicle else "All followers together"]
-        forms += [FORMS["cthp"], FORMS[one.form]]
+        forms += [FORMS["cthp"], "All forms, weighted"]
         for each in (parameter_intervals(uncertainty, k), one.intervals):
             intervals.append([Range(end.lower, _end(end.upper)) for end in each])
     percent = f"{100 * uncertainty.level:.0f} % interval"
     filled: list[Filled] = [(Column("Follower"), names), (Column("Form of the model"), forms)]
     for column, ranges in zip(PARAMETER_COLUMNS, zip(*intervals, strict=True), strict=True):
         filled.append((replace(column, group=percent), ranges))
-    for form, column in EXTRA_COLUMNS.items():
-        if any(one.form == form for one in others):
-            ends: list[Cell] = []
-            for one in others:
-                own = Range(one.extra_lower, one.extra_upper) if one.form == form else None
-                ends += [None, own]
-            filled.append((replace(column, group=percent), ends))
+    for at, of in enumerate(one.form for one in weighted[0].forms):
+        title = EXTRA_COLUMNS[of].title if of in EXTRA_COLUMNS else FORMS[of]
+        cells: list[Cell] = []
+        for one in weighted:
+            cells += [None, 100 * one.forms[at].probability]
+        filled.append((Column(title, "%", 0, "Probability of the form"), cells))
     return Table.of(f"Intervals by form of the model, {where(info)}", filled)
 
 

@@ -121,7 +121,7 @@ def show_reasons(shown: Shown) -> None:
 
 
 def _show_intervals(shown: Shown, known: Uncertainty) -> None:
-    """Of the measures of stability, and of the parameters under a better form of the model."""
+    """Of the measures of stability, and of the parameters over all forms of the model."""
     source, chosen = shown.source, shown.chosen
     table = stability_interval_table(chosen, known)
     show.table(table, figures.colours(chosen))
@@ -132,8 +132,8 @@ def _show_intervals(shown: Shown, known: Uncertainty) -> None:
     show.downloads(table, f"uncertainty_{chosen.title}".lower(), "intervals")
     if source.info:
         show.messages(messages(known.findings, source.info))
-        if source.adequacy and source.adequacy.better:
-            forms = form_intervals_table(source.info, known, source.adequacy.better)
+        if source.adequacy and source.adequacy.recommended:
+            forms = form_intervals_table(source.info, known, source.adequacy.recommended)
             show.table(forms)
             show.downloads(forms, f"forms_{chosen.title}".lower(), "forms")
 

@@ -85,7 +85,7 @@ class TestPage:
     def test_the_intervals_under_a_better_form_stand_beside_those_of_the_cthp(self) -> None:
         changed = replace(small(), adequacy=delayed())
         text = " ".join(text for _, text in Reader(render_report(changed, Verification(()))).texts)
-        assert "With a delay d" in text
+        assert "All forms, weighted" in text
         assert "a delay of 0.90 s (0.80 to 1.00)" in text
 
     def test_holds_plotly_once_loads_nothing_and_stays_below_6_mb(self) -> None:
