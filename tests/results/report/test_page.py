@@ -86,7 +86,7 @@ class TestPage:
         changed = replace(small(), adequacy=delayed())
         text = " ".join(text for _, text in Reader(render_report(changed, Verification(()))).texts)
         assert "All forms, weighted" in text
-        assert "a delay of 0.90 s (0.80 to 1.00)" in text
+        assert "a delay of 0.90 s (0.81 to 0.99)" in text
 
     def test_holds_plotly_once_loads_nothing_and_stays_below_6_mb(self) -> None:
         assert page().count("plotly.js v") == 1
