@@ -4,8 +4,8 @@ Each line changes one thing in the recordings of `bench.coverage`, and each reco
 published platoon, as one recording of several followers says more about the model than of one. Of
 all followers is counted how often the 90 % intervals cover the true α, β, τ: those of the CTHP,
 those of the form that the truth has, where one is offered, and those over all forms, weighted by
-their probability; of all recordings, in how many it says that the CTHP does not hold for some follower:
-another form is better, or innovations fail a test.
+their probability; of all recordings, in how many it says that the CTHP does not hold for some
+follower: another form is better, or innovations fail a test.
 
 Chosen are: disturbances that grow with the square of the speed, as gusts and drag do; space-gaps in
 steps of 0.5 m, as some radars report them; receivers that wander by 0.7 m, so that the gap does by
