@@ -26,7 +26,7 @@ PAGES = {
     "Data": "data_overview",
     "Train": "train_tracking",
     "Stability": "stability_bode",
-    "Platoon": "platoon_profiles",
+    "Platoon": "platoon_amplitude",
     "Snapshots": "",
 }
 """The chart that each page is waited for; none for a page without."""

@@ -116,7 +116,7 @@ def home(camera: Camera) -> None:
         camera.shoot(page, "train_sample")
         page.get_by_text("Next: do these vehicles amplify").click()
         page.get_by_text("They hold if it does").wait_for()
-        chart(page, "stability_criteria")
+        chart(page, "stability_bode")
         idle(page)
         camera.shoot(page, "stability_learned")
 
@@ -208,12 +208,11 @@ def stability(camera: Camera) -> None:
     with camera.page("/Stability") as page:
         camera.shoot(page, "stability_empty", whole=False)
         open_example(page)
-        chart(page, "stability_criteria")
+        chart(page, "stability_bode")
         camera.shoot(page, "stability_fold", whole=False)
-        for title in ("Map", "Why"):
+        for title, drawn in (("Why", "bode"), ("Criteria", "criteria"), ("Map", "map")):
             open_tab(page, title)
-            if title == "Map":
-                chart(page, "stability_map")
+            chart(page, f"stability_{drawn}")
             camera.shoot(page, f"stability_{title.lower()}")
         page.get_by_text("By hand").click()
         page.get_by_test_id("stDataFrame").wait_for()
@@ -253,7 +252,7 @@ def platoon_recorded(camera: Camera) -> None:
             table(page, "Surrogate fit").wait_for()
             idle(page)
             to(page, "Stability")
-            chart(page, "stability_criteria")
+            chart(page, "stability_bode")
             camera.shoot(page, f"stability_{name}_fold", whole=False)
             open_tab(page, "Measured")
             chart(page, "stability_measured_gain")

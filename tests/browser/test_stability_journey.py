@@ -52,7 +52,7 @@ def test_a_click_on_the_response_carries_its_frequency_to_the_platoon(opened: Op
 
     # Back again, it is not carried a second time, and the choice stays.
     go(page, "Stability")
-    chart(page, "stability_criteria")
+    chart(page, "stability_bode")
     expect(page).to_have_url(re.compile(r"/Stability\?session="))
     go(page, "Platoon")
     expect(frequency(page)).to_have_value(carried)
@@ -61,7 +61,7 @@ def test_a_click_on_the_response_carries_its_frequency_to_the_platoon(opened: Op
 
     # A row of the table leads there, too.
     go(page, "Stability")
-    chart(page, "stability_criteria")
+    chart(page, "stability_bode")
     vehicles = page.get_by_role("combobox", name="Platoon of")
     vehicles.scroll_into_view_if_needed()
     vehicles.press("ArrowDown")  # a list that a click opens is closed again by scrolling

@@ -1,4 +1,4 @@
-"""Tabs of the page Platoon: amplitudes and map of speeds, the animation, the paper's panels."""
+"""Tabs of the page Platoon: amplitudes, map of speeds, the animation, the paper's panels."""
 
 import streamlit as st
 from numpy import intp
@@ -22,7 +22,7 @@ SHOWN_WHOLE = 0.99
 
 
 def show_amplitudes(choice: PlatoonChoice, run: PlatoonRun, cast: figures.Cast) -> None:
-    """Amplitudes along the platoon, on the user's scale, beside the map of speeds."""
+    """Amplitudes along the platoon, on the user's scale, beside their table."""
     left, right = st.columns(2, gap="large")
     wave = run.amplitudes
     with left:
@@ -37,12 +37,18 @@ def show_amplitudes(choice: PlatoonChoice, run: PlatoonRun, cast: figures.Cast) 
                 st.caption(f"Measured over the last {periods}, {when} the transient{more}.")
         show.chart(figures.amplitude_by_vehicle(run, cast, choice.in_db), "platoon_amplitude")
     with right:
-        st.caption(
-            "Each vehicle's speed relative to the speed before the disturbance."
-            f" {_seconds_shown(run, figures.stretch(run))}"
-        )
-        show.chart(figures.speed_map(run, cast), "platoon_map")
-    show.downloads(amplitude_table(run, cast.labels), "platoon_amplitudes", "amplitudes")
+        table = amplitude_table(run, cast.labels)
+        show.table(table, cast.colours)
+        show.downloads(table, "platoon_amplitudes", "amplitudes")
+
+
+def show_map(run: PlatoonRun, cast: figures.Cast) -> None:
+    """The speed of every vehicle at every instant."""
+    st.caption(
+        "Each vehicle's speed relative to the speed before the disturbance."
+        f" {_seconds_shown(run, figures.stretch(run))}"
+    )
+    show.chart(figures.speed_map(run, cast), "platoon_map")
 
 
 def show_animation(run: PlatoonRun, cast: figures.Cast) -> None:

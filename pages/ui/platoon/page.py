@@ -25,7 +25,7 @@ from pages.ui.components.parameter_picker import Chosen, choose_parameters, show
 from pages.ui.components.show import escape_markdown
 from pages.ui.components.widgets import bound, segments, tabs
 from pages.ui.platoon.controls import choose_platoon, recorded_leader
-from pages.ui.platoon.details import show_amplitudes, show_animation, show_panels
+from pages.ui.platoon.details import show_amplitudes, show_animation, show_map, show_panels
 from pages.ui.session.workspace import PlatoonChoice, Workspace
 
 LEAD = "A disturbance of the leader, in a platoon of these vehicles."
@@ -110,6 +110,7 @@ def show_page() -> None:
         TABS,
         {
             "Amplitudes": lambda: show_amplitudes(shown.choice, run, shown.cast),
+            "Map of speeds": lambda: show_map(run, shown.cast),
             "Animation": lambda: show_animation(run, shown.cast),
             PANELS: show_panels,
         },

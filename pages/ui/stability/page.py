@@ -62,9 +62,9 @@ def show_page() -> None:
         workspace,
         "stability",
         {
+            "Why": lambda: show_reasons(shown),
             "Criteria": lambda: show_criteria(shown),
             "Map": lambda: show_map(shown),
-            "Why": lambda: show_reasons(shown),
             "Measured": lambda: show_measured(shown),
         },
     )
