@@ -59,7 +59,7 @@ LEARNED = 2 / 3
 """Share of the time from which a form is estimated before it is tried on the rest."""
 BETTER = 4.0
 """A form is better when its AIC is lower by so much and held-out time is more probable, too."""
-PRIOR: dict[Form, float] = {"cthp": 0.05, "offset": 0.2, "lag": 0.65, "delay": 0.1}
+PRIOR: dict[Form, float] = {"cthp": 0.02, "offset": 0.3, "lag": 0.58, "delay": 0.1}
 """Probability of each form before the data. Chosen so that the weighted intervals cover α, β and τ
 alike whichever form is true; see docs/validation.md."""
 LEVEL = 0.01
