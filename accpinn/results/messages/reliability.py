@@ -24,6 +24,8 @@ from accpinn.results.messages import Labelled, joined, message
 from accpinn.study.recommendation import Recommendation
 from accpinn.study.windows import WindowsDiffer
 
+UNLIKELY = 0.005
+"""A form of the model with less probability is not named."""
 FEW = 3
 """More methods than these are counted, not named."""
 QUANTITIES = {one.symbol: one for one in PARAMETERS}
@@ -125,7 +127,13 @@ def _(finding: AdequacyFinding, about: Labelled) -> str:
             )
         case WeightedForms():
             ends = joined([f"{one.symbol} {_ends(one)}" for one in finding.intervals])
-            shares = joined([f"{_extra(k)} {100 * k.probability:.0f} %" for k in finding.forms])
+            shares = joined(
+                [
+                    f"{_extra(k)} {100 * k.probability:.0f} %"
+                    for k in finding.forms
+                    if k.probability >= UNLIKELY
+                ]
+            )
             return (
                 f"{_who(finding.vehicle, about)}: over all forms of the model, the"
                 f" {100 * finding.level:.0f} % intervals are {ends}. Probability of the forms:"

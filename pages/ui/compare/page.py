@@ -155,7 +155,13 @@ def _show_summary(shown: _Shown) -> None:
     st.caption(
         "Maximum likelihood estimates the disturbances together with the parameters; methods that"
         " take them for noise, least squares and the PiNN's loss among them, are biased where"
-        f" disturbances last for seconds. {conditional(adequacy, segment)}"
+        " disturbances last for seconds. "
+        + (
+            "The values above are those over all forms of the model, each weighted by its"
+            " probability; the grey intervals below are those of the CTHP alone."
+            if adequacy and adequacy.recommended
+            else conditional(adequacy, segment)
+        )
     )
     _show_collisions(shown)
     _show_estimates(shown)

@@ -58,6 +58,17 @@ def show_criteria(shown: Shown) -> None:
     )
     show.key(figures.CRITERIA_KEY)
     show.chart(figures.criteria_by_vehicle(shown.chosen, shown.report), "stability_criteria")
+    table = stability_table(shown.chosen, shown.report, parameters=False)
+    show.table(table, figures.colours(shown.chosen))
+    st.caption(
+        "By the estimates. Smallest stable time headway: that of this vehicle with its α and β."
+    )
+    show.downloads(
+        stability_table(shown.chosen, shown.report, shown.known),
+        f"criteria_{shown.chosen.title}".lower(), "criteria",
+    )  # fmt: skip
+    if shown.known:
+        _show_intervals(shown, shown.known)
 
 
 def show_map(shown: Shown) -> None:
@@ -92,7 +103,7 @@ def show_map(shown: Shown) -> None:
 
 
 def show_reasons(shown: Shown) -> None:
-    """A sentence for every verdict, and all figures that it rests on."""
+    """A sentence for every verdict."""
     chosen, report = shown.chosen, shown.report
     columns = st.columns(2, gap="large")
     for k, (label, vehicle) in enumerate(zip(chosen.labels, report.vehicles, strict=True)):
@@ -108,16 +119,6 @@ def show_reasons(shown: Shown) -> None:
             "**The platoon.** Strict: no vehicle amplifies anything. Weak: nothing has grown at"
             " the last one.\n" + _listed(verdicts, report, chosen.spoken)
         )
-    table = stability_table(chosen, report, parameters=False)
-    show.table(table, figures.colours(chosen))
-    st.caption(
-        "By the estimates. Smallest stable time headway: that of this vehicle with its α and β."
-    )
-    show.downloads(
-        stability_table(chosen, report, shown.known), f"criteria_{chosen.title}".lower(), "criteria"
-    )
-    if shown.known:
-        _show_intervals(shown, shown.known)
 
 
 def _show_intervals(shown: Shown, known: Uncertainty) -> None:
