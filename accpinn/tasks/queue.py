@@ -16,6 +16,8 @@ KEPT_TASKS = 100
 """Finished tasks beyond this number are forgotten, the oldest first."""
 KEPT_FOR: Seconds = 24 * 3600.0
 """A finished task is forgotten after this time."""
+LONGEST_QUEUE = 60
+"""More tasks than this do not wait; each owner has one of a kind at most."""
 IDLE: Seconds = 30.0
 """After so long without a task the worker collects garbage; a page need not wait for that."""
 
@@ -57,7 +59,8 @@ class TaskQueue:
         """Queue a task; an active one of the same owner and kind is stopped.
 
         An active task of an equal request is returned in its place. A stored result is the answer
-        at once. A stopped training of an equal request goes on from its checkpoint.
+        at once. A stopped training of an equal request goes on from its checkpoint. Where too many
+        wait already, the task fails at once and says so.
 
         Args:
             task: not queued yet.
@@ -83,6 +86,9 @@ class TaskQueue:
             self._tasks.append(task)
             if known:
                 task.answer(known)
+                task.ended_at = self._clock()
+            elif len(self._queue) >= LONGEST_QUEUE:
+                task.refuse(f"{len(self._queue)} tasks are waiting already; try again later.")
                 task.ended_at = self._clock()
             else:
                 self._queue.append(task)

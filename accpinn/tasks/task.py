@@ -233,6 +233,10 @@ class Task(Generic[Result]):
         self.stop()
         self._end(Status.STOPPED)
 
+    def refuse(self, reason: str) -> None:
+        """End it before it has begun, for a reason that is given as a sentence."""
+        self._end(Status.FAILED, reason)
+
     def answer(self, result: Result) -> None:
         """End it with a result that is known already."""
         self._add(result)

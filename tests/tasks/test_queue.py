@@ -427,6 +427,20 @@ class TestStore:
         queue.close()
 
 
+def test_a_queue_that_is_too_long_refuses_in_a_sentence(
+    puppet: Puppet, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("accpinn.tasks.queue.LONGEST_QUEUE", 1)
+    first = puppet.train("ann", seed(1))
+    puppet.starts()
+    waits, refused = puppet.train("bob", seed(2)), puppet.train("eve", seed(3))
+    assert waits.status is Status.QUEUED
+    assert refused.status is Status.FAILED
+    assert refused.error.startswith("1 tasks are waiting already")
+    puppet.give(result(), result())
+    assert finished(waits).status is finished(first).status is Status.DONE
+
+
 def test_an_idle_queue_tidies_up_and_still_takes_tasks() -> None:
     tidied = threading.Semaphore(0)
     queue = TaskQueue(threads=1, prepare=lambda: None, tidy=tidied.release, idle=0.01)

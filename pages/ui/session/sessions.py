@@ -14,6 +14,7 @@ import streamlit as st
 
 from accpinn.errors import SnapshotError
 from accpinn.units import Seconds
+from pages.ui.session.identity import mark
 from pages.ui.session.resources import library, store, task_queue
 from pages.ui.session.runs import is_known
 from pages.ui.session.workspace import Workspace
@@ -51,19 +52,32 @@ class Workspaces:
         """An empty one, by default under a name that nobody can guess."""
         workspace = Workspace(name or secrets.token_urlsafe(16))
         with self._lock:
-            self._kept[workspace.id] = (self._clock(), workspace)
             self._forget()
+            self._make_room()
+            self._kept[workspace.id] = (self._clock(), workspace)
         return workspace
 
     def _forget(self) -> None:
+        """Let go of those that nobody has used for long."""
         oldest = self._clock() - KEPT_FOR
-        while self._kept:
-            name, (used, workspace) = next(iter(self._kept.items()))
-            if used >= oldest and len(self._kept) <= KEPT_WORKSPACES:
+        for name, (used, _) in list(self._kept.items()):  # the longest unused first
+            if used >= oldest:
                 return
-            for task in workspace.tasks:
-                task.stop()
-            del self._kept[name]
+            self._drop(name)
+
+    def _make_room(self) -> None:
+        """Let go of the longest unused, of those first in which nothing was opened.
+
+        Thousands of empty sessions, which cost a stranger nothing, thus end no one's work.
+        """
+        while len(self._kept) >= KEPT_WORKSPACES:
+            empty = (name for name, (_, found) in self._kept.items() if found.is_empty)
+            self._drop(next(empty, next(iter(self._kept))))
+
+    def _drop(self, name: str) -> None:
+        _, workspace = self._kept.pop(name)
+        for task in workspace.tasks:
+            task.stop()
 
 
 @st.cache_resource(show_spinner=False)
@@ -76,14 +90,16 @@ def current() -> Workspace:
     """This browser's workspace; its name is put back into the address, which a page switch clears.
 
     An unknown or expired name begins a new one, and `lost_session` becomes true for this run. It
-    keeps its name where finished runs are kept under it.
+    keeps its name where finished runs are kept under it. Another user's name is an unknown one.
     """
     task_queue()  # its worker gets ready while the user still reads
     asked = st.query_params.get(SESSION) or st.session_state.get(SESSION, "")
-    workspace = workspaces().find(asked)
+    own = asked.startswith(mark())
+    workspace = workspaces().find(asked) if own else None
     st.session_state["lost_session"] = bool(asked) and workspace is None
     if workspace is None:
-        workspace = workspaces().new(asked if is_known(asked, store().folder) else "")
+        known = own and is_known(asked, store().folder)
+        workspace = workspaces().new(asked if known else f"{mark()}{secrets.token_urlsafe(16)}")
     st.session_state[SESSION] = workspace.id
     if st.query_params.get(SESSION) != workspace.id:
         st.query_params[SESSION] = workspace.id

@@ -186,6 +186,11 @@ class Workspace:
     _own: MethodResult | None = None
     """The evaluated training, kept with its fit."""
 
+    @property
+    def is_empty(self) -> bool:
+        """Whether nothing was opened in it yet."""
+        return self.recording is None and self.snapshot is None and not self.opened
+
     @cached_property
     def runs(self) -> Runs:
         """The finished trainings of this session, on disk."""
