@@ -4,17 +4,16 @@ import streamlit as st
 from streamlit.errors import StreamlitAuthError
 
 from pages.ui.components import show
-from pages.ui.session.identity import identity, is_asked, may_use
+from pages.ui.session.identity import may_use, recognise, user
 
 
 def admit() -> None:
     """End the page here, before anything is shown, unless the user may use the server."""
-    if not is_asked():
-        return
-    if st.user.is_logged_in and may_use():
+    found = recognise()
+    if not found.is_asked or may_use():
         return
     st.title("accpinn", anchor=False)
-    if st.user.is_logged_in:
+    if found.is_signed_in:
         show.messages(
             "Your account may not use this server; ask whoever runs it to name you.", "warning"
         )
@@ -28,10 +27,10 @@ def admit() -> None:
 
 def sign_out_button() -> None:
     """Signs out; drawn only where one is signed in."""
-    if is_asked() and st.user.is_logged_in:
+    if user().is_signed_in:
         st.button(
             "Sign out", icon=":material/logout:", key="sign_out", type="tertiary",
-            on_click=st.logout, help=f"You are signed in as {identity() or 'someone unnamed'}.",
+            on_click=st.logout, help=f"You are signed in as {user().name or 'someone unnamed'}.",
         )  # fmt: skip
 
 

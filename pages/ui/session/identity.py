@@ -6,6 +6,7 @@ their secret names alone.
 """
 
 import os
+from dataclasses import dataclass
 from hashlib import sha256
 
 import streamlit as st
@@ -16,26 +17,48 @@ USERS_VARIABLE = "ACCPINN_USERS"
 provider signs in where it is not set."""
 ADMINS_VARIABLE = "ACCPINN_ADMINS"
 """Environment variable that names, likewise, who may delete what others saved."""
+USER = "user"
+"""The entry in Streamlit's session state."""
 LOOPBACK = ("localhost", "127.0.0.1", "::1")
+
+
+@dataclass(frozen=True)
+class User:
+    """Who uses a page."""
+
+    is_asked: bool = False
+    """Whether the server asks its users to sign in."""
+    is_signed_in: bool = False
+    name: str = ""
+    """The verified e-mail address, else the provider's own name of the user; empty for nobody."""
+
+
+def recognise() -> User:
+    """Who sends this run of the page; what is asked below is answered for that user."""
+    claims = st.user.to_dict()
+    signed_in = bool(claims.get("is_logged_in"))
+    name = str(claims.get("email") or "").strip().lower()
+    if not (name and str(claims.get("email_verified", True)).lower() == "true"):
+        name = f"{claims.get('iss', '')} {claims.get('sub', '')}".strip()
+    found = User("is_logged_in" in claims, signed_in, name if signed_in else "")
+    st.session_state[USER] = found
+    return found
+
+
+def user() -> User:
+    """The same, as this run recognised it; Streamlit would read its settings at every question."""
+    found = st.session_state.get(USER)
+    return found if isinstance(found, User) else User()
 
 
 def is_asked() -> bool:
     """Whether this server asks its users to sign in."""
-    return "is_logged_in" in st.user
+    return user().is_asked
 
 
 def identity() -> str:
-    """Who is signed in: the verified e-mail address, else the provider's own name of the user.
-
-    Empty where nobody is, or nobody is asked.
-    """
-    if not (is_asked() and st.user.is_logged_in):
-        return ""
-    claims = st.user.to_dict()
-    email = str(claims.get("email") or "").strip().lower()
-    if email and str(claims.get("email_verified", True)).lower() == "true":
-        return email
-    return f"{claims.get('iss', '')} {claims.get('sub', '')}".strip()
+    """Who is signed in; empty where nobody is, or nobody is asked."""
+    return user().name
 
 
 def mark() -> str:
