@@ -149,6 +149,23 @@ class TestLimits:
         assert kept.find(at_work.id) is at_work
         assert kept.find(last.id) is last
 
+    def test_who_fills_memory_with_recordings_loses_and_others_do_not(
+        self, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        runs = [read(csv(platoon(samples=400 + k)), f"{k}.csv") for k in range(3)]
+        monkeypatch.setattr(sessions, "KEPT_BYTES", 3.5 * runs[0].nbytes)
+        kept = Workspaces()
+        modest, greedy = kept.new(), kept.new()
+        modest.open(runs[0])
+        for run in runs:
+            greedy.open(run)
+        assert kept.find(greedy.id) is greedy
+        assert kept.find(modest.id) is modest
+        assert (len(greedy.opened), greedy.recording) == (1, runs[-1])
+        monkeypatch.setattr(sessions, "KEPT_BYTES", 1)
+        assert kept.find(modest.id) is modest, "whoever works goes on"
+        assert kept.find(greedy.id) is None
+
 
 class TestAddresses:
     @pytest.mark.parametrize(

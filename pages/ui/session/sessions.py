@@ -21,6 +21,8 @@ from pages.ui.session.workspace import Workspace
 
 KEPT_WORKSPACES = 200
 KEPT_FOR: Seconds = 3 * 24 * 3600.0
+KEPT_BYTES = 1_000_000_000
+"""Of the recordings of all workspaces; the longest of the database takes about 1 MB."""
 SESSION = "session"
 """Name of the query parameter, and of the entry in Streamlit's session state."""
 SNAPSHOT = "snapshot"
@@ -46,6 +48,7 @@ class Workspaces:
             _, workspace = self._kept.pop(name, (0.0, None))
             if workspace:
                 self._kept[name] = (self._clock(), workspace)
+                self._bound_memory(workspace)
             return workspace
 
     def new(self, name: str = "") -> Workspace:
@@ -73,6 +76,21 @@ class Workspaces:
         while len(self._kept) >= KEPT_WORKSPACES:
             empty = (name for name, (_, found) in self._kept.items() if found.is_empty)
             self._drop(next(empty, next(iter(self._kept))))
+
+    def _bound_memory(self, used: Workspace) -> None:
+        """Where recordings fill memory, those lose who hold most: first what is not shown."""
+        sizes = {name: found.recording_bytes for name, (_, found) in self._kept.items()}
+        while sum(sizes.values()) > KEPT_BYTES:
+            name = max(sizes, key=sizes.__getitem__)
+            largest = self._kept[name][1]
+            if len(largest.opened) > 1:
+                largest.forget_other_recordings()
+                sizes[name] = largest.recording_bytes
+            elif largest is used:
+                sizes[name] = 0  # one recording is bounded by the size of a file
+            else:
+                self._drop(name)
+                del sizes[name]
 
     def _drop(self, name: str) -> None:
         _, workspace = self._kept.pop(name)

@@ -234,6 +234,18 @@ class Workspace:
         for oldest in list(self.opened)[:-KEPT_RECORDINGS]:
             del self.opened[oldest]
 
+    @property
+    def recording_bytes(self) -> int:
+        """What its recordings take in memory."""
+        return sum(recording.nbytes for recording, _ in self.opened.values())
+
+    def forget_other_recordings(self) -> None:
+        """Keep the open one, or else the last, alone."""
+        kept = self.recording.sha256 if self.recording else ""
+        last = list(self.opened)[-1:]
+        shown = {key: one for key, one in self.opened.items() if key == kept}
+        self.opened = shown or {key: self.opened[key] for key in last}
+
     def restore(
         self, snapshot: Snapshot, recording: Recording | None = None, truth: Truth | None = None
     ) -> None:
