@@ -7,8 +7,10 @@ VENV := .venv
 BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip install -qq --disable-pip-version-check
 
-# `make app ADDRESS=0.0.0.0` lets other machines in; without PORT the first free one from 8501 on.
-LISTEN = $(if $(ADDRESS),--server.address=$(ADDRESS)) $(if $(PORT),--server.port=$(PORT))
+# `make app ADDRESS=0.0.0.0` lets other machines in, HOST=app.lab.org by that name only; without PORT
+# the first free one from 8501 on.
+LISTEN = $(if $(ADDRESS),--server.address=$(ADDRESS) '--server.allowedHosts=$(or $(HOST),*)') \
+    $(if $(PORT),--server.port=$(PORT))
 
 # One test process a core; each keeps its linear algebra to one thread. A file's tests share one. In
 # the order of names the browser's come first, so that short ones fill the end.

@@ -22,11 +22,16 @@ def loaded_after(code: str, *names: str) -> set[str]:
     found = subprocess.run(
         [sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True
     )
-    return set(found.stdout.split())
+    return set(found.stdout.splitlines()[-1].split())
 
 
 def test_importing_the_package_loads_nothing_slow() -> None:
     assert not loaded_after("import accpinn", "numpy", "torch", "pandas", "scipy")
+
+
+def test_info_loads_nothing_slow() -> None:
+    code = "from accpinn.cli import main; main(['info', 'sample_data/synthetic_paper_study.csv'])"
+    assert not loaded_after(code, "torch", "pandas", "scipy", "jinja2", "pyarrow")
 
 
 def test_no_module_of_the_core_loads_the_app_or_plots() -> None:

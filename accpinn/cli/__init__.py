@@ -18,7 +18,7 @@ from accpinn.cli.output import complain, flush, open_streams, show
 from accpinn.errors import AccpinnError, ConfigError, ParameterError
 
 COMMANDS = {
-    "info": ("files", "what a recording holds, and warnings about it"),
+    "info": ("recording", "what a recording holds, and warnings about it"),
     "fit": ("estimation", "learn α, β and τ from a window of a recording"),
     "starts": ("estimation", "train the PiNN from five initial values, one table"),
     "compare": ("estimation", "all methods on the same window, side by side"),

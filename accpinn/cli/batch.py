@@ -11,8 +11,9 @@ from typing import Any
 from tqdm import tqdm
 
 from accpinn.cli.estimation import interruptible
-from accpinn.cli.options import PARAMETER_NAMES, add_json_option, fields
+from accpinn.cli.options import PARAMETER_NAMES, fields
 from accpinn.cli.output import print_json, show, show_result
+from accpinn.cli.recording import add_json_option
 from accpinn.errors import ConfigError
 from accpinn.inference.intervals import LEVEL
 from accpinn.methods.maximum_likelihood import KEY

@@ -8,8 +8,8 @@ from typing import Any
 from tqdm import tqdm
 
 from accpinn.cli.estimation import interruptible
-from accpinn.cli.options import add_json_option
 from accpinn.cli.output import complain, print_json, show
+from accpinn.cli.recording import add_json_option
 from accpinn.recordings.catalogue import Run, default_folder, find
 from accpinn.recordings.download import PUBLISHED_AT, Download, DownloadState, download
 from accpinn.results.tables.table import Column, Table

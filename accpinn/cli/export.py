@@ -3,8 +3,8 @@
 import argparse
 from pathlib import Path
 
-from accpinn.cli.options import add_json_option
 from accpinn.cli.output import print_json, show
+from accpinn.cli.recording import add_json_option
 from accpinn.errors import ConfigError
 from accpinn.results.export import SAMPLES, parameter_card, snapshot_types
 from accpinn.results.snapshot.archive import load

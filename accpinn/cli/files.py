@@ -1,65 +1,20 @@
-"""`info`, `verify` and `report`: what the file of a recording or of a snapshot holds."""
+"""`verify` and `report`: what the file of a snapshot holds."""
 
 import argparse
-from dataclasses import asdict, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import msgspec
-
-from accpinn.cli.options import add_json_option, add_recording, chosen_recording
 from accpinn.cli.output import complain, show, show_result
+from accpinn.cli.recording import add_json_option
 from accpinn.recordings.files import read
-from accpinn.recordings.recording import Recording
-from accpinn.results.messages import message, messages
+from accpinn.results.messages import message
 from accpinn.results.messages.snapshot import check_rows, summary
-from accpinn.results.snapshot import SUFFIX, Snapshot, facts_of
+from accpinn.results.snapshot import SUFFIX, Snapshot
 from accpinn.results.snapshot.archive import load
 from accpinn.results.snapshot.saved import writable_path, write_whole
 from accpinn.results.snapshot.verification import Verification, recover, verify
 from accpinn.results.tables.table import Column, Table
-
-
-def add_info_options(parser: argparse.ArgumentParser) -> None:
-    """Declare the options of `info`."""
-    add_recording(parser)
-    add_json_option(parser)
-
-
-def run_info(options: argparse.Namespace) -> int:
-    """Print what a recording holds, and what to know about it."""
-    show_result(options, _describe_recording, _recording_text, chosen_recording(options))
-    return 0
-
-
-def _describe_recording(recording: Recording) -> dict[str, Any]:
-    """The recording as the command-line contract has it."""
-    return {
-        "source": recording.source,
-        "sha256": recording.sha256,
-        **facts_of(recording),
-        "vehicles": [asdict(vehicle) for vehicle in recording.vehicles],
-        "warnings": messages(recording.findings, recording),
-        "findings": msgspec.to_builtins(recording.findings),
-    }
-
-
-def _recording_text(recording: Recording) -> str:
-    vehicles = recording.vehicles
-    modes = [", ".join(f"{name} {n}" for name, n in (v.modes or {}).items()) for v in vehicles]
-    table = Table.of(
-        f"{recording.source}: {recording.campaign or 'campaign unknown'},"
-        f" {recording.date or 'date unknown'}, {recording.duration:g} s in"
-        f" {recording.samples} samples of {recording.sample_time:g} s",
-        [
-            (Column("Vehicle"), [recording.label(vehicle.index) for vehicle in vehicles]),
-            (Column("Present"), ["yes" if vehicle.present else "no" for vehicle in vehicles]),
-            (Column("Missing", "%", 0), [100 * vehicle.missing_share for vehicle in vehicles]),
-            (Column("Driver mode"), [mode or "not recorded" for mode in modes]),
-        ],
-    )
-    notes = [f"Note: {warning}" for warning in messages(recording.findings, recording)]
-    return "\n".join([table.to_text(), "", *notes]).rstrip()
 
 
 def add_verify_options(parser: argparse.ArgumentParser) -> None:

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from accpinn.channels import PARAMETERS
+from accpinn.cli.recording import add_json_option, add_recording, chosen_recording
 from accpinn.errors import ConfigError, SegmentError
 from accpinn.evaluation.closed_loop import TrackingErrors
 from accpinn.inference.intervals import Uncertainty
@@ -14,8 +15,6 @@ from accpinn.methods.method import TaskContext
 from accpinn.methods.registry import segment_for
 from accpinn.methods.store import Store
 from accpinn.model.cthp import Parameters
-from accpinn.recordings.files import read
-from accpinn.recordings.mapping import load_mapping
 from accpinn.recordings.recording import Recording
 from accpinn.segment.cut import DURATION, parse_vehicles, parse_windows
 from accpinn.segment.quality import (
@@ -28,30 +27,6 @@ from accpinn.segment.quality import (
 from accpinn.segment.segment import Segment
 
 PARAMETER_NAMES = ("alpha", "beta", "tau")
-
-
-def add_recording(parser: argparse.ArgumentParser) -> None:
-    """Declare the file of a recording, and what of it to take."""
-    parser.add_argument("file", metavar="FILE", help="an OpenACC run or a table of pairs (CSV)")
-    parser.add_argument(
-        "--trajectory", metavar="ID", help="which one of a table that holds several"
-    )
-    parser.add_argument(
-        "--mapping",
-        metavar="JSON",
-        help="columns, units and sample time of any other table; remembered for its like",
-    )
-
-
-def chosen_recording(options: argparse.Namespace) -> Recording:
-    """The recording that the options name."""
-    mapping = load_mapping(options.mapping) if options.mapping else None
-    return read(options.file, trajectory=options.trajectory, mapping=mapping)
-
-
-def add_json_option(parser: argparse.ArgumentParser) -> None:
-    """Declare that the result may be asked for as a document."""
-    parser.add_argument("--json", action="store_true", help="one JSON document")
 
 
 def add_segment_options(parser: argparse.ArgumentParser) -> None:

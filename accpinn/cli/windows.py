@@ -8,7 +8,6 @@ import numpy as np
 
 from accpinn.cli.options import (
     PARAMETER_NAMES,
-    chosen_recording,
     describe_errors,
     describe_interval_ends,
     describe_parameters,
@@ -16,6 +15,7 @@ from accpinn.cli.options import (
     fields,
 )
 from accpinn.cli.output import show_result
+from accpinn.cli.recording import chosen_recording
 from accpinn.errors import ConfigError, Finding, SegmentError
 from accpinn.evaluation.closed_loop import (
     TrackingErrors,

@@ -222,7 +222,7 @@ def gain_band(uncertainty: Uncertainty, follower: int, omega: FloatArray) -> Int
     return Interval(*interval_ends(np.abs(response(draws, omega)), uncertainty.level))
 
 
-@lru_cache(maxsize=32)
+@lru_cache(maxsize=64)
 def _shared(segments: tuple[Segment, ...], case: Case, level: float, draws: int) -> Uncertainty:
     """What does not depend on the fit; many methods on one segment share it."""
     centre, theta = _sample(segments, case, draws)

@@ -17,7 +17,6 @@ from typing import Any, Literal, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.linalg import expm
 
 from accpinn.units import FloatArray, Seconds, frozen
 
@@ -211,6 +210,8 @@ def respond(matrix: FloatArray, drive: FloatArray, step: Seconds, start: FloatAr
     Returns:
         (N, K).
     """
+    from scipy.linalg import expm  # not for those who only read a file
+
     size = len(start)
     # With the drive and its slope as states, one matrix exponential gives the exact step.
     held = np.zeros((size + 2, size + 2))

@@ -16,10 +16,10 @@ from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import msgspec
 import numpy as np
-import pandas as pd
 from numpy.typing import NDArray
 from platformdirs import user_data_path
 
@@ -36,6 +36,9 @@ from accpinn.recordings.samples import (
 )
 from accpinn.recordings.tables import Layout, layout_of, read_columns
 from accpinn.units import FloatArray, Metres, Seconds
+
+if TYPE_CHECKING:
+    import pandas as pd  # takes most of a second to import, which few files need
 
 TIME_UNITS = {"s": 1.0, "ms": 1e-3, "µs": 1e-6, "us": 1e-6, "ns": 1e-9, "min": 60.0}
 SPEED_UNITS = {"m/s": 1.0, "km/h": 1 / 3.6, "mph": 0.44704, "ft/s": 0.3048, "kn": 1852 / 3600}
@@ -268,7 +271,7 @@ def read_mapped(
 
 
 def _time(
-    source_file: SourceFile, mapping: CsvMapping, frame: pd.DataFrame, rows: NDArray[np.int64]
+    source_file: SourceFile, mapping: CsvMapping, frame: "pd.DataFrame", rows: NDArray[np.int64]
 ) -> FloatArray:
     """(N,) in s from the first sample."""
     if mapping.time is None:
@@ -286,7 +289,7 @@ def _time(
     return time
 
 
-def _modes(mapping: CsvMapping, frame: pd.DataFrame) -> NDArray[np.int8]:
+def _modes(mapping: CsvMapping, frame: "pd.DataFrame") -> NDArray[np.int8]:
     modes = np.full((len(frame), len(mapping.speeds)), Mode.UNKNOWN, np.int8)
     for one in mapping.modes:
         modes[frame[one.column].isin(one.acc), one.vehicle - 1] = Mode.ACC

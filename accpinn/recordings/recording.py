@@ -262,6 +262,11 @@ class Recording:
         return round(float(self.time[-1]), 6)
 
     @property
+    def nbytes(self) -> int:
+        """What its arrays take in memory."""
+        return self.time.nbytes + self.speed.nbytes + self.gap.nbytes + self.mode.nbytes
+
+    @property
     def is_even(self) -> bool:
         """Whether the samples lie on a regular grid."""
         grid = np.arange(self.samples) * self._mean_step

@@ -1,24 +1,28 @@
 """From a path or an upload to the samples in it; anything else is refused in one sentence.
 
-The rows of numbers are read at the speed of pandas' C parser and diagnosed cell by cell on failure.
+The rows of numbers are read by NumPy; what it does not take, pandas reads or diagnoses cell by
+cell.
 """
 
 import io
 import os
+import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import pandas as pd
 from numpy.typing import NDArray
 
 from accpinn.channels import GAP, MODE_NAMES, SPEED, TIME, Quantity
 from accpinn.errors import RecordingError
 from accpinn.recordings.recording import LineEndMissing, Mode, ModesUnknown
 from accpinn.units import FloatArray, Seconds
+
+if TYPE_CHECKING:
+    import pandas as pd  # takes most of a second to import, which few files need
 
 LIMIT_BYTES = 100_000_000
 """Larger files are refused; the largest of the database is well below."""
@@ -51,6 +55,8 @@ GAP_STEPS = 10
 
 MISSING = ["", "NaN", "nan", "NA", "N/A", "null"]
 """How files write that there is no number."""
+_EMPTY = re.compile(rb"(?<=,)(?=[,\r\n]|\Z)")
+"""Where an empty cell stands, but in the first column."""
 
 
 @dataclass(frozen=True)
@@ -198,19 +204,18 @@ def read_samples(source_file: SourceFile, columns: Columns, vehicles: int) -> Sa
     is_complete = text.endswith((b"\n", b"\r"))
     table = _Table(source_file, text.rstrip(), columns)
     rows = _count_rows(table, is_complete)
-    frame = _parse(table)
-    if len(frame) != rows:
-        raise _unreadable(table)
-    _require_numbers(table, frame)
-    require_time(frame[columns.time].to_numpy(), partial(_at, table, columns.time))
+    cells = _read_plain(table, rows) or _read_any(table, rows)
+    numbers = cells.numbers
+    _require_numbers(table, numbers)
+    require_time(numbers[columns.time], partial(_at, table, columns.time))
     findings: list[LineEndMissing | ModesUnknown] = []
     if not is_complete and len(columns.names) - 1 not in columns.driver.values():
         findings.append(LineEndMissing())
-    speed = {number: frame[at].to_numpy() for number, at in columns.speed.items()}
-    gap = {number: frame[at].to_numpy() for number, at in columns.gap.items()}
-    mode = {number: _modes(number, frame[at], findings) for number, at in columns.driver.items()}
+    speed = {number: numbers[at] for number, at in columns.speed.items()}
+    gap = {number: numbers[at] for number, at in columns.gap.items()}
+    mode = {n: _modes(n, cells.words[at], findings) for n, at in columns.driver.items()}
     return Samples(
-        time=frame[columns.time].to_numpy(),
+        time=numbers[columns.time],
         speed=_by_vehicle(speed, np.full((rows, vehicles), np.nan)),
         gap=_by_vehicle(gap, np.full((rows, vehicles - 1), np.nan)),
         mode=_by_vehicle(mode, np.full((rows, vehicles), Mode.UNKNOWN, np.int8)),
@@ -234,8 +239,10 @@ class _Table:
     text: bytes
     columns: Columns
 
-    def read(self, positions: list[int], **options: Any) -> pd.DataFrame:
+    def read(self, positions: list[int], **options: Any) -> "pd.DataFrame":
         """Some columns as a frame, labelled by position."""
+        import pandas as pd
+
         frame: pd.DataFrame = pd.read_csv(
             io.BytesIO(self.text),
             header=None,
@@ -278,19 +285,56 @@ def _count_rows(table: _Table, is_complete: bool) -> int:
     raise table.refusal(fault, "correct or delete it, or download the file again", ragged)
 
 
-def _parse(table: _Table) -> pd.DataFrame:
+@dataclass(frozen=True, eq=False)
+class _Cells:
+    """The columns of N rows, by position."""
+
+    numbers: dict[int, FloatArray]
+    """(N,) each; nan where a cell is empty."""
+    words: dict[int, list[str]]
+    """N each."""
+
+
+def _read_plain(table: _Table, rows: int) -> _Cells | None:
+    """The columns, correctly rounded; None where a cell is neither a plain number nor empty."""
     numbers, words = table.columns.numbers, list(table.columns.driver.values())
-    dtypes = dict.fromkeys(numbers, "float64") | dict.fromkeys(words, "category")
+    if b'"' in table.text:
+        return None
+    lines = [row.decode("latin-1") for row in _EMPTY.sub(b"nan", table.text).splitlines()]
     try:
-        return table.read(numbers + words, dtype=dtypes)
+        values = np.loadtxt(lines, delimiter=",", usecols=numbers, comments=None, unpack=True)
+    except ValueError:
+        return None
+    cells = [line.split(",") for line in lines] if words else []
+    if values.shape[1] != rows:
+        return None
+    return _Cells(
+        dict(zip(numbers, values, strict=True)), {at: [row[at] for row in cells] for at in words}
+    )
+
+
+def _read_any(table: _Table, rows: int) -> _Cells:
+    """The columns by pandas, or the sentence why it cannot read them either."""
+    numbers, words = table.columns.numbers, list(table.columns.driver.values())
+    dtypes = dict.fromkeys(numbers, "float64") | dict.fromkeys(words, "str")
+    try:
+        frame = table.read(numbers + words, dtype=dtypes)
     except ValueError as error:
         if "Calling read" in str(error):  # memory always reads: pandas has hidden a Ctrl+C
             raise KeyboardInterrupt from None
         raise _not_numbers(table) from error
+    if len(frame) != rows:
+        raise _unreadable(table)
+    return _Cells(
+        {at: frame[at].to_numpy() for at in numbers},
+        {at: frame[at].fillna("").tolist() for at in words},
+    )
 
 
 def _not_numbers(table: _Table) -> RecordingError:
     """The sentence about the first cell that is not a number."""
+    import pandas as pd
+
     try:
         cells = table.read(table.columns.numbers, dtype="str")
     except ValueError:
@@ -316,7 +360,7 @@ def _unreadable(table: _Table) -> RecordingError:
     return table.refusal(fault, "delete it", quoted)
 
 
-def _require_numbers(table: _Table, frame: pd.DataFrame) -> None:
+def _require_numbers(table: _Table, numbers: Mapping[int, FloatArray]) -> None:
     """All numbers finite and of a size that measurements have; missing ones are fine."""
     columns = table.columns
     for channel, positions in (
@@ -325,7 +369,7 @@ def _require_numbers(table: _Table, frame: pd.DataFrame) -> None:
         (GAP, columns.gap.values()),
     ):
         for position in positions:
-            require_possible(channel, frame[position].to_numpy(), partial(_at, table, position))
+            require_possible(channel, numbers[position], partial(_at, table, position))
 
 
 def _at(table: _Table, at: int, fault: str, cure: str, row: int | None) -> RecordingError:
@@ -392,16 +436,18 @@ def require_time(time: FloatArray, refuse: Refuse) -> None:
 
 
 def _modes(
-    number: int, words: pd.Series, findings: list[LineEndMissing | ModesUnknown]
+    number: int, words: list[str], findings: list[LineEndMissing | ModesUnknown]
 ) -> NDArray[np.int8]:
     """(N,) values of `Mode`; what is neither ACC nor Human is unknown, and a finding."""
     known = {name.lower(): Mode[name.upper()] for name in MODE_NAMES}
-    names = [str(word) for word in words.cat.categories]
-    meanings = [known.get(name.strip().lower(), Mode.UNKNOWN) for name in names]
-    codes = words.cat.codes.to_numpy()
-    modes = np.array([*meanings, Mode.UNKNOWN], dtype=np.int8)[codes]
-    strange = int(((modes == Mode.UNKNOWN) & (codes >= 0)).sum())
+    meanings = {word: known.get(word.strip().lower(), Mode.UNKNOWN) for word in set(words)}
+    modes = np.array([meanings[word] for word in words], dtype=np.int8)
+    strange = sorted(
+        word
+        for word, meaning in meanings.items()
+        if meaning is Mode.UNKNOWN and word.strip() not in MISSING
+    )
     if strange:
-        example = excerpt(names[meanings.index(Mode.UNKNOWN)])
-        findings.append(ModesUnknown(vehicle=number, samples=strange, example=example))
+        count = sum(map(words.count, strange))
+        findings.append(ModesUnknown(vehicle=number, samples=count, example=excerpt(strange[0])))
     return modes

@@ -4,8 +4,7 @@ import csv
 import io
 from collections.abc import Sequence
 from dataclasses import dataclass
-
-import pandas as pd
+from typing import TYPE_CHECKING
 
 from accpinn.recordings.samples import (
     MINIMUM_SAMPLES,
@@ -13,6 +12,9 @@ from accpinn.recordings.samples import (
     SourceFile,
     excerpt,
 )
+
+if TYPE_CHECKING:
+    import pandas as pd  # takes most of a second to import, which few files need
 
 SEPARATORS = (",", ";", "\t", "|")
 HEADER_ROWS = 50
@@ -103,7 +105,7 @@ def position_of(source_file: SourceFile, layout: Layout, column: str) -> int:
 
 def read_columns(
     source_file: SourceFile, layout: Layout, numbers: Sequence[str], words: Sequence[str] = ()
-) -> pd.DataFrame:
+) -> "pd.DataFrame":
     """Some columns of a table, by name.
 
     Args:
@@ -115,6 +117,8 @@ def read_columns(
     Raises:
         RecordingError: which cell or column is wrong.
     """
+    import pandas as pd
+
     positions = {name: position_of(source_file, layout, name) for name in (*numbers, *words)}
     _require_whole(source_file, layout)
     try:
@@ -144,7 +148,9 @@ def read_columns(
 
 def _frame(
     source_file: SourceFile, layout: Layout, positions: dict[str, int], dtypes: dict[str, str]
-) -> pd.DataFrame:
+) -> "pd.DataFrame":
+    import pandas as pd
+
     given = {at: dtypes.get(name, "str") for name, at in positions.items()}
     frame: pd.DataFrame = pd.read_csv(
         io.BytesIO(source_file.text.rstrip()),

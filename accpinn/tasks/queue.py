@@ -1,5 +1,6 @@
 """The queue of tasks and the one thread that works on them."""
 
+import gc
 import threading
 import time
 from collections import deque
@@ -15,6 +16,10 @@ KEPT_TASKS = 100
 """Finished tasks beyond this number are forgotten, the oldest first."""
 KEPT_FOR: Seconds = 24 * 3600.0
 """A finished task is forgotten after this time."""
+LONGEST_QUEUE = 60
+"""More tasks than this do not wait; each owner has one of a kind at most."""
+IDLE: Seconds = 30.0
+"""After so long without a task the worker collects garbage; a page need not wait for that."""
 
 
 class TaskQueue:
@@ -26,6 +31,8 @@ class TaskQueue:
         threads: int | None = None,
         clock: Callable[[], float] = time.monotonic,
         prepare: Callable[[], object] = load_torch,
+        tidy: Callable[[], object] = gc.collect,
+        idle: Seconds = IDLE,
     ) -> None:
         """Start the worker.
 
@@ -34,9 +41,12 @@ class TaskQueue:
             threads: processor threads for an estimation; None leaves one core to others.
             clock: in s; finished tasks are forgotten by it.
             prepare: called in the worker before the first task comes.
+            tidy: called in the worker whenever no task has come for some time.
+            idle: that time.
         """
         self._store, self._threads = store, threads
         self._clock, self._prepare = clock, prepare
+        self._tidy, self._idle = tidy, idle
         self._changed = threading.Condition()
         self._queue: deque[Task[Any]] = deque()
         self._running: Task[Any] | None = None
@@ -49,7 +59,8 @@ class TaskQueue:
         """Queue a task; an active one of the same owner and kind is stopped.
 
         An active task of an equal request is returned in its place. A stored result is the answer
-        at once. A stopped training of an equal request goes on from its checkpoint.
+        at once. A stopped training of an equal request goes on from its checkpoint. Where too many
+        wait already, the task fails at once and says so.
 
         Args:
             task: not queued yet.
@@ -75,6 +86,9 @@ class TaskQueue:
             self._tasks.append(task)
             if known:
                 task.answer(known)
+                task.ended_at = self._clock()
+            elif len(self._queue) >= LONGEST_QUEUE:
+                task.refuse(f"{len(self._queue)} tasks are waiting already; try again later.")
                 task.ended_at = self._clock()
             else:
                 self._queue.append(task)
@@ -125,10 +139,15 @@ class TaskQueue:
             self._prepare()
         while True:
             with self._changed:
-                self._changed.wait_for(lambda: self._queue or self._closed)
-                if not self._queue:
+                self._changed.wait_for(lambda: self._queue or self._closed, self._idle)
+                if self._closed and not self._queue:
                     return
-                self._running = task = self._queue.popleft()
+                self._running = task = self._queue.popleft() if self._queue else None
+            if task is None:
+                with self._changed:
+                    self._forget()
+                self._tidy()
+                continue
             task.work(self._store, self._threads)
             with self._changed:
                 self._running = None

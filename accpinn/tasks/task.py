@@ -10,6 +10,7 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from enum import Enum
 from functools import cache, cached_property
@@ -18,6 +19,7 @@ from typing import Generic, TypeVar
 import numpy as np
 
 from accpinn.errors import AccpinnError
+from accpinn.inference.intervals import intervals
 from accpinn.inference.model_adequacy import Adequacy, model_forms
 from accpinn.inference.multistart import Trial, multistart
 from accpinn.methods.fit import Fit, History, Outcome, Progress, Recorder
@@ -233,6 +235,10 @@ class Task(Generic[Result]):
         self.stop()
         self._end(Status.STOPPED)
 
+    def refuse(self, reason: str) -> None:
+        """End it before it has begun, for a reason that is given as a sentence."""
+        self._end(Status.FAILED, reason)
+
     def answer(self, result: Result) -> None:
         """End it with a result that is known already."""
         self._add(result)
@@ -314,7 +320,10 @@ def training_task(owner: str, request: TrainingRequest) -> Task[Fit]:
     def steps(context: TaskContext) -> Iterator[Fit]:
         load_torch()
         context = replace(context, warm=request.warm)
-        yield METHODS["pinn"].fit(request.segment, request.case, request.config, context)
+        fit = METHODS["pinn"].fit(request.segment, request.case, request.config, context)
+        with suppress(AccpinnError):
+            intervals(request.segment, fit)  # remembered; else the page would compute them
+        yield fit
 
     return Task(owner, "training", steps, request=request)
 

@@ -1,12 +1,6 @@
 """The app as a process of its own, and a browser that looks at it."""
 
-import os
 import re
-import socket
-import subprocess
-import sys
-import urllib.error
-import urllib.request
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -22,7 +16,8 @@ from playwright.sync_api import (
     sync_playwright,
 )
 
-ROOT = Path(__file__).parents[2]
+from tests.support.server import running
+
 FLAGS = [
     "--no-sandbox",
     "--disable-gpu",
@@ -50,42 +45,8 @@ TRAINING_MS = 180_000
 @contextmanager
 def served(cache: Path, log: Path, recordings: Path | None = None) -> Iterator[str]:
     """The address of a running app with an empty cache."""
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        port = free.getsockname()[1]
-    environment = os.environ | {"ACCPINN_CACHE": str(cache), "OMP_NUM_THREADS": "1"}
-    environment["ACCPINN_SNAPSHOTS"] = str(cache.with_name("snapshots"))
-    environment.pop("ACCPINN_RECORDINGS", None)
-    if recordings:
-        environment["ACCPINN_RECORDINGS"] = str(recordings)
-    command = [sys.executable, "-m", "streamlit", "run", "app.py", f"--server.port={port}"]
-    with log.open("w") as output:
-        process = subprocess.Popen(
-            [*command, "--server.headless=true", "--server.address=127.0.0.1"],
-            cwd=ROOT, env=environment, stdout=output, stderr=subprocess.STDOUT,
-        )  # fmt: skip
-        try:
-            address = f"http://127.0.0.1:{port}"
-            _await_health(process, address, log)
-            yield address
-        finally:
-            process.terminate()
-            process.wait(10)
-
-
-def _await_health(process: "subprocess.Popen[bytes]", address: str, log: Path) -> None:
-    for _ in range(300):
-        try:
-            with urllib.request.urlopen(f"{address}/_stcore/health", timeout=5):
-                return
-        except (urllib.error.URLError, ConnectionError):
-            pass
-        try:
-            process.wait(0.1)
-        except subprocess.TimeoutExpired:
-            continue
-        break
-    raise AssertionError(f"the app did not start:\n{log.read_text()}")
+    with running(cache, log, recordings) as server:
+        yield server.address
 
 
 @contextmanager

@@ -458,6 +458,14 @@ def test_names_of_vehicles_are_short_and_printable(name: str) -> None:
     assert 1 < len(kept) <= 80
 
 
+def test_both_parsers_read_the_same_numbers() -> None:
+    """A quotation mark leaves the rows to pandas."""
+    rows = [b",".join([b'"%s"' % row.split(b",")[0], *row.split(b",")[1:]]) for row in LINES[6:-1]]
+    plain, quoted = read(SOUND, "run.csv"), read(b"\r\n".join([*LINES[:6], *rows, b""]), "run.csv")
+    for name in ("time", "speed", "gap", "mode"):
+        np.testing.assert_array_equal(getattr(plain, name), getattr(quoted, name))
+
+
 def test_an_interrupt_while_reading_is_not_blamed_on_the_file(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -466,7 +474,7 @@ def test_an_interrupt_while_reading_is_not_blamed_on_the_file(
 
     monkeypatch.setattr(pd, "read_csv", interrupted)
     with pytest.raises(KeyboardInterrupt):
-        read(SOUND, "run.csv")
+        read(with_cell(9, 1, b'"21.5"'), "run.csv")
 
 
 # Whatever the bytes, a Recording or a sentence

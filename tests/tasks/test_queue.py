@@ -1,5 +1,6 @@
 """The queue of tasks, with work whose every step the test decides."""
 
+import gc
 import sys
 import threading
 from collections.abc import Iterator
@@ -23,7 +24,7 @@ from accpinn.recordings.openacc import read
 from accpinn.segment.cut import cut
 from accpinn.segment.segment import Segment
 from accpinn.tasks.queue import KEPT_FOR, TaskQueue
-from accpinn.tasks.task import Status, Task, TrainingRequest, training_task
+from accpinn.tasks.task import Status, Task, TrainingRequest, load_torch, training_task
 from tests.support.openacc_files import csv, platoon
 
 WAIT = 20.0
@@ -424,6 +425,36 @@ class TestStore:
         assert running.status is Status.RUNNING
         puppet.give(result())
         queue.close()
+
+
+def test_a_queue_that_is_too_long_refuses_in_a_sentence(
+    puppet: Puppet, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("accpinn.tasks.queue.LONGEST_QUEUE", 1)
+    first = puppet.train("ann", seed(1))
+    puppet.starts()
+    waits, refused = puppet.train("bob", seed(2)), puppet.train("eve", seed(3))
+    assert waits.status is Status.QUEUED
+    assert refused.status is Status.FAILED
+    assert refused.error.startswith("1 tasks are waiting already")
+    puppet.give(result(), result())
+    assert finished(waits).status is finished(first).status is Status.DONE
+
+
+def test_an_idle_queue_tidies_up_and_still_takes_tasks() -> None:
+    tidied = threading.Semaphore(0)
+    queue = TaskQueue(threads=1, prepare=lambda: None, tidy=tidied.release, idle=0.01)
+    assert tidied.acquire(timeout=WAIT)
+    assert tidied.acquire(timeout=WAIT), "more than once"
+    task = finished(queue.submit(Task("ann", "training", lambda _: iter([result()]))))
+    assert task.status is Status.DONE
+    queue.close()
+
+
+def test_what_is_imported_is_not_searched_for_garbage() -> None:
+    load_torch()
+    searched = {id(found) for found in gc.get_objects()}
+    assert id(sys.modules["torch"].__dict__) not in searched
 
 
 def test_a_library_that_cannot_be_loaded_fails_the_task_with_a_sentence(

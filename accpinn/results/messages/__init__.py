@@ -34,11 +34,12 @@ def message(finding: Finding, about: Labelled) -> str:
     Raises:
         NotImplementedError: for a kind of finding without a sentence.
     """
-    _register_all()
-    sentence = message.dispatch(type(finding))
-    if sentence is message.dispatch(object):
-        raise NotImplementedError(type(finding).__name__)
-    return sentence(finding, about)
+    for register in (_register_data, _register_all):
+        register()
+        sentence = message.dispatch(type(finding))
+        if sentence is not message.dispatch(object):
+            return sentence(finding, about)
+    raise NotImplementedError(type(finding).__name__)
 
 
 def messages(findings: Iterable[Finding], about: Labelled) -> tuple[str, ...]:
@@ -49,6 +50,12 @@ def messages(findings: Iterable[Finding], about: Labelled) -> tuple[str, ...]:
 def joined(parts: Sequence[str]) -> str:
     """A list as a sentence has it: "α, β and τ"."""
     return " and ".join([", ".join(parts[:-1]), parts[-1]] if len(parts) > 1 else parts)
+
+
+@cache
+def _register_data() -> None:
+    """Import the sentences about data, which need nothing that estimates."""
+    import_module(f"{__name__}.data")
 
 
 @cache

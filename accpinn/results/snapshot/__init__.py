@@ -19,7 +19,7 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from importlib import metadata
-from typing import Annotated, TypedDict
+from typing import Annotated
 
 import numpy as np
 from msgspec import Meta
@@ -30,6 +30,7 @@ from accpinn.evaluation.evaluation import Evaluation, evaluate
 from accpinn.inference.intervals import Uncertainty, intervals
 from accpinn.inference.model_adequacy import Adequacy
 from accpinn.methods.fit import Fit, Outcome, ParameterTrack
+from accpinn.recordings.facts import Facts, facts_of
 from accpinn.recordings.recording import Recording
 from accpinn.segment.quality import Quality, assess_quality
 from accpinn.segment.segment import Segment, SegmentInfo
@@ -85,22 +86,6 @@ class Origin:
     processor: str
     """Architecture, as "x86_64"."""
     cores: int
-
-
-class Facts(TypedDict, total=False):
-    """What a recording says of itself; None where it does not."""
-
-    campaign: str | None
-    date: str | None
-    """ISO 8601."""
-    acc_flag: int | None
-    """0 human, 1 ACC, 2 mixed."""
-    distance_setting: str | None
-    samples: int | None
-    duration: float | None
-    """In s."""
-    sample_time: float | None
-    """In s."""
 
 
 ATTRIBUTION_TEXT = """\
@@ -268,21 +253,6 @@ def _version(package: str) -> str:
         return metadata.version(package)
     except metadata.PackageNotFoundError:
         return "not installed"
-
-
-def facts_of(recording: Recording | None) -> Facts:
-    """What a snapshot says of its recording."""
-    if recording is None:
-        return {}
-    return {
-        "campaign": recording.campaign,
-        "date": recording.date.isoformat() if recording.date else None,
-        "acc_flag": recording.acc_flag,
-        "distance_setting": recording.distance_setting,
-        "samples": recording.samples,
-        "duration": recording.duration,
-        "sample_time": recording.sample_time,
-    }
 
 
 def light(fit: Fit) -> Fit:

@@ -35,8 +35,9 @@ from accpinn.inference.model_adequacy import model_forms
 from accpinn.methods.fit import Fit, Outcome
 from accpinn.methods.registry import METHODS
 from accpinn.model.cthp import Trajectories
+from accpinn.recordings.facts import facts_of
 from accpinn.recordings.recording import Recording
-from accpinn.results.snapshot import ATTRIBUTION_TEXT, Snapshot, facts_of, light, stability
+from accpinn.results.snapshot import ATTRIBUTION_TEXT, Snapshot, light, stability
 from accpinn.results.snapshot.validate import sanitise
 from accpinn.results.tables.estimates import name_of
 from accpinn.segment.cut import cut

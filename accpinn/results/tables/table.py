@@ -9,14 +9,17 @@ import math
 import re
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 from itertools import compress, groupby
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from jinja2 import Environment, StrictUndefined
 from markupsafe import Markup
 
 from accpinn.results.glossary import meaning_of
+
+if TYPE_CHECKING:
+    from jinja2 import Template
 
 
 class Range(NamedTuple):
@@ -270,7 +273,7 @@ class Table:
 
     def to_html(self) -> str:
         """A figure with caption and table, both of class "figures"; `STYLE` belongs to it."""
-        return _TABLE.render(
+        return _template().render(
             table=self,
             groups=self._groups(),
             rows=self._shown(Column.html),
@@ -300,9 +303,17 @@ class Table:
         return [f"    {' & '.join(heads)} \\\\", f"    {' '.join(rules)}"]
 
 
-_HTML = Environment(autoescape=True, undefined=StrictUndefined)
-_HTML.globals["meaning_of"] = meaning_of
-_TABLE = _HTML.from_string("""\
+@cache
+def _template() -> "Template":
+    """The page's form of every table."""
+    from jinja2 import Environment, StrictUndefined  # few commands print HTML
+
+    environment = Environment(autoescape=True, undefined=StrictUndefined)
+    environment.globals["meaning_of"] = meaning_of
+    return environment.from_string(_TABLE)
+
+
+_TABLE = """\
 <figure class="figures">
 {%- if table.caption %}<figcaption>{{ table.caption }}</figcaption>{% endif -%}
 <div><table class="figures"><thead>
@@ -324,7 +335,7 @@ _TABLE = _HTML.from_string("""\
 {%- if loop.first and colours %}<i style="background:{{ colours[row] }}"></i>{% endif -%}
 {{ cell }}</td>
 {%- endfor %}</tr>
-{%- endfor %}</tbody></table></div></figure>""")
+{%- endfor %}</tbody></table></div></figure>"""
 STYLE = """<style>
 figure.figures { margin: 0; --page: var(--paper, light-dark(#ffffff, #11161c));
   --shade: light-dark(rgba(27, 39, 51, .22), rgba(0, 0, 0, .65)); }

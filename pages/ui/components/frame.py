@@ -9,7 +9,9 @@ from accpinn.segment.segment import Segment, SegmentInfo
 from accpinn.tasks.task import Status
 from pages.ui.components import show
 from pages.ui.components.show import escape_markdown
+from pages.ui.components.sign_in import admit, sign_out_button
 from pages.ui.components.widgets import bound, segments
+from pages.ui.session.identity import is_asked
 from pages.ui.session.sessions import SESSION, current
 from pages.ui.session.workspace import Workspace
 
@@ -69,6 +71,7 @@ def begin(title: str, lead: str = "") -> Workspace:
         initial_sidebar_state=SIDEBAR,
     )
     st.html(_STYLE)
+    admit()
     workspace = current()
     _sidebar(workspace)
     if title:
@@ -174,7 +177,12 @@ def _sidebar(workspace: Workspace) -> None:
             help="What the symbols and terms mean.",
         ):  # fmt: skip
             _show_glossary()
+        sign_out_button()
         st.caption(
-            "Anyone with this address controls this session. To show a result, send a snapshot's"
-            " link instead."
+            (
+                "Nobody else can open this session."
+                if is_asked()
+                else "Anyone with this address controls this session."
+            )
+            + " To show a result, send a snapshot's link instead."
         )

@@ -21,7 +21,7 @@ from accpinn.segment.segment import Segment, SegmentInfo
 from pages.ui.components import frame, show
 from pages.ui.components.show import escape_markdown
 from pages.ui.components.widgets import segments, select
-from pages.ui.session.resources import library, opened
+from pages.ui.session.resources import KEPT, library, opened
 from pages.ui.session.workspace import Source, TypedRow, Workspace
 
 SOURCES: dict[Source, str] = {
@@ -34,7 +34,7 @@ COLUMNS = ("Vehicle", *(parameter.heading for parameter in PARAMETERS))
 BY_HAND = "parameters by hand"
 MOST = 20
 """Vehicles typed in at most."""
-_of_first = lru_cache(maxsize=8)(of_first)
+_of_first = lru_cache(maxsize=KEPT)(of_first)
 
 
 @dataclass(frozen=True, eq=False)

@@ -36,6 +36,7 @@ from pages.ui.data import views
 from pages.ui.data.sources import OPENING, choose_source
 from pages.ui.data.validation import choose_validation
 from pages.ui.result.saved import banner, show_data
+from pages.ui.session.resources import KEPT
 from pages.ui.session.workspace import Workspace
 from pages.ui.train.options import chosen_config
 
@@ -121,7 +122,7 @@ def _choose_another(workspace: Workspace) -> None:
             choose_source(workspace)
 
 
-@st.cache_resource(max_entries=16, show_spinner=False)
+@st.cache_resource(max_entries=KEPT, show_spinner=False)
 def _whole(request: str, _recording: Recording, _vehicles: tuple[int, ...]) -> _Whole:
     """Kept by ``request``, which names the recording and the vehicles."""
     segment = cut(_recording, 0.0, _recording.duration, _vehicles, allow_missing=True)
@@ -285,7 +286,7 @@ def _show_overview(workspace: Workspace, recording: Recording, whole: _Whole) ->
         show.key(whole.regime_key, title=f"{'Lower bars' if whole.drivers else 'Bars'}, regime:")
 
 
-@st.cache_resource(max_entries=32, show_spinner=False)
+@st.cache_resource(max_entries=KEPT, show_spinner=False)
 def _overview(
     request: str,
     view: figures.View,

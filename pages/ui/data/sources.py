@@ -36,9 +36,8 @@ whether an upload has just been opened."""
 Load = Callable[[], tuple[Recording, Truth | None]]
 
 
-@st.cache_resource(max_entries=16, show_spinner="Reading the recording …")
 def from_bytes(raw: bytes, name: str) -> Recording:
-    """An upload's recording; it is read-only, so all sessions may share one of the same bytes."""
+    """An upload's recording; nothing but the session keeps it, so it leaves memory with that."""
     return openacc.read(raw, name)
 
 

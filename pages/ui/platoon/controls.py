@@ -18,6 +18,7 @@ from accpinn.stability.report import stability_report
 from pages.ui.components import show
 from pages.ui.components.show import escape_markdown
 from pages.ui.components.widgets import bound, segments, select
+from pages.ui.session.resources import KEPT
 from pages.ui.session.workspace import Disturbance, PlatoonChoice, Workspace
 
 FOLLOWERS, MOST_FOLLOWERS = 8, 20
@@ -45,7 +46,7 @@ FIRST = {"sinusoid": "frequency", "step": "change", "brake": "drop"}
 """The setting of each disturbance that stands in the row; the others are one click away."""
 QUIET = 0.25
 """Frequency in rad/s for a platoon that amplifies none: the paper's first."""
-_report = lru_cache(maxsize=64)(stability_report)
+_report = lru_cache(maxsize=KEPT)(stability_report)
 
 
 def choose_platoon(

@@ -26,6 +26,7 @@ from pages.ui.components.show import escape_markdown
 from pages.ui.components.widgets import bound, segments, tabs
 from pages.ui.platoon.controls import choose_platoon, recorded_leader
 from pages.ui.platoon.details import show_amplitudes, show_animation, show_map, show_panels
+from pages.ui.session.resources import KEPT
 from pages.ui.session.workspace import PlatoonChoice, Workspace
 
 LEAD = "A disturbance of the leader, in a platoon of these vehicles."
@@ -36,7 +37,7 @@ VIEWS: dict[figures.View, str] = {
     "leader": "From the leader",
     "road": "From the road",
 }
-_simulated = lru_cache(maxsize=16)(simulate_platoon)
+_simulated = lru_cache(maxsize=KEPT)(simulate_platoon)
 
 
 TABS = "platoon"

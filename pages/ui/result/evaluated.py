@@ -21,6 +21,7 @@ from accpinn.results.snapshot import Snapshot
 from accpinn.segment.quality import Quality, assess_quality
 from accpinn.segment.segment import Segment, SegmentInfo
 from accpinn.units import Seconds
+from pages.ui.session.resources import KEPT
 from pages.ui.session.workspace import Workspace
 
 
@@ -78,13 +79,13 @@ def of_snapshot(snapshot: Snapshot, segment: Segment | None) -> Evaluated:
     )  # fmt: skip
 
 
-@lru_cache(maxsize=16)
+@lru_cache(maxsize=KEPT)
 def simulated(segment: Segment, fit: Fit) -> Trajectories | None:
     """The closed-loop simulation, kept as every run of a page shows it again."""
     return closed_loop(segment, fit)
 
 
-@lru_cache(maxsize=16)
+@lru_cache(maxsize=KEPT)
 def _evaluate(
     segment: Segment, fit: Fit
 ) -> tuple[

@@ -7,6 +7,10 @@ from accpinn.results.snapshot import Snapshot
 from accpinn.results.snapshot.saved import Library
 from accpinn.tasks.queue import TaskQueue
 
+KEPT = 64
+"""Entries of each cache of what pages show: one for each of many users at a time. With fewer they
+would take turns to drive out each other's, and every view would be computed anew."""
+
 
 @st.cache_resource(show_spinner=False)
 def store() -> Store:
@@ -20,7 +24,7 @@ def library() -> Library:
     return Library()
 
 
-@st.cache_resource(max_entries=8, show_spinner=False)
+@st.cache_resource(max_entries=KEPT, show_spinner=False)
 def opened(name: str) -> Snapshot:
     """A snapshot of the store; its name is its content, so it never changes.
 

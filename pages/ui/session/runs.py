@@ -21,7 +21,7 @@ KEPT_RUNS = 20
 KEPT_FOR: Seconds = 30 * 24 * 3600.0
 FOLDER = "runs"
 
-_SESSION = re.compile(r"[\w-]{20,43}", re.ASCII)
+_SESSION = re.compile(r"[\w-]{20,60}", re.ASCII)
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,12 +14,15 @@ import streamlit as st
 
 from accpinn.errors import SnapshotError
 from accpinn.units import Seconds
+from pages.ui.session.identity import mark
 from pages.ui.session.resources import library, store, task_queue
 from pages.ui.session.runs import is_known
 from pages.ui.session.workspace import Workspace
 
 KEPT_WORKSPACES = 200
 KEPT_FOR: Seconds = 3 * 24 * 3600.0
+KEPT_BYTES = 1_000_000_000
+"""Of the recordings of all workspaces; the longest of the database takes about 1 MB."""
 SESSION = "session"
 """Name of the query parameter, and of the entry in Streamlit's session state."""
 SNAPSHOT = "snapshot"
@@ -45,25 +48,54 @@ class Workspaces:
             _, workspace = self._kept.pop(name, (0.0, None))
             if workspace:
                 self._kept[name] = (self._clock(), workspace)
+                self._bound_memory(workspace)
             return workspace
 
     def new(self, name: str = "") -> Workspace:
         """An empty one, by default under a name that nobody can guess."""
         workspace = Workspace(name or secrets.token_urlsafe(16))
         with self._lock:
-            self._kept[workspace.id] = (self._clock(), workspace)
             self._forget()
+            self._make_room()
+            self._kept[workspace.id] = (self._clock(), workspace)
         return workspace
 
     def _forget(self) -> None:
+        """Let go of those that nobody has used for long."""
         oldest = self._clock() - KEPT_FOR
-        while self._kept:
-            name, (used, workspace) = next(iter(self._kept.items()))
-            if used >= oldest and len(self._kept) <= KEPT_WORKSPACES:
+        for name, (used, _) in list(self._kept.items()):  # the longest unused first
+            if used >= oldest:
                 return
-            for task in workspace.tasks:
-                task.stop()
-            del self._kept[name]
+            self._drop(name)
+
+    def _make_room(self) -> None:
+        """Let go of the longest unused, of those first in which nothing was opened.
+
+        Thousands of empty sessions, which cost a stranger nothing, thus end no one's work.
+        """
+        while len(self._kept) >= KEPT_WORKSPACES:
+            empty = (name for name, (_, found) in self._kept.items() if found.is_empty)
+            self._drop(next(empty, next(iter(self._kept))))
+
+    def _bound_memory(self, used: Workspace) -> None:
+        """Where recordings fill memory, those lose who hold most: first what is not shown."""
+        sizes = {name: found.recording_bytes for name, (_, found) in self._kept.items()}
+        while sum(sizes.values()) > KEPT_BYTES:
+            name = max(sizes, key=sizes.__getitem__)
+            largest = self._kept[name][1]
+            if len(largest.opened) > 1:
+                largest.forget_other_recordings()
+                sizes[name] = largest.recording_bytes
+            elif largest is used:
+                sizes[name] = 0  # one recording is bounded by the size of a file
+            else:
+                self._drop(name)
+                del sizes[name]
+
+    def _drop(self, name: str) -> None:
+        _, workspace = self._kept.pop(name)
+        for task in workspace.tasks:
+            task.stop()
 
 
 @st.cache_resource(show_spinner=False)
@@ -76,14 +108,16 @@ def current() -> Workspace:
     """This browser's workspace; its name is put back into the address, which a page switch clears.
 
     An unknown or expired name begins a new one, and `lost_session` becomes true for this run. It
-    keeps its name where finished runs are kept under it.
+    keeps its name where finished runs are kept under it. Another user's name is an unknown one.
     """
     task_queue()  # its worker gets ready while the user still reads
     asked = st.query_params.get(SESSION) or st.session_state.get(SESSION, "")
-    workspace = workspaces().find(asked)
+    own = asked.startswith(mark())
+    workspace = workspaces().find(asked) if own else None
     st.session_state["lost_session"] = bool(asked) and workspace is None
     if workspace is None:
-        workspace = workspaces().new(asked if is_known(asked, store().folder) else "")
+        known = own and is_known(asked, store().folder)
+        workspace = workspaces().new(asked if known else f"{mark()}{secrets.token_urlsafe(16)}")
     st.session_state[SESSION] = workspace.id
     if st.query_params.get(SESSION) != workspace.id:
         st.query_params[SESSION] = workspace.id

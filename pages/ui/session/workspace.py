@@ -187,6 +187,11 @@ class Workspace:
     _own: MethodResult | None = None
     """The evaluated training, kept with its fit."""
 
+    @property
+    def is_empty(self) -> bool:
+        """Whether nothing was opened in it yet."""
+        return self.recording is None and self.snapshot is None and not self.opened
+
     @cached_property
     def runs(self) -> Runs:
         """The finished trainings of this session, on disk."""
@@ -229,6 +234,18 @@ class Workspace:
         self.opened = {**self.opened, recording.sha256: (recording, truth)}
         for oldest in list(self.opened)[:-KEPT_RECORDINGS]:
             del self.opened[oldest]
+
+    @property
+    def recording_bytes(self) -> int:
+        """What its recordings take in memory."""
+        return sum(recording.nbytes for recording, _ in self.opened.values())
+
+    def forget_other_recordings(self) -> None:
+        """Keep the open one, or else the last, alone."""
+        kept = self.recording.sha256 if self.recording else ""
+        last = list(self.opened)[-1:]
+        shown = {key: one for key, one in self.opened.items() if key == kept}
+        self.opened = shown or {key: self.opened[key] for key in last}
 
     def restore(
         self, snapshot: Snapshot, recording: Recording | None = None, truth: Truth | None = None

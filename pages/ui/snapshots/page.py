@@ -9,6 +9,7 @@ from accpinn.results.snapshot import LARGEST, LONGEST_NAME, LONGEST_NOTE
 from accpinn.results.snapshot.saved import Entry
 from pages.ui.components import frame, show
 from pages.ui.result.saved import banner
+from pages.ui.session import owners
 from pages.ui.session.resources import library, opened
 from pages.ui.session.workspace import Workspace
 from pages.ui.snapshots.listing import show_entries, title_of
@@ -44,7 +45,8 @@ def show_page() -> None:
         st.caption("No snapshot is kept here yet.")
         return
     show_entries(
-        entries, "snapshots", lambda entry: _view(workspace, entry.id), _delete_button,
+        entries, "snapshots", lambda entry: _view(workspace, entry.id),
+        lambda entry: _delete_button(workspace, entry),
         help="Shows the result, with its link, report and verification.",
     )  # fmt: skip
 
@@ -103,7 +105,7 @@ def _save(workspace: Workspace) -> None:
             note=st.session_state["snapshots_note"].strip(),
             with_data=st.session_state["snapshots_with_data"],
         )
-        workspace.viewed = library().add(snapshot)
+        workspace.viewed = owners.save(workspace, snapshot)
         show.flash("success", f"Saved as “{snapshot.name}”.")
 
 
@@ -115,7 +117,7 @@ def _upload_form(workspace: Workspace) -> None:
         if upload is None:
             return
         with show.flashing(f"{upload.name}: "):
-            workspace.viewed = library().add(upload.getvalue())
+            workspace.viewed = owners.save(workspace, upload.getvalue())
             show.flash("success", f"{upload.name} is whole and now kept as {workspace.viewed}.")
 
     st.subheader("Import a snapshot", anchor=False)
@@ -128,7 +130,11 @@ def _upload_form(workspace: Workspace) -> None:
     )
 
 
-def _delete_button(entry: Entry) -> None:
+def _delete_button(workspace: Workspace, entry: Entry) -> None:
+    """For those who may delete it."""
+    if not owners.may_delete(workspace, entry.id):
+        return
+
     def delete() -> None:
         with show.flashing():
             library().delete(entry.id)

@@ -14,17 +14,18 @@ from accpinn.stability.measured_gain import measured_gain
 from pages.ui.components import show
 from pages.ui.components.show import escape_markdown
 from pages.ui.components.widgets import select
+from pages.ui.session.resources import KEPT
 from pages.ui.stability.details import Shown
 
 NO_DATA = (
     "The measured gain needs the recorded speeds, which are not here: open a recording, or a"
     " snapshot with its data."
 )
-_measured = lru_cache(maxsize=64)(measured_gain)
-_figure = lru_cache(maxsize=16)(measured_bode)
+_measured = lru_cache(maxsize=KEPT)(measured_gain)
+_figure = lru_cache(maxsize=KEPT)(measured_bode)
 
 
-@lru_cache(maxsize=64)
+@lru_cache(maxsize=KEPT)
 def _model(chosen: ParameterSet, which: int, uncertainty: Uncertainty | None) -> Model:
     """One vehicle's curve, with the band of its posterior where that is known."""
     draws = uncertainty.draws[:, which] if uncertainty else None

@@ -26,6 +26,7 @@ from pages.ui.components import frame, show
 from pages.ui.components.parameter_picker import choose_parameters, show_missing
 from pages.ui.components.show import escape_markdown
 from pages.ui.components.widgets import bound, select, tabs
+from pages.ui.session.resources import KEPT
 from pages.ui.session.workspace import Workspace
 from pages.ui.stability.details import Shown, show_criteria, show_map, show_reasons
 from pages.ui.stability.measured import show_measured
@@ -36,7 +37,7 @@ HEIGHT = 370
 """Of the Bode magnitude, in pixels: the table's head is above the fold then."""
 WHOLE = -1
 """Stands for the platoon in place of one vehicle's index."""
-report_of = lru_cache(maxsize=64)(stability_report)
+report_of = lru_cache(maxsize=KEPT)(stability_report)
 
 
 def show_page() -> None:
@@ -125,7 +126,7 @@ def _show_bode(shown: Shown) -> None:
         _open_platoon(shown.workspace, *clicked)
 
 
-@lru_cache(maxsize=16)
+@lru_cache(maxsize=KEPT)
 def _bode(chosen: ParameterSet, uncertainty: Uncertainty | None) -> go.Figure:
     figure = figures.bode(chosen, report_of(chosen.parameters))
     figure.update_layout(height=HEIGHT)

@@ -1,0 +1,227 @@
+"""A browser without a screen: one session of the app by Streamlit's own messages.
+
+It sends what the page in a browser sends (which page, what was typed and pressed, the files) and
+keeps what comes back: the elements of the page. A fragment that asks to be drawn again and again is
+drawn when `poll` is called.
+"""
+
+import asyncio
+import time
+from contextlib import suppress
+from dataclasses import dataclass, field
+from typing import Any
+from urllib.parse import urlsplit
+
+import requests
+from streamlit.proto.BackMsg_pb2 import BackMsg
+from streamlit.proto.ForwardMsg_pb2 import ForwardMsg
+from streamlit.proto.WidgetStates_pb2 import WidgetState
+from websockets.asyncio.client import ClientConnection, connect
+
+from accpinn.units import Seconds
+
+PATIENCE: Seconds = 600.0
+"""For one answer of a server that many use."""
+XSRF = "_streamlit_xsrf"
+
+
+@dataclass(eq=False)
+class Browser:
+    """One session."""
+
+    address: str
+    session: str = ""
+    """The app's name of it, which stands in the address."""
+    elements: dict[tuple[int, ...], Any] = field(default_factory=dict)
+    """What stands on the page, by its place."""
+    faults: list[str] = field(default_factory=list)
+    """Exceptions that a page showed."""
+    _socket: ClientConnection | None = None
+    _pages: dict[str, str] = field(default_factory=dict)
+    """Streamlit's hash of each page by its title."""
+    _page: str = ""
+    _server_session: str = ""
+    _states: dict[str, WidgetState] = field(default_factory=dict)
+    _polled: dict[str, float] = field(default_factory=dict)
+    """Seconds between two drawings, by fragment."""
+
+    async def open(self) -> Seconds:
+        """Open the first page; how long that took."""
+        self._socket = await connect(
+            f"ws{self.address.removeprefix('http')}/_stcore/stream",
+            subprotocols=["streamlit"],  # type: ignore[list-item]
+            max_size=None,
+        )
+        return await self._run(BackMsg())
+
+    async def close(self) -> None:
+        """Leave, as a browser does that is closed."""
+        if self._socket:
+            await self._socket.close()
+
+    async def go(self, title: str) -> Seconds:
+        """Turn to a page; how long that took."""
+        self._states.clear()
+        message = BackMsg()
+        message.rerun_script.page_script_hash = self._pages[title]
+        return await self._run(message)
+
+    async def press(self, key: str, **typed: float | str | bool) -> Seconds:
+        """Press a button, after filling in fields of its form or page.
+
+        Args:
+            key: of the button, or its label.
+            typed: the fields' values by their keys.
+        """
+        for name, value in typed.items():
+            self._type(name, value)
+        message = self._message()
+        message.rerun_script.widget_states.widgets.add(
+            id=self.widget(key).id, trigger_value=True
+        )  # fmt: skip
+        return await self._run(message)
+
+    async def set(self, key: str, value: float | str | bool) -> Seconds:
+        """Type into a field or switch a toggle; how long the answer took."""
+        self._type(key, value)
+        return await self._run(self._message())
+
+    async def upload(self, key: str, name: str, content: bytes) -> Seconds:
+        """Give a file to a field for files; how long it took until the page stood."""
+        began = time.perf_counter()
+        message = BackMsg()
+        message.file_urls_request.request_id = name
+        message.file_urls_request.file_names.append(name)
+        message.file_urls_request.session_id = self._server_session
+        await self._send(message)
+        while True:
+            answer = await self._receive()
+            if answer.WhichOneof("type") == "file_urls_response":
+                break
+        [urls] = answer.file_urls_response.file_urls
+        await asyncio.to_thread(self._put, urls.upload_url, name, content)
+        state = WidgetState(id=self.widget(key).id)
+        state.file_uploader_state_value.uploaded_file_info.add(
+            name=name, size=len(content), file_id=urls.file_id, file_urls=urls
+        )
+        self._states[state.id] = state
+        await self._run(self._message())
+        return time.perf_counter() - began
+
+    async def poll(self) -> bool:
+        """Draw the fragments that ask for it; whether any did."""
+        polled = dict(self._polled)
+        for fragment, interval in polled.items():
+            await asyncio.sleep(interval)
+            message = self._message()
+            message.rerun_script.fragment_id = fragment
+            message.rerun_script.is_auto_rerun = True
+            await self._run(message)
+        return bool(polled)
+
+    def widget(self, key: str) -> Any:
+        """The element with that key, or the button with that label.
+
+        Raises:
+            LookupError: where there is none on the page.
+        """
+        for element in self.elements.values():
+            found = getattr(element, str(element.WhichOneof("type")), None)
+            named = str(getattr(found, "id", ""))
+            if named and (named.endswith(f"-{key}") or getattr(found, "label", "") == key):
+                return found
+        raise LookupError(f"{key}: not on the page; {'; '.join(self.texts())[:500]}")
+
+    def texts(self) -> list[str]:
+        """What is written on the page."""
+        kinds = ("markdown", "alert", "heading", "text", "exception")
+        found = (getattr(e, str(e.WhichOneof("type")), None) for e in self.elements.values()
+                 if e.WhichOneof("type") in kinds)  # fmt: skip
+        return [getattr(one, "body", "") or getattr(one, "message", "") for one in found]
+
+    def _type(self, key: str, value: float | str | bool) -> None:
+        state = WidgetState(id=self.widget(key).id)
+        if isinstance(value, bool):
+            state.bool_value = value
+        elif isinstance(value, str):
+            state.string_value = value
+        else:
+            state.double_value = value
+        self._states[state.id] = state
+
+    def _message(self) -> BackMsg:
+        """A run of the present page with what was typed."""
+        message = BackMsg()
+        message.rerun_script.page_script_hash = self._page
+        message.rerun_script.widget_states.widgets.extend(self._states.values())
+        return message
+
+    async def _run(self, message: BackMsg) -> Seconds:
+        """Send it and wait until the script has run to its end."""
+        began = time.perf_counter()
+        state = message.rerun_script
+        state.query_string = f"session={self.session}" if self.session else ""
+        await self._send(message)
+        while True:
+            answer = await self._receive()
+            if answer.WhichOneof("type") == "script_finished":
+                if answer.script_finished != ForwardMsg.FINISHED_EARLY_FOR_RERUN:
+                    return time.perf_counter() - began
+
+    async def _send(self, message: BackMsg) -> None:
+        assert self._socket
+        await self._socket.send(message.SerializeToString())
+
+    async def _receive(self) -> ForwardMsg:
+        """The next message, after it has changed what stands on the page."""
+        assert self._socket
+        message = ForwardMsg()
+        message.ParseFromString(await asyncio.wait_for(self._socket.recv(decode=False), PATIENCE))
+        match message.WhichOneof("type"):
+            case "new_session":
+                self._begin(message.new_session, bool(message.metadata.run.fragment_ids))
+            case "delta":
+                self._draw(tuple(message.metadata.delta_path), message.delta)
+            case "auto_rerun":
+                self._polled[message.auto_rerun.fragment_id] = message.auto_rerun.interval
+            case "stop_auto_rerun":
+                for fragment in message.stop_auto_rerun.fragment_ids:
+                    self._polled.pop(fragment, None)
+            case "page_info_changed":
+                query = message.page_info_changed.query_string
+                fields = dict(part.partition("=")[::2] for part in query.split("&"))
+                self.session = fields.get("session", self.session)
+        return message
+
+    def _begin(self, session: Any, of_fragment: bool) -> None:
+        self._server_session = session.initialize.session_id or self._server_session
+        self._pages |= {
+            page.page_name.replace("_", " ") or "Home": page.page_script_hash
+            for page in session.app_pages
+        }
+        self._page = session.page_script_hash
+        if not of_fragment:
+            self.elements.clear()
+            self._polled.clear()
+
+    def _draw(self, place: tuple[int, ...], delta: Any) -> None:
+        if delta.WhichOneof("type") != "new_element":
+            for inner in [one for one in self.elements if one[: len(place)] == place]:
+                del self.elements[inner]
+            return
+        self.elements[place] = delta.new_element
+        if delta.new_element.WhichOneof("type") == "exception":
+            fault = delta.new_element.exception
+            self.faults.append(f"{fault.type}: {fault.message}")
+
+    def _put(self, url: str, name: str, content: bytes) -> None:
+        base = urlsplit(self.address)._replace(path="").geturl()
+        with requests.Session() as session:
+            session.get(f"{base}/_stcore/health", timeout=PATIENCE)
+            token = session.cookies.get(XSRF, "")
+            headers = {"X-Xsrftoken": token} if token else {}
+            answer = session.put(
+                f"{base}{url}", files={name: (name, content)}, headers=headers, timeout=PATIENCE
+            )
+        with suppress(ValueError):
+            answer.raise_for_status()

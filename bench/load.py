@@ -1,0 +1,237 @@
+"""`python -m bench.load --users 20`: many users on one server, each with a recording of its own.
+
+Every user uploads a recording, chooses a window and a seed, trains, looks at Stability, Platoon and
+Compare, and saves a snapshot; all at the same time, by the messages that a browser sends (without
+the work of drawing that a browser does). Printed are how long the pages took, what went wrong,
+whether each saved result is the one that the same request gives without the app, to the last digit,
+and the server's memory, threads and files: before, at the end, and after the sessions have ended.
+
+With `--journeys 10` each user begins anew so often, with another window each time, and a line is
+printed after every round: what is not given back grows from line to line.
+"""
+
+import argparse
+import asyncio
+import os
+import statistics
+import sys
+import tempfile
+import time
+from collections import defaultdict
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import psutil
+
+from accpinn.inference.intervals import intervals
+from accpinn.methods.pinn.config import FAST
+from accpinn.methods.registry import METHODS
+from accpinn.recordings.openacc import read
+from accpinn.results.snapshot import Snapshot
+from accpinn.results.snapshot.saved import Library
+from accpinn.segment.cut import cut, default_vehicles
+from accpinn.units import Seconds
+from bench.browsing import Browser
+from bench.run import positive
+from tests.support.server import ROOT, Server, running
+
+SAMPLES = sorted((ROOT / "sample_data").glob("*.csv"))
+STEP = 10
+"""Rows by which the recordings of two users of one sample differ."""
+LENGTH: Seconds = 150.0
+LIGHT: Seconds = 2.0
+"""95 % of the page views that neither open a file nor train are to take less."""
+LEAVE: Seconds = 3.0
+"""After so long the server forgets a browser that has gone."""
+SETTLED: Seconds = 40.0
+"""After so long it has collected its garbage, too."""
+
+
+@dataclass(frozen=True)
+class Request:
+    """What one user asks for."""
+
+    name: str
+    """Of the recording, and of the snapshot."""
+    content: bytes
+    start: Seconds
+    seed: int
+
+    @classmethod
+    def of(cls, user: int, journey: int = 0) -> "Request":
+        """That of a user: a sample without its first rows, as nobody else has it."""
+        sample = SAMPLES[user % len(SAMPLES)]
+        lines = sample.read_bytes().splitlines(keepends=True)
+        first = next(k for k, line in enumerate(lines) if line.startswith(b"Time")) + 1
+        content = b"".join(lines[:first] + lines[first + STEP * (user + 1) :])
+        return cls(f"user_{user}_{journey}.csv", content, 10.0 * (journey % 5), user)
+
+    def agrees(self, found: Snapshot) -> bool:
+        """Whether a snapshot holds what the same request gives without the app."""
+        recording = read(self.content, self.name)
+        segment = cut(recording, self.start, LENGTH, default_vehicles(recording))
+        fit = METHODS["pinn"].fit(segment, "II", replace(FAST, seed=self.seed))
+        expected, uncertainty = intervals(segment, fit), found.uncertainty
+        return (
+            found.info == segment.info
+            and found.fit.parameters == fit.parameters
+            and uncertainty is not None
+            and expected is not None
+            and np.array_equal(uncertainty.lower.values, expected.lower.values, equal_nan=True)
+            and np.array_equal(uncertainty.upper.values, expected.upper.values, equal_nan=True)
+        )
+
+
+@dataclass(frozen=True)
+class State:
+    """What a server holds."""
+
+    megabytes: float
+    threads: int
+    files: int
+    """Open ones, connections included."""
+    seconds: Seconds
+    """Of processor time so far."""
+    temporary: int
+    """Files left in the folder for temporary ones."""
+
+    @classmethod
+    def of(cls, server: Server, place: Path) -> "State":
+        """That of a running server."""
+        process = psutil.Process(server.process.pid)
+        times = process.cpu_times()
+        return cls(
+            process.memory_info().rss / 1e6, process.num_threads(), process.num_fds(),
+            times.user + times.system, sum(1 for path in place.rglob("*") if path.is_file()),
+        )  # fmt: skip
+
+    def __str__(self) -> str:
+        """In one line."""
+        return (
+            f"{self.megabytes:6.0f} MB, {self.threads} threads, {self.files} open files,"
+            f" {self.temporary} temporary files, processor {self.seconds:.1f} s"
+        )
+
+
+class Load:
+    """Users of one server, and how long its pages took."""
+
+    def __init__(self, server: Server) -> None:
+        """Nobody is there yet."""
+        self.server = server
+        self.taken: dict[str, list[Seconds]] = defaultdict(list)
+        """Seconds by page; those of light views begin with a page's name."""
+        self.faults: list[str] = []
+
+    async def journeys(self, users: int, journey: int = 0) -> None:
+        """That of all users at once."""
+        requests = [Request.of(user, journey) for user in range(users)]
+        done = await asyncio.gather(*map(self._journey, requests), return_exceptions=True)
+        self.faults += [f"{type(fault).__name__}: {fault}" for fault in done if fault]
+
+    async def _journey(self, asked: Request) -> None:
+        browser = Browser(self.server.address)
+        try:
+            self._note("first page", await browser.open())
+            self._note("upload", await browser.upload("data_upload", asked.name, asked.content))
+            self._note("window", await browser.set("data_start", asked.start))
+            self._note("window", await browser.set("data_length", LENGTH))
+            await self._look(browser, "Train")
+            await browser.set("train_options", True)
+            self._note("Train, an option", await browser.set("train_fast_seed", asked.seed))
+            began = time.perf_counter()
+            await browser.press("train_start")
+            for page in ("Data", "Snapshots", "Train"):  # a glance elsewhere meanwhile
+                await self._look(browser, page)
+            while await browser.poll():
+                pass
+            self._note("training with its queue", time.perf_counter() - began)
+            for page in ("Stability", "Platoon", "Compare", "Data", "Train", "Snapshots"):
+                await self._look(browser, page)
+            self._note("saving", await browser.press("Save", snapshots_name=asked.name))
+            await self._look(browser, "Home")
+            self.faults += browser.faults
+        finally:
+            await browser.close()
+
+    async def _look(self, browser: Browser, page: str) -> None:
+        self._note(page, await browser.go(page))
+
+    def _note(self, what: str, seconds: Seconds) -> None:
+        self.taken[what].append(seconds)
+
+    @property
+    def light(self) -> list[Seconds]:
+        """Of the views that neither open a file nor train."""
+        return [t for what, taken in self.taken.items() if what[0].isupper() for t in taken]
+
+
+def percentile(values: list[Seconds]) -> Seconds:
+    """The 95th."""
+    return float(np.percentile(values, 95))
+
+
+def wrong_results(folder: Path, users: int, journeys: int) -> list[str]:
+    """What is missing among the saved results, twice there, or not what the request gives."""
+    library = Library(folder)
+    saved = defaultdict(list)
+    for entry in library.entries():
+        saved[entry.name].append(entry)
+    found = []
+    for asked in (Request.of(user, j) for j in range(journeys) for user in range(users)):
+        entries = saved.pop(asked.name, [])
+        if len(entries) != 1:
+            found.append(f"{asked.name}: saved {len(entries)} times")
+        elif not asked.agrees(library.open(entries[0].id)):
+            found.append(f"{asked.name}: not as without the app")
+    return found + [f"{name}: nobody asked for it" for name in saved]
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Print the figures; exit status 1 where a result is wrong, lost, or pages were too slow."""
+    parser = argparse.ArgumentParser(prog="python -m bench.load", description=__doc__)
+    parser.add_argument("--users", type=positive, default=20, help="at the same time (20)")
+    parser.add_argument("--journeys", type=positive, default=1, help="of each, in turn (1)")
+    options = parser.parse_args(arguments)
+    users, journeys = options.users, options.journeys
+    with tempfile.TemporaryDirectory() as name:
+        place = Path(name)
+        temporary = place / "tmp"
+        temporary.mkdir()
+        os.environ["TMPDIR"] = str(temporary)  # of the server
+        began = time.perf_counter()
+        with running(
+            place / "cache", place / "log",
+            options=[f"--server.disconnectedSessionTTL={LEAVE:.0f}"],
+        ) as server:  # fmt: skip
+            load = Load(server)
+            asyncio.run(_visit(server))
+            print(f"first page {time.perf_counter() - began:.1f} s after the start")
+            print(f"before     {State.of(server, temporary)}", flush=True)
+            for journey in range(journeys):
+                asyncio.run(load.journeys(users, journey))
+                print(f"round {journey + 1:<4} {State.of(server, temporary)}", flush=True)
+            time.sleep(SETTLED)
+            print(f"left       {State.of(server, temporary)}")
+        wrong = wrong_results(place / "snapshots", users, journeys)
+        crashes = [line for line in (place / "log").read_text().splitlines() if "Error" in line]
+    for what, taken in load.taken.items():
+        print(f"{what:24} {len(taken):4} times, median {statistics.median(taken):6.2f} s,"
+              f" 95 % {percentile(taken):6.2f} s")  # fmt: skip
+    print(f"light page views: 95 % within {percentile(load.light):.2f} s (at most {LIGHT:g})")
+    print(f"results: {users * journeys - len(wrong)} of {users * journeys} as without the app")
+    for fault in (*wrong, *load.faults, *crashes):
+        print(fault)
+    return int(bool(wrong or load.faults or crashes) or percentile(load.light) > LIGHT)
+
+
+async def _visit(server: Server) -> None:
+    """One look at the first page."""
+    browser = Browser(server.address)
+    await browser.open()
+    await browser.close()
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,91 @@
+"""Who uses the app: one signed in through the server's provider, or anyone where there is none.
+
+Signing in is Streamlit's own (OpenID Connect): it is on where `.streamlit/secrets.toml` has a
+section `[auth]`; see docs/security.md. Without it nothing is asked, and sessions are told apart by
+their secret names alone.
+"""
+
+import os
+from dataclasses import dataclass
+from hashlib import sha256
+
+import streamlit as st
+from streamlit import config
+
+USERS_VARIABLE = "ACCPINN_USERS"
+"""Environment variable that names who may use the app, as "ann@lab.org, @school.edu"; all whom the
+provider signs in where it is not set."""
+ADMINS_VARIABLE = "ACCPINN_ADMINS"
+"""Environment variable that names, likewise, who may delete what others saved."""
+USER = "user"
+"""The entry in Streamlit's session state."""
+LOOPBACK = ("localhost", "127.0.0.1", "::1")
+
+
+@dataclass(frozen=True)
+class User:
+    """Who uses a page."""
+
+    is_asked: bool = False
+    """Whether the server asks its users to sign in."""
+    is_signed_in: bool = False
+    name: str = ""
+    """The verified e-mail address, else the provider's own name of the user; empty for nobody."""
+
+
+def recognise() -> User:
+    """Who sends this run of the page; what is asked below is answered for that user."""
+    claims = st.user.to_dict()
+    signed_in = bool(claims.get("is_logged_in"))
+    name = str(claims.get("email") or "").strip().lower()
+    if not (name and str(claims.get("email_verified", True)).lower() == "true"):
+        name = f"{claims.get('iss', '')} {claims.get('sub', '')}".strip()
+    found = User("is_logged_in" in claims, signed_in, name if signed_in else "")
+    st.session_state[USER] = found
+    return found
+
+
+def user() -> User:
+    """The same, as this run recognised it; Streamlit would read its settings at every question."""
+    found = st.session_state.get(USER)
+    return found if isinstance(found, User) else User()
+
+
+def is_asked() -> bool:
+    """Whether this server asks its users to sign in."""
+    return user().is_asked
+
+
+def identity() -> str:
+    """Who is signed in; empty where nobody is, or nobody is asked."""
+    return user().name
+
+
+def mark() -> str:
+    """What the names of this user's sessions begin with; empty where nobody is asked."""
+    return f"{sha256(identity().encode()).hexdigest()[:12]}-" if is_asked() else ""
+
+
+def is_admin() -> bool:
+    """Whether the user may delete what others saved."""
+    return is_asked() and _is_named(ADMINS_VARIABLE)
+
+
+def is_shared() -> bool:
+    """Whether others than the person at this computer can reach the server by themselves."""
+    return str(config.get_option("server.address") or "") not in LOOPBACK
+
+
+def may_use() -> bool:
+    """Whether the one who is signed in is among those for whom the server is."""
+    if not identity():
+        return False
+    return not os.environ.get(USERS_VARIABLE) or _is_named(USERS_VARIABLE) or is_admin()
+
+
+def _is_named(variable: str) -> bool:
+    """Whether the variable names the user's address, or its domain as "@school.edu"."""
+    named = {part.strip().lower() for part in os.environ.get(variable, "").split(",")} - {""}
+    who = identity()
+    local, at, domain = who.rpartition("@")
+    return who in named or bool(local and at and f"@{domain}" in named)

@@ -1,0 +1,210 @@
+"""What a stranger can do: who is let in, whose sessions and snapshots are whose, and limits."""
+
+import gc
+from pathlib import Path
+from typing import Any
+
+import pytest
+from streamlit import config
+from streamlit.testing.v1 import AppTest
+
+from accpinn.recordings.openacc import read
+from pages.ui.session import identity, owners, sessions
+from pages.ui.session.resources import library, store
+from pages.ui.session.sessions import KEPT_WORKSPACES, Workspaces
+from tests.support.apptest import (
+    HOME,
+    PAGES,
+    ROOT,
+    SNAPSHOTS,
+    fitted,
+    open_page,
+    press,
+    texts,
+    with_sample,
+    workspace_of,
+)
+from tests.support.openacc_files import csv, platoon
+
+pytestmark = pytest.mark.usefixtures("fresh_server")
+
+ANN = {"is_logged_in": True, "email": "Ann@lab.org", "email_verified": True, "sub": "1"}
+BOB = {"is_logged_in": True, "email": "bob@school.edu", "sub": "2"}
+
+
+def page_of(user: dict[str, Any], path: str = HOME, **address: str) -> AppTest:
+    """A page as that user's browser opens it, on a server that asks who one is."""
+    page = AppTest.from_file(str(ROOT / HOME), default_timeout=60)
+    if path != HOME:
+        page.switch_page(path)
+    page.user = user
+    for name, value in address.items():
+        page.query_params[name] = value
+    page.run()
+    assert not page.exception, page.exception
+    return page
+
+
+def buttons(page: AppTest) -> set[str]:
+    return {str(button.key) for button in page.button}
+
+
+class TestSignIn:
+    @pytest.mark.parametrize("path", [HOME, SNAPSHOTS])
+    def test_nothing_is_shown_and_no_session_begins_before(self, path: str) -> None:
+        page = page_of({"is_logged_in": False}, path, session=with_sample().id)
+        assert buttons(page) == {"sign_in"}
+        assert "synthetic" not in texts(page)
+
+    def test_a_session_is_opened_by_its_own_user_only(self) -> None:
+        own = workspace_of(page_of(ANN))
+        assert workspace_of(page_of(ANN, session=own.id)) is own
+        assert workspace_of(page_of(BOB, session=own.id)) is not own
+        (store().folder / "runs" / own.id).mkdir(parents=True)
+        sessions.workspaces.clear()
+        assert workspace_of(page_of(BOB, session=own.id)).id != own.id
+        assert workspace_of(page_of(ANN, session=own.id)).id == own.id, "as before a restart"
+
+    @pytest.mark.parametrize(
+        ("named", "user", "admitted"),
+        [
+            ("", BOB, True),
+            ("ann@lab.org, @school.edu", ANN, True),
+            ("ann@lab.org, @school.edu", BOB, True),
+            ("ann@lab.org", BOB, False),
+            ("@lab.org", ANN | {"email_verified": False}, False),
+            ("@lab.org", ANN | {"email": "x@evil.lab.org"}, False),
+            ("@lab.org", {"is_logged_in": True}, False),
+        ],
+    )
+    def test_who_is_named_is_admitted(
+        self, monkeypatch: pytest.MonkeyPatch, named: str, user: dict[str, Any], admitted: bool
+    ) -> None:
+        monkeypatch.setenv(identity.USERS_VARIABLE, named)
+        page = page_of(user)
+        assert (len(buttons(page)) > 1) is admitted
+        assert "sign_out" in buttons(page)
+
+
+class TestDeletion:
+    def delete_key(self) -> str:
+        return f"snapshots_delete_{library().entries()[0].id}"
+
+    def test_on_this_computer_alone_anyone_may(self) -> None:
+        press(open_page(SNAPSHOTS, fitted()), "Save")
+        assert self.delete_key() in buttons(open_page(SNAPSHOTS))
+
+    def test_on_a_shared_server_only_the_session_that_saved_may(
+        self, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        monkeypatch.setattr(identity, "is_shared", lambda: True)
+        own = fitted()
+        press(open_page(SNAPSHOTS, own), "Save")
+        own.viewed = ""
+        assert self.delete_key() not in buttons(open_page(SNAPSHOTS))
+        page = press(open_page(SNAPSHOTS, own), self.delete_key())
+        assert not library().entries()
+        press(page, "snapshots_undo_button")
+        assert self.delete_key() in buttons(open_page(SNAPSHOTS, own))
+
+    def test_with_sign_in_the_user_and_an_administrator_may(
+        self, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        page = page_of(ANN, SNAPSHOTS)
+        own = workspace_of(page)
+        source = fitted()
+        own.recording, own.segment, own.training = source.recording, source.segment, source.training
+        press(page.run(), "Save")
+        assert self.delete_key() in buttons(page_of(ANN, SNAPSHOTS)), "in another session"
+        assert self.delete_key() not in buttons(page_of(BOB, SNAPSHOTS))
+        monkeypatch.setenv(identity.ADMINS_VARIABLE, "bob@school.edu")
+        assert self.delete_key() in buttons(page_of(BOB, SNAPSHOTS))
+
+    def test_a_server_is_shared_unless_it_listens_to_this_computer_alone(self) -> None:
+        before = config.get_option("server.address")
+        try:
+            for address, shared in (("localhost", False), ("0.0.0.0", True), ("", True)):
+                config.set_option("server.address", address)
+                assert identity.is_shared() is shared
+        finally:
+            config.set_option("server.address", before)
+
+
+class TestLimits:
+    def test_one_session_cannot_fill_the_library(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        monkeypatch.setattr(owners, "SAVED_PER_HOUR", 1)
+        found = fitted()
+        press(open_page(SNAPSHOTS, found), "Save")
+        found.viewed = ""
+        page = press(open_page(SNAPSHOTS, found), "Save")
+        assert len(library().entries()) == 1
+        assert "within an hour" in texts(page)
+
+    def test_empty_sessions_end_nobodys_work(self) -> None:
+        kept = Workspaces()
+        at_work = kept.new()
+        at_work.open(read(csv(platoon()), "run.csv"))
+        for _ in range(2 * KEPT_WORKSPACES):
+            last = kept.new()
+        assert kept.find(at_work.id) is at_work
+        assert kept.find(last.id) is last
+
+    def test_who_fills_memory_with_recordings_loses_and_others_do_not(
+        self, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        runs = [read(csv(platoon(samples=400 + k)), f"{k}.csv") for k in range(3)]
+        monkeypatch.setattr(sessions, "KEPT_BYTES", 3.5 * runs[0].nbytes)
+        kept = Workspaces()
+        modest, greedy = kept.new(), kept.new()
+        modest.open(runs[0])
+        for run in runs:
+            greedy.open(run)
+        assert kept.find(greedy.id) is greedy
+        assert kept.find(modest.id) is modest
+        assert (len(greedy.opened), greedy.recording) == (1, runs[-1])
+        monkeypatch.setattr(sessions, "KEPT_BYTES", 1)
+        assert kept.find(modest.id) is modest, "whoever works goes on"
+        assert kept.find(greedy.id) is None
+
+
+class TestAddresses:
+    @pytest.mark.parametrize(
+        "name", ["../../etc/passwd", "a" * 5000, "\x00", "/etc/passwd", "é" * 30]
+    )
+    def test_hostile_names_open_nothing_and_make_no_file(self, name: str, tmp_path: Path) -> None:
+        before = sorted(tmp_path.rglob("*"))
+        page = open_page(HOME, session=name, snapshot=name)
+        assert workspace_of(page).id != name
+        assert {*tmp_path.rglob("*")} - {*before} <= {store().folder}
+
+    def test_one_sessions_upload_is_in_no_other(self) -> None:
+        one, other = sessions.workspaces().new(), sessions.workspaces().new()
+        one.open(read(csv(platoon()), "../<b>secret</b>\r\nSet-Cookie: x.csv"))
+        assert "secret" in texts(open_page(HOME, one))
+        for path in PAGES:
+            assert "secret" not in texts(open_page(path, other))
+
+
+def test_settings_that_protect_are_on() -> None:
+    assert config.get_option("server.enableXsrfProtection") is True
+    assert config.get_option("server.enableCORS") is True
+    assert config.get_option("server.enableStaticServing") is False
+    assert config.get_option("server.maxUploadSize") <= 50
+
+
+def test_no_page_waits_for_a_full_garbage_collection() -> None:
+    """It takes longer than the page itself, and holds up all other sessions."""
+    full: list[int] = []
+
+    def note(phase: str, info: dict[str, int]) -> None:
+        if phase == "start" and info["generation"] == 2:
+            full.append(1)
+
+    gc.disable()
+    gc.callbacks.append(note)
+    try:
+        open_page(HOME)
+    finally:
+        gc.callbacks.remove(note)
+        gc.enable()
+    assert not full

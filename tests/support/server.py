@@ -1,0 +1,73 @@
+"""The app as a process of its own."""
+
+import os
+import socket
+import subprocess
+import sys
+import urllib.error
+import urllib.request
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+ROOT = Path(__file__).parents[2]
+
+
+@dataclass(frozen=True)
+class Server:
+    """A running app."""
+
+    address: str
+    """As "http://127.0.0.1:8501"."""
+    process: "subprocess.Popen[bytes]"
+
+
+@contextmanager
+def running(
+    cache: Path, log: Path, recordings: Path | None = None, options: Sequence[str] = ()
+) -> Iterator[Server]:
+    """An app with an empty cache; its snapshots lie beside that.
+
+    Args:
+        cache: the folder of results and checkpoints.
+        log: what it prints.
+        recordings: a folder it offers.
+        options: of the server, as "--server.disconnectedSessionTTL=1".
+    """
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        port = free.getsockname()[1]
+    environment = os.environ | {"ACCPINN_CACHE": str(cache), "OMP_NUM_THREADS": "1"}
+    environment["ACCPINN_SNAPSHOTS"] = str(cache.with_name("snapshots"))
+    environment.pop("ACCPINN_RECORDINGS", None)
+    if recordings:
+        environment["ACCPINN_RECORDINGS"] = str(recordings)
+    command = [sys.executable, "-m", "streamlit", "run", "app.py", f"--server.port={port}"]
+    with log.open("w") as output:
+        process = subprocess.Popen(
+            [*command, "--server.headless=true", "--server.address=127.0.0.1", *options],
+            cwd=ROOT, env=environment, stdout=output, stderr=subprocess.STDOUT,
+        )  # fmt: skip
+        try:
+            address = f"http://127.0.0.1:{port}"
+            _await_health(process, address, log)
+            yield Server(address, process)
+        finally:
+            process.terminate()
+            process.wait(10)
+
+
+def _await_health(process: "subprocess.Popen[bytes]", address: str, log: Path) -> None:
+    for _ in range(300):
+        try:
+            with urllib.request.urlopen(f"{address}/_stcore/health", timeout=5):
+                return
+        except (urllib.error.URLError, ConnectionError):
+            pass
+        try:
+            process.wait(0.1)
+        except subprocess.TimeoutExpired:
+            continue
+        break
+    raise AssertionError(f"the app did not start:\n{log.read_text()}")
