@@ -242,8 +242,9 @@ def parameters_rest_on(verification: Verification, about: Labelled) -> str:
         return summary(verification, about)
     if verification.refitted:
         return "Refitted: α, β, τ agree."
-    why = next(one for one in verification.unchecked if one.kind in UNREFITTED)
-    return f"Not refitted: α, β, τ are only told. Not checked: {message(why, about)}."
+    why = [one for one in verification.unchecked if one.kind in UNREFITTED][:1]
+    said = "; ".join(messages(why, about))
+    return f"Not refitted: α, β, τ are only told. Not checked: {said}." if why else ""
 
 
 def _agreeing(way: Way, names: dict[str, bool]) -> str:
