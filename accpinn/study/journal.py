@@ -146,10 +146,21 @@ class Journal:
     ) -> None:
         """Make the files, and let others write."""
         try:
-            self.publish()
-        finally:
+            if not isinstance(fault, RecordingError):  # else nothing can be written
+                self.publish()
             self._file.close()
+        except OSError as error:
+            raise self._unwritten(error) from None
+        finally:
+            with suppress(OSError):  # what it still holds is lost, as was said
+                self._file.close()
             self._lock.release()
+
+    def _unwritten(self, fault: OSError) -> RecordingError:
+        return RecordingError(
+            f"{self.folder}: it cannot be written ({fault.strerror}); free some space, and give the"
+            " same call again, which goes on from here."
+        )
 
     def add(self, kind: str, key: str, **content: Any) -> None:
         """Write one line, so that it survives the end of this process.
@@ -158,10 +169,16 @@ class Journal:
             kind: "recording", "plan", "result", "pooled", "failure" or "recovered".
             key: what the line is about; a later one with the same key takes its place.
             content: the rest.
+
+        Raises:
+            RecordingError: where the disk is full, or the folder gone.
         """
         line = {"kind": kind, "key": key} | content
-        self._file.write(json.dumps(line, ensure_ascii=False, allow_nan=False) + "\n")
-        self._file.flush()  # to the system, which outlives this process
+        try:
+            self._file.write(json.dumps(line, ensure_ascii=False, allow_nan=False) + "\n")
+            self._file.flush()  # to the system, which outlives this process
+        except OSError as fault:
+            raise self._unwritten(fault) from None
         _take(self.known, line)
 
     def publish(self) -> None:
