@@ -32,6 +32,13 @@ app: $(VENV)/app.stamp  ## install what is missing, start the app and print its 
 test: $(VENV)/dev.stamp  ## run all tests (real recordings: set OPENACC_DIR; browser: needs Chromium)
 	@OMP_NUM_THREADS=1 $(BIN)/python -m pytest -q -n $(WORKERS) --dist loadfile --no-loadscope-reorder --durations=10 $(ARGS)
 
+# Findings are kept in fuzz_findings, each with the call that repeats it.
+MINUTES ?= 2
+
+.PHONY: fuzz
+fuzz: $(VENV)/dev.stamp  ## hand over hostile files, links and command lines for MINUTES=2
+	@OMP_NUM_THREADS=1 $(BIN)/python -m tests.fuzz --minutes $(MINUTES) $(ARGS)
+
 .PHONY: check
 check: $(VENV)/dev.stamp  ## lint, formatting, types and the direction of imports
 	@$(BIN)/ruff check .

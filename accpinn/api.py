@@ -28,7 +28,7 @@ from accpinn.recordings.recording import Recording
 from accpinn.results.snapshot import Snapshot, create
 from accpinn.results.snapshot.archive import load
 from accpinn.results.snapshot.saved import save, writable_path, write_whole
-from accpinn.results.snapshot.verification import Verification
+from accpinn.results.snapshot.verification import PATIENCE, Verification
 from accpinn.results.snapshot.verification import verify as verify_snapshot
 from accpinn.segment.cut import DURATION, parse_vehicles
 from accpinn.segment.quality import exclude_regimes, label_regimes, parse_regimes
@@ -183,18 +183,23 @@ def fit(
 def verify(
     content: str | os.PathLike[str] | bytes,
     recording: str | os.PathLike[str] | Recording | None = None,
+    *,
+    refit_within: Seconds = PATIENCE,
 ) -> Verification:
-    """Read a snapshot, compute its results anew and compare.
+    """Read a snapshot, compute its results anew, run its methods again and compare.
 
     Args:
         content: the file's path, or its bytes.
         recording: the CSV file of its data, or what `read` made of it; needed where the data are
             not in the snapshot.
+        refit_within: how many seconds running its methods again may be expected to take; 0 for
+            none, infinity for all.
 
     Raises:
         AccpinnError: when one of them cannot be read.
     """
-    return verify_snapshot(load(content), None if recording is None else _recording(recording))
+    source = None if recording is None else _recording(recording)
+    return verify_snapshot(load(content), source, refit_within=refit_within)
 
 
 def _recording(source: str | os.PathLike[str] | Recording) -> Recording:

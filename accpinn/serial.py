@@ -95,7 +95,7 @@ class _Encoder:
             raise ValueError(f"{path} is beyond all numbers")
         if value is None or isinstance(value, bool | int | str):
             return value
-        items = {name: self.tree(item, _join(path, name)) for name, item in _items(value)}
+        items = {name: self.tree(item, join(path, name)) for name, item in _items(value)}
         return list(items.values()) if isinstance(value, list | tuple) else items
 
     def _array(self, values: NDArray[Any], path: str) -> Any:
@@ -123,7 +123,10 @@ def _items(value: Any) -> Iterator[tuple[str, Any]]:
         yield from ((field.name, getattr(value, field.name)) for field in fields(value))
 
 
-def _join(path: str, name: str) -> str:
+def join(path: str, name: str) -> str:
+    """The place of what has that name at a place; either may be empty."""
+    if not name:
+        return path
     return f"{path}.{name}" if path else name
 
 
@@ -173,7 +176,7 @@ def flatten(tree: Any, path: str = "") -> Iterator[tuple[str, Any]]:
     """The leaves of a tree of plain values with their places."""
     if isinstance(tree, dict | list):
         for name, item in _items(tree):
-            yield from flatten(item, _join(path, name))
+            yield from flatten(item, join(path, name))
     else:
         yield path, tree
 
@@ -232,7 +235,7 @@ def check_shapes(
     own = dict(sizes)
     names = [kind.__name__ for kind in type(value).__mro__]
     for name, item in () if isinstance(value, Parameters) else _items(value):
-        place = _join(path, name)
+        place = join(path, name)
         for shape in (shapes.get(f"{kind}.{name}") for kind in names):
             if shape and item is not None and (fault := shape.fault(item, own)):
                 raise ValueError(f"{place} {fault}")

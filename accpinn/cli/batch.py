@@ -12,7 +12,7 @@ from tqdm import tqdm
 
 from accpinn.cli.estimation import interruptible
 from accpinn.cli.options import PARAMETER_NAMES, fields
-from accpinn.cli.output import print_json, show, show_result
+from accpinn.cli.output import print_json, progress, show, show_result
 from accpinn.cli.recording import add_json_option
 from accpinn.errors import ConfigError
 from accpinn.inference.intervals import LEVEL
@@ -25,7 +25,7 @@ from accpinn.segment.cut import DURATION
 from accpinn.study.batch import BatchProgress, BatchSummary, batch
 from accpinn.study.comparison import parse_methods
 from accpinn.study.groups import BY, GROUPABLE, Groups, Share, Typical, group, read_study
-from accpinn.study.journal import FAILURES, RESULTS, read_pooled
+from accpinn.study.journal import FAILURES, JOURNAL, RESULTS, damaged_lines, read_pooled
 
 ALL = "all"
 KEYS = (
@@ -75,6 +75,11 @@ def run_batch(options: argparse.Namespace) -> int:
     return 130 if found.stopped else 0
 
 
+def _damage(lines: int) -> str:
+    many = "1 line of {} is damaged" if lines == 1 else f"{lines} lines of {{}} are damaged"
+    return many.format(JOURNAL)
+
+
 def _seconds(text: str) -> float:
     if text == ALL:
         return math.inf
@@ -117,6 +122,8 @@ def _batch_text(found: BatchSummary, out: str) -> str:
             f"Note: {found.refused} files could not be read and {found.failed} estimates failed;"
             f" {FAILURES} says why."
         )
+    if damaged := damaged_lines(Path(out)):
+        lines.append(f"Note: {_damage(damaged)}; what was there is computed again.")
     if found.unknown_names:
         listed = ", ".join(found.unknown_names)
         lines.append(f"Note: make and model stand as in the header for {listed}.")
@@ -147,6 +154,8 @@ def run_table(options: argparse.Namespace) -> int:
         else:
             show(FORMATS[options.format](pooled_table(rows, LEVEL)).rstrip("\n"))
         return 0
+    if damaged := damaged_lines(Path(options.study)):
+        progress(f"Note: {_damage(damaged)}; batch computes again what was there.")
     by = tuple(part.strip() for part in options.by.split(",") if part.strip())
     found = group(read_study(options.study), by, options.method, options.level)
     if options.json:

@@ -5,39 +5,57 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from accpinn.cli.output import complain, show, show_result
+from accpinn.cli.options import add_refit_options, chosen_patience
+from accpinn.cli.output import complain, progress, show, show_result
 from accpinn.cli.recording import add_json_option
 from accpinn.recordings.files import read
 from accpinn.results.messages import message
-from accpinn.results.messages.snapshot import check_rows, summary
+from accpinn.results.messages.snapshot import (
+    WAYS,
+    check_rows,
+    refitting,
+    rests_on,
+    standing_rows,
+    summary,
+)
 from accpinn.results.snapshot import SUFFIX, Snapshot
 from accpinn.results.snapshot.archive import load
 from accpinn.results.snapshot.saved import writable_path, write_whole
-from accpinn.results.snapshot.verification import Verification, recover, verify
+from accpinn.results.snapshot.verification import (
+    PATIENCE,
+    PROMPT,
+    Verification,
+    recover,
+    verify,
+)
 from accpinn.results.tables.table import Column, Table
+from accpinn.units import Seconds
 
 
 def add_verify_options(parser: argparse.ArgumentParser) -> None:
     """Declare the options of `verify`."""
-    _add_snapshot(parser, "check the errors too, where the data are not in it")
-    parser.add_argument(
-        "--refit",
-        action="store_true",
-        help="run every method again on the data, as long as that took the first time",
+    _add_snapshot(
+        parser, "run the methods again and check the errors where it has no data", PATIENCE
     )
     add_json_option(parser)
 
 
-def _add_snapshot(parser: argparse.ArgumentParser, use: str) -> None:
+def _add_snapshot(parser: argparse.ArgumentParser, use: str, usual: Seconds) -> None:
     parser.add_argument("file", metavar="FILE", help="a snapshot (.accpinn.zip)")
     parser.add_argument("--recording", metavar="CSV", help=use)
+    add_refit_options(parser, usual)
 
 
 def run_verify(options: argparse.Namespace) -> int:
     """Check, and print stored beside recomputed; 1 when something does not match."""
     snapshot = load(options.file)
     recording = read(options.recording) if options.recording else None
-    result = verify(snapshot, recording, refit=options.refit)
+    result = verify(
+        snapshot,
+        recording,
+        refit_within=chosen_patience(options, PATIENCE),
+        on_refit=lambda name, seconds: progress(refitting(name, seconds)),
+    )
     show_result(options, _describe_verification, _verification_text, snapshot, result)
     return 0 if result.ok else 1
 
@@ -50,6 +68,8 @@ def _describe_verification(snapshot: Snapshot, result: Verification) -> dict[str
         "created": snapshot.created,
         "ok": result.ok,
         "sentence": summary(result, snapshot.info),
+        "rests_on": rests_on(result),
+        "figures": [row._asdict() for row in standing_rows(result.standings)],
         "checks": [row._asdict() for row in check_rows(result, snapshot.info)],
         "not_checked": [
             {"what": message(one, snapshot.info), "cure": one.cure} for one in result.unchecked
@@ -65,8 +85,10 @@ def _verification_text(snapshot: Snapshot, result: Verification) -> str:
         snapshot.created,
     ]
     checks = check_rows(result, info)
-    cells = tuple((c.name, "yes" if c.ok else "NO", c.stored, c.recomputed) for c in checks)
-    titles = ("What", "Agrees", "Stored", "Recomputed")
+    cells = tuple(
+        (c.name, WAYS[c.way], "yes" if c.ok else "NO", c.stored, c.recomputed) for c in checks
+    )
+    titles = ("What", "How", "Agrees", "Stored", "Found now")
     table = Table("", tuple(map(Column, titles)), cells)
     said = [f"{row.name}: {row.sentence}" for row in checks if not row.ok]
     if not said:
@@ -78,7 +100,7 @@ def _verification_text(snapshot: Snapshot, result: Verification) -> str:
 
 def add_report_options(parser: argparse.ArgumentParser) -> None:
     """Declare the options of `report`."""
-    _add_snapshot(parser, "draw its data too, where they are not in the snapshot")
+    _add_snapshot(parser, "draw its data too, where they are not in the snapshot", PROMPT)
     parser.add_argument("-o", "--out", metavar="HTML", help="where to (beside the snapshot)")
 
 
@@ -90,13 +112,14 @@ def run_report(options: argparse.Namespace) -> int:
     real = writable_path(place, "report")
     snapshot = load(options.file)
     recording = read(options.recording) if options.recording else None
-    checked = verify(snapshot, recording)
+    checked = verify(snapshot, recording, refit_within=chosen_patience(options, PROMPT))
     if recording and snapshot.segment is None:
         snapshot = replace(snapshot, segment=recover(snapshot, recording).segment)
     page = render_report(snapshot, checked)
     write_whole(page.encode(), real, "report")
     show(str(place))
     if checked.ok:
+        progress(rests_on(checked))
         return 0
     complain(
         "what the snapshot says does not follow from its contents."

@@ -2,11 +2,13 @@
 
 import argparse
 from collections.abc import Callable, Sequence
-from typing import Any
+from math import inf
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from accpinn.channels import PARAMETERS
+from accpinn.cli.output import complain, show_result
 from accpinn.cli.recording import add_json_option, add_recording, chosen_recording
 from accpinn.errors import ConfigError, SegmentError
 from accpinn.evaluation.closed_loop import TrackingErrors
@@ -25,7 +27,14 @@ from accpinn.segment.quality import (
     parse_regimes,
 )
 from accpinn.segment.segment import Segment
+from accpinn.units import Seconds
 
+if TYPE_CHECKING:
+    from accpinn.results.snapshot import Snapshot
+    from accpinn.results.snapshot.verification import Verification
+
+PROMPT: Seconds = 5.0
+"""How long running a method again may take that only comes before something else."""
 PARAMETER_NAMES = ("alpha", "beta", "tau")
 
 
@@ -83,7 +92,29 @@ def add_parameter_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--snapshot", metavar="FILE", help="take the estimated parameters of a snapshot instead"
     )
+    add_refit_options(parser, PROMPT)
     add_json_option(parser)
+
+
+def add_refit_options(parser: argparse.ArgumentParser, usual: Seconds) -> None:
+    """Declare whether a snapshot's methods are run again on its data.
+
+    Args:
+        parser: of the command.
+        usual: how long that may be expected to take without any option.
+    """
+    which = parser.add_mutually_exclusive_group()
+    which.add_argument(
+        "--refit",
+        action="store_true",
+        help=f"run the methods again on the data however long that takes (up to {usual:g} s)",
+    )
+    which.add_argument("--quick", action="store_true", help="run no method again")
+
+
+def chosen_patience(options: argparse.Namespace, usual: Seconds) -> Seconds:
+    """How long running the methods of a snapshot again may take."""
+    return inf if options.refit else 0.0 if options.quick else usual
 
 
 def _parsed(parse: Callable[[str], Any]) -> Callable[[str], Any]:
@@ -115,13 +146,18 @@ def chosen_context(options: argparse.Namespace) -> TaskContext:
     return TaskContext(None if options.no_cache else Store(), options.threads)
 
 
-def chosen_parameters(options: argparse.Namespace) -> Parameters:
-    """The parameter sets (V,) that the options give; see `chosen_vehicles`."""
-    return chosen_vehicles(options)[0]
+class Vehicles(NamedTuple):
+    """Vehicles given by their parameters, or by a snapshot."""
+
+    parameters: Parameters
+    """(V,)"""
+    snapshot: "Snapshot | None" = None
+    verification: "Verification | None" = None
+    """Of the snapshot's parameters."""
 
 
-def chosen_vehicles(options: argparse.Namespace) -> tuple[Parameters, Segment | None]:
-    """The parameter sets (V,) that the options give, and the data of a snapshot that has them.
+def chosen_vehicles(options: argparse.Namespace) -> Vehicles:
+    """The vehicles that the options give.
 
     Raises:
         ConfigError: when they are missing, given twice, or differ in number.
@@ -131,10 +167,14 @@ def chosen_vehicles(options: argparse.Namespace) -> tuple[Parameters, Segment | 
     if options.snapshot:
         if values:
             raise ConfigError(f"parameters: give --{next(iter(values))} or --snapshot, not both.")
-        from accpinn.results.snapshot.archive import load  # not needed for numbers given by hand
+        # Not needed for numbers given by hand.
+        from accpinn.results.snapshot.archive import load
+        from accpinn.results.snapshot.verification import verify_parameters
 
         snapshot = load(options.snapshot)
-        return snapshot.fit.parameters, snapshot.segment
+        within = chosen_patience(options, PROMPT)
+        checked = verify_parameters(snapshot, refit_within=within)
+        return Vehicles(snapshot.fit.parameters, snapshot, checked)
     missing = [f"--{name}" for name in PARAMETER_NAMES if name not in values]
     if missing:
         listed = " and ".join(missing)
@@ -143,7 +183,47 @@ def chosen_vehicles(options: argparse.Namespace) -> tuple[Parameters, Segment | 
     if len(set(counts.values())) > 1:
         listed = ", ".join(f"{count} of --{name}" for name, count in counts.items())
         raise ConfigError(f"parameters: {listed}; give as many of each as there are vehicles.")
-    return Parameters(*values.values()), None
+    return Vehicles(Parameters(*values.values()))
+
+
+def show_vehicles(
+    options: argparse.Namespace,
+    vehicles: Vehicles,
+    describe: Callable[..., dict[str, Any]],
+    text: Callable[..., str],
+    *result: Any,
+) -> int:
+    """Print what follows from vehicles, after what a snapshot's parameters rest on.
+
+    Args:
+        options: of the command.
+        vehicles: as the options give them.
+        describe: see `show_result`, as all others.
+        text: the result for people.
+        result: the arguments of both.
+
+    Returns:
+        The exit status: 1 where the snapshot does not agree with its own contents.
+    """
+    if vehicles.snapshot is None or vehicles.verification is None:
+        show_result(options, describe, text, *result)
+        return 0
+    from accpinn.results.messages.snapshot import parameters_rest_on
+
+    checked, info = vehicles.verification, vehicles.snapshot.info
+    said = parameters_rest_on(checked, info)
+    if any(one.cure == "--refit" for one in checked.unchecked):
+        said += " It is checked with --refit."
+    rests = {"snapshot": {"id": vehicles.snapshot.id, "ok": checked.ok, "rests_on": said}}
+    show_result(
+        options,
+        lambda *found: describe(*found) | rests,
+        lambda *found: f"{said}\n\n{text(*found)}",
+        *result,
+    )
+    if not checked.ok:
+        complain(f"the snapshot does not agree with its own contents. {said}")
+    return 0 if checked.ok else 1
 
 
 def describe_segment(segment: Segment) -> dict[str, Any]:

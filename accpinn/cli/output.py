@@ -79,6 +79,11 @@ def complain(sentence: str) -> None:
         print(f"error: {one_line(sentence)}", file=sys.stderr)
 
 
+def progress(sentence: str) -> None:
+    """Print what happens, or what a result rests on, as one line on standard error."""
+    print(one_line(sentence), file=sys.stderr, flush=True)
+
+
 def one_line(text: str) -> str:
     r"""What is not printable as its number: \u001b; inside JSON the same text to a reader."""
     return "".join(c if c.isprintable() or c in SPACES else json.dumps(c)[1:-1] for c in text)

@@ -7,11 +7,10 @@ from typing import Any
 from accpinn.cli.options import (
     PARAMETER_NAMES,
     add_parameter_options,
-    chosen_parameters,
     chosen_vehicles,
     fields,
+    show_vehicles,
 )
-from accpinn.cli.output import show_result
 from accpinn.errors import ConfigError, SegmentError
 from accpinn.model.cthp import Parameters
 from accpinn.model.published import ParameterSet
@@ -33,10 +32,10 @@ add_stability_options = add_parameter_options
 
 def run_stability(options: argparse.Namespace) -> int:
     """Assess vehicles one by one and together, and print the verdicts."""
-    parameters, segment = chosen_vehicles(options)
-    report = stability_report(parameters)
-    show_result(options, _describe_report, _report_text, report, parameters, segment)
-    return 0
+    given = chosen_vehicles(options)
+    report, segment = stability_report(given.parameters), given.snapshot and given.snapshot.segment
+    result = (report, given.parameters, segment)
+    return show_vehicles(options, given, _describe_report, _report_text, *result)
 
 
 def _describe_report(
@@ -124,9 +123,9 @@ def run_simulate(options: argparse.Namespace) -> int:
     leader = Sinusoid(
         options.frequency, options.amplitude, options.speed, options.settle, options.duration
     )
-    result = simulate_platoon(_platoon(chosen_parameters(options), options.vehicles), leader)
-    show_result(options, _describe_run, _run_text, result)
-    return 0
+    given = chosen_vehicles(options)
+    result = simulate_platoon(_platoon(given.parameters, options.vehicles), leader)
+    return show_vehicles(options, given, _describe_run, _run_text, result)
 
 
 def _platoon(parameters: Parameters, vehicles: int | None) -> Parameters:

@@ -16,6 +16,11 @@ from accpinn.segment.cut import MINIMUM_DURATION, WINDOWS_LISTED
 from accpinn.segment.segment import Segment
 from accpinn.units import FloatArray, Seconds, stretches
 
+TYPICAL_SAMPLES = 3001
+"""Of a window of 300 s."""
+FURTHER = 0.35
+"""Of the time of a method, the share that each further follower adds."""
+
 
 @dataclass(frozen=True)
 class TaskContext:
@@ -76,9 +81,22 @@ class Method:
     """Whether its trajectories are its closed-loop simulation and so no surrogate."""
     allows_missing: bool = False
     """Whether blocks of samples may be missing for longer than a straight line may bridge."""
+    duration: Callable[[Segment, Any], Seconds] | None = None
+    """How long it takes on a segment with settings, where that depends on these."""
     redraw: Callable[[Fit, FloatArray, Seconds], Trajectories] | None = None
     """The surrogate's curves at instants (N,) in s, from `Fit.arrays` alone, and the window's
     duration in s; None for a method whose curves cannot be drawn again."""
+
+    def expected_seconds(self, segment: Segment, settings: Any = None) -> Seconds:
+        """How long it takes on two cores, to within a factor of two or so.
+
+        Args:
+            segment: the data.
+            settings: of the method's own type; None for its defaults.
+        """
+        if self.duration:
+            return self.duration(segment, settings)
+        return self.typical_seconds * relative_size(segment)
 
     def fit(
         self,
@@ -102,6 +120,11 @@ class Method:
             raise _refusal(segment, self.title)
         context = context or TaskContext()
         return drive(self.run(segment, case, settings, context), context.on_progress)
+
+
+def relative_size(segment: Segment) -> float:
+    """How much longer methods take than on one follower over 300 s."""
+    return segment.samples / TYPICAL_SAMPLES * (1 + FURTHER * (segment.followers - 1))
 
 
 def _refusal(segment: Segment, title: str) -> SegmentError:

@@ -9,6 +9,7 @@ for a caller who has one. The folder has a cap; what was not used for the longes
 import io
 import os
 import tempfile
+import time
 import zipfile
 from collections.abc import Callable
 from contextlib import suppress
@@ -21,8 +22,11 @@ from platformdirs import user_cache_path
 from accpinn.methods.fit import Fit
 from accpinn.segment.segment import Segment
 from accpinn.serial import Arrays, Shape, check_shapes, dump, read_json, restore, write_json
+from accpinn.units import Seconds
 
 FORMAT = "accpinn store 2"
+CLOCK_SLACK: Seconds = 60.0
+"""By so much the clocks of two machines that share the folder may differ."""
 CAP_BYTES = 500_000_000
 """Of the whole folder; a result and its checkpoint for 300 s of data take about 0.4 MB."""
 FOLDER_VARIABLE = "ACCPINN_CACHE"
@@ -172,15 +176,20 @@ class Store:
         )
 
     def _make_room(self, keep: str) -> None:
-        """Delete what was not used for the longest time until the cap holds."""
-        files = []
+        """Delete what was not used for the longest time until the cap holds.
+
+        What was used in the future, as a clock that was put back since has it, goes first: else it
+        would stay for ever, and the latest results would go.
+        """
+        files, now = [], time.time() + CLOCK_SLACK
         for pattern in ("*.npz*", "*.part"):  # a killed process leaves a .part
             for path in self.folder.glob(pattern):
                 with suppress(OSError):  # another process was quicker
                     status = path.stat()
-                    files.append((status.st_mtime, status.st_size, path))
-        total = sum(size for _, size, _ in files)
-        for _, size, path in sorted(files):
+                    used = status.st_mtime
+                    files.append((used <= now, used, status.st_size, path))
+        total = sum(size for *_, size, _ in files)
+        for *_, size, path in sorted(files):
             if total <= self.cap_bytes:
                 return
             if path.name != keep:

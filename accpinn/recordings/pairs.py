@@ -173,7 +173,7 @@ def _shared(own: FloatArray, ahead: FloatArray) -> tuple[int, int] | None:
         ahead: (K,) the same as the leader of another.
     """
     most = min(len(own), len(ahead))
-    if most < OVERLAP:
+    if most < OVERLAP or any((np.abs(speed) > SPEED.possible).any() for speed in (own, ahead)):
         return None
     if _differ(own[:most], ahead[:most]) <= SAME:
         return most, 0

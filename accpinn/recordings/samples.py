@@ -418,6 +418,7 @@ def require_time(time: FloatArray, refuse: Refuse) -> None:
     missing = np.flatnonzero(np.isnan(time))
     if len(missing):
         raise refuse("the time is missing", "fill it in or delete the row", int(missing[0]))
+    require_possible(TIME, time, refuse)
     steps = np.diff(time)
     backward = np.flatnonzero(steps <= 0)
     if len(backward):

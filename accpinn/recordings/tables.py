@@ -119,6 +119,10 @@ def read_columns(
     """
     import pandas as pd
 
+    for name in words:
+        if name in numbers:
+            fault = f'column "{excerpt(name, LONGEST_NAME)}" is asked for as numbers and as words'
+            raise source_file.refusal(fault, "choose another column for one of them")
     positions = {name: position_of(source_file, layout, name) for name in (*numbers, *words)}
     _require_whole(source_file, layout)
     try:
@@ -126,7 +130,12 @@ def read_columns(
     except (ValueError, OverflowError) as error:
         if "Calling read" in str(error):  # memory always reads: pandas has hidden a Ctrl+C
             raise KeyboardInterrupt from None
-        frame = _frame(source_file, layout, positions, {})
+        cure = "download the file again, or re-save it"
+        refusal = source_file.refusal("the rows cannot be read as numbers", cure)
+        try:
+            frame = _frame(source_file, layout, positions, {})
+        except ValueError:  # not even as texts
+            raise refusal from error
         for name in numbers:
             cells = frame[name].str.replace(layout.decimal, ".", regex=False)
             wrong = (frame[name].notna() & pd.to_numeric(cells, errors="coerce").isna()).to_numpy()
@@ -136,8 +145,7 @@ def read_columns(
                 place = f"row {layout.header_row + row + 1}, column {excerpt(name, LONGEST_NAME)}"
                 cure = "correct it, or leave the cell empty"
                 raise source_file.refusal(fault, cure, place) from error
-        cure = "download the file again, or re-save it"
-        raise source_file.refusal("the rows cannot be read as numbers", cure) from error
+        raise refusal from error
     if len(frame) < MINIMUM_SAMPLES:
         fault = f"only {len(frame)} rows of numbers follow the column names"
         raise source_file.refusal(fault, f"a recording needs at least {MINIMUM_SAMPLES}")

@@ -2,7 +2,8 @@
 
 `journal.jsonl` has one line for each recording that was planned, each method's result on a window,
 each vehicle's pooled parameters and each failure. A line is whole or it does not count, so a
-process that is killed loses the line it was writing and no other. `results.parquet`,
+process that is killed loses the line it was writing and no other; a line that was damaged later is
+passed over, and its results are computed again. `results.parquet`,
 `pooled.parquet`, `failures.csv` and `schema.json` are made from it in one step each, at the end of
 a run and from time to time.
 """
@@ -18,6 +19,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any
 
+import msgspec
 from filelock import FileLock, Timeout
 
 from accpinn.errors import ConfigError, RecordingError
@@ -61,6 +63,39 @@ class Known:
     """Planned windows by the recording's SHA-256."""
     recordings: dict[str, dict[str, Any]] = field(default_factory=dict)
     """What was read of each file, by the SHA-256 of its bytes."""
+
+
+_KINDS: dict[str, Any] = {"string": str, "bool": bool, "int64": int, "double": float}
+
+
+def _fields(columns: Iterable[RowColumn], needed: Sequence[str] = ()) -> list[tuple[str, Any, Any]]:
+    """Of a structure with these columns, all but those ``needed`` possibly empty."""
+    kinds = {one.name: _KINDS[one.kind] for one in columns}
+    must = [(name, kinds.pop(name), msgspec.NODEFAULT) for name in needed]
+    return [*must, *((name, kind | None, None) for name, kind in kinds.items())]
+
+
+_Row = msgspec.defstruct("_Row", _fields(COLUMNS))
+_PooledRow = msgspec.defstruct("_PooledRow", _fields(POOLED_COLUMNS, ("windows", "duration")))
+_Window = msgspec.defstruct(
+    "_Window", [("vehicles", list[int]), ("start", float), ("duration", float)]
+)
+_NEEDED: dict[str, list[tuple[str, Any]]] = {
+    "recording": [("file", str), ("recordings", list[str]), ("refused", int)],
+    "plan": [("windows", list[_Window])],  # type: ignore[valid-type]
+    "result": [("rows", list[_Row])],  # type: ignore[valid-type]
+    "pooled": [("row", _PooledRow)],
+    "failure": [
+        ("file", str), ("start", float | None), ("vehicle", int | None), ("reason", str),
+        ("final", bool),
+    ],
+    "recovered": [],
+}  # fmt: skip
+_FORMS = {
+    kind: msgspec.defstruct(f"_{kind.title()}", [("key", str), *needed])
+    for kind, needed in _NEEDED.items()
+}
+"""Of each kind of line, what whoever reads it relies on."""
 
 
 class Journal:
@@ -111,10 +146,21 @@ class Journal:
     ) -> None:
         """Make the files, and let others write."""
         try:
-            self.publish()
-        finally:
+            if not isinstance(fault, RecordingError):  # else nothing can be written
+                self.publish()
             self._file.close()
+        except OSError as error:
+            raise self._unwritten(error) from None
+        finally:
+            with suppress(OSError):  # what it still holds is lost, as was said
+                self._file.close()
             self._lock.release()
+
+    def _unwritten(self, fault: OSError) -> RecordingError:
+        return RecordingError(
+            f"{self.folder}: it cannot be written ({fault.strerror}); free some space, and give the"
+            " same call again, which goes on from here."
+        )
 
     def add(self, kind: str, key: str, **content: Any) -> None:
         """Write one line, so that it survives the end of this process.
@@ -123,10 +169,16 @@ class Journal:
             kind: "recording", "plan", "result", "pooled", "failure" or "recovered".
             key: what the line is about; a later one with the same key takes its place.
             content: the rest.
+
+        Raises:
+            RecordingError: where the disk is full, or the folder gone.
         """
         line = {"kind": kind, "key": key} | content
-        self._file.write(json.dumps(line, ensure_ascii=False, allow_nan=False) + "\n")
-        self._file.flush()  # to the system, which outlives this process
+        try:
+            self._file.write(json.dumps(line, ensure_ascii=False, allow_nan=False) + "\n")
+            self._file.flush()  # to the system, which outlives this process
+        except OSError as fault:
+            raise self._unwritten(fault) from None
         _take(self.known, line)
 
     def publish(self) -> None:
@@ -159,9 +211,11 @@ class Journal:
             return
         except (OSError, ValueError):
             raise ConfigError(f"{place}: it cannot be read; take another folder.") from None
+        if not isinstance(kept, dict):
+            raise ConfigError(f"{place}: it cannot be read; take another folder.")
         differing = [name for name in wanted if kept.get(name) != wanted[name]]
         if differing:
-            said = ", ".join(f"{name} {kept.get(name)}" for name in differing)
+            said = ", ".join(f"{name} {str(kept.get(name))[:40]}" for name in differing)
             raise ConfigError(
                 f"{self.folder}: it holds a batch with {said}; ask for the same, or take another"
                 " folder."
@@ -190,7 +244,7 @@ def _take(known: Known, line: dict[str, Any]) -> None:
 
 
 def _lines(path: Path, repair: bool = False) -> Iterator[dict[str, Any]]:
-    """The whole lines of a journal; a broken last one is cut off where that is asked for."""
+    """The lines of a journal that count; a broken last one is cut off where that is asked for."""
     try:
         file = path.open("rb+" if repair else "rb")
     except FileNotFoundError:
@@ -198,16 +252,36 @@ def _lines(path: Path, repair: bool = False) -> Iterator[dict[str, Any]]:
     with file:
         whole = 0
         for raw in file:
-            try:
-                line = json.loads(raw) if raw.endswith(b"\n") else None
-            except ValueError:
-                line = None
-            if line is None:
+            if not raw.endswith(b"\n"):  # only the last one
                 break
             whole += len(raw)
-            yield line
+            line = _line(raw)
+            if line is not None:
+                yield line
         if repair:
             file.truncate(whole)
+
+
+def _line(raw: bytes) -> dict[str, Any] | None:
+    """A line as it was written, with all columns; None where it was damaged since."""
+    try:
+        line: Any = msgspec.json.decode(raw)
+        kind = line.get("kind") if isinstance(line, dict) else None
+        if not isinstance(kind, str) or kind not in _FORMS:
+            return None
+        found: dict[str, Any] = msgspec.to_builtins(msgspec.convert(line, _FORMS[kind]))
+    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):
+        return None
+    return {"kind": kind} | found
+
+
+def damaged_lines(folder: Path) -> int:
+    """How many whole lines of a batch's journal do not count, as they were damaged since."""
+    try:
+        with (folder / JOURNAL).open("rb") as file:
+            return sum(raw.endswith(b"\n") and _line(raw) is None for raw in file)
+    except FileNotFoundError:
+        return 0
 
 
 def read_rows(folder: Path) -> Iterator[dict[str, Any]]:

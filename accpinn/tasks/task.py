@@ -23,16 +23,9 @@ from accpinn.inference.intervals import intervals
 from accpinn.inference.model_adequacy import Adequacy, model_forms
 from accpinn.inference.multistart import Trial, multistart
 from accpinn.methods.fit import Fit, History, Outcome, Progress, Recorder
-from accpinn.methods.method import TaskContext
+from accpinn.methods.method import TaskContext, relative_size
 from accpinn.methods.pinn import method as pinn
-from accpinn.methods.pinn.config import (
-    CALIBRATED,
-    FAST,
-    PAPER,
-    STARTS,
-    PinnConfig,
-    PresetName,
-)
+from accpinn.methods.pinn.config import STARTS, PinnConfig
 from accpinn.methods.pinn.method import WarmStart
 from accpinn.methods.registry import METHODS
 from accpinn.methods.store import Store
@@ -47,20 +40,8 @@ _log = logging.getLogger(__name__)
 RATE_WINDOW: Seconds = 3.0
 """The rate of iterations is that of the last seconds, as it can change with the phase."""
 
-TYPICAL_SAMPLES = 3001
-TYPICAL: dict[PresetName, tuple[Seconds, float, int]] = {
-    "fast": (0.5, 0.2, FAST.iterations),
-    "calibrated": (1.5, 0.5, CALIBRATED.iterations),
-    "paper": (450.0, 0.44, PAPER.iterations),
-}
-"""Of a training on so many samples of one follower, the share of it that each further one adds, and
-for how many iterations at most; see docs/validation.md."""
-
 FORMS_SECONDS: Seconds = 2.5
 """Of the forms of the model for one follower, as the typical seconds of methods."""
-FURTHER = 0.35
-"""Of the time of a comparison, the share that each further follower adds."""
-
 Result = TypeVar("Result")
 Steps = Callable[[TaskContext], Iterator[Result]]
 """The work: yields each result, reports progress between, and ends early once it should stop."""
@@ -79,10 +60,7 @@ class TrainingRequest:
     @property
     def typical_seconds(self) -> Seconds:
         """How long it takes on two cores, to within a factor of two or so."""
-        typical, further, iterations = TYPICAL[self.config.preset]
-        size = self.segment.samples / TYPICAL_SAMPLES
-        followers = 1 + further * (self.segment.followers - 1)
-        return typical * size * followers * self.config.iterations / iterations
+        return pinn.METHOD.expected_seconds(self.segment, self.config)
 
     @cached_property
     def key(self) -> str:
@@ -355,8 +333,8 @@ def comparison_task(
 
 def comparison_seconds(segment: Segment) -> Seconds:
     """How long a comparison of all methods takes on two cores, to within a factor of two or so."""
-    size = segment.samples / TYPICAL_SAMPLES * (1 + FURTHER * (segment.followers - 1))
-    return size * (sum(method.typical_seconds for method in METHODS.values()) + FORMS_SECONDS)
+    typical = sum(method.typical_seconds for method in METHODS.values()) + FORMS_SECONDS
+    return relative_size(segment) * typical
 
 
 def starts_task(owner: str, segment: Segment, case: Case, config: PinnConfig) -> Task[Trial]:

@@ -7,11 +7,12 @@ import pytest
 
 from accpinn.cli import main
 from accpinn.model.cthp import Parameters
+from accpinn.results.snapshot import create
 from accpinn.results.snapshot.archive import load
 from accpinn.results.snapshot.saved import save
 from accpinn.results.snapshot.verification import REFIT
 from accpinn.stability.measured_gain import measured_gain
-from tests.support.command import PLATOON, SHORT, STUDY, Capture, document, refused
+from tests.support.command import PLATOON, SHORT, STUDY, Capture, document, refused, strict
 from tests.support.snapshots import small, whole
 
 
@@ -72,11 +73,39 @@ def test_faults_of_files_are_sentences(file: Path, tmp_path: Path, capsys: Captu
 def test_verify_says_yes(file: Path, capsys: Capture) -> None:
     printed = document(capsys, "verify", file)
     assert printed["ok"] is True
-    assert REFIT in [one["cure"] for one in printed["not_checked"]]
-    assert main(["verify", str(file)]) == 0
+    ways = {one["group"]: one["way"] for one in printed["figures"]}
+    assert (ways["α, β, τ"], ways["intervals"]) == ("refitted", "recomputed")
+    assert ways["name and note"] == "told only"
+    quick = document(capsys, "verify", file, "--quick")
+    assert {one["group"]: one["way"] for one in quick["figures"]}["α, β, τ"] == "told only"
+    assert REFIT in [one["cure"] for one in quick["not_checked"]]
+    assert main(["verify", str(file), "--quick"]) == 0
     assert capsys.readouterr().out.rstrip().endswith("More is checked with --refit.")
     assert main(["verify", str(file), REFIT]) == 0
     assert "Method run again" in capsys.readouterr().out
+
+
+def test_forged_parameters_are_named_before_anything_is_made_of_them(
+    tmp_path: Path, capsys: Capture
+) -> None:
+    fit, segment = small().fit, small().segment
+    assert segment is not None
+    shorter = Parameters.of(fit.parameters.values * [1, 1, 0.6])
+    forged = create(segment, replace(fit, parameters=shorter), with_data=True)
+    file = save(forged, tmp_path / "forged.accpinn.zip")
+    for command in ("verify", "report"):
+        assert main([command, str(file)]) == 1, command
+    capsys.readouterr()
+    for command in ("stability", "simulate"):
+        assert main([command, "--snapshot", str(file), "--json"]) == 1
+        printed = capsys.readouterr()
+        assert strict(printed.out)["snapshot"]["ok"] is False
+        assert printed.err.startswith("error: ")
+        assert main([command, "--snapshot", str(file), "--quick"]) == 0
+        assert capsys.readouterr().out.startswith("Not refitted: α, β, τ are only told")
+    save(small(), file)
+    assert main(["stability", "--snapshot", str(file)]) == 0
+    assert capsys.readouterr().out.startswith("Refitted: α, β, τ agree.")
 
 
 def test_fit_keeps_a_snapshot_that_others_read(tmp_path: Path, capsys: Capture) -> None:

@@ -31,7 +31,14 @@ from accpinn.segment.cut import cut
 from accpinn.segment.segment import Segment
 from accpinn.study import batch as batches
 from accpinn.study.batch import BatchTask, MethodRows, batch
-from accpinn.study.journal import JOURNAL, Failure, read_failures, read_pooled, read_rows
+from accpinn.study.journal import (
+    JOURNAL,
+    Failure,
+    Journal,
+    read_failures,
+    read_pooled,
+    read_rows,
+)
 from accpinn.study.rows import COLUMNS
 from accpinn.study.windows import fit_windows
 from tests.support.command import ROOT, Capture, strict
@@ -297,8 +304,20 @@ def test_rows_and_failures_can_be_read_while_a_batch_runs(tmp_path: Path) -> Non
         '{"kind": "result", "key": "b", "rows": [{"alpha": 2}]}\n'
         '{"kind": "result", "key": "c", "rows": [{'
     )
-    assert list(read_rows(tmp_path)) == [{"alpha": 1}]
+    assert [(one["alpha"], one["beta"]) for one in read_rows(tmp_path)] == [(1.0, None)]
     assert read_failures(tmp_path) == (Failure("x.csv", None, None, "broken"),)
+
+
+def test_a_line_damaged_in_the_middle_costs_no_other(capsys: Capture, tmp_path: Path) -> None:
+    good = '{"kind": "result", "key": "%d", "rows": [{"alpha": 1, "method": "splines"}]}\n'
+    damaged = ("\0" * 20 + "\n", "[]\n", good.replace('"alpha": 1', '"alpha": "x"') % 2)
+    text = good % 1 + "".join(damaged) + good % 3
+    (tmp_path / JOURNAL).write_text(text + '{"kind": "resu')
+    with Journal(tmp_path, {}) as journal:
+        assert set(journal.known.results) == {"1", "3"}
+    assert (tmp_path / JOURNAL).read_text() == text, "only what was never whole is cut off"
+    assert main(["table", str(tmp_path), "--by", "make"]) == 0
+    assert "3 lines of journal.jsonl are damaged" in capsys.readouterr().err
 
 
 def test_windows_of_a_vehicle_with_one_setting_are_pooled(

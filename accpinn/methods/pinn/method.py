@@ -27,13 +27,28 @@ import numpy as np
 
 from accpinn.errors import ConfigError, SegmentError
 from accpinn.methods.fit import Fit, Run
-from accpinn.methods.method import Method, TaskContext
-from accpinn.methods.pinn.config import FAST, METHOD_VERSION, PRESETS, PinnConfig
+from accpinn.methods.method import TYPICAL_SAMPLES, Method, TaskContext
+from accpinn.methods.pinn.config import (
+    CALIBRATED,
+    FAST,
+    METHOD_VERSION,
+    PAPER,
+    PRESETS,
+    PinnConfig,
+    PresetName,
+)
 from accpinn.methods.store import Store
 from accpinn.model.cthp import Case, Parameters, Trajectories
 from accpinn.segment.segment import Segment
 from accpinn.units import FloatArray, Seconds
 
+TYPICAL: dict[PresetName, tuple[Seconds, float, int]] = {
+    "fast": (0.5, 0.2, FAST.iterations),
+    "calibrated": (1.5, 0.5, CALIBRATED.iterations),
+    "paper": (450.0, 0.44, PAPER.iterations),
+}
+"""Of a training on 300 s of one follower, the share of it that each further one adds, and for how
+many iterations at most; see docs/validation.md."""
 MOST_FEATURES = 20_000
 """`redraw` refuses more; a window of a day has fewer."""
 MOST_BYTES = 1.4e9
@@ -298,6 +313,16 @@ def _linear(fit: Fit, values: FloatArray, name: str) -> FloatArray:
     return np.asarray(values @ weight.T + bias)
 
 
+def _duration(segment: Segment, settings: PinnConfig | None) -> Seconds:
+    """Of one training that runs all its iterations."""
+    config = settings or FAST
+    typical, further, iterations = TYPICAL[config.preset]
+    followers = 1 + further * (segment.followers - 1)
+    size = segment.samples / TYPICAL_SAMPLES * config.iterations / iterations
+    larger = max(1.0, config.layers / FAST.layers * (config.width / FAST.width) ** 2)
+    return typical * size * followers * larger
+
+
 def _run(segment: Segment, case: Case, settings: PinnConfig | None, context: TaskContext) -> Run:
     from accpinn.methods.pinn.training import training  # torch takes a second to import
 
@@ -330,5 +355,6 @@ METHOD = Method(
     variant=_variant,
     description="a physics-inspired neural network (PiNN)",
     is_iterative=True,
+    duration=_duration,
     redraw=redraw,
 )

@@ -1,14 +1,19 @@
 """What was checked of a snapshot, in words."""
 
+from collections.abc import Sequence
 from itertools import zip_longest
 from typing import NamedTuple
 
-from accpinn.results.messages import Labelled, message, messages
-from accpinn.results.snapshot.verification import Check, Unchecked, Verification
+from accpinn.results.messages import Labelled, joined, message, messages
+from accpinn.results.snapshot.places import Check
+from accpinn.results.snapshot.standing import Standing, Way
+from accpinn.results.snapshot.verification import Unchecked, Verification
+from accpinn.units import Seconds
 
 TITLES = {
     "fit.surrogate": "Network's curves",
-    "info": "Names and notes",
+    "info": "Window and names",
+    "facts": "Facts of the recording",
     "quality": "Data's quality",
     "adequacy": "Forms of the model",
     "refit": "Method run again",
@@ -25,7 +30,7 @@ TITLES = {
 }
 """Of the parts whose own names would not do."""
 PLACES = {
-    "0.samples": "{} samples",
+    "samples": "{} samples",
     "vehicles.0.linf_exact.value": "‖h‖₁ {}",
     "mean_time_gap.0": "mean time gap {} s",
     "parameters.0.2": "τ {} s",
@@ -45,17 +50,63 @@ BEFORE = 20
 
 WHAT = {
     "errors": "its errors and intervals, as the data are not in it",
-    "estimate": "that {detail} finds these parameters",
+    "estimate": "that {detail} finds these parameters{time}",
     "stopped": "that {detail} finds these parameters, as its training was stopped by hand",
     "unknown start": "that {detail} finds these parameters, as its training began from weights that"
     " are not in the snapshot",
     "data": "that the data are those of {source} (SHA-256 {detail})",
     "version": "its sentences, as accpinn {detail} wrote them",
     "intervals": "its intervals, which another method gave: {detail}",
+    "draws": "the single draws of {detail}, which differ from those drawn here as on another"
+    " processor",
     "blocks": "the hold-out of {detail}, as other blocks were held out then",
     "remarks": "name, note, date, machine and the method's remarks, which anyone can write",
 }
 """What was not checked, by kind."""
+GROUPS = {
+    "parameters": "α, β, τ",
+    "curves": "curves",
+    "settings": "settings",
+    "method's remarks": "method's remarks",
+    "training": "course of the estimation",
+    "quality": "data quality",
+    "intervals": "intervals",
+    "hold-out": "hold-out",
+    "outside": "errors outside the window",
+    "errors": "errors",
+    "stability": "stability",
+    "forms": "forms of the model",
+    "data": "speeds and gaps",
+    "recording": "recording",
+    "names": "names of vehicles",
+    "window": "window",
+    "name and note": "name and note",
+    "created": "time of saving",
+    "origin": "versions and machine",
+    "attribution": "attribution",
+    "durations": "computing times",
+}
+"""Groups of figures in words."""
+WAYS: dict[Way, str] = {
+    "refitted": "Refitted",
+    "recomputed": "Recomputed",
+    "told": "Told only",
+}
+COMPARED = "methods compared"
+UNREFITTED = ("estimate", "stopped", "unknown start")
+"""Kinds of a method that was not run again."""
+
+
+class StandingRow(NamedTuple):
+    """A group of figures in words."""
+
+    group: str
+    of: str
+    """Empty for the snapshot's own result."""
+    way: str
+    figures: int
+    agree: str
+    """"yes", "NO", or empty for what was compared with nothing."""
 
 
 class CheckRow(NamedTuple):
@@ -66,6 +117,7 @@ class CheckRow(NamedTuple):
     recomputed: str
     ok: bool
     sentence: str
+    way: Way
 
 
 def _title(check: Check) -> str:
@@ -133,7 +185,21 @@ def _(check: Check, about: Labelled) -> str:
 
 @message.register
 def _(unchecked: Unchecked, about: Labelled) -> str:
-    return WHAT[unchecked.kind].format(detail=unchecked.detail, source=about.source)
+    time = f" (about {duration(unchecked.seconds)})" if unchecked.seconds else ""
+    return WHAT[unchecked.kind].format(detail=unchecked.detail, source=about.source, time=time)
+
+
+def refitting(method: str, seconds: Seconds) -> str:
+    """Before a method is run again: what, and how long it is expected to take."""
+    return f"Running {method} again, about {duration(seconds)} …"
+
+
+def duration(seconds: Seconds) -> str:
+    """About how long: 4 s, 8 min, 2 h."""
+    for unit, length in (("h", 3600.0), ("min", 60.0)):
+        if seconds >= 1.5 * length:
+            return f"{seconds / length:.0f} {unit}"
+    return f"{max(1.0, seconds):.0f} s"
 
 
 def summary(verification: Verification, about: Labelled) -> str:
@@ -146,12 +212,64 @@ def summary(verification: Verification, about: Labelled) -> str:
     for check in verification.checks:
         if not check.ok:
             return f"{_title(check)}: {message(check, about)}"
-    kinds = {one.kind for one in verification.unchecked}
-    what = "stability follows from its parameters"
-    if "errors" not in kinds:
-        what = "stability, errors and intervals follow from its contents"
     believed = dict.fromkeys(messages(verification.unchecked, about))
-    return f"The snapshot is whole, and its {what}. Not checked: {'; '.join(believed)}."
+    return f"{rests_on(verification)} Not checked: {'; '.join(believed)}."
+
+
+def rests_on(verification: Verification) -> str:
+    """What was refitted, recomputed and only told: "Refitted: α, β, τ agree. Told only: names."."""
+    found: dict[Way, dict[str, bool]] = {way: {} for way in WAYS}
+    for one in verification.standings:
+        if one.way != "told":
+            name = COMPARED if one.compared else GROUPS[one.group]
+            found[one.way][name] = found[one.way].get(name, True) and one.ok
+    known = {one.group for one in verification.standings if one.way != "told"}
+    told = (one.group for one in verification.standings if one.group not in known)
+    found["told"] = dict.fromkeys((GROUPS[group] for group in told), True)
+    return " ".join(
+        f"{WAYS[way]}: {_agreeing(way, names)}." for way, names in found.items() if names
+    )
+
+
+def parameters_rest_on(verification: Verification, about: Labelled) -> str:
+    """What the parameters of a snapshot rest on, in one line, before anything is made of them.
+
+    Args:
+        verification: of a snapshot, or of its parameters alone.
+        about: the snapshot's `info`.
+    """
+    if not verification.ok:
+        return summary(verification, about)
+    if verification.refitted:
+        return "Refitted: α, β, τ agree."
+    why = [one for one in verification.unchecked if one.kind in UNREFITTED][:1]
+    said = "; ".join(messages(why, about))
+    return f"Not refitted: α, β, τ are only told. Not checked: {said}." if why else ""
+
+
+def _agreeing(way: Way, names: dict[str, bool]) -> str:
+    """As "α, β, τ and curves agree; intervals DIFFER"."""
+    if way == "told":
+        return ", ".join(names)
+    parts = (
+        ([name for name, ok in names.items() if ok], "agree"),
+        ([name for name, ok in names.items() if not ok], "DIFFER"),
+    )
+    return "; ".join(f"{joined(which)} {verb}" for which, verb in parts if which)
+
+
+def standing_rows(standings: Sequence[Standing]) -> tuple[StandingRow, ...]:
+    """Every group of figures in words, as tables and the command line's JSON have it."""
+    return tuple(
+        StandingRow(
+            GROUPS[one.group],
+            COMPARED if one.compared else "",
+            WAYS[one.way].lower(),
+            one.figures,
+            "" if one.way == "told" else "yes" if one.ok else "NO",
+        )
+        for one in standings
+    )
 
 
 def check_rows(verification: Verification, about: Labelled) -> tuple[CheckRow, ...]:
@@ -162,7 +280,7 @@ def check_rows(verification: Verification, about: Labelled) -> tuple[CheckRow, .
         about: the snapshot's `info`.
     """
     return tuple(
-        CheckRow(_title(check), *_values(check), check.ok, message(check, about))
+        CheckRow(_title(check), *_values(check), check.ok, message(check, about), check.way)
         for check in verification.checks
     )
 

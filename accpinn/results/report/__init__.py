@@ -47,10 +47,16 @@ from accpinn.results.messages import messages
 from accpinn.results.messages import summary as words
 from accpinn.results.messages.methods import outcome_message
 from accpinn.results.messages.reliability import BAND, conditional
-from accpinn.results.messages.snapshot import check_rows, summary
+from accpinn.results.messages.snapshot import (
+    check_rows,
+    parameters_rest_on,
+    rests_on,
+    standing_rows,
+    summary,
+)
 from accpinn.results.messages.stability import PLACES, reason
 from accpinn.results.snapshot import Snapshot, stability
-from accpinn.results.snapshot.verification import Verification, verify
+from accpinn.results.snapshot.verification import QUICK, Verification, verify
 from accpinn.results.tables.estimates import (
     TITLES,
     form_intervals_table,
@@ -102,9 +108,10 @@ def render_report(snapshot: Snapshot, verification: Verification | None = None) 
 
     Args:
         snapshot: what it is about.
-        verification: what was checked; by default done now, from the snapshot's own contents.
+        verification: what was checked; by default done now, from the snapshot's own contents,
+            without running its methods again.
     """
-    verification = verification or verify(snapshot)
+    verification = verification or verify(snapshot, refit_within=QUICK)
     if snapshot.stability:  # shown as it follows from the parameters, whatever was stored
         snapshot = replace(snapshot, stability=stability(snapshot.fit))
     script = (HERE / "page.js").read_text(encoding="utf-8")
@@ -176,6 +183,9 @@ def _story(snapshot: Snapshot, checked: Verification, shown: list[Picture]) -> d
         "methods": [sheet for name, sheet in sheets.items() if name.startswith("methods_")],
         "checked": checked,
         "verdict": summary(checked, info),
+        "rests_on": rests_on(checked),
+        "not_refitted": "" if checked.refitted else parameters_rest_on(checked, info),
+        "standings": standing_rows(checked.standings),
         "checks": check_rows(checked, info),
         "outcome": outcome_message(fit),
         "method": TITLES.get(fit.method, fit.method),

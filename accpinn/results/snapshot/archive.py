@@ -33,7 +33,7 @@ from accpinn.results.snapshot import (
     TITLES,
     Snapshot,
 )
-from accpinn.results.snapshot.validate import is_harmless, sanitise, validate
+from accpinn.results.snapshot.validate import check_numbers, is_harmless, sanitise, validate
 from accpinn.serial import Arrays, dump, read_json, restore, write_json
 
 BEGINNING = b"PK\3\4"
@@ -276,6 +276,7 @@ def _read(data: bytes) -> Snapshot:
             found = unpack_arrays(content, TITLES[name])
             arrays |= {f"{part}.{path}": values for path, values in found.items()}
     try:
+        check_numbers(tree, arrays)
         snapshot = restore(Snapshot, tree, arrays)
         validate(snapshot)
     except (ValueError, AccpinnError) as fault:

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from accpinn.channels import PARAMETERS
+from accpinn.channels import COMPUTABLE, PARAMETERS
 from accpinn.inference.intervals import Interval, Uncertainty
 from accpinn.inference.model_adequacy import Adequacy
 from accpinn.methods.fit import Fit
@@ -17,7 +17,7 @@ from accpinn.methods.state_space import COMMON, FORMS
 from accpinn.methods.store import FIT_SHAPES
 from accpinn.results.snapshot import LONGEST_NAME, Snapshot, check_length
 from accpinn.segment.segment import BlocksMissing, SegmentInfo
-from accpinn.serial import Shape, check_shapes
+from accpinn.serial import Arrays, Shape, check_shapes, flatten
 from accpinn.stability.criteria import checked
 from accpinn.stability.report import StabilityReport
 from accpinn.units import FloatArray
@@ -89,6 +89,23 @@ def sanitise(tree: Any, lines: bool = False) -> Any:
     if isinstance(tree, list):
         return [sanitise(item, lines) for item in tree]
     return tree
+
+
+def check_numbers(tree: Any, arrays: Arrays) -> None:
+    """Refuse numbers that nothing can be computed with; nan and the infinities have their places.
+
+    Args:
+        tree: as read from JSON.
+        arrays: beside it.
+
+    Raises:
+        ValueError: naming the place.
+    """
+    for place, leaf in (*flatten(tree), *arrays.items()):
+        if isinstance(leaf, float | np.ndarray):
+            sizes = np.abs(np.asarray(leaf, np.float64))
+            beyond = np.isfinite(sizes) & (sizes > COMPUTABLE)
+            _require(not beyond.any(), f"{place} has a number beyond {COMPUTABLE:g}")
 
 
 def validate(snapshot: Snapshot) -> None:

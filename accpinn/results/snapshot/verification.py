@@ -1,15 +1,18 @@
 """What a snapshot says, held against what its own contents give when they are computed anew.
 
-Each part is computed from the parameters, and where the window's data are at hand from these; both
-objects become trees (see `accpinn.serial`), which are compared place by place. On one machine a
-method gives the same to the last digit. Another processor rounds otherwise, and an iterative
-training carries that on, so there its parameters count and no more (`Method.tolerance`).
+Each part is computed from the parameters, and where the window's data are at hand the methods are
+run again on these; both objects become trees (see `accpinn.serial`), which are compared place by
+place. On one machine a method gives the same to the last digit. Another processor rounds
+otherwise, and an iterative training carries that on, so there its parameters count and no more
+(`Method.tolerance`). What was compared with nothing is only told: it rests on whoever wrote the
+file. A whole file proves nothing else, as anyone can seal a forged one.
 """
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, fields, replace
 from functools import partial
+from math import inf
 from typing import Any
 
 import numpy as np
@@ -38,65 +41,49 @@ from accpinn.model.cthp import Trajectories
 from accpinn.recordings.facts import facts_of
 from accpinn.recordings.recording import Recording
 from accpinn.results.snapshot import ATTRIBUTION_TEXT, Snapshot, light, stability
-from accpinn.results.snapshot.validate import sanitise
+from accpinn.results.snapshot.places import Check, compare, leaves
+from accpinn.results.snapshot.standing import Standing, Way, standings
 from accpinn.results.tables.estimates import name_of
 from accpinn.segment.cut import cut
 from accpinn.segment.quality import assess_quality, exclude_regimes, label_regimes
 from accpinn.segment.segment import BlocksMissing, Segment, WindowMoved, WindowShortened
-from accpinn.serial import NOT_FINITE, dump, flatten
+from accpinn.units import Seconds
 
 RECORDING, REFIT = "--recording", "--refit"
 """What checks more, as the command line has it."""
+PATIENCE: Seconds = 60.0
+"""Methods are run again by default as long as that is expected to take no longer in all."""
+PROMPT: Seconds = 5.0
+"""The same where the verification only comes before something else."""
+QUICK: Seconds = 0.0
+"""No method is run again."""
+HOWEVER_LONG: Seconds = inf
+"""All are."""
 
-RELATIVE, ABSOLUTE = 1e-9, 1e-11
-"""Figures closer than this are the same; other processors round differently."""
 INTERVALS = 1e-6
-"""The same for what follows from a posterior's draws."""
+"""As `places.RELATIVE`, for what follows from a posterior's draws."""
 SOLVED = 1e-6
 """The same for what a method finds; a larger `Method.tolerance` is for its parameters alone."""
 CURVES = 1e-4
 """m and m/s by which curves may differ from those that the weights give."""
 INSTANTS = 300
 """At which these are computed."""
-VARYING = {"seconds", "cached"}
-"""Fields that differ from run to run."""
-FEATURED = (
-    "0.samples", "vehicles.0.linf_exact.value", "mean_time_gap.0", "parameters.0.2", "centre.0.2",
-    "gap_mae.0", "0.errors.gap_mae.0", "deviation.0",
-)  # fmt: skip
-"""Places of values that stand for their part where all of it agrees."""
-
-
-class Check(Finding, frozen=True):
-    """One part of a snapshot, as stored and as recomputed."""
-
-    part: str
-    """As "evaluation.closed_loop"."""
-    ok: bool
-    method: str = ""
-    """Name of the method compared whose part it is; empty for the snapshot's own."""
-    count: int = 0
-    """Values compared."""
-    place: str = ""
-    """Within the part: of the first value that differs, else one of `FEATURED`, else the first."""
-    stored: float | str | None = None
-    """The value there; None where there is none."""
-    recomputed: float | str | None = None
-    differing: int = 0
-    reason: str = ""
-    """Why nothing could be computed, as the error says."""
+FAULTS = (AccpinnError, ValueError, ArithmeticError)
+"""What computing with numbers that no snapshot has can raise."""
 
 
 class Unchecked(Finding, frozen=True):
     """Something a snapshot says that was believed."""
 
     kind: str
-    """"errors", "estimate", "stopped", "unknown start", "data", "version", "intervals", "blocks" or
-    "remarks"."""
+    """"errors", "estimate", "stopped", "unknown start", "data", "version", "intervals", "draws",
+    "blocks" or "remarks"."""
     cure: str = ""
     """`RECORDING` or `REFIT`; empty where nothing can check it."""
     detail: str = ""
     """The method, the recording's SHA-256 or the version that it is about."""
+    seconds: Seconds = 0.0
+    """How long the cure is expected to take; 0 where that is not known."""
 
 
 @dataclass(frozen=True)
@@ -105,65 +92,64 @@ class Verification:
 
     checks: tuple[Check, ...]
     unchecked: tuple[Unchecked, ...] = ()
+    standings: tuple[Standing, ...] = ()
+    """What was refitted, recomputed or only told, in groups of figures."""
+    ways: tuple[tuple[str, Way], ...] = ()
+    """The same by the place of each figure, as "fit.parameters.0.2"."""
 
     @property
     def ok(self) -> bool:
         """Whether all of it agrees."""
         return all(check.ok for check in self.checks)
 
+    @property
+    def refitted(self) -> bool:
+        """Whether the snapshot's own method was run again."""
+        return any(
+            (one.group, one.way, one.compared) == ("parameters", "refitted", False)
+            for one in self.standings
+        )
+
+
+OnRefit = Callable[[str, Seconds], None]
+
 
 def verify(
-    snapshot: Snapshot, recording: Recording | None = None, *, refit: bool = False
+    snapshot: Snapshot,
+    recording: Recording | None = None,
+    *,
+    refit_within: Seconds = PATIENCE,
+    on_refit: OnRefit | None = None,
 ) -> Verification:
-    """Compute the figures of a snapshot anew, and compare.
+    """Compute the figures of a snapshot anew, run its methods again, and compare.
 
     Args:
         snapshot: as `load` reads it.
         recording: what it was learned from; with it errors and intervals are checked too where the
             snapshot has no data, and so are errors on the rest of the recording.
-        refit: whether every method is run again where the data are at hand.
+        refit_within: how many seconds running the methods again may take as far as is known
+            beforehand, its own method first; the others are only told. See `PATIENCE`, `PROMPT`,
+            `QUICK` and `HOWEVER_LONG`.
+        on_refit: called with the name and the expected seconds of each method before it is run.
     """
-    work = _Work(snapshot)
-    work.compare("attribution", snapshot.attribution, ATTRIBUTION_TEXT)
-    segment, source = snapshot.segment, None
-    if recording is not None:
-        found = recover(snapshot, recording)
-        work.checks.append(found.check)
-        segment = segment or found.segment
-        if found.segment is not None:
-            source = recording
-            work.provenance(found.segment, recording)
-    work.compare("stability", snapshot.stability, stability(snapshot.fit))
-    work.curves()
-    if segment is None:
-        work.unchecked.append(Unchecked("errors", RECORDING))
-    else:
-        work.compare("quality", snapshot.quality, assess_quality(segment))
-        if snapshot.adequacy:
-            found_forms = model_forms(segment, snapshot.fit.case)
-            work.compare("adequacy", snapshot.adequacy, found_forms, relative=SLACK, absolute=SLACK)
-    own = ("", snapshot.fit, snapshot.uncertainty, snapshot.evaluation)
-    compared = [
-        (name_of(result.fit), result.fit, result.uncertainty, result.evaluation)
-        for result in snapshot.methods
-    ]
-    for method, fit, uncertainty, evaluation in (own, *compared):
-        if segment is not None:
-            work.intervals(method, uncertainty, segment, fit)
-            work.evaluation(method, evaluation, segment, fit, source)
-        kind = obstacle(fit)
-        if kind:
-            work.unchecked.append(Unchecked(kind, detail=name_of(fit)))
-        elif segment is None or not refit:
-            work.unchecked.append(Unchecked("estimate", REFIT, name_of(fit)))
-        else:
-            work.refit(method, fit, evaluation, segment)
-    if source is None and snapshot.info.sha256:
-        work.unchecked.append(Unchecked("data", RECORDING, snapshot.info.sha256))
-    if not work.same_version:
-        work.unchecked.append(Unchecked("version", detail=snapshot.origin.accpinn))
-    work.unchecked.append(Unchecked("remarks"))
-    return Verification(tuple(work.checks), tuple(work.unchecked))
+    with np.errstate(all="ignore"):  # forged numbers overflow, and then differ
+        return _Work(snapshot, refit_within, on_refit).all(recording)
+
+
+def verify_parameters(snapshot: Snapshot, *, refit_within: Seconds = PROMPT) -> Verification:
+    """The same for the parameters and what follows from them alone, which takes no time.
+
+    Args:
+        snapshot: as `load` reads it.
+        refit_within: as `verify` has it.
+    """
+    with np.errstate(all="ignore"):
+        return _Work(snapshot, refit_within).parameters()
+
+
+def refit_seconds(snapshot: Snapshot, segment: Segment) -> Seconds:
+    """How long running all methods of a snapshot again takes that can be; 0 where none can."""
+    return sum(of.expected_seconds(segment) for of in _subjects(snapshot) if not obstacle(of.fit))
 
 
 def obstacle(fit: Fit) -> str:
@@ -201,29 +187,159 @@ def recover(snapshot: Snapshot, recording: Recording) -> Recovered:
     return Recovered(found, segment if found.ok else None)
 
 
+@dataclass(frozen=True, eq=False)
+class _Subject:
+    """A fit with what was computed from it: the snapshot's own, or that of a method compared."""
+
+    name: str
+    """Of a method compared; empty for the snapshot's own."""
+    place: str
+    """Where it stands: "" or "methods.0."."""
+    fit: Fit
+    uncertainty: Uncertainty | None
+    evaluation: Evaluation | None
+
+    @property
+    def settings(self) -> Any:
+        """With which the method is run again.
+
+        Raises:
+            ConfigError: for settings that the method cannot have.
+        """
+        of = METHODS[self.fit.method]
+        return of.settings.from_json(self.fit.config) if of.settings else None
+
+    def expected_seconds(self, segment: Segment) -> Seconds:
+        """How long running it again takes, without the blocks held out too.
+
+        Raises:
+            ConfigError: for settings that the method cannot have.
+        """
+        once = METHODS[self.fit.method].expected_seconds(segment, self.settings)
+        return once * (1 + len(self.evaluation.blocks) if self.evaluation else 1)
+
+
+def _subjects(snapshot: Snapshot) -> tuple[_Subject, ...]:
+    """The snapshot's own result, then the methods compared."""
+    return (
+        _Subject("", "", snapshot.fit, snapshot.uncertainty, snapshot.evaluation),
+        *(
+            _Subject(name_of(one.fit), f"methods.{k}.", one.fit, one.uncertainty, one.evaluation)
+            for k, one in enumerate(snapshot.methods)
+        ),
+    )
+
+
 class _Work:
     """One verification while it runs."""
 
-    def __init__(self, snapshot: Snapshot) -> None:
+    def __init__(
+        self, snapshot: Snapshot, refit_within: Seconds, on_refit: OnRefit | None = None
+    ) -> None:
         self.snapshot = snapshot
         self.same_version = snapshot.origin.accpinn == __version__
+        self.seconds_left, self.on_refit = refit_within, on_refit
         self.checks: list[Check] = []
         self.unchecked: list[Unchecked] = []
+        self.ways: dict[str, Way] = {}
+        self.own = _subjects(snapshot)[0]
 
-    def compare(self, part: str, stored: Any, found: Any, method: str = "", **more: Any) -> None:
-        """Enter a check of one part; where both have nothing there is none."""
+    def all(self, recording: Recording | None) -> Verification:
+        """Check everything."""
+        snapshot = self.snapshot
+        self.compare("attribution", snapshot.attribution, ATTRIBUTION_TEXT)
+        segment, source = snapshot.segment, None
+        if recording is not None:
+            found = recover(snapshot, recording)
+            self.checks.append(found.check)
+            segment = segment or found.segment
+            if found.segment is not None:
+                source = recording
+                self.provenance(found.segment, recording)
+        self.follows()
+        if segment is None:
+            self.unchecked.append(Unchecked("errors", RECORDING))
+        else:
+            with self.attempt("quality"):
+                self.compare("quality", snapshot.quality, assess_quality(segment))
+            self.forms(segment)
+        subjects = _subjects(snapshot)
+        if segment is not None:
+            for subject in subjects:
+                self.intervals(subject, segment)
+                self.evaluation(subject, segment, source)
+        self.estimates(subjects, segment)
+        if source is None and snapshot.info.sha256:
+            self.unchecked.append(Unchecked("data", RECORDING, snapshot.info.sha256))
+        if not self.same_version:
+            self.unchecked.append(Unchecked("version", detail=snapshot.origin.accpinn))
+        self.unchecked.append(Unchecked("remarks"))
+        return self.verification()
+
+    def parameters(self) -> Verification:
+        """Check the snapshot's own parameters, and what follows from them without the data."""
+        self.follows()
+        self.estimates((self.own,), self.snapshot.segment)
+        return self.verification()
+
+    def verification(self) -> Verification:
+        """What was found so far."""
+        stored = leaves(self.snapshot)
+        del stored["digest"]  # it follows from the file
+        ways: dict[str, Way] = {
+            place: self.ways.get(place, "told")
+            for place, leaf in stored.items()
+            if leaf is not None
+        }
+        failed = [place for check in self.checks for place in check.wrong]
+        return Verification(
+            tuple(self.checks), tuple(self.unchecked), standings(ways, failed), tuple(ways.items())
+        )
+
+    def follows(self) -> None:
+        """Check what follows from the fit itself."""
+        with self.attempt("stability"):
+            self.compare("stability", self.snapshot.stability, stability(self.snapshot.fit))
+        self.curves()
+
+    def compare(
+        self,
+        part: str,
+        stored: Any,
+        found: Any,
+        subject: _Subject | None = None,
+        *,
+        at: str = "",
+        way: Way = "recomputed",
+        **more: Any,
+    ) -> Check:
+        """Enter a check of one part; where both have nothing there is none.
+
+        Args:
+            part: of the snapshot or of a method compared.
+            stored: as the snapshot has it.
+            found: as computed now.
+            subject: whose it is.
+            at: where it stands, if not under the part's own name.
+            way: how it was found.
+            more: as `compare` has it.
+        """
+        subject = subject or self.own
         more = {"numbers_only": not self.same_version} | more
-        done = compare(part, stored, found, method, **more)
+        place = subject.place + (at or part)
+        done = compare(part, stored, found, subject.name, at=place, way=way, **more)
         if done.count:
             self.checks.append(done)
+            self.ways |= dict.fromkeys(done.at, way)
+        return done
 
     @contextmanager
-    def attempt(self, part: str, method: str = "") -> Iterator[None]:
+    def attempt(self, part: str, subject: _Subject | None = None) -> Iterator[None]:
         """What cannot be computed is a part that does not hold."""
         try:
             yield
-        except (AccpinnError, ValueError) as fault:
-            self.checks.append(Check(part, False, method, reason=str(fault)))
+        except FAULTS as fault:
+            self.checks.append(Check(part, False, (subject or self.own).name, reason=str(fault)))
 
     def provenance(self, segment: Segment, recording: Recording) -> None:
         """Names, findings and facts as the recording has them; its file may be called otherwise.
@@ -233,10 +349,12 @@ class _Work:
         info = self.snapshot.info
         moved = WindowMoved | WindowShortened
         kept = tuple(finding for finding in info.findings if not isinstance(finding, moved))
-        stored = [replace(info, findings=kept), self.snapshot.facts]
-        found = [replace(segment.info, source=info.source), facts_of(recording)]
-        some = slice(None if self.snapshot.facts else 1)  # else it was taken without its recording
-        self.compare("info", stored[some], found[some])
+        found = replace(segment.info, source=info.source)
+        check = self.compare("info", replace(info, findings=kept), found)
+        told = {place for place in check.at if kept != info.findings and "findings" in place}
+        self.ways |= dict.fromkeys(("info.source", *told), "told")
+        if self.snapshot.facts:  # else it was taken without its recording
+            self.compare("facts", self.snapshot.facts, facts_of(recording))
 
     def curves(self) -> None:
         """Whether the stored curves are what the method's stored state gives."""
@@ -254,141 +372,102 @@ class _Work:
             found = redraw(fit, time[some], float(time[-1]))
             self.compare("fit.surrogate", stored, found, absolute=CURVES)
 
-    def intervals(
-        self, method: str, stored: Uncertainty | None, segment: Segment, fit: Fit
-    ) -> None:
+    def forms(self, segment: Segment) -> None:
+        """Whether the forms of the model are those of the data."""
+        stored = self.snapshot.adequacy
+        if stored:
+            with self.attempt("adequacy"):
+                found = model_forms(segment, self.snapshot.fit.case)
+                self.compare("adequacy", stored, found, relative=SLACK, absolute=SLACK)
+
+    def intervals(self, of: _Subject, segment: Segment) -> None:
         """Whether the intervals follow from the data; those of another version's method may not."""
-        with self.attempt("uncertainty", method):
+        stored = of.uncertainty
+        with self.attempt("uncertainty", of):
             asked = (stored.level, len(stored.draws)) if stored else ()
-            found = intervals(segment, fit, *asked)
+            found = intervals(segment, of.fit, *asked)
             if stored and stored.method != found.method and not self.same_version:
                 self.unchecked.append(Unchecked("intervals", detail=stored.method))
-            else:
-                if stored and agree(stored, found):  # draws of another processor, perhaps
-                    own = from_draws(stored.centre, stored.draws, stored.level)
-                    found = judged(own, segment, fit)
-                self.compare("uncertainty", stored, found, method, relative=INTERVALS)
+                return
+            same = compare("", stored, found, relative=INTERVALS).ok
+            if stored and not same and agree(stored, found):  # draws of another processor, perhaps
+                own = from_draws(stored.centre, stored.draws, stored.level)
+                found = judged(own, segment, of.fit)
+            self.compare("uncertainty", stored, found, of, relative=INTERVALS)
+            if stored and not same and self.checks[-1].ok:
+                told = (place for place in self.ways if place.startswith(f"{of.place}uncertainty."))
+                self.ways |= dict.fromkeys(told, "told")
+                self.unchecked.append(Unchecked("draws", detail=name_of(of.fit)))
 
-    def evaluation(
-        self, method: str, stored: Evaluation | None, segment: Segment, fit: Fit,
-        recording: Recording | None,
-    ) -> None:  # fmt: skip
+    def evaluation(self, of: _Subject, segment: Segment, recording: Recording | None) -> None:
         """Whether errors and collisions follow from the data, and pooled errors from the blocks."""
-        found = evaluate(segment, fit, recording=recording)
-        unknown = {"blocks"}  # they follow from the method alone; see `refit`
-        if fit.surrogate is None:
-            unknown.add("surrogate")
-        if recording is None or not self.snapshot.facts:  # else nothing beyond the window was known
-            unknown |= {"out_of_window", "out_of_window_seconds", "out_of_window_findings"}
-        if stored and stored.blocks:
-            found = replace(found, holdout=pooled_holdout_errors(stored.blocks))
-        for field in fields(Evaluation):
-            if field.name not in unknown:
-                old, new = (getattr(one, field.name, None) for one in (stored, found))
-                self.compare(f"evaluation.{field.name}", old, new, method)
+        stored = of.evaluation
+        with self.attempt("evaluation", of):
+            found = evaluate(segment, of.fit, recording=recording)
+            unknown = {"blocks"}  # they follow from the method alone; see `refit`
+            if of.fit.surrogate is None:
+                unknown.add("surrogate")
+            if recording is None or not self.snapshot.facts:  # else no more was known
+                unknown |= {"out_of_window", "out_of_window_seconds", "out_of_window_findings"}
+            if stored and stored.blocks:
+                found = replace(found, holdout=pooled_holdout_errors(stored.blocks))
+            for field in fields(Evaluation):
+                if field.name not in unknown:
+                    old, new = (getattr(one, field.name, None) for one in (stored, found))
+                    self.compare(f"evaluation.{field.name}", old, new, of)
 
-    def refit(self, method: str, fit: Fit, evaluation: Evaluation | None, segment: Segment) -> None:
+    def estimates(self, subjects: Sequence[_Subject], segment: Segment | None) -> None:
+        """Run the methods again that can be and may be, and name the others."""
+        if segment is None:
+            for of in subjects:
+                kind = obstacle(of.fit) or "estimate"
+                cure = RECORDING if kind == "estimate" else ""
+                self.unchecked.append(Unchecked(kind, cure, name_of(of.fit)))
+            return
+        known = []
+        for of in subjects:
+            if kind := obstacle(of.fit):
+                self.unchecked.append(Unchecked(kind, detail=name_of(of.fit)))
+                continue
+            with self.attempt("refit", of):
+                known.append((bool(of.name), of.expected_seconds(segment), of))
+        for _, seconds, of in sorted(known, key=lambda one: one[:2]):
+            if seconds > self.seconds_left:
+                self.unchecked.append(Unchecked("estimate", REFIT, name_of(of.fit), seconds))
+                continue
+            self.seconds_left -= seconds
+            if self.on_refit:
+                self.on_refit(name_of(of.fit), seconds)
+            with self.attempt("refit", of):
+                self.refit(of, segment)
+
+    def refit(self, of: _Subject, segment: Segment) -> None:
         """Run a method again on the data, and without the blocks held out."""
-        of = METHODS[fit.method]
-        settings = of.settings.from_json(fit.config) if of.settings else None
-        estimate = partial(of.fit, case=fit.case, settings=settings)
-        with self.attempt("refit", method):
-            again = estimate(segment)
-            pair = (fit, light(again) if method else again)
-            old, new = (replace(one, config={}) for one in pair)
-            found = compare("refit", old, new, method, relative=SOLVED, numbers_only=True)
-            if not found.ok and of.tolerance > SOLVED:
-                found = compare("refit", fit.parameters, again.parameters, method,
-                                relative=of.tolerance)  # fmt: skip
-            self.checks.append(found)
-            if evaluation and evaluation.blocks:
-                blocks = cross_validate(segment, estimate)
-                if _times(blocks) != _times(evaluation.blocks):
-                    self.unchecked.append(Unchecked("blocks", detail=name_of(fit)))
-                else:
-                    self.compare("evaluation.blocks", evaluation.blocks, blocks, method,
-                                 relative=of.tolerance, numbers_only=True)  # fmt: skip
+        fit, evaluation, method = of.fit, of.evaluation, METHODS[of.fit.method]
+        estimate = partial(method.fit, case=fit.case, settings=of.settings)
+        again = estimate(segment)
+        if of.name:
+            again = light(again)
+        old, new = (replace(one, config={}, findings=()) for one in (fit, again))
+        exact = compare("refit", old, new, relative=SOLVED, numbers_only=not self.same_version).ok
+        if exact or method.tolerance <= SOLVED:
+            self.compare("refit", old, new, of, at="fit", way="refitted", relative=SOLVED)
+        else:
+            self.compare(
+                "refit", fit.parameters, again.parameters, of, at="fit.parameters",
+                way="refitted", relative=method.tolerance,
+            )  # fmt: skip
+        if evaluation and evaluation.blocks:
+            blocks = cross_validate(segment, estimate)
+            if _times(blocks) != _times(evaluation.blocks):
+                self.unchecked.append(Unchecked("blocks", detail=name_of(fit)))
+            else:
+                self.compare(
+                    "evaluation.blocks", evaluation.blocks, blocks, of,
+                    way="refitted", relative=method.tolerance,
+                    numbers_only=not (exact and self.same_version),
+                )  # fmt: skip
 
 
 def _times(blocks: tuple[Block, ...]) -> list[tuple[float, float]]:
     return [(round(block.window.start, 3), round(block.window.duration, 3)) for block in blocks]
-
-
-def compare(
-    part: str,
-    stored: Any,
-    found: Any,
-    method: str = "",
-    *,
-    relative: float = RELATIVE,
-    absolute: float = ABSOLUTE,
-    numbers_only: bool = False,
-) -> Check:
-    """Compare two objects of one kind, place by place.
-
-    Args:
-        part: of the snapshot.
-        stored: as the snapshot has it.
-        found: as recomputed.
-        method: name of the method compared whose part it is.
-        relative: differences up to this share of a number are none.
-        absolute: nor are those up to this much.
-        numbers_only: whether texts and findings may differ, as between versions.
-    """
-    old, new = _leaves(stored, numbers_only), _leaves(found, numbers_only)
-    places = sorted(old.keys() | new.keys())
-    differing = {
-        place: at
-        for place in places
-        if (at := _differing(old.get(place), new.get(place), relative, absolute)) is not None
-    }
-    featured = [place for place in FEATURED if place in old]
-    place = next(iter([*differing, *featured, *places]), "")
-    index = differing.get(place, (0,) * np.ndim(old.get(place, 0.0)))
-    return Check(
-        part,
-        not differing,
-        method,
-        sum(np.size(leaf) for leaf in old.values()) or len(places),
-        ".".join([place, *map(str, index)] if place else map(str, index)),
-        _value(old.get(place), index),
-        _value(new.get(place), index),
-        len(differing),
-    )
-
-
-def _leaves(value: Any, numbers_only: bool) -> dict[str, Any]:
-    """Numbers, answers, texts and large arrays of a value by their places."""
-    tree, arrays = dump(value, share=False)
-    found: dict[str, Any] = {}
-    for place, leaf in flatten(sanitise(tree)):
-        names = set(place.split("."))
-        if place in arrays:
-            leaf = arrays[place]
-        elif isinstance(leaf, str) and leaf in NOT_FINITE:
-            leaf = float(leaf)
-        text = isinstance(leaf, str) or "findings" in names
-        if leaf is not None and not names & VARYING and not (text and numbers_only):
-            found[place] = leaf
-    return found
-
-
-def _differing(one: Any, other: Any, relative: float, absolute: float) -> tuple[int, ...] | None:
-    """Where two leaves first differ: an index, empty for a leaf as a whole; None where nowhere."""
-    if one is None or other is None or isinstance(one, str) or isinstance(other, str):
-        return None if isinstance(one, str) and one == other else ()
-    a, b = np.asarray(one, float), np.asarray(other, float)
-    if a.shape != b.shape:
-        return ()
-    with np.errstate(invalid="ignore", over="ignore"):
-        near = np.abs(a - b) <= absolute + relative * np.minimum(np.abs(a), np.abs(b))
-    same = near | (a == b) | (np.isnan(a) & np.isnan(b))
-    return None if same.all() else tuple(map(int, np.argwhere(~same)[0]))
-
-
-def _value(leaf: Any, index: tuple[int, ...]) -> float | str | None:
-    if leaf is None or isinstance(leaf, str):
-        return leaf
-    if np.ndim(leaf) != len(index):
-        return f"{np.shape(leaf)}"
-    return float(leaf[index] if index else leaf)

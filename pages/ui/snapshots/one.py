@@ -4,13 +4,29 @@ from urllib.parse import urlsplit
 
 import streamlit as st
 
+from accpinn.recordings.recording import Recording
 from accpinn.results.messages.methods import unfinished
-from accpinn.results.messages.snapshot import check_rows, counted, summary
+from accpinn.results.messages.snapshot import (
+    check_rows,
+    counted,
+    duration,
+    parameters_rest_on,
+    standing_rows,
+    summary,
+)
 from accpinn.results.messages.stability import headline
 from accpinn.results.report import render_report
 from accpinn.results.snapshot import SUFFIX, Snapshot
 from accpinn.results.snapshot.saved import Entry
-from accpinn.results.snapshot.verification import obstacle, recover, verify
+from accpinn.results.snapshot.verification import (
+    HOWEVER_LONG,
+    QUICK,
+    Verification,
+    recover,
+    refit_seconds,
+    verify,
+    verify_parameters,
+)
 from accpinn.results.tables.estimates import learned_parameters
 from accpinn.results.tables.table import Column, Table
 from accpinn.segment.segment import Segment
@@ -27,8 +43,8 @@ from pages.ui.snapshots.listing import title_of
 
 SAME = "the same"
 """In place of a recomputed value that equals the stored one."""
-QUICK: Seconds = 20.0
-"""A method that took longer is not run again while the page waits."""
+LONGEST: Seconds = 300.0
+"""Methods that are expected to take longer are not run again while the page waits."""
 
 
 def show_one(workspace: Workspace, snapshot: Snapshot) -> None:
@@ -41,6 +57,7 @@ def show_one(workspace: Workspace, snapshot: Snapshot) -> None:
     st.caption(escape_markdown(f"{place}{case} · saved {when} UTC"))
     if snapshot.note:
         st.text(snapshot.note)
+    _show_standing(workspace, snapshot)
     _show_buttons(workspace, snapshot, title)
     show.not_acc(info)
     show.messages(unfinished(snapshot.fit), "warning", "pause_circle")
@@ -94,7 +111,8 @@ def _show_buttons(workspace: Workspace, snapshot: Snapshot, title: str) -> None:
             server = f"{address.scheme}://{address.netloc}" if address.netloc else ""
             st.code(f"{server}/Snapshots?{SNAPSHOT}={snapshot.id}", language=None)
         st.download_button(
-            "Report", lambda: render_report(snapshot), f"{stem}.html", "text/html",
+            "Report", lambda: render_report(snapshot, _verified(workspace, snapshot)),
+            f"{stem}.html", "text/html",
             on_click="ignore", icon=":material/description:",
             help="One web page that needs nothing but a browser; it can be printed.",
         )  # fmt: skip
@@ -106,22 +124,65 @@ def _show_buttons(workspace: Workspace, snapshot: Snapshot, title: str) -> None:
             )  # fmt: skip
 
 
-def _show_verification(workspace: Workspace, snapshot: Snapshot) -> None:
-    """How many of the stored figures agree with those computed now, and the exceptions."""
+def _again(snapshot: Snapshot) -> str:
+    """The entry in Streamlit's session state that tells whether the methods are run again."""
+    return f"snapshots_again_{snapshot.id}"
+
+
+def _verified(workspace: Workspace, snapshot: Snapshot) -> Verification:
+    """All of it computed anew, and the methods run again where the user asked for that."""
     recording = workspace.recording
     same = recording if recording and recording.sha256 == snapshot.info.sha256 else None
-    again = False
-    if snapshot.fit.seconds < QUICK and (snapshot.segment or same) and not obstacle(snapshot.fit):
-        again = st.toggle(
-            "Run the methods again, too", key="snapshots_again",
-            help="Every method of the snapshot is run anew on its data, with its settings.",
+    again = bool(st.session_state.get(_again(snapshot)))
+    return _verification(snapshot.digest, same.sha256 if same else "", again, snapshot, same)
+
+
+@st.cache_resource(max_entries=16, show_spinner=False)
+def _verification(
+    digest: str, sha256: str, again: bool, _snapshot: Snapshot, _recording: Recording | None
+) -> Verification:
+    """What was found before for the same file and recording is not computed again."""
+    return verify(_snapshot, _recording, refit_within=HOWEVER_LONG if again else QUICK)
+
+
+def _show_standing(workspace: Workspace, snapshot: Snapshot) -> None:
+    """What the parameters rest on, in one line before anything is made of them."""
+    if st.session_state.get(_again(snapshot)):
+        with st.spinner("Running the methods again"):
+            found = _verified(workspace, snapshot)
+    else:
+        found = verify_parameters(snapshot, refit_within=QUICK)
+    said = parameters_rest_on(found, snapshot.info)
+    if not found.ok:
+        show.messages(said, "error")
+        return
+    with st.container(horizontal=True, vertical_alignment="center"):
+        st.caption(escape_markdown(said))
+        _offer_refit(workspace, snapshot)
+
+
+def _offer_refit(workspace: Workspace, snapshot: Snapshot) -> None:
+    """A button that runs the methods again, where the data are at hand and time allows."""
+    segment = _data_of(workspace, snapshot)
+    if segment is None or st.session_state.get(_again(snapshot)):
+        return
+    seconds = refit_seconds(snapshot, segment)
+    if 0 < seconds <= LONGEST:
+        st.button(
+            f"Refit, about {duration(seconds)}", icon=":material/replay:", key="snapshots_again",
+            on_click=lambda: st.session_state.update({_again(snapshot): True}),
+            help="Runs every method of the snapshot anew on its data, with its settings.",
         )  # fmt: skip
+
+
+def _show_verification(workspace: Workspace, snapshot: Snapshot) -> None:
+    """How many of the stored figures agree with those computed now, and the exceptions."""
     with st.spinner("Computing all of it anew"):
-        found = verify(snapshot, same, refit=again)
+        found = _verified(workspace, snapshot)
     st.markdown(f"**{escape_markdown(counted(found))}**")
     said = summary(found, snapshot.info)
     show.messages(said, *(("success", "verified") if found.ok else ("error",)))
-    texts = (Column(title, prose=True) for title in ("Result", "Stored", "Recomputed"))
+    texts = (Column(title, prose=True) for title in ("Result", "Stored", "Found now"))
     columns = (Column("Checked"), *texts)
     checks = check_rows(found, snapshot.info)
     rows = tuple(
@@ -130,6 +191,9 @@ def _show_verification(workspace: Workspace, snapshot: Snapshot) -> None:
     )
     with st.expander("Every figure, stored beside recomputed", expanded=not found.ok):
         show.table(Table("", columns, rows))
+    with st.expander("What each group of figures rests on"):
+        groups = tuple(row[:3] + row[4:] for row in standing_rows(found.standings))
+        show.table(Table("", tuple(map(Column, ("Figures", "Of", "How", "Agree"))), groups))
 
 
 def _show_beside(snapshot: Snapshot) -> None:

@@ -35,11 +35,11 @@ ROOT = Path(__file__).parents[3]
 IN_A_FRESH_PROCESS = """
 import json, sys
 from accpinn.results.snapshot.archive import load
-from accpinn.results.snapshot.verification import verify
+from accpinn.results.snapshot.verification import QUICK, verify
 from tests.support import draws
 draws.take_few()  # as in this test's process
 snapshot = load(sys.argv[1])
-result = verify(snapshot)
+result = verify(snapshot, refit_within=QUICK)
 found = [snapshot.fit.parameters.values.tobytes().hex(), result.ok, "torch" in sys.modules]
 print(json.dumps(found))
 """

@@ -1,32 +1,39 @@
 """What a snapshot says against what its contents give: every forged figure is found."""
 
+from collections import Counter
 from collections.abc import Callable
+from copy import deepcopy
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
 
+from accpinn.errors import SnapshotError
 from accpinn.evaluation.evaluation import pooled_holdout_errors
 from accpinn.inference.intervals import from_draws, judged
 from accpinn.methods import splines
 from accpinn.methods.fit import Outcome
+from accpinn.methods.pinn.config import preset
 from accpinn.model.cthp import Parameters
 from accpinn.recordings.openacc import read
 from accpinn.recordings.recording import Window
-from accpinn.results.messages.snapshot import summary
+from accpinn.results.messages.snapshot import parameters_rest_on, summary
 from accpinn.results.snapshot import ATTRIBUTION, Snapshot, create
 from accpinn.results.snapshot.archive import load, seal, to_bytes
+from accpinn.results.snapshot.places import Check, compare
 from accpinn.results.snapshot.verification import (
+    HOWEVER_LONG,
+    QUICK,
     RECORDING,
     REFIT,
-    Check,
     Verification,
-    compare,
+    refit_seconds,
     verify,
 )
 from accpinn.segment.cut import cut
-from accpinn.segment.segment import WindowShortened
+from accpinn.segment.segment import Segment, WindowShortened
+from accpinn.serial import flatten, read_json, write_json
 from tests.support.driving import driven, standing_still
 from tests.support.methods import RIVALS as ESTIMATORS
 from tests.support.samples import FOLDER, NOISY, PLATOON
@@ -41,6 +48,23 @@ def fault(found: Verification) -> Check:
 
 def kinds(found: Verification) -> set[str]:
     return {one.kind for one in found.unchecked}
+
+
+def changed(leaf: Any) -> tuple[Any, ...]:
+    """Another value of the same kind."""
+    if isinstance(leaf, bool):
+        return (not leaf,)
+    if isinstance(leaf, int | float):
+        return (leaf + 1 if isinstance(leaf, int) else leaf * 1.01 + 0.003,)
+    return (f"{leaf}x",) if isinstance(leaf, str) else (0.5,)
+
+
+def put(tree: Any, place: str, leaf: Any) -> None:
+    """Set the leaf at a place of a tree."""
+    *way, last = place.split(".")
+    for name in way:
+        tree = tree[int(name) if isinstance(tree, list) else name]
+    tree[int(last) if isinstance(tree, list) else last] = leaf
 
 
 def with_evaluation(snapshot: Snapshot, **change: Any) -> Snapshot:
@@ -84,7 +108,7 @@ class TestCompare:
 
 class TestHonest:
     def test_all_that_can_be_computed_agrees(self) -> None:
-        found = verify(load(to_bytes(whole())))
+        found = verify(load(to_bytes(whole())), refit_within=QUICK)
         assert found.ok
         assert {check.part for check in found.checks if not check.method} == {
             "attribution", "stability", "fit.surrogate", "quality", "uncertainty",
@@ -98,9 +122,9 @@ class TestHonest:
 
     def test_the_recording_stands_in_for_missing_data(self) -> None:
         bare = replace(whole(), segment=None)
-        assert {one.cure for one in verify(bare).unchecked} == {"", RECORDING, REFIT}
+        assert {one.cure for one in verify(bare).unchecked} == {"", RECORDING}
         assert whole().info.sha256 in summary(verify(bare), bare.info)
-        found = verify(bare, read(FOLDER / f"{PLATOON}.csv"))
+        found = verify(bare, read(FOLDER / f"{PLATOON}.csv"), refit_within=QUICK)
         assert found.ok
         assert {"window", "info", "uncertainty"} <= {check.part for check in found.checks}
         assert RECORDING not in {one.cure for one in found.unchecked}
@@ -114,14 +138,27 @@ class TestHonest:
 
     @pytest.mark.parametrize("honest", [small, whole])
     def test_every_method_finds_the_same_again(self, honest: Callable[[], Snapshot]) -> None:
-        found = verify(honest(), refit=True)
+        asked: list[str] = []
+        found = verify(honest(), on_refit=lambda name, _: asked.append(name))
         assert found.ok, summary(found, honest().info)
+        assert found.refitted
+        assert len(asked) == 1 + len(honest().methods)
         assert REFIT not in {one.cure for one in found.unchecked}
-        assert "refit" in {check.part for check in found.checks}
+
+    def test_what_takes_minutes_is_left_to_whoever_asks_for_it(self) -> None:
+        """Whatever duration the file itself tells."""
+        fit = replace(whole().fit, config=preset("paper").to_json(), seconds=0.001)
+        forged = replace(whole(), fit=fit, methods=())
+        found = verify(forged)
+        assert not found.refitted
+        (left,) = [one for one in found.unchecked if one.cure == REFIT]
+        assert forged.segment is not None
+        assert left.seconds == refit_seconds(forged, forged.segment) > 600
+        assert "min)" in summary(replace(found, checks=()), forged.info)
 
     def test_a_stopped_training_cannot_be_run_again(self) -> None:
         fit = replace(whole().fit, outcome=Outcome.STOPPED)
-        found = verify(replace(whole(), fit=fit, methods=()), refit=True)
+        found = verify(replace(whole(), fit=fit, methods=()), refit_within=HOWEVER_LONG)
         assert "stopped" in kinds(found)
         assert "refit" not in {check.part for check in found.checks}
 
@@ -132,7 +169,7 @@ class TestHonest:
         for data, fit in ((segment, free), (still, estimate(still, "II"))):
             snapshot = load(to_bytes(create(data, fit, with_data=True)))
             assert snapshot.fit.parameters == fit.parameters
-            assert verify(snapshot).ok
+            assert verify(snapshot, refit_within=QUICK).ok
 
 
 class TestForged:
@@ -142,7 +179,8 @@ class TestForged:
         first = report.vehicles[0]
         first = replace(first, linf_exact=replace(first.linf_exact, value=1.0))
         vehicles = (first, *report.vehicles[1:])
-        found = verify(replace(whole(), stability=replace(report, vehicles=vehicles)))
+        forged = replace(whole(), stability=replace(report, vehicles=vehicles))
+        found = verify(forged, refit_within=QUICK)
         assert (fault(found).part, fault(found).place) == (
             "stability",
             "vehicles.0.linf_exact.value",
@@ -193,9 +231,9 @@ class TestForged:
         errors = whole().methods[0].evaluation.closed_loop
         assert errors is not None
         better = replace(errors, gap_mae=errors.gap_mae / 2)
-        found = fault(verify(with_evaluation(whole(), closed_loop=better)))
+        found = fault(verify(with_evaluation(whole(), closed_loop=better), refit_within=QUICK))
         assert (found.part, found.method) == ("evaluation.closed_loop", "Least squares")
-        found = fault(verify(with_evaluation(whole(), holdout=None)))
+        found = fault(verify(with_evaluation(whole(), holdout=None), refit_within=QUICK))
         assert found.part == "evaluation.holdout", "it follows from the blocks"
 
     def test_blocks_but_not_those_held_out_otherwise(self) -> None:
@@ -204,7 +242,10 @@ class TestForged:
         def changed(**change: Any) -> Verification:
             own = tuple(replace(block, **change) for block in blocks)
             pooled = pooled_holdout_errors(own)
-            return verify(with_evaluation(whole(), blocks=own, holdout=pooled), refit=True)
+            first = with_evaluation(whole(), blocks=own, holdout=pooled).methods[0]
+            assert isinstance(whole().segment, Segment)
+            plain = create(whole().segment, first.fit, evaluation=first.evaluation, with_data=True)
+            return verify(plain)
 
         assert fault(changed(errors=blocks[0].errors)).part == "evaluation.blocks"
         elsewhere = changed(window=Window(1.0, 2.0))
@@ -214,13 +255,14 @@ class TestForged:
     def test_errors_outside_the_window(self) -> None:
         recording = read(FOLDER / f"{PLATOON}.csv")
         honest = create(*trained(), recording=recording)
-        assert verify(honest, recording).ok
+        assert verify(honest, recording, refit_within=QUICK).ok
         assert honest.evaluation is not None
         assert honest.evaluation.out_of_window is not None
         errors = honest.evaluation.out_of_window
         better = replace(errors, gap_mae=errors.gap_mae / 2)
         forged = replace(honest, evaluation=replace(honest.evaluation, out_of_window=better))
-        assert fault(verify(forged, recording)).part == "evaluation.out_of_window"
+        found = verify(forged, recording, refit_within=QUICK)
+        assert fault(found).part == "evaluation.out_of_window"
 
     def test_another_recording_or_other_names(self) -> None:
         found = verify(replace(whole(), segment=None), read(FOLDER / f"{NOISY}.csv"))
@@ -228,7 +270,8 @@ class TestForged:
         assert "not the recording" in summary(found, whole().info)
         info = replace(whole().info, names=("Lada",) * 5)
         bare = replace(whole(), info=info, segment=None)
-        assert fault(verify(bare, read(FOLDER / f"{PLATOON}.csv"))).part == "info"
+        found = verify(bare, read(FOLDER / f"{PLATOON}.csv"), refit_within=QUICK)
+        assert fault(found).part == "info"
 
     @pytest.mark.parametrize("name", ["evaluation", "uncertainty", "stability"])
     def test_a_removed_part(self, name: str) -> None:
@@ -253,10 +296,52 @@ class TestForged:
         assert "version" in kinds(verify(older))
 
     @pytest.mark.parametrize("honest", [small, whole])
-    def test_parameters_no_method_found(self, honest: Callable[[], Snapshot]) -> None:
+    def test_a_headway_no_method_found_with_all_that_follows_from_it(
+        self, honest: Callable[[], Snapshot]
+    ) -> None:
         segment, fit = honest().segment, honest().fit
         assert segment is not None
-        doubled = Parameters.of(fit.parameters.values * [1, 2, 1])
-        forged = create(segment, replace(fit, parameters=doubled), with_data=True)
-        assert verify(forged).ok
-        assert fault(verify(forged, refit=True)).part == "refit"
+        shorter = Parameters.of(fit.parameters.values * [1, 1, 0.6])
+        forged = create(segment, replace(fit, parameters=shorter, seconds=1e9), with_data=True)
+        believed = verify(forged, refit_within=QUICK)
+        assert believed.ok
+        assert dict(believed.ways)["fit.parameters.0.2"] == "told"
+        assert "only told" in parameters_rest_on(believed, forged.info)
+        found = fault(verify(load(to_bytes(forged))))
+        assert (found.part, found.way) == ("refit", "refitted")
+        assert "fit.parameters.0.2" in found.wrong
+
+    def test_every_figure_that_is_changed_is_found_or_only_told(self) -> None:
+        """One leaf of the whole tree after the other, sealed anew."""
+        parts = entries(small_bytes())
+        trees = {name: read_json(text) for name, text in parts.items() if name.endswith(".json")}
+        changes = [
+            (name, place, other)
+            for name, tree in trees.items()
+            for place, leaf in flatten(tree)
+            for other in changed(leaf)
+        ]
+        assert len(changes) > 250
+        met = Counter[str]()
+        for name, place, other in changes:
+            tree = deepcopy(trees[name])
+            put(tree, place, other)
+            try:
+                forged = load(seal(parts | {name: write_json(tree)}))
+            except SnapshotError:
+                met["refused"] += 1
+                continue
+            part = name.removesuffix(".json")
+            at = place if part == "snapshot" else f"{part}.{place}"
+            found = verify(forged)
+            answer = "found" if not found.ok else dict(found.ways)[at]
+            assert answer in ("found", "told"), (at, other)
+            met[answer] += 1
+        assert min(met[answer] for answer in ("refused", "found", "told")) > 10
+
+    def test_numbers_beyond_all_bounds_are_refused(self) -> None:
+        text = entries(small_bytes())["quality.json"]
+        tree = read_json(text)
+        tree["leader_deviation"] = 1e300
+        with pytest.raises(SnapshotError, match="beyond"):
+            load(seal(entries(small_bytes()) | {"quality.json": write_json(tree)}))

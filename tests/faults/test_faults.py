@@ -1,0 +1,311 @@
+"""Kills, full disks, folders that go away, two servers at once, and clocks that are put back.
+
+Each fault meets a process of its own where it must: a child of this one, which is quick. What had
+been confirmed is there afterwards, and whoever asked gets one sentence. Further ones stand beside
+what they are about: a kill in mid-training (cli), in mid-batch (study), damaged caches (methods).
+"""
+
+import os
+import shutil
+import signal
+import sys
+import time
+import warnings
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from accpinn.errors import AccpinnError
+from accpinn.methods import least_squares
+from accpinn.methods.store import Store
+from accpinn.recordings import download as downloads
+from accpinn.recordings.catalogue import Run
+from accpinn.results.snapshot.archive import load
+from accpinn.results.snapshot.saved import Library, save
+from accpinn.study.journal import JOURNAL, Journal, read_rows
+from tests.support.driving import driven
+from tests.support.openacc_files import csv, platoon
+from tests.support.publisher import publisher
+from tests.support.snapshots import small, small_bytes
+
+pytestmark = pytest.mark.skipif(not hasattr(os, "fork"), reason="there are no children")
+
+LIMIT = 1000
+"""Bytes after which a child's disk is full; less than any file here has."""
+SETTINGS = {"window": 300.0, "case": "II"}
+RUN = Run("Casale", "part2.csv", None)
+
+
+def child(action: Callable[[], Any], *, disk: int = 0) -> tuple[int, str]:
+    """Run it in a child; how that ended (minus the signal that killed it), and what it said.
+
+    Args:
+        action: what to do; what it returns, or the sentence of its error, is what it says.
+        disk: bytes that a file may have at most, as if the disk were full then; 0 for any number.
+    """
+    reading, writing = os.pipe()
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", DeprecationWarning)  # of other threads
+        number = os.fork()
+    if number == 0:
+        status = 70
+        try:
+            if disk:
+                import resource
+
+                resource.setrlimit(resource.RLIMIT_FSIZE, (disk, resource.RLIM_INFINITY))
+            try:
+                said, status = action(), 0
+            except AccpinnError as fault:
+                said, status = str(fault), 1
+            os.write(writing, str(said or "").encode()[:60_000])
+        finally:
+            os._exit(status)
+    os.close(writing)
+    with os.fdopen(reading, "rb") as pipe:
+        said = pipe.read().decode()
+    _, status = os.waitpid(number, 0)
+    return os.waitstatus_to_exitcode(status), said
+
+
+def die(*_: object, **__: object) -> None:
+    os.kill(os.getpid(), signal.SIGKILL)
+
+
+def dying_at(module: Any, name: str, action: Callable[[], Any]) -> Callable[[], Any]:
+    """The action, killed where it calls that function."""
+
+    def run() -> Any:
+        setattr(module, name, die)
+        return action()
+
+    return run
+
+
+def is_sentence(said: str) -> bool:
+    return said.endswith(".") and "\n" not in said and len(said) < 500
+
+
+def confirmed(library: Library) -> list[str]:
+    assert not [entry.fault for entry in library.entries() if entry.fault]
+    return sorted(entry.name for entry in library.entries())
+
+
+class TestKill:
+    @pytest.mark.parametrize("moment", ["fsync", "replace"])
+    def test_in_mid_save_leaves_the_library_whole_and_open_to_others(
+        self, tmp_path: Path, moment: str
+    ) -> None:
+        library = Library(tmp_path)
+        library.add(small())
+        other = replace(small(), name="other")
+        status, _ = child(dying_at(os, moment, lambda: Library(tmp_path).add(other)))
+        assert status == -signal.SIGKILL
+        assert confirmed(Library(tmp_path)) == ["small"]
+        Library(tmp_path).add(other)
+        assert confirmed(Library(tmp_path)) == ["other", "small"]
+
+    def test_in_mid_result_leaves_the_store_as_it_was(self, tmp_path: Path) -> None:
+        store, fit = Store(tmp_path), least_squares.fit(driven())
+        store.save_fit("kept", fit)
+        status, _ = child(dying_at(os, "replace", lambda: store.save_fit("kept", fit)))
+        assert status == -signal.SIGKILL
+        known = store.load_fit("kept", driven(), pytest.fail)
+        assert known is not None
+        assert known.parameters == fit.parameters
+
+    def test_in_mid_line_costs_the_journal_that_line(self, tmp_path: Path) -> None:
+        def half() -> None:
+            with Journal(tmp_path, SETTINGS) as journal:
+                journal.add("result", "one", rows=[{"alpha": 1.0}])
+                journal._file.write('{"kind": "result", "key": "two", "rows": [{"al')
+                journal._file.flush()
+                die()
+
+        assert child(half)[0] == -signal.SIGKILL
+        with Journal(tmp_path, SETTINGS) as journal:
+            assert set(journal.known.results) == {"one"}
+            journal.add("result", "two", rows=[{"alpha": 2.0}])
+        assert [row["alpha"] for row in read_rows(tmp_path)] == [1.0, 2.0]
+
+    def test_in_mid_download_goes_on_from_what_arrived(self, tmp_path: Path) -> None:
+        content = csv(platoon(2, 1500))
+
+        def fetch(**options: Any) -> list[downloads.Download]:
+            return list(downloads.download([RUN], tmp_path, server.url, pause=0.01, **options))
+
+        with publisher({RUN.key: content}) as server:
+            downloads._CHUNK, before = 8192, downloads._CHUNK
+            try:
+                status, _ = child(lambda: fetch(on_transfer=die))
+            finally:
+                downloads._CHUNK = before
+            assert status == -signal.SIGKILL
+            assert not RUN.path(tmp_path).exists()
+            [found] = fetch()
+            assert found.path.read_bytes() == content
+            assert server.requests[-1][1].startswith("bytes="), "not from its beginning"
+
+
+class TestFullDisk:
+    def test_nothing_is_lost_and_one_sentence_says_so(self, tmp_path: Path) -> None:
+        store, library = Store(tmp_path / "cache"), Library(tmp_path / "library")
+        file, fit = save(small(), tmp_path / "a.accpinn.zip"), least_squares.fit(driven())
+        library.add(small())
+        store.save_fit("kept", fit)
+        other = replace(small(), name="other")
+        heard: list[str] = []
+
+        def told() -> str:
+            store.save_fit("kept", replace(fit, seconds=9.0), heard.append)
+            return heard[0]
+
+        for action in (lambda: save(other, file), lambda: library.add(other), told):
+            status, said = child(action, disk=LIMIT)
+            assert status in (0, 1)
+            assert is_sentence(said)
+            assert "File too large" in said
+            assert "free some space" in said
+        assert load(file).name == "small"
+        assert confirmed(Library(library.folder)) == ["small"]
+        known = store.load_fit("kept", driven(), pytest.fail)
+        assert known is not None
+        assert known.seconds == fit.seconds
+        assert not [*tmp_path.rglob("*.part")]
+
+    def test_a_batch_keeps_what_it_had_and_goes_on(self, tmp_path: Path) -> None:
+        row = {"alpha": 1.0, "name": "x" * 200}
+
+        def work() -> None:
+            with Journal(tmp_path, SETTINGS) as journal:
+                for k in range(100):
+                    journal.add("result", f"{k}", rows=[row])
+
+        status, said = child(work, disk=LIMIT)
+        assert status == 1
+        assert is_sentence(said)
+        assert "the same call again" in said
+        assert (tmp_path / JOURNAL).stat().st_size == LIMIT
+        whole = (tmp_path / JOURNAL).read_bytes().count(b"\n")
+        assert whole > 2
+        with Journal(tmp_path, SETTINGS) as journal:
+            assert len(journal.known.results) == whole
+        assert len(list(read_rows(tmp_path))) == whole
+
+    def test_a_download_keeps_its_part(self, tmp_path: Path) -> None:
+        content = csv(platoon(2, 1500))
+        with publisher({RUN.key: content}) as server:
+
+            def fetch() -> str:
+                [found] = downloads.download([RUN], tmp_path, server.url, pause=0.01)
+                return found.reason
+
+            status, said = child(fetch, disk=LIMIT)
+            assert (status, is_sentence(said)) == (0, True)
+            assert "cannot be written" in said
+            assert fetch() == ""
+        assert RUN.path(tmp_path).read_bytes() == content
+
+
+class TestFolders:
+    @pytest.mark.skipif(sys.platform != "linux", reason="needs a place where nobody may write")
+    def test_a_cache_that_cannot_be_written_to_costs_a_sentence(self) -> None:
+        heard: list[str] = []
+        store = Store(Path("/proc/accpinn"))
+        store.save_fit("a", least_squares.fit(driven()), heard.append)
+        assert store.load_fit("a", driven(), heard.append) is None
+        (said,) = heard
+        assert is_sentence(said)
+        assert "ACCPINN_CACHE" in said
+        with pytest.raises(AccpinnError, match="cannot be kept there"):
+            Library(Path("/proc/accpinn")).add(small())
+
+    def test_folders_that_vanish_are_made_again(self, tmp_path: Path) -> None:
+        store, library = Store(tmp_path / "cache"), Library(tmp_path / "library")
+        fit = least_squares.fit(driven())
+        for _ in range(2):
+            store.save_fit("a", fit, pytest.fail)
+            name = library.add(small())
+            assert store.load_fit("a", driven(), pytest.fail) is not None
+            assert confirmed(library) == ["small"]
+            shutil.rmtree(store.folder)
+            shutil.rmtree(library.folder)
+            assert store.load_fit("a", driven(), pytest.fail) is None
+            assert library.entries() == ()
+            with pytest.raises(AccpinnError, match="may have been deleted"):
+                library.open(name)
+            library.delete(name)
+
+
+def test_two_servers_on_one_cache_read_whole_results_or_none(tmp_path: Path) -> None:
+    """One writes and makes room without end while the other reads."""
+    fit = least_squares.fit(driven())
+    size = 3 * len(repr(fit)) + 20_000
+
+    def write() -> str:
+        store, heard = Store(tmp_path, cap_bytes=size), list[str]()
+        for k in range(60):
+            store.save_fit(f"{k % 5}", fit, heard.append)
+        return " ".join(heard)
+
+    def read() -> str:
+        store, heard, found = Store(tmp_path, cap_bytes=size), list[str](), 0
+        end = time.monotonic() + 5.0
+        while found < 40 and time.monotonic() < end:
+            for k in range(5):
+                known = store.load_fit(f"{k}", driven(), heard.append)
+                if known is not None:
+                    found += 1
+                    assert np.array_equal(known.parameters.values, fit.parameters.values)
+        return " ".join(heard) or f"{found >= 40}"
+
+    write()
+    reading, writing = os.pipe()
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", DeprecationWarning)
+        number = os.fork()
+    if number == 0:
+        os.write(writing, write().encode() or b"-")
+        os._exit(0)
+    os.close(writing)
+    assert read() == "True"
+    assert os.read(reading, 1000) == b"-"
+    os.close(reading)
+    os.waitpid(number, 0)
+    assert not [*tmp_path.glob("*.damaged")]
+
+
+class TestClock:
+    def test_put_back_it_costs_no_snapshot(
+        self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        library = Library(tmp_path)
+        name = library.add(small())
+        gone = library.add(replace(small(), name="deleted"))
+        library.delete(gone)
+        real = time.time
+        for days in (2, 400):
+            monkeypatch.setattr(time, "time", lambda days=days: real() - 86400 * days)
+            library.add(replace(small(), name=f"{days}", created="2020-01-01T00:00:00Z"))
+        assert confirmed(library) == ["2", "400", "small"]
+        assert library.raw(name) == small_bytes()
+        library.restore(gone)
+        assert "deleted" in confirmed(library)
+
+    def test_put_back_the_cache_still_keeps_the_latest(self, tmp_path: Path) -> None:
+        fit = least_squares.fit(driven())
+        Store(tmp_path).save_fit("probe", fit)
+        (probe,) = tmp_path.iterdir()
+        store = Store(tmp_path, cap_bytes=3 * probe.stat().st_size + 100)
+        ahead = time.time() + 86400
+        for key in ("probe", "b"):
+            store.save_fit(key, fit)
+            os.utime(tmp_path / f"{key}.fit.npz", (ahead, ahead))
+        for key in ("c", "d", "e"):
+            store.save_fit(key, fit)
+        kept = {path.name.split(".")[0] for path in tmp_path.iterdir()}
+        assert kept == {"c", "d", "e"}

@@ -1,0 +1,537 @@
+"""What a stranger may hand over, by kind: how an example is drawn, and what is done with it.
+
+An example is one file, or what a link or a command line says as a JSON text. Whatever is done with
+it ends in one of two ways: it is refused in the project's own error, or it is used.
+"""
+
+import io
+import json
+import os
+from collections.abc import Callable
+from contextlib import redirect_stderr, redirect_stdout, suppress
+from dataclasses import dataclass, replace
+from functools import cache
+from pathlib import Path
+from random import Random
+from types import SimpleNamespace
+from typing import Any
+from unittest.mock import patch
+
+import numpy as np
+import pandas as pd
+
+from accpinn import cli
+from accpinn.errors import AccpinnError, SegmentError
+from accpinn.inference.intervals import intervals
+from accpinn.methods import least_squares
+from accpinn.methods.registry import METHODS
+from accpinn.recordings.files import read, read_all
+from accpinn.recordings.mapping import load_mapping
+from accpinn.recordings.recording import Recording
+from accpinn.results.export import parameter_card, snapshot_types
+from accpinn.results.messages import messages
+from accpinn.results.messages import summary as words
+from accpinn.results.messages.snapshot import parameters_rest_on, summary
+from accpinn.results.report import render_report, tables_of
+from accpinn.results.snapshot import Snapshot, create
+from accpinn.results.snapshot.archive import load, pack_arrays, seal, to_bytes, unpack_arrays
+from accpinn.results.snapshot.saved import Library
+from accpinn.results.snapshot.verification import QUICK, verify
+from accpinn.results.tables.groups import group_table, pooled_table
+from accpinn.segment.cut import cut
+from accpinn.segment.quality import assess_quality, label_regimes
+from accpinn.segment.rating import rate
+from accpinn.segment.suggestion import suggest_window
+from accpinn.serial import read_json, write_json
+from accpinn.study.comparison import MethodResult
+from accpinn.study.groups import BY, GROUPABLE, group, read_study
+from accpinn.study.journal import JOURNAL, RESULTS, SETTINGS, Journal, read_failures, read_pooled
+from accpinn.study.pooling import POOLED_COLUMNS
+from accpinn.study.rows import COLUMNS
+from tests.fuzz.mutations import TOKENS, spoil_bytes, spoil_table, spoil_tree, text
+from tests.support.openacc_files import csv, metadata, platoon
+from tests.support.snapshots import delayed, entries, small, small_bytes
+
+ROOT = Path(__file__).parents[2]
+UPLOAD = 50_000_000
+"""Bytes of the largest file that the app takes."""
+STUDY = {"window": 300.0, "case": "II"}
+
+
+@dataclass(frozen=True)
+class Kind:
+    """One way in."""
+
+    name: str
+    draw: Callable[[Random], bytes]
+    """The content of a file."""
+    use: Callable[[bytes, Path], bool]
+    """Does with it what the app and the command line do, in an empty folder; whether anything came
+    of it. A refusal may be an `AccpinnError`, too."""
+    ending: str
+    """Of the file's name."""
+
+
+# Recordings
+
+
+@cache
+def recordings() -> tuple[bytes, ...]:
+    """Sound OpenACC files: made for a test, the first rows of the samples, and real ones."""
+    found = [csv(platoon(samples=300)), csv(platoon(2, 200), metadata(("A", "B")), "\n")]
+    files = sorted((ROOT / "sample_data").glob("*.csv"))
+    folder = os.environ.get("OPENACC_DIR", "")
+    files += sorted(Path(folder).glob("*/*.csv"))[::3] if folder else []
+    for file in files:
+        with file.open("rb") as lines:
+            found.append(b"".join(line for line, _ in zip(lines, range(300), strict=False)))
+    return tuple(found)
+
+
+def draw_recording(draw: Random) -> bytes:
+    """A recording, spoilt."""
+    data = draw.choice(recordings())
+    if draw.random() < 0.6:
+        with suppress(UnicodeDecodeError):
+            data = spoil_table(data, draw, 5)
+    return spoil_bytes(data, draw) if draw.random() < 0.5 else data
+
+
+def use_recording(data: bytes, _: Path) -> bool:
+    """What page Data does with a file, and a first estimate."""
+    return look_at(read(data, "run.csv"))
+
+
+def look_at(recording: Recording) -> bool:
+    """Everything that is shown of a recording before anyone asks."""
+    messages(recording.findings, recording)
+    with suppress(SegmentError):
+        segment = cut(recording, 0.0, 300.0, allow_missing=True)
+        messages(segment.findings, segment)
+        quality = assess_quality(segment)
+        messages(quality.findings, segment)
+        label_regimes(segment, recording)
+        rate(segment, recording, quality)
+        suggest_window(recording, segment.vehicles, 60.0)
+        if not segment.blocks_missing:
+            fit = METHODS["least-squares"].fit(segment)
+            messages(fit.findings, segment)
+    return True
+
+
+@cache
+def pair_tables() -> tuple[bytes, ...]:
+    """Two vehicles behind a leader as a table of pairs; then a part of it."""
+    frame = platoon(samples=200)
+    parts = [
+        pd.DataFrame(
+            {
+                "Trajectory_ID": f"t{k}",
+                "Time_Index": np.round(0.1 * np.arange(len(frame)), 6),
+                "ID_LV": 100 + k,
+                "Type_LV": int(k == 1),
+                "Speed_LV": frame[f"Speed{k}"],
+                "ID_FAV": 101 + k,
+                "Speed_FAV": frame[f"Speed{k + 1}"],
+                "Spatial_Gap": frame[f"IVS{k}"],
+            }
+        )
+        for k in (1, 2)
+    ]
+    return tuple(pd.concat(some).to_csv(index=False).encode() for some in (parts, parts[:1]))
+
+
+def draw_pairs(draw: Random) -> bytes:
+    """A table of pairs, spoilt."""
+    data = draw.choice(pair_tables())
+    if draw.random() < 0.7:
+        data = spoil_table(data, draw, 0)
+    return spoil_bytes(data, draw) if draw.random() < 0.4 else data
+
+
+def use_pairs(data: bytes, _: Path) -> bool:
+    """All recordings of the table, and the first as if it were named."""
+    found = [one for one in read_all(data, "pairs.csv") if isinstance(one, Recording)]
+    for recording in found[:3]:
+        look_at(recording)
+    if found and found[0].trajectory:
+        read(data, "pairs.csv", trajectory=found[0].trajectory.split(",")[0])
+    return bool(found)
+
+
+MAPPING = {
+    "time": {"column": "Time", "unit": "s"},
+    "speeds": [
+        {"column": "Speed1", "unit": "km/h", "name": "Audi (A8)"},
+        {"column": "Speed2", "unit": "m/s"},
+    ],
+    "gaps": [{"column": "IVS1", "unit": "ft", "subtract": 4.5}],
+    "modes": [{"vehicle": 2, "column": "Driver2", "acc": ["ACC"], "human": ["Human"]}],
+    "trajectory": "Run",
+}
+
+
+@cache
+def mapped_table() -> Path:
+    """The table that mappings are tried on, in a file of this process."""
+    frame = platoon(2, 150).assign(Driver2="ACC", Run="a")
+    place = Path(os.environ.get("TMPDIR", "/tmp")) / f"accpinn_fuzz_{os.getpid()}.csv"
+    frame.to_csv(place, index=False)
+    return place
+
+
+def draw_mapping(draw: Random) -> bytes:
+    """A mapping, spoilt as a document or as bytes."""
+    spare = ("modes", "trajectory")
+    kept = {
+        name: part for name, part in MAPPING.items() if name not in spare or draw.random() < 0.5
+    }
+    if draw.random() < 0.3:
+        kept["sample_time"] = 0.1
+        del kept["time"]
+    data = json.dumps(spoil_tree(kept, draw), ensure_ascii=False).encode("utf-8", "replace")
+    return spoil_bytes(data, draw) if draw.random() < 0.3 else data
+
+
+def use_mapping(data: bytes, folder: Path) -> bool:
+    """Read it, and a table by it."""
+    (folder / "mapping.json").write_bytes(data)
+    mapping = load_mapping(folder / "mapping.json")
+    table = mapped_table().read_bytes()
+    found = [one for one in read_all(table, "t.csv", mapping=mapping) if isinstance(one, Recording)]
+    for recording in found:
+        look_at(recording)
+    read(table, "t.csv", mapping=mapping, trajectory="a" if mapping.trajectory else None)
+    return True
+
+
+# Snapshots
+
+
+@cache
+def snapshots() -> tuple[bytes, ...]:
+    """A small snapshot, and one with all that needs no training."""
+    segment = small().segment
+    assert segment is not None
+    fit = least_squares.fit(segment)
+    uncertainty = small().uncertainty or intervals(segment, fit, draws=10)
+    evaluation = small().evaluation
+    assert evaluation is not None
+    online = METHODS["recursive"].fit(segment)
+    rows = [MethodResult(replace(one, surrogate=None), uncertainty, evaluation)
+            for one in (fit, online)]  # fmt: skip
+    rich = create(
+        segment, fit, uncertainty=uncertainty, evaluation=evaluation, methods=rows,
+        adequacy=delayed(), facts={"campaign": "X", "date": "2024-01-01", "acc_flag": 1,
+        "distance_setting": "min", "samples": 41, "duration": 20.0, "sample_time": 0.5},
+    )  # fmt: skip
+    return small_bytes(), to_bytes(rich)
+
+
+def draw_snapshot(draw: Random) -> bytes:
+    """A snapshot with bytes changed, or with documents and arrays changed and sealed anew."""
+    data = draw.choice(snapshots())
+    if draw.random() < 0.2:
+        return spoil_bytes(data, draw)
+    parts = entries(data)
+    for _ in range(draw.choice((1, 1, 2))):
+        name = draw.choice(sorted(parts))
+        if name.endswith(".json"):
+            parts[name] = write_json(spoil_tree(read_json(parts[name]), draw))
+        elif name.endswith(".npz"):
+            parts[name] = spoil_arrays(parts[name], draw)
+        elif draw.random() < 0.5:
+            parts[name] = spoil_bytes(parts[name], draw)
+        else:
+            del parts[name]
+    return seal(parts)
+
+
+def spoil_arrays(data: bytes, draw: Random) -> bytes:
+    """A part of arrays with numbers, or a shape, changed."""
+    arrays = {name: np.array(values) for name, values in unpack_arrays(data, "it").items()}
+    if not arrays:
+        return data
+    name = draw.choice(sorted(arrays))
+    values, at = arrays[name], draw.randrange(max(1, arrays[name].size))
+    kind = draw.randrange(5)
+    if kind == 0:
+        arrays[name] = values[:at]
+    elif kind == 1:
+        arrays[name] = values * draw.choice((0, -1, 0.5, 1e6, 1e30))
+    elif kind == 2:
+        arrays[name] = values.T
+    elif values.size and values.dtype.kind == "f":
+        values.flat[at] = draw.choice((np.nan, np.inf, -np.inf, 0.0, -1.0, 1e30, 1e-300, 1e300))
+    elif values.size:
+        values.flat[at] = not values.flat[at]
+    return pack_arrays(arrays)
+
+
+def use_snapshot(data: bytes, _: Path) -> bool:
+    """Open it, check it, and make of it what the app and the command line make."""
+    snapshot = load(data)
+    checked = verify(snapshot, refit_within=QUICK)
+    summary(checked, snapshot.info), parameters_rest_on(checked, snapshot.info)
+    show(snapshot)
+    if len(data) % 16 == 0:  # it takes most of a second
+        render_report(snapshot, checked)
+    return True
+
+
+def show(snapshot: Snapshot) -> None:
+    """Tables, sentences and files of a snapshot."""
+    words.title(snapshot), words.summary(snapshot), words.about_data(snapshot)
+    words.cautions(snapshot)
+    for table in tables_of(snapshot).values():
+        table.to_text(), table.to_csv(), table.to_latex(), table.to_html()
+    with suppress(AccpinnError):
+        parameter_card(snapshot)
+        snapshot_types(snapshot, 5)
+
+
+# Studies
+
+
+@cache
+def journal_lines() -> tuple[Any, ...]:
+    """What a batch of three windows leaves."""
+
+    def row(k: int) -> dict[str, Any]:
+        sample = {"string": "a", "bool": True, "int64": 2, "double": 0.2}
+        row = {column.name: sample[column.kind] for column in COLUMNS}
+        return row | {"method": "maximum-likelihood", "start": 300.0 * k, "p_l2_stable": 0.3}
+
+    pooled = {column.name: {"string": "a", "bool": True, "int64": 2, "double": 0.5}[column.kind]
+              for column in POOLED_COLUMNS}  # fmt: skip
+    window = {"vehicles": [1, 2], "start": 0.0, "duration": 300.0}
+    failure = {"file": "b.csv", "start": None, "vehicle": None, "reason": "no reason"}
+    return (
+        {"kind": "recording", "key": "r", "file": "a.csv", "recordings": ["p"], "refused": 0},
+        {"kind": "plan", "key": "p", "windows": [window]},
+        *({"kind": "result", "key": f"k{k}", "rows": [row(k)]} for k in range(3)),
+        {"kind": "failure", "key": "f", "final": True} | failure,
+        {"kind": "pooled", "key": "v", "row": pooled},
+        {"kind": "recovered", "key": "f"},
+    )
+
+
+def draw_study(draw: Random) -> bytes:
+    """The files of a batch's folder as a JSON object of texts, one of them spoilt."""
+    lines = [*journal_lines()]
+    if draw.random() < 0.7:
+        at = draw.randrange(len(lines))
+        lines[at] = spoil_tree(lines[at], draw)
+    journal = b"".join(json.dumps(line, ensure_ascii=False).encode() + b"\n" for line in lines)
+    settings = json.dumps(STUDY | {"format": 1}).encode()
+    if draw.random() < 0.3:
+        journal = spoil_bytes(journal, draw)
+    if draw.random() < 0.1:
+        settings = json.dumps(spoil_tree(json.loads(settings), draw)).encode()
+    files = {JOURNAL: journal, SETTINGS: settings, RESULTS: spoil_bytes(b"PAR1" * 20, draw)}
+    by = [draw.choice((*GROUPABLE, *TOKENS[:20])) for _ in range(draw.randrange(3))]
+    texts = {name: content.decode("latin-1") for name, content in files.items()}
+    return json.dumps(texts | {"by": by or list(BY)}).encode()
+
+
+def use_study(data: bytes, folder: Path) -> bool:
+    """Group its rows, print all tables, and go on with it."""
+    files = json.loads(data)
+    by = tuple(files.pop("by"))
+    for name, content in files.items():
+        (folder / name).write_bytes(content.encode("latin-1"))
+    rows = read_study(folder)
+    table = group_table(group(rows, by))
+    table.to_text(), table.to_csv(), table.to_latex()
+    pooled_table(list(read_pooled(folder)), 0.9).to_text()
+    read_failures(folder)
+    with Journal(folder, STUDY):
+        return True
+
+
+# Links
+
+
+def draw_link(draw: Random) -> bytes:
+    """The parameters of a link, some of them sound."""
+    names = ("session", "snapshot", "page", text(draw))
+    shown = {name: draw.choice((*TOKENS, "SOUND", "OTHER", "0" * 16, "f" * 16, "../" * 5 + "a"))
+             for name in names if draw.random() < 0.7}  # fmt: skip
+    return json.dumps(shown).encode()
+
+
+def use_link(data: bytes, folder: Path) -> bool:
+    """Follow it as a browser does, twice."""
+    from pages.ui.session import sessions
+
+    kept = Library(folder / "library")
+    sound = kept.add(small_bytes())
+    registry = sessions.Workspaces()
+    words = {"SOUND": sound, "OTHER": registry.new().id}
+    params = {name: words.get(value, value) for name, value in json.loads(data).items()}
+    browser = SimpleNamespace(query_params=params, session_state={})
+    store = SimpleNamespace(folder=folder / "cache")
+    with (
+        patch.object(sessions, "st", browser),
+        patch.object(sessions, "task_queue", lambda: None),
+        patch.object(sessions, "library", lambda: kept),
+        patch.object(sessions, "store", lambda: store),
+        patch.object(sessions, "workspaces", lambda: registry),
+        patch.dict(os.environ, {"ACCPINN_CACHE": str(folder / "cache")}),
+    ):
+        first = sessions.current()
+        assert sessions.current() is first
+    assert browser.query_params["session"] == first.id
+    assert [path.name for path in folder.iterdir()] == ["library"], "a link writes nothing"
+    return not browser.session_state["snapshot_fault"]
+
+
+# Command lines
+
+ESTIMATING = ("fit", "compare", "starts")
+HARMLESS = {
+    "compare": ["--methods", "least-squares"],
+    "fit": ["--method", "least-squares", "--no-cache"],
+    "starts": ["missing.csv"],
+    "batch": ["missing.csv"],
+    "download": ["--list"],
+}
+"""Put at the end, so that no example trains, starts workers or asks the network."""
+
+
+@cache
+def options_of(command: str) -> tuple[str, ...]:
+    """The options that a command declares."""
+    parser = cli._parser([command])
+    (choices,) = (a.choices for a in parser._actions if a.choices and command in a.choices)
+    return tuple(name for action in choices[command]._actions for name in action.option_strings)
+
+
+def draw_arguments(draw: Random) -> bytes:
+    """A command line: a command, some of its options, values sound and odd."""
+    command = draw.choice((*cli.COMMANDS, *cli.COMMANDS, text(draw)))
+    values = (*TOKENS, "run.csv", "run.csv", "good.accpinn.zip", "good.accpinn.zip", "mapping.json",
+              "missing.csv", "folder", "out.html", "0", "10", "30", "0.1", "-1", "1-2", "1,2",
+              "II", "0-10,10-20", "all", "least-squares", "make,model")  # fmt: skip
+    words = [command]
+    if draw.random() < 0.7:
+        words.append(draw.choice(("run.csv", "good.accpinn.zip", "folder", "missing.csv")))
+    for _ in range(draw.randrange(5)):
+        if command in cli.COMMANDS and draw.random() < 0.7:
+            words.append(draw.choice(options_of(command)))
+        words.append(draw.choice(values))
+    words += HARMLESS.get(command, [])
+    if draw.random() < 0.3:
+        words.append("--json")
+    return json.dumps([word for word in words if "\0" not in word]).encode()
+
+
+def use_arguments(data: bytes, folder: Path) -> bool:
+    """Run the command in a folder with sound files; one line says what is wrong."""
+    given = json.loads(data)
+    (folder / "run.csv").write_bytes(recordings()[0])
+    (folder / "good.accpinn.zip").write_bytes(small_bytes())
+    (folder / "mapping.json").write_text(json.dumps(MAPPING))
+    (folder / "folder").mkdir()
+    out, err = io.StringIO(), io.StringIO()
+    before = Path.cwd()
+    places = ("ACCPINN_CACHE", "ACCPINN_MAPPINGS", "ACCPINN_SNAPSHOTS", "ACCPINN_RECORDINGS")
+    os.chdir(folder)
+    try:
+        with (
+            redirect_stdout(out),
+            redirect_stderr(err),
+            patch.dict(os.environ, {name: str(folder / name) for name in places}),
+        ):
+            try:
+                status = cli.main(given)
+            except SystemExit as end:
+                status = int(end.code or 0)
+    finally:
+        os.chdir(before)
+    said = [line for line in err.getvalue().splitlines() if line.startswith("error: ")]
+    assert status in (0, 1, 2), status
+    assert len(said) == (1 if status else 0), err.getvalue()
+    assert "Traceback" not in err.getvalue(), err.getvalue()
+    if status == 0 and "--json" in given and not {"-h", "--help", "--version"} & set(given):
+        json.loads(out.getvalue(), parse_constant=_refuse)
+    return status == 0
+
+
+def _refuse(constant: str) -> None:
+    raise AssertionError(f"{constant} is no JSON")
+
+
+# Large files
+
+SHAPES: dict[str, Callable[[int], bytes]] = {
+    "one line": lambda size: b"1," * (size // 2),
+    "line ends": lambda size: b"\n" * size,
+    "carriage returns": lambda size: b"\r" * size,
+    "commas": lambda size: b"," * size,
+    "quotes": lambda size: b'"' * size,
+    "open quote": lambda size: recordings()[0][:500] + b'"' + b"a\n" * (size // 2),
+    "zeros": bytes,
+    "letters": lambda size: b"a" * size,
+    "columns": lambda size: b"Time," + b"Speed1," * (size // 7),
+    "columns of vehicles": lambda size: b"Time," + b",".join(
+        f"Speed{k}".encode() for k in range(size // 20)) + b"\n1.0,",
+    "many rows": lambda size: _rows(size, recordings()[0]),
+    "many rows of words": lambda size: _rows(size, recordings()[0]).replace(b".0", b".x"),
+    "many pairs": lambda size: _rows(size, pair_tables()[0]),
+    "a run a row": lambda size: _single(size),
+    "brackets": lambda size: b"[" * size,
+    "digits": lambda size: recordings()[0][:500] + b"9" * size,
+    "short rows": lambda size: recordings()[0][:500] + b"1,2\n" * (size // 4),
+}  # fmt: skip
+
+
+def _rows(size: int, table: bytes) -> bytes:
+    """A table with its rows repeated, their time running on."""
+    head, _, body = table.rpartition(b"Spatial_Gap" if b"Spatial_Gap" in table else b"IVS2")
+    name = b"Spatial_Gap" if b"Spatial_Gap" in table else b"IVS2"
+    first = body.split(b"\n")[1].split(b",", 2 if name == b"Spatial_Gap" else 1)
+    rows = size // (len(body.split(b"\n")[1]) + 6)
+    lead = first[0] + b"," if name == b"Spatial_Gap" else b""
+    rest = b"," + first[-1].rstrip() + b"\n"
+    return head + name + b"\n" + b"".join(b"%s%.1f%s" % (lead, k / 10, rest) for k in range(rows))
+
+
+def _single(size: int) -> bytes:
+    head, *rows = pair_tables()[0].split(b"\n")
+    row = rows[0].split(b",", 1)[1]
+    count = size // (len(row) + 8)
+    return head + b"\n" + b"".join(b"t%d,%s\n" % (k, row) for k in range(count))
+
+
+def draw_large(draw: Random) -> bytes:
+    """The recipe of a file up to the upload limit: its shape and its size."""
+    size = draw.choice((UPLOAD, UPLOAD, UPLOAD // 5))
+    return json.dumps([draw.choice(sorted(SHAPES)), size]).encode()
+
+
+def use_large(data: bytes, folder: Path) -> bool:
+    """Read it as a recording, as a mapping and as a snapshot."""
+    shape, size = json.loads(data)
+    content = SHAPES[shape](size)[:UPLOAD]
+    (folder / "large").write_bytes(content)
+    with suppress(AccpinnError):
+        load(folder / "large")
+    with suppress(AccpinnError):
+        load_mapping(folder / "large")
+    return bool(read(content, "large.csv").samples)
+
+
+KINDS = {
+    kind.name: kind
+    for kind in (
+        Kind("recording", draw_recording, use_recording, ".csv"),
+        Kind("pairs", draw_pairs, use_pairs, ".csv"),
+        Kind("mapping", draw_mapping, use_mapping, ".json"),
+        Kind("snapshot", draw_snapshot, use_snapshot, ".accpinn.zip"),
+        Kind("study", draw_study, use_study, ".json"),
+        Kind("link", draw_link, use_link, ".json"),
+        Kind("arguments", draw_arguments, use_arguments, ".json"),
+        Kind("large", draw_large, use_large, ".json"),
+    )
+}

@@ -1,0 +1,169 @@
+"""Files and documents spoilt in ways that a seed repeats: bytes, cells of tables, trees of JSON.
+
+Everything is drawn from a `random.Random`, which a long run makes of a seed and hypothesis of its
+own choices, so that it can make a finding smaller.
+"""
+
+import string
+from copy import deepcopy
+from random import Random
+from typing import Any
+
+TOKENS = (
+    "", " ", "nan", "NaN", "inf", "-inf", "-0", "0", "-1", "1e308", "-1e308", "1e-320", "1e400",
+    "9" * 400, "999999999999", "0x1f", "1,5", "1;5", "1 000", "1_000", "1.2.3", "١٢", '"', '""',
+    '"a\nb"', "'", "=1+1", "Human", "ACC", "None", "true", "null", "\0", "\ufeff", "\u202e",
+    "\u2028", "é", "😀", "A" * 5000, "2020-02-30", "0000-00-00", "Time", "Speed1", "IVS1",
+    "../../etc/passwd",
+    "%s%n", "{}", "[]", "<b>", "\\", "\t", "\r", "\n", ",", ";", ",,,,,,,,", "#", "\x1b[31m",
+)  # fmt: skip
+"""What may stand in a cell, an argument or a link."""
+VALUES = (
+    None, True, False, 0, -1, 1, 2**62, -(2**62), 0.0, -0.0, 1e308, -1e308, 1e-320, 1e40, 1e-40,
+    0.5, "nan", "inf", "-inf", "", "x", "x" * 5000, "\x1b[31m", "\u202e", [], {}, [[]], [0.5] * 3,
+    "segment.speeds", "fit.surrogate.time",
+)  # fmt: skip
+"""What may stand in a JSON document."""
+
+
+def text(draw: Random) -> str:
+    """A token, or a few letters."""
+    if draw.random() < 0.7:
+        return draw.choice(TOKENS)
+    return "".join(draw.choice(string.printable) for _ in range(draw.randrange(12)))
+
+
+def spoil_bytes(data: bytes, draw: Random) -> bytes:
+    """A file with some bytes changed, lost, doubled or put in."""
+    for _ in range(draw.choice((1, 1, 2, 5))):
+        at = draw.randrange(len(data) + 1)
+        end = min(len(data), at + draw.choice((1, 2, 8, 100, 3000)))
+        kind = draw.randrange(9)
+        if kind == 0 and at < len(data):
+            data = data[:at] + bytes([data[at] ^ 1 << draw.randrange(8)]) + data[at + 1 :]
+        elif kind == 1:
+            data = data[:at] + data[end:]
+        elif kind == 2:
+            data = data[:end] + data[at:end] * draw.choice((1, 2, 50)) + data[end:]
+        elif kind == 3:
+            data = data[:at] + text(draw).encode() + data[at:]
+        elif kind == 4:
+            data = data[:at]
+        elif kind == 5:
+            data = data[:at] + bytes(draw.randrange(256) for _ in range(end - at)[:20]) + data[end:]
+        elif kind == 6:
+            old, new = (draw.choice(b',;\t\n\r. "0159-e') for _ in range(2))
+            data = data.replace(bytes([old]), bytes([new]))
+        elif kind == 7:
+            data = text(draw).encode() + data
+        else:
+            other = draw.randrange(len(data) + 1)
+            data = data[:at] + data[other : other + 500] + data[at:]
+    return data
+
+
+def spoil_table(table: bytes, draw: Random, header: int) -> bytes:
+    """A table of comma-separated values with cells, columns or rows changed.
+
+    Args:
+        table: its bytes.
+        draw: what to change.
+        header: the row with the names of the columns.
+    """
+    rows = [line.split(",") for line in table.decode().splitlines()]
+    body = range(header + 1, len(rows))
+    for _ in range(draw.choice((1, 1, 2, 4))):
+        column = draw.randrange(len(rows[header]))
+        row = draw.choice(body)
+        kind = draw.randrange(12)
+        if kind == 0:
+            _put(rows[row], column, text(draw))
+        elif kind == 1:
+            word = text(draw)
+            for one in body:
+                _put(rows[one], column, word)
+        elif kind == 2:
+            _put(rows[draw.randrange(header + 1)], column, text(draw))
+        elif kind == 3:
+            for one in rows[header:]:
+                del one[column : column + 1]
+        elif kind == 4:
+            for one in rows[header:]:
+                one.insert(column, one[column] if column < len(one) else "")
+        elif kind == 5:
+            other = draw.randrange(len(rows[header]))
+            rows[header][column], rows[header][other] = rows[header][other], rows[header][column]
+        elif kind == 6:
+            del rows[row : row + draw.choice((1, 10, 100))]
+            body = range(header + 1, len(rows))
+        elif kind == 7:
+            rows[row:row] = rows[row : row + draw.choice((1, 10))]
+            body = range(header + 1, len(rows))
+        elif kind == 8:
+            part = rows[header + 1 :]
+            draw.shuffle(part)
+            rows[header + 1 :] = part
+        elif kind == 9:
+            factor = draw.choice((0.0, -1.0, 1e-6, 1e6, 3.6, 1e300))
+            for one in body:
+                _scale(rows[one], column, factor)
+        elif kind == 10:
+            del rows[draw.randrange(header + 1)]
+            header = max(0, header - 1)
+        else:
+            some = [one for one in body if draw.random() < 0.3]
+            for one in some:
+                _put(rows[one], column, "")
+        if len(rows) < header + 2 or not rows[header]:
+            break
+        body = range(header + 1, len(rows))
+    end = draw.choice(("\n", "\n", "\r\n", "\r", "\n\n"))
+    return end.join(",".join(row) for row in rows).encode("utf-8", "replace")
+
+
+def _put(row: list[str], column: int, word: str) -> None:
+    if column < len(row):
+        row[column] = word
+
+
+def _scale(row: list[str], column: int, factor: float) -> None:
+    if column < len(row):
+        try:
+            row[column] = repr(float(row[column]) * factor)
+        except ValueError:
+            return
+
+
+def spoil_tree(tree: Any, draw: Random) -> Any:
+    """A JSON document with values, names or parts changed."""
+    tree = deepcopy(tree)
+    for _ in range(draw.choice((1, 1, 1, 2, 4))):
+        holder, key = _somewhere(tree, draw)
+        if holder is None:
+            return draw.choice(VALUES)
+        kind = draw.randrange(8)
+        if kind == 0:
+            del holder[key]
+        elif kind == 1 and isinstance(holder, dict):
+            holder[text(draw)] = holder[key]
+        elif kind == 1:
+            holder.insert(0, deepcopy(holder[key]))
+        elif kind == 2:
+            other, name = _somewhere(tree, draw)
+            holder[key] = deepcopy(other[name])
+        elif kind == 3 and isinstance(holder[key], int | float):
+            holder[key] = holder[key] * draw.choice((-1, 0, 1.0001, 1e6, 1e-6, 0.6))
+        else:
+            holder[key] = deepcopy(draw.choice(VALUES))
+    return tree
+
+
+def _somewhere(tree: Any, draw: Random) -> tuple[Any, Any]:
+    """A container within a tree and one of its keys; None where the tree is none."""
+    found = (None, None)
+    while isinstance(tree, dict | list) and tree:
+        key = draw.choice(sorted(tree)) if isinstance(tree, dict) else draw.randrange(len(tree))
+        found, tree = (tree, key), tree[key]
+        if draw.random() < 0.15:
+            break
+    return found
