@@ -76,12 +76,22 @@ def add_verify_options(parser: argparse.ArgumentParser) -> None:
 def _add_snapshot(parser: argparse.ArgumentParser, use: str) -> None:
     parser.add_argument("file", metavar="FILE", help="a snapshot (.accpinn.zip)")
     parser.add_argument("--recording", metavar="CSV", help=use)
+    parser.add_argument(
+        "--trajectory", metavar="ID", help="which one of a recording's table that holds several"
+    )
+
+
+def _data_of(options: argparse.Namespace) -> Recording | None:
+    """The recording that the options name, if they name one."""
+    if not options.recording:
+        return None
+    return read(options.recording, trajectory=options.trajectory)
 
 
 def run_verify(options: argparse.Namespace) -> int:
     """Check, and print stored beside recomputed; 1 when something does not match."""
     snapshot = load(options.file)
-    recording = read(options.recording) if options.recording else None
+    recording = _data_of(options)
     result = verify(snapshot, recording, refit=options.refit)
     show_result(options, _describe_verification, _verification_text, snapshot, result)
     return 0 if result.ok else 1
@@ -134,7 +144,7 @@ def run_report(options: argparse.Namespace) -> int:
     place = Path(options.out or options.file.removesuffix(SUFFIX) + ".html")
     real = writable_path(place, "report")
     snapshot = load(options.file)
-    recording = read(options.recording) if options.recording else None
+    recording = _data_of(options)
     checked = verify(snapshot, recording)
     if recording and snapshot.segment is None:
         snapshot = replace(snapshot, segment=recover(snapshot, recording).segment)

@@ -213,5 +213,6 @@ def share(probabilities: FloatArray, level: float = LEVEL) -> Share:
 
         return float(brentq(beyond, 0.0, 1.0, xtol=1e-9))
 
-    tail = (1.0 - level) / 2.0
-    return Share(float(np.mean(probabilities)), quantile(tail), quantile(1.0 - tail))
+    tail, value = (1.0 - level) / 2.0, float(np.mean(probabilities))
+    # A share of 0 or 1 is an end of its interval.
+    return Share(value, min(quantile(tail), value), max(quantile(1.0 - tail), value))

@@ -48,16 +48,23 @@ TRAINING_MS = 180_000
 
 
 @contextmanager
-def served(cache: Path, log: Path, recordings: Path | None = None) -> Iterator[str]:
-    """The address of a running app with an empty cache."""
+def served(
+    cache: Path,
+    log: Path,
+    recordings: Path | None = None,
+    extra: dict[str, str] | None = None,
+) -> Iterator[str]:
+    """The address of a running app with an empty cache, and ``extra`` environment variables."""
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
         port = free.getsockname()[1]
     environment = os.environ | {"ACCPINN_CACHE": str(cache), "OMP_NUM_THREADS": "1"}
     environment["ACCPINN_SNAPSHOTS"] = str(cache.with_name("snapshots"))
-    environment.pop("ACCPINN_RECORDINGS", None)
+    for name in ("recordings", "studies", "mappings"):
+        environment[f"ACCPINN_{name.upper()}"] = str(cache.with_name(name))
     if recordings:
         environment["ACCPINN_RECORDINGS"] = str(recordings)
+    environment |= extra or {}
     command = [sys.executable, "-m", "streamlit", "run", "app.py", f"--server.port={port}"]
     with log.open("w") as output:
         process = subprocess.Popen(

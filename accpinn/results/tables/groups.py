@@ -8,6 +8,7 @@ from accpinn.channels import PARAMETERS
 from accpinn.methods.registry import METHODS
 from accpinn.results.tables.table import ABSENT, Cell, Column, Estimate, Table
 from accpinn.study.groups import Groups, Share, Typical
+from accpinn.study.journal import Failure
 from accpinn.study.pooling import SHARED
 from accpinn.study.rows import PARAMETER_KEYS
 
@@ -97,3 +98,19 @@ def pooled_table(rows: Sequence[dict[str, Any]], level: float) -> Table:
 
 def _number(value: float | None) -> float:
     return float("nan") if value is None else value
+
+
+def failure_table(failures: Sequence[Failure]) -> Table:
+    """One row for each thing that has no result."""
+    return Table.of(
+        "",
+        [
+            (Column("File"), [one.file or ABSENT for one in failures]),
+            (Column("From", "s", 0), [one.start for one in failures]),
+            (
+                Column("Vehicle", digits=0),
+                [None if one.vehicle is None else float(one.vehicle) for one in failures],
+            ),
+            (Column("Reason", prose=True), [one.reason for one in failures]),
+        ],
+    )
