@@ -18,8 +18,10 @@ from accpinn.study.batch import INTERVALS_SECONDS, files_of
 from accpinn.study.plan import plan
 from accpinn.units import Seconds
 
-READ = 4
+READ = 6
 """Files that are read at most."""
+START: Seconds = 5.0
+"""Until the workers are ready."""
 TYPICAL: Seconds = 300.0
 """Length of the windows that the typical seconds of methods are of."""
 
@@ -45,7 +47,7 @@ class BatchEstimate:
             workers: how many at a time.
         """
         each = sum(METHODS[key].typical_seconds for key in methods) + INTERVALS_SECONDS
-        return each * self.driven / TYPICAL / workers
+        return START + each * self.driven / TYPICAL / workers
 
 
 def estimate(source: Path, window: Seconds) -> BatchEstimate:

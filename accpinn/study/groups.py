@@ -41,6 +41,8 @@ GROUPABLE = (
 )  # fmt: skip
 """Columns that rows may be grouped by."""
 BY = ("make", "model", "distance_setting")
+TRIMMED_EVERY, NEGLIGIBLE = 128, 1e-18
+"""After so many windows, numbers of stable ones with less than that probability are left out."""
 
 
 @dataclass(frozen=True)
@@ -202,10 +204,14 @@ def share(probabilities: FloatArray, level: float = LEVEL) -> Share:
     count = len(probabilities)
     if not count:
         return Share(np.nan, np.nan, np.nan)
-    weights = np.ones(1)  # of each possible number of stable ones
-    for p in probabilities:
+    weights, least = np.ones(1), 0  # of each possible number of stable ones, from the least on
+    for k, p in enumerate(probabilities, 1):
         weights = np.convolve(weights, [1.0 - p, p])
-    stable = np.arange(count + 1)
+        if k % TRIMMED_EVERY == 0:
+            counting = np.flatnonzero(weights > NEGLIGIBLE)
+            least += int(counting[0])
+            weights = weights[counting[0] : counting[-1] + 1]
+    stable = least + np.arange(len(weights))
 
     def quantile(tail: float) -> float:
         def beyond(x: float) -> float:

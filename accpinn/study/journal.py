@@ -18,6 +18,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any
 
+import msgspec
 from filelock import FileLock, Timeout
 
 from accpinn.errors import ConfigError, RecordingError
@@ -199,8 +200,8 @@ def _lines(path: Path, repair: bool = False) -> Iterator[dict[str, Any]]:
         whole = 0
         for raw in file:
             try:
-                line = json.loads(raw) if raw.endswith(b"\n") else None
-            except ValueError:
+                line = msgspec.json.decode(raw) if raw.endswith(b"\n") else None
+            except msgspec.DecodeError:
                 line = None
             if line is None:
                 break
@@ -226,6 +227,15 @@ def read_pooled(folder: Path) -> Iterator[dict[str, Any]]:
         if line["kind"] == "pooled":
             found[tuple(line["row"][name] for name in SHARED)] = line["row"]
     yield from found.values()
+
+
+def read_settings(folder: Path) -> dict[str, Any]:
+    """What all rows of a batch share, "window" and "case"; empty where it cannot be read."""
+    try:
+        found = json.loads((folder / SETTINGS).read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return {}
+    return found if isinstance(found, dict) else {}
 
 
 def read_failures(folder: Path) -> tuple[Failure, ...]:

@@ -19,8 +19,6 @@ from accpinn.results.figures.stability import EXACT, L2
 from accpinn.results.figures.style import (
     FOLLOWERS,
     LEADER,
-    MODEL,
-    SERIES,
     finished,
     limits,
 )
@@ -31,13 +29,14 @@ from accpinn.units import FloatArray
 
 MOST_GROUPS = 16
 """In a forest plot; those with most windows."""
-LINE, RIM = 21, 74
-"""Pixels of a group, and of what is above and below all of them."""
+LINE, NARROW_LINE, RIM = 28, 22, 74
+"""Pixels of a group, of one among many, and of what is above and below all of them."""
+FEW = 10
 SYMBOLS = ("circle", "square", "diamond", "triangle-up", "cross", "x")
 OTHERS = "others"
 MOST_NAMED = 10
 """Groups with a colour of their own."""
-STABLE, UNSTABLE = SERIES[0], MODEL
+STABLE, UNSTABLE = FOLLOWERS[0], FOLLOWERS[1]
 INSIDE = 0.985
 """Share of the points that a plane shows before it is zoomed out."""
 ALONG = 160
@@ -55,13 +54,13 @@ def label_of(values: Sequence[str]) -> str:
 
 
 def forest(found: Groups) -> go.Figure:
-    """The medians of τ, α and β of each group, with their intervals; sorted by τ.
+    """The medians of τ, α and β of each group, with their intervals; the shortest τ on top.
 
     A marker's size tells the number of windows. A gain whose estimate is not above zero stands as a
     triangle at the left edge.
     """
     largest = sorted(found.groups, key=lambda one: -one.windows)[:MOST_GROUPS]
-    groups = sorted(largest, key=lambda one: (np.isnan(one.tau.median), -one.tau.median))
+    groups = sorted(largest, key=lambda one: (not np.isnan(one.tau.median), -one.tau.median))
     names = [html.escape(label_of(one.values)) for one in groups]
     places = np.arange(len(groups))
     figure = make_subplots(rows=1, cols=3, shared_yaxes=True, horizontal_spacing=0.025)
@@ -105,7 +104,8 @@ def forest(found: Groups) -> go.Figure:
         )  # fmt: skip
     figure.update_yaxes(range=[-0.7, len(groups) - 0.3], showgrid=True)
     figure.update_yaxes(tickvals=places, ticktext=names, row=1, col=1)
-    height = max(220, RIM + LINE * len(groups))
+    line = LINE if len(groups) <= FEW else NARROW_LINE
+    height = max(300, RIM + line * len(groups))
     return finished(figure, height, "forest").update_layout(hovermode="closest")
 
 
@@ -164,7 +164,7 @@ def plane(rows: pd.DataFrame, in_units_of_tau: bool = False) -> go.Figure:
     ):
         _add_points(figure, rows, x, y, np.flatnonzero(part & np.isfinite(x + y)), name, colour,
                     symbol)  # fmt: skip
-    right, top = (_end(values) for values in (x, y))
+    right, top = _end(x), max(_end(y), 1.15 / at)
     along = np.linspace(right / ALONG, right, ALONG)
     for name, headway, colour, dash in (
         ("L₂", smallest_headway_l2, L2, "solid"),
@@ -174,6 +174,10 @@ def plane(rows: pd.DataFrame, in_units_of_tau: bool = False) -> go.Figure:
             x=along, y=smallest_stable_beta(along, at, headway), mode="lines", name=name,
             line={"color": colour, "width": 2, "dash": dash}, hoverinfo="skip",
         )  # fmt: skip
+    figure.add_annotation(
+        text="string stable", xref="x domain", x=0.995, xanchor="right", yref="y domain", y=0.985,
+        yanchor="top", showarrow=False,
+    )  # fmt: skip
     x_axis, y_axis = (UNITS_OF_TAU.values()) if in_units_of_tau else (ALPHA, BETA)
     for axis, quantity, end in (("xaxis", x_axis, right), ("yaxis", y_axis, top)):
         title = f"{quantity.symbol}, {quantity.axis[0].lower()}{quantity.axis[1:]}"

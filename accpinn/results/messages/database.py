@@ -1,36 +1,43 @@
 """What a batch of estimations says, in sentences."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 from accpinn.study.batch import BatchProgress, BatchSummary
 from accpinn.study.estimate import BatchEstimate
-from accpinn.study.groups import Group, Groups, Share
+from accpinn.study.groups import Group, Groups
 from accpinn.study.journal import Failure
 
 
-def headline(whole: Group, makes: int, level: float) -> str:
-    """How much there is, and how many are string stable.
+def headline(whole: Group, level: float) -> str:
+    """How many are string stable.
 
     Args:
         whole: all rows that are shown, as one group.
-        makes: different ones.
         level: of intervals.
     """
-    if not whole.windows:
-        return "No window has these properties."
-    count = _counted(whole.windows, "follower window")
-    who = f"{_counted(whole.vehicles, 'vehicle')} of {_counted(makes, 'make')}"
     share = whole.l2_stable
     if not math.isfinite(share.value):
-        return f"{count} of {who}."
-    return f"{count} of {who}: {percent(share, level)} are L₂ string stable."
-
-
-def percent(share: Share, level: float) -> str:
-    """A share with its interval."""
+        return "Nothing is known of string stability."
     value, low, high = (f"{100 * one:.0f}" for one in (share.value, share.low, share.high))
-    return f"{value} % ({100 * level:.0f} % interval {low}–{high} %)"
+    return (
+        f"{value} % of the followers are L₂ string stable ({100 * level:.0f} % interval {low} to"
+        f" {high} %)."
+    )
+
+
+def extent(whole: Group, makes: int, recordings: int) -> str:
+    """How much the rows that are shown hold.
+
+    Args:
+        whole: all of them, as one group.
+        makes: different ones.
+        recordings: different ones.
+    """
+    return (
+        f"{_counted(whole.windows, 'window')} of {_counted(whole.vehicles, 'vehicle')},"
+        f" {_counted(makes, 'make')}, {_counted(recordings, 'recording')}."
+    )
 
 
 def typical_line(whole: Group, found: Groups) -> str:
@@ -67,6 +74,15 @@ def trust_line(found: Groups) -> str:
         parts.append(f"{alone} on one vehicle")
     said = f"{' and '.join(parts)}. " if parts else ""
     return f"{said}Windows of one recording are not independent, so intervals may be too narrow."
+
+
+def batch_line(settings: Mapping[str, object]) -> str:
+    """What all rows of a batch share; empty where that is not known."""
+    window, case = settings.get("window"), settings.get("case")
+    if window is None or case is None:
+        return ""
+    lasting = f"of up to {window:g} s" if isinstance(window, float | int) else "of any length"
+    return f"Windows {lasting}, Case {case}."
 
 
 def failures_line(failures: Sequence[Failure]) -> str:

@@ -1,5 +1,6 @@
 """Files that have to ask before they can be read: for their columns, or for a trajectory."""
 
+import re
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from pathlib import Path
@@ -35,12 +36,14 @@ EVEN = "(even steps)"
 MOST_VEHICLES = 11
 PREVIEWED = 12
 """Columns of a preview."""
+FASTEST = 45.0
+"""m/s; a larger value is likely to be in km/h."""
 LIKELY = {
     "time": ("time", "t", "timestamp", "stamp"),
     "speed": ("speed", "velocity", "vel", "v"),
     "gap": ("gap", "ivs", "spacing", "distance", "dist", "range", "headway"),
 }
-"""What the names of columns begin with or hold."""
+"""Words that the names of columns hold."""
 
 
 def ask_for_columns() -> bool:
@@ -137,7 +140,7 @@ def _ask_for_mapping(workspace: Workspace, file: PendingFile, opened: Callable[[
     names = tuple(name for name in seen.layout.names if name)
     _show_preview(seen)
     given = _uploaded()
-    mapping = given or _form(names, seen.mapping)
+    mapping = given or _form(names, seen)
     fault = ""
     try:
         runs = files.trajectories(file.source, file.name, mapping=mapping)
@@ -194,8 +197,9 @@ def _uploaded() -> CsvMapping | None:
     return show.attempt(lambda: parse_mapping(upload.getvalue(), upload.name))
 
 
-def _form(names: Sequence[str], known: CsvMapping | None) -> CsvMapping:
+def _form(names: Sequence[str], seen: Preview) -> CsvMapping:
     """Time, then a row for each vehicle."""
+    known = seen.mapping
     speeds, gaps = _guess(names, "speed"), _guess(names, "gap")
     count = len(known.speeds) if known else min(max(2, len(speeds)), MOST_VEHICLES)
     columns = st.columns((1, 1.2, 0.8, 1.2), vertical_alignment="bottom")
@@ -203,7 +207,7 @@ def _form(names: Sequence[str], known: CsvMapping | None) -> CsvMapping:
         "Vehicles", 2, MOST_VEHICLES, count, key="data_map_vehicles",
         help="Leader and followers, in their order on the road.",
     )  # fmt: skip
-    time, sample_time = _time(names, known, columns[1:3])
+    time, sample_time = _time(names, seen, columns[1:3])
     trajectory = _pick(
         "Runs told apart by", (NONE, *names), (known and known.trajectory) or NONE, columns[3],
         "data_map_runs", "Of a table with several runs: the column that names them.",
@@ -215,11 +219,12 @@ def _form(names: Sequence[str], known: CsvMapping | None) -> CsvMapping:
         title = "Leader's speed" if k == 0 else f"Speed of vehicle {k + 1}"
         old = known.speeds[k] if known and k < len(known.speeds) else None
         default = old.column if old else speeds[k] if k < len(speeds) else names[0]
+        column = _pick(title, names, default, cells[0], f"data_map_speed_{k}")
+        unit = old.unit if old else _speed_unit(seen, column)
         found_speeds.append(
             SpeedColumn(
-                column=_pick(title, names, default, cells[0], f"data_map_speed_{k}"),
-                unit=_pick("Unit", [*SPEED_UNITS], old.unit if old else "m/s", cells[1],
-                           f"data_map_speed_unit_{k}"),
+                column=column,
+                unit=_pick("Unit", [*SPEED_UNITS], unit, cells[1], f"data_map_speed_unit_{k}"),
                 name=cells[2].text_input("Make and model", old.name if old else "", max_chars=60,
                                          key=f"data_map_name_{k}"),
             )
@@ -252,8 +257,9 @@ def _form(names: Sequence[str], known: CsvMapping | None) -> CsvMapping:
 
 
 def _time(
-    names: Sequence[str], known: CsvMapping | None, columns: Sequence[Any]
+    names: Sequence[str], seen: Preview, columns: Sequence[Any]
 ) -> tuple[TimeColumn | None, float | None]:
+    known = seen.mapping
     guessed = _guess(names, "time")
     default = guessed[0] if guessed else EVEN
     if known:
@@ -268,7 +274,7 @@ def _time(
             key="data_map_step", help="Between two rows.",
         )  # fmt: skip
         return None, float(step)
-    unit = known.time.unit if known and known.time else "s"
+    unit = known.time.unit if known and known.time else _time_unit(seen, column)
     return TimeColumn(
         column, _pick("Unit", [*TIME_UNITS], unit, columns[1], "data_map_time_unit")
     ), None
@@ -283,10 +289,31 @@ def _pick(
 
 def _guess(names: Sequence[str], what: str) -> list[str]:
     """The columns whose names are likely, in their order."""
-    words = LIKELY[what]
 
     def is_likely(name: str) -> bool:
-        stem = name.lower().rstrip("0123456789_ -")
-        return any(stem == word or (len(word) > 2 and word in stem) for word in words)
+        words = re.findall("[a-z]+", name.lower())
+        return any(word in LIKELY[what] for word in words)
 
     return [name for name in names if is_likely(name)]
+
+
+def _numbers(seen: Preview, name: str) -> list[float]:
+    """The first cells of a column, as far as they are numbers."""
+    at = seen.layout.names.index(name)
+    found = []
+    for row in seen.layout.rows:
+        with suppress(ValueError, IndexError):
+            found.append(float(row[at].replace(seen.layout.decimal, ".")))
+    return found
+
+
+def _time_unit(seen: Preview, name: str) -> str:
+    """The unit with which rows are as far apart as those of recordings."""
+    cells = _numbers(seen, name)
+    step = abs(cells[1] - cells[0]) if len(cells) > 1 else 0.1
+    return next((unit for unit in ("s", "ms", "µs", "ns") if step * TIME_UNITS[unit] < 5.0), "s")
+
+
+def _speed_unit(seen: Preview, name: str) -> str:
+    """km/h where speeds in m/s would be those of no car."""
+    return "km/h" if max(_numbers(seen, name), default=0.0) > FASTEST else "m/s"

@@ -13,6 +13,8 @@ from accpinn.methods.maximum_likelihood import KEY
 from accpinn.methods.registry import METHODS
 from accpinn.results.figures.database import MOST_GROUPS
 from accpinn.results.messages.database import (
+    batch_line,
+    extent,
     failures_line,
     headline,
     trust_line,
@@ -33,6 +35,7 @@ from pages.ui.database.selection import (
     known_studies,
     query,
     rows_of,
+    settings_of,
     shown,
     write_link,
 )
@@ -128,16 +131,17 @@ def _show_study(
     answer, chart = st.columns((1, 2.1), gap="medium")
     with answer, st.container(border=True):
         level = found.groups.level
-        said = headline(found.whole, found.makes, level)
-        st.markdown(f"#### {escape_markdown(said)}")
-        st.markdown(escape_markdown(typical_line(found.whole, found.groups)))
+        st.markdown(f"#### {escape_markdown(headline(found.whole, level))}")
+        said = extent(found.whole, found.makes, found.recordings)
+        st.markdown(escape_markdown(f"{said} {typical_line(found.whole, found.groups)}"))
         st.caption(escape_markdown(trust_line(found.groups)))
         if line := failures_line(failures):
             st.caption(f":material/error: {escape_markdown(line)}")
     with chart:
-        _show_forest(found)
+        _show_forest(found, batch_line(settings_of(stamp)))
     drawn = {
         "Groups": lambda: views.show_groups(found, choice),
+        "Spread": lambda: views.show_spread(found, choice),
         "α–β plane": lambda: views.show_plane(workspace, choice, found),
         "Time gap": lambda: views.show_gaps(workspace, choice, found),
         "All rows": lambda: views.show_rows(workspace, choice, found),
@@ -149,7 +153,9 @@ def _show_study(
 
 def _show_filters(choice: DatabaseChoice, rows: pd.DataFrame, methods: list[str]) -> None:
     """Which rows, whose estimates, and what groups have in common, in one row."""
-    columns = st.columns((1, 1, 1, 1, 0.8, 1.1, 1.1), gap="small", vertical_alignment="bottom")
+    columns = st.columns(
+        (0.95, 0.95, 0.95, 0.95, 0.8, 1.35, 1.15), gap="small", vertical_alignment="bottom"
+    )
     for column, (name, label) in zip(columns, FILTERS.items(), strict=False):
         there = sorted(rows[name].unique())
         kept = [value for value in choice.filters.get(name, ()) if value in there]
@@ -176,11 +182,11 @@ def _show_filters(choice: DatabaseChoice, rows: pd.DataFrame, methods: list[str]
     )  # fmt: skip
 
 
-def _show_forest(found: Shown) -> None:
+def _show_forest(found: Shown, about: str) -> None:
     show.chart(found.forest, "database_forest")
     hidden = len(found.groups.groups) - MOST_GROUPS
     more = f" {hidden} groups with fewer windows are in the table only." if hidden > 0 else ""
     st.caption(
         f"Median over the windows of each group with its {100 * found.groups.level:.0f} % interval;"
-        f" a larger dot stands for more windows.{more}"
+        f" a larger dot stands for more windows.{more} {about}"
     )

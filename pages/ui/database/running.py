@@ -181,7 +181,7 @@ def show_form(workspace: Workspace, choice: DatabaseChoice) -> None:
     found = show.attempt(lambda: _estimated(path, window))
     if found and methods:
         duration = format_duration(found.seconds(methods, int(workers)))
-        st.caption(f"{estimate_line(found)}; about {duration} for all.")
+        st.caption(f"{estimate_line(found)}; about {duration} in all.")
     ready = bool(found and methods and name and _is_allowed(name))
     st.button(
         "Start the batch", type="primary", icon=":material/play_arrow:", key="database_start",

@@ -15,7 +15,7 @@ import streamlit as st
 from accpinn.results.figures import database as figures
 from accpinn.study.folders import default_folder, studies, study_path
 from accpinn.study.groups import Group, Groups, group, read_study
-from accpinn.study.journal import JOURNAL, Failure, read_failures, read_pooled
+from accpinn.study.journal import JOURNAL, Failure, read_failures, read_pooled, read_settings
 from pages.ui.session.workspace import DatabaseChoice
 
 FILTERS: Mapping[str, str] = {
@@ -70,6 +70,7 @@ class Shown:
     whole: Group | None
     """All rows as one group; None where there is no row."""
     makes: int
+    recordings: int
     forest: go.Figure
 
 
@@ -97,7 +98,8 @@ def shown(
         rows = rows[rows[column].isin(values)]
     found = group(rows, GROUPINGS[by][1], method)
     whole = next(iter(group(rows, (), method).groups), None)
-    return Shown(rows, found, whole, rows["make"].nunique(), figures.forest(found))
+    makes, recordings = rows["make"].nunique(), rows["sha256"].nunique()
+    return Shown(rows, found, whole, makes, recordings, figures.forest(found))
 
 
 @st.cache_resource(max_entries=8, show_spinner=False)
@@ -110,6 +112,12 @@ def failures_of(stamp: Stamp) -> tuple[Failure, ...]:
 def pooled_of(stamp: Stamp) -> tuple[dict[str, object], ...]:
     """The parameters of each vehicle's windows taken together."""
     return tuple(read_pooled(Path(stamp.folder)))
+
+
+@st.cache_resource(max_entries=8, show_spinner=False)
+def settings_of(stamp: Stamp) -> dict[str, object]:
+    """What all rows share: longest window and Case."""
+    return read_settings(Path(stamp.folder))
 
 
 # The address

@@ -12,7 +12,7 @@ from accpinn.inference.intervals import LEVEL
 from accpinn.recordings.recording import Recording, Window
 from accpinn.results.figures import database as figures
 from accpinn.results.figures.stability import EXACT, L2
-from accpinn.results.tables.groups import failure_table, group_table, pooled_table
+from accpinn.results.tables.groups import failure_table, group_table, pooled_table, spread_table
 from accpinn.study.journal import Failure
 from pages.ui.components import frame, show
 from pages.ui.components.show import escape_markdown
@@ -46,13 +46,25 @@ COLUMNS = {
 
 def show_groups(found: Shown, choice: DatabaseChoice) -> None:
     """One row a group."""
-    table = group_table(found.groups)
+    show.table(group_table(found.groups, with_spread=False))
+    st.caption(
+        "In brackets: intervals, of the shares that are string stable, too. The files have the"
+        " spread between windows as well."
+    )
+    show.downloads(
+        group_table(found.groups), f"{choice.study}_by_{choice.by}", "database_groups"
+    )  # fmt: skip
+
+
+def show_spread(found: Shown, choice: DatabaseChoice) -> None:
+    """How far the windows of each group differ."""
+    table = spread_table(found.groups)
     show.table(table)
     st.caption(
         "Spread: how far windows differ beyond their own standard errors, as a share of the"
-        " parameter. In brackets: intervals, for the shares that are stable, too."
+        " parameter. I²: the share of the variance between estimates that is no sampling error."
     )
-    show.downloads(table, f"{choice.study}_by_{choice.by}", "database_groups")
+    show.downloads(table, f"{choice.study}_spread_by_{choice.by}", "database_spread")
 
 
 def show_plane(workspace: Workspace, choice: DatabaseChoice, found: Shown) -> None:
