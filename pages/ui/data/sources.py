@@ -212,6 +212,7 @@ def drop_zone(workspace: Workspace, announce: bool = False) -> bool:
             raw, name = upload.getvalue(), upload.name
             open_with(workspace, lambda: (from_bytes(raw, name), None), raw, name)
             st.session_state[ARRIVED] = announce and not workspace.refusal
+            st.session_state[OPENING] = st.session_state.get(OPENING) or bool(workspace.pending)
 
     st.file_uploader(
         f"Drop a recording here: one CSV file of up to {limit} MB, as OpenACC has them or any"

@@ -15,7 +15,7 @@ from accpinn.results.messages.database import estimate_line, progress_line, summ
 from accpinn.segment.cut import DURATION
 from accpinn.study.estimate import BatchEstimate, estimate
 from accpinn.study.folders import recall_request
-from accpinn.study.process import BatchSettings
+from accpinn.study.process import BatchSettings, run_batch
 from accpinn.tasks.batches import BatchTask
 from accpinn.tasks.task import Status
 from pages.ui.components import frame, show
@@ -51,7 +51,7 @@ def _task(study: str) -> BatchTask | None:
 def _start(settings: BatchSettings, study: str) -> None:
     task = _task(study)
     if task is None or not task.is_active:
-        batch_queue().submit(BatchTask(study, settings))
+        batch_queue().submit(BatchTask(study, settings, run_batch))
 
 
 # Watching
