@@ -55,9 +55,7 @@ def served(
     extra: dict[str, str] | None = None,
 ) -> Iterator[str]:
     """The address of a running app with an empty cache, and ``extra`` environment variables."""
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        port = free.getsockname()[1]
+    port = free_port()
     environment = os.environ | {"ACCPINN_CACHE": str(cache), "OMP_NUM_THREADS": "1"}
     environment["ACCPINN_SNAPSHOTS"] = str(cache.with_name("snapshots"))
     for name in ("recordings", "studies", "mappings"):
@@ -78,6 +76,13 @@ def served(
         finally:
             process.terminate()
             process.wait(10)
+
+
+def free_port() -> int:
+    """A port of this machine that nobody uses yet."""
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        return int(free.getsockname()[1])
 
 
 def _await_health(process: "subprocess.Popen[bytes]", address: str, log: Path) -> None:

@@ -36,7 +36,7 @@ from tests.support.apptest import (
     texts,
     workspace_of,
 )
-from tests.support.openacc_files import csv, metadata, platoon
+from tests.support.openacc_files import csv, metadata, pair, platoon, table
 from tests.support.publisher import publisher
 from tests.support.studies import row, write_study
 
@@ -98,7 +98,7 @@ def test_the_answer_is_that_of_the_rows_chosen_and_the_address_says_which(study:
     page = opened()
     whole = group(read_study(study), ()).groups[0]
     assert f"{100 * whole.l2_stable.value:.0f} % of the followers" in plain(page)
-    assert "3 windows of 3 vehicles, 2 makes, 2 recordings" in plain(page)
+    assert "3 follower windows of 3 vehicles, 2 makes, 2 recordings" in plain(page)
     assert page.selectbox(key="database_method").value == "maximum-likelihood"
     page.multiselect(key="database_make").set_value(["Kia"]).run()
     assert "100 % of the followers" in plain(page)
@@ -114,14 +114,14 @@ def test_the_answer_is_that_of_the_rows_chosen_and_the_address_says_which(study:
     choose(other, "database_method", "splines")
     assert "No row has these properties" in plain(other)
     other.multiselect(key="database_make").set_value(["not told"]).run()
-    assert "1 window of 1 vehicle" in plain(other)
+    assert "1 follower window of 1 vehicle" in plain(other)
 
 
 @pytest.mark.parametrize("name", ["../mine", "/etc", "unknown"])
 def test_a_link_to_no_study_shows_another(study: Path, name: str) -> None:
     page = opened(study=name, make="No such make", by="nonsense")
     assert any("There is no study" in said for said in boxes(page, "warning"))
-    assert "3 windows" in plain(page)
+    assert "3 follower windows" in plain(page)
     assert page.query_params["study"] == "mine"
 
 
@@ -259,24 +259,10 @@ def test_a_file_dropped_on_home_that_asks_for_its_columns_leads_to_data() -> Non
     assert page.file_uploader
 
 
-def pairs(*names: str) -> bytes:
-    """A table of pairs that are no platoon."""
-    frame, parts = platoon(2, 300), []
-    for k, name in enumerate(names):
-        part = {
-            "Trajectory_ID": name, "Time_Index": frame["Time"] - frame["Time"][0],
-            "ID_LV": f"L{k}", "Type_LV": 0, "Pos_LV": 0.0, "Speed_LV": frame["Speed1"] + k,
-            "Acc_LV": 0.0, "ID_FAV": f"F{k}", "Pos_FAV": 0.0, "Speed_FAV": frame["Speed2"] + k,
-            "Acc_FAV": 0.0, "Space_Gap": 0.0, "Space_Headway": 0.0, "Speed_Diff": 0.0,
-            "Spatial_Gap": frame["IVS1"],
-        }  # fmt: skip
-        parts.append(pd.DataFrame(part))
-    return pd.concat(parts).to_csv(index=False).encode()
-
-
 def test_of_a_table_with_several_trajectories_one_is_chosen() -> None:
+    raw = table(*(pair(platoon(2, 300) + k, 1, name) for k, name in enumerate("ab")))
     page = open_page(DATA)
-    page.file_uploader(key="data_upload").upload("p.csv", pairs("a", "b"), "text/csv").run()
+    page.file_uploader(key="data_upload").upload("p.csv", raw, "text/csv").run()
     assert "holds 2 runs" in plain(page)
     choose(page, "data_trajectory", "b")
     press(page, "data_open_trajectory")

@@ -35,7 +35,7 @@ def extent(whole: Group, makes: int, recordings: int) -> str:
         recordings: different ones.
     """
     return (
-        f"{_counted(whole.windows, 'window')} of {_counted(whole.vehicles, 'vehicle')},"
+        f"{_counted(whole.windows, 'follower window')} of {_counted(whole.vehicles, 'vehicle')},"
         f" {_counted(makes, 'make')}, {_counted(recordings, 'recording')}."
     )
 
@@ -65,14 +65,15 @@ def _name(one: Group) -> str:
 
 def trust_line(found: Groups) -> str:
     """How far groups can be trusted: those with one window or one vehicle."""
+    count = _counted(len(found.groups), "group")
     few = sum(one.windows == 1 for one in found.groups)
     alone = sum(one.vehicles == 1 for one in found.groups)
-    parts = []
+    said = ""
     if few:
-        parts.append(f"{few} of {len(found.groups)} groups rest on one window")
-    if alone:
-        parts.append(f"{alone} on one vehicle")
-    said = f"{' and '.join(parts)}. " if parts else ""
+        said = f"{few} of {count} rest on one window" + (f", {alone} on one vehicle" * bool(alone))
+    elif alone:
+        said = f"{alone} of {count} rest on one vehicle"
+    said += ". " if said else ""
     return f"{said}Windows of one recording are not independent, so intervals may be too narrow."
 
 
@@ -108,13 +109,13 @@ def progress_line(now: BatchProgress) -> str:
 
 def summary_line(found: BatchSummary) -> str:
     """What a batch has come to."""
+    if found.stopped:
+        return f"Stopped; what is finished is kept: {_counted(found.rows, 'row')}."
     said = (
         f"{_counted(found.recordings, 'recording')}, {_counted(found.windows, 'window')},"
         f" {_counted(found.rows, 'row')}"
     )
-    if found.reused:
-        said += f", {found.reused:,} of them known before"
-    return f"Stopped; what is finished is kept: {said}." if found.stopped else f"Done: {said}."
+    return f"Done: {said}" + (f", {found.reused:,} of them known before." if found.reused else ".")
 
 
 def estimate_line(found: BatchEstimate) -> str:

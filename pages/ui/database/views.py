@@ -31,7 +31,6 @@ COLUMNS = {
     "campaign": ("Campaign", None),
     "file": ("File", None),
     "start": ("From [s]", "%.0f"),
-    "duration": ("Lasts [s]", "%.0f"),
     "tau": ("τ [s]", "%.2f"),
     "tau_low": ("τ from", "%.2f"),
     "tau_high": ("τ to", "%.2f"),
@@ -39,7 +38,7 @@ COLUMNS = {
     "beta": ("β [1/s]", "%.3f"),
     "mean_time_gap": ("Time gap [s]", "%.2f"),
     "mean_speed": ("Speed [m/s]", "%.1f"),
-    "p_l2_stable": ("P(L₂ stable)", "%.2f"),
+    "p_l2_stable": ("P(L₂)", "%.2f"),
 }
 """Of the list of rows: heading and format, by name in the results."""
 
@@ -137,8 +136,8 @@ def show_rows(workspace: Workspace, choice: DatabaseChoice, found: Shown) -> Non
     if picked := event["selection"]["rows"]:
         choice.row = int(picked[0])
     st.caption(
-        f"{len(rows):,} rows. Click on a heading to sort, on the magnifier to search, on the left"
-        " edge of a row to choose it."
+        f"{len(rows):,} rows; P(L₂): probability of L₂ string stability. Click on a heading to"
+        " sort, on the magnifier to search, on the left edge of a row to choose it."
     )
     show_chosen(workspace, choice, found)
     st.download_button(
@@ -231,7 +230,7 @@ def show_pooled(stamp: Stamp, choice: DatabaseChoice) -> None:
     show.table(table)
     st.caption(
         "All windows of a vehicle with one setting share one parameter set here. The intervals"
-        " assume that they do: compare the spread in the tab Groups."
+        " assume that they do: compare the tab Spread."
     )
     show.downloads(table, f"{choice.study}_vehicles", "database_pooled")
 
