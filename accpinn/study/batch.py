@@ -57,6 +57,8 @@ PUBLISHED_EVERY: Seconds = 60.0
 """How often `results.parquet` is made while a batch runs."""
 CONNECT: Seconds = 20.0
 """How long a scheduler may take to answer, and to have a worker."""
+WORKERLESS: Seconds = 180.0
+"""Without a worker on this machine for so long, a batch ends: they cannot be started."""
 INTERVALS_SECONDS = POOLING_SECONDS = 2.0
 """Of a window's intervals, and of a vehicle's windows taken together, as the typical seconds of
 methods."""
@@ -518,7 +520,9 @@ class _Run:
                     client = client or opened.enter_context(connected(workers, scheduler))
                     if on_progress:
                         on_progress(self.progress(_threads(client)))
-                    self._drive(client, phase, first, tasks, on_progress, should_stop)
+                    self._drive(
+                        client, phase, first, tasks, on_progress, should_stop, scheduler is None
+                    )
         self._is_done = not self._stopped
         if on_progress:
             on_progress(self.progress(0))
@@ -531,14 +535,15 @@ class _Run:
         tasks: Iterator[Any],
         on_progress: Callable[[BatchProgress], None] | None,
         should_stop: Callable[[], bool],
+        is_local: bool,
     ) -> None:
         """Keep workers at a phase's tasks until all have ended, or the caller says stop."""
         ended: queue.SimpleQueue[Future[Any]] = queue.SimpleQueue()
         running: dict[str, tuple[Future[Any], Any]] = {}
         put_off: list[Any] = []
         waiting = first
-        published, slots, looked = time.monotonic(), 0, -1.0
-        alone = False
+        published = alive = time.monotonic()
+        slots, looked, alone = 0, -1.0, False
         try:
             while waiting or running or put_off:
                 if should_stop():
@@ -546,6 +551,12 @@ class _Run:
                     break
                 if time.monotonic() - looked > 1.0:
                     slots, looked = _threads(client), time.monotonic()
+                    alive = looked if slots or not is_local else alive
+                if time.monotonic() - alive > WORKERLESS:
+                    raise RecordingError(
+                        "The workers have died and no others start; what was finished is kept, and"
+                        " the same call goes on from there."
+                    )
                 if not waiting and not running:
                     # What workers died at, one by one, so that nothing else is to blame.
                     alone, waiting = True, put_off.pop(0)
@@ -715,6 +726,8 @@ def connected(
         "distributed.admin.large-graph-warning-threshold": "1GB",
         "distributed.scheduler.allowed-failures": DEATHS,
     }
+    if scheduler is None:  # a worker of a busy machine may take long to be heard of
+        settings["distributed.comm.timeouts.connect"] = f"{WORKERLESS:g}s"
     with ExitStack() as opened:
         opened.enter_context(dask.config.set(settings))
         if scheduler is None:

@@ -16,7 +16,7 @@ from accpinn.recordings.files import read_all
 from accpinn.recordings.recording import Recording
 from accpinn.study.batch import INTERVALS_SECONDS, files_of
 from accpinn.study.plan import plan
-from accpinn.units import Seconds
+from accpinn.units import FloatArray, Seconds
 
 READ = 6
 """Files that are read at most."""
@@ -63,14 +63,14 @@ def estimate(source: Path, window: Seconds) -> BatchEstimate:
     files = sorted(files_of(source), key=lambda path: path.stat().st_size)
     sizes = np.array([path.stat().st_size for path in files], float)
     taken = np.unique(np.linspace(0, len(files) - 1, min(READ, len(files))).round().astype(int))
-    found = np.zeros(3)
+    found: FloatArray = np.zeros(3)
     for k in taken:
         try:
             for recording in read_all(files[k]):
                 if isinstance(recording, Recording):
                     for one in plan(recording, window):
                         followers = len(one.vehicles) - 1
-                        found += (1.0, followers, followers * one.window.duration)
+                        found += np.array([1.0, followers, followers * one.window.duration])
         except AccpinnError:  # a file that cannot be read has no windows
             continue
     found *= sizes.sum() / max(1.0, sizes[taken].sum())

@@ -11,6 +11,7 @@ import queue
 import subprocess
 import sys
 import threading
+import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -25,6 +26,8 @@ from accpinn.study.batch import BatchProgress, BatchSummary, batch
 from accpinn.units import Seconds
 
 POLL: Seconds = 0.2
+PATIENCE: Seconds = 60.0
+"""How long a process that was asked to stop may take."""
 
 
 @dataclass(frozen=True)
@@ -85,9 +88,13 @@ def run_batch(
         process.stdin.flush()
         lines: queue.SimpleQueue[bytes] = queue.SimpleQueue()
         threading.Thread(target=_pass_on, args=(process.stdout, lines), daemon=True).start()
+        asked: float | None = None
         while True:
-            if should_stop and should_stop() and not process.stdin.closed:
+            if asked is None and should_stop and should_stop():
                 process.stdin.close()
+                asked = time.monotonic()
+            if asked is not None and time.monotonic() - asked > PATIENCE:
+                process.kill()  # its workers end with it
             try:
                 raw = lines.get(timeout=POLL)
             except queue.Empty:

@@ -11,6 +11,7 @@ from collections.abc import Callable, Mapping, Sequence
 import numpy as np
 import pandas as pd
 import plotly.graph_objects as go
+from numpy.typing import NDArray
 from plotly.subplots import make_subplots
 
 from accpinn.channels import ALPHA, BETA, SPEED, TAU, TIME_GAP, Quantity
@@ -128,10 +129,14 @@ def _axis(values: FloatArray, on_log_axis: bool) -> tuple[float, float]:
 
 
 def _decades(low: float, high: float) -> dict[str, list[float] | list[str]]:
-    ticks = [d * 10.0**p for p in range(-5, 3) for d in (1, 2, 5) if low <= d * 10.0**p <= high]
-    if len(ticks) > 5:
-        ticks = [tick for tick in ticks if f"{tick:e}"[0] != "2"]
-    return {"tickvals": ticks, "ticktext": [f"{tick:g}" for tick in ticks]}
+    """Few round values, as there is little room."""
+    chosen: list[float] = []
+    for digits in ((1,), (1, 5), (1, 2, 5)):
+        every = (d * 10.0**p for p in range(-5, 3) for d in digits)
+        chosen = [tick for tick in every if low <= tick <= high]
+        if len(chosen) > 1:
+            break
+    return {"tickvals": chosen, "ticktext": [f"{tick:g}" for tick in chosen]}
 
 
 def colours(labels: Sequence[str]) -> Mapping[str, tuple[str, str]]:
@@ -228,7 +233,7 @@ def gap_against_speed(rows: pd.DataFrame, labels: Sequence[str]) -> go.Figure:
 
 
 def _add_points(
-    figure: go.Figure, rows: pd.DataFrame, x: FloatArray, y: FloatArray, places: FloatArray,
+    figure: go.Figure, rows: pd.DataFrame, x: FloatArray, y: FloatArray, places: NDArray[np.intp],
     name: str, colour: str, symbol: str,
 ) -> None:  # fmt: skip
     said = {}

@@ -219,14 +219,20 @@ def _form(names: Sequence[str], seen: Preview) -> CsvMapping:
         title = "Leader's speed" if k == 0 else f"Speed of vehicle {k + 1}"
         old = known.speeds[k] if known and k < len(known.speeds) else None
         default = old.column if old else speeds[k] if k < len(speeds) else names[0]
-        column = _pick(title, names, default, cells[0], f"data_map_speed_{k}")
+        column = _pick(
+            title, names, default, cells[0], f"data_map_speed_{k}",
+            "The column of the vehicle's own speed.",
+        )  # fmt: skip
         unit = old.unit if old else _speed_unit(seen, column)
         found_speeds.append(
             SpeedColumn(
                 column=column,
-                unit=_pick("Unit", [*SPEED_UNITS], unit, cells[1], f"data_map_speed_unit_{k}"),
-                name=cells[2].text_input("Make and model", old.name if old else "", max_chars=60,
-                                         key=f"data_map_name_{k}"),
+                unit=_pick("Unit", [*SPEED_UNITS], unit, cells[1], f"data_map_speed_unit_{k}",
+                           "Of that column."),
+                name=cells[2].text_input(
+                    "Make and model", old.name if old else "", max_chars=60,
+                    key=f"data_map_name_{k}", help="As tables and charts are to show it.",
+                ),
             )
         )  # fmt: skip
         if k == 0:
@@ -235,9 +241,10 @@ def _form(names: Sequence[str], seen: Preview) -> CsvMapping:
         default = before.column if before else gaps[k - 1] if k - 1 < len(gaps) else names[-1]
         found_gaps.append(
             GapColumn(
-                column=_pick("Space-gap ahead", names, default, cells[3], f"data_map_gap_{k}"),
+                column=_pick("Space-gap ahead", names, default, cells[3], f"data_map_gap_{k}",
+                             "From bumper to bumper, to the vehicle ahead."),
                 unit=_pick("Unit", [*GAP_UNITS], before.unit if before else "m", cells[4],
-                           f"data_map_gap_unit_{k}"),
+                           f"data_map_gap_unit_{k}", "Of that column."),
                 subtract=cells[5].number_input(
                     "Less [m]", value=before.subtract if before else 0.0, step=0.5,
                     key=f"data_map_subtract_{k}",
@@ -276,13 +283,12 @@ def _time(
         return None, float(step)
     unit = known.time.unit if known and known.time else _time_unit(seen, column)
     return TimeColumn(
-        column, _pick("Unit", [*TIME_UNITS], unit, columns[1], "data_map_time_unit")
+        column,
+        _pick("Unit", [*TIME_UNITS], unit, columns[1], "data_map_time_unit", "Of that column."),
     ), None
 
 
-def _pick(
-    label: str, options: Sequence[str], default: str, place: Any, key: str, help: str | None = None
-) -> str:
+def _pick(label: str, options: Sequence[str], default: str, place: Any, key: str, help: str) -> str:
     index = list(options).index(default) if default in options else 0
     return str(place.selectbox(label, options, index, key=key, help=help))
 

@@ -38,17 +38,19 @@ def choose_published(workspace: Workspace, root: Path, offer: Callable[[Path], N
         help="All runs that the Joint Research Centre publishes. Those that are not on the server"
         " yet are downloaded into its folder of recordings.",
     )  # fmt: skip
-    task = download_queue().of(workspace.id, "download")
-    if isinstance(task, DownloadTask) and task.is_active:
+    found = download_queue().of(workspace.id, "download")
+    task = found if isinstance(found, DownloadTask) else None
+    if task and task.is_active:
         _watch(task)
     elif run is not None and run in there:
         offer(run.path(root))
     elif run is not None:
-        if isinstance(task, DownloadTask) and task.status is Status.FAILED and task.run == run:
+        latest = task.status if task and task.run == run else None
+        if task and latest is Status.FAILED:
             show.messages(task.error, "error", "cloud_off")
-        stopped = isinstance(task, DownloadTask) and task.status is Status.STOPPED
+        stopped = latest is Status.STOPPED
         st.button(
-            "Continue the download" if stopped and task.run == run else "Download this run",
+            "Continue the download" if stopped else "Download this run",
             icon=":material/download:", key="data_download", on_click=_start,
             args=(workspace, run, root), help="From the publisher, with its checksum where known.",
         )  # fmt: skip

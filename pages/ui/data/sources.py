@@ -15,7 +15,7 @@ from accpinn.recordings.recording import Recording
 from accpinn.recordings.synthetic import Truth, load_truth, truth_path
 from pages.ui.components import show
 from pages.ui.components.show import escape_markdown
-from pages.ui.data.mapping import ask_for_columns, pending_of, show_pending
+from pages.ui.data.mapping import ASK, ask_for_columns, pending_of, show_pending
 from pages.ui.data.published import choose_published
 from pages.ui.session.workspace import Workspace
 
@@ -178,6 +178,10 @@ def choose_source(workspace: Workspace) -> None:
         show_pending(workspace, _close)
         return
     drop_zone(workspace)
+    st.checkbox(
+        "Ask for columns and units", key=ASK,
+        help="Of a table of your own whose columns were named before: to name them anew.",
+    )  # fmt: skip
     left, right = st.columns(2, gap="large")
     with left:
         _choose_sample(workspace)

@@ -61,7 +61,7 @@ def show_page() -> None:
         return
     if choice.study not in names:
         if choice.study:
-            show.messages(f"There is no study {choice.study} on this server.", "warning")
+            show.messages(f"There is no study {choice.study[:60]} on this server.", "warning")
         choice.set(study=names[0], row=None)
     folder = folder_of(choice.study)
     stamp = Stamp.of(folder)
