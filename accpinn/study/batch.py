@@ -739,7 +739,7 @@ def connected(
                     threads_per_worker=1,
                     processes=processes,
                     protocol="tcp://",
-                    dashboard_address=":0",
+                    dashboard_address="127.0.0.1:0",
                     local_directory=space,
                     memory_limit=0,
                     silence_logs=50,

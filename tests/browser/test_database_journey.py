@@ -8,7 +8,7 @@ from playwright.sync_api import expect
 
 from accpinn.recordings.catalogue import catalogue
 from tests.browser.conftest import App, Open
-from tests.browser.running import choose, fill, idle, open_tab
+from tests.browser.running import TRAINING_MS, choose, fill, idle, open_tab
 from tests.support.openacc_files import csv, metadata, platoon
 from tests.support.publisher import publisher
 
@@ -35,13 +35,14 @@ def test_a_batch_is_stopped_continued_filtered_and_a_run_downloaded(opened: Open
     idle(page)
     expect(page.get_by_text(f"{FILES} files: about {FILES} windows")).to_be_visible()
     page.get_by_role("button", name="Start the batch").click()
-    expect(page.get_by_text(re.compile(r"[1-9] rows? so far"))).to_be_visible()
+    page.get_by_text(re.compile(r"[1-9] rows? so far")).wait_for(timeout=TRAINING_MS)
     page.get_by_role("button", name="Stop", exact=True).click()
-    expect(page.get_by_text("Stopped; what is finished is kept")).to_be_visible()
+    page.get_by_text("Stopped; what is finished is kept").wait_for(timeout=TRAINING_MS)
     page.get_by_role("button", name="Continue").click()
     page.get_by_role("button", name="Stop", exact=True).wait_for()
     page.reload()  # it runs on without a browser
-    expect(page.get_by_text(f"Done: {FILES} recordings, {FILES} windows")).to_be_visible()
+    done = page.get_by_text(f"Done: {FILES} recordings, {FILES} windows")
+    done.wait_for(timeout=TRAINING_MS)
     expect(page.get_by_text(f"{FILES} follower windows of 2 vehicles, 2 makes")).to_be_visible()
     idle(page)
 

@@ -70,9 +70,9 @@ def trust_line(found: Groups) -> str:
     alone = sum(one.vehicles == 1 for one in found.groups)
     said = ""
     if few:
-        said = f"{few} of {count} rest on one window" + (f", {alone} on one vehicle" * bool(alone))
+        said = f"{few} of {count} with one window" + (f", {alone} with one vehicle" * bool(alone))
     elif alone:
-        said = f"{alone} of {count} rest on one vehicle"
+        said = f"{alone} of {count} with one vehicle"
     said += ". " if said else ""
     return f"{said}Windows of one recording are not independent, so intervals may be too narrow."
 
