@@ -51,7 +51,7 @@ def test_a_batch_is_stopped_continued_filtered_and_a_run_downloaded(opened: Open
     expect(page.get_by_text(f"{FILES // 2} follower windows of 1 vehicle, 1 make")).to_be_visible()
     expect(page).to_have_url(re.compile("make=Tesla"))
     open_tab(page, "All rows")
-    page.locator(".stDataFrameGlideDataEditor").click(position={"x": 18, "y": 54})
+    page.locator(".dvn-scroller").click(position={"x": 18, "y": 54})
     page.get_by_role("button", name="Open this window").click()
     expect(page.get_by_text("Preview of the window")).to_be_visible()
     expect(page.locator("strong").filter(has_text=re.compile("run[13579].csv"))).to_be_visible()
