@@ -63,11 +63,13 @@ def fresh_server(
 
     monkeypatch.chdir(Path(__file__).parent.parent)
     monkeypatch.setenv("ACCPINN_CACHE", str(tmp_path / "cache"))
-    monkeypatch.delenv("ACCPINN_RECORDINGS", raising=False)
+    for name in ("RECORDINGS", "STUDIES", "MAPPINGS"):
+        monkeypatch.setenv(f"ACCPINN_{name}", str(tmp_path / name.lower()))
     # Every page opened would search all installed packages for components; the app has none.
     scan = "streamlit.components.v2.manifest_scanner.scan_component_manifests"
     monkeypatch.setattr(scan, list)
     st.cache_resource.clear()
     yield
-    server.task_queue().close()
+    for queue in (server.task_queue, server.batch_queue, server.download_queue):
+        queue().close()
     st.cache_resource.clear()

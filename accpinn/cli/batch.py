@@ -91,16 +91,18 @@ def _seconds(text: str) -> float:
 
 @contextmanager
 def _progress_bar() -> Iterator[Any]:
-    """On standard error: files, time left, windows, rows and failures."""
-    form = "{l_bar}{bar}| {n:.1f}/{total_fmt} files{postfix}"
-    with tqdm(total=0, file=sys.stderr, bar_format=form, mininterval=0.2) as bar:
+    """On standard error: share of all work, files or vehicles, windows, rows, time left."""
+    form = "{l_bar}{bar}|{postfix}"
+    with tqdm(total=1.0, file=sys.stderr, bar_format=form, mininterval=0.2) as bar:
 
         def show_progress(now: BatchProgress) -> None:
-            bar.total = now.files
-            bar.n = now.done
-            left = now.seconds_left
-            parts = [f"{now.windows} windows", f"{now.rows} rows", f"{now.failed} failed"]
-            parts += [f"{tqdm.format_interval(left)} left"] if left is not None else []
+            bar.n = now.share
+            parts = [f"{now.done:.1f}/{now.files} files", f"{now.windows} windows"]
+            parts += [f"{now.rows} rows", f"{now.failed} failed"]
+            if now.vehicles:
+                parts.append(f"vehicles pooled {now.pooled}/{now.vehicles}")
+            if now.seconds_left:
+                parts.append(f"{tqdm.format_interval(now.seconds_left)} left")
             bar.set_postfix_str(", ".join(parts), refresh=True)
 
         yield show_progress

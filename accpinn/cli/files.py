@@ -9,6 +9,7 @@ from accpinn.cli.options import add_refit_options, chosen_patience
 from accpinn.cli.output import complain, progress, show, show_result
 from accpinn.cli.recording import add_json_option
 from accpinn.recordings.files import read
+from accpinn.recordings.recording import Recording
 from accpinn.results.messages import message
 from accpinn.results.messages.snapshot import (
     WAYS,
@@ -43,13 +44,23 @@ def add_verify_options(parser: argparse.ArgumentParser) -> None:
 def _add_snapshot(parser: argparse.ArgumentParser, use: str, usual: Seconds) -> None:
     parser.add_argument("file", metavar="FILE", help="a snapshot (.accpinn.zip)")
     parser.add_argument("--recording", metavar="CSV", help=use)
+    parser.add_argument(
+        "--trajectory", metavar="ID", help="which one of a recording's table that holds several"
+    )
     add_refit_options(parser, usual)
+
+
+def _data_of(options: argparse.Namespace) -> Recording | None:
+    """The recording that the options name, if they name one."""
+    if not options.recording:
+        return None
+    return read(options.recording, trajectory=options.trajectory)
 
 
 def run_verify(options: argparse.Namespace) -> int:
     """Check, and print stored beside recomputed; 1 when something does not match."""
     snapshot = load(options.file)
-    recording = read(options.recording) if options.recording else None
+    recording = _data_of(options)
     result = verify(
         snapshot,
         recording,
@@ -111,7 +122,7 @@ def run_report(options: argparse.Namespace) -> int:
     place = Path(options.out or options.file.removesuffix(SUFFIX) + ".html")
     real = writable_path(place, "report")
     snapshot = load(options.file)
-    recording = read(options.recording) if options.recording else None
+    recording = _data_of(options)
     checked = verify(snapshot, recording, refit_within=chosen_patience(options, PROMPT))
     if recording and snapshot.segment is None:
         snapshot = replace(snapshot, segment=recover(snapshot, recording).segment)

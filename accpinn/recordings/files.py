@@ -94,6 +94,50 @@ def read_all(
     yield read(source, name, mapping=mapping)
 
 
+def is_unknown(source: Source, name: str | None = None) -> bool:
+    """Whether a file is a table of no known layout, which a mapping could serve.
+
+    Args:
+        source: see `read`.
+        name: needed for bytes only.
+
+    Raises:
+        RecordingError: when the file is no text at all.
+    """
+    source_file = read_bytes(source, name)
+    layout = _foreign_layout(source_file)
+    known = layout is None or pairs.is_pair_table(layout) or _is_openacc(source_file)
+    return not known and layout is not None and recall(layout.names) is None
+
+
+def trajectories(
+    source: Source, name: str | None = None, *, mapping: CsvMapping | None = None
+) -> tuple[tuple[str, int], ...]:
+    """The runs among which a table makes its reader choose: a name of each, and its vehicles.
+
+    Args:
+        source: see `read`, as all others.
+        name: needed for bytes only.
+        mapping: for a table of one's own.
+
+    Returns:
+        Names for `read`; empty where there is nothing to choose.
+
+    Raises:
+        RecordingError: when the file as a whole cannot be read.
+    """
+    source_file = read_bytes(source, name)
+    layout = None if mapping else _foreign_layout(source_file)
+    if layout and pairs.is_pair_table(layout):
+        platoons = pairs.platoons(source_file, layout)
+        found = tuple((one.trajectories[0], len(one.pairs) + 1) for one in platoons)
+    else:
+        known = mapping or (recall(layout.names) if layout else None)
+        runs = trajectories_of(source_file, known) if known else ()
+        found = tuple((run, len(known.speeds)) for run in runs) if known else ()
+    return found if len(found) > 1 else ()
+
+
 def _is_openacc(source_file: SourceFile) -> bool:
     """Whether the first cell is one that an OpenACC file begins with."""
     first = source_file.text.lstrip()[:60].decode("utf-8", "replace").splitlines()[:1]

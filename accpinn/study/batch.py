@@ -57,6 +57,11 @@ PUBLISHED_EVERY: Seconds = 60.0
 """How often `results.parquet` is made while a batch runs."""
 CONNECT: Seconds = 20.0
 """How long a scheduler may take to answer, and to have a worker."""
+WORKERLESS: Seconds = 180.0
+"""Without a worker on this machine for so long, a batch ends: they cannot be started."""
+INTERVALS_SECONDS = POOLING_SECONDS = 2.0
+"""Of a window's intervals, and of a vehicle's windows taken together, as the typical seconds of
+methods."""
 ENDINGS = (".csv", ".txt")
 NOTHING = f"no complete stretch of {LEAST:g} s in car-following under ACC"
 
@@ -150,6 +155,12 @@ class BatchProgress:
     seconds: Seconds
     seconds_left: Seconds | None
     """None as long as nothing is known."""
+    vehicles: int = 0
+    """Whose windows are taken together at the end; known once all windows are finished."""
+    pooled: int = 0
+    """Of these, how many are finished."""
+    share: float = 0.0
+    """Of all the work that is done, 0 to 1."""
 
 
 def batch(
@@ -199,7 +210,7 @@ def batch(
         raise ConfigError(
             f"workers: {workers} is not allowed; choose 1 or more, and none beside a scheduler."
         )
-    files = _files(sources)
+    files = files_of(sources)
     length = window if math.isfinite(window) else "all"
     with Journal(Path(study), {"window": length, "case": case}) as journal:
         run = _Run(journal, tuple(dict.fromkeys(methods)), case, window, mapping, files, started)
@@ -207,8 +218,15 @@ def batch(
         return run.summary()
 
 
-def _files(sources: str | os.PathLike[str] | Sequence[str | os.PathLike[str]]) -> list[Path]:
-    """Each file once, those of a folder in the order of their names."""
+def files_of(sources: str | os.PathLike[str] | Sequence[str | os.PathLike[str]]) -> list[Path]:
+    """The files of a batch: each once, those of a folder in the order of their names.
+
+    Args:
+        sources: as `batch` takes them.
+
+    Raises:
+        RecordingError: when a source does not exist, or holds no CSV file.
+    """
     listed = [sources] if isinstance(sources, str | os.PathLike) else list(sources)
     found: dict[Path, None] = {}
     for source in listed:
@@ -254,6 +272,9 @@ class _Run:
         # Progress: shares of files, each split among its tasks.
         self._done = self._computed = 0.0
         self._shares: dict[str, float] = {}
+        self._vehicles = self._pooled = 0
+        self._pooling_since: float | None = None
+        self._is_done = False
 
     def summary(self) -> BatchSummary:
         return BatchSummary(
@@ -274,9 +295,9 @@ class _Run:
         return tuple(sorted(name for name in names if not is_known(name)))
 
     def progress(self, workers: int) -> BatchProgress:
-        spent = time.monotonic() - self._started
-        left = len(self._files) - self._done
-        known = self._computed > 0
+        pooling = self._pooling_cost() if self._pools_vehicles else 0.0
+        done = min(self._done / len(self._files), 1.0)
+        together = 1.0 if self._is_done else self._pooled / max(1, self._vehicles)
         return BatchProgress(
             files=len(self._files),
             done=min(self._done, len(self._files)),
@@ -284,9 +305,36 @@ class _Run:
             rows=self._rows,
             failed=self._failed,
             workers=workers,
-            seconds=spent,
-            seconds_left=max(0.0, spent * left / self._computed) if known else None,
+            seconds=time.monotonic() - self._started,
+            seconds_left=self._seconds_left(pooling),
+            vehicles=self._vehicles,
+            pooled=self._pooled,
+            share=1.0 if self._is_done else (done + pooling * together) / (1.0 + pooling),
         )
+
+    @property
+    def _pools_vehicles(self) -> bool:
+        return KEY in self._methods and self._case == "II"
+
+    def _pooling_cost(self) -> float:
+        """Of taking vehicles' windows together, against the methods on all windows."""
+        every = sum(METHODS[key].typical_seconds for key in self._methods) + INTERVALS_SECONDS
+        return POOLING_SECONDS / every
+
+    def _seconds_left(self, pooling: float) -> Seconds | None:
+        """By the pace of the stage that runs, and before the last one by its usual cost."""
+        now = time.monotonic()
+        if self._is_done:
+            return 0.0
+        if self._pooling_since is not None and self._pooled:
+            spent = now - self._pooling_since
+            return spent * (self._vehicles - self._pooled) / self._pooled
+        if self._computed <= 0:
+            return None
+        since = self._pooling_since or now
+        a_file = (since - self._started) / self._computed
+        left = max(0.0, len(self._files) - self._done) * a_file
+        return max(0.0, left + pooling * len(self._files) * a_file - (now - since))
 
     # Planning
 
@@ -374,15 +422,20 @@ class _Run:
 
     def pool_tasks(self) -> Iterator[PoolTask]:
         """The vehicles whose pooled parameters are not known; files are read again for each."""
-        if KEY not in self._methods or self._case != "II" or self._stopped:
+        if not self._pools_vehicles or self._stopped:
             return
-        for pool in pools(read_rows(self._journal.folder)):
-            at_hand = {one.sha256 for one in pool.windows} <= self._paths.keys()
-            if not at_hand or pool.key in self._known.pooled | self._known.final:
-                continue
+        known, at_hand = self._known.pooled | self._known.final, self._paths.keys()
+        left = [
+            pool
+            for pool in pools(read_rows(self._journal.folder))
+            if pool.key not in known and {one.sha256 for one in pool.windows} <= at_hand
+        ]
+        self._vehicles, self._pooling_since = len(left), time.monotonic()
+        for pool in left:
             try:
                 yield PoolTask(pool.key, pool, self._pool_segments(pool))
             except (AccpinnError, OSError) as fault:
+                self._pooled += 1
                 self._fail_pool(pool, str(fault), final=False)
 
     def _pool_segments(self, pool: Pool) -> tuple[Segment, ...]:
@@ -465,7 +518,12 @@ class _Run:
                 first = next(tasks, None)
                 if first is not None:
                     client = client or opened.enter_context(connected(workers, scheduler))
-                    self._drive(client, phase, first, tasks, on_progress, should_stop)
+                    if on_progress:
+                        on_progress(self.progress(_threads(client)))
+                    self._drive(
+                        client, phase, first, tasks, on_progress, should_stop, scheduler is None
+                    )
+        self._is_done = not self._stopped
         if on_progress:
             on_progress(self.progress(0))
 
@@ -477,14 +535,15 @@ class _Run:
         tasks: Iterator[Any],
         on_progress: Callable[[BatchProgress], None] | None,
         should_stop: Callable[[], bool],
+        is_local: bool,
     ) -> None:
         """Keep workers at a phase's tasks until all have ended, or the caller says stop."""
         ended: queue.SimpleQueue[Future[Any]] = queue.SimpleQueue()
         running: dict[str, tuple[Future[Any], Any]] = {}
         put_off: list[Any] = []
         waiting = first
-        published, slots, looked = time.monotonic(), 0, -1.0
-        alone = False
+        published = alive = time.monotonic()
+        slots, looked, alone = 0, -1.0, False
         try:
             while waiting or running or put_off:
                 if should_stop():
@@ -492,6 +551,12 @@ class _Run:
                     break
                 if time.monotonic() - looked > 1.0:
                     slots, looked = _threads(client), time.monotonic()
+                    alive = looked if slots or not is_local else alive
+                if time.monotonic() - alive > WORKERLESS:
+                    raise RecordingError(
+                        "The workers have died and no others start; what was finished is kept, and"
+                        " the same call goes on from there."
+                    )
                 if not waiting and not running:
                     # What workers died at, one by one, so that nothing else is to blame.
                     alone, waiting = True, put_off.pop(0)
@@ -550,6 +615,7 @@ class _Run:
 
     def _finish_pool(self, future: "Future[Any]", task: PoolTask) -> None:
         """Write what became of a vehicle."""
+        self._pooled += 1
         reason = _fault(future)
         found = PooledRow(None, reason, final=False) if reason else future.result()
         if found.row:
@@ -660,6 +726,8 @@ def connected(
         "distributed.admin.large-graph-warning-threshold": "1GB",
         "distributed.scheduler.allowed-failures": DEATHS,
     }
+    if scheduler is None:  # a worker of a busy machine may take long to be heard of
+        settings["distributed.comm.timeouts.connect"] = f"{WORKERLESS:g}s"
     with ExitStack() as opened:
         opened.enter_context(dask.config.set(settings))
         if scheduler is None:
@@ -671,7 +739,7 @@ def connected(
                     threads_per_worker=1,
                     processes=processes,
                     protocol="tcp://",
-                    dashboard_address=":0",
+                    dashboard_address="127.0.0.1:0",
                     local_directory=space,
                     memory_limit=0,
                     silence_logs=50,

@@ -41,6 +41,8 @@ GROUPABLE = (
 )  # fmt: skip
 """Columns that rows may be grouped by."""
 BY = ("make", "model", "distance_setting")
+TRIMMED_EVERY, NEGLIGIBLE = 128, 1e-18
+"""After so many windows, numbers of stable ones with less than that probability are left out."""
 
 
 @dataclass(frozen=True)
@@ -202,10 +204,14 @@ def share(probabilities: FloatArray, level: float = LEVEL) -> Share:
     count = len(probabilities)
     if not count:
         return Share(np.nan, np.nan, np.nan)
-    weights = np.ones(1)  # of each possible number of stable ones
-    for p in probabilities:
+    weights, least = np.ones(1), 0  # of each possible number of stable ones, from the least on
+    for k, p in enumerate(probabilities, 1):
         weights = np.convolve(weights, [1.0 - p, p])
-    stable = np.arange(count + 1)
+        if k % TRIMMED_EVERY == 0:
+            counting = np.flatnonzero(weights > NEGLIGIBLE)
+            least += int(counting[0])
+            weights = weights[counting[0] : counting[-1] + 1]
+    stable = least + np.arange(len(weights))
 
     def quantile(tail: float) -> float:
         def beyond(x: float) -> float:
@@ -213,5 +219,6 @@ def share(probabilities: FloatArray, level: float = LEVEL) -> Share:
 
         return float(brentq(beyond, 0.0, 1.0, xtol=1e-9))
 
-    tail = (1.0 - level) / 2.0
-    return Share(float(np.mean(probabilities)), quantile(tail), quantile(1.0 - tail))
+    tail, value = (1.0 - level) / 2.0, float(np.mean(probabilities))
+    # A share of 0 or 1 is an end of its interval.
+    return Share(value, min(quantile(tail), value), max(quantile(1.0 - tail), value))

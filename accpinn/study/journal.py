@@ -302,6 +302,15 @@ def read_pooled(folder: Path) -> Iterator[dict[str, Any]]:
     yield from found.values()
 
 
+def read_settings(folder: Path) -> dict[str, Any]:
+    """What all rows of a batch share, "window" and "case"; empty where it cannot be read."""
+    try:
+        found = json.loads((folder / SETTINGS).read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return {}
+    return found if isinstance(found, dict) else {}
+
+
 def read_failures(folder: Path) -> tuple[Failure, ...]:
     """What has no result, also of a batch that is running."""
     known = Known()

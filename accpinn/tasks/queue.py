@@ -101,6 +101,11 @@ class TaskQueue:
             tasks = reversed(self._tasks)
             return next((task for task in tasks if (task.owner, task.kind) == (owner, kind)), None)
 
+    def active_owners(self, kind: str) -> tuple[str, ...]:
+        """Whose tasks of that kind wait or run."""
+        with self._changed:
+            return tuple(t.owner for t in self._tasks if t.kind == kind and t.is_active)
+
     def ahead_of(self, task: Task[Any]) -> tuple[Task[Any], ...]:
         """The tasks that run or wait before a queued one; none once it runs."""
         with self._changed:

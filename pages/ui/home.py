@@ -116,6 +116,12 @@ def _ways_in(workspace: Workspace) -> None:
         ):  # fmt: skip
             ask_for_upload()
             frame.go(frame.DATA, workspace)
+        if st.button(
+            "Compare makes and models", icon=":material/database:",
+            width="stretch", key="home_database",
+            help="Page Database: every window of a folder of recordings, by make and model.",
+        ):  # fmt: skip
+            frame.go(frame.DATABASE, workspace)
 
 
 def _train_sample(workspace: Workspace) -> None:

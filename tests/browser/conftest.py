@@ -8,7 +8,15 @@ from pathlib import Path
 import pytest
 from playwright.sync_api import Browser, Page, expect
 
-from tests.browser.running import PATIENCE_MS, exceptions, idle, launched, served, watched
+from tests.browser.running import (
+    PATIENCE_MS,
+    exceptions,
+    idle,
+    launched,
+    served,
+    watched,
+)
+from tests.support.server import free_port
 
 Open = Callable[..., Page]
 
@@ -17,14 +25,20 @@ Open = Callable[..., Page]
 class App:
     address: str
     snapshots: Path
+    recordings: Path
+    studies: Path
+    mirror: int
+    """The port at which the app looks for published runs."""
 
 
 @pytest.fixture(scope="session")
 def app(tmp_path_factory: pytest.TempPathFactory) -> Iterator[App]:
     """One server for all journeys: it starts in seconds, and trains nothing twice."""
     place = tmp_path_factory.mktemp("app")
-    with served(place / "cache", place / "log.txt") as address:
-        yield App(address, place / "snapshots")
+    mirror = free_port()
+    extra = {"ACCPINN_MIRROR": f"http://127.0.0.1:{mirror}"}
+    with served(place / "cache", place / "log.txt", extra=extra) as address:
+        yield App(address, place / "snapshots", place / "recordings", place / "studies", mirror)
 
 
 @pytest.fixture(scope="session")

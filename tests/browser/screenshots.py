@@ -19,7 +19,6 @@ from playwright.sync_api import Browser, Page, expect
 from tests.browser.running import (
     ESTIMATES,
     PATIENCE_MS,
-    ROOT,
     TRAINING_MS,
     chart,
     choose,
@@ -34,6 +33,7 @@ from tests.browser.running import (
     train_sample,
     upload,
 )
+from tests.support.server import ROOT
 
 WIDTHS = {"wide": (1440, 900), "narrow": (420, 900)}
 THEMES = ("light", "dark")
@@ -311,7 +311,26 @@ def snapshots(camera: Camera) -> None:
             camera.shoot(page, f"snapshot_{path.lower()}")
 
 
-OF_REAL_RECORDINGS = (real, regimes, platoon_recorded)
+def database(camera: Camera) -> None:
+    with camera.page("/Database") as page:
+        camera.shoot(page, "database_empty", whole=False)
+        page.get_by_role("button", name="Start the batch").click()
+        page.get_by_text("rows so far").wait_for()
+        camera.shoot(page, "database_running", whole=False)
+        page.get_by_text("Done: ").wait_for(timeout=20 * TRAINING_MS)
+        chart(page, "database_forest")
+        camera.shoot(page, "database_fold", whole=False)
+        for title, key in (("Groups", ""), ("Spread", ""), ("α–β plane", "plane"),
+                           ("Time gap", "gaps"), ("All rows", ""), ("Pooled vehicles", ""),
+                           ("Failures", "")):  # fmt: skip
+            open_tab(page, title)
+            if key:
+                chart(page, f"database_{key}")
+            name = "plane" if key == "plane" else title.partition(" ")[0].lower()
+            camera.shoot(page, f"database_{name}")
+
+
+OF_REAL_RECORDINGS = (real, regimes, platoon_recorded, database)
 SCENES: tuple[Callable[[Camera], None], ...] = (
     home, data, training, *(OF_REAL_RECORDINGS if REAL else ()), stability, platoon, compare,
     snapshots,
@@ -329,7 +348,8 @@ def main(arguments: list[str]) -> None:
         for width in WIDTHS:
             with tempfile.TemporaryDirectory() as temporary, launched(chromium) as browser:
                 place = Path(temporary)
-                with served(place / "cache", place / "log") as address:
+                recordings = Path(REAL) if REAL else None
+                with served(place / "cache", place / "log", recordings) as address:
                     for scene in chosen:
                         scene(Camera(folder, browser, address, theme, width))
     print(f"{len(list(folder.glob('*.png')))} pictures in {folder}")

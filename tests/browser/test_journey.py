@@ -10,7 +10,6 @@ from accpinn.methods.registry import METHODS
 from tests.browser.conftest import Open
 from tests.browser.running import (
     ESTIMATES,
-    ROOT,
     TRAINING_MS,
     chart,
     choose,
@@ -27,6 +26,7 @@ from tests.browser.running import (
     upload,
     watched,
 )
+from tests.support.server import ROOT
 
 pytestmark = pytest.mark.browser
 

@@ -13,6 +13,7 @@ from accpinn.results.snapshot.saved import save
 from accpinn.results.snapshot.verification import REFIT
 from accpinn.stability.measured_gain import measured_gain
 from tests.support.command import PLATOON, SHORT, STUDY, Capture, document, refused, strict
+from tests.support.openacc_files import pair, platoon, table
 from tests.support.snapshots import small, whole
 
 
@@ -119,6 +120,21 @@ def test_fit_keeps_a_snapshot_that_others_read(tmp_path: Path, capsys: Capture) 
     assert len(run["minimum_gap"]) == 8
     assert document(capsys, "verify", path, "--recording", STUDY)["name"] == "mine"
     assert load(path).facts["samples"] == 3001
+
+
+def test_a_snapshot_of_one_trajectory_is_verified_with_its_table(
+    tmp_path: Path, capsys: Capture
+) -> None:
+    one, other = (pair(platoon(2, 400) + k, 1, name) for k, name in enumerate("ab"))
+    recording, kept = tmp_path / "pairs.csv", tmp_path / "b.accpinn.zip"
+    recording.write_bytes(table(one, other))
+    chosen = ("--trajectory", "b")
+    window = ("--duration", 30, "--method", "least-squares")
+    document(capsys, "fit", recording, *chosen, *window, "--out", kept)
+    assert "choose a trajectory" in refused(capsys, 1, "verify", kept, "--recording", recording)
+    found = document(capsys, "verify", kept, "--recording", recording, *chosen)
+    assert found["ok"] is True
+    assert "--recording" not in {one["cure"] for one in found["not_checked"]}
 
 
 def test_no_command_replaces_what_it_reads(file: Path, tmp_path: Path, capsys: Capture) -> None:

@@ -41,7 +41,7 @@ from tests.support.snapshots import whole
 
 pytestmark = pytest.mark.usefixtures("fresh_server")
 
-FIGURES = {DATA: 1, TRAIN: 1, STABILITY: 2, SNAPSHOTS: 1}
+FIGURES = {DATA: 1, TRAIN: 1, STABILITY: 1, SNAPSHOTS: 1}
 """Charts on a page that shows a snapshot with its data."""
 
 

@@ -8,7 +8,7 @@ import pandas as pd
 import pytest
 
 from accpinn.errors import RecordingError
-from accpinn.recordings.files import read, read_all
+from accpinn.recordings.files import is_unknown, read, read_all, trajectories
 from accpinn.recordings.mapping import (
     FOLDER_VARIABLE,
     CsvMapping,
@@ -71,7 +71,10 @@ def test_a_mapping_is_remembered_for_the_same_columns_only(mappings: Path) -> No
     with pytest.raises(RecordingError, match="--mapping"):
         read(raw, "mine.csv")
     assert preview(raw, "mine.csv").mapping is None
+    assert is_unknown(raw, "mine.csv")
+    assert not is_unknown(csv(frame, metadata(("A", "B"))), "run.csv")
     first = read(raw, "mine.csv", mapping=mapping)
+    assert not is_unknown(raw, "next.csv")
     again = read(raw, "next.csv")
     np.testing.assert_array_equal(again.speed, first.speed)
     assert MappingRemembered() in again.findings
@@ -101,6 +104,7 @@ def test_several_runs_in_one_table_without_a_column_of_time() -> None:
     np.testing.assert_array_equal(
         read(raw, "mine.csv", mapping=changed, trajectory="y").speed, found[1].speed
     )
+    assert trajectories(raw, "mine.csv", mapping=changed) == (("x", 2), ("y", 2))
     with pytest.raises(RecordingError, match=r"2 trajectories; .*x, y"):
         read(raw, "mine.csv", mapping=changed)
 

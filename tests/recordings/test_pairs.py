@@ -9,34 +9,10 @@ import pytest
 
 import accpinn
 from accpinn.errors import RecordingError
-from accpinn.recordings.files import read, read_all
+from accpinn.recordings.files import is_unknown, read, read_all, trajectories
 from accpinn.recordings.recording import Mode, Recording
 from accpinn.segment.cut import cut
-from tests.support.openacc_files import csv, platoon
-
-
-def pair(
-    frame: pd.DataFrame, ahead: int, name: str, first: int = 0, last: int | None = None
-) -> pd.DataFrame:
-    """Vehicles ``ahead`` and ``ahead`` + 1 of an OpenACC frame as a pair over some samples."""
-    rows = frame.iloc[first:last]
-    return pd.DataFrame(
-        {
-            "Trajectory_ID": name,
-            "Time_Index": np.round(0.1 * np.arange(len(rows)), 6),
-            "ID_LV": 100 + ahead,
-            "Type_LV": 1 if ahead == 1 else 0,
-            "Extra": "x",
-            "Speed_LV": rows[f"Speed{ahead}"].to_numpy(),
-            "ID_FAV": 101 + ahead,
-            "Speed_FAV": rows[f"Speed{ahead + 1}"].to_numpy(),
-            "Spatial_Gap": rows[f"IVS{ahead}"].to_numpy(),
-        }
-    )
-
-
-def table(*pairs: pd.DataFrame) -> bytes:
-    return pd.concat(pairs).to_csv(index=False).encode()
+from tests.support.openacc_files import csv, pair, platoon, table
 
 
 def recordings(raw: bytes) -> list[Recording]:
@@ -86,6 +62,9 @@ def test_equal_identifiers_at_another_time_are_no_platoon() -> None:
         read(raw, "pairs.csv")
     with pytest.raises(RecordingError, match='no trajectory "z"'):
         read(raw, "pairs.csv", trajectory="z")
+    assert trajectories(raw, "pairs.csv") == (("a", 2), ("b", 2))
+    assert trajectories(table(pair(frame, 1, "a"), pair(frame, 2, "b")), "pairs.csv") == ()
+    assert not is_unknown(raw, "pairs.csv")
 
 
 def test_vehicles_in_a_circle_end_somewhere() -> None:

@@ -8,6 +8,7 @@ import sys
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -30,7 +31,7 @@ from accpinn.results.tables.table import Estimate
 from accpinn.segment.cut import cut
 from accpinn.segment.segment import Segment
 from accpinn.study import batch as batches
-from accpinn.study.batch import BatchTask, MethodRows, batch
+from accpinn.study.batch import BatchProgress, BatchTask, MethodRows, batch
 from accpinn.study.journal import (
     JOURNAL,
     Failure,
@@ -39,6 +40,7 @@ from accpinn.study.journal import (
     read_pooled,
     read_rows,
 )
+from accpinn.study.process import BatchSettings, run_batch
 from accpinn.study.rows import COLUMNS
 from accpinn.study.windows import fit_windows
 from tests.support.command import ROOT, Capture, strict
@@ -257,6 +259,18 @@ def test_a_killed_batch_loses_nothing_and_repeats_little(cluster: str, tmp_path:
     assert "error" not in err
 
 
+def test_in_a_process_of_its_own_it_is_the_same(cluster: str, folder: Path, tmp_path: Path) -> None:
+    study = tmp_path / "study"
+    here = batch(folder / "run1.csv", study, methods=METHODS_USED[:1], scheduler=cluster)
+    settings = BatchSettings((str(folder / "run1.csv"),), str(study), 300.0, METHODS_USED[:1])
+    told: list[BatchProgress] = []
+    found = run_batch(settings, told.append)
+    assert (found.rows, found.reused, found.stopped) == (here.rows, here.rows, False)
+    assert told[-1].share == 1
+    with pytest.raises(ConfigError, match="holds a batch with window 300"):
+        run_batch(replace(settings, window=None))
+
+
 def test_settings_and_sources_that_cannot_be(
     cluster: str, folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -325,7 +339,13 @@ def test_windows_of_a_vehicle_with_one_setting_are_pooled(
 ) -> None:
     monkeypatch.undo()  # the intervals of the likelihood, from few draws
     study, options = tmp_path / "study", {"methods": (KEY,), "scheduler": cluster, "window": 150}
-    batch(STUDY_FILE, study, **options)
+    told: list[BatchProgress] = []
+    batch(STUDY_FILE, study, **options, on_progress=told.append)
+    shares = [now.share for now in told]
+    assert shares == sorted(shares)
+    assert shares[-3] < 1 == shares[-1]
+    assert [(now.done, now.pooled, now.vehicles) for now in told][-3:-1] == [(1, 0, 1), (1, 1, 1)]
+    assert told[-3].seconds_left > told[-1].seconds_left == 0
     [pooled] = list(read_pooled(study))
     assert (pooled["windows"], pooled["recordings"], pooled["duration"]) == (2, 1, 300.0)
     joint = fit_windows([cut(read(STUDY_FILE), *place) for place in ((0, 150), (150, 150))])

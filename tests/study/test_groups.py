@@ -2,33 +2,18 @@
 
 import json
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-import pandas as pd
 import pytest
-from scipy.stats import beta
+from scipy.stats import beta, binom
 
 from accpinn.cli import main
 from accpinn.errors import ConfigError, RecordingError
 from accpinn.results.tables.groups import group_table
 from accpinn.study.groups import group, read_study, share
 from accpinn.study.journal import JOURNAL
-from accpinn.study.rows import COLUMNS
 from tests.support.command import Capture, document, refused
-
-
-def row(make: str | None, **changes: Any) -> dict[str, Any]:
-    found: dict[str, Any] = dict.fromkeys(column.name for column in COLUMNS)
-    found |= {"campaign": "X", "name": make, "make": make, "method": "maximum-likelihood"}
-    for name, value in (("alpha", 0.1), ("beta", 0.2), ("tau", 1.0)):
-        found |= {name: value, f"{name}_low": 0.9 * value, f"{name}_high": 1.1 * value}
-        found[f"{name}_error"] = 0.05
-    return found | {"mean_time_gap": 1.2, "p_l2_stable": 0.0, "p_linf_stable": 0.0} | changes
-
-
-def rows(*given: dict[str, Any]) -> pd.DataFrame:
-    return pd.DataFrame(given)
+from tests.support.studies import row, rows
 
 
 def test_medians_and_spread_are_those_of_the_windows() -> None:
@@ -68,6 +53,15 @@ def test_a_share_of_certain_followers_is_jeffreys_interval() -> None:
     np.testing.assert_allclose([found.low, found.high], expected, atol=1e-6)
     doubtful = share(np.full(10, 0.7))
     assert doubtful.low < found.low < found.high < doubtful.high
+    assert share(np.zeros(3)).low == 0
+
+
+def test_the_share_of_thousands_is_that_of_the_whole_mixture() -> None:
+    count, p = 3000, 0.3
+    found, stable = share(np.full(count, p)), np.arange(count + 1)
+    for end, tail in ((found.low, 0.05), (found.high, 0.95)):
+        below = beta(stable + 0.5, count - stable + 0.5).cdf(end)
+        assert binom(count, p).pmf(stable) @ below == pytest.approx(tail, abs=1e-6)
 
 
 def test_groups_are_sorted_and_missing_names_are_empty() -> None:

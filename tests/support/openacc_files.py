@@ -48,3 +48,28 @@ def csv(frame: pd.DataFrame, rows: Sequence[str] | None = None, end: str = "\r\n
     body = io.StringIO()
     frame.to_csv(body, index=False, lineterminator=end)
     return (end.join([*above, ""]) + body.getvalue()).encode()
+
+
+def pair(
+    frame: pd.DataFrame, ahead: int, name: str, first: int = 0, last: int | None = None
+) -> pd.DataFrame:
+    """Vehicles ``ahead`` and ``ahead`` + 1 of an OpenACC frame as a pair over some samples."""
+    rows = frame.iloc[first:last]
+    return pd.DataFrame(
+        {
+            "Trajectory_ID": name,
+            "Time_Index": np.round(0.1 * np.arange(len(rows)), 6),
+            "ID_LV": 100 + ahead,
+            "Type_LV": 1 if ahead == 1 else 0,
+            "Extra": "x",
+            "Speed_LV": rows[f"Speed{ahead}"].to_numpy(),
+            "ID_FAV": 101 + ahead,
+            "Speed_FAV": rows[f"Speed{ahead + 1}"].to_numpy(),
+            "Spatial_Gap": rows[f"IVS{ahead}"].to_numpy(),
+        }
+    )
+
+
+def table(*pairs: pd.DataFrame) -> bytes:
+    """The bytes of a table of pairs."""
+    return pd.concat(pairs).to_csv(index=False).encode()

@@ -24,8 +24,8 @@ class Publisher:
 
 
 @contextmanager
-def publisher(files: dict[str, bytes]) -> Iterator[Publisher]:
-    """The server, for as long as the block lasts."""
+def publisher(files: dict[str, bytes], port: int = 0) -> Iterator[Publisher]:
+    """The server, for as long as the block lasts; by default on any free port."""
     state, lock = Publisher(files), threading.Lock()
 
     class Handler(BaseHTTPRequestHandler):
@@ -80,7 +80,7 @@ def publisher(files: dict[str, bytes]) -> Iterator[Publisher]:
             time.sleep(0.02)
             self.wfile.write(body)
 
-    server = ThreadingHTTPServer(("127.0.0.1", 0), Handler)
+    server = ThreadingHTTPServer(("127.0.0.1", port), Handler)
     server.daemon_threads = True
     thread = threading.Thread(target=server.serve_forever, kwargs={"poll_interval": 0.02})
     thread.start()

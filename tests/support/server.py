@@ -6,7 +6,7 @@ import subprocess
 import sys
 import urllib.error
 import urllib.request
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -25,24 +25,28 @@ class Server:
 
 @contextmanager
 def running(
-    cache: Path, log: Path, recordings: Path | None = None, options: Sequence[str] = ()
+    cache: Path,
+    log: Path,
+    recordings: Path | None = None,
+    options: Sequence[str] = (),
+    extra: Mapping[str, str] | None = None,
 ) -> Iterator[Server]:
-    """An app with an empty cache; its snapshots lie beside that.
+    """An app with an empty cache; all its other folders lie beside that.
 
     Args:
         cache: the folder of results and checkpoints.
         log: what it prints.
         recordings: a folder it offers.
         options: of the server, as "--server.disconnectedSessionTTL=1".
+        extra: environment variables.
     """
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        port = free.getsockname()[1]
+    port = free_port()
     environment = os.environ | {"ACCPINN_CACHE": str(cache), "OMP_NUM_THREADS": "1"}
-    environment["ACCPINN_SNAPSHOTS"] = str(cache.with_name("snapshots"))
-    environment.pop("ACCPINN_RECORDINGS", None)
+    for name in ("snapshots", "recordings", "studies", "mappings"):
+        environment[f"ACCPINN_{name.upper()}"] = str(cache.with_name(name))
     if recordings:
         environment["ACCPINN_RECORDINGS"] = str(recordings)
+    environment |= extra or {}
     command = [sys.executable, "-m", "streamlit", "run", "app.py", f"--server.port={port}"]
     with log.open("w") as output:
         process = subprocess.Popen(
@@ -56,6 +60,13 @@ def running(
         finally:
             process.terminate()
             process.wait(10)
+
+
+def free_port() -> int:
+    """A port of this machine that nobody uses yet."""
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        return int(free.getsockname()[1])
 
 
 def _await_health(process: "subprocess.Popen[bytes]", address: str, log: Path) -> None:

@@ -8,6 +8,7 @@ from accpinn.channels import PARAMETERS
 from accpinn.methods.registry import METHODS
 from accpinn.results.tables.table import ABSENT, Cell, Column, Estimate, Table
 from accpinn.study.groups import Groups, Share, Typical
+from accpinn.study.journal import Failure
 from accpinn.study.pooling import SHARED
 from accpinn.study.rows import PARAMETER_KEYS
 
@@ -25,39 +26,66 @@ HEADINGS = {
 }
 
 
-def group_table(found: Groups) -> Table:
+def group_table(found: Groups, with_spread: bool = True) -> Table:
     """One row a group: medians with intervals, spread between windows, shares that are stable.
 
     Args:
         found: the groups of a batch.
+        with_spread: whether the spread is among them; `spread_table` has it with its intervals.
     """
     groups = found.groups
     method = METHODS[found.method].title if found.method in METHODS else found.method
     level = f"{100 * found.level:g} % intervals"
     caption = ", ".join(filter(None, (method, "median over windows", level)))
-    columns: list[tuple[Column, list[Cell]]] = [
-        (Column(HEADINGS[name]), [one.values[k] or ABSENT for one in groups])
-        for k, name in enumerate(found.by)
-    ] or [(Column("Group"), ["all" for _ in groups])]
-    columns += [
-        (Column("Windows", digits=0), [float(one.windows) for one in groups]),
-        (Column("Vehicles", digits=0), [float(one.vehicles) for one in groups]),
-    ]
+    columns = _heads(found)
     for k, quantity in enumerate(PARAMETERS):
         typical = [one.parameters[k] for one in groups]
-        columns += [
-            (Column(quantity.symbol, quantity.unit, quantity.digits), [*map(_estimate, typical)]),
-            (
-                Column(f"Spread of {quantity.symbol}", "%", 0),
-                [100 * one.between.deviation for one in typical],
-            ),
-        ]
+        values = [*map(_estimate, typical)]
+        columns.append((Column(quantity.symbol, quantity.unit, quantity.digits), values))
+        if with_spread:
+            spread = [100 * one.between.deviation for one in typical]
+            columns.append((Column(f"Spread of {quantity.symbol}", "%", 0), [*spread]))
     columns += [
         (Column("Mean time gap", "s", 2), [one.mean_time_gap.value for one in groups]),
         (Column("L₂ stable", "%", 0), [_percent(one.l2_stable) for one in groups]),
         (Column("L∞ stable", "%", 0), [_percent(one.linf_stable) for one in groups]),
     ]
     return Table.of(caption, columns)
+
+
+def spread_table(found: Groups) -> Table:
+    """One row a group: how far windows differ beyond their standard errors, with intervals.
+
+    Args:
+        found: the groups of a batch.
+    """
+    columns = _heads(found)
+    for k, quantity in enumerate(PARAMETERS):
+        between = [one.parameters[k].between for one in found.groups]
+        cells: list[Cell] = [
+            Estimate(100 * one.deviation, 100 * one.lower, 100 * one.upper)
+            if math.isfinite(one.deviation)
+            else None
+            for one in between
+        ]
+        columns.append((Column(f"Spread of {quantity.symbol}", "%", 0), cells))
+        shares: list[Cell] = [100 * one.i_squared for one in between]
+        columns.append((Column(f"I² of {quantity.symbol}", "%", 0), shares))
+    return Table.of(f"Between windows, {100 * found.level:g} % intervals", columns)
+
+
+def _heads(found: Groups) -> list[tuple[Column, list[Cell]]]:
+    """What names each group, and how much it has."""
+    groups = found.groups
+    names: list[tuple[Column, list[Cell]]] = [
+        (Column(HEADINGS[name]), [one.values[k] or ABSENT for one in groups])
+        for k, name in enumerate(found.by)
+    ] or [(Column("Group"), ["all" for _ in groups])]
+    return [
+        *names,
+        (Column("Windows", digits=0), [float(one.windows) for one in groups]),
+        (Column("Vehicles", digits=0), [float(one.vehicles) for one in groups]),
+    ]
 
 
 def _estimate(typical: Typical) -> Cell:
@@ -97,3 +125,19 @@ def pooled_table(rows: Sequence[dict[str, Any]], level: float) -> Table:
 
 def _number(value: float | None) -> float:
     return float("nan") if value is None else value
+
+
+def failure_table(failures: Sequence[Failure]) -> Table:
+    """One row for each thing that has no result."""
+    return Table.of(
+        "",
+        [
+            (Column("File"), [one.file or ABSENT for one in failures]),
+            (Column("From", "s", 0), [one.start for one in failures]),
+            (
+                Column("Vehicle", digits=0),
+                [None if one.vehicle is None else float(one.vehicle) for one in failures],
+            ),
+            (Column("Reason", prose=True), [one.reason for one in failures]),
+        ],
+    )

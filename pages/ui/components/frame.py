@@ -18,7 +18,7 @@ from pages.ui.session.workspace import Workspace
 HERE = Path(__file__).parent
 HOME, DATA, TRAIN = "app.py", "pages/1_Data.py", "pages/2_Train.py"
 STABILITY, PLATOON = "pages/3_Stability.py", "pages/4_Platoon.py"
-COMPARE = "pages/5_Compare.py"
+COMPARE, DATABASE = "pages/5_Compare.py", "pages/7_Database.py"
 
 _ICONS = {
     HOME: "home",
@@ -27,6 +27,7 @@ _ICONS = {
     STABILITY: "vital_signs",
     PLATOON: "directions_car",
     COMPARE: "compare_arrows",
+    DATABASE: "database",
     "pages/6_Snapshots.py": "inventory_2",
 }
 """All pages, in the order of the links to them."""

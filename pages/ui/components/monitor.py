@@ -5,6 +5,7 @@ from typing import Any
 
 import streamlit as st
 
+from accpinn.tasks.queue import TaskQueue
 from accpinn.tasks.task import Status, Task
 from pages.ui.components import frame, show
 from pages.ui.session.resources import task_queue
@@ -37,11 +38,11 @@ def monitor(workspace: Workspace, task: Task[Any], draw: Callable[[bool], None])
         look()
 
 
-def stop_button(task: Task[Any], label: str, key: str) -> None:
-    """Stop the task; what it has found so far is kept."""
+def stop_button(task: Task[Any], label: str, key: str, queue: TaskQueue | None = None) -> None:
+    """Stop the task of a queue, by default of trainings; what it has found so far is kept."""
     st.button(
         label, icon=":material/stop:", key=key, disabled=task.is_stopping,
-        on_click=task_queue().stop, args=(task,),
+        on_click=(queue or task_queue()).stop, args=(task,),
     )  # fmt: skip
 
 

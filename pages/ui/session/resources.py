@@ -1,4 +1,4 @@
-"""What all browsers share: the stores of results and of snapshots, and the queue of tasks."""
+"""What all browsers share: the stores of results and of snapshots, and the queues of tasks."""
 
 import streamlit as st
 
@@ -36,5 +36,17 @@ def opened(name: str) -> Snapshot:
 
 @st.cache_resource(show_spinner=False)
 def task_queue() -> TaskQueue:
-    """The server's one queue of tasks."""
+    """The server's queue of trainings and comparisons."""
     return TaskQueue(store=store())
+
+
+@st.cache_resource(show_spinner=False)
+def batch_queue() -> TaskQueue:
+    """The queue of batches; they may take hours, which no training should wait for."""
+    return TaskQueue(prepare=lambda: None)
+
+
+@st.cache_resource(show_spinner=False)
+def download_queue() -> TaskQueue:
+    """The queue of downloads."""
+    return TaskQueue(prepare=lambda: None)

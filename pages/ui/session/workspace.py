@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import cached_property
+from pathlib import Path
 from typing import Any, Literal
 
 from accpinn.errors import ConfigError, SegmentError, SnapshotError
@@ -16,6 +17,7 @@ from accpinn.methods.pinn.method import WarmStart
 from accpinn.methods.registry import METHODS
 from accpinn.model.cthp import Case, Parameters
 from accpinn.model.published import ASTAZERO
+from accpinn.recordings.mapping import CsvMapping
 from accpinn.recordings.recording import Recording, Window
 from accpinn.recordings.synthetic import Truth
 from accpinn.results.figures.recording import View
@@ -133,6 +135,42 @@ class DataChoice:
 
 
 @dataclass(eq=False)
+class DatabaseChoice:
+    """Which rows of which study page Database shows."""
+
+    study: str = ""
+    """Its name; empty for the one that was written to last."""
+    filters: dict[str, tuple[str, ...]] = field(default_factory=dict)
+    """By column, the values that are shown; all where there is none."""
+    method: str = ""
+    """Whose estimates; empty for maximum likelihood, or else the first."""
+    by: str = "make"
+    """What groups have in common."""
+    in_units_of_tau: bool = False
+    """Draw the plane of ατ² and βτ in place of α and β."""
+    row: int | None = None
+    """The place of the row that is chosen, among all of the study."""
+    form: dict[str, Any] = field(default_factory=dict)
+    """What differs from the defaults of a new batch."""
+
+    def set(self, **choices: Any) -> None:
+        """Set one or several of the choices."""
+        for name, value in choices.items():
+            setattr(self, name, value)
+
+
+@dataclass(frozen=True)
+class PendingFile:
+    """A file that asks for its mapping, or for one of its trajectories, before it can be read."""
+
+    name: str
+    source: bytes | Path
+    trajectories: tuple[tuple[str, int], ...] = ()
+    """Names and numbers of vehicles; empty where a mapping is needed first."""
+    mapping: CsvMapping | None = None
+
+
+@dataclass(eq=False)
 class Workspace:
     """The steps of one user, first to last: recording, segment, training."""
 
@@ -141,6 +179,8 @@ class Workspace:
     truth: Truth | None = None
     refusal: str = ""
     """Why the last attempt to open something failed."""
+    pending: PendingFile | None = None
+    """A file that cannot be read before something is known of it."""
     vehicles: tuple[int, ...] = ()
     window: Window = field(default_factory=lambda: Window(0.0, DURATION))
     case: Case = DEFAULT_CASE
@@ -170,6 +210,7 @@ class Workspace:
     parameter_choice: ParameterChoice = field(default_factory=ParameterChoice)
     map_choice: MapChoice = field(default_factory=MapChoice)
     platoon_choice: PlatoonChoice = field(default_factory=PlatoonChoice)
+    database_choice: DatabaseChoice = field(default_factory=DatabaseChoice)
     pictures: str = "SVG"
     """The format in which charts are saved."""
     tabs: dict[str, str] = field(default_factory=dict)

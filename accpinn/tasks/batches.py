@@ -1,0 +1,109 @@
+"""Batches and downloads as tasks: each tells its progress in its own terms."""
+
+import threading
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+from accpinn.errors import RecordingError
+from accpinn.methods.method import TaskContext
+from accpinn.recordings.catalogue import Run
+from accpinn.recordings.download import (
+    PUBLISHED_AT,
+    Download,
+    DownloadState,
+    Transfer,
+    download,
+)
+from accpinn.study.batch import BatchProgress, BatchSummary
+from accpinn.study.folders import Request, keep_request
+from accpinn.study.process import BatchSettings, run_batch
+from accpinn.tasks.task import Task
+from accpinn.units import Seconds
+
+RunBatch = Callable[
+    [BatchSettings, Callable[[BatchProgress], None], Callable[[], bool]], BatchSummary
+]
+
+
+class BatchTask(Task[BatchSummary]):
+    """A batch of estimations, in a process of its own."""
+
+    def __init__(self, owner: str, settings: BatchSettings, run: RunBatch = run_batch) -> None:
+        """Queued.
+
+        Args:
+            owner: whose batch it is.
+            settings: what it is to do.
+            run: does it, and returns at its end.
+        """
+        super().__init__(owner, "batch", self._work)
+        self.settings, self._run = settings, run
+        self.latest: BatchProgress | None = None
+        self.summary: BatchSummary | None = None
+        """Also of a batch that was stopped; None before its end."""
+
+    def _work(self, context: TaskContext) -> Iterator[BatchSummary]:
+        def note(now: BatchProgress) -> None:
+            if self.latest is None:  # nothing of it was refused
+                keep_request(Request(self.settings, finished=False))
+            self.latest = now
+
+        found = self._run(self.settings, note, context.should_stop or (lambda: False))
+        self.summary = found
+        keep_request(Request(self.settings, finished=not found.stopped))
+        if not found.stopped:
+            yield found
+
+    @property
+    def share(self) -> float:
+        """The share of the work that is done, 0 to 1."""
+        return min(1.0, self.latest.share) if self.latest else 0.0
+
+    @property
+    def time_left(self) -> Seconds | None:
+        """Until its end; None where nothing is known of it."""
+        return self.latest.seconds_left if self.latest else None
+
+
+class DownloadTask(Task[Download]):
+    """The download of one run."""
+
+    def __init__(self, owner: str, run: Run, folder: Path, base: str = PUBLISHED_AT) -> None:
+        """Queued.
+
+        Args:
+            owner: who asked.
+            run: of the catalogue.
+            folder: of recordings.
+            base: address of the folder that has the campaigns.
+        """
+        super().__init__(owner, "download", self._work)
+        self.run, self._folder, self._base = run, folder, base
+        self._last: Transfer | None = None
+        self._guard = threading.Lock()
+
+    @property
+    def transfer(self) -> Transfer | None:
+        """How far it is; None before the first byte."""
+        with self._guard:
+            return self._last
+
+    def _work(self, context: TaskContext) -> Iterator[Download]:
+        def note(now: Transfer) -> None:
+            with self._guard:
+                self._last = now
+
+        for found in download(
+            (self.run,), self._folder, self._base,
+            on_transfer=note, should_stop=context.should_stop,
+        ):  # fmt: skip
+            if found.state is DownloadState.FAILED:
+                raise RecordingError(found.reason)
+            if found.state is not DownloadState.STOPPED:
+                yield found
+
+    @property
+    def share(self) -> float:
+        """The share of the file that has arrived, 0 to 1."""
+        now = self.transfer
+        return min(1.0, now.received / now.size) if now and now.size else 0.0

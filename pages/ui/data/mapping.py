@@ -1,0 +1,325 @@
+"""Files that have to ask before they can be read: for their columns, or for a trajectory."""
+
+import re
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+import streamlit as st
+
+from accpinn.errors import AccpinnError, RecordingError
+from accpinn.recordings import files
+from accpinn.recordings.mapping import (
+    GAP_UNITS,
+    SPEED_UNITS,
+    TIME_UNITS,
+    CsvMapping,
+    GapColumn,
+    Preview,
+    SpeedColumn,
+    TimeColumn,
+    parse_mapping,
+    preview,
+    read_mapped,
+    write_mapping,
+)
+from accpinn.results.tables.table import Column, Table
+from pages.ui.components import show
+from pages.ui.components.show import escape_markdown
+from pages.ui.session.workspace import PendingFile, Workspace
+
+ASK = "data_ask_columns"
+"""The entry in Streamlit's session state: ask for columns that are remembered, too."""
+NONE = "(none)"
+EVEN = "(even steps)"
+MOST_VEHICLES = 11
+PREVIEWED = 12
+"""Columns of a preview."""
+FASTEST = 45.0
+"""m/s; a larger value is likely to be in km/h."""
+LIKELY = {
+    "time": ("time", "t", "timestamp", "stamp"),
+    "speed": ("speed", "velocity", "vel", "v"),
+    "gap": ("gap", "ivs", "spacing", "distance", "dist", "range", "headway"),
+}
+"""Words that the names of columns hold."""
+
+
+def ask_for_columns() -> bool:
+    """Whether the user wants to be asked even where columns are remembered."""
+    return bool(st.session_state.get(ASK))
+
+
+def pending_of(source: bytes | Path, name: str, known: bool = False) -> PendingFile | None:
+    """What has to be asked of a file that could not be read; None where no answer would help.
+
+    Args:
+        source: the file.
+        name: of the file.
+        known: also ask for columns that are remembered.
+    """
+    with suppress(AccpinnError):
+        if known and preview(source, name).mapping:
+            return PendingFile(name, source)
+        if runs := files.trajectories(source, name):
+            return PendingFile(name, source, runs)
+        if files.is_unknown(source, name):
+            return PendingFile(name, source)
+    return None
+
+
+def show_pending(workspace: Workspace, opened: Callable[[], None]) -> None:
+    """What is asked, and the button that opens the file.
+
+    Args:
+        workspace: with a pending file.
+        opened: called once it is open.
+    """
+    file = workspace.pending
+    assert file
+    if file.trajectories:
+        _ask_for_trajectory(workspace, file, opened)
+    else:
+        _ask_for_mapping(workspace, file, opened)
+
+
+def _open(
+    workspace: Workspace, file: PendingFile, opened: Callable[[], None], mapping: CsvMapping | None,
+    trajectory: str | None = None,
+) -> None:  # fmt: skip
+    """Open it; where the table holds several runs, ask for one first."""
+    try:
+        runs = () if trajectory else files.trajectories(file.source, file.name, mapping=mapping)
+        if runs:
+            workspace.pending = PendingFile(file.name, file.source, runs, mapping)
+            return
+        recording = files.read(file.source, file.name, trajectory=trajectory, mapping=mapping)
+        workspace.open(recording)
+    except AccpinnError as fault:
+        workspace.refusal = str(fault)
+    else:
+        workspace.pending, workspace.refusal = None, ""
+        opened()
+
+
+def _cancel(workspace: Workspace) -> None:
+    workspace.pending, workspace.refusal = None, ""
+
+
+def _ask_for_trajectory(
+    workspace: Workspace, file: PendingFile, opened: Callable[[], None]
+) -> None:
+    st.markdown(
+        f"**{escape_markdown(file.name)}** holds {len(file.trajectories)} runs. Choose one of them."
+    )
+    vehicles = dict(file.trajectories)
+    chosen = st.selectbox(
+        "Trajectory", list(vehicles), key="data_trajectory",
+        format_func=lambda name: f"{name} · {vehicles[name]} vehicles",
+        help="Pairs whose leader is another pair's follower at the same time are one run.",
+    )  # fmt: skip
+    with st.container(horizontal=True):
+        st.button(
+            "Open this trajectory", type="primary", on_click=_open, key="data_open_trajectory",
+            args=(workspace, file, opened, file.mapping, chosen),
+        )  # fmt: skip
+        st.button("Cancel", on_click=_cancel, args=(workspace,), key="data_cancel")
+    show.messages(workspace.refusal, "error")
+
+
+def _ask_for_mapping(workspace: Workspace, file: PendingFile, opened: Callable[[], None]) -> None:
+    seen = show.attempt(lambda: preview(file.source, file.name))
+    if seen is None:
+        st.button("Cancel", on_click=_cancel, args=(workspace,), key="data_cancel")
+        return
+    st.markdown(
+        f"**Which columns of {escape_markdown(file.name)} hold what?** The answer is remembered for"
+        " files with the same columns."
+    )
+    names = tuple(name for name in seen.layout.names if name)
+    _show_preview(seen)
+    given = _uploaded()
+    mapping = given or _form(names, seen)
+    fault = ""
+    try:
+        runs = files.trajectories(file.source, file.name, mapping=mapping)
+        first = runs[0][0] if runs else None
+        recording = read_mapped(
+            file.source, mapping, name=file.name, trajectory=first
+        )  # fmt: skip
+        several = f"; {len(runs)} runs" if runs else ""
+        step = 1 / recording.sample_time
+        st.caption(
+            f":material/check_circle: {len(recording.present)} vehicles,"
+            f" {recording.duration:,.0f} s at {step:.3g} Hz{several}."
+        )
+    except RecordingError as error:
+        fault = str(error)
+    show.messages(fault, "error")
+    with st.container(horizontal=True):
+        st.button(
+            "Open with these columns", type="primary", disabled=bool(fault), on_click=_open,
+            key="data_open_mapped", args=(workspace, file, opened, mapping),
+        )  # fmt: skip
+        st.download_button(
+            "Mapping as JSON", write_mapping(mapping), "mapping.json", "application/json",
+            on_click="ignore", icon=":material/download:", key="data_mapping_json",
+            help="For the command line's option --mapping, or for another server.",
+        )  # fmt: skip
+        st.button("Cancel", on_click=_cancel, args=(workspace,), key="data_cancel")
+    show.messages(workspace.refusal, "error")
+
+
+def _show_preview(seen: Preview) -> None:
+    layout = seen.layout
+    columns = [
+        (Column(name or f"column {k + 1}"), [row[k] if k < len(row) else "" for row in layout.rows])
+        for k, name in enumerate(layout.names[:PREVIEWED])
+    ]
+    show.table(Table.of("", columns))
+    if hidden := len(layout.names) - PREVIEWED:
+        if hidden > 0:
+            st.caption(
+                f"{hidden} more columns: {escape_markdown(', '.join(layout.names[PREVIEWED:]))}"
+            )
+
+
+def _uploaded() -> CsvMapping | None:
+    """The mapping of a JSON file that was given in place of the form."""
+    with st.popover("Use a mapping file", icon=":material/upload_file:"):
+        upload = st.file_uploader(
+            "A mapping as JSON, as the command line takes it.", type="json",
+            key="data_mapping_upload", max_upload_size=1,
+        )  # fmt: skip
+    if upload is None:
+        return None
+    return show.attempt(lambda: parse_mapping(upload.getvalue(), upload.name))
+
+
+def _form(names: Sequence[str], seen: Preview) -> CsvMapping:
+    """Time, then a row for each vehicle."""
+    known = seen.mapping
+    speeds, gaps = _guess(names, "speed"), _guess(names, "gap")
+    count = len(known.speeds) if known else min(max(2, len(speeds)), MOST_VEHICLES)
+    columns = st.columns((1, 1.2, 0.8, 1.2), vertical_alignment="bottom")
+    vehicles = columns[0].number_input(
+        "Vehicles", 2, MOST_VEHICLES, count, key="data_map_vehicles",
+        help="Leader and followers, in their order on the road.",
+    )  # fmt: skip
+    time, sample_time = _time(names, seen, columns[1:3])
+    trajectory = _pick(
+        "Runs told apart by", (NONE, *names), (known and known.trajectory) or NONE, columns[3],
+        "data_map_runs", "Of a table with several runs: the column that names them.",
+    )  # fmt: skip
+    found_speeds: list[SpeedColumn] = []
+    found_gaps: list[GapColumn] = []
+    for k in range(int(vehicles)):
+        cells = st.columns((1.3, 0.7, 1, 1.3, 0.7, 0.8), vertical_alignment="bottom")
+        title = "Leader's speed" if k == 0 else f"Speed of vehicle {k + 1}"
+        old = known.speeds[k] if known and k < len(known.speeds) else None
+        default = old.column if old else speeds[k] if k < len(speeds) else names[0]
+        column = _pick(
+            title, names, default, cells[0], f"data_map_speed_{k}",
+            "The column of the vehicle's own speed.",
+        )  # fmt: skip
+        unit = old.unit if old else _speed_unit(seen, column)
+        found_speeds.append(
+            SpeedColumn(
+                column=column,
+                unit=_pick("Unit", [*SPEED_UNITS], unit, cells[1], f"data_map_speed_unit_{k}",
+                           "Of that column."),
+                name=cells[2].text_input(
+                    "Make and model", old.name if old else "", max_chars=60,
+                    key=f"data_map_name_{k}", help="As tables and charts are to show it.",
+                ),
+            )
+        )  # fmt: skip
+        if k == 0:
+            continue
+        before = known.gaps[k - 1] if known and k - 1 < len(known.gaps) else None
+        default = before.column if before else gaps[k - 1] if k - 1 < len(gaps) else names[-1]
+        found_gaps.append(
+            GapColumn(
+                column=_pick("Space-gap ahead", names, default, cells[3], f"data_map_gap_{k}",
+                             "From bumper to bumper, to the vehicle ahead."),
+                unit=_pick("Unit", [*GAP_UNITS], before.unit if before else "m", cells[4],
+                           f"data_map_gap_unit_{k}", "Of that column."),
+                subtract=cells[5].number_input(
+                    "Less [m]", value=before.subtract if before else 0.0, step=0.5,
+                    key=f"data_map_subtract_{k}",
+                    help="Length of the vehicle ahead, where the column is a distance of"
+                    " positions.",
+                ),
+            )
+        )  # fmt: skip
+    return CsvMapping(
+        speeds=tuple(found_speeds),
+        gaps=tuple(found_gaps),
+        time=time,
+        sample_time=sample_time,
+        modes=known.modes if known else (),
+        trajectory=None if trajectory == NONE else trajectory,
+    )
+
+
+def _time(
+    names: Sequence[str], seen: Preview, columns: Sequence[Any]
+) -> tuple[TimeColumn | None, float | None]:
+    known = seen.mapping
+    guessed = _guess(names, "time")
+    default = guessed[0] if guessed else EVEN
+    if known:
+        default = known.time.column if known.time else EVEN
+    column = _pick(
+        "Time", (*names, EVEN), default, columns[0], "data_map_time",
+        "The column of time, or even steps between rows.",
+    )  # fmt: skip
+    if column == EVEN:
+        step = columns[1].number_input(
+            "Step [s]", 0.001, 5.0, (known and known.sample_time) or 0.1, format="%.3f",
+            key="data_map_step", help="Between two rows.",
+        )  # fmt: skip
+        return None, float(step)
+    unit = known.time.unit if known and known.time else _time_unit(seen, column)
+    return TimeColumn(
+        column,
+        _pick("Unit", [*TIME_UNITS], unit, columns[1], "data_map_time_unit", "Of that column."),
+    ), None
+
+
+def _pick(label: str, options: Sequence[str], default: str, place: Any, key: str, help: str) -> str:
+    index = list(options).index(default) if default in options else 0
+    return str(place.selectbox(label, options, index, key=key, help=help))
+
+
+def _guess(names: Sequence[str], what: str) -> list[str]:
+    """The columns whose names are likely, in their order."""
+
+    def is_likely(name: str) -> bool:
+        words = re.findall("[a-z]+", name.lower())
+        return any(word in LIKELY[what] for word in words)
+
+    return [name for name in names if is_likely(name)]
+
+
+def _numbers(seen: Preview, name: str) -> list[float]:
+    """The first cells of a column, as far as they are numbers."""
+    at = seen.layout.names.index(name)
+    found = []
+    for row in seen.layout.rows:
+        with suppress(ValueError, IndexError):
+            found.append(float(row[at].replace(seen.layout.decimal, ".")))
+    return found
+
+
+def _time_unit(seen: Preview, name: str) -> str:
+    """The unit with which rows are as far apart as those of recordings."""
+    cells = _numbers(seen, name)
+    step = abs(cells[1] - cells[0]) if len(cells) > 1 else 0.1
+    return next((unit for unit in ("s", "ms", "µs", "ns") if step * TIME_UNITS[unit] < 5.0), "s")
+
+
+def _speed_unit(seen: Preview, name: str) -> str:
+    """km/h where speeds in m/s would be those of no car."""
+    return "km/h" if max(_numbers(seen, name), default=0.0) > FASTEST else "m/s"

@@ -1,0 +1,192 @@
+"""The page Database: parameters of many vehicles by make, model and setting, and how sure they are.
+
+A study is the folder of one batch of estimations on the server. Its tabs are in
+`pages.ui.database.views`, the batch that fills it in `pages.ui.database.running`.
+"""
+
+from urllib.parse import urlsplit
+
+import pandas as pd
+import streamlit as st
+
+from accpinn.methods.maximum_likelihood import KEY
+from accpinn.methods.registry import METHODS
+from accpinn.results.figures.database import MOST_GROUPS
+from accpinn.results.messages.database import (
+    batch_line,
+    extent,
+    failures_line,
+    headline,
+    trust_line,
+    typical_line,
+)
+from pages.ui.components import frame, show
+from pages.ui.components.show import escape_markdown
+from pages.ui.components.widgets import bound, select, tabs
+from pages.ui.database import running, views
+from pages.ui.database.selection import (
+    FILTERS,
+    GROUPINGS,
+    Shown,
+    Stamp,
+    failures_of,
+    folder_of,
+    follow_link,
+    known_studies,
+    query,
+    rows_of,
+    settings_of,
+    shown,
+    write_link,
+)
+from pages.ui.session.workspace import DatabaseChoice, Workspace
+
+LEAD = (
+    "Which headway and gains each make, model and distance setting has, how sure that is, and how"
+    " many are string stable."
+)
+_STYLE = """<style>
+.st-key-database_filters [data-testid="stMultiSelect"] span[data-baseweb="tag"] { max-width: 100%; }
+</style>"""
+
+
+def show_page() -> None:
+    """Draw the page."""
+    workspace = frame.begin("Database")
+    choice = workspace.database_choice
+    follow_link(choice)
+    names = tuple(dict.fromkeys((*running.active_studies(), *known_studies())))
+    if not names:
+        _show_empty(workspace, choice)
+        return
+    if choice.study not in names:
+        if choice.study:
+            show.messages(f"There is no study {choice.study[:60]} on this server.", "warning")
+        choice.set(study=names[0], row=None)
+    folder = folder_of(choice.study)
+    stamp = Stamp.of(folder)
+    _show_head(workspace, choice, names, stamp)
+    running.show_batch(workspace, choice.study)
+    rows = rows_of(stamp) if stamp.size else pd.DataFrame()
+    if len(rows):
+        _show_study(workspace, choice, stamp, rows)
+    else:
+        show.messages("The study has no rows yet.")
+        if stamp.size:
+            views.show_failures(failures_of(stamp), choice.study)
+    write_link(choice)
+
+
+def _show_empty(workspace: Workspace, choice: DatabaseChoice) -> None:
+    """What a study is, and the way to the first one."""
+    st.caption(LEAD)
+    show.messages(
+        "There is no study on this server yet. A study holds the estimates from every window in"
+        " car-following under ACC of a folder of recordings: choose the folder, then start."
+    )
+    with st.container(border=True):
+        running.show_form(workspace, choice)
+
+
+def _show_head(
+    workspace: Workspace, choice: DatabaseChoice, names: tuple[str, ...], stamp: Stamp
+) -> None:
+    """The study, and what can be done with it."""
+    named, new, link = st.columns((3.2, 1, 1), gap="small", vertical_alignment="bottom")
+    with named:
+        select(
+            "Study", {name: name for name in names}, choice.study, "database_study",
+            lambda name: choice.set(study=name, filters={}, method="", row=None),
+            help="The estimates from one folder of recordings; the one written to last is first.",
+        )  # fmt: skip
+    popover = new.popover(
+        "New batch", icon=":material/playlist_add:", width="stretch", key="database_new",
+        on_change="rerun",
+        help="Estimate the parameters from all windows of a folder of recordings.",
+    )  # fmt: skip
+    if popover.open:
+        with popover:
+            running.show_form(workspace, choice)
+    with link.popover("Link to this view", icon=":material/share:", width="stretch"):
+        st.caption("It opens this study with these filters, without your session.")
+        address = urlsplit(st.context.url or "")
+        server = f"{address.scheme}://{address.netloc}" if address.netloc else ""
+        st.code(f"{server}/Database?{query(choice)}", language=None)
+
+
+def _show_study(
+    workspace: Workspace, choice: DatabaseChoice, stamp: Stamp, rows: pd.DataFrame
+) -> None:
+    methods = list(dict.fromkeys(rows["method"]))
+    if choice.method not in methods:
+        choice.method = KEY if KEY in methods else methods[0]
+    with st.container(key="later_1_database_filters"):
+        _show_filters(choice, rows, methods)
+    filters = tuple(sorted((name, values) for name, values in choice.filters.items() if values))
+    found = shown(stamp, filters, choice.method, choice.by)
+    failures = failures_of(stamp)
+    if found.whole is None:
+        show.messages("No row has these properties; take a filter back.")
+        return
+    answer, chart = st.columns((1, 2.1), gap="medium")
+    with answer, st.container(border=True):
+        level = found.groups.level
+        st.markdown(f"#### {escape_markdown(headline(found.whole, level))}")
+        said = extent(found.whole, found.makes, found.recordings)
+        st.markdown(escape_markdown(f"{said} {typical_line(found.whole, found.groups)}"))
+        st.caption(escape_markdown(trust_line(found.groups)))
+        if line := failures_line(failures):
+            st.caption(f":material/error: {escape_markdown(line)}")
+    with chart:
+        _show_forest(found, batch_line(settings_of(stamp)))
+    drawn = {
+        "Groups": lambda: views.show_groups(found, choice),
+        "Spread": lambda: views.show_spread(found, choice),
+        "α–β plane": lambda: views.show_plane(workspace, choice, found),
+        "Time gap": lambda: views.show_gaps(workspace, choice, found),
+        "All rows": lambda: views.show_rows(workspace, choice, found),
+        "Pooled vehicles": lambda: views.show_pooled(stamp, choice),
+        "Failures": lambda: views.show_failures(failures, choice.study),
+    }
+    tabs(workspace, "database_tabs", drawn)
+
+
+def _show_filters(choice: DatabaseChoice, rows: pd.DataFrame, methods: list[str]) -> None:
+    """Which rows, whose estimates, and what groups have in common, in one row."""
+    columns = st.columns(
+        (0.95, 0.95, 0.95, 0.95, 0.8, 1.35, 1.15), gap="small", vertical_alignment="bottom"
+    )
+    for column, (name, label) in zip(columns, FILTERS.items(), strict=False):
+        there = sorted(rows[name].unique())
+        kept = [value for value in choice.filters.get(name, ()) if value in there]
+
+        def choose(values: list[str], name: str = name) -> None:
+            choice.set(filters={**choice.filters, name: tuple(values)}, row=None)
+
+        column.multiselect(
+            label, there, placeholder="All",
+            **bound(f"database_{name}", kept, choose, default=""),
+            help=f"Only rows with one of these; all where none is chosen. {len(there)} are there.",
+        )  # fmt: skip
+        choice.filters[name] = tuple(kept)
+    titles = {key: METHODS[key].title if key in METHODS else key for key in methods}
+    select(
+        "Method", titles, choice.method, "database_method",
+        lambda key: choice.set(method=key, row=None), place=columns[5],
+        help="Whose estimates; the intervals are those of the exact likelihood for all methods.",
+    )  # fmt: skip
+    select(
+        "Grouped by", {key: title for key, (title, _) in GROUPINGS.items()}, choice.by,
+        "database_by", lambda by: choice.set(by=by), place=columns[6],
+        help="What the rows of a group have in common.",
+    )  # fmt: skip
+
+
+def _show_forest(found: Shown, about: str) -> None:
+    show.chart(found.forest, "database_forest")
+    hidden = len(found.groups.groups) - MOST_GROUPS
+    more = f" {hidden} groups with fewer windows are in the table only." if hidden > 0 else ""
+    st.caption(
+        f"Median over the windows of each group with its {100 * found.groups.level:.0f} % interval;"
+        f" a larger dot stands for more windows.{more} {about}"
+    )

@@ -1,0 +1,246 @@
+"""The tabs of page Database: groups, planes, rows, vehicles, and what has no result."""
+
+from collections.abc import Sequence
+from functools import lru_cache
+from typing import Any
+
+import pandas as pd
+import plotly.graph_objects as go
+import streamlit as st
+
+from accpinn.inference.intervals import LEVEL
+from accpinn.recordings.recording import Recording, Window
+from accpinn.results.figures import database as figures
+from accpinn.results.figures.stability import EXACT, L2
+from accpinn.results.tables.groups import failure_table, group_table, pooled_table, spread_table
+from accpinn.study.journal import Failure
+from pages.ui.components import frame, show
+from pages.ui.components.show import escape_markdown
+from pages.ui.components.widgets import bound
+from pages.ui.data.sources import find_recording
+from pages.ui.database.selection import FILTERS, NOT_TOLD, Shown, Stamp, pooled_of
+from pages.ui.session.workspace import DatabaseChoice, Workspace
+
+LISTED = 100
+"""Failures that are shown; the file has all of them."""
+TOOLS = ("zoom2d", "pan2d", "resetScale2d")
+COLUMNS = {
+    "make": ("Make", None),
+    "model": ("Model", None),
+    "distance_setting": ("Setting", None),
+    "campaign": ("Campaign", None),
+    "file": ("File", None),
+    "start": ("From [s]", "%.0f"),
+    "tau": ("τ [s]", "%.2f"),
+    "tau_low": ("τ from", "%.2f"),
+    "tau_high": ("τ to", "%.2f"),
+    "alpha": ("α [1/s²]", "%.3f"),
+    "beta": ("β [1/s]", "%.3f"),
+    "mean_time_gap": ("Time gap [s]", "%.2f"),
+    "mean_speed": ("Speed [m/s]", "%.1f"),
+    "p_l2_stable": ("P(L₂)", "%.2f"),
+}
+"""Of the list of rows: heading and format, by name in the results."""
+
+
+def show_groups(found: Shown, choice: DatabaseChoice) -> None:
+    """One row a group."""
+    show.table(group_table(found.groups, with_spread=False))
+    st.caption(
+        "In brackets: intervals, of the shares that are string stable, too. The files have the"
+        " spread between windows as well."
+    )
+    show.downloads(
+        group_table(found.groups), f"{choice.study}_by_{choice.by}", "database_groups"
+    )  # fmt: skip
+
+
+def show_spread(found: Shown, choice: DatabaseChoice) -> None:
+    """How far the windows of each group differ."""
+    table = spread_table(found.groups)
+    show.table(table)
+    st.caption(
+        "Spread: how far windows differ beyond their own standard errors, as a share of the"
+        " parameter. I²: the share of the variance between estimates that is no sampling error."
+    )
+    show.downloads(table, f"{choice.study}_spread_by_{choice.by}", "database_spread")
+
+
+def show_plane(workspace: Workspace, choice: DatabaseChoice, found: Shown) -> None:
+    """α and β of each row, and where string stability begins."""
+    with st.container(horizontal=True, vertical_alignment="center"):
+        show.key(
+            [("L₂ unstable (ring)", figures.UNSTABLE), ("L₂ stable (diamond)", figures.STABLE),
+             ("L₂ boundary", L2), ("L∞ boundary, exact (dashed)", EXACT)]
+        )  # fmt: skip
+        st.toggle(
+            "In units of τ",
+            **bound("database_units", choice.in_units_of_tau,
+                    lambda on: choice.set(in_units_of_tau=on)),
+            help="Draws ατ² and βτ: the boundaries are then the same for every vehicle.",
+        )  # fmt: skip
+    figure = _plane(found, choice.in_units_of_tau)
+    _chart(figure, "database_plane", choice)
+    where = "" if choice.in_units_of_tau else (
+        f" The boundaries are those of the median τ, {found.rows['tau'].median():.2f} s; a vehicle"
+        " with another τ has others."
+    )  # fmt: skip
+    away = figures.beyond(figure)
+    out = f" {away:,} of {len(found.rows):,} rows lie beyond the axes." if away else ""
+    st.caption(f"String stable above the lines.{where}{out} Click on a point to open its window.")
+    show_chosen(workspace, choice, found)
+
+
+@lru_cache(maxsize=16)
+def _plane(found: Shown, in_units_of_tau: bool) -> go.Figure:
+    return figures.plane(found.rows, in_units_of_tau)
+
+
+def show_gaps(workspace: Workspace, choice: DatabaseChoice, found: Shown) -> None:
+    """Time gap over speed, by groups."""
+    labels = _labels(found)
+    show.key([(name, colour) for name, (colour, _) in figures.colours(labels).items()])
+    _chart(_gaps(found), "database_gaps", choice)
+    st.caption(
+        "Each point is a follower of one window. A constant time headway is a horizontal row of"
+        " points. Click on a point to open its window."
+    )
+    show_chosen(workspace, choice, found)
+
+
+@lru_cache(maxsize=16)
+def _labels(found: Shown) -> tuple[str, ...]:
+    parts = found.rows[list(found.groups.by)].itertuples(index=False, name=None)
+    return tuple(map(figures.label_of, parts))
+
+
+@lru_cache(maxsize=16)
+def _gaps(found: Shown) -> go.Figure:
+    return figures.gap_against_speed(found.rows, _labels(found))
+
+
+def _chart(figure: go.Figure, key: str, choice: DatabaseChoice) -> None:
+    event = show.chart(figure, key, TOOLS, on_select="rerun", selection_mode="points")
+    place = show.clicked_data(event["selection"]["points"])
+    if place is not None:
+        choice.row = int(place)
+
+
+def show_rows(workspace: Workspace, choice: DatabaseChoice, found: Shown) -> None:
+    """All rows that the filters leave; one of them can be chosen."""
+    rows = _listed(found)
+    event: Any = st.dataframe(
+        rows, hide_index=True, height=420, on_select="rerun", selection_mode="single-row",
+        key="database_rows", column_config=_config(),
+    )  # fmt: skip
+    if picked := event["selection"]["rows"]:
+        choice.row = int(picked[0])
+    st.caption(
+        f"{len(rows):,} rows; P(L₂): probability of L₂ string stability. Click on a heading to"
+        " sort, on the magnifier to search, on the left edge of a row to choose it."
+    )
+    show_chosen(workspace, choice, found)
+    st.download_button(
+        "CSV, all columns", lambda: found.rows.to_csv(index=False), f"{choice.study}_rows.csv",
+        "text/csv", on_click="ignore", icon=":material/download:", key="database_rows_csv",
+        help="The rows shown, with intervals, stability and errors; results.parquet in the study's"
+        " folder has all of them.",
+    )  # fmt: skip
+
+
+@lru_cache(maxsize=8)
+def _listed(found: Shown) -> pd.DataFrame:
+    return found.rows[list(COLUMNS)]
+
+
+def _config() -> dict[str, Any]:
+    return {
+        name: st.column_config.NumberColumn(title, format=form)
+        if form
+        else st.column_config.TextColumn(title)
+        for name, (title, form) in COLUMNS.items()
+    }
+
+
+# One row
+
+
+def show_chosen(workspace: Workspace, choice: DatabaseChoice, found: Shown) -> None:
+    """The row that is chosen, and the way to its window."""
+    if choice.row is None or choice.row >= len(found.rows):
+        return
+    row = found.rows.iloc[choice.row]
+    with st.container(border=True, horizontal=True, vertical_alignment="center"):
+        end = row["start"] + row["duration"]
+        who = " ".join(part for part in (row["make"], row["model"]) if part != NOT_TOLD)
+        said = (
+            f"{row['campaign']}, {row['file']}, {row['start']:.0f}–{end:.0f} s, vehicle"
+            f" {row['vehicle']}: α {row['alpha']:.3f} 1/s², β {row['beta']:.3f} 1/s, τ"
+            f" {row['tau']:.2f} s"
+        )
+        st.markdown(f"**{escape_markdown(who)}**  \n{escape_markdown(said)}", width="stretch")
+        if st.button(
+            "Open this window", icon=":material/timeline:", type="primary", key="database_open",
+            help="Page Data, with this recording, window and vehicles, ready to train.",
+        ):  # fmt: skip
+            _open(workspace, found.rows, row)
+
+
+def _open(workspace: Workspace, rows: pd.DataFrame, row: "pd.Series[Any]") -> None:
+    """Turn to page Data with a row's window, or say why not."""
+
+    def load() -> Recording:
+        return find_recording(
+            row["file"], row["sha256"], row["trajectory"], row["campaign"]
+        )  # fmt: skip
+
+    recording = show.attempt(load)
+    if recording is None:
+        return
+    window = rows[["sha256", "start", "duration", "leader"]].eq(
+        row[["sha256", "start", "duration", "leader"]]
+    )
+    last = int(rows[window.all(axis=1)]["vehicle"].max())
+    workspace.open(recording)
+    workspace.choose(
+        vehicles=tuple(range(int(row["leader"]), last + 1)),
+        window=Window(float(row["start"]), float(row["start"] + row["duration"])),
+        case=row["case"],
+    )
+    frame.go(frame.DATA, workspace)
+
+
+# Vehicles and failures
+
+
+def show_pooled(stamp: Stamp, choice: DatabaseChoice) -> None:
+    """Each vehicle's windows with one setting under one likelihood."""
+    kept = []
+    for row in pooled_of(stamp):
+        cells = {name: str(row[name] or NOT_TOLD) for name in FILTERS}
+        if all(not values or cells[name] in values for name, values in choice.filters.items()):
+            kept.append(row)
+    if not kept:
+        st.caption(
+            "No vehicle has several windows by maximum likelihood that were taken together; a batch"
+            " does that at its end."
+        )
+        return
+    table = pooled_table(kept, LEVEL)
+    show.table(table)
+    st.caption(
+        "All windows of a vehicle with one setting share one parameter set here. The intervals"
+        " assume that they do: compare the tab Spread."
+    )
+    show.downloads(table, f"{choice.study}_vehicles", "database_pooled")
+
+
+def show_failures(failures: Sequence[Failure], study: str) -> None:
+    """What has no result, and why."""
+    if not failures:
+        st.caption("Every file has a window, and every method a result on it.")
+        return
+    show.table(failure_table(failures[:LISTED]))
+    if len(failures) > LISTED:
+        st.caption(f"{len(failures) - LISTED} more are in the file.")
+    show.downloads(failure_table(failures), f"{study}_failures", "database_failures")

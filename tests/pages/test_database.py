@@ -1,0 +1,291 @@
+"""Page Database, and on page Data the tables of one's own, trajectories and published runs."""
+
+import os
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+from streamlit.testing.v1 import AppTest
+
+from accpinn.recordings.catalogue import catalogue
+from accpinn.recordings.files import read
+from accpinn.recordings.recording import Window
+from accpinn.study.batch import BatchProgress, BatchSummary
+from accpinn.study.groups import group, read_study
+from accpinn.study.journal import Failure, Journal
+from accpinn.study.process import BatchSettings
+from accpinn.tasks.task import Status
+from pages.ui.database import running
+from pages.ui.session.resources import batch_queue, download_queue
+from tests.support.apptest import (
+    DATA,
+    HOME,
+    WAIT,
+    boxes,
+    choose,
+    figures,
+    numbers,
+    open_page,
+    open_tab,
+    plain,
+    press,
+    texts,
+    workspace_of,
+)
+from tests.support.openacc_files import csv, metadata, pair, platoon, table
+from tests.support.publisher import publisher
+from tests.support.studies import row, write_study
+
+pytestmark = pytest.mark.usefixtures("fresh_server")
+
+DATABASE = "pages/7_Database.py"
+NAMES = ("Audi(A8)", "Tesla(Model3)", "Kia(Niro)")
+
+
+@pytest.fixture
+def recording() -> Path:
+    """A run in the server's folder."""
+    place = Path(os.environ["ACCPINN_RECORDINGS"]) / "Casale" / "mine.csv"
+    place.parent.mkdir(parents=True)
+    place.write_bytes(csv(platoon(3, 1500), metadata(NAMES)))
+    return place
+
+
+def made(file: str = "x.csv", **changes: Any) -> dict[str, Any]:
+    where = {"file": file, "start": 10.0, "duration": 60.0, "vehicle": 2, "leader": 1, "case": "II"}
+    return row("Tesla", **where, mean_speed=20.0, sha256="0", l2_stable=False) | changes
+
+
+@pytest.fixture
+def study(recording: Path) -> Path:
+    """Two makes, and a window of the run that is there."""
+    known = {"file": recording.name, "sha256": read(recording).sha256, "campaign": "Casale"}
+    return write_study(
+        Path(os.environ["ACCPINN_STUDIES"]) / "mine",
+        made(**known, model="Model 3"),
+        made(**known, vehicle=3, make="Kia", name="Kia", tau=1.5, p_l2_stable=1.0, l2_stable=True),
+        made("gone.csv", tau=1.2),
+        made("gone.csv", tau=3.0, method="splines", make=None),
+    )
+
+
+def opened(**address: str) -> AppTest:
+    page = open_page(DATABASE, **address)
+    assert not boxes(page, "error")
+    return page
+
+
+def test_without_a_study_it_says_what_to_do(recording: Path) -> None:
+    page = opened()
+    assert "no study on this server yet" in plain(page)
+    assert page.selectbox(key="database_source").options == ["all recordings", "Casale"]
+    assert "1 file: " in plain(page), "an estimate before the start"
+    assert not page.button(key="database_start").disabled
+    page = open_page(DATABASE)
+    choose(page, "database_name", "../../etc")
+    assert "is no name" in boxes(page, "error")[0]
+    assert page.button(key="database_start").disabled
+    recording.unlink()
+    page = opened()
+    assert "folder of recordings is empty" in plain(page)
+
+
+def test_the_answer_is_that_of_the_rows_chosen_and_the_address_says_which(study: Path) -> None:
+    page = opened()
+    whole = group(read_study(study), ()).groups[0]
+    assert f"{100 * whole.l2_stable.value:.0f} % of the followers" in plain(page)
+    assert "3 follower windows of 3 vehicles, 2 makes, 2 recordings" in plain(page)
+    assert page.selectbox(key="database_method").value == "maximum-likelihood"
+    page.multiselect(key="database_make").set_value(["Kia"]).run()
+    assert "100 % of the followers" in plain(page)
+    choose(page, "database_by", "model")
+    (forest,) = figures(page)
+    assert [numbers(trace["x"])[0] for trace in forest["data"]] == [1.5, 0.1, 0.2]
+    address = dict(page.query_params)
+    assert (address["make"], address["by"], address["study"]) == ("Kia", "model", "mine")
+    del address["session"]
+    other = opened(**address)
+    assert other.multiselect(key="database_make").value == ["Kia"]
+    assert "100 % of the followers" in plain(other)
+    choose(other, "database_method", "splines")
+    assert "No row has these properties" in plain(other)
+    other.multiselect(key="database_make").set_value(["not told"]).run()
+    assert "1 follower window of 1 vehicle" in plain(other)
+
+
+@pytest.mark.parametrize("name", ["../mine", "/etc", "unknown"])
+def test_a_link_to_no_study_shows_another(study: Path, name: str) -> None:
+    page = opened(study=name, make="No such make", by="nonsense")
+    assert any("There is no study" in said for said in boxes(page, "warning"))
+    assert "3 follower windows" in plain(page)
+    assert page.query_params["study"] == "mine"
+
+
+def test_every_tab_and_the_failures(study: Path) -> None:
+    with Journal(study, {"window": 300.0, "case": "II"}) as journal:
+        for k, start in enumerate((None, 5.0)):
+            failure = Failure(f"bad{k}.csv", start, None, "it <b>cannot</b> be read")
+            journal.add("failure", f"f{k}", **vars(failure), final=False)
+    page = opened()
+    assert "1 file without a window and 1 estimate failed" in plain(page)
+    open_tab(page, "database_tabs", "Failures")
+    assert "bad1.csv" in texts(page)
+    assert "it &lt;b&gt;cannot" in texts(page)
+    for title, said in (("Spread", "Spread of"), ("Pooled vehicles", "No vehicle has several")):
+        assert said in plain(open_tab(page, "database_tabs", title))
+    open_tab(page, "database_tabs", "α–β plane")
+    assert len(figures(page)) == 2
+    choose(page, "database_units", True)
+    assert "ατ²" in figures(page)[1]["layout"]["xaxis"]["title"]["text"]
+    open_tab(page, "database_tabs", "Time gap")
+    points = [trace for trace in figures(page)[1]["data"] if trace["type"] == "scattergl"]
+    assert {trace["name"] for trace in points} == {"Tesla", "Kia"}
+
+
+def test_a_row_opens_its_window(study: Path) -> None:
+    page = open_tab(opened(), "database_tabs", "All rows")
+    assert len(page.dataframe[0].value) == 3
+    found = workspace_of(page)
+    found.database_choice.row = 2
+    page.run()
+    press(page, "database_open")
+    assert "gone.csv: this recording is not in the server's folder" in boxes(page, "error")[0]
+    found.database_choice.row = 1
+    page.run()
+    press(page, "database_open")
+    assert "Preview of the window" in texts(page), "this is page Data"
+    assert found.recording.source == "mine.csv"
+    assert (found.vehicles, found.window) == ((1, 2, 3), Window(10.0, 70.0))
+    assert found.segment is not None
+
+
+def until(holds: Callable[[], bool]) -> None:
+    end = time.monotonic() + WAIT
+    while not holds():
+        assert time.monotonic() < end
+        time.sleep(0.01)
+
+
+def test_a_batch_is_started_stopped_and_continued(
+    recording: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked: list[BatchSettings] = []
+
+    def run(settings: BatchSettings, note: Any, should_stop: Callable[[], bool]) -> BatchSummary:
+        asked.append(settings)
+        folder = write_study(Path(settings.study), made("x.csv"))
+        note(BatchProgress(4, 1.0, 1, 1, 0, 1, 1.0, 30.0, share=0.25))
+        if len(asked) == 1:
+            until(should_stop)
+        count = len(list(folder.iterdir()))
+        return BatchSummary(1, 0, 1, 1, 1, 0, 0, 1.0, stopped=len(asked) == 1 and count > 0)
+
+    monkeypatch.setattr(running, "run_batch", run)
+    page = opened()
+    choose(page, "database_name", "first")
+    choose(page, "database_window", 60.0)
+    press(page, "database_start")
+    task = batch_queue().of("first", "batch")
+    until(lambda: task.latest is not None)
+    assert (asked[0].window, asked[0].sources) == (60.0, (str(recording.parents[1]),))
+    assert asked[0].study == os.environ["ACCPINN_STUDIES"] + "/first"
+    # Another browser finds it at work, too.
+    other = opened(study="first")
+    (bar,) = other.get("progress")
+    assert (bar.proto.value, "about 30 s left" in bar.proto.text) == (25, True)
+    press(other, "database_stop")
+    assert task.wait(WAIT)
+    assert task.status is Status.STOPPED
+    page.run()
+    assert "what is finished is kept" in plain(page)
+    # After a restart of the server nothing but the folder is left.
+    batch_queue().close()
+    batch_queue.clear()
+    page = opened()
+    assert "did not come to its end" in plain(page)
+    press(page, "database_continue")
+    again = batch_queue().of("first", "batch")
+    assert again.wait(WAIT)
+    assert again.status is Status.DONE
+    assert asked[1] == asked[0]
+    page.run()
+    assert "database_continue" not in [button.key for button in page.button]
+
+
+# Page Data
+
+
+def foreign(vehicles: int = 2) -> bytes:
+    """A table in other units, under names that are likely and one that is not."""
+    frame = platoon(vehicles, 400)
+    return pd.DataFrame(
+        {
+            "t": (1000 * frame["Time"]).round(3),
+            **{f"velocity {k}": 3.6 * frame[f"Speed{k}"] for k in range(1, vehicles + 1)},
+            "to the car ahead": frame["IVS1"],
+        }
+    ).to_csv(index=False).encode()  # fmt: skip
+
+
+def test_a_table_of_ones_own_is_opened_by_its_columns_which_are_remembered() -> None:
+    page = open_page(DATA)
+    page.file_uploader(key="data_upload").upload("own.csv", foreign(), "text/csv").run()
+    assert not boxes(page, "error")
+    assert "Which columns of own.csv hold what?" in plain(page)
+    units = [page.selectbox(key=f"data_map_{one}").value for one in ("time_unit", "speed_unit_0")]
+    assert units == ["ms", "km/h"], "guessed from the numbers"
+    choose(page, "data_map_gap_1", "velocity 1")
+    choose(page, "data_map_gap_1", "to the car ahead")
+    press(page, "data_open_mapped")
+    found = workspace_of(page)
+    assert found.recording.source == "own.csv"
+    np.testing.assert_allclose(found.recording.gap[:, 0], platoon(2, 400)["IVS1"], atol=1e-9)
+    np.testing.assert_allclose(found.recording.speed[:, 1], platoon(2, 400)["Speed2"], atol=1e-9)
+    other = open_page(DATA)
+    other.file_uploader(key="data_upload").upload("next.csv", foreign(), "text/csv").run()
+    assert workspace_of(other).recording.source == "next.csv", "remembered"
+
+
+def test_a_file_dropped_on_home_that_asks_for_its_columns_leads_to_data() -> None:
+    page = open_page(HOME)
+    page.file_uploader(key="data_upload").upload("own.csv", foreign(), "text/csv").run()
+    assert not page.exception
+    assert "Which columns of own.csv hold what?" in plain(page)
+    press(page, "data_cancel")
+    assert page.file_uploader
+
+
+def test_of_a_table_with_several_trajectories_one_is_chosen() -> None:
+    raw = table(*(pair(platoon(2, 300) + k, 1, name) for k, name in enumerate("ab")))
+    page = open_page(DATA)
+    page.file_uploader(key="data_upload").upload("p.csv", raw, "text/csv").run()
+    assert "holds 2 runs" in plain(page)
+    choose(page, "data_trajectory", "b")
+    press(page, "data_open_trajectory")
+    assert workspace_of(page).recording.trajectory == "b"
+
+
+def test_a_published_run_is_downloaded_and_opened(monkeypatch: pytest.MonkeyPatch) -> None:
+    run = next(run for run in catalogue() if run.sha256 is None)
+    content = csv(platoon(2, 400), metadata(NAMES[:2]))
+    page = open_page(DATA)
+    choose(page, "data_run", run)
+    monkeypatch.setenv("ACCPINN_MIRROR", "http://127.0.0.1:9")
+    press(page, "data_download")
+    owner = workspace_of(page).id
+    assert download_queue().of(owner, "download").wait(WAIT)
+    page.run()
+    assert "127.0.0.1:9" in boxes(page, "error")[0]
+    with publisher({run.key: content}) as server:
+        monkeypatch.setenv("ACCPINN_MIRROR", server.url)
+        press(page, "data_download")
+        assert download_queue().of(owner, "download").wait(WAIT)
+    page.run()
+    assert not boxes(page, "error")
+    assert "1 of 139" in page.selectbox(key="data_run").label
+    press(page, "Open this run")
+    assert workspace_of(page).recording.source == run.file

@@ -1,0 +1,98 @@
+"""A batch as figures: what the forest plot, the plane and the time gaps draw."""
+
+import numpy as np
+import pytest
+
+from accpinn.model.cthp import Parameters
+from accpinn.results.figures import database as figures
+from accpinn.stability.criteria import (
+    exact_margin,
+    l2_criterion,
+    smallest_headway_exact,
+    smallest_headway_l2,
+)
+from accpinn.study.groups import group
+from tests.support.figures import named, names
+from tests.support.studies import row, rows
+
+
+def test_the_forest_has_every_median_with_its_interval_sorted_by_headway() -> None:
+    found = group(
+        rows(
+            row("Long", tau=2.0, tau_low=1.5, tau_high=2.6),
+            row("<b>Short</b>", tau=1.0, tau_low=0.8, tau_high=1.3),
+            row("Unknown", tau=None, tau_error=None),
+            row("No gap control", alpha=0.0, alpha_low=0.0, alpha_high=0.01, tau=1.7, tau_high=1.8),
+        ),
+        ("make",),
+    )
+    figure = figures.forest(found)
+    assert list(figure.layout.yaxis.ticktext) == [
+        "Unknown", "Long", "No gap control", "&lt;b&gt;Short&lt;/b&gt;",
+    ]  # fmt: skip
+    taus = named(figure, "τ")
+    np.testing.assert_array_equal(taus.x, [np.nan, 2.0, 1.7, 1.0])
+    np.testing.assert_allclose(np.asarray(taus.x)[1] + taus.error_x.array[1], 2.6)
+    np.testing.assert_allclose(np.asarray(taus.x)[3] - taus.error_x.arrayminus[3], 0.8)
+    alphas = named(figure, "α")
+    assert [*alphas.marker.symbol].count("triangle-left") == 1
+    low, high = 10.0 ** np.array(figure.layout.xaxis2.range)
+    assert alphas.x[2] == pytest.approx(low), "zero stands at the edge of a logarithmic axis"
+    assert low < 0.1 < high
+
+
+def test_of_many_groups_those_with_most_windows_are_drawn() -> None:
+    given = [row(f"M{k}") for k in range(figures.MOST_GROUPS + 3) for _ in range(1 + (k > 2))]
+    figure = figures.forest(group(rows(*given), ("make",)))
+    assert len(figure.layout.yaxis.ticktext) == figures.MOST_GROUPS
+    assert not {"M0", "M1", "M2"} & {*figure.layout.yaxis.ticktext}
+    assert len(named(figures.forest(group(rows(*given)[:0], ("make",))), "τ").x) == 0
+
+
+def test_boundaries_separate_what_the_criteria_separate() -> None:
+    rng = np.random.default_rng(0)
+    alpha, beta = rng.uniform(1e-3, 2, 400), rng.uniform(0, 2, 400)
+    for tau in (0.7, 2.0):
+        found = Parameters(alpha, beta, np.full(400, tau))
+        l2 = figures.smallest_stable_beta(alpha, tau, smallest_headway_l2)
+        exact = figures.smallest_stable_beta(alpha, tau, smallest_headway_exact)
+        np.testing.assert_array_equal(beta >= l2, l2_criterion(found) >= 0)
+        np.testing.assert_array_equal(beta >= exact, exact_margin(found) >= 0)
+
+
+def test_the_plane_has_every_point_on_its_side_of_the_line() -> None:
+    rng = np.random.default_rng(1)
+    alpha, beta, tau = rng.uniform(0.01, 0.5, 50), rng.uniform(0, 1.5, 50), rng.uniform(0.8, 2, 50)
+    stable = l2_criterion(Parameters(alpha, beta, tau)) >= 0
+    given = rows(
+        *(row("A", alpha=a, beta=b, tau=t, l2_stable=bool(s), file="f.csv", start=0.0, duration=9.0)
+          for a, b, t, s in zip(alpha, beta, tau, stable, strict=True)),
+        row("A", alpha=None, beta=None, tau=None),
+    )  # fmt: skip
+    figure = figures.plane(given, in_units_of_tau=True)
+    line = named(figure, "L₂")
+    for name, expected in (("L₂ stable", True), ("L₂ unstable", False)):
+        points = named(figure, name)
+        assert sorted(points.customdata) == list(np.flatnonzero(stable == expected))
+        shown = np.asarray(points.x) < line.x[-1]
+        above = np.asarray(points.y) >= np.interp(points.x, line.x, line.y)
+        assert (above[shown] == expected).mean() > 0.99, "but for the line's chords"
+    plain = figures.plane(given)
+    at = float(np.median(tau))
+    np.testing.assert_allclose(
+        named(plain, "L₂").y, np.maximum((2 - named(plain, "L₂").x * at**2) / (2 * at), 0)
+    )
+    right, top = plain.layout.xaxis.range[1], plain.layout.yaxis.range[1]
+    assert figures.beyond(plain) == int(((alpha > right) | (beta > top)).sum())
+
+
+def test_time_gaps_are_drawn_by_group_and_few_have_a_colour() -> None:
+    labels = [f"M{k}" for k in range(figures.MOST_NAMED + 2) for _ in range(1 + (k < 10))]
+    given = rows(*(row(label, mean_speed=float(k), file="f", start=0.0, duration=9.0)
+                   for k, label in enumerate(labels)))  # fmt: skip
+    figure = figures.gap_against_speed(given, labels)
+    assert set(names(figure)) == {*labels[:20], figures.OTHERS}
+    assert sorted(np.concatenate([trace.customdata for trace in figure.data])) == [*range(22)]
+    assert list(named(figure, "M3").x) == [6.0, 7.0]
+    looks = {(t.marker.color, t.marker.symbol) for t in figure.data}
+    assert len(looks) == len(figure.data)
