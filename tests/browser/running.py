@@ -107,7 +107,7 @@ def idle(page: Page) -> None:
 
 def go(page: Page, title: str) -> None:
     """To another page by the sidebar."""
-    page.get_by_test_id("stSidebar").get_by_role("link", name=title).click()
+    page.get_by_test_id("stSidebar").get_by_role("link", name=title, exact=True).click()
     idle(page)
 
 
