@@ -76,6 +76,24 @@ def run_batch(
         sources=tuple(map(os.path.abspath, settings.sources)),
         study=os.path.abspath(settings.study),
     )
+    try:
+        found = _run(absolute, on_progress, should_stop)
+    except BrokenPipeError:  # it died before it could read
+        found = None
+    if found is None:
+        raise RecordingError(
+            "The batch's process has died; what was finished is kept, and the same batch goes on"
+            " from there."
+        )
+    return found
+
+
+def _run(
+    settings: BatchSettings,
+    on_progress: Callable[[BatchProgress], None] | None,
+    should_stop: Callable[[], bool] | None,
+) -> BatchSummary | None:
+    """The summary; None where the process died."""
     with subprocess.Popen(
         [sys.executable, "-m", __name__],
         stdin=subprocess.PIPE,
@@ -84,7 +102,7 @@ def run_batch(
     ) as process:
         assert process.stdin
         assert process.stdout
-        process.stdin.write(msgspec.json.encode(absolute) + b"\n")
+        process.stdin.write(msgspec.json.encode(settings) + b"\n")
         process.stdin.flush()
         lines: queue.SimpleQueue[bytes] = queue.SimpleQueue()
         threading.Thread(target=_pass_on, args=(process.stdout, lines), daemon=True).start()
@@ -100,10 +118,7 @@ def run_batch(
             except queue.Empty:
                 continue
             if not raw:
-                raise RecordingError(
-                    "The batch's process has died; what was finished is kept, and the same batch"
-                    " goes on from there."
-                )
+                return None
             line = msgspec.json.decode(raw, type=_Line)
             if line.refusal:
                 raise (ConfigError if line.is_setting else RecordingError)(line.refusal)

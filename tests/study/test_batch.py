@@ -259,7 +259,9 @@ def test_a_killed_batch_loses_nothing_and_repeats_little(cluster: str, tmp_path:
     assert "error" not in err
 
 
-def test_in_a_process_of_its_own_it_is_the_same(cluster: str, folder: Path, tmp_path: Path) -> None:
+def test_in_a_process_of_its_own_it_is_the_same(
+    cluster: str, folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     study = tmp_path / "study"
     here = batch(folder / "run1.csv", study, methods=METHODS_USED[:1], scheduler=cluster)
     settings = BatchSettings((str(folder / "run1.csv"),), str(study), 300.0, METHODS_USED[:1])
@@ -269,6 +271,9 @@ def test_in_a_process_of_its_own_it_is_the_same(cluster: str, folder: Path, tmp_
     assert told[-1].share == 1
     with pytest.raises(ConfigError, match="holds a batch with window 300"):
         run_batch(replace(settings, window=None))
+    monkeypatch.setattr(sys, "executable", "true")
+    with pytest.raises(RecordingError, match="has died"):
+        run_batch(settings)
 
 
 def test_settings_and_sources_that_cannot_be(

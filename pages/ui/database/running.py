@@ -21,7 +21,7 @@ from accpinn.tasks.task import Status
 from pages.ui.components import frame, show
 from pages.ui.components.monitor import stop_button
 from pages.ui.components.show import escape_markdown, format_duration
-from pages.ui.components.widgets import bound, segments, select
+from pages.ui.components.widgets import bound, select
 from pages.ui.data.sources import folders, recordings_folder
 from pages.ui.database.selection import folder_of, known_studies
 from pages.ui.session.resources import batch_queue
@@ -165,12 +165,11 @@ def show_form(workspace: Workspace, choice: DatabaseChoice) -> None:
         help="Longest window; complete stretches in car-following under ACC are cut into these.",
     )  # fmt: skip
     case = form.get("case", "II", ("I", "II"))
-    with columns[1]:
-        segments(
-            "Case", {"I": "Case I", "II": "Case II"}, case, "database_case", form.setter("case"),
-            labelled=True,
-            help="I: one parameter set for all followers of a window; II: one for each.",
-        )  # fmt: skip
+    select(
+        "Case", {"II": "Case II", "I": "Case I"}, case, "database_case", form.setter("case"),
+        place=columns[1],
+        help="I: one parameter set for all followers of a window; II: one for each.",
+    )  # fmt: skip
     most = os.cpu_count() or 1
     workers = columns[2].number_input(
         "Workers", min_value=1, max_value=most, step=1,
