@@ -15,7 +15,7 @@ from typing import Any
 import torch
 
 from accpinn.methods.pinn.training import DEFAULT_THREADS
-from bench import stability
+from bench import stability, start
 from bench.speed import CASES, PAPER_ITERATIONS, folder, measure
 
 PAPER_TIMED = 20
@@ -51,14 +51,15 @@ def main() -> int:
         "torch": torch.__version__,
         "python": platform.python_version(),
     }
-    quick = stability.measure()
+    quick, starts = stability.measure(), start.measure()
     if options.json:
-        document = {"machine": machine, "training": rows, "stability": [asdict(t) for t in quick]}
+        document = {"machine": machine, "training": rows}
+        document |= {"stability": [asdict(t) for t in quick], "start": [asdict(t) for t in starts]}
         print(json.dumps(document, indent=2))
     else:
-        print(_text(machine, rows), "", stability.text(quick), sep="\n")
+        print(_text(machine, rows), "", stability.text(quick), "", start.text(starts), sep="\n")
     slow = any(row["least_ratio"] and row["ratio"] < row["least_ratio"] for row in rows)
-    return int(slow or not all(timing.fast_enough for timing in quick))
+    return int(slow or not all(timing.fast_enough for timing in (*quick, *starts)))
 
 
 def _text(machine: dict[str, Any], rows: list[dict[str, Any]]) -> str:

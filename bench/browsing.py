@@ -7,6 +7,7 @@ drawn when `poll` is called.
 
 import asyncio
 import time
+from collections.abc import Iterable
 from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import Any
@@ -32,6 +33,7 @@ class Browser:
     address: str
     session: str = ""
     """The app's name of it, which stands in the address."""
+    cookies: dict[str, str] = field(default_factory=dict)
     elements: dict[tuple[int, ...], Any] = field(default_factory=dict)
     """What stands on the page, by its place."""
     faults: list[str] = field(default_factory=list)
@@ -47,9 +49,14 @@ class Browser:
 
     async def open(self) -> Seconds:
         """Open the first page; how long that took."""
+        protocols = ["streamlit", *([self.cookies[XSRF]] if XSRF in self.cookies else ())]
         self._socket = await connect(
             f"ws{self.address.removeprefix('http')}/_stcore/stream",
-            subprotocols=["streamlit"],  # type: ignore[list-item]
+            subprotocols=protocols,  # type: ignore[arg-type]
+            origin=self.address,  # type: ignore[arg-type]
+            additional_headers={
+                "Cookie": "; ".join(f"{name}={value}" for name, value in self.cookies.items())
+            },
             max_size=None,
         )
         return await self._run(BackMsg())
@@ -180,6 +187,8 @@ class Browser:
         match message.WhichOneof("type"):
             case "new_session":
                 self._begin(message.new_session, bool(message.metadata.run.fragment_ids))
+            case "navigation":
+                self._learn_pages(message.navigation.app_pages)
             case "delta":
                 self._draw(tuple(message.metadata.delta_path), message.delta)
             case "auto_rerun":
@@ -195,14 +204,16 @@ class Browser:
 
     def _begin(self, session: Any, of_fragment: bool) -> None:
         self._server_session = session.initialize.session_id or self._server_session
-        self._pages |= {
-            page.page_name.replace("_", " ") or "Home": page.page_script_hash
-            for page in session.app_pages
-        }
+        self._learn_pages(session.app_pages)
         self._page = session.page_script_hash
         if not of_fragment:
             self.elements.clear()
             self._polled.clear()
+
+    def _learn_pages(self, pages: Iterable[Any]) -> None:
+        for page in pages:
+            title = "Home" if page.is_default else page.page_name.replace("_", " ")
+            self._pages[title] = page.page_script_hash
 
     def _draw(self, place: tuple[int, ...], delta: Any) -> None:
         if delta.WhichOneof("type") != "new_element":

@@ -21,7 +21,7 @@ from accpinn.segment.cut import cut
 from accpinn.segment.segment import Segment
 from accpinn.units import FloatArray
 from bench import batch as batches
-from bench import coverage, departures, replication, widths
+from bench import coverage, departures, replication, start, widths
 from bench.disturbed import MOTORWAY, Disturbance, disturbed
 from bench.paper_protocol import PaperProtocol
 from tests.support.samples import FOLDER, NOISY, PLATOON, sample
@@ -243,3 +243,11 @@ def test_cost_over_the_length_of_the_window(monkeypatch: pytest.MonkeyPatch) -> 
     found = batches.lengths(FOLDER / "synthetic_paper_study.csv", (70.0, 140.0))
     assert [(one.method, one.duration) for one in found] == [("splines", 70), ("splines", 140)]
     assert all(one.seconds > 0 for one in found)
+
+
+def test_how_long_a_command_takes_is_held_against_its_goal() -> None:
+    quick, slow = (start.command("wait", ("-c", "pass"), goal, rounds=1) for goal in (60.0, 0.0))
+    assert quick.fast_enough
+    assert not slow.fast_enough
+    assert 0 < slow.processor
+    assert "wait" in start.text([quick, slow])
