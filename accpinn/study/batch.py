@@ -733,30 +733,38 @@ def connected(
         if scheduler is None:
             space = opened.enter_context(tempfile.TemporaryDirectory(prefix="accpinn-"))
             count = workers or os.cpu_count() or 1
-            address: Any = opened.enter_context(
-                LocalCluster(
-                    n_workers=count,
-                    threads_per_worker=1,
-                    processes=processes,
-                    protocol="tcp://",
-                    dashboard_address="127.0.0.1:0",
-                    local_directory=space,
-                    memory_limit=0,
-                    silence_logs=50,
+            try:
+                address: Any = opened.enter_context(
+                    LocalCluster(
+                        n_workers=count,
+                        threads_per_worker=1,
+                        processes=processes,
+                        protocol="tcp://",
+                        dashboard_address="127.0.0.1:0",
+                        local_directory=space,
+                        memory_limit=0,
+                        silence_logs=50,
+                    )
                 )
-            )
+            except (OSError, RuntimeError, TimeoutError) as fault:
+                raise _no_workers(fault) from None
         else:
             address = scheduler
+        patience = WORKERLESS if scheduler is None else CONNECT
         try:
-            client = opened.enter_context(Client(address, timeout=CONNECT, set_as_default=False))
+            client = opened.enter_context(Client(address, timeout=patience, set_as_default=False))
         except (OSError, ValueError, TimeoutError) as fault:
+            if scheduler is None:
+                raise _no_workers(fault) from None
             reason = str(fault).split("\n")[0][:120]
             raise RecordingError(
                 f"{scheduler}: no scheduler answers there ({reason}); check the address."
             ) from None
         try:
-            client.wait_for_workers(1, timeout=CONNECT)
-        except TimeoutError:
+            client.wait_for_workers(1, timeout=patience)
+        except TimeoutError as fault:
+            if scheduler is None:
+                raise _no_workers(fault) from None
             raise RecordingError(
                 f"{scheduler}: the scheduler has no workers; start some, as with dask worker"
                 f" {scheduler}."
@@ -764,6 +772,14 @@ def connected(
         if scheduler is not None:
             _require_package(client, scheduler)
         yield client
+
+
+def _no_workers(fault: Exception) -> RecordingError:
+    reason = str(fault).split("\n")[0][:120] or type(fault).__name__
+    return RecordingError(
+        f"The workers on this machine cannot be started ({reason}); ask for fewer, or try again"
+        " when it is less busy."
+    )
 
 
 def _version() -> str:

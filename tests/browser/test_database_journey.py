@@ -58,8 +58,7 @@ def test_a_batch_is_stopped_continued_filtered_and_a_run_downloaded(opened: Open
 
     run = next(run for run in catalogue() if run.sha256 is None)
     content = csv(platoon(2, 400), metadata(("Lead", "Audi(A8)")))
-    with publisher({run.key: content}, app.mirror) as server:
-        server.faults[run.key] = ["break"]
+    with publisher({run.key: content}, app.mirror, {run.key: ["break"]}) as server:
         page.get_by_text("Open another recording").click()
         choose(page, "Published OpenACC run", run.key)
         page.get_by_role("button", name="Download this run").click()

@@ -11,10 +11,12 @@ import pandas as pd
 import pytest
 from streamlit.testing.v1 import AppTest
 
+from accpinn.errors import RecordingError
 from accpinn.recordings.catalogue import catalogue
 from accpinn.recordings.files import read
 from accpinn.recordings.recording import Window
 from accpinn.study.batch import BatchProgress, BatchSummary
+from accpinn.study.folders import Request, keep_request
 from accpinn.study.groups import group, read_study
 from accpinn.study.journal import Failure, Journal
 from accpinn.study.process import BatchSettings
@@ -214,6 +216,27 @@ def test_a_batch_is_started_stopped_and_continued(
     assert asked[1] == asked[0]
     page.run()
     assert "database_continue" not in [button.key for button in page.button]
+
+
+def test_a_batch_that_is_refused_says_why_and_one_from_elsewhere_is_not_continued(
+    recording: Path, study: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(*_: object) -> BatchSummary:
+        raise RecordingError("it cannot be written")
+
+    monkeypatch.setattr(running, "run_batch", refuse)
+    page = open_tab(opened(), "database_tabs", "Groups")
+    page.session_state["database_new"] = True
+    choose(page, "database_name", "other")
+    press(page, "database_start")
+    assert batch_queue().of("other", "batch").wait(WAIT)
+    page = open_page(DATABASE, workspace_of(page))
+    assert boxes(page, "error") == ["it cannot be written"]
+    for source, offered in ((recording.parent, True), (study, False), (Path("/etc"), False)):
+        settings = BatchSettings((str(source),), str(study), 300.0, ("splines",))
+        keep_request(Request(settings, finished=False))
+        keys = [button.key for button in opened(study="mine").button]
+        assert ("database_continue" in keys) is offered
 
 
 # Page Data

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
-from distributed import KilledWorker
+from distributed import Client, KilledWorker, LocalCluster
 
 from accpinn.cli import main
 from accpinn.errors import ConfigError, RecordingError
@@ -207,6 +207,29 @@ def test_a_worker_that_dies_is_replaced(
     found = batch(folder, tmp_path / "study", methods=METHODS_USED[:1], window=70, workers=1)
     assert death.exists()
     assert (found.rows, found.failed) == (4, 0)
+
+
+def test_without_workers_it_ends_with_a_word(
+    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    @contextmanager
+    def workerless(*_: object) -> Iterator[Client]:
+        with LocalCluster(n_workers=0, processes=False, dashboard_address=None) as empty:
+            with Client(empty, set_as_default=False) as client:
+                yield client
+
+    def refusing(**_: object) -> None:
+        raise RuntimeError("Nanny failed to start.")
+
+    options: dict[str, Any] = {"methods": METHODS_USED[:1], "window": 70, "workers": 1}
+    with monkeypatch.context() as patched:
+        patched.setattr(batches, "connected", workerless)
+        patched.setattr(batches, "WORKERLESS", 0.1)
+        with pytest.raises(RecordingError, match="no others start"):
+            batch(folder, tmp_path / "study", **options)
+    monkeypatch.setattr("distributed.LocalCluster", refusing)
+    with pytest.raises(RecordingError, match="cannot be started"):
+        batch(folder, tmp_path / "study", **options)
 
 
 def command(folder: Path, study: Path, scheduler: str) -> list[str]:

@@ -24,9 +24,11 @@ class Publisher:
 
 
 @contextmanager
-def publisher(files: dict[str, bytes], port: int = 0) -> Iterator[Publisher]:
+def publisher(
+    files: dict[str, bytes], port: int = 0, faults: dict[str, list[str]] | None = None
+) -> Iterator[Publisher]:
     """The server, for as long as the block lasts; by default on any free port."""
-    state, lock = Publisher(files), threading.Lock()
+    state, lock = Publisher(files, faults or {}), threading.Lock()
 
     class Handler(BaseHTTPRequestHandler):
         def log_message(self, *_: object) -> None:

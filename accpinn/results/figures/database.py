@@ -77,7 +77,8 @@ def forest(found: Groups) -> go.Figure:
         middle, ends = np.clip(values[:, 0], low, high), np.clip(values[:, 1:], low, high)
         at_edge = values[:, 0] <= low
         figure.add_scatter(
-            x=middle, y=places, mode="markers", name=quantity.symbol,
+            x=middle, y=places, mode="markers", name=quantity.symbol, showlegend=False,
+            cliponaxis=False,
             marker={
                 "color": FOLLOWERS[0],
                 "size": [_size(one.windows) for one in groups],

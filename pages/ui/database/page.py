@@ -45,9 +45,6 @@ LEAD = (
     "Which headway and gains each make, model and distance setting has, how sure that is, and how"
     " many are string stable."
 )
-_STYLE = """<style>
-.st-key-database_filters [data-testid="stMultiSelect"] span[data-baseweb="tag"] { max-width: 100%; }
-</style>"""
 
 
 def show_page() -> None:
@@ -56,16 +53,17 @@ def show_page() -> None:
     choice = workspace.database_choice
     follow_link(choice)
     names = tuple(dict.fromkeys((*running.active_studies(), *known_studies())))
+    refused = choice.study not in names and running.show_refusal(choice.study)
     if not names:
         _show_empty(workspace, choice)
         return
     if choice.study not in names:
-        if choice.study:
+        if choice.study and not refused:
             show.messages(f"There is no study {choice.study[:60]} on this server.", "warning")
         choice.set(study=names[0], row=None)
     folder = folder_of(choice.study)
     stamp = Stamp.of(folder)
-    _show_head(workspace, choice, names, stamp)
+    _show_head(workspace, choice, names)
     running.show_batch(workspace, choice.study)
     rows = rows_of(stamp) if stamp.size else pd.DataFrame()
     if len(rows):
@@ -88,9 +86,7 @@ def _show_empty(workspace: Workspace, choice: DatabaseChoice) -> None:
         running.show_form(workspace, choice)
 
 
-def _show_head(
-    workspace: Workspace, choice: DatabaseChoice, names: tuple[str, ...], stamp: Stamp
-) -> None:
+def _show_head(workspace: Workspace, choice: DatabaseChoice, names: tuple[str, ...]) -> None:
     """The study, and what can be done with it."""
     named, new, link = st.columns((3.2, 1, 1), gap="small", vertical_alignment="bottom")
     with named:

@@ -3,6 +3,7 @@
 import math
 import os
 import time
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +15,7 @@ from accpinn.methods.registry import METHODS
 from accpinn.results.messages.database import estimate_line, progress_line, summary_line
 from accpinn.segment.cut import DURATION
 from accpinn.study.estimate import BatchEstimate, estimate
-from accpinn.study.folders import recall_request
+from accpinn.study.folders import Request, recall_request
 from accpinn.study.process import BatchSettings, run_batch
 from accpinn.tasks.batches import BatchTask
 from accpinn.tasks.task import Status
@@ -83,13 +84,31 @@ def show_batch(workspace: Workspace, study: str) -> None:
     line, button = st.columns((5, 1), vertical_alignment="center")
     icon = "check_circle" if finished else "stop_circle"
     line.markdown(f":material/{icon}: {escape_markdown(said)}")
-    if request is not None and not finished:
+    settings = _continuable(request, study) if request is not None and not finished else None
+    if settings is not None:
         with button:
             st.button(
                 "Continue", icon=":material/play_arrow:", type="primary", width="stretch",
-                key="database_continue", on_click=_start, args=(request.settings, study),
+                key="database_continue", on_click=_start, args=(settings, study),
                 help="Goes on where it was: what is known is not computed again.",
             )  # fmt: skip
+
+
+def show_refusal(study: str) -> bool:
+    """Why the batch of a study that is not there failed, and whether it did."""
+    task = _task(study)
+    if task is None or task.status is not Status.FAILED:
+        return False
+    show.messages(task.error, "error")
+    return True
+
+
+def _continuable(request: Request, study: str) -> BatchSettings | None:
+    """What goes on; None where the recordings lie outside the server's folder."""
+    root, settings = recordings_folder(), request.settings
+    if all(Path(source).resolve().is_relative_to(root) for source in settings.sources):
+        return replace(settings, study=str(folder_of(study)))
+    return None
 
 
 def _watch(task: BatchTask) -> None:
