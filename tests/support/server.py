@@ -55,7 +55,11 @@ def running(
             yield Server(address, process)
         finally:
             process.terminate()
-            process.wait(10)
+            try:
+                process.wait(30)
+            except subprocess.TimeoutExpired:
+                process.kill()
+                process.wait()
 
 
 def _await_health(process: "subprocess.Popen[bytes]", address: str, log: Path) -> None:
