@@ -168,6 +168,7 @@ class Browser:
         began = time.perf_counter()
         state = message.rerun_script
         state.query_string = f"session={self.session}" if self.session else ""
+        state.context_info.color_scheme = "light"
         await self._send(message)
         while True:
             answer = await self._receive()

@@ -214,12 +214,13 @@ def main(arguments: list[str] | None = None) -> int:
                 print(f"round {journey + 1:<4} {State.of(server, temporary)}", flush=True)
             time.sleep(SETTLED)
             print(f"left       {State.of(server, temporary)}")
-        wrong = wrong_results(place / "snapshots", users, journeys)
         crashes = [line for line in (place / "log").read_text().splitlines() if "Error" in line]
-    for what, taken in load.taken.items():
-        print(f"{what:24} {len(taken):4} times, median {statistics.median(taken):6.2f} s,"
-              f" 95 % {percentile(taken):6.2f} s")  # fmt: skip
-    print(f"light page views: 95 % within {percentile(load.light):.2f} s (at most {LIGHT:g})")
+        for what, taken in load.taken.items():
+            print(f"{what:24} {len(taken):4} times, median {statistics.median(taken):6.2f} s,"
+                  f" 95 % {percentile(taken):6.2f} s")  # fmt: skip
+        print(f"light page views: 95 % within {percentile(load.light):.2f} s (at most {LIGHT:g})")
+        print("Every result is now computed without the app ...", flush=True)
+        wrong = wrong_results(place / "snapshots", users, journeys)
     print(f"results: {users * journeys - len(wrong)} of {users * journeys} as without the app")
     for fault in (*wrong, *load.faults, *crashes):
         print(fault)

@@ -18,6 +18,9 @@ KEPT_FOR: Seconds = 24 * 3600.0
 """A finished task is forgotten after this time."""
 LONGEST_QUEUE = 60
 """More tasks than this do not wait; each owner has one of a kind at most."""
+GRACE: Seconds = 2.0
+"""The worker gets ready after so long, or with the first task: meanwhile the first page is drawn,
+which else shares the processor with imports."""
 IDLE: Seconds = 30.0
 """After so long without a task the worker collects garbage; a page need not wait for that."""
 
@@ -140,6 +143,10 @@ class TaskQueue:
         self._worker.join()
 
     def _serve(self) -> None:
+        with self._changed:
+            self._changed.wait_for(lambda: self._queue or self._closed, GRACE)
+            if self._closed and not self._queue:
+                return
         with suppress(Exception):  # reported by every task that needs what is prepared
             self._prepare()
         while True:

@@ -141,6 +141,20 @@ def downloads(table: Table, name: str, key: str) -> None:
             )  # fmt: skip
 
 
+class _Painted(go.Figure):  # type: ignore[misc]
+    """A figure with another layout, as Streamlit takes it: nothing of it is validated again."""
+
+    def __init__(self, figure: go.Figure, **layout: str) -> None:
+        """A figure, and what is other in its layout."""
+        super().__init__()
+        spec = figure.to_dict()
+        self._spec = {**spec, "layout": {**spec["layout"], **layout}}
+
+    def to_dict(self) -> dict[str, Any]:
+        """The figure as plain values."""
+        return self._spec
+
+
 def chart(figure: go.Figure, key: str, tools: Sequence[str] = (), **options: Any) -> Any:
     """Draw it; on hovering a button saves it as a picture named after ``key``.
 
@@ -155,7 +169,7 @@ def chart(figure: go.Figure, key: str, tools: Sequence[str] = (), **options: Any
     # The page's own background goes into the picture, whose text has the page's colour.
     if side := st.context.theme.type:
         background = st.get_option(f"theme.{side}.backgroundColor")
-        figure = go.Figure(figure).update_layout(paper_bgcolor=background)
+        figure = _Painted(figure, paper_bgcolor=background)
     chosen = str(st.session_state.get(FORMAT) or FORMATS[0]).lower()
     scale = PNG_SCALE if chosen == "png" else 1
     config = {
