@@ -5,7 +5,7 @@ from axe_playwright_python.sync_playwright import Axe
 from playwright.sync_api import Page
 
 from tests.browser.conftest import App, Open
-from tests.browser.running import go, idle, open_sample
+from tests.browser.running import TRAINING_MS, go, idle, open_sample
 from tests.support.studies import row, write_study
 
 pytestmark = pytest.mark.browser
@@ -70,7 +70,7 @@ def test_no_page_has_a_serious_violation_is_too_tall_or_cut_off(
     open_sample(page)
     found["Data"], heights["Data"] = violations(page), height(page)
     page.get_by_role("button", name="Train on this window").click()
-    page.get_by_role("button", name="Next: do these vehicles amplify").wait_for()
+    page.get_by_role("button", name="Next: do these vehicles amplify").wait_for(timeout=TRAINING_MS)
     idle(page)
     makes = (row(f"Make {k}", file="a.csv", start=0.0, duration=60.0, sha256="0") for k in range(9))
     write_study(app.studies / "nine makes", *makes)

@@ -32,7 +32,7 @@ def test_a_click_on_the_response_carries_its_frequency_to_the_platoon(opened: Op
     page = opened("/Stability")
     open_example(page)
     expect(page.get_by_text("All four vehicles amplify disturbances")).to_be_visible()
-    expect(page.get_by_text("necessary but not sufficient")).to_be_visible()
+    expect(page.get_by_text("necessary but not sufficient").first).to_be_visible()
     bode = chart(page, "stability_bode")
     bode.scroll_into_view_if_needed()
     at = bode.evaluate(CURVE)

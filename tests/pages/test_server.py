@@ -2,7 +2,10 @@
 
 import asyncio
 import json
+from collections.abc import Coroutine
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from typing import Any
 
 import psutil
 import pytest
@@ -67,8 +70,14 @@ def test_who_is_signed_in_sees_only_what_is_theirs(tmp_path: Path) -> None:
 
     options = [f"--secrets.files={secrets}"]
     with running(tmp_path / "cache", tmp_path / "log", options=options) as server:
-        asyncio.run(visit(server))
+        _run(visit(server))
     assert not list(tmp_path.parent.glob("*mine*"))
+
+
+def _run(work: Coroutine[Any, Any, None]) -> None:
+    """In a thread of its own, as the browser of another test may keep this one's loop."""
+    with ThreadPoolExecutor(1) as thread:
+        thread.submit(asyncio.run, work).result()
 
 
 @pytest.mark.slow
@@ -79,7 +88,7 @@ def test_users_at_once_get_their_own_results_and_what_they_held_is_given_back(
     with running(tmp_path / "cache", tmp_path / "log", options=options) as server:
         process, load, held = psutil.Process(server.process.pid), Load(server), []
         for journey in range(3):
-            asyncio.run(load.journeys(2, journey))
+            _run(load.journeys(2, journey))
             held.append((process.num_threads(), process.num_fds(), process.memory_info().rss))
     assert not load.faults
     assert not wrong_results(tmp_path / "snapshots", 2, 3)
