@@ -23,6 +23,8 @@ from accpinn.units import Seconds
 
 PATIENCE: Seconds = 600.0
 """For one answer of a server that many use."""
+Value = float | str | bool | tuple[str, ...]
+"""Of a field, a toggle or a row of segments."""
 XSRF = "_streamlit_xsrf"
 
 
@@ -88,8 +90,8 @@ class Browser:
         )  # fmt: skip
         return await self._run(message)
 
-    async def set(self, key: str, value: float | str | bool) -> Seconds:
-        """Type into a field or switch a toggle; how long the answer took."""
+    async def set(self, key: str, value: Value) -> Seconds:
+        """Type into a field, switch a toggle or choose a segment; how long the answer took."""
         self._type(key, value)
         return await self._run(self._message())
 
@@ -146,12 +148,14 @@ class Browser:
                  if e.WhichOneof("type") in kinds)  # fmt: skip
         return [getattr(one, "body", "") or getattr(one, "message", "") for one in found]
 
-    def _type(self, key: str, value: float | str | bool) -> None:
+    def _type(self, key: str, value: Value) -> None:
         state = WidgetState(id=self.widget(key).id)
         if isinstance(value, bool):
             state.bool_value = value
         elif isinstance(value, str):
             state.string_value = value
+        elif isinstance(value, tuple):
+            state.string_array_value.data.extend(value)
         else:
             state.double_value = value
         self._states[state.id] = state

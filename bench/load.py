@@ -39,7 +39,7 @@ from tests.support.server import ROOT, Server, running
 SAMPLES = sorted((ROOT / "sample_data").glob("*.csv"))
 STEP = 10
 """Rows by which the recordings of two users of one sample differ."""
-LENGTH: Seconds = 150.0
+LENGTH: Seconds = 60.0
 LIGHT: Seconds = 2.0
 """95 % of the page views that neither open a file nor train are to take less."""
 LEAVE: Seconds = 3.0
@@ -138,6 +138,7 @@ class Load:
             self._note("window", await browser.set("data_start", asked.start))
             self._note("window", await browser.set("data_length", LENGTH))
             await self._look(browser, "Train")
+            await browser.set("train_preset", ("Fast",))
             await browser.set("train_options", True)
             self._note("Train, an option", await browser.set("train_fast_seed", asked.seed))
             began = time.perf_counter()

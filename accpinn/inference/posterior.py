@@ -105,7 +105,7 @@ def sample_from(
     criterion: Criterion,
     maxima: Sequence[Maximum],
     seed: int = 0,
-    stages: Sequence[int] = STAGES,
+    stages: Sequence[int] = (),
 ) -> tuple[Posterior, ...]:
     """The same for another criterion of the same unknowns, such as the evidence of a network.
 
@@ -113,8 +113,9 @@ def sample_from(
         criterion: of G groups.
         maxima: (G,) where the search for each of them ended.
         seed: of the proposals.
-        stages: how many proposals each stage has.
+        stages: how many proposals each stage has; by default `STAGES`.
     """
+    stages = stages or STAGES
     form, rng = criterion.form, np.random.default_rng(seed)
     proposals = [Proposal.at(one) for one in _first_parts(criterion, maxima)]
     best: dict[int, Posterior] = {}
