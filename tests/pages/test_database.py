@@ -219,19 +219,17 @@ def test_a_batch_is_started_stopped_and_continued(
 
 
 def test_a_batch_that_is_refused_says_why_and_one_from_elsewhere_is_not_continued(
-    recording: Path, study: Path, monkeypatch: pytest.MonkeyPatch
+    recording: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def refuse(*_: object) -> BatchSummary:
         raise RecordingError("it cannot be written")
 
     monkeypatch.setattr(running, "run_batch", refuse)
-    page = open_tab(opened(), "database_tabs", "Groups")
-    page.session_state["database_new"] = True
-    choose(page, "database_name", "other")
-    press(page, "database_start")
+    page = press(choose(opened(), "database_name", "other"), "database_start")
     assert batch_queue().of("other", "batch").wait(WAIT)
-    page = open_page(DATABASE, workspace_of(page))
+    page.run()
     assert boxes(page, "error") == ["it cannot be written"]
+    study = write_study(Path(os.environ["ACCPINN_STUDIES"]) / "mine", made())
     for source, offered in ((recording.parent, True), (study, False), (Path("/etc"), False)):
         settings = BatchSettings((str(source),), str(study), 300.0, ("splines",))
         keep_request(Request(settings, finished=False))
