@@ -98,8 +98,8 @@ def unpack(data: bytes, what: str) -> dict[str, bytes]:
 
 
 def _shown(text: str) -> str:
-    """Harmless on every terminal."""
-    return text.encode("ascii", "backslashreplace").decode()[:80]
+    """Harmless on every terminal, and on one line."""
+    return text.encode("unicode_escape").decode()[:80]
 
 
 def _check_listed(listed: list[zipfile.ZipInfo], size: int, what: str) -> None:
