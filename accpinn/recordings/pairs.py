@@ -117,7 +117,14 @@ def platoons(source_file: SourceFile, layout: Layout) -> tuple[PairPlatoon, ...]
 
 def _pairs(source_file: SourceFile, layout: Layout) -> list[Pair]:
     words = (*WORDS, LEADER_TYPE) if LEADER_TYPE in layout.names else WORDS
-    frame = read_columns(source_file, layout, NUMBERS, words)
+    # Numbers first: words of millions of rows are not read for nothing.
+    numbers = read_columns(source_file, layout, NUMBERS)
+    for column in NUMBERS:
+        if numbers[column].isna().all():
+            raise source_file.refusal(
+                "all cells are empty", "choose another table", f"column {column}"
+            )
+    frame = read_columns(source_file, layout, (), words)
     for name in words:
         frame[name] = frame[name].str.removesuffix(".0")
     # A name that comes again after other rows is another stretch of rows out of order.
@@ -129,10 +136,10 @@ def _pairs(source_file: SourceFile, layout: Layout) -> list[Pair]:
         fault = f"its {len(frame):,} rows change between trajectories {len(starts):,} times"
         raise source_file.refusal(fault, "sort the rows by trajectory and time")
     heads = frame.iloc[starts][list(words)].astype(str).to_dict("records")
-    numbers = frame[list(NUMBERS)].to_numpy(dtype=float)
+    rows_of = np.split(numbers.to_numpy(dtype=float), starts[1:])
     pairs: list[Pair] = []
     names: set[tuple[str, ...]] = set()
-    for first, row, rows in zip(heads, starts.tolist(), np.split(numbers, starts[1:]), strict=True):
+    for first, row, rows in zip(heads, starts.tolist(), rows_of, strict=True):
         name, leader, follower = (first[column] for column in WORDS)
         if (name, leader, follower) in names:
             fault = f"trajectory {excerpt(name)} continues here, behind rows of another"
