@@ -70,6 +70,8 @@ class Kind:
     of it. A refusal may be an `AccpinnError`, too."""
     ending: str
     """Of the file's name."""
+    most_seconds: float = 5.0
+    """Of processor time for one example."""
 
 
 # Recordings
@@ -541,7 +543,7 @@ KINDS = {
         Kind("snapshot", draw_snapshot, use_snapshot, ".accpinn.zip"),
         Kind("study", draw_study, use_study, ".json"),
         Kind("link", draw_link, use_link, ".json"),
-        Kind("arguments", draw_arguments, use_arguments, ".json"),
+        Kind("arguments", draw_arguments, use_arguments, ".json", 20.0),  # some estimate
         Kind("large", draw_large, use_large, ".csv"),
     )
 }
