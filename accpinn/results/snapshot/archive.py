@@ -276,8 +276,8 @@ def _read(data: bytes) -> Snapshot:
             found = unpack_arrays(content, TITLES[name])
             arrays |= {f"{part}.{path}": values for path, values in found.items()}
     try:
-        check_numbers(tree, arrays)
         snapshot = restore(Snapshot, tree, arrays)
+        check_numbers(tree, arrays)
         validate(snapshot)
     except (ValueError, AccpinnError) as fault:
         raise _refused(fault) from None
