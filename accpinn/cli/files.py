@@ -83,7 +83,8 @@ def _describe_verification(snapshot: Snapshot, result: Verification) -> dict[str
         "figures": [row._asdict() for row in standing_rows(result.standings)],
         "checks": [row._asdict() for row in check_rows(result, snapshot.info)],
         "not_checked": [
-            {"what": message(one, snapshot.info), "cure": one.cure} for one in result.unchecked
+            {"what": message(one, snapshot.info), "cure": one.cure, "seconds": one.seconds}
+            for one in result.unchecked
         ],
     }
 

@@ -21,7 +21,13 @@ from numpy.typing import NDArray
 from accpinn.channels import GAP, SPEED
 from accpinn.errors import RecordingError
 from accpinn.recordings.recording import Mode, Recording, completed
-from accpinn.recordings.samples import SourceFile, excerpt, require_possible, require_time
+from accpinn.recordings.samples import (
+    MINIMUM_SAMPLES,
+    SourceFile,
+    excerpt,
+    require_possible,
+    require_time,
+)
 from accpinn.recordings.tables import Layout, read_columns
 from accpinn.units import FloatArray, MetresPerSecond
 
@@ -39,6 +45,12 @@ VARIES: MetresPerSecond = 0.1
 """Least standard deviation of a speed by which a shift in time can be recognised."""
 OVERLAP = 100
 """Samples that two pairs of one platoon share at least."""
+SEVERAL = 1000
+"""Stretches of rows that a table may have in any case; more are to have as many samples as a
+recording each."""
+MOST_COMPARED = 10_000
+"""Speeds of two trajectories that may be the same vehicle's, in one table; each takes half a
+millisecond."""
 LISTED = 12
 DATA_SETS = (
     "AstaZero", "Casale", "Cherasco", "JRC low speed", "Vicolungo", "ZalaZone", "Vanderbilt",
@@ -87,7 +99,7 @@ def platoons(source_file: SourceFile, layout: Layout) -> tuple[PairPlatoon, ...]
         RecordingError: when a cell is wrong.
     """
     pairs = _pairs(source_file, layout)
-    links = _links(pairs)
+    links = _links(source_file, pairs)
     behind = {ahead: (follower, shift) for ahead, follower, shift in links}
     followers = {follower for _, follower, _ in links}
     found = []
@@ -105,31 +117,41 @@ def platoons(source_file: SourceFile, layout: Layout) -> tuple[PairPlatoon, ...]
 
 def _pairs(source_file: SourceFile, layout: Layout) -> list[Pair]:
     words = (*WORDS, LEADER_TYPE) if LEADER_TYPE in layout.names else WORDS
-    frame = read_columns(source_file, layout, NUMBERS, words)
-    if LEADER_TYPE not in frame:
-        frame[LEADER_TYPE] = ""
+    # Numbers first: words of millions of rows are not read for nothing.
+    numbers = read_columns(source_file, layout, NUMBERS)
+    for column in NUMBERS:
+        if numbers[column].isna().all():
+            raise source_file.refusal(
+                "all cells are empty", "choose another table", f"column {column}"
+            )
+    frame = read_columns(source_file, layout, (), words)
     for name in words:
         frame[name] = frame[name].str.removesuffix(".0")
     # A name that comes again after other rows is another stretch of rows out of order.
-    keys = frame[[TRAJECTORY, LEADER, FOLLOWER]]
-    block = (keys != keys.shift()).any(axis=1).cumsum()
+    changes = np.zeros(len(frame), bool)
+    for column in WORDS:
+        changes |= (frame[column] != frame[column].shift()).to_numpy()
+    starts = np.flatnonzero(changes)
+    if len(starts) > max(SEVERAL, len(frame) / MINIMUM_SAMPLES):
+        fault = f"its {len(frame):,} rows change between trajectories {len(starts):,} times"
+        raise source_file.refusal(fault, "sort the rows by trajectory and time")
+    heads = frame.iloc[starts][list(words)].astype(str).to_dict("records")
+    rows_of = np.split(numbers.to_numpy(dtype=float), starts[1:])
     pairs: list[Pair] = []
     names: set[tuple[str, ...]] = set()
-    for _, part in frame.groupby(block, sort=False):
-        first, row = part.iloc[0], int(part.index[0])
-        name, leader, follower = (str(first[column]) for column in WORDS)
+    for first, row, rows in zip(heads, starts.tolist(), rows_of, strict=True):
+        name, leader, follower = (first[column] for column in WORDS)
         if (name, leader, follower) in names:
             fault = f"trajectory {excerpt(name)} continues here, behind rows of another"
             cure = "sort the rows by trajectory and time, one pair a trajectory"
             raise source_file.refusal(fault, cure, f"row {layout.header_row + row + 1}")
         names.add((name, leader, follower))
-        human = str(first[LEADER_TYPE]) == HUMAN_LEADER
-        rows = part[list(NUMBERS)].to_numpy(dtype=float)
+        human = first.get(LEADER_TYPE) == HUMAN_LEADER
         pairs.append(Pair(name, leader, follower, human, rows, row))
     return pairs
 
 
-def _links(pairs: Sequence[Pair]) -> list[tuple[int, int, int]]:
+def _links(source_file: SourceFile, pairs: Sequence[Pair]) -> list[tuple[int, int, int]]:
     """Pair ahead, pair behind, and the sample of the first at which the second begins.
 
     A pair has one pair behind and one ahead at most: those with the longest time in common.
@@ -137,6 +159,10 @@ def _links(pairs: Sequence[Pair]) -> list[tuple[int, int, int]]:
     by_leader: dict[str, list[int]] = {}
     for k, pair in enumerate(pairs):
         by_leader.setdefault(pair.leader, []).append(k)
+    met = sum(len(by_leader.get(pair.follower, ())) for pair in pairs)
+    if met > MOST_COMPARED:
+        fault = f"its {len(pairs):,} trajectories have so few vehicles that {met:,} may be one's"
+        raise source_file.refusal(fault, "split the file, or name the vehicles of each run apart")
     found = []
     for k, pair in enumerate(pairs):
         for other in by_leader.get(pair.follower, ()):

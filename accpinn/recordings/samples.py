@@ -10,6 +10,7 @@ import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
+from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -265,22 +266,52 @@ class _Table:
         return self.source_file.refusal(fault, cure, place)
 
 
+def cells_per_row(text: bytes, separator: str) -> NDArray[np.int32]:
+    """How many cells each row of a text has, quotation marks left aside.
+
+    Args:
+        text: rows that end with any of the usual line ends; of a file up to the limit of size.
+        separator: one character between two cells.
+    """
+    letters = np.frombuffer(_with_plain_ends(text), np.uint8)
+    ends = np.flatnonzero(letters == ord("\n"))
+    starts = np.zeros(len(ends) + 1, ends.dtype)
+    np.add(ends, 1, out=starts[1:])
+    del ends  # a file may have tens of millions of rows
+    if starts[-1] == len(letters):  # behind the last line end is no row
+        starts = starts[:-1]
+    if not len(starts):
+        return np.zeros(0, np.int32)
+    counts = np.add.reduceat(letters == ord(separator), starts, dtype=np.int32)
+    counts += 1
+    return np.asarray(counts)
+
+
+def _row(text: bytes, row: int) -> bytes:
+    return next(islice(io.BytesIO(_with_plain_ends(text)), row, None))
+
+
+def _with_plain_ends(text: bytes) -> bytes:
+    return text.replace(b"\r\n", b"\n").replace(b"\r", b"\n")
+
+
 def _count_rows(table: _Table, is_complete: bool) -> int:
     """How many rows there are, all as wide as the row of column names."""
-    lines = table.text.splitlines()
-    if len(lines) < MINIMUM_SAMPLES:
-        fault = f"only {len(lines)} rows of numbers follow the column names"
+    counts = cells_per_row(table.text, ",")
+    if len(counts) < MINIMUM_SAMPLES:
+        fault = f"only {len(counts)} rows of numbers follow the column names"
         cure = f"a recording needs at least {MINIMUM_SAMPLES}, download it again"
         raise table.source_file.refusal(fault, cure)
     expected = len(table.columns.names)
-    ragged = next((i for i, line in enumerate(lines) if line.count(b",") != expected - 1), None)
-    if ragged is None:
-        return len(lines)
-    cells = lines[ragged].count(b",") + 1
-    if ragged == len(lines) - 1 and not is_complete and cells < expected:
+    differing = np.flatnonzero(counts != expected)
+    if not len(differing):
+        return len(counts)
+    ragged = int(differing[0])
+    cells = int(counts[ragged])
+    if ragged == len(counts) - 1 and not is_complete and cells < expected:
         fault = f"the file is cut short, its last row has {cells} of {expected} cells"
         raise table.refusal(fault, "download it again, or delete that row", ragged)
-    found = f"has {cells} cells" if lines[ragged].strip() else "is empty"
+    found = f"has {cells} cells" if _row(table.text, ragged).strip() else "is empty"
     fault = f"the row {found} where the column names ask for {expected} cells"
     raise table.refusal(fault, "correct or delete it, or download the file again", ragged)
 
@@ -351,13 +382,12 @@ def _not_numbers(table: _Table) -> RecordingError:
 
 def _unreadable(table: _Table) -> RecordingError:
     """Why the parser finds other rows: almost always for one quotation mark too many."""
-    lines = table.text.splitlines()
-    quoted = next((i for i, line in enumerate(lines) if line.count(b'"') % 2), None)
-    if quoted is None:
+    odd = np.flatnonzero((cells_per_row(table.text, '"') - 1) % 2)
+    if not len(odd):
         cure = "download the file again, or re-save it"
         return table.source_file.refusal("the rows cannot be read as numbers", cure)
     fault = "a quotation mark is opened and not closed"
-    return table.refusal(fault, "delete it", quoted)
+    return table.refusal(fault, "delete it", int(odd[0]))
 
 
 def _require_numbers(table: _Table, numbers: Mapping[int, FloatArray]) -> None:

@@ -6,10 +6,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from accpinn.recordings.samples import (
     MINIMUM_SAMPLES,
     MISSING,
     SourceFile,
+    cells_per_row,
     excerpt,
 )
 
@@ -185,11 +188,11 @@ def _require_whole(source_file: SourceFile, layout: Layout) -> None:
     text = source_file.text.rstrip()
     if b'"' in text:
         return
-    lines = text.splitlines()[layout.header_row :]
-    separator, expected = layout.separator.encode(), len(layout.names)
-    counts = (line.count(separator) + 1 for line in lines)
-    ragged = next(((k, found) for k, found in enumerate(counts) if found != expected), None)
-    if ragged:
-        fault = f"the row has {ragged[1]} cells where the column names ask for {expected}"
+    counts = cells_per_row(text, layout.separator)[layout.header_row :]
+    expected = len(layout.names)
+    ragged = np.flatnonzero(counts != expected)
+    if len(ragged):
+        row = int(ragged[0])
+        fault = f"the row has {counts[row]} cells where the column names ask for {expected}"
         cure = "correct or delete it, or download the file again"
-        raise source_file.refusal(fault, cure, f"row {layout.header_row + ragged[0] + 1}")
+        raise source_file.refusal(fault, cure, f"row {layout.header_row + row + 1}")

@@ -190,7 +190,8 @@ def _typical(rows: pd.DataFrame, name: str, level: float) -> Typical:
         value, low, high = known[[name, f"{name}_low", f"{name}_high"]].to_numpy(float)[0].tolist()
         return Typical(value, low, high, found)
     reach = float(stdtrit(found.windows - 1, (1 + level) / 2)) * found.error
-    ends = np.exp(found.mean + np.array([-reach, reach]))
+    with np.errstate(over="ignore"):  # two windows that differ widely set no upper limit
+        ends = np.exp(found.mean + np.array([-reach, reach]))
     return Typical(found.typical, float(ends[0]), float(ends[1]), found)
 
 

@@ -17,7 +17,7 @@ from contextlib import suppress
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from types import TracebackType
-from typing import Any
+from typing import Annotated, Any
 
 import msgspec
 from filelock import FileLock, Timeout
@@ -65,7 +65,8 @@ class Known:
     """What was read of each file, by the SHA-256 of its bytes."""
 
 
-_KINDS: dict[str, Any] = {"string": str, "bool": bool, "int64": int, "double": float}
+_Count = Annotated[int, msgspec.Meta(ge=-(2**53), le=2**53)]
+_KINDS: dict[str, Any] = {"string": str, "bool": bool, "int64": _Count, "double": float}
 
 
 def _fields(columns: Iterable[RowColumn], needed: Sequence[str] = ()) -> list[tuple[str, Any, Any]]:

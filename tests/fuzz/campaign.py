@@ -18,8 +18,6 @@ from unittest.mock import patch
 from accpinn.errors import AccpinnError
 from tests.fuzz.kinds import Kind
 
-MOST_SECONDS = 5.0
-"""Of processor time for one example."""
 MOST_BYTES = 1e9
 """Of memory that one example takes beyond what was taken before."""
 HANGS_AFTER = 60.0
@@ -71,7 +69,7 @@ def attempt(kind: Kind, content: bytes) -> Outcome:
         except (Exception, HangError) as fault:
             why = "".join(traceback.format_exception(fault))
         seconds, memory = time.process_time() - started, _peak() - taken
-    if answer != "finding" and (seconds > MOST_SECONDS or memory > MOST_BYTES):
+    if answer != "finding" and (seconds > kind.most_seconds or memory > MOST_BYTES):
         answer, why = "finding", f"{seconds:.1f} s, {memory / 1e6:.0f} MB"
     return Outcome(answer, seconds, memory, why)
 

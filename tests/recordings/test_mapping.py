@@ -120,6 +120,7 @@ def test_several_runs_in_one_table_without_a_column_of_time() -> None:
         (', {"column": "v2"}', "", "speeds lists 1 columns"),
         ('"unit": "ft", "subtract": 4.5', '"subtract": "4"', r"gaps\[0\].subtract"),
         ('"gaps"', '"sample_time": 0.1, "gaps"', "give one of the two"),
+        ('"engaged"', '"range"', "asked for as numbers and as words"),
         ('"range"', '"note"', 'row 2, column note: "a" is not a number'),
     ],
 )

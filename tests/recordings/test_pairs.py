@@ -83,12 +83,28 @@ def test_vehicles_in_a_circle_end_somewhere() -> None:
         (lambda f: f.assign(Time_Index=0.0), "row 3, column Time_Index: the time does not"),
         (lambda f: pd.concat([f, f.assign(ID_LV=7), f]), "continues here"),
         (lambda f: f.iloc[:5], "only 5 rows"),
+        (lambda f: f.assign(Time_Index=[*f["Time_Index"][:-1], np.inf]), "inf cannot"),
     ],
 )
 def test_a_faulty_table_is_refused_with_its_place(change: object, words: str) -> None:
     assert callable(change)
     with pytest.raises(RecordingError, match=words):
         read(table(change(pair(platoon(2, 50), 1, "a"))), "pairs.csv")
+
+
+def test_hostile_tables_are_refused_before_they_take_long() -> None:
+    """Speeds beyond all bounds where pairs are joined, one vehicle everywhere, a run a row."""
+    frame = platoon(samples=200)
+    huge = pd.concat([pair(frame, 1, "a"), pair(frame, 2, "b").assign(Speed_LV=1e300)])
+    with pytest.raises(RecordingError, match="cannot be a measurement"):
+        read(huge.to_csv(index=False).encode(), "pairs.csv", trajectory="b")
+    rows = pair(frame, 1, "a").iloc[:10].assign(ID_LV=1, ID_FAV=1)
+    alike = table(*(rows.assign(Trajectory_ID=f"t{k}") for k in range(120)))
+    with pytest.raises(RecordingError, match="14,400 may be one's"):
+        read(alike, "pairs.csv")
+    mixed = table(*(rows.iloc[:1].assign(Trajectory_ID=f"t{k}") for k in range(1100)))
+    with pytest.raises(RecordingError, match="sort the rows"):
+        read(mixed, "pairs.csv")
 
 
 @pytest.fixture(scope="module")

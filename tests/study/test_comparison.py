@@ -32,6 +32,7 @@ from accpinn.study.comparison import (
 from bench.coverage import SETS
 from bench.disturbed import Disturbance, disturbed
 from bench.other_intervals import OTHERS, Smooth
+from tests.support import draws
 from tests.support.command import THREE, document
 from tests.support.samples import PLATOON, sample
 
@@ -108,7 +109,8 @@ def test_intervals_hold_as_often_as_they_say_and_naive_ones_do_not() -> None:
         truth = SETS[[seed % len(SETS)]]
         segment = disturbed(truth, seed, Disturbance(), duration=150.0)
         fit = splines.fit(segment)
-        found = intervals(segment, fit)
+        with draws.as_users_have():
+            found = intervals(segment, fit)
         ours.append((found.lower.values <= truth.values) & (truth.values <= found.upper.values))
         other = OTHERS["naive"](Smooth(segment, fit), found.level, np.random.default_rng(0))
         naive.append((other.lower <= truth.values) & (truth.values <= other.upper))

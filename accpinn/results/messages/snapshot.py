@@ -7,7 +7,7 @@ from typing import NamedTuple
 from accpinn.results.messages import Labelled, joined, message, messages
 from accpinn.results.snapshot.places import Check
 from accpinn.results.snapshot.standing import Standing, Way
-from accpinn.results.snapshot.verification import Unchecked, Verification
+from accpinn.results.snapshot.verification import RECORDING, Unchecked, Verification
 from accpinn.units import Seconds
 
 TITLES = {
@@ -180,12 +180,14 @@ def _(check: Check, about: Labelled) -> str:
     many = f"{check.differing:,} values differ, the first" if check.differing > 1 else "One differs"
     place = f" in {check.place}" if check.place else ""
     stored, recomputed = _apart(check.stored, check.recomputed)
-    return f"{many}{place}: stored {stored}, recomputed {recomputed}."
+    return f"{many}{place}: stored {stored}, {WAYS[check.way].lower()} {recomputed}."
 
 
 @message.register
 def _(unchecked: Unchecked, about: Labelled) -> str:
     time = f" (about {duration(unchecked.seconds)})" if unchecked.seconds else ""
+    if unchecked.cure == RECORDING:
+        time = ", as the data are not at hand"
     return WHAT[unchecked.kind].format(detail=unchecked.detail, source=about.source, time=time)
 
 

@@ -98,8 +98,8 @@ def unpack(data: bytes, what: str) -> dict[str, bytes]:
 
 
 def _shown(text: str) -> str:
-    """Harmless on every terminal."""
-    return text.encode("ascii", "backslashreplace").decode()[:80]
+    """Harmless on every terminal, and on one line."""
+    return text.encode("unicode_escape").decode()[:80]
 
 
 def _check_listed(listed: list[zipfile.ZipInfo], size: int, what: str) -> None:
@@ -276,8 +276,8 @@ def _read(data: bytes) -> Snapshot:
             found = unpack_arrays(content, TITLES[name])
             arrays |= {f"{part}.{path}": values for path, values in found.items()}
     try:
-        check_numbers(tree, arrays)
         snapshot = restore(Snapshot, tree, arrays)
+        check_numbers(tree, arrays)
         validate(snapshot)
     except (ValueError, AccpinnError) as fault:
         raise _refused(fault) from None

@@ -130,6 +130,9 @@ class TestDamage:
         with pytest.raises(SnapshotError, match="this is no file"):
             load(tmp_path / "pipe")
 
+    def test_a_name_with_a_line_break_stays_on_one_line(self) -> None:
+        refused(SEALED.replace(b"manifest.json", b"manifest\njson", 1))
+
     def test_a_part_that_is_no_archive_is_named_as_a_part(self) -> None:
         said = refused(with_part("fit.npz", b"x"))
         assert said.startswith("The part with the estimate is damaged")
