@@ -46,6 +46,8 @@ _SIGNATURES = (
 _CONTROL = bytes(code for code in range(32) if code not in b"\t\n\r")
 _BOM = b"\xef\xbb\xbf"
 
+LOOKED_AT_FIRST = 10_000
+"""Rows in which a cell that is no number is looked for before all are read as texts."""
 MINIMUM_SAMPLES = 10
 """A file with fewer rows is not a recording."""
 SHORTEST_STEP: Seconds = 1e-3
@@ -366,12 +368,15 @@ def _not_numbers(table: _Table) -> RecordingError:
     """The sentence about the first cell that is not a number."""
     import pandas as pd
 
-    try:
-        cells = table.read(table.columns.numbers, dtype="str")
-    except ValueError:
-        return _unreadable(table)
-    wrong = (cells.notna() & cells.apply(pd.to_numeric, errors="coerce").isna()).to_numpy()
-    if not wrong.any():
+    for rows in (LOOKED_AT_FIRST, None):
+        try:
+            cells = table.read(table.columns.numbers, dtype="str", nrows=rows)
+        except ValueError:
+            return _unreadable(table)
+        wrong = (cells.notna() & cells.apply(pd.to_numeric, errors="coerce").isna()).to_numpy()
+        if wrong.any():
+            break
+    else:
         return _unreadable(table)
     row = int(wrong.any(axis=1).argmax())
     position = table.columns.numbers[int(wrong[row].argmax())]
