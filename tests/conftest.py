@@ -2,6 +2,7 @@
 
 import os
 import shutil
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -61,6 +62,8 @@ def fresh_server(
 
     from pages.ui.session import resources as server
 
+    # A page takes the place of the main module, which new processes would run.
+    monkeypatch.setitem(sys.modules, "__main__", sys.modules["__main__"])
     monkeypatch.chdir(Path(__file__).parent.parent)
     monkeypatch.setenv("ACCPINN_CACHE", str(tmp_path / "cache"))
     for name in ("RECORDINGS", "STUDIES", "MAPPINGS"):

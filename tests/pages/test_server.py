@@ -31,7 +31,7 @@ client_id = "accpinn"
 client_secret = "none"
 server_metadata_url = "http://127.0.0.1:9/.well-known/openid-configuration"
 """
-HOSTILE = "../../<b>mine</b>.csv"
+HOSTILE = "../../<b>annsown</b>.csv"
 
 
 def signed_in(server: Server, email: str, secret: str = SECRET) -> Browser:
@@ -56,9 +56,9 @@ def test_who_is_signed_in_sees_only_what_is_theirs(tmp_path: Path) -> None:
         for other in (bob, stranger, forger):
             other.session = ann.session
             await other.go("Data")
-            assert "mine" not in " ".join(other.texts())
+            assert "annsown" not in " ".join(other.texts())
         await ann.go("Data")
-        assert "mine" in " ".join(ann.texts())
+        assert "annsown" in " ".join(ann.texts())
         for nobody in (stranger, forger):
             assert nobody.widget("sign_in")
         assert bob.session != ann.session, "he got one of his own"
@@ -72,7 +72,7 @@ def test_who_is_signed_in_sees_only_what_is_theirs(tmp_path: Path) -> None:
     options = [f"--secrets.files={secrets}"]
     with running(tmp_path / "cache", tmp_path / "log", options=options) as server:
         _run(visit(server))
-    assert not list(tmp_path.parent.glob("*mine*"))
+    assert not list(tmp_path.parent.glob("*annsown*"))
 
 
 def _run(work: Coroutine[Any, Any, None]) -> None:
