@@ -58,6 +58,15 @@ GAP_STEPS = 10
 
 MISSING = ["", "NaN", "nan", "NA", "N/A", "null"]
 """How files write that there is no number."""
+AS_WRITTEN: dict[str, Any] = {
+    "engine": "c",
+    "keep_default_na": False,
+    "na_values": MISSING,
+    "skip_blank_lines": False,
+    "skipinitialspace": True,
+    "low_memory": False,
+}
+"""How pandas reads the cells of any table: nothing else is missing, and no row is passed over."""
 _EMPTY = re.compile(rb"(?<=,)(?=[,\r\n]|\Z)")
 """Where an empty cell stands, but in the first column."""
 
@@ -251,12 +260,7 @@ class _Table:
             header=None,
             usecols=positions,
             encoding="latin-1",
-            engine="c",
-            keep_default_na=False,
-            na_values=MISSING,
-            skip_blank_lines=False,
-            skipinitialspace=True,
-            low_memory=False,
+            **AS_WRITTEN,
             **options,
         )
         return frame

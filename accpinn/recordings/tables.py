@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from accpinn.recordings.samples import (
+    AS_WRITTEN,
     MINIMUM_SAMPLES,
-    MISSING,
     SourceFile,
     cells_per_row,
     excerpt,
@@ -173,12 +173,7 @@ def _frame(
         dtype=given,
         encoding="utf-8",
         encoding_errors="replace",
-        engine="c",
-        keep_default_na=False,
-        na_values=MISSING,
-        skip_blank_lines=False,
-        skipinitialspace=True,
-        low_memory=False,
+        **AS_WRITTEN,
     )
     return pd.DataFrame({name: frame[at] for name, at in positions.items()})
 
