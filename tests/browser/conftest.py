@@ -20,6 +20,18 @@ from tests.support.server import free_port
 
 Open = Callable[..., Page]
 
+LATE = ["TimeoutError", "Locator expected", "Page URL expected"]
+"""How a failure begins whose cause may be a busy machine: the page did not show something in time.
+An exception on the page, or a value that is wrong, is none of them."""
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """A journey on a page that was late is made once more, and counted as such in the summary."""
+    here = Path(__file__).parent
+    for item in items:
+        if item.path.is_relative_to(here):
+            item.add_marker(pytest.mark.flaky(reruns=1, only_rerun=LATE))
+
 
 @dataclass(frozen=True)
 class App:

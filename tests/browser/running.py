@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from playwright.sync_api import (
@@ -12,6 +12,7 @@ from playwright.sync_api import (
     Error,
     Locator,
     Page,
+    TimeoutError,
     expect,
     sync_playwright,
 )
@@ -38,6 +39,8 @@ ESTIMATES = "Probability of string stability"
 """In the headings of the table with the parameters that were learned."""
 PATIENCE_MS = 60_000
 """How long the page may take to show something; the machine may be busy."""
+TRIES = 6
+"""How often a list is opened within that time, until it stays open."""
 TRAINING_MS = 180_000
 """How long a fast training, or all methods on a short window, may take then."""
 
@@ -145,9 +148,15 @@ def fill(page: Page, label: str, value: str) -> None:
 
 
 def choose(page: Page, label: str, option: str) -> None:
-    """Choose from a list."""
-    page.get_by_role("combobox", name=label).click()
-    page.get_by_role("option", name=option).click()
+    """Choose from a list, which closes again when the page below it moves or is drawn anew."""
+    offered = page.get_by_role("option", name=option)
+    for _ in range(TRIES):
+        page.get_by_role("combobox", name=label).press("ArrowDown")
+        with suppress(TimeoutError):
+            offered.click(timeout=PATIENCE_MS / TRIES)
+            break
+    else:
+        raise AssertionError(f"The list {label!r} does not offer {option!r}.")
     idle(page)
 
 

@@ -62,11 +62,7 @@ def test_a_click_on_the_response_carries_its_frequency_to_the_platoon(opened: Op
     # A row of the table leads there, too.
     go(page, "Stability")
     chart(page, "stability_bode")
-    vehicles = page.get_by_role("combobox", name="Platoon of")
-    vehicles.scroll_into_view_if_needed()
-    vehicles.press("ArrowDown")  # a list that a click opens is closed again by scrolling
-    page.get_by_role("option", name="Tesla Model 3").click()
-    idle(page)
+    choose(page, "Platoon of", "Tesla Model 3")
     page.get_by_role("button", name="Simulate at the peak, 0.106 rad/s").click()
     expect(page).to_have_url(re.compile(r"/Platoon\?session="))
     expect(frequency(page)).to_have_value("0.1059")
