@@ -14,7 +14,7 @@ from streamlit.testing.v1 import AppTest
 from accpinn.errors import RecordingError
 from accpinn.recordings.catalogue import catalogue
 from accpinn.recordings.files import read
-from accpinn.recordings.recording import Window
+from accpinn.recordings.recording import Mode, Window
 from accpinn.study.batch import BatchProgress, BatchSummary
 from accpinn.study.folders import Request, keep_request
 from accpinn.study.groups import group, read_study
@@ -248,6 +248,7 @@ def foreign(vehicles: int = 2) -> bytes:
             "t": (1000 * frame["Time"]).round(3),
             **{f"velocity {k}": 3.6 * frame[f"Speed{k}"] for k in range(1, vehicles + 1)},
             "to the car ahead": frame["IVS1"],
+            "engaged": (frame.index >= 100).astype(int),
         }
     ).to_csv(index=False).encode()  # fmt: skip
 
@@ -261,11 +262,13 @@ def test_a_table_of_ones_own_is_opened_by_its_columns_which_are_remembered() -> 
     assert units == ["ms", "km/h"], "guessed from the numbers"
     choose(page, "data_map_gap_1", "velocity 1")
     choose(page, "data_map_gap_1", "to the car ahead")
+    choose(page, "data_map_mode_2", "engaged")
     press(page, "data_open_mapped")
     found = workspace_of(page)
     assert found.recording.source == "own.csv"
     np.testing.assert_allclose(found.recording.gap[:, 0], platoon(2, 400)["IVS1"], atol=1e-9)
     np.testing.assert_allclose(found.recording.speed[:, 1], platoon(2, 400)["Speed2"], atol=1e-9)
+    assert [Mode(one) for one in found.recording.mode[[0, 200], 1]] == [Mode.HUMAN, Mode.ACC]
     other = open_page(DATA)
     other.file_uploader(key="data_upload").upload("next.csv", foreign(), "text/csv").run()
     assert workspace_of(other).recording.source == "next.csv", "remembered"

@@ -16,6 +16,7 @@ from accpinn.recordings.mapping import (
     TIME_UNITS,
     CsvMapping,
     GapColumn,
+    ModeColumn,
     Preview,
     SpeedColumn,
     TimeColumn,
@@ -258,9 +259,44 @@ def _form(names: Sequence[str], seen: Preview) -> CsvMapping:
         gaps=tuple(found_gaps),
         time=time,
         sample_time=sample_time,
-        modes=known.modes if known else (),
+        modes=_modes(names, seen, int(vehicles)),
         trajectory=None if trajectory == NONE else trajectory,
     )
+
+
+def _modes(names: Sequence[str], seen: Preview, count: int) -> tuple[ModeColumn, ...]:
+    """Who drives, where columns say so."""
+    before = {one.vehicle: one for one in (seen.mapping.modes if seen.mapping else ())}
+    found = []
+    with st.expander("Who drives: ACC or a human", expanded=bool(before)):
+        st.caption(
+            "Whether parameters are those of ACC is known only where the table says who drives."
+        )
+        for vehicle in range(1, count + 1):
+            old = before.get(vehicle)
+            cells = st.columns((1.3, 1, 1), vertical_alignment="bottom")
+            title = "Mode of the leader" if vehicle == 1 else f"Mode of vehicle {vehicle}"
+            column = _pick(
+                title, (NONE, *names), old.column if old else NONE, cells[0],
+                f"data_map_mode_{vehicle}", "The column that says who controls the vehicle.",
+            )  # fmt: skip
+            if column == NONE:
+                continue
+            likely = ("1", "0") if {*_cells(seen, column)} <= {"0", "1", ""} else ("ACC", "Human")
+            acc = cells[1].text_input(
+                "Under ACC it says", ", ".join(old.acc) if old else likely[0],
+                key=f"data_map_acc_{vehicle}", help="One word, or several separated by commas.",
+            )  # fmt: skip
+            human = cells[2].text_input(
+                "Under a human", ", ".join(old.human) if old else likely[1],
+                key=f"data_map_human_{vehicle}", help="One word, or several separated by commas.",
+            )  # fmt: skip
+            found.append(ModeColumn(vehicle, column, _words(acc), _words(human)))
+    return tuple(found)
+
+
+def _words(text: str) -> tuple[str, ...]:
+    return tuple(word.strip() for word in text.split(",") if word.strip())
 
 
 def _time(
@@ -305,12 +341,17 @@ def _guess(names: Sequence[str], what: str) -> list[str]:
 
 def _numbers(seen: Preview, name: str) -> list[float]:
     """The first cells of a column, as far as they are numbers."""
-    at = seen.layout.names.index(name)
     found = []
-    for row in seen.layout.rows:
-        with suppress(ValueError, IndexError):
-            found.append(float(row[at].replace(seen.layout.decimal, ".")))
+    for cell in _cells(seen, name):
+        with suppress(ValueError):
+            found.append(float(cell.replace(seen.layout.decimal, ".")))
     return found
+
+
+def _cells(seen: Preview, name: str) -> list[str]:
+    """The first cells of a column."""
+    at = seen.layout.names.index(name)
+    return [row[at].strip() for row in seen.layout.rows if at < len(row)]
 
 
 def _time_unit(seen: Preview, name: str) -> str:
