@@ -18,13 +18,13 @@ import numpy as np
 from accpinn.inference.intervals import LEVEL, Interval, intervals
 from accpinn.methods.registry import METHODS
 from accpinn.model.cthp import Parameters
-from accpinn.model.published import PUBLISHED
+from accpinn.model.published import ASTAZERO, CASALE, VICOLUNGO
 from accpinn.units import FloatArray
 from bench.disturbed import Disturbance, disturbed
 from bench.other_intervals import OTHERS, Smooth
 from bench.run import SYMBOLS, each, options
 
-SETS = Parameters.stack(one for group in PUBLISHED for one in group.parameters)
+SETS = Parameters.stack(one for group in (ASTAZERO, VICOLUNGO, CASALE) for one in group.parameters)
 OURS = "accpinn"
 LIKELIHOOD = "maximum-likelihood"
 """The method that the intervals come from."""

@@ -83,13 +83,13 @@ class Basis:
         points = ((inner[:-1] + inner[1:]) / 2)[:, None] + half * nodes
         at = [matrix * 1.0 for matrix in self._derivatives(points.ravel())]
         weight = diags_array(np.tile(half * weights, pieces))
-        grams = np.empty((ORDER + 1, ORDER + 1, 2 * DEGREE + 1, self.size))
+        grams = np.empty((DEGREE + 1, ORDER + 1, ORDER + 1, self.size))
         for a, left in enumerate(at):
             weighted = csr_array(left.T @ weight)
             for b, right in enumerate(at):
-                grams[a, b] = _diagonals(weighted @ right)
-        self.grams = grams.reshape((ORDER + 1) ** 2, -1)
-        """G^{ab}_{k,k+d} = ∫ D^aB_k D^bB_{k+d} dt, with (a, b) first and (d, k) second."""
+                grams[:, a, b] = _diagonals(weighted @ right)
+        self.grams = grams.reshape(DEGREE + 1, (ORDER + 1) ** 2, self.size)
+        """(d, ab, K): G^{ab}_{k,k+d} = ∫ D^aB_k D^bB_{k+d} dt."""
         self.values = csr_array(
             BSpline.design_matrix(step * np.arange(samples), self.knots, DEGREE)
         )
@@ -118,13 +118,11 @@ class Basis:
 
 
 def _diagonals(matrix: csr_array) -> FloatArray:
-    """(2 DEGREE + 1, K): entry (k, k + d) at [d + DEGREE, k]; 0 outside the matrix."""
+    """(DEGREE + 1, K): entry (k, k + d) at [d, k]; 0 outside the matrix."""
     size = matrix.shape[0]
-    found = np.zeros((2 * DEGREE + 1, size))
-    for row, offset in enumerate(range(-DEGREE, DEGREE + 1)):
-        diagonal = matrix.diagonal(offset)
-        start = max(0, -offset)
-        found[row, start : start + len(diagonal)] = diagonal
+    found = np.zeros((DEGREE + 1, size))
+    for offset in range(min(size, DEGREE + 1)):
+        found[offset, : size - offset] = matrix.diagonal(offset)
     return found
 
 
@@ -192,11 +190,13 @@ class LinearEvidence:
         self._known: list[Mask] = [~np.isnan(column) for column in measured.T]
         self._measured = measured
         rows = [self.basis.values[known] for known in self._known]
-        self._grams = [_diagonals(csr_array(one.T @ one))[DEGREE:] for one in rows]
-        self._right = [
-            one.T @ column[known]
-            for one, column, known in zip(rows, measured.T, self._known, strict=True)
-        ]
+        self._grams = np.array([_diagonals(csr_array(one.T @ one)) for one in rows])
+        self._right = np.column_stack(
+            [
+                one.T @ column[known]
+                for one, column, known in zip(rows, measured.T, self._known, strict=True)
+            ]
+        )
         self._squares = np.array(
             [
                 (column[known] ** 2).sum()
@@ -208,31 +208,33 @@ class LinearEvidence:
     def prior(self, values: FloatArray) -> FloatArray:
         """Λ (18, 3K) in lower banded form; p, v, u stand side by side at each function."""
         running, first = physics(values)
-        squares = np.einsum("eoa,epb->opab", running, running)
-        pairs = squares.reshape(OUTPUTS**2, -1) @ self.basis.grams
-        pairs = pairs.reshape(OUTPUTS, OUTPUTS, 2 * DEGREE + 1, self.basis.size)
-        banded = _banded(pairs[:, :, DEGREE:])
+        squares = np.einsum("eoa,epb->opab", running, running).reshape(OUTPUTS, 1, OUTPUTS, -1)
+        banded = self._empty()
+        for output, rows in enumerate(squares @ self.basis.grams):
+            # Above the diagonal an entry (o, o') stands for (o', o) of the functions k + d, k.
+            banded[: len(banded) - output, output::OUTPUTS] = rows.reshape(len(banded), -1)[output:]
         start = np.einsum("eoa,ak->eko", first, self.basis.first).reshape(len(first), -1)
         corner = start.T @ start
         for column in range(len(corner)):
             banded[: len(corner) - column, column] += corner[column:, column]
         return banded
 
+    def _empty(self) -> FloatArray:
+        return np.zeros((OUTPUTS * (DEGREE + 1), OUTPUTS * self.basis.size), order="F")
+
     def data(self, values: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """A (18, 3K) in lower banded form, ΦᵀY/σ² (3K,), and σ (3,)."""
         noise = values[[6, 7, 7]]
-        pairs = np.zeros((OUTPUTS, OUTPUTS, DEGREE + 1, self.basis.size))
-        right = np.empty((self.basis.size, OUTPUTS))
+        banded = self._empty()
         for output, sigma in enumerate(noise):
-            pairs[output, output] = self._grams[output] / sigma**2
-            right[:, output] = self._right[output] / sigma**2
-        return _banded(pairs), right.ravel(), noise
+            banded[::OUTPUTS, output::OUTPUTS] = self._grams[output] / sigma**2
+        return banded, (self._right / noise**2).ravel(), noise
 
     def __call__(self, values: FloatArray) -> float:
         """The evidence at unknowns (9,) in their own units; -inf where Λ is singular."""
         prior = self.prior(values)
         data, right, noise = self.data(values)
-        factor, fault = lapack.dpbtrf(prior + data, lower=1)
+        factor, fault = lapack.dpbtrf(prior + data, lower=1, overwrite_ab=1)
         if fault:
             return -np.inf
         weights, _ = lapack.dpbtrs(factor, right[:, None], lower=1)
@@ -241,7 +243,7 @@ class LinearEvidence:
         if self.determinants.posterior:
             total += 2 * np.log(factor[0]).sum()
         if self.determinants.prior:
-            own, fault = lapack.dpbtrf(prior, lower=1)
+            own, fault = lapack.dpbtrf(prior, lower=1, overwrite_ab=1)
             if fault:
                 return -np.inf
             total -= 2 * np.log(own[0]).sum()
@@ -265,22 +267,6 @@ class LinearEvidence:
         factor, _ = lapack.dpbtrf(self.prior(values) + data, lower=1)
         weights, _ = lapack.dpbtrs(factor, right[:, None], lower=1)
         return np.asarray(self.basis.values @ weights.reshape(-1, OUTPUTS))
-
-
-def _banded(pairs: FloatArray) -> FloatArray:
-    """(3, 3, DEGREE + 1, K), entry (k, k + d) of each pair of outputs, to lower banded form.
-
-    A pair (o, o') at functions k, k + d is above the diagonal, so it stands below as (o', o).
-    """
-    size = pairs.shape[-1]
-    banded = np.zeros(((DEGREE + 1) * OUTPUTS, size * OUTPUTS))
-    for column in range(OUTPUTS):
-        for row in range(OUTPUTS):
-            for offset in range(DEGREE + 1):
-                below = offset * OUTPUTS + row - column
-                if below >= 0:
-                    banded[below, column::OUTPUTS] = pairs[column, row, offset]
-    return banded
 
 
 class Evidence(Criterion):
