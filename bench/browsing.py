@@ -40,6 +40,8 @@ class Browser:
     """What stands on the page, by its place."""
     faults: list[str] = field(default_factory=list)
     """Exceptions that a page showed."""
+    sent_to: str = ""
+    """Where the server sent the browser to sign in or out; a path of the server."""
     _socket: ClientConnection | None = None
     _pages: dict[str, str] = field(default_factory=dict)
     """Streamlit's hash of each page by its title."""
@@ -201,6 +203,8 @@ class Browser:
             case "stop_auto_rerun":
                 for fragment in message.stop_auto_rerun.fragment_ids:
                     self._polled.pop(fragment, None)
+            case "auth_redirect":
+                self.sent_to = message.auth_redirect.url
             case "page_info_changed":
                 query = message.page_info_changed.query_string
                 fields = dict(part.partition("=")[::2] for part in query.split("&"))

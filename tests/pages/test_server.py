@@ -9,6 +9,7 @@ from typing import Any
 
 import psutil
 import pytest
+import requests
 from streamlit.web.server.starlette.starlette_app_utils import (
     create_signed_value,
     generate_xsrf_token_string,
@@ -20,22 +21,39 @@ from bench.browsing import XSRF, Browser
 from bench.load import Load, wrong_results
 from tests.support import draws
 from tests.support.openacc_files import csv, platoon
-from tests.support.server import Server, running
+from tests.support.provider import CLIENT, CLIENT_SECRET, Provider, provider
+from tests.support.server import Server, free_port, running
 
 SECRET = "of the tests, and long enough to sign a cookie with it"
-SIGN_IN = f"""
+SIGN_IN = """
 [auth]
-redirect_uri = "http://127.0.0.1:8501/oauth2callback"
-cookie_secret = "{SECRET}"
-client_id = "accpinn"
-client_secret = "none"
-server_metadata_url = "http://127.0.0.1:9/.well-known/openid-configuration"
+redirect_uri = "http://127.0.0.1:{port}/oauth2callback"
+cookie_secret = "{secret}"
+client_id = "{client}"
+client_secret = "{client_secret}"
+server_metadata_url = "{address}/.well-known/openid-configuration"
 """
 HOSTILE = "../../<b>annsown</b>.csv"
 
 
-def signed_in(server: Server, email: str, secret: str = SECRET) -> Browser:
-    """A browser with the cookie that the server sets once the provider has named the user."""
+async def sign_in(server: Server, names: Provider, email: str) -> Browser:
+    """A browser that pressed "Sign in" and was sent to the provider and back."""
+    one = Browser(server.address)
+    await one.open()
+    await one.press("sign_in")
+    await one.close()
+    names.email = email
+    with requests.Session() as session:
+        back = await asyncio.to_thread(session.get, server.address + one.sent_to, timeout=60)
+        assert back.ok
+        assert back.url == f"{server.address}/"
+        session.get(f"{server.address}/_stcore/health", timeout=60)  # sets the other cookie
+        cookies = session.cookies.get_dict()
+    return Browser(server.address, cookies=cookies)
+
+
+def forged(server: Server, email: str, secret: str) -> Browser:
+    """A browser with the cookie that says who is signed in, sealed by somebody."""
     claims = {"origin": server.address, "is_logged_in": True, "email": email, "sub": email}
     cookie = create_signed_value(secret, "_streamlit_user", json.dumps(claims)).decode()
     token = generate_xsrf_token_string()
@@ -43,12 +61,11 @@ def signed_in(server: Server, email: str, secret: str = SECRET) -> Browser:
 
 
 def test_who_is_signed_in_sees_only_what_is_theirs(tmp_path: Path) -> None:
-    secrets = tmp_path / "secrets.toml"
-    secrets.write_text(SIGN_IN)
-
-    async def visit(server: Server) -> None:
-        ann, bob = signed_in(server, "ann@lab.org"), signed_in(server, "bob@lab.org")
-        stranger, forger = Browser(server.address), signed_in(server, "ann@lab.org", SECRET[::-1])
+    async def visit(server: Server, names: Provider) -> None:
+        ann = await sign_in(server, names, "ann@lab.org")
+        bob = await sign_in(server, names, "bob@lab.org")
+        stranger = await sign_in(server, names, "")  # whom the provider does not know
+        forger = forged(server, "ann@lab.org", SECRET[::-1])
         everyone = (ann, bob, stranger, forger)
         for one in everyone:
             await one.open()
@@ -69,9 +86,18 @@ def test_who_is_signed_in_sees_only_what_is_theirs(tmp_path: Path) -> None:
             await connect(f"ws{server.address[4:]}/_stcore/stream", origin="http://evil.org",
                           additional_headers={"Host": "evil.org"})  # fmt: skip
 
+    secrets, port = tmp_path / "secrets.toml", free_port()
     options = [f"--secrets.files={secrets}"]
-    with running(tmp_path / "cache", tmp_path / "log", options=options) as server:
-        _run(visit(server))
+    with provider() as names:
+        secrets.write_text(
+            SIGN_IN.format(
+                port=port, secret=SECRET, client=CLIENT, client_secret=CLIENT_SECRET,
+                address=names.address,
+            )
+        )  # fmt: skip
+        place = tmp_path / "cache", tmp_path / "log"
+        with running(*place, options=options, port=port) as server:
+            _run(visit(server, names))
     assert not list(tmp_path.parent.glob("*annsown*"))
 
 

@@ -30,6 +30,7 @@ def running(
     recordings: Path | None = None,
     options: Sequence[str] = (),
     extra: Mapping[str, str] | None = None,
+    port: int | None = None,
 ) -> Iterator[Server]:
     """An app with an empty cache; all its other folders lie beside that.
 
@@ -39,8 +40,9 @@ def running(
         recordings: a folder it offers.
         options: of the server, as "--server.disconnectedSessionTTL=1".
         extra: environment variables.
+        port: of the server; a free one by default.
     """
-    port = free_port()
+    port = port or free_port()
     environment = os.environ | {"ACCPINN_CACHE": str(cache), "OMP_NUM_THREADS": "1"}
     for name in ("snapshots", "recordings", "studies", "mappings"):
         environment[f"ACCPINN_{name.upper()}"] = str(cache.with_name(name))
