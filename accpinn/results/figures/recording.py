@@ -124,10 +124,10 @@ def overview(
     if view == "relative":
         figure.add_hline(0.0, line={"color": LEADER, "width": 1, "dash": "dot"}, row=1)
     figure.update_layout(dragmode="select", selectdirection="h")
-    # Its left margin is fixed, so that the handles below can stand under the axis.
+    # The margins are these, so that the handles below can stand under the axis.
     figure = finished(figure, round(sum(pixels)) + 50, f"overview-{recording.sha256}")
-    figure.update_yaxes(automargin=False, title_standoff=6)
-    return figure.update_layout(margin={"l": MARGIN, "r": MARGIN_RIGHT, "t": 6, "b": 34})
+    figure.update_yaxes(title_standoff=6)
+    return figure.update_layout(margin={"l": MARGIN, "r": MARGIN_RIGHT, "t": 6, "b": 44})
 
 
 def _curves(

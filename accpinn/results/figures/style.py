@@ -158,10 +158,13 @@ def with_legend(figure: go.Figure) -> go.Figure:
 
 
 def finished(figure: go.Figure, height: int, revision: str) -> go.Figure:
-    """Common looks; ``revision`` keeps the user's zoom while data change."""
+    """Common looks; ``revision`` keeps the user's zoom while data change.
+
+    Margins are fixed: with those that follow the labels every chart is laid out twice.
+    """
     for update in (figure.update_xaxes, figure.update_yaxes):
-        update(gridcolor=GRID, zeroline=False, showline=False)
+        update(gridcolor=GRID, zeroline=False, showline=False, automargin=False)
     return figure.update_layout(
         height=height, showlegend=False, hovermode="x unified", uirevision=revision,
-        paper_bgcolor=CLEAR, plot_bgcolor=CLEAR, margin={"l": 8, "r": 8, "t": 10, "b": 8},
+        paper_bgcolor=CLEAR, plot_bgcolor=CLEAR, margin={"l": 62, "r": 14, "t": 10, "b": 42},
     )  # fmt: skip

@@ -11,12 +11,14 @@ from pages.ui.components import frame, show
 from pages.ui.session.resources import task_queue
 from pages.ui.session.workspace import Workspace
 
-POLL = 0.5
-"""Seconds between two looks."""
+POLL = 1.0
+"""Seconds between two looks; each draws the live charts anew, which keeps a slow computer busy."""
 
 
 def monitor(workspace: Workspace, task: Task[Any], draw: Callable[[bool], None]) -> None:
-    """Show a task, again and again while it is active; at its end the whole page is drawn anew.
+    """Show a task, again and again while it is active.
+
+    When it begins and when it ends the whole page is drawn anew.
 
     Args:
         workspace: the session.
@@ -24,10 +26,10 @@ def monitor(workspace: Workspace, task: Task[Any], draw: Callable[[bool], None])
         draw: draws what is known of it. Its argument is whether the task is polled: fragments that
             poll must not be nested, so it then calls no other monitor and draws no widgets.
     """
-    active = task.is_active
+    active, began = task.is_active, task.status
 
     def look() -> None:
-        if active and not task.is_active:
+        if active and task.status is not began:  # the rest of the page says which, too
             st.rerun()
         show_status(workspace, task)
         draw(active)
