@@ -145,10 +145,11 @@ class Browser:
 
     def texts(self) -> list[str]:
         """What is written on the page."""
-        kinds = ("markdown", "alert", "heading", "text", "exception")
+        kinds = ("markdown", "alert", "heading", "text", "progress", "exception")
         found = (getattr(e, str(e.WhichOneof("type")), None) for e in self.elements.values()
                  if e.WhichOneof("type") in kinds)  # fmt: skip
-        return [getattr(one, "body", "") or getattr(one, "message", "") for one in found]
+        parts = ("body", "message", "text")
+        return ["".join(getattr(one, part, "") for part in parts) for one in found]
 
     def _type(self, key: str, value: Value) -> None:
         state = WidgetState(id=self.widget(key).id)

@@ -15,17 +15,15 @@ from pages.ui.components import frame, show
 from pages.ui.components.show import escape_markdown
 from pages.ui.components.widgets import tabs
 from pages.ui.data.sources import (
-    FIRST_SAMPLE,
     ask_for_upload,
     drop_zone,
     open_with,
-    sample,
-    samples,
     title_of,
 )
 from pages.ui.platoon.page import open_panels
 from pages.ui.reproduction import open_published, show_checklist
 from pages.ui.runs import restore_run
+from pages.ui.session.recordings import FIRST_SAMPLE, sample, samples
 from pages.ui.session.workspace import Workspace
 
 LAST_RUNS = 3

@@ -11,8 +11,9 @@ from accpinn.results.snapshot.saved import Entry
 from accpinn.results.tables.reproduction import reproduction_table
 from pages.ui.components import frame, show
 from pages.ui.components.show import escape_markdown
-from pages.ui.data.sources import SAMPLES, find_run, open_with, sample
+from pages.ui.data.sources import find_run, open_with
 from pages.ui.platoon.page import open_panels
+from pages.ui.session.recordings import SAMPLES, sample
 from pages.ui.session.workspace import Workspace
 
 MARK, NEEDS = ":blue[:material/check_circle:]", ":gray[:material/database:]"

@@ -6,7 +6,7 @@ from accpinn.recordings.recording import Recording
 from accpinn.recordings.synthetic import Truth
 from accpinn.segment.segment import SegmentInfo
 from pages.ui.components import show
-from pages.ui.data.sources import find_sample
+from pages.ui.session.recordings import find_sample
 from pages.ui.session.workspace import Workspace
 from pages.ui.snapshots.both import show_both
 from pages.ui.snapshots.listing import show_entries

@@ -16,7 +16,7 @@ from accpinn.results.messages import message
 from accpinn.study.comparison import MethodFailure, MethodResult, compare, result_of
 from accpinn.study.recommendation import recommend
 from accpinn.tasks.task import Status, Task
-from pages.ui.data.sources import FIRST_SAMPLE, sample
+from pages.ui.session.recordings import FIRST_SAMPLE, sample
 from pages.ui.session.resources import task_queue
 from pages.ui.session.workspace import KEPT_RECORDS, Workspace
 from tests.support.apptest import (

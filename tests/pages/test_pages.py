@@ -19,9 +19,10 @@ from accpinn.results.snapshot import create
 from accpinn.tasks.task import Status, TrainingRequest, training_task
 from pages.ui.components.show import bullets, escape_markdown, format_duration
 from pages.ui.data.page import window_of
-from pages.ui.data.sources import FIRST_SAMPLE, OPENING, sample
+from pages.ui.data.sources import OPENING
 from pages.ui.platoon.page import PANELS, TABS
 from pages.ui.session import sessions
+from pages.ui.session.recordings import FIRST_SAMPLE, sample
 from pages.ui.session.resources import task_queue
 from pages.ui.session.sessions import KEPT_FOR, KEPT_WORKSPACES, Workspaces
 from pages.ui.session.workspace import Workspace

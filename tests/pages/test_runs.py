@@ -1,17 +1,32 @@
 """Finished runs of a session: nothing vanishes with a new recording, a reload or a restart."""
 
+import os
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 
 from accpinn.methods import least_squares
 from accpinn.methods.fit import Outcome
+from accpinn.recordings.files import read
 from accpinn.recordings.recording import Window
 from accpinn.tasks.task import TrainingRequest, training_task
-from pages.ui.data.sources import FIRST_SAMPLE, SAMPLES, sample
 from pages.ui.session import runs, sessions
+from pages.ui.session.recordings import FIRST_SAMPLE, SAMPLES, sample
 from pages.ui.session.workspace import Workspace
-from tests.support.apptest import HOME, TRAIN, choose, fitted, open_page, press, texts, workspace_of
+from tests.support.apptest import (
+    DATA,
+    HOME,
+    STABILITY,
+    TRAIN,
+    choose,
+    fitted,
+    open_page,
+    press,
+    texts,
+    workspace_of,
+)
+from tests.support.openacc_files import csv, platoon
 
 pytestmark = pytest.mark.usefixtures("fresh_server")
 
@@ -46,6 +61,36 @@ def test_runs_survive_another_recording_and_a_restart_and_are_restored() -> None
     assert again.window == Window(0.0, 60.0)
     assert not page.error
     assert f"snapshot={run.id}" not in texts(page)
+
+
+def test_after_a_restart_its_address_shows_what_a_session_had_open() -> None:
+    found = workspace_of(open_page(TRAIN, session=fitted(Window(0.0, 60.0)).id))
+    assert found.run
+    sessions.workspaces.clear()
+    again = workspace_of(open_page(STABILITY, session=found.id))
+    assert (again.recording.source, again.window) == (FIRST_SAMPLE.name, Window(0.0, 60.0))
+    assert (again.vehicles, again.run) == (found.vehicles, found.run)
+    assert again.fit.parameters == found.fit.parameters
+    assert again.segment.info == found.segment.info
+
+    # One of the server's folder is read again; an upload is asked for, and not believed by name.
+    raw = csv(platoon(3, 1200))
+    place = Path(os.environ["ACCPINN_RECORDINGS"]) / "mine.csv"
+    place.parent.mkdir(parents=True)
+    place.write_bytes(raw)
+    again.open(read(raw, "mine.csv"))
+    again.choose((2, 3), Window(20.0, 70.0), "I")
+    open_page(DATA, session=found.id)
+    for _ in range(2):
+        sessions.workspaces.clear()
+        again = workspace_of(open_page(DATA, session=found.id))
+        if not place.exists():
+            assert again.awaited
+            assert again.awaited.source == "mine.csv"
+            again.open(read(raw, "mine.csv"))
+        assert again.awaited is None
+        assert (again.window, again.vehicles, again.case) == (Window(20.0, 70.0), (2, 3), "I")
+        place.unlink(missing_ok=True)
 
 
 def test_equal_runs_are_kept_once_unfinished_ones_never_and_two_are_compared(

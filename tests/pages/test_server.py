@@ -5,7 +5,7 @@ import json
 from collections.abc import Coroutine
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import psutil
 import pytest
@@ -33,6 +33,7 @@ client_id = "{client}"
 client_secret = "{client_secret}"
 server_metadata_url = "{address}/.well-known/openid-configuration"
 """
+Result = TypeVar("Result")
 HOSTILE = "../../<b>annsown</b>.csv"
 
 
@@ -101,10 +102,51 @@ def test_who_is_signed_in_sees_only_what_is_theirs(tmp_path: Path) -> None:
     assert not list(tmp_path.parent.glob("*annsown*"))
 
 
-def _run(work: Coroutine[Any, Any, None]) -> None:
+def _run(work: Coroutine[Any, Any, Result]) -> Result:
     """In a thread of its own, as the browser of another test may keep this one's loop."""
     with ThreadPoolExecutor(1) as thread:
-        thread.submit(asyncio.run, work).result()
+        return thread.submit(asyncio.run, work).result()
+
+
+def test_killed_in_mid_training_it_goes_on_under_the_same_address(tmp_path: Path) -> None:
+    cache, name, own = tmp_path / "cache", "mine.csv", csv(platoon(2, 620))
+
+    async def begin(server: Server) -> str:
+        one = Browser(server.address)
+        await one.open()
+        await one.upload("data_upload", name, own)
+        await one.set("data_length", 60.0)
+        await one.go("Train")
+        await one.set("train_preset", ("Paper",))
+        await one.press("train_start")
+        while not list(cache.rglob("*.state.npz")):
+            assert await one.poll(), "it still trains"
+        server.process.kill()
+        server.process.wait()
+        return one.session
+
+    async def go_on(server: Server, session: str) -> None:
+        again = Browser(server.address, session)
+        await again.open()
+        assert again.session == session
+        await again.upload("data_upload", name, own)  # the server keeps no uploads
+        await again.go("Train")
+        assert "0–60 s, vehicles 1–2" in " ".join(again.texts())
+        assert "Continue from iteration" in again.widget("train_start").label
+        await again.press("train_start")
+        while not any("Adam: iteration" in text for text in again.texts()):
+            assert await again.poll()
+        await again.press("train_stop")
+        while await again.poll():
+            pass
+        assert "Continued from iteration" in " ".join(again.texts())
+        assert not again.faults
+        await again.close()
+
+    with running(cache, tmp_path / "log") as server:
+        session = _run(begin(server))
+    with running(cache, tmp_path / "log") as server:
+        _run(go_on(server, session))
 
 
 @pytest.mark.slow

@@ -13,8 +13,8 @@ from accpinn.results.messages.snapshot import counted
 from accpinn.results.snapshot import Snapshot
 from accpinn.results.snapshot.verification import QUICK, verify
 from accpinn.tasks.task import Status
-from pages.ui.data.sources import FIRST_SAMPLE, sample
 from pages.ui.session import sessions
+from pages.ui.session.recordings import FIRST_SAMPLE, sample
 from pages.ui.session.resources import library, task_queue
 from pages.ui.session.workspace import Workspace
 from pages.ui.snapshots.both import differing_settings, other_vehicles, parameter_differences

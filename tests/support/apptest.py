@@ -13,8 +13,8 @@ from accpinn.methods import least_squares
 from accpinn.methods.pinn.config import FAST
 from accpinn.recordings.recording import Window
 from accpinn.tasks.task import TrainingRequest, training_task
-from pages.ui.data.sources import FIRST_SAMPLE, sample
 from pages.ui.session import sessions
+from pages.ui.session.recordings import FIRST_SAMPLE, sample
 from pages.ui.session.workspace import Workspace
 
 ROOT = Path(__file__).parents[2]

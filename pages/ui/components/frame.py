@@ -80,12 +80,15 @@ def begin(title: str, lead: str = "") -> Workspace:
     if lead:
         st.caption(lead)
     if st.session_state["lost_session"]:
-        kept = "Page Train lists its finished runs." if workspace.runs.entries() else (
-            "Finished trainings are kept: open the same recording, and its result comes from the"
-            " cache."
-        )  # fmt: skip
         show.messages(
-            f"That session is no longer on this server, so a new one has begun. {kept}",
+            "That session is no longer on this server, so a new one has begun. Finished trainings"
+            " are kept: open the same recording, and its result comes from the cache.",
+            icon="history",
+        )
+    if awaited := workspace.awaited:
+        show.messages(
+            f"The server was started anew, and it keeps no uploads: open {awaited.source} again,"
+            f" and its window {awaited.window}, its vehicles and its result return.",
             icon="history",
         )
     show.messages(st.session_state["snapshot_fault"], "error", "link_off")

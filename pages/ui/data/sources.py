@@ -1,102 +1,43 @@
 """Opening a recording: a sample, an upload, or a file in the server's folder of recordings."""
 
 from collections.abc import Callable
-from itertools import islice
 from pathlib import Path
 from typing import Literal
 
 import streamlit as st
 from streamlit import config
 
-from accpinn.errors import AccpinnError, RecordingError
+from accpinn.errors import AccpinnError
 from accpinn.recordings import files
-from accpinn.recordings.catalogue import FOLDER_VARIABLE, catalogue, default_folder
+from accpinn.recordings.catalogue import FOLDER_VARIABLE, catalogue
 from accpinn.recordings.recording import Recording
 from accpinn.recordings.synthetic import Truth, load_truth, truth_path
 from pages.ui.components import show
 from pages.ui.components.show import escape_markdown
 from pages.ui.data.mapping import ASK, ask_for_columns, pending_of, show_pending
 from pages.ui.data.published import choose_published
+from pages.ui.session.recordings import (
+    forget,
+    from_file,
+    listed,
+    recordings_folder,
+    sample,
+    samples,
+)
 from pages.ui.session.workspace import Workspace
 
-SAMPLES = Path(__file__).parents[3] / "sample_data"
-FIRST_SAMPLE = SAMPLES / "synthetic_astazero_like.csv"
 TITLES = {
     "synthetic_astazero_like": "AstaZero-like platoon: four followers on a test track",
     "synthetic_vicolungo_like": "Ispra-Vicolungo-like platoon: three followers on a motorway",
     "synthetic_paper_study": "The paper's synthetic study: one follower, with receiver noise",
     "synthetic_paper_study_noise_free": "The paper's synthetic study: the same without noise",
 }
-LISTED = 1000
-"""Files of a folder that are offered at most."""
 
 OPENING, ARRIVED = "data_opening", "data_arrived"
 """Entries in Streamlit's session state: whether the ways to open another recording are shown, and
 whether an upload has just been opened."""
 
 Load = Callable[[], tuple[Recording, Truth | None]]
-
-
-def from_bytes(raw: bytes, name: str) -> Recording:
-    """An upload's recording; nothing but the session keeps it, so it leaves memory with that."""
-    return files.read(raw, name)
-
-
-@st.cache_resource(max_entries=16, show_spinner="Reading the recording …")
-def _parse_file(path: str, size: int, changed: int, trajectory: str | None) -> Recording:
-    return files.read(path, trajectory=trajectory)
-
-
-def from_file(path: Path, trajectory: str | None = None) -> Recording:
-    """A file's recording; read again once the file has changed."""
-    try:
-        status = path.stat()
-    except OSError:
-        return files.read(path)  # which says what is wrong
-    return _parse_file(str(path), status.st_size, status.st_mtime_ns, trajectory)
-
-
-def find_recording(
-    file: str, sha256: str, trajectory: str | None, campaign: str | None
-) -> Recording:
-    """The recording with that content, from the server's folder or the samples.
-
-    Args:
-        file: its name.
-        sha256: of the recording.
-        trajectory: of a table with several.
-        campaign: where to look first; several have files of the same name.
-
-    Raises:
-        RecordingError: where none is there.
-    """
-    root = recordings_folder()
-    found = [path for path in (*root.rglob("*"), *SAMPLES.glob("*.csv")) if path.name == file]
-    for path in sorted(found, key=lambda path: campaign not in path.parts):
-        inside = path.is_file() and any(path.resolve().is_relative_to(p.resolve())
-                                        for p in (root, SAMPLES))  # fmt: skip
-        if not inside:
-            continue
-        try:
-            recording = from_file(path, trajectory)
-        except RecordingError:  # another file of that name
-            continue
-        if recording.sha256 == sha256:
-            return recording
-    raise RecordingError(
-        f"{file}: this recording is not in the server's folder; download it on page Data, or put it"
-        f" there ({FOLDER_VARIABLE})."
-    )
-
-
-def sample(path: Path) -> tuple[Recording, Truth]:
-    """A sample and its true parameters."""
-    return from_file(path), load_truth(truth_path(path))
-
-
-def samples() -> list[Path]:
-    """The samples' files, the first of them first."""
-    return sorted(SAMPLES.glob("*.csv"), key=lambda path: path != FIRST_SAMPLE)
 
 
 def title_of(path: Path) -> str:
@@ -112,32 +53,13 @@ def about(path: Path) -> str:
         return str(fault)
 
 
-def find_sample(name: str, sha256: str) -> tuple[Recording, Truth] | None:
-    """The sample of that file name and content, with its true parameters; None for none."""
-    path = next((path for path in SAMPLES.glob("*.csv") if path.name == name), None)
-    found = sample(path) if path else None
-    return found if found and found[0].sha256 == sha256 else None
-
-
 def find_run(workspace: Workspace, file: str) -> Load | None:
     """What opens the recording of that file name: opened before, or in the server's folder."""
     for known in workspace.opened.values():
         if known[0].source == file:
             return lambda: known
-    path = next((path for path in _listed() if path.name == file), None)
+    path = next((path for path in listed() if path.name == file), None)
     return (lambda: (from_file(path), None)) if path else None
-
-
-def recordings_folder() -> Path:
-    """The server's folder of recordings, which need not exist."""
-    return default_folder().resolve()
-
-
-def folders(root: Path) -> tuple[str, ...]:
-    """The folders of recordings below one, itself first as "."; none where there is no file."""
-    below = {path.parent.relative_to(root) for path in _listed()}
-    every = {Path("."), *below, *(p for one in below for p in one.parents)} if below else set()
-    return tuple(str(path) for path in sorted(every))
 
 
 def open_with(
@@ -192,7 +114,7 @@ def choose_source(workspace: Workspace) -> None:
 
 def _close() -> None:
     """After a file that asked for something was opened."""
-    _parse_file.clear()  # what is remembered of columns may have changed
+    forget()  # what is remembered of columns may have changed
     st.session_state[OPENING] = False
 
 
@@ -212,7 +134,7 @@ def drop_zone(workspace: Workspace, announce: bool = False) -> bool:
         upload = st.session_state["data_upload"]
         if upload is not None:
             raw, name = upload.getvalue(), upload.name
-            open_with(workspace, lambda: (from_bytes(raw, name), None), raw, name)
+            open_with(workspace, lambda: (files.read(raw, name), None), raw, name)
             st.session_state[ARRIVED] = announce and not workspace.refusal
             st.session_state[OPENING] = st.session_state.get(OPENING) or bool(workspace.pending)
 
@@ -265,7 +187,7 @@ def _choose_file(workspace: Workspace) -> None:
     """The files in the server's folder that are no published runs."""
     root = recordings_folder()
     published = {run.path(root) for run in catalogue()}
-    paths = [path for path in _listed() if path not in published]
+    paths = [path for path in listed() if path not in published]
     if not paths:
         st.caption(
             f"Other files in the server's folder of recordings are listed here; `{FOLDER_VARIABLE}`"
@@ -281,12 +203,3 @@ def _choose_file(workspace: Workspace) -> None:
     )
     if path:
         _open_file(workspace, path, "Open this recording")
-
-
-def _listed() -> list[Path]:
-    """The CSV files in the server's folder; none where there is no folder."""
-    root = recordings_folder()
-    found = (path for path in sorted(root.rglob("*.[cC][sS][vV]")) if path.is_file())
-    # A link that leads out of the folder is left out.
-    inside = (path for path in found if path.resolve().is_relative_to(root))
-    return list(islice(inside, LISTED))

@@ -4,13 +4,13 @@ import streamlit as st
 
 from accpinn.errors import SegmentError
 from accpinn.evaluation.validation import validate
+from accpinn.recordings.files import read
 from accpinn.recordings.recording import Recording, Window
 from accpinn.results.messages import messages
 from accpinn.results.tables.validation import validation_table
 from accpinn.segment.cut import DURATION, chains, complete_windows, cut, disjoint_windows
 from pages.ui.components import show
 from pages.ui.components.widgets import select
-from pages.ui.data.sources import from_bytes
 from pages.ui.session.workspace import Workspace
 
 
@@ -101,7 +101,7 @@ def _upload(workspace: Workspace) -> None:
         upload = st.session_state["data_validation_upload"]
         if upload is not None:
             with show.flashing():
-                one = from_bytes(upload.getvalue(), upload.name)
+                one = read(upload.getvalue(), upload.name)
                 if one.sha256 not in workspace.opened:
                     workspace.remember(one)
                 workspace.data_choice.validation = one.sha256

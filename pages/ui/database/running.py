@@ -23,8 +23,8 @@ from pages.ui.components import frame, show
 from pages.ui.components.monitor import stop_button
 from pages.ui.components.show import escape_markdown, format_duration
 from pages.ui.components.widgets import bound, select
-from pages.ui.data.sources import folders, recordings_folder
 from pages.ui.database.selection import folder_of, known_studies
+from pages.ui.session.recordings import folders, recordings_folder
 from pages.ui.session.resources import batch_queue
 from pages.ui.session.workspace import DatabaseChoice, Workspace
 

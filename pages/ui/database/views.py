@@ -17,8 +17,8 @@ from accpinn.study.journal import Failure
 from pages.ui.components import frame, show
 from pages.ui.components.show import escape_markdown
 from pages.ui.components.widgets import bound
-from pages.ui.data.sources import find_recording
 from pages.ui.database.selection import FILTERS, NOT_TOLD, Shown, Stamp, pooled_of
+from pages.ui.session.recordings import find_recording
 from pages.ui.session.workspace import DatabaseChoice, Workspace
 
 LISTED = 100

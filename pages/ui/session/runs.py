@@ -19,6 +19,7 @@ from accpinn.units import Seconds
 KEPT_RUNS = 20
 """Of a session."""
 KEPT_FOR: Seconds = 30 * 24 * 3600.0
+KEPT_SESSIONS = 2000
 FOLDER = "runs"
 
 _SESSION = re.compile(r"[\w-]{20,60}", re.ASCII)
@@ -35,19 +36,29 @@ class Runs:
         """Those of a session, in the server's cache; its folder is made when first written to."""
         return cls(Library(cache / FOLDER / session, cap_count=KEPT_RUNS))
 
-    def keep(self, snapshot: Snapshot) -> None:
+    def keep(self, snapshot: Snapshot) -> str:
         """Keep a run, unless there is an equal one; the oldest goes where there are too many.
 
-        Where the cache cannot be written to, none is kept.
+        Returns:
+            Its short name; empty where the cache cannot be written to, and none is kept.
         """
-        entries = self.entries()
-        if any(_same(entry, snapshot) for entry in entries):
-            return
+        entries, name = self.entries(), ""
+        if equal := next((entry for entry in entries if _same(entry, snapshot)), None):
+            return equal.id
         with suppress(SnapshotError):
             for old in entries[KEPT_RUNS - 1 :]:
                 self.snapshots.delete(old.id)
-            self.snapshots.add(snapshot)
-        _tidy(self.snapshots.folder.parent)
+            name = self.snapshots.add(snapshot)
+        return name
+
+    def made(self) -> Path | None:
+        """The session's folder, made where there is none yet; None where that cannot be."""
+        folder = self.snapshots.folder
+        if not folder.is_dir():
+            _tidy(folder.parent)
+            with suppress(OSError):
+                folder.mkdir(parents=True)
+        return folder if folder.is_dir() else None
 
     def entries(self) -> tuple[Entry, ...]:
         """Those that can be read, the newest first."""
@@ -67,7 +78,7 @@ class Runs:
 
 
 def is_known(session: str, cache: Path) -> bool:
-    """Whether runs are kept of a session of that name; what cannot be a name never is."""
+    """Whether anything is kept of a session of that name; what cannot be a name never is."""
     return bool(_SESSION.fullmatch(session)) and (cache / FOLDER / session).is_dir()
 
 
@@ -80,8 +91,12 @@ def _same(entry: Entry, snapshot: Snapshot) -> bool:
 
 
 def _tidy(folder: Path) -> None:
-    """Remove what no session has written to for long."""
+    """Remove what no session has written to for long, and the oldest where there are too many."""
+    found = []
     for path in folder.iterdir() if folder.is_dir() else ():
         with suppress(OSError):  # another process was quicker
-            if time.time() - path.stat().st_mtime > KEPT_FOR:
-                shutil.rmtree(path)
+            found.append((path.stat().st_mtime, path))
+    found.sort(reverse=True)
+    for rank, (written, path) in enumerate(found):
+        if rank >= KEPT_SESSIONS or time.time() - written > KEPT_FOR:
+            shutil.rmtree(path, ignore_errors=True)

@@ -16,6 +16,7 @@ from accpinn.errors import SnapshotError
 from accpinn.units import Seconds
 from pages.ui.session.identity import mark
 from pages.ui.session.resources import library, store, task_queue
+from pages.ui.session.resume import keep, resume
 from pages.ui.session.runs import is_known
 from pages.ui.session.workspace import Workspace
 
@@ -107,21 +108,24 @@ def workspaces() -> Workspaces:
 def current() -> Workspace:
     """This browser's workspace; its name is put back into the address, which a page switch clears.
 
-    An unknown or expired name begins a new one, and `lost_session` becomes true for this run. It
-    keeps its name where finished runs are kept under it. Another user's name is an unknown one.
+    An expired name finds what the session had open, as far as the server has kept it (`resume`).
+    Another begins a new one, and `lost_session` becomes true for this run; so does another user's.
     """
     task_queue()  # its worker gets ready while the user still reads
     asked = st.query_params.get(SESSION) or st.session_state.get(SESSION, "")
     own = asked.startswith(mark())
     workspace = workspaces().find(asked) if own else None
-    st.session_state["lost_session"] = bool(asked) and workspace is None
+    known = own and workspace is None and is_known(asked, store().folder)
+    st.session_state["lost_session"] = bool(asked) and workspace is None and not known
     if workspace is None:
-        known = own and is_known(asked, store().folder)
         workspace = workspaces().new(asked if known else f"{mark()}{secrets.token_urlsafe(16)}")
+        if known:
+            resume(workspace)
     st.session_state[SESSION] = workspace.id
     if st.query_params.get(SESSION) != workspace.id:
         st.query_params[SESSION] = workspace.id
     _follow_link(workspace)
+    keep(workspace)
     return workspace
 
 

@@ -170,6 +170,18 @@ class PendingFile:
     mapping: CsvMapping | None = None
 
 
+@dataclass(frozen=True)
+class Awaited:
+    """What is chosen as soon as a recording is open again, which the server has not kept."""
+
+    source: str
+    sha256: str
+    vehicles: tuple[int, ...]
+    window: Window
+    case: Case
+    excluded_regimes: tuple[str, ...]
+
+
 @dataclass(eq=False)
 class Workspace:
     """The steps of one user, first to last: recording, segment, training."""
@@ -181,6 +193,8 @@ class Workspace:
     """Why the last attempt to open something failed."""
     pending: PendingFile | None = None
     """A file that cannot be read before something is known of it."""
+    awaited: Awaited | None = None
+    """What was open before a restart of the server, as long as nothing else is."""
     vehicles: tuple[int, ...] = ()
     window: Window = field(default_factory=lambda: Window(0.0, DURATION))
     case: Case = DEFAULT_CASE
@@ -204,6 +218,10 @@ class Workspace:
     """Fits that are no longer current, oldest first."""
     snapshot: Snapshot | None = None
     """The result that is shown as it was saved; without its data there may be no segment."""
+    run: str = ""
+    """Short name of the present result among the runs; empty where it is none of them."""
+    kept_open: object = None
+    """What was last written of what is open."""
     viewed: str = ""
     """Short name of the snapshot that page Snapshots shows in full; empty for the list."""
     data_choice: DataChoice = field(default_factory=DataChoice)
@@ -253,13 +271,14 @@ class Workspace:
                 segment, fit, recording=self.recording, uncertainty=self.uncertainty(),
                 name=f"{name_of(fit)}{case}",
             )  # fmt: skip
-            self.runs.keep(run)
+            self.run = self.runs.keep(run)
 
     def open(self, recording: Recording, truth: Truth | None = None) -> None:
         """Begin with a recording: its longest platoon, and the first window without holes.
 
         If it is the one that the snapshot shown was learned from, it completes that instead.
         """
+        awaited, self.awaited = self.awaited, None
         if self.snapshot and not self.recording and recover(self.snapshot, recording).segment:
             self.restore(self.snapshot, recording, truth)
             return
@@ -268,7 +287,10 @@ class Workspace:
         self.recording, self.truth, self.refusal = recording, truth, ""
         self.validation = None
         self.remember(recording, truth)
-        self.choose(vehicles, _first_window(recording, vehicles), DEFAULT_CASE, ())
+        if awaited and awaited.sha256 == recording.sha256:
+            self.choose(awaited.vehicles, awaited.window, awaited.case, awaited.excluded_regimes)
+        else:
+            self.choose(vehicles, _first_window(recording, vehicles), DEFAULT_CASE, ())
 
     def remember(self, recording: Recording, truth: Truth | None = None) -> None:
         """Put a recording among those opened last."""
@@ -310,6 +332,7 @@ class Workspace:
         self._uncertainty = (snapshot.fit, snapshot.uncertainty) if snapshot.uncertainty else None
         self.choose_source("fit")
         self.snapshot = snapshot
+        self.run = snapshot.id if self.runs.has(snapshot.id) else ""
         with suppress(ConfigError):  # another method's result leaves the preset as it is
             config = PinnConfig.from_json(snapshot.fit.config)
             self.preset, self.settings[config.preset] = config.preset, config.changes()
@@ -369,6 +392,7 @@ class Workspace:
         if request := self.request(config, warm):
             self._record([self.fit] if self.fit else [])
             self.keep_run()
+            self.run = ""
             self.choose_source("fit")
             self.training = task_queue().submit(training_task(self.id, request), anew)
 
@@ -406,6 +430,7 @@ class Workspace:
         """
         self._record([row.fit for row in self.compared] + ([self.fit] if self.fit else []))
         self.keep_run()
+        self.run = ""
         source = self.parameter_choice.source = self.parameter_source
         for task in self.tasks:
             task_queue().stop(task)

@@ -18,6 +18,7 @@ from pages.ui.result.saved import banner, show_saved_result
 from pages.ui.result.view import show_evaluated
 from pages.ui.runs import show_runs
 from pages.ui.session.resources import store
+from pages.ui.session.resume import keep
 from pages.ui.session.workspace import Workspace
 from pages.ui.train.live import show_live
 from pages.ui.train.options import chosen_config, show_options
@@ -71,6 +72,7 @@ def _show_run(workspace: Workspace, training: Task[Fit], running: bool) -> None:
         show_live(training, workspace.true_parameters)
     elif result := of_training(workspace):
         workspace.keep_run()
+        keep(workspace)
         show_evaluated(
             workspace, result, "train", workspace.as_snapshot, lambda: _next_button(workspace),
             {"Validation": lambda: _show_validation(workspace)},
