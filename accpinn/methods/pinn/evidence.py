@@ -157,9 +157,10 @@ def physics(values: FloatArray) -> Physics:
     p, v, u = range(OUTPUTS)
     law = np.zeros((OUTPUTS, ORDER + 1))
     law[p, 0], law[v, 0], law[u, 0], law[v, 1] = -alpha, alpha_tau + beta, -beta, 1.0
-    slope = np.roll(law, 1, axis=1)
+    slope, bend = np.zeros_like(law), np.zeros_like(law)
+    slope[:, 1:], bend[:, 2:] = law[:, :-1], law[:, :-2]
     running = np.zeros((3, OUTPUTS, ORDER + 1))
-    running[0] = law / memory + (1 + rise / memory) * slope + rise * np.roll(slope, 1, axis=1)
+    running[0] = law / memory + (1 + rise / memory) * slope + rise * bend
     running[0] /= deviation * np.sqrt(2 * (memory + rise)) / memory
     running[1, p, 1], running[1, u, 0], running[1, v, 0] = np.array([1, -1, 1]) / np.sqrt(GAP_DRIFT)
     running[2, u, 1:3] = np.array([1 / LEADER_MEMORY, 1]) / (leader * np.sqrt(2 / LEADER_MEMORY))
