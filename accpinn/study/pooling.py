@@ -36,7 +36,7 @@ POOLED_COLUMNS = (
     RowColumn("distance_setting", "string", "", "as in the header"),
     RowColumn("mode", "string", "", "ACC, or unknown where neither drivers nor flag tell"),
     RowColumn(
-        "sha256", "string", "", "of the recording, where the name does not tell vehicles apart"
+        "sha256", "string", "", "of the recording, where the name tells no vehicles apart"
     ),
     RowColumn("vehicle", "int64", "", "its number there; empty where the name does"),
     RowColumn("windows", "int64", "", "how many share the parameters"),
