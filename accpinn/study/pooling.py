@@ -35,9 +35,7 @@ POOLED_COLUMNS = (
     RowColumn("model", "string", "", "in one spelling; empty where the header does not tell"),
     RowColumn("distance_setting", "string", "", "as in the header"),
     RowColumn("mode", "string", "", "ACC, or unknown where neither drivers nor flag tell"),
-    RowColumn(
-        "sha256", "string", "", "of the recording, where the name tells no vehicles apart"
-    ),
+    RowColumn("sha256", "string", "", "of the recording, where the name tells no vehicles apart"),
     RowColumn("vehicle", "int64", "", "its number there; empty where the name does"),
     RowColumn("windows", "int64", "", "how many share the parameters"),
     RowColumn("recordings", "int64", "", "that they are cut from"),
