@@ -21,7 +21,7 @@ from accpinn.inference.posterior import sample_from
 from accpinn.methods.likelihood import natural
 from accpinn.methods.maximum_likelihood import maxima_of
 from accpinn.methods.pinn.evidence import COMPLETE, LOSS, Determinants, Evidence
-from accpinn.methods.pinn.evidence_search import Ascent, log_deviations, maximise_evidence
+from accpinn.methods.pinn.evidence_search import Ascent, maximise_evidence
 from accpinn.methods.regression import Regression
 from accpinn.methods.series import series_of
 from accpinn.model.cthp import Parameters
@@ -83,7 +83,7 @@ def study(seed: int) -> Ablation:
         truth=true.values[0].tolist(),
         estimate=_parameters(maximum.coordinates),
         likelihood=_parameters(maxima_of(segment, "II")[0].coordinates),
-        deviations=log_deviations(maximum).tolist(),
+        deviations=maximum.errors.tolist(),
         lower=lower.tolist(),
         upper=upper.tolist(),
         variants=variants,

@@ -101,7 +101,7 @@ class _Parser(argparse.ArgumentParser):
 
     def error(self, message: str) -> NoReturn:
         """One line on standard error; exit status 2."""
-        complain(f"{message}; see {self.prog} --help")
+        complain(f"{message.removesuffix('.')}; see {self.prog} --help")
         raise SystemExit(2)
 
     def print_help(self, file: object = None) -> None:

@@ -149,6 +149,12 @@ def add_table_options(parser: argparse.ArgumentParser) -> None:
 def run_table(options: argparse.Namespace) -> int:
     """Group the rows, and print the table."""
     if options.pooled:
+        for name, usual in (("by", ",".join(BY)), ("method", None), ("level", LEVEL)):
+            if getattr(options, name) != usual:
+                raise ConfigError(
+                    f"{name}: --pooled has one row a vehicle and setting, by {KEY}, with intervals"
+                    f" of {100 * LEVEL:g} %; leave --{name} out."
+                )
         read_study(options.study)  # refuses what is no batch
         rows = list(read_pooled(Path(options.study)))
         if options.json:
@@ -158,7 +164,7 @@ def run_table(options: argparse.Namespace) -> int:
         return 0
     if damaged := damaged_lines(Path(options.study)):
         progress(f"Note: {_damage(damaged)}; batch computes again what was there.")
-    by = tuple(part.strip() for part in options.by.split(",") if part.strip())
+    by = tuple(dict.fromkeys(part.strip() for part in options.by.split(",") if part.strip()))
     found = group(read_study(options.study), by, options.method, options.level)
     if options.json:
         print_json(_describe_groups(found))

@@ -25,7 +25,7 @@ from accpinn.errors import ConfigError, Finding
 from accpinn.inference.posterior import sample
 from accpinn.methods.fit import Fit, Outcome
 from accpinn.methods.maximum_likelihood import KEY, joint_maxima
-from accpinn.methods.series import measured_followers, moving, series_of
+from accpinn.methods.series import determined_followers, series_of
 from accpinn.model.cthp import Case, Parameters
 from accpinn.segment.segment import Segment
 from accpinn.stability.criteria import exact_margin, l2_margin, step_metrics
@@ -260,8 +260,7 @@ def from_draws(centre: Parameters, sampled: Parameters, level: float) -> Uncerta
 
 def _sample(segments: tuple[Segment, ...], case: Case, count: int) -> tuple[Parameters, FloatArray]:
     """The estimate (M,), and draws of θ (count, M, 3); equal followers in Case I."""
-    moves = np.any([moving(segment, case) for segment in segments], axis=0)
-    known = tuple(k for k in measured_followers(segments, case) if moves[k])
+    known = determined_followers(segments, case)
     centre = np.full((segments[0].followers, 3), np.nan)
     theta = np.full((count, *centre.shape), np.nan)
     if known:

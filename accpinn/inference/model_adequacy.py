@@ -49,14 +49,15 @@ from accpinn.inference.proposal import normalised
 from accpinn.methods.kalman import Innovations, innovations
 from accpinn.methods.likelihood import Criterion, Maximum, maximise, natural
 from accpinn.methods.maximum_likelihood import joint_maxima
-from accpinn.methods.series import Series, measured_followers, series_of
+from accpinn.methods.series import Series, determined_followers, series_of
 from accpinn.methods.state_space import FORMS, Form, StateSpace, coordinates
 from accpinn.model.cthp import Case, Parameters
 from accpinn.segment.segment import Segment
 from accpinn.units import FloatArray, Mask, Seconds
 
 LEARNED = 2 / 3
-"""Share of the time from which a form is estimated before it is tried on the rest."""
+"""Share of the time from which a form is estimated before it is tried on the rest; of the longest
+stretch, where masked instants lie between several."""
 BETTER = 4.0
 """A form is better when its AIC is lower by so much and held-out time is more probable, too."""
 PRIOR: dict[Form, float] = {"cthp": 0.02, "offset": 0.3, "lag": 0.58, "delay": 0.1}
@@ -151,7 +152,7 @@ class ModelForm:
 
 @dataclass(frozen=True, eq=False)
 class InnovationTests:
-    """p-values of the tests of a form's innovations; (M,) each, not corrected."""
+    """p-values of the tests of a form's innovations; (M,) each, not corrected, nan if untested."""
 
     correlated: FloatArray
     uneven: FloatArray
@@ -211,10 +212,10 @@ def model_forms(segment: Segment, case: Case = "II") -> Adequacy:
         case: "I", where all followers share the unknowns of each form, or "II".
 
     Returns:
-        No form where the window is too short for the likelihood; nan for a follower that is hardly
-        measured.
+        No form where the window is too short for the likelihood or nothing moves; nan for a
+        follower that is hardly measured, or does not move.
     """
-    known = measured_followers((segment,), case)
+    known = determined_followers((segment,), case)
     if not known:
         return Adequacy((), None, ())
     series, count = series_of([segment], case, known), segment.followers
@@ -341,12 +342,8 @@ def _weighted(
 
 def _deviations(maximum: Maximum) -> FloatArray:
     """(3,) of ln α, ln β, ln τ; infinite where a bound holds one of them."""
-    free = np.diag(maximum.curvature) > 0
-    if not free[:3].all():
-        return np.full(3, np.inf)
-    covariance = np.linalg.pinv(maximum.curvature[np.ix_(free, free)], hermitian=True)[:3, :3]
-    logs = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [-1.0, 1.0, 0.0]])
-    return np.asarray(np.sqrt(np.maximum(np.diag(logs @ covariance @ logs.T), 0.0)))
+    errors = maximum.errors
+    return errors if np.isfinite(errors).all() else np.full(3, np.inf)
 
 
 def _held_out_density(series: Series, maxima: Sequence[Maximum], form: Form) -> FloatArray:
@@ -379,10 +376,15 @@ def _tests(series: Series, maxima: Sequence[Maximum]) -> tuple[FloatArray, ...]:
         values = []
         for errors in (standard[:, 1, members], standard[:, 2, members]):
             known = np.isfinite(errors) & np.isfinite(speed)
+            if known.sum() < LAGS:  # as of short stretches between masked instants
+                values.append((np.nan, np.nan, np.nan))
+                continue
             uneven = _uneven(errors[known], speed[known])
             values.append((_correlated(errors), uneven, jarque_bera(errors[known])[1]))
         rows.append(np.minimum(2.0 * np.min(values, axis=0), 1.0))
-    return (*np.array(rows).T, _nonlinear(series, maxima, model, found))
+    correlated, uneven, nonnormal = np.array(rows).T
+    nonlinear = np.where(np.isnan(correlated), np.nan, _nonlinear(series, maxima, model, found))
+    return correlated, uneven, nonnormal, nonlinear
 
 
 def _gap_last(model: StateSpace) -> StateSpace:
@@ -446,7 +448,7 @@ def _explained(columns: FloatArray, target: FloatArray) -> float:
     """The sum of squares of the target (n,) that the columns (n, k) explain."""
     scale = np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
     left, values, _ = np.linalg.svd(columns / scale, full_matrices=False)
-    return float(((target @ left[:, values > 1e-9 * values[0]]) ** 2).sum())
+    return float(((target @ left[:, values > 1e-9 * values.max(initial=0.0)]) ** 2).sum())
 
 
 def _correlated(errors: FloatArray) -> float:
@@ -465,7 +467,7 @@ def _correlated(errors: FloatArray) -> float:
 
 def _uneven(errors: FloatArray, speeds: FloatArray) -> float:
     """Koenker's form of Breusch and Pagan's test: squared errors against the speed."""
-    if len(errors) < LAGS or np.ptp(speeds) == 0.0:
+    if np.ptp(speeds) == 0.0:
         return 1.0
     correlation = float(np.corrcoef(errors**2, speeds)[0, 1])
     return float(2 * ndtr(-abs(correlation) * np.sqrt(len(errors))))

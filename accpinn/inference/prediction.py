@@ -26,7 +26,7 @@ from accpinn.errors import Finding
 from accpinn.evaluation.closed_loop import simulable
 from accpinn.inference.intervals import Uncertainty, interval_ends
 from accpinn.methods.maximum_likelihood import DISTURBANCE, joint_maxima
-from accpinn.methods.series import measured_followers, moving, stride_of
+from accpinn.methods.series import determined_followers, stride_of
 from accpinn.methods.state_space import discretise
 from accpinn.model.cthp import Case, Parameters, motion_matrix
 from accpinn.segment.segment import Segment
@@ -119,8 +119,7 @@ def gap_band(segment: Segment, uncertainty: Uncertainty, case: Case) -> GapBand 
 
 def _disturbances(segment: Segment, case: Case) -> FloatArray:
     """(M, 3) s, T and T₂ of each follower; nan for those without."""
-    moves = moving(segment, case)
-    known = tuple(k for k in measured_followers((segment,), case) if moves[k])
+    known = determined_followers((segment,), case)
     found = np.full((segment.followers, 3), np.nan)
     if known:
         maxima = joint_maxima((segment,), case, followers=known)

@@ -79,17 +79,22 @@ class Maximum:
 
     @property
     def errors(self) -> FloatArray:
-        """(3,) standard errors of ln α, ln β, ln τ by the curvature; nan where a bound is active.
+        """(3,) standard errors of ln α, ln β, ln τ; see `log_errors`."""
+        return log_errors(self.curvature)
 
-        A bound on α or ατ leaves ln τ without an error, too.
-        """
-        free = np.diag(self.curvature) > 0
-        covariance = np.full(self.curvature.shape, np.nan)
-        part = self.curvature[np.ix_(free, free)]
-        covariance[np.ix_(free, free)] = np.linalg.inv(part + 1e-9 * np.eye(len(part)))
-        alpha, alpha_tau, beta = np.diag(covariance)[:3]
-        tau = alpha + alpha_tau - 2.0 * covariance[0, 1]
-        return np.asarray(np.sqrt([alpha, beta, tau]))
+
+def log_errors(curvature: FloatArray) -> FloatArray:
+    """(3,) standard errors of ln α, ln β, ln τ by a curvature (P, P); nan where a bound is active.
+
+    A bound on α or ατ leaves ln τ without an error, too.
+    """
+    free = np.diag(curvature) > 0
+    covariance = np.full(curvature.shape, np.nan)
+    part = curvature[np.ix_(free, free)]
+    covariance[np.ix_(free, free)] = np.linalg.inv(part + 1e-9 * np.eye(len(part)))
+    alpha, alpha_tau, beta = np.diag(covariance)[:3]
+    tau = alpha + alpha_tau - 2.0 * covariance[0, 1]
+    return np.asarray(np.sqrt([alpha, beta, tau]))
 
 
 def natural(form: Form, z: FloatArray) -> FloatArray:

@@ -66,7 +66,7 @@ class Method:
     summary: str
     """What it does, in one line, for the help of the command line."""
     typical_seconds: Seconds
-    """Four followers over 300 s on two cores, cross-validation included."""
+    """One follower over 300 s on two cores; two thirds of it are cross-validation."""
     tolerance: float = 1e-6
     """Relative difference of parameters between two machines that run it alike."""
     settings: type[Settings] | None = None

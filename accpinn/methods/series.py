@@ -139,6 +139,12 @@ def measured_of(segment: Segment) -> FloatArray:
     return np.stack(pairs, axis=1)[:: stride_of(segment)]
 
 
+def determined_followers(segments: Sequence[Segment], case: Case) -> tuple[int, ...]:
+    """Those of `measured_followers` whose parameters the motion in some segment determines."""
+    moves = np.any([moving(segment, case) for segment in segments], axis=0)
+    return tuple(k for k in measured_followers(segments, case) if moves[k])
+
+
 def moving(segment: Segment, case: Case) -> Mask:
     """(M,) whether a follower or the vehicle ahead changes its speed by more than noise does."""
     varies = segment.speeds.std(axis=0) > LEAST_MOTION

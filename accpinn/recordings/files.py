@@ -39,18 +39,18 @@ def read(
         RecordingError: one sentence of file, place, fault and cure.
     """
     source_file = read_bytes(source, name)
-    if mapping is not None:
-        recording = read_mapped(source_file, mapping, trajectory=trajectory)
-        remember(mapping, layout_of(source_file).names)
+    layout, used = _table_of(source_file, mapping)
+    if used:
+        recording = read_mapped(
+            source_file, used, trajectory=trajectory, remembered=mapping is None
+        )
+        if mapping:
+            remember(mapping, layout_of(source_file).names)
         return recording
-    layout = _foreign_layout(source_file)
     if layout and pairs.is_pair_table(layout):
         found = pairs.platoons(source_file, layout)
         chosen = pairs.choose(source_file, found, trajectory)
         return pairs.recording_of(source_file, layout, chosen, len(found) == 1)
-    known = recall(layout.names) if layout else None
-    if known:
-        return read_mapped(source_file, known, trajectory=trajectory, remembered=True)
     if layout and not _is_openacc(source_file):
         return _refuse_unknown(source_file)
     if trajectory is not None:
@@ -73,7 +73,7 @@ def read_all(
         RecordingError: when the file as a whole cannot be read.
     """
     source_file = read_bytes(source, name)
-    layout = None if mapping else _foreign_layout(source_file)
+    layout, used = _table_of(source_file, mapping)
     if layout and pairs.is_pair_table(layout):
         found = pairs.platoons(source_file, layout)
         for platoon in found:
@@ -82,16 +82,31 @@ def read_all(
             except RecordingError as fault:
                 yield fault
         return
-    known = mapping or (recall(layout.names) if layout else None)
-    runs = trajectories_of(source_file, known) if known else ()
-    if known and runs:
+    runs = trajectories_of(source_file, used) if used else ()
+    if used and runs:
         for run in runs:
             try:
-                yield read_mapped(source_file, known, trajectory=run, remembered=mapping is None)
+                yield read_mapped(source_file, used, trajectory=run, remembered=mapping is None)
             except RecordingError as fault:
                 yield fault
         return
     yield read(source, name, mapping=mapping)
+
+
+def mapping_of(
+    source: Source, name: str | None = None, mapping: CsvMapping | None = None
+) -> CsvMapping | None:
+    """The mapping by which a file is read: the given one, or the one remembered for its columns.
+
+    Args:
+        source: see `read`, as all others.
+        name: needed for bytes only.
+        mapping: that is given, if any.
+
+    Raises:
+        RecordingError: when the file is no text at all.
+    """
+    return _table_of(read_bytes(source, name), mapping)[1]
 
 
 def is_unknown(source: Source, name: str | None = None) -> bool:
@@ -105,9 +120,9 @@ def is_unknown(source: Source, name: str | None = None) -> bool:
         RecordingError: when the file is no text at all.
     """
     source_file = read_bytes(source, name)
-    layout = _foreign_layout(source_file)
-    known = layout is None or pairs.is_pair_table(layout) or _is_openacc(source_file)
-    return not known and layout is not None and recall(layout.names) is None
+    layout, used = _table_of(source_file, None)
+    known = used or layout is None or pairs.is_pair_table(layout) or _is_openacc(source_file)
+    return not known
 
 
 def trajectories(
@@ -127,14 +142,13 @@ def trajectories(
         RecordingError: when the file as a whole cannot be read.
     """
     source_file = read_bytes(source, name)
-    layout = None if mapping else _foreign_layout(source_file)
+    layout, used = _table_of(source_file, mapping)
+    found: tuple[tuple[str, int], ...] = ()
     if layout and pairs.is_pair_table(layout):
         platoons = pairs.platoons(source_file, layout)
         found = tuple((one.trajectories[0], len(one.pairs) + 1) for one in platoons)
-    else:
-        known = mapping or (recall(layout.names) if layout else None)
-        runs = trajectories_of(source_file, known) if known else ()
-        found = tuple((run, len(known.speeds)) for run in runs) if known else ()
+    elif used:
+        found = tuple((run, len(used.speeds)) for run in trajectories_of(source_file, used))
     return found if len(found) > 1 else ()
 
 
@@ -144,15 +158,23 @@ def _is_openacc(source_file: SourceFile) -> bool:
     return bool(first) and first[0].split(",")[0].strip().lower() in _HEADER_STARTS
 
 
-def _foreign_layout(source_file: SourceFile) -> Layout | None:
-    """The layout of a table that is no OpenACC run; None for one that is, and for no table."""
+def _table_of(
+    source_file: SourceFile, mapping: CsvMapping | None
+) -> tuple[Layout | None, CsvMapping | None]:
+    """Layout of a table that is no OpenACC run, and the mapping that it is read by; None for none.
+
+    A given mapping counts, whatever the file is.
+    """
+    if mapping:
+        return None, mapping
     starts = source_file.text.lstrip()[:60].decode("utf-8", "replace").lower()
     if starts.startswith(tuple(f"{key.lower()}," for key in METADATA)):
-        return None
+        return None, None
     try:
-        return layout_of(source_file)
+        layout = layout_of(source_file)
     except RecordingError:
-        return None
+        return None, None
+    return layout, None if pairs.is_pair_table(layout) else recall(layout.names)
 
 
 def _refuse_unknown(source_file: SourceFile) -> Recording:

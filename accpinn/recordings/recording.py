@@ -274,9 +274,14 @@ class Recording:
 
     @property
     def sample_time(self) -> Seconds:
-        """The regular step, or the most typical one where steps are uneven."""
-        step = self._mean_step if self.is_even else float(np.median(np.diff(self.time)))
-        return round(step, 9)
+        """The regular step, or the most typical one where steps are uneven.
+
+        Float noise is rounded off; a step with endless digits, as 1/15 s, is kept as it is.
+        """
+        if not self.is_even:
+            return round(float(np.median(np.diff(self.time))), 9)
+        step, rounded = self._mean_step, round(self._mean_step, 9)
+        return rounded if abs(rounded - step) * self.samples < EVEN_TOLERANCE / 2 else step
 
     @property
     def _mean_step(self) -> Seconds:

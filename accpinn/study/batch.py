@@ -24,7 +24,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Generic, TypeVar
+from typing import TYPE_CHECKING, Any, Generic, NamedTuple, TypeVar
 
 from accpinn import __version__
 from accpinn.errors import AccpinnError, ConfigError, RecordingError
@@ -33,14 +33,14 @@ from accpinn.methods.maximum_likelihood import KEY
 from accpinn.methods.method import TaskContext
 from accpinn.methods.registry import METHODS, method_of
 from accpinn.model.cthp import Case
-from accpinn.recordings.files import read_all
+from accpinn.recordings.files import mapping_of, read_all
 from accpinn.recordings.makes import is_known
-from accpinn.recordings.mapping import CsvMapping
+from accpinn.recordings.mapping import CsvMapping, write_mapping
 from accpinn.recordings.recording import Recording
 from accpinn.segment.cut import DURATION, MINIMUM_DURATION, cut
 from accpinn.segment.segment import Segment
 from accpinn.study.journal import FORMAT, Failure, Journal, read_rows
-from accpinn.study.plan import LEAST, PlannedWindow, plan
+from accpinn.study.plan import LEAST, plan
 from accpinn.study.pooling import Pool, PoolWindow, pooled_row, pools
 from accpinn.study.rows import RecordingFacts, rows_of
 from accpinn.units import Seconds
@@ -64,6 +64,19 @@ INTERVALS_SECONDS = POOLING_SECONDS = 2.0
 methods."""
 ENDINGS = (".csv", ".txt")
 NOTHING = f"no complete stretch of {LEAST:g} s in car-following under ACC"
+OTHER_MAPPING = (
+    "its columns were read by another mapping before; take another folder for results by this one"
+)
+
+
+class Place(NamedTuple):
+    """Where a planned window lies; that of uneven steps may be cut a little shorter."""
+
+    sha256: str
+    """Of the recording."""
+    vehicles: tuple[int, ...]
+    start: Seconds
+    duration: Seconds
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,6 +84,7 @@ class BatchTask:
     """One window of a chain of vehicles, ready to be sent to a worker."""
 
     key: str
+    place: Place
     segment: Segment
     facts: RecordingFacts
     modes: tuple[str, ...]
@@ -291,8 +305,8 @@ class _Run:
         )
 
     def _unknown_names(self) -> tuple[str, ...]:
-        names = {str(row["name"]) for row in read_rows(self._journal.folder)}
-        return tuple(sorted(name for name in names if not is_known(name)))
+        named = (row for row in read_rows(self._journal.folder) if row["make"])
+        return tuple(sorted({row["name"] for row in named if not is_known(row["name"])}))
 
     def progress(self, workers: int) -> BatchProgress:
         pooling = self._pooling_cost() if self._pools_vehicles else 0.0
@@ -350,26 +364,34 @@ class _Run:
     def _tasks_of(self, file: Path) -> Iterator[BatchTask]:
         place = f"file:{file}"
         try:
-            content = hashlib.sha256(file.read_bytes()).hexdigest()
+            raw = file.read_bytes()
         except OSError as fault:
             self._refuse(place, file.name, f"it cannot be opened ({fault.strerror})")
             return
+        content = hashlib.sha256(raw).hexdigest()
         if content in self._seen:
             self._refuse(place, file.name, f"its contents are those of {self._seen[content]}")
             return
         self._seen[content] = file.name
-        if self._skip(content, file):
-            return
         names: list[str] = []
         refused = self._refused
         try:
-            for found in read_all(file, mapping=self._mapping):
-                if isinstance(found, Recording):
-                    names.append(found.sha256)
-                    self._paths[found.sha256] = file
-                    yield from self._tasks_in(found, file.name)
-                else:
-                    self._refuse(f"{place}:{found}", file.name, str(found))
+            used = mapping_of(raw, file.name, self._mapping)
+            mapping = hashlib.sha256(write_mapping(used)).hexdigest() if used else ""
+            known = self._known.recordings.get(content, {})
+            if known.get("mapping") not in (None, mapping):
+                self._refuse(place, file.name, OTHER_MAPPING)
+                return
+            if not self._skip(known, file):
+                for found in read_all(file, mapping=self._mapping):
+                    if isinstance(found, Recording):
+                        names.append(found.sha256)
+                        self._paths[found.sha256] = file
+                        yield from self._tasks_in(found, file.name)
+                    else:
+                        self._refuse(f"{place}:{found}", file.name, str(found))
+                about = {"recordings": names, "refused": self._refused - refused}
+                self._journal.add("recording", content, file=file.name, mapping=mapping, **about)
         except AccpinnError as fault:
             self._refuse(place, file.name, str(fault))
             return
@@ -378,23 +400,25 @@ class _Run:
             return
         if place in self._known.failures:  # the file was replaced since
             self._journal.add("recovered", place)
-        about = {"recordings": names, "refused": self._refused - refused}
-        self._journal.add("recording", content, file=file.name, **about)
 
-    def _skip(self, content: str, file: Path) -> bool:
+    def _skip(self, known: dict[str, Any], file: Path) -> bool:
         """Whether all of a file is known; its numbers are then counted without reading it."""
-        known = self._known.recordings.get(content)
-        if known is None or any(name not in self._known.plans for name in known["recordings"]):
+        plans = self._known.plans
+        names = known.get("recordings", ())
+        if not known or any(name not in plans for name in names):
             return False
-        self._paths |= dict.fromkeys(known["recordings"], file)
-        windows = [(name, *_place(w)) for name in known["recordings"] for w in
-                   self._known.plans[name]]  # fmt: skip
-        if any(self._missing(*window) for window in windows):
+        self._paths |= dict.fromkeys(names, file)
+        places = [
+            Place(name, tuple(w["vehicles"]), w["start"], w["duration"])
+            for name in names
+            for w in plans[name]
+        ]
+        if any(map(self._missing, places)):
             return False
-        self._recordings += len(known["recordings"])
+        self._recordings += len(names)
         self._refused += known["refused"]
-        for window in windows:
-            self._count(*window)
+        for place in places:
+            self._count(place)
         return True
 
     def _tasks_in(self, recording: Recording, file: str) -> Iterator[BatchTask]:
@@ -411,14 +435,14 @@ class _Run:
         if not planned:
             self._fail(name, Failure(file, None, None, NOTHING), final=True)
         for one in planned:
-            place = (list(one.vehicles), one.window.start, one.window.duration)
-            self._count(name, *place)
-            missing = self._missing(name, *place)
+            place = Place(name, one.vehicles, one.window.start, one.window.duration)
+            self._count(place)
+            missing = self._missing(place)
             if missing:
-                segment = self._segment(recording, one)
+                segment = self._segment(recording, place)
                 if segment:
-                    key = self._key(name, *place, ",".join(missing))
-                    yield BatchTask(key, segment, facts, one.modes, self._case, missing)
+                    key = self._key(place, ",".join(missing))
+                    yield BatchTask(key, place, segment, facts, one.modes, self._case, missing)
 
     def pool_tasks(self) -> Iterator[PoolTask]:
         """The vehicles whose pooled parameters are not known; files are read again for each."""
@@ -456,35 +480,30 @@ class _Run:
         said = f"{pool.shared['name']}, all windows together: {reason}"
         self._fail(pool.key, Failure("", None, None, said), final)
 
-    def _segment(self, recording: Recording, one: PlannedWindow) -> Segment | None:
-        window = one.window
+    def _segment(self, recording: Recording, place: Place) -> Segment | None:
         try:
-            return cut(recording, window.start, window.duration, one.vehicles)
+            return cut(recording, place.start, place.duration, place.vehicles)
         except AccpinnError as fault:
-            key = self._key(recording.sha256, list(one.vehicles), window.start, window.duration, "")
-            self._fail(key, Failure(recording.source, window.start, None, str(fault)), final=True)
+            failure = Failure(recording.source, place.start, None, str(fault))
+            self._fail(self._key(place, ""), failure, final=True)
             return None
 
-    def _key(
-        self, name: str, vehicles: list[int], start: Seconds, duration: Seconds, method: str
-    ) -> str:
+    def _key(self, place: Place, method: str) -> str:
         """The address of a result: a digest of all that determines it."""
-        content = [FORMAT, name, vehicles, start, duration, self._case, method]
+        content = [FORMAT, *place, self._case, method]
         return hashlib.sha256(json.dumps(content).encode()).hexdigest()[:32]
 
-    def _missing(
-        self, name: str, vehicles: list[int], start: Seconds, duration: Seconds
-    ) -> tuple[str, ...]:
-        keys = {m: self._key(name, vehicles, start, duration, m) for m in self._methods}
+    def _missing(self, place: Place) -> tuple[str, ...]:
+        keys = {method: self._key(place, method) for method in self._methods}
         known = self._known
         return tuple(m for m, k in keys.items() if k not in known.results and k not in known.final)
 
-    def _count(self, name: str, vehicles: list[int], start: Seconds, duration: Seconds) -> None:
+    def _count(self, place: Place) -> None:
         """A window, and what is known of it."""
         self._windows += 1
-        self._followers += len(vehicles) - 1
+        self._followers += len(place.vehicles) - 1
         for method in self._methods:
-            key = self._key(name, vehicles, start, duration, method)
+            key = self._key(place, method)
             self._reused += self._known.results.get(key, 0)
             self._rows += self._known.results.get(key, 0)
             self._failed += key in self._known.final
@@ -599,11 +618,9 @@ class _Run:
             found = [MethodRows(m, [], reason, final=False) for m in task.methods]
         else:
             found = future.result()
-        window, vehicles = task.segment.window, task.segment.vehicles
+        vehicles = task.place.vehicles
         for one in found:
-            key = self._key(
-                task.facts.sha256, list(vehicles), window.start, window.duration, one.method
-            )
+            key = self._key(task.place, one.method)
             if one.rows:
                 self._journal.add("result", key, rows=one.rows)
                 self._rows += len(one.rows)
@@ -611,7 +628,7 @@ class _Run:
             self._failed += 1
             alone = vehicles[1] if len(vehicles) == 2 else None
             reason = f"{one.method}: {one.reason}"
-            self._fail(key, Failure(task.facts.file, window.start, alone, reason), one.final)
+            self._fail(key, Failure(task.facts.file, task.place.start, alone, reason), one.final)
 
     def _finish_pool(self, future: "Future[Any]", task: PoolTask) -> None:
         """Write what became of a vehicle."""
@@ -650,11 +667,6 @@ def _fault(future: "Future[Any]") -> str:
         return "every worker died at it"
     fault = future.exception()
     return f"{type(fault).__name__}: {fault}"
-
-
-def _place(window: dict[str, Any]) -> tuple[list[int], Seconds, Seconds]:
-    """Vehicles, start and duration of a planned window as the journal has it."""
-    return window["vehicles"], window["start"], window["duration"]
 
 
 def _lost() -> RecordingError:

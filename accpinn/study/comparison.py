@@ -115,18 +115,18 @@ def _pairs(one: dict[str, Any], other: dict[str, Any]) -> Iterator[tuple[str, An
 
 
 def parse_methods(text: str) -> tuple[str, ...]:
-    """The methods of a text as "all" or "pinn,splines".
+    """The methods of a text as "all" or "pinn,splines", each once.
 
     Raises:
         ConfigError: for a method that is not known.
     """
     if text == "all":
         return tuple(METHODS)
-    chosen = tuple(part.strip() for part in text.split(","))
+    chosen = tuple(dict.fromkeys(part.strip() for part in text.split(",")))
     for name in chosen:
         if name not in METHODS:
             raise ConfigError(
-                f'methods: "{name}" is not known; choose all or {", ".join(METHODS)}.'
+                f'methods: "{name[:40]}" is not known; choose all or {", ".join(METHODS)}.'
             )
     return chosen
 

@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from accpinn.errors import AccpinnError
+from accpinn.methods.method import FURTHER
 from accpinn.methods.registry import METHODS
 from accpinn.recordings.files import read_all
 from accpinn.recordings.recording import Recording
@@ -24,6 +25,8 @@ START: Seconds = 5.0
 """Until the workers are ready."""
 TYPICAL: Seconds = 300.0
 """Length of the windows that the typical seconds of methods are of."""
+WITHOUT_BLOCKS = 1 / 3
+"""Share of a method's typical seconds that is left where no blocks are held out."""
 
 
 @dataclass(frozen=True)
@@ -34,8 +37,8 @@ class BatchEstimate:
     windows: float
     followers: float
     """Over all windows: followers of each."""
-    driven: Seconds
-    """Over all followers of windows: durations."""
+    size: float
+    """Windows of one follower over 300 s that would take as long."""
     exact: bool
     """Whether all files were read."""
 
@@ -47,7 +50,7 @@ class BatchEstimate:
             workers: how many at a time.
         """
         each = sum(METHODS[key].typical_seconds for key in methods) + INTERVALS_SECONDS
-        return START + each * self.driven / TYPICAL / workers
+        return START + WITHOUT_BLOCKS * each * self.size / workers
 
 
 def estimate(source: Path, window: Seconds) -> BatchEstimate:
@@ -70,9 +73,10 @@ def estimate(source: Path, window: Seconds) -> BatchEstimate:
                 if isinstance(recording, Recording):
                     for one in plan(recording, window):
                         followers = len(one.vehicles) - 1
-                        found += np.array([1.0, followers, followers * one.window.duration])
+                        size = one.window.duration / TYPICAL * (1 + FURTHER * (followers - 1))
+                        found += np.array([1.0, followers, size])
         except AccpinnError:  # a file that cannot be read has no windows
             continue
     found *= sizes.sum() / max(1.0, sizes[taken].sum())
-    windows, followers, driven = found.tolist()
-    return BatchEstimate(len(files), windows, followers, driven, len(taken) == len(files))
+    windows, followers, size = found.tolist()
+    return BatchEstimate(len(files), windows, followers, size, len(taken) == len(files))

@@ -76,7 +76,7 @@ class Group:
     windows: int
     """Followers of windows: K."""
     vehicles: int
-    """Different names within a campaign."""
+    """Different names within a campaign; where a file names none, its vehicles count by number."""
     alpha: Typical
     beta: Typical
     tau: Typical
@@ -165,11 +165,13 @@ def _method(rows: pd.DataFrame, method: str | None) -> str | None:
 def _group(key: Iterable[Any], rows: pd.DataFrame, level: float) -> Group:
     alpha, beta, tau = (_typical(rows, name, level) for name in PARAMETER_KEYS)
     gaps = rows["mean_time_gap"].dropna()
+    who = rows[["campaign", "name"]].fillna("")
+    who["sha256"] = rows["sha256"].where(rows["make"].fillna("") == "", "")
     quartiles = gaps.quantile([0.5, 0.25, 0.75]).tolist() if len(gaps) else [np.nan] * 3
     return Group(
         values=tuple(map(str, key)),
         windows=len(rows),
-        vehicles=len(rows[["campaign", "name"]].fillna("").drop_duplicates()),
+        vehicles=len(who.drop_duplicates()),
         alpha=alpha,
         beta=beta,
         tau=tau,
@@ -184,7 +186,8 @@ def _typical(rows: pd.DataFrame, name: str, level: float) -> Typical:
     logs = np.log(np.where(values > 0, values, np.nan))
     found = random_effects(logs, errors, level)
     if found.windows < 2:
-        known = rows[np.isfinite(values) & np.isfinite(errors)]
+        counts = np.isfinite(values) & np.isfinite(errors)
+        known = rows[counts & (values > 0)] if found.windows else rows[counts]
         if len(known) != 1:
             return Typical(np.nan, np.nan, np.nan, found)
         value, low, high = known[[name, f"{name}_low", f"{name}_high"]].to_numpy(float)[0].tolist()

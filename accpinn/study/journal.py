@@ -23,7 +23,7 @@ import msgspec
 from filelock import FileLock, Timeout
 
 from accpinn.errors import ConfigError, RecordingError
-from accpinn.study.pooling import POOLED_COLUMNS, SHARED
+from accpinn.study.pooling import ONE_RECORDING, POOLED_COLUMNS, SHARED
 from accpinn.study.rows import COLUMNS, RowColumn
 
 JOURNAL, RESULTS, POOLED, FAILURES, SCHEMA, SETTINGS, LOCK = (
@@ -81,8 +81,10 @@ _PooledRow = msgspec.defstruct("_PooledRow", _fields(POOLED_COLUMNS, ("windows",
 _Window = msgspec.defstruct(
     "_Window", [("vehicles", list[int]), ("start", float), ("duration", float)]
 )
-_NEEDED: dict[str, list[tuple[str, Any]]] = {
-    "recording": [("file", str), ("recordings", list[str]), ("refused", int)],
+_NEEDED: dict[str, list[tuple[Any, ...]]] = {
+    "recording": [
+        ("file", str), ("recordings", list[str]), ("refused", int), ("mapping", str | None, None),
+    ],
     "plan": [("windows", list[_Window])],  # type: ignore[valid-type]
     "result": [("rows", list[_Row])],  # type: ignore[valid-type]
     "pooled": [("row", _PooledRow)],
@@ -299,7 +301,7 @@ def read_pooled(folder: Path) -> Iterator[dict[str, Any]]:
     found: dict[tuple[Any, ...], dict[str, Any]] = {}
     for line in _lines(folder / JOURNAL):
         if line["kind"] == "pooled":
-            found[tuple(line["row"][name] for name in SHARED)] = line["row"]
+            found[tuple(line["row"][name] for name in (*SHARED, *ONE_RECORDING))] = line["row"]
     yield from found.values()
 
 

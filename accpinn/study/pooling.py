@@ -17,12 +17,16 @@ import numpy as np
 from accpinn.errors import ConfigError
 from accpinn.inference.intervals import intervals
 from accpinn.methods.maximum_likelihood import KEY, fit_at, joint_maxima
+from accpinn.recordings.recording import unnamed
 from accpinn.segment.segment import Segment
 from accpinn.study.rows import PARAMETER_KEYS, RowColumn, parameter_columns, plain, verdicts
 from accpinn.study.windows import check_windows, random_effects
 
 SHARED = ("campaign", "name", "make", "model", "distance_setting", "mode")
 """What all windows of a vehicle with one setting have in common."""
+ONE_RECORDING = ("sha256", "vehicle")
+"""The same where the name does not tell vehicles apart: where it is given by number alone, or where
+several vehicles of a recording have it."""
 
 POOLED_COLUMNS = (
     RowColumn("campaign", "string", "", "campaign or data set"),
@@ -31,6 +35,8 @@ POOLED_COLUMNS = (
     RowColumn("model", "string", "", "in one spelling; empty where the header does not tell"),
     RowColumn("distance_setting", "string", "", "as in the header"),
     RowColumn("mode", "string", "", "ACC, or unknown where neither drivers nor flag tell"),
+    RowColumn("sha256", "string", "", "of the recording, where the name tells no vehicles apart"),
+    RowColumn("vehicle", "int64", "", "its number there; empty where the name does"),
     RowColumn("windows", "int64", "", "how many share the parameters"),
     RowColumn("recordings", "int64", "", "that they are cut from"),
     RowColumn("duration", "double", "s", "of all windows together"),
@@ -65,7 +71,7 @@ class Pool:
     """The windows of a vehicle with one setting."""
 
     shared: dict[str, Any]
-    """With the keys of `SHARED`."""
+    """With the keys of `SHARED` and `ONE_RECORDING`."""
     windows: tuple[PoolWindow, ...]
     deviations: tuple[float, ...]
     """Between windows, of ln α, ln β and ln τ."""
@@ -89,13 +95,24 @@ def pools(rows: Iterable[dict[str, Any]]) -> tuple[Pool, ...]:
             found.setdefault(tuple(row[name] for name in SHARED), []).append(kept)
     return tuple(
         Pool(
-            dict(zip(SHARED, key, strict=True)),
-            tuple(PoolWindow(*(o[n] for n in PoolWindow.__annotations__)) for o in members),
-            tuple(_deviation(members, name) for name in PARAMETER_KEYS),
+            dict(zip((*SHARED, *ONE_RECORDING), (*key, *place), strict=True)),
+            tuple(PoolWindow(*(o[n] for n in PoolWindow.__annotations__)) for o in own),
+            tuple(_deviation(own, name) for name in PARAMETER_KEYS),
         )
         for key, members in found.items()
-        if len(members) > 1
+        for place, own in _apart(members).items()
+        if len(own) > 1
     )
+
+
+def _apart(members: list[dict[str, Any]]) -> dict[tuple[Any, ...], list[dict[str, Any]]]:
+    """The windows of each vehicle, by `ONE_RECORDING`; all of them where they are of one."""
+    places: dict[tuple[Any, ...], list[dict[str, Any]]] = {}
+    for one in members:
+        places.setdefault(tuple(one[name] for name in ONE_RECORDING), []).append(one)
+    several = len(places) > len({recording for recording, _ in places})
+    unknown = members[0]["name"] == unnamed(members[0]["vehicle"])
+    return places if several or unknown else {(None, None): members}
 
 
 def _deviation(members: list[dict[str, Any]], name: str) -> float:

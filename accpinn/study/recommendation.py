@@ -10,7 +10,6 @@ from accpinn.inference.intervals import ParameterInterval, parameter_intervals
 from accpinn.inference.model_adequacy import Adequacy, BetterForm, Inadequate, WeightedForms
 from accpinn.segment.segment import Segment
 from accpinn.study.comparison import MethodResult
-from accpinn.units import FloatArray
 
 
 class Recommendation(Finding, frozen=True, kw_only=True):
@@ -63,23 +62,19 @@ def _of_vehicle(
     of_vehicle = [one for one in found if one.vehicle == vehicle]
     better = next((one for one in of_vehicle if isinstance(one, BetterForm)), None)
     weighted = next((one for one in of_vehicle if isinstance(one, WeightedForms)), None)
-    lower, upper = uncertainty.lower[k].values, uncertainty.upper[k].values
-    is_known = bool(np.isfinite(lower).any())
-    outside = [
-        row.fit.method
-        for row in rows
-        if is_known and not _inside(row.fit.parameters.values[k], lower, upper)
-    ]
+    is_known = bool(np.isfinite(uncertainty.lower[k].values).any())
+    outside = [row.fit.method for row in rows if is_known and not _is_inside(row, k)]
     preferred = parameter_intervals(uncertainty, k, uncertainty.centre) if is_known else ()
     if weighted and is_known:
         preferred = weighted.intervals
-    tested = adequacy is not None and bool(adequacy.forms)
+    tests = adequacy.tests if adequacy else None
+    tested = tests is not None and bool(np.isfinite(tests.correlated[k]))
     failing = any(isinstance(one, Inadequate) for one in of_vehicle)
     return Recommendation(
         vehicle=vehicle,
         better=better,
         weighted=weighted,
-        is_adequate=not failing if tested and not better else None,
+        is_adequate=not failing if (tested or failing) and not better else None,
         intervals=preferred,
         wide=tuple(one.symbol for one in preferred if is_wide(one)),
         outside=tuple(outside),
@@ -88,6 +83,7 @@ def _of_vehicle(
     )
 
 
-def _inside(values: FloatArray, lower: FloatArray, upper: FloatArray) -> bool:
-    """Whether no value (3,) is beyond an end; an undetermined one is not."""
-    return not bool(((values < lower) | (values > upper)).any())
+def _is_inside(row: MethodResult, k: int) -> bool:
+    """Whether no parameter of a follower lies outside; an undetermined one does not."""
+    undetermined = np.isnan(row.fit.parameters.values[k])
+    return bool((row.uncertainty.inside[k] | undetermined).all())

@@ -20,7 +20,7 @@ from accpinn.inference.intervals import Uncertainty
 from accpinn.methods.fit import Fit
 from accpinn.model.cthp import Parameters
 from accpinn.recordings.makes import make_and_model
-from accpinn.recordings.recording import Recording
+from accpinn.recordings.recording import Recording, unnamed
 from accpinn.segment.quality import assess_quality
 from accpinn.segment.segment import Segment
 from accpinn.stability.criteria import (
@@ -84,7 +84,7 @@ COLUMNS = (
     _column("vehicle", "int64", "", "the follower's number in the file, 1 = first"),
     _column("leader", "int64", "", "number of the chain's first vehicle, whose speed is given"),
     _column("name", "string", "", "the follower's, as in the header"),
-    _column("make", "string", "", "in one spelling"),
+    _column("make", "string", "", "in one spelling; empty where the file names no vehicles"),
     _column("model", "string", "", "in one spelling; empty where the header does not tell"),
     _column("distance_setting", "string", "", "as in the header"),
     _column("mode", "string", "", "ACC, or unknown where neither drivers nor flag tell"),
@@ -171,7 +171,7 @@ def rows_of(
     }
     rows = []
     for k, (number, name) in enumerate(zip(segment.vehicles[1:], segment.names[1:], strict=True)):
-        make, model = make_and_model(name)
+        make, model = ("", "") if name == unnamed(number) else make_and_model(name)
         mode, _, by_flag = modes[k].partition(" by ")
         source = "" if mode == "unknown" else by_flag or "driver"
         row = shared | {

@@ -1,5 +1,7 @@
 """Further forms of the model: terms that a recording shows are found, and others are not."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -21,7 +23,7 @@ from accpinn.results.messages import messages
 from accpinn.results.tables.estimates import form_intervals_table, model_form_table
 from accpinn.segment.segment import Segment
 from bench.disturbed import Disturbance, disturbed
-from tests.support.driving import driven
+from tests.support.driving import driven, standing_still
 
 TRUE = (0.1, 0.3, 1.2)
 
@@ -158,6 +160,20 @@ def test_followers_of_case_i_share_the_forms() -> None:
 def test_a_window_that_is_too_short_has_no_forms() -> None:
     found = model_forms(driven(duration=15.0))
     assert (found.forms, found.tests, found.findings) == ((), None, ())
+
+
+def test_short_stretches_leave_the_tests_open() -> None:
+    segment = driven(duration=60.0, noise=0.02)
+    mask = np.arange(segment.samples)[:, None] % 60 < 52
+    found = model_forms(replace(segment, mask=mask))
+    assert found.recommended
+    assert found.tests is not None
+    assert np.isnan([*found.tests.correlated, *found.tests.nonlinear]).all()
+    assert not found.tests.fails.any()
+
+
+def test_where_nothing_moves_no_form_has_parameters() -> None:
+    assert model_forms(standing_still()).recommended == ()
 
 
 def test_the_table_has_a_row_a_form_and_each_extra_term_in_its_own_column() -> None:

@@ -64,6 +64,15 @@ def test_a_window_past_the_end_is_shortened(duration: float) -> None:
     assert segment.findings == (() if np.isinf(duration) else (shortened,))
 
 
+@pytest.mark.parametrize("rate", [15, 30, 60])
+def test_a_step_with_endless_digits_puts_no_window_off_its_samples(rate: int) -> None:
+    frame = platoon(samples=400 * rate)
+    frame["Time"] = np.arange(len(frame)) / rate
+    segment = cut(recording(frame), start=90.0, duration=300.0)
+    assert (segment.samples, segment.start, segment.findings) == (300 * rate + 1, 90.0, ())
+    assert segment.speeds[0, 0] == round(frame["Speed1"][90 * rate], DECIMALS)
+
+
 def test_a_start_between_samples_moves_to_the_nearest() -> None:
     segment = cut(recording(), start=5.04, duration=20.0)
     assert segment.start == 5.0

@@ -13,6 +13,7 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
+import msgspec
 import numpy as np
 import pandas as pd
 import pytest
@@ -25,6 +26,7 @@ from accpinn.methods.fit import Fit
 from accpinn.methods.maximum_likelihood import KEY
 from accpinn.methods.registry import METHODS
 from accpinn.model.cthp import Parameters
+from accpinn.recordings.mapping import CsvMapping, GapColumn, SpeedColumn, TimeColumn
 from accpinn.recordings.openacc import read
 from accpinn.results.tables.groups import pooled_table
 from accpinn.results.tables.table import Estimate
@@ -40,12 +42,14 @@ from accpinn.study.journal import (
     read_pooled,
     read_rows,
 )
+from accpinn.study.pooling import pools
 from accpinn.study.process import BatchSettings, run_batch
 from accpinn.study.rows import COLUMNS
 from accpinn.study.windows import fit_windows
 from tests.support.command import ROOT, Capture, strict
 from tests.support.command import STUDY as STUDY_FILE
 from tests.support.openacc_files import csv, metadata, platoon
+from tests.support.studies import row
 
 
 def quick_intervals(_: Segment, fit: Fit) -> Uncertainty:
@@ -147,6 +151,52 @@ def test_what_is_known_needs_neither_workers_nor_the_files_contents(
     again = batch(folder / "renamed.csv", study, methods=METHODS_USED, window=70)
     assert again.reused == again.rows == first.rows == 8
     assert (again.windows, again.recordings) == (first.windows, first.recordings)
+
+
+def test_windows_of_uneven_steps_are_known_again(
+    cluster: str, folder: Path, tmp_path: Path
+) -> None:
+    uneven = frame(5)
+    uneven["Time"] += np.random.default_rng(5).uniform(0, 0.02, len(uneven)).round(4)
+    (folder / "run1.csv").write_bytes(csv(uneven, metadata(NAMES)))
+    options: dict[str, Any] = {"methods": METHODS_USED, "window": 70, "scheduler": cluster}
+    first, again = (batch(folder / "run1.csv", tmp_path / "study", **options) for _ in range(2))
+    assert (first.reused, again.reused) == (0, first.rows)
+
+
+def test_results_by_another_mapping_are_not_taken(
+    cluster: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("ACCPINN_MAPPINGS", str(tmp_path / "mappings"))
+    frame(6).rename(columns={"Time": "t"}).to_csv(tmp_path / "own.csv", index=False)
+    speeds = tuple(SpeedColumn(f"Speed{k}") for k in (1, 2))
+    mapping = CsvMapping(speeds, (GapColumn("IVS1"),), TimeColumn("t"))
+    other = msgspec.structs.replace(mapping, gaps=(GapColumn("IVS1", subtract=5.0),))
+
+    def run(mapping: CsvMapping | None) -> tuple[int, int]:
+        options: dict[str, Any] = {"methods": METHODS_USED, "window": 70, "scheduler": cluster}
+        found = batch(tmp_path / "own.csv", tmp_path / "study", mapping=mapping, **options)
+        return found.rows, found.refused
+
+    assert run(mapping) == run(None) == (4, 0), "the second time it is remembered"
+    assert run(other) == (0, 1)
+    assert len(table(tmp_path / "study")) == 4
+    assert set(table(tmp_path / "study")["make"]) == {""}
+
+
+def test_only_windows_of_one_vehicle_are_pooled() -> None:
+    def places(*given: tuple[str, str, int]) -> list[list[tuple[str, int]]]:
+        rows = [
+            row("Any", sha256=sha256, name=name, vehicle=vehicle, start=0.0, duration=60.0)
+            for name, sha256, vehicle in given
+        ]
+        return [[(one.sha256, one.vehicle) for one in pool.windows] for pool in pools(rows)]
+
+    named = [("Audi", "a", 2), ("Audi", "b", 3)]
+    assert places(*named) == [[("a", 2), ("b", 3)]]
+    by_number = [("Vehicle 2", "a", 2), ("Vehicle 2", "b", 2), ("Vehicle 2", "b", 2)]
+    assert places(*by_number) == [[("b", 2), ("b", 2)]]
+    assert places(*named, ("Audi", "b", 4), ("Audi", "b", 3)) == [[("b", 3), ("b", 3)]]
 
 
 def test_a_stopped_batch_goes_on(cluster: str, folder: Path, tmp_path: Path) -> None:

@@ -64,7 +64,7 @@ def refusing(monkeypatch: pytest.MonkeyPatch) -> str:
 
 def test_methods_are_named_or_all() -> None:
     assert parse_methods("all") == tuple(METHODS)
-    assert parse_methods("splines, pinn") == ("splines", "pinn")
+    assert parse_methods("splines, pinn,splines") == ("splines", "pinn")
     with pytest.raises(ConfigError, match="guess"):
         parse_methods("splines,guess")
 

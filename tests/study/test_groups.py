@@ -44,6 +44,14 @@ def test_what_is_unknown_counts_as_a_window_only() -> None:
     assert "(–)" not in group_table(group(rows(unknown))).to_text()
     [zero] = group(rows(row("A", beta=0.0, beta_low=0.0)), ("make",)).groups
     assert (zero.beta.median, zero.beta.low) == (0.0, 0.0)
+    [mixed] = group(rows(row("A"), row("A", beta=0.0)), ("make",)).groups
+    assert (mixed.beta.median, mixed.beta.between.windows) == (0.2, 1), "the one that counts"
+
+
+def test_vehicles_without_a_name_are_different_ones_in_each_recording() -> None:
+    nameless = [row("", name="Vehicle 2", sha256=sha256) for sha256 in "aab"]
+    named = [row("A", sha256=sha256) for sha256 in "ab"]
+    assert [one.vehicles for one in group(rows(*nameless, *named), ("make",)).groups] == [2, 1]
 
 
 def test_a_share_of_certain_followers_is_jeffreys_interval() -> None:
@@ -104,6 +112,7 @@ def test_what_cannot_be_grouped(capsys: Capture, study: Path, tmp_path: Path) ->
         capsys, 2, "table", study, "--method", "pinn"
     )
     assert "level" in refused(capsys, 2, "table", study, "--level", 1)
+    assert "leave --level out" in refused(capsys, 2, "table", study, "--pooled", "--level", 0.5)
     assert "no batch is there" in refused(capsys, 1, "table", tmp_path / "none")
     with pytest.raises(RecordingError):
         read_study(tmp_path / "none")

@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 from msgspec import structs
 
+from accpinn.inference.intervals import SLACK, judged
 from accpinn.inference.model_adequacy import Adequacy, Inadequate, WeightedForms
+from accpinn.model.cthp import Parameters
 from accpinn.results.messages import message
 from accpinn.segment.segment import Segment
 from accpinn.study.comparison import MethodResult, compare, results_among
@@ -71,10 +73,15 @@ def test_without_other_forms_it_is_maximum_likelihood(
 def test_methods_outside_the_intervals_are_named(
     segment: Segment, rows: tuple[MethodResult, ...]
 ) -> None:
-    fit = rows[1].fit
-    away = replace(
-        rows[1], fit=replace(fit, parameters=fit.parameters.of(9 * fit.parameters.values))
-    )
-    (found,) = recommend(segment, (rows[0], away), None)
+    upper, known = rows[0].uncertainty.upper.values, rows[0].uncertainty
+
+    def moved(share: float) -> MethodResult:
+        beyond = upper + share * (upper - known.lower.values)
+        fit = replace(rows[1].fit, parameters=Parameters.of(beyond))
+        return replace(rows[1], fit=fit, uncertainty=judged(known, segment, fit))
+
+    (found,) = recommend(segment, (rows[0], moved(1.0)), None)
     assert found.outside == ("least-squares",)
     assert "Least squares" in message(found, segment)
+    (found,) = recommend(segment, (rows[0], moved(SLACK / 2)), None)
+    assert found.outside == (), "the ends are drawn, so they are known to within SLACK only"

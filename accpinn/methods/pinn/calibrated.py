@@ -25,11 +25,11 @@ from accpinn.methods.fit import (
     MethodFinding,
     Outcome,
 )
-from accpinn.methods.likelihood import natural, vanishing
+from accpinn.methods.likelihood import log_errors, natural, vanishing
 from accpinn.methods.pinn.config import PinnConfig
 from accpinn.methods.pinn.evidence import Evidence
 from accpinn.methods.pinn.evidence_output import FourierOrders, OutputLayer, activations
-from accpinn.methods.pinn.evidence_search import Ascent, begin, deviations_of, refine
+from accpinn.methods.pinn.evidence_search import Ascent, begin, refine
 from accpinn.methods.pinn.loss import Learned, LossTerms, Training
 from accpinn.methods.pinn.method import WarmStart, calibrated_features, hidden_inputs
 from accpinn.methods.pinn.network import Descent, count_weights, load_state, state_of
@@ -196,7 +196,7 @@ class CalibratedTraining(Training):
             data, physics = torch.tensor(parts)
             self._terms = LossTerms(data, physics, torch.zeros_like(data))
         evidence = float(sum(one.value for one in self._ascents))
-        deviations = np.array([deviations_of(one.curvature) for one in self._ascents])
+        deviations = np.array([log_errors(one.curvature) for one in self._ascents])
         self._look(
             phase, self._iteration, self._terms, self._solution.parameters, evidence, deviations
         )
@@ -225,9 +225,8 @@ class CalibratedTraining(Training):
         arrays["output.weight"] = self._weights.numpy()
         arrays["features.angular"] = self._fourier.angular.numpy()
         arrays["unknowns"] = np.array([natural("cthp", one.coordinates) for one in self._ascents])
-        arrays["deviations"] = np.nan_to_num(
-            [deviations_of(one.curvature) for one in self._ascents], posinf=0.0
-        )
+        errors = [log_errors(one.curvature) for one in self._ascents]
+        arrays["deviations"] = np.nan_to_num(errors, posinf=0.0)
         loss = {"total": now.total, "data": now.data, "physics": now.physics}
         loss |= {"initial": now.initial, "start": self._start_loss, "evidence": now.evidence}
         return Learned(

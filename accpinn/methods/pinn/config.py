@@ -78,9 +78,8 @@ class PinnConfig:
         """
         _require(self.preset in get_args(PresetName), "preset", NAMES, self.preset)
         for setting, (least, most, unit) in _RANGES.items():
-            given, title = getattr(self, setting), setting.replace("_", " ")
-            title = title.replace("lbfgs", "L-BFGS")
-            _require(least <= given <= most, title, f"{least:,} to {most:,}{unit}", given)
+            given, allowed = getattr(self, setting), f"{least:,} to {most:,}{unit}"
+            _require(least <= given <= most, _title(setting), allowed, given)
         initial = self.initial.values
         lowest, highest = np.transpose([(q.lowest, q.highest) for q in PARAMETERS])
         ranges = ", ".join(f"{q.symbol} from {q.lowest:g} to {q.highest:g}" for q in PARAMETERS)
@@ -101,7 +100,8 @@ class PinnConfig:
         if self.preset != "paper":
             for setting in ("lbfgs_iterations", "test_share"):
                 given = getattr(self, setting)
-                _require(not given, setting, "0, or the paper preset, which has it", given)
+                allowed = "0, or the paper preset, which has it"
+                _require(not given, _title(setting), allowed, given)
 
     @property
     def hidden(self) -> tuple[int, ...]:
@@ -130,6 +130,10 @@ class PinnConfig:
         """The settings that differ from the preset, as in `to_json`."""
         usual = PRESETS[self.preset].to_json()
         return {name: value for name, value in self.to_json().items() if value != usual[name]}
+
+
+def _title(setting: str) -> str:
+    return setting.replace("_", " ").replace("lbfgs", "L-BFGS")
 
 
 def _plain(value: Any) -> Any:

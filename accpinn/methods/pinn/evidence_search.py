@@ -216,19 +216,3 @@ def maximise_evidence(series: Series, theta: FloatArray) -> tuple[Maximum, ...]:
             ascent.advance()
         found.append(refine(criterion, ascent, group).finish())
     return tuple(found)
-
-
-def log_deviations(maximum: Maximum) -> FloatArray:
-    """(3,) deviations of ln α, ln β, ln τ by the curvature at the maximum; nan if held."""
-    return deviations_of(maximum.curvature)
-
-
-def deviations_of(curvature: FloatArray) -> FloatArray:
-    """(3,) deviations of ln α, ln β, ln τ, given the curvature (P, P) of the criterion."""
-    free = np.diag(curvature) > 0
-    covariance = np.full_like(curvature, np.nan)
-    covariance[np.ix_(free, free)] = np.linalg.inv(curvature[np.ix_(free, free)])
-    alpha, alpha_tau, beta = range(3)
-    variance = covariance[alpha, alpha] + covariance[alpha_tau, alpha_tau]
-    of_tau = variance - 2 * covariance[alpha, alpha_tau]
-    return np.sqrt([covariance[alpha, alpha], covariance[beta, beta], of_tau])

@@ -110,6 +110,7 @@ def pooled_table(rows: Sequence[dict[str, Any]], level: float) -> Table:
         (Column(HEADINGS[name]), [row[name] or ABSENT for row in ordered])
         for name in ("make", "model", "campaign", "distance_setting")
     ]
+    columns[0] = (columns[0][0], [row["make"] or row["name"] for row in ordered])
     columns.append((Column("Windows", digits=0), [float(row["windows"]) for row in ordered]))
     columns.append((Column("Duration", "s", 0), [row["duration"] for row in ordered]))
     for key, quantity in zip(PARAMETER_KEYS, PARAMETERS, strict=True):

@@ -335,7 +335,7 @@ def _show_adequacy(shown: _Shown) -> None:
     segment = shown.segment
     found = shown.workspace.compare_forms()
     if found is None or not found.forms:
-        st.caption("The window is too short for the likelihood of the model's forms.")
+        st.caption("Too little is measured, or moves, for the likelihood of the model's forms.")
         return
     st.caption(conditional(found, segment))
     show_form_intervals(segment.info, shown.uncertainty, found)
