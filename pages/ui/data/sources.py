@@ -95,8 +95,9 @@ def sample(path: Path) -> tuple[Recording, Truth]:
 
 
 def samples() -> list[Path]:
-    """The samples' files, the first of them first."""
-    return sorted(SAMPLES.glob("*.csv"), key=lambda path: path != FIRST_SAMPLE)
+    """The samples' files in the order of their titles, then any others by name."""
+    place = {stem: k for k, stem in enumerate(TITLES)}
+    return sorted(SAMPLES.glob("*.csv"), key=lambda path: (place.get(path.stem, len(place)), path))
 
 
 def title_of(path: Path) -> str:
