@@ -176,11 +176,11 @@ def amplitude_table(run: PlatoonRun, labels: Sequence[str] = ()) -> Table:
     """
     waves, followers = run.amplitudes, len(run.minimum_gap)
     labels = labels or ["Leader", *(f"Follower {k + 1}" for k in range(followers))]
-    sizes: list[Filled] = [(Column("Largest deviation", "m/s", 4), run.largest_deviation)]
+    sizes: list[Filled] = [(Column("Largest deviation", "m/s", 2), run.largest_deviation)]
     if waves:
         sizes = [
-            (Column("Amplitude", "m/s", 4), waves.measured),
-            (Column("Predicted", "m/s", 4), waves.predicted),
+            (Column("Amplitude", "m/s", 3), waves.measured),
+            (Column("Predicted", "m/s", 3), waves.predicted),
         ]
     gap = Column("Smallest gap", "m", 2)
     return Table.of("", [(Column("Vehicle"), labels), *sizes, (gap, [None, *run.minimum_gap])])
