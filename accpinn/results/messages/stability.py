@@ -116,7 +116,7 @@ def _l2(vehicle: VehicleStability) -> str:
 def _linf_paper(vehicle: VehicleStability) -> str:
     if vehicle.linf_paper.marginal:
         return "On the boundary: the poles coincide, and the paper's criterion requires two."
-    damping = f"(damping ratio {_three(vehicle.damping_ratio)})"
+    damping = f"(damping ratio {vehicle.damping_ratio:#.3g})"
     if vehicle.linf_paper.stable:
         return f"Both poles are real {damping}, which is all that the paper's criterion requires."
     return f"The poles are complex {damping}, but the paper's criterion requires real ones."
