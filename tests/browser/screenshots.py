@@ -81,9 +81,9 @@ class Camera:
         """Keep what the page shows, to its end if ``whole``."""
         width, height = WIDTHS[self.width]
         page.wait_for_timeout(SETTLE_MS)
-        if whole:
-            needed = page.locator('[data-testid="stMainBlockContainer"]').bounding_box()
-            page.set_viewport_size({"width": width, "height": int(needed["height"]) + 20})
+        content, needed = page.locator('[data-testid="stMainBlockContainer"]'), 0.0
+        while whole and needed != (needed := content.bounding_box()["height"]):
+            page.set_viewport_size({"width": width, "height": int(needed) + 20})
             page.wait_for_timeout(SETTLE_MS)
         page.screenshot(path=self.folder / f"{name}_{self.theme}_{self.width}.png")
         page.set_viewport_size({"width": width, "height": height})
@@ -319,6 +319,7 @@ def database(camera: Camera) -> None:
         camera.shoot(page, "database_running", whole=False)
         page.get_by_text("Done: ").wait_for(timeout=20 * TRAINING_MS)
         chart(page, "database_forest")
+        idle(page)
         camera.shoot(page, "database_fold", whole=False)
         for title, key in (("Groups", ""), ("Spread", ""), ("α–β plane", "plane"),
                            ("Time gap", "gaps"), ("All rows", ""), ("Pooled vehicles", ""),
