@@ -131,6 +131,22 @@ def data(camera: Camera) -> None:
         camera.shoot(page, "data_sample")
 
 
+def mapping(camera: Camera) -> None:
+    """A table of one's own, which asks for its columns and who drives."""
+    table_of_own = "".join(
+        f"{k / 10},{20 + k % 7},{20 + k % 5},{30 + k % 3},{k % 2}\n" for k in range(400)
+    )
+    file = "own.csv", f"stamp,v_lead,v_ego,gap_ego,acc_ego\n{table_of_own}".encode()
+    with camera.page("/Data") as page:
+        upload(page, file)
+        page.get_by_role("button", name="Open with these columns").wait_for()
+        page.get_by_text("Who drives").click()
+        choose(page, "Mode of vehicle 2", "acc_ego")
+        page.get_by_label("Under ACC it says").wait_for()
+        idle(page)
+        camera.shoot(page, "data_mapping")
+
+
 def training(camera: Camera) -> None:
     with camera.page("/Data") as page, camera.page("/Data") as other:
         open_sample(page)
@@ -333,8 +349,8 @@ def database(camera: Camera) -> None:
 
 OF_REAL_RECORDINGS = (real, regimes, platoon_recorded, database)
 SCENES: tuple[Callable[[Camera], None], ...] = (
-    home, data, training, *(OF_REAL_RECORDINGS if REAL else ()), stability, platoon, compare,
-    snapshots,
+    home, data, mapping, training, *(OF_REAL_RECORDINGS if REAL else ()), stability, platoon,
+    compare, snapshots,
 )  # fmt: skip
 
 

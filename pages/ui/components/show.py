@@ -143,16 +143,19 @@ def downloads(table: Table, name: str, key: str) -> None:
             )  # fmt: skip
 
 
+def ink(side: str | None) -> str:
+    """The colour of a chart's text on a theme, "light" or "dark"; empty for none."""
+    text = st.get_option(f"theme.{side}.textColor") if side else ""
+    return translucent(text, INK) if text else ""
+
+
 class _Painted(go.Figure):  # type: ignore[misc]
     """A figure in the page's colours, as Streamlit takes it: nothing of it is validated again."""
 
     def __init__(self, figure: go.Figure, side: str) -> None:
         """A figure, and the page's theme, "light" or "dark"."""
         super().__init__()
-        background, ink = (
-            st.get_option(f"theme.{side}.{name}") for name in ("backgroundColor", "textColor")
-        )
-        font = {"color": translucent(ink, INK)}
+        background, font = st.get_option(f"theme.{side}.backgroundColor"), {"color": ink(side)}
         spec = figure.to_dict()
         layout = {"font": font, **spec["layout"], "paper_bgcolor": background}
         for name, axis in layout.items():
