@@ -219,7 +219,7 @@ def summary(verification: Verification, about: Labelled) -> str:
 
 
 def rests_on(verification: Verification) -> str:
-    """What was refitted, recomputed, only stated: "Refitted: α, β, τ agree. Stated only: names."."""
+    """What was refitted, recomputed, or only stated, as in "Refitted: α, β, τ agree."."""
     found: dict[Way, dict[str, bool]] = {way: {} for way in WAYS}
     for one in verification.standings:
         if one.way != "told":
