@@ -18,12 +18,11 @@ from pages.ui.data.sources import (
     ask_for_upload,
     drop_zone,
     open_with,
-    title_of,
 )
 from pages.ui.platoon.page import open_panels
 from pages.ui.reproduction import open_published, show_checklist
 from pages.ui.runs import restore_run
-from pages.ui.session.recordings import FIRST_SAMPLE, sample, samples
+from pages.ui.session.recordings import FIRST_SAMPLE, sample, samples, title_of
 from pages.ui.session.workspace import Workspace
 
 LAST_RUNS = 3

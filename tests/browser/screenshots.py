@@ -81,9 +81,9 @@ class Camera:
         """Keep what the page shows, to its end if ``whole``."""
         width, height = WIDTHS[self.width]
         page.wait_for_timeout(SETTLE_MS)
-        if whole:
-            needed = page.locator('[data-testid="stMainBlockContainer"]').bounding_box()
-            page.set_viewport_size({"width": width, "height": int(needed["height"]) + 20})
+        content, needed = page.locator('[data-testid="stMainBlockContainer"]'), 0.0
+        while whole and needed != (needed := content.bounding_box()["height"]):
+            page.set_viewport_size({"width": width, "height": int(needed) + 20})
             page.wait_for_timeout(SETTLE_MS)
         page.screenshot(path=self.folder / f"{name}_{self.theme}_{self.width}.png")
         page.set_viewport_size({"width": width, "height": height})
@@ -129,6 +129,22 @@ def data(camera: Camera) -> None:
         open_sample(page)
         camera.shoot(page, "data_sample_fold", whole=False)
         camera.shoot(page, "data_sample")
+
+
+def mapping(camera: Camera) -> None:
+    """A table of one's own, which asks for its columns and who drives."""
+    table_of_own = "".join(
+        f"{k / 10},{20 + k % 7},{20 + k % 5},{30 + k % 3},{k % 2}\n" for k in range(400)
+    )
+    file = "own.csv", f"stamp,v_lead,v_ego,gap_ego,acc_ego\n{table_of_own}".encode()
+    with camera.page("/Data") as page:
+        upload(page, file)
+        page.get_by_role("button", name="Open with these columns").wait_for()
+        page.get_by_text("Who drives").click()
+        choose(page, "Mode of vehicle 2", "acc_ego")
+        page.get_by_label("Under ACC it says").wait_for()
+        idle(page)
+        camera.shoot(page, "data_mapping")
 
 
 def training(camera: Camera) -> None:
@@ -319,6 +335,7 @@ def database(camera: Camera) -> None:
         camera.shoot(page, "database_running", whole=False)
         page.get_by_text("Done: ").wait_for(timeout=20 * TRAINING_MS)
         chart(page, "database_forest")
+        idle(page)
         camera.shoot(page, "database_fold", whole=False)
         for title, key in (("Groups", ""), ("Spread", ""), ("α–β plane", "plane"),
                            ("Time gap", "gaps"), ("All rows", ""), ("Pooled vehicles", ""),
@@ -332,8 +349,8 @@ def database(camera: Camera) -> None:
 
 OF_REAL_RECORDINGS = (real, regimes, platoon_recorded, database)
 SCENES: tuple[Callable[[Camera], None], ...] = (
-    home, data, training, *(OF_REAL_RECORDINGS if REAL else ()), stability, platoon, compare,
-    snapshots,
+    home, data, mapping, training, *(OF_REAL_RECORDINGS if REAL else ()), stability, platoon,
+    compare, snapshots,
 )  # fmt: skip
 
 

@@ -115,7 +115,7 @@ def test_the_answer_is_that_of_the_rows_chosen_and_the_address_says_which(study:
     assert "100 % of the followers" in plain(other)
     choose(other, "database_method", "splines")
     assert "No row has these properties" in plain(other)
-    other.multiselect(key="database_make").set_value(["not told"]).run()
+    other.multiselect(key="database_make").set_value(["not stated"]).run()
     assert "1 follower window of 1 vehicle" in plain(other)
 
 

@@ -108,7 +108,9 @@ def forest(found: Groups) -> go.Figure:
     figure.update_yaxes(tickvals=places, ticktext=names, row=1, col=1)
     line = LINE if len(groups) <= FEW else NARROW_LINE
     height = max(300, RIM + line * len(groups))
-    return finished(figure, height, "forest").update_layout(hovermode="closest")
+    figure = finished(figure, height, "forest")
+    figure.update_yaxes(automargin=True, row=1, col=1)  # the groups' names may be long
+    return figure.update_layout(hovermode="closest")
 
 
 def _size(windows: int) -> float:

@@ -288,7 +288,8 @@ def time_space(
     scale = {"colorscale": TRACK_SCALE, "cmin": ends_of_scale[0], "cmax": ends_of_scale[1]}
     bar = {"title": {"text": SPEED.axis, "side": "right"}, "thickness": 12, "x": 1.06}
     figure.update_layout(coloraxis=scale | {"colorbar": bar})
-    seen = {"road": "on the road", "leader": "seen from leader", "observer": f"at {mean:.1f} m/s"}
+    at_mean = f"seen at {mean:.1f} m/s"
+    seen = {"road": "on the road", "leader": "seen from leader", "observer": at_mean}
     figure.update_xaxes(title_text=TIME.axis)
     figure.update_yaxes(title_text=f"Position {seen[view]} [m]")
     figure = finished(figure, height, f"platoon-time-space-{view}")

@@ -50,13 +50,13 @@ NUMBERS = ("no", "one", "two", "three", "four", "five", "six", "seven", "eight",
 _ASSESSED: Mapping[Assessment, str] = {
     "unstable": "amplifies disturbances",
     "stable": "is L₂ string stable",
-    "open": "may amplify disturbances or not",
+    "open": "may or may not amplify disturbances",
     "not determined": "is not determined by the data",
 }
 _ASSESSED_MANY: Mapping[Assessment, str] = {
     "unstable": "amplify disturbances",
     "stable": "are L₂ string stable",
-    "open": "may amplify disturbances or not",
+    "open": "may or may not amplify disturbances",
     "not determined": "are not determined by the data",
 }
 AFTER_COLLISION = (
@@ -116,7 +116,7 @@ def _l2(vehicle: VehicleStability) -> str:
 def _linf_paper(vehicle: VehicleStability) -> str:
     if vehicle.linf_paper.marginal:
         return "On the boundary: the poles coincide, and the paper's criterion requires two."
-    damping = f"(damping ratio {vehicle.damping_ratio:.3g})"
+    damping = f"(damping ratio {vehicle.damping_ratio:#.3g})"
     if vehicle.linf_paper.stable:
         return f"Both poles are real {damping}, which is all that the paper's criterion requires."
     return f"The poles are complex {damping}, but the paper's criterion requires real ones."
@@ -195,8 +195,13 @@ def factor(gain: float) -> str:
     """A gain for a sentence: three digits, and more the closer it is to 1."""
     excess = abs(gain - 1.0)
     if excess >= 0.2:
-        return f"{gain:#.3g}".rstrip(".")
+        return _three(gain)
     return f"{gain:.4g}" if excess >= 5e-4 else f"1 + {gain - 1.0:.2g}"
+
+
+def _three(value: float) -> str:
+    """Three significant digits, of which a last zero is one."""
+    return f"{value:#.3g}".rstrip(".")
 
 
 def amplification(chosen: ParameterSet, report: StabilityReport) -> str:
@@ -427,7 +432,7 @@ def disturbance(run: PlatoonRun, places: Places = PLACES) -> str:
     sizes = wave.measured if wave and wave.periods else moved
     if not sizes[0] > 0:
         return "The leader's speed is constant, so there is no disturbance."
-    ratio, size = sizes[-1] / sizes[0], f"{sizes[-1]:.3g} m/s against {sizes[0]:.3g} m/s"
+    ratio, size = sizes[-1] / sizes[0], f"{_three(sizes[-1])} m/s against {_three(sizes[0])} m/s"
     if abs(ratio - 1) < SAME_AMPLITUDE:
         return f"The last follower's {what} is as large as the leader's: {size}."
     verb = "grows" if ratio > 1 else "fades"

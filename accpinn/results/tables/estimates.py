@@ -449,7 +449,8 @@ def sensitivity_table(
     for key, results in of_method.items():
         estimates = [r.parameters[follower] if r.parameters else unknown for r in results]
         filled += parameter_cells(Parameters.stack(estimates), TITLES[key])
-    return Table.of(f"{info.labels[follower + 1]}, {where(info)}", filled)
+    title = f"Sensitivity of the estimates: {info.labels[follower + 1]}, {where(info)}"
+    return Table.of(title, filled)
 
 
 def supported_columns(uncertainty: Uncertainty | None) -> tuple[Column, ...]:

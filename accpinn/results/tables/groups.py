@@ -117,7 +117,7 @@ def pooled_table(rows: Sequence[dict[str, Any]], level: float) -> Table:
         keys = (key, f"{key}_low", f"{key}_high")
         cells: list[Cell] = [Estimate(*(_number(row[one]) for one in keys)) for row in ordered]
         columns.append((Column(quantity.symbol, quantity.unit, quantity.digits), cells))
-    for name, title in (("p_l2_stable", "P(L₂ stable)"), ("p_linf_stable", "P(L∞ stable)")):
+    for name, title in (("p_l2_stable", "P(L₂)"), ("p_linf_stable", "P(L∞)")):
         shares: list[Cell] = [100 * _number(row[name]) for row in ordered]
         columns.append((Column(title, "%", 0), shares))
     caption = f"All windows of a vehicle together, {100 * level:g} % intervals"

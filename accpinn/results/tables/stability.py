@@ -170,20 +170,25 @@ def stability_interval_table(vehicles: ParameterSet, uncertainty: Uncertainty) -
 def amplitude_table(run: PlatoonRun, labels: Sequence[str] = ()) -> Table:
     """One row a vehicle, leader first: behind a sinusoid amplitudes, and else largest deviations.
 
+    A vehicle that collides, and each one behind it, has no amplitude and no smallest gap.
+
     Args:
         run: a simulated platoon.
         labels: (M+1,) of the vehicles; by default their places.
     """
-    waves, followers = run.amplitudes, len(run.minimum_gap)
+    waves, driving, followers = run.amplitudes, run.survivors, len(run.minimum_gap)
     labels = labels or ["Leader", *(f"Follower {k + 1}" for k in range(followers))]
-    sizes: list[Filled] = [(Column("Largest deviation", "m/s", 4), run.largest_deviation)]
+    sizes: list[Filled] = [(Column("Largest deviation", "m/s", 2), run.largest_deviation)]
     if waves:
+        alive = np.arange(followers + 1) < driving
         sizes = [
-            (Column("Amplitude", "m/s", 4), waves.measured),
-            (Column("Predicted", "m/s", 4), waves.predicted),
+            (Column("Amplitude", "m/s", 3), np.where(alive, waves.measured, np.nan)),
+            (Column("Predicted", "m/s", 3), waves.predicted),
         ]
-    gap = Column("Smallest gap", "m", 2)
-    return Table.of("", [(Column("Vehicle"), labels), *sizes, (gap, [None, *run.minimum_gap])])
+    gaps = [None, *np.where(np.arange(followers) + 1 < driving, run.minimum_gap, np.nan)]
+    return Table.of(
+        "", [(Column("Vehicle"), labels), *sizes, (Column("Smallest gap", "m", 2), gaps)]
+    )
 
 
 def measured_gain_table(label: str, found: MeasuredGain) -> Table:

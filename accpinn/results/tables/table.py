@@ -348,6 +348,7 @@ table.figures th, table.figures td { padding: .32rem .4rem; text-align: left; wh
   border: 0; }
 table.figures .number { text-align: right; }
 table.figures td.number { white-space: normal; }
+table.figures .number + :not(.number) { padding-left: 1.3rem; }
 table.figures td span { display: inline-block; white-space: nowrap; opacity: .8; font-size: .92em; }
 table.figures td.prose { white-space: normal; min-width: 12rem; overflow-wrap: anywhere; }
 table.figures tr > :first-child:not([colspan]), table.figures td[colspan="1"]:first-child {

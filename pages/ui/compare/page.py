@@ -14,6 +14,7 @@ from accpinn.inference.identifiability import (
 )
 from accpinn.inference.intervals import Uncertainty
 from accpinn.inference.multistart import summarise
+from accpinn.methods.fit import Fit, ParameterTrack
 from accpinn.methods.maximum_likelihood import disturbance_sizes
 from accpinn.methods.pinn.config import PRESETS
 from accpinn.methods.registry import METHODS
@@ -41,6 +42,8 @@ from pages.ui.result.view import show_form_intervals, show_intervals
 from pages.ui.session.workspace import Workspace
 
 GAP_ERROR = "A constant error of the measured gap shifts τ: 0.1 m in 30 m by 0.3 %."
+ONLINE = "α, β, τ by the online methods"
+"""What is drawn over time in place of one method's curves."""
 MOST = 8
 """Earlier fits over the chart at once."""
 
@@ -60,6 +63,11 @@ class _Shown:
     def uncertainty(self) -> Uncertainty:
         """The same from every row."""
         return self.rows[0].uncertainty
+
+    @property
+    def stem(self) -> str:
+        """Begins the names of files."""
+        return Path(self.segment.source).stem
 
     @property
     def truth(self) -> Parameters | None:
@@ -87,7 +95,7 @@ def show_page() -> None:
         if not workspace.snapshot:
             frame.empty_state(workspace, "Nothing to compare on")
         return
-    st.caption(f"Do all methods agree? {frame.segment_line(segment, workspace.case)}")
+    st.caption(frame.segment_line(segment, workspace.case, vehicles=True))
     show.not_acc(segment)
     _controls(workspace, segment)
     if task:
@@ -165,7 +173,7 @@ def _show_summary(shown: _Shown) -> None:
     )
     _show_collisions(shown)
     _show_estimates(shown)
-    show.downloads(table, f"{Path(segment.source).stem}_recommended", "compare_recommended")
+    show.downloads(table, f"{shown.stem}_recommended", "compare_recommended")
 
 
 def _show_collisions(shown: _Shown) -> None:
@@ -225,15 +233,14 @@ def _show_methods(shown: _Shown) -> None:
         f" deviates by {known_mean(abs(gap - known_mean(gap))):.2f} m from its mean."
         + (" Hold-out is not computed for your own training." * own)
     )
-    show.downloads(table, f"{Path(segment.source).stem}_methods", "compare")
+    show.downloads(table, f"{shown.stem}_methods", "compare")
     shared = rows[0].fit.case == "I" and segment.followers > 1
     who = "All followers together" if shared else segment.labels[shown.follower + 1]
     agreed = escape_markdown(agreement(rows, 0 if shared else shown.follower))
     st.markdown(f"Do the methods agree on {escape_markdown(who)}? {agreed[:1].upper()}{agreed[1:]}")
     show_intervals(segment.info, shown.uncertainty, GAP_ERROR, rows[0].fit.case)
     show.messages(messages(shown.uncertainty.findings, segment))
-    _show_curves(shown)
-    _show_tracks(shown)
+    _show_course(shown)
 
 
 def _show_estimates(shown: _Shown) -> None:
@@ -254,12 +261,25 @@ def _show_estimates(shown: _Shown) -> None:
     )
 
 
-def _show_curves(shown: _Shown) -> None:
-    """One method, which the user picks, against the data."""
+def _show_course(shown: _Shown) -> None:
+    """One method's curves against the data, or the parameters over time of the online methods."""
+    by_name = {name_of(row.fit): row.fit for row in shown.rows}
+    tracks = [(name, fit.track) for name, fit in by_name.items() if fit.track]
+    options = [*by_name, *([ONLINE] if tracks else [])]
+    name = st.selectbox(
+        "Over time", options, key="compare_method", width=320,
+        help="A method's curves against the data, or how the online methods' estimates of α, β and"
+        " τ move as samples come in.",
+    )  # fmt: skip
+    if name == ONLINE:
+        _show_tracks(shown, tracks)
+    else:
+        _show_curves(shown, name, by_name[name])
+
+
+def _show_curves(shown: _Shown, name: str, fit: Fit) -> None:
+    """One method against the data."""
     segment, follower = shown.segment, shown.follower
-    by_name = {name_of(row.fit): row for row in shown.rows}
-    name = st.selectbox("Method against the data", list(by_name), key="compare_method", width=320)
-    fit = by_name[name].fit
     st.subheader(f"{name} against the data", anchor=False)
     figure = tracking(
         segment, follower, fit.surrogate, simulated(segment, fit), name, with_error=True
@@ -282,12 +302,9 @@ def _choose_earlier(shown: _Shown) -> list[figures.Estimate]:
     return [figures.Estimate(name, known[name], earlier=True) for name in chosen if name in known]
 
 
-def _show_tracks(shown: _Shown) -> None:
+def _show_tracks(shown: _Shown, tracks: Sequence[tuple[str, ParameterTrack]]) -> None:
     """The parameters over time of the online methods."""
-    tracks = [(name_of(row.fit), row.fit.track) for row in shown.rows if row.fit.track]
-    if not tracks:
-        return
-    st.subheader("Parameters over time, by the online methods", anchor=False)
+    st.subheader(ONLINE, anchor=False)
     figure = figures.tracks(tracks, shown.follower, shown.truth, shown.segment.start)
     show.chart(figure, "compare_tracks")
     st.caption(
@@ -341,7 +358,9 @@ def _show_adequacy(shown: _Shown) -> None:
     show_form_intervals(segment.info, shown.uncertainty, found)
     others = [one for one in found.findings if one not in found.recommended]
     show.messages(messages(others, segment), icon="lightbulb")
-    show.table(tables.model_form_table(segment.info, found.forms, shown.follower))
+    table = tables.model_form_table(segment.info, found.forms, shown.follower)
+    show.table(table)
+    show.downloads(table, f"{shown.stem}_model_forms", "compare_forms")
     st.caption(
         "The intervals hold if the model does. Real controllers keep a distance at standstill and"
         " act with a lag and a delay; a model without these terms shifts them into α, β and τ. AIC"
@@ -398,10 +417,13 @@ def _show_starts(shown: _Shown) -> None:
     if task is None:
         return
 
-    def draw(_: bool) -> None:
+    def draw(polled: bool) -> None:
         found = summarise(segment, task.results)
         if found.trials:
-            show.table(tables.multistart_table(segment.info, found, shown.follower))
+            table = tables.multistart_table(segment.info, found, shown.follower)
+            show.table(table)
+            if not polled:  # a fragment that polls has no buttons
+                show.downloads(table, f"{shown.stem}_starts", "compare_starts")
         show.messages(messages(found.findings, segment))
 
     monitor(workspace, task, draw)
@@ -420,5 +442,6 @@ def _show_records(shown: _Shown) -> None:
     table = tables.fit_record_table(tuple(reversed(records)), now, shown.vehicle)
     if table.rows:
         show.table(table)
+        show.downloads(table, f"{shown.stem}_earlier_fits", "compare_records")
     else:
         st.caption("None of them has this vehicle as a follower.")

@@ -137,7 +137,7 @@ def _empty_state(workspace: Workspace, page: str) -> None:
         )
     else:
         show.messages("There is no fit yet: train on a window, or open a published example.")
-    with st.container(horizontal=True):
+    with st.container(horizontal=True, vertical_alignment="center"):
         if workspace.recording:
             frame.link(frame.TRAIN, "Go to Train", workspace)
         else:

@@ -11,7 +11,7 @@ import plotly.graph_objects as go
 import streamlit as st
 
 from accpinn.errors import AccpinnError
-from accpinn.results.figures.style import SHARED, vehicle_colour, with_legend
+from accpinn.results.figures.style import SHARED, translucent, vehicle_colour, with_legend
 from accpinn.results.messages import message
 from accpinn.results.tables.estimates import EVERY_FOLLOWER
 from accpinn.results.tables.table import STYLE, Table
@@ -28,6 +28,8 @@ LEGEND = "frame_legend"
 FLASH = "snapshots_flash"
 """The entry with the outcome of a click: kind, sentence, and when."""
 FLASH_FOR: Seconds = 20.0
+INK = 0.78
+"""Opacity of a chart's text, as of captions; Streamlit's own grey is too faint on white."""
 PNG_SCALE = 3
 """Of a PNG against the screen, so that it can be printed."""
 
@@ -141,14 +143,29 @@ def downloads(table: Table, name: str, key: str) -> None:
             )  # fmt: skip
 
 
-class _Painted(go.Figure):  # type: ignore[misc]
-    """A figure with another layout, as Streamlit takes it: nothing of it is validated again."""
+def ink(side: str | None) -> str:
+    """The colour of a chart's text on a theme, "light" or "dark"; empty for none."""
+    text = st.get_option(f"theme.{side}.textColor") if side else ""
+    return translucent(text, INK) if text else ""
 
-    def __init__(self, figure: go.Figure, **layout: str) -> None:
-        """A figure, and what is other in its layout."""
+
+class _Painted(go.Figure):  # type: ignore[misc]
+    """A figure in the page's colours, as Streamlit takes it: nothing of it is validated again."""
+
+    def __init__(self, figure: go.Figure, side: str) -> None:
+        """A figure, and the page's theme, "light" or "dark"."""
         super().__init__()
+        background, font = st.get_option(f"theme.{side}.backgroundColor"), {"color": ink(side)}
         spec = figure.to_dict()
-        self._spec = {**spec, "layout": {**spec["layout"], **layout}}
+        layout = {"font": font, **spec["layout"], "paper_bgcolor": background}
+        for name, axis in layout.items():
+            if name.startswith(("xaxis", "yaxis")):
+                layout[name] = {
+                    "tickfont": font,
+                    **axis,
+                    "title": {"font": font, **axis.get("title", {})},
+                }
+        self._spec = {**spec, "layout": layout}
 
     def to_dict(self) -> dict[str, Any]:
         """The figure as plain values."""
@@ -166,10 +183,8 @@ def chart(figure: go.Figure, key: str, tools: Sequence[str] = (), **options: Any
     """
     if st.session_state.get(LEGEND):
         figure = with_legend(go.Figure(figure))
-    # The page's own background goes into the picture, whose text has the page's colour.
     if side := st.context.theme.type:
-        background = st.get_option(f"theme.{side}.backgroundColor")
-        figure = _Painted(figure, paper_bgcolor=background)
+        figure = _Painted(figure, side)
     chosen = str(st.session_state.get(FORMAT) or FORMATS[0]).lower()
     scale = PNG_SCALE if chosen == "png" else 1
     config = {

@@ -23,26 +23,15 @@ from pages.ui.session.recordings import (
     recordings_folder,
     sample,
     samples,
+    title_of,
 )
 from pages.ui.session.workspace import Workspace
-
-TITLES = {
-    "synthetic_astazero_like": "AstaZero-like platoon: four followers on a test track",
-    "synthetic_vicolungo_like": "Ispra-Vicolungo-like platoon: three followers on a motorway",
-    "synthetic_paper_study": "The paper's synthetic study: one follower, with receiver noise",
-    "synthetic_paper_study_noise_free": "The paper's synthetic study: the same without noise",
-}
 
 OPENING, ARRIVED = "data_opening", "data_arrived"
 """Entries in Streamlit's session state: whether the ways to open another recording are shown, and
 whether an upload has just been opened."""
 
 Load = Callable[[], tuple[Recording, Truth | None]]
-
-
-def title_of(path: Path) -> str:
-    """What a sample is called."""
-    return TITLES.get(path.stem, path.stem)
 
 
 def about(path: Path) -> str:

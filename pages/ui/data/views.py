@@ -18,7 +18,7 @@ from accpinn.segment.quality import EXCLUDABLE, LARGE_CONDITION, assess_quality,
 from accpinn.segment.segment import DrivenByHand, Segment
 from accpinn.study.sensitivity import SensitivityResult, sensitivity
 from pages.ui.components import show
-from pages.ui.components.widgets import bound
+from pages.ui.components.widgets import bound, pick_follower
 from pages.ui.session.workspace import Workspace
 
 SHOWN = 3
@@ -112,6 +112,7 @@ def show_regimes(workspace: Workspace, recording: Recording) -> None:
     show.table(table)
     if not any(regimes.mode_known):
         st.caption("The file has no driver modes, so no instant counts as manual.")
+    show.downloads(table, f"{Path(segment.source).stem}_regimes", "data_regimes")
     st.markdown("**Leave out of the model's equations**")
     with st.container(horizontal=True):
         for name in EXCLUDABLE:
@@ -134,7 +135,6 @@ def show_regimes(workspace: Workspace, recording: Recording) -> None:
         help="Estimates by least squares and splines with and without each regime.",
     ):  # fmt: skip
         _show_sensitivity(workspace, segment, recording)
-    show.downloads(table, f"{Path(segment.source).stem}_regimes", "data_regimes")
 
 
 def _show_sensitivity(workspace: Workspace, segment: Segment, recording: Recording) -> None:
@@ -143,9 +143,12 @@ def _show_sensitivity(workspace: Workspace, segment: Segment, recording: Recordi
     if not any(any(row.share) for row in found):
         st.caption("None of these occurs in this window, so there is nothing to compare.")
         return
-    for follower in range(segment.followers):
-        show.table(sensitivity_table(segment.info, found, follower))
+    follower = pick_follower(segment, "data_sensitivity_follower", labelled=False)
+    table = sensitivity_table(segment.info, found, follower)
+    show.table(table)
     show.messages(tuple(dict.fromkeys(str(row.fault) for row in found if row.fault)))
+    label = segment.labels[1 + follower]
+    show.downloads(table, f"{Path(segment.source).stem}_{label}_sensitivity", "data_sensitivity")
 
 
 @st.cache_data(max_entries=32, show_spinner="Estimating with and without them …")

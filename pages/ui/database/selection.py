@@ -36,7 +36,7 @@ GROUPINGS: Mapping[str, tuple[str, tuple[str, ...]]] = {
 """What groups have in common: title and columns, by a short name."""
 STUDY, METHOD, BY = "study", "method", "by"
 """Names of query parameters; the others are those of the columns."""
-NOT_TOLD = "not told"
+NOT_TOLD = "not stated"
 """Stands for an empty cell."""
 WRITTEN = "database_link"
 """The entry in Streamlit's session state with the parameters that this browser was last given."""

@@ -230,7 +230,7 @@ def show_pooled(stamp: Stamp, choice: DatabaseChoice) -> None:
     show.table(table)
     st.caption(
         "All windows of a vehicle with one setting share one parameter set here. The intervals"
-        " assume that they do: compare the tab Spread."
+        " assume that they do: compare the tab Spread. P: probability of string stability."
     )
     show.downloads(table, f"{choice.study}_vehicles", "database_pooled")
 

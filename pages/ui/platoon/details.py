@@ -39,6 +39,8 @@ def show_amplitudes(choice: PlatoonChoice, run: PlatoonRun, cast: figures.Cast) 
     with right:
         table = amplitude_table(run, cast.labels)
         show.table(table, cast.colours)
+        if run.collisions:
+            st.caption("A dash: the vehicle, or one ahead of it, collides.")
         show.downloads(table, "platoon_amplitudes", "amplitudes")
 
 

@@ -13,6 +13,12 @@ from accpinn.recordings.synthetic import Truth, load_truth, truth_path
 
 SAMPLES = Path(__file__).parents[3] / "sample_data"
 FIRST_SAMPLE = SAMPLES / "synthetic_astazero_like.csv"
+TITLES = {
+    "synthetic_astazero_like": "AstaZero-like platoon: four followers on a test track",
+    "synthetic_vicolungo_like": "Ispra-Vicolungo-like platoon: three followers on a motorway",
+    "synthetic_paper_study": "The paper's synthetic study: one follower, with receiver noise",
+    "synthetic_paper_study_noise_free": "The paper's synthetic study: the same without noise",
+}
 LISTED = 1000
 """Files of a folder that are offered at most."""
 
@@ -70,8 +76,14 @@ def sample(path: Path) -> tuple[Recording, Truth]:
 
 
 def samples() -> list[Path]:
-    """The samples' files, the first of them first."""
-    return sorted(SAMPLES.glob("*.csv"), key=lambda path: path != FIRST_SAMPLE)
+    """The samples' files in the order of their titles, then any others by name."""
+    place = {stem: k for k, stem in enumerate(TITLES)}
+    return sorted(SAMPLES.glob("*.csv"), key=lambda path: (place.get(path.stem, len(place)), path))
+
+
+def title_of(path: Path) -> str:
+    """What a sample is called."""
+    return TITLES.get(path.stem, path.stem)
 
 
 def find_sample(name: str, sha256: str) -> tuple[Recording, Truth] | None:

@@ -74,7 +74,8 @@ def _estimate(snapshot: Snapshot, follower: int, which: int) -> tuple[float, str
 
 
 def _signed(value: float, digits: int) -> str:
-    return f"{value:+.{digits}f}" if np.isfinite(value) else ABSENT
+    sign = "+" if value else ""
+    return f"{value:{sign}.{digits}f}" if np.isfinite(value) else ABSENT
 
 
 def _show_responses(one: Snapshot, other: Snapshot) -> None:

@@ -56,6 +56,7 @@ def show_page() -> None:
     answer_column, chart_column = st.columns((1, 1.35), gap="medium")
     with answer_column:
         _show_answer(shown)
+        _show_simulate(shown)
     with chart_column:
         _show_bode(shown)
     _show_verdicts(shown)
@@ -75,7 +76,7 @@ def _show_answer(shown: Shown) -> None:
     """Who amplifies, how certain that is, the platoon, and what the verdict takes for granted."""
     chosen, report, source = shown.chosen, shown.report, shown.source
     with st.container(border=True):
-        said = headline(chosen, report, shown.known)
+        said = headline(chosen, report, shown.known).replace(" %", "\N{NO-BREAK SPACE}%")
         st.markdown(f"{escape_markdown(source.origin)}\n\n#### {escape_markdown(said)}")
         if shown.known:
             st.markdown(escape_markdown(certainty(chosen, report, shown.known)))
@@ -134,18 +135,14 @@ def _bode(chosen: ParameterSet, uncertainty: Uncertainty | None) -> go.Figure:
 
 
 def _show_verdicts(shown: Shown) -> None:
-    """The table, and the way from one of its rows to the platoon."""
+    """The table."""
     chosen = shown.chosen
     table = verdict_table(chosen, shown.report, shown.known)
     show.table(table, figures.colours(chosen))
     st.caption(f"{_posterior(shown.known)} {GAIN}" if shown.known else GAIN)
     if differ := criteria_differ(chosen, shown.report):
         st.markdown(f":material/warning: {escape_markdown(differ)}")
-    left, right = st.columns((2.4, 1), vertical_alignment="center")
-    with left:
-        _show_simulate(shown)
-    with right:
-        show.downloads(table, f"stability_{chosen.title}".lower(), "stability")
+    show.downloads(table, f"stability_{chosen.title}".lower(), "stability")
 
 
 def _posterior(known: Uncertainty) -> str:
@@ -173,7 +170,7 @@ def _show_simulate(shown: Shown) -> None:
             names = {k: "All vehicles in order" if k == WHOLE else chosen.labels[k] for k in peaks}
             select(
                 "Platoon of", names, which, "stability_simulate",
-                lambda k: setattr(choice, "simulated", k), labelled=False, width=260,
+                lambda k: setattr(choice, "simulated", k), labelled=False, width=200,
                 help="Of the platoon that is simulated: all vehicles in order, or one repeated.",
             )  # fmt: skip
         if st.button(

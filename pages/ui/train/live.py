@@ -42,5 +42,7 @@ def show_live(training: Task[Fit], truth: Parameters | None) -> None:
 
 
 def _show_row(charts: Sequence[LiveChart]) -> None:
+    colour = show.ink(st.context.theme.type)
+    axes = {"config": {"axis": {"labelColor": colour, "titleColor": colour}}} if colour else {}
     for column, chart in zip(st.columns(len(charts)), charts, strict=True):
-        column.vega_lite_chart(chart.data, chart.spec, key=f"train_live_{chart.name}")
+        column.vega_lite_chart(chart.data, chart.spec | axes, key=f"train_live_{chart.name}")

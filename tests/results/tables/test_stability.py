@@ -106,6 +106,12 @@ def test_amplitudes_and_smallest_gaps() -> None:
     assert [cells[0] for cells in table.rows][:2] == ["Leader", "Follower 1"]
     assert [cells[1] for cells in table.rows] == run.amplitudes.measured.tolist()
     assert [cells[3] for cells in table.rows] == [None, *run.minimum_gap.tolist()]
+    crash = simulate_platoon(ASTAZERO.parameters[[0] * 8], Sinusoid(0.214))
+    rows = amplitude_table(crash).rows
+    assert 1 < crash.survivors < len(rows)
+    for column in (1, 3):
+        assert np.isnan([cells[column] for cells in rows[crash.survivors :]]).all()
+        assert np.isfinite([cells[column] for cells in rows[1 : crash.survivors]]).all()
     step = simulate_platoon(ASTAZERO.parameters, SpeedStep())
     table = amplitude_table(step, ("Leader", *ASTAZERO.labels))
     assert [cells[0] for cells in table.rows] == ["Leader", *ASTAZERO.labels]
