@@ -15,12 +15,14 @@ from accpinn.model.cthp import Parameters, Trajectories
 from accpinn.model.published import ASTAZERO_ALIKE
 from accpinn.recordings.openacc import read
 from accpinn.recordings.recording import Recording, Window
+from accpinn.results.reproduction import CASALE_RUN
 from accpinn.results.snapshot import create
 from accpinn.tasks.task import Status, TrainingRequest, training_task
 from pages.ui.components.show import bullets, escape_markdown, format_duration
 from pages.ui.data.page import window_of
-from pages.ui.data.sources import FIRST_SAMPLE, OPENING, sample
+from pages.ui.data.sources import FIRST_SAMPLE, OPENING, find_run, sample
 from pages.ui.platoon.page import PANELS, TABS
+from pages.ui.reproduction import runs_of
 from pages.ui.session import sessions
 from pages.ui.session.resources import task_queue
 from pages.ui.session.sessions import KEPT_FOR, KEPT_WORKSPACES, Workspaces
@@ -148,6 +150,26 @@ def test_a_run_of_the_paper_is_opened_with_its_window(
     assert "Learned here" not in texts(page), "Table III is not of Case I"
     choose(page, "home_printed", ASTAZERO_ALIKE.title)
     assert "Learned here" in texts(page)
+
+
+def test_a_file_of_another_campaign_is_no_run_of_the_paper(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    campaigns = {"JRC low speed": False, "Casale": True}
+    for campaign, is_run in campaigns.items():
+        found = with_recording(replace(made(samples=4000), source="part7.csv", campaign=campaign))
+        found.choose(CASALE_RUN.vehicles, CASALE_RUN.window)
+        fit = least_squares.fit(found.segment)
+        found.runs.keep(create(found.segment, fit, recording=found.recording))
+        assert bool(runs_of(found, CASALE_RUN)) is is_run
+        assert not runs_of(found, replace(CASALE_RUN, vehicles=(2, 3))), "of other vehicles"
+        assert (find_run(found, "Casale", "part7.csv") is not None) is is_run
+        monkeypatch.setenv("ACCPINN_RECORDINGS", str(tmp_path))
+        place = tmp_path / campaign / "part7.csv"
+        place.parent.mkdir()
+        place.touch()
+        load = find_run(sessions.workspaces().new(), "Casale", "part7.csv")
+        assert (load is not None) is is_run
 
 
 # Data

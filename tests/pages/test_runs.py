@@ -6,12 +6,15 @@ import pytest
 
 from accpinn.methods import least_squares
 from accpinn.methods.fit import Outcome
+from accpinn.recordings.openacc import read
 from accpinn.recordings.recording import Window
 from accpinn.tasks.task import TrainingRequest, training_task
 from pages.ui.data.sources import FIRST_SAMPLE, SAMPLES, sample
+from pages.ui.runs import restore_run
 from pages.ui.session import runs, sessions
 from pages.ui.session.workspace import Workspace
 from tests.support.apptest import HOME, TRAIN, choose, fitted, open_page, press, texts, workspace_of
+from tests.support.openacc_files import csv, platoon
 
 pytestmark = pytest.mark.usefixtures("fresh_server")
 
@@ -46,6 +49,18 @@ def test_runs_survive_another_recording_and_a_restart_and_are_restored() -> None
     assert again.window == Window(0.0, 60.0)
     assert not page.error
     assert f"snapshot={run.id}" not in texts(page)
+
+
+def test_a_run_is_not_restored_with_the_truth_of_another_recording() -> None:
+    found, own = sessions.workspaces().new(), read(csv(platoon(5)), "own.csv")
+    found.open(own)
+    train(found, "II")
+    found.open(*sample(FIRST_SAMPLE))
+    assert found.true_parameters is not None
+    (run,) = found.runs.entries()
+    restore_run(found, run.id)
+    assert found.recording is own
+    assert found.true_parameters is None
 
 
 def test_equal_runs_are_kept_once_unfinished_ones_never_and_two_are_compared(

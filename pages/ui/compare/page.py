@@ -190,7 +190,7 @@ def _show_collisions(shown: _Shown) -> None:
             for row in rows:
                 found = [one for one in row.evaluation.all_findings if one.vehicle == vehicle]
                 if said := " · ".join(map(closed_loop_event, found)):
-                    lines.append(f"- {name_of(row.fit)}: {escape_markdown(said)}")
+                    lines.append(f"- {escape_markdown(f'{name_of(row.fit)}: {said}')}")
             if lines:
                 label = escape_markdown(segment.label(vehicle))
                 st.markdown("\n".join((f"**{label}**\n", *lines)))
@@ -260,7 +260,7 @@ def _show_curves(shown: _Shown) -> None:
     by_name = {name_of(row.fit): row for row in shown.rows}
     name = st.selectbox("Method against the data", list(by_name), key="compare_method", width=320)
     fit = by_name[name].fit
-    st.subheader(f"{name} against the data", anchor=False)
+    st.subheader(f"{escape_markdown(name)} against the data", anchor=False)
     figure = tracking(
         segment, follower, fit.surrogate, simulated(segment, fit), name, with_error=True
     )

@@ -13,6 +13,7 @@ from pathlib import Path
 
 from accpinn.errors import SnapshotError
 from accpinn.results.snapshot import Snapshot
+from accpinn.results.snapshot.archive import to_bytes
 from accpinn.results.snapshot.saved import Entry, Library
 from accpinn.units import Seconds
 
@@ -44,9 +45,10 @@ class Runs:
         if any(_same(entry, snapshot) for entry in entries):
             return
         with suppress(SnapshotError):
+            content = to_bytes(snapshot)  # one that is too large takes no other's place
             for old in entries[KEPT_RUNS - 1 :]:
                 self.snapshots.delete(old.id)
-            self.snapshots.add(snapshot)
+            self.snapshots.add(content)
         _tidy(self.snapshots.folder.parent)
 
     def entries(self) -> tuple[Entry, ...]:

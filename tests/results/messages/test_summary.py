@@ -52,6 +52,12 @@ def test_summary_gives_parameters_with_intervals_and_probabilities() -> None:
     assert uncertainty is not None
     for one in whole().fit.parameters:
         assert f"τ {one.tau:.2f} s" in text
+    values = whole().fit.parameters.values
+    wide = replace(
+        uncertainty, lower=Parameters.of(values - 0.5), upper=Parameters.of(values + 0.5)
+    )
+    digits = f"β {values[0, 1]:.2f} 1/s"
+    assert digits in said(replace(whole(), uncertainty=wide)), "no more than the interval supports"
     low, high = uncertainty.lower.tau[0], uncertainty.upper.tau[0]
     assert f"(90 % interval: {low:.2f} to {high:.2f} s)" in text
     assert "All four vehicles amplify" in text

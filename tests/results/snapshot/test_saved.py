@@ -98,6 +98,12 @@ def test_a_restart_finds_what_was_kept(library: Library) -> None:
     assert again.raw(name) == small_bytes()
 
 
+def test_a_list_forgets_what_is_gone(library: Library) -> None:
+    library.delete(library.add(small()))
+    assert library.entries() == ()
+    assert not library._known
+
+
 def test_the_same_twice_is_one(library: Library) -> None:
     assert library.add(small()) == library.add(small_bytes())
     assert len(library.entries()) == 1
