@@ -77,12 +77,15 @@ def validate(fit: Fit, segment: Segment, other: Segment) -> Validation:
 
 def _findings(segment: Segment, other: Segment) -> list[ValidationOverlaps | OtherVehicles]:
     found: list[ValidationOverlaps | OtherVehicles] = []
-    if segment.sha256 == other.sha256 and segment.source == other.source:
+    same_run = (segment.sha256, segment.source) == (other.sha256, other.source)
+    if same_run:
         one, two = segment.window, other.window
         shared = min(one.end, two.end) - max(one.start, two.start)
         same = bool(np.isin(other.vehicles[1:], segment.vehicles[1:]).any())
         if shared > 0 and same:
             found.append(ValidationOverlaps(float(shared)))
-    if segment.names[1:] != other.names[1:]:
+    # In another run the same car may have another place; in one run two may have the same name.
+    learned, validated = ((s.labels if same_run else s.names)[1:] for s in (segment, other))
+    if learned != validated:
         found.append(OtherVehicles(segment.labels[1:], other.labels[1:]))
     return found

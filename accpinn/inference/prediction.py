@@ -37,6 +37,8 @@ SEED = 0
 OWN = 4
 """States of a follower: p, v, r, w."""
 ROUNDING = 1e-9
+MOST_STEPS = 20_000
+"""Nearly three hours; a longer window has no band, which would take a page longer than seconds."""
 CHUNK = 256
 """Steps whose noise is drawn at once."""
 TOO_FEW = 0.75
@@ -81,9 +83,11 @@ def gap_band(segment: Segment, uncertainty: Uncertainty, case: Case) -> GapBand 
         case: "I" or "II", as the uncertainty's.
 
     Returns:
-        None where no follower has draws, or at no instant all vehicles are measured. A follower
-        without draws has no band, nor has one behind it.
+        None where no follower has draws, at no instant all vehicles are measured, or the window
+        has more than `MOST_STEPS`. A follower without draws has no band, nor has one behind it.
     """
+    if segment.samples > MOST_STEPS * stride_of(segment):
+        return None
     sizes, pieces = _disturbances(segment, case), simulable(segment)
     known = np.isfinite(uncertainty.draws.values).all(axis=(0, 2)) & np.isfinite(sizes).all(axis=1)
     followers = int(np.logical_and.accumulate(known).sum())

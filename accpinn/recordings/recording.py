@@ -1,10 +1,12 @@
 """What a file holds: metadata, vehicles, speeds, gaps and modes over time, and what is wrong."""
 
+import hashlib
 import re
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from datetime import date
 from enum import IntEnum
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -250,6 +252,14 @@ class Recording:
         for name in ("time", "speed", "gap"):
             object.__setattr__(self, name, frozen(getattr(self, name)))
         object.__setattr__(self, "mode", frozen(self.mode, dtype=np.int8))
+
+    @cached_property
+    def digest(self) -> str:
+        """SHA-256 of all that was read; of one file several mappings make several recordings."""
+        content = hashlib.sha256(repr((self.source, self.vehicles, self.findings)).encode())
+        for values in (self.time, self.speed, self.gap, self.mode):
+            content.update(repr(values.shape).encode() + values.tobytes())
+        return content.hexdigest()
 
     @property
     def samples(self) -> int:

@@ -9,6 +9,7 @@ import numpy as np
 import pandas as pd
 
 from accpinn.channels import GAP, PARAMETERS, SPEED, TIME
+from accpinn.evaluation.closed_loop import closed_loop
 from accpinn.methods.fit import History
 from accpinn.model.cthp import Trajectories
 from accpinn.results.report import render_report, tables_of
@@ -46,6 +47,8 @@ def _files(snapshot: Snapshot) -> Iterator[tuple[str, str | bytes]]:
     if segment:
         data = Trajectories(segment.time, segment.measured_speeds, segment.measured_gaps)
         yield "motion_measured.csv", _motion(info, data)
+        if driven := closed_loop(segment, fit):
+            yield "motion_closed_loop.csv", _motion(info, driven)
     if fit.surrogate:
         yield f"motion_{fit.method}.csv", _motion(info, fit.surrogate)
 

@@ -24,6 +24,7 @@ from pages.ui.reproduction import open_published, show_checklist
 from pages.ui.runs import restore_run
 from pages.ui.session.recordings import FIRST_SAMPLE, sample, samples, title_of
 from pages.ui.session.workspace import Workspace
+from pages.ui.snapshots.listing import first_estimate
 
 LAST_RUNS = 3
 CARDS = 4
@@ -80,11 +81,9 @@ def _continue(workspace: Workspace, entries: tuple[Entry, ...]) -> None:
 def _show_run(workspace: Workspace, entry: Entry) -> None:
     """A finished run in one line, and the button that shows it on every page again."""
     line, button = st.columns((5, 1), vertical_alignment="center")
-    first = entry.vehicles[1] if len(entry.vehicles) > 1 else ""
-    alpha, beta, tau = entry.parameters[0]
     line.caption(
         f"{escape_markdown(entry.name)} · {escape_markdown(entry.source)} · {entry.window}  \n"
-        f"{escape_markdown(first)}: α {alpha:.4f} 1/s², β {beta:.4f} 1/s, τ {tau:.2f} s"
+        f"{escape_markdown(first_estimate(entry))}"
     )
     if button.button(
         "Open", key=f"home_run_{entry.id}", help="Show this run on every page again."

@@ -79,7 +79,14 @@ def _learned(
         return None  # the other platoon's run is not known
     if item.starts:
         task, segment = workspace.starts, workspace.segment
-        is_same = segment and (segment.source, segment.window) == (item.run.file, item.run.window)
+        run, recording = item.run, workspace.recording
+        is_same = (
+            segment is not None
+            and recording is not None
+            and recording.campaign in (None, run.campaign)
+            and (segment.source, segment.window, segment.vehicles)
+            == (run.file, run.window, run.vehicles)
+        )
         found = [trial.fit.parameters[0] for trial in task.results] if task and is_same else []
         return Parameters.stack(found) if len(found) == len(printed.vehicles) else None
     runs = runs_of(workspace, item.run)
@@ -91,9 +98,9 @@ def runs_of(workspace: Workspace, run: Run) -> list[Entry]:
     return [
         entry
         for entry in workspace.runs.entries()
-        if (entry.source, entry.window) == (run.file, str(run.window))
-        and len(entry.vehicles) == len(run.vehicles)
-        and (len({*entry.parameters}) == 1) == (run.case == "I" or len(run.vehicles) == 2)
+        if (entry.source, entry.window, entry.numbers) == (run.file, str(run.window), run.vehicles)
+        and entry.campaign in ("", run.campaign)
+        and (entry.case == run.case or len(run.vehicles) == 2)
     ]
 
 
@@ -126,7 +133,7 @@ def _sample_button(workspace: Workspace, item: PrintedItem, key: str) -> None:
 
 def _run_button(workspace: Workspace, run: Run, key: str) -> None:
     """Open the recording with the paper's window, where it is at hand."""
-    load = find_run(workspace, run.file)
+    load = find_run(workspace, run.campaign, run.file)
     if st.button(
         "Open the recording", key=f"home_{key}_run", disabled=load is None,
         help=f"With {run.window} and these vehicles."

@@ -50,6 +50,10 @@ def test_overlap_and_other_vehicles_are_findings_and_another_number_is_refused()
     assert isinstance(found, OtherVehicles)
     assert found.learned == segment.labels[1:]
     assert all(messages((*overlapping.findings, found), segment))
+    alike = [
+        replace(s, names=("Car",) * 3) for s in (segment, cut(recording, 0.0, 90.0, (2, 3, 4)))
+    ]
+    assert OtherVehicles(alike[0].labels[1:], alike[1].labels[1:]) in validate(fit, *alike).findings
     with pytest.raises(SegmentError, match="choose as many"):
         validate(fit, segment, cut(recording, 200.0, 100.0, (1, 2)))
 

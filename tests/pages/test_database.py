@@ -21,7 +21,8 @@ from accpinn.study.groups import group, read_study
 from accpinn.study.journal import Failure, Journal
 from accpinn.study.process import BatchSettings
 from accpinn.tasks.task import Status
-from pages.ui.database import running
+from pages.ui.data.mapping import ASK
+from pages.ui.database import running, views
 from pages.ui.session.resources import batch_queue, download_queue
 from tests.support.apptest import (
     DATA,
@@ -91,6 +92,8 @@ def test_without_a_study_it_says_what_to_do(recording: Path) -> None:
     choose(page, "database_name", "../../etc")
     assert "is no name" in boxes(page, "error")[0]
     assert page.button(key="database_start").disabled
+    (recording.parent / "gone.csv").symlink_to(recording.parent / "nowhere.csv")
+    assert "1 file: " in plain(opened()), "a link that leads nowhere is no file"
     recording.unlink()
     page = opened()
     assert "folder of recordings is empty" in plain(page)
@@ -163,6 +166,16 @@ def test_a_row_opens_its_window(study: Path) -> None:
     assert found.recording.source == "mine.csv"
     assert (found.vehicles, found.window) == ((1, 2, 3), Window(10.0, 70.0))
     assert found.segment is not None
+
+
+def test_a_row_that_the_browser_still_reports_is_not_chosen_among_others(
+    study: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    page = open_tab(opened(), "database_tabs", "All rows")
+    reported = {"selection": {"rows": [0]}}
+    monkeypatch.setattr(views.st, "dataframe", lambda *_, **__: reported)
+    page.multiselect(key="database_make").set_value(["Kia"]).run()
+    assert workspace_of(page).database_choice.row is None
 
 
 def until(holds: Callable[[], bool]) -> None:
@@ -272,6 +285,19 @@ def test_a_table_of_ones_own_is_opened_by_its_columns_which_are_remembered() -> 
     other = open_page(DATA)
     other.file_uploader(key="data_upload").upload("next.csv", foreign(), "text/csv").run()
     assert workspace_of(other).recording.source == "next.csv", "remembered"
+    assert "columns and units as in an earlier file" in plain(other)
+
+
+def test_one_file_read_by_another_mapping_has_charts_of_its_own() -> None:
+    for unit in ("m/s", "km/h"):
+        page = open_page(DATA)
+        page.session_state[ASK] = True
+        page.file_uploader(key="data_upload").upload("own.csv", foreign(), "text/csv").run()
+        for vehicle in (0, 1):
+            choose(page, f"data_map_speed_unit_{vehicle}", unit)
+        press(page, "data_open_mapped")
+        drawn = numbers(figures(page)[0]["data"][0]["y"])
+        assert np.nanmax(drawn) == workspace_of(page).recording.speed[:, 0].max()
 
 
 def test_a_file_dropped_on_home_that_asks_for_its_columns_leads_to_data() -> None:

@@ -12,6 +12,7 @@ from accpinn.recordings.openacc import read
 from pages.ui.session import identity, owners, sessions
 from pages.ui.session.resources import library, store
 from pages.ui.session.sessions import KEPT_WORKSPACES, Workspaces
+from pages.ui.session.workspace import PendingFile
 from tests.support.apptest import (
     HOME,
     PAGES,
@@ -165,6 +166,18 @@ class TestLimits:
         monkeypatch.setattr(sessions, "KEPT_BYTES", 1)
         assert kept.find(modest.id) is modest, "whoever works goes on"
         assert kept.find(greedy.id) is None
+
+    def test_a_file_that_waits_to_be_read_counts(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        monkeypatch.setattr(sessions, "KEPT_BYTES", 1000)
+        kept = Workspaces()
+        one = kept.new()
+        one.pending = PendingFile("own.csv", bytes(2000))
+        assert kept.find(one.id) is one
+        assert one.pending is None
+
+    def test_two_tabs_after_a_restart_have_one_session(self) -> None:
+        kept = Workspaces()
+        assert kept.new("a name") is kept.new("a name")
 
 
 class TestAddresses:

@@ -10,17 +10,20 @@ from streamlit.testing.v1 import AppTest
 
 from accpinn.methods import least_squares
 from accpinn.methods.fit import Continued
-from accpinn.methods.pinn.config import preset
+from accpinn.methods.pinn.config import CALIBRATED, preset
 from accpinn.model.cthp import Parameters, Trajectories
 from accpinn.model.published import ASTAZERO_ALIKE
 from accpinn.recordings.openacc import read
 from accpinn.recordings.recording import Recording, Window
+from accpinn.results.reproduction import CASALE_RUN
 from accpinn.results.snapshot import create
+from accpinn.segment.cut import cut
 from accpinn.tasks.task import Status, TrainingRequest, training_task
 from pages.ui.components.show import bullets, escape_markdown, format_duration
 from pages.ui.data.page import window_of
-from pages.ui.data.sources import OPENING
+from pages.ui.data.sources import OPENING, find_run
 from pages.ui.platoon.page import PANELS, TABS
+from pages.ui.reproduction import runs_of
 from pages.ui.session import sessions
 from pages.ui.session.recordings import FIRST_SAMPLE, sample
 from pages.ui.session.resources import task_queue
@@ -98,10 +101,11 @@ def test_with_a_recording_and_with_a_window_that_cannot_be_used(path: str) -> No
 
 def test_one_click_on_home_trains_a_sample() -> None:
     found = workspace_of(press(open_page(HOME), "Train a sample now"))
-    assert found.training.wait(WAIT)
-    truth = found.true_parameters.values
-    np.testing.assert_allclose(found.fit.parameters.values, truth, rtol=0.03)
-    assert "**Training** is done" in texts(open_page(HOME, found))
+    request, (recording, truth) = found.training.request, sample(FIRST_SAMPLE)
+    assert (request.config, request.segment) == (CALIBRATED, cut(recording))
+    assert found.true_parameters == truth.parameters
+    stop_training(found)
+    assert "**Training** was stopped" in texts(open_page(HOME, found))
 
 
 def test_a_file_dropped_on_home_leads_to_data() -> None:
@@ -151,12 +155,33 @@ def test_a_run_of_the_paper_is_opened_with_its_window(
     assert "Learned here" in texts(page)
 
 
+def test_a_file_of_another_campaign_is_no_run_of_the_paper(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    campaigns = {"JRC low speed": False, "Casale": True}
+    for campaign, is_run in campaigns.items():
+        found = with_recording(replace(made(samples=4000), source="part7.csv", campaign=campaign))
+        found.choose(CASALE_RUN.vehicles, CASALE_RUN.window)
+        fit = least_squares.fit(found.segment)
+        found.runs.keep(create(found.segment, fit, recording=found.recording))
+        assert bool(runs_of(found, CASALE_RUN)) is is_run
+        assert not runs_of(found, replace(CASALE_RUN, vehicles=(2, 3))), "of other vehicles"
+        assert (find_run(found, "Casale", "part7.csv") is not None) is is_run
+        monkeypatch.setenv("ACCPINN_RECORDINGS", str(tmp_path))
+        place = tmp_path / campaign / "part7.csv"
+        place.parent.mkdir()
+        place.touch()
+        load = find_run(sessions.workspaces().new(), "Casale", "part7.csv")
+        assert (load is not None) is is_run
+
+
 # Data
 
 
 def test_open_a_sample_move_the_window_and_train() -> None:
     page = press(open_page(DATA), "Open this sample")
     found, before = workspace_of(page), texts(page)
+    found.preset = "fast"
     for said in ("synthetic\\_astazero\\_like\\.csv", "5 vehicles", "Least squares",
                  "Tesla (Model3-like)"):  # fmt: skip
         assert said in before
@@ -399,6 +424,8 @@ def test_the_first_window_avoids_holes() -> None:
 
 def test_train_shows_table_curves_and_downloads_and_keeps_the_result() -> None:
     found = with_sample()
+    found.choose(window=Window(0.0, 60.0), vehicles=(1, 2, 3))
+    found.preset = "fast"
     page = open_page(TRAIN, found)
     for cached in (False, True):
         press(page, "Start training")
@@ -417,8 +444,8 @@ def test_train_shows_table_curves_and_downloads_and_keeps_the_result() -> None:
     open_tab(page, "train_tabs", "Fit")
     assert "Start training" in labels(page)
     assert "Stop training" not in labels(page)
-    choose(page, "train_follower", 3)
-    assert figures(page)[0]["layout"]["uirevision"] == "tracking-5"
+    choose(page, "train_follower", 1)
+    assert figures(page)[0]["layout"]["uirevision"] == "tracking-3"
     assert "90 % band" in [trace["name"] for trace in figures(page)[0]["data"]]
 
 
@@ -431,6 +458,7 @@ def test_train_says_what_goes_wrong_and_how_sure_it_is(
     parameters: Parameters, excluded: tuple[str, ...]
 ) -> None:
     found = with_sample()
+    found.choose(window=Window(0.0, 60.0), vehicles=(1, 2))
     if excluded:
         mask = np.ones_like(found.segment.gaps, dtype=bool)
         mask[:50] = False

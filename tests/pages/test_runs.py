@@ -11,6 +11,7 @@ from accpinn.methods.fit import Outcome
 from accpinn.recordings.files import read
 from accpinn.recordings.recording import Window
 from accpinn.tasks.task import TrainingRequest, training_task
+from pages.ui.runs import restore_run
 from pages.ui.session import runs, sessions
 from pages.ui.session.recordings import FIRST_SAMPLE, SAMPLES, sample
 from pages.ui.session.workspace import Workspace
@@ -91,6 +92,18 @@ def test_after_a_restart_its_address_shows_what_a_session_had_open() -> None:
         assert again.awaited is None
         assert (again.window, again.vehicles, again.case) == (Window(20.0, 70.0), (2, 3), "I")
         place.unlink(missing_ok=True)
+
+
+def test_a_run_is_not_restored_with_the_truth_of_another_recording() -> None:
+    found, own = sessions.workspaces().new(), read(csv(platoon(5)), "own.csv")
+    found.open(own)
+    train(found, "II")
+    found.open(*sample(FIRST_SAMPLE))
+    assert found.true_parameters is not None
+    (run,) = found.runs.entries()
+    restore_run(found, run.id)
+    assert found.recording is own
+    assert found.true_parameters is None
 
 
 def test_equal_runs_are_kept_once_unfinished_ones_never_and_two_are_compared(

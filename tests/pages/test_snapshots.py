@@ -13,7 +13,7 @@ from accpinn.results.messages.snapshot import counted
 from accpinn.results.snapshot import Snapshot
 from accpinn.results.snapshot.verification import QUICK, verify
 from accpinn.tasks.task import Status
-from pages.ui.session import sessions
+from pages.ui.session import identity, owners, sessions
 from pages.ui.session.recordings import FIRST_SAMPLE, sample
 from pages.ui.session.resources import library, task_queue
 from pages.ui.session.workspace import Workspace
@@ -162,7 +162,8 @@ class TestList:
         found = [b.label for b in page.button if (b.key or "").startswith("snapshots_open_")]
         assert found == ["bravo"]
 
-    def test_one_deleted_elsewhere_can_be_kept_again(self) -> None:
+    def test_one_deleted_elsewhere_can_be_kept_again(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        monkeypatch.setattr(identity, "is_shared", lambda: True)
         name = library().add(whole())
         page = open_page(TRAIN, snapshot=name)
         assert "deleted from the server" not in plain(page)
@@ -171,6 +172,7 @@ class TestList:
         assert "deleted from the server" in plain(page)
         assert "deleted from the server" not in plain(press(page, "snapshots_keep"))
         assert library().has(name)
+        assert owners.may_delete(workspace_of(page), name), "whoever keeps it"
 
     def test_a_damaged_one_is_named_and_can_be_deleted_and_imported_anew(self) -> None:
         name = library().add(whole())
@@ -203,7 +205,7 @@ class TestTwo:
         other = replace(one, fit=replace(one.fit, parameters=Parameters.of(values)))
         table = parameter_differences(one, other)
         assert table.rows[0][-1] == "+50.0"
-        assert [row[-1] for row in table.rows[1:]] == ["+0.0"] * (3 * one.info.followers - 1)
+        assert [row[-1] for row in table.rows[1:]] == ["0.0"] * (3 * one.info.followers - 1)
         assert differing_settings(one, one).rows == ()
 
     def test_unlike_vehicles_are_not_compared_without_a_word(self) -> None:
@@ -237,6 +239,14 @@ class TestLink:
                 assert f"{whole().fit.parameters[0].alpha:.4f}" in table
                 keys = [b.key for b in page.button]
                 assert ("train_warm" in keys, "train_start" in keys) == (complete, complete)
+
+    def test_foreign_text_in_it_is_shown_as_it_is(self) -> None:
+        image = "![x](http://evil.org/x.png)"
+        info = replace(bare().info, excluded_regimes=(image,), excluded_share=(0.1,) * 4)
+        page = open_page(TRAIN, snapshot=library().add(replace(bare(), info=info)))
+        assert image in plain(page)
+        written = [one.value for kind in ("markdown", "caption") for one in page.get(kind)]
+        assert image not in "".join(written)
 
     @pytest.mark.parametrize("name", ["0" * 16, "../../etc"])
     def test_to_nothing_says_so(self, name: str) -> None:

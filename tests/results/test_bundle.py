@@ -6,6 +6,7 @@ import zipfile
 import numpy as np
 import pandas as pd
 
+from accpinn.evaluation.closed_loop import closed_loop
 from accpinn.results.bundle import bundle
 from accpinn.results.snapshot.archive import load
 from tests.support.snapshots import whole
@@ -25,6 +26,10 @@ def test_holds_report_snapshot_tables_history_and_motion() -> None:
     motion = pd.read_csv(io.BytesIO(archive.read("motion_measured.csv")))
     assert np.allclose(motion["gap_2_m"], segment.gaps[:, 0])
     assert np.allclose(motion["speed_1_m_per_s"], segment.speeds[:, 0])
+    driven = closed_loop(segment, whole().fit)
+    assert driven is not None
+    motion = pd.read_csv(io.BytesIO(archive.read("motion_closed_loop.csv")))
+    assert np.allclose(motion["gap_3_m"], driven.gaps[:, 1], rtol=1e-7)
     training = pd.read_csv(io.BytesIO(archive.read("training.csv")))
     assert np.allclose(training["tau_2_s"], history.parameters.tau[:, 0])
     assert np.allclose(training["alpha_2_per_s2"], history.parameters.alpha[:, 0], rtol=1e-7)

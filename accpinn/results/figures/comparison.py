@@ -113,7 +113,8 @@ def tracks(
     for which, quantity in enumerate(PARAMETERS):
         row = which + 1
         late = [np.array(true[which:row])]
-        for (name, track), colour, dash in zip(followed, cycle(SERIES), cycle(DASHES)):
+        for (title, track), colour, dash in zip(followed, cycle(SERIES), cycle(DASHES)):
+            name = html.escape(title)
             values = track.parameters.values[:, follower, which]
             late.append(values[int(EARLY * len(values)) :])
             time, drawn = thinned(start + track.time, values)

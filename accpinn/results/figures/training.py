@@ -189,7 +189,7 @@ def tracking(
         follower: 0 for the first.
         surrogate: the method's own trajectories.
         closed_loop: the simulation behind the measured leader.
-        own: how the method's trajectories are called.
+        own: how the method's trajectories are called, as plain text.
         with_error: adds a panel with the error of the gap; needs the data.
         predicted: the band of the gap, drawn under its curves.
         disturbance: (N, M) in m/s²; adds a panel.
@@ -205,7 +205,7 @@ def tracking(
     start = segment.window.start
     sources = (
         ("data", data, {"color": colour, "width": 3.5}, 0.45),
-        (own, surrogate, {"color": colour, "width": 1.5}, 1.0),
+        (html.escape(own), surrogate, {"color": colour, "width": 1.5}, 1.0),
         ("closed-loop simulation", closed_loop, {"color": MODEL, "width": 1.5, "dash": "dot"}, 1.0),
     )
     if predicted:

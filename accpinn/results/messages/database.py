@@ -3,6 +3,7 @@
 import math
 from collections.abc import Mapping, Sequence
 
+from accpinn.results.tables.table import between
 from accpinn.study.batch import BatchProgress, BatchSummary
 from accpinn.study.estimate import BatchEstimate
 from accpinn.study.groups import Group, Groups
@@ -45,18 +46,22 @@ def typical_line(whole: Group, found: Groups) -> str:
     parts = []
     if math.isfinite(whole.tau.median):
         parts.append(
-            f"Median time headway τ {whole.tau.median:.2f} s"
-            f" ({whole.tau.low:.2f}–{whole.tau.high:.2f} s),"
+            f"Median time headway τ {_headway(whole)},"
             f" mean time gap {whole.mean_time_gap.value:.2f} s."
         )
     known = [one for one in found.groups if math.isfinite(one.tau.median)]
     if len(known) > 1:
         first, last = (pick(known, key=lambda one: one.tau.median) for pick in (min, max))
         parts.append(
-            f"Shortest τ: {_name(first)}, {first.tau.median:.2f} s; longest: {_name(last)},"
-            f" {last.tau.median:.2f} s."
+            f"Shortest τ: {_name(first)}, {_headway(first)}; longest: {_name(last)},"
+            f" {_headway(last)}."
         )
     return " ".join(parts)
+
+
+def _headway(one: Group) -> str:
+    """The median and its interval."""
+    return f"{one.tau.median:.2f} s ({between(one.tau.low, one.tau.high, 2)} s)"
 
 
 def _name(one: Group) -> str:

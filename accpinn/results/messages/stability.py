@@ -68,6 +68,11 @@ GIVEN_PARAMETERS = (
     " controller responds with a delay may amplify more."
 )
 """What a verdict on parameters without a recording takes for granted."""
+BY_ESTIMATES = (
+    "The verdicts here are those of the estimates; the probability of string stability says how"
+    " certain they are."
+)
+"""What stands over verdicts on an estimate whose posterior is known."""
 SAME_AMPLITUDE = 0.005
 """An amplitude that differs by a smaller share is called as large as the leader's."""
 

@@ -1,5 +1,6 @@
 """A result in a few sentences: what was found, with its numbers and their uncertainty."""
 
+from collections.abc import Sequence
 from math import isfinite, isinf, isnan
 from typing import Any
 
@@ -16,8 +17,8 @@ from accpinn.results.messages.data import FLAGS
 from accpinn.results.messages.methods import unfinished
 from accpinn.results.messages.stability import headline
 from accpinn.results.snapshot import Snapshot
-from accpinn.results.tables.estimates import learned_parameters
-from accpinn.results.tables.table import between
+from accpinn.results.tables.estimates import learned_parameters, supported_columns
+from accpinn.results.tables.table import Column, between
 
 
 def title(snapshot: Snapshot) -> str:
@@ -31,8 +32,10 @@ def summary(snapshot: Snapshot) -> tuple[str, ...]:
     fit, info, uncertainty = snapshot.fit, snapshot.info, snapshot.uncertainty
     kind = METHODS[fit.method]
     method = kind.description or kind.title
+    columns = supported_columns(uncertainty)
     estimates = [
-        _parameters(one, headway_words(uncertainty, k)) for k, one in enumerate(fit.parameters)
+        _parameters(one, headway_words(uncertainty, k), columns)
+        for k, one in enumerate(fit.parameters)
     ]
     who = _followers(snapshot)
     if fit.case == "I" and info.followers > 1:
@@ -62,12 +65,15 @@ def summary(snapshot: Snapshot) -> tuple[str, ...]:
     return tuple(sentence for sentence in sentences if sentence)
 
 
-def _parameters(parameters: Parameters, headway: str) -> str:
+def _parameters(parameters: Parameters, headway: str, columns: Sequence[Column]) -> str:
     """Headway first, as drivers know it, with what stands in brackets behind it."""
+    alpha, beta, _ = (
+        f"{one.title} {one.shown(value)} {one.unit}"
+        for one, value in zip(columns, parameters.values.tolist(), strict=True)
+    )
     tau = f"{parameters.tau:.2f} s" if isfinite(parameters.tau) else "not determined"
     behind = f" ({headway})" if headway else ""
-    gains = f"gains α {parameters.alpha:.4f} 1/s² and β {parameters.beta:.4f} 1/s"
-    return f"time headway τ {tau}{behind}, {gains}"
+    return f"time headway τ {tau}{behind}, gains {alpha} and {beta}"
 
 
 def headway_words(uncertainty: Uncertainty | None, follower: int) -> str:

@@ -54,7 +54,7 @@ from accpinn.results.messages.snapshot import (
     standing_rows,
     summary,
 )
-from accpinn.results.messages.stability import PLACES, reason
+from accpinn.results.messages.stability import BY_ESTIMATES, PLACES, Places, reason
 from accpinn.results.snapshot import Snapshot, stability
 from accpinn.results.snapshot.verification import QUICK, Verification, verify
 from accpinn.results.tables.estimates import (
@@ -174,11 +174,12 @@ def _story(snapshot: Snapshot, checked: Verification, shown: list[Picture]) -> d
         "fits": _placed(fits[1:], shown),
         "band": BAND if snapshot.segment and uncertainty else "",
         "training": _placed(training_pictures(snapshot), shown),
+        "by_estimates": BY_ESTIMATES if uncertainty else "",
         "reasons": _reasons(snapshot),
         "stability_pictures": _placed(responses[1:], shown),
         "platoon": _placed(run[1] if run else [], shown),
         "run": run[0] if run else None,
-        "run_warnings": messages(run[0].findings, PLACES) if run else (),
+        "run_warnings": messages(run[0].findings, _places(snapshot)) if run else (),
         "repeated": run[2] if run else "",
         "methods": [sheet for name, sheet in sheets.items() if name.startswith("methods_")],
         "checked": checked,
@@ -353,6 +354,12 @@ def stability_pictures(snapshot: Snapshot) -> Iterator[Picture]:
         + (f" {cloud_caption(chart, uncertainty, 'beta')}" if uncertainty else "")
     )
     yield Picture("map", with_legend(chart), words)
+
+
+def _places(snapshot: Snapshot) -> Places:
+    """What sentences call the platoon's vehicles: their labels, or places among equal ones."""
+    vehicles = learned_parameters(snapshot.info, snapshot.fit)
+    return Places(vehicles.spoken) if len(vehicles) > 1 else PLACES
 
 
 def platoon_pictures(snapshot: Snapshot) -> tuple[PlatoonRun, tuple[Picture, Picture], str] | None:

@@ -22,6 +22,7 @@ from platformdirs import user_data_path
 from accpinn.errors import SnapshotError
 from accpinn.results.snapshot import ID_LENGTH, MANIFEST, SUFFIX, Snapshot
 from accpinn.results.snapshot.archive import load, read_file, to_bytes
+from accpinn.results.tables.estimates import supported_columns
 from accpinn.units import Seconds
 
 UNFINISHED = ".part"
@@ -141,13 +142,20 @@ class Entry:
     """ISO 8601 in UTC."""
     source: str = ""
     """File name of the recording."""
+    campaign: str = ""
+    """Of the recording; empty where it is not known."""
     window: str = ""
     """As "0-300 s"."""
     vehicles: tuple[str, ...] = ()
     """Labels, leader first."""
+    numbers: tuple[int, ...] = ()
+    """The vehicles' numbers in the file."""
     method: str = ""
+    case: str = ""
     parameters: tuple[tuple[float, float, float], ...] = ()
     """α [1/s²], β [1/s], τ [s] of each follower."""
+    digits: tuple[int, ...] = ()
+    """Of α, β, τ after the point: as many as their intervals support."""
     with_data: bool = False
     """Whether speeds and gaps of the window are in it."""
     fault: str = ""
@@ -218,10 +226,12 @@ class Library:
     def entries(self) -> tuple[Entry, ...]:
         """All, the newest first, damaged ones last; a file is read again once it changed."""
         found = []
-        for path in self._files():
+        for path in (paths := self._files()):
             with suppress(OSError):  # deleted by another process just now
                 entry = self._entry(path)
                 found.append((entry.created, path.stat().st_mtime_ns, entry.id, entry))
+        there = {path.name for path in paths}
+        self._known = {name: known for name, known in self._known.copy().items() if name in there}
         return tuple(entry for *_, entry in sorted(found, reverse=True))
 
     def open(self, name: str) -> Snapshot:
@@ -330,10 +340,14 @@ class Library:
             note=snapshot.note,
             created=snapshot.created,
             source=snapshot.info.source,
+            campaign=snapshot.facts.get("campaign") or "",
             window=f"{snapshot.info.window}",
             vehicles=snapshot.info.labels,
+            numbers=snapshot.info.vehicles,
             method=snapshot.fit.method,
+            case=snapshot.fit.case,
             parameters=tuple((p.alpha, p.beta, p.tau) for p in snapshot.fit.parameters),
+            digits=tuple(one.digits or 0 for one in supported_columns(snapshot.uncertainty)),
             with_data=snapshot.segment is not None,
         )
 

@@ -13,6 +13,7 @@ from accpinn.inference.model_adequacy import Adequacy
 from accpinn.methods.fit import Fit
 from accpinn.methods.maximum_likelihood import KEY
 from accpinn.methods.registry import METHODS
+from accpinn.methods.series import stride_of
 from accpinn.methods.state_space import COMMON, FORMS
 from accpinn.methods.store import FIT_SHAPES
 from accpinn.results.snapshot import LONGEST_NAME, Snapshot, check_length
@@ -65,6 +66,9 @@ _DIRECTION = r"\u061c\u200e\u200f\u202a-\u202e\u2066-\u2069"
 _UNSEEN = re.compile(f"[{_CONTROL}{_DIRECTION}]")
 _BREAK = re.compile(r"[\t\n]+")
 REPLACEMENT = "\ufffd"
+MOST_COMPUTED = 100_000
+"""Samples of all followers together, one each half second at most, as the likelihood uses them:
+more than an hour of ten followers. What a snapshot shows is then computed within a minute."""
 LINES = ("note", "notes")
 """Fields whose texts may have several lines."""
 
@@ -122,6 +126,8 @@ def validate(snapshot: Snapshot) -> None:
     _check_info(info)
     if snapshot.segment:
         _check_times(snapshot.segment.time)
+        computed = info.followers * info.samples // stride_of(snapshot.segment)
+        _require(computed <= MOST_COMPUTED, "its data are longer than can be computed anew")
         same = snapshot.segment.info == info
         _require(same, "its data are not the window that the result was learned from")
     _check_fit(snapshot.fit)

@@ -198,7 +198,7 @@ def _show_collisions(shown: _Shown) -> None:
             for row in rows:
                 found = [one for one in row.evaluation.all_findings if one.vehicle == vehicle]
                 if said := " · ".join(map(closed_loop_event, found)):
-                    lines.append(f"- {name_of(row.fit)}: {escape_markdown(said)}")
+                    lines.append(f"- {escape_markdown(f'{name_of(row.fit)}: {said}')}")
             if lines:
                 label = escape_markdown(segment.label(vehicle))
                 st.markdown("\n".join((f"**{label}**\n", *lines)))
@@ -280,7 +280,7 @@ def _show_course(shown: _Shown) -> None:
 def _show_curves(shown: _Shown, name: str, fit: Fit) -> None:
     """One method against the data."""
     segment, follower = shown.segment, shown.follower
-    st.subheader(f"{name} against the data", anchor=False)
+    st.subheader(f"{escape_markdown(name)} against the data", anchor=False)
     figure = tracking(
         segment, follower, fit.surrogate, simulated(segment, fit), name, with_error=True
     )

@@ -138,7 +138,8 @@ def session_state(workspace: Workspace) -> list[str]:
         case = f", Case {workspace.case}" if info.followers > 1 else ""
         vehicles = f"vehicles {info.vehicles[0]}–{info.vehicles[-1]}"
         lines.append(f"**Window** {info.window}, {vehicles}{case}")
-        lines += [f"**Without** {', '.join(info.excluded_regimes)}"] * bool(info.excluded_regimes)
+        if excluded := ", ".join(info.excluded_regimes):
+            lines.append(f"**Without** {escape_markdown(excluded)}")
     else:
         lines.append("**Window** cannot be used yet")
     training = workspace.training

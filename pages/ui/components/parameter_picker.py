@@ -21,8 +21,9 @@ from accpinn.segment.segment import Segment, SegmentInfo
 from pages.ui.components import frame, show
 from pages.ui.components.show import escape_markdown
 from pages.ui.components.widgets import segments, select
+from pages.ui.session.choices import Source, TypedRow
 from pages.ui.session.resources import KEPT, library, opened
-from pages.ui.session.workspace import Source, TypedRow, Workspace
+from pages.ui.session.workspace import Workspace
 
 SOURCES: dict[Source, str] = {
     "fit": "Current fit",

@@ -15,7 +15,7 @@ import streamlit as st
 
 from accpinn.errors import ConfigError
 from accpinn.model.cthp import Case
-from accpinn.recordings.recording import Recording, Window
+from accpinn.recordings.recording import MappingRemembered, Recording, Window
 from accpinn.results.figures import recording as figures
 from accpinn.results.figures.style import vehicle_colour
 from accpinn.results.messages.data import drivers
@@ -36,7 +36,7 @@ from pages.ui.data import views
 from pages.ui.data.sources import OPENING, choose_source
 from pages.ui.data.validation import choose_validation
 from pages.ui.result.saved import banner, show_data
-from pages.ui.session.resources import KEPT
+from pages.ui.session.resources import BY_CONTENT, KEPT
 from pages.ui.session.workspace import Workspace
 from pages.ui.train.options import chosen_config
 
@@ -96,7 +96,7 @@ def show_page() -> None:
     with other:
         _choose_another(workspace)
     banner(workspace)
-    whole = _whole(f"{recording.sha256} {workspace.vehicles}", recording, workspace.vehicles)
+    whole = _whole(recording, workspace.vehicles)
     with st.container(key="later_1_data"):
         _controls(workspace, recording, whole)
     _show_overview(workspace, recording, whole)
@@ -122,24 +122,24 @@ def _choose_another(workspace: Workspace) -> None:
             choose_source(workspace)
 
 
-@st.cache_resource(max_entries=KEPT, show_spinner=False)
-def _whole(request: str, _recording: Recording, _vehicles: tuple[int, ...]) -> _Whole:
-    """Kept by ``request``, which names the recording and the vehicles."""
-    segment = cut(_recording, 0.0, _recording.duration, _vehicles, allow_missing=True)
-    regimes = label_regimes(segment, _recording)
+@st.cache_resource(max_entries=KEPT, show_spinner=False, hash_funcs=BY_CONTENT)
+def _whole(recording: Recording, vehicles: tuple[int, ...]) -> _Whole:
+    segment = cut(recording, 0.0, recording.duration, vehicles, allow_missing=True)
+    regimes = label_regimes(segment, recording)
     known = Information.of(segment, regimes)
     return _Whole(
-        figures.driver_ribbons(_recording, _vehicles),
+        figures.driver_ribbons(recording, vehicles),
         figures.regime_ribbons(segment, regimes),
         figures.regime_key(regimes),
         known,
-        suggest_window(_recording, _vehicles, known=known),
+        suggest_window(recording, vehicles, known=known),
     )
 
 
 def _describe(recording: Recording) -> str:
     """The recording's metadata in one line."""
     rate, setting = 1 / recording.sample_time, recording.distance_setting
+    remembered = any(isinstance(one, MappingRemembered) for one in recording.findings)
     parts = [
         f"**{escape_markdown(recording.source)}**",
         escape_markdown(recording.campaign or ""),
@@ -148,6 +148,7 @@ def _describe(recording: Recording) -> str:
         f"{recording.duration:,.0f} s at {rate:.3g} Hz",
         escape_markdown(drivers(recording)),
         f"distance setting {escape_markdown(setting)}" if setting else "",
+        "columns and units as in an earlier file" if remembered else "",
     ]
     return " · ".join(part for part in parts if part)
 
@@ -276,8 +277,9 @@ def _show_overview(workspace: Workspace, recording: Recording, whole: _Whole) ->
         if window := window_of(st.session_state[CHART], recording):
             workspace.choose(window=window)
 
-    request = f"{recording.sha256} {workspace.vehicles} {workspace.window!r}"
-    figure = _overview(request, choice.view, choice.highlight, workspace, recording, whole)
+    figure = _overview(
+        recording, workspace.vehicles, workspace.window, choice.view, choice.highlight, whole
+    )
     show.chart(figure, CHART, TOOLS, on_select=dragged, selection_mode="box")
     _handles(workspace, recording)
     with st.container(horizontal=True, gap="large"):
@@ -286,20 +288,18 @@ def _show_overview(workspace: Workspace, recording: Recording, whole: _Whole) ->
         show.key(whole.regime_key, title=f"{'Lower bars' if whole.drivers else 'Bars'}, regime:")
 
 
-@st.cache_resource(max_entries=KEPT, show_spinner=False)
+@st.cache_resource(max_entries=KEPT, show_spinner=False, hash_funcs=BY_CONTENT)
 def _overview(
-    request: str,
+    recording: Recording,
+    vehicles: tuple[int, ...],
+    window: Window,
     view: figures.View,
     highlight: int,
-    _workspace: Workspace,
-    _recording: Recording,
     _whole: _Whole,
 ) -> go.Figure:
-    """Kept by ``request``, which names recording, vehicles and window, and by how it is drawn."""
-    return figures.overview(
-        _recording, _workspace.vehicles, _workspace.window, [_whole.drivers, _whole.regimes],
-        view, highlight,
-    )  # fmt: skip
+    """``_whole`` follows from the recording and the vehicles."""
+    ribbons = (_whole.drivers, _whole.regimes)
+    return figures.overview(recording, vehicles, window, ribbons, view, highlight)
 
 
 def _vehicle_key(recording: Recording, workspace: Workspace, leader: int) -> None:

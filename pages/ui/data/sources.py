@@ -42,12 +42,14 @@ def about(path: Path) -> str:
         return str(fault)
 
 
-def find_run(workspace: Workspace, file: str) -> Load | None:
-    """What opens the recording of that file name: opened before, or in the server's folder."""
+def find_run(workspace: Workspace, campaign: str, file: str) -> Load | None:
+    """What opens a campaign's recording: opened before, or in the server's folder."""
     for known in workspace.opened.values():
-        if known[0].source == file:
+        if known[0].source == file and known[0].campaign in (None, campaign):
             return lambda: known
-    path = next((path for path in listed() if path.name == file), None)
+    others = {run.campaign for run in catalogue() if run.file == file} - {campaign}
+    paths = [path for path in listed() if path.name == file and others.isdisjoint(path.parts)]
+    path = min(paths, key=lambda path: campaign not in path.parts, default=None)
     return (lambda: (from_file(path), None)) if path else None
 
 

@@ -19,6 +19,7 @@ from accpinn.segment.segment import DrivenByHand, Segment
 from accpinn.study.sensitivity import SensitivityResult, sensitivity
 from pages.ui.components import show
 from pages.ui.components.widgets import bound, pick_follower
+from pages.ui.session.resources import BY_CONTENT
 from pages.ui.session.workspace import Workspace
 
 SHOWN = 3
@@ -138,8 +139,7 @@ def show_regimes(workspace: Workspace, recording: Recording) -> None:
 
 
 def _show_sensitivity(workspace: Workspace, segment: Segment, recording: Recording) -> None:
-    request = f"{segment.info.digest} {recording.sha256} {workspace.case}"
-    found = _sensitivity(request, segment, recording, workspace.case)
+    found = _sensitivity(segment.info.digest, segment, recording, workspace.case)
     if not any(any(row.share) for row in found):
         st.caption("None of these occurs in this window, so there is nothing to compare.")
         return
@@ -151,9 +151,11 @@ def _show_sensitivity(workspace: Workspace, segment: Segment, recording: Recordi
     show.downloads(table, f"{Path(segment.source).stem}_{label}_sensitivity", "data_sensitivity")
 
 
-@st.cache_data(max_entries=32, show_spinner="Estimating with and without them …")
+@st.cache_data(
+    max_entries=32, show_spinner="Estimating with and without them …", hash_funcs=BY_CONTENT
+)
 def _sensitivity(
-    request: str, _segment: Segment, _recording: Recording, _case: Case
+    digest: str, _segment: Segment, recording: Recording, case: Case
 ) -> tuple[SensitivityResult, ...]:
-    """Kept by ``request``, which names the data and the case."""
-    return sensitivity(_segment, _recording, _case)
+    """``digest`` is that of the segment."""
+    return sensitivity(_segment, recording, case)

@@ -39,7 +39,8 @@ from pages.ui.database.selection import (
     shown,
     write_link,
 )
-from pages.ui.session.workspace import DatabaseChoice, Workspace
+from pages.ui.session.choices import DatabaseChoice
+from pages.ui.session.workspace import Workspace
 
 LEAD = (
     "Which headway and gains each make, model and distance setting has, how sure that is, and how"

@@ -14,6 +14,7 @@ from accpinn.methods.maximum_likelihood import KEY
 from accpinn.methods.registry import METHODS
 from accpinn.results.messages.database import estimate_line, progress_line, summary_line
 from accpinn.segment.cut import DURATION
+from accpinn.study.batch import files_of
 from accpinn.study.estimate import BatchEstimate, estimate
 from accpinn.study.folders import Request, recall_request
 from accpinn.study.process import BatchSettings, run_batch
@@ -24,9 +25,10 @@ from pages.ui.components.monitor import stop_button
 from pages.ui.components.show import escape_markdown, format_duration
 from pages.ui.components.widgets import bound, select
 from pages.ui.database.selection import folder_of, known_studies
+from pages.ui.session.choices import DatabaseChoice
 from pages.ui.session.recordings import folders, recordings_folder
 from pages.ui.session.resources import batch_queue
-from pages.ui.session.workspace import DatabaseChoice, Workspace
+from pages.ui.session.workspace import Workspace
 
 POLL = 1.0
 """Seconds between two looks at a running batch."""
@@ -245,7 +247,7 @@ def _is_allowed(name: str) -> bool:
 
 
 def _estimated(path: Path, window: float) -> BatchEstimate:
-    stats = [one.stat() for one in path.rglob("*.[cC][sS][vV]")]
+    stats = [one.stat() for one in files_of(path)]
     return _estimate(str(path), window, len(stats), sum(one.st_mtime_ns for one in stats))
 
 

@@ -16,7 +16,7 @@ from accpinn.results.figures import database as figures
 from accpinn.study.folders import default_folder, studies, study_path
 from accpinn.study.groups import Group, Groups, group, read_study
 from accpinn.study.journal import JOURNAL, Failure, read_failures, read_pooled, read_settings
-from pages.ui.session.workspace import DatabaseChoice
+from pages.ui.session.choices import DatabaseChoice
 
 FILTERS: Mapping[str, str] = {
     "make": "Make",

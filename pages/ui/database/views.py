@@ -18,8 +18,9 @@ from pages.ui.components import frame, show
 from pages.ui.components.show import escape_markdown
 from pages.ui.components.widgets import bound
 from pages.ui.database.selection import FILTERS, NOT_TOLD, Shown, Stamp, pooled_of
+from pages.ui.session.choices import DatabaseChoice
 from pages.ui.session.recordings import find_recording
-from pages.ui.session.workspace import DatabaseChoice, Workspace
+from pages.ui.session.workspace import Workspace
 
 LISTED = 100
 """Failures that are shown; the file has all of them."""
@@ -120,21 +121,27 @@ def _gaps(found: Shown) -> go.Figure:
 
 
 def _chart(figure: go.Figure, key: str, choice: DatabaseChoice) -> None:
-    event = show.chart(figure, key, TOOLS, on_select="rerun", selection_mode="points")
-    place = show.clicked_data(event["selection"]["points"])
-    if place is not None:
-        choice.row = int(place)
+    def clicked() -> None:
+        place = show.clicked_data(st.session_state[key]["selection"]["points"])
+        if place is not None:
+            choice.row = int(place)
+
+    show.chart(figure, key, TOOLS, on_select=clicked, selection_mode="points")
 
 
 def show_rows(workspace: Workspace, choice: DatabaseChoice, found: Shown) -> None:
     """All rows that the filters leave; one of them can be chosen."""
     rows = _listed(found)
-    event: Any = st.dataframe(
-        rows, hide_index=True, height=420, on_select="rerun", selection_mode="single-row",
+
+    def picked() -> None:
+        if chosen := st.session_state["database_rows"]["selection"]["rows"]:
+            choice.row = int(chosen[0])
+
+    # By a callback, as the browser goes on to report the row when other rows have taken its place.
+    st.dataframe(
+        rows, hide_index=True, height=420, on_select=picked, selection_mode="single-row",
         key="database_rows", column_config=_config(),
     )  # fmt: skip
-    if picked := event["selection"]["rows"]:
-        choice.row = int(picked[0])
     st.caption(
         f"{len(rows):,} rows; P(L₂): probability of L₂ string stability. Click on a heading to"
         " sort, on the magnifier to search, on the left edge of a row to choose it."

@@ -18,8 +18,9 @@ from accpinn.stability.report import stability_report
 from pages.ui.components import show
 from pages.ui.components.show import escape_markdown
 from pages.ui.components.widgets import bound, segments, select
+from pages.ui.session.choices import Disturbance, PlatoonChoice
 from pages.ui.session.resources import KEPT
-from pages.ui.session.workspace import Disturbance, PlatoonChoice, Workspace
+from pages.ui.session.workspace import Workspace
 
 FOLLOWERS, MOST_FOLLOWERS = 8, 20
 """Of a repeated vehicle, by default as in the paper; and at most."""

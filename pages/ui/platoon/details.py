@@ -15,7 +15,7 @@ from accpinn.results.tables.stability import amplitude_table
 from pages.ui.components import show
 from pages.ui.components.show import escape_markdown
 from pages.ui.components.widgets import bound
-from pages.ui.session.workspace import PlatoonChoice
+from pages.ui.session.choices import PlatoonChoice
 
 SHOWN_WHOLE = 0.99
 """A part of a run longer than this share of it is the run."""

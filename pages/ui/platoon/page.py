@@ -26,8 +26,9 @@ from pages.ui.components.show import escape_markdown
 from pages.ui.components.widgets import bound, segments, tabs
 from pages.ui.platoon.controls import choose_platoon, recorded_leader
 from pages.ui.platoon.details import show_amplitudes, show_animation, show_map, show_panels
+from pages.ui.session.choices import PlatoonChoice
 from pages.ui.session.resources import KEPT
-from pages.ui.session.workspace import PlatoonChoice, Workspace
+from pages.ui.session.workspace import Workspace
 
 LEAD = "A disturbance of the leader, in a platoon of these vehicles."
 HEIGHT = 350

@@ -12,6 +12,7 @@ from pages.ui.components.show import escape_markdown
 from pages.ui.components.widgets import pick_follower
 from pages.ui.result.evaluated import of_snapshot
 from pages.ui.result.view import show_evaluated, show_intervals
+from pages.ui.session import owners
 from pages.ui.session.resources import library
 from pages.ui.session.workspace import Workspace
 
@@ -36,7 +37,7 @@ def banner(workspace: Workspace) -> None:
 
     def keep() -> None:
         with show.flashing():
-            library().add(snapshot)
+            owners.save(workspace, snapshot)
 
     if snapshot.id and not is_run and not library().has(snapshot.id):
         show.messages(

@@ -1,8 +1,12 @@
 """What all browsers share: the stores of results and of snapshots, and the queues of tasks."""
 
+from collections.abc import Callable
+from typing import Any
+
 import streamlit as st
 
 from accpinn.methods.store import Store
+from accpinn.recordings.recording import Recording
 from accpinn.results.snapshot import Snapshot
 from accpinn.results.snapshot.saved import Library
 from accpinn.tasks.queue import TaskQueue
@@ -10,6 +14,8 @@ from accpinn.tasks.queue import TaskQueue
 KEPT = 64
 """Entries of each cache of what pages show: one for each of many users at a time. With fewer they
 would take turns to drive out each other's, and every view would be computed anew."""
+BY_CONTENT: dict[str | type, Callable[[Any], str]] = {Recording: lambda recording: recording.digest}
+"""How a cache knows a recording: not by its file, which another mapping reads otherwise."""
 
 
 @st.cache_resource(show_spinner=False)

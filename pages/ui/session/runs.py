@@ -13,6 +13,7 @@ from pathlib import Path
 
 from accpinn.errors import SnapshotError
 from accpinn.results.snapshot import Snapshot
+from accpinn.results.snapshot.archive import to_bytes
 from accpinn.results.snapshot.saved import Entry, Library
 from accpinn.units import Seconds
 
@@ -46,9 +47,10 @@ class Runs:
         if equal := next((entry for entry in entries if _same(entry, snapshot)), None):
             return equal.id
         with suppress(SnapshotError):
+            content = to_bytes(snapshot)  # one that is too large takes no other's place
             for old in entries[KEPT_RUNS - 1 :]:
                 self.snapshots.delete(old.id)
-            name = self.snapshots.add(snapshot)
+            name = self.snapshots.add(content)
         return name
 
     def made(self) -> Path | None:

@@ -53,13 +53,17 @@ class Workspaces:
             return workspace
 
     def new(self, name: str = "") -> Workspace:
-        """An empty one, by default under a name that nobody can guess."""
+        """An empty one, by default under a name that nobody can guess.
+
+        Two tabs that come at once after a restart get the same one.
+        """
         workspace = Workspace(name or secrets.token_urlsafe(16))
         with self._lock:
             self._forget()
-            self._make_room()
-            self._kept[workspace.id] = (self._clock(), workspace)
-        return workspace
+            if workspace.id not in self._kept:
+                self._make_room()
+                self._kept[workspace.id] = (self._clock(), workspace)
+            return self._kept[workspace.id][1]
 
     def _forget(self) -> None:
         """Let go of those that nobody has used for long."""
@@ -84,9 +88,9 @@ class Workspaces:
         while sum(sizes.values()) > KEPT_BYTES:
             name = max(sizes, key=sizes.__getitem__)
             largest = self._kept[name][1]
-            if len(largest.opened) > 1:
-                largest.forget_other_recordings()
-                sizes[name] = largest.recording_bytes
+            largest.forget_other_recordings()
+            if (left := largest.recording_bytes) < sizes[name]:
+                sizes[name] = left
             elif largest is used:
                 sizes[name] = 0  # one recording is bounded by the size of a file
             else:

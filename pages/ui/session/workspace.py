@@ -5,7 +5,7 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 from accpinn.errors import ConfigError, SegmentError, SnapshotError
 from accpinn.inference.intervals import Uncertainty, intervals
@@ -16,11 +16,9 @@ from accpinn.methods.pinn.config import PinnConfig, PresetName
 from accpinn.methods.pinn.method import WarmStart
 from accpinn.methods.registry import METHODS
 from accpinn.model.cthp import Case, Parameters
-from accpinn.model.published import ASTAZERO
 from accpinn.recordings.mapping import CsvMapping
 from accpinn.recordings.recording import Recording, Window
 from accpinn.recordings.synthetic import Truth
-from accpinn.results.figures.recording import View
 from accpinn.results.snapshot import Snapshot, create
 from accpinn.results.snapshot.verification import recover
 from accpinn.results.tables.estimates import name_of
@@ -35,128 +33,23 @@ from accpinn.study.comparison import (
     results_among,
 )
 from accpinn.tasks.task import Task, TrainingRequest, comparison_task, starts_task, training_task
-from accpinn.units import RadiansPerSecond, Seconds
+from accpinn.units import Seconds
+from pages.ui.session.choices import (
+    DatabaseChoice,
+    DataChoice,
+    MapChoice,
+    ParameterChoice,
+    PlatoonChoice,
+    Source,
+)
 from pages.ui.session.resources import store, task_queue
 from pages.ui.session.runs import Runs
 
-Source = Literal["fit", "published", "snapshot", "hand"]
-Plane = Literal["beta", "alpha"]
-Disturbance = Literal["sinusoid", "step", "brake", "recorded"]
-TypedRow = tuple[str, float | None, float | None, float | None]
-"""Name, α, β, τ of a vehicle as typed in; None where a cell is empty."""
 DEFAULT_CASE: Case = "II"
 """Each follower with parameters of its own, as different cars have."""
 KEPT_RECORDINGS = 4
 KEPT_RECORDS = 3 * len(METHODS)
 """Those of three comparisons."""
-
-
-@dataclass(eq=False)
-class ParameterChoice:
-    """Where α, β and τ come from."""
-
-    source: Source = "fit"
-    """As chosen last; see `Workspace.parameter_source`."""
-    fit: Fit | None = None
-    """The fit there was when the source was chosen; a newer one is shown in place of the choice."""
-    example: str = ASTAZERO.title
-    snapshot: str = ""
-    """Short name of the snapshot; empty: the newest."""
-    rows: tuple[TypedRow, ...] = ()
-    """By hand; a copy of what was shown before once that is chosen."""
-    base: tuple[TypedRow, ...] = ()
-    """The rows with which the table came to the page."""
-
-
-@dataclass(eq=False)
-class MapChoice:
-    """Which plane of parameters is drawn."""
-
-    plane: Plane = "beta"
-    held: int = -1
-    """Index of the vehicle whose third parameter is kept; -1 is the last."""
-    uncertainty: bool = True
-    """Show the uncertainty in charts."""
-    simulated: int = -1
-    """Index of the vehicle whose platoon is offered; -1 is the platoon in order."""
-    measured: int = 0
-    """Index of the follower whose measured gain is shown."""
-
-
-@dataclass(eq=False)
-class PlatoonChoice:
-    """Which platoon is simulated, and its leader's disturbance."""
-
-    order: Literal["learned", "repeated", "own"] = "learned"
-    vehicle: int = 0
-    """Index of the vehicle that is repeated."""
-    followers: int | None = None
-    """How often it is repeated; None: eight times, or as often as there are recorded followers."""
-    own: str = ""
-    """Own order, as typed in."""
-    kind: Disturbance = "sinusoid"
-    omega: RadiansPerSecond | None = None
-    """None: the frequency that the chosen platoon amplifies most."""
-    settings: dict[str, float] = field(default_factory=dict)
-    """Per kind and name, what differs from the default."""
-    whole: bool = False
-    """Show the whole run in place of the part worth a closer look."""
-    view: Literal["observer", "leader", "road"] = "observer"
-    """Where the time-space diagram is seen from."""
-    measured: bool = True
-    """Show the recorded followers behind a recorded leader."""
-    in_db: bool = False
-    """Amplitudes in dB."""
-
-    def set(self, **choices: Any) -> None:
-        """Set one or several of the choices."""
-        for name, value in choices.items():
-            setattr(self, name, value)
-
-    def reset(self) -> None:
-        """Forget what was chosen among other vehicles."""
-        self.vehicle, self.omega, self.own = 0, None, ""
-
-
-@dataclass(eq=False)
-class DataChoice:
-    """What page Data draws of the recording."""
-
-    view: View = "motion"
-    highlight: int = 0
-    """Number of the one follower that is not faint; 0 for all chosen."""
-    validation: str = ""
-    """SHA-256 of the recording from which a window for validation is chosen."""
-
-    def set(self, **choices: Any) -> None:
-        """Set one or several of the choices."""
-        for name, value in choices.items():
-            setattr(self, name, value)
-
-
-@dataclass(eq=False)
-class DatabaseChoice:
-    """Which rows of which study page Database shows."""
-
-    study: str = ""
-    """Its name; empty for the one that was written to last."""
-    filters: dict[str, tuple[str, ...]] = field(default_factory=dict)
-    """By column, the values that are shown; all where there is none."""
-    method: str = ""
-    """Whose estimates; empty for maximum likelihood, or else the first."""
-    by: str = "make"
-    """What groups have in common."""
-    in_units_of_tau: bool = False
-    """Draw the plane of ατ² and βτ in place of α and β."""
-    row: int | None = None
-    """The place of the row that is chosen, among all of the study."""
-    form: dict[str, Any] = field(default_factory=dict)
-    """What differs from the defaults of a new batch."""
-
-    def set(self, **choices: Any) -> None:
-        """Set one or several of the choices."""
-        for name, value in choices.items():
-            setattr(self, name, value)
 
 
 @dataclass(frozen=True)
@@ -300,11 +193,14 @@ class Workspace:
 
     @property
     def recording_bytes(self) -> int:
-        """What its recordings take in memory."""
-        return sum(recording.nbytes for recording, _ in self.opened.values())
+        """What its recordings take in memory, and an upload that cannot be read yet."""
+        waiting = self.pending.source if self.pending else b""
+        known = sum(recording.nbytes for recording, _ in self.opened.values())
+        return known + (len(waiting) if isinstance(waiting, bytes) else 0)
 
     def forget_other_recordings(self) -> None:
         """Keep the open one, or else the last, alone."""
+        self.pending = None
         kept = self.recording.sha256 if self.recording else ""
         last = list(self.opened)[-1:]
         shown = {key: one for key, one in self.opened.items() if key == kept}
@@ -318,13 +214,15 @@ class Workspace:
         Args:
             snapshot: to be shown.
             recording: in place of the open one; it stays open if the snapshot is of it.
-            truth: of the recording, where it is known.
+            truth: of that recording, where it is known.
         """
         self.archive_and_stop()
-        info, given = snapshot.info, recording or self.recording
+        info = snapshot.info
+        given, known = (recording, truth) if recording else (self.recording, self.truth)
         segment = recover(snapshot, given).segment if given else None
-        self.recording = given if segment else None
-        self.truth = (truth or self.truth) if segment else None
+        self.recording, self.truth = (given, known) if segment else (None, None)
+        if self.recording:
+            self.remember(self.recording, self.truth)
         self.segment = segment or snapshot.segment
         self.vehicles, self.case = info.vehicles, snapshot.fit.case
         self.window = Window(info.window.start, info.window.end)
@@ -490,7 +388,7 @@ class Workspace:
     def _forget_vehicles(self) -> None:
         """Forget what was chosen among other vehicles."""
         self.platoon_choice.reset()
-        self.map_choice.held, self.map_choice.simulated, self.map_choice.measured = -1, -1, 0
+        self.map_choice.reset()
 
     @property
     def fit_info(self) -> SegmentInfo | None:
@@ -501,12 +399,13 @@ class Workspace:
 
     def uncertainty(self) -> Uncertainty | None:
         """That of the current fit; None where there is none, or its data are not here."""
-        if self.fit is None:
+        # Read once, as another tab of the session may change them meanwhile.
+        fit, segment, kept = self.fit, self.segment, self._uncertainty
+        if fit and kept and kept[0] is fit:
+            return kept[1]
+        if fit is None or segment is None:
             return None
-        if self._uncertainty is None or self._uncertainty[0] is not self.fit:
-            if self.segment is None:
-                return None
-            self._uncertainty = (self.fit, intervals(self.segment, self.fit))
+        self._uncertainty = (fit, intervals(segment, fit))
         return self._uncertainty[1]
 
     @property

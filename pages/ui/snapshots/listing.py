@@ -5,8 +5,9 @@ from itertools import islice
 
 import streamlit as st
 
+from accpinn.channels import PARAMETERS
 from accpinn.results.snapshot.saved import Entry
-from accpinn.results.tables.estimates import TITLES
+from accpinn.results.tables.estimates import EVERY_FOLLOWER, TITLES
 from pages.ui.components.show import escape_markdown
 
 LISTED = 20
@@ -76,7 +77,14 @@ def _lines(entry: Entry) -> tuple[str, ...]:
     first, last = (entry.vehicles[end] for end in (0, -1))
     where = f"{entry.source}, {entry.window}, {first} to {last}"
     when = entry.created[:16].replace("T", " ")
-    values = "α {:.4f}, β {:.4f}, τ {:.3f}".format(*entry.parameters[0])
     data = ", with data" if entry.with_data else ""
     method = TITLES.get(entry.method, entry.method)
-    return f"{where} · saved {when} UTC{data}", f"{method}: {values}"
+    return f"{where} · saved {when} UTC{data}", f"{method}; {first_estimate(entry)}"
+
+
+def first_estimate(entry: Entry) -> str:
+    """The first follower's parameters, with the digits that their intervals support."""
+    shared = entry.case == "I" and len(entry.parameters) > 1
+    values = zip(PARAMETERS, entry.parameters[0], entry.digits, strict=True)
+    shown = (f"{one.symbol} {value:.{digits}f} {one.unit}" for one, value, digits in values)
+    return f"{EVERY_FOLLOWER if shared else entry.vehicles[1]}: {', '.join(shown)}"

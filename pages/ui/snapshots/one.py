@@ -35,7 +35,7 @@ from pages.ui.components import show
 from pages.ui.components.show import escape_markdown
 from pages.ui.result.evaluated import of_snapshot
 from pages.ui.result.view import show_evaluated
-from pages.ui.session.resources import library, opened
+from pages.ui.session.resources import BY_CONTENT, library, opened
 from pages.ui.session.sessions import SNAPSHOT
 from pages.ui.session.workspace import Workspace
 from pages.ui.snapshots.both import show_both
@@ -134,15 +134,15 @@ def _verified(workspace: Workspace, snapshot: Snapshot) -> Verification:
     recording = workspace.recording
     same = recording if recording and recording.sha256 == snapshot.info.sha256 else None
     again = bool(st.session_state.get(_again(snapshot)))
-    return _verification(snapshot.digest, same.sha256 if same else "", again, snapshot, same)
+    return _verification(snapshot.digest, snapshot, same, again)
 
 
-@st.cache_resource(max_entries=16, show_spinner=False)
+@st.cache_resource(max_entries=16, show_spinner=False, hash_funcs=BY_CONTENT)
 def _verification(
-    digest: str, sha256: str, again: bool, _snapshot: Snapshot, _recording: Recording | None
+    digest: str, _snapshot: Snapshot, recording: Recording | None, again: bool
 ) -> Verification:
     """What was found before for the same file and recording is not computed again."""
-    return verify(_snapshot, _recording, refit_within=HOWEVER_LONG if again else QUICK)
+    return verify(_snapshot, recording, refit_within=HOWEVER_LONG if again else QUICK)
 
 
 def _show_standing(workspace: Workspace, snapshot: Snapshot) -> None:

@@ -10,7 +10,7 @@ from accpinn.model.published import ParameterSet
 from accpinn.results.figures import stability as figures
 from accpinn.results.figures.stability import add_clouds, cloud_caption
 from accpinn.results.messages import messages
-from accpinn.results.messages.stability import BEHAVIOURS, TITLES, reason
+from accpinn.results.messages.stability import BEHAVIOURS, BY_ESTIMATES, TITLES, reason
 from accpinn.results.tables.estimates import form_intervals_table
 from accpinn.results.tables.stability import answer, stability_interval_table, stability_table
 from accpinn.stability.report import StabilityReport, VehicleStability, Verdict
@@ -18,7 +18,8 @@ from pages.ui.components import show
 from pages.ui.components.parameter_picker import Chosen
 from pages.ui.components.show import escape_markdown
 from pages.ui.components.widgets import segments, select
-from pages.ui.session.workspace import Plane, Workspace
+from pages.ui.session.choices import Plane
+from pages.ui.session.workspace import Workspace
 
 PLANES: dict[Plane, str] = {"beta": "β and τ", "alpha": "α and τ"}
 
@@ -105,6 +106,8 @@ def show_map(shown: Shown) -> None:
 def show_reasons(shown: Shown) -> None:
     """A sentence for every verdict."""
     chosen, report = shown.chosen, shown.report
+    if shown.known:
+        st.caption(BY_ESTIMATES)
     columns = st.columns(2, gap="large")
     for k, (label, vehicle) in enumerate(zip(chosen.labels, report.vehicles, strict=True)):
         verdicts: tuple[Verdict, ...] = (vehicle.l2, vehicle.linf_paper, vehicle.linf_exact)

@@ -22,7 +22,9 @@ def test_the_answer_names_share_interval_and_the_ends_of_the_range() -> None:
     [whole] = group(given.assign(p_l2_stable=[1.0, 1.0, 1.0, 0.0]), ()).groups
     assert headline(whole, 0.9).startswith("75 % of the followers")
     said = typical_line(whole, found)
-    assert "Shortest τ: A, 1.05 s; longest: B, 2.00 s" in said
+    a, b, _ = found.groups
+    for one, name in ((a, "Shortest τ: A, 1.05 s"), (b, "longest: B, 2.00 s")):
+        assert f"{name} ({one.tau.low:.2f} to {one.tau.high:.2f} s)" in said
     assert f"{whole.tau.median:.2f} s" in said
     assert trust_line(found).startswith("2 of 3 groups with one window, 3 with one vehicle. ")
     assert trust_line(group(given[:2], ("make",))).startswith("1 of 1 group with one vehicle. ")

@@ -52,6 +52,10 @@ def test_summary_gives_parameters_with_intervals_and_probabilities() -> None:
     assert uncertainty is not None
     for one in whole().fit.parameters:
         assert f"τ {one.tau:.2f} s" in text
+    values = whole().fit.parameters.values
+    lower, upper = (Parameters.of(values + end) for end in (-0.5, 0.5))
+    wide = said(replace(whole(), uncertainty=replace(uncertainty, lower=lower, upper=upper)))
+    assert f"β {values[0, 1]:.2f} 1/s" in wide, "no more digits than the interval supports"
     low, high = uncertainty.lower.tau[0], uncertainty.upper.tau[0]
     assert f"(90 % interval: {low:.2f} to {high:.2f} s)" in text
     assert "All four vehicles amplify" in text

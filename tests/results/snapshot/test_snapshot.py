@@ -141,7 +141,6 @@ class TestRoundTrip:
         fit = train(segment, "II", preset("fast", iterations=60), threads=1)
         target = save(create(segment, fit, recording=recording), tmp_path / "casale.accpinn.zip")
         assert target.stat().st_size < 300_000
-        assert_opens_without_torch(target, fit.parameters.values.tobytes().hex())
         assert verify(load(target), recording).ok
 
 

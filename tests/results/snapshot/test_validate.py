@@ -10,8 +10,8 @@ import pytest
 from accpinn.errors import SnapshotError
 from accpinn.results.snapshot import Snapshot
 from accpinn.results.snapshot.archive import load, pack, seal, to_bytes
-from accpinn.results.snapshot.validate import SHAPES
-from tests.support.snapshots import entries, resealed, small_bytes, whole
+from accpinn.results.snapshot.validate import MOST_COMPUTED, SHAPES
+from tests.support.snapshots import entries, resealed, small, small_bytes, whole
 
 LONG = "x" * 500_000
 
@@ -75,6 +75,20 @@ def test_what_no_snapshot_says_is_refused(place: str, value: Any, said: str) -> 
         load(forged(place, value))
     assert str(fault.value).endswith(".")
     assert len(str(fault.value)) < 300
+
+
+def test_data_that_would_take_minutes_to_compute_anew_are_refused() -> None:
+    one = small()
+    assert one.segment is not None
+    count = 1 + MOST_COMPUTED // one.info.followers
+    speeds, gaps = (
+        np.broadcast_to(values[:1], (count, values.shape[1]))
+        for values in (one.segment.speeds, one.segment.gaps)
+    )
+    segment = replace(one.segment, time=0.5 * np.arange(count), speeds=speeds, gaps=gaps)
+    data = to_bytes(replace(one, segment=segment, info=segment.info))
+    with pytest.raises(SnapshotError, match="longer than can be computed"):
+        load(data)
 
 
 def with_member(name: str, header: str) -> bytes:
