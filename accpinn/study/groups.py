@@ -41,6 +41,7 @@ GROUPABLE = (
 )  # fmt: skip
 """Columns that rows may be grouped by."""
 BY = ("make", "model", "distance_setting")
+PROBABILITIES = ("p_l2_stable", "p_linf_stable")
 TRIMMED_EVERY, NEGLIGIBLE = 128, 1e-18
 """After so many windows, numbers of stable ones with less than that probability are left out."""
 
@@ -106,6 +107,8 @@ class Groups:
 def read_study(study: str | Path) -> pd.DataFrame:
     """The rows of a batch with the columns of `COLUMNS`, also while it runs.
 
+    What is no number, or no probability where one should be, is nan.
+
     Raises:
         RecordingError: where there is no batch.
     """
@@ -116,6 +119,8 @@ def read_study(study: str | Path) -> pd.DataFrame:
     for column in COLUMNS:
         if column.kind == "double":
             frame[column.name] = pd.to_numeric(frame[column.name], errors="coerce")
+    for name in PROBABILITIES:
+        frame[name] = frame[name].where(frame[name].between(0.0, 1.0))
     return frame
 
 

@@ -13,7 +13,7 @@ from accpinn.results.tables.groups import group_table
 from accpinn.study.groups import group, read_study, share
 from accpinn.study.journal import JOURNAL
 from tests.support.command import Capture, document, refused
-from tests.support.studies import row, rows
+from tests.support.studies import row, rows, write_study
 
 
 def test_medians_and_spread_are_those_of_the_windows() -> None:
@@ -118,3 +118,12 @@ def test_what_cannot_be_grouped(capsys: Capture, study: Path, tmp_path: Path) ->
         read_study(tmp_path / "none")
     with pytest.raises(ConfigError):
         group(rows(row("A")), ("vehicle",))
+
+
+def test_a_number_that_is_no_probability_is_unknown(tmp_path: Path) -> None:
+    study = write_study(tmp_path / "s", row("A", p_linf_stable=2**62), row("A", p_l2_stable="x"))
+    found = read_study(study)
+    assert found["p_linf_stable"].isna().tolist() == [True, False]
+    assert found["p_l2_stable"].isna().tolist() == [False, True]
+    [one] = group(found).groups
+    assert one.linf_stable.value == 0.0
