@@ -26,12 +26,12 @@ from bench.disturbed import MOTORWAY, Disturbance, disturbed
 from bench.paper_protocol import PaperProtocol
 from tests.support.samples import FOLDER, NOISY, PLATOON, sample
 
-FEW = 4
+FEW = 2
 
 
 @pytest.fixture(scope="module")
 def study() -> coverage.CoverageStudy:
-    return coverage.measure(FEW, duration=150.0)
+    return coverage.measure(FEW, duration=100.0)
 
 
 class TestCoverage:
@@ -46,14 +46,21 @@ class TestCoverage:
     def test_naive_intervals_are_far_narrower(self, study: coverage.CoverageStudy) -> None:
         width = {row.method: np.array(row.width) for row in study.rows}
         assert (width["naive"] < 0.5 * width[coverage.OURS]).all()
-        assert f"{FEW} recordings of 150 s" in coverage.text(study)
+        assert f"{FEW} recordings of 100 s" in coverage.text(study)
 
     def test_exit_status_is_1_where_the_coverage_is_not_nominal(
-        self, capsys: pytest.CaptureFixture[str]
+        self,
+        study: coverage.CoverageStudy,
+        capsys: pytest.CaptureFixture[str],
+        monkeypatch: pytest.MonkeyPatch,
     ) -> None:
-        status = coverage.main(["--recordings", "2", "--duration", "150", "--json"])
-        ours = json.loads(capsys.readouterr().out)["rows"][0]
-        assert status == int(not all(0.85 <= share <= 0.95 for share in ours["covered"]))
+        nominal = replace(study.rows[0], covered=(0.9, 0.9, 0.9), jointly=0.75)
+        for row, expected in ((nominal, 0), (replace(nominal, jointly=0.5), 1)):
+            found = replace(study, rows=(row,), bias={coverage.LIKELIHOOD: (0.0, 0.0, 0.0)})
+            monkeypatch.setattr(coverage, "measure", lambda *_, found=found, **__: found)
+            assert coverage.main(["--recordings", "2", "--json"]) == expected
+            [ours] = json.loads(capsys.readouterr().out)["rows"]
+            assert ours["jointly"] == row.jointly
 
     def test_refuses_no_recordings(self, capsys: pytest.CaptureFixture[str]) -> None:
         with pytest.raises(SystemExit) as ended:
