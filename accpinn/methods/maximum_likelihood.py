@@ -50,9 +50,9 @@ class DisturbanceSize(Finding, frozen=True):
     """T₂."""
 
 
-def maxima_of(segment: Segment, case: Case, form: Form = "cthp") -> tuple[Maximum, ...]:
+def maxima_of(segment: Segment, case: Case) -> tuple[Maximum, ...]:
     """The maximum of each follower, or in Case I of all together; remembered for a few segments."""
-    return joint_maxima((segment,), case, form)
+    return joint_maxima((segment,), case)
 
 
 def joint_maxima(
