@@ -205,7 +205,8 @@ def batch(
         raise ConfigError(
             f"workers: {workers} is not allowed; choose 1 or more, and none beside a scheduler."
         )
-    files = files_of(sources)
+    own = Path(study).resolve()  # which may lie among its recordings
+    files = [file for file in files_of(sources) if own not in file.resolve().parents]
     length = window if math.isfinite(window) else "all"
     with Journal(Path(study), {"window": length, "case": case}) as journal:
         run = _Run(journal, tuple(dict.fromkeys(methods)), case, window, mapping, files, started)

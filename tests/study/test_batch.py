@@ -369,6 +369,10 @@ def test_settings_and_sources_that_cannot_be(
     (tmp_path / "empty").mkdir()
     with pytest.raises(RecordingError, match="no CSV file"):
         batch(tmp_path / "empty", study)
+    inside = folder / "below" / "study"
+    batch(folder / "below", inside, methods=METHODS_USED[:1], window=200, scheduler=cluster)
+    again = batch(folder / "below", inside, methods=METHODS_USED[:1], window=200)
+    assert (again.recordings, again.refused) == (1, 0), "its failures.csv is no recording"
     monkeypatch.setattr(clusters, "CONNECT", 0.3)
     with pytest.raises(RecordingError, match="no scheduler answers"):
         batch(one, tmp_path / "other", scheduler="tcp://127.0.0.1:9")
