@@ -205,8 +205,7 @@ def batch(
         raise ConfigError(
             f"workers: {workers} is not allowed; choose 1 or more, and none beside a scheduler."
         )
-    own = Path(study).resolve()  # which may lie among its recordings
-    files = [file for file in files_of(sources) if own not in file.resolve().parents]
+    files = files_of(sources, Path(study))
     length = window if math.isfinite(window) else "all"
     with Journal(Path(study), {"window": length, "case": case}) as journal:
         run = _Run(journal, tuple(dict.fromkeys(methods)), case, window, mapping, files, started)
@@ -214,22 +213,27 @@ def batch(
         return run.summary()
 
 
-def files_of(sources: str | os.PathLike[str] | Sequence[str | os.PathLike[str]]) -> list[Path]:
+def files_of(
+    sources: str | os.PathLike[str] | Sequence[str | os.PathLike[str]], study: Path | None = None
+) -> list[Path]:
     """The files of a batch: each once, those of a folder in the order of their names.
 
     Args:
         sources: as `batch` takes them.
+        study: the folder of the results, which may lie among them.
 
     Raises:
         RecordingError: when a source does not exist, or holds no CSV file.
     """
     listed = [sources] if isinstance(sources, str | os.PathLike) else list(sources)
+    own = study.resolve() if study else None
     found: dict[Path, None] = {}
     for source in listed:
         path = Path(source)
         if path.is_dir():
             inside = (p for p in path.rglob("*") if p.suffix.lower() in ENDINGS and p.is_file())
-            found |= dict.fromkeys(sorted(p for p in inside if not _is_note(p)))
+            runs = (p for p in inside if not _is_note(p) and own not in p.resolve().parents)
+            found |= dict.fromkeys(sorted(runs))
         elif path.exists():
             found[path] = None
         else:
