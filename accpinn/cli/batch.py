@@ -10,14 +10,14 @@ from typing import Any
 
 from tqdm import tqdm
 
-from accpinn.cli.estimation import interruptible
-from accpinn.cli.options import PARAMETER_NAMES, fields
+from accpinn.channels import PARAMETER_KEYS
+from accpinn.cli.estimation import add_method_help, interruptible
+from accpinn.cli.options import fields
 from accpinn.cli.output import print_json, progress, show, show_result
 from accpinn.cli.recording import add_json_option
 from accpinn.errors import ConfigError
 from accpinn.inference.intervals import LEVEL
 from accpinn.methods.maximum_likelihood import KEY
-from accpinn.methods.registry import METHODS
 from accpinn.recordings.mapping import load_mapping
 from accpinn.results.tables.groups import group_table, pooled_table
 from accpinn.results.tables.table import Table
@@ -51,8 +51,7 @@ def add_batch_options(parser: argparse.ArgumentParser) -> None:
     option("--scheduler", metavar="URL", help="of dask, as tcp://host:8786, in their place")
     option("--mapping", metavar="JSON", help="columns, units and sample time of other tables")
     add_json_option(parser)
-    lines = [f"  {key:<16} {method.summary}" for key, method in METHODS.items()]
-    parser.epilog = "\n".join(["methods:", *lines, "", parser.epilog or ""])
+    add_method_help(parser)
 
 
 def run_batch(options: argparse.Namespace) -> int:
@@ -187,7 +186,7 @@ def _describe_groups(found: Groups) -> dict[str, Any]:
                 **fields(one, "windows", "vehicles"),
                 **{
                     name: _describe_typical(typical)
-                    for name, typical in zip(PARAMETER_NAMES, one.parameters, strict=True)
+                    for name, typical in zip(PARAMETER_KEYS, one.parameters, strict=True)
                 },
                 "mean_time_gap": {
                     "median": one.mean_time_gap.value,

@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 from tqdm import tqdm
 
+from accpinn.channels import PARAMETER_KEYS
 from accpinn.cli.options import (
-    PARAMETER_NAMES,
     add_run_options,
     add_segment_options,
     add_windows_option,
@@ -26,14 +26,13 @@ from accpinn.cli.options import (
     describe_parameters,
     describe_segment,
     fields,
+    incidents,
 )
 from accpinn.cli.output import one_line, show_result
 from accpinn.cli.windows import run_windows
 from accpinn.errors import ConfigError
 from accpinn.evaluation.closed_loop import (
-    closed_loop,
     closed_loop_errors,
-    closed_loop_findings,
     surrogate_errors,
 )
 from accpinn.inference.identifiability import identifiability_warnings, narrower_intervals
@@ -94,7 +93,7 @@ def add_fit_options(parser: argparse.ArgumentParser) -> None:
     """Declare the options of `fit`."""
     add_segment_options(parser)
     add_windows_option(parser)
-    _add_method_help(parser)
+    add_method_help(parser)
     option = parser.add_argument
     option("--method", choices=list(METHODS), default="pinn", metavar="NAME", help="(pinn)")
     option("--preset", choices=list(PRESETS), help="of the PiNN: seconds, or minutes (fast)")
@@ -214,7 +213,7 @@ def describe_fit(segment: Segment, fit: Fit, quality: Quality) -> dict[str, Any]
         "active_bounds": fit.active_bounds,
         "mae": describe_errors(surrogate_errors(segment, fit)),
         "closed_loop_mae": describe_errors(closed_loop_errors(segment, fit)),
-        "incidents": _incidents(segment, fit),
+        "incidents": incidents(segment, fit),
         "mean_time_gap": quality.mean_time_gap,
         "outcome": fit.outcome.name.lower(),
         "outcome_sentence": outcome_message(fit),
@@ -228,13 +227,9 @@ def fit_text(segment: Segment, fit: Fit, quality: Quality) -> str:
     table = parameter_table(segment.info, fit, quality, *errors)
     cached = ", answered from the cache" if fit.cached else ""
     effort = f"{fit.iterations} iterations in {fit.seconds:.1f} s{cached}"
-    said = [f"{outcome_message(fit)} ({effort})", *_incidents(segment, fit)]
+    said = [f"{outcome_message(fit)} ({effort})", *incidents(segment, fit)]
     notes = [f"Note: {note}" for note in _notes(segment, fit, quality)]
     return "\n".join([table.to_text(), "", *said, *notes])
-
-
-def _incidents(segment: Segment, fit: Fit) -> tuple[str, ...]:
-    return messages(closed_loop_findings(segment, closed_loop(segment, fit)), segment)
 
 
 def _notes(segment: Segment, fit: Fit, quality: Quality) -> tuple[str, ...]:
@@ -245,14 +240,14 @@ def _notes(segment: Segment, fit: Fit, quality: Quality) -> tuple[str, ...]:
 def add_compare_options(parser: argparse.ArgumentParser) -> None:
     """Declare the options of `compare`."""
     add_segment_options(parser)
-    _add_method_help(parser)
+    add_method_help(parser)
     parser.add_argument(
         "--methods", default="all", metavar="all | A,B", help="some of those below (all)"
     )
     add_run_options(parser)
 
 
-def _add_method_help(parser: argparse.ArgumentParser) -> None:
+def add_method_help(parser: argparse.ArgumentParser) -> None:
     """Explain the methods below the options."""
     lines = [f"  {key:<16} {method.summary}" for key, method in METHODS.items()]
     parser.epilog = "\n".join(["methods:", *lines, "", parser.epilog or ""])
@@ -292,7 +287,7 @@ def _describe_comparison(
             {
                 "form": form.form,
                 "vehicle": vehicle,
-                **dict(zip(PARAMETER_NAMES, form.parameters.values[k], strict=True)),
+                **dict(zip(PARAMETER_KEYS, form.parameters.values[k], strict=True)),
                 "deviation": [x if np.isfinite(x) else None for x in form.deviation[k].tolist()],
                 "extra": form.extra[k],
                 "aic": form.aic[k],
@@ -308,7 +303,7 @@ def _describe_comparison(
                 **_ends(one.intervals),
                 "estimate": {
                     name: own.estimate
-                    for name, own in zip(PARAMETER_NAMES, one.intervals, strict=True)
+                    for name, own in zip(PARAMETER_KEYS, one.intervals, strict=True)
                 },
                 "level": one.level,
             }
@@ -332,7 +327,7 @@ def _describe_posterior(adequacy: Adequacy, form: Form, vehicle: int) -> dict[st
 def _ends(intervals: Sequence[ParameterInterval]) -> dict[str, Any]:
     """Both ends of the intervals of α, β and τ, by name."""
     ends = [[one.lower, one.upper] for one in intervals]
-    return dict(zip(PARAMETER_NAMES, ends, strict=True))
+    return dict(zip(PARAMETER_KEYS, ends, strict=True))
 
 
 def _describe_result(segment: Segment, result: MethodResult) -> dict[str, Any]:
@@ -463,7 +458,7 @@ def _describe_starts(segment: Segment, found: MultistartResult) -> dict[str, Any
             for trial in found.trials
         ],
         "spread_percent": [
-            {"vehicle": vehicle, **dict(zip(PARAMETER_NAMES, row, strict=True))}
+            {"vehicle": vehicle, **dict(zip(PARAMETER_KEYS, row, strict=True))}
             for vehicle, row in zip(segment.vehicles[1:], found.spread.tolist(), strict=True)
         ],
         "notes": messages(found.findings, segment),

@@ -7,17 +7,19 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from accpinn.channels import PARAMETERS
+from accpinn.channels import PARAMETER_KEYS, PARAMETERS
 from accpinn.cli.output import complain, show_result
 from accpinn.cli.recording import add_json_option, add_recording, chosen_recording
 from accpinn.errors import ConfigError, SegmentError
-from accpinn.evaluation.closed_loop import TrackingErrors
+from accpinn.evaluation.closed_loop import TrackingErrors, closed_loop, closed_loop_findings
 from accpinn.inference.intervals import Uncertainty
+from accpinn.methods.fit import Fit
 from accpinn.methods.method import TaskContext
 from accpinn.methods.registry import segment_for
 from accpinn.methods.store import Store
 from accpinn.model.cthp import Parameters
 from accpinn.recordings.recording import Recording
+from accpinn.results.messages import messages
 from accpinn.segment.cut import DURATION, parse_vehicles, parse_windows
 from accpinn.segment.quality import (
     EXCLUDABLE,
@@ -35,7 +37,6 @@ if TYPE_CHECKING:
 
 PROMPT: Seconds = 5.0
 """How long running a method again may take that only comes before something else."""
-PARAMETER_NAMES = ("alpha", "beta", "tau")
 
 
 def add_segment_options(parser: argparse.ArgumentParser) -> None:
@@ -81,7 +82,7 @@ def add_run_options(parser: argparse.ArgumentParser) -> None:
 
 def add_parameter_options(parser: argparse.ArgumentParser) -> None:
     """Declare α, β, τ with one value a vehicle, first follower first; or a snapshot."""
-    for name, parameter in zip(PARAMETER_NAMES, PARAMETERS, strict=True):
+    for name, parameter in zip(PARAMETER_KEYS, PARAMETERS, strict=True):
         parser.add_argument(
             f"--{name}",
             type=float,
@@ -163,7 +164,7 @@ def chosen_vehicles(options: argparse.Namespace) -> Vehicles:
         ConfigError: when they are missing, given twice, or differ in number.
         SnapshotError: when the snapshot cannot be read.
     """
-    values = {name: getattr(options, name) for name in PARAMETER_NAMES if getattr(options, name)}
+    values = {name: getattr(options, name) for name in PARAMETER_KEYS if getattr(options, name)}
     if options.snapshot:
         if values:
             raise ConfigError(f"parameters: give --{next(iter(values))} or --snapshot, not both.")
@@ -175,7 +176,7 @@ def chosen_vehicles(options: argparse.Namespace) -> Vehicles:
         within = chosen_patience(options, PROMPT)
         checked = verify_parameters(snapshot, refit_within=within)
         return Vehicles(snapshot.fit.parameters, snapshot, checked)
-    missing = [f"--{name}" for name in PARAMETER_NAMES if name not in values]
+    missing = [f"--{name}" for name in PARAMETER_KEYS if name not in values]
     if missing:
         listed = " and ".join(missing)
         raise ConfigError(f"parameters: {listed} missing; give all three, or --snapshot FILE.")
@@ -242,7 +243,7 @@ def describe_parameters(segment: Segment, parameters: Parameters | None) -> list
         return []
     rows = zip(segment.vehicles[1:], segment.names[1:], parameters.values.tolist(), strict=True)
     return [
-        {"vehicle": vehicle, "name": name, **dict(zip(PARAMETER_NAMES, row, strict=True))}
+        {"vehicle": vehicle, "name": name, **dict(zip(PARAMETER_KEYS, row, strict=True))}
         for vehicle, name, row in rows
     ]
 
@@ -253,10 +254,15 @@ def describe_interval_ends(segment: Segment, uncertainty: Uncertainty) -> list[d
     return [
         {
             "vehicle": vehicle,
-            **{name: list(pair) for name, *pair in zip(PARAMETER_NAMES, *rows, strict=True)},
+            **{name: list(pair) for name, *pair in zip(PARAMETER_KEYS, *rows, strict=True)},
         }
         for vehicle, rows in zip(segment.vehicles[1:], ends, strict=True)
     ]
+
+
+def incidents(segment: Segment, fit: Fit) -> tuple[str, ...]:
+    """Sentences on collisions, reversing and divergence in the closed-loop simulation."""
+    return messages(closed_loop_findings(segment, closed_loop(segment, fit)), segment)
 
 
 def describe_errors(errors: TrackingErrors | None) -> dict[str, list[float]] | None:

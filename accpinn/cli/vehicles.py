@@ -4,8 +4,8 @@ import argparse
 from contextlib import suppress
 from typing import Any
 
+from accpinn.channels import PARAMETER_KEYS
 from accpinn.cli.options import (
-    PARAMETER_NAMES,
     add_parameter_options,
     chosen_vehicles,
     fields,
@@ -65,7 +65,7 @@ def _describe_vehicle(vehicle: VehicleStability) -> dict[str, Any]:
         "linf_exact": {"gain": vehicle.linf_gain},
     }
     return {
-        **fields(vehicle.parameters, *PARAMETER_NAMES),
+        **fields(vehicle.parameters, *PARAMETER_KEYS),
         **{key: own | _verdict(getattr(vehicle, key), vehicle) for key, own in found.items()},
         **fields(vehicle, "crossover", "overshoot", "damping_ratio"),
         "peak": vars(vehicle.peak),

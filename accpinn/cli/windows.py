@@ -6,22 +6,21 @@ from typing import Any
 
 import numpy as np
 
+from accpinn.channels import PARAMETER_KEYS
 from accpinn.cli.options import (
-    PARAMETER_NAMES,
     describe_errors,
     describe_interval_ends,
     describe_parameters,
     describe_segment,
     fields,
+    incidents,
 )
 from accpinn.cli.output import show_result
 from accpinn.cli.recording import chosen_recording
 from accpinn.errors import ConfigError, Finding, SegmentError
 from accpinn.evaluation.closed_loop import (
     TrackingErrors,
-    closed_loop,
     closed_loop_errors,
-    closed_loop_findings,
     surrogate_errors,
 )
 from accpinn.methods.fit import Fit
@@ -131,7 +130,7 @@ def describe_joint(joint: JointFit) -> dict[str, Any]:
             {
                 "vehicle": one.vehicle,
                 "name": name,
-                **dict(zip(PARAMETER_NAMES, map(_describe_effect, one.effects), strict=True)),
+                **dict(zip(PARAMETER_KEYS, map(_describe_effect, one.effects), strict=True)),
             }
             for one, name in zip(joint.between, first.names[1:], strict=True)
         ],
@@ -146,13 +145,13 @@ def _describe_window(window: WindowEstimate, together: Fit) -> dict[str, Any]:
         **fields(segment, "source", "samples"),
         "parameters": describe_parameters(segment, window.fit.parameters),
         "standard_errors": [
-            {"vehicle": vehicle, **dict(zip(PARAMETER_NAMES, row, strict=True))}
+            {"vehicle": vehicle, **dict(zip(PARAMETER_KEYS, row, strict=True))}
             for vehicle, row in zip(segment.vehicles[1:], window.errors.tolist(), strict=True)
         ],
         "intervals": describe_interval_ends(segment, window.uncertainty),
         "log_likelihood": window.fit.loss["log_likelihood"],
         "closed_loop_mae": describe_errors(closed_loop_errors(segment, together)),
-        "incidents": _incidents(segment, together),
+        "incidents": incidents(segment, together),
         "outcome": window.fit.outcome.name.lower(),
     }
 
@@ -198,12 +197,8 @@ def _incidents_of(joint: JointFit) -> list[str]:
     return [
         sentence
         for window, fit in zip(joint.windows, joint.fits, strict=True)
-        for sentence in _incidents(window.segment, fit)
+        for sentence in incidents(window.segment, fit)
     ]
-
-
-def _incidents(segment: Segment, fit: Fit) -> tuple[str, ...]:
-    return messages(closed_loop_findings(segment, closed_loop(segment, fit)), segment)
 
 
 def _notes(joint: JointFit) -> tuple[str, ...]:

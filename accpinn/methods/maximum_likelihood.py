@@ -50,9 +50,9 @@ class DisturbanceSize(Finding, frozen=True):
     """T₂."""
 
 
-def maxima_of(segment: Segment, case: Case, form: Form = "cthp") -> tuple[Maximum, ...]:
+def maxima_of(segment: Segment, case: Case) -> tuple[Maximum, ...]:
     """The maximum of each follower, or in Case I of all together; remembered for a few segments."""
-    return joint_maxima((segment,), case, form)
+    return joint_maxima((segment,), case)
 
 
 def joint_maxima(
@@ -95,28 +95,24 @@ def fit(segment: Segment, case: Case = "II") -> Fit:
     Raises:
         SegmentError: when the window is too short to say anything.
     """
-    return fit_at(segment, case, maxima_of(segment, case))
+    return fit_among((segment,), segment, case)
 
 
-def fit_at(segment: Segment, case: Case, maxima: tuple[Maximum, ...]) -> Fit:
-    """A segment's fit under given maxima, which may be those of several segments together.
+def fit_among(segments: tuple[Segment, ...], segment: Segment, case: Case) -> Fit:
+    """The fit of one of several segments by the maxima of all of them together.
 
     Args:
-        segment: speeds (N, M+1) in m/s and space-gaps (N, M) in m.
+        segments: as for `series_of`.
+        segment: the one: speeds (N, M+1) in m/s and space-gaps (N, M) in m.
         case: "I" or "II".
-        maxima: one in Case I, M in Case II.
     """
+    maxima = joint_maxima(segments, case)
     of = maxima * segment.followers if case == "I" else maxima
     theta = np.array([one.theta for one in of])
     active: NDArray[np.bool_] = np.asarray(theta == 0.0)
-    free = theta
-    bound = [g for g, one in enumerate(maxima) if (one.theta == 0.0).any()]
-    if bound:  # what the data ask for, were it not for the rational driving constraints
-        near = [np.append(maxima[g].values[:3], maxima[g].coordinates[3:]) for g in bound]
-        found = maximise(series_of([segment], case).of(bound), "unbounded", near)
-        free = theta.copy()
-        for g, one in zip(bound, found, strict=True):
-            free[slice(None) if case == "I" else g] = one.values[:3]
+    free = theta.copy()
+    for g, one in _without_bounds(segments, case).items():
+        free[slice(None) if case == "I" else g] = one.values[:3]
     step = stride_of(segment) * segment.sample_time
     model = state_space("cthp", np.array([one.values for one in of]), step)
     states = smooth(model, measured_of(segment))
@@ -141,6 +137,18 @@ def fit_at(segment: Segment, case: Case, maxima: tuple[Maximum, ...]) -> Fit:
             "unknowns": np.array([one.values for one in of]),
         },
     )
+
+
+@lru_cache(maxsize=64)
+def _without_bounds(segments: tuple[Segment, ...], case: Case) -> dict[int, Maximum]:
+    """Where a bound is active, by group: the maximum without the rational driving constraints."""
+    maxima = joint_maxima(segments, case)
+    bound = [g for g, one in enumerate(maxima) if (one.theta == 0.0).any()]
+    if not bound:
+        return {}
+    near = [np.append(maxima[g].values[:3], maxima[g].coordinates[3:]) for g in bound]
+    found = maximise(series_of(segments, case).of(bound), "unbounded", near)
+    return dict(zip(bound, found, strict=True))
 
 
 def disturbance_sizes(vehicles: Sequence[int], fit: Fit) -> tuple[DisturbanceSize, ...]:

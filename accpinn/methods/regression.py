@@ -15,7 +15,6 @@ from itertools import combinations
 from typing import Self
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from accpinn.model.cthp import LINEAR_NAMES, Case, Parameters, regressors
 from accpinn.segment.segment import Segment
@@ -65,36 +64,27 @@ class Solution:
         )
 
 
-def solve_bounded(
-    gram: FloatArray, moment: FloatArray, bounded: ArrayLike | None = None
-) -> Solution:
+def solve_bounded(gram: FloatArray, moment: FloatArray) -> Solution:
     """Minimise xᵀGx - 2mᵀx over x ≥ 0 exactly.
 
-    Every active set is tried, so the answer is the global optimum; K is 2 to 4 in this package.
+    Every active set is tried, so the answer is the global optimum; K is 2 or 3 in this package.
 
     Args:
         gram: (K, K) G, symmetric positive semi-definite.
         moment: (K,) m.
-        bounded: (K,) which unknowns have the bound; by default all.
     """
     size = len(moment)
-    has_bound = np.ones(size, bool) if bounded is None else np.asarray(bounded, bool)
-    held, always = np.flatnonzero(has_bound), np.flatnonzero(~has_bound)
     unconstrained = frozen(np.linalg.lstsq(gram, moment, rcond=None)[0])
-    if (unconstrained[held] >= 0).all():
+    if (unconstrained >= 0).all():
         return Solution.of(unconstrained)
-    best, best_cost = np.zeros(size), np.inf if always.size else 0.0
-    active = np.isin(np.arange(size), held)
-    for count in range(0 if always.size else 1, len(held)):
-        for chosen in combinations(held, count):
-            free = sorted([*always, *chosen])
+    best, best_cost, active = np.zeros(size), 0.0, np.ones(size, bool)
+    for count in range(1, size):
+        for free in map(list, combinations(range(size), count)):
             part = np.linalg.lstsq(gram[np.ix_(free, free)], moment[free], rcond=None)[0]
-            trial = np.zeros(size)
-            trial[free] = part
             cost = float(-part @ moment[free])
-            if (trial[held] >= 0).all() and cost < best_cost:
-                best, best_cost = trial, cost
-                active = ~np.isin(np.arange(size), free)
+            if (part >= 0).all() and cost < best_cost:
+                best, best_cost, active = np.zeros(size), cost, np.ones(size, bool)
+                best[free], active[free] = part, False
     return Solution(frozen(best), unconstrained, active)
 
 

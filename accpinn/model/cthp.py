@@ -133,8 +133,6 @@ TYPICAL = Parameters(0.08, 0.2, 1.4)
 """The middle of published parameters of ACC cars; filters and searches start from it."""
 SPREAD = (1.0, 1.0, 0.3)
 """Standard deviations of ln α, ln β, ln τ about `TYPICAL`: 95 % of α lie in 0.01 to 0.6 1/s²."""
-RESPONSIVE = (Parameters(0.01, 0.02, 0.3), Parameters(1.0, 2.0, 4.0))
-"""Least and most: within these a vehicle is damped, and neither sluggish nor stiff."""
 LONGEST_HEADWAY: Seconds = 5.0
 """No cruise control keeps a longer one: their settings end near 3 s."""
 LARGEST = Parameters(10.0, 10.0, 100.0)

@@ -27,6 +27,7 @@ from accpinn.channels import GAP, MAX_VEHICLES, SPEED, Quantity
 from accpinn.errors import RecordingError
 from accpinn.recordings.recording import MappingRemembered, Mode, Recording, completed
 from accpinn.recordings.samples import (
+    Refuse,
     Source,
     SourceFile,
     excerpt,
@@ -237,11 +238,7 @@ def read_mapped(
 
     def channel(column: str, factor: float, quantity: Quantity, less: Metres = 0.0) -> FloatArray:
         values = frame[column].to_numpy(dtype=float) * factor - less
-
-        def refuse(fault: str, cure: str, row: int | None) -> RecordingError:
-            where = "" if row is None else f"row {first_rows[row]}, "
-            return source_file.refusal(fault, cure, f"{where}column {excerpt(column)}")
-
+        refuse = _refusing(source_file, column, first_rows)
         require_possible(quantity, values, refuse)
         if np.isnan(values).all():
             raise refuse("all cells are empty", "choose another column", None)
@@ -280,13 +277,18 @@ def _time(
     # From the first sample on, so that a large origin costs no digits.
     stamps = frame[column].to_numpy(dtype=np.float64)
     time: FloatArray = (stamps - stamps[0]) * TIME_UNITS[mapping.time.unit]
+    require_time(time, _refusing(source_file, column, rows))
+    return time
+
+
+def _refusing(source_file: SourceFile, column: str, rows: NDArray[np.int64]) -> Refuse:
+    """Makes the errors about a column, whose samples stand in these rows of the file."""
 
     def refuse(fault: str, cure: str, row: int | None) -> RecordingError:
         where = "" if row is None else f"row {rows[row]}, "
         return source_file.refusal(fault, cure, f"{where}column {excerpt(column)}")
 
-    require_time(time, refuse)
-    return time
+    return refuse
 
 
 def _modes(mapping: CsvMapping, frame: "pd.DataFrame") -> NDArray[np.int8]:

@@ -9,8 +9,7 @@ is not computed again, and a further method adds its rows.
 At the end the windows of each vehicle with one setting are taken together, where maximum likelihood
 is among the methods (see `study.pooling`).
 
-Workers are those of dask.distributed: processes of one thread each on this machine, or whatever a
-scheduler elsewhere has. They need the package, but no access to the files.
+Workers are those of `study.cluster`. They need the package, but no access to the files.
 """
 
 import hashlib
@@ -18,15 +17,14 @@ import json
 import math
 import os
 import queue
-import tempfile
 import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Generic, NamedTuple, TypeVar
 
-from accpinn import __version__
 from accpinn.errors import AccpinnError, ConfigError, RecordingError
 from accpinn.inference.intervals import intervals
 from accpinn.methods.maximum_likelihood import KEY
@@ -39,6 +37,7 @@ from accpinn.recordings.mapping import CsvMapping, write_mapping
 from accpinn.recordings.recording import Recording
 from accpinn.segment.cut import DURATION, MINIMUM_DURATION, cut
 from accpinn.segment.segment import Segment
+from accpinn.study.cluster import WORKERLESS, connected, fault_of, is_killed, threads_of
 from accpinn.study.journal import FORMAT, Failure, Journal, read_rows
 from accpinn.study.plan import LEAST, plan
 from accpinn.study.pooling import Pool, PoolWindow, pooled_row, pools
@@ -50,15 +49,9 @@ if TYPE_CHECKING:
 
 AHEAD = 2
 """Tasks that each worker has: one at work, and the next, so that none waits."""
-DEATHS = 1
-"""Of workers, after which a task is put off: it may have been another that they died at."""
 POLL: Seconds = 0.2
 PUBLISHED_EVERY: Seconds = 60.0
 """How often `results.parquet` is made while a batch runs."""
-CONNECT: Seconds = 20.0
-"""How long a scheduler may take to answer, and to have a worker."""
-WORKERLESS: Seconds = 180.0
-"""Without a worker on this machine for so long, a batch ends: they cannot be started."""
 INTERVALS_SECONDS = POOLING_SECONDS = 2.0
 """Of a window's intervals, and of a vehicle's windows taken together, as the typical seconds of
 methods."""
@@ -106,23 +99,11 @@ class PoolTask:
 
 @dataclass(frozen=True)
 class MethodRows:
-    """What one method made of a task."""
+    """What one method made of a task, on a worker."""
 
     method: str
     rows: list[dict[str, Any]]
-    """Empty where it failed."""
-    reason: str = ""
-    """Why it failed."""
-    final: bool = True
-    """Whether it would fail again."""
-
-
-@dataclass(frozen=True)
-class PooledRow:
-    """What a worker made of a vehicle's windows."""
-
-    row: dict[str, Any] | None
-    """None where it failed."""
+    """One a follower, or one for all windows of a vehicle; empty where it failed."""
     reason: str = ""
     """Why it failed."""
     final: bool = True
@@ -224,7 +205,7 @@ def batch(
         raise ConfigError(
             f"workers: {workers} is not allowed; choose 1 or more, and none beside a scheduler."
         )
-    files = files_of(sources)
+    files = files_of(sources, Path(study))
     length = window if math.isfinite(window) else "all"
     with Journal(Path(study), {"window": length, "case": case}) as journal:
         run = _Run(journal, tuple(dict.fromkeys(methods)), case, window, mapping, files, started)
@@ -232,22 +213,27 @@ def batch(
         return run.summary()
 
 
-def files_of(sources: str | os.PathLike[str] | Sequence[str | os.PathLike[str]]) -> list[Path]:
+def files_of(
+    sources: str | os.PathLike[str] | Sequence[str | os.PathLike[str]], study: Path | None = None
+) -> list[Path]:
     """The files of a batch: each once, those of a folder in the order of their names.
 
     Args:
         sources: as `batch` takes them.
+        study: the folder of the results, which may lie among them.
 
     Raises:
         RecordingError: when a source does not exist, or holds no CSV file.
     """
     listed = [sources] if isinstance(sources, str | os.PathLike) else list(sources)
+    own = study.resolve() if study else None
     found: dict[Path, None] = {}
     for source in listed:
         path = Path(source)
         if path.is_dir():
             inside = (p for p in path.rglob("*") if p.suffix.lower() in ENDINGS and p.is_file())
-            found |= dict.fromkeys(sorted(p for p in inside if not _is_note(p)))
+            runs = (p for p in inside if not _is_note(p) and own not in p.resolve().parents)
+            found |= dict.fromkeys(sorted(runs))
         elif path.exists():
             found[path] = None
         else:
@@ -538,7 +524,7 @@ class _Run:
                 if first is not None:
                     client = client or opened.enter_context(connected(workers, scheduler))
                     if on_progress:
-                        on_progress(self.progress(_threads(client)))
+                        on_progress(self.progress(threads_of(client)))
                     self._drive(
                         client, phase, first, tasks, on_progress, should_stop, scheduler is None
                     )
@@ -569,7 +555,7 @@ class _Run:
                     self._stopped = True
                     break
                 if time.monotonic() - looked > 1.0:
-                    slots, looked = _threads(client), time.monotonic()
+                    slots, looked = threads_of(client), time.monotonic()
                     alive = looked if slots or not is_local else alive
                 if time.monotonic() - alive > WORKERLESS:
                     raise RecordingError(
@@ -593,7 +579,7 @@ class _Run:
                     continue
                 if future.key in running:
                     future, task = running.pop(future.key)
-                    if not alone and _killed(future):
+                    if not alone and is_killed(future):
                         put_off.append(task)
                         continue
                     phase.finish(future, task)
@@ -613,7 +599,7 @@ class _Run:
         self._done += share
         self._computed += share
         self._finished += 1
-        reason = _fault(future)
+        reason = fault_of(future)
         if reason:
             found = [MethodRows(m, [], reason, final=False) for m in task.methods]
         else:
@@ -633,10 +619,10 @@ class _Run:
     def _finish_pool(self, future: "Future[Any]", task: PoolTask) -> None:
         """Write what became of a vehicle."""
         self._pooled += 1
-        reason = _fault(future)
-        found = PooledRow(None, reason, final=False) if reason else future.result()
-        if found.row:
-            self._journal.add("pooled", task.key, row=found.row)
+        reason = fault_of(future)
+        found = MethodRows(KEY, [], reason, final=False) if reason else future.result()
+        if found.rows:
+            self._journal.add("pooled", task.key, row=found.rows[0])
         else:
             self._fail_pool(task.pool, found.reason, found.final)
 
@@ -653,163 +639,26 @@ class Phase(Generic[T]):
     finish: Callable[["Future[Any]", T], None]
 
 
-def _fault(future: "Future[Any]") -> str:
-    """Why a task has no answer; empty where it has one.
-
-    Raises:
-        RecordingError: when the scheduler is away.
-    """
-    if future.status == "finished":
-        return ""
-    if future.status != "error":
-        raise _lost()
-    if _killed(future):
-        return "every worker died at it"
-    fault = future.exception()
-    return f"{type(fault).__name__}: {fault}"
-
-
-def _lost() -> RecordingError:
-    return RecordingError(
-        "The scheduler no longer answers; what was finished is kept, and the same call goes on"
-        " from there."
-    )
-
-
 def run_task(task: BatchTask) -> list[MethodRows]:
     """All methods of a task, on a worker; one that fails does not stop the others."""
-    found = []
     segment = replace(task.segment)  # arrays of one's own: those received may lie anyhow in memory
-    for key in task.methods:
-        try:
-            fit = METHODS[key].fit(segment, task.case, None, TaskContext(threads=1))
-            rows = rows_of(segment, task.facts, task.modes, fit, intervals(segment, fit))
-            found.append(MethodRows(key, rows))
-        except AccpinnError as fault:
-            found.append(MethodRows(key, [], str(fault)))
-        except Exception as fault:  # a fault of the program, told and tried again another time
-            found.append(MethodRows(key, [], f"{type(fault).__name__}: {fault}", final=False))
-    return found
+
+    def rows(key: str) -> list[dict[str, Any]]:
+        fit = METHODS[key].fit(segment, task.case, None, TaskContext(threads=1))
+        return rows_of(segment, task.facts, task.modes, fit, intervals(segment, fit))
+
+    return [_tried(key, partial(rows, key)) for key in task.methods]
 
 
-def run_pool(task: PoolTask) -> PooledRow:
+def run_pool(task: PoolTask) -> MethodRows:
     """The pooled parameters of a vehicle, on a worker."""
+    return _tried(KEY, lambda: [pooled_row(task.pool, task.segments)])
+
+
+def _tried(method: str, rows: Callable[[], list[dict[str, Any]]]) -> MethodRows:
     try:
-        return PooledRow(pooled_row(task.pool, task.segments))
+        return MethodRows(method, rows())
     except AccpinnError as fault:
-        return PooledRow(None, str(fault))
+        return MethodRows(method, [], str(fault))
     except Exception as fault:  # a fault of the program, told and tried again another time
-        return PooledRow(None, f"{type(fault).__name__}: {fault}", final=False)
-
-
-def _killed(future: "Future[Any]") -> bool:
-    """Whether a task has no result because workers died."""
-    return future.status == "error" and type(future.exception()).__name__ == "KilledWorker"
-
-
-def _threads(client: "Client") -> int:
-    """Of all workers; they may come and go."""
-    if client.status not in ("running", "connecting"):
-        raise _lost()
-    try:
-        return sum(client.nthreads().values())
-    except Exception:  # the connection broke while it was asked
-        raise _lost() from None
-
-
-@contextmanager
-def connected(
-    workers: int | None, scheduler: str | None, processes: bool = True
-) -> "Iterator[Client]":
-    """A client of a scheduler with workers: the one at an address, or one on this machine.
-
-    Args:
-        workers: how many on this machine; by default one for each processor.
-        scheduler: the address.
-        processes: whether workers on this machine are processes of their own.
-
-    Raises:
-        RecordingError: when it cannot be reached, has no workers, or these lack the package.
-    """
-    import dask
-    from distributed import Client, LocalCluster
-
-    settings = {
-        "distributed.admin.large-graph-warning-threshold": "1GB",
-        "distributed.scheduler.allowed-failures": DEATHS,
-    }
-    if scheduler is None:  # a worker of a busy machine may take long to be heard of
-        settings["distributed.comm.timeouts.connect"] = f"{WORKERLESS:g}s"
-    with ExitStack() as opened:
-        opened.enter_context(dask.config.set(settings))
-        if scheduler is None:
-            space = opened.enter_context(tempfile.TemporaryDirectory(prefix="accpinn-"))
-            count = workers or os.cpu_count() or 1
-            try:
-                address: Any = opened.enter_context(
-                    LocalCluster(
-                        n_workers=count,
-                        threads_per_worker=1,
-                        processes=processes,
-                        protocol="tcp://",
-                        dashboard_address="127.0.0.1:0",
-                        local_directory=space,
-                        memory_limit=0,
-                        silence_logs=50,
-                    )
-                )
-            except (OSError, RuntimeError, TimeoutError) as fault:
-                raise _no_workers(fault) from None
-        else:
-            address = scheduler
-        patience = WORKERLESS if scheduler is None else CONNECT
-        try:
-            client = opened.enter_context(Client(address, timeout=patience, set_as_default=False))
-        except (OSError, ValueError, TimeoutError) as fault:
-            if scheduler is None:
-                raise _no_workers(fault) from None
-            reason = str(fault).split("\n")[0][:120]
-            raise RecordingError(
-                f"{scheduler}: no scheduler answers there ({reason}); check the address."
-            ) from None
-        try:
-            client.wait_for_workers(1, timeout=patience)
-        except TimeoutError as fault:
-            if scheduler is None:
-                raise _no_workers(fault) from None
-            raise RecordingError(
-                f"{scheduler}: the scheduler has no workers; start some, as with dask worker"
-                f" {scheduler}."
-            ) from None
-        if scheduler is not None:
-            _require_package(client, scheduler)
-        yield client
-
-
-def _no_workers(fault: Exception) -> RecordingError:
-    reason = str(fault).split("\n")[0][:120] or type(fault).__name__
-    return RecordingError(
-        f"The workers on this machine cannot be started ({reason}); ask for fewer, or try again"
-        " when it is less busy."
-    )
-
-
-def _version() -> str:
-    return __version__
-
-
-def _require_package(client: "Client", scheduler: str) -> None:
-    """Refuse workers elsewhere that cannot run tasks, before every task fails there."""
-    try:
-        versions = set(client.run(_version).values())
-    except Exception as fault:
-        raise RecordingError(
-            f"{scheduler}: its workers cannot run accpinn ({type(fault).__name__}:"
-            f" {str(fault)[:100]}); install the package there."
-        ) from None
-    if versions != {__version__}:
-        listed = ", ".join(sorted(versions))
-        raise RecordingError(
-            f"{scheduler}: its workers have accpinn {listed} and this is {__version__}; install the"
-            " same version everywhere."
-        )
+        return MethodRows(method, [], f"{type(fault).__name__}: {fault}", final=False)

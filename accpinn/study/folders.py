@@ -13,7 +13,7 @@ import msgspec
 from platformdirs import user_data_path
 
 from accpinn.errors import ConfigError
-from accpinn.study.journal import JOURNAL
+from accpinn.study.journal import JOURNAL, replace_file
 from accpinn.study.process import BatchSettings
 
 FOLDER_VARIABLE = "ACCPINN_STUDIES"
@@ -72,11 +72,8 @@ class Request:
 
 def keep_request(request: Request) -> None:
     """Write it into the study's folder, which must be there; a full disk is no fault."""
-    place = Path(request.settings.study) / REQUEST
-    part = place.with_suffix(f".{os.getpid()}.part")
     with suppress(OSError):
-        part.write_bytes(msgspec.json.encode(request))
-        os.replace(part, place)
+        replace_file(Path(request.settings.study) / REQUEST, msgspec.json.encode(request))
 
 
 def recall_request(study: Path) -> Request | None:

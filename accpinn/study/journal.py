@@ -13,7 +13,7 @@ import io
 import json
 import os
 from collections.abc import Iterable, Iterator, Sequence
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from types import TracebackType
@@ -194,7 +194,7 @@ class Journal:
         for failure in self.known.failures.values():
             cells = asdict(failure)
             writer.writerow("" if cells[name] is None else cells[name] for name in FAILURE_COLUMNS)
-        _replace(self.folder / FAILURES, text.getvalue().encode())
+        replace_file(self.folder / FAILURES, text.getvalue().encode())
         schema = {
             "format": FORMAT,
             "rows": "one a (recording, window, follower, method)",
@@ -202,7 +202,9 @@ class Journal:
             "pooled_rows": "one a vehicle and setting",
             "pooled_columns": [asdict(column) for column in POOLED_COLUMNS],
         }
-        _replace(self.folder / SCHEMA, json.dumps(schema, ensure_ascii=False, indent=2).encode())
+        replace_file(
+            self.folder / SCHEMA, json.dumps(schema, ensure_ascii=False, indent=2).encode()
+        )
 
     def _require_same(self, settings: dict[str, Any]) -> None:
         place = self.folder / SETTINGS
@@ -210,7 +212,7 @@ class Journal:
         try:
             kept = json.loads(place.read_text(encoding="utf-8"))
         except FileNotFoundError:
-            _replace(place, json.dumps(wanted, indent=2).encode())
+            replace_file(place, json.dumps(wanted, indent=2).encode())
             return
         except (OSError, ValueError):
             raise ConfigError(f"{place}: it cannot be read; take another folder.") from None
@@ -342,23 +344,33 @@ def write_parquet(
             for one in columns
         ]
     )
+    with _in_one_step(path) as part, parquet.ParquetWriter(part, schema) as writer:
+        rows: list[dict[str, Any]] = []
+        for row in found:
+            rows.append(row)
+            if len(rows) == 5000:
+                writer.write_table(pa.Table.from_pylist(rows, schema))
+                rows.clear()
+        writer.write_table(pa.Table.from_pylist(rows, schema))
+
+
+def replace_file(path: Path, content: bytes) -> None:
+    """Write a file in one step.
+
+    Raises:
+        OSError: where it cannot be written; the old one is then as it was.
+    """
+    with _in_one_step(path) as part:
+        part.write_bytes(content)
+
+
+@contextmanager
+def _in_one_step(path: Path) -> Iterator[Path]:
+    """A file beside the path, which takes its place once it is whole."""
     part = path.with_name(f".{path.name}.{os.getpid()}.part")
     try:
-        with parquet.ParquetWriter(part, schema) as writer:
-            rows: list[dict[str, Any]] = []
-            for row in found:
-                rows.append(row)
-                if len(rows) == 5000:
-                    writer.write_table(pa.Table.from_pylist(rows, schema))
-                    rows.clear()
-            writer.write_table(pa.Table.from_pylist(rows, schema))
+        yield part
         os.replace(part, path)
     finally:
         with suppress(OSError):
             part.unlink(missing_ok=True)
-
-
-def _replace(path: Path, content: bytes) -> None:
-    part = path.with_name(f".{path.name}.{os.getpid()}.part")
-    part.write_bytes(content)
-    os.replace(part, path)

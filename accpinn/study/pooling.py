@@ -14,12 +14,13 @@ from typing import Any
 
 import numpy as np
 
+from accpinn.channels import PARAMETER_KEYS
 from accpinn.errors import ConfigError
 from accpinn.inference.intervals import intervals
-from accpinn.methods.maximum_likelihood import KEY, fit_at, joint_maxima
+from accpinn.methods.maximum_likelihood import KEY, fit_among
 from accpinn.recordings.recording import unnamed
 from accpinn.segment.segment import Segment
-from accpinn.study.rows import PARAMETER_KEYS, RowColumn, parameter_columns, plain, verdicts
+from accpinn.study.rows import RowColumn, parameter_columns, plain, verdicts
 from accpinn.study.windows import check_windows, random_effects
 
 SHARED = ("campaign", "name", "make", "model", "distance_setting", "mode")
@@ -135,7 +136,7 @@ def pooled_row(pool: Pool, segments: tuple[Segment, ...]) -> dict[str, Any]:
     """
     segments = tuple(replace(one) for one in segments)
     check_windows(segments)
-    fit = fit_at(segments[0], "II", joint_maxima(segments, "II"))
+    fit = fit_among(segments, segments[0], "II")
     known = intervals(segments, fit)
     if np.isnan(known.centre.alpha).any():
         raise ConfigError("nothing determines the parameters.")

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from accpinn.channels import PARAMETER_KEYS
 from accpinn.errors import ParameterError
 from accpinn.evaluation.closed_loop import (
     TrackingErrors,
@@ -32,8 +33,6 @@ from accpinn.stability.criteria import (
 )
 from accpinn.units import known_mean
 
-PARAMETER_KEYS = ("alpha", "beta", "tau")
-
 
 @dataclass(frozen=True)
 class RowColumn:
@@ -46,9 +45,7 @@ class RowColumn:
     meaning: str
 
 
-def _column(name: str, kind: str, unit: str, meaning: str) -> RowColumn:
-    return RowColumn(name, kind, unit, meaning)
-
+_column = RowColumn
 
 _UNITS = dict(zip(PARAMETER_KEYS, ("1/s²", "1/s", "s"), strict=True))
 _MEANINGS = dict(

@@ -45,7 +45,7 @@ from accpinn.channels import PARAMETERS
 from accpinn.errors import ConfigError, Finding, SegmentError
 from accpinn.inference.intervals import LEVEL, Uncertainty, intervals
 from accpinn.methods.fit import Fit
-from accpinn.methods.maximum_likelihood import fit_at, joint_maxima, maxima_of
+from accpinn.methods.maximum_likelihood import fit_among, maxima_of
 from accpinn.methods.series import series_of, stride_of
 from accpinn.model.cthp import Case, Parameters
 from accpinn.segment.segment import Segment
@@ -182,8 +182,7 @@ def fit_windows(segments: Sequence[Segment], case: Case = "II", level: float = L
         series_of([segment], case)  # refuses one that is too short before any search begins
     started = time.perf_counter()
     own = tuple(estimate(segment, case, level) for segment in segments)
-    joint = joint_maxima(segments, case)
-    fits = tuple(fit_at(segment, case, joint) for segment in segments)
+    fits = tuple(fit_among(segments, segment, case) for segment in segments)
     uncertainty = intervals(segments, fits[0], level)
     between = _between(own, case, level)
     return JointFit(
@@ -209,11 +208,10 @@ def estimate(segment: Segment, case: Case = "II", level: float = LEVEL) -> Windo
         ConfigError: for a level that is not allowed.
         SegmentError: when the window is too short.
     """
-    maxima = maxima_of(segment, case)
-    fit = fit_at(segment, case, maxima)
+    fit = fit_among((segment,), segment, case)
     uncertainty = intervals(segment, fit, level)
     times = segment.followers if case == "I" else 1
-    by_curvature = np.tile([one.errors for one in maxima], (times, 1))
+    by_curvature = np.tile([one.errors for one in maxima_of(segment, case)], (times, 1))
     errors = np.maximum(by_curvature, np.log(uncertainty.draws.values).std(axis=0))
     return WindowEstimate(segment, fit, uncertainty, errors)
 

@@ -15,7 +15,7 @@ from accpinn.inference.model_adequacy import (
 )
 from accpinn.inference.posterior import STAGES, sample
 from accpinn.methods import least_squares
-from accpinn.methods.maximum_likelihood import maxima_of
+from accpinn.methods.maximum_likelihood import joint_maxima
 from accpinn.methods.series import series_of
 from accpinn.methods.state_space import FORMS, coordinates, state_space
 from accpinn.model.cthp import Parameters
@@ -100,7 +100,7 @@ def test_two_modes_of_a_lag_are_sampled_alike_from_any_seed() -> None:
     """The truth, a lag of a second, is hardly told from none; α differs by half between them."""
     true = Parameters.of([[0.0953, 0.127, 1.2]])
     segment = disturbed(true, 4, Disturbance(lag=1.0), duration=200.0)
-    maxima, series = maxima_of(segment, "II", "lag"), series_of([segment], "II")
+    maxima, series = joint_maxima((segment,), "II", "lag"), series_of([segment], "II")
     ends = []
     for seed in (2, 3):
         (found,) = sample(series, maxima, "lag", seed)

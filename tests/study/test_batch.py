@@ -33,6 +33,7 @@ from accpinn.results.tables.table import Estimate
 from accpinn.segment.cut import cut
 from accpinn.segment.segment import Segment
 from accpinn.study import batch as batches
+from accpinn.study import cluster as clusters
 from accpinn.study.batch import BatchProgress, BatchTask, MethodRows, batch
 from accpinn.study.journal import (
     JOURNAL,
@@ -368,7 +369,11 @@ def test_settings_and_sources_that_cannot_be(
     (tmp_path / "empty").mkdir()
     with pytest.raises(RecordingError, match="no CSV file"):
         batch(tmp_path / "empty", study)
-    monkeypatch.setattr(batches, "CONNECT", 0.3)
+    inside = folder / "below" / "study"
+    batch(folder / "below", inside, methods=METHODS_USED[:1], window=200, scheduler=cluster)
+    again = batch(folder / "below", inside, methods=METHODS_USED[:1], window=200)
+    assert (again.recordings, again.refused) == (1, 0), "its failures.csv is no recording"
+    monkeypatch.setattr(clusters, "CONNECT", 0.3)
     with pytest.raises(RecordingError, match="no scheduler answers"):
         batch(one, tmp_path / "other", scheduler="tcp://127.0.0.1:9")
 

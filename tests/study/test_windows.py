@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from accpinn.errors import AccpinnError
+from accpinn.evaluation.evaluation import part
 from accpinn.model.cthp import Parameters
 from accpinn.results.messages import messages
 from accpinn.results.tables.windows import between_table, joint_table, windows_table
@@ -135,6 +136,15 @@ class TestJointFit:
         assert (first.vehicle, second.vehicle) == (2, 3)
         assert first.effects == second.effects
         assert {one.vehicle for one in joint.findings} <= {0}
+
+    def test_what_bounds_rule_out_is_that_of_all_windows(self) -> None:
+        whole = driven(((0.10, -0.04, 1.8),), duration=160.0, noise=0.05)
+        windows = part(whole, 0, 801), part(whole, 801, whole.samples)
+        found = fit_windows(windows)
+        assert found.parameters.beta[0] == 0.0
+        one, other = (fit.unconstrained.values[0] for fit in found.fits)
+        np.testing.assert_array_equal(one, other)
+        assert one[1] == pytest.approx(-0.04, abs=0.02)
 
     def test_tables_have_each_window_and_each_parameter(self, different: JointFit) -> None:
         rows = windows_table(different, 0).rows

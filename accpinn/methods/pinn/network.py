@@ -106,10 +106,12 @@ def load_state(module: nn.Module, state: Mapping[str, NDArray[Any]], prefix: str
 class Adam:
     """Moves tensors along their gradients; its state is plain arrays."""
 
-    def __init__(self, weights: Iterable[Tensor], b1: float = 0.9, b2: float = 0.999) -> None:
+    b1 = 0.9
+
+    def __init__(self, weights: Iterable[Tensor], b2: float = 0.999) -> None:
         """Moments start at zero."""
         self.weights = list(weights)
-        self.b1, self.b2, self.steps = b1, b2, 0
+        self.b2, self.steps = b2, 0
         self._mean = [torch.zeros_like(weight) for weight in self.weights]
         self._square = [torch.zeros_like(weight) for weight in self.weights]
 
