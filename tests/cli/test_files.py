@@ -76,9 +76,9 @@ def test_verify_says_yes(file: Path, capsys: Capture) -> None:
     assert printed["ok"] is True
     ways = {one["group"]: one["way"] for one in printed["figures"]}
     assert (ways["α, β, τ"], ways["intervals"]) == ("refitted", "recomputed")
-    assert ways["name and note"] == "told only"
+    assert ways["name and note"] == "stated only"
     quick = document(capsys, "verify", file, "--quick")
-    assert {one["group"]: one["way"] for one in quick["figures"]}["α, β, τ"] == "told only"
+    assert {one["group"]: one["way"] for one in quick["figures"]}["α, β, τ"] == "stated only"
     assert REFIT in [one["cure"] for one in quick["not_checked"]]
     assert main(["verify", str(file), "--quick"]) == 0
     assert capsys.readouterr().out.rstrip().endswith("More is checked with --refit.")
