@@ -61,6 +61,8 @@ TAU = Quantity("Time headway", "τ", "s", 3, 0.0, 5.0)
 """The settings of cruise controls end near 3 s."""
 PARAMETERS = (ALPHA, BETA, TAU)
 """In the order of the last axis of every array of parameters."""
+PARAMETER_KEYS = ("alpha", "beta", "tau")
+"""Their names in files."""
 COMPUTABLE = 1e50
 """Larger parameters are refused, and those below its inverse are zero; products stay finite."""
 

@@ -27,11 +27,12 @@ import pandas as pd
 from scipy.optimize import brentq
 from scipy.special import betainc, stdtrit
 
+from accpinn.channels import PARAMETER_KEYS
 from accpinn.errors import ConfigError, RecordingError
 from accpinn.inference.intervals import LEVEL
 from accpinn.methods.maximum_likelihood import KEY
 from accpinn.study.journal import JOURNAL, read_rows
-from accpinn.study.rows import COLUMNS, PARAMETER_KEYS
+from accpinn.study.rows import COLUMNS
 from accpinn.study.windows import RandomEffects, random_effects
 from accpinn.units import FloatArray
 

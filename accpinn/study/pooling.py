@@ -14,11 +14,12 @@ from typing import Any
 
 import numpy as np
 
+from accpinn.channels import PARAMETER_KEYS
 from accpinn.errors import ConfigError
 from accpinn.inference.intervals import intervals
 from accpinn.methods.maximum_likelihood import KEY, fit_at, joint_maxima
 from accpinn.segment.segment import Segment
-from accpinn.study.rows import PARAMETER_KEYS, RowColumn, parameter_columns, plain, verdicts
+from accpinn.study.rows import RowColumn, parameter_columns, plain, verdicts
 from accpinn.study.windows import check_windows, random_effects
 
 SHARED = ("campaign", "name", "make", "model", "distance_setting", "mode")

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from accpinn.channels import PARAMETER_KEYS
 from accpinn.errors import ParameterError
 from accpinn.evaluation.closed_loop import (
     TrackingErrors,
@@ -31,8 +32,6 @@ from accpinn.stability.criteria import (
     step_metrics,
 )
 from accpinn.units import known_mean
-
-PARAMETER_KEYS = ("alpha", "beta", "tau")
 
 
 @dataclass(frozen=True)

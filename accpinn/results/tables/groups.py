@@ -4,13 +4,12 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
-from accpinn.channels import PARAMETERS
+from accpinn.channels import PARAMETER_KEYS, PARAMETERS
 from accpinn.methods.registry import METHODS
 from accpinn.results.tables.table import ABSENT, Cell, Column, Estimate, Table
 from accpinn.study.groups import Groups, Share, Typical
 from accpinn.study.journal import Failure
 from accpinn.study.pooling import SHARED
-from accpinn.study.rows import PARAMETER_KEYS
 
 HEADINGS = {
     "make": "Make",
