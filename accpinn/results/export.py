@@ -20,7 +20,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from accpinn.channels import PARAMETERS
+from accpinn.channels import PARAMETER_KEYS, PARAMETERS
 from accpinn.errors import ConfigError, ParameterError
 from accpinn.model.cthp import Parameters
 from accpinn.recordings.makes import make_and_model
@@ -170,7 +170,7 @@ def _card_of(snapshot: Snapshot, k: int) -> dict[str, Any]:
         "make": make,
         "model": model,
     }
-    for i, (key, quantity) in enumerate(zip(("alpha", "beta", "tau"), PARAMETERS, strict=True)):
+    for i, (key, quantity) in enumerate(zip(PARAMETER_KEYS, PARAMETERS, strict=True)):
         low, high = ends[0][i], ends[1][i]
         card[key] = {"value": own[i], "low": low, "high": high, "unit": quantity.unit}
     if known:

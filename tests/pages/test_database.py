@@ -159,7 +159,8 @@ def test_a_row_opens_its_window(study: Path) -> None:
     page.run()
     press(page, "database_open")
     assert "gone.csv: this recording is not in the server's folder" in boxes(page, "error")[0]
-    found.database_choice.row = 1
+    page.multiselect(key="database_make").set_value(["Tesla"]).run()
+    found.database_choice.row = 0
     page.run()
     press(page, "database_open")
     assert "Preview of the window" in texts(page), "this is page Data"

@@ -10,7 +10,7 @@ import pytest
 from accpinn.cli import main
 from accpinn.model.cthp import Parameters
 from accpinn.recordings.openacc import read
-from accpinn.results.tables.estimates import regimes_table, sensitivity_table
+from accpinn.results.tables.recording import regimes_table, sensitivity_table
 from accpinn.segment.cut import cut
 from accpinn.segment.quality import label_regimes
 from accpinn.study.sensitivity import CHOICES, COMPARED, SensitivityResult, sensitivity

@@ -53,7 +53,6 @@ def estimates(
     uncertainty: Uncertainty,
     follower: int,
     truth: Parameters | None = None,
-    chosen: str = "",
 ) -> go.Figure:
     """A dot a method for each of α, β, τ, over the interval of the data.
 
@@ -63,7 +62,6 @@ def estimates(
         uncertainty: the segment's intervals.
         follower: 0 for the first.
         truth: dashed, where it is known.
-        chosen: the name of the row that is drawn larger.
     """
     figure = make_subplots(rows=1, cols=3, shared_yaxes=True, horizontal_spacing=0.03)
     true = truth.values.tolist() if truth else []
@@ -73,14 +71,11 @@ def estimates(
     for which, quantity in enumerate(PARAMETERS):
         values = np.array([row.values[which] for row in rows])
         marker = {
-            "size": [15 if row.name == chosen else 10 for row in rows], "color": colour,
-            "opacity": 1, "symbol": ["circle-open" if row.earlier else "circle" for row in rows],
-            "line": {"width": 2, "color": colour},
+            "size": 10, "color": colour, "line": {"width": 2, "color": colour},
+            "symbol": ["circle-open" if row.earlier else "circle" for row in rows],
         }  # fmt: skip
         dots = go.Scatter(
-            x=values, y=names, mode="markers", customdata=[row.name for row in rows],
-            marker=marker, selected={"marker": {"opacity": 1}},
-            unselected={"marker": {"opacity": 1}},
+            x=values, y=names, mode="markers", marker=marker,
             hovertemplate=f"%{{y}}<br>{named_value(quantity, 'x')}<extra></extra>",
         )  # fmt: skip
         ends = float(lower[which]), float(upper[which])
@@ -91,7 +86,7 @@ def estimates(
     figure.update_yaxes(
         categoryorder="array", categoryarray=names[::-1], showgrid=True, automargin=True
     )
-    return figure.update_layout(hovermode="closest", dragmode=False, clickmode="event+select")
+    return figure.update_layout(hovermode="closest", dragmode=False)
 
 
 def tracks(

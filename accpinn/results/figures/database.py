@@ -14,7 +14,7 @@ import plotly.graph_objects as go
 from numpy.typing import NDArray
 from plotly.subplots import make_subplots
 
-from accpinn.channels import ALPHA, BETA, SPEED, TAU, TIME_GAP, Quantity
+from accpinn.channels import ALPHA, BETA, PARAMETER_KEYS, SPEED, TAU, TIME_GAP, Quantity
 from accpinn.model.cthp import Parameters
 from accpinn.results.figures.stability import EXACT, L2
 from accpinn.results.figures.style import (
@@ -161,7 +161,7 @@ def plane(rows: pd.DataFrame, in_units_of_tau: bool = False) -> go.Figure:
         in_units_of_tau: draw ατ² and βτ, with one boundary for all; else the boundaries are those
             of the median τ.
     """
-    alpha, beta, tau = (rows[name].to_numpy(float) for name in ("alpha", "beta", "tau"))
+    alpha, beta, tau = (rows[name].to_numpy(float) for name in PARAMETER_KEYS)
     at = 1.0 if in_units_of_tau else float(np.nanmedian(tau)) if np.isfinite(tau).any() else 1.0
     x, y = (alpha * tau**2, beta * tau) if in_units_of_tau else (alpha, beta)
     stable = rows["l2_stable"].astype("boolean").fillna(False).to_numpy(bool)

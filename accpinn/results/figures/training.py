@@ -84,16 +84,14 @@ def parameter_history(
     which: int,
     segment: SegmentInfo,
     truth: Parameters | None = None,
-    solved: Parameters | None = None,
 ) -> go.Figure:
-    """One parameter over iterations, dashed where the truth is known, dotted for least squares.
+    """One parameter over iterations, dashed where the truth is known.
 
     Args:
         history: parameters (K, P, 3), P = 1 in Case I.
         which: 0 for α, 1 for β, 2 for τ.
         segment: whose vehicles they belong to.
         truth: one entry a follower, or nothing.
-        solved: by least squares, one entry a follower, or nothing.
     """
     quantity = PARAMETERS[which]
     figure = go.Figure()
@@ -118,15 +116,11 @@ def parameter_history(
     seen = history.parameters.values[:, :, which]
     if ends is not None:
         seen = np.append(seen, [one[-1] for one in ends])
-    for reference, dash in ((solved, "dot"), (truth, "dash")):
-        values = reference.values[:sets, which] if reference else np.zeros(0)
-        for value, colour in zip(values, colours, strict=False):
-            colour = SHARED if sets < segment.followers else colour
-            figure.add_shape(
-                type="line", xref="paper", x0=0, x1=1, y0=value, y1=value,
-                line=TRUTH | {"color": colour, "dash": dash},
-            )  # fmt: skip
-        seen = np.append(seen, values)
+    values = truth.values[:sets, which] if truth else np.zeros(0)
+    for value, colour in zip(values, colours, strict=False):
+        colour = SHARED if sets < segment.followers else colour
+        figure.add_hline(y=value, line=TRUTH | {"color": colour})
+    seen = np.append(seen, values)
     shown = limits(seen, 0.08) or None
     figure.update_yaxes(title_text=quantity.heading, range=shown)
     return _over_iterations(figure, quantity.name, f"parameter-{which}")

@@ -22,7 +22,7 @@ from markupsafe import Markup
 from plotly.offline import get_plotlyjs
 
 from accpinn import __version__
-from accpinn.channels import GAP, SPEED
+from accpinn.channels import GAP, PARAMETER_KEYS, SPEED
 from accpinn.errors import ParameterError
 from accpinn.evaluation.closed_loop import closed_loop
 from accpinn.inference.prediction import gap_band
@@ -320,7 +320,7 @@ def training_pictures(snapshot: Snapshot) -> Iterator[Picture]:
     if history is None:
         return
     yield Picture("loss", loss_history(history), "")
-    for which, name in enumerate(("alpha", "beta", "tau")):
+    for which, name in enumerate(PARAMETER_KEYS):
         yield Picture(name, parameter_history(history, which, snapshot.info), "")
 
 

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from accpinn.channels import PARAMETERS
+from accpinn.channels import PARAMETER_KEYS, PARAMETERS
 from accpinn.evaluation.closed_loop import TrackingErrors
 from accpinn.inference.intervals import Uncertainty, parameter_intervals
 from accpinn.inference.model_adequacy import ModelForm, WeightedForms
@@ -19,17 +19,15 @@ from accpinn.methods.state_space import Form
 from accpinn.model.cthp import Case, Parameters
 from accpinn.model.published import ParameterSet
 from accpinn.results.tables.table import Cell, Column, Estimate, Range, Table, supported_digits
-from accpinn.segment.quality import Quality, Regimes
+from accpinn.segment.quality import Quality
 from accpinn.segment.segment import SegmentInfo
 from accpinn.study.comparison import FitRecord, MethodResult, differences
 from accpinn.study.recommendation import Recommendation
-from accpinn.study.sensitivity import COMPARED, SensitivityResult
 from accpinn.units import FloatArray
 
 Filled = tuple[Column, Iterable[Cell]]
 """A column with its cells."""
 
-PARAMETER_KEYS = ("alpha", "beta", "tau")
 PARAMETER_COLUMNS = tuple(
     Column(quantity.symbol, quantity.unit, quantity.digits, key=key)
     for quantity, key in zip(PARAMETERS, PARAMETER_KEYS, strict=True)
@@ -179,8 +177,8 @@ def _estimate_cells(parameters: Parameters, uncertainty: Uncertainty) -> Iterato
 
 
 def _probability_cells(uncertainty: Uncertainty) -> Iterator[Filled]:
-    yield Column("L₂", "%", 0, PROBABILITY), _percent(uncertainty.probability_l2)
-    yield Column("L∞", "%", 0, PROBABILITY), _percent(uncertainty.probability_linf)
+    yield Column("L₂", "%", 0, PROBABILITY), percent_cells(uncertainty.probability_l2)
+    yield Column("L∞", "%", 0, PROBABILITY), percent_cells(uncertainty.probability_linf)
 
 
 def comparison_table(
@@ -205,22 +203,6 @@ def comparison_table(
     ]
     followers = (Column("Vehicle"), _labels(info, numbers))
     return Table.of(f"Estimates side by side, {where(info)}", [followers, *filled])
-
-
-def quality_table(info: SegmentInfo, quality: Quality, estimate: Fit) -> Table:
-    """One row a follower: the window's figures, and the least-squares estimate from it."""
-    return Table.of(
-        where(info),
-        [
-            (Column("Follower"), info.labels[1:]),
-            *driver_cells(drivers(info)),
-            *parameter_cells(estimate.parameters, "Least-squares estimate"),
-            (Column("Mean time gap", "s", 2), quality.mean_time_gap),
-            (Column("Moving, time gap ≤ 2 s", "%", 0), _percent(quality.car_following)),
-            (Column("Δv, std.", "m/s", 2), quality.relative_deviation),
-            (Column("Condition number", "", 0), quality.condition),
-        ],
-    )
 
 
 def intervals_table(info: SegmentInfo, uncertainty: Uncertainty, case: Case = "II") -> Table:
@@ -424,35 +406,6 @@ def fit_record_title(run: FitRecord) -> str:
     return f"{method_name(run.method, run.config, run.outcome)}, {where(run.info)}{case}"
 
 
-def regimes_table(info: SegmentInfo, regimes: Regimes) -> Table:
-    """One row a follower: its share of instants in each regime."""
-    shares = np.transpose(regimes.shares)
-    filled = [
-        (Column(name.capitalize(), "%", 0), _percent(share))
-        for name, share in zip(regimes.names, shares, strict=True)
-    ]
-    followers = (Column("Follower"), info.labels[1:])
-    return Table.of(f"Regimes, {where(info)}", [followers, *filled])
-
-
-def sensitivity_table(
-    info: SegmentInfo, found: Sequence[SensitivityResult], follower: int
-) -> Table:
-    """One row a choice of instants: what each method estimates for one follower from them."""
-    of_method = {key: [row for row in found if row.method == key] for key in COMPARED}
-    rows = of_method[COMPARED[0]]
-    unknown = Parameters(np.nan, np.nan, np.nan)
-    filled: list[Filled] = [
-        (Column("Instants"), [row.choice.capitalize() for row in rows]),
-        (Column("Excluded", "%", 0), _percent([row.share[follower] for row in rows])),
-    ]
-    for key, results in of_method.items():
-        estimates = [r.parameters[follower] if r.parameters else unknown for r in results]
-        filled += parameter_cells(Parameters.stack(estimates), TITLES[key])
-    title = f"Sensitivity of the estimates: {info.labels[follower + 1]}, {where(info)}"
-    return Table.of(title, filled)
-
-
 def supported_columns(uncertainty: Uncertainty | None) -> tuple[Column, ...]:
     """The columns of α, β and τ with the digits that the narrowest interval supports."""
     if uncertainty is None:
@@ -467,22 +420,20 @@ def supported_columns(uncertainty: Uncertainty | None) -> tuple[Column, ...]:
 def parameter_cells(
     parameters: Parameters,
     group: str = "",
-    above: int = 0,
     columns: Sequence[Column] = PARAMETER_COLUMNS,
 ) -> Iterator[Filled]:
-    """α, β and τ (K, 3) as three columns below ``above`` empty cells."""
+    """α, β and τ (K, 3) as three columns."""
     for column, values in zip(columns, parameters.values.T, strict=True):
-        named = replace(column, group=group, key="" if group else column.key)
-        yield named, _absent(above, values)
+        yield replace(column, group=group, key="" if group else column.key), [*values]
 
 
-def interval_cells(uncertainty: Uncertainty, above: int = 0) -> Iterator[Filled]:
-    """The intervals of α, β and τ as three columns below ``above`` empty cells."""
+def interval_cells(uncertainty: Uncertainty) -> Iterator[Filled]:
+    """The intervals of α, β and τ as three columns."""
     percent = f"{100 * uncertainty.level:.0f} % interval"
     lower, upper = uncertainty.lower.values.T, uncertainty.upper.values.T
     for column, low, high in zip(PARAMETER_COLUMNS, lower, upper, strict=True):
         ends = zip(low.tolist(), high.tolist(), strict=True)
-        yield replace(column, group=percent), _absent(above, [Range(*pair) for pair in ends])
+        yield replace(column, group=percent), [Range(*pair) for pair in ends]
 
 
 def _error_cells(
@@ -503,7 +454,8 @@ def _extra(forms: Sequence[ModelForm], name: Form, follower: int) -> list[Cell]:
     return [float(form.extra[follower]) if form.form == name else None for form in forms]
 
 
-def _percent(shares: Sequence[float] | FloatArray) -> list[Cell]:
+def percent_cells(shares: Sequence[float] | FloatArray) -> list[Cell]:
+    """Shares in percent."""
     return [100 * float(share) for share in shares]
 
 

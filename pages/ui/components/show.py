@@ -6,6 +6,7 @@ import time
 from collections.abc import Callable, Container, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any, Literal, TypeVar
+from urllib.parse import urlsplit
 
 import plotly.graph_objects as go
 import streamlit as st
@@ -141,6 +142,12 @@ def downloads(table: Table, name: str, key: str) -> None:
                 label, text, f"{stem}.{ending}", mime, key=f"{key}_{ending}", on_click="ignore",
                 icon=":material/download:",
             )  # fmt: skip
+
+
+def address(rest: str) -> None:
+    """The address of something on this server, to be copied; ``rest`` follows the server's name."""
+    own = urlsplit(st.context.url or "")
+    st.code(f"{own.scheme}://{own.netloc}/{rest}" if own.netloc else f"/{rest}", language=None)
 
 
 def ink(side: str | None) -> str:

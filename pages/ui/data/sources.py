@@ -160,18 +160,14 @@ def _choose_sample(workspace: Workspace) -> None:
     _open_button("Open this sample", workspace, lambda: sample(path))
 
 
-def _open_button(label: str, workspace: Workspace, load: Load) -> None:
-    """The primary button as long as nothing is open."""
+def _open_button(label: str, workspace: Workspace, load: Load, *source: Path | str) -> None:
+    """The primary button as long as nothing is open; ``source`` as in `open_with`."""
     kind: Literal["primary", "secondary"] = "secondary" if workspace.recording else "primary"
-    st.button(label, type=kind, on_click=open_with, args=(workspace, load))
+    st.button(label, type=kind, on_click=open_with, args=(workspace, load, *source))
 
 
 def _open_file(workspace: Workspace, path: Path, label: str) -> None:
-    kind: Literal["primary", "secondary"] = "secondary" if workspace.recording else "primary"
-    st.button(
-        label, type=kind, on_click=open_with,
-        args=(workspace, lambda: (from_file(path), None), path, path.name),
-    )  # fmt: skip
+    _open_button(label, workspace, lambda: (from_file(path), None), path, path.name)
 
 
 def _choose_file(workspace: Workspace) -> None:

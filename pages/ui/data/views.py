@@ -12,8 +12,12 @@ from accpinn.methods.fit import headway_findings
 from accpinn.model.cthp import Case
 from accpinn.recordings.recording import Recording
 from accpinn.results.messages import messages
-from accpinn.results.tables.estimates import quality_table, regimes_table, sensitivity_table
-from accpinn.results.tables.recording import recording_table
+from accpinn.results.tables.recording import (
+    quality_table,
+    recording_table,
+    regimes_table,
+    sensitivity_table,
+)
 from accpinn.segment.quality import EXCLUDABLE, LARGE_CONDITION, assess_quality, label_regimes
 from accpinn.segment.segment import DrivenByHand, Segment
 from accpinn.study.sensitivity import SensitivityResult, sensitivity

@@ -4,8 +4,6 @@ A study is the folder of one batch of estimations on the server. Its tabs are in
 `pages.ui.database.views`, the batch that fills it in `pages.ui.database.running`.
 """
 
-from urllib.parse import urlsplit
-
 import pandas as pd
 import streamlit as st
 
@@ -106,9 +104,7 @@ def _show_head(workspace: Workspace, choice: DatabaseChoice, names: tuple[str, .
             running.show_form(workspace, choice)
     with link.popover("Link to this view", icon=":material/share:", width="stretch"):
         st.caption("It opens this study with these filters, without your session.")
-        address = urlsplit(st.context.url or "")
-        server = f"{address.scheme}://{address.netloc}" if address.netloc else ""
-        st.code(f"{server}/Database?{query(choice)}", language=None)
+        show.address(f"Database?{query(choice)}")
 
 
 def _show_study(

@@ -175,8 +175,7 @@ def show_form(workspace: Workspace, choice: DatabaseChoice) -> None:
     methods = [key for key in form.get("methods", DEFAULT_METHODS) if key in METHODS]
     st.multiselect(
         "Methods", list(METHODS), format_func=lambda key: METHODS[key].title,
-        **bound("database_methods", methods, lambda keys: form.set("methods", tuple(keys)),
-                default=""),
+        **bound("database_methods", methods, form.setter("methods"), default=""),
         help="Maximum likelihood takes part in the table of pooled vehicles.",
     )  # fmt: skip
     columns = st.columns((1.2, 1, 1), vertical_alignment="bottom")
@@ -221,13 +220,9 @@ class _Form:
         value = self._kept.get(name, default)
         return value if allowed is None or value in allowed else default
 
-    def set(self, name: str, value: Any) -> None:
-        """Keep a choice."""
-        self._kept[name] = value
-
     def setter(self, name: str) -> Any:
         """What keeps a choice of that name."""
-        return lambda value: self.set(name, value)
+        return lambda value: self._kept.update({name: value})
 
 
 def _free_name() -> str:

@@ -64,6 +64,8 @@ class Stamp:
 class Shown:
     """The rows that are chosen, and what they say."""
 
+    stamp: Stamp
+    """The study."""
     rows: pd.DataFrame
     """Of one method; the index is the place among all rows of the study."""
     groups: Groups
@@ -99,7 +101,7 @@ def shown(
     found = group(rows, GROUPINGS[by][1], method)
     whole = next(iter(group(rows, (), method).groups), None)
     makes, recordings = rows["make"].nunique(), rows["sha256"].nunique()
-    return Shown(rows, found, whole, makes, recordings, figures.forest(found))
+    return Shown(stamp, rows, found, whole, makes, recordings, figures.forest(found))
 
 
 @st.cache_resource(max_entries=8, show_spinner=False)

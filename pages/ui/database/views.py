@@ -9,7 +9,7 @@ import plotly.graph_objects as go
 import streamlit as st
 
 from accpinn.inference.intervals import LEVEL
-from accpinn.recordings.recording import Recording, Window
+from accpinn.recordings.recording import Window
 from accpinn.results.figures import database as figures
 from accpinn.results.figures.stability import EXACT, L2
 from accpinn.results.tables.groups import failure_table, group_table, pooled_table, spread_table
@@ -17,7 +17,7 @@ from accpinn.study.journal import Failure
 from pages.ui.components import frame, show
 from pages.ui.components.show import escape_markdown
 from pages.ui.components.widgets import bound
-from pages.ui.database.selection import FILTERS, NOT_TOLD, Shown, Stamp, pooled_of
+from pages.ui.database.selection import FILTERS, NOT_TOLD, Shown, Stamp, pooled_of, rows_of
 from pages.ui.session.choices import DatabaseChoice
 from pages.ui.session.recordings import find_recording
 from pages.ui.session.workspace import Workspace
@@ -190,20 +190,16 @@ def show_chosen(workspace: Workspace, choice: DatabaseChoice, found: Shown) -> N
             "Open this window", icon=":material/timeline:", type="primary", key="database_open",
             help="Page Data, with this recording, window and vehicles, ready to train.",
         ):  # fmt: skip
-            _open(workspace, found.rows, row)
+            _open(workspace, rows_of(found.stamp), row)
 
 
 def _open(workspace: Workspace, rows: pd.DataFrame, row: "pd.Series[Any]") -> None:
     """Turn to page Data with a row's window, or say why not."""
-
-    def load() -> Recording:
-        return find_recording(
-            row["file"], row["sha256"], row["trajectory"], row["campaign"]
-        )  # fmt: skip
-
-    recording = show.attempt(load)
+    names = ("file", "sha256", "trajectory", "campaign")
+    recording = show.attempt(lambda: find_recording(*(row[name] for name in names)))
     if recording is None:
         return
+    # All that the study has of the window, whatever the filters leave of it.
     window = rows[["sha256", "start", "duration", "leader"]].eq(
         row[["sha256", "start", "duration", "leader"]]
     )

@@ -2,7 +2,6 @@
 
 import re
 from dataclasses import fields
-from functools import lru_cache
 from itertools import cycle
 
 import streamlit as st
@@ -14,12 +13,11 @@ from accpinn.model.cthp import Parameters
 from accpinn.model.published import ParameterSet
 from accpinn.platoon.leader import Brake, Leader, Recorded, Sinusoid, SpeedStep
 from accpinn.segment.segment import Segment
-from accpinn.stability.report import stability_report
 from pages.ui.components import show
 from pages.ui.components.show import escape_markdown
 from pages.ui.components.widgets import bound, segments, select
 from pages.ui.session.choices import Disturbance, PlatoonChoice
-from pages.ui.session.resources import KEPT
+from pages.ui.session.resources import report_of
 from pages.ui.session.workspace import Workspace
 
 FOLLOWERS, MOST_FOLLOWERS = 8, 20
@@ -47,7 +45,6 @@ FIRST = {"sinusoid": "frequency", "step": "change", "brake": "drop"}
 """The setting of each disturbance that stands in the row; the others are one click away."""
 QUIET = 0.25
 """Frequency in rad/s for a platoon that amplifies none: the paper's first."""
-_report = lru_cache(maxsize=KEPT)(stability_report)
 
 
 def choose_platoon(
@@ -186,7 +183,7 @@ def _setting(
 
 def _frequency(choice: PlatoonChoice, platoon: Parameters) -> float:
     """The one chosen, otherwise the one at which this platoon's last follower moves most."""
-    peak = float(f"{_report(platoon).platoon.peaks[-1].omega:.4g}") or QUIET
+    peak = float(f"{report_of(platoon).platoon.peaks[-1].omega:.4g}") or QUIET
     value = peak if choice.omega is None else choice.omega
     label, step, meaning = LABELS["frequency"]
     shown = bound("platoon_frequency", value, lambda new: choice.set(omega=new), optional=True)

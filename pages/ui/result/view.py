@@ -248,24 +248,21 @@ def show_history(
     page: str,
     case: Case,
     truth: Parameters | None = None,
-    solved: Parameters | None = None,
 ) -> None:
     """Loss terms and parameters over iterations, two by two.
 
     Args:
-        history: of a training, also of one that runs.
+        history: of a training.
         info: of its segment.
         page: begins the keys of the charts.
         case: in Case I all followers share one line.
         truth: the true parameters, where they are known.
-        solved: those of least squares, as lines to compare with.
     """
-    show.vehicle_key(info, bool(truth), case == "I" and info.followers > 1, bool(solved))
+    show.vehicle_key(info, bool(truth), case == "I" and info.followers > 1)
     drawn = (
         ("loss", figures.loss_history(history)),
         *(
-            (f"parameter_{which}",
-             figures.parameter_history(history, which, info, truth, solved))
+            (f"parameter_{which}", figures.parameter_history(history, which, info, truth))
             for which in range(3)
         ),
     )  # fmt: skip

@@ -1,6 +1,7 @@
 """What all browsers share: the stores of results and of snapshots, and the queues of tasks."""
 
 from collections.abc import Callable
+from functools import lru_cache
 from typing import Any
 
 import streamlit as st
@@ -9,6 +10,7 @@ from accpinn.methods.store import Store
 from accpinn.recordings.recording import Recording
 from accpinn.results.snapshot import Snapshot
 from accpinn.results.snapshot.saved import Library
+from accpinn.stability.report import stability_report
 from accpinn.tasks.queue import TaskQueue
 
 KEPT = 64
@@ -16,6 +18,10 @@ KEPT = 64
 would take turns to drive out each other's, and every view would be computed anew."""
 BY_CONTENT: dict[str | type, Callable[[Any], str]] = {Recording: lambda recording: recording.digest}
 """How a cache knows a recording: not by its file, which another mapping reads otherwise."""
+
+
+report_of = lru_cache(maxsize=KEPT)(stability_report)
+"""The stability report on (M,) parameters."""
 
 
 @st.cache_resource(show_spinner=False)

@@ -1,7 +1,5 @@
 """One snapshot in full, to be read: where it is from, its result, link, report, verification."""
 
-from urllib.parse import urlsplit
-
 import streamlit as st
 
 from accpinn.recordings.recording import Recording
@@ -107,9 +105,7 @@ def _show_buttons(workspace: Workspace, snapshot: Snapshot, title: str) -> None:
             )  # fmt: skip
         with st.popover("Share", icon=":material/share:"):
             st.caption("A link to this page; it opens on any page of this server.")
-            address = urlsplit(st.context.url or "")
-            server = f"{address.scheme}://{address.netloc}" if address.netloc else ""
-            st.code(f"{server}/Snapshots?{SNAPSHOT}={snapshot.id}", language=None)
+            show.address(f"Snapshots?{SNAPSHOT}={snapshot.id}")
         st.download_button(
             "Report", lambda: render_report(snapshot, _verified(workspace, snapshot)),
             f"{stem}.html", "text/html",

@@ -20,13 +20,13 @@ from accpinn.results.messages.stability import (
     reason,
 )
 from accpinn.results.tables.stability import answer, verdict_table
-from accpinn.stability.report import CERTAIN, stability_report
+from accpinn.stability.report import CERTAIN
 from accpinn.units import RadiansPerSecond
 from pages.ui.components import frame, show
 from pages.ui.components.parameter_picker import choose_parameters, show_missing
 from pages.ui.components.show import escape_markdown
 from pages.ui.components.widgets import bound, select, tabs
-from pages.ui.session.resources import KEPT
+from pages.ui.session.resources import KEPT, report_of
 from pages.ui.session.workspace import Workspace
 from pages.ui.stability.details import Shown, show_criteria, show_map, show_reasons
 from pages.ui.stability.measured import show_measured
@@ -37,7 +37,6 @@ HEIGHT = 370
 """Of the Bode magnitude, in pixels: the table's head is above the fold then."""
 WHOLE = -1
 """Stands for the platoon in place of one vehicle's index."""
-report_of = lru_cache(maxsize=KEPT)(stability_report)
 
 
 def show_page() -> None:

@@ -40,13 +40,11 @@ def test_estimates_intervals_and_truth_stand_where_they_belong(
     row = figures.Estimate("PiNN (fast preset)", fit.parameters.values[0])
     old = figures.Estimate("Before <b>", 1.1 * fit.parameters.values[0], earlier=True)
     truth = Parameters.of(sample(NOISY).truth[0])
-    figure = figures.estimates([row, old], COLOUR, uncertainty, 0, truth, "PiNN (fast preset)")
+    figure = figures.estimates([row, old], COLOUR, uncertainty, 0, truth)
     for which, trace in enumerate(figure.data):
         np.testing.assert_allclose(trace.x, [row.values[which], old.values[which]])
         assert list(trace.marker.symbol) == ["circle", "circle-open"]
-        assert trace.marker.size[0] > trace.marker.size[1]
     assert list(figure.data[0].y) == ["PiNN<br>(fast preset)", "Before &lt;b&gt;"]
-    assert figure.data[0].customdata[0] == "PiNN (fast preset)"
     bands = rectangles(figure)
     np.testing.assert_allclose([band.x0 for band in bands], uncertainty.lower.values[0])
     np.testing.assert_allclose([band.x1 for band in bands], uncertainty.upper.values[0])

@@ -95,13 +95,13 @@ class TestParameters:
         assert [line.y0 for line in lines] == truth.values[:, which].tolist()
 
     def test_axis_shows_the_whole_way_and_what_it_is_compared_with(self, segment: Segment) -> None:
-        solved = Parameters.of([[3.0, 0.2, 1.2], [0.11, 0.21, 1.21]])
-        figure = training.parameter_history(history(), 0, segment.info, solved=solved)
+        truth = Parameters.of([[3.0, 0.2, 1.2], [0.11, 0.21, 1.21]])
+        figure = training.parameter_history(history(), 0, segment.info, truth)
         low, high = figure.layout.yaxis.range
         assert low < history().parameters.alpha.min()
         assert high > 3.0
         assert figure.layout.xaxis.type == "log"
-        assert [line.line.dash for line in figure.layout.shapes] == ["dot", "dot"]
+        assert [line.line.dash for line in figure.layout.shapes] == ["dash", "dash"]
         unknown = Parameters.of(np.full((40, 2, 3), np.nan))
         undetermined = replace(history(), parameters=unknown)
         figure = training.parameter_history(undetermined, 2, segment.info)

@@ -25,8 +25,8 @@ from accpinn.results.tables.estimates import (
     method_name,
     methods_table,
     parameter_table,
-    quality_table,
 )
+from accpinn.results.tables.recording import quality_table
 from accpinn.results.tables.table import Range, Table
 from accpinn.segment.cut import cut
 from accpinn.segment.quality import Quality, assess_quality
