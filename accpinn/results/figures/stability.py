@@ -183,7 +183,8 @@ def criteria_by_vehicle(vehicles: ParameterSet, report: StabilityReport) -> go.F
         figure.update_yaxes(title_text=title, row=row, col=1)
     figure.update_xaxes(tickvals=places, ticktext=[*map(html.escape, vehicles.labels)],
                         range=[0.7, len(vehicles) + 0.3])  # fmt: skip
-    return finished(figure, 400, "criteria")
+    figure = finished(figure, 400, "criteria")
+    return figure.update_xaxes(automargin=True)  # long names are turned where there is no room
 
 
 def stability_map(
@@ -230,7 +231,7 @@ def stability_map(
         title = f"{quantity.symbol}, {quantity.name.lower()} [{quantity.unit}]"
         figure.layout[axis].update(title={"text": title}, range=[0, end])
     _annotate(figure, "L₂ unstable", 0.015 if along_beta else 0.985, 0.015)  # beside hatching
-    _annotate(figure, "L∞ stable by the exact criterion", 0.985, 0.985)
+    _annotate(figure, "L∞ stable", 0.985, 0.985)
     return finished(figure, 400, f"map-{plane}-{held}").update_layout(hovermode="closest")
 
 
