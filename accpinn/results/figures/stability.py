@@ -1,6 +1,7 @@
 """String stability as figures: Bode magnitude, criteria along the platoon, maps; uncertainty."""
 
 import html
+import re
 from typing import Any, Literal
 
 import numpy as np
@@ -48,6 +49,8 @@ BOUNDARIES = {
 }
 """The smallest stable τ by each criterion, and how a map draws it."""
 
+MAKE_END = re.compile(r"(?<=[^\W\d]) ")
+"""Where a vehicle's name is broken below an axis: behind its make."""
 FREQUENCIES = 300
 SPAN = (0.02, 1.0)
 """Frequencies in rad/s that the Bode magnitude always shows."""
@@ -181,7 +184,8 @@ def criteria_by_vehicle(vehicles: ParameterSet, report: StabilityReport) -> go.F
     for row, limit, title in ((1, 0, "Criterion [1/s²]"), (2, 1, "Gain")):
         figure.add_hline(y=limit, line=LIMIT, row=row, col=1)
         figure.update_yaxes(title_text=title, row=row, col=1)
-    figure.update_xaxes(tickvals=places, ticktext=[*map(html.escape, vehicles.labels)],
+    names = [MAKE_END.sub("<br>", html.escape(label), count=1) for label in vehicles.labels]
+    figure.update_xaxes(tickvals=places, ticktext=names, ticklabeloverflow="allow",
                         range=[0.7, len(vehicles) + 0.3])  # fmt: skip
     figure = finished(figure, 400, "criteria")
     return figure.update_xaxes(automargin=True)  # long names are turned where there is no room
