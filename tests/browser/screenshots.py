@@ -140,7 +140,7 @@ def mapping(camera: Camera) -> None:
     with camera.page("/Data") as page:
         upload(page, file)
         page.get_by_role("button", name="Open with these columns").wait_for()
-        page.get_by_text("Who drives").click()
+        page.get_by_text("Who drives: ACC or a human").click()
         choose(page, "Mode of vehicle 2", "acc_ego")
         page.get_by_label("Under ACC it says").wait_for()
         idle(page)
