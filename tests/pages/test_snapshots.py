@@ -203,7 +203,7 @@ class TestTwo:
         other = replace(one, fit=replace(one.fit, parameters=Parameters.of(values)))
         table = parameter_differences(one, other)
         assert table.rows[0][-1] == "+50.0"
-        assert [row[-1] for row in table.rows[1:]] == ["+0.0"] * (3 * one.info.followers - 1)
+        assert [row[-1] for row in table.rows[1:]] == ["0.0"] * (3 * one.info.followers - 1)
         assert differing_settings(one, one).rows == ()
 
     def test_unlike_vehicles_are_not_compared_without_a_word(self) -> None:
