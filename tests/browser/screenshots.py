@@ -143,7 +143,7 @@ def mapping(camera: Camera) -> None:
         page.get_by_text("Who drives: ACC or a human").click()
         page.get_by_role("button", name="Open with these columns").scroll_into_view_if_needed()
         choose(page, "Mode of vehicle 2", "acc_ego")
-        page.get_by_label("Under ACC it says").wait_for()
+        page.get_by_role("textbox", name="Under ACC it says").wait_for()
         idle(page)
         camera.shoot(page, "data_mapping")
 
