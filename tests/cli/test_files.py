@@ -103,7 +103,7 @@ def test_forged_parameters_are_named_before_anything_is_made_of_them(
         assert strict(printed.out)["snapshot"]["ok"] is False
         assert printed.err.startswith("error: ")
         assert main([command, "--snapshot", str(file), "--quick"]) == 0
-        assert capsys.readouterr().out.startswith("Not refitted: α, β, τ are only stated")
+        assert capsys.readouterr().out.startswith("Not refitted: α, β, τ are only told")
     save(small(), file)
     assert main(["stability", "--snapshot", str(file)]) == 0
     assert capsys.readouterr().out.startswith("Refitted: α, β, τ agree.")
