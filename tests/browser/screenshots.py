@@ -140,9 +140,10 @@ def mapping(camera: Camera) -> None:
     with camera.page("/Data") as page:
         upload(page, file)
         page.get_by_role("button", name="Open with these columns").wait_for()
-        page.get_by_text("Who drives").click()
+        page.get_by_text("Who drives: ACC or a human").click()
+        page.get_by_role("button", name="Open with these columns").scroll_into_view_if_needed()
         choose(page, "Mode of vehicle 2", "acc_ego")
-        page.get_by_label("Under ACC it says").wait_for()
+        page.get_by_role("textbox", name="Under ACC it says").wait_for()
         idle(page)
         camera.shoot(page, "data_mapping")
 

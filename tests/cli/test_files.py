@@ -76,9 +76,9 @@ def test_verify_says_yes(file: Path, capsys: Capture) -> None:
     assert printed["ok"] is True
     ways = {one["group"]: one["way"] for one in printed["figures"]}
     assert (ways["α, β, τ"], ways["intervals"]) == ("refitted", "recomputed")
-    assert ways["name and note"] == "stated only"
+    assert ways["name and note"] == "told only"
     quick = document(capsys, "verify", file, "--quick")
-    assert {one["group"]: one["way"] for one in quick["figures"]}["α, β, τ"] == "stated only"
+    assert {one["group"]: one["way"] for one in quick["figures"]}["α, β, τ"] == "told only"
     assert REFIT in [one["cure"] for one in quick["not_checked"]]
     assert main(["verify", str(file), "--quick"]) == 0
     assert capsys.readouterr().out.rstrip().endswith("More is checked with --refit.")
@@ -103,7 +103,7 @@ def test_forged_parameters_are_named_before_anything_is_made_of_them(
         assert strict(printed.out)["snapshot"]["ok"] is False
         assert printed.err.startswith("error: ")
         assert main([command, "--snapshot", str(file), "--quick"]) == 0
-        assert capsys.readouterr().out.startswith("Not refitted: α, β, τ are only stated")
+        assert capsys.readouterr().out.startswith("Not refitted: α, β, τ are only told")
     save(small(), file)
     assert main(["stability", "--snapshot", str(file)]) == 0
     assert capsys.readouterr().out.startswith("Refitted: α, β, τ agree.")

@@ -126,7 +126,7 @@ class TestList:
         assert workspace_of(page).snapshot is None, "looking at it changes nothing"
         assert len(figures(page)) == 1
         open_tab(page, "snapshots_tabs", "Verify")
-        for said in ("only stated", "Recomputed", "the same", "finds these parameters"):
+        for said in ("only told", "Recomputed", "the same", "finds these parameters"):
             assert said in plain(page)
         agreed = counted(verify(whole(), refit_within=QUICK))
         assert agreed.split()[0] == agreed.split()[2], "all of them"

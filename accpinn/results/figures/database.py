@@ -33,6 +33,8 @@ MOST_GROUPS = 16
 LINE, NARROW_LINE, RIM = 28, 22, 74
 """Pixels of a group, of one among many, and of what is above and below all of them."""
 FEW = 10
+APART = 0.25
+"""Share of a logarithmic axis between two labels, so that they do not touch on a narrow screen."""
 SYMBOLS = ("circle", "square", "diamond", "triangle-up", "cross", "x")
 OTHERS = "others"
 MOST_NAMED = 10
@@ -139,7 +141,11 @@ def _decades(low: float, high: float) -> dict[str, list[float] | list[str]]:
         chosen = [tick for tick in every if low <= tick <= high]
         if len(chosen) > 1:
             break
-    return {"tickvals": chosen, "ticktext": [f"{tick:g}" for tick in chosen]}
+    kept: list[float] = []
+    for tick in chosen:
+        if not kept or np.log(tick / kept[-1]) > APART * np.log(high / low):
+            kept.append(tick)
+    return {"tickvals": kept, "ticktext": [f"{tick:g}" for tick in kept]}
 
 
 def colours(labels: Sequence[str]) -> Mapping[str, tuple[str, str]]:

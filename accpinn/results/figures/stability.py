@@ -1,6 +1,7 @@
 """String stability as figures: Bode magnitude, criteria along the platoon, maps; uncertainty."""
 
 import html
+import re
 from typing import Any, Literal
 
 import numpy as np
@@ -48,6 +49,8 @@ BOUNDARIES = {
 }
 """The smallest stable τ by each criterion, and how a map draws it."""
 
+MAKE_END = re.compile(r"(?<=[^\W\d]) ")
+"""Where a vehicle's name is broken below an axis: behind its make."""
 FREQUENCIES = 300
 SPAN = (0.02, 1.0)
 """Frequencies in rad/s that the Bode magnitude always shows."""
@@ -181,9 +184,11 @@ def criteria_by_vehicle(vehicles: ParameterSet, report: StabilityReport) -> go.F
     for row, limit, title in ((1, 0, "Criterion [1/s²]"), (2, 1, "Gain")):
         figure.add_hline(y=limit, line=LIMIT, row=row, col=1)
         figure.update_yaxes(title_text=title, row=row, col=1)
-    figure.update_xaxes(tickvals=places, ticktext=[*map(html.escape, vehicles.labels)],
+    names = [MAKE_END.sub("<br>", html.escape(label), count=1) for label in vehicles.labels]
+    figure.update_xaxes(tickvals=places, ticktext=names, ticklabeloverflow="allow",
                         range=[0.7, len(vehicles) + 0.3])  # fmt: skip
-    return finished(figure, 400, "criteria")
+    figure = finished(figure, 400, "criteria")
+    return figure.update_xaxes(automargin=True)  # long names are turned where there is no room
 
 
 def stability_map(
@@ -230,7 +235,7 @@ def stability_map(
         title = f"{quantity.symbol}, {quantity.name.lower()} [{quantity.unit}]"
         figure.layout[axis].update(title={"text": title}, range=[0, end])
     _annotate(figure, "L₂ unstable", 0.015 if along_beta else 0.985, 0.015)  # beside hatching
-    _annotate(figure, "L∞ stable by the exact criterion", 0.985, 0.985)
+    _annotate(figure, "L∞ stable", 0.985, 0.985)
     return finished(figure, 400, f"map-{plane}-{held}").update_layout(hovermode="closest")
 
 

@@ -131,7 +131,7 @@ def _(finding: found.MethodFinding, about: Labelled) -> str:
         case found.HoldoutLoss():
             return (
                 f"{finding.instants} random instants were kept out of training; there Ψ_D is"
-                f" {finding.data:,.4f} and Ψ_F {finding.physics:,.4f}, which is optimistic, as"
+                f" {finding.data:#.4g} and Ψ_F {finding.physics:#.4g}, which is optimistic, as"
                 " neighbouring instants are nearly equal."
             )
         case found.Continued():

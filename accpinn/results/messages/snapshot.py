@@ -90,7 +90,7 @@ GROUPS = {
 WAYS: dict[Way, str] = {
     "refitted": "Refitted",
     "recomputed": "Recomputed",
-    "told": "Stated only",
+    "told": "Told only",
 }
 COMPARED = "methods compared"
 UNREFITTED = ("estimate", "stopped", "unknown start")
@@ -219,7 +219,7 @@ def summary(verification: Verification, about: Labelled) -> str:
 
 
 def rests_on(verification: Verification) -> str:
-    """What was refitted, recomputed, or only stated, as in "Refitted: α, β, τ agree."."""
+    """What was refitted, recomputed and only told: "Refitted: α, β, τ agree. Told only: names."."""
     found: dict[Way, dict[str, bool]] = {way: {} for way in WAYS}
     for one in verification.standings:
         if one.way != "told":
@@ -246,7 +246,7 @@ def parameters_rest_on(verification: Verification, about: Labelled) -> str:
         return "Refitted: α, β, τ agree."
     why = [one for one in verification.unchecked if one.kind in UNREFITTED][:1]
     said = "; ".join(messages(why, about))
-    return f"Not refitted: α, β, τ are only stated. Not checked: {said}." if why else ""
+    return f"Not refitted: α, β, τ are only told. Not checked: {said}." if why else ""
 
 
 def _agreeing(way: Way, names: dict[str, bool]) -> str:

@@ -22,7 +22,7 @@ from markupsafe import Markup
 from plotly.offline import get_plotlyjs
 
 from accpinn import __version__
-from accpinn.channels import GAP, PARAMETER_KEYS, SPEED
+from accpinn.channels import GAP, PARAMETER_KEYS, PARAMETERS, SPEED
 from accpinn.errors import ParameterError
 from accpinn.evaluation.closed_loop import closed_loop
 from accpinn.inference.prediction import gap_band
@@ -227,13 +227,24 @@ def _sheet(table: Table, name: str) -> dict[str, Any]:
         ("LaTeX", f"{name}.tex", "application/x-tex", table.to_latex()),
     )
     return {
-        "html": Markup(table.to_html()),
+        "html": Markup((_without_parameters(table) if name == "stability" else table).to_html()),
         "wide": len(table.columns) > WIDE,
         "files": [
             (label, file, f"data:{mime};charset=utf-8;base64,{_base64(text.encode())}")
             for label, file, mime, text in files
         ],
     }
+
+
+def _without_parameters(table: Table) -> Table:
+    """The table without α, β and τ, which the first page has; they would not leave it room."""
+    symbols = {quantity.symbol for quantity in PARAMETERS}
+    kept = [place for place, column in enumerate(table.columns) if column.title not in symbols]
+    return replace(
+        table,
+        columns=tuple(table.columns[place] for place in kept),
+        rows=tuple(tuple(row[place] for place in kept) for row in table.rows),
+    )
 
 
 def _base64(content: bytes) -> str:

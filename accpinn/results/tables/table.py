@@ -347,7 +347,7 @@ table.figures { border-collapse: collapse; width: 100%; font-variant-numeric: ta
 table.figures th, table.figures td { padding: .32rem .4rem; text-align: left; white-space: nowrap;
   border: 0; }
 table.figures .number { text-align: right; }
-table.figures td.number { white-space: normal; }
+table.figures td.number:has(> span) { white-space: normal; }
 table.figures .number + :not(.number) { padding-left: 1.3rem; }
 table.figures td span { display: inline-block; white-space: nowrap; opacity: .8; font-size: .92em; }
 table.figures td.prose { white-space: normal; min-width: 12rem; overflow-wrap: anywhere; }
@@ -367,6 +367,7 @@ table.figures td i { display: inline-block; width: .7em; height: .7em; border-ra
 @media (max-width: 640px) {
   table.figures th { white-space: nowrap; }
   table.figures tbody td:first-child { min-width: 0; max-width: 8.5rem; }
+  table.figures td.prose { min-width: 22rem; }
   table.figures tbody td.prose:first-child { min-width: 8.5rem; }
 }
 @media print { table.figures tr > :first-child { position: static !important; } }

@@ -324,7 +324,7 @@ def _show_identifiability(shown: _Shown) -> None:
     if not warnings:
         show.messages(
             "α, β and τ are identifiable: no interval spans more than a factor of five, provided"
-            " that the model is adequate (see below).",
+            " that the model is adequate (tab Model adequacy).",
             "success",
         )
     quality = assess_quality(segment)
@@ -341,7 +341,7 @@ def _show_identifiability(shown: _Shown) -> None:
     st.caption(
         "Profile of the loss: the misfit of the accelerations with one parameter held and the"
         f" others at their best. Dashed: {100 * INCREASE:.0f} % worse, hardly visible in any plot."
-        f" Grey: the {100 * uncertainty.level:.0f} % interval of the table above. It may lie beside"
+        f" Grey: the {100 * uncertainty.level:.0f} % interval of the tab Methods. It may lie beside"
         " the curve: the curve takes all samples as independent, while the interval accounts for"
         " disturbances that last for seconds and bias the estimate."
     )

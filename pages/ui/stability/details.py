@@ -108,20 +108,24 @@ def show_reasons(shown: Shown) -> None:
     chosen, report = shown.chosen, shown.report
     if shown.known:
         st.caption(BY_ESTIMATES)
-    columns = st.columns(2, gap="large")
-    for k, (label, vehicle) in enumerate(zip(chosen.labels, report.vehicles, strict=True)):
+    texts = []
+    for label, vehicle in zip(chosen.labels, report.vehicles, strict=True):
         verdicts: tuple[Verdict, ...] = (vehicle.l2, vehicle.linf_paper, vehicle.linf_exact)
-        columns[k % 2].markdown(
+        texts.append(
             f"**{escape_markdown(label)}.** {BEHAVIOURS[vehicle.behaviour]}\n"
             + _listed(verdicts, vehicle)
         )
     if len(chosen) > 1:
         platoon = report.platoon
         verdicts = (platoon.l2_strict, platoon.l2_weak, platoon.linf_strict, platoon.linf_weak)
-        columns[len(chosen) % 2].markdown(
+        texts.append(
             "**The platoon.** Strict: no vehicle amplifies anything. Weak: nothing has grown at"
             " the last one.\n" + _listed(verdicts, report, chosen.spoken)
         )
+    # A row of columns each, so that a narrow screen keeps their order.
+    for at in range(0, len(texts), 2):
+        for column, text in zip(st.columns(2, gap="large"), texts[at : at + 2], strict=False):
+            column.markdown(text)
 
 
 def _show_intervals(shown: Shown, known: Uncertainty) -> None:

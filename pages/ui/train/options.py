@@ -64,7 +64,7 @@ def show_options(workspace: Workspace) -> None:
         help="Of the network; the paper's has three. A smaller network is quicker, and the curves"
         " follow the data less closely.",
     )  # fmt: skip
-    fields.one("width", "Neurons of each", rows[3][1], step=10, help="The paper's have sixty.")
+    fields.one("width", "Neurons per layer", rows[3][1], step=10, help="The paper's have sixty.")
     _special(workspace, fields, rows[3][2:])
     with rows[4][3]:
         st.space("stretch")

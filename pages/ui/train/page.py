@@ -24,8 +24,8 @@ from pages.ui.train.live import show_live
 from pages.ui.train.options import chosen_config, show_options
 
 PRESET_LINES = {
-    "calibrated": "A few seconds: the network's evidence in place of its loss removes the bias.",
-    "fast": "A second: the paper's loss, output layer and α, β, τ solved exactly. Biased as it is.",
+    "calibrated": "A few seconds: the network's evidence, not its loss, is maximised: no bias.",
+    "fast": "A second: the paper's loss, solved exactly for the output layer and α, β, τ; biased.",
     "paper": "As published, all by gradient: many minutes. Stop and continue at any time.",
 }
 CONTINUES = (

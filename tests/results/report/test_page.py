@@ -129,8 +129,8 @@ class TestContents:
     def test_tables_hold_the_snapshots_numbers(self) -> None:
         cells = Reader(page()).within("td")
         for one in whole().fit.parameters:
-            assert f"{one.alpha:.4f}" in cells
-            assert f"{one.tau:.3f}" in cells
+            for number in (f"{one.alpha:.4f}", f"{one.tau:.3f}"):
+                assert any(cell.startswith(number) for cell in cells)
         assert whole().stability
         for vehicle in whole().stability.vehicles:
             assert f"{vehicle.linf_gain:.3f}" in cells

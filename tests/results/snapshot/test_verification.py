@@ -306,7 +306,7 @@ class TestForged:
         believed = verify(forged, refit_within=QUICK)
         assert believed.ok
         assert dict(believed.ways)["fit.parameters.0.2"] == "told"
-        assert "only stated" in parameters_rest_on(believed, forged.info)
+        assert "only told" in parameters_rest_on(believed, forged.info)
         found = fault(verify(load(to_bytes(forged))))
         assert (found.part, found.way) == ("refit", "refitted")
         assert "fit.parameters.0.2" in found.wrong
