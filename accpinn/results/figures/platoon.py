@@ -41,8 +41,10 @@ COLUMNS = 240
 """Instants of the map of speeds."""
 DOTS = 2400
 """Instants of all vehicles in the time-space diagram together."""
-SHADES = 15
+SHADES = 11
 """Colours of its tracks."""
+TRACKS = "tracks"
+"""Name of the line that answers to the pointer, on all tracks."""
 STRIPES = 8
 """Periods of a sinusoid on the map of speeds; with more the wave's slope is not seen."""
 CAR_LENGTH: Metres = 4.5
@@ -262,12 +264,14 @@ def time_space(
     middle = float(speeds[:, 0].mean()) if isinstance(run.leader, Recorded) else run.leader.speed
     limit = float(np.nanmax(np.abs(speeds - middle))) or 1.0
     figure = go.Figure()
-    for k, name in enumerate(cast.names):
-        figure.add_scatter(
-            x=time.astype(np.float32), y=places[:, k].astype(np.float32), mode="lines",
-            line={"color": CLEAR, "width": 8}, customdata=speeds[:, k].round(3),
-            name=name, showlegend=False, hovertemplate="%{customdata:.2f} m/s at %{x:.1f} s",
-        )  # fmt: skip
+    figure.add_scatter(  # one line with gaps, as each trace costs the browser some milliseconds
+        x=np.tile(np.append(time, np.nan), len(cast.names)).astype(np.float32),
+        y=_with_gaps(places).astype(np.float32), 
+        customdata=_with_gaps(speeds).round(3).astype(np.float32),
+        text=np.repeat(cast.numbers, len(time) + 1), mode="lines", name=TRACKS, showlegend=False,
+        line={"color": CLEAR, "width": 8},
+        hovertemplate="%{customdata:.2f} m/s at %{x:.1f} s<extra>vehicle %{text}</extra>",
+    )  # fmt: skip
     figure.add_traces([*_coloured_tracks(time, places, (speeds - middle) / limit)])
     last = [int(np.flatnonzero(np.isfinite(column))[-1]) for column in places.T]
     ends = [k for k, at in enumerate(last) if at < len(rows) - 1]
@@ -294,6 +298,11 @@ def time_space(
     figure.update_yaxes(title_text=f"Position {seen[view]} [m]")
     figure = finished(figure, height, f"platoon-time-space-{view}")
     return figure.update_layout(hovermode="closest")
+
+
+def _with_gaps(values: FloatArray) -> FloatArray:
+    """The columns (K, V) one below the other, each followed by nan."""
+    return np.append(values, np.full((1, values.shape[1]), np.nan), axis=0).T.ravel()
 
 
 def _coloured_tracks(

@@ -118,20 +118,25 @@ class TestTimeSpace:
         self, sinusoid: PlatoonRun, view: figures.View, way: float
     ) -> None:
         figure = figures.time_space(sinusoid, EIGHT, (400.0, 500.0), view)
-        tracks = [named(figure, name) for name in EIGHT.names]
-        time, run = np.asarray(tracks[0].x, float), sinusoid.trajectories
-        rows = np.searchsorted(run.time, time - 0.05)
-        for k, track in enumerate(tracks):
-            np.testing.assert_allclose(track.customdata, run.speeds[rows, k], atol=1e-3)
+        line = named(figure, figures.TRACKS)
+        count, run = len(EIGHT.names), sinusoid.trajectories
+        time, places, speeds, numbers = (
+            np.asarray(values).reshape(count, -1)[:, :-1]
+            for values in (line.x, line.y, line.customdata, line.text)
+        )
+        rows = np.searchsorted(run.time, time[0].astype(float) - 0.05)
+        for k, number in enumerate(EIGHT.numbers):
+            assert set(numbers[k]) == {number}
+            np.testing.assert_allclose(speeds[k], run.speeds[rows, k], atol=1e-3)
             if k:
-                apart = np.asarray(tracks[k - 1].y) - track.y - figures.CAR_LENGTH
+                apart = places[k - 1] - places[k] - figures.CAR_LENGTH
                 np.testing.assert_allclose(apart, run.gaps[rows, k - 1], atol=1e-2)
-        assert tracks[0].y[-1] - tracks[0].y[0] == pytest.approx(way, abs=10)
+        assert places[0, -1] - places[0, 0] == pytest.approx(way, abs=10)
         (labels,) = (trace for trace in figure.data if trace.mode == "text")
         assert [text.strip() for text in labels.text] == list("012345678")
         coloured = [trace for trace in figure.data if trace.line.width == 3]
         drawn = np.concatenate([trace.y for trace in coloured])
-        assert np.isfinite(drawn).sum() >= sum(len(track.y) - 1 for track in tracks)
+        assert np.isfinite(drawn).sum() >= count * (len(rows) - 1)
         low, high = (np.nanmax(np.abs(run.speeds[:, :1] - 20)), np.nanmax(np.abs(run.speeds - 20)))
         assert low < high, "the last vehicle swings most, and has the strongest colours"
         strongest = {*np.flatnonzero([len(trace.y) > 0 for trace in coloured])}
