@@ -94,6 +94,20 @@ def test_after_a_restart_its_address_shows_what_a_session_had_open() -> None:
         place.unlink(missing_ok=True)
 
 
+def test_sessions_that_only_opened_something_cost_nobody_a_result(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(runs, "KEPT_SESSIONS", 2)
+    found = workspace_of(open_page(TRAIN, session=fitted(Window(0.0, 60.0)).id))
+    for _ in range(5):
+        other = sessions.workspaces().new()
+        other.open(*sample(FIRST_SAMPLE))
+        open_page(DATA, session=other.id)
+    kept = {path.name for path in found.runs.snapshots.folder.parent.iterdir()}
+    assert {found.id, other.id} <= kept
+    assert len(kept) <= 3, "the newest comes to those that were kept"
+
+
 def test_a_run_is_not_restored_with_the_truth_of_another_recording() -> None:
     found, own = sessions.workspaces().new(), read(csv(platoon(5)), "own.csv")
     found.open(own)

@@ -266,7 +266,7 @@ def time_space(
     figure = go.Figure()
     figure.add_scatter(  # one line with gaps, as each trace costs the browser some milliseconds
         x=np.tile(np.append(time, np.nan), len(cast.names)).astype(np.float32),
-        y=_with_gaps(places).astype(np.float32), 
+        y=_with_gaps(places).astype(np.float32),
         customdata=_with_gaps(speeds).round(3).astype(np.float32),
         text=np.repeat(cast.numbers, len(time) + 1), mode="lines", name=TRACKS, showlegend=False,
         line={"color": CLEAR, "width": 8},

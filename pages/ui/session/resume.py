@@ -9,37 +9,16 @@ from contextlib import suppress
 import msgspec
 
 from accpinn.errors import AccpinnError, SnapshotError
-from accpinn.methods.pinn.config import PresetName
-from accpinn.model.cthp import Case
-from accpinn.recordings.recording import Recording, Window
+from accpinn.recordings.recording import Recording
 from accpinn.recordings.synthetic import Truth
 from accpinn.results.snapshot.saved import write_whole
-from accpinn.units import Seconds
 from pages.ui.session.recordings import find_recording, find_sample
-from pages.ui.session.workspace import Awaited, Workspace
+from pages.ui.session.workspace import Opened, Workspace
 
 FILE = "open.json"
 """In the session's folder."""
 LARGEST = 100_000
 """Bytes of such a file at most."""
-
-
-class Opened(msgspec.Struct, frozen=True):
-    """What a session had open."""
-
-    source: str
-    """File name of the recording."""
-    sha256: str
-    trajectory: str | None
-    campaign: str | None
-    vehicles: tuple[int, ...]
-    start: Seconds
-    duration: Seconds
-    case: Case
-    excluded_regimes: tuple[str, ...]
-    preset: PresetName
-    run: str
-    """Short name of the finished run that was shown; empty for none."""
 
 
 def keep(workspace: Workspace) -> None:
@@ -49,7 +28,7 @@ def keep(workspace: Workspace) -> None:
         return
     now = Opened(
         recording.source, recording.sha256, recording.trajectory, recording.campaign,
-        workspace.vehicles, workspace.window.start, workspace.window.duration, workspace.case,
+        workspace.vehicles, workspace.window.start, workspace.window.end, workspace.case,
         workspace.excluded_regimes, workspace.preset, workspace.run,
     )  # fmt: skip
     if now == workspace.kept_open:
@@ -72,10 +51,7 @@ def resume(workspace: Workspace) -> None:
     with suppress(SnapshotError):
         if kept.run:
             workspace.restore(workspace.runs.open(kept.run))
-    workspace.awaited = Awaited(
-        kept.source, kept.sha256, kept.vehicles,
-        Window(kept.start, kept.start + kept.duration), kept.case, kept.excluded_regimes,
-    )  # fmt: skip
+    workspace.awaited = kept
     with suppress(AccpinnError):
         workspace.open(*_find(kept))
 

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from accpinn.errors import SnapshotError
-from accpinn.results.snapshot import Snapshot
+from accpinn.results.snapshot import SUFFIX, Snapshot
 from accpinn.results.snapshot.archive import to_bytes
 from accpinn.results.snapshot.saved import Entry, Library
 from accpinn.units import Seconds
@@ -93,12 +93,17 @@ def _same(entry: Entry, snapshot: Snapshot) -> bool:
 
 
 def _tidy(folder: Path) -> None:
-    """Remove what no session has written to for long, and the oldest where there are too many."""
+    """Remove what no session has written to for long, and the oldest where there are too many.
+
+    Of these go first those without a run: thousands of sessions that only opened a sample, which
+    cost a stranger nothing, thus cost nobody a result.
+    """
     found = []
     for path in folder.iterdir() if folder.is_dir() else ():
         with suppress(OSError):  # another process was quicker
             found.append((path.stat().st_mtime, path))
-    found.sort(reverse=True)
+    many = len(found) > KEPT_SESSIONS
+    found.sort(key=lambda one: (many and any(one[1].glob(f"*{SUFFIX}")), one[0]), reverse=True)
     for rank, (written, path) in enumerate(found):
         if rank >= KEPT_SESSIONS or time.time() - written > KEPT_FOR:
             shutil.rmtree(path, ignore_errors=True)

@@ -7,6 +7,8 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
+import msgspec
+
 from accpinn.errors import ConfigError, SegmentError, SnapshotError
 from accpinn.inference.intervals import Uncertainty, intervals
 from accpinn.inference.model_adequacy import Adequacy, model_forms
@@ -63,16 +65,27 @@ class PendingFile:
     mapping: CsvMapping | None = None
 
 
-@dataclass(frozen=True)
-class Awaited:
-    """What is chosen as soon as a recording is open again, which the server has not kept."""
+class Opened(msgspec.Struct, frozen=True):
+    """What a session has open, by name."""
 
     source: str
+    """File name of the recording."""
     sha256: str
+    trajectory: str | None
+    campaign: str | None
     vehicles: tuple[int, ...]
-    window: Window
+    start: Seconds
+    end: Seconds
     case: Case
     excluded_regimes: tuple[str, ...]
+    preset: PresetName
+    run: str
+    """Short name of the finished run that is shown; empty for none."""
+
+    @property
+    def window(self) -> Window:
+        """Of the recording."""
+        return Window(self.start, self.end)
 
 
 @dataclass(eq=False)
@@ -86,7 +99,7 @@ class Workspace:
     """Why the last attempt to open something failed."""
     pending: PendingFile | None = None
     """A file that cannot be read before something is known of it."""
-    awaited: Awaited | None = None
+    awaited: Opened | None = None
     """What was open before a restart of the server, as long as nothing else is."""
     vehicles: tuple[int, ...] = ()
     window: Window = field(default_factory=lambda: Window(0.0, DURATION))
@@ -113,7 +126,7 @@ class Workspace:
     """The result that is shown as it was saved; without its data there may be no segment."""
     run: str = ""
     """Short name of the present result among the runs; empty where it is none of them."""
-    kept_open: object = None
+    kept_open: Opened | None = None
     """What was last written of what is open."""
     viewed: str = ""
     """Short name of the snapshot that page Snapshots shows in full; empty for the list."""
