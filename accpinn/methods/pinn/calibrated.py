@@ -31,7 +31,7 @@ from accpinn.methods.pinn.evidence import Evidence
 from accpinn.methods.pinn.evidence_output import FourierOrders, OutputLayer, activations
 from accpinn.methods.pinn.evidence_search import Ascent, begin, refine
 from accpinn.methods.pinn.loss import Learned, LossTerms, Training
-from accpinn.methods.pinn.method import WarmStart, calibrated_features, hidden_inputs
+from accpinn.methods.pinn.method import FourierFeatures, WarmStart, hidden_inputs
 from accpinn.methods.pinn.network import Descent, count_weights, load_state, state_of
 from accpinn.methods.regression import Regression, Solution
 from accpinn.methods.series import series_of, stride_of
@@ -67,7 +67,7 @@ class CalibratedTraining(Training):
         self._fine: Evidence | None = None
         self._ascents = begin(self._series, theta[:groups])
         self._iteration, self._quiet, self._start_loss = 0, False, float("nan")
-        features = calibrated_features(float(self.segment.time[-1]), self.config)
+        features = FourierFeatures(float(self.segment.time[-1]), self.config.highest_frequency)
         self._inputs = hidden_inputs(features)
         self._fourier = FourierOrders(features)
         self._descent = Descent(self._inputs, self.config.hidden, self.config.seed)

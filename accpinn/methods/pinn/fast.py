@@ -15,9 +15,11 @@ and each Adam iteration counts as one iteration.
 """
 
 from dataclasses import replace
+from math import sqrt
 
 import numpy as np
 import torch
+from scipy.sparse import csr_array
 from torch import Tensor
 
 from accpinn.methods.fit import (
@@ -29,7 +31,7 @@ from accpinn.methods.fit import (
     Progress,
 )
 from accpinn.methods.pinn.config import PinnConfig
-from accpinn.methods.pinn.loss import Learned, Training, loss_terms
+from accpinn.methods.pinn.loss import Learned, Training, residuals
 from accpinn.methods.pinn.method import FourierFeatures, WarmStart
 from accpinn.methods.pinn.network import Descent, count_weights, load_state, state_of
 from accpinn.methods.pinn.variable_projection import (
@@ -135,31 +137,53 @@ class FastTraining(Training):
         self._solution = solve_parameters(self._sums, self._weights, self.case)
         return _largest_move(self._solution.parameters, before.parameters)
 
+    @torch.no_grad()
     def _descend(self, iterations: int) -> None:
-        """Adam on the hidden layers, on minibatches, everything else fixed."""
+        """Adam on the hidden layers, on minibatches, everything else fixed.
+
+        The residuals are linear in the activations and their rates, so each minibatch needs only
+        those of the skip connection, computed once, and two small matrices.
+        """
         config, size, count = self.config, self._features.size, len(self.measured)
-        weights = self._weights.float()
-        skip = (self._static.value @ self._weights[:size]).float()
-        skip_rate = (self._static.rate @ self._weights[:size]).float()
-        theta = torch.tensor(self._solution.theta).float()
-        measured = self._static.measured_single
-        mask = None if self.mask is None else self.mask.float()
+        skip, weights = self._weights[:size], self._weights[size:]
+        nothing = torch.zeros_like(weights)
+        fixed = self._weighted(self._static.value @ skip, self._static.rate @ skip, self.measured)
+        of_value = self._weighted(weights, nothing, nothing)
+        of_rate = self._weighted(nothing, weights, nothing)
         batch = min(config.batch, count)
         learning_rate = config.learning_rate * 0.5 ** (self._iteration / HALF_LIFE)
+        counts = torch.ones_like(fixed)
+        if self.mask is not None:
+            counts[:, self.followers : 2 * self.followers] = self.mask
+        if config.weight_initial:  # Ψ_R squares some of the first instant's residuals once more
+            s_gap, s_speed = config.weight_data
+            again = batch * config.weight_initial
+            counts[0, 2 * self.followers : 3 * self.followers] += again / s_gap
+            counts[0, 3 * self.followers + 1 :] += again / s_speed
+        counts *= 2 / (batch * self.followers)
+
         for _ in range(iterations):
             pick = torch.randint(count, (batch,), generator=self._descent.generator)
             if config.weight_initial:
                 pick[0] = 0  # Ψ_R looks at the first instant
-            active, active_rate = self._descent.hidden(
-                self._static.value_single[pick], self._static.rate_single[pick]
+
+            def slope(value: Tensor, rate: Tensor, pick: Tensor = pick) -> tuple[Tensor, Tensor]:
+                found = fixed[pick] + value @ of_value + rate @ of_rate
+                found *= counts[pick]
+                return found @ of_value.T, found @ of_rate.T
+
+            self._descent.hidden.backpropagate(
+                self._static.value_single[pick], self._static.rate_single[pick], slope
             )
-            outputs = skip[pick] + active @ weights[size:]
-            rates = skip_rate[pick] + active_rate @ weights[size:]
-            some = None if mask is None else mask[pick]
-            terms = loss_terms(outputs, rates, measured[pick], theta, config, some)
-            terms.total.backward()
             self._descent.adam.step(learning_rate)
         self._iteration += iterations
+
+    def _weighted(self, outputs: Tensor, rates: Tensor, measured: Tensor) -> Tensor:
+        """(N, 4M+1) the residuals in single precision, each by the root of its weight in Ψ."""
+        found = residuals(outputs, rates, measured, torch.tensor(self._solution.theta))
+        weights = (*self.config.weight_physics, *self.config.weight_data)
+        parts = [sqrt(weight) * part for weight, part in zip(weights, found, strict=True)]
+        return torch.cat(parts, 1).float()
 
     def _measure(self) -> None:
         """The activations on all instants in double precision, and their sums."""
@@ -235,9 +259,8 @@ class _StaticSums:
     def __init__(
         self, time: FloatArray, measured: Tensor, mask: Tensor | None, features: FourierFeatures
     ) -> None:
-        value = features(time)
-        slope = features.derivative()
-        rate = value @ slope
+        value, slope = features(time), features.derivative()
+        rate = np.ascontiguousarray(value @ csr_array(slope))  # each feature's is one other's
         self.value, self.rate = torch.from_numpy(value), torch.from_numpy(rate)
         self.value_single = self.value[:, 1:].float()
         self.rate_single = self.rate[:, 1:].float()

@@ -13,6 +13,7 @@ term stands inside the same average, which reproduces the paper's Tables II and 
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import torch
 from torch import Tensor
@@ -64,31 +65,54 @@ def loss_terms(
         mask: (N, M) 1 where the residual of dv/dt counts, else 0; None where it does throughout.
     """
     count, followers = len(outputs), theta.shape[0]
-    speed_columns, gap_columns = output_columns(followers)
+    found = residuals(outputs, rates, measured, theta, mask)
+    q_gap, q_speed = config.weight_physics
+    s_gap, s_speed = config.weight_data
+    scale = 1.0 / (count * followers)
+    physics = scale * (q_gap * _square(found.gap_rate) + q_speed * _square(found.speed_rate))
+    data = scale * (s_gap * _square(found.gap) + s_speed * _square(found.speed))
+    if config.weight_initial:
+        at_start = _square(found.gap[0]) + _square(found.speed[0, 1:])
+        initial = config.weight_initial / followers * at_start
+    else:
+        initial = torch.zeros_like(data)
+    return LossTerms(data, physics, initial)
+
+
+class Residuals(NamedTuple):
+    """What Ψ squares; linear in outputs, rates and data together."""
+
+    gap_rate: Tensor
+    """(N, M) of dp/dt, in m/s."""
+    speed_rate: Tensor
+    """(N, M) of dv/dt, in m/s²."""
+    gap: Tensor
+    """(N, M) in m."""
+    speed: Tensor
+    """(N, M+1) in m/s."""
+
+
+def residuals(
+    outputs: Tensor, rates: Tensor, measured: Tensor, theta: Tensor, mask: Tensor | None = None
+) -> Residuals:
+    """The residuals of a surrogate; arguments as of `loss_terms`."""
+    speed_columns, gap_columns = output_columns(theta.shape[0])
     speeds, gaps = outputs[:, speed_columns], outputs[:, gap_columns]
     ahead, own = speeds[:, :-1], speeds[:, 1:]
     relative = ahead - own
     alpha, alpha_tau, beta = theta.T
 
-    gap_residual = rates[:, gap_columns] - relative
     model = alpha * gaps - alpha_tau * own + beta * relative
     speed_residual = rates[:, speed_columns[1:]] - model
     if mask is not None:
         speed_residual = speed_residual * mask
     error = outputs - measured
-    gap_error, speed_error = error[:, gap_columns], error[:, speed_columns]
-
-    q_gap, q_speed = config.weight_physics
-    s_gap, s_speed = config.weight_data
-    scale = 1.0 / (count * followers)
-    physics = scale * (q_gap * _square(gap_residual) + q_speed * _square(speed_residual))
-    data = scale * (s_gap * _square(gap_error) + s_speed * _square(speed_error))
-    if config.weight_initial:
-        at_start = _square(gap_error[0]) + _square(speed_error[0, 1:])
-        initial = config.weight_initial / followers * at_start
-    else:
-        initial = torch.zeros_like(data)
-    return LossTerms(data, physics, initial)
+    return Residuals(
+        rates[:, gap_columns] - relative,
+        speed_residual,
+        error[:, gap_columns],
+        error[:, speed_columns],
+    )
 
 
 def _square(values: Tensor) -> Tensor:

@@ -5,11 +5,12 @@ the store keeps its result and its checkpoint; a warm start gives it another fit
 with; and a window that would need more memory than a server can spare is refused.
 
 The surrogate is here in numpy: its input features, the order of its outputs, and its curves, drawn
-again from a fit's weights. The `fast` preset sees time t in a window of duration T through Fourier
-features,
+again from a fit's weights. The presets `fast` and `calibrated` see time t in a window of duration T
+through Fourier features,
 
     φ(t) = (1, s, sin ω_1 t, cos ω_1 t, ..., sin ω_n t, cos ω_n t),   s = 2t/T - 1 in [-1, 1],
-    ω_j = π j / T: from half a cycle per window up to the highest frequency, evenly spaced.
+    ω_j = 2π j / 1.1 T: whole cycles of a period that is longer than the window, up to the highest
+    frequency. Half cycles per window would be twice as many features for the same motions.
 
 The derivative is linear in the features themselves, dφ/dt = φ S, so their Gram matrices with the
 derivative need no further sums over the data.
@@ -49,6 +50,8 @@ TYPICAL: dict[PresetName, tuple[Seconds, float, int]] = {
 }
 """Of a training on 300 s of one follower, the share of it that each further one adds, and for how
 many iterations at most; see docs/validation.md."""
+STRETCH = 1.1
+"""Period of the features, in windows: motions at its ends need not be alike."""
 MOST_FEATURES = 20_000
 """`redraw` refuses more; a window of a day has fewer."""
 MOST_BYTES = 1.4e9
@@ -170,13 +173,12 @@ def require_memory(segment: Segment, config: PinnConfig) -> None:
     Raises:
         SegmentError: naming the longest window that can be trained on.
     """
-    step = segment.sample_time
+    step, rate = segment.sample_time, 2 * STRETCH * config.highest_frequency
     if config.preset == "paper":
         needed: float = _PER_INSTANT * segment.samples
         longest: Seconds = MOST_BYTES / _PER_INSTANT * step
     elif config.preset == "calibrated":
         each = _PER_PAIR if segment.mask is None else _PER_PAIR + _PER_PAIR_MASKED
-        rate = 2 * STRETCH * config.highest_frequency
         needed = each * (rate * segment.window.duration + _OTHER_FEATURES) ** 2
         longest = (sqrt(MOST_BYTES / each) - _OTHER_FEATURES) / rate
     else:
@@ -184,7 +186,7 @@ def require_memory(segment: Segment, config: PinnConfig) -> None:
         features = FourierFeatures(segment.window.duration, config.highest_frequency).size
         needed = each * segment.samples * features
         # Instants and features both grow with the window.
-        longest = sqrt(MOST_BYTES * step / (4 * each * config.highest_frequency))
+        longest = sqrt(MOST_BYTES * step / (each * rate))
     if needed > MOST_BYTES:
         other = ", or the preset fast" if config.preset == "calibrated" else ""
         raise SegmentError(
@@ -199,9 +201,10 @@ class FourierFeatures:
 
     def __init__(self, duration: Seconds, highest_frequency: float) -> None:
         """At least four frequencies, however short the window."""
-        count = max(4, round(2 * duration * highest_frequency))
+        period = STRETCH * duration
+        count = max(4, round(period * highest_frequency))
         self.duration = duration
-        self.angular: FloatArray = np.arange(1, count + 1, dtype=np.float64) * (np.pi / duration)
+        self.angular: FloatArray = np.arange(1, count + 1, dtype=np.float64) * (2 * np.pi / period)
         """(n,) in rad/s."""
         self.size = 2 + 2 * count
 
@@ -225,16 +228,8 @@ class FourierFeatures:
         return matrix
 
 
-STRETCH = 1.1
-"""Period of the `calibrated` preset's features, in windows: half-cycle features would be twice as
-many for the same motions, and an exact solve eight times as slow."""
 HIDDEN_FREQUENCY = 0.1
 """In Hz, of the features that the `calibrated` preset's hidden layers see."""
-
-
-def calibrated_features(duration: Seconds, config: PinnConfig) -> FourierFeatures:
-    """The features of the `calibrated` preset: whole cycles in `STRETCH` windows."""
-    return FourierFeatures(STRETCH / 2 * duration, config.highest_frequency)
 
 
 def hidden_inputs(features: FourierFeatures) -> int:
@@ -284,12 +279,8 @@ def _fourier(fit: Fit, time: FloatArray, duration: Seconds, config: PinnConfig) 
     """[φ, h(φ)] W; see `pinn.fast` and `pinn.calibrated`."""
     if 2 * duration * config.highest_frequency > MOST_FEATURES:
         raise ValueError(duration)
-    if config.preset == "calibrated":
-        of = calibrated_features(duration, config)
-        inputs = hidden_inputs(of)
-    else:
-        of = FourierFeatures(duration, config.highest_frequency)
-        inputs = of.size - 1
+    of = FourierFeatures(duration, config.highest_frequency)
+    inputs = hidden_inputs(of) if config.preset == "calibrated" else of.size - 1
     features = of(time)
     active = _hidden(fit, features[:, 1 : 1 + inputs], "hidden.layers")
     return np.asarray(np.hstack([features, active]) @ fit.arrays["output.weight"])

@@ -13,7 +13,7 @@ Adam is as in Kingma and Ba (2014); torch's own takes a second to be imported:
     w ← w - lr · m̂ / (√v̂ + ε),   m̂ = m / (1 - b₁ᵏ),  v̂ = v / (1 - b₂ᵏ)
 """
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from itertools import pairwise
 from math import sqrt
 from typing import Any
@@ -27,6 +27,8 @@ from accpinn.methods.fit import Checkpoint
 
 EPSILON = 1e-8
 """Adam's ε."""
+
+Slope = Callable[[Tensor, Tensor], tuple[Tensor, Tensor]]
 
 
 class HiddenLayers(nn.Module):
@@ -45,11 +47,46 @@ class HiddenLayers(nn.Module):
 
     def forward(self, value: Tensor, rate: Tensor) -> tuple[Tensor, Tensor]:
         """(N, inputs) features and their time derivative to (N, width) activations and theirs."""
-        for layer in self.layers:
-            assert isinstance(layer, nn.Linear)
-            value = torch.tanh(layer(value))
-            rate = (1 - value * value) * (rate @ layer.weight.T)
+        for layer in self._linear():
+            value, rate, _, _ = _pass(layer, value, rate)
         return value, rate
+
+    def _linear(self) -> list[nn.Linear]:
+        return [layer for layer in self.layers if isinstance(layer, nn.Linear)]
+
+    @torch.no_grad()
+    def backpropagate(self, value: Tensor, rate: Tensor, slope: Slope) -> None:
+        """Leave the gradient of a function of the activations in every weight.
+
+        The chain rule is written out, as automatic differentiation takes four times as long.
+
+        Args:
+            value: (N, inputs) features.
+            rate: (N, inputs) their time derivative.
+            slope: from activations (N, width) and their time derivative, the function's gradient
+                with respect to both.
+        """
+        passed = []
+        for layer in self._linear():
+            after = _pass(layer, value, rate)
+            passed.append((layer, value, rate, *after))
+            value, rate = after[:2]
+        to_value, to_rate = slope(value, rate)
+        for layer, before, rate_before, value, _, steepness, projected in reversed(passed):
+            # dh/dt = (1 - h²) z depends on h, too: by -2 h z.
+            inner = steepness * (to_value - 2 * value * projected * to_rate)
+            through = steepness * to_rate
+            layer.weight.grad = inner.T @ before + through.T @ rate_before
+            layer.bias.grad = inner.sum(0)
+            if layer is not self.layers[0]:
+                to_value, to_rate = inner @ layer.weight, through @ layer.weight
+
+
+def _pass(layer: nn.Linear, value: Tensor, rate: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+    """Activations h and dh/dt behind a layer, then 1 - h² and W dh/dt."""
+    value = torch.tanh(layer(value))
+    steepness, projected = 1 - value * value, rate @ layer.weight.T
+    return value, steepness * projected, steepness, projected
 
 
 class PaperNetwork(nn.Module):
@@ -109,11 +146,14 @@ class Adam:
     b1 = 0.9
 
     def __init__(self, weights: Iterable[Tensor], b2: float = 0.999) -> None:
-        """Moments start at zero."""
+        """Moments start at zero. The tensors become parts of one, which one step moves."""
         self.weights = list(weights)
         self.b2, self.steps = b2, 0
-        self._mean = [torch.zeros_like(weight) for weight in self.weights]
-        self._square = [torch.zeros_like(weight) for weight in self.weights]
+        self._all = _joined(self.weights)
+        self._mean, self._square = torch.zeros_like(self._all), torch.zeros_like(self._all)
+        parts = self._all.split([weight.numel() for weight in self.weights])
+        for weight, part in zip(self.weights, parts, strict=True):
+            weight.data = part.view_as(weight)
 
     @torch.no_grad()
     def step(self, learning_rate: float) -> None:
@@ -121,26 +161,30 @@ class Adam:
         self.steps += 1
         size = learning_rate / (1 - self.b1**self.steps)
         correction = sqrt(1 - self.b2**self.steps)
-        for weight, mean, square in zip(self.weights, self._mean, self._square, strict=True):
-            gradient = weight.grad
-            assert gradient is not None
-            mean.lerp_(gradient, 1 - self.b1)
-            square.mul_(self.b2).addcmul_(gradient, gradient, value=1 - self.b2)
-            weight.addcdiv_(mean, (square.sqrt() / correction).add_(EPSILON), value=-size)
+        gradient = _joined(weight.grad for weight in self.weights)
+        self._mean.lerp_(gradient, 1 - self.b1)
+        self._square.mul_(self.b2).addcmul_(gradient, gradient, value=1 - self.b2)
+        scale = (self._square.sqrt() / correction).add_(EPSILON)
+        self._all.addcdiv_(self._mean, scale, value=-size)
+        for weight in self.weights:
             weight.grad = None
 
     def state(self) -> Checkpoint:
         """Moments and step count by name."""
-        moments = {f"adam.mean.{k}": v.numpy().copy() for k, v in enumerate(self._mean)}
-        squares = {f"adam.square.{k}": v.numpy().copy() for k, v in enumerate(self._square)}
-        return {**moments, **squares, "adam.steps": np.array(self.steps)}
+        mean, square = self._mean.numpy().copy(), self._square.numpy().copy()
+        return {"adam.mean": mean, "adam.square": square, "adam.steps": np.array(self.steps)}
 
     def restore(self, state: Checkpoint) -> None:
         """Go on from ``state``."""
-        for k, (mean, square) in enumerate(zip(self._mean, self._square, strict=True)):
-            mean.copy_(torch.from_numpy(np.array(state[f"adam.mean.{k}"])))
-            square.copy_(torch.from_numpy(np.array(state[f"adam.square.{k}"])))
+        self._mean.copy_(torch.from_numpy(np.array(state["adam.mean"])))
+        self._square.copy_(torch.from_numpy(np.array(state["adam.square"])))
         self.steps = int(state["adam.steps"])
+
+
+def _joined(tensors: Iterable[Tensor | None]) -> Tensor:
+    """All numbers of some tensors in a row."""
+    parts = [tensor.detach().reshape(-1) for tensor in tensors if tensor is not None]
+    return torch.cat(parts)
 
 
 class Descent:
