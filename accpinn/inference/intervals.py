@@ -25,6 +25,7 @@ from accpinn.errors import ConfigError, Finding
 from accpinn.inference.posterior import sample
 from accpinn.methods.fit import Fit, Outcome
 from accpinn.methods.maximum_likelihood import KEY, joint_maxima
+from accpinn.methods.method import one_thread
 from accpinn.methods.series import determined_followers, series_of
 from accpinn.model.cthp import Case, Parameters
 from accpinn.segment.segment import Segment
@@ -122,6 +123,7 @@ class Uncertainty:
     findings: tuple[UncertaintyFinding, ...]
 
 
+@one_thread
 def intervals(
     segment: Segment | Sequence[Segment], fit: Fit, level: float = LEVEL, draws: int = DRAWS
 ) -> Uncertainty:

@@ -49,6 +49,7 @@ from accpinn.inference.proposal import normalised
 from accpinn.methods.kalman import Innovations, innovations
 from accpinn.methods.likelihood import Criterion, Maximum, maximise, natural
 from accpinn.methods.maximum_likelihood import joint_maxima
+from accpinn.methods.method import one_thread
 from accpinn.methods.series import Series, determined_followers, series_of
 from accpinn.methods.state_space import FORMS, Form, StateSpace, coordinates
 from accpinn.model.cthp import Case, Parameters
@@ -204,6 +205,7 @@ class Adequacy:
 
 
 @lru_cache(maxsize=32)
+@one_thread
 def model_forms(segment: Segment, case: Case = "II") -> Adequacy:
     """Every form of the model in the likelihood of a segment.
 

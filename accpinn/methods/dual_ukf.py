@@ -46,7 +46,7 @@ from accpinn.methods.online import (
 from accpinn.methods.regression import Solution, solve_bounded
 from accpinn.model.cthp import TYPICAL, Case
 from accpinn.segment.segment import Segment
-from accpinn.units import FloatArray
+from accpinn.units import FloatArray, Mask
 
 UNCERTAIN = (0.3, 1.0, 1.0)
 """Standard deviations of α, τ, β at first: so large that `TYPICAL` soon has no influence."""
@@ -96,6 +96,8 @@ def fit(segment: Segment, case: Case = "II") -> Fit:
 
 def _within_bounds(theta: FloatArray, covariance: FloatArray) -> Solution:
     """The most likely θ >= 0 of a normal distribution: mean (3,) and covariance (3, 3)."""
+    if (theta >= 0).all():
+        return Solution.of(theta)
     information = np.asarray(np.linalg.inv(covariance), np.float64)
     return solve_bounded(information, information @ theta)
 
@@ -121,8 +123,11 @@ class _Dual:
 
     def update(self, before: FloatArray, after: FloatArray, now: State, mask: FloatArray) -> None:
         """See `online.Filter`."""
-        measured = _pairs(*now)
+        measured, masked = _pairs(*now), mask == 0
         self.covariance = self.covariance + self._drift
+        if masked.all():
+            self._forget(measured, masked)
+            return
         points = self._transform.points(self.mean, self.covariance)
         maps = step_maps(points, self._step)  # (G, 7, 2, 4)
         known = np.concatenate([self.states, _pairs(before, after)], axis=-1)
@@ -132,16 +137,19 @@ class _Dual:
         transition, mean = maps[:, :1, :, :2], moved[:, 0]
         predicted = transition @ self.spread @ transition.swapaxes(-1, -2) + self._motion_noise
         innovation = predicted + self._noise
-        masked = mask == 0
         errors = innovation + UNINFORMATIVE * masked[..., None, None] * UNIT
         self._update_theta(points, moved, measured, errors)
         gain = predicted @ np.linalg.inv(innovation)
         error = (measured - mean)[..., None]
         self.states = mean + (gain @ error)[..., 0]
         self.spread = symmetric(predicted - gain @ predicted)
-        if masked.any():  # a masked motion is reset to the measured one, errors and all
-            self.states[masked] = measured[masked]
-            self.spread[masked] = self._noise
+        if masked.any():
+            self._forget(measured, masked)
+
+    def _forget(self, measured: FloatArray, masked: Mask) -> None:
+        """A masked motion is the measured one, errors and all."""
+        self.states[masked] = measured[masked]
+        self.spread[masked] = self._noise
 
     def _update_theta(
         self, points: FloatArray, moved: FloatArray, measured: FloatArray, innovation: FloatArray

@@ -3,9 +3,10 @@
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from typing import Any, Protocol, Self
+from typing import Any, ParamSpec, Protocol, Self, TypeVar
 
 import numpy as np
+from threadpoolctl import threadpool_limits
 
 from accpinn.errors import SegmentError
 from accpinn.methods.fit import Fit, OnProgress, Run, ShouldStop, drive
@@ -16,10 +17,22 @@ from accpinn.segment.cut import MINIMUM_DURATION, WINDOWS_LISTED
 from accpinn.segment.segment import Segment
 from accpinn.units import FloatArray, Seconds, stretches
 
+P = ParamSpec("P")
+R = TypeVar("R")
+
 TYPICAL_SAMPLES = 3001
 """Of a window of 300 s."""
 FURTHER = 0.35
 """Of the time of a method, the share that each further follower adds."""
+
+
+def one_thread(work: Callable[P, R]) -> Callable[P, R]:
+    """Decorate what computes with numpy and scipy, so that linear algebra takes one thread.
+
+    On matrices as small as a platoon's, several threads mostly wait for one another.
+    """
+    limited: Callable[P, R] = threadpool_limits.wrap(limits=1, user_api="blas")(work)
+    return limited
 
 
 @dataclass(frozen=True)
@@ -98,6 +111,7 @@ class Method:
             return self.duration(segment, settings)
         return self.typical_seconds * relative_size(segment)
 
+    @one_thread
     def fit(
         self,
         segment: Segment,

@@ -6,8 +6,8 @@ Each particle is a θ with a motion x̂ = (p, v) of its own. From one sample to 
 
 with f the model's motion over one step behind the predecessor's measured speed u, S the covariance
 of e and K the Kalman gain. Given θ the motion is linear and its noise normal, so the distribution
-of x need not be sampled: only θ is. S and K hardly depend on θ and are those of the cloud's mean,
-so that particles are weighted by their predictions alone.
+of x need not be sampled: only θ is. S and K hardly depend on θ and are those of the cloud's mean
+when it was last drawn, so that particles are weighted by their predictions alone.
 
 Where fewer than half of the particles count (effective number 1 / Σ weight²), they are drawn anew
 by systematic resampling and moved a little, so that no two are the same:
@@ -46,7 +46,7 @@ from accpinn.methods.online import (
 )
 from accpinn.model.cthp import SPREAD, TYPICAL, Case, Parameters
 from accpinn.segment.segment import Segment
-from accpinn.units import FloatArray
+from accpinn.units import FloatArray, Mask
 
 PARTICLES = 4000
 """Twice as many, or another seed, move no parameter of OpenACC's Casale and AstaZero runs by more
@@ -55,6 +55,8 @@ SHRINK = 0.995
 """The a above; Liu and West's discount factor is then 0.99."""
 LEAST_EFFECTIVE = 0.5
 """Share of the particles that must count."""
+STEADY = 1e-6
+"""Relative change in a step below which S and K stand still."""
 
 
 def fit(segment: Segment, case: Case = "II", particles: int = PARTICLES, seed: int = 0) -> Fit:
@@ -95,6 +97,8 @@ class _Cloud:
         self._drift = drift(platoon.step)
         self._spread = np.tile(self._noise, (sets, 1, 1))
         self._theta = _first_theta(self._random, sets, particles)
+        self._transition = np.empty((sets, 2, 2))
+        self._precision, self._is_steady = self._spread, False
         self._maps = np.empty((sets, 4, 2, particles))
         self._returns = np.empty((sets, 2, 2, particles))
         for k in range(sets):
@@ -115,7 +119,13 @@ class _Cloud:
         effective = 1 / np.einsum("gp,gp->g", self._weights, self._weights)
         for k in np.flatnonzero(effective < LEAST_EFFECTIVE * self._weights.shape[1]):
             self._redraw(int(k))
-        precision = self._precision()
+        if not mask.any():
+            self._known[..., 0], self._known[..., 1] = now
+            self._forget()
+            self._offsets[:] = 0
+            return
+        if not self._is_steady:
+            self._follow_spread()
         self._known[..., 2], self._known[..., 3] = before, after
         predicted = self._known @ self._maps.reshape(len(self._maps), 4, -1)
         errors = np.einsum("gjip,gfjp->gfip", self._returns, self._offsets)
@@ -124,8 +134,8 @@ class _Cloud:
         errors += self._known[..., :2, None]
         if not mask.all():  # a masked motion becomes the measured one, errors and all
             errors *= mask[..., None, None]
-            self._spread[(mask == 0).any(axis=1)] = self._noise
-        self._offsets = precision[:, None] @ errors
+            self._forget((mask == 0).any(axis=1))
+        self._offsets = self._precision[:, None] @ errors
         squares = np.einsum("gfip,gfip->gp", errors, self._offsets)
         self._logs -= squares / 2
         self._logs -= self._logs.max(axis=1, keepdims=True)
@@ -133,13 +143,19 @@ class _Cloud:
         self._weights /= self._weights.sum(axis=1, keepdims=True)
         self.mean = np.einsum("cgp,gp->gc", self._theta, self._weights)
 
-    def _precision(self) -> FloatArray:
-        """S⁻¹ (G, 2, 2) of the mean θ; the motion's spread is updated."""
-        transition = step_maps(self.mean, self._step)[..., :2]
-        predicted = transition @ self._spread @ transition.swapaxes(1, 2) + self._motion_noise
-        precision = np.asarray(np.linalg.inv(predicted + self._noise), np.float64)
-        self._spread = symmetric(predicted - predicted @ precision @ predicted)
-        return precision
+    def _follow_spread(self) -> None:
+        """Bring S⁻¹ and the motion's spread to the next step, until they stand still."""
+        moved = self._transition @ self._spread @ self._transition.swapaxes(1, 2)
+        predicted = moved + self._motion_noise
+        self._precision = np.asarray(np.linalg.inv(predicted + self._noise), np.float64)
+        spread = symmetric(predicted - predicted @ self._precision @ predicted)
+        moves = np.abs(spread - self._spread) > STEADY * np.abs(spread)
+        self._is_steady = not moves.any()
+        self._spread = spread
+
+    def _forget(self, masked: Mask | slice = slice(None)) -> None:
+        """The motion of these parameter sets is the measured one, errors and all."""
+        self._spread[masked], self._is_steady = self._noise, False
 
     @property
     def motion(self) -> State:
@@ -160,6 +176,8 @@ class _Cloud:
     def _prepare(self, k: int) -> None:
         """What a step makes of measurements, and of offsets, for the particles of a set."""
         self._maps[k] = step_maps(self._theta[:, k].T, self._step).T
+        mean = self._theta[:, k].mean(axis=1)
+        self._transition[k], self._is_steady = step_maps(mean, self._step)[:, :2], False
         self._returns[k] = self._maps[k, :2] * np.diag(self._noise)[:, None, None]
 
     def _redraw(self, k: int) -> None:

@@ -17,7 +17,7 @@ from accpinn.methods.registry import METHODS
 from accpinn.model.cthp import Case, Parameters
 from accpinn.recordings.recording import Recording
 from accpinn.segment.segment import Segment, SegmentInfo
-from accpinn.study.worker import Job, Worker, helpful, is_worthwhile
+from accpinn.study.worker import Answer, Job, Worker, helpful, is_worthwhile
 from accpinn.units import FloatArray
 
 
@@ -143,7 +143,8 @@ def compare(
     """Run the methods, and yield each result once it and those before it are known.
 
     A method that cannot serve the segment gives a `MethodFailure`, and the others run on. A second
-    process takes some of the methods where that saves time; results are the same.
+    process takes some of the methods where that saves time, and while its answer is the next one to
+    be told, later ones are run here; results are the same.
 
     Args:
         segment: speeds (N, M+1) in m/s and space-gaps (N, M) in m.
@@ -163,12 +164,22 @@ def compare(
     def stopped() -> bool:
         return bool(context.should_stop and context.should_stop())
 
+    known: dict[str, Answer] = {}
     try:
-        for key in methods:
-            if stopped():
-                return
-            answer = worker.answer(key, stopped) if worker else None
-            answer = answer or job.run(key, context)
+        for index, key in enumerate(methods):
+            for other in methods[index:]:
+                if stopped():
+                    return
+                if other not in known and (worker is None or worker.leaves(other)):
+                    found = job.run(other, context)
+                    if found is None:
+                        return
+                    known[other] = found
+                if not worker or not worker.is_busy_with(key):
+                    break
+            answer = known.get(key) or (worker.answer(key, stopped) if worker else None)
+            if answer is None and not stopped():  # the second process has failed
+                answer = job.run(key, context)
             if answer is None or stopped():
                 return
             if isinstance(answer, AccpinnError):

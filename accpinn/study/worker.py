@@ -88,6 +88,17 @@ class Worker:
         self._executor = ProcessPoolExecutor(max_workers=1, env={"OMP_NUM_THREADS": "1"})
         self._begin_next()
 
+    def leaves(self, key: str) -> bool:
+        """Whether a method is the caller's to run; it is from now on, where it was not begun."""
+        with self._lock:
+            if key in self._left:
+                self._left.remove(key)
+            return key not in self._answers
+
+    def is_busy_with(self, key: str) -> bool:
+        """Whether it has begun a method, and not ended it."""
+        return key in self._answers and not self._answers[key].done()
+
     def answer(self, key: str, should_stop: ShouldStop) -> Answer | None:
         """Its answer, waited for; None for a method that is the caller's to run.
 
@@ -95,10 +106,7 @@ class Worker:
             key: of a method.
             should_stop: asked while waiting; True ends that with None.
         """
-        with self._lock:
-            if key in self._left:
-                self._left.remove(key)
-            future = self._answers.get(key)
+        future = self._answers.get(key)
         while future and not should_stop():
             try:
                 return future.result(POLL)

@@ -17,6 +17,7 @@ from functools import cache, cached_property
 from typing import Generic, TypeVar
 
 import numpy as np
+from threadpoolctl import threadpool_limits
 
 from accpinn.errors import AccpinnError
 from accpinn.inference.intervals import intervals
@@ -369,11 +370,15 @@ def load_torch() -> None:
             f"PyTorch, which trains the network, cannot be loaded ({str(fault)[:80]}); install the"
             " packages of requirements.txt again, then start the app anew."
         ) from fault
-    _keep_what_is_imported()
+    _share_the_process()
 
 
 @cache
-def _keep_what_is_imported() -> None:
-    """It stays for good, and a search of it for garbage holds up all threads for 0.3 s."""
+def _share_the_process() -> None:
+    """Among threads: what is imported is kept from the collector, linear algebra takes one each.
+
+    What is imported stays for good, and a search of it for garbage holds up all threads for 0.3 s.
+    """
     gc.collect()
     gc.freeze()
+    threadpool_limits(limits=1, user_api="blas")

@@ -19,6 +19,7 @@ from accpinn.recordings.openacc import read
 from accpinn.recordings.recording import Window
 from accpinn.segment.cut import cut
 from accpinn.segment.segment import Segment
+from accpinn.study import comparison
 from accpinn.study.comparison import (
     FitRecord,
     MethodResult,
@@ -29,6 +30,7 @@ from accpinn.study.comparison import (
     result_of,
     results_among,
 )
+from accpinn.study.worker import Answer, Job
 from bench.coverage import SETS
 from bench.disturbed import Disturbance, disturbed
 from bench.other_intervals import OTHERS, Smooth
@@ -179,3 +181,36 @@ class TestFitRecords:
         assert np.isfinite(record.closed_loop).all()
         headless = replace(fit, parameters=Parameters.of(fit.parameters.values * [1, 1, np.nan]))
         assert np.isnan(FitRecord.of(four, headless).closed_loop).all()
+
+
+def test_what_the_second_process_has_not_begun_is_run_while_its_answer_is_awaited(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    ran: list[str] = []
+
+    class Busy:
+        """At work on splines until the caller has run another method."""
+
+        def __init__(self, job: Job, _: object) -> None:
+            self.job = job
+
+        def leaves(self, key: str) -> bool:
+            if key != "splines":
+                ran.append(key)
+            return key != "splines"
+
+        def is_busy_with(self, key: str) -> bool:
+            return key == "splines" and "recursive" not in ran
+
+        def answer(self, key: str, _: object) -> Answer | None:
+            return self.job.run(key, TaskContext()) if key == "splines" else None
+
+        def close(self) -> None:
+            ran.append("closed")
+
+    monkeypatch.setattr(comparison, "Worker", Busy)
+    monkeypatch.setattr(comparison, "is_worthwhile", lambda *_: True)
+    segment, methods = cut(read(THREE), 0, 60), ("splines", "recursive", "least-squares")
+    found = results_among(compare(segment, "II", methods))
+    assert [one.fit.method for one in found] == [*methods]
+    assert ran == ["recursive", "least-squares", "closed"]

@@ -30,8 +30,12 @@ def test_it_answers_as_the_caller_would(job: Job) -> None:
     worker = Worker(job, ["splines", "dual-ukf"])
     while "dual-ukf" in worker._left:
         time.sleep(0.01)
-    assert worker.answer("splines", never) is None, "the caller came first"
+    assert worker.leaves("splines"), "the caller came first"
+    assert worker.leaves("pinn"), "it is never its own"
+    assert not worker.leaves("dual-ukf")
+    assert worker.answer("splines", never) is None
     answer, expected = worker.answer("dual-ukf", never), job.run("dual-ukf", ALONE)
+    assert not worker.is_busy_with("dual-ukf")
     assert isinstance(answer, tuple)
     assert isinstance(expected, tuple)
     np.testing.assert_array_equal(answer[0].parameters.values, expected[0].parameters.values)
