@@ -11,7 +11,7 @@ what its value gives is refused, so there is one tree for one value.
 """
 
 from collections.abc import Iterator, Mapping
-from dataclasses import fields
+from dataclasses import fields, is_dataclass
 from enum import Enum
 from hashlib import sha256
 from math import isfinite
@@ -214,6 +214,15 @@ class Shape:
         if self.finite and not all(np.isfinite(part).all() for part in parts):
             return "has a number that is nan or infinite"
         return ""
+
+
+def every(kind: type[T], value: Any) -> Iterator[T]:
+    """All of a class that an object holds, at whatever depth."""
+    if isinstance(value, kind):
+        yield value
+    if is_dataclass(value) or isinstance(value, msgspec.Struct | list | tuple | dict):
+        for _, item in _items(value):
+            yield from every(kind, item)
 
 
 def check_shapes(

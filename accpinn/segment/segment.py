@@ -116,8 +116,8 @@ class _Platoon:
         return tuple(map(vehicle_label, self.vehicles, self.names))
 
     def label(self, number: int) -> str:
-        """The label of the vehicle with that number in the file."""
-        return self.labels[self.vehicles.index(number)]
+        """The label of the vehicle with that number in the file; 0 stands for all followers."""
+        return self.labels[self.vehicles.index(number)] if number else "All followers together"
 
 
 @dataclass(frozen=True)

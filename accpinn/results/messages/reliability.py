@@ -47,20 +47,16 @@ def _(finding: intervals.UncertaintyFinding, about: Labelled) -> str:
     match finding:
         case intervals.NotDetermined():
             return (
-                f"{_who(finding.vehicle, about)}: these data determine none of α, β and τ; choose a"
+                f"{about.label(finding.vehicle)}: these data determine none of α, β and τ; choose a"
                 " longer window, or one in which the vehicle ahead brakes and accelerates."
             )
         case intervals.OutsideInterval():
             estimates = " and ".join(_estimate(one) for one in finding.parameters)
             lies = "lies" if len(finding.parameters) == 1 else "lie"
             return (
-                f"{_who(finding.vehicle, about)}: the estimate's {estimates} {lies} outside the"
+                f"{about.label(finding.vehicle)}: the estimate's {estimates} {lies} outside the"
                 f" interval; {CAUSES[finding.cause]}."
             )
-
-
-def _who(vehicle: int, about: Labelled) -> str:
-    return about.label(vehicle) if vehicle else "All followers together"
 
 
 def _estimate(one: ParameterInterval) -> str:
@@ -81,7 +77,7 @@ def _(finding: WeakIdentification, about: Labelled) -> str:
     if finding.condition is not None:
         number = f"condition number {finding.condition:.0f}"
         reasons.append(f"the model's terms are nearly proportional ({number})")
-    who, because = _who(finding.vehicle, about), f", as {joined(reasons)}" if reasons else ""
+    who, because = about.label(finding.vehicle), f", as {joined(reasons)}" if reasons else ""
     if not finding.wide:
         return f"{who}: treat the intervals with caution{because}."
     spans = "interval of {} spans" if len(finding.wide) == 1 else "intervals of {} span"
@@ -119,7 +115,7 @@ def _(finding: AdequacyFinding, about: Labelled) -> str:
             own = finding.posterior
             alpha, beta, tau = map(_likeliest, own.intervals)
             return (
-                f"{_who(finding.vehicle, about)}: a model with {EXTRA[own.form]} describes the"
+                f"{about.label(finding.vehicle)}: a model with {EXTRA[own.form]} describes the"
                 f" data better than the CTHP (AIC {finding.aic:+.0f}, log density of held-out time"
                 f" {finding.holdout:+.1f}). With {_extra(own)}, α is {alpha}, β {beta} and"
                 f" τ {tau};"
@@ -135,7 +131,7 @@ def _(finding: AdequacyFinding, about: Labelled) -> str:
                 ]
             )
             return (
-                f"{_who(finding.vehicle, about)}: over all forms of the model, the"
+                f"{about.label(finding.vehicle)}: over all forms of the model, the"
                 f" {100 * finding.level:.0f} % intervals are {ends}. Probability of the forms:"
                 f" {shares}."
             )
@@ -148,7 +144,7 @@ def _(finding: AdequacyFinding, about: Labelled) -> str:
             }
             what = joined([name for name, holds in faults.items() if holds])
             return (
-                f"{_who(finding.vehicle, about)}: what the model does not foresee is {what}, so"
+                f"{about.label(finding.vehicle)}: what the model does not foresee is {what}, so"
                 " intervals that take the model for true may be too narrow; compare the forms of"
                 " the model, and windows with each other."
             )
@@ -176,7 +172,7 @@ def conditional(adequacy: Adequacy | None, about: Labelled) -> str:
             " a lag or a delay describes the data clearly better, but data hardly tell these from"
             f" none. {use}"
         )
-    who = joined([_who(one.vehicle, about) for one in adequacy.better])
+    who = joined([about.label(one.vehicle) for one in adequacy.better])
     return (
         f"Estimates and intervals are those of the CTHP. For {who[0].lower() + who[1:]} a model"
         f" with one term more describes the data better. {use}"
@@ -282,7 +278,7 @@ def _(finding: whiteness.WhitenessFinding, about: Labelled) -> str:
 def _(finding: WindowsDiffer, about: Labelled) -> str:
     differ = "differs" if len(finding.symbols) == 1 else "differ"
     return (
-        f"{_who(finding.vehicle, about)}: {joined(finding.symbols)} {differ} between the"
+        f"{about.label(finding.vehicle)}: {joined(finding.symbols)} {differ} between the"
         f" {finding.windows} windows by more than sampling error explains, so the intervals of the"
         " joint estimate are too narrow; where a further window matters, use the interval for one."
     )
@@ -310,14 +306,14 @@ def _(finding: prediction.BandCoverage, about: Labelled) -> str:
         else ""
     )
     share = f"{100 * finding.share:.0f} % of the measured space-gap lies"
-    who = _who(finding.vehicle, about)
+    who = about.label(finding.vehicle)
     return f"{who}: {share} within the {level} band, {verdict}.{touching}"
 
 
 @message.register
 def _(finding: DisturbanceSize, about: Labelled) -> str:
     return (
-        f"{_who(finding.vehicle, about)}: the disturbance has a standard deviation of"
+        f"{about.label(finding.vehicle)}: the disturbance has a standard deviation of"
         f" {finding.deviation:.2f} m/s²; it is correlated over about {finding.memory:.1f} s and"
         f" builds up within about {finding.rise:.1f} s."
     )

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from accpinn.channels import COMPUTABLE, PARAMETERS
+from accpinn.errors import Finding
 from accpinn.inference.intervals import Interval, Uncertainty
 from accpinn.inference.model_adequacy import Adequacy
 from accpinn.methods.fit import Fit
@@ -18,7 +19,7 @@ from accpinn.methods.state_space import COMMON, FORMS
 from accpinn.methods.store import FIT_SHAPES
 from accpinn.results.snapshot import LONGEST_NAME, Snapshot, check_length
 from accpinn.segment.segment import BlocksMissing, SegmentInfo
-from accpinn.serial import Arrays, Shape, check_shapes, flatten
+from accpinn.serial import Arrays, Shape, check_shapes, every, flatten
 from accpinn.stability.criteria import checked
 from accpinn.stability.report import StabilityReport
 from accpinn.units import FloatArray
@@ -124,6 +125,11 @@ def validate(snapshot: Snapshot) -> None:
         snapshot, SHAPES, {"M": count - 1, "V": count, "C": 2 * count - 1, "N": info.samples}
     )
     _check_info(info)
+    for finding in every(Finding, snapshot):
+        told = [getattr(finding, name, 0) or 0 for name in ("vehicle", "follower")]
+        told += getattr(finding, "vehicles", ())
+        known = all(number in (0, *info.vehicles) for number in told)
+        _require(known, "a finding is about a vehicle that is none")
     if snapshot.segment:
         _check_times(snapshot.segment.time)
         computed = info.followers * info.samples // stride_of(snapshot.segment)
@@ -137,7 +143,7 @@ def validate(snapshot: Snapshot) -> None:
     if snapshot.stability:
         _check_stability(snapshot.stability)
     if snapshot.adequacy:
-        _check_adequacy(snapshot.adequacy, info)
+        _check_adequacy(snapshot.adequacy)
     for result in snapshot.methods:
         _check_fit(result.fit)
         _check_uncertainty(result.uncertainty)
@@ -199,15 +205,13 @@ def _check_uncertainty(uncertainty: Uncertainty) -> None:
         _require(not (interval.lower > interval.upper).any(), "an interval is upside down")
 
 
-def _check_adequacy(adequacy: Adequacy, info: SegmentInfo) -> None:
-    for one in adequacy.findings:
-        _require(one.vehicle in (0, *info.vehicles[1:]), "a form is of a vehicle that is none")
+def _check_adequacy(adequacy: Adequacy) -> None:
     symbols = [quantity.symbol for quantity in PARAMETERS]
     told = [form for one in adequacy.recommended for form in one.forms]
     told += [one.posterior for one in adequacy.better]
     intervals = [one.intervals for one in adequacy.recommended] + [form.intervals for form in told]
-    for every in intervals:
-        own = [parameter.symbol for parameter in every]
+    for ranges in intervals:
+        own = [parameter.symbol for parameter in ranges]
         _require(own == symbols, "a form of the model has other parameters")
     for form in told:
         _require(form.form in FORMS, "a form of the model is not known")

@@ -339,7 +339,7 @@ def form_intervals_table(
     names, forms, intervals = list[str](), list[str](), list[list[Range]]()
     for one in weighted:
         k = info.vehicles.index(one.vehicle) - 1 if one.vehicle else 0
-        names += 2 * [info.label(one.vehicle) if one.vehicle else "All followers together"]
+        names += 2 * [info.label(one.vehicle)]
         forms += [FORMS["cthp"], "All forms, weighted"]
         for each in (parameter_intervals(uncertainty, k), one.intervals):
             intervals.append([Range(end.lower, _end(end.upper)) for end in each])

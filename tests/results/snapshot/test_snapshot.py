@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from accpinn.errors import SnapshotError
-from accpinn.methods.fit import Outcome
+from accpinn.methods.fit import Outcome, WeaklyDetermined
 from accpinn.methods.pinn.config import preset
 from accpinn.model.cthp import Case
 from accpinn.recordings.openacc import read
@@ -97,6 +97,11 @@ class TestRoundTrip:
         assert not one.ok, "they are invented"
         with pytest.raises(SnapshotError, match="a vehicle that is none"):
             load(to_bytes(replace(small(), adequacy=delayed(vehicle=7))))
+
+    def test_a_finding_about_no_vehicle_of_the_window_is_refused(self) -> None:
+        fit = replace(small().fit, findings=(WeaklyDetermined(vehicle=7),))
+        with pytest.raises(SnapshotError, match="a vehicle that is none"):
+            load(to_bytes(replace(small(), fit=fit)))
 
     def test_a_disturbance_of_another_window_is_refused(self) -> None:
         fit = replace(small().fit, arrays={"disturbance": np.zeros((3, 1))})
