@@ -19,7 +19,6 @@ from math import sqrt
 
 import numpy as np
 import torch
-from scipy.sparse import csr_array
 from torch import Tensor
 
 from accpinn.methods.fit import (
@@ -33,7 +32,7 @@ from accpinn.methods.fit import (
 from accpinn.methods.pinn.config import PinnConfig
 from accpinn.methods.pinn.loss import Learned, Training, residuals
 from accpinn.methods.pinn.method import FourierFeatures, WarmStart
-from accpinn.methods.pinn.network import Descent, count_weights, load_state, state_of
+from accpinn.methods.pinn.network import Derivative, Descent, count_weights, load_state, state_of
 from accpinn.methods.pinn.variable_projection import (
     RIDGE,
     GramMatrices,
@@ -147,7 +146,7 @@ class FastTraining(Training):
         config, size, count = self.config, self._features.size, len(self.measured)
         skip, weights = self._weights[:size], self._weights[size:]
         nothing = torch.zeros_like(weights)
-        fixed = self._weighted(self._static.value @ skip, self._static.rate @ skip, self.measured)
+        fixed = self._weighted(*self._static.outputs(skip), self.measured)
         of_value = self._weighted(weights, nothing, nothing)
         of_rate = self._weighted(nothing, weights, nothing)
         batch = min(config.batch, count)
@@ -172,9 +171,8 @@ class FastTraining(Training):
                 found *= counts[pick]
                 return found @ of_value.T, found @ of_rate.T
 
-            self._descent.hidden.backpropagate(
-                self._static.value_single[pick], self._static.rate_single[pick], slope
-            )
+            features = self._static.value_single[pick]
+            self._descent.hidden.backpropagate(features, self._static.derivative_single, slope)
             self._descent.adam.step(learning_rate)
         self._iteration += iterations
 
@@ -192,14 +190,14 @@ class FastTraining(Training):
 
     @torch.no_grad()
     def _activations(self) -> tuple[Tensor, Tensor]:
-        hidden = self._descent.doubled()
-        value, rate = hidden(self._static.value[:, 1:], self._static.rate[:, 1:])
-        return value, rate
+        static = self._static
+        return self._descent.doubled().of_fourier(static.value, static.derivative)
 
     def _surrogate(self) -> tuple[Tensor, Tensor]:
         size, weights = self._features.size, self._weights
-        outputs = self._static.value @ weights[:size] + self._active @ weights[size:]
-        rates = self._static.rate @ weights[:size] + self._active_rate @ weights[size:]
+        outputs, rates = self._static.outputs(weights[:size])
+        outputs += self._active @ weights[size:]
+        rates += self._active_rate @ weights[size:]
         return outputs, rates
 
     def outputs(self) -> FloatArray:
@@ -259,22 +257,25 @@ class _StaticSums:
     def __init__(
         self, time: FloatArray, measured: Tensor, mask: Tensor | None, features: FourierFeatures
     ) -> None:
-        value, slope = features(time), features.derivative()
-        rate = np.ascontiguousarray(value @ csr_array(slope))  # each feature's is one other's
-        self.value, self.rate = torch.from_numpy(value), torch.from_numpy(rate)
-        self.value_single = self.value[:, 1:].float()
-        self.rate_single = self.rate[:, 1:].float()
+        self.value, factors = torch.from_numpy(features(time)), torch.from_numpy(features.factors)
+        self.value_single = self.value.float()
+        self.derivative = Derivative(factors)
+        self.derivative_single = Derivative(factors.float())
         self.measured = measured
-        self.measured_single = self.measured.float()
-        self._slope = torch.from_numpy(slope)
-        self._count = len(value)
+        self._count = len(self.value)
         self._mask = mask
         self._gram = self.value.T @ self.value / self._count
         self._data = self.value.T @ self.measured / self._count
 
+    def outputs(self, weights: Tensor) -> tuple[Tensor, Tensor]:
+        """(N, L) what an output layer (size, L) makes of the features alone, and its rate."""
+        both = self.value @ torch.cat([weights, self.derivative.times(weights)], 1)
+        outputs, rates = both.split(weights.shape[1], 1)
+        return outputs, rates
+
     def with_hidden(self, active: Tensor, active_rate: Tensor) -> NormalEquations:
         """The sums for Φ = [φ, h] from the activations h (N, H) and their rates."""
-        slope, width = self._slope, active.shape[1]
+        turned, width = self.derivative.transposed, active.shape[1]
         both = torch.cat([active, active_rate], 1)
         cross = self.value.T @ both / self._count
         inner = both.T @ both / self._count
@@ -290,14 +291,12 @@ class _StaticSums:
             / len(value_value)
             * torch.eye(len(value_value), dtype=value_value.dtype)
         )
+        turned_rate = turned(cross_rate)
         rate_value = join(
-            slope.T @ self._gram, slope.T @ cross_value, cross_rate.T, inner[width:, :width]
+            turned(self._gram), turned(cross_value), cross_rate.T, inner[width:, :width]
         )
         rate_rate = join(
-            slope.T @ self._gram @ slope,
-            slope.T @ cross_rate,
-            cross_rate.T @ slope,
-            inner[width:, width:],
+            turned(turned(self._gram).T), turned_rate, turned_rate.T, inner[width:, width:]
         )
         return NormalEquations(
             value_value=value_value,
@@ -314,7 +313,7 @@ class _StaticSums:
         if self._mask is None:
             return ()
         value = torch.cat([self.value, active], 1)
-        rate = torch.cat([self.rate, active_rate], 1)
+        rate = torch.cat([self.derivative.of(self.value), active_rate], 1)
         rows = [column.nonzero()[:, 0] for column in self._mask.T]
         return tuple(GramMatrices.of(value[at], rate[at], self._count) for at in rows)
 

@@ -12,8 +12,8 @@ through Fourier features,
     ω_j = 2π j / 1.1 T: whole cycles of a period that is longer than the window, up to the highest
     frequency. Half cycles per window would be twice as many features for the same motions.
 
-The derivative is linear in the features themselves, dφ/dt = φ S, so their Gram matrices with the
-derivative need no further sums over the data.
+The derivative is linear in the features themselves, dφ/dt = φ S, so the derivative's Gram matrices
+need no further sums over the data.
 """
 
 import hashlib
@@ -218,14 +218,16 @@ class FourierFeatures:
         features[:, 3::2] = np.cos(phase)
         return features
 
-    def derivative(self) -> FloatArray:
-        """(size, size) matrix S with dφ/dt = φ S."""
-        matrix = np.zeros((self.size, self.size))
-        matrix[0, 1] = 2 / self.duration
-        sine, cosine = np.arange(2, self.size, 2), np.arange(3, self.size, 2)
-        matrix[cosine, sine] = self.angular
-        matrix[sine, cosine] = -self.angular
-        return matrix
+    @property
+    def factors(self) -> FloatArray:
+        """(size,) numbers c with dφ_k/dt = c_j φ_j for each feature k and the other, j, of a pair.
+
+        Pairs are constant and slope, then the sine and cosine of each frequency.
+        """
+        found = np.zeros(self.size)
+        found[0] = 2 / self.duration
+        found[2::2], found[3::2] = -self.angular, self.angular
+        return found
 
 
 HIDDEN_FREQUENCY = 0.1

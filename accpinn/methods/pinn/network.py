@@ -31,6 +31,27 @@ EPSILON = 1e-8
 Slope = Callable[[Tensor, Tensor], tuple[Tensor, Tensor]]
 
 
+class Derivative:
+    """The matrix S of dφ/dt = φ S for Fourier features φ, which `method.FourierFeatures` gives."""
+
+    def __init__(self, factors: Tensor) -> None:
+        """Row k of S has its one number, the k-th factor, in the column of the feature's pair."""
+        self._factors = factors[:, None]
+        self._pairs = torch.arange(len(factors)) ^ 1
+
+    def times(self, rows: Tensor) -> Tensor:
+        """S x for (size, L) x."""
+        return self._factors * rows[self._pairs]
+
+    def transposed(self, rows: Tensor) -> Tensor:
+        """Sᵀ x for (size, L) x."""
+        return (self._factors * rows)[self._pairs]
+
+    def of(self, features: Tensor) -> Tensor:
+        """(N, size) the features' time derivative."""
+        return (features * self._factors.T)[:, self._pairs]
+
+
 class HiddenLayers(nn.Module):
     """The tanh layers; they map input features to activations, with their time derivative."""
 
@@ -47,46 +68,71 @@ class HiddenLayers(nn.Module):
 
     def forward(self, value: Tensor, rate: Tensor) -> tuple[Tensor, Tensor]:
         """(N, inputs) features and their time derivative to (N, width) activations and theirs."""
-        for layer in self._linear():
-            value, rate, _, _ = _pass(layer, value, rate)
+        for layer in self.linear():
+            value, rate, _ = _activate(layer(value), rate @ layer.weight.T)
         return value, rate
 
-    def _linear(self) -> list[nn.Linear]:
+    def linear(self) -> list[nn.Linear]:
+        """The layers, the first one first."""
         return [layer for layer in self.layers if isinstance(layer, nn.Linear)]
 
     @torch.no_grad()
-    def backpropagate(self, value: Tensor, rate: Tensor, slope: Slope) -> None:
+    def of_fourier(self, features: Tensor, derivative: Derivative) -> tuple[Tensor, Tensor]:
+        """The same of Fourier features (N, 1 + inputs), the first of which is the constant."""
+        value, rate, _ = _activate(*self._enter(features, derivative))
+        for layer in self.linear()[1:]:
+            value, rate, _ = _activate(layer(value), rate @ layer.weight.T)
+        return value, rate
+
+    @torch.no_grad()
+    def backpropagate(self, features: Tensor, derivative: Derivative, slope: Slope) -> None:
         """Leave the gradient of a function of the activations in every weight.
 
-        The chain rule is written out, as automatic differentiation takes four times as long.
+        The chain rule is written out, as automatic differentiation takes several times as long.
 
         Args:
-            value: (N, inputs) features.
-            rate: (N, inputs) their time derivative.
+            features: (N, 1 + inputs), the first of which is the constant.
+            derivative: of the features.
             slope: from activations (N, width) and their time derivative, the function's gradient
                 with respect to both.
         """
-        passed = []
-        for layer in self._linear():
-            after = _pass(layer, value, rate)
-            passed.append((layer, value, rate, *after))
-            value, rate = after[:2]
-        to_value, to_rate = slope(value, rate)
-        for layer, before, rate_before, value, _, steepness, projected in reversed(passed):
+        first, *others = self.linear()
+        inner, through = self._enter(features, derivative)
+        passed = [(through, *_activate(inner, through))]
+        for layer in others:
+            _, value, rate, _ = passed[-1]
+            through = rate @ layer.weight.T
+            passed.append((through, *_activate(layer(value), through)))
+        to_value, to_rate = slope(*passed[-1][1:3])
+        for k, layer in reversed([*enumerate(self.linear())]):
+            through, value, _, steepness = passed[k]
             # dh/dt = (1 - h²) z depends on h, too: by -2 h z.
-            inner = steepness * (to_value - 2 * value * projected * to_rate)
-            through = steepness * to_rate
-            layer.weight.grad = inner.T @ before + through.T @ rate_before
-            layer.bias.grad = inner.sum(0)
-            if layer is not self.layers[0]:
-                to_value, to_rate = inner @ layer.weight, through @ layer.weight
+            to_inner = steepness * (to_value - 2 * value * through * to_rate)
+            to_through = steepness * to_rate
+            layer.bias.grad = to_inner.sum(0)
+            if layer is first:
+                both = features.T @ torch.cat([to_inner, to_through], 1)
+                of_inner, of_through = both.split(to_inner.shape[1], 1)
+                layer.weight.grad = (of_inner + derivative.transposed(of_through))[1:].T
+            else:
+                _, value, rate, _ = passed[k - 1]
+                layer.weight.grad = to_inner.T @ value + to_through.T @ rate
+                to_value, to_rate = to_inner @ layer.weight, to_through @ layer.weight
+
+    def _enter(self, features: Tensor, derivative: Derivative) -> tuple[Tensor, Tensor]:
+        """W φ + b and W dφ/dt of the first layer, in one product; the constant has the bias."""
+        first = self.linear()[0]
+        weight = torch.cat([first.bias[:, None], first.weight], 1).T
+        both = torch.cat([weight, derivative.times(weight)], 1)
+        inner, through = (features @ both).split(weight.shape[1], 1)
+        return inner, through
 
 
-def _pass(layer: nn.Linear, value: Tensor, rate: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor]:
-    """Activations h and dh/dt behind a layer, then 1 - h² and W dh/dt."""
-    value = torch.tanh(layer(value))
-    steepness, projected = 1 - value * value, rate @ layer.weight.T
-    return value, steepness * projected, steepness, projected
+def _activate(inner: Tensor, through: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+    """Activations h and dh/dt from z = W h + b and W dh/dt of a layer, then 1 - h²."""
+    value = torch.tanh(inner)
+    steepness = 1 - value * value
+    return value, steepness * through, steepness
 
 
 class PaperNetwork(nn.Module):

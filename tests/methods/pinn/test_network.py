@@ -9,7 +9,7 @@ import torch
 from accpinn.errors import ConfigError
 from accpinn.methods.pinn.config import PAPER, PresetName, preset
 from accpinn.methods.pinn.method import FourierFeatures, output_columns, redraw, stack_outputs
-from accpinn.methods.pinn.network import Adam, PaperNetwork, count_weights
+from accpinn.methods.pinn.network import Adam, Derivative, PaperNetwork, count_weights
 from tests.support.methods import train
 from tests.support.samples import NOISY, sample
 
@@ -86,13 +86,16 @@ def test_output_order_there_and_back(followers: int) -> None:
 
 
 class TestFeatures:
-    def test_derivative_matrix_is_the_numerical_derivative(self) -> None:
+    def test_the_derivative_is_the_numerical_one(self) -> None:
         features = FourierFeatures(60.0, 0.5)
         time, width = np.linspace(1, 59, 50), 1e-5
         numerical = (features(time + width) - features(time - width)) / (2 * width)
-        np.testing.assert_allclose(
-            features(time) @ features.derivative(), numerical, rtol=1e-7, atol=1e-8
-        )
+        derivative = Derivative(torch.from_numpy(features.factors))
+        exact, unit = derivative.of(torch.from_numpy(features(time))), torch.eye(features.size)
+        np.testing.assert_allclose(exact, numerical, rtol=1e-7, atol=1e-8)
+        matrix = derivative.times(unit)
+        np.testing.assert_allclose(features(time) @ matrix.numpy(), exact, rtol=1e-12)
+        assert torch.equal(derivative.transposed(unit), matrix.T)
 
     def test_reach_from_a_cycle_in_somewhat_more_than_the_window_to_the_highest(self) -> None:
         features = FourierFeatures(300.0, 0.1)

@@ -160,11 +160,9 @@ def test_the_fast_preset_starts_at_its_output_layers_optimum(laws: tuple) -> Non
     config = PinnConfig(initial=Parameters(0.2, 0.3, 1.4), weight_initial=1.0)
     segment = driven(laws, noise=0.05)
     training = FastTraining(segment, "II", config)
-    features = training._features
-    value = np.hstack([features(segment.time), training._active.numpy()])
-    rate = np.hstack(
-        [features(segment.time) @ features.derivative(), training._active_rate.numpy()]
-    )
+    features, derivative = training._static.value, training._static.derivative
+    value = np.hstack([features.numpy(), training._active.numpy()])
+    rate = np.hstack([derivative.of(features).numpy(), training._active_rate.numpy()])
     alone = Drawn(value, rate, training.measured.numpy(), np.tile([0.2, 0.28, 0.3], (len(laws), 1)))
     best = alone.loss(by_dense_least_squares(alone, config), alone.theta, config)
     # The ridge that tames collinear activations costs a little.
