@@ -21,8 +21,8 @@ from accpinn.segment.cut import cut
 from accpinn.segment.segment import Segment
 from accpinn.units import FloatArray
 from bench import __main__ as command_line
+from bench import advanced, coverage, departures, load, replication, start, widths
 from bench import batch as batches
-from bench import coverage, departures, replication, start, widths
 from bench.disturbed import MOTORWAY, Disturbance, disturbed
 from bench.measurement import Figures, Measurement, Part, table
 from bench.paper_protocol import PaperProtocol
@@ -260,6 +260,22 @@ def test_how_long_a_command_takes_is_held_against_its_limit() -> None:
     assert not slow.within
     assert slow.processor
     assert slow.processor > 0
+
+
+def test_an_advanced_clock_shows_later(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "advance").write_text("3600.0")
+    monkeypatch.setenv(advanced.ADVANCE, str(tmp_path / "advance"))
+    clock = advanced.Clock()
+    later = clock.later(lambda: 5.0)
+    assert later() == 5.0
+    clock.read()
+    assert later() == 3605.0
+
+
+def test_what_a_server_keeps_of_its_users_is_a_fault() -> None:
+    before = load.State(500.0, 6, 10, 1.0, 0)
+    assert not load.State(515.0, 6, 12, 9.0, 0).kept_since(before, 2)
+    assert len(load.State(560.0, 16, 20, 9.0, 4).kept_since(before, 2)) == 4
 
 
 class TestReleasedFigures:
