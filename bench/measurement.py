@@ -167,5 +167,5 @@ def _text(value: float | None, unit: str, sign: str = "") -> str:
         return ""
     if unit == "s" and value < 0.1:
         value, unit = 1e3 * value, "ms"
-    digits = {"s": 2, "ms": 1, "%": 2}.get(unit, 0)
+    digits = {"s": 2 if value < 100 else 0, "ms": 1, "%": 2}.get(unit, 0)
     return f"{sign}{value:,.{digits}f} {unit}"
