@@ -52,7 +52,7 @@ format: $(VENV)/dev.stamp  ## format the code and mend what the linter can
 	@$(BIN)/ruff format .
 
 .PHONY: bench
-bench: $(VENV)/app.stamp  ## time the paper's training protocol beside the fast preset (needs OPENACC_DIR)
+bench: $(VENV)/dev.stamp  ## time everyday things beside the last release (real recordings: set OPENACC_DIR)
 	@$(BIN)/python -m bench $(ARGS)
 
 .PHONY: samples

@@ -1,103 +1,100 @@
-"""`python -m bench [--json] [--quick]`: a table on standard output, or one JSON document.
+"""How fast everyday things are, beside the figures last released: `python -m bench`.
 
-Every case runs in a fresh process, so that memory and first-call costs are its own.
+Each part runs in a fresh process, so that memory and first calls are its own. Exit status 1 where a
+limit is not kept. Real recordings are found through OPENACC_DIR; page switches need Chromium, too.
 """
 
 import argparse
-import json
 import os
 import platform
-import subprocess
+import shutil
 import sys
-from dataclasses import asdict
-from typing import Any
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import ProcessPoolExecutor
+from functools import partial
+from importlib.metadata import version
+from multiprocessing import get_context
+from pathlib import Path
 
-import torch
+from bench import pages, results, speed, start
+from bench.measurement import Figures, Measurement, Part, measured, table
 
-from accpinn.methods.pinn.training import DEFAULT_THREADS
-from bench import stability, start
-from bench.speed import CASES, PAPER_ITERATIONS, folder, measure
+PARTS = ("start", "results", "methods", "training", "pages")
+RECORDED = PARTS[2:]
+"""They need real recordings."""
+ITERATIONS, FEW = 20, 5
+"""Of the paper's protocol, in each round."""
+Job = tuple[str, Callable[[], Iterable[Measurement]]]
 
-PAPER_TIMED = 20
-QUICK_TIMED = 5
 
-
-def main() -> int:
-    """Run all cases and print them; exit status 1 when one is slower than required."""
+def main(arguments: list[str] | None = None) -> int:
+    """Measure the parts that were asked for, and print them."""
     parser = argparse.ArgumentParser(prog="python -m bench", description=__doc__)
+    parser.add_argument("--only", action="append", choices=PARTS, help="this part (all)")
+    parser.add_argument("--without", action="append", choices=PARTS, default=[], help="this part")
+    parser.add_argument("--quick", action="store_true", help="fewer of the paper's iterations")
     parser.add_argument("--json", action="store_true", help="one JSON document")
     parser.add_argument(
-        "--quick", action="store_true", help="time fewer iterations of the paper's protocol"
+        "--release", action="store_true", help="keep all figures as those last released"
     )
-    parser.add_argument("--one", type=int, help=argparse.SUPPRESS)
-    options = parser.parse_args()
-    folder()
-    timed = QUICK_TIMED if options.quick else PAPER_TIMED
-    if options.one is not None:
-        print(json.dumps(asdict(measure(CASES[options.one], timed))))
-        return 0
-    rows = []
-    for index, case in enumerate(CASES):
-        print(f"{case.name} ...", file=sys.stderr, flush=True)
-        command = [sys.executable, "-m", "bench", "--one", str(index)]
-        command += ["--quick"] if options.quick else []
-        done = subprocess.run(command, check=True, capture_output=True, text=True)
-        rows.append(json.loads(done.stdout))
-    machine = {
-        "processor": platform.processor() or platform.machine(),
-        "cores": os.cpu_count(),
-        "threads": torch.get_num_threads(),
-        "fast_threads": DEFAULT_THREADS,
-        "torch": torch.__version__,
-        "python": platform.python_version(),
-    }
-    quick, starts = stability.measure(), start.measure()
-    if options.json:
-        document = {"machine": machine, "training": rows}
-        document |= {"stability": [asdict(t) for t in quick], "start": [asdict(t) for t in starts]}
-        print(json.dumps(document, indent=2))
-    else:
-        print(_text(machine, rows), "", stability.text(quick), "", start.text(starts), sep="\n")
-    slow = any(row["least_ratio"] and row["ratio"] < row["least_ratio"] for row in rows)
-    return int(slow or not all(timing.fast_enough for timing in (*quick, *starts)))
+    options = parser.parse_args(arguments)
+    chosen = [name for name in options.only or PARTS if name not in options.without]
+    missing = {name: why for name, why in _missing().items() if name in chosen}
+    if options.release and (options.quick or missing or set(chosen) != set(PARTS)):
+        parser.error("--release: it takes all parts, OPENACC_DIR and Chromium")
+    for name, why in missing.items():
+        print(f"{name}: left out, as {why}", file=sys.stderr)
+    parts = []
+    for name, measure in _jobs(set(chosen) - set(missing), FEW if options.quick else ITERATIONS):
+        print(f"{name} ...", file=sys.stderr, flush=True)
+        parts.append(_in_a_fresh_process(name, measure))
+    found = Figures.now(_machine(), parts)
+    print(found.to_json().decode() if options.json else table(found, Figures.released()))
+    if options.release:
+        found.release()
+    return int(not found.within)
 
 
-def _text(machine: dict[str, Any], rows: list[dict[str, Any]]) -> str:
-    lines = [
-        f"{machine['cores']} cores; {machine['threads']} threads for the paper's protocol,"
-        f" {machine['fast_threads']} for the fast preset;"
-        f" torch {machine['torch']}, Python {machine['python']}"
-    ]
-    for row in rows:
-        fast = sorted(row["fast_seconds"])
-        goal = f" (at least {row['least_ratio']:.0f})" if row["least_ratio"] else ""
-        lines += [
-            "",
-            row["name"],
-            f"  paper's protocol  {row['paper_iteration_ms']:.1f} ms an iteration, times"
-            f" {PAPER_ITERATIONS:,} = {row['paper_seconds']:.0f} s",
-            f"  fast preset       {fast[len(fast) // 2]:.2f} s (first {row['fast_seconds'][0]:.2f},"
-            f" all {fast[0]:.2f}-{fast[-1]:.2f}), {row['fast_iterations']} iterations,"
-            f" {row['outcome']}",
-            f"  ratio             {row['ratio']:.0f}{goal}; first call {row['ratio_first']:.0f}",
-            f"  loss              {row['loss_start']:.5f} before the hidden layers were trained,"
-            f" {row['loss']:.5f} after; limit {row['loss_limit']:.5f}",
-            "  gap MAE (m)       " + "  ".join(f"{value:.3f}" for value in row["gap_mae"]),
-            f"  peak memory       {row['peak_memory_mb']:.0f} MB",
-            "  parameters                              limit",
-        ]
-        for ours, limit in zip(row["parameters"], row["limit"], strict=True):
-            lines.append(
-                "    α {:.5f}  β {:.5f}  τ {:.4f}      {:.5f}    {:.5f}    {:.4f}".format(
-                    *ours, *limit
-                )
-            )
-        lines.append(
-            "  distance          α {:.2f} %, β {:.2f} %, τ {:.2f} %".format(
-                *row["distance_percent"]
-            )
-        )
-    return "\n".join(lines)
+def _missing() -> dict[str, str]:
+    """Why a part cannot be measured."""
+    found = {}
+    if not _chromium():
+        found["pages"] = "Chromium was not found (CHROMIUM)"
+    if not os.environ.get("OPENACC_DIR"):
+        found |= dict.fromkeys(RECORDED, "OPENACC_DIR does not name the recordings")
+    return found
+
+
+def _chromium() -> str:
+    return os.environ.get("CHROMIUM") or shutil.which("chromium") or ""
+
+
+def _jobs(parts: set[str], iterations: int) -> Iterator[Job]:
+    folder = Path(os.environ.get("OPENACC_DIR", ""))
+    if "start" in parts:
+        yield "start", start.measure
+    if "results" in parts:
+        yield "results", results.measure
+    if "methods" in parts:
+        for case in speed.CASES:
+            if case.method_limits:
+                yield f"methods, {case.name}", partial(speed.methods, case, folder)
+    if "training" in parts:
+        for case in speed.CASES:
+            yield f"training, {case.name}", partial(speed.training, case, folder, iterations)
+    if "pages" in parts:
+        yield "switches of pages", partial(pages.measure, folder, _chromium())
+
+
+def _in_a_fresh_process(name: str, measure: Callable[[], Iterable[Measurement]]) -> Part:
+    with ProcessPoolExecutor(1, get_context("spawn")) as process:
+        return process.submit(measured, name, measure).result()
+
+
+def _machine() -> str:
+    processor = platform.processor() or platform.machine()
+    packages = ", ".join(f"{name} {version(name)}" for name in ("torch", "streamlit"))
+    return f"{os.cpu_count()} cores ({processor}), Python {platform.python_version()}, {packages}"
 
 
 if __name__ == "__main__":

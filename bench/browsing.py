@@ -62,6 +62,7 @@ class Browser:
                 "Cookie": "; ".join(f"{name}={value}" for name, value in self.cookies.items())
             },
             max_size=None,
+            ping_interval=None,  # a browser asks nothing of a server that is busy
         )
         return await self._run(BackMsg())
 

@@ -4,7 +4,10 @@ Every user uploads a recording, chooses a window and a seed, trains, looks at St
 Compare, and saves a snapshot; all at the same time, by the messages that a browser sends (without
 the work of drawing that a browser does). Printed are how long the pages took, what went wrong,
 whether each saved result is the one that the same request gives without the app, to the last digit,
-and the server's memory, threads and files: before, at the end, and after the sessions have ended.
+and the server's memory, threads and files: before, which is after another user alone; at the end,
+while all are still there; an hour after they have left; and once every limit of time has passed.
+The server's clock is advanced for that, nobody waits. What users held is given back by then; what
+stays are caches, which have so many entries at most, and the holes of free memory.
 
 With `--journeys 10` each user begins anew so often, with another window each time, and a line is
 printed after every round: what is not given back grows from line to line.
@@ -12,13 +15,18 @@ printed after every round: what is not given back grows from line to line.
 
 import argparse
 import asyncio
-import os
+import json
+import signal
 import statistics
 import sys
 import tempfile
 import time
 from collections import defaultdict
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from functools import partial
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -32,8 +40,10 @@ from accpinn.results.snapshot import Snapshot
 from accpinn.results.snapshot.saved import Library
 from accpinn.segment.cut import cut, default_vehicles
 from accpinn.units import Seconds
+from bench.advanced import ADVANCE, COUNTED
 from bench.browsing import Browser
 from bench.run import positive
+from pages.ui.session.resources import KEPT
 from tests.support.server import ROOT, Server, running
 
 SAMPLES = sorted((ROOT / "sample_data").glob("*.csv"))
@@ -42,10 +52,22 @@ STEP = 10
 LENGTH: Seconds = 60.0
 LIGHT: Seconds = 2.0
 """95 % of the page views that neither open a file nor train are to take less."""
-LEAVE: Seconds = 3.0
-"""After so long the server forgets a browser that has gone."""
+HOUR: Seconds = 3600.0
+"""After it the server has forgotten browsers that have gone; what their users had open stays."""
 SETTLED: Seconds = 40.0
-"""After so long it has collected its garbage, too."""
+"""After so long without a task the server has collected its garbage."""
+
+
+PATIENCE: Seconds = 60.0
+"""For a busy server to say what it holds."""
+FOR_EVER: Seconds = 4 * 24 * HOUR
+"""After it no limit of time keeps anything in memory."""
+LARGEST_MEGABYTES = 40.0
+"""A user may take so much memory."""
+KEPT_MEGABYTES = 10.0
+"""So much of it may stay for each entry of the caches of what pages show."""
+SPARE = 3
+"""Threads and files more than before that count for nothing."""
 
 
 @dataclass(frozen=True)
@@ -95,22 +117,44 @@ class State:
     """Of processor time so far."""
     temporary: int
     """Files left in the folder for temporary ones."""
+    held: dict[str, int]
+    """How many connections, sessions and recordings."""
 
     @classmethod
-    def of(cls, server: Server, place: Path) -> "State":
+    def of(cls, server: Server, place: Path, held: dict[str, int]) -> "State":
         """That of a running server."""
         process = psutil.Process(server.process.pid)
         times = process.cpu_times()
         return cls(
             process.memory_info().rss / 1e6, process.num_threads(), process.num_fds(),
-            times.user + times.system, sum(1 for path in place.rglob("*") if path.is_file()),
+            times.user + times.system, sum(1 for path in place.rglob("*") if path.is_file()), held,
         )  # fmt: skip
+
+    def kept_since(self, before: "State", journeys: int) -> list[str]:
+        """What was not given back after so many journeys; one sentence each."""
+        found = []
+        if (each := self.stays(before, journeys)) > KEPT_MEGABYTES:
+            found.append(f"memory: {each:.0f} MB for each entry of the caches were not given back")
+        for what, now, then in (
+            ("threads", self.threads, before.threads + SPARE),
+            ("open files", self.files, before.files + SPARE),
+            ("temporary files", self.temporary, before.temporary + SPARE),
+            *((what, count, before.held[what]) for what, count in self.held.items()),
+        ):
+            if now > then:
+                found.append(f"{what}: {now}, at most {then} were to stay")
+        return found
+
+    def stays(self, before: "State", journeys: int) -> float:
+        """Megabytes for each entry that the caches can have by then."""
+        return (self.megabytes - before.megabytes) / min(journeys, KEPT)
 
     def __str__(self) -> str:
         """In one line."""
         return (
             f"{self.megabytes:6.0f} MB, {self.threads} threads, {self.files} open files,"
-            f" {self.temporary} temporary files, processor {self.seconds:.1f} s"
+            f" {self.temporary} temporary files, processor {self.seconds:.1f} s; "
+            + ", ".join(f"{count} {what}" for what, count in self.held.items())
         )
 
 
@@ -124,37 +168,45 @@ class Load:
         """Seconds by page; those of light views begin with a page's name."""
         self.faults: list[str] = []
 
-    async def journeys(self, users: int, journey: int = 0) -> None:
-        """That of all users at once."""
-        requests = [Request.of(user, journey) for user in range(users)]
-        done = await asyncio.gather(*map(self._journey, requests), return_exceptions=True)
-        self.faults += [f"{type(fault).__name__}: {fault}" for fault in done if fault]
+    async def journeys(
+        self, users: int, journey: int = 0, at_the_end: Callable[[], object] = lambda: None
+    ) -> None:
+        """That of all users at once; all stay until the last is done.
 
-    async def _journey(self, asked: Request) -> None:
-        browser = Browser(self.server.address)
-        try:
-            self._note("first page", await browser.open())
-            self._note("upload", await browser.upload("data_upload", asked.name, asked.content))
-            self._note("window", await browser.set("data_start", asked.start))
-            self._note("window", await browser.set("data_length", LENGTH))
-            await self._look(browser, "Train")
-            await browser.set("train_preset", ("Fast",))
-            await browser.set("train_options", True)
-            self._note("Train, an option", await browser.set("train_fast_seed", asked.seed))
-            began = time.perf_counter()
-            await browser.press("train_start")
-            for page in ("Data", "Snapshots", "Train"):  # a glance elsewhere meanwhile
-                await self._look(browser, page)
-            while await browser.poll():
-                pass
-            self._note("training with its queue", time.perf_counter() - began)
-            for page in ("Stability", "Platoon", "Compare", "Data", "Train", "Snapshots"):
-                await self._look(browser, page)
-            self._note("saving", await browser.press("Save", snapshots_name=asked.name))
-            await self._look(browser, "Home")
-            self.faults += browser.faults
-        finally:
+        Args:
+            users: how many.
+            journey: how many each of them has behind it.
+            at_the_end: called while all are still there.
+        """
+        browsers = [Browser(self.server.address) for _ in range(users)]
+        work = (self._journey(one, Request.of(k, journey)) for k, one in enumerate(browsers))
+        done = await asyncio.gather(*work, return_exceptions=True)
+        self.faults += [f"{type(fault).__name__}: {fault}" for fault in done if fault]
+        at_the_end()
+        for browser in browsers:
             await browser.close()
+
+    async def _journey(self, browser: Browser, asked: Request) -> None:
+        self._note("first page", await browser.open())
+        self._note("upload", await browser.upload("data_upload", asked.name, asked.content))
+        self._note("window", await browser.set("data_start", asked.start))
+        self._note("window", await browser.set("data_length", LENGTH))
+        await self._look(browser, "Train")
+        await browser.set("train_preset", ("Fast",))
+        await browser.set("train_options", True)
+        self._note("Train, an option", await browser.set("train_fast_seed", asked.seed))
+        began = time.perf_counter()
+        await browser.press("train_start")
+        for page in ("Data", "Snapshots", "Train"):  # a glance elsewhere meanwhile
+            await self._look(browser, page)
+        while await browser.poll():
+            pass
+        self._note("training with its queue", time.perf_counter() - began)
+        for page in ("Stability", "Platoon", "Compare", "Data", "Train", "Snapshots"):
+            await self._look(browser, page)
+        self._note("saving", await browser.press("Save", snapshots_name=asked.name))
+        await self._look(browser, "Home")
+        self.faults += browser.faults
 
     async def _look(self, browser: Browser, page: str) -> None:
         self._note(page, await browser.go(page))
@@ -173,14 +225,19 @@ def percentile(values: list[Seconds]) -> Seconds:
     return float(np.percentile(values, 95))
 
 
-def wrong_results(folder: Path, users: int, journeys: int) -> list[str]:
+def all_requests(users: int, journeys: int) -> list[Request]:
+    """What all users ask for on all their journeys."""
+    return [Request.of(user, journey) for journey in range(journeys) for user in range(users)]
+
+
+def wrong_results(folder: Path, requests: list[Request]) -> list[str]:
     """What is missing among the saved results, twice there, or not what the request gives."""
     library = Library(folder)
     saved = defaultdict(list)
     for entry in library.entries():
         saved[entry.name].append(entry)
     found = []
-    for asked in (Request.of(user, j) for j in range(journeys) for user in range(users)):
+    for asked in requests:
         entries = saved.pop(asked.name, [])
         if len(entries) != 1:
             found.append(f"{asked.name}: saved {len(entries)} times")
@@ -189,43 +246,104 @@ def wrong_results(folder: Path, users: int, journeys: int) -> list[str]:
     return found + [f"{name}: nobody asked for it" for name in saved]
 
 
+class Observed:
+    """A server whose clock can be advanced, in a folder of its own."""
+
+    def __init__(self, place: Path) -> None:
+        """It does not run yet."""
+        self.place, self.temporary = place, place / "tmp"
+        self.temporary.mkdir()
+        self.log, self._advance = place / "log", place / "advance"
+        self._passed: Seconds = 0.0
+        self.states: list[State] = []
+        """Those that were noted."""
+
+    @contextmanager
+    def running(self) -> Iterator[Server]:
+        """The app, until the end of the block."""
+        extra = {"TMPDIR": str(self.temporary), ADVANCE: str(self._advance)}
+        with running(
+            self.place / "cache", self.log, program="bench.advanced", extra=extra
+        ) as self.server:
+            yield self.server
+
+    def note(self, title: str) -> None:
+        """Print what it holds, without memory that is free."""
+        state = State.of(self.server, self.temporary, self._held())
+        print(f"{title:14}{state}", flush=True)
+        self.states.append(state)
+
+    def _held(self) -> dict[str, int]:
+        """What users have there; its free memory goes back to the system."""
+        answer = self._advance.with_suffix(".held")
+        answer.unlink(missing_ok=True)
+        self.server.process.send_signal(signal.SIGUSR2)
+        end = time.monotonic() + PATIENCE
+        while not answer.exists():
+            if time.monotonic() > end:
+                raise AssertionError("the server does not answer")
+            time.sleep(0.05)
+        counts = json.loads(answer.read_text())
+        return {what: counts[name] for name, what in COUNTED.items()}
+
+    def let_pass(self, seconds: Seconds) -> None:
+        """So much time, until the next one comes, and until garbage is collected."""
+        self._passed += seconds
+        self._advance.write_text(str(self._passed))
+        self.server.process.send_signal(signal.SIGUSR1)
+        asyncio.run(_visit(self.server))
+        time.sleep(SETTLED)
+
+
 def main(arguments: list[str] | None = None) -> int:
-    """Print the figures; exit status 1 where a result is wrong, lost, or pages were too slow."""
+    """Print the figures.
+
+    Returns:
+        1 where a result is wrong or lost, pages were too slow, or memory was not given back.
+    """
     parser = argparse.ArgumentParser(prog="python -m bench.load", description=__doc__)
     parser.add_argument("--users", type=positive, default=20, help="at the same time (20)")
     parser.add_argument("--journeys", type=positive, default=1, help="of each, in turn (1)")
     options = parser.parse_args(arguments)
     users, journeys = options.users, options.journeys
     with tempfile.TemporaryDirectory() as name:
-        place = Path(name)
-        temporary = place / "tmp"
-        temporary.mkdir()
-        os.environ["TMPDIR"] = str(temporary)  # of the server
+        observed = Observed(Path(name))
         began = time.perf_counter()
-        with running(
-            place / "cache", place / "log",
-            options=[f"--server.disconnectedSessionTTL={LEAVE:.0f}"],
-        ) as server:  # fmt: skip
+        with observed.running() as server:
             load = Load(server)
             asyncio.run(_visit(server))
             print(f"first page {time.perf_counter() - began:.1f} s after the start")
-            print(f"before     {State.of(server, temporary)}", flush=True)
+            asyncio.run(Load(server).journeys(1, journeys))
+            observed.let_pass(FOR_EVER)
+            observed.note("before")
             for journey in range(journeys):
-                asyncio.run(load.journeys(users, journey))
-                print(f"round {journey + 1:<4} {State.of(server, temporary)}", flush=True)
-            time.sleep(SETTLED)
-            print(f"left       {State.of(server, temporary)}")
-        crashes = [line for line in (place / "log").read_text().splitlines() if "Error" in line]
+                end = partial(observed.note, f"round {journey + 1}")
+                asyncio.run(load.journeys(users, journey, end))
+            observed.let_pass(HOUR)
+            observed.note("an hour later")
+            observed.let_pass(FOR_EVER)
+            observed.note("4 days later")
+        crashes = [line for line in observed.log.read_text().splitlines() if "Error" in line]
         for what, taken in load.taken.items():
             print(f"{what:24} {len(taken):4} times, median {statistics.median(taken):6.2f} s,"
                   f" 95 % {percentile(taken):6.2f} s")  # fmt: skip
         print(f"light page views: 95 % within {percentile(load.light):.2f} s (at most {LIGHT:g})")
         print("Every result is now computed without the app ...", flush=True)
-        wrong = wrong_results(place / "snapshots", users, journeys)
-    print(f"results: {users * journeys - len(wrong)} of {users * journeys} as without the app")
-    for fault in (*wrong, *load.faults, *crashes):
+        asked = [*all_requests(users, journeys), Request.of(0, journeys)]
+        wrong = wrong_results(observed.place / "snapshots", asked)
+    print(f"results: {len(asked) - len(wrong)} of {len(asked)} as without the app")
+    before, *rounds, _, last = observed.states
+    largest = max(b.megabytes - a.megabytes for a, b in pairwise([before, *rounds])) / users
+    stays = last.stays(before, users * journeys)
+    print(
+        f"memory: {largest:.1f} MB a user (at most {LARGEST_MEGABYTES:g}); {stays:.1f} MB stay for"
+        f" each entry of the caches (at most {KEPT_MEGABYTES:g})"
+    )
+    faults = [*wrong, *load.faults, *crashes, *last.kept_since(before, users * journeys)]
+    for fault in faults:
         print(fault)
-    return int(bool(wrong or load.faults or crashes) or percentile(load.light) > LIGHT)
+    slow = percentile(load.light) > LIGHT
+    return int(bool(faults) or slow or largest > LARGEST_MEGABYTES)
 
 
 async def _visit(server: Server) -> None:

@@ -1,27 +1,22 @@
 """How long a switch of pages takes in a browser, on a warm server with a trained recording.
 
-    OPENACC_DIR=... CHROMIUM=... python -m bench.pages [--switches 10]
-
 Each switch is timed from the click in the sidebar until the script has run to its end and the
-page's last chart or table stands. Needs what the tests need.
+page's chart stands.
 """
 
-import argparse
-import os
-import shutil
-import tempfile
 import time
+from collections.abc import Iterator
 from pathlib import Path
 from statistics import median
+from tempfile import TemporaryDirectory
 
 from playwright.sync_api import Page
 
+from accpinn.units import Seconds
+from bench.measurement import Measurement
+from bench.speed import CASES
 from tests.browser.running import ESTIMATES, TRAINING_MS, give, go, idle, launched, served, table
 
-RUNS = {
-    "Casale, one follower": "Casale/part7.csv",
-    "AstaZero, four followers": "AstaZero/ASta_040719_platoon5.csv",
-}
 PAGES = {
     "Data": "data_overview",
     "Train": "train_tracking",
@@ -30,26 +25,23 @@ PAGES = {
     "Snapshots": "",
 }
 """The chart that each page is waited for; none for a page without."""
+LIMIT: Seconds = 1.0
+SWITCHES = 10
+"""Of each page."""
 
 
-def main() -> None:
-    """Print a line a recording and page."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--switches", type=int, default=10, help="of each page")
-    switches = parser.parse_args().switches
-    recordings = Path(os.environ["OPENACC_DIR"])
-    chromium = os.environ.get("CHROMIUM") or shutil.which("chromium") or "chromium"
-    with tempfile.TemporaryDirectory() as place, launched(chromium) as browser:
+def measure(folder: Path, chromium: str) -> Iterator[Measurement]:
+    """A switch to each page, with each of two recordings."""
+    with TemporaryDirectory() as place, launched(chromium) as browser:
         with served(Path(place) / "cache", Path(place) / "log") as address:
-            for title, file in RUNS.items():
+            for case in CASES[:2]:
                 page = browser.new_page(
                     base_url=address, viewport={"width": 1440, "height": 900},
                     reduced_motion="reduce",
                 )  # fmt: skip
-                _train(page, recordings / file)
-                for name, taken in _switch(page, switches).items():
-                    print(f"{title:26} {name:10} median {median(taken):.2f} s,"
-                          f" {min(taken):.2f} to {max(taken):.2f} s")  # fmt: skip
+                _train(page, folder / case.file)
+                for name, taken in _switch(page).items():
+                    yield Measurement(f"{name}, {case.name}", median(taken), limit=LIMIT)
                 page.close()
 
 
@@ -63,10 +55,10 @@ def _train(page: Page, recording: Path) -> None:
     idle(page)
 
 
-def _switch(page: Page, switches: int) -> dict[str, list[float]]:
+def _switch(page: Page) -> dict[str, list[Seconds]]:
     """Seconds of each switch, by page; the first round, which fills the caches, does not count."""
-    taken: dict[str, list[float]] = {name: [] for name in PAGES}
-    for _ in range(switches + 1):
+    taken: dict[str, list[Seconds]] = {name: [] for name in PAGES}
+    for _ in range(SWITCHES + 1):
         for name, chart in PAGES.items():
             began = time.perf_counter()
             go(page, name)
@@ -74,7 +66,3 @@ def _switch(page: Page, switches: int) -> dict[str, list[float]]:
                 page.locator(f".st-key-{chart} .js-plotly-plot .main-svg").first.wait_for()
             taken[name].append(time.perf_counter() - began)
     return {name: found[1:] for name, found in taken.items()}
-
-
-if __name__ == "__main__":
-    main()

@@ -1,27 +1,25 @@
-"""The fast preset against the paper's training protocol, and how long the methods take.
+"""How long the methods take on real recordings, and the fast preset against the paper's protocol.
 
-`python -m bench.speed` times what a user waits for: the likelihood with its posterior, the
-calibrated preset, and the comparison of all methods, against what each may take on two processors.
+What a user waits for are the likelihood with its posterior, the calibrated preset, and the
+comparison of all methods.
 
-`measure` compares the protocols on real segments, in one process, in turn. The paper's is timed per
-iteration, by the median, and multiplied by the 20,000 iterations its authors need; the fast preset
-runs to its end, from the first call in the process. Peak memory is that of the whole process.
-
-Recordings are found through OPENACC_DIR.
+The paper's protocol is timed per iteration, by the median, in turn with the fast preset, and
+multiplied by the 20,000 iterations its authors need. The fast preset runs to its end. Splines in
+place of the network reach the limit of the loss, from which its parameters have a distance.
 """
 
-import os
 import resource
 import statistics
 import sys
-import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import partial
+from itertools import count
 from pathlib import Path
 
 import numpy as np
 
-from accpinn.evaluation.closed_loop import surrogate_errors
+from accpinn.channels import PARAMETERS
 from accpinn.inference.intervals import intervals
 from accpinn.methods import splines
 from accpinn.methods.fit import Fit
@@ -32,13 +30,15 @@ from accpinn.recordings.openacc import read
 from accpinn.segment.cut import cut
 from accpinn.segment.segment import Segment
 from accpinn.study.comparison import compare
+from accpinn.units import Seconds
+from bench.measurement import Measurement, Spent, spent_on, timed
 from bench.paper_protocol import seconds_per_iteration
 
 PAPER_ITERATIONS = 20_000
 """The paper: parameter convergence is achieved in around 20,000 iterations for all tests."""
 ROUNDS = 3
-SHIFT = 0.5
-"""Seconds from window to window, as what was computed for one is remembered."""
+SHIFT: Seconds = 0.5
+"""From window to window, as what was computed for one is remembered."""
 
 
 @dataclass(frozen=True)
@@ -47,158 +47,90 @@ class BenchCase:
 
     name: str
     file: str
-    start: float
-    duration: float
+    start: Seconds
+    duration: Seconds
     case: Case
-    least_ratio: float | None
+    least_ratio: float | None = None
     """How many times faster than the paper's protocol the fast preset must be."""
+    method_limits: tuple[Seconds, ...] = ()
+    """Of `METHODS_TIMED`, where they are timed on it."""
 
-    def segment(self, later: float = 0.0) -> Segment:
+    def segment(self, folder: Path, later: Seconds = 0.0) -> Segment:
         """The data; or those of as long a window that begins some seconds later."""
-        return cut(read(folder() / self.file), self.start + later, self.duration)
+        return cut(read(folder / self.file), self.start + later, self.duration)
 
 
+CASALE, ASTAZERO = "Casale/part7.csv", "AstaZero/ASta_040719_platoon5.csv"
 CASES = (
-    BenchCase("Casale 0-300 s, M = 1", "Casale/part7.csv", 0, 300, "II", 300),
-    BenchCase(
-        "AstaZero 320-620 s, M = 4, Case II",
-        "AstaZero/ASta_040719_platoon5.csv",
-        320,
-        300,
-        "II",
-        400,
-    ),
-    BenchCase(
-        "AstaZero 320-620 s, M = 4, Case I", "AstaZero/ASta_040719_platoon5.csv", 320, 300, "I", 400
-    ),
-    BenchCase("Casale whole, M = 1", "Casale/part7.csv", 0, 1523, "II", None),
+    BenchCase("Casale, one follower", CASALE, 0, 300, "II", 300, (0.5, 1.5, 5.0)),
+    BenchCase("AstaZero, four followers", ASTAZERO, 320, 300, "II", 400, (2.0, 5.0, 9.0)),
+    BenchCase("AstaZero, Case I", ASTAZERO, 320, 300, "I", 400),
+    BenchCase("Casale, all 1,523 s", CASALE, 0, 1523, "II"),
 )
 
 
-def folder() -> Path:
-    """The folder of the recordings."""
-    named = os.environ.get("OPENACC_DIR")
-    if not named:
-        raise SystemExit(
-            "error: OPENACC_DIR is not set; name the folder of OpenACC recordings, which has"
-            " Casale/part7.csv and AstaZero/ASta_040719_platoon5.csv."
-        )
-    return Path(named)
-
-
-@dataclass(frozen=True)
-class Timing:
-    """What was measured, as plain numbers ready for JSON."""
-
-    name: str
-    case: str
-    paper_iteration_ms: float
-    paper_seconds: float
-    fast_seconds: list[float]
-    """Each round; the first is the process's first training."""
-    fast_iterations: int
-    outcome: str
-    ratio: float
-    """By the median of the rounds."""
-    ratio_first: float
-    """By the first round."""
-    least_ratio: float | None
-    parameters: list[list[float]]
-    limit: list[list[float]]
-    distance_percent: list[float]
-    """Largest distance from the limit over the followers: α, β, τ."""
-    loss: float
-    loss_start: float
-    loss_limit: float
-    gap_mae: list[float]
-    peak_memory_mb: float
-
-
-def measure(case: BenchCase, paper_iterations: int) -> Timing:
-    """Alternate the two protocols, and compare the result with the limit of the loss."""
-    segment = case.segment()
-    limit = splines.fit(segment, case.case)
+def training(case: BenchCase, folder: Path, iterations: int) -> Iterator[Measurement]:
+    """The fast preset beside so many iterations a round of the paper's protocol."""
+    segment = case.segment(folder)
+    limit = splines.fit(segment, case.case).parameters.values
     fits: list[Fit] = []
+    spent: list[Spent] = []
+
+    def fast() -> None:
+        spent.append(spent_on(lambda: fits.append(METHODS["pinn"].fit(segment, case.case, FAST))))
+
     for _ in range(ROUNDS):
-        fits.append(METHODS["pinn"].fit(segment, case.case, FAST))
-    peak = _peak_memory_mb()
-    paper: list[float] = []
+        fast()
+    peak = _peak_memory()
+    paper: list[Seconds] = []
     for _ in range(ROUNDS):
-        paper += seconds_per_iteration(segment, paper_iterations)
-        fits.append(METHODS["pinn"].fit(segment, case.case, FAST))
-    iteration, fast = statistics.median(paper), [fit.seconds for fit in fits]
-    table, best = fits[0].parameters.values, limit.parameters.values
-    errors = surrogate_errors(segment, fits[0])
-    assert errors is not None
-    return Timing(
-        name=case.name,
-        case=case.case,
-        paper_iteration_ms=1e3 * iteration,
-        paper_seconds=PAPER_ITERATIONS * iteration,
-        fast_seconds=fast,
-        fast_iterations=fits[0].iterations,
-        outcome=fits[0].outcome.name.lower(),
-        ratio=PAPER_ITERATIONS * iteration / statistics.median(fast),
-        ratio_first=PAPER_ITERATIONS * iteration / fast[0],
-        least_ratio=case.least_ratio,
-        parameters=table.tolist(),
-        limit=best.tolist(),
-        distance_percent=(100 * np.abs(table / best - 1).max(0)).tolist(),
-        loss=fits[0].loss["total"],
-        loss_start=fits[0].loss["start"],
-        loss_limit=limit.loss["total"],
-        gap_mae=errors.gap_mae.tolist(),
-        peak_memory_mb=peak,
-    )
+        paper += seconds_per_iteration(segment, iterations)
+        fast()
+    seconds, processor = map(statistics.median, zip(*spent, strict=True))
+    protocol = PAPER_ITERATIONS * statistics.median(paper)
+    distance = 100 * np.abs(fits[0].parameters.values / limit - 1).max(0)
+    yield Measurement("fast preset", seconds, processor=processor)
+    yield Measurement("first call", spent[0][0], processor=spent[0][1])
+    yield Measurement("paper's 20,000 iterations", protocol)
+    yield Measurement("ratio", protocol / seconds, "times", case.least_ratio, at_least=True)
+    for quantity, percent in zip(PARAMETERS, distance, strict=True):
+        yield Measurement(f"{quantity.symbol}, from the limit of the loss", float(percent), "%")
+    yield Measurement("peak memory", peak, "MB")
 
 
-def _peak_memory_mb() -> float:
+def _peak_memory() -> float:
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     return peak / 1e6 if sys.platform == "darwin" else peak / 1e3
 
 
-def _likelihood(segment: Segment, case: BenchCase) -> None:
+def _likelihood(segment: Segment, case: BenchCase, _: Path) -> None:
     intervals(segment, METHODS["maximum-likelihood"].fit(segment, case.case))
 
 
-def _calibrated(segment: Segment, case: BenchCase) -> None:
+def _calibrated(segment: Segment, case: BenchCase, _: Path) -> None:
     METHODS["pinn"].fit(segment, case.case, preset("calibrated"))
 
 
-def _comparison(segment: Segment, case: BenchCase) -> None:
-    list(compare(segment, case.case, recording=read(folder() / case.file)))
+def _comparison(segment: Segment, case: BenchCase, folder: Path) -> None:
+    list(compare(segment, case.case, recording=read(folder / case.file)))
 
 
-GOALS: tuple[tuple[str, Callable[[Segment, BenchCase], None], tuple[float, float]], ...] = (
-    ("likelihood and posterior", _likelihood, (0.5, 2.0)),
-    ("calibrated preset", _calibrated, (1.5, 5.0)),
-    ("all methods, with hold-out", _comparison, (5.0, 9.0)),
-)
-"""What is timed, and the seconds it may take for each of the first two cases."""
+Work = Callable[[Segment, BenchCase, Path], None]
+METHODS_TIMED: dict[str, Work] = {
+    "likelihood and posterior": _likelihood,
+    "calibrated preset": _calibrated,
+    "all methods, with hold-out": _comparison,
+}
 
 
-def main() -> int:
-    """Print the median of several rounds; exit status 1 where one takes longer than it may."""
-    slow = False
-    METHODS["pinn"].fit(CASES[0].segment())  # PyTorch is loaded once
-    for index, case in enumerate(CASES[:2]):
-        print(case.name)
-        later = 0.0
-        for name, work, goals in GOALS:
-            walls, own = [], []
-            for _ in range(ROUNDS):
-                later += SHIFT
-                segment = case.segment(later)
-                began, spent = time.perf_counter(), time.process_time()
-                work(segment, case)
-                walls.append(time.perf_counter() - began)
-                own.append(time.process_time() - spent)
-            wall, goal = statistics.median(walls), goals[index]
-            slow |= wall > goal
-            times = f"{wall:5.2f} s (at most {goal:g})"
-            print(f"  {name:28}{times}; processor {statistics.median(own):.2f} s", flush=True)
-    return int(slow)
+def methods(case: BenchCase, folder: Path) -> Iterator[Measurement]:
+    """What a user waits for."""
+    METHODS["pinn"].fit(case.segment(folder))  # PyTorch is loaded once
+    later = count(1)
 
+    def once(work: Work) -> Spent:
+        segment = case.segment(folder, SHIFT * next(later))
+        return spent_on(lambda: work(segment, case, folder))
 
-if __name__ == "__main__":
-    sys.exit(main())
+    for (name, work), limit in zip(METHODS_TIMED.items(), case.method_limits, strict=True):
+        yield timed(name, partial(once, work), limit, ROUNDS)

@@ -20,9 +20,11 @@ from accpinn.recordings.synthetic import LeaderProfile
 from accpinn.segment.cut import cut
 from accpinn.segment.segment import Segment
 from accpinn.units import FloatArray
+from bench import __main__ as command_line
+from bench import advanced, coverage, departures, load, replication, start, widths
 from bench import batch as batches
-from bench import coverage, departures, replication, start, widths
 from bench.disturbed import MOTORWAY, Disturbance, disturbed
+from bench.measurement import Figures, Measurement, Part, table
 from bench.paper_protocol import PaperProtocol
 from tests.support.samples import FOLDER, NOISY, PLATOON, sample
 
@@ -252,9 +254,66 @@ def test_cost_over_the_length_of_the_window(monkeypatch: pytest.MonkeyPatch) -> 
     assert all(one.seconds > 0 for one in found)
 
 
-def test_how_long_a_command_takes_is_held_against_its_goal() -> None:
-    quick, slow = (start.command("wait", ("-c", "pass"), goal, rounds=1) for goal in (60.0, 0.0))
-    assert quick.fast_enough
-    assert not slow.fast_enough
-    assert 0 < slow.processor
-    assert "wait" in start.text([quick, slow])
+def test_how_long_a_command_takes_is_held_against_its_limit() -> None:
+    quick, slow = (start.command("wait", ("-c", "pass"), limit, rounds=1) for limit in (60.0, 0.0))
+    assert quick.within
+    assert not slow.within
+    assert slow.processor
+    assert slow.processor > 0
+
+
+def test_an_advanced_clock_shows_later(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "advance").write_text("3600.0")
+    monkeypatch.setenv(advanced.ADVANCE, str(tmp_path / "advance"))
+    clock = advanced.Clock()
+    later = clock.later(lambda: 5.0)
+    assert later() == 5.0
+    clock.read()
+    assert later() == 3605.0
+
+
+def test_what_a_server_keeps_of_its_users_is_a_fault() -> None:
+    before = load.State(500.0, 6, 10, 1.0, 0, {"sessions": 1})
+    assert not load.State(515.0, 6, 12, 9.0, 0, {"sessions": 1}).kept_since(before, 2)
+    assert len(load.State(560.0, 16, 20, 9.0, 4, {"sessions": 2}).kept_since(before, 2)) == 5
+    assert not load.State(1100.0, 6, 10, 9.0, 0, {"sessions": 1}).kept_since(before, load.KEPT)
+    assert load.State(1200.0, 6, 10, 9.0, 0, {"sessions": 1}).kept_since(before, 9 * load.KEPT)
+
+
+class TestReleasedFigures:
+    def figures(self, seconds: float, fixed: float) -> Figures:
+        """One time and one ratio, measured while the fixed calculation took so long."""
+        time = Measurement("page", seconds, limit=2.0, processor=0.5)
+        ratio = Measurement("ratio", 350.0, "times", limit=300.0, at_least=True)
+        return Figures.now("a machine", [Part("app", fixed, [time, ratio])])
+
+    def test_limits_are_the_least_or_the_largest_value(self) -> None:
+        assert self.figures(1.9, 0.1).within
+        assert not self.figures(2.1, 0.1).within
+        assert not Measurement("ratio", 299.0, "times", limit=300.0, at_least=True).within
+
+    def test_are_kept_without_limits_which_the_code_has(self, tmp_path: Path) -> None:
+        assert Figures.released(tmp_path / "none.json") is None
+        self.figures(1.0, 0.1).release(tmp_path / "released.json")
+        found = Figures.released(tmp_path / "released.json")
+        assert found is not None
+        [page, ratio] = found.parts[0].measurements
+        assert (page.value, page.processor, ratio.value) == (1.0, 0.5, 350.0)
+        assert page.limit is ratio.limit is None
+
+    def test_stand_beside_the_new_ones(self) -> None:
+        *_, page, ratio, note = table(self.figures(2.5, 0.1), self.figures(2.0, 0.1)).splitlines()
+        assert "1.25  beyond" in page
+        assert ratio.endswith("1.00")
+        assert "as fast" in note
+
+    def test_a_slower_machine_is_noticed(self) -> None:
+        assert "Busy or slow machine during app" in table(
+            self.figures(2.5, 0.13), self.figures(2.0, 0.1)
+        )
+
+    def test_a_release_takes_all_parts(self, capsys: pytest.CaptureFixture[str]) -> None:
+        with pytest.raises(SystemExit) as ended:
+            command_line.main(["--release", "--only", "start"])
+        assert ended.value.code == 2
+        assert "all parts" in capsys.readouterr().err

@@ -107,3 +107,19 @@ def test_an_installed_package_has_every_file_it_reads() -> None:
     declared = {path for pattern in patterns for path in (ROOT / "accpinn").glob(pattern)}
     tracked = [ROOT / name for name in project_files() if name.startswith("accpinn/")]
     assert {path for path in tracked if path.suffix != ".py"} == declared
+
+
+def test_the_container_gets_all_that_the_app_needs() -> None:
+    lines = (ROOT / "Containerfile").read_text(encoding="utf-8").splitlines()
+    copied = [name for line in lines if line.startswith("COPY ") for name in line.split()[1:-1]]
+    tracked = project_files()
+    for name in copied:
+        assert any(file == name or file.startswith(f"{name}/") for file in tracked), name
+    scripts = [ROOT / "app.py", *(ROOT / "pages").rglob("*.py"), *PACKAGE.rglob("*.py")]
+    trees = (ast.parse(path.read_text(encoding="utf-8")) for path in scripts)
+    nodes = [node for tree in trees for node in ast.walk(tree)]
+    imported = {node.module for node in nodes if isinstance(node, ast.ImportFrom) and node.module}
+    imported |= {a.name for node in nodes if isinstance(node, ast.Import) for a in node.names}
+    own = {path.name for path in ROOT.iterdir() if path.is_dir()}
+    assert {name.partition(".")[0] for name in imported} & own <= set(copied)
+    assert {"app.py", "sample_data", "requirements.txt", ".streamlit/config.toml"} <= set(copied)

@@ -1,18 +1,21 @@
 """A long run: `make fuzz`, `MINUTES=60 make fuzz`, or `make fuzz ARGS="--kind snapshot --seed 7"`.
 
-Prints what was tried by kind; a finding is printed with its seed, and its file is kept. The exit
-status is 1 where there is one.
+Prints what was tried by kind, also where Ctrl+C or SIGTERM ends the run, a second one without; a
+finding is printed with its seed, and its file is kept. The exit status is 1 where there is one.
 """
 
 import argparse
 import secrets
+import signal
 import time
 from collections import Counter
-from itertools import cycle
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from itertools import count, cycle
 from pathlib import Path
 
-from tests.fuzz.campaign import attempt, example
-from tests.fuzz.kinds import KINDS
+from tests.fuzz.campaign import Outcome, attempt, example
+from tests.fuzz.kinds import KINDS, Kind
 from tests.support import draws
 
 TURN = {"large": 1, "link": 20}
@@ -20,53 +23,122 @@ TURN = {"large": 1, "link": 20}
 OTHERS = 40
 MOST_FINDINGS = 50
 """After so many the run ends: something is broken."""
+ENDING = (signal.SIGINT, signal.SIGTERM)
+PROGRESS = 300.0
+"""Seconds from one line that tells how far the run is to the next."""
 
 
-def main() -> int:
-    """Run until the time is over."""
+@dataclass
+class Tally:
+    """What came of the examples of a kind."""
+
+    answers: Counter[str] = field(default_factory=Counter)
+    slowest: float = 0.0
+    """Seconds of processor time."""
+    largest: float = 0.0
+    """Bytes."""
+
+    def add(self, found: Outcome) -> None:
+        """Count one more."""
+        self.answers[found.answer] += 1
+        self.slowest = max(self.slowest, found.seconds)
+        self.largest = max(self.largest, found.memory)
+
+
+class Run:
+    """Examples of some kinds, one after the other."""
+
+    def __init__(self, kinds: list[Kind], keep: Path) -> None:
+        """Nothing is tried yet; findings are kept in a folder."""
+        self.kinds, self.keep = kinds, keep
+        self.tallies = {kind.name: Tally() for kind in kinds}
+        self.is_over = False
+
+    def end(self, *_: object) -> None:
+        """After the example under way, whose own handling of an interruption thus stays out."""
+        if self.is_over:
+            raise KeyboardInterrupt
+        self.is_over = True
+
+    @property
+    def findings(self) -> int:
+        """How many there were."""
+        return sum(tally.answers["finding"] for tally in self.tallies.values())
+
+    def examples(self, first: int) -> Iterator[tuple[Kind, int]]:
+        """Kinds in turn and seeds from the first on, for ever."""
+        seeds = {kind.name: count(first) for kind in self.kinds}
+        for kind in cycle(self.kinds):
+            for _ in range(TURN.get(kind.name, OTHERS)):
+                yield kind, next(seeds[kind.name])
+
+    def go_on(self, first: int, seconds: float) -> None:
+        """Until the time is over, or too much was found."""
+        begun = told = time.monotonic()
+        for kind, seed in self.examples(first):
+            self.attempt(kind, seed)
+            now = time.monotonic()
+            if now - told > PROGRESS:
+                told = now
+                print(f"after {(now - begun) / 60:.0f} min: {self}", flush=True)
+            if self.is_over or now - begun > seconds or self.findings >= MOST_FINDINGS:
+                return
+
+    def attempt(self, kind: Kind, seed: int) -> None:
+        """One example; what is found is printed and kept."""
+        content = example(kind, seed)
+        found = attempt(kind, content)
+        self.tallies[kind.name].add(found)
+        if found.answer == "finding":
+            self.keep.mkdir(parents=True, exist_ok=True)
+            place = self.keep / f"{kind.name}_{seed}{kind.ending}"
+            place.write_bytes(content)
+            place.with_suffix(".txt").write_text(found.why, encoding="utf-8")
+            said = found.why.strip().splitlines() or [""]
+            print(f"FINDING --kind {kind.name} --seed {seed}: {said[-1][:200]} ({place})",
+                  flush=True)  # fmt: skip
+
+    def __str__(self) -> str:
+        """How much, in a line."""
+        tried = sum(tally.answers.total() for tally in self.tallies.values())
+        return f"{tried:,} tried, {self.findings} findings"
+
+    def table(self) -> str:
+        """A line a kind."""
+        lines = [
+            f"{'kind':<12}{'tried':>8}{'refused':>9}{'loaded':>8}{'findings':>10}"
+            f"{'slowest':>10}{'memory':>10}"
+        ]
+        for name, tally in self.tallies.items():
+            answers = tally.answers
+            lines.append(
+                f"{name:<12}{answers.total():>8}{answers['refused']:>9}{answers['loaded']:>8}"
+                f"{answers['finding']:>10}{tally.slowest:>8.2f} s{tally.largest / 1e6:>7.0f} MB"
+            )
+        return "\n".join(lines)
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run until the time is over, or somebody ends it."""
     parser = argparse.ArgumentParser(prog="python -m tests.fuzz", description=__doc__)
     parser.add_argument("--minutes", type=float, default=2.0)
     parser.add_argument("--kind", action="append", choices=[*KINDS], help="only this one (all)")
     parser.add_argument("--seed", type=int, help="only this example, of each kind")
     parser.add_argument("--keep", type=Path, default=Path("fuzz_findings"), metavar="FOLDER")
-    options = parser.parse_args()
+    options = parser.parse_args(arguments)
     draws.take_few()
-    kinds = [KINDS[name] for name in options.kind or KINDS]
-    tried: dict[str, Counter[str]] = {kind.name: Counter() for kind in kinds}
-    slowest, largest = dict.fromkeys(tried, 0.0), dict.fromkeys(tried, 0.0)
-    findings: list[str] = []
+    run = Run([KINDS[name] for name in options.kind or KINDS], options.keep)
     first = secrets.randbelow(2**32) if options.seed is None else options.seed
-    end = time.monotonic() + 60 * options.minutes
     print(f"Seeds from {first} on; findings are kept in {options.keep.resolve()}.", flush=True)
-    seeds = Counter(dict.fromkeys(tried, first))
-    for kind in cycle(kinds) if options.seed is None else kinds:
-        for _ in range(TURN.get(kind.name, OTHERS) if options.seed is None else 1):
-            seed = seeds[kind.name]
-            seeds[kind.name] += 1
-            content = example(kind, seed)
-            found = attempt(kind, content)
-            tried[kind.name][found.answer] += 1
-            slowest[kind.name] = max(slowest[kind.name], found.seconds)
-            largest[kind.name] = max(largest[kind.name], found.memory)
-            if found.answer == "finding":
-                options.keep.mkdir(parents=True, exist_ok=True)
-                place = options.keep / f"{kind.name}_{seed}{kind.ending}"
-                place.write_bytes(content)
-                place.with_suffix(".txt").write_text(found.why, encoding="utf-8")
-                again = f"--kind {kind.name} --seed {seed}"
-                said = found.why.strip().splitlines() or [""]
-                print(f"FINDING {again}: {said[-1][:200]} ({place})", flush=True)
-                findings.append(again)
-        if time.monotonic() > end or len(findings) >= MOST_FINDINGS:
-            break
-    print(f"{'kind':<12}{'tried':>8}{'refused':>9}{'loaded':>8}{'findings':>10}"
-          f"{'slowest':>10}{'memory':>10}")  # fmt: skip
-    for name, counts in tried.items():
-        print(
-            f"{name:<12}{counts.total():>8}{counts['refused']:>9}{counts['loaded']:>8}"
-            f"{counts['finding']:>10}{slowest[name]:>8.2f} s{largest[name] / 1e6:>7.0f} MB"
-        )
-    return 1 if findings else 0
+    for one in ENDING:
+        signal.signal(one, run.end)
+    if options.seed is None:
+        run.go_on(first, 60 * options.minutes)
+    else:
+        for kind in run.kinds:
+            run.attempt(kind, first)
+    print(run.table())
+    return 1 if run.findings else 0
 
 
 if __name__ == "__main__":

@@ -88,7 +88,7 @@ def _bounded() -> Iterator[None]:
         return
 
     def end(_: int, __: FrameType | None) -> None:
-        raise HangError(f"not ended after {HANGS_AFTER:g} s")
+        raise HangError(f"not ended after {HANGS_AFTER:g} s of processor time")
 
     before: Any = signal.signal(signal.SIGPROF, end)
     signal.setitimer(signal.ITIMER_PROF, HANGS_AFTER)

@@ -1,13 +1,16 @@
 """A small corpus of what strangers may hand over: refused in a sentence, or used; see `kinds`."""
 
 import random
+import time
+from pathlib import Path
 
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from tests.fuzz.__main__ import Run
 from tests.fuzz.campaign import attempt
-from tests.fuzz.kinds import KINDS
+from tests.fuzz.kinds import KINDS, Kind
 
 EXAMPLES = {
     "recording": 50, "pairs": 25, "mapping": 50, "snapshot": 20, "study": 40, "link": 25,
@@ -30,3 +33,33 @@ def test_what_a_stranger_hands_over(name: str) -> None:
 
     holds()
     assert answers == {"loaded", "refused"}, "both are among so many examples"
+
+
+@pytest.mark.parametrize(
+    ("clock", "answer"), [("monotonic", "loaded"), ("process_time", "finding")]
+)
+def test_only_processor_time_counts(clock: str, answer: str) -> None:
+    """A machine that is halted or busy meanwhile makes no finding."""
+
+    def use(_: bytes, __: Path) -> bool:
+        now = getattr(time, clock)
+        end = now() + 0.2
+        while now() < end:
+            if clock == "monotonic":
+                time.sleep(0.05)
+        return True
+
+    kind = Kind("slow", lambda _: b"", use, "", most_seconds=0.1)
+    assert attempt(kind, b"").answer == answer
+
+
+def test_a_run_that_is_ended_still_counts_what_was_tried(tmp_path: Path) -> None:
+    def use(_: bytes, __: Path) -> bool:
+        if run.tallies["any"].answers["loaded"] == 2:
+            run.end()
+        return True
+
+    run = Run([Kind("any", lambda draw: draw.randbytes(4), use, "")], tmp_path)
+    run.go_on(0, 60.0)
+    assert run.tallies["any"].answers == {"loaded": 3}
+    assert run.table().splitlines()[-1].split()[:2] == ["any", "3"]

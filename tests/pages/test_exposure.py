@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import streamlit as st
 from streamlit import config
 from streamlit.testing.v1 import AppTest
 
@@ -85,6 +86,26 @@ class TestSignIn:
         page = page_of(user)
         assert (len(buttons(page)) > 1) is admitted
         assert "sign_out" in buttons(page)
+
+    def test_settings_that_cannot_be_read_admit_nobody(self, tmp_path: Path) -> None:
+        """Streamlit takes such a file for none, and would ask nobody."""
+        secrets, before = tmp_path / "secrets.toml", config.get_option("secrets.files")
+        try:
+            for content, admitted in (("[auth\n", False), ("other = 1\n", True)):
+                secrets.write_text(content)
+                config.set_option("secrets.files", [str(secrets)])
+                st.secrets._reset()
+                assert (buttons(open_page(HOME)) != {"sign_in"}) is admitted
+        finally:
+            config.set_option("secrets.files", before)
+            st.secrets._reset()
+
+    @pytest.mark.parametrize("variable", [identity.USERS_VARIABLE, identity.ADMINS_VARIABLE])
+    def test_where_users_are_named_nobody_is_admitted_without_sign_in(
+        self, monkeypatch: pytest.MonkeyPatch, variable: str
+    ) -> None:
+        monkeypatch.setenv(variable, "ann@lab.org")
+        assert buttons(open_page(HOME)) == {"sign_in"}
 
 
 class TestDeletion:

@@ -55,9 +55,9 @@ STRETCH = 1.1
 MOST_FEATURES = 20_000
 """`redraw` refuses more; a window of a day has fewer."""
 MOST_BYTES = 1.4e9
-_PER_FEATURE = 32
+_PER_FEATURE = 35
 """Bytes per instant and input feature that `fast` takes at its peak; measured."""
-_PER_FEATURE_MASKED = 55
+_PER_FEATURE_MASKED = 57
 """The same with a mask, as each follower then has products of its own."""
 _PER_PAIR = 550
 """Bytes per pair of features that `calibrated` takes at its peak: products of all derivatives."""

@@ -2,12 +2,14 @@
 
 Signing in is Streamlit's own (OpenID Connect): it is on where `.streamlit/secrets.toml` has a
 section `[auth]`; see docs/security.md. Without it nothing is asked, and sessions are told apart by
-their secret names alone.
+their secret names alone. Where that file cannot be read, or users are named without it, nobody is
+admitted: a slip in the settings must not open the server to all.
 """
 
 import os
 from dataclasses import dataclass
 from hashlib import sha256
+from pathlib import Path
 
 import streamlit as st
 from streamlit import config
@@ -40,7 +42,8 @@ def recognise() -> User:
     name = str(claims.get("email") or "").strip().lower()
     if not (name and str(claims.get("email_verified", True)).lower() == "true"):
         name = f"{claims.get('iss', '')} {claims.get('sub', '')}".strip()
-    found = User("is_logged_in" in claims, signed_in, name if signed_in else "")
+    asked = "is_logged_in" in claims or _is_meant_to_ask()
+    found = User(asked, signed_in, name if signed_in else "")
     st.session_state[USER] = found
     return found
 
@@ -81,6 +84,14 @@ def may_use() -> bool:
     if not identity():
         return False
     return not os.environ.get(USERS_VARIABLE) or _is_named(USERS_VARIABLE) or is_admin()
+
+
+def _is_meant_to_ask() -> bool:
+    """Whether the settings name users, or are in a file that is there and cannot be read."""
+    if os.environ.get(USERS_VARIABLE) or os.environ.get(ADMINS_VARIABLE):
+        return True
+    there = any(Path(path).exists() for path in config.get_option("secrets.files"))
+    return there and not st.secrets.load_if_toml_exists()
 
 
 def _is_named(variable: str) -> bool:
