@@ -204,6 +204,6 @@ class Unscented:
 
 
 METHOD = direct(
-    "dual-ukf", "Dual UKF", fit, typical_seconds=1.0,
+    "dual-ukf", "Dual UKF", fit, typical_seconds=1.6,
     summary="dual unscented Kalman filter: motion and parameters, side by side",
 )  # fmt: skip

@@ -203,6 +203,6 @@ def _first_theta(random: np.random.Generator, sets: int, particles: int) -> Floa
 
 
 METHOD = direct(
-    "particle", "Particle filter", fit, typical_seconds=3.2,
+    "particle", "Particle filter", fit, typical_seconds=2.4,
     summary="particle filter over motion and parameters",
 )  # fmt: skip

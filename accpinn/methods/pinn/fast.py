@@ -177,7 +177,7 @@ class FastTraining(Training):
         self._iteration += iterations
 
     def _weighted(self, outputs: Tensor, rates: Tensor, measured: Tensor) -> Tensor:
-        """(N, 4M+1) the residuals in single precision, each by the root of its weight in Ψ."""
+        """(N, 4M+1) `Residuals` side by side, in single precision, by the root of their weights."""
         found = residuals(outputs, rates, measured, torch.tensor(self._solution.theta))
         weights = (*self.config.weight_physics, *self.config.weight_data)
         parts = [sqrt(weight) * part for weight, part in zip(weights, found, strict=True)]

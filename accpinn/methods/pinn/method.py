@@ -44,8 +44,8 @@ from accpinn.segment.segment import Segment
 from accpinn.units import FloatArray, Seconds
 
 TYPICAL: dict[PresetName, tuple[Seconds, float, int]] = {
-    "fast": (0.5, 0.2, FAST.iterations),
-    "calibrated": (1.5, 0.5, CALIBRATED.iterations),
+    "fast": (0.5, 0.12, FAST.iterations),
+    "calibrated": (1.2, 0.6, CALIBRATED.iterations),
     "paper": (450.0, 0.44, PAPER.iterations),
 }
 """Of a training on 300 s of one follower, the share of it that each further one adds, and for how
@@ -342,7 +342,7 @@ METHOD = Method(
     title="PiNN",
     run=_run,
     summary="physics-inspired neural network: trajectories and parameters learned together",
-    typical_seconds=2.9,
+    typical_seconds=2.0,
     tolerance=1e-3,
     settings=PinnConfig,
     variant=_variant,
