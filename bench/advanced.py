@@ -4,11 +4,14 @@ By how many seconds stands in the file that ADVANCE names, which is read upon SI
 asks for the time afterwards, the app and Streamlit alike, finds that so much of it has passed;
 nothing waits. Waiting itself (locks, queues) goes by the system's clock.
 
-Upon SIGUSR2 the C library hands free memory back to the system, as far as it can: what is left is
-held by something.
+Upon SIGUSR2 the C library hands free memory back to the system, as far as it can, and a file beside
+the other says how many objects of some types there are: what users held is given back when they are
+gone, whatever memory the process has.
 """
 
 import ctypes
+import gc
+import json
 import os
 import runpy
 import signal
@@ -21,6 +24,12 @@ from accpinn.units import Seconds
 
 ADVANCE = "ADVANCE"
 CLOCKS = ("time", "monotonic")
+COUNTED = {
+    "AppSession": "connections",
+    "Workspace": "sessions",
+    "Recording": "recordings",
+}
+"""Types of objects, and what they are for users."""
 
 
 class Clock:
@@ -44,16 +53,25 @@ class Clock:
         self.advance = float(Path(os.environ[ADVANCE]).read_text())
 
 
-def trim(*_: object) -> None:
-    """Hand free memory back, where the C library can."""
+def tell(*_: object) -> None:
+    """Hand free memory back, where the C library can, and count what is held."""
     if release := getattr(ctypes.CDLL(None), "malloc_trim", None):
         release(0)
+    names = [type(one).__name__ for one in gc.get_objects()]
+    unfinished = held_file().with_suffix(".part")
+    unfinished.write_text(json.dumps({name: names.count(name) for name in COUNTED}))
+    unfinished.replace(held_file())
+
+
+def held_file() -> Path:
+    """What is held."""
+    return Path(os.environ[ADVANCE]).with_suffix(".held")
 
 
 if __name__ == "__main__":
     clock = Clock()
     clock.take_over()
     signal.signal(signal.SIGUSR1, clock.read)
-    signal.signal(signal.SIGUSR2, trim)
+    signal.signal(signal.SIGUSR2, tell)
     sys.argv[0] = "streamlit"
     runpy.run_module("streamlit", run_name="__main__", alter_sys=True)

@@ -6,7 +6,8 @@ the work of drawing that a browser does). Printed are how long the pages took, w
 whether each saved result is the one that the same request gives without the app, to the last digit,
 and the server's memory, threads and files: before, which is after another user alone; at the end,
 while all are still there; an hour after they have left; and once every limit of time has passed.
-The server's clock is advanced for that, nobody waits.
+The server's clock is advanced for that, nobody waits. What users held is given back by then; what
+stays are caches, which have so many entries at most, and the holes of free memory.
 
 With `--journeys 10` each user begins anew so often, with another window each time, and a line is
 printed after every round: what is not given back grows from line to line.
@@ -14,6 +15,7 @@ printed after every round: what is not given back grows from line to line.
 
 import argparse
 import asyncio
+import json
 import signal
 import statistics
 import sys
@@ -24,8 +26,8 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import partial
+from itertools import pairwise
 from pathlib import Path
-from typing import TypeVar
 
 import numpy as np
 import psutil
@@ -38,12 +40,12 @@ from accpinn.results.snapshot import Snapshot
 from accpinn.results.snapshot.saved import Library
 from accpinn.segment.cut import cut, default_vehicles
 from accpinn.units import Seconds
-from bench.advanced import ADVANCE
+from bench.advanced import ADVANCE, COUNTED
 from bench.browsing import Browser
 from bench.run import positive
+from pages.ui.session.resources import KEPT
 from tests.support.server import ROOT, Server, running
 
-Result = TypeVar("Result")
 SAMPLES = sorted((ROOT / "sample_data").glob("*.csv"))
 STEP = 10
 """Rows by which the recordings of two users of one sample differ."""
@@ -56,14 +58,14 @@ SETTLED: Seconds = 40.0
 """After so long without a task the server has collected its garbage."""
 
 
-TRIMMED: Seconds = 1.0
-"""After so long free memory is back with the system."""
+PATIENCE: Seconds = 60.0
+"""For a busy server to say what it holds."""
 FOR_EVER: Seconds = 4 * 24 * HOUR
 """After it no limit of time keeps anything in memory."""
 LARGEST_MEGABYTES = 40.0
 """A user may take so much memory."""
 KEPT_MEGABYTES = 10.0
-"""So much of it, a user, may stay: caches fill to their bounds, and free memory has holes."""
+"""So much of it may stay for each entry of the caches of what pages show."""
 SPARE = 3
 """Threads and files more than before that count for nothing."""
 
@@ -115,36 +117,44 @@ class State:
     """Of processor time so far."""
     temporary: int
     """Files left in the folder for temporary ones."""
+    held: dict[str, int]
+    """How many connections, sessions and recordings."""
 
     @classmethod
-    def of(cls, server: Server, place: Path) -> "State":
+    def of(cls, server: Server, place: Path, held: dict[str, int]) -> "State":
         """That of a running server."""
         process = psutil.Process(server.process.pid)
         times = process.cpu_times()
         return cls(
             process.memory_info().rss / 1e6, process.num_threads(), process.num_fds(),
-            times.user + times.system, sum(1 for path in place.rglob("*") if path.is_file()),
+            times.user + times.system, sum(1 for path in place.rglob("*") if path.is_file()), held,
         )  # fmt: skip
 
-    def kept_since(self, before: "State", users: int) -> list[str]:
-        """What was not given back since then; one sentence each."""
+    def kept_since(self, before: "State", journeys: int) -> list[str]:
+        """What was not given back after so many journeys; one sentence each."""
         found = []
-        if (own := (self.megabytes - before.megabytes) / users) > KEPT_MEGABYTES:
-            found.append(f"memory: {own:.0f} MB a user were not given back")
+        if (each := self.stays(before, journeys)) > KEPT_MEGABYTES:
+            found.append(f"memory: {each:.0f} MB for each entry of the caches were not given back")
         for what, now, then in (
-            ("threads", self.threads, before.threads),
-            ("open files", self.files, before.files),
-            ("temporary files", self.temporary, before.temporary),
+            ("threads", self.threads, before.threads + SPARE),
+            ("open files", self.files, before.files + SPARE),
+            ("temporary files", self.temporary, before.temporary + SPARE),
+            *((what, count, before.held[what]) for what, count in self.held.items()),
         ):
-            if now > then + SPARE:
-                found.append(f"{what}: {now}, {then} before")
+            if now > then:
+                found.append(f"{what}: {now}, at most {then} were to stay")
         return found
+
+    def stays(self, before: "State", journeys: int) -> float:
+        """Megabytes for each entry that the caches can have by then."""
+        return (self.megabytes - before.megabytes) / min(journeys, KEPT)
 
     def __str__(self) -> str:
         """In one line."""
         return (
             f"{self.megabytes:6.0f} MB, {self.threads} threads, {self.files} open files,"
-            f" {self.temporary} temporary files, processor {self.seconds:.1f} s"
+            f" {self.temporary} temporary files, processor {self.seconds:.1f} s; "
+            + ", ".join(f"{count} {what}" for what, count in self.held.items())
         )
 
 
@@ -159,23 +169,22 @@ class Load:
         self.faults: list[str] = []
 
     async def journeys(
-        self, users: int, journey: int = 0, at_the_end: Callable[[], Result] = lambda: None
-    ) -> Result:
+        self, users: int, journey: int = 0, at_the_end: Callable[[], object] = lambda: None
+    ) -> None:
         """That of all users at once; all stay until the last is done.
 
         Args:
             users: how many.
             journey: how many each of them has behind it.
-            at_the_end: called while all are still there; what it returns is returned.
+            at_the_end: called while all are still there.
         """
         browsers = [Browser(self.server.address) for _ in range(users)]
         work = (self._journey(one, Request.of(k, journey)) for k, one in enumerate(browsers))
         done = await asyncio.gather(*work, return_exceptions=True)
         self.faults += [f"{type(fault).__name__}: {fault}" for fault in done if fault]
-        found = at_the_end()
+        at_the_end()
         for browser in browsers:
             await browser.close()
-        return found
 
     async def _journey(self, browser: Browser, asked: Request) -> None:
         self._note("first page", await browser.open())
@@ -246,6 +255,8 @@ class Observed:
         self.temporary.mkdir()
         self.log, self._advance = place / "log", place / "advance"
         self._passed: Seconds = 0.0
+        self.states: list[State] = []
+        """Those that were noted."""
 
     @contextmanager
     def running(self) -> Iterator[Server]:
@@ -256,13 +267,24 @@ class Observed:
         ) as self.server:
             yield self.server
 
-    def note(self, title: str) -> State:
+    def note(self, title: str) -> None:
         """Print what it holds, without memory that is free."""
-        self.server.process.send_signal(signal.SIGUSR2)
-        time.sleep(TRIMMED)
-        state = State.of(self.server, self.temporary)
+        state = State.of(self.server, self.temporary, self._held())
         print(f"{title:14}{state}", flush=True)
-        return state
+        self.states.append(state)
+
+    def _held(self) -> dict[str, int]:
+        """What users have there; its free memory goes back to the system."""
+        answer = self._advance.with_suffix(".held")
+        answer.unlink(missing_ok=True)
+        self.server.process.send_signal(signal.SIGUSR2)
+        end = time.monotonic() + PATIENCE
+        while not answer.exists():
+            if time.monotonic() > end:
+                raise AssertionError("the server does not answer")
+            time.sleep(0.05)
+        counts = json.loads(answer.read_text())
+        return {what: counts[name] for name, what in COUNTED.items()}
 
     def let_pass(self, seconds: Seconds) -> None:
         """So much time, until the next one comes, and until garbage is collected."""
@@ -293,14 +315,14 @@ def main(arguments: list[str] | None = None) -> int:
             print(f"first page {time.perf_counter() - began:.1f} s after the start")
             asyncio.run(Load(server).journeys(1, journeys))
             observed.let_pass(FOR_EVER)
-            before = observed.note("before")
+            observed.note("before")
             for journey in range(journeys):
                 end = partial(observed.note, f"round {journey + 1}")
-                most = asyncio.run(load.journeys(users, journey, end))
+                asyncio.run(load.journeys(users, journey, end))
             observed.let_pass(HOUR)
             observed.note("an hour later")
             observed.let_pass(FOR_EVER)
-            last = observed.note("4 days later")
+            observed.note("4 days later")
         crashes = [line for line in observed.log.read_text().splitlines() if "Error" in line]
         for what, taken in load.taken.items():
             print(f"{what:24} {len(taken):4} times, median {statistics.median(taken):6.2f} s,"
@@ -310,14 +332,16 @@ def main(arguments: list[str] | None = None) -> int:
         asked = [*all_requests(users, journeys), Request.of(0, journeys)]
         wrong = wrong_results(observed.place / "snapshots", asked)
     print(f"results: {len(asked) - len(wrong)} of {len(asked)} as without the app")
-    taken = (most.megabytes - before.megabytes) / users
-    print(f"memory: {taken:.0f} MB a user (at most {LARGEST_MEGABYTES:g}), of which"
-          f" {(last.megabytes - before.megabytes) / users:.0f} MB stay")  # fmt: skip
-    faults = [*wrong, *load.faults, *crashes, *last.kept_since(before, users)]
+    before, *rounds, _, last = observed.states
+    largest = max(b.megabytes - a.megabytes for a, b in pairwise([before, *rounds])) / users
+    stays = last.stays(before, users * journeys)
+    print(f"memory: {largest:.1f} MB a user (at most {LARGEST_MEGABYTES:g}); {stays:.1f} MB stay"
+          f" for each entry of the caches (at most {KEPT_MEGABYTES:g})")  # fmt: skip
+    faults = [*wrong, *load.faults, *crashes, *last.kept_since(before, users * journeys)]
     for fault in faults:
         print(fault)
     slow = percentile(load.light) > LIGHT
-    return int(bool(faults) or slow or taken > LARGEST_MEGABYTES)
+    return int(bool(faults) or slow or largest > LARGEST_MEGABYTES)
 
 
 async def _visit(server: Server) -> None:

@@ -273,9 +273,11 @@ def test_an_advanced_clock_shows_later(tmp_path: Path, monkeypatch: pytest.Monke
 
 
 def test_what_a_server_keeps_of_its_users_is_a_fault() -> None:
-    before = load.State(500.0, 6, 10, 1.0, 0)
-    assert not load.State(515.0, 6, 12, 9.0, 0).kept_since(before, 2)
-    assert len(load.State(560.0, 16, 20, 9.0, 4).kept_since(before, 2)) == 4
+    before = load.State(500.0, 6, 10, 1.0, 0, {"sessions": 1})
+    assert not load.State(515.0, 6, 12, 9.0, 0, {"sessions": 1}).kept_since(before, 2)
+    assert len(load.State(560.0, 16, 20, 9.0, 4, {"sessions": 2}).kept_since(before, 2)) == 5
+    assert not load.State(1100.0, 6, 10, 9.0, 0, {"sessions": 1}).kept_since(before, load.KEPT)
+    assert load.State(1200.0, 6, 10, 9.0, 0, {"sessions": 1}).kept_since(before, 9 * load.KEPT)
 
 
 class TestReleasedFigures:
