@@ -65,7 +65,7 @@ CASES = (
     BenchCase("Casale, one follower", CASALE, 0, 300, "II", 300, (0.5, 1.5, 5.0)),
     BenchCase("AstaZero, four followers", ASTAZERO, 320, 300, "II", 400, (2.0, 5.0, 9.0)),
     BenchCase("AstaZero, Case I", ASTAZERO, 320, 300, "I", 400),
-    BenchCase("Casale, all 1,523 s", CASALE, 0, 1523, "II"),
+    BenchCase("Casale, all 1,523 s", CASALE, 0, 1523, "II", 1000),
 )
 
 
