@@ -12,6 +12,7 @@ import re
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
+from math import isfinite
 from pathlib import Path
 from typing import Any
 
@@ -401,15 +402,21 @@ def _plain(part: Any) -> Any:
     """Arrays as lists, numbers rounded, what is not finite as null."""
     if isinstance(part, dict):
         return {key: _plain(item) for key, item in part.items()}
+    if isinstance(part, np.ndarray) and part.dtype.kind == "f" and part.ndim == 1:
+        return [_rounded(value) for value in part.tolist()]
     if isinstance(part, np.ndarray):
         return _plain(part.tolist())
     if isinstance(part, list | tuple):
         return [_plain(item) for item in part]
     if isinstance(part, float | np.floating):
-        return float(f"{part:.{DIGITS}g}") if np.isfinite(part) else None
+        return _rounded(float(part))
     if isinstance(part, np.integer):
         return int(part)
     return part
+
+
+def _rounded(value: float) -> float | None:
+    return float(f"{value:.{DIGITS}g}") if isfinite(value) else None
 
 
 def _roomy(axis: dict[str, Any]) -> dict[str, Any]:
