@@ -12,7 +12,7 @@ from tests.browser.running import (
     ESTIMATES,
     TRAINING_MS,
     chart,
-    choose,
+    estimate,
     exceptions,
     fill,
     give,
@@ -21,21 +21,14 @@ from tests.browser.running import (
     number,
     open_sample,
     open_tab,
+    rows,
     table,
-    train_sample,
     upload,
     watched,
 )
 from tests.support.server import ROOT
 
 pytestmark = pytest.mark.browser
-
-
-def rows(page: Page, containing: str) -> list[list[str]]:
-    """The cells of the first table with that text, row by row."""
-    found = table(page, containing)
-    expect(found).to_be_visible(timeout=TRAINING_MS)
-    return [row.locator("td").all_inner_texts() for row in found.locator("tbody tr").all()]
 
 
 def drag(chart: Locator, start: float, end: float) -> None:
@@ -70,30 +63,6 @@ def test_what_goes_wrong_on_a_page_is_noticed(browser: Browser) -> None:
         idle(page)
     page.close()
     assert all(word in " ".join(faults) for word in ("console", "dialog", "uncaught"))
-
-
-def estimate(cell: str) -> float:
-    """The value before its interval; a star marks one that lies outside."""
-    return float(cell.split()[0].rstrip("*"))
-
-
-def test_from_one_click_on_home_to_stability_and_platoon(opened: Open) -> None:
-    page = opened()
-    train_sample(page)
-    first = rows(page, ESTIMATES)[0]
-    assert first[0] == "2 Audi (A6-like)"
-    assert estimate(first[1]) == pytest.approx(0.0612, rel=0.03)
-    assert estimate(first[3]) == pytest.approx(1.19, rel=0.01)
-    expect(page.locator(".js-plotly-plot")).to_have_count(1)
-    open_tab(page, "Training")
-    expect(page.locator(".js-plotly-plot")).to_have_count(5)
-    page.get_by_role("button", name="Next: do these vehicles amplify").click()
-    expect(page.get_by_text("All four vehicles amplify disturbances")).to_be_visible()
-    expect(page.locator("table.figures").first).to_contain_text("Tesla (Model3-like)")
-    go(page, "Platoon")
-    choose(page, "Disturbance of the leader", "As recorded")
-    expect(page.get_by_text("as recorded")).to_be_visible()
-    expect(page.locator(".vehicle-key")).to_contain_text("5 Tesla (Model3-like)")
 
 
 def count_clicks(page: Page) -> None:
@@ -210,17 +179,16 @@ def test_a_paper_training_is_stopped_and_continued_and_others_wait_for_it(opened
 
     second = opened("/Data")
     open_sample(second)
-    fill(second, "and lasts", "50")  # nobody trained on this window yet
-    window(second, "0–50")
+    fill(second, "and lasts", "30")  # nobody trained on this window yet
+    window(second, "0–30")
     go(second, "Train")
     second.get_by_role("button", name="Start training").click()
     expect(second.get_by_text(re.compile("yours is next and starts in about"))).to_be_visible()
 
     first.reload()  # a training outlives its page
     expect(progress).to_be_visible()
-    expect(first.locator("[data-testid=stVegaLiteChart]")).to_have_count(
-        6
-    )  # the network's curves, too
+    live = first.get_by_test_id("stVegaLiteChart")
+    expect(live).to_have_count(6)  # the network's curves, too
     first.get_by_role("button", name="Stop training").click()
     expect(first.get_by_text("Stopped by the user")).to_be_visible()
     rows(second, ESTIMATES)  # its turn comes by itself

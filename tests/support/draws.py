@@ -1,4 +1,4 @@
-"""How many draws the posterior takes in a test."""
+"""How many draws the posterior takes in a test; run as a program, the app with few of them."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -25,3 +25,10 @@ def as_users_have() -> Iterator[None]:
     finally:
         intervals._shared.cache_clear()
         posterior.STAGES, posterior.FURTHER = before
+
+
+if __name__ == "__main__":
+    from streamlit.web import cli
+
+    take_few()
+    cli.main()
