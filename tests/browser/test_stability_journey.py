@@ -98,9 +98,34 @@ def test_the_wave_plays_and_can_be_dragged_and_the_papers_panels_are_drawn(opene
         chart(page, f"platoon_panel_{place}")
 
 
-def test_values_by_hand_are_typed_into_the_table(opened: Open) -> None:
+def saved(page: Page, key: str) -> tuple[str, bytes]:
+    """Name and content of what a chart's one button saves."""
+    drawn = chart(page, key)
+    drawn.hover()
+    with page.expect_download() as download:
+        drawn.locator(".modebar-btn").click()
+    return download.value.suggested_filename, Path(download.value.path()).read_bytes()
+
+
+def test_a_chart_is_saved_as_svg_and_as_png_and_values_by_hand_are_typed_into_the_table(
+    opened: Open,
+) -> None:
     page = opened("/Stability")
     open_example(page)
+    open_tab(page, "Map")
+    name, content = saved(page, "stability_map")
+    assert name == "accpinn_stability_map.svg"
+    assert content.startswith(b"<svg")
+    assert "time headway" in content.decode()
+    page.get_by_test_id("stSidebar").get_by_text("PNG", exact=True).click()
+    for _ in range(10):  # nothing tells when the chart has heard of the choice
+        idle(page)
+        name, content = saved(page, "stability_map")
+        if name.endswith("png"):
+            break
+    assert name == "accpinn_stability_map.png"
+    assert content.startswith(b"\x89PNG")
+
     choose(page, "Published set", "Ispra-Casale")
     page.get_by_text("By hand").click()
     expect(page.get_by_text("Hyundai amplifies disturbances up to 1.49 times")).to_be_visible()
@@ -117,30 +142,3 @@ def test_values_by_hand_are_typed_into_the_table(opened: Open) -> None:
     # What was typed is there on the other page, too.
     go(page, "Platoon")
     expect(page.get_by_text("The oscillation fades to")).to_be_visible()
-
-
-def saved(page: Page, key: str) -> tuple[str, bytes]:
-    """Name and content of what a chart's one button saves."""
-    drawn = chart(page, key)
-    drawn.hover()
-    with page.expect_download() as download:
-        drawn.locator(".modebar-btn").click()
-    return download.value.suggested_filename, Path(download.value.path()).read_bytes()
-
-
-def test_a_chart_is_saved_as_svg_and_as_png(opened: Open) -> None:
-    page = opened("/Stability")
-    open_example(page)
-    open_tab(page, "Map")
-    name, content = saved(page, "stability_map")
-    assert name == "accpinn_stability_map.svg"
-    assert content.startswith(b"<svg")
-    assert "time headway" in content.decode()
-    page.get_by_test_id("stSidebar").get_by_text("PNG", exact=True).click()
-    for _ in range(10):  # nothing tells when the chart has heard of the choice
-        idle(page)
-        name, content = saved(page, "stability_map")
-        if name.endswith("png"):
-            break
-    assert name == "accpinn_stability_map.png"
-    assert content.startswith(b"\x89PNG")
