@@ -25,6 +25,8 @@ from accpinn.segment.segment import Segment
 from bench.disturbed import Disturbance, disturbed
 from tests.support.driving import driven, standing_still
 
+pytestmark = pytest.mark.usefixtures("all_draws")
+
 TRUE = (0.1, 0.3, 1.2)
 
 
