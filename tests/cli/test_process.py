@@ -49,8 +49,6 @@ class TestAsAProcess:
     @pytest.mark.parametrize(
         ("redirected", "unbuffered", "status", "said"),
         [
-            (">&-", "", 0, ""),
-            ("2>&-", "", 0, ""),
             (">&- 2>&-", "", 0, ""),
             (">/dev/full", "", 1, "error: standard output: "),
             (">/dev/full", "1", 1, "error: standard output: "),
