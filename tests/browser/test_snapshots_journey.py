@@ -1,15 +1,14 @@
 """Results that travel, in real browsers: saved, opened by link, compared, sent, and harmless."""
 
 import re
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
 from playwright.sync_api import Page, expect
 
-from accpinn.results.snapshot import Snapshot
-from accpinn.results.snapshot.archive import load, to_bytes
-from tests.browser.conftest import Open
+from accpinn.results.snapshot.archive import load
+from accpinn.results.snapshot.saved import Library
+from tests.browser.conftest import App, Open
 from tests.browser.running import (
     ESTIMATES,
     TRAINING_MS,
@@ -22,7 +21,7 @@ from tests.browser.running import (
     upload,
 )
 from tests.support.openacc_files import csv, metadata, platoon
-from tests.support.snapshots import whole
+from tests.support.snapshots import small
 
 pytestmark = pytest.mark.browser
 
@@ -66,51 +65,14 @@ def downloaded(page: Page, button: str | re.Pattern[str]) -> tuple[str, bytes]:
     return download.value.suggested_filename, Path(download.value.path()).read_bytes()
 
 
-def named(name: str, iterations: int = 20) -> bytes:
-    """A snapshot's file that differs from others in its name and in one setting."""
-    whole_fit = whole().fit
-    config = whole_fit.config | {"iterations": iterations}
-    fit = replace(whole_fit, iterations=iterations, config=config)
-    snapshot: Snapshot = replace(whole(), name=name, fit=fit)
-    return to_bytes(snapshot)
-
-
-def test_two_are_compared_and_two_browsers_saving_at_once_lose_nothing(opened: Open) -> None:
-    page = opened("/Snapshots")
-    name = send(page, named("the first"))
-    send(page, named("with more iterations", 60))
-    open_tab(page, "Beside another")
-    differing = table(page, "Setting").locator("tbody tr").filter(has_text="iterations")
-    expect(differing).to_have_text([re.compile("done.*60.*20"), re.compile("iterations.*60.*20")])
-    chart(page, "snapshots_bode")
-    page.get_by_role("button", name="Open on every page").click()
-    expect(page.get_by_text("Opened: every page now shows this snapshot")).to_be_visible()
-
-    address = f"/Snapshots?snapshot={name}"
-    page.goto(address)
-    pages = {"browser 1": page, "browser 2": opened(address)}
-    for name, saving in pages.items():
-        saving.get_by_role("button", name="All snapshots").click()
-        saving.get_by_label("Name", exact=True).fill(name)
-    for saving in pages.values():
-        saving.get_by_role("button", name="Save", exact=True).click()
-    for saving in pages.values():
-        expect(saving.get_by_text("Saved as “")).to_be_visible()
-    page.reload()
-    page.get_by_role("button", name="All snapshots").click()
-    for name in pages:
-        expect(page.get_by_role("button", name=name)).to_be_visible()
-    idle(page)
-
-
 def harmless(page: Page) -> None:
     """Nothing of the hostile name became a part of the page."""
     assert page.locator(".stApp script").count() == 0
     assert page.locator(".stApp b, .stApp em").filter(has_text="x").count() == 0
 
 
-def test_of_a_hostile_name_it_is_saved_opened_by_link_elsewhere_and_sent_back(
-    opened: Open, tmp_path: Path
+def test_of_a_hostile_name_it_is_saved_opened_by_link_elsewhere_sent_back_and_compared(
+    opened: Open, app: App, tmp_path: Path
 ) -> None:
     first = opened("/Data")
     file = f"{NASTY.replace('/', '')}.csv"
@@ -149,5 +111,12 @@ def test_of_a_hostile_name_it_is_saved_opened_by_link_elsewhere_and_sent_back(
     expect(second.get_by_text("get the file anew")).to_be_visible()
     idle(second)
     assert send(second, content) == name
+
+    Library(app.snapshots).add(small())
+    open_tab(second, "Beside another")
+    expect(table(second, "Setting")).to_be_visible()
+    chart(second, "snapshots_bode")
+    second.get_by_role("button", name="Open on every page").click()
+    expect(second.get_by_text("Opened: every page now shows this snapshot")).to_be_visible()
     second.goto(report.as_uri())
     expect(second.locator("h1")).to_have_text(NASTY)
