@@ -10,7 +10,7 @@ FEW = ((60, 60, 200), 0)
 
 
 def take_few() -> None:
-    """From now on: a quarter of the time, and intervals whose ends move by some per cent."""
+    """From now on: a tenth of the time, and intervals whose ends move by some per cent."""
     posterior.STAGES, posterior.FURTHER = FEW
 
 
