@@ -86,6 +86,8 @@ def test_of_a_hostile_name_it_is_saved_opened_by_link_elsewhere_sent_back_and_co
     go(first, "Snapshots")
     name = save(first, NASTY, "look at τ")
     expect(first.get_by_role("heading", name=NASTY)).to_be_visible()
+    first.get_by_role("button", name="Open on every page").click()
+    expect(first.get_by_text("Opened: every page now shows this snapshot")).to_be_visible()
 
     second = opened(f"/Train?snapshot={name}")
     expect(second.get_by_text("its data came with it")).to_be_visible()
@@ -110,13 +112,11 @@ def test_of_a_hostile_name_it_is_saved_opened_by_link_elsewhere_sent_back_and_co
     give(second, ("sent.accpinn.zip", content[:-40] + bytes(40)))
     expect(second.get_by_text("get the file anew")).to_be_visible()
     idle(second)
+    Library(app.snapshots).add(small())
     assert send(second, content) == name
 
-    Library(app.snapshots).add(small())
     open_tab(second, "Beside another")
     expect(table(second, "Setting")).to_be_visible()
     chart(second, "snapshots_bode")
-    second.get_by_role("button", name="Open on every page").click()
-    expect(second.get_by_text("Opened: every page now shows this snapshot")).to_be_visible()
     second.goto(report.as_uri())
     expect(second.locator("h1")).to_have_text(NASTY)
