@@ -26,6 +26,8 @@ from accpinn.segment.segment import Segment
 from bench.disturbed import Disturbance, disturbed
 from tests.support.driving import LAW, MIXED, driven, segment_of, standing_still
 
+pytestmark = pytest.mark.usefixtures("all_draws")
+
 TRUTH = Parameters.of([LAW])
 
 
