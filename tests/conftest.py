@@ -17,7 +17,8 @@ settings.load_profile("house")
 
 
 # Intervals from few draws, but in the tests of inference: elsewhere their place hardly counts, and
-# they are ready in a quarter of the time. A process of its own takes all of them.
+# they are ready in a tenth of the time. A process of its own takes all of them, but for the app
+# that browsers look at.
 draws.take_few()
 
 

@@ -8,15 +8,8 @@ from pathlib import Path
 import pytest
 from playwright.sync_api import Browser, Page, expect
 
-from tests.browser.running import (
-    PATIENCE_MS,
-    exceptions,
-    idle,
-    launched,
-    served,
-    watched,
-)
-from tests.support.server import free_port
+from tests.browser.running import PATIENCE_MS, exceptions, idle, launched, watched
+from tests.support.server import FEW_DRAWS, free_port, running
 
 Open = Callable[..., Page]
 
@@ -49,8 +42,9 @@ def app(tmp_path_factory: pytest.TempPathFactory) -> Iterator[App]:
     place = tmp_path_factory.mktemp("app")
     mirror = free_port()
     extra = {"ACCPINN_MIRROR": f"http://127.0.0.1:{mirror}"}
-    with served(place / "cache", place / "log.txt", extra=extra) as address:
-        yield App(address, place / "snapshots", place / "recordings", place / "studies", mirror)
+    with running(place / "cache", place / "log", extra=extra, program=FEW_DRAWS) as server:
+        folders = (place / name for name in ("snapshots", "recordings", "studies"))
+        yield App(server.address, *folders, mirror)
 
 
 @pytest.fixture(scope="session")

@@ -171,6 +171,18 @@ def table(page: Page, containing: str) -> Locator:
     return page.locator("table.figures").filter(has_text=containing).first
 
 
+def rows(page: Page, containing: str) -> list[list[str]]:
+    """The cells of the first table with that text, row by row."""
+    found = table(page, containing)
+    expect(found).to_be_visible(timeout=TRAINING_MS)
+    return [row.locator("td").all_inner_texts() for row in found.locator("tbody tr").all()]
+
+
+def estimate(cell: str) -> float:
+    """The value before its interval; a star marks one that lies outside."""
+    return float(cell.split()[0].rstrip("*"))
+
+
 def chart(page: Page, key: str) -> Locator:
     """A chart by its key, once it is drawn and the one it takes the place of is gone."""
     found = page.locator(f".st-key-{key} .js-plotly-plot")

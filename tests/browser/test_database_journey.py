@@ -14,7 +14,7 @@ from tests.support.publisher import publisher
 
 pytestmark = pytest.mark.browser
 
-FILES = 6
+FILES = 4
 
 
 def test_a_batch_is_stopped_continued_filtered_and_a_run_downloaded(opened: Open, app: App) -> None:

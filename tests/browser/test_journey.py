@@ -12,7 +12,7 @@ from tests.browser.running import (
     ESTIMATES,
     TRAINING_MS,
     chart,
-    choose,
+    estimate,
     exceptions,
     fill,
     give,
@@ -21,21 +21,14 @@ from tests.browser.running import (
     number,
     open_sample,
     open_tab,
+    rows,
     table,
-    train_sample,
     upload,
     watched,
 )
 from tests.support.server import ROOT
 
 pytestmark = pytest.mark.browser
-
-
-def rows(page: Page, containing: str) -> list[list[str]]:
-    """The cells of the first table with that text, row by row."""
-    found = table(page, containing)
-    expect(found).to_be_visible(timeout=TRAINING_MS)
-    return [row.locator("td").all_inner_texts() for row in found.locator("tbody tr").all()]
 
 
 def drag(chart: Locator, start: float, end: float) -> None:
@@ -72,30 +65,6 @@ def test_what_goes_wrong_on_a_page_is_noticed(browser: Browser) -> None:
     assert all(word in " ".join(faults) for word in ("console", "dialog", "uncaught"))
 
 
-def estimate(cell: str) -> float:
-    """The value before its interval; a star marks one that lies outside."""
-    return float(cell.split()[0].rstrip("*"))
-
-
-def test_from_one_click_on_home_to_stability_and_platoon(opened: Open) -> None:
-    page = opened()
-    train_sample(page)
-    first = rows(page, ESTIMATES)[0]
-    assert first[0] == "2 Audi (A6-like)"
-    assert estimate(first[1]) == pytest.approx(0.0612, rel=0.03)
-    assert estimate(first[3]) == pytest.approx(1.19, rel=0.01)
-    expect(page.locator(".js-plotly-plot")).to_have_count(1)
-    open_tab(page, "Training")
-    expect(page.locator(".js-plotly-plot")).to_have_count(5)
-    page.get_by_role("button", name="Next: do these vehicles amplify").click()
-    expect(page.get_by_text("All four vehicles amplify disturbances")).to_be_visible()
-    expect(page.locator("table.figures").first).to_contain_text("Tesla (Model3-like)")
-    go(page, "Platoon")
-    choose(page, "Disturbance of the leader", "As recorded")
-    expect(page.get_by_text("as recorded")).to_be_visible()
-    expect(page.locator(".vehicle-key")).to_contain_text("5 Tesla (Model3-like)")
-
-
 def count_clicks(page: Page) -> None:
     """Count every click from now on, as `clicks` tells."""
     page.evaluate("window.clicks = 0; addEventListener('click', () => window.clicks++, true)")
@@ -128,8 +97,6 @@ def test_the_whole_journey_with_a_real_recording(opened: Open, casale: Path) -> 
     assert float(behind[2]) <= 0.10
     assert float(behind[4]) > 5, "the closed-loop error is another thing than the surrogate's"
 
-    page.reload()
-    assert rows(page, ESTIMATES)[0] == follower
     go(page, "Data")
     expect(number(page, "Window starts at")).to_have_value("0.0")
     solved = rows(page, "Least-squares estimate")[0]
@@ -192,48 +159,38 @@ def number_in(pattern: str, shown: Locator) -> int:
     return int(found[1].replace(",", ""))
 
 
-def test_a_paper_training_is_stopped_and_continued_and_others_wait_for_it(opened: Open) -> None:
-    first = opened("/Train")  # a direct link works on its own
-    expect(first).to_have_url(re.compile(r"session=[\w-]{20,}"))
-    go(first, "Home")
-    expect(first).to_have_url(re.compile(r"session=[\w-]{20,}"))
-    go(first, "Data")
-    open_sample(first)
-    fill(first, "and lasts", "60")
-    window(first, "0–60")
-    go(first, "Train")
-    first.get_by_text("Paper", exact=True).click()
-    first.get_by_role("button", name="Start training").click()
-    progress = first.get_by_text(re.compile(r"iteration [1-9][\d,]* of 20,000"))
+def test_a_paper_training_is_watched_stopped_and_continued(opened: Open) -> None:
+    page = opened("/Train")  # a direct link works on its own
+    expect(page).to_have_url(re.compile(r"session=[\w-]{20,}"))
+    go(page, "Home")
+    expect(page).to_have_url(re.compile(r"session=[\w-]{20,}"))
+    go(page, "Data")
+    open_sample(page)
+    fill(page, "and lasts", "60")
+    window(page, "0–60")
+    go(page, "Train")
+    page.get_by_text("Paper", exact=True).click()
+    page.get_by_role("button", name="Start training").click()
+    progress = page.get_by_text(re.compile(r"iteration [1-9][\d,]* of 20,000"))
     expect(progress).to_be_visible()
-    expect(first.get_by_text("iterations/s")).to_be_visible()
+    expect(page.get_by_text("iterations/s")).to_be_visible()
 
-    second = opened("/Data")
-    open_sample(second)
-    fill(second, "and lasts", "50")  # nobody trained on this window yet
-    window(second, "0–50")
-    go(second, "Train")
-    second.get_by_role("button", name="Start training").click()
-    expect(second.get_by_text(re.compile("yours is next and starts in about"))).to_be_visible()
-
-    first.reload()  # a training outlives its page
+    page.reload()  # a training outlives its page
     expect(progress).to_be_visible()
-    expect(first.locator("[data-testid=stVegaLiteChart]")).to_have_count(
-        6
-    )  # the network's curves, too
-    first.get_by_role("button", name="Stop training").click()
-    expect(first.get_by_text("Stopped by the user")).to_be_visible()
-    rows(second, ESTIMATES)  # its turn comes by itself
+    live = page.get_by_test_id("stVegaLiteChart")
+    expect(live).to_have_count(6)  # the network's curves, too
+    page.get_by_role("button", name="Stop training").click()
+    expect(page.get_by_text("Stopped by the user")).to_be_visible()
 
-    count = first.get_by_text(re.compile(r"[\d,]+ iterations in")).first
+    count = page.get_by_text(re.compile(r"[\d,]+ iterations in")).first
     expect(count).to_be_visible()
     stopped_at = number_in(r"([\d,]+) iterations in", count)
-    first.get_by_role("button", name="Continue").click()
-    expect(first.get_by_role("button", name="Stop training")).to_be_visible()
+    page.get_by_role("button", name="Continue").click()
+    expect(page.get_by_role("button", name="Stop training")).to_be_visible()
     expect(progress).to_be_visible()
     assert number_in(r"iteration ([\d,]+)", progress) >= stopped_at
-    first.get_by_role("button", name="Stop training").click()
-    expect(first.get_by_text(f"Continued from iteration {stopped_at:,}")).to_be_visible()
+    page.get_by_role("button", name="Stop training").click()
+    expect(page.get_by_text(f"Continued from iteration {stopped_at:,}")).to_be_visible()
 
 
 def test_methods_run_stop_survive_a_reload_and_are_held_against_earlier_ones(opened: Open) -> None:

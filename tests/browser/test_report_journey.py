@@ -47,16 +47,20 @@ def background(page: Page) -> str:
     return found
 
 
-def test_it_is_drawn_in_both_themes_printed_saved_and_fits_a_narrow_screen(
+def test_of_a_hostile_name_it_is_drawn_in_both_themes_printed_saved_and_fits_a_narrow_screen(
     shown: Show, tmp_path: Path
 ) -> None:
-    page = shown(whole(), "dark")
+    info = replace(whole().info, names=(NAME,) * 5)
+    page = shown(replace(whole(), name=NAME, note=NAME, info=info), "dark")
     plots = page.locator(".plot")
     count = plots.count()
     assert count >= 12
     for k in range(count):
         assert plots.nth(k).locator(".main-svg path").count() > 3, f"figure {k} is empty"
     assert background(page) == "rgb(16, 22, 29)"
+    assert page.locator("h1").inner_text() == NAME
+    assert page.locator("script:not([type])").count() == 2
+    assert page.locator("dd", has_text=NAME).count() >= 2
 
     content = page.pdf(prefer_css_page_size=True)
     assert len(re.findall(rb"/Type\s*/Page\b", content)) >= 5
@@ -72,6 +76,10 @@ def test_it_is_drawn_in_both_themes_printed_saved_and_fits_a_narrow_screen(
     with page.expect_download() as download:
         page.get_by_role("link", name="CSV").first.click()
     assert "closed_loop_simulation_mae" in Path(download.value.path()).read_text(encoding="utf-8")
+    with page.expect_download() as download:
+        page.get_by_role("button", name="HTML").first.click()
+    alone = tmp_path / download.value.suggested_filename
+    download.value.save_as(alone)
 
     page.set_viewport_size({"width": 400, "height": 800})
     page.reload()
@@ -79,19 +87,6 @@ def test_it_is_drawn_in_both_themes_printed_saved_and_fits_a_narrow_screen(
     assert page.locator(".plot .main-svg").first.evaluate("drawn => drawn.clientWidth") < 400
     assert page.evaluate("document.documentElement.scrollWidth") <= 400
 
-
-def test_a_hostile_name_does_nothing_also_in_a_figure_saved_alone(
-    shown: Show, tmp_path: Path
-) -> None:
-    info = replace(whole().info, names=(NAME,) * 5)
-    page = shown(replace(whole(), name=NAME, note=NAME, info=info))
-    assert page.locator("h1").inner_text() == NAME
-    assert page.locator("script:not([type])").count() == 2
-    assert page.locator("dd", has_text=NAME).count() >= 2
-    with page.expect_download() as download:
-        page.get_by_role("button", name="HTML").first.click()
-    place = tmp_path / download.value.suggested_filename
-    download.value.save_as(place)
-    page.goto(place.as_uri())
+    page.goto(alone.as_uri())
     assert page.locator(".main-svg path").count() > 3
     assert page.locator("script").count() == 2

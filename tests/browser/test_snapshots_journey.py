@@ -1,15 +1,14 @@
 """Results that travel, in real browsers: saved, opened by link, compared, sent, and harmless."""
 
 import re
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
 from playwright.sync_api import Page, expect
 
-from accpinn.results.snapshot import Snapshot
-from accpinn.results.snapshot.archive import load, to_bytes
-from tests.browser.conftest import Open
+from accpinn.results.snapshot.archive import load
+from accpinn.results.snapshot.saved import Library
+from tests.browser.conftest import App, Open
 from tests.browser.running import (
     ESTIMATES,
     TRAINING_MS,
@@ -19,11 +18,10 @@ from tests.browser.running import (
     idle,
     open_tab,
     table,
-    train_sample,
     upload,
 )
 from tests.support.openacc_files import csv, metadata, platoon
-from tests.support.snapshots import whole
+from tests.support.snapshots import small
 
 pytestmark = pytest.mark.browser
 
@@ -67,94 +65,58 @@ def downloaded(page: Page, button: str | re.Pattern[str]) -> tuple[str, bytes]:
     return download.value.suggested_filename, Path(download.value.path()).read_bytes()
 
 
-def named(name: str, iterations: int = 20) -> bytes:
-    """A snapshot's file that differs from others in its name and in one setting."""
-    whole_fit = whole().fit
-    config = whole_fit.config | {"iterations": iterations}
-    fit = replace(whole_fit, iterations=iterations, config=config)
-    snapshot: Snapshot = replace(whole(), name=name, fit=fit)
-    return to_bytes(snapshot)
+def harmless(page: Page) -> None:
+    """Nothing of the hostile name became a part of the page."""
+    assert page.locator(".stApp script").count() == 0
+    assert page.locator(".stApp b, .stApp em").filter(has_text="x").count() == 0
 
 
-def test_two_are_compared_and_two_browsers_saving_at_once_lose_nothing(opened: Open) -> None:
-    page = opened("/Snapshots")
-    name = send(page, named("the first"))
-    send(page, named("with more iterations", 60))
-    open_tab(page, "Beside another")
-    differing = table(page, "Setting").locator("tbody tr").filter(has_text="iterations")
-    expect(differing).to_have_text([re.compile("done.*60.*20"), re.compile("iterations.*60.*20")])
-    chart(page, "snapshots_bode")
-
-    address = f"/Snapshots?snapshot={name}"
-    page.goto(address)
-    pages = {"browser 1": page, "browser 2": opened(address)}
-    for name, saving in pages.items():
-        saving.get_by_role("button", name="All snapshots").click()
-        saving.get_by_label("Name", exact=True).fill(name)
-    for saving in pages.values():
-        saving.get_by_role("button", name="Save", exact=True).click()
-    for saving in pages.values():
-        expect(saving.get_by_text("Saved as “")).to_be_visible()
-    page.reload()
-    page.get_by_role("button", name="All snapshots").click()
-    for name in pages:
-        expect(page.get_by_role("button", name=name)).to_be_visible()
-    idle(page)
-
-
-def test_saved_opened_by_link_elsewhere_and_sent_back(opened: Open) -> None:
-    first = opened()
-    train_sample(first)
+def test_of_a_hostile_name_it_is_saved_opened_by_link_elsewhere_sent_back_and_compared(
+    opened: Open, app: App, tmp_path: Path
+) -> None:
+    first = opened("/Data")
+    file = f"{NASTY.replace('/', '')}.csv"
+    upload(first, (file, csv(platoon(vehicles=2), metadata((NASTY, "Follower")))))
+    expect(first.get_by_text("Preview of the window")).to_be_visible()
+    expect(first.locator(".vehicle-key").first).to_contain_text(NASTY)
+    expect(first.locator("strong").filter(has_text=file).first).to_be_visible()
+    first.get_by_role("button", name="Train on this window").click()
+    expect(table(first, "Surrogate fit")).to_contain_text(f"1 {NASTY}", timeout=TRAINING_MS)
     parameters = table(first, ESTIMATES).locator("tbody tr").first.inner_text().split("\t")
     go(first, "Snapshots")
-    name = save(first, "For Anna", "look at τ")
+    name = save(first, NASTY, "look at τ")
+    expect(first.get_by_role("heading", name=NASTY)).to_be_visible()
+    first.get_by_role("button", name="Open on every page").click()
+    expect(first.get_by_text("Opened: every page now shows this snapshot")).to_be_visible()
+
     second = opened(f"/Train?snapshot={name}")
     expect(second.get_by_text("its data came with it")).to_be_visible()
     row = table(second, ESTIMATES).locator("tbody tr").first
     assert row.inner_text().split("\t")[1:4] == parameters[1:4]
-    for title in ("Data", "Stability", "Compare"):
+    for title in ("Home", "Data", "Train", "Stability", "Platoon", "Compare", "Snapshots"):
         go(second, title)
         expect(second).to_have_url(re.compile(f"snapshot={name}"))
-        expect(second.get_by_text("For Anna").first).to_be_visible()
-
-    go(second, "Snapshots")
+        expect(second.get_by_text(NASTY).first).to_be_visible()
+        harmless(second)
     expect(second.get_by_text("look at τ")).to_be_visible()
-    _, report = downloaded(second, "Report")
-    assert b"For Anna" in report
-    file, content = downloaded(second, re.compile("Download$"))
-    assert file == "For_Anna.accpinn.zip"
+    report = tmp_path / "report.html"
+    report.write_bytes(downloaded(second, "Report")[1])
+    sent, content = downloaded(second, re.compile("Download$"))
+    assert re.fullmatch(r"\w+\.accpinn\.zip", sent)
 
     expect(second.get_by_role("button", name="Delete")).to_have_count(0)
     second.get_by_role("button", name="All snapshots").click()
     second.get_by_role("button", name="Delete").click()
-    expect(second.get_by_text("Deleted: For Anna")).to_be_visible()
+    expect(second.get_by_text("Deleted: ")).to_be_visible()
+    harmless(second)
     give(second, ("sent.accpinn.zip", content[:-40] + bytes(40)))
     expect(second.get_by_text("get the file anew")).to_be_visible()
     idle(second)
+    Library(app.snapshots).add(small())
     assert send(second, content) == name
 
-
-def test_a_hostile_name_does_nothing_on_any_page_or_in_the_report(
-    opened: Open, tmp_path: Path
-) -> None:
-    page = opened("/Data")
-    file = f"{NASTY.replace('/', '')}.csv"
-    upload(page, (file, csv(platoon(vehicles=2), metadata((NASTY, "Follower")))))
-    expect(page.get_by_text("Preview of the window")).to_be_visible()
-    expect(page.locator(".vehicle-key").first).to_contain_text(NASTY)
-    expect(page.locator("strong").filter(has_text=file).first).to_be_visible()
-    page.get_by_role("button", name="Train on this window").click()
-    expect(table(page, "Surrogate fit")).to_contain_text(f"1 {NASTY}", timeout=TRAINING_MS)
-    go(page, "Snapshots")
-    save(page, NASTY, NASTY)
-    expect(page.get_by_role("heading", name=NASTY)).to_be_visible()
-    page.get_by_role("button", name="Open on every page").click()
-    expect(page.get_by_text("Opened: every page now shows this snapshot")).to_be_visible()
-    for title in ("Home", "Data", "Train", "Stability", "Platoon", "Compare", "Snapshots"):
-        go(page, title)
-        assert page.locator(".stApp script").count() == 0
-        assert page.locator(".stApp b, .stApp em").filter(has_text="x").count() == 0
-    report = tmp_path / "report.html"
-    report.write_bytes(downloaded(page, "Report")[1])
-    page.goto(report.as_uri())
-    expect(page.locator("h1")).to_have_text(NASTY)
+    open_tab(second, "Beside another")
+    expect(table(second, "Setting")).to_be_visible()
+    chart(second, "snapshots_bode")
+    second.goto(report.as_uri())
+    expect(second.locator("h1")).to_have_text(NASTY)

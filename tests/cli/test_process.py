@@ -49,8 +49,6 @@ class TestAsAProcess:
     @pytest.mark.parametrize(
         ("redirected", "unbuffered", "status", "said"),
         [
-            (">&-", "", 0, ""),
-            ("2>&-", "", 0, ""),
             (">&- 2>&-", "", 0, ""),
             (">/dev/full", "", 1, "error: standard output: "),
             (">/dev/full", "1", 1, "error: standard output: "),
@@ -79,14 +77,12 @@ class TestAsAProcess:
         assert (done.returncode, done.stderr) == (0, b"")
 
     @pytest.mark.skipif(os.name == "nt", reason="names are no bytes there")
-    @pytest.mark.parametrize(
-        ("name", "shown"), [(b"x\xff.zip", "\\udcff"), (b"a\nb", "a\\nb"), (b"\x1b[2J", "\\u001b")]
-    )
-    def test_any_file_name_is_printed_on_one_line(self, name: bytes, shown: str) -> None:
+    def test_any_file_name_is_printed_on_one_line(self) -> None:
+        name = b"a\nb\x1b[2Jx\xff.zip"
         done = subprocess.run([*command("verify"), name], cwd=ROOT, stdout=-1, stderr=-1, text=True)
         assert (done.returncode, done.stdout) == (1, "")
         assert done.stderr.splitlines() == [done.stderr.rstrip("\n")]
-        assert shown in done.stderr
+        assert all(shown in done.stderr for shown in ("a\\nb", "\\u001b", "\\udcff"))
         assert done.stderr.rstrip("\n").isprintable()
 
     def test_help_imports_no_command(self) -> None:

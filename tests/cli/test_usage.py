@@ -43,13 +43,6 @@ def test_a_window_or_platoon_that_the_recording_does_not_have(
     assert PLATOON.name in refused(capsys, 1, "fit", PLATOON, *options)
 
 
-def test_real_damaged_recordings(capsys: Capture, openacc_dir: Path) -> None:
-    damaged = sorted((openacc_dir / "corrupt").iterdir())
-    assert damaged
-    for path in damaged:
-        assert path.name in refused(capsys, 1, "info", path, "--json")
-
-
 @pytest.mark.parametrize(
     "arguments",
     [

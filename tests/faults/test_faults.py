@@ -100,14 +100,15 @@ class TestKill:
     def test_in_mid_save_leaves_the_library_whole_and_open_to_others(
         self, tmp_path: Path, moment: str
     ) -> None:
-        library = Library(tmp_path)
-        library.add(small())
+        folder, file = tmp_path / "library", save(small(), tmp_path / "a.accpinn.zip")
+        Library(folder).add(small())
         other = replace(small(), name="other")
-        status, _ = child(dying_at(os, moment, lambda: Library(tmp_path).add(other)))
-        assert status == -signal.SIGKILL
-        assert confirmed(Library(tmp_path)) == ["small"]
-        Library(tmp_path).add(other)
-        assert confirmed(Library(tmp_path)) == ["other", "small"]
+        for action in (lambda: Library(folder).add(other), lambda: save(other, file)):
+            assert child(dying_at(os, moment, action))[0] == -signal.SIGKILL
+        assert load(file).name == "small"
+        assert confirmed(Library(folder)) == ["small"]
+        Library(folder).add(other)
+        assert confirmed(Library(folder)) == ["other", "small"]
 
     def test_in_mid_result_leaves_the_store_as_it_was(self, tmp_path: Path) -> None:
         store, fit = Store(tmp_path), least_squares.fit(driven())

@@ -1,4 +1,4 @@
-"""Inference is tested with all draws."""
+"""What is said of intervals is tested with all draws."""
 
 from collections.abc import Iterator
 
@@ -7,8 +7,8 @@ import pytest
 from tests.support import draws
 
 
-@pytest.fixture(autouse=True)
+@pytest.fixture(scope="module")
 def all_draws() -> Iterator[None]:
-    """As many as users have."""
+    """As many as users have; the tests of a module share what they are of."""
     with draws.as_users_have():
         yield

@@ -17,6 +17,8 @@ from accpinn.results.messages import messages
 from accpinn.segment.segment import Segment
 from bench.disturbed import Disturbance, disturbed
 
+pytestmark = pytest.mark.usefixtures("all_draws")
+
 TRUE = ((0.1, 0.3, 1.2), (0.08, 0.2, 1.4))
 
 

@@ -132,15 +132,6 @@ class TestAtomicity:
         assert_same(store.load_state(KEY), state(value=1.0))
         assert names(store.folder) == [NAME], "no half-written file stays behind"
 
-    def test_an_unwritable_folder_costs_a_message(self, tmp_path: Path) -> None:
-        occupied = tmp_path / "file"
-        occupied.write_text("not a folder")
-        store = Store(occupied)
-        said: list[str] = []
-        store.save_state(KEY, state(), said.append)
-        (message,) = said
-        assert "could not be kept" in message
-
     def test_a_file_that_may_be_read_but_not_touched_is_used(
         self, store: Store, monkeypatch: pytest.MonkeyPatch
     ) -> None:

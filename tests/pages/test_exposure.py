@@ -224,6 +224,9 @@ def test_settings_that_protect_are_on() -> None:
     assert config.get_option("server.enableCORS") is True
     assert config.get_option("server.enableStaticServing") is False
     assert config.get_option("server.maxUploadSize") <= 50
+    assert config.get_option("server.address") == "localhost"
+    assert config.get_option("server.showEmailPrompt") is False
+    assert config.get_option("browser.gatherUsageStats") is False, "nothing leaves the computer"
 
 
 def test_no_page_waits_for_a_full_garbage_collection() -> None:

@@ -11,9 +11,10 @@ from accpinn.methods.fit import IterationsExhausted, Outcome
 from accpinn.model.cthp import Parameters
 from accpinn.results.checks import Check, checks
 from accpinn.results.messages.checks import MEANING, TITLES, failing_of, label_of
+from tests.support.samples import PLATOON, sample
 from tests.support.snapshots import whole
 
-INFO = whole().info
+INFO = sample(PLATOON).segment.info
 
 
 @pytest.fixture

@@ -9,8 +9,7 @@ import pytest
 
 from accpinn.cli import main
 from accpinn.errors import ConfigError, SegmentError
-from accpinn.inference.intervals import intervals
-from accpinn.methods import least_squares, splines
+from accpinn.methods import least_squares
 from accpinn.methods.method import TaskContext
 from accpinn.methods.registry import METHODS
 from accpinn.methods.state_space import FORMS
@@ -31,10 +30,6 @@ from accpinn.study.comparison import (
     results_among,
 )
 from accpinn.study.worker import Answer, Job
-from bench.coverage import SETS
-from bench.disturbed import Disturbance, disturbed
-from bench.other_intervals import OTHERS, Smooth
-from tests.support import draws
 from tests.support.command import THREE, document
 from tests.support.samples import PLATOON, sample
 
@@ -102,22 +97,6 @@ def test_a_stop_keeps_the_results_so_far(segment: Segment, before: int) -> None:
     context = TaskContext(should_stop=lambda: next(asked))
     found = list(compare(segment, "II", QUICK, context=context))
     assert [row.fit.method for row in results_among(found)] == [QUICK[0]]
-
-
-def test_intervals_hold_as_often_as_they_say_and_naive_ones_do_not() -> None:
-    """12 recordings with lasting disturbances; the full study is `python -m bench.coverage`."""
-    ours, naive = [], []
-    for seed in range(12):
-        truth = SETS[[seed % len(SETS)]]
-        segment = disturbed(truth, seed, Disturbance(), duration=150.0)
-        fit = splines.fit(segment)
-        with draws.as_users_have():
-            found = intervals(segment, fit)
-        ours.append((found.lower.values <= truth.values) & (truth.values <= found.upper.values))
-        other = OTHERS["naive"](Smooth(segment, fit), found.level, np.random.default_rng(0))
-        naive.append((other.lower <= truth.values) & (truth.values <= other.upper))
-    assert (np.mean(ours, axis=0) >= 0.6).all(), "less is met once in a thousand times"
-    assert (np.mean(naive, axis=0) < 0.5).all()
 
 
 class TestCommand:

@@ -1,4 +1,4 @@
-"""How many draws the posterior takes in a test."""
+"""How many draws the posterior takes in a test; run as a program, the app with few of them."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -10,7 +10,7 @@ FEW = ((60, 60, 200), 0)
 
 
 def take_few() -> None:
-    """From now on: a quarter of the time, and intervals whose ends move by some per cent."""
+    """From now on: a tenth of the time, and intervals whose ends move by some per cent."""
     posterior.STAGES, posterior.FURTHER = FEW
 
 
@@ -25,3 +25,10 @@ def as_users_have() -> Iterator[None]:
     finally:
         intervals._shared.cache_clear()
         posterior.STAGES, posterior.FURTHER = before
+
+
+if __name__ == "__main__":
+    from streamlit.web import cli
+
+    take_few()
+    cli.main()

@@ -1,6 +1,5 @@
 """The preset `calibrated`: parameters by the evidence, the network around them."""
 
-from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -24,7 +23,7 @@ from accpinn.model.cthp import Case
 from accpinn.segment.segment import Segment
 from bench.coverage import SETS
 from bench.disturbed import Disturbance, disturbed
-from tests.methods.pinn.test_training import assert_same_result
+from tests.methods.pinn.test_training import after, assert_same_result
 from tests.support.driving import segment_of, standing_still
 from tests.support.methods import train
 from tests.support.samples import NOISE_FREE, NOISY, sample
@@ -40,12 +39,6 @@ def platoon() -> Segment:
 @cache
 def fitted(case: Case = "II") -> Fit:
     return train(platoon(), case, CALIBRATED)
-
-
-def after(count: int) -> Callable[[], bool]:
-    """A user who presses Stop when asked for the ``count``-th time after the first."""
-    asked = iter(range(count))
-    return lambda: next(asked, None) is None
 
 
 class TestResult:

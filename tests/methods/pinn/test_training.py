@@ -48,6 +48,12 @@ def noisy() -> Segment:
 
 
 @cache
+def plain(config: PinnConfig = FAST) -> Fit:
+    """One follower, trained without a store."""
+    return train(noisy(), "II", config)
+
+
+@cache
 def fitted(case: Case = "II", config: PinnConfig = FAST) -> Fit:
     """One follower for Case II, three different ones for Case I and II alike."""
     return train(driven(MIXED, noise=0.05), case, config)
@@ -128,7 +134,7 @@ class TestResult:
             assert fit.surrogate is not None
             return float(abs(fit.surrogate.gaps[0, 0] - noisy().gaps[0, 0]))
 
-        free, bound = train(noisy()), train(noisy(), "II", preset("fast", weight_initial=100.0))
+        free, bound = plain(), train(noisy(), "II", preset("fast", weight_initial=100.0))
         assert free.loss["initial"] == 0
         assert bound.loss["initial"] > 0
         assert first_error(bound) < 0.1 * first_error(free)
@@ -250,7 +256,7 @@ class TestBounds:
 
 class TestPaperPreset:
     def test_the_test_part_is_kept_out_and_its_errors_are_reported(self) -> None:
-        fit = train(noisy(), "II", SHORT)
+        fit = plain(SHORT)
         assert fit.arrays["test"].sum() == round(0.2 * 601)
         assert fit.arrays["test"][0] == 0, "the first instant stays, as Ψ_R looks at it"
         assert fit.loss["test_data"] > 0
@@ -259,7 +265,7 @@ class TestPaperPreset:
         assert HoldoutLoss(120, *losses) in fit.findings
 
     def test_what_is_kept_out_changes_nothing(self) -> None:
-        fit = train(noisy(), "II", SHORT)
+        fit = plain(SHORT)
         bent = noisy().gaps.copy()
         bent[fit.arrays["test"] == 1] += 50.0
         other = train(segment_of(noisy().time, noisy().speeds, bent), "II", SHORT)
@@ -291,7 +297,7 @@ class TestStore:
         stopped = train(noisy(), "II", config, store=store, should_stop=after(stop_after))
         assert (stopped.outcome, stopped.iterations) == (Outcome.STOPPED, iterations)
         continued = train(noisy(), "II", config, store=store)
-        assert_same_result(continued, train(noisy(), "II", config))
+        assert_same_result(continued, plain(config))
         assert Continued(stopped.iterations) in continued.findings
         assert not continued.cached
         assert continued.seconds > stopped.seconds
@@ -329,13 +335,13 @@ class TestStore:
         longer = replace(SHORT, iterations=60)
         train(noisy(), "II", longer, store=store, should_stop=after(8))
         shorter = train(noisy(), "II", SHORT, store=store)
-        assert_same_result(shorter, train(noisy(), "II", SHORT))
+        assert_same_result(shorter, plain(SHORT))
         continued = train(noisy(), "II", longer, store=store)
         assert Continued(40) in continued.findings
         still_longer = replace(SHORT, iterations=80)
         continued = train(noisy(), "II", still_longer, store=store)
         assert Continued(60) in continued.findings
-        assert_same_result(continued, train(noisy(), "II", still_longer))
+        assert_same_result(continued, plain(still_longer))
 
     @pytest.mark.parametrize("config", [FAST, SHORT], ids=["fast", "paper"])
     def test_an_identical_request_is_answered_from_the_cache(
@@ -391,7 +397,7 @@ class TestStore:
         ):
             store.save_state(key, foreign)
             fit = train(noisy(), "II", config, store=store)
-            assert_same_result(fit, train(noisy(), "II", config))
+            assert_same_result(fit, plain(config))
             (problem,) = [f for f in fit.findings if isinstance(f, CacheProblem)]
             assert "set aside" in problem.sentence
             for path in tmp_path.glob("*.fit.npz"):
@@ -405,7 +411,7 @@ class TestStore:
         assert resume_iteration(store, noisy(), "II", SHORT) == 10
         continued = train(noisy(), "II", SHORT, store=store)
         assert Continued(10) in continued.findings
-        assert_same_result(continued, train(noisy(), "II", SHORT))
+        assert_same_result(continued, plain(SHORT))
 
     def test_checkpoints_come_during_training(
         self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

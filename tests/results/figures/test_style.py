@@ -32,6 +32,12 @@ class TestColours:
             assert contrast(colour, THEME[side]["backgroundColor"]) >= 3
         assert THEME[side]["chartCategoricalColors"] == list(VEHICLES)
 
+    @pytest.mark.parametrize("side", ["light", "dark"])
+    def test_of_text_and_links_can_be_read(self, side: str) -> None:
+        for background in ("backgroundColor", "secondaryBackgroundColor"):
+            assert contrast(THEME[side]["textColor"], THEME[side][background]) > 7
+            assert contrast(THEME[side]["linkColor"], THEME[side][background]) > 4.5
+
     @pytest.mark.parametrize("vision", ["normal", "red-blind", "green-blind"])
     def test_of_a_platoon_of_six_differ(self, vision: str) -> None:
         colours = [lab(colour, vision) for colour in VEHICLES[:6]]

@@ -1,7 +1,6 @@
 """Snapshots on disk: whole or not at all, nothing is lost, and nothing else is replaced."""
 
 import os
-import subprocess
 import sys
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
@@ -15,31 +14,8 @@ from accpinn.results.snapshot.archive import to_bytes
 from accpinn.results.snapshot.saved import Library, save
 from tests.support.snapshots import small, small_bytes, whole
 
-ROOT = Path(__file__).parents[3]
-
-
-KILLED = """
-import os, signal, sys
-from pathlib import Path
-from accpinn.results.snapshot import (saved)
-def die(*arguments, **options):
-    os.kill(os.getpid(), signal.SIGKILL)
-for moment in ("fsync", "replace"):
-    child = os.fork()
-    if not child:
-        setattr(saved.os, moment, die)
-        saved.write_whole(b"new" * 100_000, Path(sys.argv[1]), "snapshot")
-    assert os.WTERMSIG(os.waitpid(child, 0)[1]) == signal.SIGKILL
-"""
-
 
 class TestFile:
-    @pytest.mark.skipif(not hasattr(os, "fork"), reason="its processes are forked")
-    def test_a_killed_process_leaves_the_old_file(self, tmp_path: Path) -> None:
-        target = save(small(), tmp_path / "a.accpinn.zip")
-        subprocess.run([sys.executable, "-c", KILLED, target], cwd=ROOT, check=True)
-        assert target.read_bytes() == small_bytes()
-
     @pytest.mark.skipif(sys.platform == "win32", reason="there is no umask")
     @pytest.mark.parametrize(("mask", "mode"), [(0o077, 0o600), (0o022, 0o644)])
     def test_who_may_read_follows_the_umask(self, tmp_path: Path, mask: int, mode: int) -> None:
@@ -196,22 +172,6 @@ def test_what_a_killed_process_left_is_swept(library: Library) -> None:
     library.add(named("another"))
     assert not old.exists()
     assert new.exists(), "it may still be written to"
-
-
-def test_a_saving_that_fails_half_way_leaves_the_old_file(
-    library: Library, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    name = library.add(small())
-
-    def no_room(*_: object) -> None:
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr("accpinn.results.snapshot.saved.os.replace", no_room)
-    with pytest.raises(SnapshotError, match="No space left"):
-        library.add(named("another"))
-    monkeypatch.undo()
-    assert [entry.id for entry in library.entries()] == [name]
-    assert sorted(path.name for path in library.folder.glob("[!.]*")) == [f"{name}.accpinn.zip"]
 
 
 def test_the_environment_names_the_folder(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
