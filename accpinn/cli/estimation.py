@@ -31,10 +31,7 @@ from accpinn.cli.options import (
 from accpinn.cli.output import one_line, show_result
 from accpinn.cli.windows import run_windows
 from accpinn.errors import ConfigError
-from accpinn.evaluation.closed_loop import (
-    closed_loop_errors,
-    surrogate_errors,
-)
+from accpinn.evaluation.closed_loop import closed_loop_errors, surrogate_errors
 from accpinn.inference.identifiability import identifiability_warnings, narrower_intervals
 from accpinn.inference.intervals import ParameterInterval, Uncertainty
 from accpinn.inference.model_adequacy import Adequacy, model_forms

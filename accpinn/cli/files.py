@@ -22,13 +22,7 @@ from accpinn.results.messages.snapshot import (
 from accpinn.results.snapshot import SUFFIX, Snapshot
 from accpinn.results.snapshot.archive import load
 from accpinn.results.snapshot.saved import writable_path, write_whole
-from accpinn.results.snapshot.verification import (
-    PATIENCE,
-    PROMPT,
-    Verification,
-    recover,
-    verify,
-)
+from accpinn.results.snapshot.verification import PATIENCE, PROMPT, Verification, recover, verify
 from accpinn.results.tables.table import Column, Table
 from accpinn.units import Seconds
 

@@ -18,11 +18,7 @@ from accpinn.cli.options import (
 from accpinn.cli.output import show_result
 from accpinn.cli.recording import chosen_recording
 from accpinn.errors import ConfigError, Finding, SegmentError
-from accpinn.evaluation.closed_loop import (
-    TrackingErrors,
-    closed_loop_errors,
-    surrogate_errors,
-)
+from accpinn.evaluation.closed_loop import TrackingErrors, closed_loop_errors, surrogate_errors
 from accpinn.methods.fit import Fit
 from accpinn.methods.maximum_likelihood import KEY
 from accpinn.recordings.recording import Recording, Window

@@ -13,11 +13,7 @@ import numpy as np
 
 from accpinn.channels import PARAMETERS
 from accpinn.errors import Finding
-from accpinn.evaluation.closed_loop import (
-    TrackingErrors,
-    closed_loop_errors,
-    surrogate_errors,
-)
+from accpinn.evaluation.closed_loop import TrackingErrors, closed_loop_errors, surrogate_errors
 from accpinn.methods.fit import Fit, Outcome
 from accpinn.methods.method import TaskContext
 from accpinn.methods.pinn.config import FAST, STARTS, PinnConfig

@@ -24,13 +24,7 @@ from accpinn.recordings.makes import make_and_model
 from accpinn.recordings.recording import Recording, unnamed
 from accpinn.segment.quality import assess_quality
 from accpinn.segment.segment import Segment
-from accpinn.stability.criteria import (
-    MARGINAL,
-    checked,
-    exact_margin,
-    l2_margin,
-    step_metrics,
-)
+from accpinn.stability.criteria import MARGINAL, checked, exact_margin, l2_margin, step_metrics
 from accpinn.units import known_mean
 
 

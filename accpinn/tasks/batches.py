@@ -7,13 +7,7 @@ from pathlib import Path
 from accpinn.errors import RecordingError
 from accpinn.methods.method import TaskContext
 from accpinn.recordings.catalogue import Run
-from accpinn.recordings.download import (
-    PUBLISHED_AT,
-    Download,
-    DownloadState,
-    Transfer,
-    download,
-)
+from accpinn.recordings.download import PUBLISHED_AT, Download, DownloadState, Transfer, download
 from accpinn.study.batch import BatchProgress, BatchSummary
 from accpinn.study.folders import Request, keep_request
 from accpinn.study.process import BatchSettings, run_batch

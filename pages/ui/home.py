@@ -14,11 +14,7 @@ from accpinn.segment.cut import cut
 from pages.ui.components import frame, show
 from pages.ui.components.show import escape_markdown
 from pages.ui.components.widgets import tabs
-from pages.ui.data.sources import (
-    ask_for_upload,
-    drop_zone,
-    open_with,
-)
+from pages.ui.data.sources import ask_for_upload, drop_zone, open_with
 from pages.ui.platoon.page import open_panels
 from pages.ui.reproduction import open_published, show_checklist
 from pages.ui.runs import restore_run

@@ -26,14 +26,7 @@ from accpinn.evaluation.evaluation import (
     evaluate,
     pooled_holdout_errors,
 )
-from accpinn.inference.intervals import (
-    SLACK,
-    Uncertainty,
-    agree,
-    from_draws,
-    intervals,
-    judged,
-)
+from accpinn.inference.intervals import SLACK, Uncertainty, agree, from_draws, intervals, judged
 from accpinn.inference.model_adequacy import model_forms
 from accpinn.methods.fit import Fit, Outcome
 from accpinn.methods.registry import METHODS
