@@ -28,10 +28,7 @@ from accpinn.units import FloatArray
 Filled = tuple[Column, Iterable[Cell]]
 """A column with its cells."""
 
-PARAMETER_COLUMNS = tuple(
-    Column(quantity.symbol, quantity.unit, quantity.digits, key=key)
-    for quantity, key in zip(PARAMETERS, PARAMETER_KEYS, strict=True)
-)
+PARAMETER_COLUMNS = tuple(Column.of(quantity, key=quantity.key) for quantity in PARAMETERS)
 GAP = "MAE of the space-gap"
 EVERY_FOLLOWER = "Every follower"
 """The label of parameters that all followers share (Case I)."""
@@ -229,7 +226,7 @@ def recommendation_table(
         reasons: for each, in words.
     """
     cells: list[list[Cell]] = [
-        [Estimate(_number(k.estimate), k.lower, _number(k.upper, inf)) for k in one.intervals]
+        [Estimate(number(k.estimate), k.lower, number(k.upper, inf)) for k in one.intervals]
         for one in found
     ]
     cells = [row or [None] * len(PARAMETERS) for row in cells]
@@ -247,7 +244,8 @@ def recommendation_table(
     )
 
 
-def _number(value: float | None, otherwise: float = nan) -> float:
+def number(value: float | None, otherwise: float = nan) -> float:
+    """A value, or what stands for one that is not known."""
     return otherwise if value is None else value
 
 
@@ -342,7 +340,7 @@ def form_intervals_table(
         names += 2 * [info.label(one.vehicle) if one.vehicle else "All followers together"]
         forms += [FORMS["cthp"], "All forms, weighted"]
         for each in (parameter_intervals(uncertainty, k), one.intervals):
-            intervals.append([Range(end.lower, _end(end.upper)) for end in each])
+            intervals.append([Range(end.lower, number(end.upper, inf)) for end in each])
     percent = f"{100 * uncertainty.level:.0f} % interval"
     filled: list[Filled] = [(Column("Follower"), names), (Column("Form of the model"), forms)]
     for column, ranges in zip(PARAMETER_COLUMNS, zip(*intervals, strict=True), strict=True):
@@ -354,10 +352,6 @@ def form_intervals_table(
             cells += [None, 100 * one.forms[at].probability]
         filled.append((Column(title, "%", 0, "Probability of the form"), cells))
     return Table.of(f"Intervals by form of the model, {where(info)}", filled)
-
-
-def _end(upper: float | None) -> float:
-    return float("inf") if upper is None else upper
 
 
 def _relative_errors(forms: Sequence[ModelForm], follower: int) -> Iterator[Filled]:

@@ -31,9 +31,8 @@ def validation_table(info: SegmentInfo, other: SegmentInfo, found: Validation) -
 
 def _columns(group: str, key: str, errors: TrackingErrors | None, count: int) -> list[Filled]:
     absent: list[Cell] = [None] * count
-    gap = Column(GAP.symbol, GAP.unit, GAP.digits, group, key=f"{key}_mae_p_m")
-    speed = Column(SPEED.symbol, SPEED.unit, SPEED.digits, group, key=f"{key}_mae_v_m_per_s")
     return [
-        (gap, errors.gap_mae if errors else absent),
-        (speed, errors.speed_mae[1:] if errors else absent),
-    ]
+        (Column.of(GAP, group, f"{key}_mae_p_m"), errors.gap_mae if errors else absent),
+        (Column.of(SPEED, group, f"{key}_mae_v_m_per_s"),
+         errors.speed_mae[1:] if errors else absent),
+    ]  # fmt: skip

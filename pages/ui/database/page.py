@@ -8,7 +8,6 @@ import pandas as pd
 import streamlit as st
 
 from accpinn.methods.maximum_likelihood import KEY
-from accpinn.methods.registry import METHODS
 from accpinn.results.figures.database import MOST_GROUPS
 from accpinn.results.messages.database import (
     batch_line,
@@ -18,6 +17,7 @@ from accpinn.results.messages.database import (
     trust_line,
     typical_line,
 )
+from accpinn.results.tables.estimates import TITLES
 from pages.ui.components import frame, show
 from pages.ui.components.show import escape_markdown
 from pages.ui.components.widgets import bound, select, tabs
@@ -162,7 +162,7 @@ def _show_filters(choice: DatabaseChoice, rows: pd.DataFrame, methods: list[str]
             help=f"Only rows with one of these; all where none is chosen. {len(there)} are there.",
         )  # fmt: skip
         choice.filters[name] = tuple(kept)
-    titles = {key: METHODS[key].title if key in METHODS else key for key in methods}
+    titles = {key: TITLES.get(key, key) for key in methods}
     select(
         "Method", titles, choice.method, "database_method",
         lambda key: choice.set(method=key, row=None), place=columns[5],
