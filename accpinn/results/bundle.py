@@ -45,8 +45,7 @@ def _files(snapshot: Snapshot) -> Iterator[tuple[str, str | bytes]]:
     if fit.history:
         yield "training.csv", _history(fit.history, info)
     if segment:
-        data = Trajectories(segment.time, segment.measured_speeds, segment.measured_gaps)
-        yield "motion_measured.csv", _motion(info, data)
+        yield "motion_measured.csv", _motion(info, segment.measured)
         if driven := closed_loop(segment, fit):
             yield "motion_closed_loop.csv", _motion(info, driven)
     if fit.surrogate:

@@ -7,6 +7,7 @@ from functools import cached_property
 import numpy as np
 
 from accpinn.errors import Finding, SegmentError
+from accpinn.model.cthp import Trajectories
 from accpinn.recordings.recording import Window, vehicle_label
 from accpinn.units import FloatArray, Mask, Seconds, frozen
 
@@ -244,6 +245,11 @@ class Segment(_Platoon):
     def measured_gaps(self) -> FloatArray:
         """(N, M) in m; nan where missing."""
         return self._measured(self.gaps, slice(len(self.vehicles), None))
+
+    @property
+    def measured(self) -> Trajectories:
+        """Both, over the window's time."""
+        return Trajectories(self.time, self.measured_speeds, self.measured_gaps)
 
     def _measured(self, values: FloatArray, columns: slice) -> FloatArray:
         if self.missing is None:

@@ -113,7 +113,7 @@ def parameter_table(
         *_error_cells(info, surrogate, "Surrogate fit, MAE", 3),
         *_error_cells(info, closed_loop, "Closed-loop simulation, MAE", 2, leader=False),
     ]
-    probable = [*(_probability_cells(uncertainty) if uncertainty else ())]
+    probable = [*(probability_cells(uncertainty) if uncertainty else ())]
     numbers = row_vehicles(info, fit.case)
 
     def shared(cells: Iterable[Cell] | FloatArray) -> list[Cell]:
@@ -173,7 +173,8 @@ def _estimate_cells(parameters: Parameters, uncertainty: Uncertainty) -> Iterato
         yield replace(column, group=group), [Estimate(*triple) for triple in triples]
 
 
-def _probability_cells(uncertainty: Uncertainty) -> Iterator[Filled]:
+def probability_cells(uncertainty: Uncertainty) -> Iterator[Filled]:
+    """The probability of string stability by both norms."""
     yield Column("L₂", "%", 0, PROBABILITY), percent_cells(uncertainty.probability_l2)
     yield Column("L∞", "%", 0, PROBABILITY), percent_cells(uncertainty.probability_linf)
 
@@ -205,7 +206,7 @@ def comparison_table(
 def intervals_table(info: SegmentInfo, uncertainty: Uncertainty, case: Case = "II") -> Table:
     """One row a follower, or one for all that share: intervals, probability of string stability."""
     numbers = parameter_rows(info, case)
-    filled = (*interval_cells(uncertainty), *_probability_cells(uncertainty))
+    filled = (*interval_cells(uncertainty), *probability_cells(uncertainty))
     return Table.of(
         f"Uncertainty, {where(info)}",
         [

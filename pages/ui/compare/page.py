@@ -20,6 +20,7 @@ from accpinn.methods.pinn.config import PRESETS
 from accpinn.methods.registry import METHODS
 from accpinn.model.cthp import Parameters
 from accpinn.results.figures import comparison as figures
+from accpinn.results.figures.style import vehicle_colours
 from accpinn.results.figures.training import tracking
 from accpinn.results.messages import messages
 from accpinn.results.messages.methods import agreement, colliding_methods
@@ -83,7 +84,7 @@ class _Shown:
     @property
     def colour(self) -> str:
         """The follower's."""
-        return show.vehicle_colours(self.segment)[self.follower + 1]
+        return vehicle_colours(self.segment.vehicles)[self.follower + 1]
 
 
 def show_page() -> None:
@@ -157,7 +158,7 @@ def _show_summary(shown: _Shown) -> None:
     segment, rows = shown.segment, shown.rows
     adequacy = shown.workspace.known_adequacy
     found = recommend(segment, rows, adequacy)
-    colours = show.vehicle_colours(segment, [one.vehicle for one in found])
+    colours = vehicle_colours(segment.vehicles, [one.vehicle for one in found])
     table = tables.recommendation_table(segment.info, found, messages(found, segment))
     show.table(table, colours)
     st.caption(

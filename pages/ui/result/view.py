@@ -17,6 +17,7 @@ from accpinn.model.cthp import Case, Parameters
 from accpinn.results.bundle import bundle
 from accpinn.results.checks import Check, CheckName, checks
 from accpinn.results.figures import training as figures
+from accpinn.results.figures.style import vehicle_colours
 from accpinn.results.messages import messages
 from accpinn.results.messages.checks import MEANING, failing_of, label_of
 from accpinn.results.messages.methods import outcome_message
@@ -131,7 +132,7 @@ def _parameter_table(result: Evaluated) -> Table:
     table = tables.parameter_table(
         info, fit, result.quality, result.surrogate, result.simulated, result.uncertainty
     )
-    return table.coloured(show.vehicle_colours(info, tables.row_vehicles(info, fit.case)))
+    return table.coloured(vehicle_colours(info.vehicles, tables.row_vehicles(info, fit.case)))
 
 
 def _show_fit(result: Evaluated, table: Table, follower: int) -> None:
@@ -176,7 +177,7 @@ def _show_comparison(workspace: Workspace, result: Evaluated, page: str) -> None
         estimates["Maximum likelihood"] = uncertainty.centre
     if result.truth:
         estimates["Truth"] = result.truth
-    colours = show.vehicle_colours(info, tables.parameter_rows(info, fit.case))
+    colours = vehicle_colours(info.vehicles, tables.parameter_rows(info, fit.case))
     table = tables.comparison_table(info, estimates, fit.case, uncertainty)
     show.table(table, colours)
     st.caption(
@@ -303,7 +304,7 @@ def show_intervals(
     """
     if uncertainty is None:
         return
-    colours = show.vehicle_colours(info, tables.parameter_rows(info, case))
+    colours = vehicle_colours(info.vehicles, tables.parameter_rows(info, case))
     show.table(tables.intervals_table(info, uncertainty, case), colours)
     st.caption(
         "Interval: the values consistent with the data, with disturbances that last for seconds,"

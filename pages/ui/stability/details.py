@@ -12,7 +12,12 @@ from accpinn.results.figures.stability import add_clouds, cloud_caption
 from accpinn.results.messages import messages
 from accpinn.results.messages.stability import BEHAVIOURS, BY_ESTIMATES, TITLES, reason
 from accpinn.results.tables.estimates import form_intervals_table
-from accpinn.results.tables.stability import answer, stability_interval_table, stability_table
+from accpinn.results.tables.stability import (
+    answer,
+    stability_interval_table,
+    stability_table,
+    without_parameters,
+)
 from accpinn.stability.report import StabilityReport, VehicleStability, Verdict
 from pages.ui.components import show
 from pages.ui.components.parameter_picker import Chosen
@@ -59,7 +64,7 @@ def show_criteria(shown: Shown) -> None:
     )
     show.key(figures.CRITERIA_KEY)
     show.chart(figures.criteria_by_vehicle(shown.chosen, shown.report), "stability_criteria")
-    table = stability_table(shown.chosen, shown.report, parameters=False)
+    table = without_parameters(stability_table(shown.chosen, shown.report))
     show.table(table, figures.colours(shown.chosen))
     st.caption(
         "By the estimates. Smallest stable time headway: that of this vehicle with its α and β."
