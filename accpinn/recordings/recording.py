@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from datetime import date
 from enum import IntEnum
 from functools import cached_property
+from typing import TypedDict
 
 import numpy as np
 from numpy.typing import NDArray
@@ -318,6 +319,37 @@ class Recording:
         """The time that a stretch of samples covers, to the microsecond."""
         first, last = (round(float(self.time[at]), 6) for at in (stretch.first, stretch.last))
         return Window(first, last)
+
+
+class Facts(TypedDict, total=False):
+    """What a recording says of itself; None where it does not."""
+
+    campaign: str | None
+    date: str | None
+    """ISO 8601."""
+    acc_flag: int | None
+    """0 human, 1 ACC, 2 mixed."""
+    distance_setting: str | None
+    samples: int | None
+    duration: float | None
+    """In s."""
+    sample_time: float | None
+    """In s."""
+
+
+def facts_of(recording: Recording | None) -> Facts:
+    """Those of a recording; none without one."""
+    if recording is None:
+        return {}
+    return {
+        "campaign": recording.campaign,
+        "date": recording.date.isoformat() if recording.date else None,
+        "acc_flag": recording.acc_flag,
+        "distance_setting": recording.distance_setting,
+        "samples": recording.samples,
+        "duration": recording.duration,
+        "sample_time": recording.sample_time,
+    }
 
 
 def completed(

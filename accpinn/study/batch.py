@@ -34,14 +34,14 @@ from accpinn.model.cthp import Case
 from accpinn.recordings.files import mapping_of, read_all
 from accpinn.recordings.makes import is_known
 from accpinn.recordings.mapping import CsvMapping, write_mapping
-from accpinn.recordings.recording import Recording
+from accpinn.recordings.recording import Recording, facts_of
 from accpinn.segment.cut import DURATION, MINIMUM_DURATION, cut
 from accpinn.segment.segment import Segment
 from accpinn.study.cluster import WORKERLESS, connected, fault_of, is_killed, threads_of
 from accpinn.study.journal import FORMAT, Failure, Journal, read_rows
 from accpinn.study.plan import LEAST, plan
 from accpinn.study.pooling import Pool, PoolWindow, pooled_row, pools
-from accpinn.study.rows import RecordingFacts, rows_of
+from accpinn.study.rows import rows_of
 from accpinn.units import Seconds
 
 if TYPE_CHECKING:
@@ -79,7 +79,8 @@ class BatchTask:
     key: str
     place: Place
     segment: Segment
-    facts: RecordingFacts
+    recording: dict[str, Any]
+    """What rows say of it."""
     modes: tuple[str, ...]
     """(M,) as `plan` gives them."""
     case: Case
@@ -410,7 +411,8 @@ class _Run:
     def _tasks_in(self, recording: Recording, file: str) -> Iterator[BatchTask]:
         self._recordings += 1
         planned = plan(recording, self._window)
-        facts = RecordingFacts.of(recording, file)
+        own = {"file": file, "trajectory": recording.trajectory, "sha256": recording.sha256}
+        about = {**facts_of(recording), **own}
         name = recording.sha256
         windows = [
             {"vehicles": list(p.vehicles), "start": p.window.start, "duration": p.window.duration}
@@ -428,7 +430,7 @@ class _Run:
                 segment = self._segment(recording, place)
                 if segment:
                     key = self._key(place, ",".join(missing))
-                    yield BatchTask(key, place, segment, facts, one.modes, self._case, missing)
+                    yield BatchTask(key, place, segment, about, one.modes, self._case, missing)
 
     def pool_tasks(self) -> Iterator[PoolTask]:
         """The vehicles whose pooled parameters are not known; files are read again for each."""
@@ -614,7 +616,9 @@ class _Run:
             self._failed += 1
             alone = vehicles[1] if len(vehicles) == 2 else None
             reason = f"{one.method}: {one.reason}"
-            self._fail(key, Failure(task.facts.file, task.place.start, alone, reason), one.final)
+            self._fail(
+                key, Failure(task.recording["file"], task.place.start, alone, reason), one.final
+            )
 
     def _finish_pool(self, future: "Future[Any]", task: PoolTask) -> None:
         """Write what became of a vehicle."""
@@ -645,7 +649,7 @@ def run_task(task: BatchTask) -> list[MethodRows]:
 
     def rows(key: str) -> list[dict[str, Any]]:
         fit = METHODS[key].fit(segment, task.case, None, TaskContext(threads=1))
-        return rows_of(segment, task.facts, task.modes, fit, intervals(segment, fit))
+        return rows_of(segment, task.recording, task.modes, fit, intervals(segment, fit))
 
     return [_tried(key, partial(rows, key)) for key in task.methods]
 

@@ -1,13 +1,13 @@
 """One row a (recording, window, follower, method): its columns, and how a fit becomes rows."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from accpinn.channels import PARAMETER_KEYS, PARAMETERS
+from accpinn.channels import PARAMETER_KEYS, PARAMETERS, by_key
 from accpinn.errors import ParameterError
 from accpinn.evaluation.closed_loop import (
     TrackingErrors,
@@ -21,11 +21,14 @@ from accpinn.inference.intervals import Uncertainty
 from accpinn.methods.fit import Fit
 from accpinn.model.cthp import Parameters
 from accpinn.recordings.makes import make_and_model
-from accpinn.recordings.recording import Recording, unnamed
+from accpinn.recordings.recording import unnamed
 from accpinn.segment.quality import assess_quality
 from accpinn.segment.segment import Segment
 from accpinn.stability.criteria import MARGINAL, checked, exact_margin, l2_margin, step_metrics
 from accpinn.units import known_mean
+
+VERDICTS = ("l2_stable", "linf_stable", "linf_gain")
+"""Columns of what follows from the estimate alone."""
 
 
 @dataclass(frozen=True)
@@ -96,33 +99,9 @@ COLUMNS = (
 )  # fmt: skip
 
 
-@dataclass(frozen=True)
-class RecordingFacts:
-    """What rows say of a recording."""
-
-    campaign: str | None
-    file: str
-    trajectory: str | None
-    sha256: str
-    date: str | None
-    distance_setting: str | None
-
-    @classmethod
-    def of(cls, recording: Recording, file: str) -> "RecordingFacts":
-        """Those of a recording."""
-        return cls(
-            campaign=recording.campaign,
-            file=file,
-            trajectory=recording.trajectory,
-            sha256=recording.sha256,
-            date=recording.date.isoformat() if recording.date else None,
-            distance_setting=recording.distance_setting,
-        )
-
-
 def rows_of(
     segment: Segment,
-    facts: RecordingFacts,
+    recording: Mapping[str, Any],
     modes: Sequence[str],
     fit: Fit,
     uncertainty: Uncertainty,
@@ -131,7 +110,7 @@ def rows_of(
 
     Args:
         segment: the window, with M followers.
-        facts: of its recording.
+        recording: what is known of it: its facts, file, trajectory and SHA-256.
         modes: (M,) as `plan` gives them.
         fit: of one method.
         uncertainty: of the window.
@@ -143,7 +122,8 @@ def rows_of(
     speeds = segment.measured_speeds[:, 1:]
     mean_speeds = known_mean(speeds)
     errors = np.log(uncertainty.draws.values).std(axis=0)
-    shared = vars(facts) | {
+    shared = {
+        **recording,
         "start": segment.window.start,
         "duration": segment.window.duration,
         "leader": segment.vehicles[0],
@@ -175,12 +155,24 @@ def rows_of(
             "collision_time": collisions[k],
             **verdicts(fit.parameters[k]),
         }
-        values = (fit.parameters, uncertainty.lower, uncertainty.upper)
-        for i, key in enumerate(PARAMETER_KEYS):
-            row[key], row[f"{key}_low"], row[f"{key}_high"] = (v.values[k, i] for v in values)
-            row[f"{key}_error"] = errors[k, i]
+        row |= estimates(fit.parameters[k], uncertainty, k)
+        row |= {f"{key}_error": error for key, error in by_key(errors[k]).items()}
         rows.append({column.name: plain(row[column.name]) for column in COLUMNS})
     return rows
+
+
+def estimates(parameters: Parameters, uncertainty: Uncertainty, follower: int) -> dict[str, float]:
+    """The cells of `parameter_columns` for one follower, 0 for the first."""
+    every = {
+        "": parameters,
+        "_low": uncertainty.lower[follower],
+        "_high": uncertainty.upper[follower],
+    }
+    return {
+        f"{key}{end}": value
+        for end, of in every.items()
+        for key, value in by_key(of.values.tolist()).items()
+    }
 
 
 def _gap_error(errors: TrackingErrors | None, follower: int) -> float | None:
@@ -192,7 +184,7 @@ def verdicts(parameters: Parameters) -> dict[str, Any]:
     try:
         clean = checked(parameters)
     except ParameterError:
-        return {"l2_stable": None, "linf_stable": None, "linf_gain": None}
+        return dict.fromkeys(VERDICTS)
     return {
         "l2_stable": bool(np.where(clean.alpha > 0, l2_margin(clean), 0.0) >= -MARGINAL),
         "linf_stable": bool(exact_margin(clean) >= -MARGINAL),

@@ -31,8 +31,7 @@ from accpinn.inference.model_adequacy import model_forms
 from accpinn.methods.fit import Fit, Outcome
 from accpinn.methods.registry import METHODS
 from accpinn.model.cthp import Trajectories
-from accpinn.recordings.facts import facts_of
-from accpinn.recordings.recording import Recording
+from accpinn.recordings.recording import Recording, facts_of
 from accpinn.results.snapshot import ATTRIBUTION_TEXT, Snapshot, light, stability
 from accpinn.results.snapshot.places import Check, compare, leaves
 from accpinn.results.snapshot.standing import Standing, Way, standings
