@@ -1,6 +1,5 @@
 """Batches and downloads as tasks: each tells its progress in its own terms."""
 
-import threading
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -73,19 +72,12 @@ class DownloadTask(Task[Download]):
         """
         super().__init__(owner, "download", self._work)
         self.run, self._folder, self._base = run, folder, base
-        self._last: Transfer | None = None
-        self._guard = threading.Lock()
-
-    @property
-    def transfer(self) -> Transfer | None:
+        self.latest: Transfer | None = None
         """How far it is; None before the first byte."""
-        with self._guard:
-            return self._last
 
     def _work(self, context: TaskContext) -> Iterator[Download]:
         def note(now: Transfer) -> None:
-            with self._guard:
-                self._last = now
+            self.latest = now
 
         for found in download(
             (self.run,), self._folder, self._base,
@@ -99,5 +91,5 @@ class DownloadTask(Task[Download]):
     @property
     def share(self) -> float:
         """The share of the file that has arrived, 0 to 1."""
-        now = self.transfer
+        now = self.latest
         return min(1.0, now.received / now.size) if now and now.size else 0.0

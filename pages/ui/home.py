@@ -36,7 +36,7 @@ def show_page() -> None:
     workspace = frame.begin("")
     st.html(_STYLE)
     st.title("Learn a car's cruise control from a recorded drive", anchor=False)
-    entries = workspace.runs.entries()
+    entries = workspace.runs.readable()
     if workspace.recording or workspace.snapshot or entries:
         _continue(workspace, entries)
     else:

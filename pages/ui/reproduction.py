@@ -97,7 +97,7 @@ def runs_of(workspace: Workspace, run: Run) -> list[Entry]:
     """The session's finished runs of that recording, window, vehicles and Case, newest first."""
     return [
         entry
-        for entry in workspace.runs.entries()
+        for entry in workspace.runs.readable()
         if (entry.source, entry.window, entry.numbers) == (run.file, str(run.window), run.vehicles)
         and entry.campaign in ("", run.campaign)
         and (entry.case == run.case or len(run.vehicles) == 2)

@@ -80,7 +80,7 @@ def choose_parameters(workspace: Workspace, page: str, lead: str) -> Chosen | No
     about = st.empty()
     about.caption(lead)
     # Every call looks at all files of the store; the newest snapshot comes first.
-    entries = tuple(entry for entry in library().entries() if not entry.fault)
+    entries = library().readable()
     source = workspace.parameter_source
     if source == "snapshot" and not entries:
         source = "fit"

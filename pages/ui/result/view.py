@@ -99,7 +99,8 @@ def _show_outcome(result: Evaluated) -> None:
 def _show_checks(result: Evaluated) -> None:
     """A button for each check, with its answer; it opens what the answer rests on."""
     info, fit, uncertainty = result.info, result.fit, result.uncertainty
-    events, residual = result.events, result.residual
+    events = result.evaluation.all_findings if result.evaluation else None
+    residual = result.evaluation.whiteness if result.evaluation else None
     evidence: Mapping[CheckName, Sequence[str]] = {
         "converged": (outcome_message(fit),),
         "inside": messages(uncertainty.findings if uncertainty else (), info),
@@ -128,10 +129,9 @@ def _show_check(
 
 def _parameter_table(result: Evaluated) -> Table:
     """All that is known of each vehicle."""
-    info, fit = result.info, result.fit
-    table = tables.parameter_table(
-        info, fit, result.quality, result.surrogate, result.simulated, result.uncertainty
-    )
+    info, fit, found = result.info, result.fit, result.evaluation
+    errors = (found.surrogate, found.closed_loop) if found else (None, None)
+    table = tables.parameter_table(info, fit, result.quality, *errors, result.uncertainty)
     return table.coloured(vehicle_colours(info.vehicles, tables.row_vehicles(info, fit.case)))
 
 
@@ -149,7 +149,8 @@ def _show_fit(result: Evaluated, table: Table, follower: int) -> None:
         f" {cost}{cache}"
     )
     after = "The simulation continues, and the closed-loop errors include what follows."
-    show.messages(messages(result.events or (), info), "warning", "car_crash", after)
+    events = result.evaluation.all_findings if result.evaluation else ()
+    show.messages(messages(events, info), "warning", "car_crash", after)
     _show_limits(result)
     show.messages(messages((*fit.findings, *headway_findings(info.vehicles, fit.parameters)), info))
     if said := _about_tracking(result, follower):

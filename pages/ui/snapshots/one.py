@@ -194,7 +194,7 @@ def _show_verification(workspace: Workspace, snapshot: Snapshot) -> None:
 
 def _show_beside(snapshot: Snapshot) -> None:
     """The same beside another of the server's snapshots, which the user picks."""
-    others = [e for e in library().entries() if not e.fault and e.id != snapshot.id]
+    others = [entry for entry in library().readable() if entry.id != snapshot.id]
     if not others:
         st.caption("No other snapshot is kept on this server.")
         return
