@@ -1,4 +1,4 @@
-"""`verify` and `report`: what the file of a snapshot holds."""
+"""`verify`, `report` and `export`: what the file of a snapshot holds."""
 
 import argparse
 from dataclasses import replace
@@ -6,10 +6,12 @@ from pathlib import Path
 from typing import Any
 
 from accpinn.cli.options import add_refit_options, chosen_patience
-from accpinn.cli.output import complain, progress, show, show_result
+from accpinn.cli.output import complain, print_json, progress, show, show_result
 from accpinn.cli.recording import add_json_option
+from accpinn.errors import ConfigError
 from accpinn.recordings.files import read
 from accpinn.recordings.recording import Recording
+from accpinn.results.export import SAMPLES, parameter_card, snapshot_types
 from accpinn.results.messages import message
 from accpinn.results.messages.snapshot import (
     WAYS,
@@ -132,3 +134,35 @@ def run_report(options: argparse.Namespace) -> int:
         f" {summary(checked, snapshot.info)} The report was written, with a warning at its top."
     )
     return 1
+
+
+def add_export_options(parser: argparse.ArgumentParser) -> None:
+    """Declare the options of `export`."""
+    parser.add_argument("file", metavar="SNAPSHOT", help="a snapshot (.accpinn.zip)")
+    parser.add_argument(
+        "--sumo",
+        metavar="XML",
+        help="write vehicle types for SUMO's car-following model ACC, one a follower, and a"
+        " distribution over samples of the posterior",
+    )
+    parser.add_argument(
+        "--samples", type=int, default=SAMPLES, metavar="N", help=f"in it; 0 for none ({SAMPLES})"
+    )
+    add_json_option(parser)
+    card = "With --json: a parameter card, with intervals, provenance and attribution."
+    parser.epilog = f"{card}\n\n{parser.epilog}"
+
+
+def run_export(options: argparse.Namespace) -> int:
+    """Write what was asked for; say where, or print the card."""
+    if not options.sumo and not options.json:
+        raise ConfigError("export: give --sumo FILE.xml, --json or both.")
+    place = writable_path(Path(options.sumo), "file for SUMO") if options.sumo else None
+    snapshot = load(options.file)
+    if place:
+        write_whole(snapshot_types(snapshot, options.samples).encode(), place, "file for SUMO")
+    if options.json:
+        print_json(parameter_card(snapshot))
+    else:
+        show(str(options.sumo))
+    return 0

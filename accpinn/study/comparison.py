@@ -160,16 +160,13 @@ def compare(
     if is_worthwhile(segment, methods, context):
         worker = Worker(job, helpful(methods))
 
-    def stopped() -> bool:
-        return bool(context.should_stop and context.should_stop())
-
     try:
         for key in methods:
-            if stopped():
+            if context.is_stopped:
                 return
-            answer = worker.answer(key, stopped) if worker else None
+            answer = worker.answer(key, context) if worker else None
             answer = answer or job.run(key, context)
-            if answer is None or stopped():
+            if answer is None or context.is_stopped:
                 return
             if isinstance(answer, AccpinnError):
                 yield MethodFailure(key, answer)

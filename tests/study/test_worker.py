@@ -30,8 +30,8 @@ def test_it_answers_as_the_caller_would(job: Job) -> None:
     worker = Worker(job, ["splines", "dual-ukf"])
     while "dual-ukf" in worker._left:
         time.sleep(0.01)
-    assert worker.answer("splines", never) is None, "the caller came first"
-    answer, expected = worker.answer("dual-ukf", never), job.run("dual-ukf", ALONE)
+    assert worker.answer("splines", ALONE) is None, "the caller came first"
+    answer, expected = worker.answer("dual-ukf", ALONE), job.run("dual-ukf", ALONE)
     assert isinstance(answer, tuple)
     assert isinstance(expected, tuple)
     np.testing.assert_array_equal(answer[0].parameters.values, expected[0].parameters.values)
@@ -44,7 +44,7 @@ def test_it_answers_as_the_caller_would(job: Job) -> None:
 def test_what_it_cannot_start_is_the_callers(job: Job, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("sys.executable", "/nowhere/python")
     worker = Worker(job, ["splines"])
-    assert worker.answer("splines", never) is None
+    assert worker.answer("splines", ALONE) is None
     worker.close()
 
 
@@ -52,9 +52,9 @@ def test_a_stop_does_not_wait_for_it(job: Job) -> None:
     worker = Worker(job, ["particle"])
     while "particle" in worker._left:
         time.sleep(0.01)
-    assert worker.answer("particle", lambda: True) is None
+    assert worker.answer("particle", TaskContext(should_stop=lambda: True)) is None
     worker.close()
-    assert worker.answer("particle", never) is None, "killed, so the caller's"
+    assert worker.answer("particle", ALONE) is None, "killed, so the caller's"
 
 
 def test_a_refusal_is_an_answer(job: Job, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,11 +1,13 @@
 """Sentences about how far estimates can be trusted.
 
-Uncertainty, identifiability, model adequacy, multistart, closed-loop simulation and residual.
+Uncertainty, identifiability, model adequacy, multistart, closed-loop simulation, residual and
+validation.
 """
 
 from accpinn.channels import PARAMETERS
 from accpinn.evaluation import closed_loop, whiteness
 from accpinn.evaluation.closed_loop import ClosedLoopFinding
+from accpinn.evaluation.validation import OtherVehicles, ValidationOverlaps
 from accpinn.inference import intervals, multistart, prediction
 from accpinn.inference.identifiability import WIDE, NarrowerIntervals, WeakIdentification
 from accpinn.inference.intervals import Cause, ParameterInterval
@@ -353,3 +355,20 @@ def _(finding: Recommendation, about: Labelled) -> str:
     elif finding.is_adequate:
         said.append("No test speaks against the model.")
     return " ".join(said)
+
+
+@message.register
+def _(finding: ValidationOverlaps | OtherVehicles, about: Labelled) -> str:
+    match finding:
+        case ValidationOverlaps():
+            return (
+                f"The validation window shares {finding.seconds:.0f} s with the one learned from,"
+                " so its errors are too small; choose one outside it."
+            )
+        case OtherVehicles():
+            pairs = zip(finding.learned, finding.validated, strict=True)
+            unlike = "; ".join(f"{one} by {two}" for one, two in pairs if one != two)
+            return (
+                f"Other vehicles: {unlike}. The errors then show how far one car's parameters serve"
+                " for another."
+            )

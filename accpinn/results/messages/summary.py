@@ -38,7 +38,7 @@ def summary(snapshot: Snapshot) -> tuple[str, ...]:
         for k, one in enumerate(fit.parameters)
     ]
     who = _followers(snapshot)
-    if fit.case == "I" and info.followers > 1:
+    if info.shares(fit.case):
         learned = f"{who} as one set: {estimates[0]}"
     elif info.followers == 1:
         learned = f"{who}: {estimates[0]}"

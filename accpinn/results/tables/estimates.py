@@ -8,8 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from accpinn.channels import PARAMETER_KEYS, PARAMETERS
+from accpinn.channels import GAP, PARAMETER_KEYS, PARAMETERS, SPEED
 from accpinn.evaluation.closed_loop import TrackingErrors
+from accpinn.evaluation.validation import Validation
 from accpinn.inference.intervals import Uncertainty, parameter_intervals
 from accpinn.inference.model_adequacy import ModelForm, WeightedForms
 from accpinn.inference.multistart import MultistartResult
@@ -29,7 +30,7 @@ Filled = tuple[Column, Iterable[Cell]]
 """A column with its cells."""
 
 PARAMETER_COLUMNS = tuple(Column.of(quantity, key=quantity.key) for quantity in PARAMETERS)
-GAP = "MAE of the space-gap"
+GAP_MAE = "MAE of the space-gap"
 EVERY_FOLLOWER = "Every follower"
 """The label of parameters that all followers share (Case I)."""
 DRIVER = "Driver"
@@ -54,10 +55,11 @@ def name_of(fit: Fit) -> str:
     return method_name(fit.method, fit.config, fit.outcome)
 
 
-def where(info: SegmentInfo) -> str:
-    """The segment in a few words: file, window, and which regimes are excluded."""
-    excluded = info.excluded_regimes
-    return f"{info.source}, {info.window}" + (f", without {', '.join(excluded)}" * bool(excluded))
+def where(info: SegmentInfo, case: Case | None = None) -> str:
+    """The segment in a few words: file, window, regimes excluded, and a platoon's Case."""
+    parts = [info.source, str(info.window)]
+    parts += [f"without {', '.join(info.excluded_regimes)}"] if info.excluded_regimes else []
+    return ", ".join(parts + ([f"Case {case}"] if case and info.followers > 1 else []))
 
 
 def learned_parameters(info: SegmentInfo, fit: Fit) -> ParameterSet:
@@ -105,7 +107,6 @@ def parameter_table(
         closed_loop: errors of the closed-loop simulation; its leader is given, so has none.
         uncertainty: adds intervals to the parameters, and the probability of string stability.
     """
-    case = f", Case {fit.case}" if info.followers > 1 else ""
     estimated = [*(_estimate_cells(fit.parameters, uncertainty) if uncertainty else ())]
     estimated = estimated or [*parameter_cells(fit.parameters)]
     of_each: list[Filled] = [
@@ -127,7 +128,7 @@ def parameter_table(
         return [first, *([None] if 0 in numbers else []), *rest]
 
     return Table.of(
-        f"{name_of(fit)}, {where(info)}{case}",
+        f"{name_of(fit)}, {where(info, fit.case)}",
         [
             (Column("Vehicle"), _labels(info, numbers)),
             *((column, own(cells)) for column, cells in driver_cells(drivers(info), above=1)),
@@ -152,12 +153,12 @@ def error_part(table: Table) -> Table:
 def row_vehicles(info: SegmentInfo, case: Case) -> tuple[int, ...]:
     """The vehicle of each row of `parameter_table`; 0 for what all followers share."""
     leader, *followers = info.vehicles
-    return (leader, *((0,) if case == "I" and len(followers) > 1 else ()), *followers)
+    return (leader, *((0,) if info.shares(case) else ()), *followers)
 
 
 def parameter_rows(info: SegmentInfo, case: Case) -> tuple[int, ...]:
     """The vehicle of each set of parameters: the followers, or 0 alone for all that share one."""
-    return (0,) if case == "I" and info.followers > 1 else info.vehicles[1:]
+    return (0,) if info.shares(case) else info.vehicles[1:]
 
 
 def _labels(info: SegmentInfo, numbers: Sequence[int]) -> tuple[str, ...]:
@@ -263,10 +264,10 @@ def methods_table(info: SegmentInfo, results: Sequence[MethodResult], follower: 
         [
             (Column("Method"), [name_of(result.fit) for result in results]),
             *parameter_cells(Parameters.stack(r.fit.parameters[follower] for r in results)),
-            (Column("Surrogate fit", "m", 3, GAP), gaps("surrogate")),
-            (Column("Closed loop", "m", 2, GAP), gaps("closed_loop")),
-            (Column("Hold-out", "m", 2, GAP), gaps("holdout")),
-            (Column("Outside the window", "m", 2, GAP), gaps("out_of_window")),
+            (Column("Surrogate fit", "m", 3, GAP_MAE), gaps("surrogate")),
+            (Column("Closed loop", "m", 2, GAP_MAE), gaps("closed_loop")),
+            (Column("Hold-out", "m", 2, GAP_MAE), gaps("holdout")),
+            (Column("Outside the window", "m", 2, GAP_MAE), gaps("out_of_window")),
             (Column("Collides at", "s", 1), collisions),
             (Column("Time", "s", 2, least=True), [result.fit.seconds for result in results]),
         ],
@@ -280,8 +281,8 @@ def multistart_table(info: SegmentInfo, found: MultistartResult, follower: int) 
     filled: list[Filled] = [
         (Column("Start (α, β, τ)"), starts),
         *parameter_cells(Parameters.stack(t.fit.parameters[follower] for t in trials), "Learned"),
-        (Column("Surrogate fit", "m", 3, GAP), _gaps([t.surrogate for t in trials], follower)),
-        (Column("Closed loop", "m", 2, GAP), _gaps([t.closed_loop for t in trials], follower)),
+        (Column("Surrogate fit", "m", 3, GAP_MAE), _gaps([t.surrogate for t in trials], follower)),
+        (Column("Closed loop", "m", 2, GAP_MAE), _gaps([t.closed_loop for t in trials], follower)),
         (Column("Iterations", "", 0), [float(t.fit.iterations) for t in trials]),
         (Column("Time", "s", 1), [t.fit.seconds for t in trials]),
     ]
@@ -379,7 +380,7 @@ def fit_record_table(
     filled: list[Filled] = [
         (Column("Earlier fit", prose=True), [fit_record_title(run) for run in runs]),
         *parameter_cells(then),
-        (Column("Closed loop", "m", 2, GAP), gaps),
+        (Column("Closed loop", "m", 2, GAP_MAE), gaps),
     ]
     if now:
         present = [now.get(run.method) for run in runs]
@@ -397,8 +398,7 @@ def fit_record_table(
 
 def fit_record_title(run: FitRecord) -> str:
     """Method, file and window in a few words."""
-    case = f", Case {run.case}" if run.info.followers > 1 else ""
-    return f"{method_name(run.method, run.config, run.outcome)}, {where(run.info)}{case}"
+    return f"{method_name(run.method, run.config, run.outcome)}, {where(run.info, run.case)}"
 
 
 def supported_columns(uncertainty: Uncertainty | None) -> tuple[Column, ...]:
@@ -429,6 +429,36 @@ def interval_cells(uncertainty: Uncertainty) -> Iterator[Filled]:
     for column, low, high in zip(PARAMETER_COLUMNS, lower, upper, strict=True):
         ends = zip(low.tolist(), high.tolist(), strict=True)
         yield replace(column, group=percent), [Range(*pair) for pair in ends]
+
+
+def validation_table(info: SegmentInfo, other: SegmentInfo, found: Validation) -> Table:
+    """A row a follower: MAE of space-gap and speed in closed loop, on both windows.
+
+    Args:
+        info: of the segment learned from.
+        other: of the one validated on.
+        found: the errors.
+    """
+    source = "" if info.source == other.source else f"{other.source}, "
+    return Table.of(
+        "Validation: error of the closed-loop simulation, MAE",
+        [
+            (Column("Follower"), info.labels[1:]),
+            *_validation_cells(info, f"Learned from: {info.window}", "learned", found.learned),
+            *_validation_cells(
+                info, f"Validation: {source}{other.window}", "validation", found.validated
+            ),
+        ],
+    )
+
+
+def _validation_cells(
+    info: SegmentInfo, group: str, key: str, errors: TrackingErrors | None
+) -> Iterator[Filled]:
+    absent = info.followers * [None]
+    yield Column.of(GAP, group, f"{key}_mae_p_m"), errors.gap_mae if errors else absent
+    speeds = errors.speed_mae[1:] if errors else absent
+    yield Column.of(SPEED, group, f"{key}_mae_v_m_per_s"), speeds
 
 
 def _error_cells(

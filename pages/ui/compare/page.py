@@ -235,7 +235,7 @@ def _show_methods(shown: _Shown) -> None:
         + (" Hold-out is not computed for your own training." * own)
     )
     show.downloads(table, f"{shown.stem}_methods", "compare")
-    shared = rows[0].fit.case == "I" and segment.followers > 1
+    shared = segment.shares(rows[0].fit.case)
     who = "All followers together" if shared else segment.labels[shown.follower + 1]
     agreed = escape_markdown(agreement(rows, 0 if shared else shown.follower))
     st.markdown(f"Do the methods agree on {escape_markdown(who)}? {agreed[:1].upper()}{agreed[1:]}")

@@ -187,7 +187,7 @@ def parameters_from(
 def _of_fit(chosen: Chosen) -> Chosen:
     """A fit's followers; in Case I, where they share their parameters, one stands for all."""
     fit, info, vehicles, known = chosen.fit, chosen.info, chosen.vehicles, chosen.uncertainty
-    if fit is None or info is None or fit.case == "II" or info.followers == 1:
+    if fit is None or info is None or not info.shares(fit.case):
         return chosen
     shared = ParameterSet(
         vehicles.title, (EVERY_FOLLOWER,), fit.parameters[:1], (info.vehicles[0], 0),

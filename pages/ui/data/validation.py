@@ -8,7 +8,7 @@ from accpinn.recordings.files import read
 from accpinn.recordings.recording import Recording, Window
 from accpinn.results.figures.style import vehicle_colours
 from accpinn.results.messages import messages
-from accpinn.results.tables.validation import validation_table
+from accpinn.results.tables.estimates import validation_table
 from accpinn.segment.cut import DURATION, chains, complete_windows, cut, disjoint_windows
 from pages.ui.components import show
 from pages.ui.components.widgets import select

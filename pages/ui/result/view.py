@@ -260,7 +260,7 @@ def show_history(
         case: in Case I all followers share one line.
         truth: the true parameters, where they are known.
     """
-    show.vehicle_key(info, bool(truth), case == "I" and info.followers > 1)
+    show.vehicle_key(info, bool(truth), info.shares(case))
     drawn = (
         ("loss", figures.loss_history(history)),
         *(
