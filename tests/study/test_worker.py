@@ -17,10 +17,6 @@ from tests.support.command import THREE
 ALONE = TaskContext()
 
 
-def never() -> bool:
-    return False
-
-
 @pytest.fixture(scope="module")
 def job() -> Job:
     return Job(cut(read(THREE), 0, 60), "II", None, {})
