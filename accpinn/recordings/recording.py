@@ -1,10 +1,10 @@
 """What a file holds: metadata, vehicles, speeds, gaps and modes over time, and what is wrong."""
 
+import datetime
 import hashlib
 import re
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
-from datetime import date
 from enum import IntEnum
 from functools import cached_property
 from typing import TypedDict
@@ -219,7 +219,7 @@ def unnamed(number: int) -> str:
     return f"Vehicle {number}"
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Recording:
     """One run; N samples, V vehicles. Arrays are read-only."""
 
@@ -227,13 +227,13 @@ class Recording:
     """File name; with the trajectory's name where the file holds several."""
     sha256: str
     """Of the file's bytes, and of the trajectory's name where the file holds several."""
-    campaign: str | None
+    campaign: str | None = None
     """None where folder, file name and date do not determine it."""
-    date: date | None
-    acc_flag: int | None
+    date: datetime.date | None = None
+    acc_flag: int | None = None
     """As in the file: 0 human, 1 ACC, 2 mixed. It does not give a vehicle's mode."""
-    distance_setting: str | None
-    vehicles: tuple[Vehicle, ...]
+    distance_setting: str | None = None
+    vehicles: tuple[Vehicle, ...] = ()
     """(V,) also those the header names but the columns lack."""
     time: FloatArray
     """(N,) in s from the first sample."""

@@ -209,8 +209,11 @@ def batch(
     files = files_of(sources, Path(study))
     length = window if math.isfinite(window) else "all"
     with Journal(Path(study), {"window": length, "case": case}) as journal:
-        run = _Run(journal, tuple(dict.fromkeys(methods)), case, window, mapping, files, started)
-        run.work(workers, scheduler, on_progress, should_stop or (lambda: False))
+        run = _Run(
+            journal, tuple(dict.fromkeys(methods)), case, window, mapping, files, started,
+            on_progress or (lambda _: None), should_stop or (lambda: False),
+        )  # fmt: skip
+        run.work(workers, scheduler)
         return run.summary()
 
 
@@ -261,10 +264,13 @@ class _Run:
         mapping: CsvMapping | None,
         files: list[Path],
         started: float,
+        on_progress: Callable[[BatchProgress], None],
+        should_stop: Callable[[], bool],
     ) -> None:
         self._journal, self._known = journal, journal.known
         self._methods, self._case, self._window = methods, case, window
         self._mapping, self._files, self._started = mapping, files, started
+        self._on_progress, self._should_stop = on_progress, should_stop
         self._recordings = self._refused = self._windows = self._followers = 0
         self._rows = self._failed = self._reused = self._finished = 0
         self._stopped = False
@@ -506,16 +512,9 @@ class _Run:
 
     # Working
 
-    def work(
-        self,
-        workers: int | None,
-        scheduler: str | None,
-        on_progress: Callable[[BatchProgress], None] | None,
-        should_stop: Callable[[], bool],
-    ) -> None:
+    def work(self, workers: int | None, scheduler: str | None) -> None:
         """Run all tasks; workers are started for the first one that is left to do."""
-        if on_progress:
-            on_progress(self.progress(0))
+        self._on_progress(self.progress(0))
         client: Client | None = None
         with ExitStack() as opened:
             windows: Phase[Any] = Phase(self.tasks, run_task, self._finish)
@@ -525,14 +524,10 @@ class _Run:
                 first = next(tasks, None)
                 if first is not None:
                     client = client or opened.enter_context(connected(workers, scheduler))
-                    if on_progress:
-                        on_progress(self.progress(threads_of(client)))
-                    self._drive(
-                        client, phase, first, tasks, on_progress, should_stop, scheduler is None
-                    )
+                    self._on_progress(self.progress(threads_of(client)))
+                    self._drive(client, phase, first, tasks, scheduler is None)
         self._is_done = not self._stopped
-        if on_progress:
-            on_progress(self.progress(0))
+        self._on_progress(self.progress(0))
 
     def _drive(
         self,
@@ -540,8 +535,6 @@ class _Run:
         phase: "Phase[Any]",
         first: Any,
         tasks: Iterator[Any],
-        on_progress: Callable[[BatchProgress], None] | None,
-        should_stop: Callable[[], bool],
         is_local: bool,
     ) -> None:
         """Keep workers at a phase's tasks until all have ended, or the caller says stop."""
@@ -553,7 +546,7 @@ class _Run:
         slots, looked, alone = 0, -1.0, False
         try:
             while waiting or running or put_off:
-                if should_stop():
+                if self._should_stop():
                     self._stopped = True
                     break
                 if time.monotonic() - looked > 1.0:
@@ -586,8 +579,7 @@ class _Run:
                         continue
                     phase.finish(future, task)
                     future.release()
-                    if on_progress:
-                        on_progress(self.progress(slots))
+                    self._on_progress(self.progress(slots))
                 if time.monotonic() - published > PUBLISHED_EVERY:
                     self._journal.publish()
                     published = time.monotonic()

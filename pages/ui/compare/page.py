@@ -96,7 +96,7 @@ def show_page() -> None:
         if not workspace.snapshot:
             frame.empty_state(workspace, "Nothing to compare on")
         return
-    st.caption(frame.segment_line(segment, workspace.case, vehicles=True))
+    st.caption(frame.segment_line(segment, workspace.case))
     show.not_acc(segment)
     _controls(workspace, segment)
     if task:

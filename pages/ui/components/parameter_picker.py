@@ -124,7 +124,7 @@ def choose_parameters(workspace: Workspace, page: str, lead: str) -> Chosen | No
         _edit_rows(workspace, f"{page}_rows")
     chosen = show.attempt(lambda: parameters_from(workspace, source, entries))
     if chosen and chosen.fit and chosen.info:
-        about.caption(frame.segment_line(chosen.info, chosen.fit.case, vehicles=True))
+        about.caption(frame.segment_line(chosen.info, chosen.fit.case))
         show.not_acc(chosen.info)
     return chosen
 

@@ -104,8 +104,11 @@ def _open(
         opened()
 
 
-def _cancel(workspace: Workspace) -> None:
-    workspace.pending, workspace.refusal = None, ""
+def _cancel_button(workspace: Workspace) -> None:
+    def cancel() -> None:
+        workspace.pending, workspace.refusal = None, ""
+
+    st.button("Cancel", on_click=cancel, key="data_cancel")
 
 
 def _ask_for_trajectory(
@@ -125,14 +128,14 @@ def _ask_for_trajectory(
             "Open this trajectory", type="primary", on_click=_open, key="data_open_trajectory",
             args=(workspace, file, opened, file.mapping, chosen),
         )  # fmt: skip
-        st.button("Cancel", on_click=_cancel, args=(workspace,), key="data_cancel")
+        _cancel_button(workspace)
     show.messages(workspace.refusal, "error")
 
 
 def _ask_for_mapping(workspace: Workspace, file: PendingFile, opened: Callable[[], None]) -> None:
     seen = show.attempt(lambda: preview(file.source, file.name))
     if seen is None:
-        st.button("Cancel", on_click=_cancel, args=(workspace,), key="data_cancel")
+        _cancel_button(workspace)
         return
     st.markdown(
         f"**Which columns of {escape_markdown(file.name)} hold what?** The answer is remembered for"
@@ -168,7 +171,7 @@ def _ask_for_mapping(workspace: Workspace, file: PendingFile, opened: Callable[[
             on_click="ignore", icon=":material/download:", key="data_mapping_json",
             help="For the command line's option --mapping, or for another server.",
         )  # fmt: skip
-        st.button("Cancel", on_click=_cancel, args=(workspace,), key="data_cancel")
+        _cancel_button(workspace)
     show.messages(workspace.refusal, "error")
 
 

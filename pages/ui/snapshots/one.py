@@ -29,7 +29,7 @@ from accpinn.results.tables.estimates import learned_parameters
 from accpinn.results.tables.table import Column, Table
 from accpinn.segment.segment import Segment
 from accpinn.units import Seconds
-from pages.ui.components import show
+from pages.ui.components import frame, show
 from pages.ui.components.show import escape_markdown
 from pages.ui.result.evaluated import of_snapshot
 from pages.ui.result.view import show_evaluated
@@ -50,9 +50,7 @@ def show_one(workspace: Workspace, snapshot: Snapshot) -> None:
     info, title = snapshot.info, snapshot.name.strip() or snapshot.id
     st.subheader(escape_markdown(title), anchor=False)
     when = snapshot.created[:16].replace("T", " ")
-    place = f"{info.source} · {info.window} · {info.labels[0]} to {info.labels[-1]}"
-    case = f" · Case {snapshot.fit.case}" if info.followers > 1 else ""
-    st.caption(escape_markdown(f"{place}{case} · saved {when} UTC"))
+    st.caption(f"{frame.segment_line(info, snapshot.fit.case)} · saved {escape_markdown(when)} UTC")
     if snapshot.note:
         st.text(snapshot.note)
     _show_standing(workspace, snapshot)

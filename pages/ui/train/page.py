@@ -60,7 +60,7 @@ def _show_page(workspace: Workspace) -> None:
             frame.empty_state(workspace, "Nothing to train on")
         return
     banner(workspace)
-    st.caption(frame.segment_line(segment, workspace.case, vehicles=True))
+    st.caption(frame.segment_line(segment, workspace.case))
     show.not_acc(segment)
     # On a narrow screen a result comes before what led to it, while a training can be stopped.
     done = workspace.fit is not None and not (workspace.training and workspace.training.is_active)
