@@ -184,7 +184,7 @@ def fit_windows(segments: Sequence[Segment], case: Case = "II", level: float = L
     own = tuple(estimate(segment, case, level) for segment in segments)
     fits = tuple(fit_among(segments, segment, case) for segment in segments)
     uncertainty = intervals(segments, fits[0], level)
-    between = _between(own, case, level)
+    between = _between(own, level)
     return JointFit(
         case,
         own,
@@ -216,9 +216,7 @@ def estimate(segment: Segment, case: Case = "II", level: float = LEVEL) -> Windo
     return WindowEstimate(segment, fit, uncertainty, errors)
 
 
-def _between(
-    windows: Sequence[WindowEstimate], case: Case, level: float
-) -> tuple[BetweenWindows, ...]:
+def _between(windows: Sequence[WindowEstimate], level: float) -> tuple[BetweenWindows, ...]:
     values = np.array([one.fit.parameters.values for one in windows])
     logs = np.log(np.where(values > 0, values, np.nan))
     errors = np.array([one.errors for one in windows])

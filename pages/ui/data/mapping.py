@@ -47,11 +47,6 @@ LIKELY = {
 """Words that the names of columns hold."""
 
 
-def ask_for_columns() -> bool:
-    """Whether the user wants to be asked even where columns are remembered."""
-    return bool(st.session_state.get(ASK))
-
-
 def pending_of(source: bytes | Path, name: str, known: bool = False) -> PendingFile | None:
     """What has to be asked of a file that could not be read; None where no answer would help.
 

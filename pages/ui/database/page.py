@@ -38,6 +38,7 @@ from pages.ui.database.selection import (
     write_link,
 )
 from pages.ui.session.choices import DatabaseChoice
+from pages.ui.session.resources import batch_queue
 from pages.ui.session.workspace import Workspace
 
 LEAD = (
@@ -51,7 +52,8 @@ def show_page() -> None:
     workspace = frame.begin("Database")
     choice = workspace.database_choice
     follow_link(choice)
-    names = tuple(dict.fromkeys((*running.active_studies(), *known_studies())))
+    # Of a batch that waits nothing may be written yet.
+    names = tuple(dict.fromkeys((*batch_queue().active_owners("batch"), *known_studies())))
     refused = choice.study not in names and running.show_refusal(choice.study)
     if not names:
         _show_empty(workspace, choice)
@@ -63,7 +65,7 @@ def show_page() -> None:
     folder = folder_of(choice.study)
     stamp = Stamp.of(folder)
     _show_head(workspace, choice, names)
-    running.show_batch(workspace, choice.study)
+    running.show_batch(choice.study)
     rows = rows_of(stamp) if stamp.size else pd.DataFrame()
     if len(rows):
         _show_study(workspace, choice, stamp, rows)

@@ -41,11 +41,6 @@ ALL = "all recordings"
 DEFAULT_NAME = "OpenACC"
 
 
-def active_studies() -> tuple[str, ...]:
-    """The studies whose batches wait or run, though nothing may be written there yet."""
-    return batch_queue().active_owners("batch")
-
-
 def _task(study: str) -> BatchTask | None:
     task = batch_queue().of(study, "batch")
     return task if isinstance(task, BatchTask) else None
@@ -60,7 +55,7 @@ def _start(settings: BatchSettings, study: str) -> None:
 # Watching
 
 
-def show_batch(workspace: Workspace, study: str) -> None:
+def show_batch(study: str) -> None:
     """The study's batch: how far it is, or how it ended, and what can be done about it."""
     task = _task(study)
     if task is not None and task.is_active:
