@@ -19,7 +19,7 @@ from accpinn.results.messages.snapshot import (
     refitting,
     rests_on,
     standing_rows,
-    summary,
+    verification_summary,
 )
 from accpinn.results.snapshot import SUFFIX, Snapshot
 from accpinn.results.snapshot.archive import load
@@ -74,7 +74,7 @@ def _describe_verification(snapshot: Snapshot, result: Verification) -> dict[str
         "name": snapshot.name,
         "created": snapshot.created,
         "ok": result.ok,
-        "sentence": summary(result, snapshot.info),
+        "sentence": verification_summary(result, snapshot.info),
         "rests_on": rests_on(result),
         "figures": [row._asdict() for row in standing_rows(result.standings)],
         "checks": [row._asdict() for row in check_rows(result, snapshot.info)],
@@ -102,7 +102,7 @@ def _verification_text(snapshot: Snapshot, result: Verification) -> str:
     if not said:
         options = dict.fromkeys(one.cure for one in result.unchecked if one.cure)
         more = [f"More is checked with {' and '.join(options)}."] if options else []
-        said = [summary(result, info), *more]
+        said = [verification_summary(result, info), *more]
     return "\n".join([", ".join(filter(None, about)), "", table.to_text(), "", *said])
 
 
@@ -129,9 +129,10 @@ def run_report(options: argparse.Namespace) -> int:
     if checked.ok:
         progress(rests_on(checked))
         return 0
+    said = verification_summary(checked, snapshot.info)
     complain(
-        "what the snapshot says does not follow from its contents."
-        f" {summary(checked, snapshot.info)} The report was written, with a warning at its top."
+        f"what the snapshot says does not follow from its contents. {said} The report was written,"
+        " with a warning at its top."
     )
     return 1
 

@@ -95,7 +95,7 @@ def _identifier(name: str, follower: int) -> str:
     return f"F{follower + 1}_{re.sub(r'[^A-Za-z0-9.-]+', '_', name).strip('_') or 'vehicle'}"
 
 
-def thinned(draws: Parameters, count: int) -> Parameters:
+def some_draws(draws: Parameters, count: int) -> Parameters:
     """So many of the draws (n, M), evenly chosen; all where there are no more.
 
     Raises:
@@ -121,7 +121,7 @@ def snapshot_types(snapshot: Snapshot, samples: int = SAMPLES) -> str:
         ConfigError: for a number of samples that is not allowed.
     """
     known = snapshot.uncertainty
-    draws = thinned(known.draws, samples) if known and samples else None
+    draws = some_draws(known.draws, samples) if known and samples else None
     return sumo_types(snapshot.info.names[1:], snapshot.fit.parameters, draws)
 
 

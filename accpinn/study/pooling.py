@@ -24,7 +24,7 @@ from accpinn.study.rows import (
     COLUMNS,
     VERDICTS,
     RowColumn,
-    estimates,
+    estimate_cells,
     parameter_columns,
     plain,
     verdicts,
@@ -154,6 +154,6 @@ def pooled_row(pool: Pool, segments: tuple[Segment, ...]) -> dict[str, Any]:
         "p_linf_stable": known.probability_linf[0],
         **verdicts(fit.parameters[0]),
     }
-    row |= estimates(fit.parameters[0], known, 0)
+    row |= estimate_cells(fit.parameters[0], known, 0)
     row |= {f"{key}_deviation": value for key, value in by_key(pool.deviations).items()}
     return {column.name: plain(row[column.name]) for column in POOLED_COLUMNS}

@@ -155,13 +155,15 @@ def rows_of(
             "collision_time": collisions[k],
             **verdicts(fit.parameters[k]),
         }
-        row |= estimates(fit.parameters[k], uncertainty, k)
+        row |= estimate_cells(fit.parameters[k], uncertainty, k)
         row |= {f"{key}_error": error for key, error in by_key(errors[k]).items()}
         rows.append({column.name: plain(row[column.name]) for column in COLUMNS})
     return rows
 
 
-def estimates(parameters: Parameters, uncertainty: Uncertainty, follower: int) -> dict[str, float]:
+def estimate_cells(
+    parameters: Parameters, uncertainty: Uncertainty, follower: int
+) -> dict[str, float]:
     """The cells of `parameter_columns` for one follower, 0 for the first."""
     every = {
         "": parameters,

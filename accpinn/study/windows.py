@@ -48,13 +48,12 @@ from accpinn.methods.fit import Fit
 from accpinn.methods.maximum_likelihood import fit_among, maxima_of
 from accpinn.methods.series import series_of, stride_of
 from accpinn.model.cthp import Case, Parameters
+from accpinn.segment.cut import SLACK
 from accpinn.segment.segment import Segment
 from accpinn.units import FloatArray, Seconds
 
 SIGNIFICANCE = 0.05
 """Below this probability of a larger Q, windows are said to differ."""
-SLACK: Seconds = 1e-6
-"""Windows that share less of the time, as one that ends where the next begins, are disjoint."""
 
 
 class WindowsDiffer(Finding, frozen=True):

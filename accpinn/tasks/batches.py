@@ -18,7 +18,7 @@ RunBatch = Callable[
 ]
 
 
-class BatchTask(Task[BatchSummary]):
+class StudyTask(Task[BatchSummary]):
     """A batch of estimations, in a process of its own."""
 
     def __init__(self, owner: str, settings: BatchSettings, run: RunBatch = run_batch) -> None:

@@ -82,7 +82,7 @@ def _(finding: recorded.RecordingFinding, about: Labelled) -> str:
             )
 
 
-def drivers(recording: recorded.Recording) -> str:
+def driver_summary(recording: recorded.Recording) -> str:
     """Who drives, by name: "Human: 1; ACC: 2, 3"; by the file's flag where it gives no modes."""
     by_mode: dict[str, list[str]] = {}
     for vehicle in recording.vehicles:

@@ -5,9 +5,10 @@ from itertools import zip_longest
 from typing import NamedTuple
 
 from accpinn.results.messages import Labelled, joined, message, messages
-from accpinn.results.snapshot.places import Check
+from accpinn.results.snapshot.places import PartCheck
 from accpinn.results.snapshot.standing import Standing, Way
 from accpinn.results.snapshot.verification import RECORDING, Unchecked, Verification
+from accpinn.results.tables.table import ABSENT
 from accpinn.units import Seconds
 
 TITLES = {
@@ -40,7 +41,6 @@ PLACES = {
     "deviation.0": "{} m/s²",
 }
 """A value in words, by its place, where that names a quantity; of the first follower."""
-ABSENT = "–"
 DIGEST = 16
 """Digits of a digest that tell it from all others."""
 LONGEST = 40
@@ -120,13 +120,13 @@ class CheckRow(NamedTuple):
     way: Way
 
 
-def _title(check: Check) -> str:
+def _title(check: PartCheck) -> str:
     """The name of the part that was checked."""
     own = check.part.rpartition(".")[2].replace("_", " ").capitalize()
     return ", ".join(filter(None, [TITLES.get(check.part, own), check.method]))
 
 
-def _values(check: Check) -> tuple[str, str]:
+def _values(check: PartCheck) -> tuple[str, str]:
     """One value of the part, as stored and as recomputed, with its place."""
     if check.reason:
         return ABSENT, "not possible"
@@ -162,7 +162,7 @@ def _from(text: str, start: int) -> str:
 
 
 @message.register
-def _(check: Check, about: Labelled) -> str:
+def _(check: PartCheck, about: Labelled) -> str:
     if check.reason:
         return check.reason
     if check.ok:
@@ -204,7 +204,7 @@ def duration(seconds: Seconds) -> str:
     return f"{max(1.0, seconds):.0f} s"
 
 
-def summary(verification: Verification, about: Labelled) -> str:
+def verification_summary(verification: Verification, about: Labelled) -> str:
     """The first fault, or what agrees and what was not checked.
 
     Args:
@@ -241,7 +241,7 @@ def parameters_rest_on(verification: Verification, about: Labelled) -> str:
         about: the snapshot's `info`.
     """
     if not verification.ok:
-        return summary(verification, about)
+        return verification_summary(verification, about)
     if verification.refitted:
         return "Refitted: α, β, τ agree."
     why = [one for one in verification.unchecked if one.kind in UNREFITTED][:1]

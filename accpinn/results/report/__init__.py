@@ -51,7 +51,7 @@ from accpinn.results.messages.snapshot import (
     parameters_rest_on,
     rests_on,
     standing_rows,
-    summary,
+    verification_summary,
 )
 from accpinn.results.messages.stability import BY_ESTIMATES, PLACES, Places, reason
 from accpinn.results.snapshot import Snapshot, stability
@@ -77,8 +77,6 @@ WIDE = 9
 """Columns beyond which a table is set smaller."""
 FOLLOWERS = 8
 """Of the simulated platoon."""
-QUIET = 0.25
-"""rad/s of the platoon's disturbance where no frequency is amplified."""
 DIGITS = 5
 """Significant ones of every number drawn; a screen shows four."""
 ALL_POINTS, FEWEST_POINTS = 70_000, 150
@@ -185,7 +183,7 @@ def _story(snapshot: Snapshot, checked: Verification, shown: list[Picture]) -> d
         "repeated": run[2] if run else "",
         "methods": [sheet for name, sheet in sheets.items() if name.startswith("methods_")],
         "checked": checked,
-        "verdict": summary(checked, info),
+        "verdict": verification_summary(checked, info),
         "rests_on": rests_on(checked),
         "not_refitted": "" if checked.refitted else parameters_rest_on(checked, info),
         "standings": standing_rows(checked.standings),
@@ -370,7 +368,7 @@ def platoon_pictures(snapshot: Snapshot) -> tuple[PlatoonRun, tuple[Picture, Pic
     if report is None:
         return None
     order = [*range(len(vehicles))] if len(vehicles) > 1 else [0] * FOLLOWERS
-    omega = report.platoon.peaks[-1].omega or QUIET
+    omega = report.platoon.peaks[-1].omega or Sinusoid.frequency
     try:
         run = simulate_platoon(vehicles.parameters[order], Sinusoid(frequency=omega))
     except ParameterError:

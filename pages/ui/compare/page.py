@@ -249,7 +249,7 @@ def _show_estimates(shown: _Shown) -> None:
     follower, uncertainty = shown.follower, shown.uncertainty
     earlier = _choose_earlier(shown)
     dots = [
-        figures.Estimate(name_of(row.fit), row.fit.parameters.values[follower])
+        figures.NamedEstimate(name_of(row.fit), row.fit.parameters.values[follower])
         for row in shown.rows
     ]
     figure = figures.estimates([*dots, *earlier], shown.colour, uncertainty, follower, shown.truth)
@@ -288,7 +288,7 @@ def _show_curves(shown: _Shown, name: str, fit: Fit) -> None:
     show.chart(figure, "compare_curves")
 
 
-def _choose_earlier(shown: _Shown) -> list[figures.Estimate]:
+def _choose_earlier(shown: _Shown) -> list[figures.NamedEstimate]:
     """Earlier fits of the session to lay over the chart of estimates."""
     known: dict[str, FloatArray] = {}
     for record in reversed(shown.workspace.records):
@@ -300,7 +300,9 @@ def _choose_earlier(shown: _Shown) -> list[figures.Estimate]:
         "Earlier fits to lay over the chart", list(known), key="compare_earlier",
         max_selections=MOST, placeholder=f"{len(known)} kept",
     )  # fmt: skip
-    return [figures.Estimate(name, known[name], earlier=True) for name in chosen if name in known]
+    return [
+        figures.NamedEstimate(name, known[name], earlier=True) for name in chosen if name in known
+    ]
 
 
 def _show_tracks(shown: _Shown, tracks: Sequence[tuple[str, ParameterTrack]]) -> None:

@@ -25,16 +25,16 @@ from pages.ui.database import running, views
 from pages.ui.database.selection import (
     FILTERS,
     GROUPINGS,
-    Shown,
+    ShownRows,
     Stamp,
     failures_of,
     folder_of,
     follow_link,
     known_studies,
     query,
-    rows_of,
     settings_of,
     shown,
+    study_rows,
     write_link,
 )
 from pages.ui.session.choices import DatabaseChoice
@@ -66,7 +66,7 @@ def show_page() -> None:
     stamp = Stamp.of(folder)
     _show_head(workspace, choice, names)
     running.show_batch(choice.study)
-    rows = rows_of(stamp) if stamp.size else pd.DataFrame()
+    rows = study_rows(stamp) if stamp.size else pd.DataFrame()
     if len(rows):
         _show_study(workspace, choice, stamp, rows)
     else:
@@ -177,7 +177,7 @@ def _show_filters(choice: DatabaseChoice, rows: pd.DataFrame, methods: list[str]
     )  # fmt: skip
 
 
-def _show_forest(found: Shown, about: str) -> None:
+def _show_forest(found: ShownRows, about: str) -> None:
     show.chart(found.forest, "database_forest")
     hidden = len(found.groups.groups) - MOST_GROUPS
     more = f" {hidden} groups with fewer windows are in the table only." if hidden > 0 else ""

@@ -15,10 +15,10 @@ from accpinn.methods.registry import METHODS
 from accpinn.results.messages.database import estimate_line, progress_line, summary_line
 from accpinn.segment.cut import DURATION
 from accpinn.study.batch import files_of
-from accpinn.study.estimate import BatchEstimate, estimate
+from accpinn.study.estimate import BatchEstimate, estimate_batch
 from accpinn.study.folders import Request, recall_request
 from accpinn.study.process import BatchSettings, run_batch
-from accpinn.tasks.batches import BatchTask
+from accpinn.tasks.batches import StudyTask
 from accpinn.tasks.task import Status
 from pages.ui.components import frame, show
 from pages.ui.components.monitor import stop_button
@@ -41,15 +41,15 @@ ALL = "all recordings"
 DEFAULT_NAME = "OpenACC"
 
 
-def _task(study: str) -> BatchTask | None:
+def _task(study: str) -> StudyTask | None:
     task = batch_queue().of(study, "batch")
-    return task if isinstance(task, BatchTask) else None
+    return task if isinstance(task, StudyTask) else None
 
 
 def _start(settings: BatchSettings, study: str) -> None:
     task = _task(study)
     if task is None or not task.is_active:
-        batch_queue().submit(BatchTask(study, settings, run_batch))
+        batch_queue().submit(StudyTask(study, settings, run_batch))
 
 
 # Watching
@@ -108,7 +108,7 @@ def _continuable(request: Request, study: str) -> BatchSettings | None:
     return None
 
 
-def _watch(task: BatchTask) -> None:
+def _watch(task: StudyTask) -> None:
     """The bar, again and again; now and then the whole page, with the rows found meanwhile."""
     drawn, rows = time.monotonic(), task.latest.rows if task.latest else 0
 
@@ -122,7 +122,7 @@ def _watch(task: BatchTask) -> None:
     st.fragment(look, run_every=POLL)()
 
 
-def _line_of(task: BatchTask) -> str:
+def _line_of(task: StudyTask) -> str:
     if task.status is Status.QUEUED:
         return "Waiting: another batch is running."
     if task.latest is None:
@@ -140,7 +140,7 @@ def _line_of(task: BatchTask) -> str:
 @st.cache_data(max_entries=64, show_spinner="Estimating the time …")
 def _estimate(source: str, window: float, _files: int, changed: int) -> BatchEstimate:
     """Kept until a file changes or there is another."""
-    return estimate(Path(source), window)
+    return estimate_batch(Path(source), window)
 
 
 def show_form(workspace: Workspace, choice: DatabaseChoice) -> None:

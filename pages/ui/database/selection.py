@@ -61,7 +61,7 @@ class Stamp:
 
 
 @dataclass(frozen=True, eq=False)
-class Shown:
+class ShownRows:
     """The rows that are chosen, and what they say."""
 
     stamp: Stamp
@@ -77,7 +77,7 @@ class Shown:
 
 
 @st.cache_resource(max_entries=4, show_spinner="Reading the study …")
-def rows_of(stamp: Stamp) -> pd.DataFrame:
+def study_rows(stamp: Stamp) -> pd.DataFrame:
     """All rows of a study; empty cells of texts say so.
 
     Raises:
@@ -92,16 +92,16 @@ def rows_of(stamp: Stamp) -> pd.DataFrame:
 @st.cache_resource(max_entries=32, show_spinner=False)
 def shown(
     stamp: Stamp, filters: tuple[tuple[str, tuple[str, ...]], ...], method: str, by: str
-) -> Shown:
+) -> ShownRows:
     """The rows of a study that are chosen, and what they say."""
-    rows = rows_of(stamp)
+    rows = study_rows(stamp)
     rows = rows[rows["method"] == method]
     for column, values in filters:
         rows = rows[rows[column].isin(values)]
     found = group(rows, GROUPINGS[by][1], method)
     whole = next(iter(group(rows, (), method).groups), None)
     makes, recordings = rows["make"].nunique(), rows["sha256"].nunique()
-    return Shown(stamp, rows, found, whole, makes, recordings, figures.forest(found))
+    return ShownRows(stamp, rows, found, whole, makes, recordings, figures.forest(found))
 
 
 @st.cache_resource(max_entries=8, show_spinner=False)

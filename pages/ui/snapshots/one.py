@@ -10,7 +10,7 @@ from accpinn.results.messages.snapshot import (
     duration,
     parameters_rest_on,
     standing_rows,
-    summary,
+    verification_summary,
 )
 from accpinn.results.messages.stability import headline
 from accpinn.results.report import render_report
@@ -174,7 +174,7 @@ def _show_verification(workspace: Workspace, snapshot: Snapshot) -> None:
     with st.spinner("Computing all of it anew"):
         found = _verified(workspace, snapshot)
     st.markdown(f"**{escape_markdown(counted(found))}**")
-    said = summary(found, snapshot.info)
+    said = verification_summary(found, snapshot.info)
     show.messages(said, *(("success", "verified") if found.ok else ("error",)))
     texts = (Column(title, prose=True) for title in ("Result", "Stored", "Found now"))
     columns = (Column("Checked"), *texts)

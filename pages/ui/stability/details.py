@@ -23,14 +23,13 @@ from pages.ui.components import show
 from pages.ui.components.parameter_picker import Chosen
 from pages.ui.components.show import escape_markdown
 from pages.ui.components.widgets import segments, select
-from pages.ui.session.choices import Plane
 from pages.ui.session.workspace import Workspace
 
-PLANES: dict[Plane, str] = {"beta": "β and τ", "alpha": "α and τ"}
+PLANES: dict[figures.Plane, str] = {"beta": "β and τ", "alpha": "α and τ"}
 
 
 @dataclass(frozen=True, eq=False)
-class Shown:
+class ShownVehicles:
     """What the parts of the page are about."""
 
     workspace: Workspace
@@ -55,7 +54,7 @@ class Shown:
         return self.known if self.workspace.map_choice.uncertainty else None
 
 
-def show_criteria(shown: Shown) -> None:
+def show_criteria(shown: ShownVehicles) -> None:
     """Each vehicle's criteria, and those of the platoon up to it."""
     st.caption(
         "Criteria and gains of each vehicle, in their order in the platoon: stable where a"
@@ -77,7 +76,7 @@ def show_criteria(shown: Shown) -> None:
         _show_intervals(shown, shown.known)
 
 
-def show_map(shown: Shown) -> None:
+def show_map(shown: ShownVehicles) -> None:
     """The boundaries of stability in a plane of two parameters."""
     chosen, uncertainty, choice = shown.chosen, shown.uncertainty, shown.workspace.map_choice
     plane, many = choice.plane, len(chosen) > 1
@@ -108,7 +107,7 @@ def show_map(shown: Shown) -> None:
     )
 
 
-def show_reasons(shown: Shown) -> None:
+def show_reasons(shown: ShownVehicles) -> None:
     """A sentence for every verdict."""
     chosen, report = shown.chosen, shown.report
     if shown.known:
@@ -133,7 +132,7 @@ def show_reasons(shown: Shown) -> None:
             column.markdown(text)
 
 
-def _show_intervals(shown: Shown, known: Uncertainty) -> None:
+def _show_intervals(shown: ShownVehicles, known: Uncertainty) -> None:
     """Of the measures of stability, and of the parameters over all forms of the model."""
     source, chosen = shown.source, shown.chosen
     table = stability_interval_table(chosen, known)
