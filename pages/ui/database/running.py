@@ -21,7 +21,7 @@ from accpinn.study.process import BatchSettings, run_batch
 from accpinn.tasks.batches import StudyTask
 from accpinn.tasks.task import Status
 from pages.ui.components import frame, show
-from pages.ui.components.monitor import stop_button
+from pages.ui.components.monitor import POLL, stop_button
 from pages.ui.components.show import escape_markdown, format_duration
 from pages.ui.components.widgets import bound, select
 from pages.ui.database.selection import folder_of, known_studies
@@ -30,8 +30,6 @@ from pages.ui.session.recordings import folders, recordings_folder
 from pages.ui.session.resources import batch_queue
 from pages.ui.session.workspace import Workspace
 
-POLL = 1.0
-"""Seconds between two looks at a running batch."""
 REDRAWN = 15.0
 """Seconds after which the rows found meanwhile are shown."""
 WINDOWS = {60.0: "60 s", 150.0: "150 s", DURATION: f"{DURATION:g} s", 600.0: "600 s",
