@@ -190,6 +190,7 @@ def tracking(
         height: in pixels; by default that of its panels.
     """
     data = segment if isinstance(segment, Segment) else None
+    measured = data.measured if data else None
     rows = [GAP, SPEED, *([GAP_ERROR] if data and with_error else [])]
     moved = len(rows)
     rows += [] if disturbance is None else [DISTURBANCE]
@@ -197,7 +198,7 @@ def tracking(
     colour = vehicle_colours(segment.vehicles)[follower + 1]
     start = segment.window.start
     sources = (
-        ("data", data and data.measured, {"color": colour, "width": 3.5}, 0.45),
+        ("data", measured, {"color": colour, "width": 3.5}, 0.45),
         (html.escape(own), surrogate, {"color": colour, "width": 1.5}, 1.0),
         ("closed-loop simulation", closed_loop, {"color": MODEL, "width": 1.5, "dash": "dot"}, 1.0),
     )
@@ -207,8 +208,8 @@ def tracking(
         if source is None:
             continue
         drawn = [source.gaps[:, follower], source.speeds[:, follower + 1]]
-        if data and name != "data":
-            drawn.append((source.gaps - data.measured_gaps)[:, follower])
+        if measured and source is not measured:
+            drawn.append((source.gaps - measured.gaps)[:, follower])
         for row, (channel, values) in enumerate(zip(rows[:moved], drawn, strict=False), 1):
             time, shown = thinned(start + source.time, values)
             figure.add_scatter(
