@@ -22,7 +22,7 @@ from accpinn.inference.model_adequacy import (
 from accpinn.methods.maximum_likelihood import DisturbanceSize
 from accpinn.methods.registry import METHODS
 from accpinn.methods.state_space import Form
-from accpinn.results.messages import Labelled, joined, message
+from accpinn.results.messages import Labelled, joined, message, percent
 from accpinn.study.recommendation import Recommendation
 from accpinn.study.windows import WindowsDiffer
 
@@ -125,20 +125,20 @@ def _(finding: AdequacyFinding, about: Labelled) -> str:
                 f" data better than the CTHP (AIC {finding.aic:+.0f}, log density of held-out time"
                 f" {finding.holdout:+.1f}). With {_extra(own)}, α is {alpha}, β {beta} and"
                 f" τ {tau};"
-                f" {100 * finding.level:.0f} % intervals in brackets."
+                f" {percent(finding.level)} intervals in brackets."
             )
         case WeightedForms():
             ends = joined([f"{one.symbol} {_ends(one)}" for one in finding.intervals])
             shares = joined(
                 [
-                    f"{_extra(k)} {100 * k.probability:.0f} %"
+                    f"{_extra(k)} {percent(k.probability)}"
                     for k in finding.forms
                     if k.probability >= UNLIKELY
                 ]
             )
             return (
                 f"{_who(finding.vehicle, about)}: over all forms of the model, the"
-                f" {100 * finding.level:.0f} % intervals are {ends}. Probability of the forms:"
+                f" {percent(finding.level)} intervals are {ends}. Probability of the forms:"
                 f" {shares}."
             )
         case Inadequate():
@@ -299,19 +299,19 @@ BAND = (
 
 @message.register
 def _(finding: prediction.BandCoverage, about: Labelled) -> str:
-    level = f"{100 * finding.level:.0f} %"
+    level = percent(finding.level)
     verdict = (
         "too little for a model that holds with the same parameters throughout"
         if finding.share < prediction.TOO_FEW
         else f"in keeping with {level}"
     )
     touching = (
-        f" In {100 * finding.colliding:.0f} % of the simulations the vehicle touches the one ahead,"
+        f" In {percent(finding.colliding)} of the simulations the vehicle touches the one ahead,"
         " and drives on."
         if finding.colliding
         else ""
     )
-    share = f"{100 * finding.share:.0f} % of the measured space-gap lies"
+    share = f"{percent(finding.share)} of the measured space-gap lies"
     who = _who(finding.vehicle, about)
     return f"{who}: {share} within the {level} band, {verdict}.{touching}"
 
@@ -341,7 +341,7 @@ def _(finding: Recommendation, about: Labelled) -> str:
         said.append(f"{joined(finding.wide)} {only} known only to the order of magnitude.")
     else:
         said.append("All three are identified.")
-    count, level = len(finding.outside), f"{100 * finding.level:.0f} %"
+    count, level = len(finding.outside), percent(finding.level)
     if count:
         of = "the CTHP's" if finding.weighted else "the"
         who = joined([METHODS[key].title for key in finding.outside])

@@ -84,13 +84,13 @@ def show_map(shown: ShownVehicles) -> None:
     with st.container(horizontal=True, vertical_alignment="center"):
         segments(
             "Plane", PLANES, plane, "stability_plane",
-            lambda plane: setattr(choice, "plane", plane),
+            lambda plane: choice.set(plane=plane),
             help="The two parameters on the axes; the third is that of the vehicle chosen.",
         )  # fmt: skip
         if many:
             select(
                 "Vehicle", dict(enumerate(chosen.labels)), held, "stability_held",
-                lambda k: setattr(choice, "held", k), labelled=False, width=240,
+                lambda k: choice.set(held=k), labelled=False, width=240,
                 help="The vehicle whose third parameter the boundaries are drawn for.",
             )  # fmt: skip
         show.key(figures.MAP_KEY)

@@ -47,7 +47,7 @@ def show_measured(shown: ShownVehicles) -> None:
         if len(labels) > 1:
             select(
                 "Follower", dict(enumerate(labels)), follower, "stability_measured",
-                lambda k: setattr(choice, "measured", k), labelled=False, width=240,
+                lambda k: choice.set(measured=k), labelled=False, width=240,
                 help="The vehicle whose recorded speed is compared with that of the car ahead.",
             )  # fmt: skip
     found = show.attempt(lambda: _measured(segment, follower))

@@ -110,7 +110,7 @@ def _show_bode(shown: ShownVehicles) -> None:
             st.toggle(
                 "Uncertainty",
                 **bound("stability_uncertainty", choice.uncertainty,
-                        lambda on: setattr(choice, "uncertainty", on)),
+                        lambda on: choice.set(uncertainty=on)),
                 help="Bands of the Bode magnitude and of the model beside the measured gain, and"
                 " posterior samples on the map.",
             )  # fmt: skip
@@ -169,7 +169,7 @@ def _show_simulate(shown: ShownVehicles) -> None:
             names = {k: "All vehicles in order" if k == WHOLE else chosen.labels[k] for k in peaks}
             select(
                 "Platoon of", names, which, "stability_simulate",
-                lambda k: setattr(choice, "simulated", k), labelled=False, width=200,
+                lambda k: choice.set(simulated=k), labelled=False, width=200,
                 help="Of the platoon that is simulated: all vehicles in order, or one repeated.",
             )  # fmt: skip
         if st.button(
