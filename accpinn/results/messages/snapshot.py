@@ -65,28 +65,17 @@ WHAT = {
 """What was not checked, by kind."""
 GROUPS = {
     "parameters": "α, β, τ",
-    "curves": "curves",
-    "settings": "settings",
-    "method's remarks": "method's remarks",
     "training": "course of the estimation",
     "quality": "data quality",
-    "intervals": "intervals",
-    "hold-out": "hold-out",
     "outside": "errors outside the window",
-    "errors": "errors",
-    "stability": "stability",
     "forms": "forms of the model",
     "data": "speeds and gaps",
-    "recording": "recording",
     "names": "names of vehicles",
-    "window": "window",
-    "name and note": "name and note",
     "created": "time of saving",
     "origin": "versions and machine",
-    "attribution": "attribution",
     "durations": "computing times",
 }
-"""Groups of figures in words."""
+"""Of the groups of figures whose own names would not do."""
 WAYS: dict[Way, str] = {
     "refitted": "Refitted",
     "recomputed": "Recomputed",
@@ -118,6 +107,11 @@ class CheckRow(NamedTuple):
     ok: bool
     sentence: str
     way: Way
+
+
+def _group(name: str) -> str:
+    """A group of figures in words."""
+    return GROUPS.get(name, name)
 
 
 def _title(check: PartCheck) -> str:
@@ -223,11 +217,11 @@ def rests_on(verification: Verification) -> str:
     found: dict[Way, dict[str, bool]] = {way: {} for way in WAYS}
     for one in verification.standings:
         if one.way != "told":
-            name = COMPARED if one.compared else GROUPS[one.group]
+            name = COMPARED if one.compared else _group(one.group)
             found[one.way][name] = found[one.way].get(name, True) and one.ok
     known = {one.group for one in verification.standings if one.way != "told"}
     told = (one.group for one in verification.standings if one.group not in known)
-    found["told"] = dict.fromkeys((GROUPS[group] for group in told), True)
+    found["told"] = dict.fromkeys(map(_group, told), True)
     return " ".join(
         f"{WAYS[way]}: {_agreeing(way, names)}." for way, names in found.items() if names
     )
@@ -264,7 +258,7 @@ def standing_rows(standings: Sequence[Standing]) -> tuple[StandingRow, ...]:
     """Every group of figures in words, as tables and the command line's JSON have it."""
     return tuple(
         StandingRow(
-            GROUPS[one.group],
+            _group(one.group),
             COMPARED if one.compared else "",
             WAYS[one.way].lower(),
             one.figures,

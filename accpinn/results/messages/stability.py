@@ -47,18 +47,13 @@ BEHAVIOURS: Mapping[Behaviour, str] = {
 }
 _UNDAMPED = "With β = 0 and τ = 0 the vehicle is undamped"
 NUMBERS = ("no", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine", "ten")
-_ASSESSED: Mapping[Assessment, str] = {
-    "unstable": "amplifies disturbances",
-    "stable": "is L₂ string stable",
-    "open": "may or may not amplify disturbances",
-    "not determined": "is not determined by the data",
+_ASSESSED: Mapping[Assessment, tuple[str, str]] = {
+    "unstable": ("amplifies disturbances", "amplify disturbances"),
+    "stable": ("is L₂ string stable", "are L₂ string stable"),
+    "open": ("may or may not amplify disturbances", "may or may not amplify disturbances"),
+    "not determined": ("is not determined by the data", "are not determined by the data"),
 }
-_ASSESSED_MANY: Mapping[Assessment, str] = {
-    "unstable": "amplify disturbances",
-    "stable": "are L₂ string stable",
-    "open": "may or may not amplify disturbances",
-    "not determined": "are not determined by the data",
-}
+"""Of one vehicle, and of several."""
 AFTER_COLLISION = (
     "The model has no collisions: what is simulated after one has no meaning for that vehicle and"
     " those behind it, so they end there; those ahead of it drive on."
@@ -261,14 +256,14 @@ def not_acc(chosen: ParameterSet) -> str:
 def _verdict(chosen: ParameterSet, uncertainty: Uncertainty) -> str:
     stable = uncertainty.probability_l2
     if len(chosen) == 1:
-        return f"{_capital(chosen.spoken[0])} {_ASSESSED[assessment(stable[0])]}{_odds(stable)}."
+        return f"{_capital(chosen.spoken[0])} {_ASSESSED[assessment(stable[0])][0]}{_odds(stable)}."
     counts = Counter(map(assessment, stable))
     total = _number(len(chosen))
     if len(counts) == 1:
         (only,) = counts
-        return f"All {total} vehicles {_ASSESSED_MANY[only]}{_odds(stable)}."
+        return f"All {total} vehicles {_ASSESSED[only][1]}{_odds(stable)}."
     parts = [
-        f"{_number(counts[one])} {(_ASSESSED if counts[one] == 1 else _ASSESSED_MANY)[one]}"
+        f"{_number(counts[one])} {_ASSESSED[one][counts[one] > 1]}"
         for one in _ASSESSED
         if counts[one]
     ]

@@ -13,17 +13,14 @@ import plotly.graph_objects as go
 import streamlit as st
 
 from accpinn.results.figures import database as figures
+from accpinn.results.tables.groups import HEADINGS
 from accpinn.study.folders import default_folder, studies, study_path
 from accpinn.study.groups import Group, Groups, group, read_study
 from accpinn.study.journal import JOURNAL, Failure, read_failures, read_pooled, read_settings
 from pages.ui.session.choices import DatabaseChoice
 
 FILTERS: Mapping[str, str] = {
-    "make": "Make",
-    "model": "Model",
-    "distance_setting": "Setting",
-    "campaign": "Campaign",
-    "mode": "Mode",
+    name: HEADINGS[name] for name in ("make", "model", "distance_setting", "campaign", "mode")
 }
 """Columns by which rows are chosen, with their labels."""
 GROUPINGS: Mapping[str, tuple[str, tuple[str, ...]]] = {
