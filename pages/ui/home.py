@@ -162,7 +162,7 @@ def _show_published(workspace: Workspace) -> None:
     with columns[len(PUBLISHED)].container(border=True, height="stretch"):
         st.markdown("**Figure 8: four panels**")
         st.caption(
-            "Eight followers behind a leader whose speed swings at 0.25 and 0.3 rad/s, with the"
+            "Eight followers behind a leader whose speed oscillates at 0.25 and 0.3 rad/s, with the"
             " parameters of the Mercedes and the Tesla."
         )
         if st.button("Platoon", key="home_panels", help="Page Platoon, with the four panels."):
