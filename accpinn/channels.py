@@ -1,7 +1,11 @@
 """Symbols, units, digits and plausible ranges of all quantities; the vocabulary of the files."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from math import inf
+from typing import TypeVar
+
+T = TypeVar("T")
 
 
 @dataclass(frozen=True)
@@ -21,6 +25,8 @@ class Quantity:
     """Stem of the column name in an OpenACC file; empty for what is not recorded."""
     possible: float = inf
     """A recorded value that is larger, of either sign, is a fault of the file."""
+    key: str = ""
+    """Of a parameter: its name in files and documents."""
 
     def of(self, number: int) -> str:
         """The column of vehicle ``number``: Speed1, IVS4, Driver2."""
@@ -55,14 +61,21 @@ DRIVER = Quantity("Driver mode", "", "", 0, 0.0, 1.0, "Driver")
 RECORDED = {quantity.column: quantity for quantity in (TIME, SPEED, GAP, DRIVER)}
 """By the stem of the column."""
 
-ALPHA = Quantity("Gain on spacing", "α", "1/s²", 4, 0.0, 10.0)
-BETA = Quantity("Gain on relative speed", "β", "1/s", 4, 0.0, 10.0)
-TAU = Quantity("Time headway", "τ", "s", 3, 0.0, 5.0)
+ALPHA = Quantity("Gain on spacing", "α", "1/s²", 4, 0.0, 10.0, key="alpha")
+BETA = Quantity("Gain on relative speed", "β", "1/s", 4, 0.0, 10.0, key="beta")
+TAU = Quantity("Time headway", "τ", "s", 3, 0.0, 5.0, key="tau")
 """The settings of cruise controls end near 3 s."""
 PARAMETERS = (ALPHA, BETA, TAU)
 """In the order of the last axis of every array of parameters."""
-PARAMETER_KEYS = ("alpha", "beta", "tau")
+PARAMETER_KEYS = tuple(one.key for one in PARAMETERS)
 """Their names in files and documents."""
+
+
+def by_key(values: Iterable[T]) -> dict[str, T]:
+    """One value for each of α, β and τ, by their names in files and documents."""
+    return dict(zip(PARAMETER_KEYS, values, strict=True))
+
+
 COMPUTABLE = 1e50
 """Larger parameters are refused, and those below its inverse are zero; products stay finite."""
 

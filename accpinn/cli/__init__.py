@@ -29,7 +29,7 @@ COMMANDS = {
     "verify": ("files", "check a snapshot against its own contents"),
     "report": ("files", "a snapshot as one self-contained web page"),
     "download": ("download", "runs of the OpenACC database from their publisher"),
-    "export": ("export", "parameters of a snapshot for other programs"),
+    "export": ("files", "parameters of a snapshot for other programs"),
 }
 """The module of each, which has `add_NAME_options(parser)` and `run_NAME(options)`; its meaning."""
 

@@ -10,7 +10,7 @@ from typing import Any
 
 from tqdm import tqdm
 
-from accpinn.channels import PARAMETER_KEYS
+from accpinn.channels import by_key
 from accpinn.cli.estimation import add_method_help, interruptible
 from accpinn.cli.options import fields
 from accpinn.cli.output import print_json, progress, show, show_result
@@ -184,10 +184,7 @@ def _describe_groups(found: Groups) -> dict[str, Any]:
             {
                 **dict(zip(found.by, one.values, strict=True)),
                 **fields(one, "windows", "vehicles"),
-                **{
-                    name: _describe_typical(typical)
-                    for name, typical in zip(PARAMETER_KEYS, one.parameters, strict=True)
-                },
+                **by_key(map(_describe_typical, one.parameters)),
                 "mean_time_gap": {
                     "median": one.mean_time_gap.value,
                     "quartiles": [one.mean_time_gap.low, one.mean_time_gap.high],

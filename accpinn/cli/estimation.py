@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from tqdm import tqdm
 
-from accpinn.channels import PARAMETER_KEYS
+from accpinn.channels import by_key
 from accpinn.cli.options import (
     add_run_options,
     add_segment_options,
@@ -31,10 +31,7 @@ from accpinn.cli.options import (
 from accpinn.cli.output import one_line, show_result
 from accpinn.cli.windows import run_windows
 from accpinn.errors import ConfigError
-from accpinn.evaluation.closed_loop import (
-    closed_loop_errors,
-    surrogate_errors,
-)
+from accpinn.evaluation.closed_loop import closed_loop_errors, surrogate_errors
 from accpinn.inference.identifiability import identifiability_warnings, narrower_intervals
 from accpinn.inference.intervals import ParameterInterval, Uncertainty
 from accpinn.inference.model_adequacy import Adequacy, model_forms
@@ -287,7 +284,7 @@ def _describe_comparison(
             {
                 "form": form.form,
                 "vehicle": vehicle,
-                **dict(zip(PARAMETER_KEYS, form.parameters.values[k], strict=True)),
+                **by_key(form.parameters.values[k]),
                 "deviation": [x if np.isfinite(x) else None for x in form.deviation[k].tolist()],
                 "extra": form.extra[k],
                 "aic": form.aic[k],
@@ -301,10 +298,7 @@ def _describe_comparison(
             {
                 "vehicle": vehicle,
                 **_ends(one.intervals),
-                "estimate": {
-                    name: own.estimate
-                    for name, own in zip(PARAMETER_KEYS, one.intervals, strict=True)
-                },
+                "estimate": by_key(own.estimate for own in one.intervals),
                 "level": one.level,
             }
             for vehicle in segment.vehicles[1:]
@@ -326,8 +320,7 @@ def _describe_posterior(adequacy: Adequacy, form: Form, vehicle: int) -> dict[st
 
 def _ends(intervals: Sequence[ParameterInterval]) -> dict[str, Any]:
     """Both ends of the intervals of α, β and τ, by name."""
-    ends = [[one.lower, one.upper] for one in intervals]
-    return dict(zip(PARAMETER_KEYS, ends, strict=True))
+    return by_key([one.lower, one.upper] for one in intervals)
 
 
 def _describe_result(segment: Segment, result: MethodResult) -> dict[str, Any]:
@@ -458,7 +451,7 @@ def _describe_starts(segment: Segment, found: MultistartResult) -> dict[str, Any
             for trial in found.trials
         ],
         "spread_percent": [
-            {"vehicle": vehicle, **dict(zip(PARAMETER_KEYS, row, strict=True))}
+            {"vehicle": vehicle, **by_key(row)}
             for vehicle, row in zip(segment.vehicles[1:], found.spread.tolist(), strict=True)
         ],
         "notes": messages(found.findings, segment),

@@ -1,4 +1,4 @@
-"""`verify` and `report`: what the file of a snapshot holds."""
+"""`verify`, `report` and `export`: what the file of a snapshot holds."""
 
 import argparse
 from dataclasses import replace
@@ -6,10 +6,12 @@ from pathlib import Path
 from typing import Any
 
 from accpinn.cli.options import add_refit_options, chosen_patience
-from accpinn.cli.output import complain, progress, show, show_result
+from accpinn.cli.output import complain, print_json, progress, show, show_result
 from accpinn.cli.recording import add_json_option
+from accpinn.errors import ConfigError
 from accpinn.recordings.files import read
 from accpinn.recordings.recording import Recording
+from accpinn.results.export import SAMPLES, parameter_card, snapshot_types
 from accpinn.results.messages import message
 from accpinn.results.messages.snapshot import (
     WAYS,
@@ -17,18 +19,12 @@ from accpinn.results.messages.snapshot import (
     refitting,
     rests_on,
     standing_rows,
-    summary,
+    verification_summary,
 )
 from accpinn.results.snapshot import SUFFIX, Snapshot
 from accpinn.results.snapshot.archive import load
 from accpinn.results.snapshot.saved import writable_path, write_whole
-from accpinn.results.snapshot.verification import (
-    PATIENCE,
-    PROMPT,
-    Verification,
-    recover,
-    verify,
-)
+from accpinn.results.snapshot.verification import PATIENCE, PROMPT, Verification, recover, verify
 from accpinn.results.tables.table import Column, Table
 from accpinn.units import Seconds
 
@@ -78,7 +74,7 @@ def _describe_verification(snapshot: Snapshot, result: Verification) -> dict[str
         "name": snapshot.name,
         "created": snapshot.created,
         "ok": result.ok,
-        "sentence": summary(result, snapshot.info),
+        "sentence": verification_summary(result, snapshot.info),
         "rests_on": rests_on(result),
         "figures": [row._asdict() for row in standing_rows(result.standings)],
         "checks": [row._asdict() for row in check_rows(result, snapshot.info)],
@@ -106,7 +102,7 @@ def _verification_text(snapshot: Snapshot, result: Verification) -> str:
     if not said:
         options = dict.fromkeys(one.cure for one in result.unchecked if one.cure)
         more = [f"More is checked with {' and '.join(options)}."] if options else []
-        said = [summary(result, info), *more]
+        said = [verification_summary(result, info), *more]
     return "\n".join([", ".join(filter(None, about)), "", table.to_text(), "", *said])
 
 
@@ -133,8 +129,41 @@ def run_report(options: argparse.Namespace) -> int:
     if checked.ok:
         progress(rests_on(checked))
         return 0
+    said = verification_summary(checked, snapshot.info)
     complain(
-        "what the snapshot says does not follow from its contents."
-        f" {summary(checked, snapshot.info)} The report was written, with a warning at its top."
+        f"what the snapshot says does not follow from its contents. {said} The report was written,"
+        " with a warning at its top."
     )
     return 1
+
+
+def add_export_options(parser: argparse.ArgumentParser) -> None:
+    """Declare the options of `export`."""
+    parser.add_argument("file", metavar="SNAPSHOT", help="a snapshot (.accpinn.zip)")
+    parser.add_argument(
+        "--sumo",
+        metavar="XML",
+        help="write vehicle types for SUMO's car-following model ACC, one a follower, and a"
+        " distribution over samples of the posterior",
+    )
+    parser.add_argument(
+        "--samples", type=int, default=SAMPLES, metavar="N", help=f"in it; 0 for none ({SAMPLES})"
+    )
+    add_json_option(parser)
+    card = "With --json: a parameter card, with intervals, provenance and attribution."
+    parser.epilog = f"{card}\n\n{parser.epilog}"
+
+
+def run_export(options: argparse.Namespace) -> int:
+    """Write what was asked for; say where, or print the card."""
+    if not options.sumo and not options.json:
+        raise ConfigError("export: give --sumo FILE.xml, --json or both.")
+    place = writable_path(Path(options.sumo), "file for SUMO") if options.sumo else None
+    snapshot = load(options.file)
+    if place:
+        write_whole(snapshot_types(snapshot, options.samples).encode(), place, "file for SUMO")
+    if options.json:
+        print_json(parameter_card(snapshot))
+    else:
+        show(str(options.sumo))
+    return 0

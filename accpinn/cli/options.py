@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from accpinn.channels import PARAMETER_KEYS, PARAMETERS
+from accpinn.channels import PARAMETER_KEYS, PARAMETERS, by_key
 from accpinn.cli.output import complain, show_result
 from accpinn.cli.recording import add_json_option, add_recording, chosen_recording
 from accpinn.errors import ConfigError, SegmentError
@@ -82,12 +82,12 @@ def add_run_options(parser: argparse.ArgumentParser) -> None:
 
 def add_parameter_options(parser: argparse.ArgumentParser) -> None:
     """Declare α, β, τ with one value a vehicle, first follower first; or a snapshot."""
-    for name, parameter in zip(PARAMETER_KEYS, PARAMETERS, strict=True):
+    for parameter in PARAMETERS:
         parser.add_argument(
-            f"--{name}",
+            f"--{parameter.key}",
             type=float,
             nargs="+",
-            metavar=name[0].upper(),
+            metavar=parameter.key[0].upper(),
             help=f"{parameter.symbol} in {parameter.unit}, one value a vehicle",
         )
     parser.add_argument(
@@ -242,20 +242,14 @@ def describe_parameters(segment: Segment, parameters: Parameters | None) -> list
     if parameters is None:
         return []
     rows = zip(segment.vehicles[1:], segment.names[1:], parameters.values.tolist(), strict=True)
-    return [
-        {"vehicle": vehicle, "name": name, **dict(zip(PARAMETER_KEYS, row, strict=True))}
-        for vehicle, name, row in rows
-    ]
+    return [{"vehicle": vehicle, "name": name, **by_key(row)} for vehicle, name, row in rows]
 
 
 def describe_interval_ends(segment: Segment, uncertainty: Uncertainty) -> list[dict[str, Any]]:
     """The ends of α, β and τ, one entry a follower."""
     ends = zip(uncertainty.lower.values.tolist(), uncertainty.upper.values.tolist(), strict=True)
     return [
-        {
-            "vehicle": vehicle,
-            **{name: list(pair) for name, *pair in zip(PARAMETER_KEYS, *rows, strict=True)},
-        }
+        {"vehicle": vehicle, **by_key(map(list, zip(*rows, strict=True)))}
         for vehicle, rows in zip(segment.vehicles[1:], ends, strict=True)
     ]
 

@@ -10,10 +10,9 @@ from typing import Any
 import msgspec
 
 from accpinn.cli.output import show_result
-from accpinn.recordings.facts import facts_of
 from accpinn.recordings.files import read
 from accpinn.recordings.mapping import load_mapping
-from accpinn.recordings.recording import Recording
+from accpinn.recordings.recording import Recording, facts_of
 from accpinn.results.messages import messages
 from accpinn.results.tables.table import Column, Table
 

@@ -5,12 +5,7 @@ from contextlib import suppress
 from typing import Any
 
 from accpinn.channels import PARAMETER_KEYS
-from accpinn.cli.options import (
-    add_parameter_options,
-    chosen_vehicles,
-    fields,
-    show_vehicles,
-)
+from accpinn.cli.options import add_parameter_options, chosen_vehicles, fields, show_vehicles
 from accpinn.errors import ConfigError, SegmentError
 from accpinn.model.cthp import Parameters
 from accpinn.model.published import ParameterSet

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from accpinn.channels import PARAMETER_KEYS
+from accpinn.channels import by_key
 from accpinn.cli.options import (
     describe_errors,
     describe_interval_ends,
@@ -18,11 +18,7 @@ from accpinn.cli.options import (
 from accpinn.cli.output import show_result
 from accpinn.cli.recording import chosen_recording
 from accpinn.errors import ConfigError, Finding, SegmentError
-from accpinn.evaluation.closed_loop import (
-    TrackingErrors,
-    closed_loop_errors,
-    surrogate_errors,
-)
+from accpinn.evaluation.closed_loop import TrackingErrors, closed_loop_errors, surrogate_errors
 from accpinn.methods.fit import Fit
 from accpinn.methods.maximum_likelihood import KEY
 from accpinn.recordings.recording import Recording, Window
@@ -127,11 +123,7 @@ def describe_joint(joint: JointFit) -> dict[str, Any]:
         "outcome_sentence": outcome_message(fit),
         "windows": [_describe_window(*of) for of in zip(joint.windows, joint.fits, strict=True)],
         "between_windows": [
-            {
-                "vehicle": one.vehicle,
-                "name": name,
-                **dict(zip(PARAMETER_KEYS, map(_describe_effect, one.effects), strict=True)),
-            }
+            {"vehicle": one.vehicle, "name": name, **by_key(map(_describe_effect, one.effects))}
             for one, name in zip(joint.between, first.names[1:], strict=True)
         ],
         "notes": _notes(joint),
@@ -145,7 +137,7 @@ def _describe_window(window: WindowEstimate, together: Fit) -> dict[str, Any]:
         **fields(segment, "source", "samples"),
         "parameters": describe_parameters(segment, window.fit.parameters),
         "standard_errors": [
-            {"vehicle": vehicle, **dict(zip(PARAMETER_KEYS, row, strict=True))}
+            {"vehicle": vehicle, **by_key(row)}
             for vehicle, row in zip(segment.vehicles[1:], window.errors.tolist(), strict=True)
         ],
         "intervals": describe_interval_ends(segment, window.uncertainty),

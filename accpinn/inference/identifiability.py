@@ -24,12 +24,7 @@ from accpinn.inference.intervals import ParameterInterval, Uncertainty, paramete
 from accpinn.methods.regression import Regression, solve_bounded
 from accpinn.model.cthp import LARGEST, Case, Parameters
 from accpinn.recordings.recording import LITTLE_LEADER_MOTION
-from accpinn.segment.quality import (
-    LARGE_CONDITION,
-    LITTLE_RELATIVE_MOTION,
-    Quality,
-    assess_quality,
-)
+from accpinn.segment.quality import LARGE_CONDITION, LITTLE_RELATIVE_MOTION, Quality, assess_quality
 from accpinn.segment.segment import Segment, SegmentInfo
 from accpinn.units import FloatArray, MetresPerSecond, Seconds, frozen
 

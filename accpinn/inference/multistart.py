@@ -13,11 +13,7 @@ import numpy as np
 
 from accpinn.channels import PARAMETERS
 from accpinn.errors import Finding
-from accpinn.evaluation.closed_loop import (
-    TrackingErrors,
-    closed_loop_errors,
-    surrogate_errors,
-)
+from accpinn.evaluation.closed_loop import TrackingErrors, closed_loop_errors, surrogate_errors
 from accpinn.methods.fit import Fit, Outcome
 from accpinn.methods.method import TaskContext
 from accpinn.methods.pinn.config import FAST, STARTS, PinnConfig
@@ -102,7 +98,7 @@ def multistart(
     context = context or TaskContext()
     for seed in (config.seed,) if seeds is None else seeds:
         for initial in initials:
-            if context.should_stop and context.should_stop():
+            if context.is_stopped:
                 return
             settings = replace(config, initial=initial, seed=seed)
             fit = METHODS["pinn"].fit(segment, case, settings, context)
@@ -133,11 +129,11 @@ def summarise(segment: Segment, trials: Sequence[Trial]) -> MultistartResult:
 
 def _undetermined(segment: Segment, case: Case, tables: FloatArray) -> list[SpreadUndetermined]:
     """Which parameter is nan in how many of the trials' tables (T, M, 3)."""
-    shared = case == "I" and segment.followers > 1
+    vehicles = (0,) if segment.shares(case) else segment.vehicles[1:]
     counts = np.isnan(tables).sum(axis=0).tolist()
     return [
         SpreadUndetermined(vehicle, one.symbol, count, len(tables))
-        for vehicle, row in zip((0,) if shared else segment.vehicles[1:], counts, strict=False)
+        for vehicle, row in zip(vehicles, counts, strict=False)
         for one, count in zip(PARAMETERS, row, strict=True)
         if count
     ]

@@ -50,6 +50,11 @@ class TaskContext:
     warm: Any = None
     """An earlier fit to begin with, of the type that an iterative method defines."""
 
+    @property
+    def is_stopped(self) -> bool:
+        """Whether whoever asked for the estimation wants it to end."""
+        return bool(self.should_stop and self.should_stop())
+
 
 class Settings(Protocol):
     """What a method's settings offer to those who store them."""

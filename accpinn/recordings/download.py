@@ -137,7 +137,7 @@ def download(
     sums = _Checksums(folder)
     registry = {run.key: f"sha256:{known}" if (known := sums.of(run)) else None for run in runs}
     urls = {run.key: f"{base.rstrip('/')}/{quote(run.key)}" for run in runs}
-    shelf = pooch.create(path=folder, base_url="", registry=registry, urls=urls)
+    fetcher = pooch.create(path=folder, base_url="", registry=registry, urls=urls)
     down = threading.Event()
 
     def stop() -> bool:
@@ -146,7 +146,7 @@ def download(
     patience = _Patience(pause, stall, CONNECT)
 
     def fetch(run: Run) -> Download:
-        return _fetch(shelf, run, sums, down, stop, on_transfer, patience)
+        return _fetch(fetcher, run, sums, down, stop, on_transfer, patience)
 
     with ThreadPoolExecutor(max(1, connections)) as pool:
         futures: list[Future[Download]] = [pool.submit(fetch, run) for run in runs]
@@ -155,7 +155,7 @@ def download(
 
 
 def _fetch(
-    shelf: pooch.Pooch,
+    fetcher: pooch.Pooch,
     run: Run,
     sums: "_Checksums",
     down: threading.Event,
@@ -163,8 +163,8 @@ def _fetch(
     on_transfer: OnTransfer | None,
     patience: _Patience,
 ) -> Download:
-    path = run.path(Path(shelf.path))
-    host = urlsplit(shelf.urls[run.key]).netloc
+    path = run.path(Path(fetcher.path))
+    host = urlsplit(fetcher.urls[run.key]).netloc
 
     def failed(reason: str) -> Download:
         return Download(run, path, DownloadState.FAILED, 0, reason)
@@ -178,11 +178,11 @@ def _fetch(
             return failed(_no_network(run, host))
         transfer = _Resuming(run, stop, on_transfer, patience, checked=known is not None)
         try:
-            shelf.fetch(run.key, downloader=transfer)
+            fetcher.fetch(run.key, downloader=transfer)
         except ValueError:  # another checksum, perhaps as two versions were put together
             if not transfer.resumed:
                 raise
-            shelf.fetch(run.key, downloader=transfer)
+            fetcher.fetch(run.key, downloader=transfer)
         if not known:
             sums.record(run, pooch.file_hash(path))
         state = DownloadState.PRESENT if there else DownloadState.DOWNLOADED
@@ -223,9 +223,9 @@ class _Resuming:
         self._run, self._stop, self._on_transfer = run, stop, on_transfer
         self._patience, self._checked = patience, checked
 
-    def __call__(self, url: str, output_file: str, shelf: pooch.Pooch) -> None:
+    def __call__(self, url: str, output_file: str, fetcher: pooch.Pooch) -> None:
         """Transfer a file to ``output_file``."""
-        target = self._run.path(Path(shelf.path))
+        target = self._run.path(Path(fetcher.path))
         part = target.with_name(f".{target.name}.part")
         version = target.with_name(f".{target.name}.version")
         pause, fault = self._patience.pause, "it breaks off"

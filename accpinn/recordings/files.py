@@ -5,13 +5,7 @@ from collections.abc import Iterator
 from accpinn.channels import METADATA, TIME
 from accpinn.errors import RecordingError
 from accpinn.recordings import openacc, pairs
-from accpinn.recordings.mapping import (
-    CsvMapping,
-    read_mapped,
-    recall,
-    remember,
-    trajectories_of,
-)
+from accpinn.recordings.mapping import CsvMapping, read_mapped, recall, remember, trajectories_of
 from accpinn.recordings.recording import Recording
 from accpinn.recordings.samples import Source, SourceFile, read_bytes
 from accpinn.recordings.tables import Layout, layout_of

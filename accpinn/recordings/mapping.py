@@ -252,11 +252,6 @@ def read_mapped(
     recording = Recording(
         source=source_file.name + (f", trajectory {chosen}" if mapping.trajectory else ""),
         sha256=content.hexdigest(),
-        campaign=None,
-        date=None,
-        acc_flag=None,
-        distance_setting=None,
-        vehicles=(),
         time=_time(source_file, mapping, frame, first_rows),
         speed=np.column_stack(speeds),
         gap=np.column_stack(gaps),

@@ -126,7 +126,6 @@ def read_file(source_file: SourceFile) -> Recording:
         date=day,
         acc_flag=acc_flag,
         distance_setting=distance_setting,
-        vehicles=(),
         time=samples.time - samples.time[0],
         speed=samples.speed,
         gap=samples.gap,

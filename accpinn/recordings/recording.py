@@ -1,12 +1,13 @@
 """What a file holds: metadata, vehicles, speeds, gaps and modes over time, and what is wrong."""
 
+import datetime
 import hashlib
 import re
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
-from datetime import date
 from enum import IntEnum
 from functools import cached_property
+from typing import TypedDict
 
 import numpy as np
 from numpy.typing import NDArray
@@ -218,7 +219,7 @@ def unnamed(number: int) -> str:
     return f"Vehicle {number}"
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Recording:
     """One run; N samples, V vehicles. Arrays are read-only."""
 
@@ -226,13 +227,13 @@ class Recording:
     """File name; with the trajectory's name where the file holds several."""
     sha256: str
     """Of the file's bytes, and of the trajectory's name where the file holds several."""
-    campaign: str | None
+    campaign: str | None = None
     """None where folder, file name and date do not determine it."""
-    date: date | None
-    acc_flag: int | None
+    date: datetime.date | None = None
+    acc_flag: int | None = None
     """As in the file: 0 human, 1 ACC, 2 mixed. It does not give a vehicle's mode."""
-    distance_setting: str | None
-    vehicles: tuple[Vehicle, ...]
+    distance_setting: str | None = None
+    vehicles: tuple[Vehicle, ...] = ()
     """(V,) also those the header names but the columns lack."""
     time: FloatArray
     """(N,) in s from the first sample."""
@@ -318,6 +319,37 @@ class Recording:
         """The time that a stretch of samples covers, to the microsecond."""
         first, last = (round(float(self.time[at]), 6) for at in (stretch.first, stretch.last))
         return Window(first, last)
+
+
+class Facts(TypedDict, total=False):
+    """What a recording says of itself; None where it does not."""
+
+    campaign: str | None
+    date: str | None
+    """ISO 8601."""
+    acc_flag: int | None
+    """0 human, 1 ACC, 2 mixed."""
+    distance_setting: str | None
+    samples: int | None
+    duration: float | None
+    """In s."""
+    sample_time: float | None
+    """In s."""
+
+
+def facts_of(recording: Recording | None) -> Facts:
+    """Those of a recording; none without one."""
+    if recording is None:
+        return {}
+    return {
+        "campaign": recording.campaign,
+        "date": recording.date.isoformat() if recording.date else None,
+        "acc_flag": recording.acc_flag,
+        "distance_setting": recording.distance_setting,
+        "samples": recording.samples,
+        "duration": recording.duration,
+        "sample_time": recording.sample_time,
+    }
 
 
 def completed(

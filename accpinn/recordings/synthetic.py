@@ -15,7 +15,7 @@ from pathlib import Path
 import msgspec
 import numpy as np
 
-from accpinn.channels import DRIVER, GAP, METADATA, PARAMETER_KEYS, SPEED, TIME
+from accpinn.channels import DRIVER, GAP, METADATA, SPEED, TIME, by_key
 from accpinn.errors import RecordingError
 from accpinn.model.cthp import Parameters, Trajectories, simulate
 from accpinn.model.published import ASTAZERO, VICOLUNGO
@@ -137,7 +137,7 @@ def _parameters(_: type, entries: list[dict[str, float]]) -> Parameters:
 
 
 def _entries(parameters: Parameters) -> list[dict[str, float]]:
-    return [dict(zip(PARAMETER_KEYS, row, strict=True)) for row in parameters.values.tolist()]
+    return [by_key(row) for row in parameters.values.tolist()]
 
 
 _MOTORWAY = LeaderProfile(28.0, 20.0, 34.0, (8.0, 25.0), (0.4, 1.2), 0.15)

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 import numpy as np
 import pandas as pd
 
-from accpinn.channels import GAP, PARAMETER_KEYS, PARAMETERS, SPEED, TIME
+from accpinn.channels import GAP, PARAMETERS, SPEED, TIME
 from accpinn.evaluation.closed_loop import closed_loop
 from accpinn.methods.fit import History
 from accpinn.model.cthp import Trajectories
@@ -45,8 +45,7 @@ def _files(snapshot: Snapshot) -> Iterator[tuple[str, str | bytes]]:
     if fit.history:
         yield "training.csv", _history(fit.history, info)
     if segment:
-        data = Trajectories(segment.time, segment.measured_speeds, segment.measured_gaps)
-        yield "motion_measured.csv", _motion(info, data)
+        yield "motion_measured.csv", _motion(info, segment.measured)
         if driven := closed_loop(segment, fit):
             yield "motion_closed_loop.csv", _motion(info, driven)
     if fit.surrogate:
@@ -70,9 +69,9 @@ def _history(history: History, info: SegmentInfo) -> str:
     sets = history.parameters.values.shape[1]
     followers = ("all",) if sets == 1 and info.followers > 1 else info.vehicles[1:]
     for k, follower in enumerate(followers):
-        for which, (word, quantity) in enumerate(zip(PARAMETER_KEYS, PARAMETERS, strict=True)):
+        for which, quantity in enumerate(PARAMETERS):
             values = history.parameters.values[:, k, which]
-            columns[_named(f"{word} {follower}", quantity.unit)] = values
+            columns[_named(f"{quantity.key} {follower}", quantity.unit)] = values
     return _csv(columns)
 
 

@@ -20,7 +20,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from accpinn.channels import PARAMETER_KEYS, PARAMETERS
+from accpinn.channels import PARAMETERS
 from accpinn.errors import ConfigError, ParameterError
 from accpinn.model.cthp import Parameters
 from accpinn.recordings.makes import make_and_model
@@ -95,7 +95,7 @@ def _identifier(name: str, follower: int) -> str:
     return f"F{follower + 1}_{re.sub(r'[^A-Za-z0-9.-]+', '_', name).strip('_') or 'vehicle'}"
 
 
-def thinned(draws: Parameters, count: int) -> Parameters:
+def some_draws(draws: Parameters, count: int) -> Parameters:
     """So many of the draws (n, M), evenly chosen; all where there are no more.
 
     Raises:
@@ -121,7 +121,7 @@ def snapshot_types(snapshot: Snapshot, samples: int = SAMPLES) -> str:
         ConfigError: for a number of samples that is not allowed.
     """
     known = snapshot.uncertainty
-    draws = thinned(known.draws, samples) if known and samples else None
+    draws = some_draws(known.draws, samples) if known and samples else None
     return sumo_types(snapshot.info.names[1:], snapshot.fit.parameters, draws)
 
 
@@ -133,7 +133,7 @@ def parameter_card(snapshot: Snapshot) -> dict[str, Any]:
         "model": {
             "name": "constant time-headway policy",
             "equations": ["dp/dt = Δv", "dv/dt = α (p - τ v) + β Δv"],
-            "units": {"alpha": "1/s²", "beta": "1/s", "tau": "s"},
+            "units": {quantity.key: quantity.unit for quantity in PARAMETERS},
         },
         "level": known.level if known else None,
         "interval_method": known.method if known else None,
@@ -161,18 +161,17 @@ def _card_of(snapshot: Snapshot, k: int) -> dict[str, Any]:
     known, name = snapshot.uncertainty, snapshot.info.names[k + 1]
     make, model = make_and_model(name)
     own = snapshot.fit.parameters[k].values.tolist()
-    ends = [(one[k].values.tolist() if one else 3 * [None]) for one in (
-        known and known.lower, known and known.upper
-    )]  # fmt: skip
+    ends = [one[k].values.tolist() for one in (known.lower, known.upper)] if known else [
+        3 * [None], 3 * [None]
+    ]  # fmt: skip
     card: dict[str, Any] = {
         "vehicle": snapshot.info.vehicles[k + 1],
         "name": name,
         "make": make,
         "model": model,
     }
-    for i, (key, quantity) in enumerate(zip(PARAMETER_KEYS, PARAMETERS, strict=True)):
-        low, high = ends[0][i], ends[1][i]
-        card[key] = {"value": own[i], "low": low, "high": high, "unit": quantity.unit}
+    for quantity, value, low, high in zip(PARAMETERS, own, *ends, strict=True):
+        card[quantity.key] = {"value": value, "low": low, "high": high, "unit": quantity.unit}
     if known:
         card["probability_l2_stable"] = float(known.probability_l2[k])
         card["probability_linf_stable"] = float(known.probability_linf[k])

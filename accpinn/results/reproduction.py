@@ -53,7 +53,7 @@ class PrintedVerdicts:
 
 
 @dataclass(frozen=True)
-class Run:
+class PrintedRun:
     """A recording of the OpenACC database, with the window and vehicles that the paper took."""
 
     campaign: str
@@ -69,7 +69,7 @@ class PrintedItem:
 
     title: str
     subject: str
-    run: Run | None = None
+    run: PrintedRun | None = None
     """What it takes; None where it needs no recording, or its run is not known."""
     sample: str = ""
     """Stem of the synthetic sample that can stand in for the recording; empty for none."""
@@ -96,8 +96,10 @@ def _row(vehicles: ParameterSet) -> PrintedVerdicts:
     return _no(ParameterSet(vehicles.title, ("All followers",), one))
 
 
-CASALE_RUN = Run("Casale", "part7.csv", Window(0.0, 300.0), (1, 2))
-ASTAZERO_RUN = Run("AstaZero", "ASta_040719_platoon5.csv", Window(320.0, 620.0), (1, 2, 3, 4, 5))
+CASALE_RUN = PrintedRun("Casale", "part7.csv", Window(0.0, 300.0), (1, 2))
+ASTAZERO_RUN = PrintedRun(
+    "AstaZero", "ASta_040719_platoon5.csv", Window(320.0, 620.0), (1, 2, 3, 4, 5)
+)
 _SYNTHETIC, _ASTAZERO = "synthetic_paper_study", "synthetic_astazero_like"
 
 ITEMS = (

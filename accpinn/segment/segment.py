@@ -7,6 +7,7 @@ from functools import cached_property
 import numpy as np
 
 from accpinn.errors import Finding, SegmentError
+from accpinn.model.cthp import Case, Trajectories
 from accpinn.recordings.recording import Window, vehicle_label
 from accpinn.units import FloatArray, Mask, Seconds, frozen
 
@@ -109,6 +110,10 @@ class _Platoon:
     def followers(self) -> int:
         """How many followers: M."""
         return len(self.vehicles) - 1
+
+    def shares(self, case: Case) -> bool:
+        """Whether several followers share one parameter set, as in Case I."""
+        return case == "I" and self.followers > 1
 
     @property
     def labels(self) -> tuple[str, ...]:
@@ -244,6 +249,11 @@ class Segment(_Platoon):
     def measured_gaps(self) -> FloatArray:
         """(N, M) in m; nan where missing."""
         return self._measured(self.gaps, slice(len(self.vehicles), None))
+
+    @property
+    def measured(self) -> Trajectories:
+        """Both, over the window's time."""
+        return Trajectories(self.time, self.measured_speeds, self.measured_gaps)
 
     def _measured(self, values: FloatArray, columns: slice) -> FloatArray:
         if self.missing is None:

@@ -34,14 +34,14 @@ from accpinn.model.cthp import Case
 from accpinn.recordings.files import mapping_of, read_all
 from accpinn.recordings.makes import is_known
 from accpinn.recordings.mapping import CsvMapping, write_mapping
-from accpinn.recordings.recording import Recording
+from accpinn.recordings.recording import Recording, facts_of
 from accpinn.segment.cut import DURATION, MINIMUM_DURATION, cut
 from accpinn.segment.segment import Segment
 from accpinn.study.cluster import WORKERLESS, connected, fault_of, is_killed, threads_of
 from accpinn.study.journal import FORMAT, Failure, Journal, read_rows
 from accpinn.study.plan import LEAST, plan
 from accpinn.study.pooling import Pool, PoolWindow, pooled_row, pools
-from accpinn.study.rows import RecordingFacts, rows_of
+from accpinn.study.rows import rows_of
 from accpinn.units import Seconds
 
 if TYPE_CHECKING:
@@ -79,7 +79,8 @@ class BatchTask:
     key: str
     place: Place
     segment: Segment
-    facts: RecordingFacts
+    recording: dict[str, Any]
+    """What rows say of it."""
     modes: tuple[str, ...]
     """(M,) as `plan` gives them."""
     case: Case
@@ -208,8 +209,11 @@ def batch(
     files = files_of(sources, Path(study))
     length = window if math.isfinite(window) else "all"
     with Journal(Path(study), {"window": length, "case": case}) as journal:
-        run = _Run(journal, tuple(dict.fromkeys(methods)), case, window, mapping, files, started)
-        run.work(workers, scheduler, on_progress, should_stop or (lambda: False))
+        run = _Run(
+            journal, tuple(dict.fromkeys(methods)), case, window, mapping, files, started,
+            on_progress or (lambda _: None), should_stop or (lambda: False),
+        )  # fmt: skip
+        run.work(workers, scheduler)
         return run.summary()
 
 
@@ -260,10 +264,13 @@ class _Run:
         mapping: CsvMapping | None,
         files: list[Path],
         started: float,
+        on_progress: Callable[[BatchProgress], None],
+        should_stop: Callable[[], bool],
     ) -> None:
         self._journal, self._known = journal, journal.known
         self._methods, self._case, self._window = methods, case, window
         self._mapping, self._files, self._started = mapping, files, started
+        self._on_progress, self._should_stop = on_progress, should_stop
         self._recordings = self._refused = self._windows = self._followers = 0
         self._rows = self._failed = self._reused = self._finished = 0
         self._stopped = False
@@ -410,7 +417,8 @@ class _Run:
     def _tasks_in(self, recording: Recording, file: str) -> Iterator[BatchTask]:
         self._recordings += 1
         planned = plan(recording, self._window)
-        facts = RecordingFacts.of(recording, file)
+        own = {"file": file, "trajectory": recording.trajectory, "sha256": recording.sha256}
+        about = {**facts_of(recording), **own}
         name = recording.sha256
         windows = [
             {"vehicles": list(p.vehicles), "start": p.window.start, "duration": p.window.duration}
@@ -428,7 +436,7 @@ class _Run:
                 segment = self._segment(recording, place)
                 if segment:
                     key = self._key(place, ",".join(missing))
-                    yield BatchTask(key, place, segment, facts, one.modes, self._case, missing)
+                    yield BatchTask(key, place, segment, about, one.modes, self._case, missing)
 
     def pool_tasks(self) -> Iterator[PoolTask]:
         """The vehicles whose pooled parameters are not known; files are read again for each."""
@@ -504,16 +512,9 @@ class _Run:
 
     # Working
 
-    def work(
-        self,
-        workers: int | None,
-        scheduler: str | None,
-        on_progress: Callable[[BatchProgress], None] | None,
-        should_stop: Callable[[], bool],
-    ) -> None:
+    def work(self, workers: int | None, scheduler: str | None) -> None:
         """Run all tasks; workers are started for the first one that is left to do."""
-        if on_progress:
-            on_progress(self.progress(0))
+        self._on_progress(self.progress(0))
         client: Client | None = None
         with ExitStack() as opened:
             windows: Phase[Any] = Phase(self.tasks, run_task, self._finish)
@@ -523,14 +524,10 @@ class _Run:
                 first = next(tasks, None)
                 if first is not None:
                     client = client or opened.enter_context(connected(workers, scheduler))
-                    if on_progress:
-                        on_progress(self.progress(threads_of(client)))
-                    self._drive(
-                        client, phase, first, tasks, on_progress, should_stop, scheduler is None
-                    )
+                    self._on_progress(self.progress(threads_of(client)))
+                    self._drive(client, phase, first, tasks, scheduler is None)
         self._is_done = not self._stopped
-        if on_progress:
-            on_progress(self.progress(0))
+        self._on_progress(self.progress(0))
 
     def _drive(
         self,
@@ -538,8 +535,6 @@ class _Run:
         phase: "Phase[Any]",
         first: Any,
         tasks: Iterator[Any],
-        on_progress: Callable[[BatchProgress], None] | None,
-        should_stop: Callable[[], bool],
         is_local: bool,
     ) -> None:
         """Keep workers at a phase's tasks until all have ended, or the caller says stop."""
@@ -551,7 +546,7 @@ class _Run:
         slots, looked, alone = 0, -1.0, False
         try:
             while waiting or running or put_off:
-                if should_stop():
+                if self._should_stop():
                     self._stopped = True
                     break
                 if time.monotonic() - looked > 1.0:
@@ -584,8 +579,7 @@ class _Run:
                         continue
                     phase.finish(future, task)
                     future.release()
-                    if on_progress:
-                        on_progress(self.progress(slots))
+                    self._on_progress(self.progress(slots))
                 if time.monotonic() - published > PUBLISHED_EVERY:
                     self._journal.publish()
                     published = time.monotonic()
@@ -614,7 +608,9 @@ class _Run:
             self._failed += 1
             alone = vehicles[1] if len(vehicles) == 2 else None
             reason = f"{one.method}: {one.reason}"
-            self._fail(key, Failure(task.facts.file, task.place.start, alone, reason), one.final)
+            self._fail(
+                key, Failure(task.recording["file"], task.place.start, alone, reason), one.final
+            )
 
     def _finish_pool(self, future: "Future[Any]", task: PoolTask) -> None:
         """Write what became of a vehicle."""
@@ -645,7 +641,7 @@ def run_task(task: BatchTask) -> list[MethodRows]:
 
     def rows(key: str) -> list[dict[str, Any]]:
         fit = METHODS[key].fit(segment, task.case, None, TaskContext(threads=1))
-        return rows_of(segment, task.facts, task.modes, fit, intervals(segment, fit))
+        return rows_of(segment, task.recording, task.modes, fit, intervals(segment, fit))
 
     return [_tried(key, partial(rows, key)) for key in task.methods]
 

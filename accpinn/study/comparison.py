@@ -161,14 +161,11 @@ def compare(
     if is_worthwhile(segment, methods, context):
         worker = Worker(job, helpful(methods))
 
-    def stopped() -> bool:
-        return bool(context.should_stop and context.should_stop())
-
     known: dict[str, Answer] = {}
     try:
         for index, key in enumerate(methods):
             for other in methods[index:]:
-                if stopped():
+                if context.is_stopped:
                     return
                 if other not in known and (worker is None or worker.leaves(other)):
                     found = job.run(other, context)
@@ -177,10 +174,10 @@ def compare(
                     known[other] = found
                 if not worker or not worker.is_busy_with(key):
                     break
-            answer = known.get(key) or (worker.answer(key, stopped) if worker else None)
-            if answer is None and not stopped():  # the second process has failed
+            answer = known.get(key) or (worker.answer(key, context) if worker else None)
+            if answer is None and not context.is_stopped:  # the second process has failed
                 answer = job.run(key, context)
-            if answer is None or stopped():
+            if answer is None or context.is_stopped:
                 return
             if isinstance(answer, AccpinnError):
                 yield MethodFailure(key, answer)

@@ -53,7 +53,7 @@ class BatchEstimate:
         return START + WITHOUT_BLOCKS * each * self.size / workers
 
 
-def estimate(source: Path, window: Seconds) -> BatchEstimate:
+def estimate_batch(source: Path, window: Seconds) -> BatchEstimate:
     """The estimate for a folder.
 
     Args:

@@ -20,13 +20,7 @@ from itertools import pairwise
 import numpy as np
 
 from accpinn.recordings.recording import HUMAN_FLAG, MOVING, Mode, Recording, Window
-from accpinn.segment.cut import (
-    MAX_FOLLOWERS,
-    MINIMUM_DURATION,
-    SLACK,
-    chains,
-    complete_windows,
-)
+from accpinn.segment.cut import MAX_FOLLOWERS, MINIMUM_DURATION, SLACK, chains, complete_windows
 from accpinn.segment.quality import CAR_FOLLOWING
 from accpinn.units import FloatArray, Mask, Seconds, Stretch, stretches
 

@@ -14,13 +14,21 @@ from typing import Any
 
 import numpy as np
 
-from accpinn.channels import PARAMETER_KEYS
+from accpinn.channels import PARAMETER_KEYS, by_key
 from accpinn.errors import ConfigError
 from accpinn.inference.intervals import intervals
 from accpinn.methods.maximum_likelihood import KEY, fit_among
 from accpinn.recordings.recording import unnamed
 from accpinn.segment.segment import Segment
-from accpinn.study.rows import RowColumn, parameter_columns, plain, verdicts
+from accpinn.study.rows import (
+    COLUMNS,
+    VERDICTS,
+    RowColumn,
+    estimate_cells,
+    parameter_columns,
+    plain,
+    verdicts,
+)
 from accpinn.study.windows import check_windows, random_effects
 
 SHARED = ("campaign", "name", "make", "model", "distance_setting", "mode")
@@ -29,13 +37,14 @@ ONE_RECORDING = ("sha256", "vehicle")
 """The same where the name does not tell vehicles apart: where it is given by number alone, or where
 several vehicles of a recording have it."""
 
+_OF_ROWS = {column.name: column for column in COLUMNS}
 POOLED_COLUMNS = (
-    RowColumn("campaign", "string", "", "campaign or data set"),
-    RowColumn("name", "string", "", "the follower's, as in the header"),
+    _OF_ROWS["campaign"],
+    _OF_ROWS["name"],
     RowColumn("make", "string", "", "in one spelling"),
-    RowColumn("model", "string", "", "in one spelling; empty where the header does not tell"),
-    RowColumn("distance_setting", "string", "", "as in the header"),
-    RowColumn("mode", "string", "", "ACC, or unknown where neither drivers nor flag tell"),
+    _OF_ROWS["model"],
+    _OF_ROWS["distance_setting"],
+    _OF_ROWS["mode"],
     RowColumn("sha256", "string", "", "of the recording, where the name tells no vehicles apart"),
     RowColumn("vehicle", "int64", "", "its number there; empty where the name does"),
     RowColumn("windows", "int64", "", "how many share the parameters"),
@@ -47,11 +56,7 @@ POOLED_COLUMNS = (
         for key in PARAMETER_KEYS
     ),
     RowColumn("level", "double", "", "how often the intervals cover the truth, if windows agree"),
-    RowColumn("l2_stable", "bool", "", "L₂ string stability of the estimate"),
-    RowColumn("linf_stable", "bool", "", "L∞ string stability of the estimate, exact criterion"),
-    RowColumn("linf_gain", "double", "", "‖h‖₁ of the estimate"),
-    RowColumn("p_l2_stable", "double", "", "posterior probability of L₂ string stability"),
-    RowColumn("p_linf_stable", "double", "", "posterior probability of L∞ string stability"),
+    *(_OF_ROWS[name] for name in (*VERDICTS, "p_l2_stable", "p_linf_stable")),
 )
 """One row a vehicle and setting."""
 
@@ -149,8 +154,6 @@ def pooled_row(pool: Pool, segments: tuple[Segment, ...]) -> dict[str, Any]:
         "p_linf_stable": known.probability_linf[0],
         **verdicts(fit.parameters[0]),
     }
-    for i, key in enumerate(PARAMETER_KEYS):
-        values = (fit.parameters, known.lower, known.upper)
-        row[key], row[f"{key}_low"], row[f"{key}_high"] = (v.values[0, i] for v in values)
-        row[f"{key}_deviation"] = pool.deviations[i]
+    row |= estimate_cells(fit.parameters[0], known, 0)
+    row |= {f"{key}_deviation": value for key, value in by_key(pool.deviations).items()}
     return {column.name: plain(row[column.name]) for column in POOLED_COLUMNS}

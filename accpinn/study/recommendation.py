@@ -49,8 +49,7 @@ def recommend(
         rows: the methods' results, at least one.
         adequacy: of the forms of the model, where they were compared.
     """
-    shared = rows[0].fit.case == "I" and segment.followers > 1
-    vehicles = (0,) if shared else segment.vehicles[1:]
+    vehicles = (0,) if segment.shares(rows[0].fit.case) else segment.vehicles[1:]
     return tuple(_of_vehicle(k, vehicle, rows, adequacy) for k, vehicle in enumerate(vehicles))
 
 

@@ -48,13 +48,12 @@ from accpinn.methods.fit import Fit
 from accpinn.methods.maximum_likelihood import fit_among, maxima_of
 from accpinn.methods.series import series_of, stride_of
 from accpinn.model.cthp import Case, Parameters
+from accpinn.segment.cut import SLACK
 from accpinn.segment.segment import Segment
 from accpinn.units import FloatArray, Seconds
 
 SIGNIFICANCE = 0.05
 """Below this probability of a larger Q, windows are said to differ."""
-SLACK: Seconds = 1e-6
-"""Windows that share less of the time, as one that ends where the next begins, are disjoint."""
 
 
 class WindowsDiffer(Finding, frozen=True):
@@ -184,7 +183,7 @@ def fit_windows(segments: Sequence[Segment], case: Case = "II", level: float = L
     own = tuple(estimate(segment, case, level) for segment in segments)
     fits = tuple(fit_among(segments, segment, case) for segment in segments)
     uncertainty = intervals(segments, fits[0], level)
-    between = _between(own, case, level)
+    between = _between(own, level)
     return JointFit(
         case,
         own,
@@ -216,9 +215,7 @@ def estimate(segment: Segment, case: Case = "II", level: float = LEVEL) -> Windo
     return WindowEstimate(segment, fit, uncertainty, errors)
 
 
-def _between(
-    windows: Sequence[WindowEstimate], case: Case, level: float
-) -> tuple[BetweenWindows, ...]:
+def _between(windows: Sequence[WindowEstimate], level: float) -> tuple[BetweenWindows, ...]:
     values = np.array([one.fit.parameters.values for one in windows])
     logs = np.log(np.where(values > 0, values, np.nan))
     errors = np.array([one.errors for one in windows])

@@ -18,7 +18,7 @@ from loky import ProcessPoolExecutor
 
 from accpinn.errors import AccpinnError
 from accpinn.evaluation.evaluation import Evaluation, evaluate
-from accpinn.methods.fit import Fit, ShouldStop
+from accpinn.methods.fit import Fit
 from accpinn.methods.method import TaskContext
 from accpinn.methods.registry import METHODS
 from accpinn.model.cthp import Case
@@ -52,7 +52,7 @@ class Job:
         estimate = partial(METHODS[key].fit, case=self.case, settings=settings, context=context)
         try:
             fit = estimate(self.segment)
-            if context.should_stop and context.should_stop():
+            if context.is_stopped:
                 return None
             return fit, evaluate(self.segment, fit, estimate, self.recording)
         except AccpinnError as fault:  # the others may well serve
@@ -99,15 +99,15 @@ class Worker:
         """Whether it has begun a method, and not ended it."""
         return key in self._answers and not self._answers[key].done()
 
-    def answer(self, key: str, should_stop: ShouldStop) -> Answer | None:
+    def answer(self, key: str, context: TaskContext) -> Answer | None:
         """Its answer, waited for; None for a method that is the caller's to run.
 
         Args:
             key: of a method.
-            should_stop: asked while waiting; True ends that with None.
+            context: once it says stop, waiting ends with None.
         """
         future = self._answers.get(key)
-        while future and not should_stop():
+        while future and not context.is_stopped:
             try:
                 return future.result(POLL)
             except TimeoutError:

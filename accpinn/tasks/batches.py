@@ -1,19 +1,12 @@
 """Batches and downloads as tasks: each tells its progress in its own terms."""
 
-import threading
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
 from accpinn.errors import RecordingError
 from accpinn.methods.method import TaskContext
 from accpinn.recordings.catalogue import Run
-from accpinn.recordings.download import (
-    PUBLISHED_AT,
-    Download,
-    DownloadState,
-    Transfer,
-    download,
-)
+from accpinn.recordings.download import PUBLISHED_AT, Download, DownloadState, Transfer, download
 from accpinn.study.batch import BatchProgress, BatchSummary
 from accpinn.study.folders import Request, keep_request
 from accpinn.study.process import BatchSettings, run_batch
@@ -25,7 +18,7 @@ RunBatch = Callable[
 ]
 
 
-class BatchTask(Task[BatchSummary]):
+class StudyTask(Task[BatchSummary]):
     """A batch of estimations, in a process of its own."""
 
     def __init__(self, owner: str, settings: BatchSettings, run: RunBatch = run_batch) -> None:
@@ -79,19 +72,12 @@ class DownloadTask(Task[Download]):
         """
         super().__init__(owner, "download", self._work)
         self.run, self._folder, self._base = run, folder, base
-        self._last: Transfer | None = None
-        self._guard = threading.Lock()
-
-    @property
-    def transfer(self) -> Transfer | None:
+        self.latest: Transfer | None = None
         """How far it is; None before the first byte."""
-        with self._guard:
-            return self._last
 
     def _work(self, context: TaskContext) -> Iterator[Download]:
         def note(now: Transfer) -> None:
-            with self._guard:
-                self._last = now
+            self.latest = now
 
         for found in download(
             (self.run,), self._folder, self._base,
@@ -105,5 +91,5 @@ class DownloadTask(Task[Download]):
     @property
     def share(self) -> float:
         """The share of the file that has arrived, 0 to 1."""
-        now = self.transfer
+        now = self.latest
         return min(1.0, now.received / now.size) if now and now.size else 0.0

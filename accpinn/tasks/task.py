@@ -324,7 +324,7 @@ def comparison_task(
         quiet = replace(context, on_progress=None)  # several fits make one result
         keys = [method.key for method in methods]
         yield from compare(segment, case, keys, recording=recording, context=quiet)
-        if not (context.should_stop and context.should_stop()):
+        if not context.is_stopped:
             yield model_forms(segment, case)
 
     names = (*(method.title for method in methods), "Forms of the model")

@@ -14,11 +14,7 @@ from accpinn.segment.cut import cut
 from pages.ui.components import frame, show
 from pages.ui.components.show import escape_markdown
 from pages.ui.components.widgets import tabs
-from pages.ui.data.sources import (
-    ask_for_upload,
-    drop_zone,
-    open_with,
-)
+from pages.ui.data.sources import ask_for_upload, drop_zone, open_with
 from pages.ui.platoon.page import open_panels
 from pages.ui.reproduction import open_published, show_checklist
 from pages.ui.runs import restore_run
@@ -40,7 +36,7 @@ def show_page() -> None:
     workspace = frame.begin("")
     st.html(_STYLE)
     st.title("Learn a car's cruise control from a recorded drive", anchor=False)
-    entries = workspace.runs.entries()
+    entries = workspace.runs.readable()
     if workspace.recording or workspace.snapshot or entries:
         _continue(workspace, entries)
     else:
@@ -166,7 +162,7 @@ def _show_published(workspace: Workspace) -> None:
     with columns[len(PUBLISHED)].container(border=True, height="stretch"):
         st.markdown("**Figure 8: four panels**")
         st.caption(
-            "Eight followers behind a leader whose speed swings at 0.25 and 0.3 rad/s, with the"
+            "Eight followers behind a leader whose speed oscillates at 0.25 and 0.3 rad/s, with the"
             " parameters of the Mercedes and the Tesla."
         )
         if st.button("Platoon", key="home_panels", help="Page Platoon, with the four panels."):

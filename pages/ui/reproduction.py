@@ -6,7 +6,7 @@ from accpinn.methods.pinn.config import FAST
 from accpinn.model.cthp import Parameters
 from accpinn.model.published import ParameterSet
 from accpinn.results.messages.reproduction import outcome, run_line
-from accpinn.results.reproduction import ITEMS, PrintedItem, PrintedVerdicts, Run
+from accpinn.results.reproduction import ITEMS, PrintedItem, PrintedRun, PrintedVerdicts
 from accpinn.results.snapshot.saved import Entry
 from accpinn.results.tables.reproduction import reproduction_table
 from pages.ui.components import frame, show
@@ -93,11 +93,11 @@ def _learned(
     return Parameters.of(runs[0].parameters[: len(printed.vehicles)]) if runs else None
 
 
-def runs_of(workspace: Workspace, run: Run) -> list[Entry]:
+def runs_of(workspace: Workspace, run: PrintedRun) -> list[Entry]:
     """The session's finished runs of that recording, window, vehicles and Case, newest first."""
     return [
         entry
-        for entry in workspace.runs.entries()
+        for entry in workspace.runs.readable()
         if (entry.source, entry.window, entry.numbers) == (run.file, str(run.window), run.vehicles)
         and entry.campaign in ("", run.campaign)
         and (entry.case == run.case or len(run.vehicles) == 2)
@@ -131,7 +131,7 @@ def _sample_button(workspace: Workspace, item: PrintedItem, key: str) -> None:
         frame.go(frame.TRAIN, workspace)
 
 
-def _run_button(workspace: Workspace, run: Run, key: str) -> None:
+def _run_button(workspace: Workspace, run: PrintedRun, key: str) -> None:
     """Open the recording with the paper's window, where it is at hand."""
     load = find_run(workspace, run.campaign, run.file)
     if st.button(
@@ -153,11 +153,11 @@ def _published_button(workspace: Workspace, vehicles: ParameterSet, key: str) ->
         name.removeprefix("Ispra-"), key=f"home_{key}_{name}", icon=":material/vital_signs:",
         help="Page Stability, with these printed parameters.",
     ):  # fmt: skip
-        choose_published(workspace, vehicles)
+        take_published(workspace, vehicles)
         frame.go(frame.STABILITY, workspace)
 
 
-def choose_published(workspace: Workspace, vehicles: ParameterSet) -> None:
+def take_published(workspace: Workspace, vehicles: ParameterSet) -> None:
     """Let pages Stability and Platoon show a published set."""
     workspace.choose_source("published")
     workspace.parameter_choice.example = vehicles.title
@@ -172,5 +172,5 @@ def open_published(workspace: Workspace, vehicles: ParameterSet, key: str) -> No
                 name, key=f"{key}_{vehicles.title}_{name}",
                 help=f"Page {name}, with these printed parameters.",
             ):  # fmt: skip
-                choose_published(workspace, vehicles)
+                take_published(workspace, vehicles)
                 frame.go(page, workspace)

@@ -15,7 +15,7 @@ from pages.ui.snapshots.one import choose_entry
 
 def show_runs(workspace: Workspace) -> None:
     """The list, whose rows restore a run, and two of them beside each other."""
-    entries = workspace.runs.entries()
+    entries = workspace.runs.readable()
     if not entries:
         return
     with st.expander(f"Finished runs of this session ({len(entries)})", icon=":material/history:"):

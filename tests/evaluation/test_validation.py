@@ -12,7 +12,7 @@ from accpinn.methods import least_squares
 from accpinn.model.cthp import Parameters
 from accpinn.recordings.openacc import read
 from accpinn.results.messages import messages
-from accpinn.results.tables.validation import validation_table
+from accpinn.results.tables.estimates import validation_table
 from accpinn.segment.cut import cut
 from tests.support.driving import LAW, MIXED, driven
 from tests.support.samples import FOLDER, PLATOON

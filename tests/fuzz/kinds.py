@@ -31,7 +31,7 @@ from accpinn.recordings.recording import Recording
 from accpinn.results.export import parameter_card, snapshot_types
 from accpinn.results.messages import messages
 from accpinn.results.messages import summary as words
-from accpinn.results.messages.snapshot import parameters_rest_on, summary
+from accpinn.results.messages.snapshot import parameters_rest_on, verification_summary
 from accpinn.results.report import render_report, tables_of
 from accpinn.results.snapshot import Snapshot, create
 from accpinn.results.snapshot.archive import load, pack_arrays, seal, to_bytes, unpack_arrays
@@ -274,7 +274,7 @@ def use_snapshot(data: bytes, _: Path) -> bool:
     """Open it, check it, and make of it what the app and the command line make."""
     snapshot = load(data)
     checked = verify(snapshot, refit_within=QUICK)
-    summary(checked, snapshot.info), parameters_rest_on(checked, snapshot.info)
+    verification_summary(checked, snapshot.info), parameters_rest_on(checked, snapshot.info)
     show(snapshot)
     if len(data) % 16 == 0:  # it takes most of a second
         render_report(snapshot, checked)

@@ -44,7 +44,7 @@ def test_runs_survive_another_recording_and_a_restart_and_are_restored() -> None
     before = found.fit.parameters
     found.open(*sample(SAMPLES / "synthetic_vicolungo_like.csv"))
     assert found.fit is None
-    (run,) = found.runs.entries()
+    (run,) = found.runs.readable()
     assert (run.source, run.window) == (FIRST_SAMPLE.name, "0–60 s")
 
     sessions.workspaces.clear()  # as a restart of the server
@@ -103,7 +103,7 @@ def test_sessions_that_only_opened_something_cost_nobody_a_result(
         other = sessions.workspaces().new()
         other.open(*sample(FIRST_SAMPLE))
         open_page(DATA, session=other.id)
-    kept = {path.name for path in found.runs.snapshots.folder.parent.iterdir()}
+    kept = {path.name for path in found.runs.folder.parent.iterdir()}
     assert {found.id, other.id} <= kept
     assert len(kept) <= 3, "the newest comes to those that were kept"
 
@@ -114,7 +114,7 @@ def test_a_run_is_not_restored_with_the_truth_of_another_recording() -> None:
     train(found, "II")
     found.open(*sample(FIRST_SAMPLE))
     assert found.true_parameters is not None
-    (run,) = found.runs.entries()
+    (run,) = found.runs.readable()
     restore_run(found, run.id)
     assert found.recording is own
     assert found.true_parameters is None
@@ -133,17 +133,17 @@ def test_equal_runs_are_kept_once_unfinished_ones_never_and_two_are_compared(
     ):
         train(found, case, outcome)
         found.keep_run()
-        assert len(found.runs.entries()) == count
+        assert len(found.runs.readable()) == count
     page = choose(open_page(TRAIN, found), "runs_compare", True)
     assert not page.exception
     assert "What differs" in texts(page)
     found.choose(window=Window(10.0, 70.0))
     train(found, "II")
     found.keep_run()
-    assert len(found.runs.entries()) == 2, "the oldest goes"
+    assert len(found.runs.readable()) == 2, "the oldest goes"
 
 
 def test_no_name_leads_out_of_the_folder() -> None:
-    cache = fitted().runs.snapshots.folder.parent.parent
+    cache = fitted().runs.folder.parent.parent
     for name in ("", "..", "../../x", "a" * 20 + "/..", "short"):
         assert not runs.is_known(name, cache)

@@ -217,7 +217,7 @@ def test_a_stopped_batch_goes_on(cluster: str, folder: Path, tmp_path: Path) -> 
 
 def killed(task: BatchTask) -> list[MethodRows]:
     """A task as the scheduler reports it after its workers have died."""
-    if task.facts.file == "run2.csv":
+    if task.recording["file"] == "run2.csv":
         raise KilledWorker(task.key, SimpleNamespace(address="tcp://away"), 1)
     return []
 

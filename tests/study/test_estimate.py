@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from accpinn.methods.registry import METHODS
-from accpinn.study.estimate import INTERVALS_SECONDS, READ, START, estimate
+from accpinn.study.estimate import INTERVALS_SECONDS, READ, START, estimate_batch
 from tests.support.openacc_files import csv, metadata, platoon
 
 
@@ -15,10 +15,10 @@ def test_files_alike_count_as_those_that_are_read(tmp_path: Path) -> None:
     for k in range(2 * READ):
         (tmp_path / f"run{k}.csv").write_bytes(raw)
         if k == 1:
-            few = estimate(tmp_path, 60.0)
+            few = estimate_batch(tmp_path, 60.0)
             assert (few.files, few.windows, few.followers, few.exact) == (3, 4, 8, True)
             assert few.size == pytest.approx(4 * 60 / 300 * 1.35), "a further follower takes less"
-    found = estimate(tmp_path, 60.0)
+    found = estimate_batch(tmp_path, 60.0)
     assert not found.exact
     assert found.windows == pytest.approx(2 * READ * 2, rel=1e-3)
     each = METHODS["splines"].typical_seconds + INTERVALS_SECONDS

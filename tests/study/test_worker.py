@@ -17,10 +17,6 @@ from tests.support.command import THREE
 ALONE = TaskContext()
 
 
-def never() -> bool:
-    return False
-
-
 @pytest.fixture(scope="module")
 def job() -> Job:
     return Job(cut(read(THREE), 0, 60), "II", None, {})
@@ -33,8 +29,8 @@ def test_it_answers_as_the_caller_would(job: Job) -> None:
     assert worker.leaves("splines"), "the caller came first"
     assert worker.leaves("pinn"), "it is never its own"
     assert not worker.leaves("dual-ukf")
-    assert worker.answer("splines", never) is None
-    answer, expected = worker.answer("dual-ukf", never), job.run("dual-ukf", ALONE)
+    assert worker.answer("splines", ALONE) is None
+    answer, expected = worker.answer("dual-ukf", ALONE), job.run("dual-ukf", ALONE)
     assert not worker.is_busy_with("dual-ukf")
     assert isinstance(answer, tuple)
     assert isinstance(expected, tuple)
@@ -48,7 +44,7 @@ def test_it_answers_as_the_caller_would(job: Job) -> None:
 def test_what_it_cannot_start_is_the_callers(job: Job, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("sys.executable", "/nowhere/python")
     worker = Worker(job, ["splines"])
-    assert worker.answer("splines", never) is None
+    assert worker.answer("splines", ALONE) is None
     worker.close()
 
 
@@ -56,9 +52,9 @@ def test_a_stop_does_not_wait_for_it(job: Job) -> None:
     worker = Worker(job, ["particle"])
     while "particle" in worker._left:
         time.sleep(0.01)
-    assert worker.answer("particle", lambda: True) is None
+    assert worker.answer("particle", TaskContext(should_stop=lambda: True)) is None
     worker.close()
-    assert worker.answer("particle", never) is None, "killed, so the caller's"
+    assert worker.answer("particle", ALONE) is None, "killed, so the caller's"
 
 
 def test_a_refusal_is_an_answer(job: Job, monkeypatch: pytest.MonkeyPatch) -> None:

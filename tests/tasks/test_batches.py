@@ -18,7 +18,7 @@ def test_a_download_that_was_stopped_goes_on(tmp_path: Path) -> None:
     queue = TaskQueue(prepare=lambda: None)
     with publisher({RUN.key: CONTENT}, faults={RUN.key: ["stall"]}) as server:
         first = queue.submit(DownloadTask("me", RUN, tmp_path, server.url))
-        while not first.transfer:
+        while not first.latest:
             time.sleep(0.01)
         queue.stop(first)
         assert first.wait(30)

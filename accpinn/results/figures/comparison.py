@@ -37,7 +37,7 @@ EARLY = 0.25
 
 
 @dataclass(frozen=True, eq=False)
-class Estimate:
+class NamedEstimate:
     """One row of the chart."""
 
     name: str
@@ -48,7 +48,7 @@ class Estimate:
 
 
 def estimates(
-    rows: Sequence[Estimate],
+    rows: Sequence[NamedEstimate],
     colour: str,
     uncertainty: Uncertainty,
     follower: int,

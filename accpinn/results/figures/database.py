@@ -17,12 +17,7 @@ from plotly.subplots import make_subplots
 from accpinn.channels import ALPHA, BETA, PARAMETER_KEYS, SPEED, TAU, TIME_GAP, Quantity
 from accpinn.model.cthp import Parameters
 from accpinn.results.figures.stability import EXACT, L2
-from accpinn.results.figures.style import (
-    FOLLOWERS,
-    LEADER,
-    finished,
-    limits,
-)
+from accpinn.results.figures.style import FOLLOWERS, LEADER, finished, limits
 from accpinn.results.tables.table import ABSENT
 from accpinn.stability.criteria import smallest_headway_exact, smallest_headway_l2
 from accpinn.study.groups import Group, Groups, Typical

@@ -13,7 +13,7 @@ import pandas as pd
 from accpinn.channels import GAP, PARAMETERS, SPEED, TIME
 from accpinn.methods.fit import History
 from accpinn.model.cthp import Parameters, Trajectories
-from accpinn.results.figures.style import LEADER, MODEL, SERIES, SHARED, thinned, vehicle_colour
+from accpinn.results.figures.style import LEADER, MODEL, SERIES, SHARED, thinned, vehicle_colours
 from accpinn.results.tables.estimates import EVERY_FOLLOWER
 from accpinn.segment.segment import Segment, SegmentInfo
 from accpinn.units import FloatArray
@@ -64,13 +64,10 @@ def live_history(
     colours = dict(zip(TERMS, (LEADER, *SERIES), strict=True))
     charts = [_chart("loss", "Iteration", "Loss Ψ and its terms", terms, colours, ("log", "log"))]
     sets = history.parameters.values.shape[1]
-    shared = sets == 1 and info.followers > 1
-    names = [EVERY_FOLLOWER] if shared else list(info.labels[1:])
-    leader, *followers = info.vehicles
-    vehicles = {
-        name: SHARED if shared else vehicle_colour(number, leader)
-        for name, number in zip(names, followers, strict=False)
-    }
+    names, colours_of = info.labels[1:], vehicle_colours(info.vehicles)[1:]
+    if sets < info.followers:
+        names, colours_of = (EVERY_FOLLOWER,), [SHARED]
+    vehicles = dict(zip(names, colours_of, strict=True))
     ends = np.array([1.0, max(iteration[-1], 2.0)])
     for which, quantity in enumerate(PARAMETERS):
         lines: list[Line] = [

@@ -97,7 +97,8 @@ def cast_of(vehicles: ParameterSet, order: Sequence[int]) -> Cast:
     recorded = in_order and vehicles.numbered
     names, paints, numbers = ["Leader"], [LEADER], ["L" if recorded else "0"]
     for place, k in enumerate(order, 1):
-        names.append(vehicles.labels[k] if in_order else follower_name(vehicles, k, place))
+        label = vehicles.labels[k]
+        names.append(label if in_order else f"Follower {place}: {label}")
         share = seen[k] / (total[k] - 1) if total[k] > 1 else None
         paints.append(_shade(colours(vehicles)[k], share))
         numbers.append(str(vehicles.vehicles[k + 1] if recorded else place))
@@ -108,11 +109,6 @@ def cast_of(vehicles: ParameterSet, order: Sequence[int]) -> Cast:
 def is_in_order(vehicles: ParameterSet, order: Sequence[int]) -> bool:
     """Whether each vehicle drives once, in its own place."""
     return [*order] == [*range(len(vehicles))]
-
-
-def follower_name(vehicles: ParameterSet, k: int, place: int) -> str:
-    """The label of the follower at that place."""
-    return f"Follower {place}: {vehicles.labels[k]}"
 
 
 def _shade(colour: str, share: float | None) -> str:

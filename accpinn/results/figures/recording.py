@@ -22,6 +22,7 @@ from accpinn.results.figures.style import (
     panels,
     thinned,
     vehicle_colour,
+    vehicle_colours,
 )
 from accpinn.segment.quality import (
     CAR_FOLLOWING,
@@ -166,14 +167,11 @@ def _strip(figure: go.Figure, row: int, traces: Sequence[go.Scatter]) -> None:
 def preview(segment: Segment) -> go.Figure:
     """The speeds of a segment, to look at rather than to work with."""
     figure = go.Figure()
-    for column, number in enumerate(segment.vehicles):
-        colour = vehicle_colour(number, segment.vehicles[0])
-        label = html.escape(segment.labels[column])
-        time, values = thinned(
-            segment.start + segment.time, segment.measured_speeds[:, column], 600
-        )
-        line = {"color": colour, "width": 2}
-        figure.add_scatter(x=time, y=values, name=label, line=line, connectgaps=False)
+    of_each = (segment.labels, vehicle_colours(segment.vehicles), segment.measured_speeds.T)
+    for label, colour, speeds in zip(*of_each, strict=True):
+        time, values = thinned(segment.start + segment.time, speeds, 600)
+        line, name = {"color": colour, "width": 2}, html.escape(label)
+        figure.add_scatter(x=time, y=values, name=name, line=line, connectgaps=False)
     figure.update_yaxes(title_text=SPEED.axis)
     figure.update_xaxes(title_text=TIME.axis)
     return finished(figure, 330, "preview")

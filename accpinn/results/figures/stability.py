@@ -20,7 +20,7 @@ from accpinn.results.figures.style import (
     band,
     finished,
     translucent,
-    vehicle_colour,
+    vehicle_colours,
 )
 from accpinn.stability.criteria import (
     smallest_headway_exact,
@@ -82,8 +82,7 @@ LOWEST = -60.0
 
 def colours(vehicles: ParameterSet) -> tuple[str, ...]:
     """Each follower's colour, the same on every page."""
-    leader, *followers = vehicles.vehicles
-    return tuple(vehicle_colour(number, leader) for number in followers)
+    return tuple(vehicle_colours(vehicles.vehicles)[1:])
 
 
 def bode(vehicles: ParameterSet, report: StabilityReport) -> go.Figure:

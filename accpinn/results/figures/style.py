@@ -51,6 +51,11 @@ def vehicle_colour(number: int, leader: int) -> str:
     return LEADER if number in (leader, 1) else FOLLOWERS[(number - 2) % len(FOLLOWERS)]
 
 
+def vehicle_colours(vehicles: Sequence[int], numbers: Sequence[int] | None = None) -> list[str]:
+    """The colour of each of the ``vehicles``, leader first, or of those with other ``numbers``."""
+    return [vehicle_colour(number, vehicles[0]) for number in numbers or vehicles]
+
+
 def translucent(colour: str, opacity: float) -> str:
     """A colour #rrggbb that shows what lies beneath."""
     red, green, blue = hex_to_rgb(colour)

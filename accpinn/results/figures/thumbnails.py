@@ -5,7 +5,7 @@ import plotly.graph_objects as go
 
 from accpinn.model.published import ParameterSet
 from accpinn.results.figures.stability import LIMIT, SPAN, colours
-from accpinn.results.figures.style import finished, thinned, vehicle_colour
+from accpinn.results.figures.style import finished, thinned, vehicle_colours
 from accpinn.segment.segment import Segment
 from accpinn.stability.frequency import response
 
@@ -19,9 +19,10 @@ LEAST_PEAK = 4.0
 def of_speeds(segment: Segment) -> go.Figure:
     """The speeds of a segment's vehicles over time."""
     figure = go.Figure()
-    for column, number in enumerate(segment.vehicles):
-        time, values = thinned(segment.time, segment.measured_speeds[:, column], POINTS)
-        line = {"color": vehicle_colour(number, segment.vehicles[0]), "width": 1.4}
+    colours_of = vehicle_colours(segment.vehicles)
+    for colour, speeds in zip(colours_of, segment.measured_speeds.T, strict=True):
+        time, values = thinned(segment.time, speeds, POINTS)
+        line = {"color": colour, "width": 1.4}
         figure.add_scatter(x=time, y=values, line=line, mode="lines", hoverinfo="skip")
     return _bare(figure)
 

@@ -26,7 +26,7 @@ from accpinn.results.figures.style import (
     limits,
     panels,
     thinned,
-    vehicle_colour,
+    vehicle_colours,
     with_legend,
 )
 from accpinn.results.tables.estimates import EVERY_FOLLOWER
@@ -97,7 +97,7 @@ def parameter_history(
     figure = go.Figure()
     sets = history.parameters.values.shape[1]
     ends = _interval(history, which)
-    colours = [vehicle_colour(number, segment.vehicles[0]) for number in segment.vehicles[1:]]
+    colours = vehicle_colours(segment.vehicles)[1:]
     for k in range(sets):
         shared = sets == 1 and segment.followers > 1
         if ends is not None:
@@ -190,15 +190,15 @@ def tracking(
         height: in pixels; by default that of its panels.
     """
     data = segment if isinstance(segment, Segment) else None
+    measured = data.measured if data else None
     rows = [GAP, SPEED, *([GAP_ERROR] if data and with_error else [])]
     moved = len(rows)
     rows += [] if disturbance is None else [DISTURBANCE]
     figure = panels(*HEIGHTS[len(rows)])
-    number = segment.vehicles[follower + 1]
-    colour = vehicle_colour(number, segment.vehicles[0])
+    colour = vehicle_colours(segment.vehicles)[follower + 1]
     start = segment.window.start
     sources = (
-        ("data", data, {"color": colour, "width": 3.5}, 0.45),
+        ("data", measured, {"color": colour, "width": 3.5}, 0.45),
         (html.escape(own), surrogate, {"color": colour, "width": 1.5}, 1.0),
         ("closed-loop simulation", closed_loop, {"color": MODEL, "width": 1.5, "dash": "dot"}, 1.0),
     )
@@ -207,10 +207,9 @@ def tracking(
     for name, source, line, opacity in sources:
         if source is None:
             continue
-        gaps, speeds = _motion(source)
-        drawn = [gaps[:, follower], speeds[:, follower + 1]]
-        if data and source is not data:
-            drawn.append((gaps - data.measured_gaps)[:, follower])
+        drawn = [source.gaps[:, follower], source.speeds[:, follower + 1]]
+        if measured and source is not measured:
+            drawn.append((source.gaps - measured.gaps)[:, follower])
         for row, (channel, values) in enumerate(zip(rows[:moved], drawn, strict=False), 1):
             time, shown = thinned(start + source.time, values)
             figure.add_scatter(
@@ -234,7 +233,7 @@ def tracking(
         )  # fmt: skip
     label_axes(figure, rows)
     height = height or 140 + 160 * len(rows)
-    return with_legend(finished(figure, height, f"tracking-{number}"))
+    return with_legend(finished(figure, height, f"tracking-{segment.vehicles[follower + 1]}"))
 
 
 def _bands(predicted: GapBand, follower: int, start: Seconds) -> Iterator[go.Scatter]:
@@ -245,13 +244,6 @@ def _bands(predicted: GapBand, follower: int, start: Seconds) -> Iterator[go.Sca
         name = f"{100 * predicted.level:.0f} % band"
         area = band(start + predicted.time[rows], lower[rows], upper[rows], MODEL, 0.2, name)
         yield area.update(showlegend=at == 0, legendgroup=name)
-
-
-def _motion(source: Segment | Trajectories) -> tuple[FloatArray, FloatArray]:
-    """Gaps (N, M) and speeds (N, M+1); nan where a sample is missing, which breaks the line."""
-    if isinstance(source, Segment):
-        return source.measured_gaps, source.measured_speeds
-    return source.gaps, source.speeds
 
 
 def _mark_collision(figure: go.Figure, when: Seconds) -> None:

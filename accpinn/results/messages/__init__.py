@@ -52,6 +52,11 @@ def joined(parts: Sequence[str]) -> str:
     return " and ".join([", ".join(parts[:-1]), parts[-1]] if len(parts) > 1 else parts)
 
 
+def percent(share: float) -> str:
+    """A share as a sentence has it: "35 %"."""
+    return f"{100 * share:.0f} %"
+
+
 @cache
 def _register_data() -> None:
     """Import the sentences about data, which need nothing that estimates."""

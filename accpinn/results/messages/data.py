@@ -4,7 +4,7 @@ from collections.abc import Iterable, Sequence
 
 from accpinn.channels import DRIVER, GAP, RECORDED
 from accpinn.recordings import recording as recorded
-from accpinn.results.messages import Labelled, joined, message
+from accpinn.results.messages import Labelled, joined, message, percent
 from accpinn.segment import quality, segment
 
 FLAGS = {recorded.HUMAN_FLAG: "human drivers", 1: "ACC", 2: "mixed"}
@@ -82,7 +82,7 @@ def _(finding: recorded.RecordingFinding, about: Labelled) -> str:
             )
 
 
-def drivers(recording: recorded.Recording) -> str:
+def driver_summary(recording: recorded.Recording) -> str:
     """Who drives, by name: "Human: 1; ACC: 2, 3"; by the file's flag where it gives no modes."""
     by_mode: dict[str, list[str]] = {}
     for vehicle in recording.vehicles:
@@ -150,13 +150,15 @@ def _(finding: segment.SegmentFinding, about: Labelled) -> str:
                 f" window, at {_longest(finding.windows)}; the likelihood leaves these samples out."
             )
         case segment.RegimesExcluded():
-            shares = _each(about, finding.vehicles, _percent(finding.shares), "{}: {}")
+            shares = _each(about, finding.vehicles, map(percent, finding.shares), "{}: {}")
             return (
                 f"Excluded from the equations of the model: {' and '.join(finding.regimes)}"
                 f" ({shares} of the instants)."
             )
         case segment.DrivenByHand():
-            shares = _each(about, finding.vehicles, _percent(finding.shares), "{} ({} of the time)")
+            shares = _each(
+                about, finding.vehicles, map(percent, finding.shares), "{} ({} of the time)"
+            )
             by = "flag (it gives no driver modes)" if finding.by_flag else "driver modes"
             return (
                 f"These are not ACC parameters: by the file's {by}, a driver controls {shares}."
@@ -184,18 +186,14 @@ def _(
         case quality.LittleCarFollowing():
             return (
                 f"In car-following (moving, time gap at most {quality.CAR_FOLLOWING:g} s) for less"
-                f" than {100 * quality.LITTLE_CAR_FOLLOWING:.0f} % of the time, and elsewhere the"
+                f" than {percent(quality.LITTLE_CAR_FOLLOWING)} of the time, and elsewhere the"
                 " model does not hold:"
-                f" {_each(about, finding.vehicles, _percent(finding.shares))}."
+                f" {_each(about, finding.vehicles, map(percent, finding.shares))}."
             )
         case quality.GapsNegative():
             counts = (f"at {count} instants" for count in finding.instants)
             each = _each(about, finding.vehicles, counts)
             return f"The space-gap is negative, which cannot be: {each}."
-
-
-def _percent(shares: Iterable[float]) -> Iterable[str]:
-    return (f"{100 * share:.0f} %" for share in shares)
 
 
 def _each(

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Mapping, Sequence
 
+from accpinn.results.messages import percent
 from accpinn.results.tables.table import between
 from accpinn.study.batch import BatchProgress, BatchSummary
 from accpinn.study.estimate import BatchEstimate
@@ -22,7 +23,7 @@ def headline(whole: Group, level: float) -> str:
         return "Nothing is known of string stability."
     value, low, high = (f"{100 * one:.0f}" for one in (share.value, share.low, share.high))
     return (
-        f"{value} % of the followers are L₂ string stable ({100 * level:.0f} % interval {low} to"
+        f"{value} % of the followers are L₂ string stable ({percent(level)} interval {low} to"
         f" {high} %)."
     )
 

@@ -9,7 +9,7 @@ from accpinn.methods import fit as found
 from accpinn.methods.fit import Fit, Outcome
 from accpinn.methods.registry import METHODS
 from accpinn.model.cthp import Parameters
-from accpinn.results.messages import Labelled, joined, message
+from accpinn.results.messages import Labelled, joined, message, percent
 from accpinn.results.tables.estimates import PARAMETER_COLUMNS, name_of
 from accpinn.segment.segment import SegmentInfo
 from accpinn.study.comparison import MethodResult
@@ -73,7 +73,7 @@ def _(finding: found.MethodFinding, about: Labelled) -> str:
         case found.BoundActiveAtTimes():
             return (
                 f"{about.label(finding.vehicle)}: {finding.name} was at its bound, zero, for"
-                f" {100 * finding.share:.0f} % of the time that the parameters are averaged over."
+                f" {percent(finding.share)} of the time that the parameters are averaged over."
             )
         case found.LongHeadway():
             return (
@@ -116,7 +116,7 @@ def _(finding: found.MethodFinding, about: Labelled) -> str:
             if gain >= LITTLE_GAIN:
                 return (
                     f"Training the hidden layers lowered Ψ from {before:#.3g} to {after:#.3g}"
-                    f" ({100 * gain:.0f} % lower)."
+                    f" ({percent(gain)} lower)."
                 )
             return (
                 f"Training the hidden layers contributed little: Ψ was {before:#.4g} before and is"
@@ -154,7 +154,7 @@ def agreement(rows: Sequence[MethodResult], k: int) -> str:
     lower, upper = uncertainty.lower[k].values, uncertainty.upper[k].values
     if np.isnan(lower).all():
         return "the data determine no parameter that the methods could be compared with."
-    level = f"{100 * uncertainty.level:.0f} % intervals"
+    level = f"{percent(uncertainty.level)} intervals"
     outside = []
     for column, values, low, high in zip(PARAMETER_COLUMNS, estimates.T, lower, upper, strict=True):
         beyond = [

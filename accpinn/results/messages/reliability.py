@@ -1,11 +1,13 @@
 """Sentences about how far estimates can be trusted.
 
-Uncertainty, identifiability, model adequacy, multistart, closed-loop simulation and residual.
+Uncertainty, identifiability, model adequacy, multistart, closed-loop simulation, residual and
+validation.
 """
 
 from accpinn.channels import PARAMETERS
 from accpinn.evaluation import closed_loop, whiteness
 from accpinn.evaluation.closed_loop import ClosedLoopFinding
+from accpinn.evaluation.validation import OtherVehicles, ValidationOverlaps
 from accpinn.inference import intervals, multistart, prediction
 from accpinn.inference.identifiability import WIDE, NarrowerIntervals, WeakIdentification
 from accpinn.inference.intervals import Cause, ParameterInterval
@@ -20,7 +22,7 @@ from accpinn.inference.model_adequacy import (
 from accpinn.methods.maximum_likelihood import DisturbanceSize
 from accpinn.methods.registry import METHODS
 from accpinn.methods.state_space import Form
-from accpinn.results.messages import Labelled, joined, message
+from accpinn.results.messages import Labelled, joined, message, percent
 from accpinn.study.recommendation import Recommendation
 from accpinn.study.windows import WindowsDiffer
 
@@ -119,20 +121,20 @@ def _(finding: AdequacyFinding, about: Labelled) -> str:
                 f" data better than the CTHP (AIC {finding.aic:+.0f}, log density of held-out time"
                 f" {finding.holdout:+.1f}). With {_extra(own)}, α is {alpha}, β {beta} and"
                 f" τ {tau};"
-                f" {100 * finding.level:.0f} % intervals in brackets."
+                f" {percent(finding.level)} intervals in brackets."
             )
         case WeightedForms():
             ends = joined([f"{one.symbol} {_ends(one)}" for one in finding.intervals])
             shares = joined(
                 [
-                    f"{_extra(k)} {100 * k.probability:.0f} %"
+                    f"{_extra(k)} {percent(k.probability)}"
                     for k in finding.forms
                     if k.probability >= UNLIKELY
                 ]
             )
             return (
                 f"{about.label(finding.vehicle)}: over all forms of the model, the"
-                f" {100 * finding.level:.0f} % intervals are {ends}. Probability of the forms:"
+                f" {percent(finding.level)} intervals are {ends}. Probability of the forms:"
                 f" {shares}."
             )
         case Inadequate():
@@ -293,19 +295,19 @@ BAND = (
 
 @message.register
 def _(finding: prediction.BandCoverage, about: Labelled) -> str:
-    level = f"{100 * finding.level:.0f} %"
+    level = percent(finding.level)
     verdict = (
         "too little for a model that holds with the same parameters throughout"
         if finding.share < prediction.TOO_FEW
         else f"in keeping with {level}"
     )
     touching = (
-        f" In {100 * finding.colliding:.0f} % of the simulations the vehicle touches the one ahead,"
+        f" In {percent(finding.colliding)} of the simulations the vehicle touches the one ahead,"
         " and drives on."
         if finding.colliding
         else ""
     )
-    share = f"{100 * finding.share:.0f} % of the measured space-gap lies"
+    share = f"{percent(finding.share)} of the measured space-gap lies"
     who = about.label(finding.vehicle)
     return f"{who}: {share} within the {level} band, {verdict}.{touching}"
 
@@ -335,7 +337,7 @@ def _(finding: Recommendation, about: Labelled) -> str:
         said.append(f"{joined(finding.wide)} {only} known only to the order of magnitude.")
     else:
         said.append("All three are identified.")
-    count, level = len(finding.outside), f"{100 * finding.level:.0f} %"
+    count, level = len(finding.outside), percent(finding.level)
     if count:
         of = "the CTHP's" if finding.weighted else "the"
         who = joined([METHODS[key].title for key in finding.outside])
@@ -349,3 +351,20 @@ def _(finding: Recommendation, about: Labelled) -> str:
     elif finding.is_adequate:
         said.append("No test speaks against the model.")
     return " ".join(said)
+
+
+@message.register
+def _(finding: ValidationOverlaps | OtherVehicles, about: Labelled) -> str:
+    match finding:
+        case ValidationOverlaps():
+            return (
+                f"The validation window shares {finding.seconds:.0f} s with the one learned from,"
+                " so its errors are too small; choose one outside it."
+            )
+        case OtherVehicles():
+            pairs = zip(finding.learned, finding.validated, strict=True)
+            unlike = "; ".join(f"{one} by {two}" for one, two in pairs if one != two)
+            return (
+                f"Other vehicles: {unlike}. The errors then show how far one car's parameters serve"
+                " for another."
+            )

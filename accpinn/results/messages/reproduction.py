@@ -1,7 +1,7 @@
 """What comes out of the paper's tables and figures here, in words."""
 
 from accpinn.results.messages import joined
-from accpinn.results.reproduction import PrintedItem, Run
+from accpinn.results.reproduction import PrintedItem, PrintedRun
 
 
 def outcome(item: PrintedItem) -> str:
@@ -21,7 +21,7 @@ def outcome(item: PrintedItem) -> str:
     return said
 
 
-def run_line(run: Run) -> str:
+def run_line(run: PrintedRun) -> str:
     """The recording, window and vehicles that an item takes."""
     vehicles = f"vehicles {run.vehicles[0]}–{run.vehicles[-1]}"
     case = f", Case {run.case}" if len(run.vehicles) > 2 else ""

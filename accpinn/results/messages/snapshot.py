@@ -5,9 +5,10 @@ from itertools import zip_longest
 from typing import NamedTuple
 
 from accpinn.results.messages import Labelled, joined, message, messages
-from accpinn.results.snapshot.places import Check
+from accpinn.results.snapshot.places import PartCheck
 from accpinn.results.snapshot.standing import Standing, Way
 from accpinn.results.snapshot.verification import RECORDING, Unchecked, Verification
+from accpinn.results.tables.table import ABSENT
 from accpinn.units import Seconds
 
 TITLES = {
@@ -40,7 +41,6 @@ PLACES = {
     "deviation.0": "{} m/s²",
 }
 """A value in words, by its place, where that names a quantity; of the first follower."""
-ABSENT = "–"
 DIGEST = 16
 """Digits of a digest that tell it from all others."""
 LONGEST = 40
@@ -65,28 +65,17 @@ WHAT = {
 """What was not checked, by kind."""
 GROUPS = {
     "parameters": "α, β, τ",
-    "curves": "curves",
-    "settings": "settings",
-    "method's remarks": "method's remarks",
     "training": "course of the estimation",
     "quality": "data quality",
-    "intervals": "intervals",
-    "hold-out": "hold-out",
     "outside": "errors outside the window",
-    "errors": "errors",
-    "stability": "stability",
     "forms": "forms of the model",
     "data": "speeds and gaps",
-    "recording": "recording",
     "names": "names of vehicles",
-    "window": "window",
-    "name and note": "name and note",
     "created": "time of saving",
     "origin": "versions and machine",
-    "attribution": "attribution",
     "durations": "computing times",
 }
-"""Groups of figures in words."""
+"""Of the groups of figures whose own names would not do."""
 WAYS: dict[Way, str] = {
     "refitted": "Refitted",
     "recomputed": "Recomputed",
@@ -120,13 +109,18 @@ class CheckRow(NamedTuple):
     way: Way
 
 
-def _title(check: Check) -> str:
+def _group(name: str) -> str:
+    """A group of figures in words."""
+    return GROUPS.get(name, name)
+
+
+def _title(check: PartCheck) -> str:
     """The name of the part that was checked."""
     own = check.part.rpartition(".")[2].replace("_", " ").capitalize()
     return ", ".join(filter(None, [TITLES.get(check.part, own), check.method]))
 
 
-def _values(check: Check) -> tuple[str, str]:
+def _values(check: PartCheck) -> tuple[str, str]:
     """One value of the part, as stored and as recomputed, with its place."""
     if check.reason:
         return ABSENT, "not possible"
@@ -162,7 +156,7 @@ def _from(text: str, start: int) -> str:
 
 
 @message.register
-def _(check: Check, about: Labelled) -> str:
+def _(check: PartCheck, about: Labelled) -> str:
     if check.reason:
         return check.reason
     if check.ok:
@@ -204,7 +198,7 @@ def duration(seconds: Seconds) -> str:
     return f"{max(1.0, seconds):.0f} s"
 
 
-def summary(verification: Verification, about: Labelled) -> str:
+def verification_summary(verification: Verification, about: Labelled) -> str:
     """The first fault, or what agrees and what was not checked.
 
     Args:
@@ -223,11 +217,11 @@ def rests_on(verification: Verification) -> str:
     found: dict[Way, dict[str, bool]] = {way: {} for way in WAYS}
     for one in verification.standings:
         if one.way != "told":
-            name = COMPARED if one.compared else GROUPS[one.group]
+            name = COMPARED if one.compared else _group(one.group)
             found[one.way][name] = found[one.way].get(name, True) and one.ok
     known = {one.group for one in verification.standings if one.way != "told"}
     told = (one.group for one in verification.standings if one.group not in known)
-    found["told"] = dict.fromkeys((GROUPS[group] for group in told), True)
+    found["told"] = dict.fromkeys(map(_group, told), True)
     return " ".join(
         f"{WAYS[way]}: {_agreeing(way, names)}." for way, names in found.items() if names
     )
@@ -241,7 +235,7 @@ def parameters_rest_on(verification: Verification, about: Labelled) -> str:
         about: the snapshot's `info`.
     """
     if not verification.ok:
-        return summary(verification, about)
+        return verification_summary(verification, about)
     if verification.refitted:
         return "Refitted: α, β, τ agree."
     why = [one for one in verification.unchecked if one.kind in UNREFITTED][:1]
@@ -264,7 +258,7 @@ def standing_rows(standings: Sequence[Standing]) -> tuple[StandingRow, ...]:
     """Every group of figures in words, as tables and the command line's JSON have it."""
     return tuple(
         StandingRow(
-            GROUPS[one.group],
+            _group(one.group),
             COMPARED if one.compared else "",
             WAYS[one.way].lower(),
             one.figures,

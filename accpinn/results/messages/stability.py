@@ -10,7 +10,7 @@ from accpinn.inference.intervals import Uncertainty
 from accpinn.model.published import ParameterSet
 from accpinn.platoon import simulation
 from accpinn.platoon.simulation import PlatoonRun
-from accpinn.results.messages import Labelled, joined, message
+from accpinn.results.messages import Labelled, joined, message, percent
 from accpinn.results.tables.table import between
 from accpinn.stability.report import (
     Assessment,
@@ -47,18 +47,13 @@ BEHAVIOURS: Mapping[Behaviour, str] = {
 }
 _UNDAMPED = "With β = 0 and τ = 0 the vehicle is undamped"
 NUMBERS = ("no", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine", "ten")
-_ASSESSED: Mapping[Assessment, str] = {
-    "unstable": "amplifies disturbances",
-    "stable": "is L₂ string stable",
-    "open": "may or may not amplify disturbances",
-    "not determined": "is not determined by the data",
+_ASSESSED: Mapping[Assessment, tuple[str, str]] = {
+    "unstable": ("amplifies disturbances", "amplify disturbances"),
+    "stable": ("is L₂ string stable", "are L₂ string stable"),
+    "open": ("may or may not amplify disturbances", "may or may not amplify disturbances"),
+    "not determined": ("is not determined by the data", "are not determined by the data"),
 }
-_ASSESSED_MANY: Mapping[Assessment, str] = {
-    "unstable": "amplify disturbances",
-    "stable": "are L₂ string stable",
-    "open": "may or may not amplify disturbances",
-    "not determined": "are not determined by the data",
-}
+"""Of one vehicle, and of several."""
 AFTER_COLLISION = (
     "The model has no collisions: what is simulated after one has no meaning for that vehicle and"
     " those behind it, so they end there; those ahead of it drive on."
@@ -261,14 +256,14 @@ def not_acc(chosen: ParameterSet) -> str:
 def _verdict(chosen: ParameterSet, uncertainty: Uncertainty) -> str:
     stable = uncertainty.probability_l2
     if len(chosen) == 1:
-        return f"{_capital(chosen.spoken[0])} {_ASSESSED[assessment(stable[0])]}{_odds(stable)}."
+        return f"{_capital(chosen.spoken[0])} {_ASSESSED[assessment(stable[0])][0]}{_odds(stable)}."
     counts = Counter(map(assessment, stable))
     total = _number(len(chosen))
     if len(counts) == 1:
         (only,) = counts
-        return f"All {total} vehicles {_ASSESSED_MANY[only]}{_odds(stable)}."
+        return f"All {total} vehicles {_ASSESSED[only][1]}{_odds(stable)}."
     parts = [
-        f"{_number(counts[one])} {(_ASSESSED if counts[one] == 1 else _ASSESSED_MANY)[one]}"
+        f"{_number(counts[one])} {_ASSESSED[one][counts[one] > 1]}"
         for one in _ASSESSED
         if counts[one]
     ]
@@ -280,9 +275,7 @@ def _odds(stable: FloatArray) -> str:
     low, high = float(stable.min()), float(stable.max())
     if isnan(low):
         return ""
-    said = (
-        _percent(low) if _percent(low) == _percent(high) else f"{_percent(low)} to {_percent(high)}"
-    )
+    said = _chance(low) if _chance(low) == _chance(high) else f"{_chance(low)} to {_chance(high)}"
     return f" (probability of L₂ string stability: {said})"
 
 
@@ -326,7 +319,7 @@ def criteria_differ(chosen: ParameterSet, report: StabilityReport) -> str:
 def probabilities(chosen: ParameterSet, uncertainty: Uncertainty) -> str:
     """Each vehicle's probability of L₂ string stability."""
     pairs = zip(chosen.labels, uncertainty.probability_l2.tolist(), strict=True)
-    each = (f"{label} {'not determined' if isnan(p) else _percent(p)}" for label, p in pairs)
+    each = (f"{label} {'not determined' if isnan(p) else _chance(p)}" for label, p in pairs)
     return f"Probability of L₂ string stability: {', '.join(each)}."
 
 
@@ -353,11 +346,11 @@ def _outside(chosen: ParameterSet, uncertainty: Uncertainty) -> str:
     return f"Estimates outside their intervals: {'; '.join(parts)}." if parts else ""
 
 
-def _percent(share: float) -> str:
+def _chance(share: float) -> str:
     """A share; none of finitely many samples is neither impossible nor certain."""
     if share < 0.005:
         return "under 1 %"
-    return "over 99 %" if share > 0.995 else f"{100 * share:.0f} %"
+    return "over 99 %" if share > 0.995 else percent(share)
 
 
 def _capital(words: str) -> str:

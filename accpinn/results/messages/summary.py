@@ -12,7 +12,7 @@ from accpinn.inference.identifiability import narrower_intervals, weakly_identif
 from accpinn.inference.intervals import Uncertainty
 from accpinn.methods.registry import METHODS
 from accpinn.model.cthp import Parameters
-from accpinn.results.messages import joined, message, messages
+from accpinn.results.messages import joined, message, messages, percent
 from accpinn.results.messages.data import FLAGS
 from accpinn.results.messages.methods import unfinished
 from accpinn.results.messages.stability import headline
@@ -38,7 +38,7 @@ def summary(snapshot: Snapshot) -> tuple[str, ...]:
         for k, one in enumerate(fit.parameters)
     ]
     who = _followers(snapshot)
-    if fit.case == "I" and info.followers > 1:
+    if info.shares(fit.case):
         learned = f"{who} as one set: {estimates[0]}"
     elif info.followers == 1:
         learned = f"{who}: {estimates[0]}"
@@ -83,12 +83,12 @@ def headway_words(uncertainty: Uncertainty | None, follower: int) -> str:
     low, high = (ends[follower].tau for ends in (uncertainty.lower, uncertainty.upper))
     if isnan(low) or isnan(high):
         return ""
-    percent = f"{100 * uncertainty.level:.0f} % interval"
+    interval = f"{percent(uncertainty.level)} interval"
     if isinf(high) and low < 0.005:
         return "not determined by the data"
     if isinf(high):
-        return f"{percent}: {low:.2f} s or more"
-    return f"{percent}: {between(low, high, 2)} s"
+        return f"{interval}: {low:.2f} s or more"
+    return f"{interval}: {between(low, high, 2)} s"
 
 
 def _followers(snapshot: Snapshot) -> str:
@@ -103,17 +103,16 @@ def _outside(snapshot: Snapshot, uncertainty: Uncertainty) -> str:
     who = [label for label, yes in zip(labels, outside, strict=True) if yes]
     if not who:
         return ""
-    percent = f"{100 * uncertainty.level:.0f} %"
     return (
-        f"Some estimates of {joined(who)} lie outside their {percent} intervals; the notes on the"
-        " parameters say why, and give those of maximum likelihood."
+        f"Some estimates of {joined(who)} lie outside their {percent(uncertainty.level)} intervals;"
+        " the notes on the parameters say why, and give those of maximum likelihood."
     )
 
 
 def _probability(snapshot: Snapshot, uncertainty: Uncertainty) -> str:
     labels = snapshot.info.labels[1:]
     parts = [
-        f"{label} {100 * float(l2):.0f} % (L₂) and {100 * float(linf):.0f} % (L∞)"
+        f"{label} {percent(float(l2))} (L₂) and {percent(float(linf))} (L∞)"
         for label, l2, linf in zip(
             labels, uncertainty.probability_l2, uncertainty.probability_linf, strict=True
         )
@@ -172,7 +171,7 @@ def about_data(snapshot: Snapshot) -> tuple[tuple[str, str], ...]:
     flag, excluded = facts.get("acc_flag"), "nothing: every instant counts"
     if info.excluded_regimes:
         shares = ", ".join(
-            f"{100 * share:.0f} % of {label}"
+            f"{percent(share)} of {label}"
             for label, share in zip(info.labels[1:], info.excluded_share, strict=True)
         )
         excluded = f"{', '.join(info.excluded_regimes)} from the model's equation: {shares}"

@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 
 from accpinn.recordings.recording import Window
-from accpinn.results.messages import Labelled, messages
+from accpinn.results.messages import Labelled, messages, percent
 from accpinn.segment.quality import CAR_FOLLOWING, LARGE_CONDITION
 from accpinn.segment.rating import Grade, Question, Rating
 from accpinn.segment.suggestion import Suggestion
@@ -69,23 +69,19 @@ def _figure(rating: Rating) -> str:
     low, high = min(values), max(values)
     match rating.question:
         case "complete":
-            return f"Missing or bridged: {_percent(high)} of the instants."
+            return f"Missing or bridged: {percent(high)} of the instants."
         case "excited":
             return f"Condition number: {_span(f'{low:.0f}', f'{high:.0f}')}."
         case "following":
-            return f"In car-following: {_span(_percent(low), _percent(high))} of the time."
+            return f"In car-following: {_span(percent(low), percent(high))} of the time."
         case "driver":
-            return f"Driven by hand: at most {_percent(high)} of the time."
+            return f"Driven by hand: at most {percent(high)} of the time."
         case "consistent":
             return f"Correlation: {_span(f'{low:.2f}', f'{high:.2f}')}."
 
 
 def _span(low: str, high: str) -> str:
     return low if low == high else f"{low} to {high}"
-
-
-def _percent(share: float) -> str:
-    return f"{100 * share:.0f} %"
 
 
 def suggestion_reasons(
@@ -105,18 +101,18 @@ def suggestion_reasons(
     )  # fmt: skip
     who = "The file does not say who drives every follower."
     if found.manual is not None:
-        by_hand = f"{_percent(found.manual)} of the time by hand"
+        by_hand = f"{percent(found.manual)} of the time by hand"
         who = f"At most {by_hand}." if found.manual else "ACC throughout."
     said = [
         f"{found.window}: {among}.",
-        f"Every follower is in car-following for at least {_percent(found.car_following)} of the"
+        f"Every follower is in car-following for at least {percent(found.car_following)} of the"
         f" time. {who}",
     ]
     if found.shortened:
         said.append(f"Nothing longer is complete; {found.asked:.0f} s are usual.")
     if present and present != found.window:
         said.append(
-            f"The present window, {present}, holds {_percent(efficiency)} of its information on"
+            f"The present window, {present}, holds {percent(efficiency)} of its information on"
             " α, β and τ (relative D-efficiency)."
         )
     return said

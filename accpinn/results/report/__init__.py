@@ -23,12 +23,11 @@ from markupsafe import Markup
 from plotly.offline import get_plotlyjs
 
 from accpinn import __version__
-from accpinn.channels import GAP, PARAMETER_KEYS, PARAMETERS, SPEED
+from accpinn.channels import GAP, PARAMETER_KEYS, SPEED
 from accpinn.errors import ParameterError
 from accpinn.evaluation.closed_loop import closed_loop
 from accpinn.inference.prediction import gap_band
 from accpinn.methods.maximum_likelihood import disturbance_sizes
-from accpinn.model.cthp import Trajectories
 from accpinn.platoon.leader import Sinusoid
 from accpinn.platoon.simulation import PlatoonRun, simulate_platoon
 from accpinn.results.figures import platoon as platoon_figures
@@ -40,7 +39,7 @@ from accpinn.results.figures.style import (
     label_axes,
     panels,
     thinned,
-    vehicle_colour,
+    vehicle_colours,
     with_legend,
 )
 from accpinn.results.figures.training import loss_history, parameter_history, tracking
@@ -53,7 +52,7 @@ from accpinn.results.messages.snapshot import (
     parameters_rest_on,
     rests_on,
     standing_rows,
-    summary,
+    verification_summary,
 )
 from accpinn.results.messages.stability import BY_ESTIMATES, PLACES, Places, reason
 from accpinn.results.snapshot import Snapshot, stability
@@ -67,17 +66,18 @@ from accpinn.results.tables.estimates import (
     parameter_table,
     row_vehicles,
 )
-from accpinn.results.tables.stability import stability_interval_table, stability_table
+from accpinn.results.tables.stability import (
+    stability_interval_table,
+    stability_table,
+    without_parameters,
+)
 from accpinn.results.tables.table import STYLE, Table
-from accpinn.segment.segment import Segment
 
 HERE = Path(__file__).parent
 WIDE = 9
 """Columns beyond which a table is set smaller."""
 FOLLOWERS = 8
 """Of the simulated platoon."""
-QUIET = 0.25
-"""rad/s of the platoon's disturbance where no frequency is amplified."""
 DIGITS = 5
 """Significant ones of every number drawn; a screen shows four."""
 ALL_POINTS, FEWEST_POINTS = 70_000, 150
@@ -137,9 +137,9 @@ def tables_of(snapshot: Snapshot) -> dict[str, Table]:
     info, evaluation, uncertainty = snapshot.info, snapshot.evaluation, snapshot.uncertainty
     fit, report, adequacy = snapshot.fit, snapshot.stability, snapshot.adequacy
     errors = (evaluation.surrogate, evaluation.closed_loop) if evaluation else (None, None)
-    paints = [vehicle_colour(number, info.vehicles[0]) for number in info.vehicles]
-    rows = [vehicle_colour(number, info.vehicles[0]) for number in row_vehicles(info, fit.case)]
+    paints = vehicle_colours(info.vehicles)
     first = parameter_table(info, fit, snapshot.quality, *errors, uncertainty)
+    rows = vehicle_colours(info.vehicles, row_vehicles(info, fit.case))
     tables = {"parameters": first.coloured(rows)}
     if uncertainty and adequacy and adequacy.recommended:
         tables["forms"] = form_intervals_table(info, uncertainty, adequacy.recommended)
@@ -184,7 +184,7 @@ def _story(snapshot: Snapshot, checked: Verification, shown: list[Picture]) -> d
         "repeated": run[2] if run else "",
         "methods": [sheet for name, sheet in sheets.items() if name.startswith("methods_")],
         "checked": checked,
-        "verdict": summary(checked, info),
+        "verdict": verification_summary(checked, info),
         "rests_on": rests_on(checked),
         "not_refitted": "" if checked.refitted else parameters_rest_on(checked, info),
         "standings": standing_rows(checked.standings),
@@ -228,24 +228,14 @@ def _sheet(table: Table, name: str) -> dict[str, Any]:
         ("LaTeX", f"{name}.tex", "application/x-tex", table.to_latex()),
     )
     return {
-        "html": Markup((_without_parameters(table) if name == "stability" else table).to_html()),
+        # The first page has α, β and τ; they would not leave the verdicts room.
+        "html": Markup((without_parameters(table) if name == "stability" else table).to_html()),
         "wide": len(table.columns) > WIDE,
         "files": [
             (label, file, f"data:{mime};charset=utf-8;base64,{_base64(text.encode())}")
             for label, file, mime, text in files
         ],
     }
-
-
-def _without_parameters(table: Table) -> Table:
-    """The table without α, β and τ, which the first page has; they would not leave it room."""
-    symbols = {quantity.symbol for quantity in PARAMETERS}
-    kept = [place for place, column in enumerate(table.columns) if column.title not in symbols]
-    return replace(
-        table,
-        columns=tuple(table.columns[place] for place in kept),
-        rows=tuple(tuple(row[place] for place in kept) for row in table.rows),
-    )
 
 
 def _base64(content: bytes) -> str:
@@ -276,14 +266,13 @@ def _template() -> Template:
 
 def motion_picture(snapshot: Snapshot) -> Picture | None:
     """Gaps and speeds of the window: the data, or else the method's own curves."""
-    source: Segment | Trajectories | None = snapshot.segment or snapshot.fit.surrogate
+    source = snapshot.segment.measured if snapshot.segment else snapshot.fit.surrogate
     if source is None:
         return None
     info, figure = snapshot.info, panels(0.5, 0.5)
-    if isinstance(source, Segment):  # a missing block breaks the line
-        source = Trajectories(source.time, source.measured_speeds, source.measured_gaps)
-    for column, (number, label) in enumerate(zip(info.vehicles, info.labels, strict=True)):
-        line = {"color": vehicle_colour(number, info.vehicles[0]), "width": 1.8}
+    named = zip(info.labels, vehicle_colours(info.vehicles), strict=True)
+    for column, (label, colour) in enumerate(named):
+        line = {"color": colour, "width": 1.8}
         name = html.escape(label) + (" (leader)" if column == 0 else "")
         drawn = [(2, source.speeds[:, column], SPEED)]
         if column:
@@ -380,7 +369,7 @@ def platoon_pictures(snapshot: Snapshot) -> tuple[PlatoonRun, tuple[Picture, Pic
     if report is None:
         return None
     order = [*range(len(vehicles))] if len(vehicles) > 1 else [0] * FOLLOWERS
-    omega = report.platoon.peaks[-1].omega or QUIET
+    omega = report.platoon.peaks[-1].omega or Sinusoid.frequency
     try:
         run = simulate_platoon(vehicles.parameters[order], Sinusoid(frequency=omega))
     except ParameterError:

@@ -30,8 +30,7 @@ from accpinn.evaluation.evaluation import Evaluation, evaluate
 from accpinn.inference.intervals import Uncertainty, intervals
 from accpinn.inference.model_adequacy import Adequacy
 from accpinn.methods.fit import Fit, Outcome, ParameterTrack
-from accpinn.recordings.facts import Facts, facts_of
-from accpinn.recordings.recording import Recording
+from accpinn.recordings.recording import Facts, Recording, facts_of
 from accpinn.segment.quality import Quality, assess_quality
 from accpinn.segment.segment import Segment, SegmentInfo
 from accpinn.stability.report import StabilityReport, stability_report

@@ -20,7 +20,7 @@ FEATURED = (
 """Places of values that stand for their part where all of it agrees."""
 
 
-class Check(Finding, frozen=True):
+class PartCheck(Finding, frozen=True):
     """One part of a snapshot, as stored and as recomputed."""
 
     part: str
@@ -46,7 +46,7 @@ class Check(Finding, frozen=True):
     """Those of them that differ."""
 
 
-def compare(
+def compare_parts(
     part: str,
     stored: Any,
     found: Any,
@@ -57,7 +57,7 @@ def compare(
     numbers_only: bool = False,
     at: str = "",
     way: Way = "recomputed",
-) -> Check:
+) -> PartCheck:
     """Compare two objects of one kind, place by place.
 
     Args:
@@ -81,7 +81,7 @@ def compare(
     featured = [place for place in FEATURED if place in old]
     place = next(iter([*differing, *featured, *places]), "")
     index = differing.get(place, (0,) * np.ndim(old.get(place, 0.0)))
-    return Check(
+    return PartCheck(
         part,
         not differing,
         method,

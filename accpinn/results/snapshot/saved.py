@@ -234,6 +234,10 @@ class Library:
         self._known = {name: known for name, known in self._known.copy().items() if name in there}
         return tuple(entry for *_, entry in sorted(found, reverse=True))
 
+    def readable(self) -> tuple[Entry, ...]:
+        """Those that can be read, the newest first."""
+        return tuple(entry for entry in self.entries() if not entry.fault)
+
     def open(self, name: str) -> Snapshot:
         """The snapshot of that short name.
 

@@ -207,13 +207,13 @@ def _check_uncertainty(uncertainty: Uncertainty) -> None:
 
 def _check_adequacy(adequacy: Adequacy) -> None:
     symbols = [quantity.symbol for quantity in PARAMETERS]
-    told = [form for one in adequacy.recommended for form in one.forms]
-    told += [one.posterior for one in adequacy.better]
-    intervals = [one.intervals for one in adequacy.recommended] + [form.intervals for form in told]
-    for ranges in intervals:
-        own = [parameter.symbol for parameter in ranges]
+    posteriors = [form for one in adequacy.recommended for form in one.forms]
+    posteriors += [one.posterior for one in adequacy.better]
+    every = [one.intervals for one in adequacy.recommended]
+    for intervals in every + [form.intervals for form in posteriors]:
+        own = [parameter.symbol for parameter in intervals]
         _require(own == symbols, "a form of the model has other parameters")
-    for form in told:
+    for form in posteriors:
         _require(form.form in FORMS, "a form of the model is not known")
         _require(0 <= form.probability <= 1, "a probability is not within 0 to 1")
     for weighted in adequacy.recommended:

@@ -26,22 +26,14 @@ from accpinn.evaluation.evaluation import (
     evaluate,
     pooled_holdout_errors,
 )
-from accpinn.inference.intervals import (
-    SLACK,
-    Uncertainty,
-    agree,
-    from_draws,
-    intervals,
-    judged,
-)
+from accpinn.inference.intervals import SLACK, Uncertainty, agree, from_draws, intervals, judged
 from accpinn.inference.model_adequacy import model_forms
 from accpinn.methods.fit import Fit, Outcome
 from accpinn.methods.registry import METHODS
 from accpinn.model.cthp import Trajectories
-from accpinn.recordings.facts import facts_of
-from accpinn.recordings.recording import Recording
+from accpinn.recordings.recording import Recording, facts_of
 from accpinn.results.snapshot import ATTRIBUTION_TEXT, Snapshot, light, stability
-from accpinn.results.snapshot.places import Check, compare, leaves
+from accpinn.results.snapshot.places import PartCheck, compare_parts, leaves
 from accpinn.results.snapshot.standing import Standing, Way, standings
 from accpinn.results.tables.estimates import name_of
 from accpinn.segment.cut import cut
@@ -90,7 +82,7 @@ class Unchecked(Finding, frozen=True):
 class Verification:
     """All that was checked, and what was not."""
 
-    checks: tuple[Check, ...]
+    checks: tuple[PartCheck, ...]
     unchecked: tuple[Unchecked, ...] = ()
     standings: tuple[Standing, ...] = ()
     """What was refitted, recomputed or only told, in groups of figures."""
@@ -163,7 +155,7 @@ def obstacle(fit: Fit) -> str:
 class Recovered:
     """The window of a snapshot, cut anew from a recording."""
 
-    check: Check
+    check: PartCheck
     segment: Segment | None = None
     """None where the recording or the window is another one."""
 
@@ -172,7 +164,7 @@ def recover(snapshot: Snapshot, recording: Recording) -> Recovered:
     """Cut the window of a snapshot anew, if the recording is the one it was learned from."""
     info = snapshot.info
     if info.sha256 != recording.sha256:
-        return Recovered(compare("recording", info.sha256, recording.sha256))
+        return Recovered(compare_parts("recording", info.sha256, recording.sha256))
     try:
         window, missing = info.window, any(isinstance(f, BlocksMissing) for f in info.findings)
         segment = cut(
@@ -182,8 +174,8 @@ def recover(snapshot: Snapshot, recording: Recording) -> Recovered:
             labelled = label_regimes(segment, recording)
             segment = exclude_regimes(segment, labelled, info.excluded_regimes)
     except AccpinnError as fault:
-        return Recovered(Check("window", False, reason=str(fault)))
-    found = compare("window", info.digest, segment.info.digest)
+        return Recovered(PartCheck("window", False, reason=str(fault)))
+    found = compare_parts("window", info.digest, segment.info.digest)
     return Recovered(found, segment if found.ok else None)
 
 
@@ -239,7 +231,7 @@ class _Work:
         self.snapshot = snapshot
         self.same_version = snapshot.origin.accpinn == __version__
         self.seconds_left, self.on_refit = refit_within, on_refit
-        self.checks: list[Check] = []
+        self.checks: list[PartCheck] = []
         self.unchecked: list[Unchecked] = []
         self.ways: dict[str, Way] = {}
         self.own = _subjects(snapshot)[0]
@@ -312,7 +304,7 @@ class _Work:
         at: str = "",
         way: Way = "recomputed",
         **more: Any,
-    ) -> Check:
+    ) -> PartCheck:
         """Enter a check of one part; where both have nothing there is none.
 
         Args:
@@ -322,12 +314,12 @@ class _Work:
             subject: whose it is.
             at: where it stands, if not under the part's own name.
             way: how it was found.
-            more: as `compare` has it.
+            more: as `compare_parts` has it.
         """
         subject = subject or self.own
         more = {"numbers_only": not self.same_version} | more
         place = subject.place + (at or part)
-        done = compare(part, stored, found, subject.name, at=place, way=way, **more)
+        done = compare_parts(part, stored, found, subject.name, at=place, way=way, **more)
         if done.count:
             self.checks.append(done)
             self.ways |= dict.fromkeys(done.at, way)
@@ -339,7 +331,9 @@ class _Work:
         try:
             yield
         except FAULTS as fault:
-            self.checks.append(Check(part, False, (subject or self.own).name, reason=str(fault)))
+            self.checks.append(
+                PartCheck(part, False, (subject or self.own).name, reason=str(fault))
+            )
 
     def provenance(self, segment: Segment, recording: Recording) -> None:
         """Names, findings and facts as the recording has them; its file may be called otherwise.
@@ -389,7 +383,7 @@ class _Work:
             if stored and stored.method != found.method and not self.same_version:
                 self.unchecked.append(Unchecked("intervals", detail=stored.method))
                 return
-            same = compare("", stored, found, relative=INTERVALS).ok
+            same = compare_parts("", stored, found, relative=INTERVALS).ok
             if stored and not same and agree(stored, found):  # draws of another processor, perhaps
                 own = from_draws(stored.centre, stored.draws, stored.level)
                 found = judged(own, segment, of.fit)
@@ -449,7 +443,9 @@ class _Work:
         if of.name:
             again = light(again)
         old, new = (replace(one, config={}, findings=()) for one in (fit, again))
-        exact = compare("refit", old, new, relative=SOLVED, numbers_only=not self.same_version).ok
+        exact = compare_parts(
+            "refit", old, new, relative=SOLVED, numbers_only=not self.same_version
+        ).ok
         if exact or method.tolerance <= SOLVED:
             self.compare("refit", old, new, of, at="fit", way="refitted", relative=SOLVED)
         else:

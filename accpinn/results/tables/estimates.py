@@ -8,8 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from accpinn.channels import PARAMETER_KEYS, PARAMETERS
+from accpinn.channels import GAP, PARAMETER_KEYS, PARAMETERS, SPEED
 from accpinn.evaluation.closed_loop import TrackingErrors
+from accpinn.evaluation.validation import Validation
 from accpinn.inference.intervals import Uncertainty, parameter_intervals
 from accpinn.inference.model_adequacy import ModelForm, WeightedForms
 from accpinn.inference.multistart import MultistartResult
@@ -28,11 +29,8 @@ from accpinn.units import FloatArray
 Filled = tuple[Column, Iterable[Cell]]
 """A column with its cells."""
 
-PARAMETER_COLUMNS = tuple(
-    Column(quantity.symbol, quantity.unit, quantity.digits, key=key)
-    for quantity, key in zip(PARAMETERS, PARAMETER_KEYS, strict=True)
-)
-GAP = "MAE of the space-gap"
+PARAMETER_COLUMNS = tuple(Column.of(quantity, key=quantity.key) for quantity in PARAMETERS)
+GAP_MAE = "MAE of the space-gap"
 EVERY_FOLLOWER = "Every follower"
 """The label of parameters that all followers share (Case I)."""
 DRIVER = "Driver"
@@ -57,10 +55,11 @@ def name_of(fit: Fit) -> str:
     return method_name(fit.method, fit.config, fit.outcome)
 
 
-def where(info: SegmentInfo) -> str:
-    """The segment in a few words: file, window, and which regimes are excluded."""
-    excluded = info.excluded_regimes
-    return f"{info.source}, {info.window}" + (f", without {', '.join(excluded)}" * bool(excluded))
+def where(info: SegmentInfo, case: Case | None = None) -> str:
+    """The segment in a few words: file, window, regimes excluded, and a platoon's Case."""
+    parts = [info.source, str(info.window)]
+    parts += [f"without {', '.join(info.excluded_regimes)}"] if info.excluded_regimes else []
+    return ", ".join(parts + ([f"Case {case}"] if case and info.followers > 1 else []))
 
 
 def learned_parameters(info: SegmentInfo, fit: Fit) -> ParameterSet:
@@ -108,7 +107,6 @@ def parameter_table(
         closed_loop: errors of the closed-loop simulation; its leader is given, so has none.
         uncertainty: adds intervals to the parameters, and the probability of string stability.
     """
-    case = f", Case {fit.case}" if info.followers > 1 else ""
     estimated = [*(_estimate_cells(fit.parameters, uncertainty) if uncertainty else ())]
     estimated = estimated or [*parameter_cells(fit.parameters)]
     of_each: list[Filled] = [
@@ -116,7 +114,7 @@ def parameter_table(
         *_error_cells(info, surrogate, "Surrogate fit, MAE", 3),
         *_error_cells(info, closed_loop, "Closed-loop simulation, MAE", 2, leader=False),
     ]
-    probable = [*(_probability_cells(uncertainty) if uncertainty else ())]
+    probable = [*(probability_cells(uncertainty) if uncertainty else ())]
     numbers = row_vehicles(info, fit.case)
 
     def shared(cells: Iterable[Cell] | FloatArray) -> list[Cell]:
@@ -130,7 +128,7 @@ def parameter_table(
         return [first, *([None] if 0 in numbers else []), *rest]
 
     return Table.of(
-        f"{name_of(fit)}, {where(info)}{case}",
+        f"{name_of(fit)}, {where(info, fit.case)}",
         [
             (Column("Vehicle"), _labels(info, numbers)),
             *((column, own(cells)) for column, cells in driver_cells(drivers(info), above=1)),
@@ -155,12 +153,12 @@ def error_part(table: Table) -> Table:
 def row_vehicles(info: SegmentInfo, case: Case) -> tuple[int, ...]:
     """The vehicle of each row of `parameter_table`; 0 for what all followers share."""
     leader, *followers = info.vehicles
-    return (leader, *((0,) if case == "I" and len(followers) > 1 else ()), *followers)
+    return (leader, *((0,) if info.shares(case) else ()), *followers)
 
 
 def parameter_rows(info: SegmentInfo, case: Case) -> tuple[int, ...]:
     """The vehicle of each set of parameters: the followers, or 0 alone for all that share one."""
-    return (0,) if case == "I" and info.followers > 1 else info.vehicles[1:]
+    return (0,) if info.shares(case) else info.vehicles[1:]
 
 
 def _labels(info: SegmentInfo, numbers: Sequence[int]) -> tuple[str, ...]:
@@ -176,7 +174,8 @@ def _estimate_cells(parameters: Parameters, uncertainty: Uncertainty) -> Iterato
         yield replace(column, group=group), [Estimate(*triple) for triple in triples]
 
 
-def _probability_cells(uncertainty: Uncertainty) -> Iterator[Filled]:
+def probability_cells(uncertainty: Uncertainty) -> Iterator[Filled]:
+    """The probability of string stability by both norms."""
     yield Column("L₂", "%", 0, PROBABILITY), percent_cells(uncertainty.probability_l2)
     yield Column("L∞", "%", 0, PROBABILITY), percent_cells(uncertainty.probability_linf)
 
@@ -208,7 +207,7 @@ def comparison_table(
 def intervals_table(info: SegmentInfo, uncertainty: Uncertainty, case: Case = "II") -> Table:
     """One row a follower, or one for all that share: intervals, probability of string stability."""
     numbers = parameter_rows(info, case)
-    filled = (*interval_cells(uncertainty), *_probability_cells(uncertainty))
+    filled = (*interval_cells(uncertainty), *probability_cells(uncertainty))
     return Table.of(
         f"Uncertainty, {where(info)}",
         [
@@ -229,7 +228,7 @@ def recommendation_table(
         reasons: for each, in words.
     """
     cells: list[list[Cell]] = [
-        [Estimate(_number(k.estimate), k.lower, _number(k.upper, inf)) for k in one.intervals]
+        [Estimate(number(k.estimate), k.lower, number(k.upper, inf)) for k in one.intervals]
         for one in found
     ]
     cells = [row or [None] * len(PARAMETERS) for row in cells]
@@ -247,7 +246,8 @@ def recommendation_table(
     )
 
 
-def _number(value: float | None, otherwise: float = nan) -> float:
+def number(value: float | None, otherwise: float = nan) -> float:
+    """A value, or what stands for one that is not known."""
     return otherwise if value is None else value
 
 
@@ -264,10 +264,10 @@ def methods_table(info: SegmentInfo, results: Sequence[MethodResult], follower: 
         [
             (Column("Method"), [name_of(result.fit) for result in results]),
             *parameter_cells(Parameters.stack(r.fit.parameters[follower] for r in results)),
-            (Column("Surrogate fit", "m", 3, GAP), gaps("surrogate")),
-            (Column("Closed loop", "m", 2, GAP), gaps("closed_loop")),
-            (Column("Hold-out", "m", 2, GAP), gaps("holdout")),
-            (Column("Outside the window", "m", 2, GAP), gaps("out_of_window")),
+            (Column("Surrogate fit", "m", 3, GAP_MAE), gaps("surrogate")),
+            (Column("Closed loop", "m", 2, GAP_MAE), gaps("closed_loop")),
+            (Column("Hold-out", "m", 2, GAP_MAE), gaps("holdout")),
+            (Column("Outside the window", "m", 2, GAP_MAE), gaps("out_of_window")),
             (Column("Collides at", "s", 1), collisions),
             (Column("Time", "s", 2, least=True), [result.fit.seconds for result in results]),
         ],
@@ -281,8 +281,8 @@ def multistart_table(info: SegmentInfo, found: MultistartResult, follower: int) 
     filled: list[Filled] = [
         (Column("Start (α, β, τ)"), starts),
         *parameter_cells(Parameters.stack(t.fit.parameters[follower] for t in trials), "Learned"),
-        (Column("Surrogate fit", "m", 3, GAP), _gaps([t.surrogate for t in trials], follower)),
-        (Column("Closed loop", "m", 2, GAP), _gaps([t.closed_loop for t in trials], follower)),
+        (Column("Surrogate fit", "m", 3, GAP_MAE), _gaps([t.surrogate for t in trials], follower)),
+        (Column("Closed loop", "m", 2, GAP_MAE), _gaps([t.closed_loop for t in trials], follower)),
         (Column("Iterations", "", 0), [float(t.fit.iterations) for t in trials]),
         (Column("Time", "s", 1), [t.fit.seconds for t in trials]),
     ]
@@ -342,7 +342,7 @@ def form_intervals_table(
         names += 2 * [info.label(one.vehicle)]
         forms += [FORMS["cthp"], "All forms, weighted"]
         for each in (parameter_intervals(uncertainty, k), one.intervals):
-            intervals.append([Range(end.lower, _end(end.upper)) for end in each])
+            intervals.append([Range(end.lower, number(end.upper, inf)) for end in each])
     percent = f"{100 * uncertainty.level:.0f} % interval"
     filled: list[Filled] = [(Column("Follower"), names), (Column("Form of the model"), forms)]
     for column, ranges in zip(PARAMETER_COLUMNS, zip(*intervals, strict=True), strict=True):
@@ -354,10 +354,6 @@ def form_intervals_table(
             cells += [None, 100 * one.forms[at].probability]
         filled.append((Column(title, "%", 0, "Probability of the form"), cells))
     return Table.of(f"Intervals by form of the model, {where(info)}", filled)
-
-
-def _end(upper: float | None) -> float:
-    return float("inf") if upper is None else upper
 
 
 def _relative_errors(forms: Sequence[ModelForm], follower: int) -> Iterator[Filled]:
@@ -384,7 +380,7 @@ def fit_record_table(
     filled: list[Filled] = [
         (Column("Earlier fit", prose=True), [fit_record_title(run) for run in runs]),
         *parameter_cells(then),
-        (Column("Closed loop", "m", 2, GAP), gaps),
+        (Column("Closed loop", "m", 2, GAP_MAE), gaps),
     ]
     if now:
         present = [now.get(run.method) for run in runs]
@@ -402,8 +398,7 @@ def fit_record_table(
 
 def fit_record_title(run: FitRecord) -> str:
     """Method, file and window in a few words."""
-    case = f", Case {run.case}" if run.info.followers > 1 else ""
-    return f"{method_name(run.method, run.config, run.outcome)}, {where(run.info)}{case}"
+    return f"{method_name(run.method, run.config, run.outcome)}, {where(run.info, run.case)}"
 
 
 def supported_columns(uncertainty: Uncertainty | None) -> tuple[Column, ...]:
@@ -434,6 +429,36 @@ def interval_cells(uncertainty: Uncertainty) -> Iterator[Filled]:
     for column, low, high in zip(PARAMETER_COLUMNS, lower, upper, strict=True):
         ends = zip(low.tolist(), high.tolist(), strict=True)
         yield replace(column, group=percent), [Range(*pair) for pair in ends]
+
+
+def validation_table(info: SegmentInfo, other: SegmentInfo, found: Validation) -> Table:
+    """A row a follower: MAE of space-gap and speed in closed loop, on both windows.
+
+    Args:
+        info: of the segment learned from.
+        other: of the one validated on.
+        found: the errors.
+    """
+    source = "" if info.source == other.source else f"{other.source}, "
+    return Table.of(
+        "Validation: error of the closed-loop simulation, MAE",
+        [
+            (Column("Follower"), info.labels[1:]),
+            *_validation_cells(info, f"Learned from: {info.window}", "learned", found.learned),
+            *_validation_cells(
+                info, f"Validation: {source}{other.window}", "validation", found.validated
+            ),
+        ],
+    )
+
+
+def _validation_cells(
+    info: SegmentInfo, group: str, key: str, errors: TrackingErrors | None
+) -> Iterator[Filled]:
+    absent = info.followers * [None]
+    yield Column.of(GAP, group, f"{key}_mae_p_m"), errors.gap_mae if errors else absent
+    speeds = errors.speed_mae[1:] if errors else absent
+    yield Column.of(SPEED, group, f"{key}_mae_v_m_per_s"), speeds
 
 
 def _error_cells(

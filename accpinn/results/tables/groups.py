@@ -4,8 +4,8 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
-from accpinn.channels import PARAMETER_KEYS, PARAMETERS
-from accpinn.methods.registry import METHODS
+from accpinn.channels import PARAMETERS
+from accpinn.results.tables.estimates import TITLES, number
 from accpinn.results.tables.table import ABSENT, Cell, Column, Estimate, Table
 from accpinn.study.groups import Groups, Share, Typical
 from accpinn.study.journal import Failure
@@ -33,14 +33,14 @@ def group_table(found: Groups, with_spread: bool = True) -> Table:
         with_spread: whether the spread is among them; `spread_table` has it with its intervals.
     """
     groups = found.groups
-    method = METHODS[found.method].title if found.method in METHODS else found.method
+    method = found.method and TITLES.get(found.method, found.method)
     level = f"{100 * found.level:g} % intervals"
     caption = ", ".join(filter(None, (method, "median over windows", level)))
     columns = _heads(found)
     for k, quantity in enumerate(PARAMETERS):
         typical = [one.parameters[k] for one in groups]
         values = [*map(_estimate, typical)]
-        columns.append((Column(quantity.symbol, quantity.unit, quantity.digits), values))
+        columns.append((Column.of(quantity), values))
         if with_spread:
             spread = [100 * one.between.deviation for one in typical]
             columns.append((Column(f"Spread of {quantity.symbol}", "%", 0), [*spread]))
@@ -112,19 +112,14 @@ def pooled_table(rows: Sequence[dict[str, Any]], level: float) -> Table:
     columns[0] = (columns[0][0], [row["make"] or row["name"] for row in ordered])
     columns.append((Column("Windows", digits=0), [float(row["windows"]) for row in ordered]))
     columns.append((Column("Duration", "s", 0), [row["duration"] for row in ordered]))
-    for key, quantity in zip(PARAMETER_KEYS, PARAMETERS, strict=True):
-        keys = (key, f"{key}_low", f"{key}_high")
-        cells: list[Cell] = [Estimate(*(_number(row[one]) for one in keys)) for row in ordered]
-        columns.append((Column(quantity.symbol, quantity.unit, quantity.digits), cells))
+    for quantity in PARAMETERS:
+        keys = (f"{quantity.key}{end}" for end in ("", "_low", "_high"))
+        ends = [[number(row[key]) for row in ordered] for key in keys]
+        columns.append((Column.of(quantity), [*map(Estimate, *ends)]))
     for name, title in (("p_l2_stable", "P(L₂)"), ("p_linf_stable", "P(L∞)")):
-        shares: list[Cell] = [100 * _number(row[name]) for row in ordered]
-        columns.append((Column(title, "%", 0), shares))
+        columns.append((Column(title, "%", 0), [100 * number(row[name]) for row in ordered]))
     caption = f"All windows of a vehicle together, {100 * level:g} % intervals"
     return Table.of(caption, columns)
-
-
-def _number(value: float | None) -> float:
-    return float("nan") if value is None else value
 
 
 def failure_table(failures: Sequence[Failure]) -> Table:

@@ -1,12 +1,13 @@
 """A table of the paper with its verdicts beside those computed here."""
 
 from collections.abc import Iterable
+from dataclasses import replace
 
-from accpinn.channels import FREQUENCY, LINF_GAIN, MAGNITUDE
+from accpinn.channels import MAGNITUDE
 from accpinn.model.cthp import Parameters
 from accpinn.results.reproduction import PrintedVerdicts
 from accpinn.results.tables.estimates import parameter_cells
-from accpinn.results.tables.stability import answer
+from accpinn.results.tables.stability import GAIN, PEAK, PEAK_AT, answer
 from accpinn.results.tables.table import Column, Table
 
 L2, LINF = "L₂", "L∞"
@@ -19,7 +20,7 @@ def reproduction_table(printed: PrintedVerdicts, learned: Parameters | None = No
         printed: what the paper says.
         learned: (M,) what was learned here from the same data; adds its columns.
     """
-    found, frequency = printed.report.vehicles, FREQUENCY
+    found = printed.report.vehicles
     return Table.of(
         printed.vehicles.title,
         [
@@ -31,14 +32,11 @@ def reproduction_table(printed: PrintedVerdicts, learned: Parameters | None = No
             (Column("printed", group=LINF), _words(printed.linf)),
             (Column("paper's criterion", group=LINF), [answer(one.linf_paper) for one in found]),
             (Column("exact criterion", group=LINF), [answer(one.linf_exact) for one in found]),
-            (Column(LINF_GAIN.symbol, "", LINF_GAIN.digits, LINF, key="linf_gain"),
-             [one.linf_gain for one in found]),
-            (Column("Peak", "dB", MAGNITUDE.digits, MAGNITUDE.name),
-             [one.peak.db for one in found]),
-            (Column("at ω", frequency.unit, frequency.digits, MAGNITUDE.name),
-             [one.peak.omega or None for one in found]),
+            (replace(GAIN, group=LINF), [one.linf_gain for one in found]),
+            (replace(PEAK, group=MAGNITUDE.name), [one.peak.db for one in found]),
+            (replace(PEAK_AT, group=MAGNITUDE.name), [one.peak.omega or None for one in found]),
         ],
-    )  # fmt: skip
+    )
 
 
 def _words(verdicts: Iterable[bool]) -> list[str]:

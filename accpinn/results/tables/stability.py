@@ -1,19 +1,20 @@
 """String stability as tables in the manner of the paper's Table III, with the exact L∞ gain."""
 
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
-from accpinn.channels import FREQUENCY, LINF_GAIN, MAGNITUDE
+from accpinn.channels import FREQUENCY, LINF_GAIN, MAGNITUDE, PARAMETER_KEYS
 from accpinn.inference.intervals import Interval, Uncertainty
 from accpinn.model.cthp import Parameters
 from accpinn.model.published import ParameterSet
 from accpinn.platoon.simulation import PlatoonRun
 from accpinn.results.tables.estimates import (
-    PROBABILITY,
     Filled,
     driver_cells,
     parameter_cells,
+    probability_cells,
     supported_columns,
 )
 from accpinn.results.tables.table import Cell, Column, Estimate, Range, Table
@@ -22,6 +23,9 @@ from accpinn.stability.report import Assessment, StabilityReport, Verdict, asses
 from accpinn.units import FloatArray
 
 L2, LINF = "L₂ string stability", "L∞ string stability"
+PEAK = Column("Peak", "dB", MAGNITUDE.digits, L2)
+PEAK_AT = Column("at ω", FREQUENCY.unit, FREQUENCY.digits, L2)
+GAIN = Column.of(LINF_GAIN, LINF, key="linf_gain")
 HEADWAY = "Smallest stable τ"
 WORDS: Mapping[Assessment, str] = {
     "unstable": "unstable",
@@ -33,10 +37,7 @@ WORDS: Mapping[Assessment, str] = {
 
 
 def stability_table(
-    vehicles: ParameterSet,
-    report: StabilityReport,
-    uncertainty: Uncertainty | None = None,
-    parameters: bool = True,
+    vehicles: ParameterSet, report: StabilityReport, uncertainty: Uncertainty | None = None
 ) -> Table:
     """One row a vehicle: parameters, verdicts, peak, crossover, exact gain, smallest headways.
 
@@ -44,35 +45,41 @@ def stability_table(
         vehicles: names and parameters.
         report: theirs.
         uncertainty: of the fit that they are from; adds the probabilities of string stability.
-        parameters: whether α, β and τ are among the columns.
     """
     found = report.vehicles
-    own = parameter_cells(
-        Parameters.stack(vehicle.parameters for vehicle in found),
-        columns=supported_columns(uncertainty),
-    )
     headways = [vehicle.smallest_tau for vehicle in found]
-    gain = Column(LINF_GAIN.symbol, "", LINF_GAIN.digits, LINF, key="linf_gain")
-    frequency, digits = FREQUENCY.unit, FREQUENCY.digits
     return Table.of(
         f"String stability, {vehicles.title}",
         [
-            (Column("Vehicle"), vehicles.labels),
-            *driver_cells(vehicles.drivers),
-            *(own if parameters else ()),
+            *_heads(vehicles, report, uncertainty),
             *_probability(L2, uncertainty.probability_l2 if uncertainty else None),
             (Column("Stable", group=L2), [answer(v.l2) for v in found]),
-            (Column("Peak", "dB", MAGNITUDE.digits, L2), [v.peak.db for v in found]),
-            (Column("at ω", frequency, digits, L2), [v.peak.omega or None for v in found]),
-            (Column("Amplified below", frequency, digits, L2), [v.crossover for v in found]),
+            (PEAK, [v.peak.db for v in found]),
+            (PEAK_AT, [v.peak.omega or None for v in found]),
+            (replace(PEAK_AT, title="Amplified below"), [v.crossover for v in found]),
             *_probability(LINF, uncertainty.probability_linf if uncertainty else None),
             (Column("Paper's criterion", group=LINF), [answer(v.linf_paper) for v in found]),
             (Column("Exact criterion", group=LINF), [answer(v.linf_exact) for v in found]),
-            (gain, [v.linf_gain for v in found]),
+            (GAIN, [v.linf_gain for v in found]),
             (Column("L₂", "s", 2, HEADWAY), [h.l2 if h else None for h in headways]),
             (Column("L∞", "s", 2, HEADWAY), [h.linf_exact if h else None for h in headways]),
         ],
     )
+
+
+def without_parameters(table: Table) -> Table:
+    """Of a `stability_table`: all but α, β and τ, where these stand elsewhere."""
+    return table.only(lambda column: column.key not in PARAMETER_KEYS)
+
+
+def _heads(
+    vehicles: ParameterSet, report: StabilityReport, uncertainty: Uncertainty | None
+) -> Iterator[Filled]:
+    """The vehicles, who drives them, and their parameters."""
+    yield Column("Vehicle"), vehicles.labels
+    yield from driver_cells(vehicles.drivers)
+    own = Parameters.stack(vehicle.parameters for vehicle in report.vehicles)
+    yield from parameter_cells(own, columns=supported_columns(uncertainty))
 
 
 def verdict_table(
@@ -88,8 +95,6 @@ def verdict_table(
         uncertainty: of the fit that they are from.
     """
     found = report.vehicles
-    gain = Column(LINF_GAIN.symbol, "", LINF_GAIN.digits, LINF, key="linf_gain")
-    peak = Column("Peak", "dB", MAGNITUDE.digits, L2)
     peaks, gains = [v.peak.db for v in found], [v.linf_gain for v in found]
     decibels = _decibels(uncertainty.peak_gain) if uncertainty else None
     l2, linf = (
@@ -98,22 +103,16 @@ def verdict_table(
     return Table.of(
         "",
         [
-            (Column("Vehicle"), vehicles.labels),
-            *driver_cells(vehicles.drivers),
-            *parameter_cells(
-                Parameters.stack(vehicle.parameters for vehicle in found),
-                columns=supported_columns(uncertainty),
-            ),
+            *_heads(vehicles, report, uncertainty),
             *_probability(L2, l2),
             (Column("Verdict", group=L2), _verdicts(l2, [v.l2 for v in found])),
-            (peak, _with_ends(peaks, decibels)),
-            (Column("at ω", FREQUENCY.unit, FREQUENCY.digits, L2),
-             [v.peak.omega or None for v in found]),
+            (PEAK, _with_ends(peaks, decibels)),
+            (PEAK_AT, [v.peak.omega or None for v in found]),
             *_probability(LINF, linf),
             (Column("Verdict", group=LINF), _verdicts(linf, [v.linf_exact for v in found])),
-            (gain, _with_ends(gains, uncertainty.linf_gain if uncertainty else None)),
+            (GAIN, _with_ends(gains, uncertainty.linf_gain if uncertainty else None)),
         ],
-    )  # fmt: skip
+    )
 
 
 def _verdicts(shares: FloatArray | None, verdicts: Sequence[Verdict]) -> list[str]:
@@ -147,24 +146,18 @@ def _probability(group: str, shares: FloatArray | None) -> Iterator[Filled]:
 def stability_interval_table(vehicles: ParameterSet, uncertainty: Uncertainty) -> Table:
     """One row a vehicle: intervals of peak, crossover and gain; probability of stability."""
     percent = f"{100 * uncertainty.level:.0f} % interval"
-    l2, linf = 100 * uncertainty.probability_l2, 100 * uncertainty.probability_linf
     return Table.of(
         f"Uncertainty of string stability, {vehicles.title}",
         [
             (Column("Vehicle"), vehicles.labels),
-            (
-                Column("Peak of |H|", "dB", MAGNITUDE.digits, percent),
-                _ranges(_decibels(uncertainty.peak_gain)),
-            ),
-            (
-                Column("Amplified below", FREQUENCY.unit, FREQUENCY.digits, percent),
-                _ranges(uncertainty.crossover),
-            ),
+            (replace(PEAK, title="Peak of |H|", group=percent),
+             _ranges(_decibels(uncertainty.peak_gain))),
+            (replace(PEAK_AT, title="Amplified below", group=percent),
+             _ranges(uncertainty.crossover)),
             (Column("‖h‖₁", "", 2, percent), _ranges(uncertainty.linf_gain)),
-            (Column("L₂", "%", 0, PROBABILITY), l2),
-            (Column("L∞", "%", 0, PROBABILITY), linf),
+            *probability_cells(uncertainty),
         ],
-    )
+    )  # fmt: skip
 
 
 def amplitude_table(run: PlatoonRun, labels: Sequence[str] = ()) -> Table:
@@ -197,7 +190,7 @@ def measured_gain_table(label: str, found: MeasuredGain) -> Table:
     return Table.of(
         f"Measured gain, {label}",
         [
-            (Column(FREQUENCY.symbol, FREQUENCY.unit, FREQUENCY.digits), found.omega),
+            (Column.of(FREQUENCY), found.omega),
             (Column("Gain", "", 3), band),
             (Column("Coherence", "", 3), found.coherence),
         ],

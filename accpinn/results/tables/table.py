@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from markupsafe import Markup
 
+from accpinn.channels import Quantity
 from accpinn.results.glossary import meaning_of
 
 if TYPE_CHECKING:
@@ -102,6 +103,11 @@ class Column:
     """Whether its texts may go on in further lines."""
     key: str = ""
     """Its name in CSV files; by default from group, title and unit."""
+
+    @classmethod
+    def of(cls, quantity: Quantity, group: str = "", key: str = "") -> "Column":
+        """The column of a quantity, under its symbol."""
+        return cls(quantity.symbol, quantity.unit, quantity.digits, group, key=key)
 
     @property
     def heading(self) -> str:

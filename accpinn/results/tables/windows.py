@@ -4,11 +4,7 @@ from dataclasses import replace
 
 from accpinn.channels import PARAMETERS
 from accpinn.model.cthp import Parameters
-from accpinn.results.tables.estimates import (
-    interval_cells,
-    name_of,
-    parameter_cells,
-)
+from accpinn.results.tables.estimates import interval_cells, name_of, parameter_cells
 from accpinn.results.tables.table import ABSENT, Column, Range, Table
 from accpinn.study.windows import JointFit, RandomEffects
 

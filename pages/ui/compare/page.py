@@ -20,6 +20,7 @@ from accpinn.methods.pinn.config import PRESETS
 from accpinn.methods.registry import METHODS
 from accpinn.model.cthp import Parameters
 from accpinn.results.figures import comparison as figures
+from accpinn.results.figures.style import vehicle_colours
 from accpinn.results.figures.training import tracking
 from accpinn.results.messages import messages
 from accpinn.results.messages.methods import agreement, colliding_methods
@@ -83,7 +84,7 @@ class _Shown:
     @property
     def colour(self) -> str:
         """The follower's."""
-        return show.vehicle_colours(self.segment)[self.follower + 1]
+        return vehicle_colours(self.segment.vehicles)[self.follower + 1]
 
 
 def show_page() -> None:
@@ -95,7 +96,7 @@ def show_page() -> None:
         if not workspace.snapshot:
             frame.empty_state(workspace, "Nothing to compare on")
         return
-    st.caption(frame.segment_line(segment, workspace.case, vehicles=True))
+    st.caption(frame.segment_line(segment, workspace.case))
     show.not_acc(segment)
     _controls(workspace, segment)
     if task:
@@ -157,7 +158,7 @@ def _show_summary(shown: _Shown) -> None:
     segment, rows = shown.segment, shown.rows
     adequacy = shown.workspace.known_adequacy
     found = recommend(segment, rows, adequacy)
-    colours = show.vehicle_colours(segment, [one.vehicle for one in found])
+    colours = vehicle_colours(segment.vehicles, [one.vehicle for one in found])
     table = tables.recommendation_table(segment.info, found, messages(found, segment))
     show.table(table, colours)
     st.caption(
@@ -234,7 +235,7 @@ def _show_methods(shown: _Shown) -> None:
         + (" Hold-out is not computed for your own training." * own)
     )
     show.downloads(table, f"{shown.stem}_methods", "compare")
-    shared = rows[0].fit.case == "I" and segment.followers > 1
+    shared = segment.shares(rows[0].fit.case)
     who = "All followers together" if shared else segment.labels[shown.follower + 1]
     agreed = escape_markdown(agreement(rows, 0 if shared else shown.follower))
     st.markdown(f"Do the methods agree on {escape_markdown(who)}? {agreed[:1].upper()}{agreed[1:]}")
@@ -248,7 +249,7 @@ def _show_estimates(shown: _Shown) -> None:
     follower, uncertainty = shown.follower, shown.uncertainty
     earlier = _choose_earlier(shown)
     dots = [
-        figures.Estimate(name_of(row.fit), row.fit.parameters.values[follower])
+        figures.NamedEstimate(name_of(row.fit), row.fit.parameters.values[follower])
         for row in shown.rows
     ]
     figure = figures.estimates([*dots, *earlier], shown.colour, uncertainty, follower, shown.truth)
@@ -287,7 +288,7 @@ def _show_curves(shown: _Shown, name: str, fit: Fit) -> None:
     show.chart(figure, "compare_curves")
 
 
-def _choose_earlier(shown: _Shown) -> list[figures.Estimate]:
+def _choose_earlier(shown: _Shown) -> list[figures.NamedEstimate]:
     """Earlier fits of the session to lay over the chart of estimates."""
     known: dict[str, FloatArray] = {}
     for record in reversed(shown.workspace.records):
@@ -299,7 +300,9 @@ def _choose_earlier(shown: _Shown) -> list[figures.Estimate]:
         "Earlier fits to lay over the chart", list(known), key="compare_earlier",
         max_selections=MOST, placeholder=f"{len(known)} kept",
     )  # fmt: skip
-    return [figures.Estimate(name, known[name], earlier=True) for name in chosen if name in known]
+    return [
+        figures.NamedEstimate(name, known[name], earlier=True) for name in chosen if name in known
+    ]
 
 
 def _show_tracks(shown: _Shown, tracks: Sequence[tuple[str, ParameterTrack]]) -> None:

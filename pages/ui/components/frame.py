@@ -115,10 +115,10 @@ def empty_state(workspace: Workspace, nothing: str) -> None:
     link(DATA, "Go to Data", workspace)
 
 
-def segment_line(segment: Segment | SegmentInfo, case: str, vehicles: bool = False) -> str:
+def segment_line(segment: Segment | SegmentInfo, case: str) -> str:
     """File, window, vehicles, Case and excluded regimes, for a caption."""
-    parts = [segment.source, str(segment.window)]
-    parts += [f"{segment.labels[0]} to {segment.labels[-1]}"] if vehicles else []
+    platoon = f"{segment.labels[0]} to {segment.labels[-1]}"
+    parts = [segment.source, str(segment.window), platoon]
     parts += [f"Case {case}"] if segment.followers > 1 else []
     excluded = segment.excluded_regimes
     parts += [f"without {', '.join(excluded)}"] if excluded else []

@@ -80,7 +80,7 @@ def choose_parameters(workspace: Workspace, page: str, lead: str) -> Chosen | No
     about = st.empty()
     about.caption(lead)
     # Every call looks at all files of the store; the newest snapshot comes first.
-    entries = tuple(entry for entry in library().entries() if not entry.fault)
+    entries = library().readable()
     source = workspace.parameter_source
     if source == "snapshot" and not entries:
         source = "fit"
@@ -124,7 +124,7 @@ def choose_parameters(workspace: Workspace, page: str, lead: str) -> Chosen | No
         _edit_rows(workspace, f"{page}_rows")
     chosen = show.attempt(lambda: parameters_from(workspace, source, entries))
     if chosen and chosen.fit and chosen.info:
-        about.caption(frame.segment_line(chosen.info, chosen.fit.case, vehicles=True))
+        about.caption(frame.segment_line(chosen.info, chosen.fit.case))
         show.not_acc(chosen.info)
     return chosen
 
@@ -187,7 +187,7 @@ def parameters_from(
 def _of_fit(chosen: Chosen) -> Chosen:
     """A fit's followers; in Case I, where they share their parameters, one stands for all."""
     fit, info, vehicles, known = chosen.fit, chosen.info, chosen.vehicles, chosen.uncertainty
-    if fit is None or info is None or fit.case == "II" or info.followers == 1:
+    if fit is None or info is None or not info.shares(fit.case):
         return chosen
     shared = ParameterSet(
         vehicles.title, (EVERY_FOLLOWER,), fit.parameters[:1], (info.vehicles[0], 0),

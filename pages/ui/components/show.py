@@ -12,7 +12,7 @@ import plotly.graph_objects as go
 import streamlit as st
 
 from accpinn.errors import AccpinnError
-from accpinn.results.figures.style import SHARED, translucent, vehicle_colour, with_legend
+from accpinn.results.figures.style import SHARED, translucent, vehicle_colours, with_legend
 from accpinn.results.messages import message
 from accpinn.results.tables.estimates import EVERY_FOLLOWER
 from accpinn.results.tables.table import STYLE, Table
@@ -230,14 +230,6 @@ def key(
     st.html(f'<div class="vehicle-key">{"".join(spans)}</div>')
 
 
-def vehicle_colours(
-    segment: Segment | SegmentInfo, numbers: Sequence[int] | None = None
-) -> list[str]:
-    """The colour of each vehicle, leader first, or of those with other ``numbers``."""
-    leader = segment.vehicles[0]
-    return [vehicle_colour(number, leader) for number in numbers or segment.vehicles]
-
-
 def vehicle_key(
     segment: Segment | SegmentInfo,
     with_truth: bool = False,
@@ -253,7 +245,8 @@ def vehicle_key(
         with_solved: whether the charts have the values of least squares.
     """
     leader, *followers = segment.labels
-    entries = [*zip((f"{leader} (leader)", *followers), vehicle_colours(segment), strict=True)]
+    colours = vehicle_colours(segment.vehicles)
+    entries = [*zip((f"{leader} (leader)", *followers), colours, strict=True)]
     entries += [(EVERY_FOLLOWER, SHARED)] * shared
     dotted = "least squares" if with_solved else ""
     key(entries, dashed="true value" if with_truth else "", dotted=dotted)

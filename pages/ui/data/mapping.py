@@ -47,11 +47,6 @@ LIKELY = {
 """Words that the names of columns hold."""
 
 
-def ask_for_columns() -> bool:
-    """Whether the user wants to be asked even where columns are remembered."""
-    return bool(st.session_state.get(ASK))
-
-
 def pending_of(source: bytes | Path, name: str, known: bool = False) -> PendingFile | None:
     """What has to be asked of a file that could not be read; None where no answer would help.
 
@@ -104,8 +99,11 @@ def _open(
         opened()
 
 
-def _cancel(workspace: Workspace) -> None:
-    workspace.pending, workspace.refusal = None, ""
+def _cancel_button(workspace: Workspace) -> None:
+    def cancel() -> None:
+        workspace.pending, workspace.refusal = None, ""
+
+    st.button("Cancel", on_click=cancel, key="data_cancel")
 
 
 def _ask_for_trajectory(
@@ -125,14 +123,14 @@ def _ask_for_trajectory(
             "Open this trajectory", type="primary", on_click=_open, key="data_open_trajectory",
             args=(workspace, file, opened, file.mapping, chosen),
         )  # fmt: skip
-        st.button("Cancel", on_click=_cancel, args=(workspace,), key="data_cancel")
+        _cancel_button(workspace)
     show.messages(workspace.refusal, "error")
 
 
 def _ask_for_mapping(workspace: Workspace, file: PendingFile, opened: Callable[[], None]) -> None:
     seen = show.attempt(lambda: preview(file.source, file.name))
     if seen is None:
-        st.button("Cancel", on_click=_cancel, args=(workspace,), key="data_cancel")
+        _cancel_button(workspace)
         return
     st.markdown(
         f"**Which columns of {escape_markdown(file.name)} hold what?** The answer is remembered for"
@@ -168,7 +166,7 @@ def _ask_for_mapping(workspace: Workspace, file: PendingFile, opened: Callable[[
             on_click="ignore", icon=":material/download:", key="data_mapping_json",
             help="For the command line's option --mapping, or for another server.",
         )  # fmt: skip
-        st.button("Cancel", on_click=_cancel, args=(workspace,), key="data_cancel")
+        _cancel_button(workspace)
     show.messages(workspace.refusal, "error")
 
 

@@ -18,7 +18,7 @@ from accpinn.model.cthp import Case
 from accpinn.recordings.recording import MappingRemembered, Recording, Window
 from accpinn.results.figures import recording as figures
 from accpinn.results.figures.style import vehicle_colour
-from accpinn.results.messages.data import drivers
+from accpinn.results.messages.data import driver_summary
 from accpinn.results.messages.window import (
     MEANING,
     rating_label,
@@ -146,7 +146,7 @@ def _describe(recording: Recording) -> str:
         f"{recording.date.day} {recording.date:%B %Y}" if recording.date else "",
         f"{len(recording.present)} vehicles",
         f"{recording.duration:,.0f} s at {rate:.3g} Hz",
-        escape_markdown(drivers(recording)),
+        escape_markdown(driver_summary(recording)),
         f"distance setting {escape_markdown(setting)}" if setting else "",
         "columns and units as in an earlier file" if remembered else "",
     ]

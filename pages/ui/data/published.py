@@ -71,7 +71,7 @@ def _watch(task: DownloadTask) -> None:
     def look() -> None:
         if not task.is_active:
             st.rerun()
-        now, waits = task.transfer, task.status is Status.QUEUED
+        now, waits = task.latest, task.status is Status.QUEUED
         if waits or now is None:
             said = "Waiting: another download is running." if waits else "Connecting …"
         else:

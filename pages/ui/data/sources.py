@@ -14,7 +14,7 @@ from accpinn.recordings.recording import Recording
 from accpinn.recordings.synthetic import Truth, load_truth, truth_path
 from pages.ui.components import show
 from pages.ui.components.show import escape_markdown
-from pages.ui.data.mapping import ASK, ask_for_columns, pending_of, show_pending
+from pages.ui.data.mapping import ASK, pending_of, show_pending
 from pages.ui.data.published import choose_published
 from pages.ui.session.recordings import (
     forget,
@@ -66,7 +66,7 @@ def open_with(
     """
     workspace.pending = None
     try:
-        if source is not None and ask_for_columns():
+        if source is not None and st.session_state.get(ASK):
             workspace.pending = pending_of(source, name, known=True)
             if workspace.pending:
                 return

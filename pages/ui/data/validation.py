@@ -6,8 +6,9 @@ from accpinn.errors import SegmentError
 from accpinn.evaluation.validation import validate
 from accpinn.recordings.files import read
 from accpinn.recordings.recording import Recording, Window
+from accpinn.results.figures.style import vehicle_colours
 from accpinn.results.messages import messages
-from accpinn.results.tables.validation import validation_table
+from accpinn.results.tables.estimates import validation_table
 from accpinn.segment.cut import DURATION, chains, complete_windows, cut, disjoint_windows
 from pages.ui.components import show
 from pages.ui.components.widgets import select
@@ -128,7 +129,7 @@ def show_validation(workspace: Workspace) -> None:
     if found is None:
         return
     table = validation_table(segment.info, other.info, found)
-    show.table(table, show.vehicle_colours(segment)[1:])
+    show.table(table, vehicle_colours(segment.vehicles)[1:])
     said = (*messages(found.findings, segment), *messages(found.events, other))
     show.messages(said, "warning")
     show.downloads(table, f"{segment.source}_validation", "validation")

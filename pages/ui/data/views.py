@@ -11,6 +11,7 @@ from accpinn.methods import least_squares
 from accpinn.methods.fit import headway_findings
 from accpinn.model.cthp import Case
 from accpinn.recordings.recording import Recording
+from accpinn.results.figures.style import vehicle_colours
 from accpinn.results.messages import messages
 from accpinn.results.tables.recording import (
     quality_table,
@@ -47,7 +48,7 @@ def show_window(workspace: Workspace, segment: Segment | None) -> None:
     if workspace.recording is None:
         show.not_acc(segment)
     table = quality_table(segment.info, quality, estimate)
-    show.table(table, show.vehicle_colours(segment)[1:])
+    show.table(table, vehicle_colours(segment.vehicles)[1:])
     excluded = (
         f" Without {', '.join(segment.excluded_regimes)}: the estimate and the condition number;"
         " all other figures are of all instants."

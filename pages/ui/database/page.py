@@ -8,7 +8,6 @@ import pandas as pd
 import streamlit as st
 
 from accpinn.methods.maximum_likelihood import KEY
-from accpinn.methods.registry import METHODS
 from accpinn.results.figures.database import MOST_GROUPS
 from accpinn.results.messages.database import (
     batch_line,
@@ -18,6 +17,7 @@ from accpinn.results.messages.database import (
     trust_line,
     typical_line,
 )
+from accpinn.results.tables.estimates import TITLES
 from pages.ui.components import frame, show
 from pages.ui.components.show import escape_markdown
 from pages.ui.components.widgets import bound, select, tabs
@@ -25,19 +25,20 @@ from pages.ui.database import running, views
 from pages.ui.database.selection import (
     FILTERS,
     GROUPINGS,
-    Shown,
+    ShownRows,
     Stamp,
     failures_of,
     folder_of,
     follow_link,
     known_studies,
     query,
-    rows_of,
     settings_of,
     shown,
+    study_rows,
     write_link,
 )
 from pages.ui.session.choices import DatabaseChoice
+from pages.ui.session.resources import batch_queue
 from pages.ui.session.workspace import Workspace
 
 LEAD = (
@@ -51,7 +52,8 @@ def show_page() -> None:
     workspace = frame.begin("Database")
     choice = workspace.database_choice
     follow_link(choice)
-    names = tuple(dict.fromkeys((*running.active_studies(), *known_studies())))
+    # Of a batch that waits nothing may be written yet.
+    names = tuple(dict.fromkeys((*batch_queue().active_owners("batch"), *known_studies())))
     refused = choice.study not in names and running.show_refusal(choice.study)
     if not names:
         _show_empty(workspace, choice)
@@ -63,8 +65,8 @@ def show_page() -> None:
     folder = folder_of(choice.study)
     stamp = Stamp.of(folder)
     _show_head(workspace, choice, names)
-    running.show_batch(workspace, choice.study)
-    rows = rows_of(stamp) if stamp.size else pd.DataFrame()
+    running.show_batch(choice.study)
+    rows = study_rows(stamp) if stamp.size else pd.DataFrame()
     if len(rows):
         _show_study(workspace, choice, stamp, rows)
     else:
@@ -162,7 +164,7 @@ def _show_filters(choice: DatabaseChoice, rows: pd.DataFrame, methods: list[str]
             help=f"Only rows with one of these; all where none is chosen. {len(there)} are there.",
         )  # fmt: skip
         choice.filters[name] = tuple(kept)
-    titles = {key: METHODS[key].title if key in METHODS else key for key in methods}
+    titles = {key: TITLES.get(key, key) for key in methods}
     select(
         "Method", titles, choice.method, "database_method",
         lambda key: choice.set(method=key, row=None), place=columns[5],
@@ -175,7 +177,7 @@ def _show_filters(choice: DatabaseChoice, rows: pd.DataFrame, methods: list[str]
     )  # fmt: skip
 
 
-def _show_forest(found: Shown, about: str) -> None:
+def _show_forest(found: ShownRows, about: str) -> None:
     show.chart(found.forest, "database_forest")
     hidden = len(found.groups.groups) - MOST_GROUPS
     more = f" {hidden} groups with fewer windows are in the table only." if hidden > 0 else ""

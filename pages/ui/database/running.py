@@ -15,13 +15,13 @@ from accpinn.methods.registry import METHODS
 from accpinn.results.messages.database import estimate_line, progress_line, summary_line
 from accpinn.segment.cut import DURATION
 from accpinn.study.batch import files_of
-from accpinn.study.estimate import BatchEstimate, estimate
+from accpinn.study.estimate import BatchEstimate, estimate_batch
 from accpinn.study.folders import Request, recall_request
 from accpinn.study.process import BatchSettings, run_batch
-from accpinn.tasks.batches import BatchTask
+from accpinn.tasks.batches import StudyTask
 from accpinn.tasks.task import Status
 from pages.ui.components import frame, show
-from pages.ui.components.monitor import stop_button
+from pages.ui.components.monitor import POLL, stop_button
 from pages.ui.components.show import escape_markdown, format_duration
 from pages.ui.components.widgets import bound, select
 from pages.ui.database.selection import folder_of, known_studies
@@ -30,8 +30,6 @@ from pages.ui.session.recordings import folders, recordings_folder
 from pages.ui.session.resources import batch_queue
 from pages.ui.session.workspace import Workspace
 
-POLL = 1.0
-"""Seconds between two looks at a running batch."""
 REDRAWN = 15.0
 """Seconds after which the rows found meanwhile are shown."""
 WINDOWS = {60.0: "60 s", 150.0: "150 s", DURATION: f"{DURATION:g} s", 600.0: "600 s",
@@ -41,26 +39,21 @@ ALL = "all recordings"
 DEFAULT_NAME = "OpenACC"
 
 
-def active_studies() -> tuple[str, ...]:
-    """The studies whose batches wait or run, though nothing may be written there yet."""
-    return batch_queue().active_owners("batch")
-
-
-def _task(study: str) -> BatchTask | None:
+def _task(study: str) -> StudyTask | None:
     task = batch_queue().of(study, "batch")
-    return task if isinstance(task, BatchTask) else None
+    return task if isinstance(task, StudyTask) else None
 
 
 def _start(settings: BatchSettings, study: str) -> None:
     task = _task(study)
     if task is None or not task.is_active:
-        batch_queue().submit(BatchTask(study, settings, run_batch))
+        batch_queue().submit(StudyTask(study, settings, run_batch))
 
 
 # Watching
 
 
-def show_batch(workspace: Workspace, study: str) -> None:
+def show_batch(study: str) -> None:
     """The study's batch: how far it is, or how it ended, and what can be done about it."""
     task = _task(study)
     if task is not None and task.is_active:
@@ -113,7 +106,7 @@ def _continuable(request: Request, study: str) -> BatchSettings | None:
     return None
 
 
-def _watch(task: BatchTask) -> None:
+def _watch(task: StudyTask) -> None:
     """The bar, again and again; now and then the whole page, with the rows found meanwhile."""
     drawn, rows = time.monotonic(), task.latest.rows if task.latest else 0
 
@@ -127,7 +120,7 @@ def _watch(task: BatchTask) -> None:
     st.fragment(look, run_every=POLL)()
 
 
-def _line_of(task: BatchTask) -> str:
+def _line_of(task: StudyTask) -> str:
     if task.status is Status.QUEUED:
         return "Waiting: another batch is running."
     if task.latest is None:
@@ -145,7 +138,7 @@ def _line_of(task: BatchTask) -> str:
 @st.cache_data(max_entries=64, show_spinner="Estimating the time …")
 def _estimate(source: str, window: float, _files: int, changed: int) -> BatchEstimate:
     """Kept until a file changes or there is another."""
-    return estimate(Path(source), window)
+    return estimate_batch(Path(source), window)
 
 
 def show_form(workspace: Workspace, choice: DatabaseChoice) -> None:

@@ -13,17 +13,14 @@ import plotly.graph_objects as go
 import streamlit as st
 
 from accpinn.results.figures import database as figures
+from accpinn.results.tables.groups import HEADINGS
 from accpinn.study.folders import default_folder, studies, study_path
 from accpinn.study.groups import Group, Groups, group, read_study
 from accpinn.study.journal import JOURNAL, Failure, read_failures, read_pooled, read_settings
 from pages.ui.session.choices import DatabaseChoice
 
 FILTERS: Mapping[str, str] = {
-    "make": "Make",
-    "model": "Model",
-    "distance_setting": "Setting",
-    "campaign": "Campaign",
-    "mode": "Mode",
+    name: HEADINGS[name] for name in ("make", "model", "distance_setting", "campaign", "mode")
 }
 """Columns by which rows are chosen, with their labels."""
 GROUPINGS: Mapping[str, tuple[str, tuple[str, ...]]] = {
@@ -61,7 +58,7 @@ class Stamp:
 
 
 @dataclass(frozen=True, eq=False)
-class Shown:
+class ShownRows:
     """The rows that are chosen, and what they say."""
 
     stamp: Stamp
@@ -77,7 +74,7 @@ class Shown:
 
 
 @st.cache_resource(max_entries=4, show_spinner="Reading the study …")
-def rows_of(stamp: Stamp) -> pd.DataFrame:
+def study_rows(stamp: Stamp) -> pd.DataFrame:
     """All rows of a study; empty cells of texts say so.
 
     Raises:
@@ -92,16 +89,16 @@ def rows_of(stamp: Stamp) -> pd.DataFrame:
 @st.cache_resource(max_entries=32, show_spinner=False)
 def shown(
     stamp: Stamp, filters: tuple[tuple[str, tuple[str, ...]], ...], method: str, by: str
-) -> Shown:
+) -> ShownRows:
     """The rows of a study that are chosen, and what they say."""
-    rows = rows_of(stamp)
+    rows = study_rows(stamp)
     rows = rows[rows["method"] == method]
     for column, values in filters:
         rows = rows[rows[column].isin(values)]
     found = group(rows, GROUPINGS[by][1], method)
     whole = next(iter(group(rows, (), method).groups), None)
     makes, recordings = rows["make"].nunique(), rows["sha256"].nunique()
-    return Shown(stamp, rows, found, whole, makes, recordings, figures.forest(found))
+    return ShownRows(stamp, rows, found, whole, makes, recordings, figures.forest(found))
 
 
 @st.cache_resource(max_entries=8, show_spinner=False)

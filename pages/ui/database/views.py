@@ -17,7 +17,7 @@ from accpinn.study.journal import Failure
 from pages.ui.components import frame, show
 from pages.ui.components.show import escape_markdown
 from pages.ui.components.widgets import bound
-from pages.ui.database.selection import FILTERS, NOT_TOLD, Shown, Stamp, pooled_of, rows_of
+from pages.ui.database.selection import FILTERS, NOT_TOLD, ShownRows, Stamp, pooled_of, study_rows
 from pages.ui.session.choices import DatabaseChoice
 from pages.ui.session.recordings import find_recording
 from pages.ui.session.workspace import Workspace
@@ -44,7 +44,7 @@ COLUMNS = {
 """Of the list of rows: heading and format, by name in the results."""
 
 
-def show_groups(found: Shown, choice: DatabaseChoice) -> None:
+def show_groups(found: ShownRows, choice: DatabaseChoice) -> None:
     """One row a group."""
     show.table(group_table(found.groups, with_spread=False))
     st.caption(
@@ -56,7 +56,7 @@ def show_groups(found: Shown, choice: DatabaseChoice) -> None:
     )  # fmt: skip
 
 
-def show_spread(found: Shown, choice: DatabaseChoice) -> None:
+def show_spread(found: ShownRows, choice: DatabaseChoice) -> None:
     """How far the windows of each group differ."""
     table = spread_table(found.groups)
     show.table(table)
@@ -67,7 +67,7 @@ def show_spread(found: Shown, choice: DatabaseChoice) -> None:
     show.downloads(table, f"{choice.study}_spread_by_{choice.by}", "database_spread")
 
 
-def show_plane(workspace: Workspace, choice: DatabaseChoice, found: Shown) -> None:
+def show_plane(workspace: Workspace, choice: DatabaseChoice, found: ShownRows) -> None:
     """α and β of each row, and where string stability begins."""
     with st.container(horizontal=True, vertical_alignment="center"):
         show.key(
@@ -93,11 +93,11 @@ def show_plane(workspace: Workspace, choice: DatabaseChoice, found: Shown) -> No
 
 
 @lru_cache(maxsize=16)
-def _plane(found: Shown, in_units_of_tau: bool) -> go.Figure:
+def _plane(found: ShownRows, in_units_of_tau: bool) -> go.Figure:
     return figures.plane(found.rows, in_units_of_tau)
 
 
-def show_gaps(workspace: Workspace, choice: DatabaseChoice, found: Shown) -> None:
+def show_gaps(workspace: Workspace, choice: DatabaseChoice, found: ShownRows) -> None:
     """Time gap over speed, by groups."""
     labels = _labels(found)
     show.key([(name, colour) for name, (colour, _) in figures.colours(labels).items()])
@@ -110,13 +110,13 @@ def show_gaps(workspace: Workspace, choice: DatabaseChoice, found: Shown) -> Non
 
 
 @lru_cache(maxsize=16)
-def _labels(found: Shown) -> tuple[str, ...]:
+def _labels(found: ShownRows) -> tuple[str, ...]:
     parts = found.rows[list(found.groups.by)].itertuples(index=False, name=None)
     return tuple(map(figures.label_of, parts))
 
 
 @lru_cache(maxsize=16)
-def _gaps(found: Shown) -> go.Figure:
+def _gaps(found: ShownRows) -> go.Figure:
     return figures.gap_against_speed(found.rows, _labels(found))
 
 
@@ -129,7 +129,7 @@ def _chart(figure: go.Figure, key: str, choice: DatabaseChoice) -> None:
     show.chart(figure, key, TOOLS, on_select=clicked, selection_mode="points")
 
 
-def show_rows(workspace: Workspace, choice: DatabaseChoice, found: Shown) -> None:
+def show_rows(workspace: Workspace, choice: DatabaseChoice, found: ShownRows) -> None:
     """All rows that the filters leave; one of them can be chosen."""
     rows = _listed(found)
 
@@ -156,7 +156,7 @@ def show_rows(workspace: Workspace, choice: DatabaseChoice, found: Shown) -> Non
 
 
 @lru_cache(maxsize=8)
-def _listed(found: Shown) -> pd.DataFrame:
+def _listed(found: ShownRows) -> pd.DataFrame:
     return found.rows[list(COLUMNS)]
 
 
@@ -172,7 +172,7 @@ def _config() -> dict[str, Any]:
 # One row
 
 
-def show_chosen(workspace: Workspace, choice: DatabaseChoice, found: Shown) -> None:
+def show_chosen(workspace: Workspace, choice: DatabaseChoice, found: ShownRows) -> None:
     """The row that is chosen, and the way to its window."""
     if choice.row is None or choice.row >= len(found.rows):
         return
@@ -190,7 +190,7 @@ def show_chosen(workspace: Workspace, choice: DatabaseChoice, found: Shown) -> N
             "Open this window", icon=":material/timeline:", type="primary", key="database_open",
             help="Page Data, with this recording, window and vehicles, ready to train.",
         ):  # fmt: skip
-            _open(workspace, rows_of(found.stamp), row)
+            _open(workspace, study_rows(found.stamp), row)
 
 
 def _open(workspace: Workspace, rows: pd.DataFrame, row: "pd.Series[Any]") -> None:

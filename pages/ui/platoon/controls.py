@@ -43,8 +43,6 @@ LABELS = {
 """Each setting's label, the step of its buttons, and what it is."""
 FIRST = {"sinusoid": "frequency", "step": "change", "brake": "drop"}
 """The setting of each disturbance that stands in the row; the others are one click away."""
-QUIET = 0.25
-"""Frequency in rad/s for a platoon that amplifies none: the paper's first."""
 
 
 def choose_platoon(
@@ -183,7 +181,7 @@ def _setting(
 
 def _frequency(choice: PlatoonChoice, platoon: Parameters) -> float:
     """The one chosen, otherwise the one at which this platoon's last follower moves most."""
-    peak = float(f"{report_of(platoon).platoon.peaks[-1].omega:.4g}") or QUIET
+    peak = float(f"{report_of(platoon).platoon.peaks[-1].omega:.4g}") or Sinusoid.frequency
     value = peak if choice.omega is None else choice.omega
     label, step, meaning = LABELS["frequency"]
     shown = bound("platoon_frequency", value, lambda new: choice.set(omega=new), optional=True)

@@ -47,7 +47,7 @@ PANELS = "The paper's four panels"
 
 
 @dataclass(frozen=True, eq=False)
-class Shown:
+class ShownRun:
     """What the parts of the page are about."""
 
     workspace: Workspace
@@ -104,7 +104,7 @@ def show_page() -> None:
     run = _run(source.vehicles.parameters[order], leader) if order and leader else None
     if run is None or order is None:
         return
-    shown = Shown(workspace, source, order, run)
+    shown = ShownRun(workspace, source, order, run)
     _show_answer(shown)
     _show_charts(shown)
     tabs(
@@ -125,7 +125,7 @@ def _run(platoon: Parameters, leader: Leader) -> PlatoonRun | None:
     return show.attempt(lambda: work(platoon, leader))
 
 
-def _show_answer(shown: Shown) -> None:
+def _show_answer(shown: ShownRun) -> None:
     """What becomes of the disturbance, and what limits the run."""
     run, source, places = shown.run, shown.source, shown.places
     chosen = source.vehicles
@@ -145,7 +145,7 @@ def _show_answer(shown: Shown) -> None:
     show.messages(messages(others, places), "warning")
 
 
-def _show_charts(shown: Shown) -> None:
+def _show_charts(shown: ShownRun) -> None:
     """Speeds and gaps beside the time-space diagram."""
     run, cast, choice, recorded = shown.run, shown.cast, shown.choice, shown.recorded
     with st.container(horizontal=True, vertical_alignment="center"):
@@ -169,7 +169,7 @@ def _show_charts(shown: Shown) -> None:
         show.chart(figure, "platoon_time_space")
 
 
-def _choose_part(shown: Shown) -> None:
+def _choose_part(shown: ShownRun) -> None:
     """Which part of the run is drawn; of a recorded leader all, with or without its followers."""
     run, choice = shown.run, shown.choice
     if shown.recorded:

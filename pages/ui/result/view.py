@@ -17,6 +17,7 @@ from accpinn.model.cthp import Case, Parameters
 from accpinn.results.bundle import bundle
 from accpinn.results.checks import Check, CheckName, checks
 from accpinn.results.figures import training as figures
+from accpinn.results.figures.style import vehicle_colours
 from accpinn.results.messages import messages
 from accpinn.results.messages.checks import MEANING, failing_of, label_of
 from accpinn.results.messages.methods import outcome_message
@@ -98,7 +99,8 @@ def _show_outcome(result: Evaluated) -> None:
 def _show_checks(result: Evaluated) -> None:
     """A button for each check, with its answer; it opens what the answer rests on."""
     info, fit, uncertainty = result.info, result.fit, result.uncertainty
-    events, residual = result.events, result.residual
+    events = result.evaluation.all_findings if result.evaluation else None
+    residual = result.evaluation.whiteness if result.evaluation else None
     evidence: Mapping[CheckName, Sequence[str]] = {
         "converged": (outcome_message(fit),),
         "inside": messages(uncertainty.findings if uncertainty else (), info),
@@ -127,11 +129,10 @@ def _show_check(
 
 def _parameter_table(result: Evaluated) -> Table:
     """All that is known of each vehicle."""
-    info, fit = result.info, result.fit
-    table = tables.parameter_table(
-        info, fit, result.quality, result.surrogate, result.simulated, result.uncertainty
-    )
-    return table.coloured(show.vehicle_colours(info, tables.row_vehicles(info, fit.case)))
+    info, fit, found = result.info, result.fit, result.evaluation
+    errors = (found.surrogate, found.closed_loop) if found else (None, None)
+    table = tables.parameter_table(info, fit, result.quality, *errors, result.uncertainty)
+    return table.coloured(vehicle_colours(info.vehicles, tables.row_vehicles(info, fit.case)))
 
 
 def _show_fit(result: Evaluated, table: Table, follower: int) -> None:
@@ -148,7 +149,8 @@ def _show_fit(result: Evaluated, table: Table, follower: int) -> None:
         f" {cost}{cache}"
     )
     after = "The simulation continues, and the closed-loop errors include what follows."
-    show.messages(messages(result.events or (), info), "warning", "car_crash", after)
+    events = result.evaluation.all_findings if result.evaluation else ()
+    show.messages(messages(events, info), "warning", "car_crash", after)
     _show_limits(result)
     show.messages(messages((*fit.findings, *headway_findings(info.vehicles, fit.parameters)), info))
     if said := _about_tracking(result, follower):
@@ -176,7 +178,7 @@ def _show_comparison(workspace: Workspace, result: Evaluated, page: str) -> None
         estimates["Maximum likelihood"] = uncertainty.centre
     if result.truth:
         estimates["Truth"] = result.truth
-    colours = show.vehicle_colours(info, tables.parameter_rows(info, fit.case))
+    colours = vehicle_colours(info.vehicles, tables.parameter_rows(info, fit.case))
     table = tables.comparison_table(info, estimates, fit.case, uncertainty)
     show.table(table, colours)
     st.caption(
@@ -258,7 +260,7 @@ def show_history(
         case: in Case I all followers share one line.
         truth: the true parameters, where they are known.
     """
-    show.vehicle_key(info, bool(truth), case == "I" and info.followers > 1)
+    show.vehicle_key(info, bool(truth), info.shares(case))
     drawn = (
         ("loss", figures.loss_history(history)),
         *(
@@ -303,7 +305,7 @@ def show_intervals(
     """
     if uncertainty is None:
         return
-    colours = show.vehicle_colours(info, tables.parameter_rows(info, case))
+    colours = vehicle_colours(info.vehicles, tables.parameter_rows(info, case))
     show.table(tables.intervals_table(info, uncertainty, case), colours)
     st.caption(
         "Interval: the values consistent with the data, with disturbances that last for seconds,"

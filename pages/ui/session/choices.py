@@ -6,10 +6,10 @@ from typing import Any, Literal
 from accpinn.methods.fit import Fit
 from accpinn.model.published import ASTAZERO
 from accpinn.results.figures.recording import View
+from accpinn.results.figures.stability import Plane
 from accpinn.units import RadiansPerSecond
 
 Source = Literal["fit", "published", "snapshot", "hand"]
-Plane = Literal["beta", "alpha"]
 Disturbance = Literal["sinusoid", "step", "brake", "recorded"]
 TypedRow = tuple[str, float | None, float | None, float | None]
 """Name, α, β, τ of a vehicle as typed in; None where a cell is empty."""

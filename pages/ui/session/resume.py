@@ -43,7 +43,7 @@ def keep(workspace: Workspace) -> None:
 def resume(workspace: Workspace) -> None:
     """Open again what the session had open, as far as the server has it."""
     try:
-        with (workspace.runs.snapshots.folder / FILE).open("rb") as file:
+        with (workspace.runs.folder / FILE).open("rb") as file:
             kept = msgspec.json.decode(file.read(LARGEST), type=Opened)
     except (OSError, msgspec.MsgspecError):  # nothing was open, or a damaged file
         return

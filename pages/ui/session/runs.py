@@ -8,7 +8,6 @@ import re
 import shutil
 import time
 from contextlib import suppress
-from dataclasses import dataclass
 from pathlib import Path
 
 from accpinn.errors import SnapshotError
@@ -26,16 +25,12 @@ FOLDER = "runs"
 _SESSION = re.compile(r"[\w-]{20,60}", re.ASCII)
 
 
-@dataclass(frozen=True, eq=False)
-class Runs:
+class Runs(Library):
     """The finished runs of one session."""
 
-    snapshots: Library
-
-    @classmethod
-    def of(cls, session: str, cache: Path) -> "Runs":
+    def __init__(self, session: str, cache: Path) -> None:
         """Those of a session, in the server's cache; its folder is made when first written to."""
-        return cls(Library(cache / FOLDER / session, cap_count=KEPT_RUNS))
+        super().__init__(cache / FOLDER / session, cap_count=KEPT_RUNS)
 
     def keep(self, snapshot: Snapshot) -> str:
         """Keep a run, unless there is an equal one; the oldest goes where there are too many.
@@ -43,40 +38,23 @@ class Runs:
         Returns:
             Its short name; empty where the cache cannot be written to, and none is kept.
         """
-        entries, name = self.entries(), ""
+        entries, name = self.readable(), ""
         if equal := next((entry for entry in entries if _same(entry, snapshot)), None):
             return equal.id
         with suppress(SnapshotError):
             content = to_bytes(snapshot)  # one that is too large takes no other's place
             for old in entries[KEPT_RUNS - 1 :]:
-                self.snapshots.delete(old.id)
-            name = self.snapshots.add(content)
+                self.delete(old.id)
+            name = self.add(content)
         return name
 
     def made(self) -> Path | None:
         """The session's folder, made where there is none yet; None where that cannot be."""
-        folder = self.snapshots.folder
-        if not folder.is_dir():
-            _tidy(folder.parent)
+        if not self.folder.is_dir():
+            _tidy(self.folder.parent)
             with suppress(OSError):
-                folder.mkdir(parents=True)
-        return folder if folder.is_dir() else None
-
-    def entries(self) -> tuple[Entry, ...]:
-        """Those that can be read, the newest first."""
-        return tuple(entry for entry in self.snapshots.entries() if not entry.fault)
-
-    def has(self, name: str) -> bool:
-        """Whether a run of that short name is kept."""
-        return self.snapshots.has(name)
-
-    def open(self, name: str) -> Snapshot:
-        """The run of that short name.
-
-        Raises:
-            SnapshotError: for an unknown name or a damaged file.
-        """
-        return self.snapshots.open(name)
+                self.folder.mkdir(parents=True)
+        return self.folder if self.folder.is_dir() else None
 
 
 def is_known(session: str, cache: Path) -> bool:

@@ -160,7 +160,7 @@ class Workspace:
     @cached_property
     def runs(self) -> Runs:
         """The finished trainings of this session, on disk."""
-        return Runs.of(self.id, store().folder)
+        return Runs(self.id, store().folder)
 
     def keep_run(self) -> None:
         """Put the training among the runs once it has finished; nothing happens before."""

@@ -8,6 +8,7 @@ import numpy as np
 import streamlit as st
 
 from accpinn.results.figures.stability import bode
+from accpinn.results.figures.style import vehicle_colours
 from accpinn.results.snapshot import Snapshot, stability
 from accpinn.results.tables.estimates import PARAMETER_COLUMNS, learned_parameters
 from accpinn.results.tables.table import ABSENT, Column, Range, Table
@@ -18,7 +19,7 @@ def show_both(one: Snapshot, other: Snapshot) -> None:
     """Parameters with intervals, Bode magnitudes, and what differs in settings and data."""
     show.messages(other_vehicles(one, other), "warning", "compare_arrows")
     longer = max(one.info, other.info, key=lambda info: info.followers)
-    colours = [colour for colour in show.vehicle_colours(longer)[1:] for _ in PARAMETER_COLUMNS]
+    colours = [colour for colour in vehicle_colours(longer.vehicles)[1:] for _ in PARAMETER_COLUMNS]
     show.table(parameter_differences(one, other), colours)
     _show_responses(one, other)
     changes = differing_settings(one, other)

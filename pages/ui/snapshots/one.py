@@ -10,7 +10,7 @@ from accpinn.results.messages.snapshot import (
     duration,
     parameters_rest_on,
     standing_rows,
-    summary,
+    verification_summary,
 )
 from accpinn.results.messages.stability import headline
 from accpinn.results.report import render_report
@@ -29,7 +29,7 @@ from accpinn.results.tables.estimates import learned_parameters
 from accpinn.results.tables.table import Column, Table
 from accpinn.segment.segment import Segment
 from accpinn.units import Seconds
-from pages.ui.components import show
+from pages.ui.components import frame, show
 from pages.ui.components.show import escape_markdown
 from pages.ui.result.evaluated import of_snapshot
 from pages.ui.result.view import show_evaluated
@@ -50,9 +50,7 @@ def show_one(workspace: Workspace, snapshot: Snapshot) -> None:
     info, title = snapshot.info, snapshot.name.strip() or snapshot.id
     st.subheader(escape_markdown(title), anchor=False)
     when = snapshot.created[:16].replace("T", " ")
-    place = f"{info.source} · {info.window} · {info.labels[0]} to {info.labels[-1]}"
-    case = f" · Case {snapshot.fit.case}" if info.followers > 1 else ""
-    st.caption(escape_markdown(f"{place}{case} · saved {when} UTC"))
+    st.caption(f"{frame.segment_line(info, snapshot.fit.case)} · saved {escape_markdown(when)} UTC")
     if snapshot.note:
         st.text(snapshot.note)
     _show_standing(workspace, snapshot)
@@ -176,7 +174,7 @@ def _show_verification(workspace: Workspace, snapshot: Snapshot) -> None:
     with st.spinner("Computing all of it anew"):
         found = _verified(workspace, snapshot)
     st.markdown(f"**{escape_markdown(counted(found))}**")
-    said = summary(found, snapshot.info)
+    said = verification_summary(found, snapshot.info)
     show.messages(said, *(("success", "verified") if found.ok else ("error",)))
     texts = (Column(title, prose=True) for title in ("Result", "Stored", "Found now"))
     columns = (Column("Checked"), *texts)
@@ -194,7 +192,7 @@ def _show_verification(workspace: Workspace, snapshot: Snapshot) -> None:
 
 def _show_beside(snapshot: Snapshot) -> None:
     """The same beside another of the server's snapshots, which the user picks."""
-    others = [e for e in library().entries() if not e.fault and e.id != snapshot.id]
+    others = [entry for entry in library().readable() if entry.id != snapshot.id]
     if not others:
         st.caption("No other snapshot is kept on this server.")
         return

@@ -12,20 +12,24 @@ from accpinn.results.figures.stability import add_clouds, cloud_caption
 from accpinn.results.messages import messages
 from accpinn.results.messages.stability import BEHAVIOURS, BY_ESTIMATES, TITLES, reason
 from accpinn.results.tables.estimates import form_intervals_table
-from accpinn.results.tables.stability import answer, stability_interval_table, stability_table
+from accpinn.results.tables.stability import (
+    answer,
+    stability_interval_table,
+    stability_table,
+    without_parameters,
+)
 from accpinn.stability.report import StabilityReport, VehicleStability, Verdict
 from pages.ui.components import show
 from pages.ui.components.parameter_picker import Chosen
 from pages.ui.components.show import escape_markdown
 from pages.ui.components.widgets import segments, select
-from pages.ui.session.choices import Plane
 from pages.ui.session.workspace import Workspace
 
-PLANES: dict[Plane, str] = {"beta": "β and τ", "alpha": "α and τ"}
+PLANES: dict[figures.Plane, str] = {"beta": "β and τ", "alpha": "α and τ"}
 
 
 @dataclass(frozen=True, eq=False)
-class Shown:
+class ShownVehicles:
     """What the parts of the page are about."""
 
     workspace: Workspace
@@ -50,7 +54,7 @@ class Shown:
         return self.known if self.workspace.map_choice.uncertainty else None
 
 
-def show_criteria(shown: Shown) -> None:
+def show_criteria(shown: ShownVehicles) -> None:
     """Each vehicle's criteria, and those of the platoon up to it."""
     st.caption(
         "Criteria and gains of each vehicle, in their order in the platoon: stable where a"
@@ -59,7 +63,7 @@ def show_criteria(shown: Shown) -> None:
     )
     show.key(figures.CRITERIA_KEY)
     show.chart(figures.criteria_by_vehicle(shown.chosen, shown.report), "stability_criteria")
-    table = stability_table(shown.chosen, shown.report, parameters=False)
+    table = without_parameters(stability_table(shown.chosen, shown.report))
     show.table(table, figures.colours(shown.chosen))
     st.caption(
         "By the estimates. Smallest stable time headway: that of this vehicle with its α and β."
@@ -72,7 +76,7 @@ def show_criteria(shown: Shown) -> None:
         _show_intervals(shown, shown.known)
 
 
-def show_map(shown: Shown) -> None:
+def show_map(shown: ShownVehicles) -> None:
     """The boundaries of stability in a plane of two parameters."""
     chosen, uncertainty, choice = shown.chosen, shown.uncertainty, shown.workspace.map_choice
     plane, many = choice.plane, len(chosen) > 1
@@ -80,13 +84,13 @@ def show_map(shown: Shown) -> None:
     with st.container(horizontal=True, vertical_alignment="center"):
         segments(
             "Plane", PLANES, plane, "stability_plane",
-            lambda plane: setattr(choice, "plane", plane),
+            lambda plane: choice.set(plane=plane),
             help="The two parameters on the axes; the third is that of the vehicle chosen.",
         )  # fmt: skip
         if many:
             select(
                 "Vehicle", dict(enumerate(chosen.labels)), held, "stability_held",
-                lambda k: setattr(choice, "held", k), labelled=False, width=240,
+                lambda k: choice.set(held=k), labelled=False, width=240,
                 help="The vehicle whose third parameter the boundaries are drawn for.",
             )  # fmt: skip
         show.key(figures.MAP_KEY)
@@ -103,7 +107,7 @@ def show_map(shown: Shown) -> None:
     )
 
 
-def show_reasons(shown: Shown) -> None:
+def show_reasons(shown: ShownVehicles) -> None:
     """A sentence for every verdict."""
     chosen, report = shown.chosen, shown.report
     if shown.known:
@@ -128,7 +132,7 @@ def show_reasons(shown: Shown) -> None:
             column.markdown(text)
 
 
-def _show_intervals(shown: Shown, known: Uncertainty) -> None:
+def _show_intervals(shown: ShownVehicles, known: Uncertainty) -> None:
     """Of the measures of stability, and of the parameters over all forms of the model."""
     source, chosen = shown.source, shown.chosen
     table = stability_interval_table(chosen, known)

@@ -15,7 +15,7 @@ from pages.ui.components import show
 from pages.ui.components.show import escape_markdown
 from pages.ui.components.widgets import select
 from pages.ui.session.resources import KEPT
-from pages.ui.stability.details import Shown
+from pages.ui.stability.details import ShownVehicles
 
 NO_DATA = (
     "The measured gain needs the recorded speeds, which are not here: open a recording, or a"
@@ -33,7 +33,7 @@ def _model(chosen: ParameterSet, which: int, uncertainty: Uncertainty | None) ->
     return Model(chosen.labels[which], chosen.parameters[which], draws if known else None)
 
 
-def show_measured(shown: Shown) -> None:
+def show_measured(shown: ShownVehicles) -> None:
     """The gain of one follower by Welch's method, beside the model's curve."""
     chosen, choice = shown.chosen, shown.workspace.map_choice
     segment = shown.source.segment or shown.workspace.segment
@@ -47,7 +47,7 @@ def show_measured(shown: Shown) -> None:
         if len(labels) > 1:
             select(
                 "Follower", dict(enumerate(labels)), follower, "stability_measured",
-                lambda k: setattr(choice, "measured", k), labelled=False, width=240,
+                lambda k: choice.set(measured=k), labelled=False, width=240,
                 help="The vehicle whose recorded speed is compared with that of the car ahead.",
             )  # fmt: skip
     found = show.attempt(lambda: _measured(segment, follower))

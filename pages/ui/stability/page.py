@@ -28,7 +28,7 @@ from pages.ui.components.show import escape_markdown
 from pages.ui.components.widgets import bound, select, tabs
 from pages.ui.session.resources import KEPT, report_of
 from pages.ui.session.workspace import Workspace
-from pages.ui.stability.details import Shown, show_criteria, show_map, show_reasons
+from pages.ui.stability.details import ShownVehicles, show_criteria, show_map, show_reasons
 from pages.ui.stability.measured import show_measured
 
 LEAD = "Which of these vehicles amplify the disturbances of the car ahead?"
@@ -51,7 +51,7 @@ def show_page() -> None:
     report = show.attempt(lambda: report_of(chosen.vehicles.parameters))
     if report is None:
         return
-    shown = Shown(workspace, chosen, report)
+    shown = ShownVehicles(workspace, chosen, report)
     answer_column, chart_column = st.columns((1, 1.35), gap="medium")
     with answer_column:
         _show_answer(shown)
@@ -71,7 +71,7 @@ def show_page() -> None:
     )
 
 
-def _show_answer(shown: Shown) -> None:
+def _show_answer(shown: ShownVehicles) -> None:
     """Who amplifies, how certain that is, the platoon, and what the verdict takes for granted."""
     chosen, report, source = shown.chosen, shown.report, shown.source
     with st.container(border=True):
@@ -99,7 +99,7 @@ def _show_answer(shown: Shown) -> None:
         st.caption(escape_markdown(assumed))
 
 
-def _show_bode(shown: Shown) -> None:
+def _show_bode(shown: ShownVehicles) -> None:
     """The chart; a click on a curve leads to the platoon at that frequency."""
     chosen, choice, uncertainty = shown.chosen, shown.workspace.map_choice, shown.uncertainty
     key = list(zip(chosen.labels, figures.colours(chosen), strict=True))
@@ -110,7 +110,7 @@ def _show_bode(shown: Shown) -> None:
             st.toggle(
                 "Uncertainty",
                 **bound("stability_uncertainty", choice.uncertainty,
-                        lambda on: setattr(choice, "uncertainty", on)),
+                        lambda on: choice.set(uncertainty=on)),
                 help="Bands of the Bode magnitude and of the model beside the measured gain, and"
                 " posterior samples on the map.",
             )  # fmt: skip
@@ -133,7 +133,7 @@ def _bode(chosen: ParameterSet, uncertainty: Uncertainty | None) -> go.Figure:
     return add_bands(figure, chosen, uncertainty) if uncertainty else figure
 
 
-def _show_verdicts(shown: Shown) -> None:
+def _show_verdicts(shown: ShownVehicles) -> None:
     """The table."""
     chosen = shown.chosen
     table = verdict_table(chosen, shown.report, shown.known)
@@ -154,7 +154,7 @@ def _posterior(known: Uncertainty) -> str:
     )
 
 
-def _show_simulate(shown: Shown) -> None:
+def _show_simulate(shown: ShownVehicles) -> None:
     """One vehicle or the platoon chosen, and a button; nothing where none has a peak."""
     chosen, report, workspace = shown.chosen, shown.report, shown.workspace
     peaks = {WHOLE: report.platoon.peaks[-1]} if len(chosen) > 1 else {}
@@ -169,7 +169,7 @@ def _show_simulate(shown: Shown) -> None:
             names = {k: "All vehicles in order" if k == WHOLE else chosen.labels[k] for k in peaks}
             select(
                 "Platoon of", names, which, "stability_simulate",
-                lambda k: setattr(choice, "simulated", k), labelled=False, width=200,
+                lambda k: choice.set(simulated=k), labelled=False, width=200,
                 help="Of the platoon that is simulated: all vehicles in order, or one repeated.",
             )  # fmt: skip
         if st.button(

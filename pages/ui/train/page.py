@@ -1,14 +1,20 @@
 """The page Train: preset, options, the buttons that start and stop, and what is learned."""
 
+from collections.abc import Sequence
 from contextlib import suppress
 
 import streamlit as st
 
 from accpinn.errors import ConfigError
+from accpinn.methods import least_squares
 from accpinn.methods.fit import Fit
 from accpinn.methods.pinn.config import PinnConfig
 from accpinn.methods.pinn.method import WarmStart
+from accpinn.model.cthp import Parameters
+from accpinn.results.figures.live import TERMS, LiveChart, live_history, live_motion
+from accpinn.results.figures.style import LEADER, MODEL, SERIES
 from accpinn.tasks.task import Status, Task
+from accpinn.units import Seconds
 from pages.ui.components import frame, show
 from pages.ui.components.monitor import monitor, stop_button
 from pages.ui.components.widgets import segments
@@ -20,7 +26,6 @@ from pages.ui.runs import show_runs
 from pages.ui.session.resources import store
 from pages.ui.session.resume import keep
 from pages.ui.session.workspace import Workspace
-from pages.ui.train.live import show_live
 from pages.ui.train.options import chosen_config, show_options
 
 PRESET_LINES = {
@@ -28,6 +33,8 @@ PRESET_LINES = {
     "fast": "A second: the paper's loss, solved exactly for the output layer and α, β, τ; biased.",
     "paper": "As published, all by gradient: many minutes. Stop and continue at any time.",
 }
+FIRST_DRAWING: Seconds = 1.0
+"""Of training before the first curves: a short one would be slowed by drawing it."""
 CONTINUES = (
     "A training of this window with these settings, here or in another session, was stopped there;"
     " the server keeps its checkpoint."
@@ -53,7 +60,7 @@ def _show_page(workspace: Workspace) -> None:
             frame.empty_state(workspace, "Nothing to train on")
         return
     banner(workspace)
-    st.caption(frame.segment_line(segment, workspace.case, vehicles=True))
+    st.caption(frame.segment_line(segment, workspace.case))
     show.not_acc(segment)
     # On a narrow screen a result comes before what led to it, while a training can be stopped.
     done = workspace.fit is not None and not (workspace.training and workspace.training.is_active)
@@ -69,7 +76,7 @@ def _show_page(workspace: Workspace) -> None:
 def _show_run(workspace: Workspace, training: Task[Fit], running: bool) -> None:
     """The training, or what was learned once it is over."""
     if running:
-        show_live(training, workspace.true_parameters)
+        _show_live(training, workspace.true_parameters)
     elif result := of_training(workspace):
         workspace.keep_run()
         keep(workspace)
@@ -77,6 +84,36 @@ def _show_run(workspace: Workspace, training: Task[Fit], running: bool) -> None:
             workspace, result, "train", workspace.as_snapshot, lambda: _next_button(workspace),
             {"Validation": lambda: _show_validation(workspace)},
         )  # fmt: skip
+
+
+def _show_live(training: Task[Fit], truth: Parameters | None) -> None:
+    """What is known so far of a training that runs.
+
+    Args:
+        training: whose history is shown as far as it is known.
+        truth: the true parameters, where they are known.
+    """
+    history, request = training.history(), training.request
+    if history is None or request is None or history.seconds[-1] <= FIRST_DRAWING:
+        return
+    segment, case = request.segment, request.case
+    solved = least_squares.fit(segment, case).parameters
+    loss, alpha, beta, tau = live_history(history, segment.info, truth, solved)
+    show.vehicle_key(segment, bool(truth), segment.shares(case), with_solved=True)
+    show.key(zip((f"loss: {name}" for name in TERMS), (LEADER, *SERIES), strict=True))
+    _show_row((loss, alpha))
+    _show_row((beta, tau))
+    if curves := training.surrogate:
+        # Widgets must not stand in what is drawn again and again: it is the first follower's.
+        show.key(((f"data of {segment.labels[1]}", LEADER), ("the network now", MODEL)))
+        _show_row(live_motion(segment, 0, curves))
+
+
+def _show_row(charts: Sequence[LiveChart]) -> None:
+    colour = show.ink(st.context.theme.type)
+    axes = {"config": {"axis": {"labelColor": colour, "titleColor": colour}}} if colour else {}
+    for column, chart in zip(st.columns(len(charts)), charts, strict=True):
+        column.vega_lite_chart(chart.data, chart.spec | axes, key=f"train_live_{chart.name}")
 
 
 def _show_validation(workspace: Workspace) -> None:

@@ -37,8 +37,8 @@ def uncertainty(segment: Segment, fit: Fit) -> Uncertainty:
 def test_estimates_intervals_and_truth_stand_where_they_belong(
     fit: Fit, uncertainty: Uncertainty
 ) -> None:
-    row = figures.Estimate("PiNN (fast preset)", fit.parameters.values[0])
-    old = figures.Estimate("Before <b>", 1.1 * fit.parameters.values[0], earlier=True)
+    row = figures.NamedEstimate("PiNN (fast preset)", fit.parameters.values[0])
+    old = figures.NamedEstimate("Before <b>", 1.1 * fit.parameters.values[0], earlier=True)
     truth = Parameters.of(sample(NOISY).truth[0])
     figure = figures.estimates([row, old], COLOUR, uncertainty, 0, truth)
     for which, trace in enumerate(figure.data):
@@ -55,7 +55,7 @@ def test_estimates_intervals_and_truth_stand_where_they_belong(
 def test_an_open_end_and_an_undetermined_headway_can_be_drawn(uncertainty: Uncertainty) -> None:
     ends = uncertainty.upper.values.copy()
     ends[0, 2] = np.inf
-    row = figures.Estimate("Least squares", np.array([0.0, 0.2, np.nan]))
+    row = figures.NamedEstimate("Least squares", np.array([0.0, 0.2, np.nan]))
     unbounded = replace(uncertainty, upper=Parameters.of(ends))
     figure = figures.estimates([row], COLOUR, unbounded, 0)
     assert np.isfinite([shape.x1 for shape in figure.layout.shapes]).all()

@@ -18,10 +18,10 @@ from accpinn.methods.pinn.config import preset
 from accpinn.model.cthp import Parameters
 from accpinn.recordings.openacc import read
 from accpinn.recordings.recording import Window
-from accpinn.results.messages.snapshot import parameters_rest_on, summary
+from accpinn.results.messages.snapshot import parameters_rest_on, verification_summary
 from accpinn.results.snapshot import ATTRIBUTION, Snapshot, create
 from accpinn.results.snapshot.archive import load, seal, to_bytes
-from accpinn.results.snapshot.places import Check, compare
+from accpinn.results.snapshot.places import PartCheck, compare_parts
 from accpinn.results.snapshot.verification import (
     HOWEVER_LONG,
     QUICK,
@@ -40,7 +40,7 @@ from tests.support.samples import FOLDER, NOISY, PLATOON
 from tests.support.snapshots import entries, small, small_bytes, trained, whole
 
 
-def fault(found: Verification) -> Check:
+def fault(found: Verification) -> PartCheck:
     """The first check that fails."""
     assert not found.ok
     return next(check for check in found.checks if not check.ok)
@@ -92,18 +92,18 @@ class TestCompare:
     def test_it_names_the_first_difference(
         self, stored: Any, found: Any, place: str, count: int
     ) -> None:
-        done = compare("part", stored, found)
+        done = compare_parts("part", stored, found)
         assert (done.ok, done.place, done.count) == (False, place, count)
         assert done.stored != done.recomputed or "nan" in str(done.stored)
 
     def test_rounding_and_times_do_not_count(self) -> None:
         stored = {"a": 1.0, "seconds": 5.0, "b": float("nan"), "c": np.full(100, np.inf)}
         found = {"a": 1 + 1e-12, "seconds": 6.0, "b": float("nan"), "c": np.full(100, np.inf)}
-        assert compare("part", stored, found).ok
-        assert not compare("part", stored, found | {"a": 1 + 1e-6}).ok
-        assert compare("part", stored, found | {"a": 1 + 1e-6}, relative=1e-5).ok
+        assert compare_parts("part", stored, found).ok
+        assert not compare_parts("part", stored, found | {"a": 1 + 1e-6}).ok
+        assert compare_parts("part", stored, found | {"a": 1 + 1e-6}, relative=1e-5).ok
         texts, others = {"a": "one", "findings": (1.0,)}, {"a": "two", "findings": (2.0, 3.0)}
-        assert compare("part", texts, others, numbers_only=True).ok
+        assert compare_parts("part", texts, others, numbers_only=True).ok
 
 
 class TestHonest:
@@ -123,7 +123,7 @@ class TestHonest:
     def test_the_recording_stands_in_for_missing_data(self) -> None:
         bare = replace(whole(), segment=None)
         assert {one.cure for one in verify(bare).unchecked} == {"", RECORDING}
-        assert whole().info.sha256 in summary(verify(bare), bare.info)
+        assert whole().info.sha256 in verification_summary(verify(bare), bare.info)
         found = verify(bare, read(FOLDER / f"{PLATOON}.csv"), refit_within=QUICK)
         assert found.ok
         assert {"window", "info", "uncertainty"} <= {check.part for check in found.checks}
@@ -140,7 +140,7 @@ class TestHonest:
     def test_every_method_finds_the_same_again(self, honest: Callable[[], Snapshot]) -> None:
         asked: list[str] = []
         found = verify(honest(), on_refit=lambda name, _: asked.append(name))
-        assert found.ok, summary(found, honest().info)
+        assert found.ok, verification_summary(found, honest().info)
         assert found.refitted
         assert len(asked) == 1 + len(honest().methods)
         assert REFIT not in {one.cure for one in found.unchecked}
@@ -154,7 +154,7 @@ class TestHonest:
         (left,) = [one for one in found.unchecked if one.cure == REFIT]
         assert forged.segment is not None
         assert left.seconds == refit_seconds(forged, forged.segment) > 600
-        assert "min)" in summary(replace(found, checks=()), forged.info)
+        assert "min)" in verification_summary(replace(found, checks=()), forged.info)
 
     def test_a_stopped_training_cannot_be_run_again(self) -> None:
         fit = replace(whole().fit, outcome=Outcome.STOPPED)
@@ -267,7 +267,7 @@ class TestForged:
     def test_another_recording_or_other_names(self) -> None:
         found = verify(replace(whole(), segment=None), read(FOLDER / f"{NOISY}.csv"))
         assert fault(found).part == "recording"
-        assert "not the recording" in summary(found, whole().info)
+        assert "not the recording" in verification_summary(found, whole().info)
         info = replace(whole().info, names=("Lada",) * 5)
         bare = replace(whole(), info=info, segment=None)
         found = verify(bare, read(FOLDER / f"{PLATOON}.csv"), refit_within=QUICK)
@@ -290,7 +290,7 @@ class TestForged:
     def test_texts_but_not_those_of_other_versions(self) -> None:
         forged = load(seal(entries(small_bytes()) | {ATTRIBUTION: b"All is well."}))
         assert fault(verify(forged)).part == "attribution"
-        assert "All is well." in summary(verify(forged), forged.info)
+        assert "All is well." in verification_summary(verify(forged), forged.info)
         older = replace(forged, origin=replace(small().origin, accpinn="0.0.9"))
         assert verify(older).ok
         assert "version" in kinds(verify(older))

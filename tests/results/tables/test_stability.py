@@ -18,6 +18,7 @@ from accpinn.results.tables.stability import (
     stability_interval_table,
     stability_table,
     verdict_table,
+    without_parameters,
 )
 from accpinn.results.tables.table import Range
 from accpinn.stability.measured_gain import measured_gain
@@ -86,7 +87,7 @@ def test_given_parameters_have_verdicts_by_the_criteria() -> None:
     assert [tesla[group, "Verdict"] for group in (L2, LINF)] == ["unstable", "unstable"]
     assert [calm[group, "Verdict"] for group in (L2, LINF)] == ["stable", "stable"]
     assert tesla[L2, "Peak"] == pytest.approx(0.3395, abs=5e-5)
-    short = stability_table(pair, stability_report(pair.parameters), parameters=False)
+    short = without_parameters(stability_table(pair, stability_report(pair.parameters)))
     assert "α" not in [column.title for column in short.columns]
 
 
