@@ -22,6 +22,7 @@ from typing import Annotated, Any
 import msgspec
 from filelock import FileLock, Timeout
 
+from accpinn.channels import COMPUTABLE
 from accpinn.errors import ConfigError, RecordingError
 from accpinn.study.pooling import ONE_RECORDING, POOLED_COLUMNS, SHARED
 from accpinn.study.rows import COLUMNS, RowColumn
@@ -66,7 +67,8 @@ class Known:
 
 
 _Count = Annotated[int, msgspec.Meta(ge=-(2**53), le=2**53)]
-_KINDS: dict[str, Any] = {"string": str, "bool": bool, "int64": _Count, "double": float}
+_Number = Annotated[float, msgspec.Meta(ge=-COMPUTABLE, le=COMPUTABLE)]
+_KINDS: dict[str, Any] = {"string": str, "bool": bool, "int64": _Count, "double": _Number}
 
 
 def _fields(columns: Iterable[RowColumn], needed: Sequence[str] = ()) -> list[tuple[str, Any, Any]]:

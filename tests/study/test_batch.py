@@ -407,14 +407,15 @@ def test_rows_and_failures_can_be_read_while_a_batch_runs(tmp_path: Path) -> Non
 
 def test_a_line_damaged_in_the_middle_costs_no_other(capsys: Capture, tmp_path: Path) -> None:
     good = '{"kind": "result", "key": "%d", "rows": [{"alpha": 1, "method": "splines"}]}\n'
-    damaged = ("\0" * 20 + "\n", "[]\n", good.replace('"alpha": 1', '"alpha": "x"') % 2)
+    others = (good.replace('"alpha": 1', f'"alpha": {value}') % 2 for value in ('"x"', "1e300"))
+    damaged = ("\0" * 20 + "\n", "[]\n", *others)
     text = good % 1 + "".join(damaged) + good % 3
     (tmp_path / JOURNAL).write_text(text + '{"kind": "resu')
     with Journal(tmp_path, {}) as journal:
         assert set(journal.known.results) == {"1", "3"}
     assert (tmp_path / JOURNAL).read_text() == text, "only what was never whole is cut off"
     assert main(["table", str(tmp_path), "--by", "make"]) == 0
-    assert "3 lines of journal.jsonl are damaged" in capsys.readouterr().err
+    assert "4 lines of journal.jsonl are damaged" in capsys.readouterr().err
 
 
 def test_windows_of_a_vehicle_with_one_setting_are_pooled(
