@@ -132,10 +132,10 @@ def validate(snapshot: Snapshot) -> None:
         _require(known, "a finding is about a vehicle that is none")
     if snapshot.segment:
         _check_times(snapshot.segment.time)
+        same = snapshot.segment.info == info  # also in its sample time, which is above zero
+        _require(same, "its data are not the window that the result was learned from")
         computed = info.followers * info.samples // stride_of(snapshot.segment)
         _require(computed <= MOST_COMPUTED, "its data are longer than can be computed anew")
-        same = snapshot.segment.info == info
-        _require(same, "its data are not the window that the result was learned from")
     _check_fit(snapshot.fit)
     _check_disturbance(snapshot.fit, info)
     if snapshot.uncertainty:

@@ -91,6 +91,14 @@ def test_data_that_would_take_minutes_to_compute_anew_are_refused() -> None:
         load(data)
 
 
+def test_data_without_steps_of_time_are_refused() -> None:
+    one = small()
+    assert one.segment is not None
+    segment = replace(one.segment, time=1e-12 * np.arange(one.segment.samples))
+    with pytest.raises(SnapshotError, match="not the window"):
+        load(to_bytes(replace(one, segment=segment)))
+
+
 def with_member(name: str, header: str) -> bytes:
     """The small snapshot with an empty array of that name and header among the weights."""
     text = f"{header:<117}\n".encode()
