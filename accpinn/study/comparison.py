@@ -1,7 +1,7 @@
 """All methods on identical data, side by side, with errors and intervals that mean something."""
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -159,7 +159,7 @@ def compare(
     job = Job(segment, case, recording, dict(settings or {}))
     worker = None
     if is_worthwhile(segment, methods, context):
-        worker = Worker(job, helpful(methods))
+        worker, context = Worker(job, helpful(methods)), replace(context, threads=1)
 
     known: dict[str, Answer] = {}
     try:

@@ -41,7 +41,7 @@ class TaskQueue:
 
         Args:
             store: where results and checkpoints are kept.
-            threads: processor threads for an estimation; None leaves one core to others.
+            threads: processor threads for an estimation; None leaves the choice to the method.
             clock: in s; finished tasks are forgotten by it.
             prepare: called in the worker before the first task comes.
             tidy: called in the worker whenever no task has come for some time.

@@ -28,7 +28,13 @@ from accpinn.methods.pinn.calibrated import CalibratedTraining
 from accpinn.methods.pinn.config import FAST, PinnConfig
 from accpinn.methods.pinn.fast import FastTraining
 from accpinn.methods.pinn.loss import Training
-from accpinn.methods.pinn.method import WarmStart, output_columns, request_keys, require_memory
+from accpinn.methods.pinn.method import (
+    FourierFeatures,
+    WarmStart,
+    output_columns,
+    request_keys,
+    require_memory,
+)
 from accpinn.methods.pinn.paper import PaperTraining
 from accpinn.methods.store import Store
 from accpinn.model.cthp import Case, Trajectories
@@ -38,6 +44,9 @@ from accpinn.units import FloatArray, Seconds
 DEFAULT_THREADS = max(1, min(4, (os.cpu_count() or 2) - 1))
 """One core is left to others: on matrices this small, threads that wait for a busy core cost far
 more than another thread gains."""
+LARGE = 1_500_000
+"""Numbers in the matrix of a window's features from which on `fast` takes that core as well: some
+fifteen minutes at 10 Hz."""
 MOST_THREADS = 4 * (os.cpu_count() or 2)
 CURVE_EVERY = 1.0
 """Seconds between two moments that carry the surrogate's curves, which cost an evaluation."""
@@ -71,7 +80,8 @@ def training(
         config: preset and settings.
         store: where results and checkpoints are kept; None keeps nothing.
         should_stop: asked several times a second; True ends with `Outcome.STOPPED`.
-        threads: processor threads for torch; by default `DEFAULT_THREADS`.
+        threads: processor threads for torch; by default `DEFAULT_THREADS`, and one more for `fast`
+            on a long window.
         warm: an earlier fit's weights and parameters to begin with, in place of random weights and
             the initial values.
 
@@ -86,17 +96,22 @@ def training(
         SegmentError: when the segment is too long to be trained on.
     """
     before = torch.get_num_threads()
-    torch.set_num_threads(_allowed(threads))
+    torch.set_num_threads(_default(segment, config) if threads is None else _allowed(threads))
     try:
         return (yield from _train(segment, case, config, warm, store, should_stop))
     finally:
         torch.set_num_threads(before)
 
 
-def _allowed(threads: int | None) -> int:
+def _default(segment: Segment, config: PinnConfig) -> int:
+    """How many threads torch gets where nobody chose."""
+    features = FourierFeatures(segment.window.duration, config.highest_frequency).size
+    is_large = config.preset == "fast" and segment.samples * features > LARGE
+    return min(DEFAULT_THREADS + is_large, os.cpu_count() or 1)
+
+
+def _allowed(threads: int) -> int:
     """How many threads torch gets; thousands would exhaust the system."""
-    if threads is None:
-        return DEFAULT_THREADS
     if type(threads) is not int or not 1 <= threads <= MOST_THREADS:
         raise ConfigError(
             f"threads: {str(threads)[:20]} is not allowed; choose 1 to {MOST_THREADS}."
