@@ -83,6 +83,7 @@ class TestSaving:
         (entry,) = library().entries()
         assert (entry.name, entry.note, entry.with_data) == ("<b>mine</b>", "first try", False)
         assert "first try" in plain(page), "the result that was saved is shown"
+        assert "data are not at hand" not in plain(page), "the open recording has them"
         assert "<b>mine" not in texts(page)
         kept = library().open(entry.id)
         assert kept.fit.parameters.values.tobytes() == found.fit.parameters.values.tobytes()

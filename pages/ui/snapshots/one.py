@@ -1,5 +1,7 @@
 """One snapshot in full, to be read: where it is from, its result, link, report, verification."""
 
+from dataclasses import replace
+
 import streamlit as st
 
 from accpinn.recordings.recording import Recording
@@ -145,7 +147,8 @@ def _show_standing(workspace: Workspace, snapshot: Snapshot) -> None:
         with st.spinner("Running the methods again"):
             found = _verified(workspace, snapshot)
     else:
-        found = verify_parameters(snapshot, refit_within=QUICK)
+        with_data = replace(snapshot, segment=_data_of(workspace, snapshot))
+        found = verify_parameters(with_data, refit_within=QUICK)
     said = parameters_rest_on(found, snapshot.info)
     if not found.ok:
         show.messages(said, "error")
