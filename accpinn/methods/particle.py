@@ -98,7 +98,7 @@ class _Cloud:
         self._spread = np.tile(self._noise, (sets, 1, 1))
         self._theta = _first_theta(self._random, sets, particles)
         self._transition = np.empty((sets, 2, 2))
-        self._precision, self._is_steady = self._spread, False
+        self._precision, self._is_steady = np.empty((sets, 2, 2)), False
         self._maps = np.empty((sets, 4, 2, particles))
         self._returns = np.empty((sets, 2, 2, particles))
         for k in range(sets):
