@@ -9,7 +9,7 @@ from contextlib import suppress
 from typing import Any
 
 from accpinn.methods.store import Store
-from accpinn.tasks.task import Result, Status, Task, load_torch
+from accpinn.tasks.task import Result, Status, Task, get_ready
 from accpinn.units import Seconds
 
 KEPT_TASKS = 100
@@ -33,7 +33,7 @@ class TaskQueue:
         store: Store | None = None,
         threads: int | None = None,
         clock: Callable[[], float] = time.monotonic,
-        prepare: Callable[[], object] = load_torch,
+        prepare: Callable[[], object] = get_ready,
         tidy: Callable[[], object] = gc.collect,
         idle: Seconds = IDLE,
     ) -> None:

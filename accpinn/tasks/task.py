@@ -297,7 +297,7 @@ def training_task(owner: str, request: TrainingRequest) -> Task[Fit]:
     """
 
     def steps(context: TaskContext) -> Iterator[Fit]:
-        load_torch()
+        get_ready()
         context = replace(context, warm=request.warm)
         fit = METHODS["pinn"].fit(request.segment, request.case, request.config, context)
         with suppress(AccpinnError):
@@ -357,28 +357,15 @@ def starts_task(owner: str, segment: Segment, case: Case, config: PinnConfig) ->
     )
 
 
-def load_torch() -> None:
-    """Import the network's training, which takes a second or two the first time.
-
-    Raises:
-        AccpinnError: where PyTorch cannot be loaded.
-    """
-    try:
-        import accpinn.methods.pinn.training  # noqa: F401
-    except (ImportError, OSError) as fault:  # the latter for a library of another system
-        raise AccpinnError(
-            f"PyTorch, which trains the network, cannot be loaded ({str(fault)[:80]}); install the"
-            " packages of requirements.txt again, then start the app anew."
-        ) from fault
-    _share_the_process()
-
-
 @cache
-def _share_the_process() -> None:
-    """Among threads: what is imported is kept from the collector, linear algebra takes one each.
+def get_ready() -> None:
+    """Import what a training needs, and share the process among threads.
 
-    What is imported stays for good, and a search of it for garbage holds up all threads for 0.3 s.
+    What is imported stays for good, and a search of it for garbage would hold up all threads, so it
+    is kept from the collector. Linear algebra takes one thread each.
     """
+    import accpinn.methods.pinn.training  # noqa: F401  # takes a moment the first time
+
     gc.collect()
     gc.freeze()
     threadpool_limits(limits=1, user_api="blas")

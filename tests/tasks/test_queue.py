@@ -24,7 +24,7 @@ from accpinn.recordings.openacc import read
 from accpinn.segment.cut import cut
 from accpinn.segment.segment import Segment
 from accpinn.tasks.queue import KEPT_FOR, TaskQueue
-from accpinn.tasks.task import Status, Task, TrainingRequest, load_torch, training_task
+from accpinn.tasks.task import Status, Task, TrainingRequest, get_ready, training_task
 from tests.support.openacc_files import csv, platoon
 
 WAIT = 20.0
@@ -452,21 +452,21 @@ def test_an_idle_queue_tidies_up_and_still_takes_tasks() -> None:
 
 
 def test_what_is_imported_is_not_searched_for_garbage() -> None:
-    load_torch()
+    get_ready()
     searched = {id(found) for found in gc.get_objects()}
-    assert id(sys.modules["torch"].__dict__) not in searched
+    assert id(sys.modules["scipy.linalg"].__dict__) not in searched
 
 
 def test_a_library_that_cannot_be_loaded_fails_the_task_with_a_sentence(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setitem(sys.modules, "accpinn.methods.pinn.training", None)
+    monkeypatch.setitem(sys.modules, "accpinn.methods.pinn.paper", None)
     queue = TaskQueue(threads=1)
-    task = training_task("ann", TrainingRequest(segment(), "II", FAST))
+    task = training_task("ann", TrainingRequest(segment(), "II", PAPER))
     finished(queue.submit(task))
     queue.close()
     assert task.status is Status.FAILED
-    assert task.error.startswith("PyTorch, which trains the network, cannot be loaded (")
+    assert task.error.startswith("PyTorch, which the preset paper needs, cannot be loaded (")
 
 
 def test_a_real_training_is_answered_from_the_store_the_second_time(tmp_path: Path) -> None:

@@ -15,8 +15,7 @@ window; the hidden layers see those below `HIDDEN_FREQUENCY`.
 """
 
 import numpy as np
-import torch
-from torch import Tensor
+from numpy.typing import NDArray
 
 from accpinn.methods.fit import (
     Checkpoint,
@@ -28,16 +27,18 @@ from accpinn.methods.fit import (
 from accpinn.methods.likelihood import log_errors, natural, vanishing
 from accpinn.methods.pinn.config import PinnConfig
 from accpinn.methods.pinn.evidence import Evidence
-from accpinn.methods.pinn.evidence_output import FourierOrders, OutputLayer, activations
+from accpinn.methods.pinn.evidence_output import OutputLayer
 from accpinn.methods.pinn.evidence_search import Ascent, begin, refine
 from accpinn.methods.pinn.loss import Learned, LossTerms, Training
-from accpinn.methods.pinn.method import FourierFeatures, WarmStart, hidden_inputs
-from accpinn.methods.pinn.network import Descent, count_weights, load_state, state_of
+from accpinn.methods.pinn.method import WarmStart
+from accpinn.methods.pinn.network import HIDDEN_FREQUENCY, Descent, FourierFeatures, Numbers
 from accpinn.methods.regression import Regression, Solution
 from accpinn.methods.series import series_of, stride_of
 from accpinn.model.cthp import Case, Parameters
 from accpinn.segment.segment import Segment
 from accpinn.units import FloatArray, frozen
+
+Picked = NDArray[np.int64]
 
 CYCLE = 25
 """Adam iterations between exact solves."""
@@ -67,13 +68,14 @@ class CalibratedTraining(Training):
         self._fine: Evidence | None = None
         self._ascents = begin(self._series, theta[:groups])
         self._iteration, self._quiet, self._start_loss = 0, False, float("nan")
-        features = FourierFeatures(float(self.segment.time[-1]), self.config.highest_frequency)
-        self._inputs = hidden_inputs(features)
-        self._fourier = FourierOrders(features)
-        self._descent = Descent(self._inputs, self.config.hidden, self.config.seed)
+        duration = float(self.segment.time[-1])
+        self._fourier = FourierFeatures.up_to(self.config.highest_frequency, duration)
+        seen = self._fourier.below(HIDDEN_FREQUENCY)
+        self._seen = seen.size
+        self._descent = Descent(seen, self.config.hidden, self.config.seed, order=3)
         self._layer: OutputLayer | None = None
         size = self._fourier.size + self.config.width
-        self._weights = torch.zeros((size, self.measured.shape[1]), dtype=torch.float64)
+        self._weights = np.zeros((size, self.measured.shape[1]))
         self._note("evidence")
 
     def begin_from(self, warm: WarmStart) -> None:
@@ -81,7 +83,7 @@ class CalibratedTraining(Training):
         initial = warm.initial(self.case, self.followers)
         everyone = Parameters.of(np.broadcast_to(initial.values, (self.followers, 3)))
         self._start(everyone.theta)
-        load_state(self._descent.hidden, warm.arrays, "hidden.")
+        self._descent.hidden.load(warm.arrays)
 
     def advance(self) -> None:
         """A round of every ascent that has not ended; then the output layer; then cycles."""
@@ -91,7 +93,7 @@ class CalibratedTraining(Training):
                     self._ascend()
                 else:
                     self._cycle()
-        except (np.linalg.LinAlgError, torch.linalg.LinAlgError):  # type: ignore[attr-defined]
+        except np.linalg.LinAlgError:
             self.outcome = Outcome.DIVERGED
 
     def _ascend(self) -> None:
@@ -119,7 +121,7 @@ class CalibratedTraining(Training):
         values = np.broadcast_to(values, (self.followers, values.shape[1]))
         segment = self.segment
         self._layer = OutputLayer(
-            self.measured.numpy(),
+            self.measured,
             stride_of(segment),
             segment.sample_time,
             segment.mask,
@@ -129,61 +131,64 @@ class CalibratedTraining(Training):
 
     def _solve(self) -> None:
         """W at its most probable value for the present hidden layers, and Ψ there."""
-        layer = self._layer
+        layer, size = self._layer, self._fourier.size
         assert layer is not None
-        with torch.no_grad():
-            active = self._active(layer.grid_orders)
-            at_samples = self._active(layer.sample_orders)
-            self._weights = layer.solve(active, at_samples)
-            orders = torch.cat([layer.grid_orders, active], 2) @ self._weights
-            outputs = torch.cat([layer.sample_orders[0], at_samples[0]], 1) @ self._weights
-            data, physics = layer.terms(orders, outputs, layer.data, layer.weights, layer.masks)
-            self._terms = LossTerms(data, physics, layer.first_terms(orders[:, 0]))
+        active, at_samples = self._active(layer.on_grid), self._active(layer.at_samples)[0]
+        weights = self._weights = layer.solve(active, at_samples)
+        orders = layer.orders @ weights[:size] + active @ weights[size:]
+        outputs = layer.at_samples @ weights[:size] + at_samples @ weights[size:]
+        self._terms = LossTerms(*layer.terms(orders, outputs))
 
-    def _active(self, orders: Tensor) -> Tensor:
-        """(4, N, 60) the activations in double precision."""
-        return activations(self._descent.doubled(), orders[:, :, 1 : 1 + self._inputs])
+    def _active(self, features: FloatArray) -> Numbers:
+        """(4, N, width) the activations of features (N, size) in double precision."""
+        return self._descent.doubled()(features[:, : self._seen])
 
     def _cycle(self) -> None:
         """Adam on the hidden layers, then W; both taken back where Ψ did not fall."""
         before, weights = self._terms, self._weights
-        hidden = {name: value.clone() for name, value in self._descent.hidden.state_dict().items()}
+        hidden = self._descent.hidden.values.copy()
         steps = min(CYCLE, self.config.iterations - self._iteration)
         self._descend(steps)
         self._iteration += steps
         self._solve()
         if not self._terms.total < before.total:
-            self._descent.hidden.load_state_dict(hidden)
+            self._descent.hidden.values[:] = hidden
             self._terms, self._weights = before, weights
         self._quiet = bool(self._terms.total >= (1 - CONVERGED_LOSS) * before.total)
         self._note("Adam")
 
     def _descend(self, steps: int) -> None:
-        layer, size, inputs = self._layer, self._fourier.size, self._inputs
+        """Adam on minibatches of Ψ; as in `fast`, what the skip connection gives is fixed."""
+        layer, size, seen = self._layer, self._fourier.size, self._seen
         assert layer is not None
-        weights = self._weights.float()
-        grid, samples = layer.grid_orders.float(), layer.sample_orders.float()
-        skip, skip_samples = grid @ weights[:size], samples[0] @ weights[:size]
-        data, quadrature = layer.data.float(), layer.weights.float()
-        masks = None if layer.masks is None else layer.masks.float()
-        batch = min(self.config.batch, len(layer.grid), len(layer.samples)) // 2
+        skip, of_active = self._weights[:size], self._weights[size:].astype(np.float32)
+        fixed = layer.residuals(layer.orders @ skip).astype(np.float32)
+        misfit = (layer.at_samples @ skip - layer.data).astype(np.float32)
+        through = (self._weights[size:] @ layer.forms).astype(np.float32)
+        instants, samples = len(fixed), len(misfit)
+        batch = min(self.config.batch, instants, samples) // 2
+        quadrature = (layer.weights * (instants / batch / layer.count)).astype(np.float32)
+        precision = (layer.precision * (samples / batch / layer.count)).astype(np.float32)
+        inputs = layer.on_grid[:, :seen].astype(np.float32)
+        at_samples = layer.at_samples[:, :seen].astype(np.float32)
         rate = self.config.learning_rate * 0.5 ** (self._iteration / HALF_LIFE)
+        generator = self._descent.generator(self._iteration)
         for _ in range(steps):
-            at = torch.randint(len(layer.grid), (batch,), generator=self._descent.generator)
-            of = torch.randint(len(layer.samples), (batch,), generator=self._descent.generator)
-            orders = torch.cat([grid[:, at, 1 : 1 + inputs], samples[:, of, 1 : 1 + inputs]], 1)
-            active = activations(self._descent.hidden, orders) @ weights[size:]
-            some = quadrature[at] * (len(layer.grid) / batch)
-            misfit, physics = layer.terms(
-                skip[:, at] + active[:, :batch],
-                skip_samples[of] + active[0, batch:],
-                data[of],
-                some,
-                None if masks is None else masks[:, at],
-                batch / len(layer.samples),
+            at, of = (
+                generator.integers(instants, size=batch),
+                generator.integers(samples, size=batch),
             )
-            (misfit + physics).backward()
-            self._descent.adam.step(rate)
+
+            def slope(active: Numbers, at: Picked = at, of: Picked = of) -> Numbers:
+                residuals = fixed[at] + (active[:, :batch] @ through).sum(axis=0)
+                errors = misfit[of] + active[0, batch:] @ of_active
+                found = np.zeros_like(active)
+                found[:, :batch] = (residuals * quadrature[at]) @ through.swapaxes(1, 2)
+                found[0, batch:] = (errors * precision) @ of_active.T
+                return found
+
+            features = np.concatenate([inputs[at], at_samples[of]])
+            self._descent.adam.step(self._descent.hidden.gradient(features, slope), rate)
 
     def _note(self, phase: str) -> None:
         """Look at the present moment, and see if it ends."""
@@ -193,8 +198,8 @@ class CalibratedTraining(Training):
         self._solution = Solution(frozen(theta), frozen(free), np.asarray(theta == 0.0))
         if phase == "evidence":
             parts = np.sum([one.loss() for one in self._ascents], axis=0) / self._count
-            data, physics = torch.tensor(parts)
-            self._terms = LossTerms(data, physics, torch.zeros_like(data))
+            data, physics = parts
+            self._terms = LossTerms(data, physics, initial=0.0)
         evidence = float(sum(one.value for one in self._ascents))
         deviations = np.array([log_errors(one.curvature) for one in self._ascents])
         self._look(
@@ -213,7 +218,7 @@ class CalibratedTraining(Training):
     def learned(self) -> Learned:
         """The surrogate, the parameters, and what training the hidden layers brought."""
         now, found = self.progress, list[MethodFinding]()
-        arrays = state_of(self._descent.hidden, "hidden.")
+        arrays = self._descent.hidden.state()
         if self._layer is None:  # stopped early: the best output layer at the present unknowns
             if self.outcome is not Outcome.DIVERGED:
                 self._build()
@@ -222,8 +227,8 @@ class CalibratedTraining(Training):
             found.append(HiddenLayersGain(self._start_loss, now.total))
         if self.outcome is Outcome.FINISHED:
             found.append(IterationsExhausted(self._iteration))
-        arrays["output.weight"] = self._weights.numpy()
-        arrays["features.angular"] = self._fourier.angular.numpy()
+        arrays["output.weight"] = self._weights
+        arrays["features.angular"] = self._fourier.angular
         arrays["unknowns"] = np.array([natural("cthp", one.coordinates) for one in self._ascents])
         errors = [log_errors(one.curvature) for one in self._ascents]
         arrays["deviations"] = np.nan_to_num(errors, posinf=0.0)
@@ -233,19 +238,17 @@ class CalibratedTraining(Training):
             outputs=self._surrogate(),
             solution=self._solution,
             loss=loss,
-            network_weights=count_weights(self._descent.hidden) + self._weights.numel(),
+            network_weights=self._descent.hidden.values.size + self._weights.size,
             arrays=arrays,
             findings=tuple(found),
         )
 
-    @torch.no_grad()
     def _surrogate(self) -> FloatArray:
-        orders = self._fourier(self.segment.time)
-        active = self._active(orders)
-        return (torch.cat([orders[0], active[0]], 1) @ self._weights).numpy()
+        features = self._fourier(self.segment.time)
+        return np.hstack([features, self._active(features)[0]]) @ self._weights
 
     def state(self) -> Checkpoint:
-        """Every ascent; hidden layers, Adam's moments, output layer and the random generator."""
+        """Every ascent; hidden layers, Adam's moments, output layer."""
         state = self._descent.state()
         for group, ascent in enumerate(self._ascents):
             state |= {f"ascent.{group}.{name}": v for name, v in ascent.state().items()}

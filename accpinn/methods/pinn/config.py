@@ -10,7 +10,7 @@ from accpinn.channels import PARAMETERS
 from accpinn.errors import ConfigError
 from accpinn.model.cthp import Parameters
 
-METHOD_VERSION = 3
+METHOD_VERSION = 4
 """Raised whenever a change of the method changes its numbers; cached results then expire."""
 
 PresetName = Literal["fast", "calibrated", "paper"]

@@ -18,8 +18,7 @@ from dataclasses import replace
 from math import sqrt
 
 import numpy as np
-import torch
-from torch import Tensor
+from numpy.typing import NDArray
 
 from accpinn.methods.fit import (
     Checkpoint,
@@ -30,9 +29,9 @@ from accpinn.methods.fit import (
     Progress,
 )
 from accpinn.methods.pinn.config import PinnConfig
-from accpinn.methods.pinn.loss import Learned, Training, residuals
-from accpinn.methods.pinn.method import FourierFeatures, WarmStart
-from accpinn.methods.pinn.network import Derivative, Descent, count_weights, load_state, state_of
+from accpinn.methods.pinn.loss import Learned, Training, loss_terms, residuals
+from accpinn.methods.pinn.method import WarmStart
+from accpinn.methods.pinn.network import Descent, FourierFeatures, Numbers
 from accpinn.methods.pinn.variable_projection import (
     RIDGE,
     GramMatrices,
@@ -43,7 +42,7 @@ from accpinn.methods.pinn.variable_projection import (
 from accpinn.methods.regression import Solution
 from accpinn.model.cthp import Case, Parameters
 from accpinn.segment.segment import Segment
-from accpinn.units import FloatArray
+from accpinn.units import FloatArray, Mask
 
 CYCLE = 50
 """Adam iterations between exact solves."""
@@ -65,12 +64,13 @@ twice in a row."""
 class FastTraining(Training):
     """See the module's head; one `advance` is an exact round or a cycle."""
 
+    @np.errstate(all="ignore")  # absurd numbers end as diverged
     def __init__(self, segment: Segment, case: Case, config: PinnConfig) -> None:
         """Build the network and solve its output layer at the initial parameters."""
         super().__init__(segment, case, config)
-        self._features = FourierFeatures(float(segment.time[-1]), config.highest_frequency)
-        self._static = _StaticSums(segment.time, self.measured, self.mask, self._features)
-        self._descent = Descent(self._features.size - 1, config.hidden, config.seed)
+        self._features = FourierFeatures.up_to(config.highest_frequency, float(segment.time[-1]))
+        self._static = _StaticSums(segment.time, self.measured, segment.mask, self._features)
+        self._descent = Descent(self._features, config.hidden, config.seed, order=1)
         initial = Parameters.of([config.initial.values] * self.followers)
         self._solution = Solution.of(initial.theta)
         self._starting, self._iteration, self._quiet_cycles = True, 0, 0
@@ -87,13 +87,14 @@ class FastTraining(Training):
         fits = weights is not None and weights.shape == tuple(self._weights.shape)
         if not fits or angular is None or not np.array_equal(angular, self._features.angular):
             raise ValueError("the weights are another network's")
-        load_state(self._descent.hidden, warm.arrays, "hidden.")
+        self._descent.hidden.load(warm.arrays)
         everyone = Parameters.of(np.broadcast_to(initial, (self.followers, 3)))
         self._solution = Solution.of(everyone.theta)
         self._measure()
-        self._weights = torch.from_numpy(np.array(weights, float))
+        self._weights = np.array(weights, float)
         self._note("start")
 
+    @np.errstate(all="ignore")
     def advance(self) -> None:
         """One exact round while starting; afterwards one cycle."""
         before = self.progress
@@ -111,13 +112,15 @@ class FastTraining(Training):
                     if self._round() <= STANDSTILL:
                         break
                 self._note("Adam", before)
-        except (np.linalg.LinAlgError, torch.linalg.LinAlgError):  # type: ignore[attr-defined]
+        except np.linalg.LinAlgError:
             self.outcome = Outcome.DIVERGED
 
     def _note(self, phase: str, before: Progress | None = None) -> None:
         """Look at the present moment, count it if quiet since ``before``, and see if it ends."""
         solution = self._solution
-        terms = self.evaluate(*self._surrogate(), solution.theta)
+        outputs, rates = self._surrogate()
+        theta, mask = solution.theta, self.mask
+        terms = loss_terms(outputs, rates, self.measured, theta, self.config, mask)
         self._look(phase, self._iteration, terms, solution.parameters)
         now = self.progress
         if before and now.phase == before.phase == "Adam":
@@ -136,7 +139,6 @@ class FastTraining(Training):
         self._solution = solve_parameters(self._sums, self._weights, self.case)
         return _largest_move(self._solution.parameters, before.parameters)
 
-    @torch.no_grad()
     def _descend(self, iterations: int) -> None:
         """Adam on the hidden layers, on minibatches, everything else fixed.
 
@@ -145,13 +147,13 @@ class FastTraining(Training):
         """
         config, size, count = self.config, self._features.size, len(self.measured)
         skip, weights = self._weights[:size], self._weights[size:]
-        nothing = torch.zeros_like(weights)
+        nothing = np.zeros_like(weights)
         fixed = self._weighted(*self._static.outputs(skip), self.measured)
         of_value = self._weighted(weights, nothing, nothing)
         of_rate = self._weighted(nothing, weights, nothing)
         batch = min(config.batch, count)
         learning_rate = config.learning_rate * 0.5 ** (self._iteration / HALF_LIFE)
-        counts = torch.ones_like(fixed)
+        counts = np.ones_like(fixed)
         if self.mask is not None:
             counts[:, self.followers : 2 * self.followers] = self.mask
         if config.weight_initial:  # Ψ_R squares some of the first instant's residuals once more
@@ -161,54 +163,47 @@ class FastTraining(Training):
             counts[0, 3 * self.followers + 1 :] += again / s_speed
         counts *= 2 / (batch * self.followers)
 
+        generator = self._descent.generator(self._iteration)
+        first = int(config.weight_initial > 0)  # Ψ_R looks at the first instant, once
         for _ in range(iterations):
-            pick = torch.randint(count, (batch,), generator=self._descent.generator)
-            if config.weight_initial:
-                pick[0] = 0  # Ψ_R looks at the first instant
+            pick = generator.integers(first, count, size=batch)
+            pick[:first] = 0
 
-            def slope(value: Tensor, rate: Tensor, pick: Tensor = pick) -> tuple[Tensor, Tensor]:
-                found = fixed[pick] + value @ of_value + rate @ of_rate
+            def slope(active: Numbers, pick: NDArray[np.int64] = pick) -> Numbers:
+                found = fixed[pick] + active[0] @ of_value + active[1] @ of_rate
                 found *= counts[pick]
-                return found @ of_value.T, found @ of_rate.T
+                return np.stack([found @ of_value.T, found @ of_rate.T])
 
-            features = self._static.value_single[pick]
-            self._descent.hidden.backpropagate(features, self._static.derivative_single, slope)
-            self._descent.adam.step(learning_rate)
+            gradient = self._descent.hidden.gradient(self._static.value_single[pick], slope)
+            self._descent.adam.step(gradient, learning_rate)
         self._iteration += iterations
 
-    def _weighted(self, outputs: Tensor, rates: Tensor, measured: Tensor) -> Tensor:
+    def _weighted(self, outputs: FloatArray, rates: FloatArray, measured: FloatArray) -> Numbers:
         """(N, 4M+1) `Residuals` side by side, in single precision, by the root of their weights."""
-        found = residuals(outputs, rates, measured, torch.tensor(self._solution.theta))
+        found = residuals(outputs, rates, measured, self._solution.theta)
         weights = (*self.config.weight_physics, *self.config.weight_data)
         parts = [sqrt(weight) * part for weight, part in zip(weights, found, strict=True)]
-        return torch.cat(parts, 1).float()
+        return np.hstack(parts).astype(np.float32)
 
     def _measure(self) -> None:
         """The activations on all instants in double precision, and their sums."""
-        self._active, self._active_rate = self._activations()
+        self._active, self._active_rate = self._descent.doubled()(self._static.value)
         self._sums = self._static.with_hidden(self._active, self._active_rate)
 
-    @torch.no_grad()
-    def _activations(self) -> tuple[Tensor, Tensor]:
-        static = self._static
-        return self._descent.doubled().of_fourier(static.value, static.derivative)
-
-    def _surrogate(self) -> tuple[Tensor, Tensor]:
+    def _surrogate(self) -> tuple[FloatArray, FloatArray]:
         size, weights = self._features.size, self._weights
         outputs, rates = self._static.outputs(weights[:size])
-        outputs += self._active @ weights[size:]
-        rates += self._active_rate @ weights[size:]
-        return outputs, rates
+        return outputs + self._active @ weights[size:], rates + self._active_rate @ weights[size:]
 
     def outputs(self) -> FloatArray:
         """(N, 2M+1) the present surrogate on all instants."""
-        return self._surrogate()[0].numpy()
+        return self._surrogate()[0]
 
     def learned(self) -> Learned:
         """The surrogate, the parameters, and what training the hidden layers brought."""
         now, start = self.progress, self._start_loss
-        arrays = state_of(self._descent.hidden, "hidden.")
-        arrays["output.weight"] = self._weights.numpy()
+        arrays = self._descent.hidden.state()
+        arrays["output.weight"] = self._weights
         arrays["features.angular"] = self._features.angular
         loss = {"total": now.total, "data": now.data, "physics": now.physics}
         loss |= {"initial": now.initial, "start": start}
@@ -221,16 +216,16 @@ class FastTraining(Training):
             outputs=self.outputs(),
             solution=self._solution,
             loss=loss,
-            network_weights=count_weights(self._descent.hidden) + self._weights.numel(),
+            network_weights=self._descent.hidden.values.size + self._weights.size,
             arrays=arrays,
             findings=tuple(found),
         )
 
     def state(self) -> Checkpoint:
-        """Hidden layers, Adam's moments, output layer, parameters and the random generator."""
+        """Hidden layers, Adam's moments, output layer and parameters."""
         state = self._descent.state()
         state["theta"] = self._solution.theta
-        state["output.weight"] = self._weights.numpy()
+        state["output.weight"] = self._weights
         state["counters"] = np.array([self._starting, self._iteration, self._quiet_cycles])
         state["start_loss"] = np.array(self._start_loss)
         state["phase"] = np.array(self.progress.phase)
@@ -244,7 +239,7 @@ class FastTraining(Training):
         self._iteration, self._quiet_cycles = (int(v) for v in state["counters"][1:])
         self._start_loss = float(state["start_loss"])
         self._measure()
-        self._weights = torch.from_numpy(np.array(state["output.weight"], float))
+        self._weights = np.array(state["output.weight"], float)
         if self._iteration:
             solution = solve_parameters(self._sums, self._weights, self.case)
             self._solution = replace(solution, theta=self._solution.theta)
@@ -255,67 +250,54 @@ class _StaticSums:
     """Sums of products of the input features, computed once; the hidden layers' join them."""
 
     def __init__(
-        self, time: FloatArray, measured: Tensor, mask: Tensor | None, features: FourierFeatures
+        self, time: FloatArray, measured: FloatArray, mask: Mask | None, features: FourierFeatures
     ) -> None:
-        self.value, factors = torch.from_numpy(features(time)), torch.from_numpy(features.factors)
-        self.value_single = self.value.float()
-        self.derivative = Derivative(factors)
-        self.derivative_single = Derivative(factors.float())
-        self.measured = measured
+        self.value, self._features, self._measured = features(time), features, measured
+        self.value_single = self.value.astype(np.float32)
         self._count = len(self.value)
         self._mask = mask
         self._gram = self.value.T @ self.value / self._count
-        self._data = self.value.T @ self.measured / self._count
+        self._data = self.value.T @ measured / self._count
 
-    def outputs(self, weights: Tensor) -> tuple[Tensor, Tensor]:
+    def outputs(self, weights: FloatArray) -> tuple[FloatArray, FloatArray]:
         """(N, L) what an output layer (size, L) makes of the features alone, and its rate."""
-        both = self.value @ torch.cat([weights, self.derivative.times(weights)], 1)
-        outputs, rates = both.split(weights.shape[1], 1)
+        both = self.value @ np.hstack([weights, self._features.times(weights)])
+        outputs, rates = np.hsplit(both, 2)
         return outputs, rates
 
-    def with_hidden(self, active: Tensor, active_rate: Tensor) -> NormalEquations:
+    def with_hidden(self, active: FloatArray, active_rate: FloatArray) -> NormalEquations:
         """The sums for Φ = [φ, h] from the activations h (N, H) and their rates."""
-        turned, width = self.derivative.transposed, active.shape[1]
-        both = torch.cat([active, active_rate], 1)
+        turned, width = self._features.transposed, active.shape[1]
+        both = np.hstack([active, active_rate])
         cross = self.value.T @ both / self._count
         inner = both.T @ both / self._count
         cross_value, cross_rate = cross[:, :width], cross[:, width:]
 
-        def join(top: Tensor, right: Tensor, left: Tensor, corner: Tensor) -> Tensor:
-            return torch.cat([torch.cat([top, right], 1), torch.cat([left, corner], 1)], 0)
-
-        value_value = join(self._gram, cross_value, cross_value.T, inner[:width, :width])
-        value_value += (
-            RIDGE
-            * value_value.trace()
-            / len(value_value)
-            * torch.eye(len(value_value), dtype=value_value.dtype)
-        )
+        value_value = np.block([[self._gram, cross_value], [cross_value.T, inner[:width, :width]]])
+        value_value += RIDGE * value_value.trace() / len(value_value) * np.eye(len(value_value))
         turned_rate = turned(cross_rate)
-        rate_value = join(
-            turned(self._gram), turned(cross_value), cross_rate.T, inner[width:, :width]
+        rate_value = np.block(
+            [[turned(self._gram), turned(cross_value)], [cross_rate.T, inner[width:, :width]]]
         )
-        rate_rate = join(
-            turned(turned(self._gram).T), turned_rate, turned_rate.T, inner[width:, width:]
-        )
+        twice = turned(turned(self._gram).T)
+        rate_rate = np.block([[twice, turned_rate], [turned_rate.T, inner[width:, width:]]])
         return NormalEquations(
             value_value=value_value,
             rate_value=rate_value,
             rate_rate=rate_rate,
-            value_data=torch.cat([self._data, active.T @ self.measured / self._count], 0),
-            first=torch.cat([self.value[0], active[0]]),
-            first_data=self.measured[0],
+            value_data=np.vstack([self._data, active.T @ self._measured / self._count]),
+            first=np.concatenate([self.value[0], active[0]]),
+            first_data=self._measured[0],
             masked=self._masked(active, active_rate),
         )
 
-    def _masked(self, active: Tensor, active_rate: Tensor) -> tuple[GramMatrices, ...]:
+    def _masked(self, active: FloatArray, active_rate: FloatArray) -> tuple[GramMatrices, ...]:
         """Sums over the instants of each follower that count; empty where all do."""
         if self._mask is None:
             return ()
-        value = torch.cat([self.value, active], 1)
-        rate = torch.cat([self.derivative.of(self.value), active_rate], 1)
-        rows = [column.nonzero()[:, 0] for column in self._mask.T]
-        return tuple(GramMatrices.of(value[at], rate[at], self._count) for at in rows)
+        value = np.hstack([self.value, active])
+        rate = np.hstack([self._features.derivative(self.value), active_rate])
+        return tuple(GramMatrices.of(value[at], rate[at], self._count) for at in self._mask.T)
 
 
 def _largest_move(now: Parameters, before: Parameters) -> float:

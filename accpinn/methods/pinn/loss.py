@@ -9,14 +9,13 @@ At masked instants the term with Q₂ is zero; |T| counts all instants.
 
 Source: Apostolakis and Ampountolas 2024, section V.B, extended there from M = 1; the leader's
 term stands inside the same average, which reproduces the paper's Tables II and III.
+
+The formulas serve numpy's arrays and, for the preset `paper`, torch's tensors alike.
 """
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from typing import NamedTuple
-
-import torch
-from torch import Tensor
+from typing import TYPE_CHECKING, Any, Generic, NamedTuple, TypeVar
 
 from accpinn.methods.fit import Checkpoint, MethodFinding, Outcome, Progress
 from accpinn.methods.pinn.config import PinnConfig
@@ -26,33 +25,38 @@ from accpinn.model.cthp import Case, Parameters
 from accpinn.segment.segment import Segment
 from accpinn.units import FloatArray
 
+if TYPE_CHECKING:
+    from torch import Tensor
+
+Array = TypeVar("Array", FloatArray, "Tensor")
+
 
 @dataclass(frozen=True)
 class LossTerms:
-    """The three terms of Ψ, weighted."""
+    """The three terms of Ψ, weighted: numbers, or tensors of one."""
 
-    data: Tensor
-    physics: Tensor
-    initial: Tensor
+    data: Any
+    physics: Any
+    initial: Any
 
     @property
-    def total(self) -> Tensor:
+    def total(self) -> Any:
         """Ψ."""
         return self.data + self.physics + self.initial
 
     def values(self) -> dict[str, float]:
         """Ψ and its terms by name."""
         names = ("total", "data", "physics", "initial")
-        return {name: float(getattr(self, name).detach()) for name in names}
+        return {name: float(getattr(self, name)) for name in names}
 
 
 def loss_terms(
-    outputs: Tensor,
-    rates: Tensor,
-    measured: Tensor,
-    theta: Tensor,
+    outputs: Array,
+    rates: Array,
+    measured: Array,
+    theta: Array,
     config: PinnConfig,
-    mask: Tensor | None = None,
+    mask: Array | None = None,
 ) -> LossTerms:
     """Ψ of a surrogate; the first row must be the first instant where Ψ_R is used.
 
@@ -71,30 +75,26 @@ def loss_terms(
     scale = 1.0 / (count * followers)
     physics = scale * (q_gap * _square(found.gap_rate) + q_speed * _square(found.speed_rate))
     data = scale * (s_gap * _square(found.gap) + s_speed * _square(found.speed))
-    if config.weight_initial:
-        at_start = _square(found.gap[0]) + _square(found.speed[0, 1:])
-        initial = config.weight_initial / followers * at_start
-    else:
-        initial = torch.zeros_like(data)
-    return LossTerms(data, physics, initial)
+    at_start = _square(found.gap[0]) + _square(found.speed[0, 1:])
+    return LossTerms(data, physics, config.weight_initial / followers * at_start)
 
 
-class Residuals(NamedTuple):
+class Residuals(NamedTuple, Generic[Array]):
     """What Ψ squares; linear in outputs, rates and data together."""
 
-    gap_rate: Tensor
+    gap_rate: Array
     """(N, M) of dp/dt, in m/s."""
-    speed_rate: Tensor
+    speed_rate: Array
     """(N, M) of dv/dt, in m/s²."""
-    gap: Tensor
+    gap: Array
     """(N, M) in m."""
-    speed: Tensor
+    speed: Array
     """(N, M+1) in m/s."""
 
 
 def residuals(
-    outputs: Tensor, rates: Tensor, measured: Tensor, theta: Tensor, mask: Tensor | None = None
-) -> Residuals:
+    outputs: Array, rates: Array, measured: Array, theta: Array, mask: Array | None = None
+) -> Residuals[Array]:
     """The residuals of a surrogate; arguments as of `loss_terms`."""
     speed_columns, gap_columns = output_columns(theta.shape[0])
     speeds, gaps = outputs[:, speed_columns], outputs[:, gap_columns]
@@ -115,7 +115,7 @@ def residuals(
     )
 
 
-def _square(values: Tensor) -> Tensor:
+def _square(values: Any) -> Any:
     return (values * values).sum()
 
 
@@ -143,13 +143,12 @@ class Training(ABC):
     """None while there is more to do."""
 
     def __init__(self, segment: Segment, case: Case, config: PinnConfig) -> None:
-        """The data as tensors; M followers, N instants."""
+        """The data as arrays; M followers, N instants."""
         self.segment, self.case, self.config = segment, case, config
         self.followers = segment.followers
         self.planned = config.iterations + config.lbfgs_iterations
-        self.measured = torch.from_numpy(stack_outputs(segment.speeds, segment.gaps))
-        mask = segment.mask
-        self.mask = None if mask is None else torch.from_numpy(mask.astype(float))
+        self.measured = stack_outputs(segment.speeds, segment.gaps)
+        self.mask = None if segment.mask is None else segment.mask.astype(float)
 
     @abstractmethod
     def begin_from(self, warm: WarmStart) -> None:
@@ -178,11 +177,6 @@ class Training(ABC):
     @abstractmethod
     def learned(self) -> Learned:
         """The present surrogate and parameters."""
-
-    def evaluate(self, outputs: Tensor, rates: Tensor, theta: FloatArray) -> LossTerms:
-        """Ψ over all instants of outputs and rates (N, 2M+1) with θ (M, 3)."""
-        fixed = torch.tensor(theta)
-        return loss_terms(outputs, rates, self.measured, fixed, self.config, self.mask)
 
     def _look(
         self,

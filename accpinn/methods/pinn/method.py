@@ -1,19 +1,10 @@
-"""The PiNN as a method of the registry, and all that is known of a training before torch loads.
+"""The PiNN as a method of the registry, and all that is known of a training before it begins.
 
 A training's request (data, settings, method's version, start) has a content address, under which
 the store keeps its result and its checkpoint; a warm start gives it another fit's weights to begin
 with; and a window that would need more memory than a server can spare is refused.
 
-The surrogate is here in numpy: its input features, the order of its outputs, and its curves, drawn
-again from a fit's weights. The presets `fast` and `calibrated` see time t in a window of duration T
-through Fourier features,
-
-    φ(t) = (1, s, sin ω_1 t, cos ω_1 t, ..., sin ω_n t, cos ω_n t),   s = 2t/T - 1 in [-1, 1],
-    ω_j = 2π j / 1.1 T: whole cycles of a period that is longer than the window, up to the highest
-    frequency. Half cycles per window would be twice as many features for the same motions.
-
-The derivative is linear in the features themselves, dφ/dt = φ S, so the derivative's Gram matrices
-need no further sums over the data.
+The surrogate's curves are drawn again from a fit's weights.
 """
 
 import hashlib
@@ -38,6 +29,7 @@ from accpinn.methods.pinn.config import (
     PinnConfig,
     PresetName,
 )
+from accpinn.methods.pinn.network import HIDDEN_FREQUENCY, STRETCH, FourierFeatures
 from accpinn.methods.store import Store
 from accpinn.model.cthp import Case, Parameters, Trajectories
 from accpinn.segment.segment import Segment
@@ -50,8 +42,6 @@ TYPICAL: dict[PresetName, tuple[Seconds, float, int]] = {
 }
 """Of a training on 300 s of one follower, the share of it that each further one adds, and for how
 many iterations at most; see docs/validation.md."""
-STRETCH = 1.1
-"""Period of the features, in windows: motions at its ends need not be alike."""
 MOST_FEATURES = 20_000
 """`redraw` refuses more; a window of a day has fewer."""
 MOST_BYTES = 1.4e9
@@ -183,7 +173,7 @@ def require_memory(segment: Segment, config: PinnConfig) -> None:
         longest = (sqrt(MOST_BYTES / each) - _OTHER_FEATURES) / rate
     else:
         each = _PER_FEATURE if segment.mask is None else _PER_FEATURE_MASKED
-        features = FourierFeatures(segment.window.duration, config.highest_frequency).size
+        features = FourierFeatures.up_to(config.highest_frequency, segment.window.duration).size
         needed = each * segment.samples * features
         # Instants and features both grow with the window.
         longest = sqrt(MOST_BYTES * step / (each * rate))
@@ -194,49 +184,6 @@ def require_memory(segment: Segment, config: PinnConfig) -> None:
             f" {needed / 1e9:,.1f} GB of memory to train on; take at most"
             f" {0.98 * longest // 10 * 10:,.0f} s{other}."
         )
-
-
-class FourierFeatures:
-    """The features of a window of ``duration`` seconds up to ``highest_frequency`` hertz."""
-
-    def __init__(self, duration: Seconds, highest_frequency: float) -> None:
-        """At least four frequencies, however short the window."""
-        period = STRETCH * duration
-        count = max(4, round(period * highest_frequency))
-        self.duration = duration
-        self.angular: FloatArray = np.arange(1, count + 1, dtype=np.float64) * (2 * np.pi / period)
-        """(n,) in rad/s."""
-        self.size = 2 + 2 * count
-
-    def __call__(self, time: FloatArray) -> FloatArray:
-        """(N,) seconds to (N, size) features."""
-        phase = np.outer(time, self.angular)
-        features = np.empty((len(time), self.size))
-        features[:, 0] = 1.0
-        features[:, 1] = 2 * time / self.duration - 1
-        features[:, 2::2] = np.sin(phase)
-        features[:, 3::2] = np.cos(phase)
-        return features
-
-    @property
-    def factors(self) -> FloatArray:
-        """(size,) numbers c with dφ_k/dt = c_j φ_j for each feature k and the other, j, of a pair.
-
-        Pairs are constant and slope, then the sine and cosine of each frequency.
-        """
-        found = np.zeros(self.size)
-        found[0] = 2 / self.duration
-        found[2::2], found[3::2] = -self.angular, self.angular
-        return found
-
-
-HIDDEN_FREQUENCY = 0.1
-"""In Hz, of the features that the `calibrated` preset's hidden layers see."""
-
-
-def hidden_inputs(features: FourierFeatures) -> int:
-    """How many of them, after the constant, the `calibrated` preset's hidden layers see."""
-    return 1 + 2 * max(4, int((features.angular <= 2 * np.pi * HIDDEN_FREQUENCY).sum()))
 
 
 def output_columns(followers: int) -> tuple[list[int], list[int]]:
@@ -281,15 +228,15 @@ def _fourier(fit: Fit, time: FloatArray, duration: Seconds, config: PinnConfig) 
     """[φ, h(φ)] W; see `pinn.fast` and `pinn.calibrated`."""
     if 2 * duration * config.highest_frequency > MOST_FEATURES:
         raise ValueError(duration)
-    of = FourierFeatures(duration, config.highest_frequency)
-    inputs = hidden_inputs(of) if config.preset == "calibrated" else of.size - 1
+    of = FourierFeatures.up_to(config.highest_frequency, duration)
+    seen = of.below(HIDDEN_FREQUENCY) if config.preset == "calibrated" else of
     features = of(time)
-    active = _hidden(fit, features[:, 1 : 1 + inputs], "hidden.layers")
+    active = _hidden(fit, features[:, 1 : seen.size], "hidden.layers")
     return np.asarray(np.hstack([features, active]) @ fit.arrays["output.weight"])
 
 
 def _paper(fit: Fit, time: FloatArray) -> FloatArray:
-    """See `pinn.network.PaperNetwork`."""
+    """See `pinn.paper.PaperNetwork`."""
     active = _hidden(fit, time[:, None], "network.hidden.layers")
     return _linear(fit, active, "network.output")
 
@@ -317,7 +264,7 @@ def _duration(segment: Segment, settings: PinnConfig | None) -> Seconds:
 
 
 def _run(segment: Segment, case: Case, settings: PinnConfig | None, context: TaskContext) -> Run:
-    from accpinn.methods.pinn.training import training  # torch takes a second to import
+    from accpinn.methods.pinn.training import training  # which stands on this module
 
     return training(
         segment,

@@ -2,21 +2,33 @@
 
 Raw time in seconds goes in, the full training set is used in every iteration, all in double
 precision; network weights and (α, β, τ) are learned together by Adam, then, if asked for, by
-L-BFGS. The time derivative is the exact tangent of `network`, not nested differentiation: the
-mathematics is the same, an iteration costs less.
+L-BFGS. The time derivative is the exact tangent, not nested differentiation: the mathematics is
+the same, an iteration costs less.
+
+Time goes through tanh layers; its derivative of one goes along,
+
+    h = tanh z,   dh/dt = (1 - h²) · dz/dt,   z = W h + b of the layer before.
 
 After each iteration α, β and τ are clipped at zero, the rational driving constraints.
+
+This is the only module that needs PyTorch, which takes seconds to be imported.
 """
+
+from collections.abc import Mapping, Sequence
+from itertools import pairwise
+from typing import Any
 
 import numpy as np
 import torch
-from torch import Tensor
+from numpy.typing import NDArray
+from torch import Tensor, nn
+from torch.nn.utils import parameters_to_vector
 
 from accpinn.methods.fit import Checkpoint, HoldoutLoss, Outcome
 from accpinn.methods.pinn.config import PinnConfig
 from accpinn.methods.pinn.loss import Learned, LossTerms, Training, loss_terms
 from accpinn.methods.pinn.method import WarmStart, output_columns
-from accpinn.methods.pinn.network import Adam, PaperNetwork, count_weights, load_state, state_of
+from accpinn.methods.pinn.network import Adam
 from accpinn.methods.regression import Regression, Solution
 from accpinn.model.cthp import Case, Parameters
 from accpinn.segment.segment import Segment
@@ -24,6 +36,58 @@ from accpinn.units import FloatArray, Mask
 
 CHUNK = 5
 """Iterations per `advance`: some tens of milliseconds, so that a stop is felt at once."""
+
+
+class PaperNetwork(nn.Module):
+    """The paper's network 1-60-60-60-(2M+1): 7,623 weights for M = 1 and 7,989 for M = 4."""
+
+    def __init__(self, followers: int, hidden: Sequence[int], seed: int) -> None:
+        """Xavier-uniform weights and zero biases, in double precision."""
+        super().__init__()
+        generator = torch.Generator().manual_seed(seed)
+        self._layers = [_layer(*sizes, generator) for sizes in pairwise((1, *hidden))]
+        # Nested, as snapshots name the weights so.
+        self.hidden = nn.ModuleDict({"layers": nn.ModuleList(self._layers)})
+        generator = torch.Generator().manual_seed(seed + 1)
+        self.output = _layer(hidden[-1], 2 * followers + 1, generator)
+
+    def forward(self, time: Tensor) -> tuple[Tensor, Tensor]:
+        """(N,) seconds to (N, 2M+1) outputs, in the order of `output_columns`, and their rates."""
+        value = time[:, None]
+        rate = torch.ones_like(value)
+        for layer in self._layers:
+            value, through = torch.tanh(layer(value)), rate @ layer.weight.T
+            rate = (1 - value * value) * through
+        return self.output(value), rate @ self.output.weight.T
+
+    @property
+    def size(self) -> int:
+        """How many numbers it learns."""
+        return sum(parameter.numel() for parameter in self.parameters())
+
+    def state(self) -> dict[str, NDArray[Any]]:
+        """The weights by name."""
+        return {f"network.{name}": value.numpy() for name, value in self.state_dict().items()}
+
+    def load(self, state: Mapping[str, NDArray[Any]]) -> None:
+        """Take the weights that `state` gave.
+
+        Raises:
+            ValueError: when they are another network's.
+        """
+        own = self.state()
+        given = {name: state[name] for name in state if name.startswith("network.")}
+        if {n: v.shape for n, v in given.items()} != {n: v.shape for n, v in own.items()}:
+            raise ValueError("the weights are another network's")
+        for name, values in own.items():  # they share the network's memory
+            values[:] = given[name]
+
+
+def _layer(inputs: int, outputs: int, generator: torch.Generator) -> nn.Linear:
+    layer = nn.Linear(inputs, outputs, dtype=torch.float64)
+    nn.init.xavier_uniform_(layer.weight, generator=generator)
+    nn.init.zeros_(layer.bias)
+    return layer
 
 
 class PaperTraining(Training):
@@ -37,20 +101,18 @@ class PaperTraining(Training):
         initial = np.tile(config.initial.values, (sets, 1))
         self._parameters = torch.tensor(initial, requires_grad=True)  # (sets, 3) α, β, τ
         self._unknowns = [*self.network.parameters(), self._parameters]
-        self._adam = Adam(self._unknowns)
+        self._adam = Adam(_joined(self._unknowns))
         self._second_order: torch.optim.LBFGS | None = None
         self._test = _draw_test(segment.samples, config.test_share, config.seed)
         self._time = torch.tensor(segment.time)
-        train = torch.from_numpy(~self._test)
-        self._train_time, self._train_data = self._time[train], self.measured[train]
-        self._train_mask = None if self.mask is None else self.mask[train]
+        self._train = self._at(~self._test)
         self._iteration = 0
         self._note("Adam")
 
     def begin_from(self, warm: WarmStart) -> None:
         """Begin anew, from what an earlier training has learned."""
         initial = warm.initial(self.case, self.followers)
-        load_state(self.network, warm.arrays, "network.")
+        self.network.load(warm.arrays)
         with torch.no_grad():
             self._parameters.copy_(torch.tensor(initial.values))
         self._note("Adam")
@@ -78,7 +140,11 @@ class PaperTraining(Training):
         for _ in range(iterations):
             terms = self._loss()
             terms.total.backward()
-            self._adam.step(self.config.learning_rate)
+            slopes = [weight.grad for weight in self._unknowns if weight.grad is not None]
+            gradient = parameters_to_vector(slopes).numpy()
+            self._adam.step(gradient, self.config.learning_rate)
+            for weight in self._unknowns:
+                weight.grad = None
             self._clip()
         self._iteration += iterations
         return terms
@@ -92,7 +158,7 @@ class PaperTraining(Training):
 
         def closure() -> Tensor:
             optimiser.zero_grad()
-            total = self._loss().total
+            total: Tensor = self._loss().total
             total.backward()
             return total
 
@@ -110,8 +176,8 @@ class PaperTraining(Training):
         return torch.stack([alpha, alpha * tau, beta], 1)
 
     def _loss(self) -> LossTerms:
-        outputs, rates = self.network(self._train_time)
-        data, mask = self._train_data, self._train_mask
+        time, data, mask = self._train
+        outputs, rates = self.network(time)
         return loss_terms(outputs, rates, data, self._theta(), self.config, mask)
 
     @torch.no_grad()
@@ -125,7 +191,7 @@ class PaperTraining(Training):
         """The surrogate on all instants, the parameters, and the losses on both parts."""
         outputs, rates = self.network(self._time)
         loss = self._loss_at(~self._test, outputs, rates).values()
-        arrays = state_of(self.network, "network.")
+        arrays = self.network.state()
         findings: tuple[HoldoutLoss, ...] = ()
         if self._test.any():
             arrays["test"] = self._test.astype(float)
@@ -137,16 +203,19 @@ class PaperTraining(Training):
             outputs=outputs.numpy(),
             solution=self._solution(outputs.numpy(), rates.numpy()),
             loss=loss,
-            network_weights=count_weights(self.network),
+            network_weights=self.network.size,
             arrays=arrays,
             findings=findings,
         )
 
     def _loss_at(self, instants: Mask, outputs: Tensor, rates: Tensor) -> LossTerms:
-        rows = torch.from_numpy(instants)
-        mask = None if self.mask is None else self.mask[rows]
-        parts = outputs[rows], rates[rows], self.measured[rows]
-        return loss_terms(*parts, self._theta(), self.config, mask)
+        rows, (_, data, mask) = torch.from_numpy(instants), self._at(instants)
+        return loss_terms(outputs[rows], rates[rows], data, self._theta(), self.config, mask)
+
+    def _at(self, instants: Mask) -> tuple[Tensor, Tensor, Tensor | None]:
+        """Time, data and mask at some instants."""
+        mask = None if self.mask is None else torch.from_numpy(self.mask[instants])
+        return self._time[instants], torch.from_numpy(self.measured[instants]), mask
 
     def _solution(self, outputs: FloatArray, rates: FloatArray) -> Solution:
         """The learned parameters; where one was clipped, least squares on the surrogate beside."""
@@ -161,19 +230,28 @@ class PaperTraining(Training):
 
     def state(self) -> Checkpoint:
         """Network, parameters and Adam's moments; L-BFGS begins its curvature anew."""
-        state = state_of(self.network, "network.") | self._adam.state()
+        state = self.network.state() | self._adam.state()
         state["table"] = self._parameters.detach().numpy()
         state["iteration"] = np.array(self._iteration)
         return state
 
     def restore(self, state: Checkpoint) -> None:
         """Go on from ``state``."""
-        load_state(self.network, state, "network.")
+        self.network.load(state)
         with torch.no_grad():
             self._parameters.copy_(torch.from_numpy(np.array(state["table"])))
         self._adam.restore(state)
         self._iteration = int(state["iteration"])
         self._note("Adam" if self._iteration <= self.config.iterations else "L-BFGS")
+
+
+def _joined(weights: Sequence[Tensor]) -> NDArray[np.float64]:
+    """All numbers of some tensors in a row, of which they become parts."""
+    values = parameters_to_vector(weights).detach()
+    parts = values.split([weight.numel() for weight in weights])
+    for weight, part in zip(weights, parts, strict=True):
+        weight.data = part.view_as(weight)
+    return np.asarray(values)
 
 
 def _draw_test(count: int, share: float, seed: int) -> Mask:

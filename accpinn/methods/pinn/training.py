@@ -6,12 +6,14 @@ that was stopped, or whose process died, goes on from its last checkpoint.
 
 import os
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 
 import numpy as np
-import torch
+from threadpoolctl import threadpool_limits
 
-from accpinn.errors import ConfigError
+from accpinn.errors import AccpinnError, ConfigError
 from accpinn.methods.fit import (
     CacheProblem,
     Continued,
@@ -25,17 +27,16 @@ from accpinn.methods.fit import (
     StartedFrom,
 )
 from accpinn.methods.pinn.calibrated import CalibratedTraining
-from accpinn.methods.pinn.config import FAST, PinnConfig
+from accpinn.methods.pinn.config import FAST, PinnConfig, PresetName
 from accpinn.methods.pinn.fast import FastTraining
 from accpinn.methods.pinn.loss import Training
 from accpinn.methods.pinn.method import (
-    FourierFeatures,
     WarmStart,
     output_columns,
     request_keys,
     require_memory,
 )
-from accpinn.methods.pinn.paper import PaperTraining
+from accpinn.methods.pinn.network import FourierFeatures
 from accpinn.methods.store import Store
 from accpinn.model.cthp import Case, Trajectories
 from accpinn.segment.segment import Segment
@@ -52,12 +53,6 @@ CURVE_EVERY = 1.0
 """Seconds between two moments that carry the surrogate's curves, which cost an evaluation."""
 CHECKPOINT_EVERY = 5.0
 """Seconds between checkpoints: what a killed process can lose."""
-
-TRAININGS: dict[str, type[Training]] = {
-    "fast": FastTraining,
-    "calibrated": CalibratedTraining,
-    "paper": PaperTraining,
-}
 
 
 def training(
@@ -80,7 +75,7 @@ def training(
         config: preset and settings.
         store: where results and checkpoints are kept; None keeps nothing.
         should_stop: asked several times a second; True ends with `Outcome.STOPPED`.
-        threads: processor threads for torch; by default `DEFAULT_THREADS`, and one more for `fast`
+        threads: processor threads; by default `DEFAULT_THREADS`, and one more for `fast`
             on a long window.
         warm: an earlier fit's weights and parameters to begin with, in place of random weights and
             the initial values.
@@ -95,23 +90,54 @@ def training(
         ConfigError: when ``warm`` is another network's, or ``threads`` no sensible number.
         SegmentError: when the segment is too long to be trained on.
     """
-    before = torch.get_num_threads()
-    torch.set_num_threads(_default(segment, config) if threads is None else _allowed(threads))
-    try:
+    count = _default(segment, config) if threads is None else _allowed(threads)
+    with _limited(count, config.preset):
         return (yield from _train(segment, case, config, warm, store, should_stop))
-    finally:
-        torch.set_num_threads(before)
+
+
+@contextmanager
+def _limited(threads: int, preset: PresetName) -> Iterator[None]:
+    """So many threads for linear algebra, and for torch where the preset needs it."""
+    with threadpool_limits(threads, user_api="blas"):
+        if preset != "paper":
+            yield
+            return
+        _paper_training()
+        import torch
+
+        before = torch.get_num_threads()
+        torch.set_num_threads(threads)
+        try:
+            yield
+        finally:
+            torch.set_num_threads(before)
+
+
+def _paper_training() -> type[Training]:
+    """The one training that needs PyTorch, which takes seconds to be imported.
+
+    Raises:
+        AccpinnError: where PyTorch cannot be loaded.
+    """
+    try:
+        from accpinn.methods.pinn.paper import PaperTraining
+    except (ImportError, OSError) as fault:  # the latter for a library of another system
+        raise AccpinnError(
+            f"PyTorch, which the preset paper needs, cannot be loaded ({str(fault)[:80]}); install"
+            " the packages of requirements.txt again, or choose another preset."
+        ) from fault
+    return PaperTraining
 
 
 def _default(segment: Segment, config: PinnConfig) -> int:
-    """How many threads torch gets where nobody chose."""
-    features = FourierFeatures(segment.window.duration, config.highest_frequency).size
+    """How many threads a training gets where nobody chose."""
+    features = FourierFeatures.up_to(config.highest_frequency, segment.window.duration).size
     is_large = config.preset == "fast" and segment.samples * features > LARGE
     return min(DEFAULT_THREADS + is_large, os.cpu_count() or 1)
 
 
 def _allowed(threads: int) -> int:
-    """How many threads torch gets; thousands would exhaust the system."""
+    """How many threads a training gets; thousands would exhaust the system."""
     if type(threads) is not int or not 1 <= threads <= MOST_THREADS:
         raise ConfigError(
             f"threads: {str(threads)[:20]} is not allowed; choose 1 to {MOST_THREADS}."
@@ -217,7 +243,12 @@ def _train(
 
 def _begin(segment: Segment, case: Case, config: PinnConfig, warm: WarmStart | None) -> Training:
     """A training at its beginning."""
-    training = TRAININGS[config.preset](segment, case, config)
+    kinds: dict[PresetName, type[Training]] = {
+        "fast": FastTraining,
+        "calibrated": CalibratedTraining,
+    }
+    kind = kinds.get(config.preset) or _paper_training()
+    training = kind(segment, case, config)
     if warm:
         try:
             training.begin_from(warm)

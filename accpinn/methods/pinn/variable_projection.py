@@ -16,8 +16,7 @@ from dataclasses import dataclass
 from typing import Self
 
 import numpy as np
-import torch
-from torch import Tensor
+from scipy.linalg import cho_solve, cholesky, solve_triangular
 
 from accpinn.methods.pinn.config import PinnConfig
 from accpinn.methods.pinn.method import output_columns
@@ -33,15 +32,15 @@ RIDGE = 1e-10
 class GramMatrices:
     """Sums over some instants of products of activations Φ and their rates Φ', divided by N."""
 
-    value_value: Tensor
+    value_value: FloatArray
     """(K, K) ΦᵀΦ/N."""
-    rate_value: Tensor
+    rate_value: FloatArray
     """(K, K) Φ'ᵀΦ/N."""
-    rate_rate: Tensor
+    rate_rate: FloatArray
     """(K, K) Φ'ᵀΦ'/N."""
 
     @classmethod
-    def of(cls, value: Tensor, rate: Tensor, count: int) -> Self:
+    def of(cls, value: FloatArray, rate: FloatArray, count: int) -> Self:
         """Of Φ and Φ' at some of the N = ``count`` instants."""
         return cls(value.T @ value / count, rate.T @ value / count, rate.T @ rate / count)
 
@@ -50,11 +49,11 @@ class GramMatrices:
 class NormalEquations(GramMatrices):
     """The same over all instants, with a ridge on ΦᵀΦ, and products with the data Y."""
 
-    value_data: Tensor
+    value_data: FloatArray
     """(K, 2M+1) ΦᵀY/N."""
-    first: Tensor
+    first: FloatArray
     """(K,) Φ at the first instant, for Ψ_R."""
-    first_data: Tensor
+    first_data: FloatArray
     """(2M+1,) the data at the first instant."""
     masked: tuple[GramMatrices, ...] = ()
     """(M,) over the instants at which a follower's dv/dt counts; empty where all do."""
@@ -64,13 +63,13 @@ class NormalEquations(GramMatrices):
         return self.masked[follower] if self.masked else self
 
 
-def solve_output(sums: NormalEquations, theta: FloatArray, config: PinnConfig) -> Tensor:
+def solve_output(sums: NormalEquations, theta: FloatArray, config: PinnConfig) -> FloatArray:
     """The output layer W (K, 2M+1) that minimises Ψ for the parameters θ (M, 3)."""
     size, followers = len(sums.value_value), len(theta)
     speed_columns, gap_columns = output_columns(followers)
     (s_gap, s_speed), restart = config.weight_data, config.weight_initial
-    at_first = restart * torch.outer(sums.first, sums.first)
-    target = sums.value_data.clone()
+    at_first = restart * np.outer(sums.first, sums.first)
+    target = sums.value_data.copy()
     target[:, gap_columns] *= s_gap
     target[:, speed_columns] *= s_speed
     for column in (*gap_columns, *speed_columns[1:]):
@@ -91,17 +90,17 @@ def solve_output(sums: NormalEquations, theta: FloatArray, config: PinnConfig) -
 class Link:
     """A follower's part of the normal matrix; see the module's head."""
 
-    own: Tensor
+    own: FloatArray
     """(2K, 2K) B."""
-    coupling: Tensor
+    coupling: FloatArray
     """(2K, K) C."""
-    ahead: Tensor
+    ahead: FloatArray
     """(K, K) what it adds on the speed ahead."""
-    right: Tensor
+    right: FloatArray
     """(2K,) r."""
 
 
-def solve_chain(links: Sequence[Link], leader: Tensor, leader_right: Tensor) -> Tensor:
+def solve_chain(links: Sequence[Link], leader: FloatArray, leader_right: FloatArray) -> FloatArray:
     """The weights (K, 2M+1) of a platoon; the last follower is eliminated first.
 
     Args:
@@ -111,37 +110,36 @@ def solve_chain(links: Sequence[Link], leader: Tensor, leader_right: Tensor) -> 
     """
     size, followers = len(leader), len(links)
     speed_columns, gap_columns = output_columns(followers)
-    from_behind: tuple[Tensor, Tensor] | None = None
-    eliminated: list[tuple[Tensor, Tensor, Tensor]] = []
+    from_behind: tuple[FloatArray, FloatArray] | None = None
+    eliminated: list[tuple[FloatArray, FloatArray, FloatArray]] = []
     for link in reversed(links):
         own, right = link.own, link.right
         if from_behind is not None:
             own[:size, :size] += from_behind[0]
             right[:size] += from_behind[1]
-        factor = torch.linalg.cholesky(own)
-        half = torch.linalg.solve_triangular(
-            factor, torch.cat([link.coupling, right[:, None]], 1), upper=False
-        )
+        factor = cholesky(own, lower=True, check_finite=False)
+        both = np.hstack([link.coupling, right[:, None]])
+        half = solve_triangular(factor, both, lower=True, check_finite=False)
         reach, half_right = half[:, :-1], half[:, -1]
         eliminated.append((factor, reach, half_right))
         from_behind = link.ahead - reach.T @ reach, -reach.T @ half_right
     assert from_behind is not None
 
-    factor = torch.linalg.cholesky(leader + from_behind[0])
+    factor = cholesky(leader + from_behind[0], lower=True, check_finite=False)
     right = leader_right + from_behind[1]
-    weights = torch.empty((size, 2 * followers + 1), dtype=leader.dtype)
-    weights[:, 0] = torch.cholesky_solve(right[:, None], factor)[:, 0]
+    weights = np.empty((size, 2 * followers + 1))
+    weights[:, 0] = cho_solve((factor, True), right, check_finite=False)
     for follower, (factor, reach, half_right) in enumerate(reversed(eliminated)):
         rest = half_right - reach @ weights[:, speed_columns[follower]]
-        both = torch.linalg.solve_triangular(factor.T, rest[:, None], upper=True)[:, 0]
-        weights[:, speed_columns[follower + 1]] = both[:size]
-        weights[:, gap_columns[follower]] = both[size:]
+        found = solve_triangular(factor, rest, trans=1, lower=True, check_finite=False)
+        weights[:, speed_columns[follower + 1]] = found[:size]
+        weights[:, gap_columns[follower]] = found[size:]
     return weights
 
 
 def _follower_blocks(
     sums: NormalEquations, dynamics: GramMatrices, theta: FloatArray, config: PinnConfig
-) -> tuple[Tensor, Tensor, Tensor]:
+) -> tuple[FloatArray, FloatArray, FloatArray]:
     """A follower's residuals squared: on itself (2K, 2K), to the speed ahead (2K, K), on it."""
     vv, rv, rr = sums.value_value, sums.rate_value, sums.rate_rate
     vv_dyn, rv_dyn, rr_dyn = dynamics.value_value, dynamics.rate_value, dynamics.rate_rate
@@ -154,19 +152,17 @@ def _follower_blocks(
     )
     gap_gap = q_gap * rr + q_speed * alpha**2 * vv_dyn
     gap_speed = q_gap * rv - q_speed * alpha * (rv_dyn.T + damping * vv_dyn)
-    own = torch.cat(
-        [torch.cat([speed_speed, gap_speed.T], 1), torch.cat([gap_speed, gap_gap], 1)], 0
-    )
+    own = np.block([[speed_speed, gap_speed.T], [gap_speed, gap_gap]])
     speed_ahead = -q_gap * vv - q_speed * beta * (rv_dyn + damping * vv_dyn)
     gap_ahead = -q_gap * rv + q_speed * alpha * beta * vv_dyn
-    coupling = torch.cat([speed_ahead, gap_ahead], 0)
+    coupling = np.vstack([speed_ahead, gap_ahead])
     ahead = (q_gap + q_speed * beta**2) * vv
     if dynamics is not sums:
         ahead = q_gap * vv + q_speed * beta**2 * vv_dyn
     return own, coupling, ahead
 
 
-def solve_parameters(sums: NormalEquations, weights: Tensor, case: Case) -> Solution:
+def solve_parameters(sums: NormalEquations, weights: FloatArray, case: Case) -> Solution:
     """The parameters that minimise Ψ for the output layer ``weights`` (K, 2M+1)."""
     followers = weights.shape[1] // 2
     speed_columns, gap_columns = output_columns(followers)
@@ -174,8 +170,8 @@ def solve_parameters(sums: NormalEquations, weights: Tensor, case: Case) -> Solu
     for follower in range(followers):
         own = weights[:, speed_columns[follower + 1]]
         relative = weights[:, speed_columns[follower]] - own
-        terms = torch.stack([weights[:, gap_columns[follower]], -own, relative], 1)
+        terms = np.stack([weights[:, gap_columns[follower]], -own, relative], axis=1)
         dynamics = sums.of_dynamics(follower)
-        grams.append((terms.T @ dynamics.value_value @ terms).numpy())
-        targets.append((terms.T @ (dynamics.rate_value.T @ own)).numpy())
+        grams.append(terms.T @ dynamics.value_value @ terms)
+        targets.append(terms.T @ (dynamics.rate_value.T @ own))
     return solve_platoon(np.stack(grams), np.stack(targets), case)

@@ -6,21 +6,22 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import torch
 
 from accpinn.errors import ConfigError
 from accpinn.evaluation.closed_loop import surrogate_errors
 from accpinn.methods.fit import Continued, Fit, HiddenLayersGain, Outcome, Progress
 from accpinn.methods.maximum_likelihood import fit as maximum_likelihood
 from accpinn.methods.pinn import training
+from accpinn.methods.pinn.calibrated import CalibratedTraining
 from accpinn.methods.pinn.config import CALIBRATED, PinnConfig, preset
-from accpinn.methods.pinn.evidence_output import FourierOrders, OutputLayer, activations
-from accpinn.methods.pinn.method import FourierFeatures, WarmStart, stack_outputs
-from accpinn.methods.pinn.network import HiddenLayers
+from accpinn.methods.pinn.evidence_output import OutputLayer
+from accpinn.methods.pinn.method import WarmStart, stack_outputs
+from accpinn.methods.pinn.network import FourierFeatures, HiddenLayers
 from accpinn.methods.registry import METHODS
 from accpinn.methods.store import Store
 from accpinn.model.cthp import Case
 from accpinn.segment.segment import Segment
+from accpinn.units import FloatArray
 from bench.coverage import SETS
 from bench.disturbed import Disturbance, disturbed
 from tests.methods.pinn.test_training import after, assert_same_result
@@ -164,41 +165,62 @@ class TestSettings:
 
 
 class TestOutputLayer:
-    def test_derivatives_of_the_hidden_layers_are_exact(self) -> None:
-        """Against differences, up to the third."""
-        fourier = FourierOrders(FourierFeatures(30.0, 0.2))
-        hidden = HiddenLayers(fourier.size - 1, CALIBRATED.hidden, 1, torch.float64)
-        step = 1e-3
-        with torch.no_grad():
-            orders = activations(hidden, fourier(np.array([7.0 - step, 7.0, 7.0 + step]))[:, :, 1:])
-        slopes = (orders[:3, 2] - orders[:3, 0]) / (2 * step)
-        np.testing.assert_allclose(slopes, orders[1:, 1], atol=1e-5)
-
     def test_weights_minimise_the_loss(self) -> None:
-        """Any other weights have a larger one, by autograd on the terms as they are written."""
+        """Any other weights have a larger one."""
         segment = platoon()
         values = np.tile([0.08, 0.12, 0.2, 0.25, 4.0, 0.5, 0.03, 0.05, 0.5], (2, 1))
         values[1, 0] = 0.05
-        fourier = FourierOrders(FourierFeatures(0.55 * SHORT, 0.3))
+        fourier = FourierFeatures.up_to(0.3, 0.55 * SHORT)
         measured = stack_outputs(segment.speeds, segment.gaps)
         layer = OutputLayer(measured, 5, segment.sample_time, None, fourier, values)
-        hidden = HiddenLayers(fourier.size - 1, CALIBRATED.hidden, 0, torch.float64)
-        with torch.no_grad():
-            active = activations(hidden, layer.grid_orders[:, :, 1:])
-            at_samples = activations(hidden, layer.sample_orders[:, :, 1:])
-            weights = layer.solve(active, at_samples)
+        hidden = HiddenLayers(fourier, CALIBRATED.hidden, 0, 3)
+        active, at_samples = hidden(layer.on_grid), hidden(layer.at_samples)[0]
+        best = layer.solve(active, at_samples)
 
-        def loss(weights: torch.Tensor) -> torch.Tensor:
-            orders = torch.cat([layer.grid_orders, active], 2) @ weights
-            outputs = torch.cat([layer.sample_orders[0], at_samples[0]], 1) @ weights
-            data, running = layer.terms(orders, outputs, layer.data, layer.weights, None)
-            return data + running + layer.first_terms(orders[:, 0])
+        def loss(weights: FloatArray) -> float:
+            orders = np.concatenate([layer.orders, active], axis=2) @ weights
+            outputs = np.hstack([layer.at_samples, at_samples]) @ weights
+            return sum(layer.terms(orders, outputs))
 
-        best = loss(weights)
         for seed in range(5):
-            generator = torch.Generator().manual_seed(seed)
-            away = torch.randn(weights.shape, generator=generator, dtype=torch.float64)
-            ahead, behind = (loss(weights + sign * 1e-3 * away) for sign in (1, -1))
-            rise = (ahead + behind) / 2 - best
+            away = 1e-3 * np.random.default_rng(seed).standard_normal(best.shape)
+            ahead, behind = loss(best + away), loss(best - away)
+            rise = (ahead + behind) / 2 - loss(best)
             assert rise > 0
             assert abs(ahead - behind) / 2 < 1e-3 * rise
+
+    @pytest.mark.parametrize("masked", [False, True])
+    def test_adams_gradient_is_that_of_the_loss(self, masked: bool) -> None:
+        """On average over minibatches."""
+        segment = platoon()
+        if masked:
+            mask = np.ones(segment.gaps.shape, bool)
+            mask[100:200, 0] = False
+            segment = replace(segment, mask=mask)
+        training = CalibratedTraining(segment, "II", CALIBRATED)
+        while training._layer is None:
+            training.advance()
+        layer, descent, found = training._layer, training._descent, list[FloatArray]()
+        # Away from the optimum of the output layer, where the gradient nearly vanishes.
+        away = np.random.default_rng(0).standard_normal(descent.hidden.values.size)
+        descent.hidden.values += 1e-3 * away.astype(np.float32)
+        descent.adam.step = lambda gradient, _: found.append(gradient)  # type: ignore[method-assign]
+        for training._iteration in range(30):
+            training._descend(20)
+        size, seen = training._fourier.size, training._seen
+
+        def loss(values: FloatArray) -> float:
+            hidden = descent.hidden.with_values(values)
+            active, at_samples = hidden(layer.on_grid[:, :seen]), hidden(layer.at_samples[:, :seen])
+            orders = layer.orders @ training._weights[:size] + active @ training._weights[size:]
+            outputs = layer.at_samples @ training._weights[:size]
+            data, physics, _ = layer.terms(
+                orders, outputs + at_samples[0] @ training._weights[size:]
+            )
+            return data + physics
+
+        values, gradients = descent.doubled().values, np.array(found, float)
+        for direction in np.random.default_rng(3).standard_normal((5, len(values))):
+            slope = (loss(values + 1e-6 * direction) - loss(values - 1e-6 * direction)) / 2e-6
+            drawn = gradients @ direction
+            assert drawn.mean() == pytest.approx(slope, abs=4 * drawn.std() / len(drawn) ** 0.5)

@@ -1,5 +1,8 @@
 """The loss Ψ against the formulas written out as loops."""
 
+from collections.abc import Callable
+from typing import Any
+
 import numpy as np
 import pytest
 import torch
@@ -39,42 +42,43 @@ def by_loops(drawn: list[np.ndarray], config: PinnConfig) -> tuple[float, float,
     return scale * data, scale * physics, config.weight_initial / followers * initial
 
 
-def evaluate(drawn: list[np.ndarray], config: PinnConfig) -> tuple[float, float, float, float]:
+def evaluate(
+    drawn: list[np.ndarray], config: PinnConfig, kind: Callable[[np.ndarray], Any]
+) -> tuple[float, float, float, float]:
     v, p, dv, dp, v_data, p_data, table = drawn
     alpha, beta, tau = table.T
-    tensors = [
-        torch.from_numpy(array)
-        for array in (
-            stack_outputs(v, p),
-            stack_outputs(dv, dp),
-            stack_outputs(v_data, p_data),
-            np.stack([alpha, alpha * tau, beta], 1),
-        )
-    ]
-    terms = loss_terms(*tensors, config)
+    outputs, rates, measured = (
+        stack_outputs(v, p),
+        stack_outputs(dv, dp),
+        stack_outputs(v_data, p_data),
+    )
+    arrays = outputs, rates, measured, np.stack([alpha, alpha * tau, beta], 1)
+    terms = loss_terms(*(kind(array) for array in arrays), config)
     return float(terms.data), float(terms.physics), float(terms.initial), float(terms.total)
 
 
+@pytest.mark.parametrize("kind", [np.asarray, torch.from_numpy], ids=["numpy", "torch"])
 @pytest.mark.parametrize("followers", [1, 2, 4])
 @pytest.mark.parametrize("config", [PinnConfig(), WEIGHTED], ids=["plain", "weighted"])
-def test_is_what_the_formulas_say(followers: int, config: PinnConfig) -> None:
+def test_is_what_the_formulas_say(
+    followers: int, config: PinnConfig, kind: Callable[[np.ndarray], Any]
+) -> None:
     drawn = draw(followers, seed=followers)
     expected = by_loops(drawn, config)
-    *terms, total = evaluate(drawn, config)
+    *terms, total = evaluate(drawn, config, kind)
     np.testing.assert_allclose(terms, expected, rtol=1e-12)
     assert total == pytest.approx(sum(expected), rel=1e-12)
 
 
 def test_a_masked_instant_has_no_residual_of_the_acceleration() -> None:
     v, p, dv, dp, *_, table = draw(2)
-    mask = torch.ones(p.shape)
+    mask = np.ones(p.shape)
     mask[3, 1] = 0.0
 
     def physics(rates: np.ndarray) -> float:
         alpha, beta, tau = table.T
-        theta = torch.from_numpy(np.stack([alpha, alpha * tau, beta], 1))
-        outputs = torch.from_numpy(stack_outputs(v, p))
-        terms = loss_terms(outputs, torch.from_numpy(rates), outputs, theta, PinnConfig(), mask)
+        theta, outputs = np.stack([alpha, alpha * tau, beta], 1), stack_outputs(v, p)
+        terms = loss_terms(outputs, rates, outputs, theta, PinnConfig(), mask)
         return float(terms.physics)
 
     before = physics(stack_outputs(dv, dp))

@@ -4,7 +4,6 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
-import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -35,7 +34,7 @@ class Drawn:
         return len(self.theta)
 
     def sums(self) -> NormalEquations:
-        value, rate, data = (torch.from_numpy(a) for a in (self.value, self.rate, self.data))
+        value, rate, data = self.value, self.rate, self.data
         count = len(value)
         return NormalEquations(
             value_value=value.T @ value / count,
@@ -48,8 +47,8 @@ class Drawn:
 
     def loss(self, weights: FloatArray, theta: FloatArray, config: PinnConfig) -> float:
         """Ψ of the output layer ``weights`` with parameters ``theta``."""
-        arrays = (self.value @ weights, self.rate @ weights, self.data, theta)
-        return float(loss_terms(*(torch.tensor(array) for array in arrays), config).total)
+        outputs, rates = self.value @ weights, self.rate @ weights
+        return float(loss_terms(outputs, rates, self.data, theta, config).total)
 
 
 def draw(followers: int, seed: int = 0, instants: int = 60, width: int = 7) -> Drawn:
@@ -100,7 +99,7 @@ class TestOutputLayer:
     def test_is_the_global_minimum(self, followers: int, scale: float, config: PinnConfig) -> None:
         drawn = draw(followers, seed=followers)
         drawn.theta[:] *= scale  # parameters at zero are no special case
-        solved = solve_output(drawn.sums(), drawn.theta, config).numpy()
+        solved = solve_output(drawn.sums(), drawn.theta, config)
         expected = by_dense_least_squares(drawn, config)
         np.testing.assert_allclose(solved, expected, rtol=1e-8, atol=1e-10)
 
@@ -117,7 +116,7 @@ class TestParameters:
     def test_are_the_least_squares_solution_of_each_follower_or_of_all(self, case: Case) -> None:
         drawn = draw(3)
         weights = np.random.default_rng(1).standard_normal((7, 7))
-        solution = solve_parameters(drawn.sums(), torch.from_numpy(weights), case)
+        solution = solve_parameters(drawn.sums(), weights, case)
         terms, rates = map(list, model_rows(drawn, weights))
         if case == "I":
             terms, rates = [np.concatenate(terms)] * 3, [np.concatenate(rates)] * 3
@@ -128,7 +127,7 @@ class TestParameters:
     def test_stay_within_bounds_and_say_what_they_would_be(self, seed: int, case: Case) -> None:
         drawn = draw(2, seed)
         weights = np.random.default_rng(seed).standard_normal((7, 5))
-        solution = solve_parameters(drawn.sums(), torch.from_numpy(weights), case)
+        solution = solve_parameters(drawn.sums(), weights, case)
         assert (solution.theta >= 0).all()
         for bounded, free, active in zip(
             solution.theta, solution.unconstrained, solution.active, strict=True
@@ -147,9 +146,9 @@ def test_rounds_of_both_solves_never_raise_the_loss(seed: int, followers: int, c
     losses = []
     for _ in range(5):
         weights = solve_output(sums, theta, WEIGHTED)
-        losses.append(drawn.loss(weights.numpy(), theta, WEIGHTED))
+        losses.append(drawn.loss(weights, theta, WEIGHTED))
         theta = solve_parameters(sums, weights, case).theta
-        losses.append(drawn.loss(weights.numpy(), theta, WEIGHTED))
+        losses.append(drawn.loss(weights, theta, WEIGHTED))
     assert (np.diff(losses) <= 1e-12 * losses[0]).all()
     assert losses[-1] < losses[0]
 
@@ -160,10 +159,10 @@ def test_the_fast_preset_starts_at_its_output_layers_optimum(laws: tuple) -> Non
     config = PinnConfig(initial=Parameters(0.2, 0.3, 1.4), weight_initial=1.0)
     segment = driven(laws, noise=0.05)
     training = FastTraining(segment, "II", config)
-    features, derivative = training._static.value, training._static.derivative
-    value = np.hstack([features.numpy(), training._active.numpy()])
-    rate = np.hstack([derivative.of(features).numpy(), training._active_rate.numpy()])
-    alone = Drawn(value, rate, training.measured.numpy(), np.tile([0.2, 0.28, 0.3], (len(laws), 1)))
+    features, derivative = training._static.value, training._features.derivative
+    value = np.hstack([features, training._active])
+    rate = np.hstack([derivative(features), training._active_rate])
+    alone = Drawn(value, rate, training.measured, np.tile([0.2, 0.28, 0.3], (len(laws), 1)))
     best = alone.loss(by_dense_least_squares(alone, config), alone.theta, config)
     # The ridge that tames collinear activations costs a little.
     assert best <= training.progress.total <= (1 + 1e-4) * best
