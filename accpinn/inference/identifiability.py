@@ -16,7 +16,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import brentq
 
 from accpinn.channels import PARAMETERS
 from accpinn.errors import Finding
@@ -234,6 +233,8 @@ def _profile(criterion: _Criterion, which: int) -> Profile:
 
 def _ends(increase: Callable[[float], float], best: float, limit: float) -> tuple[float, float]:
     """Where the profile crosses `INCREASE` on either side of the best value."""
+    from scipy.optimize import brentq  # takes a quarter of a second, which few commands need
+
     if not np.isfinite(best):
         return 0.0, float("inf")
 

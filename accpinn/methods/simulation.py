@@ -27,11 +27,10 @@ who fit simulations of this model to recordings; the search is scipy's trust-reg
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.linalg import expm
-from scipy.optimize import OptimizeResult
-from scipy.optimize import least_squares as minimise
 
 from accpinn.errors import SegmentError
 from accpinn.methods import least_squares, splines
@@ -58,6 +57,9 @@ from accpinn.model.cthp import (
 )
 from accpinn.segment.segment import Segment
 from accpinn.units import FloatArray, Seconds, frozen, stretches
+
+if TYPE_CHECKING:
+    from scipy.optimize import OptimizeResult
 
 SCALE = np.array([0.05, 0.05, 0.2])
 """Of α, ατ, β: the optimiser's units."""
@@ -293,13 +295,15 @@ class _Search:
         slopes *= self._unit
         return slopes
 
-    def is_identifiable(self, end: OptimizeResult) -> bool:
+    def is_identifiable(self, end: "OptimizeResult") -> bool:
         """Whether every change of the free part of θ changes the simulation."""
         values = np.linalg.svd(end.jac[:, : len(self._free)], compute_uv=False)
         return bool(values.size == 0 or values[-1] > SINGULAR * values[0])
 
-    def run(self, guess: FloatArray, bounded: bool = True) -> OptimizeResult:
+    def run(self, guess: FloatArray, bounded: bool = True) -> "OptimizeResult":
         """From a guess of θ (3,) and the measured first state to the nearest optimum."""
+        from scipy import optimize  # takes a quarter of a second, which few commands need
+
         states = len(self._first)
         x = np.concatenate([guess[self._free] / SCALE[self._free], np.zeros(states)])
         top = HIGHEST[self._free] / SCALE[self._free]
@@ -308,7 +312,7 @@ class _Search:
         x = x.clip(lowest, highest)
         # The simulation of a trial step may diverge; the search then turns back.
         with np.errstate(over="ignore", invalid="ignore"):
-            return minimise(
+            return optimize.least_squares(
                 self.errors, x, self.slopes, (lowest, highest), ftol=TOLERANCE, xtol=TOLERANCE
             )
 

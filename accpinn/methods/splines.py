@@ -15,7 +15,6 @@ Source: Ramsay, Hooker, Campbell and Cao, J. R. Statist. Soc. B 69 (2007) 741-79
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import BSpline
 from scipy.linalg import solveh_banded
 from scipy.sparse import csr_array, diags_array
 
@@ -94,6 +93,8 @@ class _Basis:
         knots_every: Seconds,
         mask: NDArray[np.bool_] | None = None,
     ) -> None:
+        from scipy.interpolate import BSpline  # takes a second to import, which few need
+
         duration = float(instants[-1])
         pieces = max(1, round(duration / knots_every))
         inner = np.linspace(0.0, duration, pieces + 1)

@@ -38,7 +38,6 @@ from itertools import combinations
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.optimize import brentq
 from scipy.special import chdtrc, chdtri, stdtrit
 
 from accpinn.channels import PARAMETERS
@@ -253,6 +252,8 @@ def random_effects(estimates: ArrayLike, errors: ArrayLike, level: float = LEVEL
     if windows < 2:
         nan = float("nan")
         return RandomEffects(windows, nan, nan, nan, nan, nan, level, nan, nan, nan)
+
+    from scipy.optimize import brentq  # takes a quarter of a second, which few commands need
 
     def heterogeneity(variance: float) -> float:
         """Q(d) for d²; falls as it grows."""

@@ -364,7 +364,7 @@ def get_ready() -> None:
     What is imported stays for good, and a search of it for garbage would hold up all threads, so it
     is kept from the collector. Linear algebra takes one thread each.
     """
-    import accpinn.methods.pinn.training  # noqa: F401  # takes a moment the first time
+    from accpinn.methods.pinn import calibrated, fast, training  # noqa: F401
 
     gc.collect()
     gc.freeze()

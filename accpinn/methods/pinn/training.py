@@ -26,9 +26,7 @@ from accpinn.methods.fit import (
     ShouldStop,
     StartedFrom,
 )
-from accpinn.methods.pinn.calibrated import CalibratedTraining
 from accpinn.methods.pinn.config import FAST, PinnConfig, PresetName
-from accpinn.methods.pinn.fast import FastTraining
 from accpinn.methods.pinn.loss import Training
 from accpinn.methods.pinn.method import (
     WarmStart,
@@ -102,7 +100,7 @@ def _limited(threads: int, preset: PresetName) -> Iterator[None]:
         if preset != "paper":
             yield
             return
-        _paper_training()
+        _kind(preset)
         import torch
 
         before = torch.get_num_threads()
@@ -113,12 +111,20 @@ def _limited(threads: int, preset: PresetName) -> Iterator[None]:
             torch.set_num_threads(before)
 
 
-def _paper_training() -> type[Training]:
-    """The one training that needs PyTorch, which takes seconds to be imported.
+def _kind(preset: PresetName) -> type[Training]:
+    """The preset's training, imported only now: each takes its time.
 
     Raises:
-        AccpinnError: where PyTorch cannot be loaded.
+        AccpinnError: where PyTorch, which `paper` needs, cannot be loaded.
     """
+    if preset == "fast":
+        from accpinn.methods.pinn.fast import FastTraining
+
+        return FastTraining
+    if preset == "calibrated":
+        from accpinn.methods.pinn.calibrated import CalibratedTraining
+
+        return CalibratedTraining
     try:
         from accpinn.methods.pinn.paper import PaperTraining
     except (ImportError, OSError) as fault:  # the latter for a library of another system
@@ -243,12 +249,7 @@ def _train(
 
 def _begin(segment: Segment, case: Case, config: PinnConfig, warm: WarmStart | None) -> Training:
     """A training at its beginning."""
-    kinds: dict[PresetName, type[Training]] = {
-        "fast": FastTraining,
-        "calibrated": CalibratedTraining,
-    }
-    kind = kinds.get(config.preset) or _paper_training()
-    training = kind(segment, case, config)
+    training = _kind(config.preset)(segment, case, config)
     if warm:
         try:
             training.begin_from(warm)

@@ -4,12 +4,15 @@
 """
 
 from collections.abc import Iterable, Sequence
-from functools import cache, singledispatch
+from functools import singledispatch
 from importlib import import_module
-from pkgutil import iter_modules
 from typing import Protocol
 
 from accpinn.errors import Finding
+
+SUBJECTS = ("data", "methods", "reliability", "stability", "snapshot")
+"""The modules that register sentences, imported until one has that of a finding: the later ones
+need much that a command may do without."""
 
 
 class Labelled(Protocol):
@@ -34,8 +37,8 @@ def message(finding: Finding, about: Labelled) -> str:
     Raises:
         NotImplementedError: for a kind of finding without a sentence.
     """
-    for register in (_register_data, _register_all):
-        register()
+    for subject in SUBJECTS:
+        import_module(f"{__name__}.{subject}")
         sentence = message.dispatch(type(finding))
         if sentence is not message.dispatch(object):
             return sentence(finding, about)
@@ -55,16 +58,3 @@ def joined(parts: Sequence[str]) -> str:
 def percent(share: float) -> str:
     """A share as a sentence has it: "35 %"."""
     return f"{100 * share:.0f} %"
-
-
-@cache
-def _register_data() -> None:
-    """Import the sentences about data, which need nothing that estimates."""
-    import_module(f"{__name__}.data")
-
-
-@cache
-def _register_all() -> None:
-    """Import the modules of this package, which register their sentences, as late as possible."""
-    for module in iter_modules(__path__):
-        import_module(f"{__name__}.{module.name}")
