@@ -149,10 +149,7 @@ class HiddenLayers:
 
     def state(self) -> dict[str, Numbers]:
         """Weights and biases by name."""
-        found: dict[str, Numbers] = {}
-        for k, (weight, bias) in enumerate(self._layers()):
-            found |= {f"hidden.layers.{k}.weight": weight, f"hidden.layers.{k}.bias": bias}
-        return found
+        return {name: values.copy() for name, values in self._named().items()}
 
     def load(self, state: Mapping[str, NDArray[Any]]) -> None:
         """Take the weights and biases that `state` gave.
@@ -160,12 +157,18 @@ class HiddenLayers:
         Raises:
             ValueError: when they are another network's.
         """
-        own = self.state()
+        own = self._named()
         names = {name for name in state if name.startswith("hidden.")}
         if names != set(own) or any(state[name].shape != own[name].shape for name in own):
             raise ValueError("the weights are another network's")
         for name, values in own.items():
             values[:] = state[name]
+
+    def _named(self) -> dict[str, Numbers]:
+        found: dict[str, Numbers] = {}
+        for k, (weight, bias) in enumerate(self._layers()):
+            found |= {f"hidden.layers.{k}.weight": weight, f"hidden.layers.{k}.bias": bias}
+        return found
 
     def _layers(self, values: Numbers | None = None) -> list[tuple[Numbers, Numbers]]:
         """Weight (after, before) and bias (after,) of each layer, as parts of ``values``."""
@@ -319,9 +322,7 @@ class Descent:
 
     def state(self) -> Checkpoint:
         """All that is needed to go on."""
-        return {name: values.copy() for name, values in self.hidden.state().items()} | (
-            self.adam.state()
-        )
+        return self.hidden.state() | self.adam.state()
 
     def restore(self, state: Checkpoint) -> None:
         """Go on from ``state``."""
