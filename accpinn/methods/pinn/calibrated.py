@@ -51,9 +51,9 @@ HALF_LIFE = 100
 class CalibratedTraining(Training):
     """See the module's head; one `advance` is a round of every ascent, or a cycle."""
 
-    def __init__(self, segment: Segment, case: Case, config: PinnConfig) -> None:
+    def __init__(self, segment: Segment, case: Case, config: PinnConfig, threads: int = 1) -> None:
         """Begin the ascents at the estimate of least squares."""
-        super().__init__(segment, case, config)
+        super().__init__(segment, case, config, threads)
         self._series = series_of([segment], case)
         self._count = int(np.isfinite(self._series.measured).sum())
         with np.errstate(all="ignore"):  # absurd numbers end as diverged

@@ -14,6 +14,7 @@ parameters stand still; that is the optimum for the untrained hidden layers. The
 and each Adam iteration counts as one iteration.
 """
 
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from math import sqrt
 
@@ -31,7 +32,7 @@ from accpinn.methods.fit import (
 from accpinn.methods.pinn.config import PinnConfig
 from accpinn.methods.pinn.loss import Learned, Training, loss_terms, residuals
 from accpinn.methods.pinn.method import WarmStart
-from accpinn.methods.pinn.network import Descent, FourierFeatures, Numbers
+from accpinn.methods.pinn.network import Descent, FourierFeatures, HiddenLayers, Numbers
 from accpinn.methods.pinn.variable_projection import (
     RIDGE,
     GramMatrices,
@@ -44,6 +45,8 @@ from accpinn.model.cthp import Case, Parameters
 from accpinn.segment.segment import Segment
 from accpinn.units import FloatArray, Mask
 
+AT_ONCE = 4000
+"""Instants whose activations are summed as one task; a longer window's tasks share the threads."""
 CYCLE = 50
 """Adam iterations between exact solves."""
 HALF_LIFE = 100
@@ -65,9 +68,9 @@ class FastTraining(Training):
     """See the module's head; one `advance` is an exact round or a cycle."""
 
     @np.errstate(all="ignore")  # absurd numbers end as diverged
-    def __init__(self, segment: Segment, case: Case, config: PinnConfig) -> None:
+    def __init__(self, segment: Segment, case: Case, config: PinnConfig, threads: int = 1) -> None:
         """Build the network and solve its output layer at the initial parameters."""
-        super().__init__(segment, case, config)
+        super().__init__(segment, case, config, threads)
         self._features = FourierFeatures.up_to(config.highest_frequency, float(segment.time[-1]))
         self._static = _StaticSums(segment.time, self.measured, segment.mask, self._features)
         self._descent = Descent(self._features, config.hidden, config.seed, order=1)
@@ -187,8 +190,9 @@ class FastTraining(Training):
 
     def _measure(self) -> None:
         """The activations on all instants in double precision, and their sums."""
-        self._active, self._active_rate = self._descent.doubled()(self._static.value)
-        self._sums = self._static.with_hidden(self._active, self._active_rate)
+        self._active, self._active_rate, self._sums = self._static.with_hidden(
+            self._descent.doubled(), self.threads
+        )
 
     def _surrogate(self) -> tuple[FloatArray, FloatArray]:
         size, weights = self._features.size, self._weights
@@ -265,12 +269,24 @@ class _StaticSums:
         outputs, rates = np.hsplit(both, 2)
         return outputs, rates
 
-    def with_hidden(self, active: FloatArray, active_rate: FloatArray) -> NormalEquations:
-        """The sums for Φ = [φ, h] from the activations h (N, H) and their rates."""
+    def with_hidden(
+        self, hidden: HiddenLayers, threads: int
+    ) -> tuple[FloatArray, FloatArray, NormalEquations]:
+        """The activations h (N, H), their rates, and the sums for Φ = [φ, h]."""
+
+        @np.errstate(all="ignore")  # a thread begins with numpy's own
+        def part(start: int) -> tuple[FloatArray, FloatArray, FloatArray]:
+            value = self.value[start : start + AT_ONCE]
+            both = np.hstack(list(hidden(value)))
+            return both, value.T @ both, both.T @ both
+
+        with ThreadPoolExecutor(threads) as pool:
+            parts = list(pool.map(part, range(0, self._count, AT_ONCE)))
+        both = np.concatenate([one for one, _, _ in parts])
+        cross = np.sum([one for _, one, _ in parts], axis=0) / self._count
+        inner = np.sum([one for _, _, one in parts], axis=0) / self._count
+        active, active_rate = np.hsplit(both, 2)
         turned, width = self._features.transposed, active.shape[1]
-        both = np.hstack([active, active_rate])
-        cross = self.value.T @ both / self._count
-        inner = both.T @ both / self._count
         cross_value, cross_rate = cross[:, :width], cross[:, width:]
 
         value_value = np.block([[self._gram, cross_value], [cross_value.T, inner[:width, :width]]])
@@ -281,7 +297,7 @@ class _StaticSums:
         )
         twice = turned(turned(self._gram).T)
         rate_rate = np.block([[twice, turned_rate], [turned_rate.T, inner[width:, width:]]])
-        return NormalEquations(
+        sums = NormalEquations(
             value_value=value_value,
             rate_value=rate_value,
             rate_rate=rate_rate,
@@ -290,6 +306,7 @@ class _StaticSums:
             first_data=self._measured[0],
             masked=self._masked(active, active_rate),
         )
+        return active, active_rate, sums
 
     def _masked(self, active: FloatArray, active_rate: FloatArray) -> tuple[GramMatrices, ...]:
         """Sums over the instants of each follower that count; empty where all do."""

@@ -142,10 +142,10 @@ class Training(ABC):
     outcome: Outcome | None
     """None while there is more to do."""
 
-    def __init__(self, segment: Segment, case: Case, config: PinnConfig) -> None:
+    def __init__(self, segment: Segment, case: Case, config: PinnConfig, threads: int = 1) -> None:
         """The data as arrays; M followers, N instants."""
         self.segment, self.case, self.config = segment, case, config
-        self.followers = segment.followers
+        self.followers, self.threads = segment.followers, threads
         self.planned = config.iterations + config.lbfgs_iterations
         self.measured = stack_outputs(segment.speeds, segment.gaps)
         self.mask = None if segment.mask is None else segment.mask.astype(float)

@@ -174,8 +174,9 @@ class HiddenLayers:
         """Weight (after, before) and bias (after,) of each layer, as parts of ``values``."""
         rest, found = self.values if values is None else values, []
         for after, before in self._shapes:
-            weight, bias, rest = np.split(rest, [after * before, after * (before + 1)])
-            found.append((weight.reshape(after, before), bias))
+            size = after * before
+            found.append((rest[:size].reshape(after, before), rest[size : size + after]))
+            rest = rest[size + after :]
         return found
 
     def __call__(self, features: Numbers) -> Numbers:

@@ -93,9 +93,9 @@ def _layer(inputs: int, outputs: int, generator: torch.Generator) -> nn.Linear:
 class PaperTraining(Training):
     """See the module's head; one `advance` is `CHUNK` iterations."""
 
-    def __init__(self, segment: Segment, case: Case, config: PinnConfig) -> None:
+    def __init__(self, segment: Segment, case: Case, config: PinnConfig, threads: int = 1) -> None:
         """Build network, parameters and the split into training and test instants."""
-        super().__init__(segment, case, config)
+        super().__init__(segment, case, config, threads)
         self.network = PaperNetwork(self.followers, config.hidden, config.seed)
         sets = 1 if case == "I" else self.followers
         initial = np.tile(config.initial.values, (sets, 1))

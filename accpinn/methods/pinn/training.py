@@ -6,7 +6,7 @@ that was stopped, or whose process died, goes on from its last checkpoint.
 
 import os
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 
@@ -34,18 +34,11 @@ from accpinn.methods.pinn.method import (
     request_keys,
     require_memory,
 )
-from accpinn.methods.pinn.network import FourierFeatures
 from accpinn.methods.store import Store
 from accpinn.model.cthp import Case, Trajectories
 from accpinn.segment.segment import Segment
 from accpinn.units import FloatArray, Seconds
 
-DEFAULT_THREADS = max(1, min(4, (os.cpu_count() or 2) - 1))
-"""One core is left to others: on matrices this small, threads that wait for a busy core cost far
-more than another thread gains."""
-LARGE = 1_500_000
-"""Numbers in the matrix of a window's features from which on `fast` takes that core as well: some
-fifteen minutes at 10 Hz."""
 MOST_THREADS = 4 * (os.cpu_count() or 2)
 CURVE_EVERY = 1.0
 """Seconds between two moments that carry the surrogate's curves, which cost an evaluation."""
@@ -73,8 +66,7 @@ def training(
         config: preset and settings.
         store: where results and checkpoints are kept; None keeps nothing.
         should_stop: asked several times a second; True ends with `Outcome.STOPPED`.
-        threads: processor threads; by default `DEFAULT_THREADS`, and one more for `fast`
-            on a long window.
+        threads: processor threads; by default as many as help, at most four.
         warm: an earlier fit's weights and parameters to begin with, in place of random weights and
             the initial values.
 
@@ -88,19 +80,23 @@ def training(
         ConfigError: when ``warm`` is another network's, or ``threads`` no sensible number.
         SegmentError: when the segment is too long to be trained on.
     """
-    count = _default(segment, config) if threads is None else _allowed(threads)
+    count = _default(config.preset) if threads is None else _allowed(threads)
+    kind = _kind(config.preset)
+
+    def begin() -> Training:
+        return _begun(kind(segment, case, config, count), warm)
+
     with _limited(count, config.preset):
-        return (yield from _train(segment, case, config, warm, store, should_stop))
+        return (yield from _train(begin, segment, case, config, warm, store, should_stop))
 
 
 @contextmanager
 def _limited(threads: int, preset: PresetName) -> Iterator[None]:
-    """So many threads for linear algebra, and for torch where the preset needs it."""
-    with threadpool_limits(threads, user_api="blas"):
+    """One thread for each product of numpy's, and so many for torch where the preset needs it."""
+    with threadpool_limits(1, user_api="blas"):
         if preset != "paper":
             yield
             return
-        _kind(preset)
         import torch
 
         before = torch.get_num_threads()
@@ -135,11 +131,14 @@ def _kind(preset: PresetName) -> type[Training]:
     return PaperTraining
 
 
-def _default(segment: Segment, config: PinnConfig) -> int:
-    """How many threads a training gets where nobody chose."""
-    features = FourierFeatures.up_to(config.highest_frequency, segment.window.duration).size
-    is_large = config.preset == "fast" and segment.samples * features > LARGE
-    return min(DEFAULT_THREADS + is_large, os.cpu_count() or 1)
+def _default(preset: PresetName) -> int:
+    """How many threads a training gets where nobody chose.
+
+    Those of `fast` have work of their own. With `paper` they share each small product, and one that
+    waits for a busy core costs far more than another gains: a core is left to others.
+    """
+    cores = os.cpu_count() or 1
+    return max(1, min(4, cores if preset == "fast" else cores - 1))
 
 
 def _allowed(threads: int) -> int:
@@ -152,6 +151,7 @@ def _allowed(threads: int) -> int:
 
 
 def _train(
+    begin: Callable[[], Training],
     segment: Segment,
     case: Case,
     config: PinnConfig,
@@ -165,7 +165,7 @@ def _train(
         return replace(known, cached=True)
     require_memory(segment, config)
     started = saved = drawn = time.perf_counter()
-    training, recorder, earlier = _begin(segment, case, config, warm), Recorder(), 0.0
+    training, recorder, earlier = begin(), Recorder(), 0.0
     # A checkpoint beyond the planned iterations is a longer training's and stays untouched; the
     # shorter one then has its own under the result's key.
     for key in (resume_key, result_key):
@@ -180,7 +180,7 @@ def _train(
             earlier = float(state["seconds"])
         except (KeyError, IndexError, TypeError, ValueError, RuntimeError) as fault:
             store.reject_state(key, fault, faults.append)
-            training, recorder = _begin(segment, case, config, warm), Recorder()
+            training, recorder = begin(), Recorder()
         break
     outcome = training.outcome
     begun: list[MethodFinding] = [Continued(training.progress.iteration)] if earlier else []
@@ -247,9 +247,8 @@ def _train(
     return replace(fit, findings=fit.findings + problems)
 
 
-def _begin(segment: Segment, case: Case, config: PinnConfig, warm: WarmStart | None) -> Training:
+def _begun(training: Training, warm: WarmStart | None) -> Training:
     """A training at its beginning."""
-    training = _kind(config.preset)(segment, case, config)
     if warm:
         try:
             training.begin_from(warm)

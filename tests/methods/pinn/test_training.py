@@ -349,7 +349,7 @@ class TestStore:
     ) -> None:
         first = train(noisy(), "II", config, store=Store(tmp_path))
         assert not first.cached
-        monkeypatch.delattr(training, "_begin")  # nothing can be trained from here on
+        monkeypatch.delattr(training, "_begun")  # nothing can be trained from here on
         again = train(noisy(), "II", config, store=Store(tmp_path))
         assert again.cached
         assert_same_result(again, first)
