@@ -11,7 +11,6 @@ import numpy as np
 import plotly.graph_objects as go
 from numpy.typing import NDArray
 from plotly.colors import hex_to_rgb, sample_colorscale
-from scipy.integrate import cumulative_trapezoid
 
 from accpinn.channels import GAP, SPEED, TIME
 from accpinn.model.published import ParameterSet
@@ -250,6 +249,8 @@ def time_space(
     count = min(len(inside), DOTS // len(cast.names))
     rows = inside[np.linspace(0, len(inside) - 1, count).round().astype(int)]
     time, speeds = driven.time[rows], driven.speeds[rows]
+    from scipy.integrate import cumulative_trapezoid  # takes a while, which few need
+
     way = cumulative_trapezoid(driven.speeds[inside, 0], driven.time[inside], initial=0)
     mean = float(way[-1] / (driven.time[inside[-1]] - time[0]))
     ahead = way[rows - inside[0]]
