@@ -160,7 +160,7 @@ class OutputLayer:
         first = 0.0
         for k, (_, start) in enumerate(self._physics):
             at_first = np.tensordot(start, orders[:ORDER, 0, self._columns(k)], ((1, 2), (1, 0)))
-            first += (at_first[[0, 1, 2, 3, 4, 5] if k == 0 else [0, 1, 3, 4]] ** 2).sum()
+            first += ((at_first if k == 0 else at_first[[0, 1, 3, 4]]) ** 2).sum()
         data, physics, initial = (float(part) / 2 / self.count for part in (misfit, running, first))
         return data, physics, initial
 

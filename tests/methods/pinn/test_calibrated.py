@@ -165,14 +165,16 @@ class TestSettings:
 
 
 class TestOutputLayer:
-    def test_weights_minimise_the_loss(self) -> None:
+    @pytest.mark.parametrize("masked", [False, True])
+    def test_weights_minimise_the_loss(self, masked: bool) -> None:
         """Any other weights have a larger one."""
         segment = platoon()
+        mask = np.random.default_rng(4).random(segment.gaps.shape) < 0.7 if masked else None
         values = np.tile([0.08, 0.12, 0.2, 0.25, 4.0, 0.5, 0.03, 0.05, 0.5], (2, 1))
         values[1, 0] = 0.05
         fourier = FourierFeatures.up_to(0.3, 0.55 * SHORT)
         measured = stack_outputs(segment.speeds, segment.gaps)
-        layer = OutputLayer(measured, 5, segment.sample_time, None, fourier, values)
+        layer = OutputLayer(measured, 5, segment.sample_time, mask, fourier, values)
         hidden = HiddenLayers(fourier, CALIBRATED.hidden, 0, 3)
         active, at_samples = hidden(layer.on_grid), hidden(layer.at_samples)[0]
         best = layer.solve(active, at_samples)
