@@ -139,9 +139,8 @@ class OutputLayer:
             blocks[p, p] += data * self.precision[gap]
             own = np.block([[blocks[v, v], blocks[v, p]], [blocks[p, v], blocks[p, p]]])
             coupling = np.vstack([blocks[v, u], blocks[p, u]])
-            links.append(
-                Link(own, coupling, blocks[u, u], right[:, [own_speed, gap]].T.reshape(-1))
-            )
+            ahead = blocks[u, u].copy()  # a view would keep all blocks
+            links.append(Link(own, coupling, ahead, right[:, [own_speed, gap]].T.reshape(-1)))
             if k == 0:
                 leader += _blocks(running[2:, u:], grams)[0, 0]
                 ends = start[[2, 5], u] @ first

@@ -45,14 +45,11 @@ many iterations at most; see docs/validation.md."""
 MOST_FEATURES = 20_000
 """`redraw` refuses more; a window of a day has fewer."""
 MOST_BYTES = 1.4e9
-_PER_FEATURE = 35
-"""Bytes per instant and input feature that `fast` takes at its peak; measured."""
-_PER_FEATURE_MASKED = 57
-"""The same with a mask, as each follower then has products of its own."""
-_PER_PAIR = 550
-"""Bytes per pair of features that `calibrated` takes at its peak: products of all derivatives."""
-_PER_PAIR_MASKED = 800
-"""As much more with a mask."""
+_PER_FEATURE, _MASKED = (34, 2), (48, 15)
+"""Bytes per instant and input feature that `fast` takes at its peak, and for each follower;
+measured, without a mask and with one."""
+_PER_PAIR, _MASKED_PAIR = (550, 115), (550, 250)
+"""Bytes per pair of features that `calibrated` takes, likewise: products of all derivatives."""
 _OTHER_FEATURES = 70
 """Activations, constant and slope."""
 _PER_INSTANT = 5_000
@@ -168,11 +165,13 @@ def require_memory(segment: Segment, config: PinnConfig) -> None:
         needed: float = _PER_INSTANT * segment.samples
         longest: Seconds = MOST_BYTES / _PER_INSTANT * step
     elif config.preset == "calibrated":
-        each = _PER_PAIR if segment.mask is None else _PER_PAIR + _PER_PAIR_MASKED
+        common, own = _PER_PAIR if segment.mask is None else _MASKED_PAIR
+        each = common + own * segment.followers
         needed = each * (rate * segment.window.duration + _OTHER_FEATURES) ** 2
         longest = (sqrt(MOST_BYTES / each) - _OTHER_FEATURES) / rate
     else:
-        each = _PER_FEATURE if segment.mask is None else _PER_FEATURE_MASKED
+        common, own = _PER_FEATURE if segment.mask is None else _MASKED
+        each = common + own * segment.followers
         features = FourierFeatures.up_to(config.highest_frequency, segment.window.duration).size
         needed = each * segment.samples * features
         # Instants and features both grow with the window.
