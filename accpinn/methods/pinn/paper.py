@@ -96,6 +96,7 @@ class PaperTraining(Training):
     def __init__(self, segment: Segment, case: Case, config: PinnConfig, threads: int = 1) -> None:
         """Build network, parameters and the split into training and test instants."""
         super().__init__(segment, case, config, threads)
+        torch.set_num_threads(threads)
         self.network = PaperNetwork(self.followers, config.hidden, config.seed)
         sets = 1 if case == "I" else self.followers
         initial = np.tile(config.initial.values, (sets, 1))

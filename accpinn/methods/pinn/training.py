@@ -6,8 +6,7 @@ that was stopped, or whose process died, goes on from its last checkpoint.
 
 import os
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -81,30 +80,12 @@ def training(
         SegmentError: when the segment is too long to be trained on.
     """
     count = _default(config.preset) if threads is None else _allowed(threads)
-    kind = _kind(config.preset)
 
     def begin() -> Training:
-        return _begun(kind(segment, case, config, count), warm)
+        return _begun(_kind(config.preset)(segment, case, config, count), warm)
 
-    with _limited(count, config.preset):
+    with threadpool_limits(1, user_api="blas"):  # a training's threads have work of their own
         return (yield from _train(begin, segment, case, config, warm, store, should_stop))
-
-
-@contextmanager
-def _limited(threads: int, preset: PresetName) -> Iterator[None]:
-    """One thread for each product of numpy's, and so many for torch where the preset needs it."""
-    with threadpool_limits(1, user_api="blas"):
-        if preset != "paper":
-            yield
-            return
-        import torch
-
-        before = torch.get_num_threads()
-        torch.set_num_threads(threads)
-        try:
-            yield
-        finally:
-            torch.set_num_threads(before)
 
 
 def _kind(preset: PresetName) -> type[Training]:
