@@ -34,6 +34,14 @@ def test_info_loads_nothing_slow() -> None:
     assert not loaded_after(code, "torch", "pandas", "scipy", "jinja2", "pyarrow")
 
 
+def test_a_fit_waits_for_nothing_that_it_does_not_need() -> None:
+    arguments = ["fit", "sample_data/synthetic_paper_study.csv", "--duration", "60", "--no-cache"]
+    slow = "torch", "pandas", "scipy.optimize", "scipy.interpolate", "scipy.signal"
+    assert not loaded_after(f"from accpinn.cli import main; main({arguments!r})", *slow)
+    calibrated = [*arguments, "--preset", "calibrated"]
+    assert not loaded_after(f"from accpinn.cli import main; main({calibrated!r})", "torch")
+
+
 def test_no_module_of_the_core_loads_the_app_or_plots() -> None:
     modules = [
         ".".join(path.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__")
