@@ -6,6 +6,7 @@ import zipfile
 from collections.abc import Iterator
 
 import numpy as np
+import pandas as pd
 
 from accpinn.channels import GAP, PARAMETERS, SPEED, TIME
 from accpinn.evaluation.closed_loop import closed_loop
@@ -81,7 +82,5 @@ def _named(words: str, unit: str) -> str:
 
 
 def _csv(columns: dict[str, FloatArray]) -> str:
-    import pandas as pd  # takes most of a second to import, which the app's first page need not
-
     table = pd.DataFrame({name: np.asarray(values) for name, values in columns.items()})
     return table.to_csv(index=False, float_format="%.9g", lineterminator="\n")

@@ -4,6 +4,7 @@ import math
 from dataclasses import dataclass, replace
 from functools import lru_cache
 
+import pandas as pd
 import streamlit as st
 
 from accpinn.channels import PARAMETERS
@@ -213,8 +214,6 @@ def _chosen_snapshot(workspace: Workspace, entries: tuple[Entry, ...]) -> str:
 
 def _edit_rows(workspace: Workspace, key: str) -> None:
     """A table of vehicles to type into; it keeps its own changes while it is on the page."""
-    import pandas as pd  # takes most of a second to import, which the first page need not wait
-
     choice = workspace.parameter_choice
     if key not in st.session_state:
         choice.base = choice.rows
