@@ -2,6 +2,8 @@
 
 from pathlib import Path
 
+# Whole before any chart is drawn: plotly looks into one that another thread has half imported.
+import pandas  # noqa: F401
 import streamlit as st
 
 from accpinn.results.glossary import GROUPS
