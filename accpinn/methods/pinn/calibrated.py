@@ -39,6 +39,7 @@ from accpinn.segment.segment import Segment
 from accpinn.units import FloatArray, frozen
 
 Picked = NDArray[np.int64]
+"""Which instants or samples make a minibatch."""
 
 CYCLE = 25
 """Adam iterations between exact solves."""
@@ -174,10 +175,8 @@ class CalibratedTraining(Training):
         rate = self.config.learning_rate * 0.5 ** (self._iteration / HALF_LIFE)
         generator = self._descent.generator(self._iteration)
         for _ in range(steps):
-            at, of = (
-                generator.integers(instants, size=batch),
-                generator.integers(samples, size=batch),
-            )
+            at = generator.integers(instants, size=batch)
+            of = generator.integers(samples, size=batch)
 
             def slope(active: Numbers, at: Picked = at, of: Picked = of) -> Numbers:
                 residuals = fixed[at] + (active[:, :batch] @ through).sum(axis=0)
@@ -197,8 +196,7 @@ class CalibratedTraining(Training):
         theta, free = vanishing("cthp", z), natural("cthp", z)[:, :3]
         self._solution = Solution(frozen(theta), frozen(free), np.asarray(theta == 0.0))
         if phase == "evidence":
-            parts = np.sum([one.loss() for one in self._ascents], axis=0) / self._count
-            data, physics = parts
+            data, physics = np.sum([one.loss() for one in self._ascents], axis=0) / self._count
             self._terms = LossTerms(data, physics, initial=0.0)
         evidence = float(sum(one.value for one in self._ascents))
         deviations = np.array([log_errors(one.curvature) for one in self._ascents])
