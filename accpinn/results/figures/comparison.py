@@ -7,7 +7,6 @@ from itertools import cycle
 
 import numpy as np
 import plotly.graph_objects as go
-from plotly.subplots import make_subplots
 
 from accpinn.channels import PARAMETERS, TIME
 from accpinn.inference.identifiability import INCREASE, Profile
@@ -23,6 +22,7 @@ from accpinn.results.figures.style import (
     limits,
     named_value,
     panels,
+    subplots,
     thinned,
     ticks,
     with_legend,
@@ -63,7 +63,7 @@ def estimates(
         follower: 0 for the first.
         truth: dashed, where it is known.
     """
-    figure = make_subplots(rows=1, cols=3, shared_yaxes=True, horizontal_spacing=0.03)
+    figure = subplots(rows=1, cols=3, shared_yaxes=True, horizontal_spacing=0.03)
     true = truth.values.tolist() if truth else []
     # What stands in brackets takes a line of its own, which leaves narrow windows room for dots.
     names = [html.escape(row.name).replace(" (", "<br>(", 1) for row in rows]
@@ -144,7 +144,7 @@ def profiles(
         lower: (3,) ends of the intervals behind the profiles; nan where there is none.
         upper: (3,) may be infinite.
     """
-    figure = make_subplots(rows=1, cols=3, shared_yaxes=True, horizontal_spacing=0.03)
+    figure = subplots(rows=1, cols=3, shared_yaxes=True, horizontal_spacing=0.03)
     for which, (one, quantity) in enumerate(zip(found, PARAMETERS, strict=True)):
         hover = f"{named_value(quantity, 'x')}: %{{y:.2f}} % worse<extra></extra>"
         curve = go.Scatter(

@@ -12,12 +12,11 @@ import numpy as np
 import pandas as pd
 import plotly.graph_objects as go
 from numpy.typing import NDArray
-from plotly.subplots import make_subplots
 
 from accpinn.channels import ALPHA, BETA, PARAMETER_KEYS, SPEED, TAU, TIME_GAP, Quantity
 from accpinn.model.cthp import Parameters
 from accpinn.results.figures.stability import EXACT, L2
-from accpinn.results.figures.style import FOLLOWERS, LEADER, finished, limits
+from accpinn.results.figures.style import FOLLOWERS, LEADER, finished, limits, subplots
 from accpinn.results.tables.table import ABSENT
 from accpinn.stability.criteria import smallest_headway_exact, smallest_headway_l2
 from accpinn.study.groups import Group, Groups, Typical
@@ -61,7 +60,7 @@ def forest(found: Groups) -> go.Figure:
     groups = sorted(largest, key=lambda one: (not np.isnan(one.tau.median), -one.tau.median))
     names = [html.escape(label_of(one.values)) for one in groups]
     places = np.arange(len(groups))
-    figure = make_subplots(rows=1, cols=3, shared_yaxes=True, horizontal_spacing=0.025)
+    figure = subplots(rows=1, cols=3, shared_yaxes=True, horizontal_spacing=0.025)
     shown: tuple[tuple[Quantity, Callable[[Group], Typical]], ...] = (
         (TAU, lambda one: one.tau),
         (ALPHA, lambda one: one.alpha),

@@ -6,7 +6,6 @@ from typing import Any, Literal
 
 import numpy as np
 import plotly.graph_objects as go
-from plotly.subplots import make_subplots
 
 from accpinn.channels import ALPHA, BETA, MAGNITUDE, TAU
 from accpinn.inference.intervals import Uncertainty, gain_band
@@ -19,6 +18,7 @@ from accpinn.results.figures.style import (
     SERIES,
     band,
     finished,
+    subplots,
     translucent,
     vehicle_colours,
 )
@@ -163,7 +163,7 @@ def _mark_peaks(figure: go.Figure, vehicles: ParameterSet, report: StabilityRepo
 def criteria_by_vehicle(vehicles: ParameterSet, report: StabilityReport) -> go.Figure:
     """Criteria and gains along the platoon: the paper's figure, with the exact gains below it."""
     found, platoon = report.vehicles, report.platoon
-    figure = make_subplots(rows=2, cols=1, shared_xaxes=True, vertical_spacing=0.1)
+    figure = subplots(rows=2, cols=1, shared_xaxes=True, vertical_spacing=0.1)
     places = list(range(1, len(vehicles) + 1))
     for row, name, values, colour, symbol in (
         (1, "L₂ criterion", [v.l2.value for v in found], L2, "circle"),

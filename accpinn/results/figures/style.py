@@ -5,6 +5,7 @@ colour.
 """
 
 from collections.abc import Sequence
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -124,9 +125,22 @@ def ticks(ends: Sequence[float]) -> dict[str, Any]:
 
 def panels(*heights: float, spacing: float = 0.05) -> go.Figure:
     """Stacked panels over one axis of time, with their relative heights from the top down."""
-    return make_subplots(
+    return subplots(
         rows=len(heights), cols=1, shared_xaxes=True, row_heights=heights, vertical_spacing=spacing
     )
+
+
+def subplots(**options: Any) -> go.Figure:
+    """What plotly's `make_subplots` gives, in a tenth of the time from the second call on."""
+    return go.Figure(_subplots(**options))
+
+
+@lru_cache(maxsize=32)
+def _subplots(**options: Any) -> go.Figure:
+    """To be copied: without a template, which plotly would check in every copy."""
+    figure = make_subplots(**options)
+    figure.layout.template = None
+    return figure
 
 
 def label_axes(figure: go.Figure, channels: Sequence[Quantity], lowest: int = 0) -> None:
@@ -167,9 +181,13 @@ def finished(figure: go.Figure, height: int, revision: str) -> go.Figure:
 
     Margins are fixed: with those that follow the labels every chart is laid out twice.
     """
-    for update in (figure.update_xaxes, figure.update_yaxes):
-        update(gridcolor=GRID, zeroline=False, showline=False, automargin=False)
-    return figure.update_layout(
-        height=height, showlegend=False, hovermode="x unified", uirevision=revision,
-        paper_bgcolor=CLEAR, plot_bgcolor=CLEAR, margin={"l": 62, "r": 14, "t": 10, "b": 42},
-    )  # fmt: skip
+    # One by one, as an update of many properties takes three times as long.
+    for axis in (*figure.select_xaxes(), *figure.select_yaxes()):
+        axis.gridcolor, axis.automargin = GRID, False
+        axis.zeroline = axis.showline = False
+    layout = figure.layout
+    layout.height, layout.showlegend = height, False
+    layout.hovermode, layout.uirevision = "x unified", revision
+    layout.paper_bgcolor = layout.plot_bgcolor = CLEAR
+    layout.margin = {"l": 62, "r": 14, "t": 10, "b": 42}
+    return figure
