@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 import torch
 
+from accpinn.inference.intervals import Interval
 from accpinn.methods.pinn.config import PRESETS
 from accpinn.methods.pinn.loss import loss_terms
 from accpinn.methods.pinn.method import output_columns
@@ -44,6 +45,17 @@ class TestCoverage:
             assert row.recordings == FEW
             assert all((share * FEW).is_integer() for share in row.covered)
         assert all(width > 0 for width in study.rows[0].width)
+
+    def test_standard_errors_shrink_with_the_root_of_the_number_of_recordings(self) -> None:
+        rng = np.random.default_rng(1)
+        truth = np.ones((1600, 3))
+        ends = [Interval(1 - half, 1 + half) for half in rng.gamma(9.0, 1.0, truth.shape)]
+        few, many = (coverage._coverage("", 0.9, ends[:n], truth[:n]) for n in (100, 1600))
+        # Of normal widths the median's error is 1.25 deviations over the root of their number.
+        deviation = np.std([end.upper - end.lower for end in ends])
+        assert np.mean(few.width_error) == pytest.approx(1.25 * deviation / 10, rel=0.3)
+        assert np.mean(few.width_error) / np.mean(many.width_error) == pytest.approx(4, rel=0.3)
+        assert few.error_of(0.5) == 0.05
 
     def test_naive_intervals_are_far_narrower(self, study: coverage.CoverageStudy) -> None:
         width = {row.method: np.array(row.width) for row in study.rows}
