@@ -1,9 +1,9 @@
 """Pictures of every page in its important states, in both themes and two widths, to be looked at.
 
-``python -m tests.browser.screenshots [FOLDER [SCENE ..]]`` writes them; with OPENACC_DIR also those
-of real recordings.
+With OPENACC_DIR set also those of real recordings.
 """
 
+import argparse
 import os
 import re
 import shutil
@@ -356,10 +356,22 @@ SCENES: tuple[Callable[[Camera], None], ...] = (
 
 
 def main(arguments: list[str]) -> None:
-    """Take all pictures, or the scenes named after the folder."""
-    folder = Path(arguments[0] if arguments else ROOT / "tests" / "browser" / "shots")
+    """Take all pictures, or those asked for."""
+    parser = argparse.ArgumentParser(
+        prog="python -m tests.browser.screenshots", description=__doc__
+    )
+    usual = ROOT / "tests" / "browser" / "shots"
+    parser.add_argument("folder", nargs="?", type=Path, default=usual, help="of the pictures")
+    names = [scene.__name__ for scene in SCENES]
+    parser.add_argument("scenes", nargs="*", metavar="scene", help=f"of {', '.join(names)} (all)")
+    given = parser.parse_args(arguments)
+    if unknown := set(given.scenes) - set(names):
+        parser.error(
+            f"no scene is called {', '.join(sorted(unknown))}; there are {', '.join(names)}"
+        )
+    folder: Path = given.folder
     folder.mkdir(parents=True, exist_ok=True)
-    chosen = [scene for scene in SCENES if not arguments[1:] or scene.__name__ in arguments[1:]]
+    chosen = [scene for scene in SCENES if not given.scenes or scene.__name__ in given.scenes]
     expect.set_options(timeout=PATIENCE_MS)
     chromium = os.environ.get("CHROMIUM") or shutil.which("chromium") or "chromium"
     for theme in THEMES:
