@@ -110,7 +110,7 @@ def run_fit(options: argparse.Namespace) -> int:
     settings = _settings(options)
     if options.windows:
         return run_windows(options)
-    if options.out:  # training takes long; what would spoil its keeping is said first
+    if options.out is not None:  # training takes long; what would spoil its keeping is said first
         check_texts(options.name, options.note)
         writable_path(Path(options.out), "snapshot")
     recording, segment = chosen_segment(options, [options.method])
@@ -120,7 +120,7 @@ def run_fit(options: argparse.Namespace) -> int:
         )
         fit = METHODS[options.method].fit(segment, options.case, settings, context)
     show_result(options, describe_fit, fit_text, segment, fit, assess_quality(segment))
-    if options.out:
+    if options.out is not None:
         about = {name: getattr(options, name) for name in ("name", "note", "with_data")}
         snapshot = create(segment, fit, recording=recording, **about)
         print(one_line(f"Saved as {save(snapshot, options.out)}."), file=sys.stderr)
@@ -129,8 +129,9 @@ def run_fit(options: argparse.Namespace) -> int:
 
 def _settings(options: argparse.Namespace) -> PinnConfig | None:
     """The PiNN's settings; checked for any method, used by a method that has settings."""
+    initial = options.initial
     given = {
-        "initial": options.initial and _three_numbers(options.initial),
+        "initial": None if initial is None else _three_numbers(initial),
         "iterations": options.iterations,
         "lbfgs_iterations": options.lbfgs,
         "seed": options.seed,

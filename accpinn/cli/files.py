@@ -116,7 +116,8 @@ def run_report(options: argparse.Namespace) -> int:
     """Write the page, and say where; 1 when the snapshot does not agree with itself."""
     from accpinn.results.report import render_report  # plotly's script is read from disk
 
-    place = Path(options.out or options.file.removesuffix(SUFFIX) + ".html")
+    beside = options.file.removesuffix(SUFFIX) + ".html"
+    place = Path(beside if options.out is None else options.out)
     real = writable_path(place, "report")
     snapshot = load(options.file)
     recording = _data_of(options)
@@ -156,9 +157,10 @@ def add_export_options(parser: argparse.ArgumentParser) -> None:
 
 def run_export(options: argparse.Namespace) -> int:
     """Write what was asked for; say where, or print the card."""
-    if not options.sumo and not options.json:
+    if options.sumo is None and not options.json:
         raise ConfigError("export: give --sumo FILE.xml, --json or both.")
-    place = writable_path(Path(options.sumo), "file for SUMO") if options.sumo else None
+    asked = options.sumo is not None
+    place = writable_path(Path(options.sumo), "file for SUMO") if asked else None
     snapshot = load(options.file)
     if place:
         write_whole(snapshot_types(snapshot, options.samples).encode(), place, "file for SUMO")

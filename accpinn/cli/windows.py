@@ -51,7 +51,7 @@ def _check(options: argparse.Namespace) -> None:
             f"windows: only --method {KEY} estimates from several windows, {options.method} does"
             " not; choose that method, or leave --windows out."
         )
-    if options.out:
+    if options.out is not None:
         raise ConfigError("out: a snapshot holds one window; leave --out or --windows out.")
     idle = [("start", 0.0)] + [("duration", DURATION)] * (options.windows != ALL)
     for name, default in idle:

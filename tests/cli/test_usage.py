@@ -26,6 +26,18 @@ def test_an_empty_name_is_not_the_folder(capsys: Capture) -> None:
 
 
 @pytest.mark.parametrize(
+    ("command", "options", "kind"),
+    [
+        ("fit", ["--out", ""], "snapshot"),
+        ("report", ["--out", ""], "report"),
+        ("export", ["--json", "--sumo", ""], "SUMO"),
+    ],
+)
+def test_nothing_goes_nowhere(capsys: Capture, command: str, options: list[str], kind: str) -> None:
+    assert kind in refused(capsys, 1, command, STUDY, *options)
+
+
+@pytest.mark.parametrize(
     "options",
     [
         ("--start", 5000),
@@ -70,6 +82,7 @@ def test_what_cannot_be_parsed_exits_with_2(capsys: Capture, arguments: list[str
     ("arguments", "words"),
     [
         (["fit", STUDY, "--initial", "1,1"], "α,β,τ"),
+        (["fit", STUDY, "--initial", "", "--method", "least-squares"], "α,β,τ"),
         (["fit", STUDY, "--initial=-1,1,1"], "initial"),
         (["fit", STUDY, "--initial", "-1,1,1"], "initial"),
         (["fit", STUDY, "--iterations", 0], "iterations"),
