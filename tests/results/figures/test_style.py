@@ -9,6 +9,7 @@ import plotly.graph_objects as go
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from plotly.subplots import make_subplots
 
 from accpinn.results.figures import style
 
@@ -156,3 +157,15 @@ def lab(colour: str, vision: str) -> np.ndarray:
     )
     f = np.cbrt(to_xyz @ seen / [0.9505, 1.0, 1.089])
     return np.array([116 * f[1] - 16, 500 * (f[0] - f[1]), 200 * (f[1] - f[2])])
+
+
+def test_subplots_are_those_of_plotly_and_each_its_own() -> None:
+    options = {"rows": 3, "cols": 1, "shared_xaxes": True, "row_heights": (3, 1, 1)}
+    expected = make_subplots(**options)
+    used = style.subplots(**options)
+    for figure in (expected, used):
+        figure.add_scatter(x=[1.0], y=[2.0], row=2, col=1)
+        figure.add_hline(y=0.0, row=3, col=1)
+        figure.update_yaxes(title_text="Speed", row=2, col=1)
+    assert used.to_dict() == expected.to_dict()
+    assert style.subplots(**options).to_dict() == make_subplots(**options).to_dict()
