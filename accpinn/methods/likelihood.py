@@ -42,8 +42,8 @@ SAME = 0.3
 """Squared standard errors from a better search within which another one is given up."""
 MEMORY = [one.name for one in COMMON].index("memory")
 Groups = NDArray[np.int64]
-LARGEST_BATCH = 3_000_000
-"""Samples times models filtered at once, which bounds the memory."""
+AT_ONCE = 400
+"""Models filtered at once: as many as have covariances that fit a processor's cache."""
 STARTS = ((0.0, 0.0), (-1.5, 1.4), (1.0, 0.0))
 """ln of two factors that each search starts with: on α and ατ, and on the disturbance's memory.
 
@@ -135,8 +135,7 @@ class Criterion:
         """(K,) log L at coordinates (K, P), each of the group (K,) that is named with it."""
         found = np.zeros(len(z))
         pairs = np.array([(k, j) for k, g in enumerate(groups) for j in self._members[g]])
-        most = max(1, LARGEST_BATCH // len(self.series.measured))
-        for part in np.array_split(pairs, range(most, len(pairs), most)):
+        for part in np.array_split(pairs, range(AT_ONCE, len(pairs), AT_ONCE)):
             which, series = part.T
             total = log_likelihood(self.model(z[which]), self.series.measured[:, :, series])
             np.add.at(found, which, total)
