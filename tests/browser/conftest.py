@@ -13,6 +13,14 @@ from tests.support.server import FEW_DRAWS, free_port, running
 
 Open = Callable[..., Page]
 
+STILL = """addEventListener("DOMContentLoaded", () => {
+    const style = document.createElement("style");
+    style.textContent = "*, ::before, ::after { animation: none !important; transition: none "
+        + "!important }";
+    document.head.append(style);
+})"""
+"""Spinners and fading cost a quarter of the browser's time, and no journey looks at them."""
+
 LATE = ["TimeoutError", "Locator expected", "Page URL expected"]
 """How a failure begins whose cause may be a busy machine: the page did not show something in time.
 An exception on the page, or a value that is wrong, is none of them."""
@@ -77,6 +85,7 @@ def opened(app: App, browser: Browser, tabs: list[tuple[Page, list[str]]]) -> It
                 viewport={"width": 1440, "height": 1000},
                 reduced_motion="reduce",
             )
+            context.add_init_script(STILL)
             page = context.new_page()
             tabs.append((page, watched(page)))
         used.append(tabs[len(used)])

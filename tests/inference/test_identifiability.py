@@ -26,7 +26,6 @@ from accpinn.segment.segment import Segment
 from bench.disturbed import Disturbance, disturbed
 from tests.support.driving import LAW, MIXED, driven, segment_of, standing_still
 
-pytestmark = pytest.mark.usefixtures("all_draws")
 
 TRUTH = Parameters.of([LAW])
 
@@ -113,6 +112,7 @@ class TestWarnings:
         assert cure == NarrowerIntervals((2,), 120.0, None, is_excited=False)
         assert "brakes and accelerates" in messages([cure], segment)[0]
 
+    @pytest.mark.usefixtures("all_draws")
     @pytest.mark.parametrize("case", ["I", "II"])
     def test_where_there_is_motion_a_longer_window_is_advised(self, case: Case) -> None:
         """Case I has one finding for all."""

@@ -26,7 +26,7 @@ from accpinn.segment.segment import Segment
 from bench.disturbed import Disturbance, disturbed
 from tests.support.driving import driven, standing_still
 
-pytestmark = pytest.mark.usefixtures("all_draws")
+all_draws = pytest.mark.usefixtures("all_draws")
 
 TRUE = (0.1, 0.3, 1.2)
 
@@ -46,6 +46,7 @@ def where_it_holds() -> Adequacy:
     return model_forms(recorded())
 
 
+@all_draws
 def test_where_the_cthp_holds_no_form_is_better_and_it_is_adequate() -> None:
     found = where_it_holds()
     assert [form.form for form in found.forms] == list(FORMS)
@@ -65,6 +66,7 @@ def test_where_the_cthp_holds_no_form_is_better_and_it_is_adequate() -> None:
         assert one.lower < one.estimate < one.upper
 
 
+@all_draws
 @pytest.mark.parametrize(
     ("departure", "form", "value", "tolerance"),
     [
@@ -104,6 +106,7 @@ def test_a_term_that_the_recording_shows_is_found(
     assert str(round(under.extra, 1))[:3] in messages([better], segment)[0]
 
 
+@all_draws
 def test_two_modes_of_a_lag_are_sampled_alike_from_any_seed() -> None:
     """The truth, a lag of a second, is hardly told from none; α differs by half between them."""
     true = Parameters.of([[0.0953, 0.127, 1.2]])
@@ -183,6 +186,7 @@ def test_where_nothing_moves_no_form_has_parameters() -> None:
     assert model_forms(standing_still()).recommended == ()
 
 
+@all_draws
 def test_the_table_has_a_row_a_form_and_each_extra_term_in_its_own_column() -> None:
     found = where_it_holds()
     table = model_form_table(recorded().info, found.forms, 0)

@@ -16,24 +16,35 @@
     "legend.bgcolor": "rgba(0,0,0,0)",
   });
 
-  function show(side) {
-    root.classList.toggle("dark", side);
-    button.textContent = side ? "Light" : "Dark";
-    for (const plot of plots) Plotly.relayout(plot, looks());
+  // A layout with these looks from the first, as drawing a figure anew takes as long as drawing it.
+  function dressed(layout) {
+    const found = Object.assign({ autosize: true }, structuredClone(layout));
+    found.font = { family: getComputedStyle(document.body).fontFamily, size: 12 };
+    for (const [path, value] of Object.entries(looks())) {
+      const names = path.split(".");
+      const last = names.pop();
+      names.reduce((part, name) => (part[name] ??= {}), found)[last] = value;
+    }
+    return found;
   }
 
   const button = document.getElementById("side");
-  button.hidden = false;
-  root.classList.toggle("dark", dark);
-  for (const plot of plots) {
-    const drawing = drawings[Number(plot.dataset.place)];
-    const layout = Object.assign({ autosize: true }, drawing.layout, {
-      font: { color: ink(), family: getComputedStyle(document.body).fontFamily, size: 12 },
-    });
-    Plotly.newPlot(plot, drawing.data, layout, { displayModeBar: false, responsive: true });
-    Plotly.relayout(plot, looks());
+  function turn(side) {
+    root.classList.toggle("dark", side);
+    button.textContent = side ? "Light" : "Dark";
   }
-  show(dark);
+
+  function show(side) {
+    turn(side);
+    for (const plot of plots) Plotly.relayout(plot, looks());
+  }
+
+  button.hidden = false;
+  turn(dark);
+  for (const plot of plots) {
+    const { data, layout } = drawings[Number(plot.dataset.place)];
+    Plotly.newPlot(plot, data, dressed(layout), { displayModeBar: false, responsive: true });
+  }
 
   button.addEventListener("click", () => show((dark = !dark)));
   wish.addEventListener("change", () => show((dark = wish.matches)));
