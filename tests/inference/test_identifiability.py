@@ -26,7 +26,6 @@ from accpinn.segment.segment import Segment
 from bench.disturbed import Disturbance, disturbed
 from tests.support.driving import LAW, MIXED, driven, segment_of, standing_still
 
-
 TRUTH = Parameters.of([LAW])
 
 
