@@ -13,7 +13,8 @@ LISTEN = $(if $(ADDRESS),--server.address=$(ADDRESS) '--server.allowedHosts=$(or
     $(if $(PORT),--server.port=$(PORT))
 
 # One test process a core; each keeps its linear algebra to one thread. A file's tests share one. In
-# the order of names the browser's come first, so that short ones fill the end.
+# the order of names the browser's come first, so that short ones fill the end. Bytecode is kept even
+# where the environment forbids it, as some sixty processes load the package.
 WORKERS ?= 2
 
 .PHONY: help
@@ -30,7 +31,7 @@ app: $(VENV)/app.stamp  ## install what is missing, start the app and print its 
 
 .PHONY: test
 test: $(VENV)/dev.stamp  ## run all tests (real recordings: set OPENACC_DIR; browser: needs Chromium)
-	@OMP_NUM_THREADS=1 $(BIN)/python -m pytest -q -n $(WORKERS) --dist loadfile --no-loadscope-reorder --durations=10 $(ARGS)
+	@OMP_NUM_THREADS=1 PYTHONDONTWRITEBYTECODE= $(BIN)/python -m pytest -q -n $(WORKERS) --dist loadfile --no-loadscope-reorder --durations=10 $(ARGS)
 
 # Findings are kept in fuzz_findings, each with the call that repeats it.
 MINUTES ?= 2
