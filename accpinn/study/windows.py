@@ -53,6 +53,9 @@ from accpinn.units import FloatArray, Seconds
 
 SIGNIFICANCE = 0.05
 """Below this probability of a larger Q, windows are said to differ."""
+PLAUSIBLE = (1e-9, 1e9)
+"""Standard errors of a logarithm between which a window counts; beyond them its weight is all or
+nothing, as in a table that somebody has changed."""
 
 
 class WindowsDiffer(Finding, frozen=True):
@@ -243,11 +246,11 @@ def random_effects(estimates: ArrayLike, errors: ArrayLike, level: float = LEVEL
 
     Args:
         estimates: (K,) of the logarithm, one a window; those that are not finite do not count.
-        errors: (K,) their standard errors.
+        errors: (K,) their standard errors; windows count whose error is one of `PLAUSIBLE`.
         level: of the intervals, above 0 and below 1.
     """
     x, s = np.asarray(estimates, float), np.asarray(errors, float)
-    known = np.isfinite(x) & np.isfinite(s) & (s > 0)
+    known = np.isfinite(x) & (PLAUSIBLE[0] < s) & (s < PLAUSIBLE[1])
     x, variances, windows = x[known], s[known] ** 2, int(known.sum())
     if windows < 2:
         nan = float("nan")

@@ -1,8 +1,10 @@
 """All methods but the PiNN: the truth recovered, bounds, and bad data."""
 
 import json
+import re
 from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,6 +14,8 @@ from accpinn.methods.fit import BoundActive, Fit, Outcome
 from accpinn.methods.registry import METHODS, method_of
 from accpinn.model.cthp import Case
 from accpinn.segment.segment import Segment
+from accpinn.study.comparison import compare, results_among
+from tests.support.command import ROOT
 from tests.support.driving import LAW, MIXED, driven, segment_of, standing_still
 from tests.support.methods import RIVALS as ESTIMATORS
 from tests.support.samples import NOISE_FREE, NOISY, PLATOON, sample
@@ -117,3 +121,16 @@ def test_adding_a_method_takes_its_module_and_a_line() -> None:
         assert method.typical_seconds > 0
     with pytest.raises(ConfigError, match="choose pinn, maximum-likelihood, least-squares"):
         method_of("kalman")
+
+
+def test_the_guides_new_method_takes_a_file_and_a_line(monkeypatch: pytest.MonkeyPatch) -> None:
+    text = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
+    [code] = re.findall(r"```python\n(.*?)```", text, re.DOTALL)
+    names: dict[str, Any] = {}
+    exec(code, names)
+    method = names["METHOD"]
+    monkeypatch.setitem(METHODS, method.key, method)
+    study = sample(NOISE_FREE)
+    (found,) = results_among(compare(study.segment, "II", (method.key,)))
+    assert found.fit.method == method.key
+    np.testing.assert_allclose(found.fit.parameters.values, study.truth, rtol=0.1)

@@ -85,6 +85,8 @@ class TestRandomEffects:
         few = random_effects([0.1, 0.3, 0.2], [0.1, 0.2, 0.1])
         more = random_effects([0.1, 0.3, 0.2, np.nan, 5.0], [0.1, 0.2, 0.1, 0.1, np.nan])
         assert few == more
+        absurd = [0.0, 1e-320, 1e-160, 1e160, np.inf, -0.1]
+        assert random_effects([0.1, 0.3, 0.2, *absurd], [0.1, 0.2, 0.1, *absurd]) == few
         for count in range(2):
             found = random_effects([0.1] * count, [0.1] * count)
             assert found.windows == count
