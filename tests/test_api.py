@@ -14,6 +14,7 @@ from tests.support.openacc_files import csv, platoon
 from tests.support.samples import FOLDER, NOISY, sample
 
 ROOT = Path(__file__).parent.parent
+NUMBER = r"\d+(?:\.\d+)?"
 
 
 def test_the_readmes_example_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -30,6 +31,25 @@ def test_the_readmes_example_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
     assert study.parameters[0].tau == pytest.approx(truth[2], rel=0.05)
     assert accpinn.verify("result.accpinn.zip", study.recording).ok
     assert b"<!doctype html" in (tmp_path / "report.html").read_bytes()[:100].lower()
+
+
+def test_the_tutorial_prints_what_it_says(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    text = (ROOT / "docs" / "tutorial.md").read_text(encoding="utf-8")
+    (tmp_path / "sample_data").symlink_to(FOLDER)
+    monkeypatch.chdir(tmp_path)
+    names: dict[str, object] = {}
+    shown = re.findall(r"```python\n(.*?)```\n\n```text\n(.*?)```", text, re.DOTALL)
+    assert len(shown) == text.count("```python")
+    for code, expected in shown:
+        exec(code, names)
+        printed = capsys.readouterr().out
+        assert re.sub(NUMBER, "", printed) == re.sub(NUMBER, "", expected)
+        # Of fewer draws than users have, the ends of intervals lie a little elsewhere.
+        numbers, others = (list(map(float, re.findall(NUMBER, one))) for one in (printed, expected))
+        assert numbers == pytest.approx(others, rel=0.03, abs=0.002), code
+    assert (tmp_path / "two_followers.html").stat().st_size > 1e6
 
 
 def test_a_study_computes_what_it_is_asked_for() -> None:
