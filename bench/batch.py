@@ -33,7 +33,8 @@ from accpinn.methods.registry import METHODS
 from accpinn.recordings.openacc import read
 from accpinn.segment.cut import cut
 from accpinn.study import batch as batches
-from accpinn.study.batch import BatchProgress, BatchTask, MethodRows
+from accpinn.study.batch_progress import BatchProgress
+from accpinn.study.batch_tasks import BatchTask, MethodRows
 from accpinn.study.comparison import parse_methods
 from accpinn.study.rows import COLUMNS
 from accpinn.units import Seconds

@@ -22,7 +22,8 @@ from accpinn.recordings.mapping import load_mapping
 from accpinn.results.tables.groups import group_table, pooled_table
 from accpinn.results.tables.table import Table
 from accpinn.segment.cut import DURATION
-from accpinn.study.batch import BatchProgress, BatchSummary, batch
+from accpinn.study.batch import batch
+from accpinn.study.batch_progress import BatchProgress, BatchSummary
 from accpinn.study.comparison import parse_methods
 from accpinn.study.groups import BY, GROUPABLE, Groups, Share, Typical, group, read_study
 from accpinn.study.journal import FAILURES, JOURNAL, RESULTS, damaged_lines, read_pooled

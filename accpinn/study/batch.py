@@ -16,19 +16,15 @@ import hashlib
 import json
 import math
 import os
-import queue
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass, replace
-from functools import partial
+from itertools import chain
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Generic, NamedTuple, TypeVar
+from typing import TYPE_CHECKING, Any
 
 from accpinn.errors import AccpinnError, ConfigError, RecordingError
-from accpinn.inference.intervals import intervals
 from accpinn.methods.maximum_likelihood import KEY
-from accpinn.methods.method import TaskContext
 from accpinn.methods.registry import METHODS, method_of
 from accpinn.model.cthp import Case
 from accpinn.recordings.files import mapping_of, read_all
@@ -37,126 +33,24 @@ from accpinn.recordings.mapping import CsvMapping, write_mapping
 from accpinn.recordings.recording import Recording, facts_of
 from accpinn.segment.cut import DURATION, MINIMUM_DURATION, cut
 from accpinn.segment.segment import Segment
-from accpinn.study.cluster import WORKERLESS, connected, fault_of, is_killed, threads_of
+from accpinn.study.batch_progress import BatchProgress, BatchSummary, Tally
+from accpinn.study.batch_tasks import BatchTask, MethodRows, Place, PoolTask, run_pool, run_task
+from accpinn.study.cluster import connected, fault_of, run_all, threads_of
 from accpinn.study.journal import FORMAT, Failure, Journal, read_rows
 from accpinn.study.plan import LEAST, plan
-from accpinn.study.pooling import Pool, PoolWindow, pooled_row, pools
-from accpinn.study.rows import rows_of
+from accpinn.study.pooling import Pool, PoolWindow, pools
 from accpinn.units import Seconds
 
 if TYPE_CHECKING:
     from distributed import Client, Future
 
-AHEAD = 2
-"""Tasks that each worker has: one at work, and the next, so that none waits."""
-POLL: Seconds = 0.2
 PUBLISHED_EVERY: Seconds = 60.0
 """How often `results.parquet` is made while a batch runs."""
-INTERVALS_SECONDS = POOLING_SECONDS = 2.0
-"""Of a window's intervals, and of a vehicle's windows taken together, as the typical seconds of
-methods."""
 ENDINGS = (".csv", ".txt")
 NOTHING = f"no complete stretch of {LEAST:g} s in car-following under ACC"
 OTHER_MAPPING = (
     "its columns were read by another mapping before; take another folder for results by this one"
 )
-
-
-class Place(NamedTuple):
-    """Where a planned window lies; that of uneven steps may be cut a little shorter."""
-
-    sha256: str
-    """Of the recording."""
-    vehicles: tuple[int, ...]
-    start: Seconds
-    duration: Seconds
-
-
-@dataclass(frozen=True, eq=False)
-class BatchTask:
-    """One window of a chain of vehicles, ready to be sent to a worker."""
-
-    key: str
-    place: Place
-    segment: Segment
-    recording: dict[str, Any]
-    """What rows say of it."""
-    modes: tuple[str, ...]
-    """(M,) as `plan` gives them."""
-    case: Case
-    methods: tuple[str, ...]
-    """Those that have no result yet."""
-
-
-@dataclass(frozen=True, eq=False)
-class PoolTask:
-    """All windows of a vehicle with one setting, ready to be sent to a worker."""
-
-    key: str
-    pool: Pool
-    segments: tuple[Segment, ...]
-    """(K,) of the vehicle and the one ahead."""
-
-
-@dataclass(frozen=True)
-class MethodRows:
-    """What one method made of a task, on a worker."""
-
-    method: str
-    rows: list[dict[str, Any]]
-    """One a follower, or one for all windows of a vehicle; empty where it failed."""
-    reason: str = ""
-    """Why it failed."""
-    final: bool = True
-    """Whether it would fail again."""
-
-
-@dataclass(frozen=True)
-class BatchSummary:
-    """What a batch has come to."""
-
-    recordings: int
-    """That could be read."""
-    refused: int
-    """Files, and trajectories of tables, that could not be read."""
-    windows: int
-    followers: int
-    """Over all windows: followers of each."""
-    rows: int
-    """One a window, follower and method."""
-    failed: int
-    """Methods on windows that have no result."""
-    reused: int
-    """Rows that were there already."""
-    seconds: Seconds
-    stopped: bool
-    """Whether it ended early because the caller said so."""
-    unknown_names: tuple[str, ...] = ()
-    """Of followers whose make and model the package does not know in one spelling."""
-
-
-@dataclass(frozen=True)
-class BatchProgress:
-    """How far a batch has got."""
-
-    files: int
-    done: float
-    """Files, those in work as fractions."""
-    windows: int
-    """Finished."""
-    rows: int
-    """Known so far, those reused included."""
-    failed: int
-    workers: int
-    seconds: Seconds
-    seconds_left: Seconds | None
-    """None as long as nothing is known."""
-    vehicles: int = 0
-    """Whose windows are taken together at the end; known once all windows are finished."""
-    pooled: int = 0
-    """Of these, how many are finished."""
-    share: float = 0.0
-    """Of all the work that is done, 0 to 1."""
 
 
 def batch(
@@ -269,79 +163,18 @@ class _Run:
     ) -> None:
         self._journal, self._known = journal, journal.known
         self._methods, self._case, self._window = methods, case, window
-        self._mapping, self._files, self._started = mapping, files, started
+        self._mapping, self._files = mapping, files
         self._on_progress, self._should_stop = on_progress, should_stop
-        self._recordings = self._refused = self._windows = self._followers = 0
-        self._rows = self._failed = self._reused = self._finished = 0
+        self._tally = Tally(len(files), methods, KEY in methods and case == "II", started)
+        self._published = time.monotonic()
         self._stopped = False
         self._seen: dict[str, str] = {}
         self._paths: dict[str, Path] = {}
-        # Progress: shares of files, each split among its tasks.
-        self._done = self._computed = 0.0
-        self._shares: dict[str, float] = {}
-        self._vehicles = self._pooled = 0
-        self._pooling_since: float | None = None
-        self._is_done = False
 
     def summary(self) -> BatchSummary:
-        return BatchSummary(
-            recordings=self._recordings,
-            refused=self._refused,
-            windows=self._windows,
-            followers=self._followers,
-            rows=self._rows,
-            failed=self._failed,
-            reused=self._reused,
-            seconds=round(time.monotonic() - self._started, 3),
-            stopped=self._stopped,
-            unknown_names=self._unknown_names(),
-        )
-
-    def _unknown_names(self) -> tuple[str, ...]:
         named = (row for row in read_rows(self._journal.folder) if row["make"])
-        return tuple(sorted({row["name"] for row in named if not is_known(row["name"])}))
-
-    def progress(self, workers: int) -> BatchProgress:
-        pooling = self._pooling_cost() if self._pools_vehicles else 0.0
-        done = min(self._done / len(self._files), 1.0)
-        together = 1.0 if self._is_done else self._pooled / max(1, self._vehicles)
-        return BatchProgress(
-            files=len(self._files),
-            done=min(self._done, len(self._files)),
-            windows=self._finished,
-            rows=self._rows,
-            failed=self._failed,
-            workers=workers,
-            seconds=time.monotonic() - self._started,
-            seconds_left=self._seconds_left(pooling),
-            vehicles=self._vehicles,
-            pooled=self._pooled,
-            share=1.0 if self._is_done else (done + pooling * together) / (1.0 + pooling),
-        )
-
-    @property
-    def _pools_vehicles(self) -> bool:
-        return KEY in self._methods and self._case == "II"
-
-    def _pooling_cost(self) -> float:
-        """Of taking vehicles' windows together, against the methods on all windows."""
-        every = sum(METHODS[key].typical_seconds for key in self._methods) + INTERVALS_SECONDS
-        return POOLING_SECONDS / every
-
-    def _seconds_left(self, pooling: float) -> Seconds | None:
-        """By the pace of the stage that runs, and before the last one by its usual cost."""
-        now = time.monotonic()
-        if self._is_done:
-            return 0.0
-        if self._pooling_since is not None and self._pooled:
-            spent = now - self._pooling_since
-            return spent * (self._vehicles - self._pooled) / self._pooled
-        if self._computed <= 0:
-            return None
-        since = self._pooling_since or now
-        a_file = (since - self._started) / self._computed
-        left = max(0.0, len(self._files) - self._done) * a_file
-        return max(0.0, left + pooling * len(self._files) * a_file - (now - since))
+        unknown = {row["name"] for row in named if not is_known(row["name"])}
+        return self._tally.summary(self._stopped, tuple(sorted(unknown)))
 
     # Planning
 
@@ -349,9 +182,7 @@ class _Run:
         """What is left to do, file by file; files are read when their turn comes."""
         for file in self._files:
             found = list(self._tasks_of(file))
-            if not found:
-                self._done += 1.0
-            self._shares |= {task.key: 1.0 / len(found) for task in found}
+            self._tally.plan_file([task.key for task in found])
             yield from found
 
     def _tasks_of(self, file: Path) -> Iterator[BatchTask]:
@@ -367,7 +198,7 @@ class _Run:
             return
         self._seen[content] = file.name
         names: list[str] = []
-        refused = self._refused
+        refused = self._tally.refused
         try:
             used = mapping_of(raw, file.name, self._mapping)
             mapping = hashlib.sha256(write_mapping(used)).hexdigest() if used else ""
@@ -383,7 +214,7 @@ class _Run:
                         yield from self._tasks_in(found, file.name)
                     else:
                         self._refuse(f"{place}:{found}", file.name, str(found))
-                about = {"recordings": names, "refused": self._refused - refused}
+                about = {"recordings": names, "refused": self._tally.refused - refused}
                 self._journal.add("recording", content, file=file.name, mapping=mapping, **about)
         except AccpinnError as fault:
             self._refuse(place, file.name, str(fault))
@@ -408,14 +239,14 @@ class _Run:
         ]
         if any(map(self._missing, places)):
             return False
-        self._recordings += len(names)
-        self._refused += known["refused"]
+        self._tally.recordings += len(names)
+        self._tally.refused += known["refused"]
         for place in places:
             self._count(place)
         return True
 
     def _tasks_in(self, recording: Recording, file: str) -> Iterator[BatchTask]:
-        self._recordings += 1
+        self._tally.recordings += 1
         planned = plan(recording, self._window)
         own = {"file": file, "trajectory": recording.trajectory, "sha256": recording.sha256}
         about = {**facts_of(recording), **own}
@@ -440,7 +271,7 @@ class _Run:
 
     def pool_tasks(self) -> Iterator[PoolTask]:
         """The vehicles whose pooled parameters are not known; files are read again for each."""
-        if not self._pools_vehicles or self._stopped:
+        if not self._tally.pools_vehicles or self._stopped:
             return
         known, at_hand = self._known.pooled | self._known.final, self._paths.keys()
         left = [
@@ -448,12 +279,12 @@ class _Run:
             for pool in pools(read_rows(self._journal.folder))
             if pool.key not in known and {one.sha256 for one in pool.windows} <= at_hand
         ]
-        self._vehicles, self._pooling_since = len(left), time.monotonic()
+        self._tally.plan_pooling(len(left))
         for pool in left:
             try:
                 yield PoolTask(pool.key, pool, self._pool_segments(pool))
             except (AccpinnError, OSError) as fault:
-                self._pooled += 1
+                self._tally.pooled += 1
                 self._fail_pool(pool, str(fault), final=False)
 
     def _pool_segments(self, pool: Pool) -> tuple[Segment, ...]:
@@ -494,16 +325,17 @@ class _Run:
 
     def _count(self, place: Place) -> None:
         """A window, and what is known of it."""
-        self._windows += 1
-        self._followers += len(place.vehicles) - 1
+        tally = self._tally
+        tally.windows += 1
+        tally.followers += len(place.vehicles) - 1
         for method in self._methods:
             key = self._key(place, method)
-            self._reused += self._known.results.get(key, 0)
-            self._rows += self._known.results.get(key, 0)
-            self._failed += key in self._known.final
+            tally.reused += self._known.results.get(key, 0)
+            tally.rows += self._known.results.get(key, 0)
+            tally.failed += key in self._known.final
 
     def _refuse(self, key: str, file: str, reason: str) -> None:
-        self._refused += 1
+        self._tally.refused += 1
         self._fail(key, Failure(file, None, None, reason), final=False)
 
     def _fail(self, key: str, failure: Failure, final: bool) -> None:
@@ -514,85 +346,39 @@ class _Run:
 
     def work(self, workers: int | None, scheduler: str | None) -> None:
         """Run all tasks; workers are started for the first one that is left to do."""
-        self._on_progress(self.progress(0))
+        self._tell(0)
         client: Client | None = None
+        phases: tuple[tuple[Iterator[Any], Callable[[Any], Any], Callable[..., None]], ...] = (
+            (self.tasks(), run_task, self._finish),
+            (self.pool_tasks(), run_pool, self._finish_pool),
+        )
         with ExitStack() as opened:
-            windows: Phase[Any] = Phase(self.tasks, run_task, self._finish)
-            vehicles: Phase[Any] = Phase(self.pool_tasks, run_pool, self._finish_pool)
-            for phase in (windows, vehicles):
-                tasks = phase.tasks()
+            for tasks, run, finish in phases:
                 first = next(tasks, None)
                 if first is not None:
                     client = client or opened.enter_context(connected(workers, scheduler))
-                    self._on_progress(self.progress(threads_of(client)))
-                    self._drive(client, phase, first, tasks, scheduler is None)
-        self._is_done = not self._stopped
-        self._on_progress(self.progress(0))
-
-    def _drive(
-        self,
-        client: "Client",
-        phase: "Phase[Any]",
-        first: Any,
-        tasks: Iterator[Any],
-        is_local: bool,
-    ) -> None:
-        """Keep workers at a phase's tasks until all have ended, or the caller says stop."""
-        ended: queue.SimpleQueue[Future[Any]] = queue.SimpleQueue()
-        running: dict[str, tuple[Future[Any], Any]] = {}
-        put_off: list[Any] = []
-        waiting = first
-        published = alive = time.monotonic()
-        slots, looked, alone = 0, -1.0, False
-        try:
-            while waiting or running or put_off:
-                if self._should_stop():
-                    self._stopped = True
-                    break
-                if time.monotonic() - looked > 1.0:
-                    slots, looked = threads_of(client), time.monotonic()
-                    alive = looked if slots or not is_local else alive
-                if time.monotonic() - alive > WORKERLESS:
-                    raise RecordingError(
-                        "The workers have died and no others start; what was finished is kept, and"
-                        " the same call goes on from there."
+                    self._tell(threads_of(client))
+                    self._stopped = not run_all(
+                        client,
+                        chain([first], tasks),
+                        run,
+                        finish,
+                        is_local=scheduler is None,
+                        on_progress=self._tell,
+                        should_stop=self._should_stop,
                     )
-                if not waiting and not running:
-                    # What workers died at, one by one, so that nothing else is to blame.
-                    alone, waiting = True, put_off.pop(0)
-                room = 1 if alone else AHEAD * max(1, slots)
-                # What has ended is written before another file is read.
-                while waiting and len(running) < room and ended.empty():
-                    key = f"{waiting.key}{'-alone' * alone}"
-                    future = client.submit(phase.run, waiting, key=key, pure=False)
-                    running[key] = (future, waiting)
-                    future.add_done_callback(ended.put)
-                    waiting = None if alone else next(tasks, None)
-                try:
-                    future = ended.get(timeout=POLL)
-                except queue.Empty:
-                    continue
-                if future.key in running:
-                    future, task = running.pop(future.key)
-                    if not alone and is_killed(future):
-                        put_off.append(task)
-                        continue
-                    phase.finish(future, task)
-                    future.release()
-                    self._on_progress(self.progress(slots))
-                if time.monotonic() - published > PUBLISHED_EVERY:
-                    self._journal.publish()
-                    published = time.monotonic()
-        finally:
-            for future, _ in running.values():
-                future.cancel()
+        self._tally.is_done = not self._stopped
+        self._tell(0)
+
+    def _tell(self, workers: int) -> None:
+        self._on_progress(self._tally.progress(workers))
+        if time.monotonic() - self._published > PUBLISHED_EVERY:
+            self._journal.publish()
+            self._published = time.monotonic()
 
     def _finish(self, future: "Future[Any]", task: BatchTask) -> None:
         """Write what became of a task."""
-        share = self._shares.pop(task.key)
-        self._done += share
-        self._computed += share
-        self._finished += 1
+        self._tally.finish(task.key)
         reason = fault_of(future)
         if reason:
             found = [MethodRows(m, [], reason, final=False) for m in task.methods]
@@ -603,9 +389,9 @@ class _Run:
             key = self._key(task.place, one.method)
             if one.rows:
                 self._journal.add("result", key, rows=one.rows)
-                self._rows += len(one.rows)
+                self._tally.rows += len(one.rows)
                 continue
-            self._failed += 1
+            self._tally.failed += 1
             alone = vehicles[1] if len(vehicles) == 2 else None
             reason = f"{one.method}: {one.reason}"
             self._fail(
@@ -614,47 +400,10 @@ class _Run:
 
     def _finish_pool(self, future: "Future[Any]", task: PoolTask) -> None:
         """Write what became of a vehicle."""
-        self._pooled += 1
+        self._tally.pooled += 1
         reason = fault_of(future)
         found = MethodRows(KEY, [], reason, final=False) if reason else future.result()
         if found.rows:
             self._journal.add("pooled", task.key, row=found.rows[0])
         else:
             self._fail_pool(task.pool, found.reason, found.final)
-
-
-T = TypeVar("T")
-
-
-@dataclass(frozen=True)
-class Phase(Generic[T]):
-    """Tasks of one kind: where they come from, what workers do, what becomes of the answer."""
-
-    tasks: Callable[[], Iterator[T]]
-    run: Callable[[T], Any]
-    finish: Callable[["Future[Any]", T], None]
-
-
-def run_task(task: BatchTask) -> list[MethodRows]:
-    """All methods of a task, on a worker; one that fails does not stop the others."""
-    segment = replace(task.segment)  # arrays of one's own: those received may lie anyhow in memory
-
-    def rows(key: str) -> list[dict[str, Any]]:
-        fit = METHODS[key].fit(segment, task.case, None, TaskContext(threads=1))
-        return rows_of(segment, task.recording, task.modes, fit, intervals(segment, fit))
-
-    return [_tried(key, partial(rows, key)) for key in task.methods]
-
-
-def run_pool(task: PoolTask) -> MethodRows:
-    """The pooled parameters of a vehicle, on a worker."""
-    return _tried(KEY, lambda: [pooled_row(task.pool, task.segments)])
-
-
-def _tried(method: str, rows: Callable[[], list[dict[str, Any]]]) -> MethodRows:
-    try:
-        return MethodRows(method, rows())
-    except AccpinnError as fault:
-        return MethodRows(method, [], str(fault))
-    except Exception as fault:  # a fault of the program, told and tried again another time
-        return MethodRows(method, [], f"{type(fault).__name__}: {fault}", final=False)

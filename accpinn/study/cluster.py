@@ -4,10 +4,12 @@ On this machine they are processes of one thread each.
 """
 
 import os
+import queue
 import tempfile
-from collections.abc import Iterator
+import time
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
 from accpinn import __version__
 from accpinn.errors import RecordingError
@@ -16,12 +18,26 @@ from accpinn.units import Seconds
 if TYPE_CHECKING:
     from distributed import Client, Future
 
+AHEAD = 2
+"""Tasks that each worker has: one at work, and the next, so that none waits."""
+POLL: Seconds = 0.2
 DEATHS = 1
 """Of workers, after which a task is put off: it may have been another that they died at."""
 CONNECT: Seconds = 20.0
 """How long a scheduler may take to answer, and to have a worker."""
 WORKERLESS: Seconds = 180.0
 """Without a worker on this machine for so long, a batch ends: they cannot be started."""
+
+
+class Keyed(Protocol):
+    """A task that has a name of its own."""
+
+    @property
+    def key(self) -> str:
+        """The name."""
+
+
+T = TypeVar("T", bound=Keyed)
 
 
 @contextmanager
@@ -158,3 +174,79 @@ def _lost() -> RecordingError:
         "The scheduler no longer answers; what was finished is kept, and the same call goes on"
         " from there."
     )
+
+
+def run_all(
+    client: "Client",
+    tasks: Iterator[T],
+    run: Callable[[T], Any],
+    finish: "Callable[[Future[Any], T], None]",
+    *,
+    is_local: bool,
+    on_progress: Callable[[int], None],
+    should_stop: Callable[[], bool],
+) -> bool:
+    """Keep workers at tasks until all have ended, or the caller says stop.
+
+    A task at which workers died is put off, and tried alone at the end, so that nothing else is to
+    blame when one dies again.
+
+    Args:
+        client: of their scheduler.
+        tasks: taken as workers ask for more.
+        run: what a worker does with a task.
+        finish: what becomes of the answer; called here, in the order in which tasks end.
+        is_local: whether the workers are those of this machine.
+        on_progress: called after every task with the number of workers.
+        should_stop: asked several times a second.
+
+    Returns:
+        Whether all tasks were taken and have ended.
+
+    Raises:
+        RecordingError: when the scheduler is away, or workers of this machine cannot be started.
+    """
+    ended: queue.SimpleQueue[Future[Any]] = queue.SimpleQueue()
+    running: dict[str, tuple[Future[Any], T]] = {}
+    put_off: list[T] = []
+    waiting = next(tasks, None)
+    alive = time.monotonic()
+    slots, looked, alone = 0, -1.0, False
+    try:
+        while waiting or running or put_off:
+            if should_stop():
+                return False
+            if time.monotonic() - looked > 1.0:
+                slots, looked = threads_of(client), time.monotonic()
+                alive = looked if slots or not is_local else alive
+            if time.monotonic() - alive > WORKERLESS:
+                raise RecordingError(
+                    "The workers have died and no others start; what was finished is kept, and"
+                    " the same call goes on from there."
+                )
+            if not waiting and not running:
+                alone, waiting = True, put_off.pop(0)
+            room = 1 if alone else AHEAD * max(1, slots)
+            # What has ended is written before another file is read.
+            while waiting and len(running) < room and ended.empty():
+                key = f"{waiting.key}{'-alone' * alone}"
+                future = client.submit(run, waiting, key=key, pure=False)
+                running[key] = (future, waiting)
+                future.add_done_callback(ended.put)
+                waiting = None if alone else next(tasks, None)
+            try:
+                future = ended.get(timeout=POLL)
+            except queue.Empty:
+                continue
+            if future.key in running:
+                future, task = running.pop(future.key)
+                if not alone and is_killed(future):
+                    put_off.append(task)
+                    continue
+                finish(future, task)
+                future.release()
+                on_progress(slots)
+        return True
+    finally:
+        for future, _ in running.values():
+            future.cancel()

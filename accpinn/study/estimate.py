@@ -15,7 +15,8 @@ from accpinn.methods.method import FURTHER
 from accpinn.methods.registry import METHODS
 from accpinn.recordings.files import read_all
 from accpinn.recordings.recording import Recording
-from accpinn.study.batch import INTERVALS_SECONDS, files_of
+from accpinn.study.batch import files_of
+from accpinn.study.batch_progress import INTERVALS_SECONDS
 from accpinn.study.plan import plan
 from accpinn.units import FloatArray, Seconds
 

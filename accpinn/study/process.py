@@ -22,7 +22,8 @@ import msgspec
 from accpinn.errors import AccpinnError, ConfigError, RecordingError
 from accpinn.model.cthp import Case
 from accpinn.recordings.mapping import CsvMapping
-from accpinn.study.batch import BatchProgress, BatchSummary, batch
+from accpinn.study.batch import batch
+from accpinn.study.batch_progress import BatchProgress, BatchSummary
 from accpinn.units import Seconds
 
 POLL: Seconds = 0.2

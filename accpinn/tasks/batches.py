@@ -7,7 +7,7 @@ from accpinn.errors import RecordingError
 from accpinn.methods.method import TaskContext
 from accpinn.recordings.catalogue import Run
 from accpinn.recordings.download import PUBLISHED_AT, Download, DownloadState, Transfer, download
-from accpinn.study.batch import BatchProgress, BatchSummary
+from accpinn.study.batch_progress import BatchProgress, BatchSummary
 from accpinn.study.folders import Request, keep_request
 from accpinn.study.process import BatchSettings, run_batch
 from accpinn.tasks.task import Task

@@ -15,7 +15,7 @@ from accpinn.errors import RecordingError
 from accpinn.recordings.catalogue import catalogue
 from accpinn.recordings.files import read
 from accpinn.recordings.recording import Mode, Window
-from accpinn.study.batch import BatchProgress, BatchSummary
+from accpinn.study.batch_progress import BatchProgress, BatchSummary
 from accpinn.study.folders import Request, keep_request
 from accpinn.study.groups import group, read_study
 from accpinn.study.journal import Failure, Journal

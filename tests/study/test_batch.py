@@ -33,8 +33,11 @@ from accpinn.results.tables.table import Estimate
 from accpinn.segment.cut import cut
 from accpinn.segment.segment import Segment
 from accpinn.study import batch as batches
+from accpinn.study import batch_tasks
 from accpinn.study import cluster as clusters
-from accpinn.study.batch import BatchProgress, BatchTask, MethodRows, batch
+from accpinn.study.batch import batch
+from accpinn.study.batch_progress import BatchProgress
+from accpinn.study.batch_tasks import BatchTask, MethodRows
 from accpinn.study.journal import (
     JOURNAL,
     Failure,
@@ -62,7 +65,7 @@ def quick_intervals(_: Segment, fit: Fit) -> Uncertainty:
 
 @pytest.fixture(autouse=True)
 def quick(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(batches, "intervals", quick_intervals)
+    monkeypatch.setattr(batch_tasks, "intervals", quick_intervals)
 
 
 METHODS_USED = ("least-squares", "savitzky-golay")
@@ -275,7 +278,7 @@ def test_without_workers_it_ends_with_a_word(
     options: dict[str, Any] = {"methods": METHODS_USED[:1], "window": 70, "workers": 1}
     with monkeypatch.context() as patched:
         patched.setattr(batches, "connected", workerless)
-        patched.setattr(batches, "WORKERLESS", 0.1)
+        patched.setattr(clusters, "WORKERLESS", 0.1)
         with pytest.raises(RecordingError, match="no others start"):
             batch(folder, tmp_path / "study", **options)
     monkeypatch.setattr("distributed.LocalCluster", refusing)

@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 
 from accpinn.results.messages import percent
 from accpinn.results.tables.table import between
-from accpinn.study.batch import BatchProgress, BatchSummary
+from accpinn.study.batch_progress import BatchProgress, BatchSummary
 from accpinn.study.estimate import BatchEstimate
 from accpinn.study.groups import Group, Groups
 from accpinn.study.journal import Failure

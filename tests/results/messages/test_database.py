@@ -10,7 +10,7 @@ from accpinn.results.messages.database import (
     trust_line,
     typical_line,
 )
-from accpinn.study.batch import BatchProgress
+from accpinn.study.batch_progress import BatchProgress
 from accpinn.study.groups import group
 from accpinn.study.journal import Failure
 from tests.support.studies import row, rows
