@@ -1,5 +1,6 @@
 """Fixtures that several test modules share."""
 
+import gc
 import os
 import shutil
 import sys
@@ -20,6 +21,16 @@ settings.load_profile("house")
 # they are ready in a tenth of the time. A process of its own takes all of them, but for the app
 # that browsers look at.
 draws.take_few()
+
+
+def pytest_collection() -> None:
+    """What is imported lives until the end: no collection need look through it again and again."""
+    gc.disable()
+
+
+def pytest_collection_finish() -> None:
+    gc.freeze()
+    gc.enable()
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
