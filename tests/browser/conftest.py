@@ -19,7 +19,7 @@ STILL = """addEventListener("DOMContentLoaded", () => {
         + "!important }";
     document.head.append(style);
 })"""
-"""Spinners and fading cost a quarter of the browser's time, and no journey looks at them."""
+"""Spinners and fading cost an eighth of the browser's time, and no journey looks at them."""
 
 LATE = ["TimeoutError", "Locator expected", "Page URL expected"]
 """How a failure begins whose cause may be a busy machine: the page did not show something in time.
