@@ -14,7 +14,7 @@ LISTEN = $(if $(ADDRESS),--server.address=$(ADDRESS) '--server.allowedHosts=$(or
 
 # One test process a core; each keeps its linear algebra to one thread. A file's tests share one. In
 # the order of names the browser's come first, so that short ones fill the end. Bytecode is kept even
-# where the environment forbids it, as some sixty processes load the package.
+# where the environment forbids it, as many processes load the package.
 WORKERS ?= 2
 
 .PHONY: help

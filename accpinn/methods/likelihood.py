@@ -44,6 +44,8 @@ MEMORY = [one.name for one in COMMON].index("memory")
 Groups = NDArray[np.int64]
 AT_ONCE = 400
 """Models filtered at once: as many as have covariances that fit a processor's cache."""
+LARGEST_BATCH = 3_000_000
+"""Samples times models filtered at once, which bounds the memory of very long recordings."""
 STARTS = ((0.0, 0.0), (-1.5, 1.4), (1.0, 0.0))
 """ln of two factors that each search starts with: on α and ατ, and on the disturbance's memory.
 
@@ -135,7 +137,8 @@ class Criterion:
         """(K,) log L at coordinates (K, P), each of the group (K,) that is named with it."""
         found = np.zeros(len(z))
         pairs = np.array([(k, j) for k, g in enumerate(groups) for j in self._members[g]])
-        for part in np.array_split(pairs, range(AT_ONCE, len(pairs), AT_ONCE)):
+        most = max(1, min(AT_ONCE, LARGEST_BATCH // len(self.series.measured)))
+        for part in np.array_split(pairs, range(most, len(pairs), most)):
             which, series = part.T
             total = log_likelihood(self.model(z[which]), self.series.measured[:, :, series])
             np.add.at(found, which, total)

@@ -9,7 +9,7 @@ is not computed again, and a further method adds its rows.
 At the end the windows of each vehicle with one setting are taken together, where maximum likelihood
 is among the methods (see `study.pooling`).
 
-Workers are those of `study.cluster`. They need the package, but no access to the files.
+Workers are those of `study.cluster`.
 """
 
 import hashlib

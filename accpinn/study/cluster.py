@@ -204,7 +204,8 @@ def run_all(
         Whether all tasks were taken and have ended.
 
     Raises:
-        RecordingError: when the scheduler is away, or workers of this machine cannot be started.
+        RecordingError: when the scheduler is away, or the workers of this machine have died and no
+            others start.
     """
     ended: queue.SimpleQueue[Future[Any]] = queue.SimpleQueue()
     running: dict[str, tuple[Future[Any], T]] = {}

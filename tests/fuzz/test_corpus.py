@@ -13,8 +13,8 @@ from tests.fuzz.campaign import attempt
 from tests.fuzz.kinds import KINDS, Kind
 
 EXAMPLES = {
-    "recording": 40, "pairs": 20, "mapping": 40, "snapshot": 60, "study": 25, "link": 15,
-    "arguments": 12,
+    "recording": 50, "pairs": 25, "mapping": 50, "snapshot": 100, "study": 40, "link": 25,
+    "arguments": 20,
 }  # fmt: skip
 """How many of each kind; `make fuzz` goes on from there."""
 

@@ -4,8 +4,11 @@ import numpy as np
 import pytest
 from statsmodels.tsa.statespace.kalman_smoother import KalmanSmoother
 
+from accpinn.methods import likelihood
 from accpinn.methods.kalman import innovations, log_likelihood, smooth
+from accpinn.methods.series import series_of
 from accpinn.methods.state_space import FORMS, OBSERVED, StateSpace, coordinates, state_space
+from tests.support.driving import MIXED, driven
 
 STEP = 0.5
 
@@ -122,3 +125,24 @@ def test_likelihood_and_smoothed_states_agree_with_statsmodels(form):
         np.testing.assert_allclose(found.deviations[..., b], scale, rtol=1e-4, atol=1e-7)
         off = (found.means[..., b] - expected.smoothed_state.T) / np.maximum(scale, 1e-7)
         assert np.abs(off).max() < 1e-4
+
+
+def test_models_are_filtered_in_parts_that_fit_cache_and_memory(monkeypatch):
+    series = series_of([driven(MIXED, duration=60.0, noise=0.05)], "II")
+    criterion, samples = likelihood.Criterion(series), len(series.measured)
+    z = np.log(random_values("cthp", 20, np.random.default_rng(4)))
+    groups = np.arange(20) % series.groups
+    together = criterion.log_likelihood(z, groups)
+    for at_once, largest, most in ((7, 10**9, 7), (400, 3 * samples, 3)):
+        counts = []
+
+        def counted(model, measured, counts=counts):
+            counts.append(measured.shape[2])
+            return log_likelihood(model, measured)
+
+        monkeypatch.setattr(likelihood, "AT_ONCE", at_once)
+        monkeypatch.setattr(likelihood, "LARGEST_BATCH", largest)
+        monkeypatch.setattr(likelihood, "log_likelihood", counted)
+        np.testing.assert_allclose(criterion.log_likelihood(z, groups), together, rtol=1e-10)
+        assert max(counts) == most
+        assert sum(counts) == 20

@@ -77,7 +77,7 @@ def vehicle_with(total: float, share: float, alpha: float) -> Parameters:
 
 
 @given(st.floats(0.08, 3.0), st.floats(0.0, 1.0), st.floats(0.01, 1.0))
-@settings(max_examples=12)
+@settings(max_examples=25)
 def test_gain_agrees_with_quadrature(zeta: float, share: float, alpha: float) -> None:
     vehicle = vehicle_with(2 * zeta * alpha**0.5, share, alpha)
     assert step_metrics(vehicle).gain == pytest.approx(integral_of_magnitude(vehicle), abs=1e-8)
