@@ -7,7 +7,6 @@ limit is not kept. Real recordings are found through OPENACC_DIR; page switches 
 import argparse
 import os
 import platform
-import shutil
 import sys
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ProcessPoolExecutor
@@ -18,6 +17,7 @@ from pathlib import Path
 
 from bench import pages, results, speed, start
 from bench.measurement import Figures, Measurement, Part, measured, table
+from tests.browser.running import installed
 
 PARTS = ("start", "results", "methods", "training", "pages")
 RECORDED = PARTS[2:]
@@ -58,15 +58,11 @@ def main(arguments: list[str] | None = None) -> int:
 def _missing() -> dict[str, str]:
     """Why a part cannot be measured."""
     found = {}
-    if not _chromium():
+    if not installed():
         found["pages"] = "Chromium was not found (CHROMIUM)"
     if not os.environ.get("OPENACC_DIR"):
         found |= dict.fromkeys(RECORDED, "OPENACC_DIR does not name the recordings")
     return found
-
-
-def _chromium() -> str:
-    return os.environ.get("CHROMIUM") or shutil.which("chromium") or ""
 
 
 def _jobs(parts: set[str], iterations: int) -> Iterator[Job]:
@@ -83,7 +79,7 @@ def _jobs(parts: set[str], iterations: int) -> Iterator[Job]:
         for case in speed.CASES:
             yield f"training, {case.name}", partial(speed.training, case, folder, iterations)
     if "pages" in parts:
-        yield "switches of pages", partial(pages.measure, folder, _chromium())
+        yield "switches of pages", partial(pages.measure, folder, installed())
 
 
 def _in_a_fresh_process(name: str, measure: Callable[[], Iterable[Measurement]]) -> Part:

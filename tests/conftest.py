@@ -2,7 +2,6 @@
 
 import gc
 import os
-import shutil
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -47,16 +46,6 @@ def openacc_dir() -> Path:
     if not folder or not Path(folder).is_dir():
         pytest.skip("OPENACC_DIR does not name a folder with the OpenACC recordings")
     return Path(folder)
-
-
-@pytest.fixture(scope="session")
-def chromium() -> str:
-    """The browser that Playwright drives: $CHROMIUM, or the first one found on the path."""
-    names = (os.environ.get("CHROMIUM", ""), "chromium", "chromium-browser", "google-chrome")
-    found = next((path for name in names if name and (path := shutil.which(name))), None)
-    if found is None:
-        pytest.skip("no Chromium on this machine; install it, or name it in CHROMIUM")
-    return found
 
 
 @pytest.fixture(autouse=True)

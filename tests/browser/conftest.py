@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from playwright.sync_api import Browser, Page, expect
 
-from tests.browser.running import PATIENCE_MS, exceptions, idle, launched, watched
+from tests.browser.running import PATIENCE_MS, exceptions, idle, installed, launched, watched
 from tests.support.server import FEW_DRAWS, free_port, running
 
 Open = Callable[..., Page]
@@ -56,8 +56,11 @@ def app(tmp_path_factory: pytest.TempPathFactory) -> Iterator[App]:
 
 
 @pytest.fixture(scope="session")
-def browser(chromium: str) -> Iterator[Browser]:
+def browser() -> Iterator[Browser]:
     """A browser without a window."""
+    chromium = installed()
+    if not chromium:
+        pytest.skip("no Chromium on this machine; install it, or name it in CHROMIUM")
     expect.set_options(timeout=PATIENCE_MS)
     with launched(chromium) as running:
         yield running

@@ -1,6 +1,8 @@
 """The app as a process of its own, and a browser that looks at it."""
 
+import os
 import re
+import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -55,6 +57,17 @@ def served(
     """The address of a running app with an empty cache, and ``extra`` environment variables."""
     with running(cache, log, recordings, extra=extra) as server:
         yield server.address
+
+
+def installed() -> str:
+    """The browser to drive: $CHROMIUM, or the first one found on the path; "" if there is none.
+
+    The shell without windows comes first: it draws and runs the same, an eighth faster.
+    """
+    shells = ("chromium-headless-shell", "chrome-headless-shell")
+    names = (os.environ.get("CHROMIUM", ""), *shells, "chromium", "chromium-browser")
+    found = (shutil.which(name) for name in (*names, "google-chrome") if name)
+    return next((path for path in found if path), "")
 
 
 @contextmanager

@@ -6,7 +6,6 @@ With OPENACC_DIR set also those of real recordings.
 import argparse
 import os
 import re
-import shutil
 import sys
 import tempfile
 from collections.abc import Callable, Iterator
@@ -24,6 +23,7 @@ from tests.browser.running import (
     choose,
     fill,
     idle,
+    installed,
     launched,
     open_example,
     open_sample,
@@ -373,7 +373,9 @@ def main(arguments: list[str]) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     chosen = [scene for scene in SCENES if not given.scenes or scene.__name__ in given.scenes]
     expect.set_options(timeout=PATIENCE_MS)
-    chromium = os.environ.get("CHROMIUM") or shutil.which("chromium") or "chromium"
+    chromium = installed()
+    if not chromium:
+        parser.error("no Chromium on this machine; install it, or name it in CHROMIUM")
     for theme in THEMES:
         for width in WIDTHS:
             with tempfile.TemporaryDirectory() as temporary, launched(chromium) as browser:

@@ -39,12 +39,14 @@ def publisher(
                 state.at_once += 1
                 state.most_at_once = max(state.most_at_once, state.at_once)
             try:
-                self._answer()
+                rest = self._answer()
             finally:
                 with lock:
                     state.at_once -= 1
+            self.wfile.write(rest)  # who has it whole may ask again before this line ends
 
-        def _answer(self) -> None:
+        def _answer(self) -> bytes:
+            """Answer, but for the end of the body, which is returned."""
             path = unquote(self.path).strip("/")
             asked = self.headers.get("Range", "")
             with lock:
@@ -56,7 +58,7 @@ def publisher(
                 self.send_response(int(fault) if fault else 404)
                 self.send_header("Content-Length", "0")
                 self.end_headers()
-                return
+                return b""
             if fault == "changed":
                 content = state.files[path] = content[::-1]
             tag = f'"{hash(content)}"'
@@ -78,9 +80,9 @@ def publisher(
                 self.wfile.flush()
                 time.sleep(1.0 if fault == "stall" else 0.0)
                 self.close_connection = True
-                return
+                return b""
             time.sleep(0.02)
-            self.wfile.write(body)
+            return body
 
     server = ThreadingHTTPServer(("127.0.0.1", port), Handler)
     server.daemon_threads = True
