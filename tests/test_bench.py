@@ -11,10 +11,11 @@ import pytest
 import torch
 
 from accpinn.inference.intervals import Interval
+from accpinn.methods.likelihood import Maximum
 from accpinn.methods.pinn.config import PRESETS
 from accpinn.methods.pinn.loss import loss_terms
 from accpinn.methods.pinn.method import output_columns
-from accpinn.methods.state_space import Form
+from accpinn.methods.state_space import COMMON, Form
 from accpinn.model.cthp import Parameters, regressors
 from accpinn.recordings.openacc import read
 from accpinn.recordings.synthetic import LeaderProfile
@@ -22,7 +23,7 @@ from accpinn.segment.cut import cut
 from accpinn.segment.segment import Segment
 from accpinn.units import FloatArray
 from bench import __main__ as command_line
-from bench import advanced, coverage, departures, load, replication, start, widths
+from bench import advanced, coverage, departures, disturbances, load, replication, start, widths
 from bench import batch as batches
 from bench.disturbed import MOTORWAY, Disturbance, disturbed
 from bench.measurement import Figures, Measurement, Part, table
@@ -167,6 +168,34 @@ class TestWidths:
         assert (found.sets, found.wide) == (1, (0.0, 0.0, 0.0))
         assert 0.0 < found.median[2] < found.median[0] < 1.0
         assert "| run | 1 | 0 %, 0 %, 0 % |" in widths.text({"run": found})
+
+
+class TestDisturbances:
+    def test_a_prior_is_taken_out(self) -> None:
+        rng = np.random.default_rng(1)
+        size = len(COMMON)
+        centre = np.array([one.centre for one in COMMON])
+        precision = np.diag([0.0 if one.spread is None else one.spread**-2 for one in COMMON])
+        root = rng.normal(size=(size, size))
+        own, best = root @ root.T + np.eye(size), rng.normal(size=size)
+        both = own + precision
+        mode = np.linalg.solve(both, own @ best + precision @ centre)
+        values, errors = disturbances.without_prior(_maximum(mode, both))
+        np.testing.assert_allclose(values, best)
+        np.testing.assert_allclose(errors, np.sqrt(np.diag(np.linalg.inv(own))))
+        values, errors = disturbances.without_prior(_maximum(mode, precision + 1e-3))
+        assert np.isnan([*values, *errors]).all()
+
+    def test_every_unknown_with_a_prior_is_measured(self, openacc_dir: Path) -> None:
+        segments = [cut(read(openacc_dir / "AstaZero/ASta_040719_platoon5.csv"), 320.0, 300.0)]
+        found = disturbances.measure(segments)
+        assert [one.name for one in found] == [one.name for one in COMMON if one.spread is not None]
+        assert all(one.found.windows == 4 for one in found[:3])
+        assert str(found[0]).startswith("| disturbance | 4 | ")
+
+
+def _maximum(z: FloatArray, curvature: FloatArray) -> Maximum:
+    return Maximum("cthp", z, 0.0, 0.0, curvature, True, 1)
 
 
 class TestDisturbedRecordings:

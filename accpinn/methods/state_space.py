@@ -77,14 +77,15 @@ COMMON = (
     Coordinate("alpha", _ALPHA, LEAST, LARGEST.alpha),
     Coordinate("alpha_tau", _ALPHA * _TAU, LEAST, LARGEST_ALPHA_TAU),
     Coordinate("beta", _BETA, LEAST, LARGEST.beta),
-    Coordinate("disturbance", 0.25, 0.01, 3.0, 1.0),
+    Coordinate("disturbance", 0.25, 0.01, 3.0, 0.7),
     Coordinate("memory", 4.0, 0.3, 60.0, 0.7),
-    Coordinate("rise", 0.15, 0.005, 20.0, 1.5),
+    Coordinate("rise", 0.3, 0.005, 20.0, 1.0),
     Coordinate("gap_noise", 0.03, 0.01, 3.0, 1.0),
     Coordinate("speed_noise", 0.05, 0.02, 1.0, 1.0),
     Coordinate("leader_acceleration", 0.5, 0.02, 3.0, 0.5),
 )
-"""θ = (α, ατ, β) first. The least noise is what the receivers can resolve: with less, recordings
+"""θ = (α, ατ, β) first. The priors are about as wide as real followers differ, as far as their runs
+tell (docs/validation.md). The least noise is what the receivers can resolve: with less, recordings
 that were smoothed drive the disturbance's memory to absurd values."""
 EXTRA: dict[Form, Coordinate] = {
     "offset": Coordinate("offset", 0.0, -2.0, 2.0, 0.5, logarithmic=False),
