@@ -61,7 +61,7 @@ LEARNED = 2 / 3
 stretch, where masked instants lie between several."""
 BETTER = 4.0
 """A form is better when its AIC is lower by so much and held-out time is more probable, too."""
-PRIOR: dict[Form, float] = {"cthp": 0.02, "offset": 0.3, "lag": 0.58, "delay": 0.1}
+PRIOR: dict[Form, float] = {"cthp": 0.01, "offset": 0.33, "lag": 0.6, "delay": 0.06}
 """Probability of each form before the data. Chosen so that the weighted intervals cover α, β and τ
 alike whichever form is true; see docs/validation.md."""
 LEVEL = 0.01
