@@ -37,6 +37,7 @@ from tests.support.apptest import (
     STABILITY,
     TRAIN,
     WAIT,
+    WIDGETS,
     boxes,
     choose,
     figures,
@@ -46,6 +47,7 @@ from tests.support.apptest import (
     plain,
     press,
     texts,
+    widget,
     with_sample,
     workspace_of,
 )
@@ -551,6 +553,27 @@ def test_options_are_refused_reach_the_training_and_survive_a_visit_elsewhere() 
     config = found.training.request.config
     assert (config.seed, config.weight_data) == (7, (1.0, 2.0))
     assert config.initial.values.tolist() == [0.5, 0.5, 0.5]
+
+
+def test_a_browser_that_is_behind_does_not_undo_a_choice() -> None:
+    """It still shows the old value when the next click comes, and reports it with that click."""
+    page = choose(open_page(TRAIN, with_sample()), "train_options", True)
+    choose(page, "train_calibrated_iterations", 0)
+    behind = page._tree.get_widget_states()
+    press(page, "Back to the preset")
+    page._run(behind)
+    assert not page.error
+    assert widget(page, "train_calibrated_iterations").value == CALIBRATED.iterations
+    choose(page, "train_calibrated_iterations", 0)
+    assert page.error, "which can be chosen again"
+
+
+@pytest.mark.parametrize("path", PAGES)
+def test_a_page_drawn_again_has_the_same_widgets(path: str) -> None:
+    page = open_page(path, fitted())
+    shown = [one.id for kind in WIDGETS for one in page.get(kind)]
+    page.run()
+    assert [one.id for kind in WIDGETS for one in page.get(kind)] == shown != []
 
 
 def test_a_failed_training_says_why(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -24,6 +24,7 @@ from tests.support.apptest import (
     open_tab,
     plain,
     press,
+    widget,
     with_example,
     workspace_of,
 )
@@ -49,7 +50,7 @@ class TestPage:
     def test_a_published_example_drives_before_anything_was_trained(self) -> None:
         page = open_page(PLATOON, with_example())
         said = plain(page)
-        assert page.number_input(key="platoon_frequency").value == pytest.approx(0.2189)
+        assert widget(page, "platoon_frequency").value == pytest.approx(0.2189)
         assert "The oscillation grows to 2.44 times the leader's" in said
         assert "By |H| the last follower reaches 2.44 m/s." in said
         assert len(page.get("plotly_chart")) == 3
@@ -79,7 +80,7 @@ class TestPage:
 
     def test_one_vehicle_again_and_again_as_in_the_paper(self) -> None:
         page = choose(open_page(PLATOON, with_example()), "platoon_order", "repeated")
-        assert page.number_input(key="platoon_frequency").value == pytest.approx(0.214, abs=1e-4)
+        assert widget(page, "platoon_frequency").value == pytest.approx(0.214, abs=1e-4)
         choose(page, "platoon_vehicle", 2)
         choose(page, "platoon_frequency", 0.25)
         gain = 4.233  # |H(0.25j)| of AstaZero's vehicle 3 to the eighth power
@@ -92,16 +93,16 @@ class TestPage:
     def test_the_frequency_follows_the_vehicle_until_one_is_given(self) -> None:
         page = choose(open_page(PLATOON, with_example()), "platoon_order", "repeated")
         choose(page, "platoon_vehicle", 3)
-        assert page.number_input(key="platoon_frequency").value == pytest.approx(0.1059, abs=1e-4)
+        assert widget(page, "platoon_frequency").value == pytest.approx(0.1059, abs=1e-4)
         choose(page, "platoon_frequency", 0.3)
         choose(page, "platoon_vehicle", 0)
-        assert page.number_input(key="platoon_frequency").value == 0.3
+        assert widget(page, "platoon_frequency").value == 0.3
         press(page, "platoon_peak")
-        assert page.number_input(key="platoon_frequency").value == pytest.approx(0.214, abs=1e-4)
+        assert widget(page, "platoon_frequency").value == pytest.approx(0.214, abs=1e-4)
         # Other vehicles begin without what was chosen among the former.
         choose(page, "platoon_vehicle", 3)
         choose(page, "platoon_example", CASALE.title)
-        assert page.number_input(key="platoon_frequency").value == pytest.approx(0.0879, abs=1e-4)
+        assert widget(page, "platoon_frequency").value == pytest.approx(0.0879, abs=1e-4)
         assert "Follower 8: Hyundai" in plain(page)
 
     def test_an_order_of_ones_own(self) -> None:
@@ -137,13 +138,13 @@ class TestPage:
         said = plain(open_tab(page, "platoon", MAP))
         assert "From 40 to 340 s" in said, "by the recording's clock"
         choose(page, "platoon_order", "repeated")
-        assert page.number_input(key="platoon_followers").value == 3, "as many as recorded"
+        assert widget(page, "platoon_followers").value == 3, "as many as recorded"
 
     def test_settings_are_refused_or_warned_of_and_kept_for_mending(self) -> None:
         page = choose(open_page(PLATOON, with_example()), "platoon_sinusoid_duration", -5.0)
         (error,) = boxes(page, "error")
         assert "Leader: duration = -5" in error
-        assert page.number_input(key="platoon_sinusoid_duration").value == -5.0
+        assert widget(page, "platoon_sinusoid_duration").value == -5.0
         choose(page, "platoon_sinusoid_duration", 60.0)
         assert not page.error
         assert any("transient" in warning for warning in boxes(page, "warning"))

@@ -39,6 +39,7 @@ from tests.support.apptest import (
     plain,
     press,
     texts,
+    widget,
     with_example,
     workspace_of,
 )
@@ -256,7 +257,7 @@ def test_a_row_goes_to_the_platoon_page(which: int, chosen: tuple[Any, ...]) -> 
     assert drive.omega == pytest.approx(chosen[2], abs=1e-4)
     if which == 1:
         other = open_page(PLATOON, found)
-        assert other.number_input(key="platoon_frequency").value == drive.omega
+        assert widget(other, "platoon_frequency").value == drive.omega
         assert "Follower 8: BMW X5" in plain(other)
 
 

@@ -2,6 +2,7 @@
 
 import base64
 import json
+import re
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -22,6 +23,11 @@ HOME = "app.py"
 DATA, TRAIN, STABILITY = "pages/1_Data.py", "pages/2_Train.py", "pages/3_Stability.py"
 PLATOON, COMPARE, SNAPSHOTS = "pages/4_Platoon.py", "pages/5_Compare.py", "pages/6_Snapshots.py"
 PAGES = [HOME, *sorted(f"pages/{path.name}" for path in (ROOT / "pages").glob("[0-9]*.py"))]
+WIDGETS = (
+    "button_group", "selectbox", "multiselect", "number_input", "text_input", "toggle", "checkbox",
+    "slider",
+)  # fmt: skip
+"""What a value is chosen with."""
 WAIT = 120.0
 """Seconds a real training may take on a busy machine; it needs about one."""
 
@@ -65,11 +71,16 @@ def fitted(window: Window | None = None, **changes: Any) -> Workspace:
     return found
 
 
+def widget(page: AppTest, key: str) -> Any:
+    """The widget of that key, whatever kind it is, or the latest that stands in its place."""
+    own = re.compile(rf"{re.escape(key)}(_\d+)?")  # see pages.ui.components.widgets.bound
+    (found,) = (w for kind in WIDGETS for w in page.get(kind) if w.key and own.fullmatch(w.key))
+    return found
+
+
 def choose(page: AppTest, key: str, value: object) -> AppTest:
-    """Set the widget of that key, whatever kind it is, and run."""
-    kinds = ("button_group", "selectbox", "number_input", "text_input", "toggle", "checkbox")
-    (widget,) = (widget for kind in kinds for widget in page.get(kind) if widget.key == key)
-    widget.set_value(value).run()
+    """Set the widget of that key, and run."""
+    widget(page, key).set_value(value).run()
     assert not page.exception, page.exception
     return page
 

@@ -169,14 +169,17 @@ def _sidebar(workspace: Workspace) -> None:
             link(page, name, workspace, icon)
         st.divider()
         st.caption("  \n".join(session_state(workspace)))
+        st.session_state[show.PICTURES] = (workspace.pictures, workspace.legends)
         segments(
             "Charts are saved as", {name: name for name in show.FORMATS}, workspace.pictures,
-            show.FORMAT, lambda name: setattr(workspace, "pictures", name), labelled=True,
+            "frame_pictures", lambda name: setattr(workspace, "pictures", name), labelled=True,
             help="Point at a chart: the camera in its corner saves it as such a picture.",
         )  # fmt: skip
         st.toggle(
             "Legend in every chart",
-            **bound(show.LEGEND, workspace.legends, lambda on: setattr(workspace, "legends", on)),
+            **bound(
+                "frame_legend", workspace.legends, lambda on: setattr(workspace, "legends", on)
+            ),
             help="A saved picture then shows which colour is which vehicle.",
         )
         if st.button(

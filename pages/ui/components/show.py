@@ -22,10 +22,9 @@ from accpinn.units import Seconds
 T = TypeVar("T")
 
 FORMATS = ("SVG", "PNG")
-FORMAT = "frame_pictures"
-"""The entry in Streamlit's session state with the format in which charts are saved."""
-LEGEND = "frame_legend"
-"""The entry that holds whether every chart has a legend of its own."""
+PICTURES = "frame_saved_as"
+"""The entry in Streamlit's session state with the format in which charts are saved, and whether
+every chart has a legend of its own."""
 FLASH = "snapshots_flash"
 """The entry with the outcome of a click: kind, sentence, and when."""
 FLASH_FOR: Seconds = 20.0
@@ -188,11 +187,12 @@ def chart(figure: go.Figure, key: str, tools: Sequence[str] = (), **options: Any
         tools: plotly's names of further buttons, as "pan2d".
         options: further ones of Streamlit's chart.
     """
-    if st.session_state.get(LEGEND):
+    chosen, has_legend = st.session_state.get(PICTURES, (FORMATS[0], False))
+    if has_legend:
         figure = with_legend(go.Figure(figure))
     if side := st.context.theme.type:
         figure = _Painted(figure, side)
-    chosen = str(st.session_state.get(FORMAT) or FORMATS[0]).lower()
+    chosen = chosen.lower()
     scale = PNG_SCALE if chosen == "png" else 1
     config = {
         "displaylogo": False,

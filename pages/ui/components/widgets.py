@@ -23,22 +23,33 @@ def bound(
     same value as its default, too: a browser that is still loading may miss the value set here,
     and would then report the default as the user's choice.
 
+    A value that was chosen elsewhere comes with a new widget. The browser may not have drawn it
+    when the user clicks on something else; it then reports what the old widget shows, which is no
+    choice.
+
     Args:
-        key: of the widget.
+        key: of the widget; of those that follow, with a number at its end.
         value: the present one.
         change: called with the new value.
         optional: an emptied field is a change to None; else it changes nothing.
         default: the name of the widget's argument for its default; empty if it needs another.
     """
+    replaced = f"{key} replaced"
+    times = st.session_state.get(replaced, 0)
+    own = f"{key}_{times}" if times else key
+    if own in st.session_state and st.session_state[own] != value:
+        times = st.session_state[replaced] = times + 1
+        own = f"{key}_{times}"
+    if own not in st.session_state:
+        st.session_state[own] = value
 
     def changed() -> None:
-        new = st.session_state[key]
-        if optional or new is not None:
+        new = st.session_state[own]
+        is_there = st.session_state.get(replaced, 0) == times
+        if is_there and (optional or new is not None):
             change(new)
 
-    if st.session_state.get(key) != value:
-        st.session_state[key] = value
-    return {"key": key, "on_change": changed} | ({default: value} if default else {})
+    return {"key": own, "on_change": changed} | ({default: value} if default else {})
 
 
 def select(
