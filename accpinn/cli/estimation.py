@@ -33,7 +33,7 @@ from accpinn.cli.windows import run_windows
 from accpinn.errors import ConfigError
 from accpinn.evaluation.closed_loop import closed_loop_errors, surrogate_errors
 from accpinn.inference.identifiability import identifiability_warnings, narrower_intervals
-from accpinn.inference.intervals import ParameterInterval, Uncertainty
+from accpinn.inference.intervals import ParameterInterval, Uncertainty, intervals
 from accpinn.inference.model_adequacy import Adequacy, model_forms
 from accpinn.inference.multistart import MultistartResult, multistart, summarise
 from accpinn.methods.fit import Fit, OnProgress, Outcome, Progress
@@ -220,14 +220,16 @@ def describe_fit(segment: Segment, fit: Fit, quality: Quality) -> dict[str, Any]
 
 
 def fit_text(segment: Segment, fit: Fit, quality: Quality) -> str:
-    """The result as a table and sentences."""
+    """The result as a table and sentences; with intervals, once the method has ended."""
     errors = surrogate_errors(segment, fit), closed_loop_errors(segment, fit)
-    table = parameter_table(segment.info, fit, quality, *errors)
+    uncertainty = None if fit.outcome is Outcome.STOPPED else intervals(segment, fit)
+    table = parameter_table(segment.info, fit, quality, *errors, uncertainty)
     cached = ", answered from the cache" if fit.cached else ""
     effort = f"{fit.iterations} iterations in {fit.seconds:.1f} s{cached}"
     said = [f"{outcome_message(fit)} ({effort})", *incidents(segment, fit)]
-    notes = [f"Note: {note}" for note in _notes(segment, fit, quality)]
-    return "\n".join([table.to_text(), "", *said, *notes])
+    found = uncertainty.findings if uncertainty else ()
+    notes = [*_notes(segment, fit, quality), *messages(found, segment)]
+    return "\n".join([table.to_text(), "", *said, *(f"Note: {note}" for note in notes)])
 
 
 def _notes(segment: Segment, fit: Fit, quality: Quality) -> tuple[str, ...]:

@@ -1,18 +1,24 @@
 """`fit`: its document, its options, its cache and its notes."""
 
+import re
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from accpinn.cli import main
 from accpinn.cli.estimation import describe_fit, fit_text
+from accpinn.inference.intervals import intervals
 from accpinn.methods import least_squares
+from accpinn.methods.fit import Outcome
 from accpinn.model.cthp import Parameters
 from accpinn.recordings.openacc import read
+from accpinn.results.messages import messages
 from accpinn.segment.quality import assess_quality
 from tests.support.command import PLATOON, SHORT, STUDY, Capture, document, refused, strict
 from tests.support.driving import driven
+from tests.support.samples import NOISY, sample
 
 KEYS = {
     "method", "case", "preset", "seed", "segment", "parameters", "mae", "mean_time_gap", "loss",
@@ -54,6 +60,22 @@ def test_the_same_again_comes_from_the_cache_unless_forbidden(capsys: Capture, c
     for key in ("parameters", "loss", "seconds", "iterations", "notes"):
         assert again[key] == first[key]
     assert len(list(cache.glob("*.fit.npz"))) == 1
+
+
+def test_an_estimate_has_its_interval_beside_it_once_the_method_has_ended() -> None:
+    segment = sample(NOISY).segment
+    fit = least_squares.fit(segment)
+    fit = replace(fit, parameters=Parameters.of(fit.parameters.values * (3.0, 1.0, 1.0)))
+    known = intervals(segment, fit)
+    assert known.inside.tolist() == [[False, True, True]]
+    text = fit_text(segment, fit, assess_quality(segment))
+    (row,) = [line for line in text.splitlines() if line.startswith(segment.labels[1])]
+    ends = re.findall(r"\(([\d.]+)–([\d.]+)\)", row)
+    lower, upper = known.lower.values[0], known.upper.values[0]
+    np.testing.assert_allclose(np.array(ends, float).T, [lower, upper], rtol=0.05)
+    assert all(message in text for message in messages(known.findings, segment))
+    stopped = fit_text(segment, replace(fit, outcome=Outcome.STOPPED), assess_quality(segment))
+    assert not re.search(r"\([\d.]+–[\d.]+\)", stopped)
 
 
 @pytest.mark.parametrize("method", ["splines", "least-squares"])
