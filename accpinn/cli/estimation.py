@@ -6,6 +6,7 @@ import sys
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from textwrap import fill
 from threading import Event
@@ -37,7 +38,7 @@ from accpinn.inference.intervals import ParameterInterval, Uncertainty, interval
 from accpinn.inference.model_adequacy import Adequacy, model_forms
 from accpinn.inference.multistart import MultistartResult, multistart, summarise
 from accpinn.methods.fit import Fit, OnProgress, Outcome, Progress
-from accpinn.methods.maximum_likelihood import disturbance_sizes
+from accpinn.methods.maximum_likelihood import KEY, disturbance_sizes
 from accpinn.methods.pinn.config import PRESETS, STARTS, PinnConfig, preset
 from accpinn.methods.registry import METHODS
 from accpinn.methods.state_space import Form
@@ -99,6 +100,10 @@ def add_fit_options(parser: argparse.ArgumentParser) -> None:
     option("--lbfgs", type=int, metavar="N", help="L-BFGS iterations that end the paper preset")
     option("--seed", type=int, metavar="N", help="of the PiNN's random numbers (0)")
     add_run_options(parser)
+    option(
+        "--intervals", action="store_true",
+        help="print 90 %% intervals, and what lies outside: a second; maximum likelihood has them",
+    )  # fmt: skip
     option("--out", metavar="SNAPSHOT", help="save the result in this file")
     option("--with-data", action="store_true", help="speeds and gaps in the snapshot, too")
     option("--name", default="", help="of the snapshot")
@@ -119,7 +124,10 @@ def run_fit(options: argparse.Namespace) -> int:
             chosen_context(options), on_progress=show_progress, should_stop=stopped.is_set
         )
         fit = METHODS[options.method].fit(segment, options.case, settings, context)
-    show_result(options, describe_fit, fit_text, segment, fit, assess_quality(segment))
+    # The likelihood has ended where intervals begin, and a snapshot holds them anyway.
+    with_intervals = options.intervals or options.out is not None or fit.method == KEY
+    text = partial(fit_text, with_intervals=with_intervals and fit.outcome is not Outcome.STOPPED)
+    show_result(options, describe_fit, text, segment, fit, assess_quality(segment))
     if options.out is not None:
         about = {name: getattr(options, name) for name in ("name", "note", "with_data")}
         snapshot = create(segment, fit, recording=recording, **about)
@@ -219,10 +227,10 @@ def describe_fit(segment: Segment, fit: Fit, quality: Quality) -> dict[str, Any]
     }
 
 
-def fit_text(segment: Segment, fit: Fit, quality: Quality) -> str:
-    """The result as a table and sentences; with intervals, once the method has ended."""
+def fit_text(segment: Segment, fit: Fit, quality: Quality, with_intervals: bool = False) -> str:
+    """The result as a table and sentences; with intervals, and what lies outside, if asked for."""
     errors = surrogate_errors(segment, fit), closed_loop_errors(segment, fit)
-    uncertainty = None if fit.outcome is Outcome.STOPPED else intervals(segment, fit)
+    uncertainty = intervals(segment, fit) if with_intervals else None
     table = parameter_table(segment.info, fit, quality, *errors, uncertainty)
     cached = ", answered from the cache" if fit.cached else ""
     effort = f"{fit.iterations} iterations in {fit.seconds:.1f} s{cached}"

@@ -11,7 +11,6 @@ from accpinn.cli import main
 from accpinn.cli.estimation import describe_fit, fit_text
 from accpinn.inference.intervals import intervals
 from accpinn.methods import least_squares
-from accpinn.methods.fit import Outcome
 from accpinn.model.cthp import Parameters
 from accpinn.recordings.openacc import read
 from accpinn.results.messages import messages
@@ -62,20 +61,33 @@ def test_the_same_again_comes_from_the_cache_unless_forbidden(capsys: Capture, c
     assert len(list(cache.glob("*.fit.npz"))) == 1
 
 
-def test_an_estimate_has_its_interval_beside_it_once_the_method_has_ended() -> None:
+def test_an_estimate_has_its_interval_beside_it_where_that_is_asked_for() -> None:
     segment = sample(NOISY).segment
     fit = least_squares.fit(segment)
     fit = replace(fit, parameters=Parameters.of(fit.parameters.values * (3.0, 1.0, 1.0)))
     known = intervals(segment, fit)
     assert known.inside.tolist() == [[False, True, True]]
-    text = fit_text(segment, fit, assess_quality(segment))
+    text = fit_text(segment, fit, assess_quality(segment), with_intervals=True)
     (row,) = [line for line in text.splitlines() if line.startswith(segment.labels[1])]
     ends = re.findall(r"\(([\d.]+)–([\d.]+)\)", row)
     lower, upper = known.lower.values[0], known.upper.values[0]
     np.testing.assert_allclose(np.array(ends, float).T, [lower, upper], rtol=0.05)
     assert all(message in text for message in messages(known.findings, segment))
-    stopped = fit_text(segment, replace(fit, outcome=Outcome.STOPPED), assess_quality(segment))
-    assert not re.search(r"\([\d.]+–[\d.]+\)", stopped)
+
+
+@pytest.mark.parametrize(
+    ("options", "expected"),
+    [
+        (("--method", "least-squares"), False),
+        (("--method", "least-squares", "--intervals"), True),
+        (("--method", "maximum-likelihood"), True),
+    ],
+)
+def test_likelihood_and_who_asks_get_intervals(
+    capsys: Capture, options: tuple[str, ...], expected: bool
+) -> None:
+    assert main(["fit", str(STUDY), *SHORT, *options]) == 0
+    assert bool(re.search(r"\([\d.]+–[\d.]+\)", capsys.readouterr().out)) == expected
 
 
 @pytest.mark.parametrize("method", ["splines", "least-squares"])
