@@ -40,7 +40,7 @@ def save(page: Page, name: str, note: str = "") -> str:
     page.get_by_role("button", name="Share").click()
     link = page.get_by_test_id("stCode").inner_text()
     page.keyboard.press("Escape")
-    return re.search("snapshot=([0-9a-f]{16})", link)[1]  # type: ignore[index]
+    return re.search("snapshot=([0-9a-f]{16})", link)[1]
 
 
 def send(page: Page, content: bytes) -> str:

@@ -58,7 +58,6 @@ def test_a_snapshot_with_data_has_the_measured_gain(tmp_path: Path, capsys: Capt
     path = save(whole(), tmp_path / "whole.accpinn.zip")
     vehicles = document(capsys, "stability", "--snapshot", path)["vehicles"]
     segment = whole().segment
-    assert segment is not None
     for k, vehicle in enumerate(vehicles):
         assert vehicle["measured"]["gain"] == measured_gain(segment, k).gain.tolist()
         assert len(vehicle["measured"]["coherent"]) == len(vehicle["measured"]["omega"])
@@ -90,7 +89,6 @@ def test_forged_parameters_are_named_before_anything_is_made_of_them(
     tmp_path: Path, capsys: Capture
 ) -> None:
     fit, segment = small().fit, small().segment
-    assert segment is not None
     shorter = Parameters.of(fit.parameters.values * [1, 1, 0.6])
     forged = create(segment, replace(fit, parameters=shorter), with_data=True)
     file = save(forged, tmp_path / "forged.accpinn.zip")

@@ -110,7 +110,6 @@ class TestAsAProcess:
         running = subprocess.Popen(
             command(*long, "--json"), cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE
         )
-        assert running.stderr is not None
         shown = b""
         while not re.search(rb" [1-9]\d*/1000000 ", shown):  # training is under way
             piece = os.read(running.stderr.fileno(), 4096)
@@ -163,7 +162,6 @@ def test_a_killed_training_continues_from_its_last_checkpoint(capsys: Capture, c
         stderr=subprocess.DEVNULL,
         text=True,
     )
-    assert running.stdout is not None
     kept = [int(running.stdout.readline().split()[1]) for _ in range(3)]
     running.kill()
     rest = running.stdout.read()

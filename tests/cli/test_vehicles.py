@@ -43,7 +43,6 @@ def test_simulate_has_the_document_of_the_contract(capsys: Capture) -> None:
     times = ("--settle", 10, "--duration", 400)
     found = document(capsys, "simulate", *GIVEN, *options, *times)
     run = simulate_platoon(ASTAZERO.parameters[[3] * 3], Sinusoid(0.2, 0.5, 22.0, 10.0, 400.0))
-    assert run.amplitudes is not None
     assert found["amplitude"] == run.amplitudes.measured.tolist()
     assert found["predicted_amplitude"] == run.amplitudes.predicted.tolist()
     assert found["minimum_gap"] == run.minimum_gap.tolist()

@@ -58,7 +58,6 @@ class TestTrackingErrors:
     def test_a_surrogate_is_as_far_from_the_data_as_the_noise_that_it_removes(self) -> None:
         segment = driven(MIXED, noise=0.05)
         errors = surrogate_errors(segment, splines.fit(segment))
-        assert errors is not None
         assert errors.speed_mae.shape == (4,)
         # White noise of 0.05 has a mean absolute value of 0.04.
         np.testing.assert_allclose(errors.gap_mae, 0.04, rtol=0.1)
@@ -76,7 +75,6 @@ class TestClosedLoop:
     def test_the_true_parameters_reproduce_the_data_without_findings(self) -> None:
         segment = driven(MIXED)
         errors = closed_loop_errors(segment, fit_with(segment, TRUTH))
-        assert errors is not None
         assert max(errors.gap_mae.max(), errors.speed_mae.max()) < 1e-3
         found = closed_loop_findings(segment, simulated(segment, TRUTH))
         assert found == ()
@@ -96,7 +94,6 @@ class TestClosedLoop:
         segment = driven((LAW,), duration=100.0)
         alpha, beta, tau = LAW
         errors = closed_loop_errors(segment, fit_with(segment, Parameters([alpha], [beta], [2.0])))
-        assert errors is not None
         # In equilibrium the gap is τv, so half a second more is 11 m at 22 m/s.
         assert errors.gap_mae[0] == pytest.approx((2.0 - tau) * 22, rel=0.15)
 
@@ -119,7 +116,6 @@ class TestFindings:
         assert (trajectories.gaps[:index, 0] > 0.0).all()
         assert found.smallest_gap == trajectories.gaps.min()
         errors = closed_loop_errors(segment, fit_with(segment, SWAYING))
-        assert errors is not None
         assert np.isfinite(errors.gap_mae).all()
         (sentence,) = messages([found], segment)
         assert segment.labels[1] in sentence
@@ -138,7 +134,6 @@ class TestFindings:
         segment = driven(MIXED)
         parameters = Parameters.of([MIXED[0], BRAKING, MIXED[2]])
         errors = closed_loop_errors(segment, fit_with(segment, parameters))
-        assert errors is not None
         assert np.isfinite(errors.gap_mae).tolist() == [True, False, False]
         assert np.isfinite(errors.speed_rmse).tolist() == [True, True, False, False]
         trajectories = simulated(segment, parameters)
@@ -162,7 +157,6 @@ class TestFindings:
         segment = cut(read(openacc_dir / "Casale" / "part7.csv"), 0, 300)
         parameters = Parameters([0.0104], [0.0718], [1.52])
         errors = closed_loop_errors(segment, fit_with(segment, parameters))
-        assert errors is not None
         assert errors.gap_mae[0] == pytest.approx(13.6, abs=0.15)
         (found,) = closed_loop_findings(segment, simulated(segment, parameters))
         assert isinstance(found, SimulatedCollision)

@@ -43,12 +43,10 @@ def test_each_block_is_simulated_with_parameters_from_the_others() -> None:
     assert [piece.start for piece in fitted_to] == near([30.0, 0.0, 0.0])
     assert [piece.window.duration for piece in fitted_to] == near([60.0, 90.0, 60.0])
     for block in blocks:
-        assert block.errors is not None
         assert block.errors.gap_mae[0] < 0.02
         assert block.findings == ()
     later = replace(segment, gaps=np.where(segment.time[:, None] > 62, 5.0, segment.gaps))
     spoilt = cross_validate(later, least_squares.fit)[2].errors
-    assert spoilt is not None
     assert spoilt.gap_mae[0] > 1.0
 
 
@@ -86,7 +84,6 @@ def test_blocks_are_pooled_by_duration() -> None:
     one, three = (TrackingErrors(*(np.full(n, x) for n in (2, 1, 2, 1))) for x in (1.0, 3.0))
     first = Block(Window(0.0, 10.0), one)
     both = pooled_holdout_errors((first, Block(Window(20.0, 50.0), three)))
-    assert both is not None
     assert both.gap_mae[0] == pytest.approx(2.5)
     assert both.gap_rmse[0] == pytest.approx(((10 + 30 * 9) / 40) ** 0.5)
     assert pooled_holdout_errors((first, Block(Window(20.0, 50.0), None))) is None

@@ -43,42 +43,34 @@ class TestClosedLoop:
     def test_errors_are_those_of_the_samples_that_are_left(self) -> None:
         simulated = closed_loop(whole(), fit())
         errors = closed_loop_errors(with_holes(whole(), OWN), fit())
-        assert simulated is not None
-        assert errors is not None
         off = simulated.speeds[:, 1] - whole().speeds[:, 1]
         assert errors.speed_mae[1] == pytest.approx(np.abs(off[LEFT]).mean())
         assert errors.speed_rmse[1] == pytest.approx(np.sqrt((off[LEFT] ** 2).mean()))
         complete = closed_loop_errors(whole(), fit())
-        assert complete is not None
         np.testing.assert_allclose(errors.speed_mae[2:], complete.speed_mae[2:])
         np.testing.assert_allclose(errors.gap_mae[2:], complete.gap_mae[2:])
 
     def test_it_starts_anew_after_a_block_of_the_leader(self) -> None:
         segment = with_holes(whole(), {0: [BLOCK]})
         simulated = closed_loop(segment, fit())
-        assert simulated is not None
         assert np.isnan(simulated.gaps[BLOCK.rows]).all()
         for piece in (part(whole(), 0, 200), part(whole(), 350, 601)):
             alone = closed_loop(piece, fit())
-            assert alone is not None
             first = round(piece.start / piece.sample_time)
             rows = slice(first, first + piece.samples)
             np.testing.assert_allclose(simulated.gaps[rows], alone.gaps)
         errors = closed_loop_errors(segment, fit())
-        assert errors is not None
         assert (errors.gap_mae < 0.2).all()
         assert closed_loop_findings(segment, simulated) == ()
 
     def test_a_second_of_the_leader_is_bridged(self) -> None:
         segment = with_holes(whole(), {0: [Stretch(200, 209)]})
         simulated = closed_loop(segment, fit())
-        assert simulated is not None
         assert np.isfinite(simulated.gaps).all()
 
     def test_it_starts_where_all_are_measured(self) -> None:
         segment = with_holes(whole(), {2: [Stretch(0, 49)]})
         simulated = closed_loop(segment, fit())
-        assert simulated is not None
         assert np.isnan(simulated.gaps[:50]).all()
         np.testing.assert_allclose(simulated.gaps[50], whole().gaps[50])
 
@@ -102,11 +94,9 @@ class TestClosedLoop:
 def test_surrogate_errors_are_those_of_the_samples_that_are_left() -> None:
     curve = replace(fit(), method="splines", surrogate=closed_loop(whole(), fit()))
     errors = surrogate_errors(with_holes(whole(), OWN), curve)
-    assert errors is not None
     # White noise of 0.05 has a mean absolute value of 0.04; a false value would be 1000 off.
     np.testing.assert_allclose(errors.gap_mae, 0.04, rtol=0.5)
     nothing = surrogate_errors(with_holes(whole(), {4: [Stretch(0, 600)]}), curve)
-    assert nothing is not None
     assert np.isnan(nothing.gap_mae).tolist() == [True, False, False]
 
 

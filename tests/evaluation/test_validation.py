@@ -23,14 +23,11 @@ def test_the_truth_has_no_error_on_either_window_and_another_law_has_some() -> N
     other = replace(driven(MIXED, duration=90.0), source="other")
     truth = replace(least_squares.fit(one), parameters=Parameters.of(MIXED))
     found = validate(truth, one, other)
-    assert found.learned is not None
-    assert found.validated is not None
     assert found.learned.gap_mae.max() < 0.01
     assert found.validated.gap_mae.max() < 0.01
     assert found.findings == found.events == ()
     wrong = replace(truth, parameters=Parameters.of([LAW] * 3))
     errors = validate(wrong, one, other).validated
-    assert errors is not None
     assert errors.gap_mae[0] < 0.01, "the first obeys that law"
     assert errors.gap_mae[1] > 1.0
     row = validation_table(one.info, other.info, found).rows[0]
@@ -64,8 +61,6 @@ def test_of_the_papers_casale_parameters(openacc_dir: Path) -> None:
     segment, other = cut(recording, 0.0, 300.0), cut(recording, 900.0, 300.0)
     fit = replace(least_squares.fit(segment), parameters=Parameters([0.0104], [0.0718], [1.52]))
     found = validate(fit, segment, other)
-    assert found.learned is not None
-    assert found.validated is not None
     assert found.learned.gap_mae[0] == pytest.approx(13.6, abs=0.1)
     assert np.isfinite(found.validated.gap_mae).all()
     assert found.events == ()

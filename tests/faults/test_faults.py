@@ -116,7 +116,6 @@ class TestKill:
         status, _ = child(dying_at(os, "replace", lambda: store.save_fit("kept", fit)))
         assert status == -signal.SIGKILL
         known = store.load_fit("kept", driven(), pytest.fail)
-        assert known is not None
         assert known.parameters == fit.parameters
 
     def test_in_mid_line_costs_the_journal_that_line(self, tmp_path: Path) -> None:
@@ -174,7 +173,6 @@ class TestFullDisk:
         assert load(file).name == "small"
         assert confirmed(Library(library.folder)) == ["small"]
         known = store.load_fit("kept", driven(), pytest.fail)
-        assert known is not None
         assert known.seconds == fit.seconds
         assert not [*tmp_path.rglob("*.part")]
 

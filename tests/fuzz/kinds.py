@@ -214,11 +214,9 @@ def use_mapping(data: bytes, folder: Path) -> bool:
 def snapshots() -> tuple[bytes, ...]:
     """A small snapshot, and one with all that needs no training."""
     segment = small().segment
-    assert segment is not None
     fit = least_squares.fit(segment)
     uncertainty = small().uncertainty or intervals(segment, fit, draws=10)
     evaluation = small().evaluation
-    assert evaluation is not None
     online = METHODS["recursive"].fit(segment)
     rows = [MethodResult(replace(one, surrogate=None), uncertainty, evaluation)
             for one in (fit, online)]  # fmt: skip

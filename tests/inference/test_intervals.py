@@ -166,7 +166,7 @@ def test_the_truth_lies_inside_and_biased_estimates_lie_outside() -> None:
 @pytest.mark.parametrize("wrong", [{"level": 0.0}, {"level": 1.0}, {"draws": 1}])
 def test_nonsense_is_refused(segment: Segment, wrong: dict[str, float]) -> None:
     with pytest.raises(ConfigError, match=next(iter(wrong))):
-        intervals(segment, least_squares.fit(segment), **wrong)  # type: ignore[arg-type]
+        intervals(segment, least_squares.fit(segment), **wrong)
 
 
 def test_one_segments_methods_share_the_draws() -> None:

@@ -59,10 +59,8 @@ def test_where_the_cthp_holds_no_form_is_better_and_it_is_adequate() -> None:
     (lag,) = (one for one in told.forms if one.form == "lag")
     assert 0.0 < lag.extra_lower < lag.extra_upper < 0.5
     for one, true in zip(told.intervals, TRUE, strict=True):
-        assert one.upper is not None
         beyond = one.upper - one.lower  # a 90 % interval misses now and then, but not by far
         assert one.lower - beyond < true < one.upper + beyond < 1.6 * true
-        assert one.estimate is not None
         assert one.lower < one.estimate < one.upper
 
 
@@ -92,16 +90,14 @@ def test_a_term_that_the_recording_shows_is_found(
     assert under in weighted.forms
     assert under.probability > 0.5
     for one, true in zip(under.intervals, TRUE, strict=True):
-        assert one.upper is not None
         beyond = one.upper - one.lower  # a 90 % interval misses now and then, but not by far
         assert one.lower - beyond < true < one.upper + beyond
-        assert one.likeliest is not None
         assert one.lower < one.likeliest < one.upper
     table = form_intervals_table(
         segment.info, intervals(segment, least_squares.fit(segment)), [weighted]
     )
     assert len(table.rows) == 2
-    assert sum(table.rows[1][-4:]) == pytest.approx(100.0)  # type: ignore[arg-type]
+    assert sum(table.rows[1][-4:]) == pytest.approx(100.0)
     assert table.rows[1][2] == (weighted.intervals[0].lower, weighted.intervals[0].upper)
     assert str(round(under.extra, 1))[:3] in messages([better], segment)[0]
 
@@ -177,7 +173,6 @@ def test_short_stretches_leave_the_tests_open() -> None:
     mask = np.arange(segment.samples)[:, None] % 60 < 52
     found = model_forms(replace(segment, mask=mask))
     assert found.recommended
-    assert found.tests is not None
     assert np.isnan([*found.tests.correlated, *found.tests.nonlinear]).all()
     assert not found.tests.fails.any()
 

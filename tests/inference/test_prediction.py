@@ -46,8 +46,6 @@ def test_without_disturbance_and_doubt_it_is_the_closed_loop_simulation(
         gaps=segment.gaps[::stride],
     )  # fmt: skip
     expected = closed_loop(coarse, replace(least_squares.fit(coarse), parameters=certain[0]))
-    assert found is not None
-    assert expected is not None
     for end in (found.lower, found.upper):
         np.testing.assert_allclose(end, expected.gaps, atol=1e-5)
 
@@ -56,7 +54,6 @@ def test_it_holds_most_of_what_is_measured_and_begins_there(
     segment: Segment, uncertainty: Uncertainty
 ) -> None:
     found = gap_band(segment, uncertainty, "II")
-    assert found is not None
     np.testing.assert_allclose(found.lower[0], segment.measured_gaps[0])
     assert (found.upper[40:] - found.lower[40:] > 0.5).all()
     assert [one.vehicle for one in found.findings] == [2, 3]
@@ -91,7 +88,6 @@ def test_behind_a_follower_without_draws_there_is_no_band(
     values = uncertainty.draws.values.copy()
     values[:, 1] = np.nan
     found = gap_band(segment, replace(uncertainty, draws=Parameters.of(values)), "II")
-    assert found is not None
     assert np.isfinite(found.lower[:, 0]).all()
     assert np.isnan(found.lower[:, 1]).all()
     assert [one.vehicle for one in found.findings] == [2]

@@ -100,8 +100,6 @@ class TestBoth:
         fit = estimate(study.segment, "II")
         error = abs(fit.parameters.values / study.truth - 1)
         assert (error < tolerance).all(), error.round(3)
-        assert fit.track is not None
-        assert fit.track.deviation is not None
         misses = (fit.track.parameters.values - study.truth) / fit.track.deviation
         assert (abs(misses[fit.track.time > 60]) < 2).all()
 
@@ -110,10 +108,6 @@ class TestBoth:
         segment = driven((LAW, LAW, LAW), duration=200.0, noise=0.05)
         together, apart = estimate(segment, "I"), estimate(segment, "II")
         assert len(set(together.parameters)) == 1
-        assert together.track is not None
-        assert together.track.deviation is not None
-        assert apart.track is not None
-        assert apart.track.deviation is not None
         np.testing.assert_allclose(together.parameters.values[0], LAW, rtol=0.08)
         ratio = together.track.deviation[-1] / apart.track.deviation[-1]
         assert (ratio.mean(axis=0) < 0.85).all()
@@ -134,7 +128,6 @@ class TestBoth:
             np.concatenate([part.gaps for part in parts]),
         )
         path = estimate(segment, "II").track
-        assert path is not None
         assert path.parameters.values[path.time < 300][-1, 0, 2] == pytest.approx(1.5, abs=0.02)
         assert path.parameters.values[-1, 0, 2] == pytest.approx(1.2, abs=0.12)
 
@@ -143,14 +136,11 @@ class TestBoth:
         segment = driven(MIXED, noise=0.05)
         fit = estimate(segment, "II")
         assert fit.outcome is Outcome.FILTERED
-        assert fit.track is not None
         assert fit.track.time[-1] == pytest.approx(60.0)
         np.testing.assert_allclose(
             fit.parameters.values, fit.track.parameters.values[-1], rtol=1e-12
         )
-        assert fit.track.deviation is not None
         assert (fit.track.deviation > 0).all()
-        assert fit.surrogate is not None
         np.testing.assert_array_equal(fit.surrogate.speeds[:, 0], segment.speeds[:, 0])
         assert abs(fit.surrogate.gaps - segment.gaps).mean() < 0.05
         assert abs(fit.surrogate.speeds - segment.speeds).mean() < 0.05
@@ -166,8 +156,6 @@ class TestBoth:
         """A minute of AstaZero in which the leader's speed varies by less than 0.1 m/s."""
         recording = read(openacc_dir / "AstaZero" / "ASta_040719_platoon5.csv")
         fit = estimate(cut(recording, 520, 60, (1, 2)), "II")
-        assert fit.track is not None
-        assert fit.track.deviation is not None
         alpha, beta, _ = fit.track.deviation[-1, 0]
         assert alpha > 0.03
         assert beta > 0.2
@@ -205,7 +193,6 @@ class TestDualUnscented:
         assert fit.parameters[0].beta == 0
         assert fit.unconstrained[0].beta == pytest.approx(-0.03, abs=0.005)
         assert any(isinstance(finding, BoundActive) for finding in fit.findings)
-        assert fit.track is not None
         assert (fit.track.parameters.values >= 0).all()
 
     def test_agrees_with_another_implementation(self, openacc_dir: Path) -> None:
@@ -228,7 +215,6 @@ class TestParticles:
 
     def test_every_particle_stays_within_bounds(self) -> None:
         fit = particle.fit(driven(((0.08, -0.03, 1.5), LAW), duration=200.0))
-        assert fit.track is not None
         assert (fit.track.parameters.values > 0).all()
         assert 0 < fit.parameters[0].beta < 0.04
         assert fit.active_bounds == ((), ())

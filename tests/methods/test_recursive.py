@@ -48,7 +48,6 @@ class TestRecursion:
     def test_last_estimate_is_the_textbooks(self, memory: float) -> None:
         segment = driven((LAW,), noise=0.05)
         path = recursive.fit(segment, memory=memory).track
-        assert path is not None
         np.testing.assert_allclose(np.diff(path.time), TRACK_EVERY)
         assert path.time[-1] == pytest.approx(60.0)
         assert path.parameters.values.shape == (len(path.time), 1, 3)
@@ -59,14 +58,12 @@ class TestRecursion:
 
     def test_follows_parameters_that_change(self) -> None:
         path = recursive.fit(changing(), memory=20.0).track
-        assert path is not None
         before = path.parameters.values[path.time < 120][-1, 0]
         np.testing.assert_allclose(before, LAW, rtol=1e-3)
         np.testing.assert_allclose(path.parameters.values[-1, 0], OTHER, rtol=0.02)
 
     def test_parameters_are_the_mean_after_one_memory(self) -> None:
         fit = recursive.fit(driven((LAW,), duration=100.0, noise=0.05), memory=30.0)
-        assert fit.track is not None
         settled = fit.track.parameters.values[fit.track.time >= 30.0, 0]
         alpha, beta, tau = settled.T
         expected = (alpha.mean(), beta.mean(), (alpha * tau).mean() / alpha.mean())
@@ -98,21 +95,17 @@ class TestUncertainty:
             shift = speeds[:, 1] - base.speeds[:, 1]
             gaps[:, 0] += (beta + alpha * tau) * shift / alpha
             path = recursive.fit(segment_of(base.time, speeds, gaps)).track
-            assert path is not None
-            assert path.deviation is not None
             misses.append((path.parameters.values[-1, 0] - LAW) / path.deviation[-1, 0])
         assert 0.5 < np.sqrt(np.mean(np.square(misses))) < 1.5
 
     def test_nothing_is_determined_before_three_samples(self) -> None:
         whole = driven((LAW,), step=1.0)
         path = recursive.fit(whole).track
-        assert path is not None
         assert np.isnan(path.parameters.values[:2]).all()
         assert np.isfinite(path.parameters.values[5:]).all()
 
     def test_reports_what_is_never_determined(self) -> None:
         fit = recursive.fit(standing_still())
-        assert fit.track is not None
         assert np.isnan(fit.track.parameters.values).all()
         assert fit.findings == (WeaklyDetermined(2),)
 
@@ -128,7 +121,6 @@ class TestUncertainty:
         theta = np.array([[[0.1, 0.15, 0.2]]])
         covariance = np.diag([1e-6, 4e-6, 9e-6])[None, None]
         path = track(driven(step=0.5, duration=0.5), theta, covariance)
-        assert path.deviation is not None
         draws = np.random.default_rng(0).multivariate_normal(theta[0, 0], covariance[0, 0], 100_000)
         expected = (1e-3, 3e-3, (draws[:, 1] / draws[:, 0]).std())
         np.testing.assert_allclose(path.deviation[0, 0], expected, rtol=0.02)

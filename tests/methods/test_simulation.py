@@ -55,7 +55,6 @@ class TestTruth:
         gaps = exact.gaps.copy()
         gaps[0] += 0.3
         fit = simulation.fit(segment_of(exact.time, exact.speeds, gaps))
-        assert fit.surrogate is not None
         # One sample of 0.3 m among 600 pulls hardly.
         assert fit.surrogate.gaps[0, 0] == pytest.approx(exact.gaps[0, 0], abs=0.02)
         np.testing.assert_allclose(fit.parameters.values, [LAW], rtol=2e-3)
@@ -65,7 +64,6 @@ class TestTruth:
         gaps = exact.gaps.copy()
         gaps[0] += 10.0
         fit = simulation.fit(segment_of(exact.time, exact.speeds, gaps))
-        assert fit.surrogate is not None
         assert fit.surrogate.gaps[0, 0] == pytest.approx(gaps[0, 0] - 0.5, abs=1e-3)
 
 
@@ -74,7 +72,6 @@ class TestCriterion:
         segment = driven(MIXED, noise=0.1)
         (chain,) = chains(segment, "I")
         fit = simulation.fit(segment, "I")
-        assert fit.surrogate is not None
         start = np.stack([fit.surrogate.gaps[0], fit.surrogate.speeds[0, 1:]], axis=1).ravel()
         theta = fit.parameters[0].theta
 
@@ -128,8 +125,6 @@ class TestRealRecordings:
         fit, limit = simulation.fit(segment), splines.fit(segment)
         assert fit.outcome is Outcome.CONVERGED
         ours, theirs = closed_loop_errors(segment, fit), closed_loop_errors(segment, limit)
-        assert ours is not None
-        assert theirs is not None
         assert theirs.gap_mae[0] == pytest.approx(13.6, abs=0.1)
         assert ours.gap_mae[0] < 0.85 * theirs.gap_mae[0]
         assert ours.gap_rmse[0] < theirs.gap_rmse[0]
@@ -139,6 +134,5 @@ class TestRealRecordings:
         segment = cut(read(openacc_dir / "AstaZero" / "ASta_040719_platoon5.csv"), 320, 300)
         fit = simulation.fit(segment, "I" if case == "I" else "II")
         assert fit.outcome is Outcome.CONVERGED
-        assert fit.surrogate is not None
         assert (tracking_errors(segment, fit.surrogate).gap_mae < 5).all()
         assert (SimulatedSeparately() in fit.findings) == (case == "II")

@@ -32,7 +32,6 @@ def state(size: int = 4, value: float = 1.0) -> Arrays:
 
 
 def assert_same(one: Arrays | None, other: Arrays) -> None:
-    assert one is not None
     assert one.keys() == other.keys()
     for name, values in other.items():
         np.testing.assert_array_equal(one[name], values)
@@ -87,7 +86,6 @@ class TestRoundTrip:
         fit = least_squares.fit(driven())
         store.save_fit(KEY, fit)
         known = store.load_fit(KEY, driven())
-        assert known is not None
         assert known.parameters == fit.parameters
 
 

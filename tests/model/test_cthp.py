@@ -46,7 +46,7 @@ class TestParameters:
     def test_cannot_be_changed(self) -> None:
         one = Parameters(1.0, 1.0, 1.0)
         with pytest.raises(AttributeError):
-            one.alpha = 2.0  # type: ignore[misc]
+            one.alpha = 2.0
         with pytest.raises(ValueError, match="read-only"):
             one.values[0] = 2.0
 

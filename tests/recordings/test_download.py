@@ -28,7 +28,7 @@ def server() -> Iterator[Publisher]:
 
 
 def fetched(server: Publisher, folder: Path, *runs: Run, **options: object) -> list[Download]:
-    found = download(runs, folder, server.url, pause=0.01, stall=0.3, **options)  # type: ignore[arg-type]
+    found = download(runs, folder, server.url, pause=0.01, stall=0.3, **options)
     return sorted(found, key=lambda one: runs.index(one.run))
 
 

@@ -87,7 +87,6 @@ def test_vehicles_in_a_circle_end_somewhere() -> None:
     ],
 )
 def test_a_faulty_table_is_refused_with_its_place(change: object, words: str) -> None:
-    assert callable(change)
     with pytest.raises(RecordingError, match=words):
         read(table(change(pair(platoon(2, 50), 1, "a"))), "pairs.csv")
 

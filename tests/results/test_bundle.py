@@ -21,13 +21,10 @@ def test_holds_report_snapshot_tables_history_and_motion() -> None:
             "tables/methods_1.csv", "training.csv", "motion_measured.csv"} <= names  # fmt: skip
     assert load(archive.read("result.accpinn.zip")).fit.parameters == whole().fit.parameters
     segment, history = whole().segment, whole().fit.history
-    assert segment is not None
-    assert history is not None
     motion = pd.read_csv(io.BytesIO(archive.read("motion_measured.csv")))
     assert np.allclose(motion["gap_2_m"], segment.gaps[:, 0])
     assert np.allclose(motion["speed_1_m_per_s"], segment.speeds[:, 0])
     driven = closed_loop(segment, whole().fit)
-    assert driven is not None
     motion = pd.read_csv(io.BytesIO(archive.read("motion_closed_loop.csv")))
     assert np.allclose(motion["gap_3_m"], driven.gaps[:, 1], rtol=1e-7)
     training = pd.read_csv(io.BytesIO(archive.read("training.csv")))

@@ -21,7 +21,6 @@ INFO = sample(PLATOON).segment.info
 def known() -> Uncertainty:
     """Followers 3 to 5 are narrow and inside; follower 2 is outside, and its α wide."""
     uncertainty = whole().uncertainty
-    assert uncertainty is not None
     lower, upper = np.full((4, 3), 0.9), np.full((4, 3), 1.1)
     lower[0, 0] = 0.01
     inside = np.ones((4, 3), bool)

@@ -180,7 +180,6 @@ def test_a_long_block_may_be_missing_where_that_is_asked_for() -> None:
     block = (Window(15.0, 19.9),)
     columns = ("Speed2", "IVS1", "IVS2")
     assert made.blocks_missing == (BlocksMissing(columns, 50 / 400, block),)
-    assert made.missing is not None
     assert made.missing[150:200].tolist() == 50 * [[False, True, False, True, True]]
     assert made.missing.sum() == 3 * 50
     ends = platoon()["Speed2"].to_numpy()[[149, 200]]
@@ -205,7 +204,6 @@ def test_at_the_edges_as_well() -> None:
 
 def test_bridged_samples_are_marked() -> None:
     made = cut(recording(without(slice(100, 106), "Speed2")), duration=30.0)
-    assert made.missing is not None
     assert np.argwhere(made.missing).tolist() == [[row, 1] for row in range(100, 107)]
     assert made.blocks_missing == ()
 
@@ -213,7 +211,6 @@ def test_bridged_samples_are_marked() -> None:
 def test_an_instant_between_samples_is_missing_with_either() -> None:
     frame = without(slice(100, 103), "IVS1").drop(index=[50, 200])
     made = cut(recording(frame), start=2.05, duration=30.0)
-    assert made.missing is not None
     time = 2.05 + made.time[made.missing[:, 3]]
     assert time == pytest.approx([9.95, 10.05, 10.15, 10.25, 10.35])
 

@@ -16,7 +16,7 @@ from tests.support.samples import FOLDER, NOISY
 
 
 def rated(recording: Recording, **choice: object) -> dict[Question, Rating]:
-    segment = cut(recording, 100.0, 100.0, (1, 2), **choice)  # type: ignore[arg-type]
+    segment = cut(recording, 100.0, 100.0, (1, 2), **choice)
     found = rate(segment, recording, assess_quality(segment))
     for one in found:  # each has its words
         assert rating_label(one)

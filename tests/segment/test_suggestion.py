@@ -117,13 +117,11 @@ def test_of_real_recordings(openacc_dir: Path) -> None:
     asta = read(openacc_dir / "AstaZero/ASta_040719_platoon5.csv")
     vehicles = (1, 2, 3, 4, 5)
     found = suggest_window(asta, vehicles)
-    assert found is not None
     assert found.window == Window(330.0, 630.0)
     assert found.car_following == 1.0
     efficiency = information(asta, vehicles).efficiency(Window(320.0, 620.0), found.window)
     assert efficiency == pytest.approx(0.999, abs=0.001)
     casale = suggest_window(read(openacc_dir / "Casale/part7.csv"), (1, 2))
-    assert casale is not None
     assert casale.window == Window(915.0, 1215.0)
     assert casale.car_following == pytest.approx(0.96, abs=0.005)
     assert casale.manual == 0.0

@@ -73,7 +73,6 @@ class TestVerdictsAgree:
     @given(ordinary)
     def test_a_vehicle_at_its_smallest_headway_is_marginal(self, vehicle: Parameters) -> None:
         smallest = of(vehicle).smallest_tau
-        assert smallest is not None
         for name in ("l2", "linf_exact"):
             at = of(Parameters(vehicle.alpha, vehicle.beta, getattr(smallest, name)))
             assert getattr(at, name).stable

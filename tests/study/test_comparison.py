@@ -71,7 +71,6 @@ def test_results_come_in_order_with_errors_of_every_kind(rows: list[MethodResult
     assert rows[0].evaluation.surrogate is None
     assert rows[1].evaluation.surrogate is not None
     for row in rows:
-        assert row.evaluation.closed_loop is not None
         assert row.evaluation.holdout is not None
         assert (row.evaluation.closed_loop.gap_mae < 0.5).all()
 

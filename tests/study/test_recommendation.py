@@ -31,7 +31,7 @@ def rows(segment: Segment) -> tuple[MethodResult, ...]:
 
 def adequacy(*findings: object) -> Adequacy:
     """A comparison of forms with these findings."""
-    return Adequacy(("any form",), None, findings)  # type: ignore[arg-type]
+    return Adequacy(("any form",), None, findings)
 
 
 def test_a_better_form_is_named_and_the_intervals_are_those_over_all_forms(
@@ -67,7 +67,7 @@ def test_without_other_forms_it_is_maximum_likelihood(
     assert plain.is_adequate is None
     assert plain.intervals[0].lower == rows[0].uncertainty.lower[0].alpha
     centre = rows[0].uncertainty.centre[0].values
-    assert np.allclose([one.estimate for one in plain.intervals], centre)  # type: ignore[arg-type]
+    assert np.allclose([one.estimate for one in plain.intervals], centre)
 
 
 def test_methods_outside_the_intervals_are_named(

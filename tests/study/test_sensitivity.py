@@ -24,7 +24,6 @@ def of(rows: tuple[SensitivityResult, ...], choice: str, method: str) -> Sensiti
 def estimate(rows: tuple[SensitivityResult, ...], choice: str, method: str) -> Parameters:
     """Of the first follower."""
     parameters = of(rows, choice, method).parameters
-    assert parameters is not None
     return parameters[0]
 
 

@@ -165,7 +165,7 @@ class TestJointFit:
 
 def recorded(start: float, **changes: object) -> Segment:
     """A window of one recording; short, as it is to be refused."""
-    return replace(driven(), start=start, sha256="one file", **changes)  # type: ignore[arg-type]
+    return replace(driven(), start=start, sha256="one file", **changes)
 
 
 @pytest.mark.parametrize(

@@ -61,7 +61,6 @@ class TestResult:
 
     def test_network_follows_the_data(self) -> None:
         errors = surrogate_errors(platoon(), fitted())
-        assert errors is not None
         assert errors.gap_mae.max() < 0.1
 
     def test_converges_and_states_what_the_hidden_layers_contributed(self) -> None:
@@ -73,9 +72,7 @@ class TestResult:
     def test_is_drawn_again_from_its_weights(self) -> None:
         fit, segment = fitted(), platoon()
         redraw = METHODS["pinn"].redraw
-        assert redraw
         again = redraw(fit, segment.time, float(segment.time[-1]))
-        assert fit.surrogate
         np.testing.assert_allclose(again.gaps, fit.surrogate.gaps, atol=1e-9)
         np.testing.assert_allclose(again.speeds, fit.surrogate.speeds, atol=1e-9)
 
@@ -108,9 +105,6 @@ class TestProgress:
         assert [moment.iteration for moment in seen] == sorted({m.iteration for m in seen})
         evidence = np.array([moment.evidence for moment in seen])
         assert evidence[-1] > evidence[0] + 10
-        assert fit.history is not None
-        assert fit.history.evidence is not None
-        assert fit.history.deviations is not None
         np.testing.assert_array_equal(fit.history.evidence, evidence)
         assert fit.history.deviations.shape == (len(seen), 2, 3)
         assert fit.loss["evidence"] == evidence[-1]
@@ -124,7 +118,6 @@ class TestProgress:
         drawn = [moment.surrogate is not None for moment in seen[:-1]]
         assert drawn == [moment.phase != "evidence" for moment in seen[:-1]]
         (first, *_) = [moment.surrogate for moment in seen if moment.surrogate]
-        assert fit.surrogate
         np.testing.assert_allclose(first.speeds, fit.surrogate.speeds, atol=0.05)
 
 
@@ -206,7 +199,7 @@ class TestOutputLayer:
         # Away from the optimum of the output layer, where the gradient nearly vanishes.
         away = np.random.default_rng(0).standard_normal(descent.hidden.values.size)
         descent.hidden.values += 1e-3 * away.astype(np.float32)
-        descent.adam.step = lambda gradient, _: found.append(gradient)  # type: ignore[method-assign]
+        descent.adam.step = lambda gradient, _: found.append(gradient)
         for training._iteration in range(30):
             training._descend(20)
         size, seen = training._fourier.size, training._seen

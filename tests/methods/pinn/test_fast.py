@@ -30,7 +30,7 @@ def test_adams_gradient_is_that_of_the_loss(config: PinnConfig, masked: bool) ->
     generator = descent.generator(training._iteration)
     instants = generator.integers(first, segment.samples, size=40)
     instants[:first] = 0
-    descent.adam.step = lambda gradient, _: found.append(gradient)  # type: ignore[method-assign]
+    descent.adam.step = lambda gradient, _: found.append(gradient)
     training._descend(1)
 
     size, output = training._features.size, training._weights

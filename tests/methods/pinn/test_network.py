@@ -101,7 +101,6 @@ class TestHiddenLayers:
             derivatives.append(self.FEATURES.derivative(derivatives[-1]))
         active = by_torch(values, [part.shape for part in layers.state().values()], derivatives)
         ((torch.from_numpy(toward) + active / 2) * active).sum().backward()
-        assert values.grad is not None
         np.testing.assert_allclose(active.detach(), layers(features), rtol=1e-10, atol=1e-12)
         scale = float(values.grad.abs().max())
         np.testing.assert_allclose(ours, values.grad, rtol=1e-8, atol=1e-10 * scale)
@@ -202,7 +201,6 @@ def test_layers_and_width_shape_the_network_and_its_curves_can_be_drawn_again(
     weights = [array for key, array in fit.arrays.items() if "hidden" in key and "weight" in key]
     assert [array.shape[0] for array in weights] == [20, 20]
     drawn = redraw(fit, segment.time, segment.window.duration)
-    assert fit.surrogate is not None
     assert np.allclose(drawn.gaps, fit.surrogate.gaps, atol=2e-3)
     with pytest.raises(ConfigError):
         preset(name, layers=7)

@@ -71,15 +71,11 @@ def assert_same_result(one: Fit, other: Fit) -> None:
     assert one.iterations == other.iterations
     assert one.parameters.values.tobytes() == other.parameters.values.tobytes()
     assert one.loss == other.loss
-    assert one.surrogate is not None
-    assert other.surrogate is not None
     np.testing.assert_array_equal(one.surrogate.speeds, other.surrogate.speeds)
     np.testing.assert_array_equal(one.surrogate.gaps, other.surrogate.gaps)
     assert one.arrays.keys() == other.arrays.keys()
     for name, values in one.arrays.items():
         np.testing.assert_array_equal(values, other.arrays[name])
-    assert one.history is not None
-    assert other.history is not None
     for name in ("iteration", "total", "data", "physics", "initial"):
         np.testing.assert_array_equal(getattr(one.history, name), getattr(other.history, name))
     assert one.history.parameters == other.history.parameters
@@ -101,7 +97,6 @@ class TestRecoversTheTruth:
         assert (distance <= (0.002, 0.005, 0.002)).all()  # α, β, τ; we see a tenth of it
         assert fit.loss["total"] == pytest.approx(limit.loss["total"], rel=0.02)
         assert len(set(fit.parameters)) == (1 if case == "I" else 3)
-        assert fit.history is not None
         assert fit.history.parameters.values.shape[1:] == (len(set(fit.parameters)), 3)
 
     def test_from_every_initial_value(self) -> None:
@@ -115,7 +110,6 @@ class TestResult:
         fit = fitted()
         terms = fit.loss["data"] + fit.loss["physics"] + fit.loss["initial"]
         assert fit.loss["total"] == pytest.approx(terms, rel=1e-12)
-        assert fit.history is not None
         assert fit.history.total[-1] == fit.loss["total"]
         assert fit.history.parameters[-1] == fit.parameters
         assert fit.loss["start"] > 0
@@ -131,7 +125,6 @@ class TestResult:
 
     def test_initial_condition_binds_the_first_instant_when_weighted(self) -> None:
         def first_error(fit: Fit) -> float:
-            assert fit.surrogate is not None
             return float(abs(fit.surrogate.gaps[0, 0] - noisy().gaps[0, 0]))
 
         free, bound = plain(), train(noisy(), "II", preset("fast", weight_initial=100.0))
@@ -171,7 +164,6 @@ class TestEnds:
         fit = fitted()
         assert fit.outcome is Outcome.CONVERGED
         history = fit.history
-        assert history is not None
         cycles = np.flatnonzero(np.diff(history.iteration) == 50) + 1
         quiet, parameters = [], history.parameters.values
         for now in cycles[1:]:  # the first cycle has no other to be compared with
@@ -279,7 +271,6 @@ class TestPaperPreset:
         assert both.iterations == 160
         assert both.loss["total"] < 0.2 * adam.loss["total"]
         history = both.history
-        assert history is not None
         second = history.total[history.iteration >= 105]
         assert (np.diff(second) < 0).all(), "each handful of its iterations lowers Ψ"
 

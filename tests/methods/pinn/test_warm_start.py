@@ -36,7 +36,6 @@ def warm(fit: Fit) -> WarmStart:
 
 
 def first_loss(fit: Fit) -> float:
-    assert fit.history is not None
     return float(fit.history.total[0])
 
 
@@ -48,7 +47,6 @@ def test_begins_where_the_other_ended(config: PinnConfig) -> None:
     assert first_loss(after) < first_loss(before)
     assert after.loss["total"] < 1.01 * before.loss["total"]
     assert StartedFrom("snapshot abc") in after.findings
-    assert after.history is not None
     assert after.history.parameters[0] == before.parameters
 
 
@@ -57,7 +55,6 @@ def test_one_set_of_parameters_from_several() -> None:
     config = replace(PAPER, iterations=5)
     several = train(platoon, "II", config, threads=1)
     one = train(platoon, "I", config, threads=1, warm=warm(several))
-    assert one.history is not None
     np.testing.assert_allclose(
         one.history.parameters.values[0, 0], several.parameters.values.mean(axis=0)
     )

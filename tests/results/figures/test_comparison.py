@@ -63,8 +63,6 @@ def test_an_open_end_and_an_undetermined_headway_can_be_drawn(uncertainty: Uncer
 
 def test_tracks_end_at_the_estimate_in_the_recordings_time(segment: Segment) -> None:
     track = recursive.fit(segment).track
-    assert track is not None
-    assert track.deviation is not None
     truth = Parameters.of(sample(NOISY).truth[0])
     figure = figures.tracks([("A", track), ("B", track)], 0, truth, start=320.0)
     lines = [trace for trace in figure.data if trace.name == "A"]

@@ -153,7 +153,6 @@ class TestTimeSpace:
 class TestAmplitudes:
     def test_stand_on_the_predicted_line(self, sinusoid: PlatoonRun) -> None:
         wave = sinusoid.amplitudes
-        assert wave is not None
         figure = figures.amplitude_by_vehicle(sinusoid, EIGHT, in_db=False)
         np.testing.assert_allclose(named(figure, "Predicted by |H(jω)|").y, wave.predicted)
         np.testing.assert_allclose(named(figure, "Simulated").y, wave.measured)
@@ -167,7 +166,6 @@ class TestAmplitudes:
         (trace,) = figures.amplitude_by_vehicle(braking, ALL, in_db=False).data
         np.testing.assert_allclose(trace.y, braking.largest_deviation)
         figure = figures.amplitude_by_vehicle(collision, AUDIS, in_db=False)
-        assert collision.amplitudes is not None
         drives, ended = "Simulated", "Largest deviation before the collision"
         np.testing.assert_allclose(named(figure, drives).y, collision.amplitudes.measured[:5])
         np.testing.assert_allclose(named(figure, ended).y, collision.largest_deviation[5:])

@@ -166,7 +166,6 @@ class TestMap:
         assert 0 <= min(dots.x) <= max(dots.x) <= figure.layout.xaxis.range[1]
         assert 0 <= min(dots.y) <= max(dots.y) <= high
         needed = astazero.vehicles[1].smallest_tau
-        assert needed is not None
         assert high > needed.linf_exact
         assert figure.layout.xaxis.title.text == "β, gain on relative speed [1/s]"
         assert [trace.name for trace in legend(figure)] == list(figures.BOUNDARIES)

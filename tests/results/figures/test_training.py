@@ -137,7 +137,6 @@ class TestTracking:
         noisy = sample(NOISY).segment
         fit = splines.fit(noisy)
         simulated = closed_loop(noisy, fit)
-        assert simulated is not None
         figure = training.tracking(noisy, 0, fit.surrogate, simulated, "Splines", with_error=True)
         assert {figure.layout.xaxis.matches, figure.layout.xaxis2.matches} == {"x3"}
         errors = [trace for trace in figure.data if trace.yaxis == "y3"]

@@ -26,7 +26,6 @@ def said(snapshot: Snapshot) -> str:
 
 
 def colliding(snapshot: Snapshot, vehicle: int, time: float) -> Snapshot:
-    assert snapshot.evaluation
     findings = (SimulatedCollision(vehicle, time, -1.5),)
     return replace(snapshot, evaluation=replace(snapshot.evaluation, findings=findings))
 
@@ -39,7 +38,6 @@ def test_title_agrees_in_number() -> None:
 
 def test_estimates_outside_their_intervals_are_named_at_once() -> None:
     uncertainty = whole().uncertainty
-    assert uncertainty is not None
     inside = np.ones_like(uncertainty.inside)
     assert "outside" not in said(replace(whole(), uncertainty=replace(uncertainty, inside=inside)))
     inside[1, 0] = False
@@ -49,7 +47,6 @@ def test_estimates_outside_their_intervals_are_named_at_once() -> None:
 
 def test_summary_gives_parameters_with_intervals_and_probabilities() -> None:
     text, uncertainty = said(whole()), whole().uncertainty
-    assert uncertainty is not None
     for one in whole().fit.parameters:
         assert f"τ {one.tau:.2f} s" in text
     values = whole().fit.parameters.values
@@ -67,7 +64,6 @@ def test_summary_gives_parameters_with_intervals_and_probabilities() -> None:
 
 def test_undetermined_headways_and_probabilities_are_called_so() -> None:
     uncertainty = small().uncertainty
-    assert uncertainty is not None
 
     def words(low: float, high: float) -> str:
         ends = Parameters.of([[0.1, 0.1, low]]), Parameters.of([[0.1, 0.1, high]])
@@ -95,8 +91,6 @@ def test_collisions_are_named_with_vehicle_and_time() -> None:
 @pytest.mark.parametrize("lost", [(3,), (2, 3), (0, 1, 2, 3)])
 def test_followers_without_closed_loop_errors_are_named(lost: tuple[int, ...]) -> None:
     evaluation = whole().evaluation
-    assert evaluation is not None
-    assert evaluation.closed_loop is not None
     gaps = np.array([1.23, 2.34, 3.45, 4.56])
     gaps[list(lost)] = np.nan
     errors = replace(evaluation.closed_loop, gap_mae=gaps)

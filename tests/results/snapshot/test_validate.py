@@ -79,7 +79,6 @@ def test_what_no_snapshot_says_is_refused(place: str, value: Any, said: str) -> 
 
 def test_data_that_would_take_minutes_to_compute_anew_are_refused() -> None:
     one = small()
-    assert one.segment is not None
     count = 1 + MOST_COMPUTED // one.info.followers
     speeds, gaps = (
         np.broadcast_to(values[:1], (count, values.shape[1]))
@@ -93,7 +92,6 @@ def test_data_that_would_take_minutes_to_compute_anew_are_refused() -> None:
 
 def test_data_without_steps_of_time_are_refused() -> None:
     one = small()
-    assert one.segment is not None
     segment = replace(one.segment, time=1e-12 * np.arange(one.segment.samples))
     with pytest.raises(SnapshotError, match="not the window"):
         load(to_bytes(replace(one, segment=segment)))
@@ -130,7 +128,6 @@ def test_a_member_whose_name_could_be_a_path_or_a_command_is_refused(name: str) 
 @pytest.mark.parametrize("value", [0.0, -1.0, 5.0])
 def test_a_curve_whose_time_stands_still_is_refused(value: float) -> None:
     fit = whole().fit
-    assert fit.surrogate is not None
     still = replace(fit.surrogate, time=np.full_like(fit.surrogate.time, value))
     with pytest.raises(SnapshotError, match="do not follow each other"):
         load(to_bytes(replace(whole(), fit=replace(fit, surrogate=still))))

@@ -32,7 +32,7 @@ from accpinn.results.snapshot.verification import (
     verify,
 )
 from accpinn.segment.cut import cut
-from accpinn.segment.segment import Segment, WindowShortened
+from accpinn.segment.segment import WindowShortened
 from accpinn.serial import flatten, read_json, write_json
 from tests.support.driving import driven, standing_still
 from tests.support.methods import RIVALS as ESTIMATORS
@@ -152,7 +152,6 @@ class TestHonest:
         found = verify(forged)
         assert not found.refitted
         (left,) = [one for one in found.unchecked if one.cure == REFIT]
-        assert forged.segment is not None
         assert left.seconds == refit_seconds(forged, forged.segment) > 600
         assert "min)" in verification_summary(replace(found, checks=()), forged.info)
 
@@ -175,7 +174,6 @@ class TestHonest:
 class TestForged:
     def test_stability(self) -> None:
         report = whole().stability
-        assert report is not None
         first = report.vehicles[0]
         first = replace(first, linf_exact=replace(first.linf_exact, value=1.0))
         vehicles = (first, *report.vehicles[1:])
@@ -190,7 +188,6 @@ class TestForged:
     @pytest.mark.parametrize("figure", ["lower", "draws", "probability_l2"])
     def test_intervals(self, figure: str) -> None:
         uncertainty = small().uncertainty
-        assert uncertainty is not None
         value = getattr(uncertainty, figure)
         other = getattr(value, "values", value) * 1.001 + 0.001
         kind = Parameters.of if isinstance(value, Parameters) else np.asarray
@@ -205,15 +202,13 @@ class TestForged:
         self, factor: float, ok: bool
     ) -> None:
         segment, fit, uncertainty = small().segment, small().fit, small().uncertainty
-        assert segment is not None
-        assert uncertainty is not None
         draws = Parameters.of(uncertainty.draws.values * factor)
         other = judged(from_draws(uncertainty.centre, draws, uncertainty.level), segment, fit)
         found = verify(replace(small(), uncertainty=other))
         assert [check.ok for check in found.checks if check.part == "uncertainty"] == [ok]
 
     def test_intervals_of_another_method_unless_of_another_version(self) -> None:
-        older = replace(small().uncertainty, method="an older one", lower=Parameters([0], [0], [0]))  # type: ignore[type-var]
+        older = replace(small().uncertainty, method="an older one", lower=Parameters([0], [0], [0]))
         origin = replace(small().origin, accpinn="0.0.1")
         found = verify(replace(small(), uncertainty=older, origin=origin))
         assert found.ok
@@ -223,13 +218,11 @@ class TestForged:
     @pytest.mark.parametrize("number", [1, 0])
     def test_intervals_that_cannot_be_computed(self, number: int) -> None:
         uncertainty = small().uncertainty
-        assert uncertainty is not None
         odd = replace(uncertainty, draws=uncertainty.draws[:number])
         assert fault(verify(replace(small(), uncertainty=odd))).reason
 
     def test_errors_of_a_method_compared(self) -> None:
         errors = whole().methods[0].evaluation.closed_loop
-        assert errors is not None
         better = replace(errors, gap_mae=errors.gap_mae / 2)
         found = fault(verify(with_evaluation(whole(), closed_loop=better), refit_within=QUICK))
         assert (found.part, found.method) == ("evaluation.closed_loop", "Least squares")
@@ -243,7 +236,6 @@ class TestForged:
             own = tuple(replace(block, **change) for block in blocks)
             pooled = pooled_holdout_errors(own)
             first = with_evaluation(whole(), blocks=own, holdout=pooled).methods[0]
-            assert isinstance(whole().segment, Segment)
             plain = create(whole().segment, first.fit, evaluation=first.evaluation, with_data=True)
             return verify(plain)
 
@@ -256,8 +248,6 @@ class TestForged:
         recording = read(FOLDER / f"{PLATOON}.csv")
         honest = create(*trained(), recording=recording)
         assert verify(honest, recording, refit_within=QUICK).ok
-        assert honest.evaluation is not None
-        assert honest.evaluation.out_of_window is not None
         errors = honest.evaluation.out_of_window
         better = replace(errors, gap_mae=errors.gap_mae / 2)
         forged = replace(honest, evaluation=replace(honest.evaluation, out_of_window=better))
@@ -300,7 +290,6 @@ class TestForged:
         self, honest: Callable[[], Snapshot]
     ) -> None:
         segment, fit = honest().segment, honest().fit
-        assert segment is not None
         shorter = Parameters.of(fit.parameters.values * [1, 1, 0.6])
         forged = create(segment, replace(fit, parameters=shorter, seconds=1e9), with_data=True)
         believed = verify(forged, refit_within=QUICK)
