@@ -49,10 +49,7 @@ TRAINING_MS = 180_000
 
 @contextmanager
 def served(
-    cache: Path,
-    log: Path,
-    recordings: Path | None = None,
-    extra: dict[str, str] | None = None,
+    cache: Path, log: Path, recordings: Path | None = None, extra: dict[str, str] | None = None
 ) -> Iterator[str]:
     """The address of a running app with an empty cache, and ``extra`` environment variables."""
     with running(cache, log, recordings, extra=extra) as server:

@@ -148,10 +148,7 @@ def test_no_command_replaces_what_it_reads(file: Path, tmp_path: Path, capsys: C
     "options", [("--out", "missing/a"), ("--out", "x" * 300), ("--out", "a", "--name", "x" * 300)]
 )
 def test_what_cannot_be_kept_is_said_before_any_work(
-    capsys: Capture,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    options: tuple[str, ...],
+    capsys: Capture, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, options: tuple[str, ...]
 ) -> None:
     monkeypatch.chdir(tmp_path)
     assert "not even read" not in refused(capsys, 1, "fit", "not even read.csv", *options)

@@ -67,10 +67,7 @@ def test_where_the_cthp_holds_no_form_is_better_and_it_is_adequate() -> None:
 @all_draws
 @pytest.mark.parametrize(
     ("departure", "form", "value", "tolerance"),
-    [
-        ({"standstill": 6.0}, "offset", 6.0, 2.0),
-        ({"lag": 1.0}, "lag", 1.0, 0.3),
-    ],
+    [({"standstill": 6.0}, "offset", 6.0, 2.0), ({"lag": 1.0}, "lag", 1.0, 0.3)],
 )
 def test_a_term_that_the_recording_shows_is_found(
     departure: dict[str, float], form: str, value: float, tolerance: float

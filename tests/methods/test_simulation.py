@@ -24,11 +24,7 @@ class TestChain:
     def test_states_are_the_simulators(self, chain: Chain) -> None:
         segment, three = driven(MIXED), Parameters.of([LAW] * 3)
         expected = simulate(
-            three,
-            segment.time,
-            segment.speeds[:, 0],
-            segment.speeds[0, 1:],
-            segment.gaps[0],
+            three, segment.time, segment.speeds[:, 0], segment.speeds[0, 1:], segment.gaps[0]
         )
         states = chain.states(three.theta[0], chain.measured[0])
         np.testing.assert_allclose(states[:, ::2], expected.gaps, atol=1e-9)

@@ -9,14 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
-from accpinn.model.cthp import (
-    LINEAR_NAMES,
-    Parameters,
-    motion_matrix,
-    orbit,
-    regressors,
-    simulate,
-)
+from accpinn.model.cthp import LINEAR_NAMES, Parameters, motion_matrix, orbit, regressors, simulate
 from accpinn.units import FloatArray
 
 rates = st.floats(0.001, 2.0)

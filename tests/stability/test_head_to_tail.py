@@ -13,16 +13,7 @@ from accpinn.stability.criteria import step_metrics
 from accpinn.stability.frequency import response
 from accpinn.stability.head_to_tail import head_to_tail_gains, head_to_tail_peaks
 from tests.stability.references import TABLE
-from tests.support.vehicles import (
-    AUDI,
-    CALM,
-    NO_REACTION,
-    TESLA,
-    UNDAMPED,
-    damping,
-    ordinary,
-    row,
-)
+from tests.support.vehicles import AUDI, CALM, NO_REACTION, TESLA, UNDAMPED, damping, ordinary, row
 
 platoons = st.lists(
     ordinary.filter(lambda vehicle: damping(vehicle) > 0.05), min_size=2, max_size=5

@@ -38,14 +38,7 @@ from accpinn.study import cluster as clusters
 from accpinn.study.batch import batch
 from accpinn.study.batch_progress import BatchProgress
 from accpinn.study.batch_tasks import BatchTask, MethodRows
-from accpinn.study.journal import (
-    JOURNAL,
-    Failure,
-    Journal,
-    read_failures,
-    read_pooled,
-    read_rows,
-)
+from accpinn.study.journal import JOURNAL, Failure, Journal, read_failures, read_pooled, read_rows
 from accpinn.study.pooling import pools
 from accpinn.study.process import BatchSettings, run_batch
 from accpinn.study.rows import COLUMNS

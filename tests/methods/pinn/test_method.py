@@ -26,12 +26,7 @@ def of_length(duration: float, step: float = 0.1, masked: bool = False) -> Segme
 @pytest.mark.parametrize("step", [0.1, 0.5])
 @pytest.mark.parametrize(
     "config",
-    [
-        preset("fast"),
-        preset("fast", highest_frequency=2.0),
-        preset("calibrated"),
-        preset("paper"),
-    ],
+    [preset("fast"), preset("fast", highest_frequency=2.0), preset("calibrated"), preset("paper")],
 )
 def test_the_longest_window_named_is_allowed(config: PinnConfig, step: float, masked: bool) -> None:
     with pytest.raises(SegmentError, match="GB of memory") as caught:

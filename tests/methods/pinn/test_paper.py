@@ -42,11 +42,7 @@ def test_gradient_through_the_tangent_is_that_through_nested_differentiation() -
 
 
 def test_first_weights_are_as_many_as_the_paper_says_xavier_uniform_and_biases_zero() -> None:
-    assert [PaperNetwork(m, PAPER.hidden, seed=0).size for m in (1, 3, 4)] == [
-        7623,
-        7867,
-        7989,
-    ]
+    assert [PaperNetwork(m, PAPER.hidden, seed=0).size for m in (1, 3, 4)] == [7623, 7867, 7989]
     network = PaperNetwork(4, PAPER.hidden, seed=0)
     layers = [module for module in network.modules() if isinstance(module, torch.nn.Linear)]
     assert [(layer.in_features, layer.out_features) for layer in layers] == [
