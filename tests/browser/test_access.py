@@ -57,7 +57,7 @@ def cut_off(page: Page) -> list[str]:
 
 
 def _outside(page: Page) -> list[str]:
-    found: list[str] = page.get_by_test_id("stMain").evaluate(
+    return page.get_by_test_id("stMain").evaluate(
         """main => [...main.querySelectorAll('button, input, [role=combobox]')]
             .filter(one => one.checkVisibility({visibilityProperty: true, opacityProperty: true}))
             .filter(one => !one.closest('.modebar, .main-svg'))
@@ -68,7 +68,6 @@ def _outside(page: Page) -> list[str]:
             })
             .map(one => one.outerHTML.slice(0, 120))"""
     )
-    return found
 
 
 def test_from_one_click_on_home_through_every_page_in_both_themes(opened: Open, app: App) -> None:

@@ -43,8 +43,7 @@ def shown(browser: Browser, tmp_path: Path) -> Iterator[Show]:
 
 
 def background(page: Page) -> str:
-    found: str = page.evaluate("getComputedStyle(document.body).backgroundColor")
-    return found
+    return page.evaluate("getComputedStyle(document.body).backgroundColor")
 
 
 def test_of_a_hostile_name_it_is_drawn_in_both_themes_printed_saved_and_fits_a_narrow_screen(

@@ -2,7 +2,6 @@
 
 from dataclasses import replace
 from functools import partial
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -24,8 +23,7 @@ from accpinn.segment.cut import cut
 from accpinn.segment.segment import Segment
 from tests.support.driving import MIXED, driven
 from tests.support.methods import RIVALS
-
-SAMPLES = Path(__file__).parents[2] / "sample_data"
+from tests.support.samples import FOLDER
 
 
 def test_each_block_is_simulated_with_parameters_from_the_others() -> None:
@@ -36,7 +34,7 @@ def test_each_block_is_simulated_with_parameters_from_the_others() -> None:
         fitted_to.append(segment)
         return least_squares.fit(segment)
 
-    segment = cut(read(SAMPLES / "synthetic_paper_study_noise_free.csv"), 0.0, 90.0)
+    segment = cut(read(FOLDER / "synthetic_paper_study_noise_free.csv"), 0.0, 90.0)
     blocks = cross_validate(segment, estimate)
     near = partial(pytest.approx, abs=0.2)
     assert [block.window.start for block in blocks] == near([0.0, 30.0, 60.0])
@@ -90,14 +88,14 @@ def test_blocks_are_pooled_by_duration() -> None:
 
 
 def test_parts_keep_their_place_in_the_recording() -> None:
-    segment = cut(read(SAMPLES / "synthetic_paper_study.csv"), 20.0, 60.0)
+    segment = cut(read(FOLDER / "synthetic_paper_study.csv"), 20.0, 60.0)
     piece = part(segment, 100, 300)
     assert (piece.start, piece.time[0], piece.samples) == (pytest.approx(30.0), 0.0, 200)
     np.testing.assert_array_equal(piece.gaps, segment.gaps[100:300])
 
 
 def test_an_evaluation_holds_what_it_is_given_data_for() -> None:
-    recording = read(SAMPLES / "synthetic_paper_study.csv")
+    recording = read(FOLDER / "synthetic_paper_study.csv")
     segment = cut(recording, 0.0, 100.0)
     fit = splines.fit(segment)
     bare = evaluate(segment, fit)

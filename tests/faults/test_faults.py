@@ -47,6 +47,11 @@ def child(action: Callable[[], Any], *, disk: int = 0) -> tuple[int, str]:
         action: what to do; what it returns, or the sentence of its error, is what it says.
         disk: bytes that a file may have at most, as if the disk were full then; 0 for any number.
     """
+    return ended(*begun(action, disk))
+
+
+def begun(action: Callable[[], Any], disk: int = 0) -> tuple[int, int]:
+    """A child that has begun, to be given to `ended`."""
     reading, writing = os.pipe()
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", DeprecationWarning)  # of other threads
@@ -66,6 +71,11 @@ def child(action: Callable[[], Any], *, disk: int = 0) -> tuple[int, str]:
         finally:
             os._exit(status)
     os.close(writing)
+    return number, reading
+
+
+def ended(number: int, reading: int) -> tuple[int, str]:
+    """What came of it."""
     with os.fdopen(reading, "rb") as pipe:
         said = pipe.read().decode()
     _, status = os.waitpid(number, 0)
@@ -263,18 +273,9 @@ def test_two_servers_on_one_cache_read_whole_results_or_none(tmp_path: Path) -> 
         return " ".join(heard) or f"{found >= 40}"
 
     write()
-    reading, writing = os.pipe()
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", DeprecationWarning)
-        number = os.fork()
-    if number == 0:
-        os.write(writing, write().encode() or b"-")
-        os._exit(0)
-    os.close(writing)
+    other = begun(write)
     assert read() == "True"
-    assert os.read(reading, 1000) == b"-"
-    os.close(reading)
-    os.waitpid(number, 0)
+    assert ended(*other) == (0, "")
     assert not [*tmp_path.glob("*.damaged")]
 
 

@@ -18,7 +18,6 @@ from typing import Any
 from unittest.mock import patch
 
 import numpy as np
-import pandas as pd
 
 from accpinn import cli
 from accpinn.errors import AccpinnError, SegmentError
@@ -49,7 +48,7 @@ from accpinn.study.journal import JOURNAL, RESULTS, SETTINGS, Journal, read_fail
 from accpinn.study.pooling import POOLED_COLUMNS
 from accpinn.study.rows import COLUMNS
 from tests.fuzz.mutations import TOKENS, spoil_bytes, spoil_table, spoil_tree, text
-from tests.support.openacc_files import csv, metadata, platoon
+from tests.support.openacc_files import csv, metadata, pair, platoon, table
 from tests.support.snapshots import delayed, entries, small, small_bytes
 
 ROOT = Path(__file__).parents[2]
@@ -124,23 +123,8 @@ def look_at(recording: Recording) -> bool:
 @cache
 def pair_tables() -> tuple[bytes, ...]:
     """Two vehicles behind a leader as a table of pairs; then a part of it."""
-    frame = platoon(samples=200)
-    parts = [
-        pd.DataFrame(
-            {
-                "Trajectory_ID": f"t{k}",
-                "Time_Index": np.round(0.1 * np.arange(len(frame)), 6),
-                "ID_LV": 100 + k,
-                "Type_LV": int(k == 1),
-                "Speed_LV": frame[f"Speed{k}"],
-                "ID_FAV": 101 + k,
-                "Speed_FAV": frame[f"Speed{k + 1}"],
-                "Spatial_Gap": frame[f"IVS{k}"],
-            }
-        )
-        for k in (1, 2)
-    ]
-    return tuple(pd.concat(some).to_csv(index=False).encode() for some in (parts, parts[:1]))
+    parts = [pair(platoon(samples=200), k, f"t{k}").drop(columns="Extra") for k in (1, 2)]
+    return table(*parts), table(parts[0])
 
 
 def draw_pairs(draw: Random) -> bytes:
@@ -283,8 +267,8 @@ def show(snapshot: Snapshot) -> None:
     """Tables, sentences and files of a snapshot."""
     words.title(snapshot), words.summary(snapshot), words.about_data(snapshot)
     words.cautions(snapshot)
-    for table in tables_of(snapshot).values():
-        table.to_text(), table.to_csv(), table.to_latex(), table.to_html()
+    for one in tables_of(snapshot).values():
+        one.to_text(), one.to_csv(), one.to_latex(), one.to_html()
     with suppress(AccpinnError):
         parameter_card(snapshot)
         snapshot_types(snapshot, 5)

@@ -17,7 +17,6 @@ from pages.ui.session.workspace import PendingFile
 from tests.support.apptest import (
     HOME,
     PAGES,
-    ROOT,
     SNAPSHOTS,
     fitted,
     open_page,
@@ -34,19 +33,6 @@ ANN = {"is_logged_in": True, "email": "Ann@lab.org", "email_verified": True, "su
 BOB = {"is_logged_in": True, "email": "bob@school.edu", "sub": "2"}
 
 
-def page_of(user: dict[str, Any], path: str = HOME, **address: str) -> AppTest:
-    """A page as that user's browser opens it, on a server that asks who one is."""
-    page = AppTest.from_file(str(ROOT / HOME), default_timeout=60)
-    if path != HOME:
-        page.switch_page(path)
-    page.user = user
-    for name, value in address.items():
-        page.query_params[name] = value
-    page.run()
-    assert not page.exception, page.exception
-    return page
-
-
 def buttons(page: AppTest) -> set[str]:
     return {str(button.key) for button in page.button}
 
@@ -54,18 +40,20 @@ def buttons(page: AppTest) -> set[str]:
 class TestSignIn:
     @pytest.mark.parametrize("path", [HOME, SNAPSHOTS])
     def test_nothing_is_shown_and_no_session_begins_before(self, path: str) -> None:
-        page = page_of({"is_logged_in": False}, path, session=with_sample().id)
+        page = open_page(path, user={"is_logged_in": False}, session=with_sample().id)
         assert buttons(page) == {"sign_in"}
         assert "synthetic" not in texts(page)
 
     def test_a_session_is_opened_by_its_own_user_only(self) -> None:
-        own = workspace_of(page_of(ANN))
-        assert workspace_of(page_of(ANN, session=own.id)) is own
-        assert workspace_of(page_of(BOB, session=own.id)) is not own
+        own = workspace_of(open_page(HOME, user=ANN))
+        assert workspace_of(open_page(HOME, user=ANN, session=own.id)) is own
+        assert workspace_of(open_page(HOME, user=BOB, session=own.id)) is not own
         (store().folder / "runs" / own.id).mkdir(parents=True)
         sessions.workspaces.clear()
-        assert workspace_of(page_of(BOB, session=own.id)).id != own.id
-        assert workspace_of(page_of(ANN, session=own.id)).id == own.id, "as before a restart"
+        assert workspace_of(open_page(HOME, user=BOB, session=own.id)).id != own.id
+        assert workspace_of(open_page(HOME, user=ANN, session=own.id)).id == own.id, (
+            "as before a restart"
+        )
 
     @pytest.mark.parametrize(
         ("named", "user", "admitted"),
@@ -83,7 +71,7 @@ class TestSignIn:
         self, monkeypatch: pytest.MonkeyPatch, named: str, user: dict[str, Any], admitted: bool
     ) -> None:
         monkeypatch.setenv(identity.USERS_VARIABLE, named)
-        page = page_of(user)
+        page = open_page(HOME, user=user)
         assert (len(buttons(page)) > 1) is admitted
         assert "sign_out" in buttons(page)
 
@@ -132,15 +120,15 @@ class TestDeletion:
     def test_with_sign_in_the_user_and_an_administrator_may(
         self, monkeypatch: pytest.MonkeyPatch
     ) -> None:
-        page = page_of(ANN, SNAPSHOTS)
+        page = open_page(SNAPSHOTS, user=ANN)
         own = workspace_of(page)
         source = fitted()
         own.recording, own.segment, own.training = source.recording, source.segment, source.training
         press(page.run(), "Save")
-        assert self.delete_key() in buttons(page_of(ANN, SNAPSHOTS)), "in another session"
-        assert self.delete_key() not in buttons(page_of(BOB, SNAPSHOTS))
+        assert self.delete_key() in buttons(open_page(SNAPSHOTS, user=ANN)), "in another session"
+        assert self.delete_key() not in buttons(open_page(SNAPSHOTS, user=BOB))
         monkeypatch.setenv(identity.ADMINS_VARIABLE, "bob@school.edu")
-        assert self.delete_key() in buttons(page_of(BOB, SNAPSHOTS))
+        assert self.delete_key() in buttons(open_page(SNAPSHOTS, user=BOB))
 
     def test_a_server_is_shared_unless_it_listens_to_this_computer_alone(self) -> None:
         before = config.get_option("server.address")

@@ -221,9 +221,7 @@ def test_arrays_cannot_be_changed() -> None:
 
 
 def measured(platoon: Parameters, leader: Sinusoid) -> Amplitudes:
-    found = simulate_platoon(platoon, leader).amplitudes
-    assert found is not None
-    return found
+    return simulate_platoon(platoon, leader).amplitudes
 
 
 @pytest.mark.parametrize(("vehicle", "grows"), [(MERCEDES, True), (TESLA, False)])

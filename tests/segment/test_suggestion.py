@@ -40,9 +40,7 @@ def lively(samples: int, first: int, last: int) -> np.ndarray:
 
 
 def suggested(recording: Recording, duration: float = 60.0) -> Suggestion:
-    found = suggest_window(recording, (1, 2), duration)
-    assert found is not None
-    return found
+    return suggest_window(recording, (1, 2), duration)
 
 
 @settings(max_examples=25, deadline=None)

@@ -32,9 +32,20 @@ WAIT = 120.0
 """Seconds a real training may take on a busy machine; it needs about one."""
 
 
-def open_page(path: str, found: Workspace | None = None, **address: str) -> AppTest:
-    """A page as a direct link opens it: the first page has not run before."""
+def open_page(
+    path: str, found: Workspace | None = None, user: dict[str, Any] | None = None, **address: str
+) -> AppTest:
+    """A page as a direct link opens it: the first page has not run before.
+
+    Args:
+        path: of the page.
+        found: the session that the address names.
+        user: who is signed in, on a server that asks who one is.
+        address: what else the address says.
+    """
     page = AppTest.from_file(str(ROOT / HOME), default_timeout=60)
+    if user:
+        page.user = user
     if path != HOME:
         page.switch_page(path)
     if found:

@@ -28,8 +28,7 @@ def strict(text: str) -> Any:
 def document(capsys: Capture, *arguments: object) -> dict[str, Any]:
     """What a command prints with --json."""
     assert main([*map(str, arguments), "--json"]) == 0
-    found: dict[str, Any] = strict(capsys.readouterr().out)
-    return found
+    return strict(capsys.readouterr().out)
 
 
 def refused(capsys: Capture, status: int, *arguments: object) -> str:

@@ -132,12 +132,6 @@ def finished(task: Task[Any]) -> Task[Any]:
     return task
 
 
-def history_of(task: Task[Any]) -> History:
-    found = task.history()
-    assert found is not None
-    return found
-
-
 def seed(number: int) -> PinnConfig:
     return replace(FAST, seed=number)
 
@@ -154,7 +148,7 @@ def test_progress_rate_and_time_left(puppet: Puppet) -> None:
     puppet.step(moment(90, 5.0))
     assert task.rate == 20.0, "the rate is that of the last three seconds"
     assert (task.time_left, task.share) == (0.5, 0.9)
-    history = history_of(task)
+    history = task.history()
     np.testing.assert_array_equal(history.iteration, [0, 10, 30, 90])
     np.testing.assert_array_equal(history.parameters.values[:, 0, 2], [1, 11, 31, 91])
 
@@ -232,10 +226,10 @@ def test_a_continued_training_keeps_its_history(puppet: Puppet) -> None:
     finished(task)
     again = puppet.train("ann", PAPER)
     assert again is not task
-    np.testing.assert_array_equal(history_of(again).iteration, [0, 5, 10, 15])
+    np.testing.assert_array_equal(again.history().iteration, [0, 5, 10, 15])
     puppet.step(moment(15, 0.35))  # the checkpoint may lie a little back
     puppet.step(moment(20, 0.45))
-    history = history_of(again)
+    history = again.history()
     np.testing.assert_array_equal(history.iteration, [0, 5, 10, 15, 20])
     np.testing.assert_allclose(history.seconds[-2:], [0.35, 0.45])
     puppet.queue.stop(again)
@@ -477,4 +471,4 @@ def test_a_real_training_is_answered_from_the_store_the_second_time(tmp_path: Pa
     assert first.result is not None, first.error
     assert again.result.cached
     assert again.result.parameters == first.result.parameters
-    assert history_of(again).iteration[-1] == 20
+    assert again.history().iteration[-1] == 20

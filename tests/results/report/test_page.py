@@ -73,8 +73,7 @@ def hostile_page() -> str:
 
 def drawings(text: str) -> list[dict[str, Any]]:
     found = re.search(r'id="drawings">(.*?)</script>', text, re.DOTALL)
-    drawn: list[dict[str, Any]] = json.loads(found[1])
-    return drawn
+    return json.loads(found[1])
 
 
 class TestPage:
