@@ -68,14 +68,7 @@ def test_a_window_or_platoon_that_the_recording_does_not_have(
     ],
 )  # fmt: skip
 def test_what_cannot_be_parsed_exits_with_2(capsys: Capture, arguments: list[str]) -> None:
-    with pytest.raises(SystemExit) as ended:
-        main(arguments)
-    assert ended.value.code == 2
-    printed = capsys.readouterr()
-    assert printed.out == ""
-    assert printed.err.startswith("error: ")
-    assert printed.err.count("\n") == 1
-    assert "see python -m accpinn" in printed.err
+    assert "see python -m accpinn" in refused(capsys, 2, *arguments)
 
 
 @pytest.mark.parametrize(

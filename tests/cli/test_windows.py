@@ -56,9 +56,10 @@ def test_all_complete_stretches_in_pieces(capsys: Capture) -> None:
         ([*METHOD, "--windows", "0-60,60-120", "--duration", "60"], "leave --duration out"),
         ([*METHOD, "--windows", "all", "--start", "10"], "leave --start out"),
         ([*METHOD, "--windows", "0-60,60-120", "--out", "a.accpinn.zip"], "one window"),
+        ([*METHOD, "--windows", "noon"], "0-300,600-900"),
     ],
 )
-def test_options_that_contradict_each_other(
+def test_options_that_contradict_each_other_or_cannot_be_read(
     capsys: Capture, options: list[str], words: str
 ) -> None:
     assert words in refused(capsys, 2, "fit", STUDY, *options)
@@ -89,10 +90,3 @@ def test_a_window_with_a_hole_is_named(capsys: Capture, tmp_path: Path) -> None:
     path.write_text("\n".join(lines) + "\n")
     said = refused(capsys, 1, "fit", path, *METHOD, "--windows", "0-90,90-180")
     assert "--windows, 90–180 s: holed.csv: Speed1 is missing" in said
-
-
-def test_a_text_that_names_no_windows(capsys: Capture) -> None:
-    with pytest.raises(SystemExit) as ended:
-        main(["fit", str(STUDY), *METHOD, "--windows", "noon"])
-    assert ended.value.code == 2
-    assert "0-300,600-900" in capsys.readouterr().err

@@ -1,8 +1,6 @@
 """Multistart: how far trainings from several initial values and seeds end apart."""
 
-import json
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -23,9 +21,9 @@ from accpinn.methods.method import TaskContext
 from accpinn.methods.pinn.config import STARTS, preset
 from accpinn.model.cthp import Case, Parameters
 from accpinn.results.messages import message, messages
+from tests.support.command import STUDY, Capture, document
 from tests.support.driving import MIXED, driven
 
-SAMPLE = Path(__file__).parents[2] / "sample_data" / "synthetic_paper_study.csv"
 ONE_THREAD = TaskContext(threads=1)
 
 
@@ -91,17 +89,12 @@ def test_a_parameter_that_one_training_leaves_undetermined_has_no_spread(case: C
     assert not spread_of(everywhere.findings).every
 
 
-@pytest.mark.parametrize("form", [["--json"], []])
-def test_the_command_prints_every_start(
-    form: list[str], capsys: pytest.CaptureFixture[str]
-) -> None:
-    words = ["starts", str(SAMPLE), "--duration", "20", "--iterations", "20", "--no-cache"]
-    assert main([*words, "--threads", "1", *form]) == 0
-    printed = capsys.readouterr().out
-    if not form:
-        assert "0.01, 0.5, 2" in printed
-        return
-    found = json.loads(printed)
+def test_the_command_prints_every_start(capsys: Capture) -> None:
+    limits = ("--duration", 20, "--iterations", 20, "--threads", 1, "--no-cache")
+    words = ("starts", STUDY, *limits)
+    assert main(list(map(str, words))) == 0
+    assert "0.01, 0.5, 2" in capsys.readouterr().out
+    found = document(capsys, *words)
     assert [Parameters.of(trial["initial"]) for trial in found["trials"]] == list(STARTS)
     alphas = [trial["parameters"][0]["alpha"] for trial in found["trials"]]
     by_hand = 100 * np.ptp(alphas) / np.mean(alphas)

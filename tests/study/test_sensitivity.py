@@ -1,19 +1,18 @@
 """Sensitivity of the estimates to instants outside car-following."""
 
-import json
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from accpinn.cli import main
 from accpinn.model.cthp import Parameters
 from accpinn.recordings.openacc import read
 from accpinn.results.tables.recording import regimes_table, sensitivity_table
 from accpinn.segment.cut import cut
 from accpinn.segment.quality import label_regimes
 from accpinn.study.sensitivity import CHOICES, COMPARED, SensitivityResult, sensitivity
+from tests.support.command import Capture, document, refused
 from tests.support.driving import LAW, driven
 
 
@@ -89,19 +88,12 @@ def test_casale_without_catching_up(openacc_dir: Path) -> None:
     assert shares == pytest.approx((78.8, 21.2, 0.0, 0.0), abs=0.1)
 
 
-def test_the_command_excludes_what_is_asked_alone(
-    openacc_dir: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    words = ["fit", str(openacc_dir / "Casale" / "part7.csv"), "--method", "least-squares"]
-    assert main([*words, "--leave-out", "catching-up,standstill", "--json"]) == 0
-    document = json.loads(capsys.readouterr().out)
-    assert document["segment"]["left_out"]["regimes"] == ["catching up", "standstill"]
-    assert document["segment"]["left_out"]["share"] == pytest.approx([0.212], abs=0.001)
-    assert document["parameters"][0]["alpha"] == pytest.approx(0.0288, abs=0.0002)
-    assert main([*words, "--json"]) == 0
-    document = json.loads(capsys.readouterr().out)
-    assert document["segment"]["left_out"] == {"regimes": [], "share": []}
-    with pytest.raises(SystemExit) as ended:
-        main([*words, "--leave-out", "car-following"])
-    assert ended.value.code == 2
-    assert "choose from catching-up, manual, standstill" in capsys.readouterr().err
+def test_the_command_excludes_what_is_asked_alone(openacc_dir: Path, capsys: Capture) -> None:
+    words = ("fit", openacc_dir / "Casale" / "part7.csv", "--method", "least-squares")
+    found = document(capsys, *words, "--leave-out", "catching-up,standstill")
+    assert found["segment"]["left_out"]["regimes"] == ["catching up", "standstill"]
+    assert found["segment"]["left_out"]["share"] == pytest.approx([0.212], abs=0.001)
+    assert found["parameters"][0]["alpha"] == pytest.approx(0.0288, abs=0.0002)
+    assert document(capsys, *words)["segment"]["left_out"] == {"regimes": [], "share": []}
+    said = refused(capsys, 2, *words, "--leave-out", "car-following")
+    assert "choose from catching-up, manual, standstill" in said

@@ -33,7 +33,11 @@ def document(capsys: Capture, *arguments: object) -> dict[str, Any]:
 
 def refused(capsys: Capture, status: int, *arguments: object) -> str:
     """The one line on standard error of a command that fails with that status."""
-    assert main(list(map(str, arguments))) == status
+    try:
+        ended = main(list(map(str, arguments)))
+    except SystemExit as refusal:  # of a line that cannot be parsed
+        ended = refusal.code
+    assert ended == status
     printed = capsys.readouterr()
     assert printed.out == ""
     assert printed.err.startswith("error: ")
