@@ -5,6 +5,7 @@ import shutil
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -28,6 +29,7 @@ from bench import batch as batches
 from bench.disturbed import MOTORWAY, Disturbance, disturbed
 from bench.measurement import Figures, Measurement, Part, table
 from bench.paper_protocol import PaperProtocol
+from tests.support.command import Capture
 from tests.support.samples import FOLDER, NOISY, PLATOON, sample
 
 FEW = 2
@@ -77,12 +79,6 @@ class TestCoverage:
             [ours] = json.loads(capsys.readouterr().out)["rows"]
             assert ours["jointly"] == row.jointly
 
-    def test_refuses_no_recordings(self, capsys: pytest.CaptureFixture[str]) -> None:
-        with pytest.raises(SystemExit) as ended:
-            coverage.main(["--recordings", "0"])
-        assert ended.value.code == 2
-        assert "at least 1" in capsys.readouterr().err
-
 
 class TestReplication:
     @pytest.fixture
@@ -106,15 +102,6 @@ class TestReplication:
         assert tau.typical == pytest.approx(sample(NOISY).truth[0, 2], rel=0.1)
         assert tau.deviation < 0.1
         assert "6 pairs of windows of the same car" in replication.text(study)
-
-    def test_refuses_a_folder_that_is_not_there(
-        self, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-    ) -> None:
-        monkeypatch.delenv("OPENACC_DIR", raising=False)
-        with pytest.raises(SystemExit) as ended:
-            replication.main([])
-        assert ended.value.code == 2
-        assert "OPENACC_DIR" in capsys.readouterr().err
 
 
 class TestDepartures:
@@ -352,8 +339,21 @@ class TestReleasedFigures:
             self.figures(2.5, 0.13), self.figures(2.0, 0.1)
         )
 
-    def test_a_release_takes_all_parts(self, capsys: pytest.CaptureFixture[str]) -> None:
-        with pytest.raises(SystemExit) as ended:
-            command_line.main(["--release", "--only", "start"])
-        assert ended.value.code == 2
-        assert "all parts" in capsys.readouterr().err
+
+@pytest.mark.parametrize(
+    ("program", "arguments", "said"),
+    [
+        (coverage, ["--recordings", "0"], "at least 1"),
+        (replication, [], "OPENACC_DIR"),
+        (command_line, ["--release", "--only", "start"], "all parts"),
+    ],
+    ids=["no recordings", "no folder", "a release of some parts"],
+)
+def test_what_cannot_be_measured_is_refused(
+    program: Any, arguments: list[str], said: str, capsys: Capture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.delenv("OPENACC_DIR", raising=False)
+    with pytest.raises(SystemExit) as ended:
+        program.main(arguments)
+    assert ended.value.code == 2
+    assert said in capsys.readouterr().err
