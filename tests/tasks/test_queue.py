@@ -375,6 +375,7 @@ class TestStore:
         queue.close()
         assert any(name in str(note) for note in fits[0].findings)
         assert not any(name in str(note) for note in fits[1].findings)
+        assert [fit.cached for fit in fits] == [False, True]
 
     def test_it_is_read_while_others_may_ask(self, puppet: Puppet, tmp_path: Path) -> None:
         reading, read_on = threading.Event(), threading.Event()
@@ -458,17 +459,3 @@ def test_a_library_that_cannot_be_loaded_fails_the_task_with_a_sentence(
     queue.close()
     assert task.status is Status.FAILED
     assert task.error.startswith("PyTorch, which the preset paper needs, cannot be loaded (")
-
-
-def test_a_real_training_is_answered_from_the_store_the_second_time(tmp_path: Path) -> None:
-    queue = TaskQueue(store=Store(tmp_path), threads=1)
-    request = TrainingRequest(segment(), "II", replace(FAST, iterations=20))
-    first, again = (queue.submit(training_task("ann", request)) for _ in range(2))
-    assert again is first, "it is active still"
-    assert first.wait(120)
-    again = finished(queue.submit(training_task("ann", request)))
-    queue.close()
-    assert first.result is not None, first.error
-    assert again.result.cached
-    assert again.result.parameters == first.result.parameters
-    assert again.history().iteration[-1] == 20
