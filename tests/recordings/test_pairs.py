@@ -39,7 +39,6 @@ def test_pairs_that_begin_at_different_times_are_shifted() -> None:
     frame += np.random.default_rng(0).normal(0, 0.3, frame.shape).cumsum(axis=0) * 0.1
     raw = table(pair(frame, 1, "a", 150, 700), pair(frame, 2, "b", 0, 600), pair(frame, 3, "c", 90))
     [found] = recordings(raw)
-    expected = frame.to_numpy()
     for number, (first, last) in {1: (150, 700), 2: (0, 700), 3: (0, 900), 4: (90, 900)}.items():
         known = np.zeros(900, bool)
         known[first:last] = True
@@ -47,7 +46,7 @@ def test_pairs_that_begin_at_different_times_are_shifted() -> None:
         column = frame[f"Speed{number}"].to_numpy()[known]
         np.testing.assert_array_equal(found.speed_of(number)[known], column)
     assert found.time[-1] == pytest.approx(89.9)
-    assert len(expected) == found.samples
+    assert found.samples == 900
 
 
 def test_equal_identifiers_at_another_time_are_no_platoon() -> None:

@@ -1,6 +1,5 @@
 """Groups of a batch's rows: the truth recovered, shares with intervals, every format."""
 
-import json
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +10,6 @@ from accpinn.cli import main
 from accpinn.errors import ConfigError, RecordingError
 from accpinn.results.tables.groups import group_table
 from accpinn.study.groups import group, read_study, share
-from accpinn.study.journal import JOURNAL
 from tests.support.command import Capture, document, refused
 from tests.support.studies import row, rows, write_study
 
@@ -84,13 +82,8 @@ def test_groups_are_sorted_and_missing_names_are_empty() -> None:
 
 @pytest.fixture
 def study(tmp_path: Path) -> Path:
-    given = [row("Ä & B", alpha=0.1 * k) for k in (1, 2, 3)] + [
-        row("C"),
-        row("C", method="splines"),
-    ]
-    lines = [{"kind": "result", "key": str(k), "rows": [one]} for k, one in enumerate(given)]
-    (tmp_path / JOURNAL).write_text("".join(json.dumps(line) + "\n" for line in lines))
-    return tmp_path
+    several = (row("Ä & B", alpha=0.1 * k) for k in (1, 2, 3))
+    return write_study(tmp_path, *several, row("C"), row("C", method="splines"))
 
 
 def test_command_prints_every_format(capsys: Capture, study: Path) -> None:

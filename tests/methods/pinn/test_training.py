@@ -208,7 +208,6 @@ class TestEnds:
     @pytest.mark.parametrize("speed", [0.0, 20.0])
     def test_nothing_moves_and_nothing_crashes(self, name: str, speed: float) -> None:
         fit = train(standing_still(speed), "II", preset(name, iterations=60))
-        assert fit.outcome in Outcome
         assert np.isfinite(fit.loss["total"])
 
 
