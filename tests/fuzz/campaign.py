@@ -61,11 +61,11 @@ def attempt(kind: Kind, content: bytes) -> Outcome:
                 done = kind.use(content, Path(folder) / "example")
             answer = "loaded" if done else "refused"
         except AccpinnError as fault:
-            sentence = str(fault)
-            if sentence and "\n" not in sentence and len(sentence) <= LONGEST_SENTENCE:
+            said = str(fault)
+            if said.endswith(".") and "\n" not in said and len(said) <= LONGEST_SENTENCE:
                 answer = "refused"
             else:
-                why = f"a sentence of {len(sentence)} characters: {sentence[:300]!r}"
+                why = f"a sentence of {len(said)} characters: {said[:300]!r}"
         except (Exception, HangError) as fault:
             why = "".join(traceback.format_exception(fault))
         seconds, memory = time.process_time() - started, _peak() - taken

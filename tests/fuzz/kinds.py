@@ -90,7 +90,9 @@ def recordings() -> tuple[bytes, ...]:
 
 
 def draw_recording(draw: Random) -> bytes:
-    """A recording, spoilt."""
+    """A recording, spoilt; now and then bytes without any sense."""
+    if draw.random() < 0.05:
+        return draw.randbytes(draw.randrange(400))
     data = draw.choice(recordings())
     if draw.random() < 0.6:
         with suppress(UnicodeDecodeError):
@@ -100,7 +102,16 @@ def draw_recording(draw: Random) -> bytes:
 
 def use_recording(data: bytes, _: Path) -> bool:
     """What page Data does with a file, and a first estimate."""
-    return look_at(read(data, "run.csv"))
+    try:
+        found = read(data, "run.csv")
+    except AccpinnError as fault:
+        if not str(fault).startswith("run.csv"):
+            raise ValueError(f"The file is not named: {fault}") from fault
+        raise
+    assert (np.diff(found.time) > 0).all()
+    assert not np.isinf(found.speed).any()
+    assert len(found.vehicles) == found.speed.shape[1] == found.gap.shape[1] + 1
+    return look_at(found)
 
 
 def look_at(recording: Recording) -> bool:
