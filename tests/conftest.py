@@ -9,6 +9,8 @@ from pathlib import Path
 import pytest
 from hypothesis import settings
 
+from accpinn.recordings.openacc import read
+from accpinn.recordings.recording import Recording
 from tests.support import draws
 
 # The same examples on every run, and no time limit an example: machines and their load differ.
@@ -46,6 +48,18 @@ def openacc_dir() -> Path:
     if not folder or not Path(folder).is_dir():
         pytest.skip("OPENACC_DIR does not name a folder with the OpenACC recordings")
     return Path(folder)
+
+
+@pytest.fixture(scope="session")
+def casale(openacc_dir: Path) -> Recording:
+    """Table I's run: one follower, which catches up for a fifth of the time."""
+    return read(openacc_dir / "Casale" / "part7.csv")
+
+
+@pytest.fixture(scope="session")
+def astazero(openacc_dir: Path) -> Recording:
+    """The run of Tables II and III: four followers, from 320 s on."""
+    return read(openacc_dir / "AstaZero" / "ASta_040719_platoon5.csv")
 
 
 @pytest.fixture(autouse=True)

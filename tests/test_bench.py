@@ -19,6 +19,7 @@ from accpinn.methods.pinn.method import output_columns
 from accpinn.methods.state_space import COMMON, Form
 from accpinn.model.cthp import Parameters, regressors
 from accpinn.recordings.openacc import read
+from accpinn.recordings.recording import Recording
 from accpinn.recordings.synthetic import LeaderProfile
 from accpinn.segment.cut import cut
 from accpinn.segment.segment import Segment
@@ -173,9 +174,8 @@ class TestDisturbances:
         values, errors = disturbances.without_prior(_maximum(mode, precision + 1e-3))
         assert np.isnan([*values, *errors]).all()
 
-    def test_every_unknown_with_a_prior_is_measured(self, openacc_dir: Path) -> None:
-        segments = [cut(read(openacc_dir / "AstaZero/ASta_040719_platoon5.csv"), 320.0, 300.0)]
-        found = disturbances.measure(segments)
+    def test_every_unknown_with_a_prior_is_measured(self, astazero: Recording) -> None:
+        found = disturbances.measure([cut(astazero, 320.0, 300.0)])
         assert [one.name for one in found] == [one.name for one in COMMON if one.spread is not None]
         assert all(one.found.windows == 4 for one in found[:3])
         assert str(found[0]).startswith("| disturbance | 4 | ")

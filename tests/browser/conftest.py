@@ -105,9 +105,3 @@ def opened(app: App, browser: Browser, tabs: list[tuple[Page, list[str]]]) -> It
         page.context.clear_cookies()
         faults.clear()
     assert wrong == []
-
-
-@pytest.fixture(scope="session")
-def casale(openacc_dir: Path) -> Path:
-    """The real recording of the main job."""
-    return openacc_dir / "Casale" / "part7.csv"

@@ -74,10 +74,10 @@ def clicks(page: Page) -> int:
     return int(page.evaluate("window.clicks"))
 
 
-def test_the_whole_journey_with_a_real_recording(opened: Open, casale: Path) -> None:
+def test_the_whole_journey_with_a_real_recording(opened: Open, openacc_dir: Path) -> None:
     page = opened()
     count_clicks(page)
-    give(page, casale)
+    give(page, openacc_dir / "Casale" / "part7.csv")
     expect(page.locator("strong").filter(has_text="part7.csv").first).to_be_visible()
     expect(page.get_by_text("1,523 s at 10 Hz")).to_be_visible()
     expect(page.get_by_text("Samples complete")).to_be_visible()

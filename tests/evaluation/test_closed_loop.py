@@ -1,7 +1,6 @@
 """Errors of two kinds, of a curve and of the closed-loop simulation, and its failures."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -21,7 +20,7 @@ from accpinn.evaluation.closed_loop import (
 from accpinn.methods import least_squares, splines
 from accpinn.methods.fit import Fit
 from accpinn.model.cthp import Parameters, Trajectories
-from accpinn.recordings.openacc import read
+from accpinn.recordings.recording import Recording
 from accpinn.results.messages import messages
 from accpinn.segment.cut import cut
 from accpinn.segment.segment import Segment
@@ -152,9 +151,9 @@ class TestFindings:
         assert one.speed == -trajectories.speeds.min() > 1.0
         assert f"{one.speed:.1f} m/s" in messages([one], segment)[0]
 
-    def test_of_the_papers_casale_parameters(self, openacc_dir: Path) -> None:
+    def test_of_the_papers_casale_parameters(self, casale: Recording) -> None:
         """Table I, experiment 1: 0.47 m for the network's curve; simulated 13.6 m and a crash."""
-        segment = cut(read(openacc_dir / "Casale" / "part7.csv"), 0, 300)
+        segment = cut(casale, 0, 300)
         parameters = Parameters([0.0104], [0.0718], [1.52])
         errors = closed_loop_errors(segment, fit_with(segment, parameters))
         assert errors.gap_mae[0] == pytest.approx(13.6, abs=0.15)

@@ -1,7 +1,6 @@
 """Validation on another window: errors against known ones, and what speaks against them."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,6 +10,7 @@ from accpinn.evaluation.validation import OtherVehicles, ValidationOverlaps, val
 from accpinn.methods import least_squares
 from accpinn.model.cthp import Parameters
 from accpinn.recordings.openacc import read
+from accpinn.recordings.recording import Recording
 from accpinn.results.messages import messages
 from accpinn.results.tables.estimates import validation_table
 from accpinn.segment.cut import cut
@@ -55,10 +55,9 @@ def test_overlap_and_other_vehicles_are_findings_and_another_number_is_refused()
         validate(fit, segment, cut(recording, 200.0, 100.0, (1, 2)))
 
 
-def test_of_the_papers_casale_parameters(openacc_dir: Path) -> None:
+def test_of_the_papers_casale_parameters(casale: Recording) -> None:
     """On another window of the same drive the error is of the size of that on its own window."""
-    recording = read(openacc_dir / "Casale/part7.csv")
-    segment, other = cut(recording, 0.0, 300.0), cut(recording, 900.0, 300.0)
+    segment, other = cut(casale, 0.0, 300.0), cut(casale, 900.0, 300.0)
     fit = replace(least_squares.fit(segment), parameters=Parameters([0.0104], [0.0718], [1.52]))
     found = validate(fit, segment, other)
     assert found.learned.gap_mae[0] == pytest.approx(13.6, abs=0.1)

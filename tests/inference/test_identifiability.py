@@ -1,7 +1,5 @@
 """Profiles against brute force, and findings where the data determine the parameters weakly."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 from scipy.optimize import nnls
@@ -19,7 +17,7 @@ from accpinn.inference.intervals import intervals
 from accpinn.methods import least_squares
 from accpinn.methods.regression import Regression
 from accpinn.model.cthp import Case, Parameters
-from accpinn.recordings.openacc import read
+from accpinn.recordings.recording import Recording
 from accpinn.results.messages import messages
 from accpinn.segment.cut import cut
 from accpinn.segment.segment import Segment
@@ -129,13 +127,12 @@ class TestWarnings:
         (whole,) = narrower_intervals(segment.info, uncertainty, found, 30.0)
         assert whole.recording is None, "a recording no longer than the window is no cure"
 
-    def test_constant_speed_windows_of_a_recording(self, openacc_dir: Path) -> None:
+    def test_constant_speed_windows_of_a_recording(self, astazero: Recording) -> None:
         """AstaZero's leader holds its speed within 0.09 m/s there, behind it four followers."""
-        recording = read(openacc_dir / "AstaZero" / "ASta_040719_platoon5.csv")
-        moving = cut(recording, 320, 300)
+        moving = cut(astazero, 320, 300)
         usual = intervals(moving, least_squares.fit(moving))
         for start in (820, 1140):
-            steady = cut(recording, start, 60)
+            steady = cut(astazero, start, 60)
             assert steady.speeds[:, 0].std() < 0.1
             own = intervals(steady, least_squares.fit(steady))
             found = identifiability_warnings(steady, own)

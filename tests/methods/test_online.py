@@ -5,7 +5,6 @@ Tolerances: both filters assume a model error as large as on real roads, so on a
 """
 
 from collections.abc import Callable
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -17,7 +16,7 @@ from accpinn.methods.dual_ukf import Unscented
 from accpinn.methods.fit import BoundActive, FilterDiverged, FilterUncertain, Fit, Outcome
 from accpinn.methods.online import Measurements, State, step_maps
 from accpinn.model.cthp import Case, Parameters, simulate
-from accpinn.recordings.openacc import read
+from accpinn.recordings.recording import Recording
 from accpinn.segment.cut import cut
 from accpinn.segment.segment import Segment
 from tests.support.driving import LAW, MIXED, driven, segment_of, standing_still
@@ -152,10 +151,9 @@ class TestBoth:
         assert any(isinstance(finding, FilterUncertain) for finding in fit.findings)
 
     @both_filters
-    def test_is_uncertain_near_equilibrium(self, estimate: Estimator, openacc_dir: Path) -> None:
+    def test_is_uncertain_near_equilibrium(self, estimate: Estimator, astazero: Recording) -> None:
         """A minute of AstaZero in which the leader's speed varies by less than 0.1 m/s."""
-        recording = read(openacc_dir / "AstaZero" / "ASta_040719_platoon5.csv")
-        fit = estimate(cut(recording, 520, 60, (1, 2)), "II")
+        fit = estimate(cut(astazero, 520, 60, (1, 2)), "II")
         alpha, beta, _ = fit.track.deviation[-1, 0]
         assert alpha > 0.03
         assert beta > 0.2
@@ -195,10 +193,9 @@ class TestDualUnscented:
         assert any(isinstance(finding, BoundActive) for finding in fit.findings)
         assert (fit.track.parameters.values >= 0).all()
 
-    def test_agrees_with_another_implementation(self, openacc_dir: Path) -> None:
+    def test_agrees_with_another_implementation(self, astazero: Recording) -> None:
         """The same two filters, built from filterpy 2.0's UnscentedKalmanFilter, ended here."""
-        recording = read(openacc_dir / "AstaZero" / "ASta_040719_platoon5.csv")
-        fit = dual_ukf.fit(cut(recording, 320, 300, (1, 2)))
+        fit = dual_ukf.fit(cut(astazero, 320, 300, (1, 2)))
         expected = (0.06166485, 0.07337146, 0.11083167)
         np.testing.assert_allclose(fit.parameters[0].theta, expected, rtol=1e-5)
 

@@ -1,7 +1,5 @@
 """Recursive least squares: the recursion as written, forgetting, and what it says of itself."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 
@@ -9,7 +7,7 @@ from accpinn.methods import recursive, splines
 from accpinn.methods.fit import BoundActiveAtTimes, WeaklyDetermined
 from accpinn.methods.online import TRACK_EVERY, track
 from accpinn.model.cthp import regressors
-from accpinn.recordings.openacc import read
+from accpinn.recordings.recording import Recording
 from accpinn.segment.cut import cut
 from accpinn.segment.segment import Segment
 from tests.support.driving import LAW, driven, segment_of, standing_still
@@ -127,10 +125,7 @@ class TestUncertainty:
 
 
 class TestRealRecordings:
-    def test_astazero_is_near_the_limit_of_the_loss(self, openacc_dir: Path) -> None:
-        segment = cut(read(openacc_dir / "AstaZero" / "ASta_040719_platoon5.csv"), 320, 300)
-        found, limit = (
-            recursive.fit(segment, "I").parameters.values,
-            splines.fit(segment, "I").parameters.values,
-        )
-        np.testing.assert_allclose(found, limit, rtol=0.05)
+    def test_astazero_is_near_the_limit_of_the_loss(self, astazero: Recording) -> None:
+        segment = cut(astazero, 320, 300)
+        found, limit = (method.fit(segment, "I").parameters for method in (recursive, splines))
+        np.testing.assert_allclose(found.values, limit.values, rtol=0.05)

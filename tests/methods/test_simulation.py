@@ -1,7 +1,5 @@
 """Closed-loop simulation least squares: exact derivatives, the optimum of its own criterion."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 
@@ -9,8 +7,8 @@ from accpinn.evaluation.closed_loop import closed_loop_errors, tracking_errors
 from accpinn.methods import simulation, splines
 from accpinn.methods.fit import Outcome, SimulatedSeparately, WeaklyDetermined
 from accpinn.methods.simulation import Chain, chains
-from accpinn.model.cthp import Parameters, simulate
-from accpinn.recordings.openacc import read
+from accpinn.model.cthp import Case, Parameters, simulate
+from accpinn.recordings.recording import Recording
 from accpinn.segment.cut import cut
 from tests.support.driving import LAW, MIXED, driven, segment_of, standing_still
 
@@ -116,8 +114,8 @@ class TestBounds:
 
 
 class TestRealRecordings:
-    def test_casale_drives_better_than_with_the_limit_of_the_loss(self, openacc_dir: Path) -> None:
-        segment = cut(read(openacc_dir / "Casale" / "part7.csv"), 0, 300)
+    def test_casale_drives_better_than_with_the_limit_of_the_loss(self, casale: Recording) -> None:
+        segment = cut(casale, 0, 300)
         fit, limit = simulation.fit(segment), splines.fit(segment)
         assert fit.outcome is Outcome.CONVERGED
         ours, theirs = closed_loop_errors(segment, fit), closed_loop_errors(segment, limit)
@@ -126,9 +124,9 @@ class TestRealRecordings:
         assert ours.gap_rmse[0] < theirs.gap_rmse[0]
 
     @pytest.mark.parametrize("case", ["I", "II"])
-    def test_astazero(self, openacc_dir: Path, case: str) -> None:
-        segment = cut(read(openacc_dir / "AstaZero" / "ASta_040719_platoon5.csv"), 320, 300)
-        fit = simulation.fit(segment, "I" if case == "I" else "II")
+    def test_astazero(self, astazero: Recording, case: Case) -> None:
+        segment = cut(astazero, 320, 300)
+        fit = simulation.fit(segment, case)
         assert fit.outcome is Outcome.CONVERGED
         assert (tracking_errors(segment, fit.surrogate).gap_mae < 5).all()
         assert (SimulatedSeparately() in fit.findings) == (case == "II")

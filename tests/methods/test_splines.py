@@ -1,7 +1,5 @@
 """Generalised smoothing with splines: the optimum of its loss, and published limits."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 from scipy.interpolate import make_lsq_spline
@@ -9,7 +7,7 @@ from scipy.optimize import minimize
 
 from accpinn.methods import splines
 from accpinn.methods.fit import Fit
-from accpinn.recordings.openacc import read
+from accpinn.recordings.recording import Recording
 from accpinn.segment.cut import cut
 from tests.support.driving import LAW, MIXED, driven
 
@@ -71,12 +69,12 @@ class TestLimitOnRealRecordings:
             assert beta == pytest.approx(limit[1], abs=units[1])
             assert tau == pytest.approx(limit[2], abs=units[2])
 
-    def test_casale(self, openacc_dir: Path) -> None:
-        fit = splines.fit(cut(read(openacc_dir / "Casale" / "part7.csv"), 0, 300))
+    def test_casale(self, casale: Recording) -> None:
+        fit = splines.fit(cut(casale, 0, 300))
         self.assert_limit(fit, [(0.01045, 0.07176, 1.5222)], 1e-5, 1e-5, 1.5e-4)
 
-    def test_astazero(self, openacc_dir: Path) -> None:
-        segment = cut(read(openacc_dir / "AstaZero" / "ASta_040719_platoon5.csv"), 320, 300)
+    def test_astazero(self, astazero: Recording) -> None:
+        segment = cut(astazero, 320, 300)
         fit = splines.fit(segment, "I")
         self.assert_limit(fit, [(0.0638, 0.2604, 1.171)] * 4, 1e-4, 1e-4, 1e-3)
         fit = splines.fit(segment, "II")

@@ -415,8 +415,8 @@ def test_any_choice_gives_a_segment_or_a_sentence(
 # The real recordings
 
 
-def test_casale(openacc_dir: Path) -> None:
-    made = cut(read(openacc_dir / "Casale/part7.csv"))
+def test_casale(casale: Recording) -> None:
+    made = cut(casale)
     assert (made.samples, made.followers, made.findings) == (3001, 1, ())
     assert made.labels == ("1 Rexton", "2 Hyundai")
 

@@ -1,14 +1,12 @@
 """Quality of a segment: figures against known ones, findings where excitation is too small."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 from accpinn.model.cthp import Parameters, simulate
-from accpinn.recordings.openacc import read
-from accpinn.recordings.recording import LittleLeaderMotion
+from accpinn.recordings.recording import LittleLeaderMotion, Recording
 from accpinn.segment.cut import cut
 from accpinn.segment.quality import (
     GapsNegative,
@@ -123,15 +121,14 @@ def test_deviations_are_those_of_the_motion() -> None:
     assert quality.acceleration_deviation[0] == pytest.approx(rate, rel=1e-3)
 
 
-def test_the_papers_mean_time_gaps(openacc_dir: Path) -> None:
+def test_the_papers_mean_time_gaps(astazero: Recording) -> None:
     """The mean time gaps published for AstaZero, at the two digits that they have."""
-    recording = read(openacc_dir / "AstaZero/ASta_040719_platoon5.csv")
-    quality = assess_quality(cut(recording, start=320.0, duration=300.0))
+    quality = assess_quality(cut(astazero, start=320.0, duration=300.0))
     assert [f"{gap:.2f}" for gap in quality.mean_time_gap] == ["1.25", "1.23", "1.20", "1.30"]
     assert quality.findings == ()
 
 
-def test_casale_catches_up_for_a_fifth_of_the_time(openacc_dir: Path) -> None:
-    quality = assess_quality(cut(read(openacc_dir / "Casale/part7.csv")))
+def test_casale_catches_up_for_a_fifth_of_the_time(casale: Recording) -> None:
+    quality = assess_quality(cut(casale))
     assert f"{1 - quality.car_following[0]:.2f}" == "0.21"
     assert quality.findings == ()

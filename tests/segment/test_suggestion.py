@@ -1,7 +1,6 @@
 """The suggested window: invariants on made recordings, and what it chooses on real ones."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -110,16 +109,15 @@ def test_what_is_too_short_is_the_longest_stretch_and_nothing_is_nothing() -> No
     assert suggest_window(replace(recording, gap=holes), (1, 2)) is None
 
 
-def test_of_real_recordings(openacc_dir: Path) -> None:
+def test_of_real_recordings(astazero: Recording, casale: Recording) -> None:
     """The paper's AstaZero window is as good as the best; its Casale window catches up."""
-    asta = read(openacc_dir / "AstaZero/ASta_040719_platoon5.csv")
     vehicles = (1, 2, 3, 4, 5)
-    found = suggest_window(asta, vehicles)
+    found = suggest_window(astazero, vehicles)
     assert found.window == Window(330.0, 630.0)
     assert found.car_following == 1.0
-    efficiency = information(asta, vehicles).efficiency(Window(320.0, 620.0), found.window)
+    efficiency = information(astazero, vehicles).efficiency(Window(320.0, 620.0), found.window)
     assert efficiency == pytest.approx(0.999, abs=0.001)
-    casale = suggest_window(read(openacc_dir / "Casale/part7.csv"), (1, 2))
-    assert casale.window == Window(915.0, 1215.0)
-    assert casale.car_following == pytest.approx(0.96, abs=0.005)
-    assert casale.manual == 0.0
+    found = suggest_window(casale, (1, 2))
+    assert found.window == Window(915.0, 1215.0)
+    assert found.car_following == pytest.approx(0.96, abs=0.005)
+    assert found.manual == 0.0

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from accpinn.model.cthp import Parameters
-from accpinn.recordings.openacc import read
+from accpinn.recordings.recording import Recording
 from accpinn.results.tables.recording import regimes_table, sensitivity_table
 from accpinn.segment.cut import cut
 from accpinn.segment.quality import label_regimes
@@ -70,11 +70,10 @@ def test_too_little_left_is_said_in_its_row() -> None:
     assert np.isnan(np.array(cells, float)).all()
 
 
-def test_casale_without_catching_up(openacc_dir: Path) -> None:
+def test_casale_without_catching_up(casale: Recording) -> None:
     """The method notes say about .028, .093, 1.36; what is seen is .0288, .0890, 1.352."""
-    recording = read(openacc_dir / "Casale" / "part7.csv")
-    segment = cut(recording, 0, 300)
-    rows = sensitivity(segment, recording)
+    segment = cut(casale, 0, 300)
+    rows = sensitivity(segment, casale)
     row = of(rows, "without catching up", "least-squares")
     assert row.share == pytest.approx((0.21,), abs=0.01)
     found = estimate(rows, "without catching up", "least-squares")
@@ -84,7 +83,7 @@ def test_casale_without_catching_up(openacc_dir: Path) -> None:
     assert estimate(rows, "all instants", "splines").tau == pytest.approx(1.522, rel=0.01)
     table = sensitivity_table(segment.info, rows, 0)
     assert [row[0] for row in table.rows] == [choice.capitalize() for choice in CHOICES]
-    shares = regimes_table(segment.info, label_regimes(segment, recording)).rows[0][1:]
+    shares = regimes_table(segment.info, label_regimes(segment, casale)).rows[0][1:]
     assert shares == pytest.approx((78.8, 21.2, 0.0, 0.0), abs=0.1)
 
 

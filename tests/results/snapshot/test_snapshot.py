@@ -16,6 +16,7 @@ from accpinn.methods.fit import Outcome, WeaklyDetermined
 from accpinn.methods.pinn.config import preset
 from accpinn.model.cthp import Case
 from accpinn.recordings.openacc import read
+from accpinn.recordings.recording import Recording
 from accpinn.results.snapshot import SCHEMA, create
 from accpinn.results.snapshot.archive import load, to_bytes
 from accpinn.results.snapshot.saved import save
@@ -138,13 +139,12 @@ class TestRoundTrip:
             before = create(segment, fit)
             assert bits(replace(load(to_bytes(before)), digest="")) == bits(before)
 
-    def test_casale(self, openacc_dir: Path, tmp_path: Path) -> None:
-        recording = read(openacc_dir / "Casale" / "part7.csv")
-        segment = cut(recording, 0, 300)
+    def test_casale(self, casale: Recording, tmp_path: Path) -> None:
+        segment = cut(casale, 0, 300)
         fit = train(segment, "II", preset("fast", iterations=60), threads=1)
-        target = save(create(segment, fit, recording=recording), tmp_path / "casale.accpinn.zip")
+        target = save(create(segment, fit, recording=casale), tmp_path / "casale.accpinn.zip")
         assert target.stat().st_size < 300_000
-        assert verify(load(target), recording).ok
+        assert verify(load(target), casale).ok
 
 
 @pytest.mark.parametrize(
