@@ -8,9 +8,8 @@ import pytest
 
 import accpinn
 from accpinn.errors import AccpinnError, SnapshotError
-from accpinn.recordings.openacc import read
 from accpinn.results.snapshot.verification import verify
-from tests.support.openacc_files import csv, platoon
+from tests.support.openacc_files import platoon, recording
 from tests.support.samples import FOLDER, NOISY, sample
 
 ROOT = Path(__file__).parent.parent
@@ -115,10 +114,9 @@ def test_a_name_that_is_no_text_is_refused_before_anything_is_written(
 def test_a_recording_with_missing_samples_is_fitted_whole() -> None:
     frame = platoon(vehicles=2)
     frame.loc[100:149, ["Speed2", "IVS1"]] = np.nan
-    recording = read(csv(frame), "run.csv")
-    study = accpinn.fit(recording, method="maximum-likelihood")
-    assert study.segment.samples == recording.samples
+    study = accpinn.fit(recording(frame, "AB"), method="maximum-likelihood")
+    assert study.segment.samples == len(frame)
     assert len(study.segment.blocks_missing) == 1
     assert study.evaluation.closed_loop is not None
     with pytest.raises(AccpinnError, match=r"Speed2 is missing .* or choose maximum-likelihood"):
-        accpinn.fit(recording, method="least-squares")
+        accpinn.fit(recording(frame, "AB"), method="least-squares")

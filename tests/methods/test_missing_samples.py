@@ -14,14 +14,13 @@ from accpinn.methods.registry import METHODS
 from accpinn.methods.series import measured_of, series_of
 from accpinn.methods.state_space import OBSERVED, coordinates, state_space
 from accpinn.model.cthp import Parameters
-from accpinn.recordings.openacc import read
 from accpinn.segment.cut import cut
 from accpinn.segment.segment import Segment
 from accpinn.units import Stretch
 from bench.disturbed import Disturbance, disturbed
 from tests.support.driving import LAW, driven
 from tests.support.holes import with_holes
-from tests.support.openacc_files import csv, platoon
+from tests.support.openacc_files import platoon, recording
 
 BLOCKS = [Stretch(200, 499), Stretch(900, 1149), Stretch(1700, 2099), Stretch(2600, 3000)]
 """45 % of 300 s."""
@@ -90,7 +89,7 @@ def test_too_little_that_is_measured_is_refused() -> None:
 def test_every_other_method_refuses_them_in_one_sentence(key: str) -> None:
     frame = platoon()
     frame.loc[150:209, ["Speed2", "IVS1", "IVS2"]] = np.nan
-    segment = cut(read(csv(frame), "run.csv"), allow_missing=True)
+    segment = cut(recording(frame), allow_missing=True)
     with pytest.raises(SegmentError) as caught:
         METHODS[key].fit(segment)
     sentence = str(caught.value)
@@ -105,7 +104,7 @@ def test_only_the_likelihood_allows_them() -> None:
 def test_bridged_samples_serve_every_method_but_not_the_likelihood() -> None:
     frame = platoon()
     frame.loc[150:154, "Speed2"] = np.nan
-    segment = cut(read(csv(frame), "run.csv"))
+    segment = cut(recording(frame))
     assert METHODS["least-squares"].fit(segment).parameters
     assert np.isnan(measured_of(segment)[30, 1, 0])
     assert np.isnan(measured_of(segment)).sum() == 2  # as own speed and as speed ahead

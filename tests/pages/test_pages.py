@@ -13,7 +13,6 @@ from accpinn.methods.fit import Continued
 from accpinn.methods.pinn.config import CALIBRATED, preset
 from accpinn.model.cthp import Parameters, Trajectories
 from accpinn.model.published import ASTAZERO_ALIKE
-from accpinn.recordings.openacc import read
 from accpinn.recordings.recording import Recording, Window
 from accpinn.results.reproduction import CASALE_RUN
 from accpinn.results.snapshot import create
@@ -51,13 +50,9 @@ from tests.support.apptest import (
     with_sample,
     workspace_of,
 )
-from tests.support.openacc_files import csv, metadata, platoon
+from tests.support.openacc_files import csv, metadata, platoon, recording
 
 pytestmark = pytest.mark.usefixtures("fresh_server")
-
-
-def made(names: tuple[str, ...] = ("A", "B", "C"), **changes: Any) -> Recording:
-    return read(csv(platoon(vehicles=len(names), **changes), metadata(names)), "made.csv")
 
 
 def with_recording(run: Recording) -> Workspace:
@@ -162,7 +157,9 @@ def test_a_file_of_another_campaign_is_no_run_of_the_paper(
 ) -> None:
     campaigns = {"JRC low speed": False, "Casale": True}
     for campaign, is_run in campaigns.items():
-        found = with_recording(replace(made(samples=4000), source="part7.csv", campaign=campaign))
+        found = with_recording(
+            replace(recording(platoon(samples=4000)), source="part7.csv", campaign=campaign)
+        )
         found.choose(CASALE_RUN.vehicles, CASALE_RUN.window)
         fit = least_squares.fit(found.segment)
         found.runs.keep(create(found.segment, fit, recording=found.recording))
@@ -214,7 +211,7 @@ def test_open_a_sample_move_the_window_and_train() -> None:
 
 def test_regimes_are_left_out_when_ticked_and_said_everywhere() -> None:
     time = np.arange(400)
-    run = made(("A", "B"))
+    run = recording(names="AB")
     gap = np.where((time < 100)[:, None], 60.0, run.gap)
     found = with_recording(replace(run, gap=gap))
     page = open_page(DATA, found)
@@ -239,7 +236,7 @@ def test_regimes_are_left_out_when_ticked_and_said_everywhere() -> None:
 
 
 def test_human_drivers_are_no_acc_before_and_after_training() -> None:
-    run = made(("A", "B", "C"))
+    run = recording()
     found = with_recording(replace(run, mode=np.tile(np.int8([0, 1, 0]), (run.samples, 1))))
     hand = found.segment.driven_by_hand
     assert (hand.vehicles, hand.shares, hand.by_flag) == ((3,), (1.0,), False)
@@ -357,7 +354,7 @@ def test_learned_parameters_are_validated_on_a_window_beside_theirs() -> None:
 def test_what_is_wrong_with_a_window_is_said_in_the_first_row() -> None:
     frame = platoon(vehicles=2)
     frame["Driver2"] = "Human"
-    page = open_page(DATA, with_recording(read(csv(frame, metadata(("A", "B"))), "made.csv")))
+    page = open_page(DATA, with_recording(recording(frame, "AB")))
     marks = [one.proto.popover.label for one in page.get("popover")]
     assert any("red" in label and "Driven by hand" in label for label in marks)
     assert any("blue" in label and "Samples complete" in label for label in marks)
@@ -393,7 +390,7 @@ def test_vehicles_and_case() -> None:
 @pytest.mark.parametrize("path", [DATA, TRAIN])
 def test_names_from_a_file_are_shown_as_they_are(path: str) -> None:
     nasty = "<script>alert(1)</script>"
-    page = open_page(path, with_recording(made((nasty, "*B* $x$ :red[c]", "C"))))
+    page = open_page(path, with_recording(recording(names=(nasty, "*B* $x$ :red[c]", "C"))))
     assert nasty not in texts(page)
     assert "*B*" not in "".join(element.value for element in (*page.markdown, *page.caption))
     assert ("&lt;script&gt;" in texts(page)) == (path == DATA)
@@ -410,13 +407,13 @@ def test_names_from_a_file_are_shown_as_they_are(path: str) -> None:
     ],
 )
 def test_dragging_over_the_chart(box: list[Any], expected: Window | None) -> None:
-    assert window_of({"selection": {"box": box}}, made()) == expected
+    assert window_of({"selection": {"box": box}}, recording()) == expected
 
 
 def test_the_first_window_avoids_holes() -> None:
     frame = platoon(samples=4000)
     frame.loc[500:599, ["Speed2", "IVS1", "IVS2"]] = np.nan
-    found = with_recording(read(csv(frame), "holes.csv"))
+    found = with_recording(recording(frame))
     assert found.window == Window(60.0, 360.0)
     assert found.segment is not None
 

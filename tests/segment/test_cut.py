@@ -29,11 +29,7 @@ from accpinn.segment.segment import (
     WindowMoved,
     WindowShortened,
 )
-from tests.support.openacc_files import csv, metadata, platoon
-
-
-def recording(frame: pd.DataFrame | None = None, names: str = "ABC") -> Recording:
-    return read(csv(platoon() if frame is None else frame, metadata(tuple(names))), "run.csv")
+from tests.support.openacc_files import platoon, recording
 
 
 def without(block: slice, *columns: str) -> pd.DataFrame:

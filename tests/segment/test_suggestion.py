@@ -8,11 +8,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from accpinn.model.cthp import Parameters, simulate
-from accpinn.recordings.openacc import read
 from accpinn.recordings.recording import Mode, Recording, Window
 from accpinn.segment.cut import complete_windows, cut
 from accpinn.segment.suggestion import GRID, Suggestion, information, suggest_window
-from tests.support.openacc_files import csv, metadata, platoon
+from tests.support.openacc_files import platoon, recording
 
 STEP = 0.5
 """Between samples in s; a coarse one keeps the tests short."""
@@ -27,7 +26,7 @@ def driven(leader: np.ndarray, headway: float = 1.5) -> Recording:
     frame["Time"] = time
     frame["Speed1"], frame["Speed2"] = motion.speeds.T
     frame["IVS1"] = motion.gaps[:, 0]
-    return read(csv(frame, metadata(("A", "B"))), "made.csv")
+    return recording(frame, "AB")
 
 
 def lively(samples: int, first: int, last: int) -> np.ndarray:

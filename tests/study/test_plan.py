@@ -4,14 +4,9 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from accpinn.recordings.openacc import read
 from accpinn.recordings.recording import Recording
 from accpinn.study.plan import plan
-from tests.support.openacc_files import csv, metadata, platoon
-
-
-def recording(frame: pd.DataFrame, acc: str = "1", vehicles: int = 3) -> Recording:
-    return read(csv(frame, metadata([f"Car {k}" for k in range(vehicles)], acc=acc)), "run.csv")
+from tests.support.openacc_files import platoon, recording
 
 
 def following(samples: int = 4000, vehicles: int = 3) -> pd.DataFrame:
@@ -61,20 +56,20 @@ def test_only_long_departures_from_car_following_interrupt(seconds: int, count: 
     frame = following(vehicles=2)
     first = 2000
     frame.loc[first : first + 10 * seconds, "IVS1"] += 60
-    assert len(windows(recording(frame, vehicles=2), np.inf)) == count
+    assert len(windows(recording(frame, "AB"), np.inf)) == count
 
 
 def test_a_long_distance_setting_is_car_following() -> None:
     frame = following(vehicles=2)
     frame["IVS1"] += 22
     assert (frame["IVS1"] / frame["Speed2"]).median() > 2
-    assert windows(recording(frame, vehicles=2), np.inf) == [((1, 2), 0, 399.9)]
+    assert windows(recording(frame, "AB"), np.inf) == [((1, 2), 0, 399.9)]
     frame["IVS1"] += 60
-    assert windows(recording(frame, vehicles=2), np.inf) == []
+    assert windows(recording(frame, "AB"), np.inf) == []
 
 
 def test_a_long_chain_is_taken_in_parts() -> None:
-    found = recording(following(1000, 14), vehicles=14)
+    found = recording(following(1000, 14), "ABCDEFGHIJKLMN")
     assert [one.vehicles for one in plan(found, 300)] == [tuple(range(1, 12)), (11, 12, 13, 14)]
 
 
@@ -84,7 +79,7 @@ def test_no_follower_is_in_two_windows_at_once() -> None:
     for number in (2, 3, 4):
         hand = np.repeat(rng.random(12) < 0.3, 500)
         frame[f"Driver{number}"] = np.where(hand, "Human", "ACC")
-    found = recording(frame, vehicles=4)
+    found = recording(frame, "ABCD")
     taken = np.zeros((found.samples, 5), int)
     for one in plan(found, 120):
         inside = (found.time > one.window.start) & (found.time < one.window.end)

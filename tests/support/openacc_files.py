@@ -6,6 +6,9 @@ from collections.abc import Sequence
 import numpy as np
 import pandas as pd
 
+from accpinn.recordings.openacc import read
+from accpinn.recordings.recording import Recording
+
 STEP = 0.1
 
 
@@ -48,6 +51,14 @@ def csv(frame: pd.DataFrame, rows: Sequence[str] | None = None, end: str = "\r\n
     body = io.StringIO()
     frame.to_csv(body, index=False, lineterminator=end)
     return (end.join([*above, ""]) + body.getvalue()).encode()
+
+
+def recording(
+    frame: pd.DataFrame | None = None, names: Sequence[str] = "ABC", **facts: str
+) -> Recording:
+    """A platoon of vehicles with these names, read; ``facts`` as in `metadata`."""
+    made = platoon(len(names)) if frame is None else frame
+    return read(csv(made, metadata(names, **facts)), "run.csv")
 
 
 def pair(

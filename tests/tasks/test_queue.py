@@ -20,12 +20,11 @@ from accpinn.methods.pinn.config import FAST, PAPER, PinnConfig
 from accpinn.methods.pinn.method import request_keys
 from accpinn.methods.store import Store
 from accpinn.model.cthp import Parameters
-from accpinn.recordings.openacc import read
 from accpinn.segment.cut import cut
 from accpinn.segment.segment import Segment
 from accpinn.tasks.queue import KEPT_FOR, TaskQueue
 from accpinn.tasks.task import Status, Task, TrainingRequest, get_ready, training_task
-from tests.support.openacc_files import csv, platoon
+from tests.support.openacc_files import recording
 
 WAIT = 20.0
 """Seconds after which a test gives up; a sound queue needs none of them."""
@@ -115,7 +114,7 @@ class Puppet:
 
 @cache
 def segment() -> Segment:
-    return cut(read(csv(platoon(vehicles=2)), "run.csv"), 0.0, 20.0, (1, 2))
+    return cut(recording(names="AB"), 0.0, 20.0)
 
 
 @pytest.fixture

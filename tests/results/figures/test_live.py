@@ -4,17 +4,16 @@ import numpy as np
 import pytest
 
 from accpinn.model.cthp import Parameters, Trajectories
-from accpinn.recordings.openacc import read
 from accpinn.results.figures import live
 from accpinn.segment.cut import cut
 from accpinn.segment.segment import Segment
 from tests.results.figures.test_training import history
-from tests.support.openacc_files import csv, metadata, platoon
+from tests.support.openacc_files import recording
 
 
 @pytest.fixture
 def segment() -> Segment:
-    return cut(read(csv(platoon(), metadata(("A", "B", "C"))), "run.csv"), 0.0, 30.0)
+    return cut(recording(), 0.0, 30.0)
 
 
 def test_only_the_data_change_from_one_moment_to_the_next(segment: Segment) -> None:

@@ -1,13 +1,9 @@
 """A recording and a window as figures: who is drawn, what is missing, who drove."""
 
-from collections.abc import Sequence
-
 import numpy as np
-import pandas as pd
 import pytest
 
-from accpinn.recordings.openacc import read
-from accpinn.recordings.recording import Recording, Window
+from accpinn.recordings.recording import Window
 from accpinn.results.figures.recording import (
     driver_ribbons,
     overview,
@@ -18,11 +14,7 @@ from accpinn.results.figures.recording import (
 from accpinn.segment.cut import cut
 from accpinn.segment.quality import label_regimes
 from tests.support.figures import names
-from tests.support.openacc_files import csv, metadata, platoon
-
-
-def recording(names: Sequence[str] = "ABC", frame: pd.DataFrame | None = None) -> Recording:
-    return read(csv(platoon() if frame is None else frame, metadata(tuple(names))), "run.csv")
+from tests.support.openacc_files import platoon, recording
 
 
 def test_overview_draws_all_vehicles_and_the_window() -> None:
@@ -37,7 +29,7 @@ def test_overview_draws_all_vehicles_and_the_window() -> None:
 
 
 def test_overview_keeps_its_zoom_until_another_recording_comes() -> None:
-    one, other = recording(), recording("XYZ")
+    one, other = recording(), recording(names="XYZ")
     first, second, third = (
         overview(run, vehicles, Window(0, 20)).layout.uirevision
         for run, vehicles in ((one, (1, 2)), (one, (2, 3)), (other, (1, 2)))
@@ -60,7 +52,7 @@ def test_views_of_the_followers_and_one_that_is_highlighted() -> None:
 
 def test_ten_vehicles_are_drawn_with_no_more_points_than_two() -> None:
     def points(vehicles: int) -> int:
-        run = recording("ABCDEFGHIJK"[:vehicles], platoon(vehicles=vehicles, samples=6000))
+        run = recording(platoon(vehicles, 6000), "ABCDEFGHIJK"[:vehicles])
         figure = overview(run, run.present, Window(5.0, 25.0))
         return sum(len(trace.x) for trace in figure.data)
 
@@ -71,7 +63,7 @@ def test_overview_shows_missing_blocks_and_driving_by_hand() -> None:
     frame = platoon()
     frame.loc[100:149, ["Speed2", "IVS1", "IVS2"]] = np.nan
     frame["Driver3"] = ["Human"] * 50 + ["ACC"] * 350
-    run = recording(frame=frame)
+    run = recording(frame)
     whole = cut(run, 0.0, run.duration, allow_missing=True)
     regimes = label_regimes(whole, run)
     drivers = driver_ribbons(run, (1, 2, 3))
@@ -98,7 +90,7 @@ def test_preview_has_every_vehicle_in_the_recordings_time() -> None:
 
 
 def test_names_from_files_are_not_read_as_html() -> None:
-    run = recording(["<script>alert(1)</script>", "B<b>", "C"])
+    run = recording(names=["<script>alert(1)</script>", "B<b>", "C"])
     for figure in (overview(run, (1, 2), Window(0.0, 20.0)), preview(cut(run, 0.0, 30.0))):
         assert "<" not in "".join(names(figure))
         assert "2 B&lt;b&gt;" in names(figure)

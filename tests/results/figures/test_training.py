@@ -10,19 +10,18 @@ from accpinn.evaluation.closed_loop import closed_loop
 from accpinn.methods import splines
 from accpinn.methods.fit import History
 from accpinn.model.cthp import Parameters, Trajectories
-from accpinn.recordings.openacc import read
 from accpinn.results.figures import style, training
 from accpinn.results.tables.estimates import EVERY_FOLLOWER
 from accpinn.segment.cut import cut
 from accpinn.segment.segment import Segment
 from tests.support.figures import legend, named, names
-from tests.support.openacc_files import csv, metadata, platoon
+from tests.support.openacc_files import recording
 from tests.support.samples import NOISY, sample
 
 
 @pytest.fixture
 def segment() -> Segment:
-    return cut(read(csv(platoon(), metadata(("A", "B", "C"))), "run.csv"), 0.0, 30.0)
+    return cut(recording(), 0.0, 30.0)
 
 
 def history(*, sets: int = 2, moments: int = 40) -> History:

@@ -13,7 +13,6 @@ from accpinn.methods.fit import Fit, Outcome
 from accpinn.methods.pinn.config import FAST, PAPER
 from accpinn.methods.registry import METHODS
 from accpinn.model.cthp import Parameters
-from accpinn.recordings.openacc import read
 from accpinn.results.tables.estimates import (
     EVERY_FOLLOWER,
     PROBABILITY,
@@ -32,7 +31,7 @@ from accpinn.segment.cut import cut
 from accpinn.segment.quality import Quality, assess_quality
 from accpinn.segment.segment import Segment
 from accpinn.study.comparison import FitRecord, compare, results_among
-from tests.support.openacc_files import csv, metadata, platoon
+from tests.support.openacc_files import recording
 from tests.support.samples import PLATOON, sample
 
 LEARNED = Parameters.of([[0.01037, 0.07235, 1.52034], [0.1, 0.2, 1.0]])
@@ -40,8 +39,7 @@ LEARNED = Parameters.of([[0.01037, 0.07235, 1.52034], [0.1, 0.2, 1.0]])
 
 @pytest.fixture
 def segment() -> Segment:
-    run = read(csv(platoon(), metadata(("Audi(A8)", "BMW", "Tesla"))), "run.csv")
-    return cut(run, 5.0, 30.0)
+    return cut(recording(names=("Audi(A8)", "BMW", "Tesla")), 5.0, 30.0)
 
 
 @pytest.fixture
