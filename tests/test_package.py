@@ -29,17 +29,21 @@ def test_importing_the_package_loads_nothing_slow() -> None:
     assert not loaded_after("import accpinn", "numpy", "torch", "pandas", "scipy")
 
 
-def test_info_loads_nothing_slow() -> None:
-    code = "from accpinn.cli import main; main(['info', 'sample_data/synthetic_paper_study.csv'])"
-    assert not loaded_after(code, "torch", "pandas", "scipy", "jinja2", "pyarrow")
+SAMPLE = "sample_data/synthetic_paper_study.csv"
+FIT = f"fit {SAMPLE} --duration 60 --no-cache"
 
 
-def test_a_fit_waits_for_nothing_that_it_does_not_need() -> None:
-    arguments = ["fit", "sample_data/synthetic_paper_study.csv", "--duration", "60", "--no-cache"]
-    slow = "torch", "pandas", "scipy.optimize", "scipy.interpolate", "scipy.signal"
-    assert not loaded_after(f"from accpinn.cli import main; main({arguments!r})", *slow)
-    calibrated = [*arguments, "--preset", "calibrated"]
-    assert not loaded_after(f"from accpinn.cli import main; main({calibrated!r})", "torch")
+@pytest.mark.parametrize(
+    ("command", "slow"),
+    [
+        (f"info {SAMPLE}", "torch pandas scipy jinja2 pyarrow"),
+        (FIT, "torch pandas scipy.optimize scipy.interpolate scipy.signal"),
+        (f"{FIT} --preset calibrated", "torch"),
+    ],
+)
+def test_a_command_waits_for_nothing_that_it_does_not_need(command: str, slow: str) -> None:
+    code = f"from accpinn.cli import main; main({command.split()!r})"
+    assert not loaded_after(code, *slow.split())
 
 
 def test_no_module_of_the_core_loads_the_app_or_plots() -> None:

@@ -1,6 +1,6 @@
 """Snapshots for tests: a small one made fast, and one with all that a snapshot can hold."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import cache
 from typing import Any
 
@@ -96,6 +96,13 @@ def resealed(change: Callable[[dict[str, Any]], None], schema: int = SCHEMA) -> 
     trees = {name: read_json(text) for name, text in parts.items() if name.endswith(".json")}
     change(trees)
     return seal(parts | {name: write_json(tree) for name, tree in trees.items()}, schema)
+
+
+def put(tree: Any, place: Sequence[str], leaf: Any) -> None:
+    """Set the leaf at a place of a tree of objects and lists."""
+    for name in place[:-1]:
+        tree = tree[int(name) if isinstance(tree, list) else name]
+    tree[int(place[-1]) if isinstance(tree, list) else place[-1]] = leaf
 
 
 def bits(value: Any) -> tuple[Any, dict[str, tuple[Any, ...]]]:

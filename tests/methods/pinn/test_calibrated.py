@@ -25,7 +25,6 @@ from accpinn.units import FloatArray
 from bench.coverage import SETS
 from bench.disturbed import Disturbance, disturbed
 from tests.methods.pinn.test_training import after, assert_same_result
-from tests.support.driving import segment_of, standing_still
 from tests.support.methods import train
 from tests.support.samples import NOISE_FREE, NOISY, sample
 
@@ -84,16 +83,6 @@ class TestResult:
         assert fit.outcome is Outcome.CONVERGED
         assert fit.parameters[0] != fitted().parameters[0]
         assert fit.parameters[1] == fitted().parameters[1]
-
-    @pytest.mark.parametrize("speed", [0.0, 20.0])
-    def test_nothing_moves_and_nothing_crashes(self, speed: float) -> None:
-        fit = train(standing_still(speed), "II", CALIBRATED)
-        assert np.isfinite(fit.loss["total"])
-
-    def test_numbers_beyond_reckoning_end_as_diverged(self) -> None:
-        sane = platoon()
-        absurd = segment_of(sane.time, sane.speeds[:, :2], sane.gaps[:, :1] * 1e200)
-        assert train(absurd, "II", CALIBRATED).outcome is Outcome.DIVERGED
 
 
 class TestProgress:

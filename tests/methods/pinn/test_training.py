@@ -190,7 +190,7 @@ class TestEnds:
         assert fit.iterations == 0
         assert fit.parameters.values.tolist() == [[1.0, 1.0, 1.0]]
 
-    @pytest.mark.parametrize("name", ["fast", "paper"])
+    @pytest.mark.parametrize("name", ["fast", "calibrated", "paper"])
     def test_numbers_beyond_reckoning_end_as_diverged(self, name: str) -> None:
         sane = noisy()
         absurd = segment_of(sane.time, sane.speeds, sane.gaps * 1e200)
@@ -204,7 +204,7 @@ class TestEnds:
         assert fit.outcome is Outcome.DIVERGED
         assert list(tmp_path.iterdir()) == [], "a diverged training is nothing to keep"
 
-    @pytest.mark.parametrize("name", ["fast", "paper"])
+    @pytest.mark.parametrize("name", ["fast", "calibrated", "paper"])
     @pytest.mark.parametrize("speed", [0.0, 20.0])
     def test_nothing_moves_and_nothing_crashes(self, name: str, speed: float) -> None:
         fit = train(standing_still(speed), "II", preset(name, iterations=60))

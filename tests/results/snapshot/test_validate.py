@@ -1,7 +1,6 @@
 """Snapshots whole to the last digest that say what none does: refused in one sentence, no crash."""
 
 from dataclasses import fields, is_dataclass, replace
-from functools import reduce
 from typing import Any, get_args, get_type_hints
 
 import numpy as np
@@ -11,7 +10,7 @@ from accpinn.errors import SnapshotError
 from accpinn.results.snapshot import Snapshot
 from accpinn.results.snapshot.archive import load, pack, seal, to_bytes
 from accpinn.results.snapshot.validate import MOST_COMPUTED, SHAPES
-from tests.support.snapshots import entries, resealed, small, small_bytes, whole
+from tests.support.snapshots import entries, put, resealed, small, small_bytes, whole
 
 LONG = "x" * 500_000
 
@@ -51,22 +50,13 @@ FORGED: list[tuple[str, Any, str]] = [
     ("uncertainty.json/peak_gain/lower/0", -1.0, "negative"),
     ("uncertainty.json/linf_gain/lower/0", 1e9, "upside down"),
     ("uncertainty.json/lower/0/0", 1e9, "upside down"),
+    ("quality.json/leader_deviation", 1e300, "beyond"),
 ]
-
-
-def step(tree: Any, name: str) -> Any:
-    return tree[int(name) if isinstance(tree, list) else name]
 
 
 def forged(place: str, value: Any) -> bytes:
     """The small snapshot with another value at a place, sealed anew."""
-    *way, last = place.replace(".json/", ".json\0").replace("/", "\0").split("\0")
-
-    def change(trees: dict[str, Any]) -> None:
-        tree = reduce(step, way, trees)
-        tree[int(last) if isinstance(tree, list) else last] = value
-
-    return resealed(change)
+    return resealed(lambda trees: put(trees, place.split("/"), value))
 
 
 @pytest.mark.parametrize(("place", "value", "said"), FORGED)

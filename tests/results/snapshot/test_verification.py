@@ -37,7 +37,7 @@ from accpinn.serial import flatten, read_json, write_json
 from tests.support.driving import driven, standing_still
 from tests.support.methods import RIVALS as ESTIMATORS
 from tests.support.samples import FOLDER, NOISY, PLATOON
-from tests.support.snapshots import entries, small, small_bytes, trained, whole
+from tests.support.snapshots import entries, put, small, small_bytes, trained, whole
 
 
 def fault(found: Verification) -> PartCheck:
@@ -57,14 +57,6 @@ def changed(leaf: Any) -> tuple[Any, ...]:
     if isinstance(leaf, int | float):
         return (leaf + 1 if isinstance(leaf, int) else leaf * 1.01 + 0.003,)
     return (f"{leaf}x",) if isinstance(leaf, str) else (0.5,)
-
-
-def put(tree: Any, place: str, leaf: Any) -> None:
-    """Set the leaf at a place of a tree."""
-    *way, last = place.split(".")
-    for name in way:
-        tree = tree[int(name) if isinstance(tree, list) else name]
-    tree[int(last) if isinstance(tree, list) else last] = leaf
 
 
 def with_evaluation(snapshot: Snapshot, **change: Any) -> Snapshot:
@@ -314,7 +306,7 @@ class TestForged:
         met = Counter[str]()
         for name, place, other in changes:
             tree = deepcopy(trees[name])
-            put(tree, place, other)
+            put(tree, place.split("."), other)
             try:
                 forged = load(seal(parts | {name: write_json(tree)}))
             except SnapshotError:
@@ -327,10 +319,3 @@ class TestForged:
             assert answer in ("found", "told"), (at, other)
             met[answer] += 1
         assert min(met[answer] for answer in ("refused", "found", "told")) > 10
-
-    def test_numbers_beyond_all_bounds_are_refused(self) -> None:
-        text = entries(small_bytes())["quality.json"]
-        tree = read_json(text)
-        tree["leader_deviation"] = 1e300
-        with pytest.raises(SnapshotError, match="beyond"):
-            load(seal(entries(small_bytes()) | {"quality.json": write_json(tree)}))
