@@ -19,7 +19,7 @@ from accpinn.model.cthp import Case, Parameters, simulate
 from accpinn.recordings.recording import Recording
 from accpinn.segment.cut import cut
 from accpinn.segment.segment import Segment
-from tests.support.driving import LAW, MIXED, driven, segment_of, standing_still
+from tests.support.driving import LAW, MIXED, driven, in_turn, segment_of, standing_still
 from tests.support.samples import NOISE_FREE, NOISY, PLATOON, sample
 
 both_filters = pytest.mark.parametrize(
@@ -113,19 +113,7 @@ class TestBoth:
 
     @both_filters
     def test_follows_parameters_that_change(self, estimate: Estimator) -> None:
-        time = 0.1 * np.arange(6000)
-        ahead = 22 + 2.5 * np.sin(0.21 * time) + 1.5 * np.sin(0.083 * time + 1)
-        parts = []
-        state = np.array([22.0]), np.array([30.0])
-        for law, rows in ((LAW, slice(0, 3000)), ((0.08, 0.12, 1.2), slice(3000, 6000))):
-            part = simulate(Parameters.stack([Parameters(*law)]), time[rows], ahead[rows], *state)
-            parts.append(part)
-            state = part.speeds[-1, 1:], part.gaps[-1]
-        segment = segment_of(
-            time,
-            np.concatenate([part.speeds for part in parts]),
-            np.concatenate([part.gaps for part in parts]),
-        )
+        segment = in_turn(([LAW], 300.0), ([(0.08, 0.12, 1.2)], 300.0))
         path = estimate(segment, "II").track
         assert path.parameters.values[path.time < 300][-1, 0, 2] == pytest.approx(1.5, abs=0.02)
         assert path.parameters.values[-1, 0, 2] == pytest.approx(1.2, abs=0.12)

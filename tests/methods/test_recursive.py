@@ -10,7 +10,7 @@ from accpinn.model.cthp import regressors
 from accpinn.recordings.recording import Recording
 from accpinn.segment.cut import cut
 from accpinn.segment.segment import Segment
-from tests.support.driving import LAW, driven, segment_of, standing_still
+from tests.support.driving import LAW, driven, in_turn, segment_of, standing_still
 
 OTHER = (0.05, 0.3, 1.2)
 
@@ -29,18 +29,6 @@ def textbook(segment: Segment, memory: float) -> np.ndarray:
     return theta
 
 
-def changing() -> Segment:
-    """120 s with one parameter set, then 180 s with another."""
-    first = driven((LAW,), duration=120.0)
-    second = driven((OTHER,), duration=180.0)
-    time = 0.1 * np.arange(first.samples + second.samples)
-    return segment_of(
-        time,
-        np.concatenate([first.speeds, second.speeds]),
-        np.concatenate([first.gaps, second.gaps]),
-    )
-
-
 class TestRecursion:
     @pytest.mark.parametrize("memory", [20.0, 60.0])
     def test_last_estimate_is_the_textbooks(self, memory: float) -> None:
@@ -55,7 +43,7 @@ class TestRecursion:
         )
 
     def test_follows_parameters_that_change(self) -> None:
-        path = recursive.fit(changing(), memory=20.0).track
+        path = recursive.fit(in_turn(([LAW], 120.0), ([OTHER], 180.0)), memory=20.0).track
         before = path.parameters.values[path.time < 120][-1, 0]
         np.testing.assert_allclose(before, LAW, rtol=1e-3)
         np.testing.assert_allclose(path.parameters.values[-1, 0], OTHER, rtol=0.02)

@@ -11,9 +11,11 @@ from scipy.integrate import solve_ivp
 
 from accpinn.model.cthp import LINEAR_NAMES, Parameters, motion_matrix, orbit, regressors, simulate
 from accpinn.units import FloatArray
+from tests.support.driving import motion
 
-rates = st.floats(0.001, 2.0)
-vehicles = st.builds(Parameters, alpha=rates, beta=st.floats(0.0, 2.0), tau=st.floats(0.1, 4.0))
+vehicles = st.builds(
+    Parameters, alpha=st.floats(0.001, 2.0), beta=st.floats(0.0, 2.0), tau=st.floats(0.1, 4.0)
+)
 platoons = st.lists(vehicles, min_size=1, max_size=4).map(Parameters.stack)
 TWO = Parameters([0.0612, 0.176], [0.12, 0.3921], [1.19, 1.0])
 
@@ -69,20 +71,10 @@ def integrate(
 
     One call a sample, as the leader's speed has a kink at each.
     """
-
-    def derivative(instant: float, state: FloatArray) -> FloatArray:
-        before = float(np.interp(instant, time, ahead))
-        rates = np.empty_like(state)
-        for i, one in enumerate(platoon):
-            gap, speed = state[2 * i : 2 * i + 2]
-            rates[2 * i] = before - speed
-            rates[2 * i + 1] = one.alpha * (gap - one.tau * speed) + one.beta * (before - speed)
-            before = speed
-        return rates
-
+    rates = motion(platoon.values, lambda now: float(np.interp(now, time, ahead)))
     states = [start]
     for span in pairwise(time):
-        step = solve_ivp(derivative, span, states[-1], method="DOP853", rtol=1e-12, atol=1e-12)
+        step = solve_ivp(rates, span, states[-1], method="DOP853", rtol=1e-12, atol=1e-12)
         states.append(step.y[:, -1])
     return np.array(states)
 

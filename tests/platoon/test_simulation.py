@@ -1,5 +1,6 @@
 """Simulated platoons: exact motion against tight integration, findings, and amplitudes."""
 
+from functools import partial
 from itertools import pairwise
 from math import inf, nan, pi
 
@@ -27,6 +28,7 @@ from accpinn.platoon.simulation import (
 from accpinn.stability.frequency import response
 from accpinn.stability.head_to_tail import head_to_tail_gains
 from accpinn.units import FloatArray
+from tests.support.driving import motion
 from tests.support.vehicles import AUDI, MERCEDES, MIXED, NO_GAP_CONTROL, TESLA, ordinary, row
 
 
@@ -52,18 +54,7 @@ def integrated(
     platoon: Parameters, leader: Leader, run: PlatoonRun
 ) -> tuple[FloatArray, FloatArray]:
     """Speeds (N, M) and gaps (N, M) of the followers, by tight steps between the leader's kinks."""
-
-    def rates(instant: float, state: FloatArray) -> FloatArray:
-        ahead, result = leader_speed(leader, instant), np.empty_like(state)
-        for i, vehicle in enumerate(platoon):
-            gap, speed = state[2 * i : 2 * i + 2]
-            result[2 * i] = ahead - speed
-            spacing = vehicle.alpha * (gap - vehicle.tau * speed)
-            result[2 * i + 1] = spacing + vehicle.beta * (ahead - speed)
-            ahead = speed
-        return result
-
-    assert not isinstance(leader, Recorded)
+    rates = motion(platoon.values, partial(leader_speed, leader))
     kinks = [phase.start for phase in leader.phases()] + [leader.duration]
     state = leader.speed * np.stack([platoon.tau, np.ones(len(platoon))], axis=1).ravel()
     instants = run.trajectories.time

@@ -16,7 +16,7 @@ from accpinn.methods.pinn.config import FAST, PresetName, preset
 from accpinn.methods.pinn.fast import FastTraining
 from accpinn.methods.pinn.loss import loss_terms
 from accpinn.methods.pinn.paper import PaperTraining
-from accpinn.model.cthp import Case, Parameters, simulate
+from accpinn.model.cthp import Case, Parameters
 from accpinn.recordings.openacc import read
 from accpinn.recordings.recording import Mode, Recording, Window
 from accpinn.results.figures.recording import overview, regime_key, regime_ribbons
@@ -33,7 +33,7 @@ from accpinn.segment.quality import (
 )
 from accpinn.segment.segment import NothingToExclude, RegimesExcluded, Segment
 from accpinn.units import FloatArray
-from tests.support.driving import leader_speed
+from tests.support.driving import in_turn
 from tests.support.methods import RIVALS as ESTIMATORS
 from tests.support.methods import train
 from tests.support.openacc_files import STEP, csv, metadata
@@ -62,17 +62,8 @@ filter's is a matter of its 4000 particles."""
 @cache
 def disturbed(parameters: Parameters = PLATOON) -> Segment:
     """Without noise; within `BLOCK` both followers obey other parameters. Nothing is excluded."""
-    time = 0.1 * np.arange(1801)
-    speeds, gaps = np.zeros((1801, 3)), np.zeros((1801, 2))
-    speed, gap = np.array([22.0, 22.0]), np.array([28.0, 24.0])
-    first, last = (round(10 * at) for at in BLOCK)
-    pieces = ((0, first, parameters), (first, last, ANOTHER), (last, 1800, parameters))
-    for begin, end, obeyed in pieces:
-        rows = slice(begin, end + 1)
-        motion = simulate(obeyed, time[rows], leader_speed(time[rows]), speed, gap)
-        speeds[rows], gaps[rows] = motion.speeds, motion.gaps
-        speed, gap = motion.speeds[-1, 1:], motion.gaps[-1]
-    return Segment(time, speeds, gaps, (1, 2, 3), ("A", "B", "C"), 0.0, "made", "")
+    own, (begin, end) = parameters.values, BLOCK
+    return in_turn((own, begin), (ANOTHER.values, end - begin), (own, 180.0 - end))
 
 
 def without_block(segment: Segment) -> Segment:
@@ -308,5 +299,5 @@ class TestExcluding:
     def test_too_little_left_is_refused(self) -> None:
         codes = np.full((1801, 2), FOLLOWING, np.uint8)
         codes[95:, 1] = CATCHING_UP
-        with pytest.raises(SegmentError, match=r"only 9\.5 s of 3 C remain"):
+        with pytest.raises(SegmentError, match=r"only 9\.5 s of 3 Car 3 remain"):
             exclude_regimes(disturbed(), Regimes(codes, (True, True)), ["catching up"])

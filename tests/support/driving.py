@@ -1,5 +1,6 @@
 """Platoons driven for a test: the law integrated by another hand than the package's own."""
 
+from collections.abc import Callable, Iterable, Sequence
 from functools import cache
 
 import numpy as np
@@ -34,27 +35,46 @@ def driven(
         step: between instants, in s.
         noise: standard deviation of white errors, in m and m/s.
     """
-    time = step * np.arange(round(duration / step) + 1)
-    followers = len(laws)
+    exact, rng = in_turn((laws, duration), step=step), np.random.default_rng(0)
+    return segment_of(
+        exact.time,
+        exact.speeds + noise * rng.standard_normal(exact.speeds.shape),
+        exact.gaps + noise * rng.standard_normal(exact.gaps.shape),
+    )
+
+
+def in_turn(*pieces: tuple[Sequence[Sequence[float]], float], step: float = 0.1) -> Segment:
+    """The same, where the followers obey some laws for so many seconds, then others, and so on."""
+    laws, _ = pieces[0]
+    state = np.ravel([(abs(tau) * 22 - 5, 22.0) for *_, tau in laws])
+    states, now = [state], 0.0
+    for laws, seconds in pieces:
+        time = now + step * np.arange(round(seconds / step) + 1)
+        solved = solve_ivp(
+            motion(laws, leader_speed), time[[0, -1]], state, "DOP853", time,
+            rtol=1e-10, atol=1e-10, max_step=1.0,
+        )  # fmt: skip
+        states += [*solved.y.T[1:]]
+        state, now = states[-1], time[-1]
+    time, found = step * np.arange(len(states)), np.array(states)
+    return segment_of(time, np.column_stack([leader_speed(time), found[:, 1::2]]), found[:, ::2])
+
+
+def motion(
+    laws: Iterable[Sequence[float]], ahead: Callable[[float], float]
+) -> Callable[[float, FloatArray], FloatArray]:
+    """d/dt of p_1, v_1, p_2, v_2, ..: the law written out, behind a leader with that speed."""
 
     def rates(now: float, state: FloatArray) -> FloatArray:
-        gaps, speeds = state[:followers], state[followers:]
-        relative = np.r_[leader_speed(now), speeds[:-1]] - speeds
-        alpha, beta, tau = np.array(laws).T
-        return np.r_[relative, alpha * (gaps - tau * speeds) + beta * relative]
+        before, result = ahead(now), np.empty_like(state)
+        for i, (alpha, beta, tau) in enumerate(laws):
+            gap, speed = state[2 * i : 2 * i + 2]
+            result[2 * i] = before - speed
+            result[2 * i + 1] = alpha * (gap - tau * speed) + beta * (before - speed)
+            before = speed
+        return result
 
-    start = np.r_[[abs(tau) * 22 - 5 for *_, tau in laws], [22.0] * followers]
-    solved = solve_ivp(
-        rates, (0, time[-1]), start, "DOP853", time, rtol=1e-10, atol=1e-10, max_step=1.0
-    )
-    speeds = np.column_stack([leader_speed(time), solved.y[followers:].T])
-    gaps = solved.y[:followers].T
-    rng = np.random.default_rng(0)
-    return segment_of(
-        time,
-        speeds + noise * rng.standard_normal(speeds.shape),
-        gaps + noise * rng.standard_normal(gaps.shape),
-    )
+    return rates
 
 
 def segment_of(time: FloatArray, speeds: FloatArray, gaps: FloatArray) -> Segment:
