@@ -17,7 +17,6 @@ from accpinn.methods.pinn.config import CALIBRATED, PinnConfig, preset
 from accpinn.methods.pinn.evidence_output import OutputLayer
 from accpinn.methods.pinn.method import WarmStart, stack_outputs
 from accpinn.methods.pinn.network import FourierFeatures, HiddenLayers
-from accpinn.methods.registry import METHODS
 from accpinn.methods.store import Store
 from accpinn.model.cthp import Case
 from accpinn.segment.segment import Segment
@@ -67,13 +66,6 @@ class TestResult:
         assert fit.outcome is Outcome.CONVERGED
         assert HiddenLayersGain(fit.loss["start"], fit.loss["total"]) in fit.findings
         assert fit.loss["total"] <= fit.loss["start"]
-
-    def test_is_drawn_again_from_its_weights(self) -> None:
-        fit, segment = fitted(), platoon()
-        redraw = METHODS["pinn"].redraw
-        again = redraw(fit, segment.time, float(segment.time[-1]))
-        np.testing.assert_allclose(again.gaps, fit.surrogate.gaps, atol=1e-9)
-        np.testing.assert_allclose(again.speeds, fit.surrogate.speeds, atol=1e-9)
 
     def test_masked_instants_do_not_count(self) -> None:
         segment = platoon()
