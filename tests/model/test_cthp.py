@@ -67,7 +67,7 @@ class TestRegressors:
 def integrate(
     platoon: Parameters, time: FloatArray, ahead: FloatArray, start: FloatArray
 ) -> FloatArray:
-    """(N, 2M) p_1, v_1, p_2, v_2, ..: the model written out per vehicle, integrated tightly.
+    """(N, 2M) p_1, p_2, .., v_1, v_2, ..: the model as written, integrated tightly.
 
     One call a sample, as the leader's speed has a kink at each.
     """
@@ -86,9 +86,9 @@ class TestSimulate:
         ahead = 25 + np.cumsum(rng.normal(0, 0.1, len(time)))
         speeds, gaps = np.array([22.0, 27.0]), np.array([20.0, 45.0])
         found = simulate(TWO, time, ahead, speeds, gaps)
-        reference = integrate(TWO, time, ahead, np.stack([gaps, speeds], axis=1).ravel())
-        np.testing.assert_allclose(found.gaps, reference[:, 0::2], rtol=0, atol=1e-9)
-        np.testing.assert_allclose(found.speeds[:, 1:], reference[:, 1::2], rtol=0, atol=1e-9)
+        reference = integrate(TWO, time, ahead, np.r_[gaps, speeds])
+        np.testing.assert_allclose(found.gaps, reference[:, :2], rtol=0, atol=1e-9)
+        np.testing.assert_allclose(found.speeds[:, 1:], reference[:, 2:], rtol=0, atol=1e-9)
 
     @given(platoons, st.floats(0.5, 40))
     @settings(max_examples=25)

@@ -56,7 +56,7 @@ def integrated(
     """Speeds (N, M) and gaps (N, M) of the followers, by tight steps between the leader's kinks."""
     rates = motion(platoon.values, partial(leader_speed, leader))
     kinks = [phase.start for phase in leader.phases()] + [leader.duration]
-    state = leader.speed * np.stack([platoon.tau, np.ones(len(platoon))], axis=1).ravel()
+    state = leader.speed * np.r_[platoon.tau, np.ones(len(platoon))]
     instants = run.trajectories.time
     result = np.empty((len(instants), len(state)))
     for low, high in pairwise(kinks):
@@ -67,7 +67,8 @@ def integrated(
             rates, span, state, "DOP853", np.unique(wanted), rtol=1e-12, atol=1e-12
         ).y.T
         result[inside], state = solved[: inside.sum()], solved[-1]
-    return result[:, 1::2], result[:, 0::2]
+    gaps, speeds = np.hsplit(result, 2)
+    return speeds, gaps
 
 
 class TestExactMotion:

@@ -1,6 +1,6 @@
 """Platoons driven for a test: the law integrated by another hand than the package's own."""
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from functools import cache
 
 import numpy as np
@@ -46,7 +46,7 @@ def driven(
 def in_turn(*pieces: tuple[Sequence[Sequence[float]], float], step: float = 0.1) -> Segment:
     """The same, where the followers obey some laws for so many seconds, then others, and so on."""
     laws, _ = pieces[0]
-    state = np.ravel([(abs(tau) * 22 - 5, 22.0) for *_, tau in laws])
+    state = np.r_[[abs(tau) * 22 - 5 for *_, tau in laws], [22.0] * len(laws)]
     states, now = [state], 0.0
     for laws, seconds in pieces:
         time = now + step * np.arange(round(seconds / step) + 1)
@@ -56,23 +56,20 @@ def in_turn(*pieces: tuple[Sequence[Sequence[float]], float], step: float = 0.1)
         )  # fmt: skip
         states += [*solved.y.T[1:]]
         state, now = states[-1], time[-1]
-    time, found = step * np.arange(len(states)), np.array(states)
-    return segment_of(time, np.column_stack([leader_speed(time), found[:, 1::2]]), found[:, ::2])
+    time, (gaps, speeds) = step * np.arange(len(states)), np.hsplit(np.array(states), 2)
+    return segment_of(time, np.column_stack([leader_speed(time), speeds]), gaps)
 
 
 def motion(
-    laws: Iterable[Sequence[float]], ahead: Callable[[float], float]
+    laws: Sequence[Sequence[float]], ahead: Callable[[float], float]
 ) -> Callable[[float, FloatArray], FloatArray]:
-    """d/dt of p_1, v_1, p_2, v_2, ..: the law written out, behind a leader with that speed."""
+    """d/dt of p_1, p_2, .., v_1, v_2, ..: the law as written, behind a leader with that speed."""
+    alpha, beta, tau = np.array(laws).T
 
     def rates(now: float, state: FloatArray) -> FloatArray:
-        before, result = ahead(now), np.empty_like(state)
-        for i, (alpha, beta, tau) in enumerate(laws):
-            gap, speed = state[2 * i : 2 * i + 2]
-            result[2 * i] = before - speed
-            result[2 * i + 1] = alpha * (gap - tau * speed) + beta * (before - speed)
-            before = speed
-        return result
+        gaps, speeds = np.split(state, 2)
+        relative = np.r_[ahead(now), speeds[:-1]] - speeds
+        return np.r_[relative, alpha * (gaps - tau * speeds) + beta * relative]
 
     return rates
 
