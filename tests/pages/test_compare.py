@@ -19,17 +19,7 @@ from accpinn.tasks.task import Status, Task
 from pages.ui.session.recordings import FIRST_SAMPLE, sample
 from pages.ui.session.resources import task_queue
 from pages.ui.session.workspace import KEPT_RECORDS, Workspace
-from tests.support.apptest import (
-    COMPARE,
-    WAIT,
-    boxes,
-    everything,
-    figures,
-    open_page,
-    open_tab,
-    plain,
-    with_sample,
-)
+from tests.support.apptest import COMPARE, WAIT, open_page, with_sample
 
 pytestmark = pytest.mark.usefixtures("fresh_server")
 
@@ -62,21 +52,21 @@ def test_rows_pictures_warnings_starts_and_earlier_fits(
     assert found.known_adequacy, "the forms of the model come with the methods"
     page = open_page(COMPARE, found)
     (recommended,) = recommend(found.segment, found.compared, found.known_adequacy)
-    shown = everything(page)
+    shown = page.everything()
     assert escape(message(recommended, found.segment)) in shown
     assert "Recommended, synthetic_astazero_like.csv, 0–60 s" in shown
-    assert len(figures(page)) == 1, "only the open tab is drawn"
-    assert "Profile of the loss" in plain(open_tab(page, "compare_tabs", "Identifiability"))
-    adequacy = plain(open_tab(page, "compare_tabs", "Model adequacy"))
+    assert len(page.figures()) == 1, "only the open tab is drawn"
+    assert "Profile of the loss" in page.open_tab("compare_tabs", "Identifiability").plain()
+    adequacy = page.open_tab("compare_tabs", "Model adequacy").plain()
     assert "the disturbance has a standard deviation of" in adequacy
-    assert "The estimates differ most in" in plain(open_tab(page, "compare_tabs", "Methods"))
-    page.selectbox(key="compare_method").set_value("Splines").run()
-    assert "Splines against the data" in everything(page)
-    assert "Earlier fits" not in everything(open_tab(page, "compare_tabs", "Repeatability"))
+    assert "The estimates differ most in" in page.open_tab("compare_tabs", "Methods").plain()
+    page.choose("compare_method", "Splines")
+    assert "Splines against the data" in page.everything()
+    assert "Earlier fits" not in page.open_tab("compare_tabs", "Repeatability").everything()
 
     found.train_starts(replace(FAST, iterations=20))
     assert found.starts.wait(WAIT)
-    assert "Spread" in everything(open_page(COMPARE, found))
+    assert "Spread" in open_page(COMPARE, found).everything()
 
     before = found.compared[0].fit
     found.choose(window=Window(10.0, 60.0))
@@ -87,12 +77,11 @@ def test_rows_pictures_warnings_starts_and_earlier_fits(
 
     finished(found, tuple(compare(found.segment, "II", ("least-squares",))))
     page = open_page(COMPARE, found)
-    assert "0–60 s → 10–60 s" in everything(page)
-    open_tab(page, "compare_tabs", "Summary")
+    assert "0–60 s → 10–60 s" in page.everything()
+    page.open_tab("compare_tabs", "Summary")
     earlier = page.multiselect(key="compare_earlier")
-    earlier.set_value(earlier.options[:1]).run()
-    assert not page.exception
-    assert "Rings: earlier fits." in everything(page)
+    page.choose("compare_earlier", earlier.options[:1])
+    assert "Rings: earlier fits." in page.everything()
 
 
 @pytest.mark.parametrize("failing", [("splines", "particle"), tuple(METHODS)])
@@ -104,11 +93,11 @@ def test_methods_that_fail_are_named_and_the_others_shown(
     results = [MethodFailure(name, fault) if name in failing else row for name in METHODS]
     finished(found, results)
     page = open_page(COMPARE, found)
-    (failures,) = [box for box in boxes(page, "warning") if box.startswith("No result from ")]
+    (failures,) = [box for box in page.boxes("warning") if box.startswith("No result from ")]
     who = "Splines, Particle filter" if len(failing) == 2 else "any method"
     assert failures == f"No result from {who}: {fault}"
     if len(failing) == 2:
-        assert "Least squares" in everything(open_tab(page, "compare_tabs", "Methods"))
+        assert "Least squares" in page.open_tab("compare_tabs", "Methods").everything()
     assert len(found.compared) == len(METHODS) - len(failing)
 
 
@@ -118,7 +107,7 @@ def test_a_stop_keeps_the_rows_and_offers_to_run_again(found: Workspace) -> None
     assert found.comparison.wait(WAIT)
     assert found.comparison.status is Status.STOPPED
     page = open_page(COMPARE, found)
-    assert "Stopped: no result" in plain(page)
+    assert "Stopped: no result" in page.plain()
     assert page.button(key="compare_run").label.startswith("Run all methods (about ")
 
 
@@ -127,7 +116,7 @@ def test_earlier_fits_are_bounded_and_shown_without_a_comparison(found: Workspac
     for _ in range(2):
         found._record([replace(fit, outcome=Outcome.STOPPED)])
     assert len(found.records) == 1, "none is kept twice"
-    said = plain(open_page(COMPARE, found))
+    said = open_page(COMPARE, found).plain()
     assert "Kept from earlier in this session: 1 fit." in said
     assert "PiNN (paper preset, stopped), " in said
     assert "synthetic_astazero_like.csv, 0–60 s" in said
@@ -161,8 +150,8 @@ def test_a_comparison_names_one_s_own_training_that_it_waits_for(found: Workspac
     found.train(PAPER)
     page = open_page(COMPARE, found)
     said = "Your own training with the paper preset comes first"
-    assert said in plain(page)
+    assert said in page.plain()
     page.button(key="compare_run").click().run()
-    assert said in plain(page)
-    assert "The comparison then starts by itself." in plain(page)
-    assert "Go to Train to stop it" in everything(page)
+    assert said in page.plain()
+    assert "The comparison then starts by itself." in page.plain()
+    assert "Go to Train to stop it" in page.everything()

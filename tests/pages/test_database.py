@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
-from streamlit.testing.v1 import AppTest
 
 from accpinn.errors import RecordingError
 from accpinn.recordings.catalogue import catalogue
@@ -24,21 +23,7 @@ from accpinn.tasks.task import Status
 from pages.ui.data.mapping import ASK
 from pages.ui.database import running, views
 from pages.ui.session.resources import batch_queue, download_queue
-from tests.support.apptest import (
-    DATA,
-    HOME,
-    WAIT,
-    boxes,
-    choose,
-    figures,
-    numbers,
-    open_page,
-    open_tab,
-    plain,
-    press,
-    texts,
-    workspace_of,
-)
+from tests.support.apptest import DATA, HOME, WAIT, Page, numbers, open_page
 from tests.support.openacc_files import csv, metadata, pair, platoon, table
 from tests.support.publisher import publisher
 from tests.support.studies import row, write_study
@@ -76,57 +61,57 @@ def study(recording: Path) -> Path:
     )
 
 
-def opened(**address: str) -> AppTest:
+def opened(**address: str) -> Page:
     page = open_page(DATABASE, **address)
-    assert not boxes(page, "error")
+    assert not page.boxes("error")
     return page
 
 
 def test_without_a_study_it_says_what_to_do(recording: Path) -> None:
     page = opened()
-    assert "no study on this server yet" in plain(page)
+    assert "no study on this server yet" in page.plain()
     assert page.selectbox(key="database_source").options == ["all recordings", "Casale"]
-    assert "1 file: " in plain(page), "an estimate before the start"
+    assert "1 file: " in page.plain(), "an estimate before the start"
     assert not page.button(key="database_start").disabled
     page = open_page(DATABASE)
-    choose(page, "database_name", "../../etc")
-    assert "is no name" in boxes(page, "error")[0]
+    page.choose("database_name", "../../etc")
+    assert "is no name" in page.boxes("error")[0]
     assert page.button(key="database_start").disabled
     (recording.parent / "gone.csv").symlink_to(recording.parent / "nowhere.csv")
-    assert "1 file: " in plain(opened()), "a link that leads nowhere is no file"
+    assert "1 file: " in opened().plain(), "a link that leads nowhere is no file"
     recording.unlink()
     page = opened()
-    assert "folder of recordings is empty" in plain(page)
+    assert "folder of recordings is empty" in page.plain()
 
 
 def test_the_answer_is_that_of_the_rows_chosen_and_the_address_says_which(study: Path) -> None:
     page = opened()
     whole = group(read_study(study), ()).groups[0]
-    assert f"{100 * whole.l2_stable.value:.0f} % of the followers" in plain(page)
-    assert "3 follower windows of 3 vehicles, 2 makes, 2 recordings" in plain(page)
+    assert f"{100 * whole.l2_stable.value:.0f} % of the followers" in page.plain()
+    assert "3 follower windows of 3 vehicles, 2 makes, 2 recordings" in page.plain()
     assert page.selectbox(key="database_method").value == "maximum-likelihood"
-    page.multiselect(key="database_make").set_value(["Kia"]).run()
-    assert "100 % of the followers" in plain(page)
-    choose(page, "database_by", "model")
-    (forest,) = figures(page)
+    page.choose("database_make", ["Kia"])
+    assert "100 % of the followers" in page.plain()
+    page.choose("database_by", "model")
+    (forest,) = page.figures()
     assert [numbers(trace["x"])[0] for trace in forest["data"]] == [1.5, 0.1, 0.2]
     address = dict(page.query_params)
     assert (address["make"], address["by"], address["study"]) == ("Kia", "model", "mine")
     del address["session"]
     other = opened(**address)
     assert other.multiselect(key="database_make").value == ["Kia"]
-    assert "100 % of the followers" in plain(other)
-    choose(other, "database_method", "splines")
-    assert "No row has these properties" in plain(other)
-    other.multiselect(key="database_make").set_value(["not stated"]).run()
-    assert "1 follower window of 1 vehicle" in plain(other)
+    assert "100 % of the followers" in other.plain()
+    other.choose("database_method", "splines")
+    assert "No row has these properties" in other.plain()
+    other.choose("database_make", ["not stated"])
+    assert "1 follower window of 1 vehicle" in other.plain()
 
 
 @pytest.mark.parametrize("name", ["../mine", "/etc", "unknown"])
 def test_a_link_to_no_study_shows_another(study: Path, name: str) -> None:
     page = opened(study=name, make="No such make", by="nonsense")
-    assert any("There is no study" in said for said in boxes(page, "warning"))
-    assert "3 follower windows" in plain(page)
+    assert any("There is no study" in said for said in page.boxes("warning"))
+    assert "3 follower windows" in page.plain()
     assert page.query_params["study"] == "mine"
 
 
@@ -136,34 +121,34 @@ def test_every_tab_and_the_failures(study: Path) -> None:
             failure = Failure(f"bad{k}.csv", start, None, "it <b>cannot</b> be read")
             journal.add("failure", f"f{k}", **vars(failure), final=False)
     page = opened()
-    assert "1 file without a window and 1 estimate failed" in plain(page)
-    open_tab(page, "database_tabs", "Failures")
-    assert "bad1.csv" in texts(page)
-    assert "it &lt;b&gt;cannot" in texts(page)
+    assert "1 file without a window and 1 estimate failed" in page.plain()
+    page.open_tab("database_tabs", "Failures")
+    assert "bad1.csv" in page.texts()
+    assert "it &lt;b&gt;cannot" in page.texts()
     for title, said in (("Spread", "Spread of"), ("Pooled vehicles", "No vehicle has several")):
-        assert said in plain(open_tab(page, "database_tabs", title))
-    open_tab(page, "database_tabs", "α–β plane")
-    assert len(figures(page)) == 2
-    choose(page, "database_units", True)
-    assert "ατ²" in figures(page)[1]["layout"]["xaxis"]["title"]["text"]
-    open_tab(page, "database_tabs", "Time gap")
-    points = [trace for trace in figures(page)[1]["data"] if trace["type"] == "scattergl"]
+        assert said in page.open_tab("database_tabs", title).plain()
+    page.open_tab("database_tabs", "α–β plane")
+    assert len(page.figures()) == 2
+    page.choose("database_units", True)
+    assert "ατ²" in page.figures()[1]["layout"]["xaxis"]["title"]["text"]
+    page.open_tab("database_tabs", "Time gap")
+    points = [trace for trace in page.figures()[1]["data"] if trace["type"] == "scattergl"]
     assert {trace["name"] for trace in points} == {"Tesla", "Kia"}
 
 
 def test_a_row_opens_its_window(study: Path) -> None:
-    page = open_tab(opened(), "database_tabs", "All rows")
+    page = opened().open_tab("database_tabs", "All rows")
     assert len(page.dataframe[0].value) == 3
-    found = workspace_of(page)
+    found = page.workspace()
     found.database_choice.row = 2
     page.run()
-    press(page, "database_open")
-    assert "gone.csv: this recording is not in the server's folder" in boxes(page, "error")[0]
-    page.multiselect(key="database_make").set_value(["Tesla"]).run()
+    page.press("database_open")
+    assert "gone.csv: this recording is not in the server's folder" in page.boxes("error")[0]
+    page.choose("database_make", ["Tesla"])
     found.database_choice.row = 0
     page.run()
-    press(page, "database_open")
-    assert "Preview of the window" in texts(page), "this is page Data"
+    page.press("database_open")
+    assert "Preview of the window" in page.texts(), "this is page Data"
     assert found.recording.source == "mine.csv"
     assert (found.vehicles, found.window) == ((1, 2, 3), Window(10.0, 70.0))
     assert found.segment is not None
@@ -172,11 +157,11 @@ def test_a_row_opens_its_window(study: Path) -> None:
 def test_a_row_that_the_browser_still_reports_is_not_chosen_among_others(
     study: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    page = open_tab(opened(), "database_tabs", "All rows")
+    page = opened().open_tab("database_tabs", "All rows")
     reported = {"selection": {"rows": [0]}}
     monkeypatch.setattr(views.st, "dataframe", lambda *_, **__: reported)
-    page.multiselect(key="database_make").set_value(["Kia"]).run()
-    assert workspace_of(page).database_choice.row is None
+    page.choose("database_make", ["Kia"])
+    assert page.workspace().database_choice.row is None
 
 
 def until(holds: Callable[[], bool]) -> None:
@@ -202,9 +187,9 @@ def test_a_batch_is_started_stopped_and_continued(
 
     monkeypatch.setattr(running, "run_batch", run)
     page = opened()
-    choose(page, "database_name", "first")
-    choose(page, "database_window", 60.0)
-    press(page, "database_start")
+    page.choose("database_name", "first")
+    page.choose("database_window", 60.0)
+    page.press("database_start")
     task = batch_queue().of("first", "batch")
     until(lambda: task.latest is not None)
     assert (asked[0].window, asked[0].sources) == (60.0, (str(recording.parents[1]),))
@@ -213,17 +198,17 @@ def test_a_batch_is_started_stopped_and_continued(
     other = opened(study="first")
     (bar,) = other.get("progress")
     assert (bar.proto.value, "about 30 s left" in bar.proto.text) == (25, True)
-    press(other, "database_stop")
+    other.press("database_stop")
     assert task.wait(WAIT)
     assert task.status is Status.STOPPED
     page.run()
-    assert "what is finished is kept" in plain(page)
+    assert "what is finished is kept" in page.plain()
     # After a restart of the server nothing but the folder is left.
     batch_queue().close()
     batch_queue.clear()
     page = opened()
-    assert "did not come to its end" in plain(page)
-    press(page, "database_continue")
+    assert "did not come to its end" in page.plain()
+    page.press("database_continue")
     again = batch_queue().of("first", "batch")
     assert again.wait(WAIT)
     assert again.status is Status.DONE
@@ -239,10 +224,10 @@ def test_a_batch_that_is_refused_says_why_and_one_from_elsewhere_is_not_continue
         raise RecordingError("it cannot be written")
 
     monkeypatch.setattr(running, "run_batch", refuse)
-    page = press(choose(opened(), "database_name", "other"), "database_start")
+    page = opened().choose("database_name", "other").press("database_start")
     assert batch_queue().of("other", "batch").wait(WAIT)
     page.run()
-    assert boxes(page, "error") == ["it cannot be written"]
+    assert page.boxes("error") == ["it cannot be written"]
     study = write_study(Path(os.environ["ACCPINN_STUDIES"]) / "mine", made())
     for source, offered in ((recording.parent, True), (study, False), (Path("/etc"), False)):
         settings = BatchSettings((str(source),), str(study), 300.0, ("splines",))
@@ -269,74 +254,73 @@ def foreign(vehicles: int = 2) -> bytes:
 
 def test_a_table_of_ones_own_is_opened_by_its_columns_which_are_remembered() -> None:
     page = open_page(DATA)
-    page.file_uploader(key="data_upload").upload("own.csv", foreign(), "text/csv").run()
-    assert not boxes(page, "error")
-    assert "Which columns of own.csv hold what?" in plain(page)
+    page.upload("own.csv", foreign())
+    assert not page.boxes("error")
+    assert "Which columns of own.csv hold what?" in page.plain()
     units = [page.selectbox(key=f"data_map_{one}").value for one in ("time_unit", "speed_unit_0")]
     assert units == ["ms", "km/h"], "guessed from the numbers"
-    choose(page, "data_map_gap_1", "velocity 1")
-    choose(page, "data_map_gap_1", "to the car ahead")
-    choose(page, "data_map_mode_2", "engaged")
-    press(page, "data_open_mapped")
-    found = workspace_of(page)
+    page.choose("data_map_gap_1", "velocity 1")
+    page.choose("data_map_gap_1", "to the car ahead")
+    page.choose("data_map_mode_2", "engaged")
+    page.press("data_open_mapped")
+    found = page.workspace()
     assert found.recording.source == "own.csv"
     np.testing.assert_allclose(found.recording.gap[:, 0], platoon(2, 400)["IVS1"], atol=1e-9)
     np.testing.assert_allclose(found.recording.speed[:, 1], platoon(2, 400)["Speed2"], atol=1e-9)
     assert [Mode(one) for one in found.recording.mode[[0, 200], 1]] == [Mode.HUMAN, Mode.ACC]
     other = open_page(DATA)
-    other.file_uploader(key="data_upload").upload("next.csv", foreign(), "text/csv").run()
-    assert workspace_of(other).recording.source == "next.csv", "remembered"
-    assert "columns and units as in an earlier file" in plain(other)
+    other.upload("next.csv", foreign())
+    assert other.workspace().recording.source == "next.csv", "remembered"
+    assert "columns and units as in an earlier file" in other.plain()
 
 
 def test_one_file_read_by_another_mapping_has_charts_of_its_own() -> None:
     for unit in ("m/s", "km/h"):
         page = open_page(DATA)
         page.session_state[ASK] = True
-        page.file_uploader(key="data_upload").upload("own.csv", foreign(), "text/csv").run()
+        page.upload("own.csv", foreign())
         for vehicle in (0, 1):
-            choose(page, f"data_map_speed_unit_{vehicle}", unit)
-        press(page, "data_open_mapped")
-        drawn = numbers(figures(page)[0]["data"][0]["y"])
-        assert np.nanmax(drawn) == workspace_of(page).recording.speed[:, 0].max()
+            page.choose(f"data_map_speed_unit_{vehicle}", unit)
+        page.press("data_open_mapped")
+        drawn = numbers(page.figures()[0]["data"][0]["y"])
+        assert np.nanmax(drawn) == page.workspace().recording.speed[:, 0].max()
 
 
 def test_a_file_dropped_on_home_that_asks_for_its_columns_leads_to_data() -> None:
     page = open_page(HOME)
-    page.file_uploader(key="data_upload").upload("own.csv", foreign(), "text/csv").run()
-    assert not page.exception
-    assert "Which columns of own.csv hold what?" in plain(page)
-    press(page, "data_cancel")
+    page.upload("own.csv", foreign())
+    assert "Which columns of own.csv hold what?" in page.plain()
+    page.press("data_cancel")
     assert page.file_uploader
 
 
 def test_of_a_table_with_several_trajectories_one_is_chosen() -> None:
     raw = table(*(pair(platoon(2, 300) + k, 1, name) for k, name in enumerate("ab")))
     page = open_page(DATA)
-    page.file_uploader(key="data_upload").upload("p.csv", raw, "text/csv").run()
-    assert "holds 2 runs" in plain(page)
-    choose(page, "data_trajectory", "b")
-    press(page, "data_open_trajectory")
-    assert workspace_of(page).recording.trajectory == "b"
+    page.upload("p.csv", raw)
+    assert "holds 2 runs" in page.plain()
+    page.choose("data_trajectory", "b")
+    page.press("data_open_trajectory")
+    assert page.workspace().recording.trajectory == "b"
 
 
 def test_a_published_run_is_downloaded_and_opened(monkeypatch: pytest.MonkeyPatch) -> None:
     run = next(run for run in catalogue() if run.sha256 is None)
     content = csv(platoon(2, 400), metadata(NAMES[:2]))
     page = open_page(DATA)
-    choose(page, "data_run", run)
+    page.choose("data_run", run)
     monkeypatch.setenv("ACCPINN_MIRROR", "http://127.0.0.1:9")
-    press(page, "data_download")
-    owner = workspace_of(page).id
+    page.press("data_download")
+    owner = page.workspace().id
     assert download_queue().of(owner, "download").wait(WAIT)
     page.run()
-    assert "127.0.0.1:9" in boxes(page, "error")[0]
+    assert "127.0.0.1:9" in page.boxes("error")[0]
     with publisher({run.key: content}) as server:
         monkeypatch.setenv("ACCPINN_MIRROR", server.url)
-        press(page, "data_download")
+        page.press("data_download")
         assert download_queue().of(owner, "download").wait(WAIT)
     page.run()
-    assert not boxes(page, "error")
+    assert not page.boxes("error")
     assert "1 of 139" in page.selectbox(key="data_run").label
-    press(page, "Open this run")
-    assert workspace_of(page).recording.source == run.file
+    page.press("Open this run")
+    assert page.workspace().recording.source == run.file

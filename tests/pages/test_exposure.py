@@ -7,24 +7,13 @@ from typing import Any
 import pytest
 import streamlit as st
 from streamlit import config
-from streamlit.testing.v1 import AppTest
 
 from accpinn.recordings.openacc import read
 from pages.ui.session import identity, owners, sessions
 from pages.ui.session.resources import library, store
 from pages.ui.session.sessions import KEPT_WORKSPACES, Workspaces
 from pages.ui.session.workspace import PendingFile
-from tests.support.apptest import (
-    HOME,
-    PAGES,
-    SNAPSHOTS,
-    fitted,
-    open_page,
-    press,
-    texts,
-    with_sample,
-    workspace_of,
-)
+from tests.support.apptest import HOME, PAGES, SNAPSHOTS, Page, fitted, open_page, with_sample
 from tests.support.openacc_files import csv, platoon
 
 pytestmark = pytest.mark.usefixtures("fresh_server")
@@ -33,7 +22,7 @@ ANN = {"is_logged_in": True, "email": "Ann@lab.org", "email_verified": True, "su
 BOB = {"is_logged_in": True, "email": "bob@school.edu", "sub": "2"}
 
 
-def buttons(page: AppTest) -> set[str]:
+def buttons(page: Page) -> set[str]:
     return {str(button.key) for button in page.button}
 
 
@@ -42,16 +31,16 @@ class TestSignIn:
     def test_nothing_is_shown_and_no_session_begins_before(self, path: str) -> None:
         page = open_page(path, user={"is_logged_in": False}, session=with_sample().id)
         assert buttons(page) == {"sign_in"}
-        assert "synthetic" not in texts(page)
+        assert "synthetic" not in page.texts()
 
     def test_a_session_is_opened_by_its_own_user_only(self) -> None:
-        own = workspace_of(open_page(HOME, user=ANN))
-        assert workspace_of(open_page(HOME, user=ANN, session=own.id)) is own
-        assert workspace_of(open_page(HOME, user=BOB, session=own.id)) is not own
+        own = open_page(HOME, user=ANN).workspace()
+        assert open_page(HOME, user=ANN, session=own.id).workspace() is own
+        assert open_page(HOME, user=BOB, session=own.id).workspace() is not own
         (store().folder / "runs" / own.id).mkdir(parents=True)
         sessions.workspaces.clear()
-        assert workspace_of(open_page(HOME, user=BOB, session=own.id)).id != own.id
-        assert workspace_of(open_page(HOME, user=ANN, session=own.id)).id == own.id, (
+        assert open_page(HOME, user=BOB, session=own.id).workspace().id != own.id
+        assert open_page(HOME, user=ANN, session=own.id).workspace().id == own.id, (
             "as before a restart"
         )
 
@@ -101,7 +90,7 @@ class TestDeletion:
         return f"snapshots_delete_{library().entries()[0].id}"
 
     def test_on_this_computer_alone_anyone_may(self) -> None:
-        press(open_page(SNAPSHOTS, fitted()), "Save")
+        open_page(SNAPSHOTS, fitted()).press("Save")
         assert self.delete_key() in buttons(open_page(SNAPSHOTS))
 
     def test_on_a_shared_server_only_the_session_that_saved_may(
@@ -109,22 +98,22 @@ class TestDeletion:
     ) -> None:
         monkeypatch.setattr(identity, "is_shared", lambda: True)
         own = fitted()
-        press(open_page(SNAPSHOTS, own), "Save")
+        open_page(SNAPSHOTS, own).press("Save")
         own.viewed = ""
         assert self.delete_key() not in buttons(open_page(SNAPSHOTS))
-        page = press(open_page(SNAPSHOTS, own), self.delete_key())
+        page = open_page(SNAPSHOTS, own).press(self.delete_key())
         assert not library().entries()
-        press(page, "snapshots_undo_button")
+        page.press("snapshots_undo_button")
         assert self.delete_key() in buttons(open_page(SNAPSHOTS, own))
 
     def test_with_sign_in_the_user_and_an_administrator_may(
         self, monkeypatch: pytest.MonkeyPatch
     ) -> None:
         page = open_page(SNAPSHOTS, user=ANN)
-        own = workspace_of(page)
+        own = page.workspace()
         source = fitted()
         own.recording, own.segment, own.training = source.recording, source.segment, source.training
-        press(page.run(), "Save")
+        page.run().press("Save")
         assert self.delete_key() in buttons(open_page(SNAPSHOTS, user=ANN)), "in another session"
         assert self.delete_key() not in buttons(open_page(SNAPSHOTS, user=BOB))
         monkeypatch.setenv(identity.ADMINS_VARIABLE, "bob@school.edu")
@@ -144,11 +133,11 @@ class TestLimits:
     def test_one_session_cannot_fill_the_library(self, monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.setattr(owners, "SAVED_PER_HOUR", 1)
         found = fitted()
-        press(open_page(SNAPSHOTS, found), "Save")
+        open_page(SNAPSHOTS, found).press("Save")
         found.viewed = ""
-        page = press(open_page(SNAPSHOTS, found), "Save")
+        page = open_page(SNAPSHOTS, found).press("Save")
         assert len(library().entries()) == 1
-        assert "within an hour" in texts(page)
+        assert "within an hour" in page.texts()
 
     def test_empty_sessions_end_nobodys_work(self) -> None:
         kept = Workspaces()
@@ -196,15 +185,15 @@ class TestAddresses:
     def test_hostile_names_open_nothing_and_make_no_file(self, name: str, tmp_path: Path) -> None:
         before = sorted(tmp_path.rglob("*"))
         page = open_page(HOME, session=name, snapshot=name)
-        assert workspace_of(page).id != name
+        assert page.workspace().id != name
         assert {*tmp_path.rglob("*")} - {*before} <= {store().folder}
 
     def test_one_sessions_upload_is_in_no_other(self) -> None:
         one, other = sessions.workspaces().new(), sessions.workspaces().new()
         one.open(read(csv(platoon()), "../<b>secret</b>\r\nSet-Cookie: x.csv"))
-        assert "secret" in texts(open_page(HOME, one))
+        assert "secret" in open_page(HOME, one).texts()
         for path in PAGES:
-            assert "secret" not in texts(open_page(path, other))
+            assert "secret" not in open_page(path, other).texts()
 
 
 def test_settings_that_protect_are_on() -> None:

@@ -6,7 +6,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from streamlit.testing.v1 import AppTest
 
 from accpinn.methods import least_squares
 from accpinn.methods.fit import Continued
@@ -37,18 +36,10 @@ from tests.support.apptest import (
     TRAIN,
     WAIT,
     WIDGETS,
-    boxes,
-    choose,
-    figures,
+    Page,
     fitted,
     open_page,
-    open_tab,
-    plain,
-    press,
-    texts,
-    widget,
     with_sample,
-    workspace_of,
 )
 from tests.support.openacc_files import csv, metadata, platoon, recording
 
@@ -61,7 +52,7 @@ def with_recording(run: Recording) -> Workspace:
     return found
 
 
-def labels(page: AppTest) -> list[str]:
+def labels(page: Page) -> list[str]:
     return [b.label for b in page.button]
 
 
@@ -71,13 +62,13 @@ def labels(page: AppTest) -> list[str]:
 @pytest.mark.parametrize("path", PAGES)
 def test_a_link_to_an_unknown_session_says_so_and_shows_a_next_step(path: str) -> None:
     page = open_page(path, session="long-forgotten")
-    assert "no longer on this server" in texts(page)
+    assert "no longer on this server" in page.texts()
     assert page.query_params["session"] != "long-forgotten"
     assert page.button or page.get("page_link"), "there must be a way on"
     assert not page.error
-    assert "**Continue**" not in texts(page)
+    assert "**Continue**" not in page.texts()
     page.run()
-    assert "no longer on this server" not in texts(page)
+    assert "no longer on this server" not in page.texts()
 
 
 @pytest.mark.parametrize("path", PAGES)
@@ -86,53 +77,51 @@ def test_with_a_recording_and_with_a_window_that_cannot_be_used(path: str) -> No
     page = open_page(path, found)
     assert not page.error
     if path == HOME:
-        assert "**Continue**" in texts(page)
-        assert "vehicles 1–5" in texts(page)
+        assert "**Continue**" in page.texts()
+        assert "vehicles 1–5" in page.texts()
     found.choose(window=Window(395.0, 399.0))
     assert found.fault
-    page.run()
-    assert not page.exception
+    page.sound()
     if path in (DATA, TRAIN, COMPARE):
-        assert escape_markdown(found.fault) in texts(page)
+        assert escape_markdown(found.fault) in page.texts()
 
 
 def test_one_click_on_home_trains_a_sample() -> None:
-    found = workspace_of(press(open_page(HOME), "Train a sample now"))
+    found = open_page(HOME).press("Train a sample now").workspace()
     request, (recording, truth) = found.training.request, sample(FIRST_SAMPLE)
     assert (request.config, request.segment) == (CALIBRATED, cut(recording))
     assert found.true_parameters == truth.parameters
     stop_training(found)
-    assert "**Training** was stopped" in texts(open_page(HOME, found))
+    assert "**Training** was stopped" in open_page(HOME, found).texts()
 
 
 def test_a_file_dropped_on_home_leads_to_data() -> None:
     page = open_page(HOME)
     raw = csv(platoon(vehicles=2), metadata(("A", "B")))
-    page.file_uploader(key="data_upload").upload("bad.csv", b"nothing", "text/csv").run()
+    page.upload("bad.csv", b"nothing")
     (error,) = page.error
     assert "bad" in error.value
-    page.file_uploader(key="data_upload").upload("mine.csv", raw, "text/csv").run()
-    assert not page.exception
-    assert workspace_of(page).recording.source == "mine.csv"
-    assert "Preview of the window" in texts(page), "this is page Data"
+    page.upload("mine.csv", raw)
+    assert page.workspace().recording.source == "mine.csv"
+    assert "Preview of the window" in page.texts(), "this is page Data"
 
 
 def test_published_parameters_and_the_papers_items_from_home() -> None:
-    page = open_tab(open_page(HOME), "home_tabs", "Published parameters")
-    found = workspace_of(page)
-    press(page, f"home_{ASTAZERO_ALIKE.title}_Stability")
+    page = open_page(HOME).open_tab("home_tabs", "Published parameters")
+    found = page.workspace()
+    page.press(f"home_{ASTAZERO_ALIKE.title}_Stability")
     assert (found.parameter_source, found.parameter_choice.example) == (
         "published", ASTAZERO_ALIKE.title,
     )  # fmt: skip
-    page = open_tab(open_page(HOME, found), "home_tabs", "Reproduce the paper")
-    assert "14 of 14 printed verdicts agree" in texts(page)
-    assert "1.095" in texts(page), "the gain of the one follower that is printed as stable"
+    page = open_page(HOME, found).open_tab("home_tabs", "Reproduce the paper")
+    assert "14 of 14 printed verdicts agree" in page.texts()
+    assert "1.095" in page.texts(), "the gain of the one follower that is printed as stable"
     assert page.button(key="home_TableI_run").disabled, "no such recording is at hand"
-    press(page, "home_TableI_starts")
+    page.press("home_TableI_starts")
     assert len(found.segment.vehicles) == 2
     assert found.starts is not None
-    page = open_tab(open_page(HOME, found), "home_tabs", "Reproduce the paper")
-    press(page, "home_Figure8_panels")
+    page = open_page(HOME, found).open_tab("home_tabs", "Reproduce the paper")
+    page.press("home_Figure8_panels")
     assert found.tabs[TABS] == PANELS
 
 
@@ -140,16 +129,16 @@ def test_a_run_of_the_paper_is_opened_with_its_window(
     monkeypatch: pytest.MonkeyPatch, openacc_dir: Path
 ) -> None:
     monkeypatch.setenv("ACCPINN_RECORDINGS", str(openacc_dir))
-    page = open_tab(open_page(HOME), "home_tabs", "Reproduce the paper")
-    found = workspace_of(press(page, "home_TableII_run"))
+    page = open_page(HOME).open_tab("home_tabs", "Reproduce the paper")
+    found = page.press("home_TableII_run").workspace()
     assert (found.window, found.case) == (Window(320.0, 620.0), "I")
     assert found.recording.source == "ASta_040719_platoon5.csv"
     fit = least_squares.fit(found.segment, "I")
     found.runs.keep(create(found.segment, fit, name="mine"))
-    page = open_tab(open_page(HOME, found), "home_tabs", "Reproduce the paper")
-    assert "Learned here" not in texts(page), "Table III is not of Case I"
-    choose(page, "home_printed", ASTAZERO_ALIKE.title)
-    assert "Learned here" in texts(page)
+    page = open_page(HOME, found).open_tab("home_tabs", "Reproduce the paper")
+    assert "Learned here" not in page.texts(), "Table III is not of Case I"
+    page.choose("home_printed", ASTAZERO_ALIKE.title)
+    assert "Learned here" in page.texts()
 
 
 def test_a_file_of_another_campaign_is_no_run_of_the_paper(
@@ -178,33 +167,33 @@ def test_a_file_of_another_campaign_is_no_run_of_the_paper(
 
 
 def test_open_a_sample_move_the_window_and_train() -> None:
-    page = press(open_page(DATA), "Open this sample")
-    found, before = workspace_of(page), texts(page)
+    page = open_page(DATA).press("Open this sample")
+    found, before = page.workspace(), page.texts()
     found.preset = "fast"
     for said in ("synthetic\\_astazero\\_like\\.csv", "5 vehicles", "Least squares",
                  "Tesla (Model3-like)"):  # fmt: skip
         assert said in before
-    (overview,) = figures(page)
+    (overview,) = page.figures()
     assert overview["layout"]["shapes"][0]["x1"] == 300.0
     assert page.slider(key="data_ends").value == (0.0, 300.0)
-    open_tab(page, "data_tabs", "Regimes")
-    page.toggle(key="data_sensitivity").set_value(True).run()
-    assert "so there is nothing to compare" in texts(page), "no regime occurs in it"
-    open_tab(page, "data_tabs", "Changes to the data")
-    assert "None: every sample" in texts(page)
-    open_tab(page, "data_tabs", "Window")
+    page.open_tab("data_tabs", "Regimes")
+    page.choose("data_sensitivity", True)
+    assert "so there is nothing to compare" in page.texts(), "no regime occurs in it"
+    page.open_tab("data_tabs", "Changes to the data")
+    assert "None: every sample" in page.texts()
+    page.open_tab("data_tabs", "Window")
 
-    choose(page, "data_start", 80.0)
-    choose(page, "data_length", 120.0)
+    page.choose("data_start", 80.0)
+    page.choose("data_length", 120.0)
     assert found.window == Window(80.0, 200.0)
-    assert texts(page) != before
-    assert figures(page)[0]["layout"]["shapes"][0]["x0"] == 80.0
-    press(page, "data_train")
+    assert page.texts() != before
+    assert page.figures()[0]["layout"]["shapes"][0]["x0"] == 80.0
+    page.press("data_train")
     assert found.training is not None
-    page = choose(open_page(DATA, found), "data_start", 20.0)
+    page = open_page(DATA, found).choose("data_start", 20.0)
     assert found.training is None, "an early step drops what came after"
-    choose(page, "data_length", 5.0)
-    assert "too short" in texts(page)
+    page.choose("data_length", 5.0)
+    assert "too short" in page.texts()
     (train,) = (b for b in page.button if b.key == "data_train")
     assert train.disabled
 
@@ -216,22 +205,22 @@ def test_regimes_are_left_out_when_ticked_and_said_everywhere() -> None:
     found = with_recording(replace(run, gap=gap))
     page = open_page(DATA, found)
     assert found.segment.mask is None
-    assert "Without" not in texts(page)
-    open_tab(page, "data_tabs", "Regimes")
-    choose(page, "data_exclude_catching up", True)
+    assert "Without" not in page.texts()
+    page.open_tab("data_tabs", "Regimes")
+    page.choose("data_exclude_catching up", True)
     assert found.segment.mask[:, 0].tolist() == (time >= 100).tolist()
-    open_tab(page, "data_tabs", "Changes to the data")
-    assert "(2 B: 25 % of the instants)" in plain(page)
-    open_tab(page, "data_tabs", "Window")
+    page.open_tab("data_tabs", "Changes to the data")
+    assert "(2 B: 25 % of the instants)" in page.plain()
+    page.open_tab("data_tabs", "Window")
     for said in ("**Without** catching up", "s, without catching up",
                  "all other figures are of all instants"):  # fmt: skip
-        assert said in plain(page)
-    open_tab(page, "data_tabs", "Regimes")
+        assert said in page.plain()
+    page.open_tab("data_tabs", "Regimes")
     for path in (TRAIN, COMPARE):
-        assert "without catching up" in texts(open_page(path, found))
-    choose(page, "data_sensitivity", True)
-    assert "Without catching up" in texts(page)
-    choose(page, "data_exclude_catching up", False)
+        assert "without catching up" in open_page(path, found).texts()
+    page.choose("data_sensitivity", True)
+    assert "Without catching up" in page.texts()
+    page.choose("data_exclude_catching up", False)
     assert found.segment.mask is None
 
 
@@ -244,16 +233,16 @@ def test_human_drivers_are_no_acc_before_and_after_training() -> None:
     for path in (DATA, TRAIN, STABILITY):
         page = open_page(path, found)
         if path != STABILITY:
-            assert any("not ACC" in error for error in boxes(page, "error"))
+            assert any("not ACC" in error for error in page.boxes("error"))
         if path == DATA:
             found.training = training_task(
                 found.id, TrainingRequest(found.segment, "II", preset("fast"))
             )
             found.training.answer(fit)
         elif path == STABILITY:
-            assert "not by ACC: 3 C" in plain(page)
+            assert "not by ACC: 3 C" in page.plain()
         if path != DATA:
-            assert "<td>Human</td>" in texts(page), "the table carries it"
+            assert "<td>Human</td>" in page.texts(), "the table carries it"
     found.choose(window=Window(0.0, 30.0), excluded_regimes=())
     assert found.segment.driven_by_hand
     by_flag = replace(run, mode=np.full_like(run.mode, -1), acc_flag=0)
@@ -276,7 +265,7 @@ def test_the_button_names_what_it_trains_and_a_new_recording_has_the_default_cas
 
 
 def test_a_recording_of_ones_own_begins_with_the_upload() -> None:
-    page = press(open_page(HOME, with_sample()), "Load your own OpenACC recording")
+    page = open_page(HOME, with_sample()).press("Load your own OpenACC recording")
     assert page.get("file_uploader")
 
 
@@ -287,24 +276,22 @@ def test_a_bad_upload_is_one_sentence_and_loses_nothing_and_a_good_one_is_opened
     assert not page.get("file_uploader")
     page.session_state[OPENING] = True
     page.run()
-    page.file_uploader(key="data_upload").upload("bad.csv", b"\x89PNG not a run", "x").run()
-    assert not page.exception
+    page.upload("bad.csv", b"\x89PNG not a run")
     (error,) = page.error
     assert "this is a PNG image, not a CSV file" in error.value.replace("\\", "")
     assert (found.recording, found.segment) == before
-    assert "Preview of the window" in texts(page)
+    assert "Preview of the window" in page.texts()
     raw = csv(platoon(vehicles=2), metadata(("A", "B")))
-    page.file_uploader(key="data_upload").upload("mine.csv", raw, "text/csv").run()
-    assert not page.exception
-    assert "mine\\.csv" in texts(page)
+    page.upload("mine.csv", raw)
+    assert "mine\\.csv" in page.texts()
     assert "Case" not in [control.label for control in page.segmented_control], "M = 1 has no cases"
     page.switch_page(HOME).run()
-    assert "**Continue**" in texts(page), "Home stays open"
+    assert "**Continue**" in page.texts(), "Home stays open"
 
 
 def test_the_folder_on_the_server(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     page = open_page(DATA)
-    assert "ACCPINN_RECORDINGS" in texts(page)
+    assert "ACCPINN_RECORDINGS" in page.texts()
     root = tmp_path / "runs"
     (root / "deep").mkdir(parents=True)
     (root / "deep" / "run.csv").write_bytes(csv(platoon(vehicles=2), metadata(("A", "B"))))
@@ -313,41 +300,41 @@ def test_the_folder_on_the_server(monkeypatch: pytest.MonkeyPatch, tmp_path: Pat
     monkeypatch.setenv("ACCPINN_RECORDINGS", str(root))
     page.run()
     assert page.selectbox(key="data_file").options == ["deep/run.csv"]
-    assert "run\\.csv" in texts(press(page, "Open this recording"))
+    assert "run\\.csv" in page.press("Open this recording").texts()
 
 
 def test_handles_views_and_the_suggested_window() -> None:
     found = with_sample()
     page = open_page(DATA, found)
-    page.slider(key="data_ends").set_value((50.0, 250.0)).run()
+    page.choose("data_ends", (50.0, 250.0))
     assert found.window == Window(50.0, 250.0)
-    page.slider(key="data_ends").set_value((50.0, 55.0)).run()
+    page.choose("data_ends", (50.0, 55.0))
     assert found.window == Window(50.0, 250.0), "too short for a window"
-    choose(page, "data_view", "relative")
-    assert [trace["name"] for trace in figures(page)[0]["data"][:4]] == list(
+    page.choose("data_view", "relative")
+    assert [trace["name"] for trace in page.figures()[0]["data"][:4]] == list(
         found.segment.labels[1:]
     )
-    press(page, "data_suggested")
+    page.press("data_suggested")
     assert found.window == Window(30.0, 330.0)
-    assert "best excitation" in texts(page)
-    assert "relative D-efficiency" not in texts(page), "it is the present one"
+    assert "best excitation" in page.texts()
+    assert "relative D-efficiency" not in page.texts(), "it is the present one"
     assert page.button(key="data_suggested").disabled
 
 
 def test_learned_parameters_are_validated_on_a_window_beside_theirs() -> None:
     found = fitted(Window(0.0, 200.0))
-    page = open_tab(open_page(DATA, found), "data_tabs", "Validation")
-    assert "Validation: error" not in texts(page)
-    press(page, "data_validate")
+    page = open_page(DATA, found).open_tab("data_tabs", "Validation")
+    assert "Validation: error" not in page.texts()
+    page.press("data_validate")
     assert found.validation.window == Window(200.0, 400.0)
-    assert "Validation: error" in texts(page)
+    assert "Validation: error" in page.texts()
     assert not page.warning
-    choose(page, next(n.key for n in page.number_input if "start" in n.key and n.value), 100.0)
-    press(page, "data_validate")
-    assert any("shares 100 s" in said for said in boxes(page, "warning"))
+    page.choose(next(n.key for n in page.number_input if "start" in n.key and n.value), 100.0)
+    page.press("data_validate")
+    assert any("shares 100 s" in said for said in page.boxes("warning"))
     second = csv(platoon(vehicles=2), metadata(("A", "B")))
     page.file_uploader(key="data_validation_upload").upload("b.csv", second, "text/csv").run()
-    assert "has no platoon with 3 followers" in plain(page)
+    assert "has no platoon with 3 followers" in page.plain()
     assert found.recording.source == FIRST_SAMPLE.name, "the first one stays open"
 
 
@@ -368,7 +355,7 @@ def test_the_length_that_is_shown_rounded_is_accepted() -> None:
     found.open(replace(found.recording, **shorter))
     page = open_page(DATA, found)
     assert page.number_input(key="data_length").max == end
-    choose(page, "data_length", end)
+    page.choose("data_length", end)
     assert found.segment.window.duration == pytest.approx(end - 0.1)
 
 
@@ -391,9 +378,9 @@ def test_vehicles_and_case() -> None:
 def test_names_from_a_file_are_shown_as_they_are(path: str) -> None:
     nasty = "<script>alert(1)</script>"
     page = open_page(path, with_recording(recording(names=(nasty, "*B* $x$ :red[c]", "C"))))
-    assert nasty not in texts(page)
+    assert nasty not in page.texts()
     assert "*B*" not in "".join(element.value for element in (*page.markdown, *page.caption))
-    assert ("&lt;script&gt;" in texts(page)) == (path == DATA)
+    assert ("&lt;script&gt;" in page.texts()) == (path == DATA)
 
 
 @pytest.mark.parametrize(
@@ -427,25 +414,24 @@ def test_train_shows_table_curves_and_downloads_and_keeps_the_result() -> None:
     found.preset = "fast"
     page = open_page(TRAIN, found)
     for cached in (False, True):
-        press(page, "Start training")
+        page.press("Start training")
         assert found.training.wait(WAIT)
-        page.run()
-        assert not page.exception
-        assert ("From the cache" in texts(page)) == cached
+        page.sound()
+        assert ("From the cache" in page.texts()) == cached
     for said in ("Converged", "Surrogate fit, MAE", "Closed-loop simulation, MAE"):
-        assert said in texts(page)
-    assert len(figures(page)) == 1
-    open_tab(page, "train_tabs", "Comparison")
-    assert "0.0612" in texts(page), "the truth of the first follower"
-    assert "Estimates and intervals are those of the CTHP." in plain(page)
-    assert len(figures(open_tab(page, "train_tabs", "Training"))) == 5
-    assert len(open_tab(page, "train_tabs", "Export").get("download_button")) == 3
-    open_tab(page, "train_tabs", "Fit")
+        assert said in page.texts()
+    assert len(page.figures()) == 1
+    page.open_tab("train_tabs", "Comparison")
+    assert "0.0612" in page.texts(), "the truth of the first follower"
+    assert "Estimates and intervals are those of the CTHP." in page.plain()
+    assert len(page.open_tab("train_tabs", "Training").figures()) == 5
+    assert len(page.open_tab("train_tabs", "Export").get("download_button")) == 3
+    page.open_tab("train_tabs", "Fit")
     assert "Start training" in labels(page)
     assert "Stop training" not in labels(page)
-    choose(page, "train_follower", 1)
-    assert figures(page)[0]["layout"]["uirevision"] == "tracking-3"
-    assert "90 % band" in [trace["name"] for trace in figures(page)[0]["data"]]
+    page.choose("train_follower", 1)
+    assert page.figures()[0]["layout"]["uirevision"] == "tracking-3"
+    assert "90 % band" in [trace["name"] for trace in page.figures()[0]["data"]]
 
 
 @pytest.mark.parametrize(
@@ -469,13 +455,13 @@ def test_train_says_what_goes_wrong_and_how_sure_it_is(
     found.training = training_task(found.id, TrainingRequest(segment, "II", preset("fast")))
     found.training.answer(fit)
     page = open_page(TRAIN, found)
-    written, collide = plain(page), parameters.tau < 1
+    written, collide = page.plain(), parameters.tau < 1
     said = f"{segment.labels[1]} collides with the vehicle ahead at" in written
     assert said == collide
     assert ("errors include what follows" in written) == collide
     assert ("does not determine the time headway" in written) == (not collide)
     assert "90 % interval" in written
-    marks = [trace for trace in figures(page)[-1]["data"] if trace["name"] == "collision"]
+    marks = [trace for trace in page.figures()[-1]["data"] if trace["name"] == "collision"]
     assert len(marks) == collide
     titles = written.count(f"s, without {''.join(excluded)}")
     assert titles == 2 * len(excluded), "of the parameters and the estimates"
@@ -491,14 +477,14 @@ def test_stop_continue_or_begin_anew() -> None:
     found = with_sample()
     page = open_page(TRAIN, found)
     page.segmented_control(key="train_preset").set_value("paper").run()
-    press(page, "Start training")
+    page.press("Start training")
     assert "Stop training" in labels(page)
     assert "Start training" not in labels(page)
     job = found.training
     while not (job.progress and job.progress.iteration):
         assert job.is_active
         job.wait(0.05)
-    press(page, "Stop training")
+    page.press("Stop training")
     assert job.wait(WAIT)
     assert job.status is Status.STOPPED
     at = job.result.iterations
@@ -507,12 +493,12 @@ def test_stop_continue_or_begin_anew() -> None:
     for one in (page.run(), other):
         assert f"Continue from iteration {at:,}" in labels(one), "another session goes on there too"
         assert "Start training" not in labels(one)
-    press(page, f"Continue from iteration {at:,}")
+    page.press(f"Continue from iteration {at:,}")
     assert found.training is not job
     assert "Stop training" in labels(page)
     stop_training(found)
     page.run()
-    press(page, "Start anew")
+    page.press("Start anew")
     while found.training.progress is None:
         found.training.wait(0.05)
     first = found.training.history()
@@ -524,29 +510,29 @@ def test_stop_continue_or_begin_anew() -> None:
 def test_a_second_session_waits_and_is_told() -> None:
     first, second = with_sample(), with_sample()
     first.train(preset("paper"))
-    other = press(open_page(TRAIN, second), "Start training")
-    assert "yours is next" in texts(other)
+    other = open_page(TRAIN, second).press("Start training")
+    assert "yours is next" in other.texts()
     assert second.training is not None
-    assert "Stopped before it began" in texts(press(other, "Stop training"))
+    assert "Stopped before it began" in other.press("Stop training").texts()
 
 
 def test_options_are_refused_reach_the_training_and_survive_a_visit_elsewhere() -> None:
     found = with_sample()
     found.preset = "fast"
-    page = choose(open_page(TRAIN, found), "train_options", True)
-    choose(page, "train_fast_iterations", 0)
+    page = open_page(TRAIN, found).choose("train_options", True)
+    page.choose("train_fast_iterations", 0)
     (error,) = page.error
     assert "iterations: 0 is not allowed" in error.value.replace("\\", "")
     assert page.button(key="train_start").disabled
-    press(page, "Back to the preset")
+    page.press("Back to the preset")
     assert not page.error
     assert not page.button(key="train_start").disabled
-    choose(page, "train_fast_seed", 7)
-    choose(page, "train_fast_weight_data_1", 2.0)
-    choose(page, "train_fast_start", (0.5, 0.5, 0.5))
-    page = choose(open_page(TRAIN, found), "train_options", True)  # as after a reload
+    page.choose("train_fast_seed", 7)
+    page.choose("train_fast_weight_data_1", 2.0)
+    page.choose("train_fast_start", (0.5, 0.5, 0.5))
+    page = open_page(TRAIN, found).choose("train_options", True)  # as after a reload
     assert page.number_input(key="train_fast_seed").value == 7
-    press(page, "Start training")
+    page.press("Start training")
     config = found.training.request.config
     assert (config.seed, config.weight_data) == (7, (1.0, 2.0))
     assert config.initial.values.tolist() == [0.5, 0.5, 0.5]
@@ -554,14 +540,14 @@ def test_options_are_refused_reach_the_training_and_survive_a_visit_elsewhere() 
 
 def test_a_browser_that_is_behind_does_not_undo_a_choice() -> None:
     """It still shows the old value when the next click comes, and reports it with that click."""
-    page = choose(open_page(TRAIN, with_sample()), "train_options", True)
-    choose(page, "train_calibrated_iterations", 0)
+    page = open_page(TRAIN, with_sample()).choose("train_options", True)
+    page.choose("train_calibrated_iterations", 0)
     behind = page._tree.get_widget_states()
-    press(page, "Back to the preset")
+    page.press("Back to the preset")
     page._run(behind)
     assert not page.error
-    assert widget(page, "train_calibrated_iterations").value == CALIBRATED.iterations
-    choose(page, "train_calibrated_iterations", 0)
+    assert page.widget("train_calibrated_iterations").value == CALIBRATED.iterations
+    page.choose("train_calibrated_iterations", 0)
     assert page.error, "which can be chosen again"
 
 
@@ -579,12 +565,11 @@ def test_a_failed_training_says_why(monkeypatch: pytest.MonkeyPatch) -> None:
 
     monkeypatch.setattr("accpinn.methods.pinn.training.training", failing)
     found = with_sample()
-    page = press(open_page(TRAIN, found), "Start training")
+    page = open_page(TRAIN, found).press("Start training")
     assert found.training.wait(WAIT)
-    page.run()
-    assert not page.exception
-    assert "ended unexpectedly" in texts(page)
-    assert "boom" not in texts(page)
+    page.sound()
+    assert "ended unexpectedly" in page.texts()
+    assert "boom" not in page.texts()
     assert "Start training" in labels(page)
 
 

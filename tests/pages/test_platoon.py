@@ -7,39 +7,24 @@ from math import isfinite, pi
 import pytest
 from hypothesis import given
 from hypothesis import strategies as some
-from streamlit.testing.v1 import AppTest
 
 from accpinn.errors import ParameterError
 from accpinn.model.published import CASALE
 from accpinn.results.messages.stability import AFTER_COLLISION
 from pages.ui.platoon.controls import parse_order
-from tests.support.apptest import (
-    PLATOON,
-    boxes,
-    choose,
-    figures,
-    fitted,
-    numbers,
-    open_page,
-    open_tab,
-    plain,
-    press,
-    widget,
-    with_example,
-    workspace_of,
-)
+from tests.support.apptest import PLATOON, Page, fitted, numbers, open_page, with_example
 
 
-def reach(page: AppTest, place: int) -> tuple[float, float]:
+def reach(page: Page, place: int) -> tuple[float, float]:
     """First and last instant that a chart draws; its numbers may be packed."""
-    drawn = [one for one in figures(page)[place]["data"] if one["mode"] != "text"]
+    drawn = [one for one in page.figures()[place]["data"] if one["mode"] != "text"]
     known = [x for one in drawn for x in numbers(one["x"]) if x is not None and isfinite(x)]
     return min(known), max(known)
 
 
-def traces(page: AppTest, place: int) -> list[str]:
+def traces(page: Page, place: int) -> list[str]:
     """The names in the upper panel of a chart."""
-    return [one["name"] for one in figures(page)[place]["data"] if one.get("yaxis") == "y"]
+    return [one["name"] for one in page.figures()[place]["data"] if one.get("yaxis") == "y"]
 
 
 MAP = "Map of speeds"
@@ -49,18 +34,18 @@ MAP = "Map of speeds"
 class TestPage:
     def test_a_published_example_drives_before_anything_was_trained(self) -> None:
         page = open_page(PLATOON, with_example())
-        said = plain(page)
-        assert widget(page, "platoon_frequency").value == pytest.approx(0.2189)
+        said = page.plain()
+        assert page.widget("platoon_frequency").value == pytest.approx(0.2189)
         assert "The oscillation grows to 2.44 times the leader's" in said
         assert "By |H| the last follower reaches 2.44 m/s." in said
         assert len(page.get("plotly_chart")) == 3
         assert page.selectbox(key="platoon_kind").options == ["Sinusoid", "Step", "Brake"]
-        assert "[m/s]" in figures(page)[2]["layout"]["yaxis"]["title"]["text"]
-        choose(page, "platoon_db", True)
-        assert "[dB re leader]" in figures(page)[2]["layout"]["yaxis"]["title"]["text"]
-        assert "From 6 to 235 s of 500 s." in plain(open_tab(page, "platoon", MAP))
-        assert "From 414 to 500 s of 500 s." in plain(open_tab(page, "platoon", "Animation"))
-        said = plain(open_tab(page, "platoon", "The paper's four panels"))
+        assert "[m/s]" in page.figures()[2]["layout"]["yaxis"]["title"]["text"]
+        page.choose("platoon_db", True)
+        assert "[dB re leader]" in page.figures()[2]["layout"]["yaxis"]["title"]["text"]
+        assert "From 6 to 235 s of 500 s." in page.open_tab("platoon", MAP).plain()
+        assert "From 414 to 500 s of 500 s." in page.open_tab("platoon", "Animation").plain()
+        said = page.open_tab("platoon", "The paper's four panels").plain()
         assert "(a) Mercedes A-Class at 0.25 rad/s: grows to 4.2" in said
         assert "(d) Tesla Model 3 at 0.3 rad/s: fades to 0.42" in said
         assert len(page.get("plotly_chart")) == 6
@@ -68,91 +53,91 @@ class TestPage:
     def test_both_charts_show_the_part_and_the_view_that_were_chosen(self) -> None:
         page = open_page(PLATOON, with_example())
         start, period = 500 - 3 * 2 * pi / 0.2189, 0.2
-        for chart in figures(page)[:2]:
+        for chart in page.figures()[:2]:
             assert chart["data"][0]["hovertemplate"]
         assert reach(page, 0) == pytest.approx((start, 500), abs=period)
         assert reach(page, 1) == pytest.approx((start, 500), abs=period)
-        choose(page, "platoon_whole", True)
+        page.choose("platoon_whole", True)
         assert reach(page, 0) == reach(page, 1) == (0, 500)
-        assert "at 20.0 m/s" in figures(page)[1]["layout"]["yaxis"]["title"]["text"]
-        choose(page, "platoon_view", "road")
-        assert "on the road" in figures(page)[1]["layout"]["yaxis"]["title"]["text"]
+        assert "at 20.0 m/s" in page.figures()[1]["layout"]["yaxis"]["title"]["text"]
+        page.choose("platoon_view", "road")
+        assert "on the road" in page.figures()[1]["layout"]["yaxis"]["title"]["text"]
 
     def test_one_vehicle_again_and_again_as_in_the_paper(self) -> None:
-        page = choose(open_page(PLATOON, with_example()), "platoon_order", "repeated")
-        assert widget(page, "platoon_frequency").value == pytest.approx(0.214, abs=1e-4)
-        choose(page, "platoon_vehicle", 2)
-        choose(page, "platoon_frequency", 0.25)
+        page = open_page(PLATOON, with_example()).choose("platoon_order", "repeated")
+        assert page.widget("platoon_frequency").value == pytest.approx(0.214, abs=1e-4)
+        page.choose("platoon_vehicle", 2)
+        page.choose("platoon_frequency", 0.25)
         gain = 4.233  # |H(0.25j)| of AstaZero's vehicle 3 to the eighth power
-        assert f"grows to {gain:.3g} times" in plain(page)
-        choose(page, "platoon_followers", 3)
-        assert "Follower 3: Mercedes A-Class" in plain(page)
-        assert "Follower 4: Mercedes A-Class" not in plain(page)
-        assert "grows to 1.72 times" in plain(page)
+        assert f"grows to {gain:.3g} times" in page.plain()
+        page.choose("platoon_followers", 3)
+        assert "Follower 3: Mercedes A-Class" in page.plain()
+        assert "Follower 4: Mercedes A-Class" not in page.plain()
+        assert "grows to 1.72 times" in page.plain()
 
     def test_the_frequency_follows_the_vehicle_until_one_is_given(self) -> None:
-        page = choose(open_page(PLATOON, with_example()), "platoon_order", "repeated")
-        choose(page, "platoon_vehicle", 3)
-        assert widget(page, "platoon_frequency").value == pytest.approx(0.1059, abs=1e-4)
-        choose(page, "platoon_frequency", 0.3)
-        choose(page, "platoon_vehicle", 0)
-        assert widget(page, "platoon_frequency").value == 0.3
-        press(page, "platoon_peak")
-        assert widget(page, "platoon_frequency").value == pytest.approx(0.214, abs=1e-4)
+        page = open_page(PLATOON, with_example()).choose("platoon_order", "repeated")
+        page.choose("platoon_vehicle", 3)
+        assert page.widget("platoon_frequency").value == pytest.approx(0.1059, abs=1e-4)
+        page.choose("platoon_frequency", 0.3)
+        page.choose("platoon_vehicle", 0)
+        assert page.widget("platoon_frequency").value == 0.3
+        page.press("platoon_peak")
+        assert page.widget("platoon_frequency").value == pytest.approx(0.214, abs=1e-4)
         # Other vehicles begin without what was chosen among the former.
-        choose(page, "platoon_vehicle", 3)
-        choose(page, "platoon_example", CASALE.title)
-        assert widget(page, "platoon_frequency").value == pytest.approx(0.0879, abs=1e-4)
-        assert "Follower 8: Hyundai" in plain(page)
+        page.choose("platoon_vehicle", 3)
+        page.choose("platoon_example", CASALE.title)
+        assert page.widget("platoon_frequency").value == pytest.approx(0.0879, abs=1e-4)
+        assert "Follower 8: Hyundai" in page.plain()
 
     def test_an_order_of_ones_own(self) -> None:
-        page = choose(open_page(PLATOON, with_example()), "platoon_order", "own")
-        assert "Follower 8: Tesla Model 3" in plain(page), "twice in order to begin with"
-        choose(page, "platoon_own", "4, 1-2")
+        page = open_page(PLATOON, with_example()).choose("platoon_order", "own")
+        assert "Follower 8: Tesla Model 3" in page.plain(), "twice in order to begin with"
+        page.choose("platoon_own", "4, 1-2")
         for name in ("1: Tesla Model 3", "2: Audi A6", "3: BMW X5"):
-            assert name in plain(page)
-        choose(page, "platoon_own", "5")
-        assert "there is no vehicle 5; give numbers from 1 to 4" in boxes(page, "error")[0]
+            assert name in page.plain()
+        page.choose("platoon_own", "5")
+        assert "there is no vehicle 5; give numbers from 1 to 4" in page.boxes("error")[0]
         assert not page.get("plotly_chart")
 
     def test_steps_brakes_and_the_recorded_leader(self) -> None:
         page = open_page(PLATOON, fitted())
-        choose(page, "platoon_source", "published")
+        page.choose("platoon_source", "published")
         for kind, setting, plenty in (("step", "change", -20.0), ("brake", "drop", 20.0)):
-            said = plain(choose(page, "platoon_kind", kind))
+            said = page.choose("platoon_kind", kind).plain()
             assert "The largest speed deviation grows to" in said
             assert "The smallest gap is" in said
-            said = plain(choose(page, f"platoon_{kind}_{setting}", plenty))
+            said = page.choose(f"platoon_{kind}_{setting}", plenty).plain()
             assert AFTER_COLLISION in said
             assert "times as much as the leader's; Audi A6 collides at" in said
-            assert not any("collides" in box for box in boxes(page, "warning")), "named once"
-        found = workspace_of(page)
+            assert not any("collides" in box for box in page.boxes("warning")), "named once"
+        found = page.workspace()
         found.segment = replace(found.segment, start=40.0)
-        said = plain(choose(page, "platoon_kind", "recorded"))
+        said = page.choose("platoon_kind", "recorded").plain()
         assert "as recorded" in said
         assert "largest speed deviation" in said
         names = [f"{label}, measured" for label in found.segment.labels[1:]]
         assert [one for one in traces(page, 0) if one in names] == names
-        choose(page, "platoon_measured", False)
+        page.choose("platoon_measured", False)
         assert not set(names) & set(traces(page, 0))
-        said = plain(open_tab(page, "platoon", MAP))
+        said = page.open_tab("platoon", MAP).plain()
         assert "From 40 to 340 s" in said, "by the recording's clock"
-        choose(page, "platoon_order", "repeated")
-        assert widget(page, "platoon_followers").value == 3, "as many as recorded"
+        page.choose("platoon_order", "repeated")
+        assert page.widget("platoon_followers").value == 3, "as many as recorded"
 
     def test_settings_are_refused_or_warned_of_and_kept_for_mending(self) -> None:
-        page = choose(open_page(PLATOON, with_example()), "platoon_sinusoid_duration", -5.0)
-        (error,) = boxes(page, "error")
+        page = open_page(PLATOON, with_example()).choose("platoon_sinusoid_duration", -5.0)
+        (error,) = page.boxes("error")
         assert "Leader: duration = -5" in error
-        assert widget(page, "platoon_sinusoid_duration").value == -5.0
-        choose(page, "platoon_sinusoid_duration", 60.0)
+        assert page.widget("platoon_sinusoid_duration").value == -5.0
+        page.choose("platoon_sinusoid_duration", 60.0)
         assert not page.error
-        assert any("transient" in warning for warning in boxes(page, "warning"))
-        choose(page, "platoon_sinusoid_duration", 30.0)
-        assert any("too short" in warning for warning in boxes(page, "warning"))
-        assert "From 6 to 30 s of 30 s." in plain(open_tab(page, "platoon", MAP))
-        choose(page, "platoon_frequency", 0.0)
-        assert "frequency" in boxes(page, "error")[0]
+        assert any("transient" in warning for warning in page.boxes("warning"))
+        page.choose("platoon_sinusoid_duration", 30.0)
+        assert any("too short" in warning for warning in page.boxes("warning"))
+        assert "From 6 to 30 s of 30 s." in page.open_tab("platoon", MAP).plain()
+        page.choose("platoon_frequency", 0.0)
+        assert "frequency" in page.boxes("error")[0]
 
 
 @pytest.mark.parametrize(

@@ -15,18 +15,7 @@ from pages.ui.runs import restore_run
 from pages.ui.session import runs, sessions
 from pages.ui.session.recordings import FIRST_SAMPLE, SAMPLES, sample
 from pages.ui.session.workspace import Workspace
-from tests.support.apptest import (
-    DATA,
-    HOME,
-    STABILITY,
-    TRAIN,
-    choose,
-    fitted,
-    open_page,
-    press,
-    texts,
-    workspace_of,
-)
+from tests.support.apptest import DATA, HOME, STABILITY, TRAIN, fitted, open_page
 from tests.support.openacc_files import csv, platoon
 
 pytestmark = pytest.mark.usefixtures("fresh_server")
@@ -49,26 +38,26 @@ def test_runs_survive_another_recording_and_a_restart_and_are_restored() -> None
 
     sessions.workspaces.clear()  # as a restart of the server
     page = open_page(HOME, session=found.id)
-    again = workspace_of(page)
+    again = page.workspace()
     assert again is not found
     assert again.id == found.id
-    press(page, f"home_run_{run.id}")
+    page.press(f"home_run_{run.id}")
     assert again.fit.parameters == before
     again.open(*sample(FIRST_SAMPLE))
     page.run()
-    press(page, f"runs_open_{run.id}")
+    page.press(f"runs_open_{run.id}")
     assert again.fit.parameters == before
     assert again.recording is not None, "a sample is opened again"
     assert again.window == Window(0.0, 60.0)
     assert not page.error
-    assert f"snapshot={run.id}" not in texts(page)
+    assert f"snapshot={run.id}" not in page.texts()
 
 
 def test_after_a_restart_its_address_shows_what_a_session_had_open() -> None:
-    found = workspace_of(open_page(TRAIN, session=fitted(Window(0.0, 60.0)).id))
+    found = open_page(TRAIN, session=fitted(Window(0.0, 60.0)).id).workspace()
     assert found.run
     sessions.workspaces.clear()
-    again = workspace_of(open_page(STABILITY, session=found.id))
+    again = open_page(STABILITY, session=found.id).workspace()
     assert (again.recording.source, again.window) == (FIRST_SAMPLE.name, Window(0.0, 60.0))
     assert (again.vehicles, again.run) == (found.vehicles, found.run)
     assert again.fit.parameters == found.fit.parameters
@@ -84,7 +73,7 @@ def test_after_a_restart_its_address_shows_what_a_session_had_open() -> None:
     open_page(DATA, session=found.id)
     for _ in range(2):
         sessions.workspaces.clear()
-        again = workspace_of(open_page(DATA, session=found.id))
+        again = open_page(DATA, session=found.id).workspace()
         if not place.exists():
             assert again.awaited.source == "mine.csv"
             again.open(read(raw, "mine.csv"))
@@ -97,7 +86,7 @@ def test_sessions_that_only_opened_something_cost_nobody_a_result(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(runs, "KEPT_SESSIONS", 2)
-    found = workspace_of(open_page(TRAIN, session=fitted(Window(0.0, 60.0)).id))
+    found = open_page(TRAIN, session=fitted(Window(0.0, 60.0)).id).workspace()
     for _ in range(5):
         other = sessions.workspaces().new()
         other.open(*sample(FIRST_SAMPLE))
@@ -133,9 +122,8 @@ def test_equal_runs_are_kept_once_unfinished_ones_never_and_two_are_compared(
         train(found, case, outcome)
         found.keep_run()
         assert len(found.runs.readable()) == count
-    page = choose(open_page(TRAIN, found), "runs_compare", True)
-    assert not page.exception
-    assert "What differs" in texts(page)
+    page = open_page(TRAIN, found).choose("runs_compare", True)
+    assert "What differs" in page.texts()
     found.choose(window=Window(10.0, 70.0))
     train(found, "II")
     found.keep_run()

@@ -27,14 +27,8 @@ from tests.support.apptest import (
     SNAPSHOTS,
     STABILITY,
     TRAIN,
-    figures,
     open_page,
-    open_tab,
-    plain,
-    press,
-    texts,
     with_sample,
-    workspace_of,
 )
 from tests.support.methods import train
 from tests.support.snapshots import whole
@@ -73,39 +67,39 @@ class TestSaving:
     def test_a_result_is_kept_and_listed_with_data_only_when_asked(self) -> None:
         found = with_fit()
         page = open_page(SNAPSHOTS, found)
-        assert "No snapshot is kept here yet" in plain(page)
+        assert "No snapshot is kept here yet" in page.plain()
         assert page.checkbox(key="snapshots_with_data").value, "samples include their data"
         page.checkbox(key="snapshots_with_data").uncheck()
         page.text_input(key="snapshots_name").input("<b>mine</b>")
         page.text_input(key="snapshots_note").input("first try")
-        press(page, "Save")
-        assert "Saved as" in plain(page)
+        page.press("Save")
+        assert "Saved as" in page.plain()
         (entry,) = library().entries()
         assert (entry.name, entry.note, entry.with_data) == ("<b>mine</b>", "first try", False)
-        assert "first try" in plain(page), "the result that was saved is shown"
-        assert "data are not at hand" not in plain(page), "the open recording has them"
-        assert "<b>mine" not in texts(page)
+        assert "first try" in page.plain(), "the result that was saved is shown"
+        assert "data are not at hand" not in page.plain(), "the open recording has them"
+        assert "<b>mine" not in page.texts()
         kept = library().open(entry.id)
         assert kept.fit.parameters.values.tobytes() == found.fit.parameters.values.tobytes()
 
-        press(page, "snapshots_back")
+        page.press("snapshots_back")
         assert page.button(key=f"snapshots_open_{entry.id}").label == "\\<b\\>mine\\<\\/b\\>"
         page.checkbox(key="snapshots_with_data").check()
-        press(page, "Save")
+        page.press("Save")
         (with_data,) = [one for one in library().entries() if one.with_data]
         assert with_data.name == suggested_name(found)
         assert found.segment.labels[1] in with_data.name
-        press(page, "snapshots_back")
+        page.press("snapshots_back")
         library().cap_count = 0
         page.text_input(key="snapshots_name").input("one more")
-        assert "is full" in plain(press(page, "Save"))
+        assert "is full" in page.press("Save").plain()
 
     def test_what_is_known_of_the_recording_survives_saving_again(self) -> None:
         facts = {"campaign": "Ispra", "date": "2019-04-01", "acc_flag": 1}
         page = open_page(SNAPSHOTS, snapshot=library().add(replace(whole(), facts=facts)))
-        press(page, "snapshots_back")
+        page.press("snapshots_back")
         page.text_input(key="snapshots_name").input("again")
-        press(page, "Save")
+        page.press("Save")
         (again,) = (entry for entry in library().entries() if entry.name == "again")
         kept = library().open(again.id).facts
         assert {name: kept[name] for name in facts} == facts
@@ -113,45 +107,45 @@ class TestSaving:
     def test_a_stopped_training_is_called_so(self) -> None:
         fit = replace(whole().fit, outcome=Outcome.STOPPED, iterations=7)
         page = open_page(SNAPSHOTS, snapshot=library().add(replace(whole(), fit=fit)))
-        assert "stopped at 7 of 20 iterations" in plain(page)
-        assert "stopped at 7 of 20 iterations" in plain(press(page, "snapshots_back"))
+        assert "stopped at 7 of 20 iterations" in page.plain()
+        assert "stopped at 7 of 20 iterations" in page.press("snapshots_back").plain()
 
 
 class TestList:
     def test_a_row_opens_the_result_which_is_verified_and_opened_on_every_page(self) -> None:
         name = library().add(whole())
         page = open_page(SNAPSHOTS)
-        assert "no result to save yet" in plain(page)
-        press(page, f"snapshots_open_{name}")
+        assert "no result to save yet" in page.plain()
+        page.press(f"snapshots_open_{name}")
         assert f"/Snapshots?snapshot={name}" in page.code[0].value
-        assert workspace_of(page).snapshot is None, "looking at it changes nothing"
-        assert len(figures(page)) == 1
-        open_tab(page, "snapshots_tabs", "Verify")
+        assert page.workspace().snapshot is None, "looking at it changes nothing"
+        assert len(page.figures()) == 1
+        page.open_tab("snapshots_tabs", "Verify")
         for said in ("only told", "Recomputed", "the same", "finds these parameters"):
-            assert said in plain(page)
+            assert said in page.plain()
         agreed = counted(verify(whole(), refit_within=QUICK))
         assert agreed.split()[0] == agreed.split()[2], "all of them"
-        assert agreed in plain(page)
-        press(page, "snapshots_again")
-        assert "Refitted: α, β, τ agree." in plain(page)
-        assert "finds these parameters" not in plain(page)
-        assert "Method run again, Recursive" in plain(page)
-        press(page, "snapshots_open")
-        assert workspace_of(page).snapshot is not None
+        assert agreed in page.plain()
+        page.press("snapshots_again")
+        assert "Refitted: α, β, τ agree." in page.plain()
+        assert "finds these parameters" not in page.plain()
+        assert "Method run again, Recursive" in page.plain()
+        page.press("snapshots_open")
+        assert page.workspace().snapshot is not None
         assert not [b.key for b in page.button if b.key == "snapshots_open"]
 
     def test_a_link_shows_the_result_without_save_or_delete(self) -> None:
         page = open_page(SNAPSHOTS, snapshot=library().add(whole()))
-        assert workspace_of(page).snapshot is not None
+        assert page.workspace().snapshot is not None
         keys = [button.key or "" for button in page.button]
         assert not [key for key in keys if "delete" in key or "save" in key]
-        assert "From the snapshot" in plain(press(page, "snapshots_back"))
+        assert "From the snapshot" in page.press("snapshots_back").plain()
 
     def test_what_is_deleted_can_be_brought_back(self) -> None:
         name = library().add(whole())
-        page = press(open_page(SNAPSHOTS), f"snapshots_delete_{name}")
+        page = open_page(SNAPSHOTS).press(f"snapshots_delete_{name}")
         assert library().entries() == ()
-        press(page, "snapshots_undo_button")
+        page.press("snapshots_undo_button")
         assert [entry.id for entry in library().entries()] == [name]
         assert library().open(name).id == name
 
@@ -167,13 +161,13 @@ class TestList:
         monkeypatch.setattr(identity, "is_shared", lambda: True)
         name = library().add(whole())
         page = open_page(TRAIN, snapshot=name)
-        assert "deleted from the server" not in plain(page)
+        assert "deleted from the server" not in page.plain()
         library().delete(name)
         page.run()
-        assert "deleted from the server" in plain(page)
-        assert "deleted from the server" not in plain(press(page, "snapshots_keep"))
+        assert "deleted from the server" in page.plain()
+        assert "deleted from the server" not in page.press("snapshots_keep").plain()
         assert library().has(name)
-        assert owners.may_delete(workspace_of(page), name), "whoever keeps it"
+        assert owners.may_delete(page.workspace(), name), "whoever keeps it"
 
     def test_a_damaged_one_is_named_and_can_be_deleted_and_imported_anew(self) -> None:
         name = library().add(whole())
@@ -181,12 +175,12 @@ class TestList:
         sound = path.read_bytes()
         path.write_bytes(sound[:-9])
         page = open_page(SNAPSHOTS)
-        assert "damaged" in plain(page)
-        assert press(page, f"snapshots_open_{name}").error
-        press(press(page, "snapshots_back"), f"snapshots_delete_{name}")
+        assert "damaged" in page.plain()
+        assert page.press(f"snapshots_open_{name}").error
+        page.press("snapshots_back").press(f"snapshots_delete_{name}")
         assert library().entries() == ()
         page.file_uploader(key="snapshots_upload").upload("it.accpinn.zip", sound).run()
-        assert f"it.accpinn.zip is whole and now kept as {name}" in plain(page)
+        assert f"it.accpinn.zip is whole and now kept as {name}" in page.plain()
 
 
 class TestTwo:
@@ -194,10 +188,10 @@ class TestTwo:
         library().add(whole())
         fit = replace(whole().fit, config={**whole().fit.config, "seed": 7})
         name = library().add(replace(whole(), name="other seed", fit=fit))
-        page = press(open_page(SNAPSHOTS), f"snapshots_open_{name}")
-        open_tab(page, "snapshots_tabs", "Beside another")
-        assert len(figures(page)) == 2
-        assert "What differs" in plain(page)
+        page = open_page(SNAPSHOTS).press(f"snapshots_open_{name}")
+        page.open_tab("snapshots_tabs", "Beside another")
+        assert len(page.figures()) == 2
+        assert "What differs" in page.plain()
 
     def test_differences_are_those_of_the_second_against_the_first(self) -> None:
         one = whole()
@@ -224,17 +218,17 @@ class TestLink:
         for snapshot in (whole(), bare()):
             page = open_page(path, snapshot=library().add(snapshot))
             assert not page.error
-            found, complete = workspace_of(page), snapshot.segment is not None
+            found, complete = page.workspace(), snapshot.segment is not None
             assert found.snapshot is not None
             assert found.fit is not None
             assert (found.segment is not None) == complete
             # History and the network's curves are in the snapshot.
             expected = 0 if path == DATA and not complete else FIGURES.get(path, 0)
-            assert len(figures(page)) >= expected
+            assert len(page.figures()) >= expected
             if path in (DATA, COMPARE, TRAIN):
-                assert (snapshot.info.sha256 in plain(page)) == (not complete)
+                assert (snapshot.info.sha256 in page.plain()) == (not complete)
             if path == COMPARE:
-                assert "Least squares" in plain(page)
+                assert "Least squares" in page.plain()
             if path == TRAIN:
                 (table, *_) = [e.proto.body for e in page.get("html") if "<table" in e.proto.body]
                 assert f"{whole().fit.parameters[0].alpha:.4f}" in table
@@ -245,18 +239,18 @@ class TestLink:
         image = "![x](http://evil.org/x.png)"
         info = replace(bare().info, excluded_regimes=(image,), excluded_share=(0.1,) * 4)
         page = open_page(TRAIN, snapshot=library().add(replace(bare(), info=info)))
-        assert image in plain(page)
+        assert image in page.plain()
         written = [one.value for kind in ("markdown", "caption") for one in page.get(kind)]
         assert image not in "".join(written)
 
     @pytest.mark.parametrize("name", ["0" * 16, "../../etc"])
     def test_to_nothing_says_so(self, name: str) -> None:
-        assert "There is no snapshot" in plain(open_page(TRAIN, snapshot=name))
+        assert "There is no snapshot" in open_page(TRAIN, snapshot=name).plain()
 
     def test_is_followed_in_a_session_that_exists_and_again_after_other_work(self) -> None:
         found, name = with_fit(), library().add(bare())
         page = open_page(TRAIN, found, snapshot=name)
-        assert workspace_of(page) is found
+        assert page.workspace() is found
         assert found.snapshot.id == name
         found.open(other_recording())
         page.run()
@@ -268,7 +262,7 @@ class TestLink:
     def test_gives_way_to_what_is_opened_later(self) -> None:
         first, second = library().add(bare()), library().add(replace(bare(), name="second"))
         page = open_page(TRAIN, snapshot=first)
-        found = workspace_of(page)
+        found = page.workspace()
         found.restore(library().open(second))
         for stale in (second, first):  # the browser may send the old address once more
             page.query_params["snapshot"] = stale
@@ -295,11 +289,11 @@ class TestRestoring:
     def test_training_goes_on_from_its_weights_with_its_settings(self) -> None:
         name = library().add(whole())
         page = open_page(TRAIN, snapshot=name)
-        found = workspace_of(page)
+        found = page.workspace()
         assert chosen_config(found).to_json() == whole().fit.config
-        press(page, "train_warm")
+        page.press("train_warm")
         assert found.training.request.config.iterations == 20
-        assert "the training is new" in plain(page)
+        assert "the training is new" in page.plain()
         assert found.training.wait(120)
         fit = found.fit
         assert StartedFrom(f"snapshot {name}") in fit.findings
@@ -318,12 +312,12 @@ class TestRestoring:
         assert job.wait(60)
         page = open_page(TRAIN, found)
         assert any(b.label.startswith("Continue from iteration") for b in page.button)
-        press(page, "train_start")
+        page.press("train_start")
         assert found.training is not job
         assert found.training.request.warm is job.request.warm
         task_queue().stop(found.training)
         assert found.training.wait(60)
         page.run()
-        press(page, "train_anew")
+        page.press("train_anew")
         assert found.training.request.warm is None
         task_queue().stop(found.training)

@@ -5,7 +5,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from streamlit.testing.v1 import AppTest
 
 from accpinn.methods import least_squares
 from accpinn.methods.fit import Outcome
@@ -29,26 +28,18 @@ from tests.support.apptest import (
     PLATOON,
     STABILITY,
     TRAIN,
-    boxes,
-    choose,
-    figures,
+    Page,
     fitted,
     numbers,
     open_page,
-    open_tab,
-    plain,
-    press,
-    texts,
-    widget,
     with_example,
-    workspace_of,
 )
 from tests.support.snapshots import whole
 
 pytestmark = pytest.mark.usefixtures("fresh_server")
 
 
-def headline(page: AppTest) -> str:
+def headline(page: Page) -> str:
     """What the page says first, with its source."""
     return next(m.value for m in page.markdown if "\n#### " in m.value).replace("\\", "")
 
@@ -58,62 +49,61 @@ CALM = ("calm", 0.05, 0.6, 1.8)
 
 def test_published_vehicles_are_answered_before_anything_was_trained() -> None:
     page = open_page(STABILITY, with_example())
-    said = plain(page)
+    said = page.plain()
     assert "All four vehicles amplify disturbances, Audi A6 the most: up to 1.51 times" in said
     assert "L₂ **NO**, L∞ **NO**" in said
     assert GIVEN_PARAMETERS in said
     # The paper's yes and the exact no catch the eye.
     assert "Tesla Model 3 meets the paper's L∞ criterion, which is necessary but not" in said
-    (bode,) = figures(page)
+    (bode,) = page.figures()
     assert bode["layout"]["xaxis"]["type"] == "log"
     for vehicle in stability_report(ASTAZERO.parameters).vehicles:
         for verdict in (vehicle.l2, vehicle.linf_paper, vehicle.linf_exact):
             assert reason(verdict, vehicle) in said
 
-    criteria = figures(open_tab(page, "stability", "Criteria"))[1]
+    criteria = page.open_tab("stability", "Criteria").figures()[1]
     named = [name.replace("<br>", " ") for name in criteria["layout"]["xaxis2"]["ticktext"]]
     assert named == [*ASTAZERO.labels]
-    open_tab(page, "stability", "Map")
-    assert figures(page)[1]["layout"]["xaxis"]["title"]["text"].startswith("β")
-    choose(page, "stability_plane", "alpha")
-    choose(page, "stability_held", 1)
-    assert figures(page)[1]["layout"]["xaxis"]["title"]["text"].startswith("α")
-    assert "BMW X5's β" in plain(page)
+    page.open_tab("stability", "Map")
+    assert page.figures()[1]["layout"]["xaxis"]["title"]["text"].startswith("β")
+    page.choose("stability_plane", "alpha")
+    page.choose("stability_held", 1)
+    assert page.figures()[1]["layout"]["xaxis"]["title"]["text"].startswith("α")
+    assert "BMW X5's β" in page.plain()
 
-    choose(page, "stability_example", CASALE.title)
-    assert "meets the paper's" not in plain(page)
-    assert "Hyundai amplifies disturbances up to 1.49 times at 0.0879 rad/s" in plain(page)
-    assert "Hyundai's β" in plain(page)
+    page.choose("stability_example", CASALE.title)
+    assert "meets the paper's" not in page.plain()
+    assert "Hyundai amplifies disturbances up to 1.49 times at 0.0879 rad/s" in page.plain()
+    assert "Hyundai's β" in page.plain()
 
 
 def test_the_fit_is_shown_with_its_certainty_until_it_is_lost() -> None:
     found = fitted()
     page = open_page(STABILITY, found)
     for label in found.segment.labels[1:]:
-        assert label in plain(page)
+        assert label in page.plain()
     said = headline(page)
     assert said.startswith("Current fit: synthetic_astazero_like.csv, 0–300 s")
     assert "probability of L₂ string stability" in said
     # Vehicle 3 keeps the colour it has on the other pages.
-    curves = [trace for trace in figures(page)[0]["data"] if "line" in trace]
+    curves = [trace for trace in page.figures()[0]["data"] if "line" in trace]
     assert curves[0]["line"]["color"] == "#d8660c"
-    assert "Shaded: 90 % bands" in plain(page)
+    assert "Shaded: 90 % bands" in page.plain()
     assert "synthetic_astazero_like.csv · 0–300 s" in page.caption[0].value.replace("\\", "")
-    assert "They hold if it does" in plain(page), "the verdict is conditional on the model"
-    choose(page, "stability_uncertainty", False)
-    assert "Shaded" not in plain(page)
-    assert "Peak gain of vehicle" in plain(page), "with and without the bands"
-    choose(page, "stability_source", "published")
-    assert "Audi A6" in plain(page)
-    assert "Peak gain of vehicle" not in plain(page)
+    assert "They hold if it does" in page.plain(), "the verdict is conditional on the model"
+    page.choose("stability_uncertainty", False)
+    assert "Shaded" not in page.plain()
+    assert "Peak gain of vehicle" in page.plain(), "with and without the bands"
+    page.choose("stability_source", "published")
+    assert "Audi A6" in page.plain()
+    assert "Peak gain of vehicle" not in page.plain()
     assert headline(page).startswith("Published: AstaZero (paper, Table III)")
     found.training.results = (replace(found.fit),)
     assert headline(page.run()).startswith("Current fit: "), "a new fit takes its place"
     found.choose(window=Window(0.0, 100.0))
-    page.run()
-    assert not page.exception
+    page.sound()
     assert not page.get("plotly_chart"), "nothing published passes for what is not there"
-    press(page, "stability_open_example")
+    page.press("stability_open_example")
     assert headline(page).startswith("Published: AstaZero (paper, Table III)")
 
 
@@ -122,9 +112,9 @@ def test_a_stopped_training_has_no_verdict_and_excluded_regimes_are_named(path: 
     stopped = {"outcome": Outcome.STOPPED, "iterations": 930, "config": {"iterations": 20_000}}
     found = fitted(**stopped)
     page = open_page(path, found)
-    assert "stopped at 930 of 20,000 iterations" in boxes(page, "warning")[0]
+    assert "stopped at 930 of 20,000 iterations" in page.boxes("warning")[0]
     assert headline(page).endswith("#### No verdict")
-    assert "NO" not in plain(page).split()
+    assert "NO" not in page.plain().split()
     library().add(create(found.segment, found.fit, name="early"))
     found.choose_source("snapshot")
     assert headline(page.run()).endswith("#### No verdict")
@@ -132,7 +122,7 @@ def test_a_stopped_training_has_no_verdict_and_excluded_regimes_are_named(path: 
     found.segment = replace(found.segment, excluded_regimes=("catching up",))
     page.run()
     assert "without catching up" in headline(page)
-    assert "No verdict" not in plain(page)
+    assert "No verdict" not in page.plain()
 
 
 def test_followers_that_share_their_parameters_are_one_row_and_one_colour() -> None:
@@ -140,7 +130,7 @@ def test_followers_that_share_their_parameters_are_one_row_and_one_colour() -> N
     found.training.results = (least_squares.fit(found.segment, "I"),)
     page = open_page(STABILITY, found)
     assert EVERY_FOLLOWER in headline(page)
-    bode, *_ = figures(page)
+    bode, *_ = page.figures()
     colours = {trace["line"]["color"] for trace in bode["data"] if "line" in trace}
     assert SHARED in colours
     assert not colours & {LEADER, *FOLLOWERS}
@@ -153,7 +143,7 @@ def test_without_a_fit_nothing_is_shown_until_an_example_is_opened(path: str) ->
     page = open_page(path)
     assert not page.get("plotly_chart")
     assert page.info
-    press(page, f"{path[8:].lower()[:-3]}_open_example")
+    page.press(f"{path[8:].lower()[:-3]}_open_example")
     assert headline(page).startswith("Published: AstaZero")
 
 
@@ -165,9 +155,8 @@ def test_every_new_training_turns_to_the_current_fit() -> None:
     found.training.answer(replace(least_squares.fit(found.segment)))
     assert found.parameter_source == "fit"
     found.choose_source("published")
-    page = press(open_page(TRAIN, found), "train_next")
+    open_page(TRAIN, found).press("train_next")
     assert found.parameter_source == "fit"
-    assert not page.exception
     found.choose_source("published")
     found.train(replace(FAST, iterations=5))
     assert found.parameter_source == "fit"
@@ -178,15 +167,15 @@ def test_every_new_training_turns_to_the_current_fit() -> None:
 
 
 def test_by_hand_begins_with_what_was_shown_and_is_kept_over_pages() -> None:
-    page = choose(open_page(STABILITY, with_example()), "stability_example", CASALE.title)
-    choose(page, "stability_source", "hand")
-    found = workspace_of(page)
+    page = open_page(STABILITY, with_example()).choose("stability_example", CASALE.title)
+    page.choose("stability_source", "hand")
+    found = page.workspace()
     assert found.parameter_choice.rows == (("Hyundai", 0.0104, 0.0718, 1.52),)
-    assert "Hyundai amplifies disturbances" in plain(page)
+    assert "Hyundai amplifies disturbances" in page.plain()
     found.parameter_choice.rows = (CALM, ("", 0.08, 0.12, 1.5))
     again = open_page(STABILITY, found)
-    assert "One of two vehicles amplifies disturbances: Vehicle 2" in plain(again)
-    assert "Vehicle 2" in plain(open_page(PLATOON, found))
+    assert "One of two vehicles amplifies disturbances: Vehicle 2" in again.plain()
+    assert "Vehicle 2" in open_page(PLATOON, found).plain()
 
 
 @pytest.mark.parametrize("path", [STABILITY, PLATOON])
@@ -202,11 +191,11 @@ def test_by_hand_bad_values_are_refused_and_names_shown_as_they_are(path: str) -
     ]
     for rows, sentence in refused if path == STABILITY else refused[:1]:
         choice.rows = rows
-        (error,) = boxes(open_page(path, found), "error")
+        (error,) = open_page(path, found).boxes("error")
         assert sentence in error
     choice.rows = (("<script>*x*</script>", 0.08, 0.12, 1.5), ("$a_b$", 0.08, 0.12, 1.5))
     page = open_page(path, found)
-    assert "<script>" not in texts(page).replace("\\<script", "")
+    assert "<script>" not in page.texts().replace("\\<script", "")
     assert "$a_b$" not in "\n".join(m.value for m in page.markdown)
 
 
@@ -250,38 +239,38 @@ def test_a_snapshot_is_a_source_that_is_read_once(
     ("which", "chosen"), [(1, ("repeated", 1, 0.2657)), (-1, ("learned", 0, 0.2189))]
 )
 def test_a_row_goes_to_the_platoon_page(which: int, chosen: tuple[Any, ...]) -> None:
-    page = choose(open_page(STABILITY, with_example()), "stability_simulate", which)
-    found = workspace_of(press(page, "stability_open_platoon"))
+    page = open_page(STABILITY, with_example()).choose("stability_simulate", which)
+    found = page.press("stability_open_platoon").workspace()
     drive = found.platoon_choice
     assert (drive.order, drive.vehicle, drive.kind) == (*chosen[:2], "sinusoid")
     assert drive.omega == pytest.approx(chosen[2], abs=1e-4)
     if which == 1:
         other = open_page(PLATOON, found)
-        assert widget(other, "platoon_frequency").value == drive.omega
-        assert "Follower 8: BMW X5" in plain(other)
+        assert other.widget("platoon_frequency").value == drive.omega
+        assert "Follower 8: BMW X5" in other.plain()
 
 
 def test_the_measured_gain_stands_beside_the_model() -> None:
     found = fitted()
-    page = open_tab(open_page(STABILITY, found), "stability", "Measured")
+    page = open_page(STABILITY, found).open_tab("stability", "Measured")
     for follower in (0, 1):
         if follower:
-            choose(page, "stability_measured", follower)
-        chart = figures(page)[1]["data"]
+            page.choose("stability_measured", follower)
+        chart = page.figures()[1]["data"]
         label = found.segment.labels[follower + 1]
         measured = measured_gain(found.segment, follower)
         (drawn,) = (one for one in chart if one.get("name") == f"{label}, measured")
         np.testing.assert_allclose(numbers(drawn["x"]), measured.omega[measured.coherent])
         assert any(one.get("name") == f"{label}, model" for one in chart)
-    choose(page, "stability_source", "published")
-    assert not any("model" in one.get("name", "") for one in figures(page)[1]["data"])
-    choose(page, "stability_example", CASALE.title)
-    assert any(one.get("name") == "Hyundai, model" for one in figures(page)[1]["data"])
+    page.choose("stability_source", "published")
+    assert not any("model" in one.get("name", "") for one in page.figures()[1]["data"])
+    page.choose("stability_example", CASALE.title)
+    assert any(one.get("name") == "Hyundai, model" for one in page.figures()[1]["data"])
     found.choose(window=Window(0.0, 40.0))
     found.choose_source("published")
-    assert "no measured gain" in boxes(page.run(), "error")[0]
-    alone = open_tab(open_page(STABILITY, with_example()), "stability", "Measured")
-    assert "needs the recorded speeds" in boxes(alone, "info")[0]
+    assert "no measured gain" in page.run().boxes("error")[0]
+    alone = open_page(STABILITY, with_example()).open_tab("stability", "Measured")
+    assert "needs the recorded speeds" in alone.boxes("info")[0]
 
 
 def test_a_click_is_a_frequency_and_a_vehicle() -> None:

@@ -32,9 +32,82 @@ WAIT = 120.0
 """Seconds a real training may take on a busy machine; it needs about one."""
 
 
+class Page(AppTest):
+    """A page of the app, and what a person does and reads on it."""
+
+    def widget(self, key: str) -> Any:
+        """The widget of that key, whatever kind it is, or the latest that stands in its place."""
+        own = re.compile(rf"{re.escape(key)}(_\d+)?")  # see pages.ui.components.widgets.bound
+        (found,) = (w for kind in WIDGETS for w in self.get(kind) if w.key and own.fullmatch(w.key))
+        return found
+
+    def choose(self, key: str, value: object) -> "Page":
+        """Set the widget of that key, and run."""
+        self.widget(key).set_value(value)
+        return self.sound()
+
+    def press(self, name: str) -> "Page":
+        """Click on the button of that key or label, and run."""
+        next(button for button in self.button if name in (button.key, button.label)).click()
+        return self.sound()
+
+    def open_tab(self, key: str, title: str) -> "Page":
+        """Open a tab of the row with that key, and run."""
+        self.workspace().tabs[key] = title
+        return self.sound()
+
+    def upload(self, name: str, content: bytes) -> "Page":
+        """Give a file to the field for recordings, and run."""
+        self.file_uploader(key="data_upload").upload(name, content, "text/csv")
+        return self.sound()
+
+    def sound(self) -> "Page":
+        """Run, without an exception."""
+        self.run()
+        assert not self.exception, self.exception
+        return self
+
+    def workspace(self) -> Workspace:
+        """The session that the page's address names."""
+        name = self.query_params["session"]
+        found = sessions.workspaces().find(name if isinstance(name, str) else name[0])
+        assert found is not None
+        return found
+
+    def texts(self) -> str:
+        """All that is written on it but its tables."""
+        kinds = ("title", "subheader", "markdown", "caption", "text")
+        boxes = ("info", "warning", "error", "success")
+        written = [element.value for kind in (*kinds, *boxes) for element in self.get(kind)]
+        return "\n".join([*written, *(element.proto.body for element in self.get("html"))])
+
+    def plain(self) -> str:
+        """The same as a person reads it: without the marks that make foreign text literal."""
+        return self.texts().replace("\\", "")
+
+    def boxes(self, kind: str) -> list[str]:
+        """The sentences in its boxes of one kind, as "warning", without those marks."""
+        return [box.value.replace("\\", "") for box in self.get(kind)]
+
+    def everything(self) -> str:
+        """All that it shows, tables and figures included."""
+        return " ".join(str(element.proto) for element in self.main if hasattr(element, "proto"))
+
+    def figures(self) -> list[dict[str, Any]]:
+        """The charts as plotly has them."""
+        return [json.loads(chart.proto.spec) for chart in self.get("plotly_chart")]
+
+
+def numbers(values: Any) -> Any:
+    """A chart's numbers, which plotly may have packed."""
+    if isinstance(values, dict):
+        return np.frombuffer(base64.b64decode(values["bdata"]), values["dtype"])
+    return values
+
+
 def open_page(
     path: str, found: Workspace | None = None, user: dict[str, Any] | None = None, **address: str
-) -> AppTest:
+) -> Page:
     """A page as a direct link opens it: the first page has not run before.
 
     Args:
@@ -43,7 +116,7 @@ def open_page(
         user: who is signed in, on a server that asks who one is.
         address: what else the address says.
     """
-    page = AppTest.from_file(str(ROOT / HOME), default_timeout=60)
+    page = Page(ROOT / HOME, default_timeout=60)
     if user:
         page.user = user
     if path != HOME:
@@ -52,9 +125,7 @@ def open_page(
         address["session"] = found.id
     for name, value in address.items():
         page.query_params[name] = value
-    page.run()
-    assert not page.exception, page.exception
-    return page
+    return page.sound()
 
 
 def with_sample() -> Workspace:
@@ -80,75 +151,3 @@ def fitted(window: Window | None = None, **changes: Any) -> Workspace:
     found.training = training_task(found.id, TrainingRequest(found.segment, "II", FAST))
     found.training.answer(fit)
     return found
-
-
-def widget(page: AppTest, key: str) -> Any:
-    """The widget of that key, whatever kind it is, or the latest that stands in its place."""
-    own = re.compile(rf"{re.escape(key)}(_\d+)?")  # see pages.ui.components.widgets.bound
-    (found,) = (w for kind in WIDGETS for w in page.get(kind) if w.key and own.fullmatch(w.key))
-    return found
-
-
-def choose(page: AppTest, key: str, value: object) -> AppTest:
-    """Set the widget of that key, and run."""
-    widget(page, key).set_value(value).run()
-    assert not page.exception, page.exception
-    return page
-
-
-def press(page: AppTest, name: str) -> AppTest:
-    """Click on the button of that key or label, and run."""
-    next(button for button in page.button if name in (button.key, button.label)).click().run()
-    assert not page.exception, page.exception
-    return page
-
-
-def workspace_of(page: AppTest) -> Workspace:
-    """The session that the page's address names."""
-    name = page.query_params["session"]
-    found = sessions.workspaces().find(name if isinstance(name, str) else name[0])
-    assert found is not None
-    return found
-
-
-def texts(page: AppTest) -> str:
-    """All that is written on a page but its tables."""
-    kinds = ("title", "subheader", "markdown", "caption", "text")
-    boxes = ("info", "warning", "error", "success")
-    written = [element.value for kind in (*kinds, *boxes) for element in page.get(kind)]
-    return "\n".join([*written, *(element.proto.body for element in page.get("html"))])
-
-
-def plain(page: AppTest) -> str:
-    """The same as a person reads it: without the marks that make foreign text literal."""
-    return texts(page).replace("\\", "")
-
-
-def boxes(page: AppTest, kind: str) -> list[str]:
-    """The sentences in its boxes of one kind, as "warning", without those marks."""
-    return [box.value.replace("\\", "") for box in page.get(kind)]
-
-
-def everything(page: AppTest) -> str:
-    """All that a page shows, tables and figures included."""
-    return " ".join(str(element.proto) for element in page.main if hasattr(element, "proto"))
-
-
-def figures(page: AppTest) -> list[dict[str, Any]]:
-    """The charts as plotly has them."""
-    return [json.loads(chart.proto.spec) for chart in page.get("plotly_chart")]
-
-
-def numbers(values: Any) -> Any:
-    """A chart's numbers, which plotly may have packed."""
-    if isinstance(values, dict):
-        return np.frombuffer(base64.b64decode(values["bdata"]), values["dtype"])
-    return values
-
-
-def open_tab(page: AppTest, key: str, title: str) -> AppTest:
-    """Open a tab of the row with that key, and run."""
-    workspace_of(page).tabs[key] = title
-    page.run()
-    assert not page.exception, page.exception
-    return page
