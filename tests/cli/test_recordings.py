@@ -6,16 +6,14 @@ import pytest
 
 from accpinn.recordings.mapping import FOLDER_VARIABLE
 from tests.recordings.test_mapping import MAPPING, foreign
-from tests.recordings.test_pairs import pair, table
 from tests.support.command import Capture, document, refused
-from tests.support.openacc_files import platoon
+from tests.support.openacc_files import pair, platoon, table
 
 
 def test_a_trajectory_of_a_table_of_pairs(capsys: Capture, tmp_path: Path) -> None:
-    path = tmp_path / "pairs.csv"
+    path, three = tmp_path / "pairs.csv", platoon(3, 400)
     other = platoon(2, 300).assign(Speed2=lambda frame: frame["Speed2"] + 1)
-    path.write_bytes(table(pair(platoon(3, 400), 1, "7"), pair(platoon(3, 400), 2, "8"),
-                           pair(other, 1, "9")))  # fmt: skip
+    path.write_bytes(table(pair(three, 1, "7"), pair(three, 2, "8"), pair(other, 1, "9")))
     found = document(capsys, "info", path, "--trajectory", 8)
     assert len(found["vehicles"]) == 3
     fitted = document(capsys, "fit", path, "--trajectory", 9, "--method", "least-squares")

@@ -176,12 +176,21 @@ def foreign_files(folder: Path) -> dict[str, bytes]:
     }
 
 
-class TestDamage:
-    @staticmethod
-    def load(store: Store, what: str, *say: Say) -> object:
-        fit = what == "fit"
-        return store.load_fit(KEY, driven(), *say) if fit else store.load_state(KEY, *say)
+def load(store: Store, what: str, *say: Say) -> object:
+    """The result, or the checkpoint."""
+    fit = what == "fit"
+    return store.load_fit(KEY, driven(), *say) if fit else store.load_state(KEY, *say)
 
+
+def refused(store: Store, what: str) -> str:
+    """The one sentence that says why it is not loaded."""
+    said: list[str] = []
+    assert load(store, what, said.append) is None
+    (message,) = said
+    return message
+
+
+class TestDamage:
     @pytest.mark.parametrize("what", ["fit", "state"])
     def test_is_set_aside_and_said(self, tmp_path: Path, what: str) -> None:
         for kind, content in foreign_files(tmp_path).items():
@@ -189,13 +198,11 @@ class TestDamage:
             store.folder.mkdir()
             path = store.folder / f"{KEY}.{what}.npz"
             path.write_bytes(content)
-            assert self.load(store, what) is None
+            assert load(store, what) is None
             assert names(store.folder) == [path.name], "it stays for one who can say it"
-            said: list[str] = []
-            assert self.load(store, what, said.append) is None
+            message = refused(store, what)
             assert names(store.folder) == [f"{path.name}.damaged"]
             assert (store.folder / f"{path.name}.damaged").read_bytes() == content
-            (message,) = said
             assert message.startswith(path.name)
             assert "set aside" in message
             assert "\n" not in message
@@ -208,45 +215,35 @@ class TestDamage:
     ) -> None:
         store.save_state(KEY, state())
         store.save_fit(KEY, trained())
-        before, said = names(store.folder), list[str]()
+        before = names(store.folder)
         fault = OSError(number, os.strerror(number)) if number else MemoryError()
         with monkeypatch.context() as patch:
             patch.setattr(Path, "read_bytes", failing(fault))
-            assert self.load(store, what, said.append) is None
+            message = refused(store, what)
         assert names(store.folder) == before
-        (message,) = said
         assert message.startswith(f"{KEY}.{what}.npz")
         assert (os.strerror(number) if number else "memory") in message
-        assert self.load(store, what) is not None
+        assert load(store, what) is not None
 
     def test_a_good_file_under_another_requests_name_is_not_used(self, store: Store) -> None:
-        store.save_state(KEY, state())
-        os.rename(store.folder / NAME, store.folder / "other.state.npz")
-        said: list[str] = []
-        assert store.load_state("other", said.append) is None
-        assert "belongs to another request" in said[0]
+        store.save_state("other", state())
+        os.rename(store.folder / "other.state.npz", store.folder / NAME)
+        assert "belongs to another request" in refused(store, "state")
 
     def test_a_checkpoint_is_no_result(self, store: Store) -> None:
         store._write(f"{KEY}.fit.npz", state())
-        said: list[str] = []
-        assert store.load_fit(KEY, driven(), said.append) is None
-        assert "set aside" in said[0]
+        assert "set aside" in refused(store, "fit")
 
     def test_a_file_larger_than_the_store_is_not_opened(self, tmp_path: Path) -> None:
         Store(tmp_path).save_state(KEY, state(size=1000))
-        small = Store(tmp_path, cap_bytes=5000)
-        said: list[str] = []
-        assert small.load_state(KEY, said.append) is None
-        assert "larger than" in said[0]
+        assert "larger than" in refused(Store(tmp_path, cap_bytes=5000), "state")
 
     def test_a_bomb_is_not_unpacked(self, store: Store, monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.setattr("accpinn.methods.store.CAP_BYTES", 1_000_000)
         np.savez_compressed(store.folder / NAME, weights=np.zeros(1_000_000))
         assert (store.folder / NAME).stat().st_size < 20_000
         monkeypatch.setattr(np, "load", lambda *_, **__: pytest.fail("it was unpacked"))
-        said: list[str] = []
-        assert store.load_state(KEY, said.append) is None
-        assert "unpack" in said[0]
+        assert "unpack" in refused(store, "state")
 
     @given(data=st.data())
     def test_flipped_bytes_are_noticed_or_harmless(
@@ -336,6 +333,4 @@ class TestCap:
         write({})
         assert store.load_fit(KEY, driven()) is not None
         write(change)
-        said: list[str] = []
-        assert store.load_fit(KEY, driven(), said.append) is None
-        assert "set aside" in said[0]
+        assert "set aside" in refused(store, "fit")

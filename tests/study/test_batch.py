@@ -92,6 +92,12 @@ def folder(tmp_path: Path) -> Path:
     return place
 
 
+@pytest.fixture
+def study(tmp_path: Path) -> Path:
+    """Where a batch keeps what it finds."""
+    return tmp_path / "study"
+
+
 def table(study: Path) -> pd.DataFrame:
     return pd.read_parquet(study / "results.parquet")
 
@@ -101,9 +107,8 @@ def unique(rows: pd.DataFrame) -> bool:
 
 
 def test_every_window_is_a_row_and_the_rest_a_failure(
-    cluster: str, folder: Path, tmp_path: Path
+    cluster: str, folder: Path, study: Path
 ) -> None:
-    study = tmp_path / "study"
     options: dict[str, Any] = {"window": 70, "case": "II", "scheduler": cluster}
     found = batch(folder, study, methods=METHODS_USED, **options)
     assert (found.recordings, found.refused, found.windows, found.followers) == (3, 2, 4, 8)
@@ -138,9 +143,8 @@ def test_every_window_is_a_row_and_the_rest_a_failure(
 
 
 def test_what_is_known_needs_neither_workers_nor_the_files_contents(
-    cluster: str, folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    cluster: str, folder: Path, study: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    study = tmp_path / "study"
     first = batch(folder / "run1.csv", study, methods=METHODS_USED, window=70, scheduler=cluster)
     (folder / "run1.csv").rename(folder / "renamed.csv")
     monkeypatch.setattr(batches, "read_all", None)
@@ -150,14 +154,12 @@ def test_what_is_known_needs_neither_workers_nor_the_files_contents(
     assert (again.windows, again.recordings) == (first.windows, first.recordings)
 
 
-def test_windows_of_uneven_steps_are_known_again(
-    cluster: str, folder: Path, tmp_path: Path
-) -> None:
+def test_windows_of_uneven_steps_are_known_again(cluster: str, folder: Path, study: Path) -> None:
     uneven = frame(5)
     uneven["Time"] += np.random.default_rng(5).uniform(0, 0.02, len(uneven)).round(4)
     (folder / "run1.csv").write_bytes(csv(uneven, metadata(NAMES)))
     options: dict[str, Any] = {"methods": METHODS_USED, "window": 70, "scheduler": cluster}
-    first, again = (batch(folder / "run1.csv", tmp_path / "study", **options) for _ in range(2))
+    first, again = (batch(folder / "run1.csv", study, **options) for _ in range(2))
     assert (first.reused, again.reused) == (0, first.rows)
 
 
@@ -196,8 +198,7 @@ def test_only_windows_of_one_vehicle_are_pooled() -> None:
     assert places(*named, ("Audi", "b", 4), ("Audi", "b", 3)) == [[("b", 3), ("b", 3)]]
 
 
-def test_a_stopped_batch_goes_on(cluster: str, folder: Path, tmp_path: Path) -> None:
-    study = tmp_path / "study"
+def test_a_stopped_batch_goes_on(cluster: str, folder: Path, study: Path) -> None:
     seen: list[int] = []
     stopped = batch(
         folder, study, methods=METHODS_USED, window=60, scheduler=cluster,
@@ -219,9 +220,8 @@ def killed(task: BatchTask) -> list[MethodRows]:
 
 
 def test_a_task_at_which_workers_die_is_tried_alone_and_told(
-    cluster: str, folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    cluster: str, folder: Path, study: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    study = tmp_path / "study"
     options: dict[str, Any] = {"methods": METHODS_USED[:1], "window": 200, "scheduler": cluster}
     real = batches.run_task
     with monkeypatch.context() as patched:
@@ -246,18 +246,18 @@ def dying(task: BatchTask) -> list[MethodRows]:
 
 
 def test_a_worker_that_dies_is_replaced(
-    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    folder: Path, tmp_path: Path, study: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     death = tmp_path / "death"
     monkeypatch.setenv("ACCPINN_TEST_DEATH", str(death))
     monkeypatch.setattr(batches, "run_task", dying)
-    found = batch(folder, tmp_path / "study", methods=METHODS_USED[:1], window=70, workers=1)
+    found = batch(folder, study, methods=METHODS_USED[:1], window=70, workers=1)
     assert death.exists()
     assert (found.rows, found.failed) == (4, 0)
 
 
 def test_without_workers_it_ends_with_a_word(
-    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    folder: Path, study: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     @contextmanager
     def workerless(*_: object) -> Iterator[Client]:
@@ -273,10 +273,10 @@ def test_without_workers_it_ends_with_a_word(
         patched.setattr(batches, "connected", workerless)
         patched.setattr(clusters, "WORKERLESS", 0.1)
         with pytest.raises(RecordingError, match="no others start"):
-            batch(folder, tmp_path / "study", **options)
+            batch(folder, study, **options)
     monkeypatch.setattr("distributed.LocalCluster", refusing)
     with pytest.raises(RecordingError, match="cannot be started"):
-        batch(folder, tmp_path / "study", **options)
+        batch(folder, study, **options)
 
 
 def command(folder: Path, study: Path, scheduler: str) -> list[str]:
@@ -298,8 +298,10 @@ def running(*arguments: str) -> Iterator[subprocess.Popen[str]]:
         process.communicate()
 
 
-def test_a_killed_batch_loses_nothing_and_repeats_little(cluster: str, tmp_path: Path) -> None:
-    folder, study = tmp_path / "runs", tmp_path / "study"
+def test_a_killed_batch_loses_nothing_and_repeats_little(
+    cluster: str, tmp_path: Path, study: Path
+) -> None:
+    folder = tmp_path / "runs"
     folder.mkdir()
     for k in range(8):
         (folder / f"run{k}.csv").write_bytes(csv(frame(k), metadata(NAMES)))
@@ -330,9 +332,8 @@ def test_a_killed_batch_loses_nothing_and_repeats_little(cluster: str, tmp_path:
 
 
 def test_in_a_process_of_its_own_it_is_the_same(
-    cluster: str, folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    cluster: str, folder: Path, study: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    study = tmp_path / "study"
     here = batch(folder / "run1.csv", study, methods=METHODS_USED[:1], scheduler=cluster)
     settings = BatchSettings((str(folder / "run1.csv"),), str(study), 300.0, METHODS_USED[:1])
     told: list[BatchProgress] = []
@@ -347,9 +348,8 @@ def test_in_a_process_of_its_own_it_is_the_same(
 
 
 def test_settings_and_sources_that_cannot_be(
-    cluster: str, folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    cluster: str, folder: Path, tmp_path: Path, study: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    study = tmp_path / "study"
     one = folder / "run1.csv"
     batch(one, study, methods=METHODS_USED[:1], window=200, scheduler=cluster)
     with pytest.raises(ConfigError, match="holds a batch with window 200"):
@@ -375,9 +375,9 @@ def test_settings_and_sources_that_cannot_be(
 
 
 def test_command_prints_the_contract_and_what_was_refused(
-    capsys: Capture, cluster: str, folder: Path, tmp_path: Path
+    capsys: Capture, cluster: str, folder: Path, study: Path
 ) -> None:
-    options = ["--out", str(tmp_path / "study"), "--methods", "least-squares", "--window", "all"]
+    options = ["--out", str(study), "--methods", "least-squares", "--window", "all"]
     assert main(["batch", str(folder), *options, "--scheduler", cluster, "--json"]) == 0
     found = strict(capsys.readouterr().out)
     assert found.keys() >= {
@@ -415,10 +415,10 @@ def test_a_line_damaged_in_the_middle_costs_no_other(capsys: Capture, tmp_path: 
 
 
 def test_windows_of_a_vehicle_with_one_setting_are_pooled(
-    cluster: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    cluster: str, study: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.undo()  # the intervals of the likelihood, from few draws
-    study, options = tmp_path / "study", {"methods": (KEY,), "scheduler": cluster, "window": 150}
+    options = {"methods": (KEY,), "scheduler": cluster, "window": 150}
     told: list[BatchProgress] = []
     batch(STUDY_FILE, study, **options, on_progress=told.append)
     shares = [now.share for now in told]
