@@ -9,10 +9,10 @@ import pytest
 import accpinn
 from accpinn.errors import AccpinnError, SnapshotError
 from accpinn.results.snapshot.verification import verify
+from tests.support.command import ROOT
 from tests.support.openacc_files import platoon, recording
 from tests.support.samples import FOLDER, NOISY, sample
 
-ROOT = Path(__file__).parent.parent
 NUMBER = r"\d+(?:\.\d+)?"
 
 

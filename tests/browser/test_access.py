@@ -24,6 +24,15 @@ pytestmark = pytest.mark.browser
 SERIOUS = ("serious", "critical")
 TALLEST = 2600
 """Pixels of a page at a width of 1440."""
+OUTSIDE = """main => [...main.querySelectorAll('button, input, [role=combobox]')]
+    .filter(one => one.checkVisibility({visibilityProperty: true, opacityProperty: true}))
+    .filter(one => !one.closest('.modebar, .main-svg'))
+    .filter(one => !one.closest('[data-testid=stDataFrame], [data-testid=stSlider]'))
+    .filter(one => {
+        const box = one.getBoundingClientRect();
+        return box.width > 1 && (box.right > innerWidth + 1 || box.left < -1);
+    })
+    .map(one => one.outerHTML.slice(0, 120))"""
 
 
 def violations(page: Page, **options: Any) -> list[str]:
@@ -51,23 +60,9 @@ def cut_off(page: Page) -> list[str]:
     found = []
     for width, tall in ((720, 450), (420, 900)):
         page.set_viewport_size({"width": width, "height": tall})
-        found += _outside(page)
+        found += page.get_by_test_id("stMain").evaluate(OUTSIDE)
     page.set_viewport_size({"width": 1440, "height": 1000})
     return found
-
-
-def _outside(page: Page) -> list[str]:
-    return page.get_by_test_id("stMain").evaluate(
-        """main => [...main.querySelectorAll('button, input, [role=combobox]')]
-            .filter(one => one.checkVisibility({visibilityProperty: true, opacityProperty: true}))
-            .filter(one => !one.closest('.modebar, .main-svg'))
-            .filter(one => !one.closest('[data-testid=stDataFrame], [data-testid=stSlider]'))
-            .filter(one => {
-                const box = one.getBoundingClientRect();
-                return box.width > 1 && (box.right > innerWidth + 1 || box.left < -1);
-            })
-            .map(one => one.outerHTML.slice(0, 120))"""
-    )
 
 
 def test_from_one_click_on_home_through_every_page_in_both_themes(opened: Open, app: App) -> None:

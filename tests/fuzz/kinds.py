@@ -49,9 +49,9 @@ from accpinn.study.pooling import POOLED_COLUMNS
 from accpinn.study.rows import COLUMNS
 from tests.fuzz.mutations import TOKENS, spoil_bytes, spoil_table, spoil_tree, text
 from tests.support.openacc_files import csv, metadata, pair, platoon, table
+from tests.support.samples import FOLDER
 from tests.support.snapshots import delayed, entries, small, small_bytes
 
-ROOT = Path(__file__).parents[2]
 UPLOAD = 50_000_000
 """Bytes of the largest file that the app takes."""
 STUDY = {"window": 300.0, "case": "II"}
@@ -80,7 +80,7 @@ class Kind:
 def recordings() -> tuple[bytes, ...]:
     """Sound OpenACC files: made for a test, the first rows of the samples, and real ones."""
     found = [csv(platoon(samples=300)), csv(platoon(2, 200), metadata(("A", "B")), "\n")]
-    files = sorted((ROOT / "sample_data").glob("*.csv"))
+    files = sorted(FOLDER.glob("*.csv"))
     folder = os.environ.get("OPENACC_DIR", "")
     files += sorted(Path(folder).glob("*/*.csv"))[::3] if folder else []
     for file in files:
@@ -384,7 +384,6 @@ def use_link(data: bytes, folder: Path) -> bool:
 
 # Command lines
 
-ESTIMATING = ("fit", "compare", "starts")
 HARMLESS = {
     "compare": ["--methods", "least-squares"],
     "fit": ["--method", "least-squares", "--no-cache"],

@@ -37,10 +37,6 @@ def recorded(**departure: float) -> Segment:
     return disturbed(Parameters.of([TRUE]), 1, disturbance)
 
 
-def form_of(found: Adequacy, name: str) -> int:
-    return [form.form for form in found.forms].index(name)
-
-
 @cache
 def where_it_holds() -> Adequacy:
     return model_forms(recorded())
@@ -77,7 +73,7 @@ def test_a_term_that_the_recording_shows_is_found(
     (better,) = [one for one in found.findings if isinstance(one, BetterForm)]
     assert better.vehicle == 2
     assert better.aic < -4
-    own = found.forms[form_of(found, form)]
+    (own,) = [one for one in found.forms if one.form == form]
     assert own.aic[0] < -4
     assert own.extra[0] == pytest.approx(value, abs=tolerance)
     np.testing.assert_allclose(own.parameters.values[0], TRUE, rtol=0.2)

@@ -8,7 +8,6 @@ from accpinn.methods.fit import Outcome, StartedFrom
 from accpinn.methods.pinn.config import PAPER, preset
 from accpinn.methods.pinn.method import WarmStart
 from accpinn.model.cthp import Parameters
-from accpinn.recordings.recording import Recording
 from accpinn.results.messages.snapshot import counted
 from accpinn.results.snapshot import Snapshot
 from accpinn.results.snapshot.verification import QUICK, verify
@@ -42,10 +41,6 @@ FIGURES = {DATA: 1, TRAIN: 1, STABILITY: 1, SNAPSHOTS: 1}
 def bare() -> Snapshot:
     """The same without its data."""
     return replace(whole(), segment=None, name="bare")
-
-
-def other_recording() -> Recording:
-    return replace(sample(FIRST_SAMPLE)[0], sha256="0" * 64)
 
 
 def with_fit() -> Workspace:
@@ -252,7 +247,7 @@ class TestLink:
         page = open_page(TRAIN, found, snapshot=name)
         assert page.workspace() is found
         assert found.snapshot.id == name
-        found.open(other_recording())
+        found.open(replace(sample(FIRST_SAMPLE)[0], sha256="0" * 64))
         page.run()
         assert (found.snapshot, found.fit) == (None, None), "for good"
         assert "snapshot" not in page.query_params

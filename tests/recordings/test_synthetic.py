@@ -15,8 +15,8 @@ from accpinn.recordings.synthetic import SCENARIOS, Noise, Scenario, Truth
 from accpinn.segment.cut import cut
 from accpinn.units import FloatArray
 from tests.support.driving import segment_of
+from tests.support.samples import FOLDER
 
-SAMPLE_DATA = Path(__file__).parents[2] / "sample_data"
 LAST_DIGIT = 1e-4
 BY_NAME = {scenario.name: scenario for scenario in SCENARIOS}
 
@@ -51,8 +51,8 @@ class TestCommittedFiles:
     def test_are_what_the_generator_writes(self, scenario: Scenario, written: Path) -> None:
         name = f"{scenario.name}.csv"
         truth = f"{scenario.name}.truth.json"
-        assert (SAMPLE_DATA / truth).read_bytes() == (written / truth).read_bytes()
-        header, rows = table(SAMPLE_DATA / name)
+        assert (FOLDER / truth).read_bytes() == (written / truth).read_bytes()
+        header, rows = table(FOLDER / name)
         new_header, new_rows = table(written / name)
         assert header == new_header
         assert len(rows) == len(new_rows)
@@ -65,11 +65,11 @@ class TestCommittedFiles:
 
     def test_are_all_there_and_nothing_else(self) -> None:
         expected = {f"{s.name}{ending}" for s in SCENARIOS for ending in (".csv", ".truth.json")}
-        assert {path.name for path in SAMPLE_DATA.iterdir()} == expected
+        assert {path.name for path in FOLDER.iterdir()} == expected
 
     @every_scenario
     def test_read_as_recordings_without_findings(self, scenario: Scenario) -> None:
-        recording = openacc.read(SAMPLE_DATA / f"{scenario.name}.csv")
+        recording = openacc.read(FOLDER / f"{scenario.name}.csv")
         assert recording.findings == ()
         assert tuple(vehicle.name for vehicle in recording.vehicles) == scenario.vehicles
         assert all("-like" in name or "Synthetic" in name for name in scenario.vehicles)
@@ -133,7 +133,7 @@ class TestNoise:
 class TestRecovery:
     @every_scenario
     def test_all_within_three_percent_by_savitzky_golay(self, scenario: Scenario) -> None:
-        whole = cut(openacc.read(SAMPLE_DATA / f"{scenario.name}.csv"), duration=np.inf)
+        whole = cut(openacc.read(FOLDER / f"{scenario.name}.csv"), duration=np.inf)
         found = fit_smoothed(whole).parameters.values
         np.testing.assert_allclose(found, scenario.parameters.values, rtol=0.03)
 
@@ -148,7 +148,7 @@ class TestRecovery:
 class TestTruth:
     @every_scenario
     def test_loads_what_the_scenario_used(self, scenario: Scenario) -> None:
-        recording = SAMPLE_DATA / f"{scenario.name}.csv"
+        recording = FOLDER / f"{scenario.name}.csv"
         truth = synthetic.load_truth(synthetic.truth_path(recording))
         assert truth == Truth(
             scenario.description,

@@ -16,8 +16,6 @@ from accpinn.study.recommendation import recommend
 from tests.support.samples import NOISY, sample
 from tests.support.snapshots import delayed
 
-ENDS = {"α": (0.01, 0.02), "β": (0.1, 0.9), "τ": (1.0, 1.5)}
-
 
 @pytest.fixture(scope="module")
 def segment() -> Segment:

@@ -11,8 +11,7 @@ from accpinn.methods.pinn.fast import FastTraining
 from accpinn.methods.pinn.loss import loss_terms
 from accpinn.units import FloatArray
 from tests.support.driving import MIXED, driven
-
-WEIGHTED = PinnConfig(weight_physics=(2.0, 0.5), weight_initial=1.5, weight_data=(3.0, 0.7))
+from tests.support.methods import WEIGHTED
 
 
 @pytest.mark.parametrize("masked", [False, True])

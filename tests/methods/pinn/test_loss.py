@@ -10,8 +10,7 @@ import torch
 from accpinn.methods.pinn.config import PinnConfig
 from accpinn.methods.pinn.loss import loss_terms
 from accpinn.methods.pinn.method import stack_outputs
-
-WEIGHTED = PinnConfig(weight_physics=(2.0, 0.5), weight_initial=1.5, weight_data=(3.0, 0.7))
+from tests.support.methods import WEIGHTED
 
 
 def draw(followers: int, seed: int = 0, instants: int = 7) -> list[np.ndarray]:

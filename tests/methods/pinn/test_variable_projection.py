@@ -15,9 +15,7 @@ from accpinn.methods.pinn.variable_projection import NormalEquations, solve_outp
 from accpinn.model.cthp import Case, Parameters, regressors
 from accpinn.units import FloatArray
 from tests.support.driving import LAW, MIXED, driven
-
-PLAIN = PinnConfig()
-WEIGHTED = PinnConfig(weight_physics=(2.0, 0.5), weight_initial=1.5, weight_data=(3.0, 0.7))
+from tests.support.methods import WEIGHTED
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,7 +92,7 @@ def by_dense_least_squares(drawn: Drawn, config: PinnConfig) -> FloatArray:
 
 
 class TestOutputLayer:
-    @pytest.mark.parametrize("config", [PLAIN, WEIGHTED], ids=["plain", "weighted"])
+    @pytest.mark.parametrize("config", [PinnConfig(), WEIGHTED], ids=["plain", "weighted"])
     @pytest.mark.parametrize(("followers", "scale"), [(1, 1.0), (2, 0.0), (3, 1.0)])
     def test_is_the_global_minimum(self, followers: int, scale: float, config: PinnConfig) -> None:
         drawn = draw(followers, seed=followers)

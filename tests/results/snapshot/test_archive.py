@@ -30,9 +30,9 @@ from accpinn.results.snapshot.archive import (
     unpack_arrays,
 )
 from accpinn.results.snapshot.verification import verify
+from tests.support.command import ROOT
 from tests.support.snapshots import entries, small, small_bytes
 
-ROOT = Path(__file__).parents[3]
 SEALED = small_bytes()
 
 

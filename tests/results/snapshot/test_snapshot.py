@@ -24,14 +24,13 @@ from accpinn.results.snapshot.verification import verify
 from accpinn.segment.cut import cut
 from accpinn.segment.quality import exclude_regimes, label_regimes
 from accpinn.units import Stretch
+from tests.support.command import ROOT
 from tests.support.driving import MIXED, driven
 from tests.support.holes import with_holes
 from tests.support.methods import RIVALS as ESTIMATORS
 from tests.support.methods import train
 from tests.support.samples import FOLDER, NOISY
 from tests.support.snapshots import bits, delayed, entries, resealed, small, trained, whole
-
-ROOT = Path(__file__).parents[3]
 
 IN_A_FRESH_PROCESS = """
 import json, sys
@@ -46,17 +45,6 @@ print(json.dumps(found))
 """
 
 
-def assert_opens_without_torch(path: Path, before: object) -> None:
-    done = subprocess.run(
-        [sys.executable, "-c", IN_A_FRESH_PROCESS, str(path)],
-        cwd=ROOT,
-        capture_output=True,
-        text=True,
-        check=True,
-    )
-    assert json.loads(done.stdout) == [before, True, False]
-
-
 class TestRoundTrip:
     def test_every_bit_is_kept_and_written_again_alike(self) -> None:
         data = to_bytes(whole())
@@ -67,7 +55,10 @@ class TestRoundTrip:
 
     def test_it_opens_in_a_fresh_process_without_torch(self, tmp_path: Path) -> None:
         path = save(whole(), tmp_path / "whole.accpinn.zip")
-        assert_opens_without_torch(path, whole().fit.parameters.values.tobytes().hex())
+        command = [sys.executable, "-c", IN_A_FRESH_PROCESS, str(path)]
+        done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True)
+        before = whole().fit.parameters.values.tobytes().hex()
+        assert json.loads(done.stdout) == [before, True, False]
 
     def test_the_mask_is_kept(self) -> None:
         segment = cut(read(FOLDER / f"{NOISY}.csv"), 0, 60)
