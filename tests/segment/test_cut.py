@@ -126,7 +126,7 @@ def test_uneven_steps_are_resampled() -> None:
 # Missing samples
 
 
-def test_a_short_block_is_bridged() -> None:
+def test_a_short_block_is_bridged_and_marked() -> None:
     frame = without(slice(100, 106), "Speed2", "IVS1", "IVS2")
     segment = cut(recording(frame), duration=30.0)
     block = (Window(10.0, 10.6),)
@@ -135,6 +135,10 @@ def test_a_short_block_is_bridged() -> None:
     ends = platoon()["Speed2"].to_numpy()[[99, 107]]
     np.testing.assert_allclose(segment.speeds[99:108, 1], np.linspace(*ends, 9))
     np.testing.assert_allclose(segment.speeds[:, 1], platoon()["Speed2"][:301], atol=0.1)
+    marked = np.zeros((301, 5), bool)
+    marked[100:107, [1, 3, 4]] = True
+    np.testing.assert_array_equal(segment.missing, marked)
+    assert segment.blocks_missing == ()
 
 
 def test_the_limit_of_bridging_is_what_it_says() -> None:
@@ -196,12 +200,6 @@ def test_at_the_edges_as_well() -> None:
     )
     assert set(made.speeds[:3, 0]) == {frame["Speed1"].round(DECIMALS)[3]}
     assert set(made.gaps[380:, 1]) == {frame["IVS2"].round(DECIMALS)[379]}
-
-
-def test_bridged_samples_are_marked() -> None:
-    made = cut(recording(without(slice(100, 106), "Speed2")), duration=30.0)
-    assert np.argwhere(made.missing).tolist() == [[row, 1] for row in range(100, 107)]
-    assert made.blocks_missing == ()
 
 
 def test_an_instant_between_samples_is_missing_with_either() -> None:
