@@ -44,7 +44,7 @@ def driven(
 
 
 def in_turn(*pieces: tuple[Sequence[Sequence[float]], float], step: float = 0.1) -> Segment:
-    """The same, where the followers obey some laws for so many seconds, then others, and so on."""
+    """Without errors: they obey some laws for so many seconds, then others, and so on."""
     laws, _ = pieces[0]
     state = np.r_[[abs(tau) * 22 - 5 for *_, tau in laws], [22.0] * len(laws)]
     states, now = [state], 0.0
