@@ -312,6 +312,7 @@ def test_campaign_is_certain_or_none(
     ("rows", "finding"),
     [
         (metadata(acc="7"), data.MetadataUnreadable(key="ACC", text="7")),
+        (metadata(acc="yes"), data.MetadataUnreadable(key="ACC", text="yes")),
         (metadata(day="31,2,2019"), data.MetadataUnreadable(key="Date", text="31, 2, 2019")),
         (metadata()[:4], data.MetadataMissing(key="Distance_setting")),
         (metadata(number="5"), data.VehicleCountMismatch(stated=5, named=3, recorded=3)),
@@ -387,6 +388,7 @@ def with_cell(row: int, column: int, text: bytes) -> bytes:
         (with_cell(57, 2, b'"1'), ["row 57", "quotation mark"]),
         (b"\r\n".join([*LINES[:10], b"", *LINES[10:]]), ["row 11", "is empty"]),
         (b"\r\n".join(LINES[:6] + LINES[7:12] + [b""]), ["only 5 rows", "10"]),
+        (b"\r\n".join(LINES[:6]), ["only 0 rows", "10"]),
         (csv(platoon().assign(Time=1e-6 * np.arange(400))), ["Time", "apart"]),
         (csv(platoon(), metadata(["x"] * 500)), ["500 vehicles", "99"]),
     ],
