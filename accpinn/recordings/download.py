@@ -100,7 +100,6 @@ class _Patience:
 
     pause: Seconds
     stall: Seconds
-    connect: Seconds
 
 
 def download(
@@ -143,7 +142,7 @@ def download(
     def stop() -> bool:
         return bool(should_stop and should_stop())
 
-    patience = _Patience(pause, stall, CONNECT)
+    patience = _Patience(pause, stall)
 
     def fetch(run: Run) -> Download:
         return _fetch(fetcher, run, sums, down, stop, on_transfer, patience)
@@ -273,7 +272,7 @@ class _Resuming:
         headers = {"Accept-Encoding": "identity"}
         if have:
             headers |= {"Range": f"bytes={have}-"} | ({"If-Range": tag} if tag else {})
-        timeout = (self._patience.connect, self._patience.stall)
+        timeout = (CONNECT, self._patience.stall)
         with requests.get(url, headers=headers, stream=True, timeout=timeout) as answer:
             status = answer.status_code
             if status == 416:  # the part is as long as the file, or longer
