@@ -12,7 +12,6 @@ from collections.abc import Sequence
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
 from accpinn.errors import Finding
 from accpinn.methods.fit import Fit, Outcome, WeaklyDetermined
@@ -24,7 +23,7 @@ from accpinn.methods.series import measured_of, moving, series_of, stride_of
 from accpinn.methods.state_space import Form, StateSpace, state_space
 from accpinn.model.cthp import Case, Trajectories
 from accpinn.segment.segment import Segment
-from accpinn.units import FloatArray, Seconds, frozen
+from accpinn.units import FloatArray, Mask, Seconds, frozen
 
 KEY = "maximum-likelihood"
 DISTURBANCE = slice(3, 6)
@@ -109,7 +108,7 @@ def fit_among(segments: tuple[Segment, ...], segment: Segment, case: Case) -> Fi
     maxima = joint_maxima(segments, case)
     of = maxima * segment.followers if case == "I" else maxima
     theta = np.array([one.theta for one in of])
-    active: NDArray[np.bool_] = np.asarray(theta == 0.0)
+    active: Mask = np.asarray(theta == 0.0)
     free = theta.copy()
     for g, one in _without_bounds(segments, case).items():
         free[slice(None) if case == "I" else g] = one.values[:3]
