@@ -213,8 +213,8 @@ def redraw(fit: Fit, time: FloatArray, duration: Seconds) -> Trajectories:
     settings = {name: value for name, value in fit.config.items() if name != "started_from"}
     config = PinnConfig.from_json(settings)
     try:
-        drawn = _paper(fit, time) if config.preset == "paper" else None
-        outputs = _fourier(fit, time, duration, config) if drawn is None else drawn
+        is_paper = config.preset == "paper"
+        outputs = _paper(fit, time) if is_paper else _fourier(fit, time, duration, config)
         speeds, gaps = output_columns(len(fit.parameters))
         return Trajectories(time, outputs[:, speeds], outputs[:, gaps])
     except (KeyError, ValueError, IndexError):
