@@ -15,7 +15,7 @@ import numpy as np
 
 from accpinn.errors import Finding
 from accpinn.methods.fit import Fit, Outcome, WeaklyDetermined
-from accpinn.methods.kalman import SmoothedStates, smooth
+from accpinn.methods.kalman import smooth
 from accpinn.methods.likelihood import Maximum, maximise
 from accpinn.methods.method import direct
 from accpinn.methods.regression import Solution
@@ -114,8 +114,8 @@ def fit_among(segments: tuple[Segment, ...], segment: Segment, case: Case) -> Fi
         free[slice(None) if case == "I" else g] = one.values[:3]
     step = stride_of(segment) * segment.sample_time
     model = state_space("cthp", np.array([one.values for one in of]), step)
-    states = smooth(model, measured_of(segment))
-    surrogate, disturbance = _at_instants(segment, step, model, states)
+    means = smooth(model, measured_of(segment))
+    surrogate, disturbance = _at_instants(segment, step, model, means)
     return Fit.of(
         KEY,
         segment,
@@ -165,15 +165,15 @@ def disturbance_sizes(vehicles: Sequence[int], fit: Fit) -> tuple[DisturbanceSiz
 
 
 def _at_instants(
-    segment: Segment, step: Seconds, model: StateSpace, states: SmoothedStates
+    segment: Segment, step: Seconds, model: StateSpace, means: FloatArray
 ) -> tuple[Trajectories, FloatArray]:
     """The smoothed motion, and the disturbance (N, M) in m/s², at all instants of the segment.
 
-    Between the samples used the motion is the cubic that has the smoothed values and rates.
+    The smoothed states (K, n, M) are those at the samples used, which are a step apart. Between
+    these the motion is the cubic that has the smoothed values and rates.
     """
     from scipy.interpolate import CubicHermiteSpline  # takes a second to import, which few need
 
-    means = states.means
     time = step * np.arange(len(means))
     rates = np.einsum("ijb,kjb->kib", model.rates, means)
     curves = CubicHermiteSpline(time, means[:, :3], rates[:, :3])(segment.time)
