@@ -26,9 +26,9 @@ from accpinn.methods.fit import (
 from accpinn.methods.pinn.config import FAST, PinnConfig, PresetName
 from accpinn.methods.pinn.loss import Training
 from accpinn.methods.pinn.method import (
+    TrainingRequest,
     WarmStart,
     output_columns,
-    request_keys,
     require_memory,
 )
 from accpinn.methods.store import Store
@@ -82,7 +82,7 @@ def training(
     def begin() -> Training:
         return _begun(_kind(config.preset)(segment, case, config, count), warm)
 
-    result_key, resume_key = request_keys(segment, case, config, warm)
+    result_key, resume_key = TrainingRequest(segment, case, config, warm).keys
     faults: list[str] = []
     if store and (known := store.load_fit(result_key, segment, faults.append)):
         return replace(known, cached=True)
