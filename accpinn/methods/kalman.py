@@ -133,7 +133,7 @@ class _Step(NamedTuple):
     variances: FloatArray
     """(r, B); infinite where a sample is missing."""
     gains: tuple[FloatArray, ...]
-    """r times (n, B)."""
+    """r times (n, B); none where `constant` stands for them."""
     constant: "_ConstantGain | None" = None
     """What the instants share; None for a single one."""
 
@@ -223,8 +223,6 @@ class _ConstantGain:
     """(3, 3, B): from y minus the predicted p, v, u to the innovations."""
     variances: FloatArray
     """(3, B)."""
-    gains: tuple[FloatArray, ...]
-    """Three times (n, B)."""
 
     @classmethod
     def of(cls, model: StateSpace, step: _Step) -> "_ConstantGain":
@@ -238,7 +236,7 @@ class _ConstantGain:
         drive: FloatArray = np.einsum("ijb,jkb->ikb", model.transition, total)
         transition = model.transition.copy()
         transition[:, OBSERVED] -= drive
-        return cls(transition, drive, whitening, step.variances, step.gains)
+        return cls(transition, drive, whitening, step.variances)
 
     def over(
         self, measured: FloatArray, state: FloatArray, covariance: FloatArray, first: int
@@ -250,9 +248,7 @@ class _ConstantGain:
             for before in range(row):
                 errors[:, row] += self.whitening[row, before] * errors[:, before]
         rows = tuple(range(len(OBSERVED)))
-        return _Step(
-            first, rows, states, covariance, errors, self.variances, self.gains, self
-        ), after
+        return _Step(first, rows, states, covariance, errors, self.variances, (), self), after
 
     def _states(self, measured: FloatArray, state: FloatArray) -> tuple[FloatArray, FloatArray]:
         """(K, n, B) predicted under measurements (K, 3, B), and (n, B) after them."""
