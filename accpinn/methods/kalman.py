@@ -111,8 +111,6 @@ def _incomplete(missing: Mask) -> int:
 
 def _measured_part(measured: FloatArray) -> FloatArray:
     """Samples (N, 3, B) up to the last one that is not missing."""
-    if len(measured) and not np.isnan(measured[-1]).all():
-        return measured
     there = np.flatnonzero(~np.isnan(measured).all(axis=(1, 2)))
     return measured[: there[-1] + 1] if len(there) else measured[:0]
 
