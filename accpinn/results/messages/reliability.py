@@ -64,9 +64,8 @@ def _(finding: intervals.UncertaintyFinding, about: Labelled) -> str:
 def _estimate(one: ParameterInterval) -> str:
     text = QUANTITIES[one.symbol].text
     value = "undetermined" if one.estimate is None else text(one.estimate)
-    upper = "no limit" if one.upper is None else text(one.upper)
     best = "" if one.likeliest is None else f", maximum likelihood {text(one.likeliest)}"
-    return f"{one.symbol} = {value} (interval {text(one.lower)} to {upper}{best})"
+    return f"{one.symbol} = {value} (interval {_ends(one)}{best})"
 
 
 @message.register
