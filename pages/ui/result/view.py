@@ -12,7 +12,6 @@ from accpinn.inference.model_adequacy import Adequacy
 from accpinn.inference.prediction import GapBand, gap_band
 from accpinn.methods import least_squares
 from accpinn.methods.fit import History, Outcome, headway_findings
-from accpinn.methods.maximum_likelihood import disturbance_sizes
 from accpinn.model.cthp import Case, Parameters
 from accpinn.results.bundle import bundle
 from accpinn.results.checks import Check, CheckName, checks
@@ -21,7 +20,7 @@ from accpinn.results.figures.style import vehicle_colours
 from accpinn.results.messages import messages
 from accpinn.results.messages.checks import MEANING, failing_of, label_of
 from accpinn.results.messages.methods import outcome_message
-from accpinn.results.messages.reliability import BAND, conditional
+from accpinn.results.messages.reliability import BAND, about_curves, conditional
 from accpinn.results.snapshot import Snapshot
 from accpinn.results.tables import estimates as tables
 from accpinn.results.tables.estimates import name_of
@@ -236,12 +235,9 @@ def _band(result: Evaluated) -> GapBand | None:
 
 def _about_tracking(result: Evaluated, follower: int) -> str:
     """What the band is, how much it covers, and what disturbs the vehicle."""
-    info, band = result.info, _band(result)
-    vehicle = info.vehicles[follower + 1]
-    covered = [one for one in band.findings if one.vehicle == vehicle] if band else []
-    sizes = disturbance_sizes(info.vehicles, result.fit)
-    moved = [one for one in sizes if one.vehicle in (0, vehicle)]
-    return " ".join(((BAND,) if band else ()) + messages((*covered, *moved), info))
+    band = _band(result)
+    said = about_curves(result.info, result.fit, follower, band)
+    return " ".join(((BAND,) if band else ()) + said)
 
 
 def show_history(
