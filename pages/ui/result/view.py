@@ -76,9 +76,7 @@ def show_evaluated(
     with right:
         follower = pick_follower(info, f"{page}_follower", labelled=False)
         _show_tracking(result, follower, f"{page}_tracking", BESIDE)
-    views: dict[str, Callable[[], None]] = {
-        "Fit": lambda: _show_fit(result, table, follower),
-    }
+    views: dict[str, Callable[[], None]] = {"Fit": lambda: _show_fit(result, table, follower)}
     if history := fit.history:
         views["Training"] = lambda: show_history(history, info, page, fit.case, result.truth)
     views["Comparison"] = lambda: _show_comparison(workspace, result, page)
@@ -241,11 +239,7 @@ def _about_tracking(result: Evaluated, follower: int) -> str:
 
 
 def show_history(
-    history: History,
-    info: SegmentInfo,
-    page: str,
-    case: Case,
-    truth: Parameters | None = None,
+    history: History, info: SegmentInfo, page: str, case: Case, truth: Parameters | None = None
 ) -> None:
     """Loss terms and parameters over iterations, two by two.
 

@@ -238,7 +238,7 @@ class Workspace:
             self.remember(self.recording, self.truth)
         self.segment = segment or snapshot.segment
         self.vehicles, self.case = info.vehicles, snapshot.fit.case
-        self.window = Window(info.window.start, info.window.end)
+        self.window = info.window
         self.excluded_regimes, self.fault, self.refusal = info.excluded_regimes, "", ""
         self._uncertainty = (snapshot.fit, snapshot.uncertainty) if snapshot.uncertainty else None
         self.choose_source("fit")
