@@ -412,9 +412,7 @@ def supported_columns(uncertainty: Uncertainty | None) -> tuple[Column, ...]:
 
 
 def parameter_cells(
-    parameters: Parameters,
-    group: str = "",
-    columns: Sequence[Column] = PARAMETER_COLUMNS,
+    parameters: Parameters, group: str = "", columns: Sequence[Column] = PARAMETER_COLUMNS
 ) -> Iterator[Filled]:
     """α, β and τ (K, 3) as three columns."""
     for column, values in zip(columns, parameters.values.T, strict=True):
