@@ -117,7 +117,7 @@ def parameter_history(
     for value, colour in zip(values, colours, strict=False):
         figure.add_hline(y=value, line=TRUTH | {"color": colour})
     seen = np.append(seen, values)
-    shown = limits(seen, 0.08) or None
+    shown = limits(seen) or None
     figure.update_yaxes(title_text=quantity.heading, range=shown)
     return _over_iterations(figure, quantity.name, f"parameter-{which}")
 
