@@ -31,7 +31,7 @@ from accpinn.results.snapshot.saved import save, writable_path, write_whole
 from accpinn.results.snapshot.verification import PATIENCE, Verification
 from accpinn.results.snapshot.verification import verify as verify_snapshot
 from accpinn.segment.cut import DURATION, parse_vehicles
-from accpinn.segment.quality import exclude_regimes, label_regimes, parse_regimes
+from accpinn.segment.quality import exclude_regimes, label_regimes
 from accpinn.segment.segment import Segment
 from accpinn.stability.frequency import transfer_function
 from accpinn.stability.report import StabilityReport, stability_report
@@ -174,7 +174,7 @@ def fit(
     source = _recording(recording)
     segment = segment_for([method], source, start, duration, _numbers(vehicles))
     if exclude:
-        segment = exclude_regimes(segment, label_regimes(segment, source), parse_regimes(exclude))
+        segment = exclude_regimes(segment, label_regimes(segment, source), exclude)
     settings = named_config(preset, seed=int(seed)) if estimator.settings else None
     context = TaskContext(store=store, threads=threads)
     return Study(source, segment, estimator.fit(segment, case, settings, context))

@@ -16,7 +16,7 @@ from dataclasses import asdict, dataclass
 
 import numpy as np
 
-from accpinn.inference.intervals import LEVEL
+from accpinn.inference.intervals import LEVEL, interval_ends
 from accpinn.inference.posterior import sample_from
 from accpinn.methods.likelihood import natural
 from accpinn.methods.maximum_likelihood import maxima_of
@@ -77,8 +77,7 @@ def study(seed: int) -> Ablation:
             ascent.advance()
         variants[name] = _parameters(ascent.coordinates)
     draws = sample_from(Evidence(series), [maximum], stages=STAGES)[0].evenly(2000)
-    tail = (1 - LEVEL) / 2
-    lower, upper = np.quantile(Parameters.from_theta(draws).values, (tail, 1 - tail), axis=0)
+    lower, upper = interval_ends(Parameters.from_theta(draws).values, LEVEL)
     return Ablation(
         truth=true.values[0].tolist(),
         estimate=_parameters(maximum.coordinates),

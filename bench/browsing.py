@@ -247,3 +247,10 @@ class Browser:
             )
         with suppress(ValueError):
             answer.raise_for_status()
+
+
+async def visit(address: str) -> None:
+    """One look at the first page of an app."""
+    browser = Browser(address)
+    await browser.open()
+    await browser.close()

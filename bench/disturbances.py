@@ -63,8 +63,7 @@ def whole_runs(folder: Path) -> Iterator[Segment]:
             recording = read(file)
         except RecordingError:
             continue
-        length = float(recording.time[-1] - recording.time[0])
-        yield cut(recording, 0.0, length, allow_missing=True)
+        yield cut(recording, duration=recording.duration, allow_missing=True)
 
 
 def without_prior(maximum: Maximum) -> tuple[FloatArray, FloatArray]:

@@ -41,7 +41,7 @@ from accpinn.results.snapshot.saved import Library
 from accpinn.segment.cut import cut, default_vehicles
 from accpinn.units import Seconds
 from bench.advanced import ADVANCE, COUNTED
-from bench.browsing import Browser
+from bench.browsing import Browser, visit
 from bench.run import positive
 from pages.ui.session.resources import KEPT
 from tests.support.server import ROOT, Server, running
@@ -99,7 +99,6 @@ class Request:
             found.info == segment.info
             and found.fit.parameters == fit.parameters
             and uncertainty is not None
-            and expected is not None
             and np.array_equal(uncertainty.lower.values, expected.lower.values, equal_nan=True)
             and np.array_equal(uncertainty.upper.values, expected.upper.values, equal_nan=True)
         )
@@ -291,7 +290,7 @@ class Observed:
         self._passed += seconds
         self._advance.write_text(str(self._passed))
         self.server.process.send_signal(signal.SIGUSR1)
-        asyncio.run(_visit(self.server))
+        asyncio.run(visit(self.server.address))
         time.sleep(SETTLED)
 
 
@@ -311,7 +310,7 @@ def main(arguments: list[str] | None = None) -> int:
         began = time.perf_counter()
         with observed.running() as server:
             load = Load(server)
-            asyncio.run(_visit(server))
+            asyncio.run(visit(server.address))
             print(f"first page {time.perf_counter() - began:.1f} s after the start")
             asyncio.run(Load(server).journeys(1, journeys))
             observed.let_pass(FOR_EVER)
@@ -344,13 +343,6 @@ def main(arguments: list[str] | None = None) -> int:
         print(fault)
     slow = percentile(load.light) > LIGHT
     return int(bool(faults) or slow or largest > LARGEST_MEGABYTES)
-
-
-async def _visit(server: Server) -> None:
-    """One look at the first page."""
-    browser = Browser(server.address)
-    await browser.open()
-    await browser.close()
 
 
 if __name__ == "__main__":

@@ -15,7 +15,7 @@ import numpy as np
 from scipy.linalg import expm
 from scipy.stats import norm
 
-from accpinn.inference.intervals import Interval
+from accpinn.inference.intervals import Interval, interval_ends
 from accpinn.methods.fit import Fit
 from accpinn.model.cthp import Parameters, motion_matrix, regressors
 from accpinn.segment.segment import Segment
@@ -63,8 +63,7 @@ def blocks(smooth: Smooth, level: float, rng: np.random.Generator) -> Interval:
     products = smooth.terms[:, :, None] * np.c_[smooth.terms, smooth.rates][:, None, :]
     sums = np.stack([products[instants].sum(axis=0) for instants in smooth.blocks(rng).T])
     drawn = np.linalg.solve(sums[:, :, :3], sums[:, :, 3:])[..., 0]
-    tail = (1 - level) / 2
-    return Interval(*np.quantile(Parameters.from_theta(drawn).values, [tail, 1 - tail], axis=0))
+    return Interval(*interval_ends(Parameters.from_theta(drawn).values, level))
 
 
 def loop_blocks(smooth: Smooth, level: float, rng: np.random.Generator) -> Interval:
@@ -79,8 +78,7 @@ def loop_blocks(smooth: Smooth, level: float, rng: np.random.Generator) -> Inter
     grams = np.einsum("nik,njk->kij", terms, terms, optimize=True)
     moments = np.einsum("nik,nk->ki", terms, rates)
     drawn = np.linalg.solve(grams, moments[..., None])[..., 0]
-    tail = (1 - level) / 2
-    low, high = np.quantile(Parameters.from_theta(drawn).values, [tail, 1 - tail], axis=0)
+    low, high = interval_ends(Parameters.from_theta(drawn).values, level)
     centre = Parameters.from_theta(smooth.theta).values
     return Interval(2 * centre - high, 2 * centre - low)
 

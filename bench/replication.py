@@ -27,7 +27,7 @@ import numpy as np
 from tqdm import tqdm
 
 from accpinn.inference.identifiability import WIDE
-from accpinn.inference.intervals import LEVEL
+from accpinn.inference.intervals import LEVEL, interval_ends
 from accpinn.recordings.openacc import read
 from accpinn.segment.cut import DURATION, cut, disjoint_windows
 from accpinn.segment.segment import Segment
@@ -154,8 +154,7 @@ def _overlap(one: WindowOfCar, other: WindowOfCar) -> FloatArray:
 
 def _agree(one: WindowOfCar, other: WindowOfCar, level: float) -> FloatArray:
     """(3,) whether the interval of the difference holds zero."""
-    tail = (1.0 - level) / 2.0
-    low, high = np.quantile(one.draws - other.draws, [tail, 1.0 - tail], axis=0)
+    low, high = interval_ends(one.draws - other.draws, level)
     return np.asarray((low <= 0.0) & (high >= 0.0))
 
 

@@ -15,7 +15,7 @@ from pathlib import Path
 import psutil
 
 from accpinn.units import Seconds
-from bench.browsing import Browser
+from bench.browsing import visit
 from bench.measurement import ROUNDS, Measurement, Spent, timed
 from tests.support.server import ROOT, running
 
@@ -53,16 +53,10 @@ def first_page() -> Spent:
     with tempfile.TemporaryDirectory() as place:
         began = time.perf_counter()
         with running(Path(place) / "cache", Path(place) / "log") as server:
-            asyncio.run(_visit(server.address))
+            asyncio.run(visit(server.address))
             taken = time.perf_counter() - began
             times = psutil.Process(server.process.pid).cpu_times()
     return taken, times.user + times.system
-
-
-async def _visit(address: str) -> None:
-    browser = Browser(address)
-    await browser.open()
-    await browser.close()
 
 
 def _processor_of_children() -> Seconds:

@@ -45,14 +45,8 @@ class Widths:
 
 def windows(recording: Recording) -> Iterator[Segment]:
     """All windows of `DURATION` that start a multiple of `EVERY` after the first sample."""
-    length = recording.time[-1] - recording.time[0]
-    for start in np.arange(0.0, length - DURATION + 1e-6, EVERY):
+    for start in np.arange(0.0, recording.duration - DURATION + 1e-6, EVERY):
         yield cut(recording, float(start))
-
-
-def whole(recording: Recording) -> Segment:
-    """The run from its first sample to its last."""
-    return cut(recording, 0.0, float(recording.time[-1] - recording.time[0]))
 
 
 def widths(segments: list[Segment]) -> Widths:
@@ -89,7 +83,7 @@ def main(arguments: list[str] | None = None) -> int:
     folder = openacc(parser)
     recordings = [read(folder / run) for run in RUNS]
     short = widths([segment for recording in recordings for segment in windows(recording)])
-    long = widths([whole(recording) for recording in recordings])
+    long = widths([cut(run, duration=run.duration) for run in recordings])
     print(text({f"windows of {DURATION:g} s": short, "whole runs": long}))
     return int(not (short.wide[1] <= MOST and long.wide[0] <= MOST and long.wide[2] <= MOST))
 

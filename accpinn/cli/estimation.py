@@ -6,7 +6,6 @@ import sys
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 from textwrap import fill
 from threading import Event
@@ -102,7 +101,7 @@ def add_fit_options(parser: argparse.ArgumentParser) -> None:
     add_run_options(parser)
     option(
         "--intervals", action="store_true",
-        help="print 90 %% intervals, and what lies outside: a second; maximum likelihood has them",
+        help="90 %% intervals, and what lies outside: a second; maximum likelihood has them",
     )  # fmt: skip
     option("--out", metavar="SNAPSHOT", help="save the result in this file")
     option("--with-data", action="store_true", help="speeds and gaps in the snapshot, too")
@@ -126,8 +125,10 @@ def run_fit(options: argparse.Namespace) -> int:
         fit = METHODS[options.method].fit(segment, options.case, settings, context)
     # The likelihood has ended where intervals begin, and a snapshot holds them anyway.
     with_intervals = options.intervals or options.out is not None or fit.method == KEY
-    text = partial(fit_text, with_intervals=with_intervals and fit.outcome is not Outcome.STOPPED)
-    show_result(options, describe_fit, text, segment, fit, assess_quality(segment))
+    finished = fit.outcome is not Outcome.STOPPED
+    uncertainty = intervals(segment, fit) if with_intervals and finished else None
+    quality = assess_quality(segment)
+    show_result(options, describe_fit, fit_text, segment, fit, quality, uncertainty)
     if options.out is not None:
         about = {name: getattr(options, name) for name in ("name", "note", "with_data")}
         snapshot = create(segment, fit, recording=recording, **about)
@@ -206,8 +207,10 @@ def _progress_bar() -> Iterator[OnProgress]:
         yield show_progress
 
 
-def describe_fit(segment: Segment, fit: Fit, quality: Quality) -> dict[str, Any]:
-    """The result as the command-line contract has it."""
+def describe_fit(
+    segment: Segment, fit: Fit, quality: Quality, uncertainty: Uncertainty | None = None
+) -> dict[str, Any]:
+    """The result as the command-line contract has it; with intervals, and what lies outside."""
     return {
         **fields(fit, "method", "case", "loss", "network_weights", "iterations"),
         **fields(fit, "seconds", "cached"),
@@ -223,26 +226,32 @@ def describe_fit(segment: Segment, fit: Fit, quality: Quality) -> dict[str, Any]
         "mean_time_gap": quality.mean_time_gap,
         "outcome": fit.outcome.name.lower(),
         "outcome_sentence": outcome_message(fit),
-        "notes": _notes(segment, fit, quality),
+        "intervals": uncertainty and _describe_intervals(segment, uncertainty),
+        "level": uncertainty and uncertainty.level,
+        "notes": _notes(segment, fit, quality, uncertainty),
     }
 
 
-def fit_text(segment: Segment, fit: Fit, quality: Quality, with_intervals: bool = False) -> str:
-    """The result as a table and sentences; with intervals, and what lies outside, if asked for."""
+def fit_text(
+    segment: Segment, fit: Fit, quality: Quality, uncertainty: Uncertainty | None = None
+) -> str:
+    """The result as a table and sentences; with intervals, and what lies outside."""
     errors = surrogate_errors(segment, fit), closed_loop_errors(segment, fit)
-    uncertainty = intervals(segment, fit) if with_intervals else None
     table = parameter_table(segment.info, fit, quality, *errors, uncertainty)
     cached = ", answered from the cache" if fit.cached else ""
     effort = f"{fit.iterations} iterations in {fit.seconds:.1f} s{cached}"
     said = [f"{outcome_message(fit)} ({effort})", *incidents(segment, fit)]
-    found = uncertainty.findings if uncertainty else ()
-    notes = [*_notes(segment, fit, quality), *messages(found, segment)]
+    notes = _notes(segment, fit, quality, uncertainty)
     return "\n".join([table.to_text(), "", *said, *(f"Note: {note}" for note in notes)])
 
 
-def _notes(segment: Segment, fit: Fit, quality: Quality) -> tuple[str, ...]:
+def _notes(
+    segment: Segment, fit: Fit, quality: Quality, uncertainty: Uncertainty | None
+) -> tuple[str, ...]:
     sizes = disturbance_sizes(segment.vehicles, fit)
-    return messages((*segment.findings, *quality.findings, *fit.findings, *sizes), segment)
+    beyond = uncertainty.findings if uncertainty else ()
+    found = (*segment.findings, *quality.findings, *fit.findings, *sizes, *beyond)
+    return messages(found, segment)
 
 
 def add_compare_options(parser: argparse.ArgumentParser) -> None:

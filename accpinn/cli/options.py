@@ -136,10 +136,8 @@ def chosen_segment(
     """The recording and the segment that the options name, for methods by their keys."""
     recording = chosen_recording(options)
     segment = segment_for(methods, recording, options.start, options.duration, options.vehicles)
-    if options.leave_out:
-        regimes = label_regimes(segment, recording)
-        segment = exclude_regimes(segment, regimes, options.leave_out)
-    return recording, segment
+    regimes = label_regimes(segment, recording)
+    return recording, exclude_regimes(segment, regimes, options.leave_out)
 
 
 def chosen_context(options: argparse.Namespace) -> TaskContext:

@@ -82,12 +82,9 @@ def _windows(recording: Recording, options: argparse.Namespace) -> Sequence[Wind
 def _segment(recording: Recording, window: Window, options: argparse.Namespace) -> Segment:
     try:
         segment = cut(recording, window.start, window.duration, options.vehicles)
-        if options.leave_out:
-            regimes = label_regimes(segment, recording)
-            segment = exclude_regimes(segment, regimes, options.leave_out)
+        return exclude_regimes(segment, label_regimes(segment, recording), options.leave_out)
     except SegmentError as fault:
         raise SegmentError(f"--windows, {window}: {fault}") from fault
-    return segment
 
 
 def describe_joint(joint: JointFit) -> dict[str, Any]:

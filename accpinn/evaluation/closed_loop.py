@@ -12,7 +12,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from accpinn.errors import Finding
 from accpinn.methods.fit import Fit
@@ -200,7 +199,7 @@ def collision_times(findings: Sequence[ClosedLoopFinding], vehicles: Sequence[in
     return np.array([times.get(vehicle, np.nan) for vehicle in vehicles[1:]])
 
 
-def _diverged(segment: Segment, simulated: Trajectories) -> NDArray[np.bool_]:
+def _diverged(segment: Segment, simulated: Trajectories) -> Mask:
     """(N, M) True from the first instant on at which a follower's gap leaves ±`DIVERGED`."""
     far = ~(np.abs(simulated.gaps) <= DIVERGED)
     run = np.zeros(len(far), bool)
@@ -209,6 +208,6 @@ def _diverged(segment: Segment, simulated: Trajectories) -> NDArray[np.bool_]:
     return np.asarray(np.logical_or.accumulate(far & run[:, None], axis=0))
 
 
-def _first(segment: Segment, when: NDArray[np.bool_]) -> Seconds:
+def _first(segment: Segment, when: Mask) -> Seconds:
     """The first instant at which ``when`` (N,) holds, from the recording's first sample."""
     return float(segment.start + segment.time[when.argmax()])

@@ -113,9 +113,7 @@ def evaluate(
     )
 
 
-def cross_validate(
-    segment: Segment, estimate: Callable[[Segment], Fit], blocks: int = BLOCKS
-) -> tuple[Block, ...]:
+def cross_validate(segment: Segment, estimate: Callable[[Segment], Fit]) -> tuple[Block, ...]:
     """Hold out each block of the window in turn, and simulate it with parameters from the rest.
 
     A block in which at no instant all vehicles are measured has nothing to compare, so none is
@@ -124,9 +122,8 @@ def cross_validate(
     Args:
         segment: the data.
         estimate: any method, from a segment to a fit.
-        blocks: how many, 2 or more.
     """
-    ends = [round(end) for end in np.linspace(0, segment.samples, blocks + 1)]
+    ends = [round(end) for end in np.linspace(0, segment.samples, BLOCKS + 1)]
     return tuple(
         _block(segment, first, end, estimate)
         for first, end in pairwise(ends)

@@ -19,7 +19,6 @@ Seconds in which a sample is missing do not count.
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import toeplitz
 from scipy.special import ndtr
 
@@ -27,7 +26,7 @@ from accpinn.errors import Finding
 from accpinn.methods.fit import Fit
 from accpinn.methods.regression import STEP, one_second_means
 from accpinn.segment.segment import Segment
-from accpinn.units import FloatArray, Seconds
+from accpinn.units import FloatArray, Mask, Seconds
 
 LAGS = np.arange(2, 7)
 """In s: those that the test sums over."""
@@ -114,7 +113,7 @@ def _finding(vehicle: int, samples: int, figures: list[float]) -> WhitenessFindi
     return CorrelatedResidual(vehicle, deviation, memory, samples, independent)
 
 
-def _figures(residual: FloatArray, mask: NDArray[np.bool_], second: Seconds) -> list[float]:
+def _figures(residual: FloatArray, mask: Mask, second: Seconds) -> list[float]:
     """Deviation, correlation, memory, independent samples, probability."""
     count = int(mask.sum())
     if not count:
@@ -129,7 +128,7 @@ def _figures(residual: FloatArray, mask: NDArray[np.bool_], second: Seconds) -> 
     return [deviation, float(rho[1]), memory, independent, _by_chance(rho, count)]
 
 
-def _correlations(centred: FloatArray, mask: NDArray[np.bool_]) -> FloatArray:
+def _correlations(centred: FloatArray, mask: Mask) -> FloatArray:
     """ρ_k over the pairs of seconds that both count, with far lags damped as usual."""
     count = len(centred)
     products, pairs = (

@@ -18,7 +18,6 @@ from typing import Any, Literal
 
 import msgspec
 import numpy as np
-from numpy.typing import NDArray
 
 from accpinn.channels import PARAMETERS
 from accpinn.errors import ConfigError, Finding
@@ -31,7 +30,7 @@ from accpinn.model.cthp import Case, Parameters
 from accpinn.segment.segment import Segment
 from accpinn.stability.criteria import exact_margin, l2_margin, step_metrics
 from accpinn.stability.frequency import crossovers, peaks, response
-from accpinn.units import FloatArray, Seconds
+from accpinn.units import FloatArray, Mask, Seconds
 
 METHOD = "posterior of the exact likelihood, by importance sampling"
 LEVEL = 0.9
@@ -105,7 +104,7 @@ class Uncertainty:
     """(M,)"""
     upper: Parameters
     """(M,)"""
-    inside: NDArray[np.bool_]
+    inside: Mask
     """(M, 3) whether the fit's own estimate lies within, or no further outside than `SLACK`."""
     draws: Parameters
     """(n, M) from the posterior, of equal weight; nan where `NotDetermined`."""
@@ -183,7 +182,7 @@ def agree(one: Uncertainty, other: Uncertainty) -> bool:
     )
 
 
-def within(estimate: FloatArray, lower: FloatArray, upper: FloatArray) -> NDArray[np.bool_]:
+def within(estimate: FloatArray, lower: FloatArray, upper: FloatArray) -> Mask:
     """Whether estimates lie in their intervals, up to the `SLACK` of the drawn ends.
 
     Args:
@@ -250,8 +249,8 @@ def from_draws(centre: Parameters, sampled: Parameters, level: float) -> Uncerta
         upper=Parameters.of(upper),
         inside=np.ones_like(lower, dtype=bool),
         draws=sampled,
-        probability_l2=_where(known, (l2_margin(sampled) >= 0).mean(axis=0)),
-        probability_linf=_where(known, (exact_margin(sampled) >= 0).mean(axis=0)),
+        probability_l2=np.where(known, (l2_margin(sampled) >= 0).mean(axis=0), np.nan),
+        probability_linf=np.where(known, (exact_margin(sampled) >= 0).mean(axis=0), np.nan),
         peak_gain=Interval(*interval_ends(peaks(sampled).gain, level)),
         linf_gain=Interval(*interval_ends(step_metrics(sampled).gain, level)),
         crossover=Interval(*interval_ends(np.nan_to_num(crossovers(sampled)), level)),
@@ -278,10 +277,6 @@ def interval_ends(values: FloatArray, level: float) -> tuple[FloatArray, FloatAr
     tail = (1.0 - level) / 2.0
     lower, upper = np.quantile(values, (tail, 1.0 - tail), axis=0)
     return lower, upper
-
-
-def _where(known: NDArray[np.bool_], shares: FloatArray) -> FloatArray:
-    return np.where(known, shares, np.nan)
 
 
 def _findings(segment: Segment, fit: Fit, judged: Uncertainty) -> list[UncertaintyFinding]:

@@ -22,10 +22,14 @@ to none. Source: Hoeting, Madigan, Raftery and Volinsky, Statistical Science 14 
 If a form holds, its standardised innovations ε are white, even and normal. Of those of gap and own
 speed (Bonferroni's correction unites the two) are tested the correlation over 10 s (Ljung and Box,
 1978), the variance against the speed (Breusch and Pagan, 1979), and skewness and kurtosis (Jarque
-and Bera, 1980). A response that is not linear, as where the controller limits its acceleration,
-would add powers of the command c = α(p - τv) + βΔv to the acceleration. ε is regressed on what c²
-and c³, so added, would do to it, beside p, v, u and 1 (a score test, after the RESET of Ramsey,
-1969); the filter is linear, so it turns their effects on p and v into those on ε. Holm's correction
+and Bera, 1980). A response that is not linear, as where
+the controller limits its acceleration, would add to the acceleration a share of what of the command
+c = α(p - τv) + βΔv lies beyond some height. The heights ½, 1, 1½ and 2 standard deviations above
+and below its mean give eight such terms. ε is regressed on what each, so added, would do to it,
+beside p, v, u and 1 (a score test; the filter is linear, so it turns a term's effects on p and v
+into those on ε). As the eight resemble each other, their squared statistics are added up, which is
+more powerful than to ask what they explain together; under the model, the sum is distributed as
+Σλχ², where λ are the eigenvalues of the terms' correlation (Kuonen, 1999). Holm's correction
 keeps the chance that a true model fails any test below the level. What no single follower shows may
 show in all of them: their p-values are united by Fisher's method (1925), and tested alike.
 """
@@ -70,6 +74,8 @@ LAGS = 20
 """Of the correlation, in samples of 0.5 s."""
 SETTLING = 20
 """Samples at the start of a series that the filter needs to forget that it knew nothing."""
+HEIGHTS = (0.5, 1.0, 1.5, 2.0)
+"""Of the command, in standard deviations off its mean, where the response may stop being linear."""
 
 
 class FormPosterior(msgspec.Struct, frozen=True, kw_only=True):
@@ -410,12 +416,15 @@ def _gap_last(model: StateSpace) -> StateSpace:
 def _nonlinear(
     series: Series, maxima: Sequence[Maximum], model: StateSpace, found: Innovations
 ) -> FloatArray:
-    """(G,) p-values of c² and c³ as further terms; see above. Model and innovations: gap last."""
+    """(G,) p-values of the command beyond `HEIGHTS`; see above. Model and innovations: gap last."""
     theta = np.array([maxima[g].theta for g in series.group])
     alpha, alpha_tau, beta = theta.T
     p, v, u = series.measured.transpose(1, 0, 2)
     command = alpha * p - alpha_tau * v + beta * (u - v)
-    terms = np.nan_to_num([command**2, command**3, p, v, u, np.ones_like(p)])
+    around = command - np.nanmean(command, axis=0)
+    heights = np.multiply.outer(HEIGHTS, np.nanstd(command, axis=0))[:, None]
+    beyond = np.concatenate([np.maximum(around - heights, 0.0), np.minimum(around + heights, 0.0)])
+    terms = np.nan_to_num([*beyond, p, v, u, np.ones_like(p)])
     count = len(terms)
     effects = np.where(found.known[:, :, None], _effects(theta, terms, series.step), np.nan)
     each = StateSpace(*(np.tile(getattr(model, one.name), count) for one in fields(model)))
@@ -427,8 +436,7 @@ def _nonlinear(
     for group in range(series.groups):
         members = series.members(group)
         rows, target = columns[:, :, members].reshape(-1, count), errors[..., members].ravel()
-        explained = _explained(rows, target) - _explained(rows[:, 2:], target)
-        values.append(chdtrc(2, explained))
+        values.append(score_test(rows[:, : len(beyond)], rows[:, len(beyond) :], target))
     return np.array(values)
 
 
@@ -446,11 +454,54 @@ def _effects(theta: FloatArray, terms: FloatArray, step: Seconds) -> FloatArray:
     return effects
 
 
-def _explained(columns: FloatArray, target: FloatArray) -> float:
-    """The sum of squares of the target (n,) that the columns (n, k) explain."""
-    scale = np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
-    left, values, _ = np.linalg.svd(columns / scale, full_matrices=False)
-    return float(((target @ left[:, values > 1e-9 * values.max(initial=0.0)]) ** 2).sum())
+def score_test(terms: FloatArray, beside: FloatArray, errors: FloatArray) -> float:
+    """p-value of the summed squares of several terms' statistics, each term tried by itself.
+
+    Args:
+        terms: (n, K) that may explain the errors; they may resemble each other.
+        beside: (n, k) columns that the regression has in any case.
+        errors: (n,) independent and standard normal if nothing explains them.
+
+    Returns:
+        Within a tenth of its value; 1 where no term is more than the columns beside it.
+    """
+    left, values, _ = np.linalg.svd(_unit(beside), full_matrices=False)
+    left = left[:, values > 1e-9 * values.max(initial=0.0)]
+    own = _unit(terms)
+    own = own - left @ (left.T @ own)
+    own = _unit(own[:, np.linalg.norm(own, axis=0) > 1e-6])
+    weights = np.asarray(np.linalg.eigvalsh(own.T @ own), float)
+    return _exceeds(float(((errors @ own) ** 2).sum()), weights)
+
+
+def _unit(columns: FloatArray) -> FloatArray:
+    """Columns of length 1; those without any stay."""
+    return np.asarray(columns / np.maximum(np.linalg.norm(columns, axis=0), 1e-300))
+
+
+def _exceeds(value: float, weights: FloatArray) -> float:
+    """P(Σ λχ² > value) of independent χ² of one degree of freedom: Kuonen's saddlepoint."""
+    from scipy.optimize import brentq  # takes a quarter of a second, which few commands need
+
+    weights = weights[weights > 1e-9]
+    if value == 0.0 or not len(weights):
+        return 1.0
+    share = weights / value
+    # Where the cumulants' generating function has slope 1, below its pole: each term of the slope
+    # is at most 1/(2·distance to the pole), which is the largest's.
+    pole, widened = 0.5 / share.max(), 1.0 + 1e-9
+    z = brentq(
+        lambda z: float((share / (1.0 - 2.0 * z * share)).sum()) - 1.0,
+        pole - 0.5 * len(share) * widened,
+        pole - 0.5 / widened,
+    )
+    rest = 1.0 - 2.0 * z * share
+    curvature = 2.0 * float(((share / rest) ** 2).sum())
+    w = np.sign(z) * np.sqrt(max(2.0 * z + np.log(rest).sum(), 0.0))
+    u = z * np.sqrt(curvature)
+    if abs(u) < 1e-3:  # near the mean both tend to zero
+        return float(ndtr(-8.0 * float((share**3).sum()) / curvature**1.5 / 6.0))
+    return float(ndtr(-w - np.log(u / w) / w))
 
 
 def _correlated(errors: FloatArray) -> float:

@@ -111,8 +111,6 @@ def _incomplete(missing: Mask) -> int:
 
 def _measured_part(measured: FloatArray) -> FloatArray:
     """Samples (N, 3, B) up to the last one that is not missing."""
-    if len(measured) and not np.isnan(measured[-1]).all():
-        return measured
     there = np.flatnonzero(~np.isnan(measured).all(axis=(1, 2)))
     return measured[: there[-1] + 1] if len(there) else measured[:0]
 
@@ -133,7 +131,7 @@ class _Step(NamedTuple):
     variances: FloatArray
     """(r, B); infinite where a sample is missing."""
     gains: tuple[FloatArray, ...]
-    """r times (n, B)."""
+    """r times (n, B); none where `constant` stands for them."""
     constant: "_ConstantGain | None" = None
     """What the instants share; None for a single one."""
 
@@ -223,8 +221,6 @@ class _ConstantGain:
     """(3, 3, B): from y minus the predicted p, v, u to the innovations."""
     variances: FloatArray
     """(3, B)."""
-    gains: tuple[FloatArray, ...]
-    """Three times (n, B)."""
 
     @classmethod
     def of(cls, model: StateSpace, step: _Step) -> "_ConstantGain":
@@ -238,7 +234,7 @@ class _ConstantGain:
         drive: FloatArray = np.einsum("ijb,jkb->ikb", model.transition, total)
         transition = model.transition.copy()
         transition[:, OBSERVED] -= drive
-        return cls(transition, drive, whitening, step.variances, step.gains)
+        return cls(transition, drive, whitening, step.variances)
 
     def over(
         self, measured: FloatArray, state: FloatArray, covariance: FloatArray, first: int
@@ -250,9 +246,7 @@ class _ConstantGain:
             for before in range(row):
                 errors[:, row] += self.whitening[row, before] * errors[:, before]
         rows = tuple(range(len(OBSERVED)))
-        return _Step(
-            first, rows, states, covariance, errors, self.variances, self.gains, self
-        ), after
+        return _Step(first, rows, states, covariance, errors, self.variances, (), self), after
 
     def _states(self, measured: FloatArray, state: FloatArray) -> tuple[FloatArray, FloatArray]:
         """(K, n, B) predicted under measurements (K, 3, B), and (n, B) after them."""
@@ -269,29 +263,13 @@ class _ConstantGain:
             np.einsum("ijb,jb->ib", both, now, out=after)
         return known[:-1, :size], known[-1, :size]
 
-    def backward(
-        self, errors: FloatArray, says: FloatArray, sure: FloatArray
-    ) -> tuple[FloatArray, FloatArray]:
-        """See `_backward`: r (K, n, B) and N (K, n, n, B) from those after the K instants."""
+    def backward(self, errors: FloatArray, says: FloatArray) -> FloatArray:
+        """See `_backward`: r (K, n, B) from that after the K instants."""
         back = np.ascontiguousarray(self.transition.transpose(1, 0, 2))
-        observed, count = len(OBSERVED), errors.shape[2]
-        pushes = np.zeros((len(errors), len(says), count))
+        pushes = np.zeros((len(errors), *says.shape))
         weighted = errors[::-1] / self.variances
-        pushes[:, :observed] = np.einsum("jib,kjb->kib", self.whitening, weighted)
-        every = recursion(back, pushes, says)[:0:-1]
-        adds = np.zeros_like(sure)
-        scaled = self.whitening / self.variances[:, None]
-        adds[:observed, :observed] = np.einsum("jib,jkb->ikb", self.whitening, scaled)
-        sures = np.empty((len(errors), *sure.shape))
-        for k in range(len(errors) - 1, -1, -1):
-            before = sure
-            sure = np.einsum("ijb,jkb->ikb", back, sure)
-            sure = np.einsum("ijb,jkb->ikb", sure, self.transition) + adds
-            sures[k] = sure
-            if _is_settled(before, sure):
-                sures[:k] = sure
-                break
-        return every, sures
+        pushes[:, : len(OBSERVED)] = np.einsum("jib,kjb->kib", self.whitening, weighted)
+        return recursion(back, pushes, says)[:0:-1]
 
 
 def recursion(transition: FloatArray, driven: FloatArray, state: FloatArray) -> FloatArray:
@@ -341,63 +319,41 @@ def recursion(transition: FloatArray, driven: FloatArray, state: FloatArray) -> 
     return states.transpose(2, 0, 1, 3).reshape(-1, size, count)[: samples + 1]
 
 
-@dataclass(frozen=True, eq=False)
-class SmoothedStates:
-    """The states given all measurements, before and after."""
-
-    means: FloatArray
-    """(N, n, B)."""
-    deviations: FloatArray
-    """(N, n, B)."""
-
-
-def smooth(model: StateSpace, measured: FloatArray) -> SmoothedStates:
-    """Mean and deviation of every state at every instant, given all measurements.
+def smooth(model: StateSpace, measured: FloatArray) -> FloatArray:
+    """The mean of every state at every instant, given all measurements, before and after.
 
     Args:
         model: B of them.
         measured: (N, 3, B) p, v, u; nan where missing.
+
+    Returns:
+        (N, n, B).
     """
-    means, deviations = np.empty((2, len(measured), *model.first.shape))
+    means = np.empty((len(measured), *model.first.shape))
     for columns in _alike(measured):
         part = model.of(columns)
-        for step, says, sure in _backward(part, _filtered(part, measured[:, :, columns])):
-            spread = step.covariance
-            pulled: FloatArray = np.einsum("ijb,kjb->kib", spread, says)
+        for step, says in _backward(part, _filtered(part, measured[:, :, columns])):
+            pulled: FloatArray = np.einsum("ijb,kjb->kib", step.covariance, says)
             means[step.at, :, columns] = step.states + pulled
-            shrunk: FloatArray = np.einsum("ijb,kjlb->kilb", spread, sure)
-            rest = np.einsum("iib->ib", spread) - np.einsum("kilb,lib->kib", shrunk, spread)
-            deviations[step.at, :, columns] = np.sqrt(np.maximum(rest, 0.0))
-    return SmoothedStates(means, deviations)
+    return means
 
 
-def _backward(
-    model: StateSpace, steps: Iterator[_Step]
-) -> Iterator[tuple[_Step, FloatArray, FloatArray]]:
+def _backward(model: StateSpace, steps: Iterator[_Step]) -> Iterator[tuple[_Step, FloatArray]]:
     """What the measurements from an instant on say beyond those before it, last step first.
 
-    They are r (K, n, B) and N (K or 1, n, n, B) of Durbin and Koopman, with the measurements of an
-    instant taken out one by one, last first.
+    That is r (K, n, B) of Durbin and Koopman, with the measurements of an instant taken out one by
+    one, last first.
     """
     back = model.transition.transpose(1, 0, 2)
-    says, sure = np.zeros_like(model.first), np.zeros_like(model.first_covariance)
+    says = np.zeros_like(model.first)
     for step in reversed(list(steps)):
         if step.constant:
-            every, sures = step.constant.backward(step.errors, says, sure)
-            says, sure = every[0], sures[0]
-            yield step, every, sures
+            every = step.constant.backward(step.errors, says)
+            says = every[0]
+            yield step, every
             continue
         says = _times(back, says)
-        sure = np.einsum("ijb,jkb->ikb", back, sure)
-        sure = np.einsum("ijb,jkb->ikb", sure, model.transition)
         for row in range(len(step.rows) - 1, -1, -1):
             i, gain, variance = OBSERVED[step.rows[row]], step.gains[row], step.variances[row]
-            pull = np.einsum("jb,jb->b", gain, says)
-            says = says.copy()
-            says[i] += step.errors[0, row] / variance - pull
-            left = sure.copy()
-            left[i] -= np.einsum("jb,jkb->kb", gain, sure)
-            sure = left.copy()
-            sure[:, i] -= np.einsum("ijb,jb->ib", left, gain)
-            sure[i, i] += 1.0 / variance
-        yield step, says[None], sure[None]
+            says[i] += step.errors[0, row] / variance - np.einsum("jb,jb->b", gain, says)
+        yield step, says[None]

@@ -38,12 +38,12 @@ def fit(segment: Segment, case: Case = "II") -> Fit:
     return Fit.of("least-squares", segment, case, solution, outcome=Outcome.SOLVED, config={})
 
 
-def fit_smoothed(segment: Segment, case: Case = "II", window: Seconds = WINDOW) -> Fit:
+def fit_smoothed(segment: Segment, case: Case = "II") -> Fit:
     """The least-squares parameters of the smoothed segment; the surrogate is that segment."""
     from scipy.signal import savgol_filter  # takes a second to import, which few need
 
     # An odd number, as the window is centred; no more than there are.
-    wanted = max(LEAST_SAMPLES, 2 * round(window / segment.sample_time / 2) + 1)
+    wanted = max(LEAST_SAMPLES, 2 * round(WINDOW / segment.sample_time / 2) + 1)
     samples = min(wanted, segment.samples - 1 + segment.samples % 2)
     degree = min(DEGREE, samples - 1)
     smoothing = partial(

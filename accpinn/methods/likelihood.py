@@ -199,10 +199,8 @@ def maximise(
         z = np.array(near)
     groups = np.arange(len(z)) % series.groups
     found = search(criterion, z, groups)
-    best = []
-    for group in range(series.groups):
-        best.append(max(found[group :: series.groups], key=lambda one: one.criterion))
-    return tuple(best)
+    each = (found[group :: series.groups] for group in range(series.groups))
+    return tuple(max(one, key=lambda end: end.criterion) for one in each)
 
 
 def search(

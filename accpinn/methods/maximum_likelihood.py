@@ -12,11 +12,10 @@ from collections.abc import Sequence
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
 from accpinn.errors import Finding
 from accpinn.methods.fit import Fit, Outcome, WeaklyDetermined
-from accpinn.methods.kalman import SmoothedStates, smooth
+from accpinn.methods.kalman import smooth
 from accpinn.methods.likelihood import Maximum, maximise
 from accpinn.methods.method import direct
 from accpinn.methods.regression import Solution
@@ -24,7 +23,7 @@ from accpinn.methods.series import measured_of, moving, series_of, stride_of
 from accpinn.methods.state_space import Form, StateSpace, state_space
 from accpinn.model.cthp import Case, Trajectories
 from accpinn.segment.segment import Segment
-from accpinn.units import FloatArray, Seconds, frozen
+from accpinn.units import FloatArray, Mask, Seconds, frozen
 
 KEY = "maximum-likelihood"
 DISTURBANCE = slice(3, 6)
@@ -109,14 +108,14 @@ def fit_among(segments: tuple[Segment, ...], segment: Segment, case: Case) -> Fi
     maxima = joint_maxima(segments, case)
     of = maxima * segment.followers if case == "I" else maxima
     theta = np.array([one.theta for one in of])
-    active: NDArray[np.bool_] = np.asarray(theta == 0.0)
+    active: Mask = np.asarray(theta == 0.0)
     free = theta.copy()
     for g, one in _without_bounds(segments, case).items():
         free[slice(None) if case == "I" else g] = one.values[:3]
     step = stride_of(segment) * segment.sample_time
     model = state_space("cthp", np.array([one.values for one in of]), step)
-    states = smooth(model, measured_of(segment))
-    surrogate, disturbance = _at_instants(segment, step, model, states)
+    means = smooth(model, measured_of(segment))
+    surrogate, disturbance = _at_instants(segment, step, model, means)
     return Fit.of(
         KEY,
         segment,
@@ -166,15 +165,15 @@ def disturbance_sizes(vehicles: Sequence[int], fit: Fit) -> tuple[DisturbanceSiz
 
 
 def _at_instants(
-    segment: Segment, step: Seconds, model: StateSpace, states: SmoothedStates
+    segment: Segment, step: Seconds, model: StateSpace, means: FloatArray
 ) -> tuple[Trajectories, FloatArray]:
     """The smoothed motion, and the disturbance (N, M) in m/s², at all instants of the segment.
 
-    Between the samples used the motion is the cubic that has the smoothed values and rates.
+    The smoothed states (K, n, M) are those at the samples used, which are a step apart. Between
+    these the motion is the cubic that has the smoothed values and rates.
     """
     from scipy.interpolate import CubicHermiteSpline  # takes a second to import, which few need
 
-    means = states.means
     time = step * np.arange(len(means))
     rates = np.einsum("ijb,kjb->kib", model.rates, means)
     curves = CubicHermiteSpline(time, means[:, :3], rates[:, :3])(segment.time)

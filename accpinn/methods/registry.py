@@ -15,7 +15,7 @@ from accpinn.methods import (
 from accpinn.methods.method import Method
 from accpinn.methods.pinn import method as pinn
 from accpinn.recordings.recording import Recording
-from accpinn.segment.cut import DURATION, IncompleteWindow, cut
+from accpinn.segment.cut import IncompleteWindow, cut
 from accpinn.segment.segment import Segment
 from accpinn.units import Seconds
 
@@ -49,9 +49,9 @@ def method_of(key: str) -> Method:
 def segment_for(
     methods: Sequence[str],
     recording: Recording,
-    start: Seconds = 0.0,
-    duration: Seconds = DURATION,
-    vehicles: Sequence[int] | None = None,
+    start: Seconds,
+    duration: Seconds,
+    vehicles: Sequence[int] | None,
 ) -> Segment:
     """The window that methods are to be applied to; samples may be missing if all allow that.
 

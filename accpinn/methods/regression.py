@@ -178,15 +178,13 @@ def one_second_means(segment: Segment) -> OneSecondMeans:
     speeds = segment.speeds[: last + 1 : samples, 1:]
     terms = regressors(segment.speeds, segment.gaps)[:, : last + 1]
     trapezoid = (terms[:, 1:] + terms[:, :-1]) / 2
-    mask: Mask = np.ones((segment.followers, count), dtype=bool)
-    if segment.mask is not None or segment.missing is not None:
-        kept = segment.counts[: last + 1]
-        pairs = kept[1:] & kept[:-1]  # a step has both its ends in it
-        mask = np.asarray(pairs.reshape(count, samples, -1).all(axis=1).T)
+    kept = segment.counts[: last + 1]
+    pairs = kept[1:] & kept[:-1]  # a step has both its ends in it
+    mask = pairs.reshape(count, samples, segment.followers).all(axis=1)
     return OneSecondMeans(
         rates=np.diff(speeds, axis=0).T / length,
         terms=trapezoid.reshape(len(terms), count, samples, 3).mean(axis=2),
-        mask=mask,
+        mask=np.asarray(mask.T),
         samples=samples,
         length=length,
     )

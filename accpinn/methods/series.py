@@ -87,16 +87,6 @@ def series_of(
     return Series(measured, tuple(group), step)
 
 
-def measured_followers(segments: Sequence[Segment], case: Case) -> tuple[int, ...]:
-    """The followers of whom enough is measured for the likelihood; in Case I all or none."""
-    counts = [
-        sum(map(_complete, _measured_parts(segments, k))) for k in range(segments[0].followers)
-    ]
-    if case == "I":
-        return tuple(range(len(counts))) if sum(counts) >= LEAST_SAMPLES else ()
-    return tuple(k for k, count in enumerate(counts) if count >= LEAST_SAMPLES)
-
-
 def _measured_parts(segments: Sequence[Segment], follower: int) -> list[FloatArray]:
     """What counts of a follower in one piece each, (N, 3); pieces that say next to nothing go."""
     parts = []
@@ -140,9 +130,16 @@ def measured_of(segment: Segment) -> FloatArray:
 
 
 def determined_followers(segments: Sequence[Segment], case: Case) -> tuple[int, ...]:
-    """Those of `measured_followers` whose parameters the motion in some segment determines."""
+    """The followers whose parameters the likelihood determines; in Case I all or none.
+
+    Enough of them is measured, and in some segment they or the vehicle ahead move.
+    """
     moves = np.any([moving(segment, case) for segment in segments], axis=0)
-    return tuple(k for k in measured_followers(segments, case) if moves[k])
+    followers = range(segments[0].followers)
+    counts = [sum(map(_complete, _measured_parts(segments, k))) for k in followers]
+    if case == "I":
+        counts = [sum(counts)] * len(counts)
+    return tuple(k for k in followers if counts[k] >= LEAST_SAMPLES and moves[k])
 
 
 def moving(segment: Segment, case: Case) -> Mask:

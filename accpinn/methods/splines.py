@@ -14,7 +14,6 @@ Source: Ramsay, Hooker, Campbell and Cao, J. R. Statist. Soc. B 69 (2007) 741-79
 """
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import solveh_banded
 from scipy.sparse import csr_array, diags_array
 
@@ -24,7 +23,7 @@ from accpinn.methods.method import direct
 from accpinn.methods.regression import Regression
 from accpinn.model.cthp import Case, Trajectories, regressors
 from accpinn.segment.segment import Segment
-from accpinn.units import FloatArray, Seconds
+from accpinn.units import FloatArray, Mask, Seconds
 
 KNOTS_EVERY: Seconds = 0.5
 """Spacing of the knots; halving it moves the parameters of the reference runs by under 0.01 %."""
@@ -88,10 +87,7 @@ class _Basis:
     """The B-splines on the segment's instants, and the banded solve for their coefficients."""
 
     def __init__(
-        self,
-        instants: FloatArray,
-        knots_every: Seconds,
-        mask: NDArray[np.bool_] | None = None,
+        self, instants: FloatArray, knots_every: Seconds, mask: Mask | None = None
     ) -> None:
         from scipy.interpolate import BSpline  # takes a second to import, which few need
 

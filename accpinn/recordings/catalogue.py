@@ -6,6 +6,7 @@ are known; it holds no recording.
 
 import csv
 import os
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
@@ -49,10 +50,9 @@ def catalogue() -> tuple[Run, ...]:
     return tuple(sorted(runs, key=lambda run: (run.campaign, _natural(run.file))))
 
 
-def _natural(name: str) -> list[tuple[int, int, str]]:
-    """Sorts numbers within a name by their value."""
-    digits = "".join(c if c.isdigit() else f"\n{c}\n" for c in name).split("\n")
-    return [(0, int(part), "") if part.isdigit() else (1, 0, part) for part in digits if part]
+def _natural(name: str) -> list[str | int]:
+    """Sorts numbers within a name by their value; texts and numbers alternate."""
+    return [int(part) if part.isdigit() else part for part in re.split(r"(\d+)", name)]
 
 
 def find(names: Sequence[str]) -> tuple[Run, ...]:

@@ -13,6 +13,7 @@ from concurrent.futures import Future, ThreadPoolExecutor, as_completed
 from contextlib import suppress
 from dataclasses import dataclass
 from enum import Enum
+from functools import partial
 from pathlib import Path
 from urllib.parse import quote, urlsplit
 
@@ -94,15 +95,6 @@ class _Stopped(Exception):
     """The caller said so."""
 
 
-@dataclass(frozen=True)
-class _Patience:
-    """How long to wait, and for what."""
-
-    pause: Seconds
-    stall: Seconds
-    connect: Seconds
-
-
 def download(
     runs: Sequence[Run],
     folder: Path,
@@ -138,31 +130,28 @@ def download(
     registry = {run.key: f"sha256:{known}" if (known := sums.of(run)) else None for run in runs}
     urls = {run.key: f"{base.rstrip('/')}/{quote(run.key)}" for run in runs}
     fetcher = pooch.create(path=folder, base_url="", registry=registry, urls=urls)
-    down = threading.Event()
-
-    def stop() -> bool:
-        return bool(should_stop and should_stop())
-
-    patience = _Patience(pause, stall, CONNECT)
-
-    def fetch(run: Run) -> Download:
-        return _fetch(fetcher, run, sums, down, stop, on_transfer, patience)
-
+    wishes = _Wishes(on_transfer, should_stop or (lambda: False), pause, stall)
+    fetch = partial(_fetch, fetcher, sums, threading.Event(), wishes)
     with ThreadPoolExecutor(max(1, connections)) as pool:
         futures: list[Future[Download]] = [pool.submit(fetch, run) for run in runs]
         for future in as_completed(futures):
             yield future.result()
 
 
+@dataclass(frozen=True)
+class _Wishes:
+    """What the caller of `download` asks for; see there."""
+
+    on_transfer: OnTransfer | None
+    should_stop: Callable[[], bool]
+    pause: Seconds
+    stall: Seconds
+
+
 def _fetch(
-    fetcher: pooch.Pooch,
-    run: Run,
-    sums: "_Checksums",
-    down: threading.Event,
-    stop: Callable[[], bool],
-    on_transfer: OnTransfer | None,
-    patience: _Patience,
+    fetcher: pooch.Pooch, sums: "_Checksums", down: threading.Event, wishes: _Wishes, run: Run
 ) -> Download:
+    """One run; no further one is asked for once the server is ``down``."""
     path = run.path(Path(fetcher.path))
     host = urlsplit(fetcher.urls[run.key]).netloc
 
@@ -176,7 +165,7 @@ def _fetch(
             return failed(f"{path}: this is not the published file; move it away to download it.")
         if not there and down.is_set():
             return failed(_no_network(run, host))
-        transfer = _Resuming(run, stop, on_transfer, patience, checked=known is not None)
+        transfer = _Resuming(run, wishes, checked=known is not None)
         try:
             fetcher.fetch(run.key, downloader=transfer)
         except ValueError:  # another checksum, perhaps as two versions were put together
@@ -211,24 +200,16 @@ def _no_network(run: Run, host: str) -> str:
 class _Resuming:
     """Pooch's downloader that goes on with what earlier attempts have received."""
 
-    def __init__(
-        self,
-        run: Run,
-        stop: Callable[[], bool],
-        on_transfer: OnTransfer | None,
-        patience: _Patience,
-        checked: bool,
-    ) -> None:
+    def __init__(self, run: Run, wishes: _Wishes, checked: bool) -> None:
         self.resumed = False
-        self._run, self._stop, self._on_transfer = run, stop, on_transfer
-        self._patience, self._checked = patience, checked
+        self._run, self._wishes, self._checked = run, wishes, checked
 
     def __call__(self, url: str, output_file: str, fetcher: pooch.Pooch) -> None:
         """Transfer a file to ``output_file``."""
         target = self._run.path(Path(fetcher.path))
         part = target.with_name(f".{target.name}.part")
         version = target.with_name(f".{target.name}.version")
-        pause, fault = self._patience.pause, "it breaks off"
+        pause, fault = self._wishes.pause, "it breaks off"
         for attempt in range(ATTEMPTS):
             if attempt:
                 self._wait(pause)
@@ -243,7 +224,7 @@ class _Resuming:
                 fault = "the connection breaks off"
                 continue
             except requests.Timeout:
-                fault = f"nothing arrives for {self._patience.stall:g} s"
+                fault = f"nothing arrives for {self._wishes.stall:g} s"
                 continue
             except requests.RequestException:
                 fault = "the connection breaks off"
@@ -273,7 +254,7 @@ class _Resuming:
         headers = {"Accept-Encoding": "identity"}
         if have:
             headers |= {"Range": f"bytes={have}-"} | ({"If-Range": tag} if tag else {})
-        timeout = (self._patience.connect, self._patience.stall)
+        timeout = (CONNECT, self._wishes.stall)
         with requests.get(url, headers=headers, stream=True, timeout=timeout) as answer:
             status = answer.status_code
             if status == 416:  # the part is as long as the file, or longer
@@ -313,16 +294,16 @@ class _Resuming:
                 have += len(chunk)
                 if have > LIMIT_BYTES:
                     raise _Refused(f"{self._run.key}: the file is far too large for a recording.")
-                if self._on_transfer:
-                    self._on_transfer(Transfer(self._run, have, size))
-                if self._stop():
+                if self._wishes.on_transfer:
+                    self._wishes.on_transfer(Transfer(self._run, have, size))
+                if self._wishes.should_stop():
                     raise _Stopped
         return None if size is None or have == size else ("the connection breaks off", 0.0)
 
     def _wait(self, pause: Seconds) -> None:
         end = time.monotonic() + pause
         while (left := end - time.monotonic()) > 0:
-            if self._stop():
+            if self._wishes.should_stop():
                 raise _Stopped
             time.sleep(min(left, 0.1))
 

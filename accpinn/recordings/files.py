@@ -50,7 +50,7 @@ def read(
     if trajectory is not None:
         fault = "an OpenACC file is one run, without trajectories"
         raise source_file.refusal(fault, "leave the trajectory out")
-    return openacc.read_file(source_file)
+    return openacc.read(source_file)
 
 
 def read_all(
@@ -174,7 +174,7 @@ def _table_of(
 def _refuse_unknown(source_file: SourceFile) -> Recording:
     """OpenACC's own sentence, which says what is expected; a mapping is the other way."""
     try:
-        return openacc.read_file(source_file)
+        return openacc.read(source_file)
     except RecordingError as fault:
         raise RecordingError(
             f"{str(fault).removesuffix('.')}, or name its columns in a mapping (--mapping)."

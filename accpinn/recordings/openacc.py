@@ -84,25 +84,17 @@ class _Row:
     """Offset of the byte behind the row."""
 
 
-def read(source: Source, name: str | None = None) -> Recording:
+def read(source: Source | SourceFile, name: str | None = None) -> Recording:
     """Read an OpenACC CSV file.
 
     Args:
-        source: path of the file, or the bytes of an upload.
+        source: path of the file, the bytes of an upload, or what was read of either.
         name: file name to show; needed for bytes only.
 
     Raises:
         RecordingError: one sentence of file, place, fault and cure.
     """
-    return read_file(read_bytes(source, name))
-
-
-def read_file(source_file: SourceFile) -> Recording:
-    """The same for bytes that are at hand.
-
-    Raises:
-        RecordingError: one sentence of file, place, fault and cure.
-    """
+    source_file = source if isinstance(source, SourceFile) else read_bytes(source, name)
     metadata, columns = _read_header(source_file)
     names = _names(source_file, metadata.get("Vehicle_order", ()))
     findings: list[RecordingFinding] = [

@@ -281,8 +281,8 @@ def recording_of(
     """
     for pair in platoon.pairs:
         _check(source_file, layout, pair)
-    earliest = min(platoon.shifts)
-    places = [slice(s - earliest, s - earliest + len(p.rows)) for s, p in _each(platoon)]
+    starts = np.array(platoon.shifts) - min(platoon.shifts)
+    places = [slice(s, s + len(p.rows)) for s, p in zip(starts, platoon.pairs, strict=True)]
     samples, vehicles = max(place.stop for place in places), len(platoon.pairs) + 1
     time = np.full(samples, np.nan)
     speed = np.full((samples, vehicles), np.nan)
@@ -316,10 +316,6 @@ def recording_of(
     )
     names = {k: f"ID {excerpt(identifier)}" for k, identifier in enumerate(ids, 1)}
     return completed(recording, names, ())
-
-
-def _each(platoon: PairPlatoon) -> list[tuple[int, Pair]]:
-    return list(zip(platoon.shifts, platoon.pairs, strict=True))
 
 
 def _fill(place: NDArray[np.float64], values: FloatArray) -> None:

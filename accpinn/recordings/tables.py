@@ -88,12 +88,8 @@ def _is_number(cell: str) -> bool:
     return True
 
 
-def position_of(source_file: SourceFile, layout: Layout, column: str) -> int:
-    """Where a column stands, 0 = leftmost.
-
-    Raises:
-        RecordingError: for a column that is missing or there twice.
-    """
+def _position(source_file: SourceFile, layout: Layout, column: str) -> int:
+    """Where a column stands, 0 = leftmost; one that is missing or there twice is refused."""
     count = layout.names.count(column)
     if count == 1:
         return layout.names.index(column)
@@ -126,7 +122,7 @@ def read_columns(
         if name in numbers:
             fault = f'column "{excerpt(name, LONGEST_NAME)}" is asked for as numbers and as words'
             raise source_file.refusal(fault, "choose another column for one of them")
-    positions = {name: position_of(source_file, layout, name) for name in (*numbers, *words)}
+    positions = {name: _position(source_file, layout, name) for name in (*numbers, *words)}
     _require_whole(source_file, layout)
     try:
         frame = _frame(source_file, layout, positions, dict.fromkeys(numbers, "float64"))

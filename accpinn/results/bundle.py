@@ -5,7 +5,6 @@ import re
 import zipfile
 from collections.abc import Iterator
 
-import numpy as np
 import pandas as pd
 
 from accpinn.channels import GAP, PARAMETERS, SPEED, TIME
@@ -82,5 +81,4 @@ def _named(words: str, unit: str) -> str:
 
 
 def _csv(columns: dict[str, FloatArray]) -> str:
-    table = pd.DataFrame({name: np.asarray(values) for name, values in columns.items()})
-    return table.to_csv(index=False, float_format="%.9g", lineterminator="\n")
+    return pd.DataFrame(columns).to_csv(index=False, float_format="%.9g", lineterminator="\n")

@@ -14,6 +14,7 @@ from accpinn.inference.intervals import Uncertainty
 from accpinn.methods.fit import Fit, IterationsExhausted, Outcome
 from accpinn.segment.segment import SegmentInfo
 
+SYMBOLS = tuple(quantity.symbol for quantity in PARAMETERS)
 CheckName = Literal["converged", "inside", "identified", "collision-free", "explained"]
 
 
@@ -76,20 +77,18 @@ def _inside(info: SegmentInfo, uncertainty: Uncertainty | None) -> Check:
 
 
 def _identified(info: SegmentInfo, uncertainty: Uncertainty | None) -> Iterator[Check]:
-    for quantity in PARAMETERS:
-        symbol = quantity.symbol
-        failing = [
-            vehicle
-            for k, vehicle in enumerate(info.vehicles[1:] if uncertainty else ())
-            if uncertainty and _is_wide(uncertainty, k, symbol)
-        ]
+    wide = [_wide(uncertainty, k) for k in range(info.followers)] if uncertainty else []
+    for symbol in SYMBOLS:
+        pairs = zip(info.vehicles[1:], wide, strict=False)
+        failing = [vehicle for vehicle, symbols in pairs if symbol in symbols]
         yield _check("identified", uncertainty is not None, failing, symbol)
 
 
-def _is_wide(uncertainty: Uncertainty, follower: int, symbol: str) -> bool:
+def _wide(uncertainty: Uncertainty, follower: int) -> Sequence[str]:
+    """The symbols of parameters with wide intervals; all where the data determine none."""
     if np.isnan(uncertainty.centre[follower].alpha):
-        return True
-    return symbol in [one.symbol for one in wide_intervals(uncertainty, follower)]
+        return SYMBOLS
+    return [one.symbol for one in wide_intervals(uncertainty, follower)]
 
 
 def _explained(residual: Whiteness | None) -> Check:

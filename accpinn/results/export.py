@@ -95,15 +95,11 @@ def _identifier(name: str, follower: int) -> str:
     return f"F{follower + 1}_{re.sub(r'[^A-Za-z0-9.-]+', '_', name).strip('_') or 'vehicle'}"
 
 
-def some_draws(draws: Parameters, count: int) -> Parameters:
-    """So many of the draws (n, M), evenly chosen; all where there are no more.
-
-    Raises:
-        ConfigError: for a count that is not allowed.
-    """
-    most = len(draws.alpha)
+def _some(draws: Parameters, count: int) -> Parameters:
+    """So many of the draws (n, M), evenly chosen; all where there are no more."""
     if count < 1:
         raise ConfigError(f"samples: {count} is not allowed; choose 0 or more.")
+    most = len(draws.alpha)
     count = min(count, most)
     rows = ((np.arange(count) + 0.5) * most / count).astype(int)
     return Parameters.of(draws.values[rows])
@@ -121,7 +117,7 @@ def snapshot_types(snapshot: Snapshot, samples: int = SAMPLES) -> str:
         ConfigError: for a number of samples that is not allowed.
     """
     known = snapshot.uncertainty
-    draws = some_draws(known.draws, samples) if known and samples else None
+    draws = _some(known.draws, samples) if known and samples else None
     return sumo_types(snapshot.info.names[1:], snapshot.fit.parameters, draws)
 
 

@@ -1,1 +1,1 @@
-"""Segments: a window of a recording and a platoon in it, with nothing missing."""
+"""Segments: a window of a recording and a platoon in it, on even instants."""

@@ -243,13 +243,13 @@ def as_typed(name: str) -> str:
     return name.replace(" ", "-")
 
 
-def exclude_regimes(segment: Segment, regimes: Regimes, names: Sequence[str]) -> Segment:
+def exclude_regimes(segment: Segment, regimes: Regimes, names: str | Sequence[str]) -> Segment:
     """The segment with a mask that excludes the instants of some regimes.
 
     Args:
         segment: the data; instants that its own mask excludes stay excluded.
         regimes: of the same segment.
-        names: of the regimes to exclude, from `EXCLUDABLE`.
+        names: of the regimes to exclude, as `parse_regimes` takes them.
 
     Raises:
         SegmentError: when a name is not known, or too little of a follower's data remains.

@@ -172,6 +172,4 @@ def _candidates(complete: tuple[Window, ...], duration: Seconds) -> list[Window]
 
 def _before(values: FloatArray) -> FloatArray:
     """(N+1, ...) the sum of what lies before each of N instants."""
-    sums = np.zeros((len(values) + 1, *values.shape[1:]))
-    np.cumsum(values, axis=0, out=sums[1:])
-    return sums
+    return np.cumulative_sum(values, axis=0, dtype=np.float64, include_initial=True)

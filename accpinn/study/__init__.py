@@ -1,1 +1,1 @@
-"""Questions asked of a whole window: all methods side by side, and sensitivity to regimes."""
+"""Studies: several methods on one segment, several windows, batches over many recordings."""

@@ -14,7 +14,7 @@ import json
 import os
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, astuple, dataclass, field
 from pathlib import Path
 from types import TracebackType
 from typing import Annotated, Any
@@ -32,6 +32,7 @@ JOURNAL, RESULTS, POOLED, FAILURES, SCHEMA, SETTINGS, LOCK = (
     "study.json", ".lock",
 )  # fmt: skip
 FAILURE_COLUMNS = ("file", "start", "vehicle", "reason")
+"""The fields of a `Failure`."""
 FORMAT = 1
 """Raised whenever the same request would give other rows."""
 
@@ -193,9 +194,7 @@ class Journal:
         text = io.StringIO()
         writer = csv.writer(text, lineterminator="\n")
         writer.writerow(FAILURE_COLUMNS)
-        for failure in self.known.failures.values():
-            cells = asdict(failure)
-            writer.writerow("" if cells[name] is None else cells[name] for name in FAILURE_COLUMNS)
+        writer.writerows(map(astuple, self.known.failures.values()))
         replace_file(self.folder / FAILURES, text.getvalue().encode())
         schema = {
             "format": FORMAT,

@@ -22,7 +22,7 @@ import numpy as np
 from accpinn.recordings.recording import HUMAN_FLAG, MOVING, Mode, Recording, Window
 from accpinn.segment.cut import MAX_FOLLOWERS, MINIMUM_DURATION, SLACK, chains, complete_windows
 from accpinn.segment.quality import CAR_FOLLOWING
-from accpinn.units import FloatArray, Mask, Seconds, Stretch, stretches
+from accpinn.units import FloatArray, Mask, Seconds, stretches
 
 LONGER = 1.3
 """Times its median, a time gap still counts as car-following."""
@@ -112,16 +112,14 @@ def _inside(time: FloatArray, window: Window) -> Mask:
 def _windows(recording: Recording, allowed: Mask, longest: Seconds) -> list[Window]:
     """The windows of all stretches that are long enough."""
     least = max(MINIMUM_DURATION, min(LEAST, longest))
-    found = []
-    for stretch in stretches(allowed):
-        found += list(_pieces(recording, stretch, longest, least))
-    return found
+    return [
+        window
+        for stretch in stretches(allowed)
+        for window in _pieces(recording.window(stretch), longest, least)
+    ]
 
 
-def _pieces(
-    recording: Recording, stretch: Stretch, longest: Seconds, least: Seconds
-) -> Iterator[Window]:
-    whole = recording.window(stretch)
+def _pieces(whole: Window, longest: Seconds, least: Seconds) -> Iterator[Window]:
     start = whole.start
     while whole.end - start >= least - SLACK:
         end = min(start + longest, whole.end)

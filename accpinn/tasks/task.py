@@ -11,9 +11,9 @@ import time
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from enum import Enum
-from functools import cache, cached_property
+from functools import cache
 from typing import Generic, TypeVar
 
 import numpy as np
@@ -25,9 +25,8 @@ from accpinn.inference.model_adequacy import Adequacy, model_forms
 from accpinn.inference.multistart import Trial, multistart
 from accpinn.methods.fit import Fit, History, Outcome, Progress, Recorder
 from accpinn.methods.method import TaskContext, relative_size
-from accpinn.methods.pinn import method as pinn
 from accpinn.methods.pinn.config import STARTS, PinnConfig
-from accpinn.methods.pinn.method import WarmStart
+from accpinn.methods.pinn.method import TrainingRequest
 from accpinn.methods.registry import METHODS
 from accpinn.methods.store import Store
 from accpinn.model.cthp import Case, Parameters, Trajectories
@@ -46,40 +45,6 @@ FORMS_SECONDS: Seconds = 2.5
 Result = TypeVar("Result")
 Steps = Callable[[TaskContext], Iterator[Result]]
 """The work: yields each result, reports progress between, and ends early once it should stop."""
-
-
-@dataclass(frozen=True, eq=False)
-class TrainingRequest:
-    """Everything that determines the result of a training."""
-
-    segment: Segment
-    case: Case
-    config: PinnConfig
-    warm: WarmStart | None = None
-    """The weights it begins with in place of random ones."""
-
-    @property
-    def typical_seconds(self) -> Seconds:
-        """How long it takes on two cores, to within a factor of two or so."""
-        return pinn.METHOD.expected_seconds(self.segment, self.config)
-
-    @cached_property
-    def key(self) -> str:
-        """Its content address: requests of equal keys have the same result."""
-        return pinn.request_keys(self.segment, self.case, self.config, self.warm)[0]
-
-    def recall(self, store: Store) -> Fit | None:
-        """The stored result, None where there is none."""
-        known = store.load_fit(self.key, self.segment)
-        return replace(known, cached=True) if known else None
-
-    def resume_iteration(self, store: Store) -> int | None:
-        """The iteration from which a stopped training of it would go on; None where it is new."""
-        return pinn.resume_iteration(store, self.segment, self.case, self.config, self.warm)
-
-    def drop_checkpoints(self, store: Store) -> None:
-        """Let its next training begin anew."""
-        pinn.drop_checkpoints(store, self.segment, self.case, self.config, self.warm)
 
 
 class Status(Enum):

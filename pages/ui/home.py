@@ -1,6 +1,6 @@
 """The page Home: the session so far, the ways to a recording, and examples at one click."""
 
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
 
 import plotly.graph_objects as go
@@ -25,6 +25,7 @@ from pages.ui.snapshots.listing import first_estimate
 LAST_RUNS = 3
 CARDS = 4
 """In a row."""
+_gains = cache(thumbnails.of_gains)
 _STYLE = """<style>
 .st-key-home_drop [data-testid="stFileUploaderDropzone"] { min-height: 7.5rem;
   align-items: center; justify-content: center; }
@@ -81,9 +82,7 @@ def _show_run(workspace: Workspace, entry: Entry) -> None:
         f"{escape_markdown(entry.name)} · {escape_markdown(entry.source)} · {entry.window}  \n"
         f"{escape_markdown(first_estimate(entry))}"
     )
-    if button.button(
-        "Open", key=f"home_run_{entry.id}", help="Show this run on every page again."
-    ):  # fmt: skip
+    if button.button("Open", key=f"home_run_{entry.id}", help="Show this run on every page again."):
         restore_run(workspace, entry.id)
         frame.go(frame.TRAIN, workspace)
 
@@ -156,7 +155,7 @@ def _show_published(workspace: Workspace) -> None:
         with column.container(border=True, height="stretch"):
             title, _, table = published.title.partition(" (paper, ")
             st.markdown(f"**{table.rstrip(')')}: {title}**")
-            _picture(_gains(published.title), f"home_{published.title}")
+            _picture(_gains(published), f"home_{published.title}")
             st.caption(", ".join(published.names))
             open_published(workspace, published, "home")
     with columns[len(PUBLISHED)].container(border=True, height="stretch"):
@@ -177,8 +176,3 @@ def _picture(figure: go.Figure, key: str) -> None:
 @st.cache_resource(max_entries=8, show_spinner=False)
 def _speeds(path: Path) -> go.Figure:
     return thumbnails.of_speeds(cut(sample(path)[0]))
-
-
-@st.cache_resource(max_entries=8, show_spinner=False)
-def _gains(title: str) -> go.Figure:
-    return thumbnails.of_gains(next(one for one in PUBLISHED if one.title == title))

@@ -67,7 +67,7 @@ def test_an_estimate_has_its_interval_beside_it_where_that_is_asked_for() -> Non
     fit = replace(fit, parameters=Parameters.of(fit.parameters.values * (3.0, 1.0, 1.0)))
     known = intervals(segment, fit)
     assert known.inside.tolist() == [[False, True, True]]
-    text = fit_text(segment, fit, assess_quality(segment), with_intervals=True)
+    text = fit_text(segment, fit, assess_quality(segment), known)
     (row,) = [line for line in text.splitlines() if line.startswith(segment.labels[1])]
     ends = re.findall(r"\(([\d.]+)–([\d.]+)\)", row)
     lower, upper = known.lower.values[0], known.upper.values[0]
@@ -88,6 +88,14 @@ def test_likelihood_and_who_asks_get_intervals(
 ) -> None:
     assert main(["fit", str(STUDY), *SHORT, *options]) == 0
     assert bool(re.search(r"\([\d.]+–[\d.]+\)", capsys.readouterr().out)) == expected
+    found = document(capsys, "fit", STUDY, *SHORT, *options)
+    if not expected:
+        assert (found["intervals"], found["level"]) == (None, None)
+        return
+    (ends,), level = found["intervals"], found["level"]
+    assert (ends["vehicle"], level) == (2, 0.9)
+    assert ends["tau"][0] < ends["tau"][1]
+    assert 0.0 <= ends["probability_l2"] <= 1.0
 
 
 @pytest.mark.parametrize("method", ["splines", "least-squares"])

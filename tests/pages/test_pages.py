@@ -10,13 +10,14 @@ import pytest
 from accpinn.methods import least_squares
 from accpinn.methods.fit import Continued
 from accpinn.methods.pinn.config import CALIBRATED, preset
+from accpinn.methods.pinn.method import TrainingRequest
 from accpinn.model.cthp import Parameters, Trajectories
 from accpinn.model.published import ASTAZERO_ALIKE
 from accpinn.recordings.recording import Recording, Window
 from accpinn.results.reproduction import CASALE_RUN
 from accpinn.results.snapshot import create
 from accpinn.segment.cut import cut
-from accpinn.tasks.task import Status, TrainingRequest, training_task
+from accpinn.tasks.task import Status, training_task
 from pages.ui.components.show import bullets, escape_markdown, format_duration
 from pages.ui.data.page import window_of
 from pages.ui.data.sources import OPENING, find_run

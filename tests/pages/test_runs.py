@@ -8,9 +8,10 @@ import pytest
 
 from accpinn.methods import least_squares
 from accpinn.methods.fit import Outcome
+from accpinn.methods.pinn.method import TrainingRequest
 from accpinn.recordings.files import read
 from accpinn.recordings.recording import Window
-from accpinn.tasks.task import TrainingRequest, training_task
+from accpinn.tasks.task import training_task
 from pages.ui.runs import restore_run
 from pages.ui.session import runs, sessions
 from pages.ui.session.recordings import FIRST_SAMPLE, SAMPLES, sample

@@ -12,8 +12,9 @@ from streamlit.testing.v1 import AppTest
 
 from accpinn.methods import least_squares
 from accpinn.methods.pinn.config import FAST
+from accpinn.methods.pinn.method import TrainingRequest
 from accpinn.recordings.recording import Window
-from accpinn.tasks.task import TrainingRequest, training_task
+from accpinn.tasks.task import training_task
 from pages.ui.session import sessions
 from pages.ui.session.recordings import FIRST_SAMPLE, sample
 from pages.ui.session.workspace import Workspace

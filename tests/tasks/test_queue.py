@@ -17,13 +17,13 @@ from accpinn.errors import ConfigError
 from accpinn.methods.fit import Fit, History, Outcome, Progress
 from accpinn.methods.method import TaskContext
 from accpinn.methods.pinn.config import FAST, PAPER, PinnConfig
-from accpinn.methods.pinn.method import request_keys
+from accpinn.methods.pinn.method import TrainingRequest
 from accpinn.methods.store import Store
 from accpinn.model.cthp import Parameters
 from accpinn.segment.cut import cut
 from accpinn.segment.segment import Segment
 from accpinn.tasks.queue import KEPT_FOR, TaskQueue
-from accpinn.tasks.task import Status, Task, TrainingRequest, get_ready, training_task
+from accpinn.tasks.task import Status, Task, get_ready, training_task
 from tests.support.openacc_files import recording
 
 WAIT = 20.0
@@ -364,7 +364,7 @@ class TestStore:
     ) -> None:
         store, config = Store(tmp_path), replace(FAST, iterations=2)
         request = TrainingRequest(segment(), "II", config)
-        name = f"{request_keys(segment(), 'II', config)[part]}.{('fit', 'state')[part]}.npz"
+        name = f"{request.keys[part]}.{('fit', 'state')[part]}.npz"
         (tmp_path / name).write_bytes(b"damaged")
         assert request.resume_iteration(store) is None
         queue = TaskQueue(store=store, threads=1)

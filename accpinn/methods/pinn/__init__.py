@@ -1,1 +1,1 @@
-"""The physics-inspired neural network (PiNN): network, loss, two recipes, one training."""
+"""The physics-inspired neural network (PiNN): network, loss, three presets, one training."""

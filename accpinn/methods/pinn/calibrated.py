@@ -17,13 +17,7 @@ window; the hidden layers see those below `HIDDEN_FREQUENCY`.
 import numpy as np
 from numpy.typing import NDArray
 
-from accpinn.methods.fit import (
-    Checkpoint,
-    HiddenLayersGain,
-    IterationsExhausted,
-    MethodFinding,
-    Outcome,
-)
+from accpinn.methods.fit import Checkpoint, Outcome
 from accpinn.methods.likelihood import log_errors, natural, vanishing
 from accpinn.methods.pinn.config import PinnConfig
 from accpinn.methods.pinn.evidence import Evidence
@@ -215,16 +209,12 @@ class CalibratedTraining(Training):
 
     def learned(self) -> Learned:
         """The surrogate, the parameters, and what training the hidden layers brought."""
-        now, found = self.progress, list[MethodFinding]()
+        now = self.progress
         arrays = self._descent.hidden.state()
-        if self._layer is None:  # stopped early: the best output layer at the present unknowns
-            if self.outcome is not Outcome.DIVERGED:
-                self._build()
-                self._solve()
-        elif now.phase == "Adam" and self._start_loss > 0:
-            found.append(HiddenLayersGain(self._start_loss, now.total))
-        if self.outcome is Outcome.FINISHED:
-            found.append(IterationsExhausted(self._iteration))
+        # Stopped early: the best output layer at the present unknowns.
+        if self._layer is None and self.outcome is not Outcome.DIVERGED:
+            self._build()
+            self._solve()
         arrays["output.weight"] = self._weights
         arrays["features.angular"] = self._fourier.angular
         arrays["unknowns"] = np.array([natural("cthp", one.coordinates) for one in self._ascents])
@@ -238,7 +228,7 @@ class CalibratedTraining(Training):
             loss=loss,
             network_weights=self._descent.hidden.values.size + self._weights.size,
             arrays=arrays,
-            findings=tuple(found),
+            findings=self._training_findings(self._start_loss),
         )
 
     def _surrogate(self) -> FloatArray:

@@ -34,10 +34,7 @@ from scipy.linalg import lapack
 from scipy.sparse import csr_array, diags_array
 
 from accpinn.methods.kalman import LOG_TWO_PI
-from accpinn.methods.likelihood import (
-    Criterion,
-    Groups,
-)
+from accpinn.methods.likelihood import Criterion, Groups
 from accpinn.methods.series import Series
 from accpinn.methods.state_space import FIRST, GAP_DRIFT, LEADER_MEMORY
 from accpinn.units import FloatArray, Mask, Seconds
@@ -188,23 +185,14 @@ class LinearEvidence:
         measured = measured[: int(np.flatnonzero(there)[-1]) + 1]
         self.basis = _basis(len(measured), step, knots_every)
         self.determinants = determinants
-        self._known: list[Mask] = [~np.isnan(column) for column in measured.T]
         self._measured = measured
-        rows = [self.basis.values[known] for known in self._known]
+        known = [~np.isnan(column) for column in measured.T]
+        rows = [self.basis.values[own] for own in known]
+        data = [column[own] for column, own in zip(measured.T, known, strict=True)]
         self._grams = np.array([_diagonals(csr_array(one.T @ one)) for one in rows])
-        self._right = np.column_stack(
-            [
-                one.T @ column[known]
-                for one, column, known in zip(rows, measured.T, self._known, strict=True)
-            ]
-        )
-        self._squares = np.array(
-            [
-                (column[known] ** 2).sum()
-                for column, known in zip(measured.T, self._known, strict=True)
-            ]
-        )
-        self._counts = np.array([known.sum() for known in self._known])
+        self._right = np.column_stack([one.T @ y for one, y in zip(rows, data, strict=True)])
+        self._squares = np.array([(y**2).sum() for y in data])
+        self._counts = np.array([len(y) for y in data])
 
     def prior(self, values: FloatArray) -> FloatArray:
         """Λ (18, 3K) in lower banded form; p, v, u stand side by side at each function."""
@@ -261,13 +249,6 @@ class LinearEvidence:
         # The two add up to the minimum, which takes no product with Λ.
         total = (self._squares / noise**2).sum() - right @ weights
         return np.array([misfit, total - misfit]) / 2
-
-    def smooth(self, values: FloatArray) -> FloatArray:
-        """(N, 3) p, v, u at the samples, with the weights ŵ that are most probable."""
-        data, right, _ = self.data(values)
-        factor, _ = lapack.dpbtrf(self.prior(values) + data, lower=1)
-        weights, _ = lapack.dpbtrs(factor, right[:, None], lower=1)
-        return np.asarray(self.basis.values @ weights.reshape(-1, OUTPUTS))
 
 
 class Evidence(Criterion):

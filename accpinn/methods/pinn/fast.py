@@ -21,14 +21,7 @@ from math import sqrt
 import numpy as np
 from numpy.typing import NDArray
 
-from accpinn.methods.fit import (
-    Checkpoint,
-    HiddenLayersGain,
-    IterationsExhausted,
-    MethodFinding,
-    Outcome,
-    Progress,
-)
+from accpinn.methods.fit import Checkpoint, Outcome, Progress
 from accpinn.methods.pinn.config import PinnConfig
 from accpinn.methods.pinn.loss import Learned, Training, loss_terms, residuals
 from accpinn.methods.pinn.method import WarmStart
@@ -211,18 +204,13 @@ class FastTraining(Training):
         arrays["features.angular"] = self._features.angular
         loss = {"total": now.total, "data": now.data, "physics": now.physics}
         loss |= {"initial": now.initial, "start": start}
-        found: list[MethodFinding] = []
-        if now.phase == "Adam" and start > 0:
-            found.append(HiddenLayersGain(start, now.total))
-        if self.outcome is Outcome.FINISHED:
-            found.append(IterationsExhausted(self._iteration))
         return Learned(
             outputs=self.outputs(),
             solution=self._solution,
             loss=loss,
             network_weights=self._descent.hidden.values.size + self._weights.size,
             arrays=arrays,
-            findings=tuple(found),
+            findings=self._training_findings(start),
         )
 
     def state(self) -> Checkpoint:

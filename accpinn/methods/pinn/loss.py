@@ -17,7 +17,14 @@ from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Generic, NamedTuple, TypeVar
 
-from accpinn.methods.fit import Checkpoint, MethodFinding, Outcome, Progress
+from accpinn.methods.fit import (
+    Checkpoint,
+    HiddenLayersGain,
+    IterationsExhausted,
+    MethodFinding,
+    Outcome,
+    Progress,
+)
 from accpinn.methods.pinn.config import PinnConfig
 from accpinn.methods.pinn.method import WarmStart, output_columns, stack_outputs
 from accpinn.methods.regression import Solution
@@ -177,6 +184,15 @@ class Training(ABC):
     @abstractmethod
     def learned(self) -> Learned:
         """The present surrogate and parameters."""
+
+    def _training_findings(self, start: float) -> tuple[MethodFinding, ...]:
+        """What the hidden layers gained since Ψ was ``start``, and whether iterations ran out."""
+        now, found = self.progress, list[MethodFinding]()
+        if now.phase == "Adam" and start > 0:
+            found.append(HiddenLayersGain(start, now.total))
+        if self.outcome is Outcome.FINISHED:
+            found.append(IterationsExhausted(now.iteration))
+        return tuple(found)
 
     def _look(
         self,

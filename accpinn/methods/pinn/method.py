@@ -1,6 +1,6 @@
 """The PiNN as a method of the registry, and all that is known of a training before it begins.
 
-A training's request (data, settings, method's version, start) has a content address, under which
+A training's request (data, settings, method's version, start) has content addresses, under which
 the store keeps its result and its checkpoint; a warm start gives it another fit's weights to begin
 with; and a window that would need more memory than a server can spare is refused.
 
@@ -11,7 +11,8 @@ import hashlib
 import json
 from collections.abc import Mapping
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 from math import sqrt
 from typing import Any
 
@@ -98,60 +99,77 @@ class WarmStart:
         return Parameters.of(values[:1] if alike else values.mean(axis=0)[None])
 
 
-def request_keys(
-    segment: Segment, case: Case, config: PinnConfig, warm: WarmStart | None = None
-) -> tuple[str, str]:
-    """Content addresses of a request's result and of its checkpoint.
+@dataclass(frozen=True, eq=False)
+class TrainingRequest:
+    """Everything that determines the result of a training."""
 
-    Equal addresses mean equal data, settings and method. Where a longer training only goes on
-    where a shorter one ends (`paper` without L-BFGS), both share a checkpoint.
-    """
-    settings: dict[str, object] = config.to_json()
-    if warm:
-        settings["started_from"] = warm.digest()
-    resumable = settings.copy()
-    if config.preset == "paper" and not config.lbfgs_iterations:
-        del resumable["iterations"]
-    return _address(segment, case, settings), _address(segment, case, resumable)
+    segment: Segment
+    case: Case
+    config: PinnConfig
+    warm: WarmStart | None = None
+    """The weights it begins with in place of random ones."""
 
+    @property
+    def typical_seconds(self) -> Seconds:
+        """How long it takes on two cores, to within a factor of two or so."""
+        return _duration(self.segment, self.config)
 
-def resume_iteration(
-    store: Store, segment: Segment, case: Case, config: PinnConfig, warm: WarmStart | None = None
-) -> int | None:
-    """The iteration from which a training of this request would go on; None where it is new.
+    @cached_property
+    def keys(self) -> tuple[str, str]:
+        """Content addresses of its result and of its checkpoint.
 
-    So is one that was stopped before its first iteration, and a finished one is in the store.
-    """
-    result_key, resume_key = request_keys(segment, case, config, warm)
-    if store.has_fit(result_key):
-        return None
-    for key in (resume_key, result_key):
-        state = store.load_state(key)
-        if state is None:
+        Equal addresses mean equal data, settings and method. Where a longer training only goes on
+        where a shorter one ends (`paper` without L-BFGS), both share a checkpoint.
+        """
+        settings: dict[str, object] = self.config.to_json()
+        if self.warm:
+            settings["started_from"] = self.warm.digest()
+        resumable = settings.copy()
+        if self.config.preset == "paper" and not self.config.lbfgs_iterations:
+            del resumable["iterations"]
+        return self._address(settings), self._address(resumable)
+
+    def _address(self, settings: dict[str, object]) -> str:
+        request = {
+            "method": METHOD_VERSION,
+            "segment": self.segment.info.digest,
+            "case": self.case,
+            "config": settings,
+        }
+        return hashlib.sha256(json.dumps(request, sort_keys=True).encode()).hexdigest()
+
+    @property
+    def key(self) -> str:
+        """The content address of its result: requests of equal keys have the same one."""
+        return self.keys[0]
+
+    def recall(self, store: Store) -> Fit | None:
+        """The stored result, None where there is none."""
+        known = store.load_fit(self.key, self.segment)
+        return replace(known, cached=True) if known else None
+
+    def resume_iteration(self, store: Store) -> int | None:
+        """The iteration from which a stopped training of it would go on; None where it is new.
+
+        So is one that was stopped before its first iteration, and a finished one is in the store.
+        """
+        result_key, resume_key = self.keys
+        if store.has_fit(result_key):
             return None
-        with suppress(KeyError, IndexError, TypeError, ValueError):
-            last = int(state["history.rows"][-1][0])
-            if last <= config.iterations + config.lbfgs_iterations:
-                return last or None
-    return None
+        for key in (resume_key, result_key):
+            state = store.load_state(key)
+            if state is None:
+                return None
+            with suppress(KeyError, IndexError, TypeError, ValueError):
+                last = int(state["history.rows"][-1][0])
+                if last <= self.config.iterations + self.config.lbfgs_iterations:
+                    return last or None
+        return None
 
-
-def drop_checkpoints(
-    store: Store, segment: Segment, case: Case, config: PinnConfig, warm: WarmStart | None = None
-) -> None:
-    """Drop the checkpoints that a training of this request would go on from."""
-    for key in request_keys(segment, case, config, warm):
-        store.drop_state(key)
-
-
-def _address(segment: Segment, case: Case, settings: dict[str, object]) -> str:
-    request = {
-        "method": METHOD_VERSION,
-        "segment": segment.info.digest,
-        "case": case,
-        "config": settings,
-    }
-    return hashlib.sha256(json.dumps(request, sort_keys=True).encode()).hexdigest()
+    def drop_checkpoints(self, store: Store) -> None:
+        """Let its next training begin anew."""
+        for key in self.keys:
+            store.drop_state(key)
 
 
 def require_memory(segment: Segment, config: PinnConfig) -> None:
@@ -213,8 +231,8 @@ def redraw(fit: Fit, time: FloatArray, duration: Seconds) -> Trajectories:
     settings = {name: value for name, value in fit.config.items() if name != "started_from"}
     config = PinnConfig.from_json(settings)
     try:
-        drawn = _paper(fit, time) if config.preset == "paper" else None
-        outputs = _fourier(fit, time, duration, config) if drawn is None else drawn
+        is_paper = config.preset == "paper"
+        outputs = _paper(fit, time) if is_paper else _fourier(fit, time, duration, config)
         speeds, gaps = output_columns(len(fit.parameters))
         return Trajectories(time, outputs[:, speeds], outputs[:, gaps])
     except (KeyError, ValueError, IndexError):

@@ -137,10 +137,6 @@ class HiddenLayers:
             bound = sqrt(6 / sum(weight.shape))
             weight[:] = rng.uniform(-bound, bound, weight.shape)
 
-    def single(self) -> Self:
-        """A copy in single precision."""
-        return self.with_values(self.values.astype(np.float32))
-
     def with_values(self, values: Numbers) -> Self:
         """The layers with other weights and biases, in their precision."""
         changed = copy(self)
@@ -310,7 +306,8 @@ class Descent:
     ) -> None:
         """As `HiddenLayers`; the seed is also that of the minibatches."""
         self._seed = seed
-        self.hidden = HiddenLayers(features, hidden, seed, order).single()
+        drawn = HiddenLayers(features, hidden, seed, order)
+        self.hidden = drawn.with_values(drawn.values.astype(np.float32))
         self.adam = Adam(self.hidden.values, b2=0.99)
 
     def doubled(self) -> HiddenLayers:

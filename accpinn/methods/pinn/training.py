@@ -6,11 +6,9 @@ that was stopped, or whose process died, goes on from its last checkpoint.
 
 import os
 import time
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
-from threadpoolctl import threadpool_limits
 
 from accpinn.errors import AccpinnError, ConfigError
 from accpinn.methods.fit import (
@@ -28,9 +26,9 @@ from accpinn.methods.fit import (
 from accpinn.methods.pinn.config import FAST, PinnConfig, PresetName
 from accpinn.methods.pinn.loss import Training
 from accpinn.methods.pinn.method import (
+    TrainingRequest,
     WarmStart,
     output_columns,
-    request_keys,
     require_memory,
 )
 from accpinn.methods.store import Store
@@ -84,63 +82,7 @@ def training(
     def begin() -> Training:
         return _begun(_kind(config.preset)(segment, case, config, count), warm)
 
-    with threadpool_limits(1, user_api="blas"):  # a training's threads have work of their own
-        return (yield from _train(begin, segment, case, config, warm, store, should_stop))
-
-
-def _kind(preset: PresetName) -> type[Training]:
-    """The preset's training, imported only now: each takes its time.
-
-    Raises:
-        AccpinnError: where PyTorch, which `paper` needs, cannot be loaded.
-    """
-    if preset == "fast":
-        from accpinn.methods.pinn.fast import FastTraining
-
-        return FastTraining
-    if preset == "calibrated":
-        from accpinn.methods.pinn.calibrated import CalibratedTraining
-
-        return CalibratedTraining
-    try:
-        from accpinn.methods.pinn.paper import PaperTraining
-    except (ImportError, OSError) as fault:  # the latter for a library of another system
-        raise AccpinnError(
-            f"PyTorch, which the preset paper needs, cannot be loaded ({str(fault)[:80]}); install"
-            " the packages of requirements.txt again, or choose another preset."
-        ) from fault
-    return PaperTraining
-
-
-def _default(preset: PresetName) -> int:
-    """How many threads a training gets where nobody chose.
-
-    Those of `fast` have work of their own. With `paper` they share each small product, and one that
-    waits for a busy core costs far more than another gains: a core is left to others.
-    """
-    cores = os.cpu_count() or 1
-    return max(1, min(4, cores if preset == "fast" else cores - 1))
-
-
-def _allowed(threads: int) -> int:
-    """How many threads a training gets; thousands would exhaust the system."""
-    if type(threads) is not int or not 1 <= threads <= MOST_THREADS:
-        raise ConfigError(
-            f"threads: {str(threads)[:20]} is not allowed; choose 1 to {MOST_THREADS}."
-        )
-    return threads
-
-
-def _train(
-    begin: Callable[[], Training],
-    segment: Segment,
-    case: Case,
-    config: PinnConfig,
-    warm: WarmStart | None,
-    store: Store | None,
-    should_stop: ShouldStop | None,
-) -> Run:
-    result_key, resume_key = request_keys(segment, case, config, warm)
+    result_key, resume_key = TrainingRequest(segment, case, config, warm).keys
     faults: list[str] = []
     if store and (known := store.load_fit(result_key, segment, faults.append)):
         return replace(known, cached=True)
@@ -226,6 +168,49 @@ def _train(
     # One may come at every checkpoint; they are about this run, so a kept result has none.
     problems = tuple(CacheProblem(sentence) for sentence in dict.fromkeys(faults))
     return replace(fit, findings=fit.findings + problems)
+
+
+def _kind(preset: PresetName) -> type[Training]:
+    """The preset's training, imported only now: each takes its time.
+
+    Raises:
+        AccpinnError: where PyTorch, which `paper` needs, cannot be loaded.
+    """
+    if preset == "fast":
+        from accpinn.methods.pinn.fast import FastTraining
+
+        return FastTraining
+    if preset == "calibrated":
+        from accpinn.methods.pinn.calibrated import CalibratedTraining
+
+        return CalibratedTraining
+    try:
+        from accpinn.methods.pinn.paper import PaperTraining
+    except (ImportError, OSError) as fault:  # the latter for a library of another system
+        raise AccpinnError(
+            f"PyTorch, which the preset paper needs, cannot be loaded ({str(fault)[:80]}); install"
+            " the packages of requirements.txt again, or choose another preset."
+        ) from fault
+    return PaperTraining
+
+
+def _default(preset: PresetName) -> int:
+    """How many threads a training gets where nobody chose.
+
+    Those of `fast` have work of their own. With `paper` they share each small product, and one that
+    waits for a busy core costs far more than another gains: a core is left to others.
+    """
+    cores = os.cpu_count() or 1
+    return max(1, min(4, cores if preset == "fast" else cores - 1))
+
+
+def _allowed(threads: int) -> int:
+    """How many threads a training gets; thousands would exhaust the system."""
+    if type(threads) is not int or not 1 <= threads <= MOST_THREADS:
+        raise ConfigError(
+            f"threads: {str(threads)[:20]} is not allowed; choose 1 to {MOST_THREADS}."
+        )
+    return threads
 
 
 def _begun(training: Training, warm: WarmStart | None) -> Training:

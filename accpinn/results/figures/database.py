@@ -7,19 +7,20 @@ that is stable. Both criteria keep their form when time is counted in units of �
 
 import html
 from collections.abc import Callable, Mapping, Sequence
+from itertools import cycle
 
 import numpy as np
 import pandas as pd
 import plotly.graph_objects as go
 from numpy.typing import NDArray
 
-from accpinn.channels import ALPHA, BETA, PARAMETER_KEYS, SPEED, TAU, TIME_GAP, Quantity
+from accpinn.channels import ALPHA, BETA, PARAMETER_KEYS, PARAMETERS, SPEED, TAU, TIME_GAP, Quantity
 from accpinn.model.cthp import Parameters
-from accpinn.results.figures.stability import EXACT, L2
+from accpinn.results.figures.stability import EXACT, L2, annotate
 from accpinn.results.figures.style import FOLLOWERS, LEADER, finished, limits, subplots
 from accpinn.results.tables.table import ABSENT
 from accpinn.stability.criteria import smallest_headway_exact, smallest_headway_l2
-from accpinn.study.groups import Group, Groups, Typical
+from accpinn.study.groups import Groups
 from accpinn.units import FloatArray
 
 MOST_GROUPS = 16
@@ -31,7 +32,7 @@ APART = 0.25
 """Share of a logarithmic axis between two labels, so that they do not touch on a narrow screen."""
 SYMBOLS = ("circle", "square", "diamond", "triangle-up", "cross", "x")
 OTHERS = "others"
-MOST_NAMED = 10
+MOST_NAMED = len(FOLLOWERS)
 """Groups with a colour of their own."""
 STABLE, UNSTABLE = FOLLOWERS[0], FOLLOWERS[1]
 INSIDE = 0.985
@@ -61,14 +62,10 @@ def forest(found: Groups) -> go.Figure:
     names = [html.escape(label_of(one.values)) for one in groups]
     places = np.arange(len(groups))
     figure = subplots(rows=1, cols=3, shared_yaxes=True, horizontal_spacing=0.025)
-    shown: tuple[tuple[Quantity, Callable[[Group], Typical]], ...] = (
-        (TAU, lambda one: one.tau),
-        (ALPHA, lambda one: one.alpha),
-        (BETA, lambda one: one.beta),
-    )
-    for column, (quantity, of) in enumerate(shown, 1):
+    for column, which in enumerate((2, 0, 1), 1):  # τ, α, β
+        quantity, typical = PARAMETERS[which], [one.parameters[which] for one in groups]
         on_log_axis = quantity is not TAU
-        values = np.array([(t.median, t.low, t.high) for t in map(of, groups)]).reshape(-1, 3)
+        values = np.array([(one.median, one.low, one.high) for one in typical]).reshape(-1, 3)
         low, high = _axis(values, on_log_axis)
         middle, ends = np.clip(values[:, 0], low, high), np.clip(values[:, 1:], low, high)
         at_edge = values[:, 0] <= low
@@ -146,10 +143,8 @@ def colours(labels: Sequence[str]) -> Mapping[str, tuple[str, str]]:
     """Colour and symbol of each label, those that occur most first; others share one."""
     counts = pd.Series(list(labels), dtype=str).value_counts()
     named = list(counts.index[:MOST_NAMED])
-    found = {
-        label: (FOLLOWERS[k % len(FOLLOWERS)], SYMBOLS[k % len(SYMBOLS)])
-        for k, label in enumerate(named)
-    }
+    looks = zip(FOLLOWERS, cycle(SYMBOLS))
+    found = dict(zip(named, looks, strict=False))
     return found | ({OTHERS: (LEADER, "circle-open")} if len(counts) > len(named) else {})
 
 
@@ -182,10 +177,7 @@ def plane(rows: pd.DataFrame, in_units_of_tau: bool = False) -> go.Figure:
             x=along, y=smallest_stable_beta(along, at, headway), mode="lines", name=name,
             line={"color": colour, "width": 2, "dash": dash}, hoverinfo="skip",
         )  # fmt: skip
-    figure.add_annotation(
-        text="string stable", xref="x domain", x=0.995, xanchor="right", yref="y domain", y=0.985,
-        yanchor="top", showarrow=False,
-    )  # fmt: skip
+    annotate(figure, "string stable", 0.995, 0.985)
     x_axis, y_axis = (UNITS_OF_TAU.values()) if in_units_of_tau else (ALPHA, BETA)
     for axis, quantity, end in (("xaxis", x_axis, right), ("yaxis", y_axis, top)):
         title = f"{quantity.symbol}, {quantity.axis[0].lower()}{quantity.axis[1:]}"
@@ -239,8 +231,8 @@ def _add_points(
     figure: go.Figure, rows: pd.DataFrame, x: FloatArray, y: FloatArray, places: NDArray[np.intp],
     name: str, colour: str, symbol: str,
 ) -> None:  # fmt: skip
-    said = {}
-    if len(rows) <= HOVERED:
+    said, few = {}, len(rows) <= HOVERED
+    if few:
         part = rows.iloc[places]
         who = (part["make"].fillna("") + " " + part["model"].fillna("")).str.strip()
         start, end = part["start"], part["start"] + part["duration"]
@@ -248,7 +240,6 @@ def _add_points(
             html.escape(f"{a or ABSENT}, {b}, {c:.0f}–{d:.0f} s")
             for a, b, c, d in zip(who, part["file"], start, end, strict=True)
         ]
-    few = len(rows) <= HOVERED
     figure.add_trace(
         go.Scattergl(
             x=x[places].round(5), y=y[places].round(5), mode="markers", name=html.escape(name),

@@ -17,11 +17,11 @@ from accpinn.results.figures.stability import (
     LIMIT,
     SPAN,
     TICKS,
+    decibels,
 )
 from accpinn.results.figures.style import LEADER, band, finished, panels
 from accpinn.stability.frequency import response
 from accpinn.stability.measured_gain import MeasuredGain
-from accpinn.units import FloatArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,17 +52,17 @@ def measured_bode(
         if model.draws is not None:
             omega = np.geomspace(low, high, BAND_POINTS)
             gains = np.abs(response(model.draws, omega))
-            lower, upper = (_db(end) for end in interval_ends(gains, found.level))
+            lower, upper = (decibels(end) for end in interval_ends(gains, found.level))
             figure.add_trace(band(omega, lower, upper, colour, BAND_OPACITY), row=1, col=1)
         omega = np.geomspace(low, high, FREQUENCIES)
         gain = np.abs(response(Parameters.stack([model.parameters]), omega))[0]
         figure.add_scatter(
-            x=omega, y=_db(gain), mode="lines", line={"color": colour, "width": 2.2},
+            x=omega, y=decibels(gain), mode="lines", line={"color": colour, "width": 2.2},
             name=f"{html.escape(model.name)}, model", row=1, col=1,
             hovertemplate="%{y:.2f} dB at %{x:.3f} rad/s",
         )  # fmt: skip
-    clear, decibels = found.coherent, _db(found.gain)
-    bounds = [np.abs(_db(end) - decibels) for end in (found.upper, found.lower)]
+    clear, levels = found.coherent, decibels(found.gain)
+    bounds = [np.abs(decibels(end) - levels) for end in (found.upper, found.lower)]
     for part, words, look, symbol in (
         (clear, "measured", 1.0, "circle"),
         (~clear, "measured, not coherent", 0.35, "circle-open"),
@@ -74,7 +74,7 @@ def measured_bode(
         marker = {"color": LEADER, "size": 7, "symbol": symbol}
         gain = f"{html.escape(name)}, {words}"
         for row, who, values, more in (
-            (1, gain, decibels, shown),
+            (1, gain, levels, shown),
             (2, f"coherence, {gain}", found.coherence, {}),
         ):
             figure.add_scatter(
@@ -83,17 +83,10 @@ def measured_bode(
                 hovertemplate="%{y:.2f} at %{x:.3f} rad/s",
             )  # fmt: skip
     figure.add_hline(y=0, line=LIMIT, row=1, col=1)
-    figure.update_xaxes(
-        type="log", range=np.log10([low, high]).tolist(), tickvals=TICKS,
-        ticktext=[f"{tick:g}" for tick in TICKS],
-    )  # fmt: skip
+    figure.update_xaxes(type="log", range=np.log10([low, high]).tolist(), **TICKS)
     figure.update_xaxes(title_text="Frequency ω [rad/s]", row=2, col=1)
-    top = float(np.max((decibels + bounds[0])[clear], initial=3.0))
+    top = float(np.max((levels + bounds[0])[clear], initial=3.0))
     figure.update_yaxes(title_text="Gain [dB]", range=[2 * FLOOR, min(top, CEILING) + 1.0],
                         row=1, col=1)  # fmt: skip
     figure.update_yaxes(title_text="Coherence", range=[0, 1.03], row=2, col=1)
     return finished(figure, 440, "measured-gain").update_layout(hovermode="closest")
-
-
-def _db(gain: FloatArray) -> FloatArray:
-    return np.asarray(20 * np.log10(np.clip(gain, 1e-6, 1e6)))

@@ -1,6 +1,5 @@
 """The paper's figure of four simulated platoons."""
 
-from dataclasses import dataclass
 from functools import cache
 
 import plotly.graph_objects as go
@@ -19,19 +18,11 @@ PANELS = ((2, 0.25), (2, 0.3), (3, 0.25), (3, 0.3))
 """AstaZero vehicle, by its index, and frequency in rad/s; row by row (a), (c), (b), (d)."""
 
 
-@dataclass(frozen=True)
-class Panel:
-    """One of the paper's four."""
-
-    title: str
-    figure: go.Figure
-
-
 @cache
-def paper_panels() -> tuple[Panel, ...]:
+def paper_panels() -> tuple[tuple[str, go.Figure], ...]:
     """The paper's four panels: eight times one AstaZero vehicle behind a sinusoid of 1 m/s.
 
-    Row by row, two a row; those of a vehicle have the same axis of speed.
+    Row by row, two a row, each with its title; those of a vehicle have the same axis of speed.
     """
     runs = [
         simulate_platoon(ASTAZERO.parameters[[k] * PANEL_FOLLOWERS], Sinusoid(frequency))
@@ -41,7 +32,7 @@ def paper_panels() -> tuple[Panel, ...]:
     for (k, _), run in zip(PANELS, runs, strict=True):
         reach[k] = max(reach.get(k, 0.0), 1.05 * float(run.largest_deviation.max()))
     return tuple(
-        Panel(
+        (
             f"({letter}) {ASTAZERO.labels[k]} at {frequency:g} rad/s: {_fate(run)}",
             _panel(run, k, letter, reach[k]),
         )

@@ -54,7 +54,8 @@ MAKE_END = re.compile(r"(?<=[^\W\d]) ")
 FREQUENCIES = 300
 SPAN = (0.02, 1.0)
 """Frequencies in rad/s that the Bode magnitude always shows."""
-TICKS = [digit * 10.0**power for power in range(-4, 3) for digit in (1, 2, 5)]
+_TICKS = [digit * 10.0**power for power in range(-4, 3) for digit in (1, 2, 5)]
+TICKS = {"tickvals": _TICKS, "ticktext": [f"{tick:g}" for tick in _TICKS]}
 FLOOR, CEILING, FOOT = -12.0, 40.0, 0.6
 """Lowest and highest dB in sight, and the room below them."""
 ALONG = 240
@@ -104,10 +105,10 @@ def bode(vehicles: ParameterSet, report: StabilityReport) -> go.Figure:
     top = min(max(*tops, 1.0) * 1.12 + 0.4, CEILING)
     figure.add_hrect(y0=0, y1=top, fillcolor=L2_UNSTABLE, line_width=0, layer="below")
     figure.add_hline(y=0, line=LIMIT, layer="below")
-    _annotate(figure, "amplified", 0.995, 0.995)
+    annotate(figure, "amplified", 0.995, 0.995)
     figure.update_xaxes(
         type="log", title_text="Frequency ω [rad/s]", range=np.log10(omega[[0, -1]]).tolist(),
-        tickvals=TICKS, ticktext=[f"{tick:g}" for tick in TICKS],
+        **TICKS,
     )  # fmt: skip
     title = f"{MAGNITUDE.name} {MAGNITUDE.heading}"
     figure.update_yaxes(title_text=title, range=[FLOOR - FOOT, top])
@@ -132,12 +133,17 @@ def _add_curve(
 ) -> None:  # fmt: skip
     # Only markers can be clicked, so every line has some that are not seen.
     figure.add_scatter(
-        x=omega, y=20 * np.log10(np.clip(gain, 1e-6, 1e6)), name=name, mode="lines+markers",
+        x=omega, y=decibels(gain), name=name, mode="lines+markers",
         line=line, marker={"opacity": 0, "size": 9, "color": line["color"]},
         customdata=np.full(len(omega), which),
         selected={"marker": {"opacity": 0.9}}, unselected={"marker": {"opacity": 0}},
         hovertemplate=f"%{{y:.2f}} dB at %{{x:.3f}} rad/s<extra>{name}</extra>",
     )  # fmt: skip
+
+
+def decibels(gain: FloatArray) -> FloatArray:
+    """A gain in dB, finite whatever it is."""
+    return np.asarray(20 * np.log10(np.clip(gain, 1e-6, 1e6)))
 
 
 def _mark_peaks(figure: go.Figure, vehicles: ParameterSet, report: StabilityReport) -> None:
@@ -233,12 +239,12 @@ def stability_map(
     for axis, quantity, end in (("xaxis", across, right), ("yaxis", TAU, top)):
         title = f"{quantity.symbol}, {quantity.name.lower()} [{quantity.unit}]"
         figure.layout[axis].update(title={"text": title}, range=[0, end])
-    _annotate(figure, "L₂ unstable", 0.015 if along_beta else 0.985, 0.015)  # beside hatching
-    _annotate(figure, "L∞ stable", 0.985, 0.985)
+    annotate(figure, "L₂ unstable", 0.015 if along_beta else 0.985, 0.015)  # beside hatching
+    annotate(figure, "L∞ stable", 0.985, 0.985)
     return finished(figure, 400, f"map-{plane}-{held}").update_layout(hovermode="closest")
 
 
-def _annotate(figure: go.Figure, text: str, x: float, y: float) -> None:
+def annotate(figure: go.Figure, text: str, x: float, y: float) -> None:
     """A few words in a corner of the axes."""
     figure.add_annotation(
         text=text, xref="x domain", x=x, xanchor="left" if x < 0.5 else "right",

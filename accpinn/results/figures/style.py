@@ -74,13 +74,13 @@ def band(
     )  # fmt: skip
 
 
-def limits(values: FloatArray, margin: float = 0.08) -> list[float]:
-    """Axis limits around what is finite, with a share of its range as margin; else empty."""
+def limits(values: FloatArray) -> list[float]:
+    """Axis limits around what is finite, with 8 % of its range as margin; else empty."""
     values = values[np.isfinite(values)]
     if not len(values):
         return []
     low, high = float(values.min()), float(values.max())
-    rim = max(margin * (high - low), 0.02 * abs(high), 1e-4)
+    rim = max(0.08 * (high - low), 0.02 * abs(high), 1e-4)
     return [low - rim, high + rim]
 
 

@@ -80,10 +80,7 @@ def loss_history(history: History) -> go.Figure:
 
 
 def parameter_history(
-    history: History,
-    which: int,
-    segment: SegmentInfo,
-    truth: Parameters | None = None,
+    history: History, which: int, segment: SegmentInfo, truth: Parameters | None = None
 ) -> go.Figure:
     """One parameter over iterations, dashed where the truth is known.
 
@@ -97,31 +94,30 @@ def parameter_history(
     figure = go.Figure()
     sets = history.parameters.values.shape[1]
     ends = _interval(history, which)
-    colours = vehicle_colours(segment.vehicles)[1:]
-    for k in range(sets):
-        shared = sets == 1 and segment.followers > 1
+    names, colours = segment.labels[1:], vehicle_colours(segment.vehicles)[1:]
+    if sets < segment.followers:
+        names, colours = (EVERY_FOLLOWER,), [SHARED]
+    for k, (name, colour) in enumerate(zip(names, colours, strict=True)):
         if ends is not None:
             figure.add_scatter(
                 x=np.concatenate([_counted(history), _counted(history)[::-1]]),
                 y=np.concatenate([ends[0][:, k], ends[1][::-1, k]]), fill="toself",
-                line={"width": 0, "color": SHARED if shared else colours[k]}, opacity=0.25,
-                mode="lines", hoverinfo="skip", showlegend=False,
+                line={"width": 0, "color": colour}, opacity=0.25, mode="lines", hoverinfo="skip",
+                showlegend=False,
             )  # fmt: skip
         figure.add_scatter(
-            x=_counted(history), y=history.parameters.values[:, k, which],
-            name=EVERY_FOLLOWER if shared else html.escape(segment.labels[k + 1]),
+            x=_counted(history), y=history.parameters.values[:, k, which], name=html.escape(name),
             mode=_mode_for(len(history.iteration)), marker={"size": 4},
-            line={"color": SHARED if shared else colours[k], "width": 2},
+            line={"color": colour, "width": 2},
         )  # fmt: skip
     seen = history.parameters.values[:, :, which]
     if ends is not None:
         seen = np.append(seen, [one[-1] for one in ends])
     values = truth.values[:sets, which] if truth else np.zeros(0)
     for value, colour in zip(values, colours, strict=False):
-        colour = SHARED if sets < segment.followers else colour
         figure.add_hline(y=value, line=TRUTH | {"color": colour})
     seen = np.append(seen, values)
-    shown = limits(seen, 0.08) or None
+    shown = limits(seen) or None
     figure.update_yaxes(title_text=quantity.heading, range=shown)
     return _over_iterations(figure, quantity.name, f"parameter-{which}")
 

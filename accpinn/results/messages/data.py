@@ -99,11 +99,9 @@ def _missing(finding: recorded.SamplesMissing, about: Labelled) -> str:
     column, is_gap = RECORDED[finding.channel].of(finding.vehicle), finding.channel == GAP.column
     what = column if is_gap else f"{column} ({about.label(finding.vehicle)})"
     where = " although both speeds are known" if is_gap else ""
-    blocks = "shorter block" if finding.shorter == 1 else "shorter blocks"
-    others = f" and in {finding.shorter} {blocks}" if finding.shorter else ""
     return (
         f"{what} is missing in {_rounded(finding.share)} of the samples{where}, at"
-        f" {', '.join(map(str, finding.windows))}{others}."
+        f" {_longest(finding.windows, finding.shorter)}."
     )
 
 
@@ -113,11 +111,11 @@ def _rounded(share: float) -> str:
     return f"{percent:.0f} %" if percent >= 1 else f"{percent:.1g} %"
 
 
-def _longest(windows: Sequence[recorded.Window]) -> str:
-    """The longest windows in order of time, and how many others there are."""
+def _longest(windows: Sequence[recorded.Window], unlisted: int = 0) -> str:
+    """The longest windows in order of time, and how many others there are with those unlisted."""
     longest = sorted(windows, key=lambda window: -window.duration)[: recorded.BLOCKS_LISTED]
     listed = ", ".join(map(str, sorted(longest, key=lambda window: window.start)))
-    others = len(windows) - len(longest)
+    others = len(windows) - len(longest) + unlisted
     return listed + (f" and in {others} shorter block{'s' * (others > 1)}" if others else "")
 
 

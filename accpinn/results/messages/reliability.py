@@ -19,10 +19,12 @@ from accpinn.inference.model_adequacy import (
     Inadequate,
     WeightedForms,
 )
-from accpinn.methods.maximum_likelihood import DisturbanceSize
+from accpinn.methods.fit import Fit
+from accpinn.methods.maximum_likelihood import DisturbanceSize, disturbance_sizes
 from accpinn.methods.registry import METHODS
 from accpinn.methods.state_space import Form
-from accpinn.results.messages import Labelled, joined, message, percent
+from accpinn.results.messages import Labelled, joined, message, messages, percent
+from accpinn.segment.segment import SegmentInfo
 from accpinn.study.recommendation import Recommendation
 from accpinn.study.windows import WindowsDiffer
 
@@ -64,9 +66,8 @@ def _(finding: intervals.UncertaintyFinding, about: Labelled) -> str:
 def _estimate(one: ParameterInterval) -> str:
     text = QUANTITIES[one.symbol].text
     value = "undetermined" if one.estimate is None else text(one.estimate)
-    upper = "no limit" if one.upper is None else text(one.upper)
     best = "" if one.likeliest is None else f", maximum likelihood {text(one.likeliest)}"
-    return f"{one.symbol} = {value} (interval {text(one.lower)} to {upper}{best})"
+    return f"{one.symbol} = {value} (interval {_ends(one)}{best})"
 
 
 @message.register
@@ -319,6 +320,16 @@ def _(finding: DisturbanceSize, about: Labelled) -> str:
         f" {finding.deviation:.2f} m/s²; it is correlated over about {finding.memory:.1f} s and"
         f" builds up within about {finding.rise:.1f} s."
     )
+
+
+def about_curves(
+    info: SegmentInfo, fit: Fit, follower: int, band: prediction.GapBand | None = None
+) -> tuple[str, ...]:
+    """How much a band covers of a follower's gap (0 for the first), and what disturbs it."""
+    own = (0, info.vehicles[follower + 1])
+    covered = [one for one in (band.findings if band else ()) if one.vehicle in own]
+    moved = [one for one in disturbance_sizes(info.vehicles, fit) if one.vehicle in own]
+    return messages((*covered, *moved), info)
 
 
 @message.register

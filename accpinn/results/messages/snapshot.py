@@ -76,11 +76,7 @@ GROUPS = {
     "durations": "computing times",
 }
 """Of the groups of figures whose own names would not do."""
-WAYS: dict[Way, str] = {
-    "refitted": "Refitted",
-    "recomputed": "Recomputed",
-    "told": "Told only",
-}
+WAYS: dict[Way, str] = {"refitted": "Refitted", "recomputed": "Recomputed", "told": "Told only"}
 COMPARED = "methods compared"
 UNREFITTED = ("estimate", "stopped", "unknown start")
 """Kinds of a method that was not run again."""

@@ -288,10 +288,7 @@ def certainty(chosen: ParameterSet, report: StabilityReport, uncertainty: Uncert
         uncertainty: of the fit that the parameters are from.
     """
     worst = max(range(len(chosen)), key=lambda k: report.vehicles[k].peak.gain)
-    parts = (
-        _peak_interval(chosen, report, uncertainty, worst),
-        _outside(chosen, uncertainty),
-    )
+    parts = (_peak_interval(chosen, report, uncertainty, worst), _outside(chosen, uncertainty))
     return " ".join(part for part in parts if part)
 
 

@@ -27,7 +27,6 @@ from accpinn.channels import GAP, PARAMETER_KEYS, SPEED
 from accpinn.errors import ParameterError
 from accpinn.evaluation.closed_loop import closed_loop
 from accpinn.inference.prediction import gap_band
-from accpinn.methods.maximum_likelihood import disturbance_sizes
 from accpinn.platoon.leader import Sinusoid
 from accpinn.platoon.simulation import PlatoonRun, simulate_platoon
 from accpinn.results.figures import platoon as platoon_figures
@@ -46,7 +45,7 @@ from accpinn.results.figures.training import loss_history, parameter_history, tr
 from accpinn.results.messages import messages
 from accpinn.results.messages import summary as words
 from accpinn.results.messages.methods import outcome_message
-from accpinn.results.messages.reliability import BAND, conditional
+from accpinn.results.messages.reliability import BAND, about_curves, conditional
 from accpinn.results.messages.snapshot import (
     check_rows,
     parameters_rest_on,
@@ -300,17 +299,12 @@ def fit_pictures(snapshot: Snapshot) -> Iterator[Picture]:
     driven = closed_loop(segment, fit) if segment else None
     predicted = gap_band(segment, uncertainty, fit.case) if segment and uncertainty else None
     disturbance, info = fit.arrays.get("disturbance"), snapshot.info
-    coverages = predicted.findings if predicted else ()
-    sizes = disturbance_sizes(info.vehicles, fit)
-    for k, (vehicle, label) in enumerate(zip(info.vehicles[1:], info.labels[1:], strict=True)):
-        own = name_of(fit)
+    for k, label in enumerate(info.labels[1:]):
         figure = tracking(
-            segment or info, k, fit.surrogate, driven, own, predicted=predicted,
+            segment or info, k, fit.surrogate, driven, name_of(fit), predicted=predicted,
             disturbance=disturbance,
         )  # fmt: skip
-        covered = [one for one in coverages if one.vehicle == vehicle]
-        size = [one for one in sizes if one.vehicle in (0, vehicle)]
-        said = messages((*covered, *size), info)
+        said = about_curves(info, fit, k, predicted)
         caption = " ".join(said) or f"{label}: space-gap and speed."
         yield Picture(f"fit_{k + 1}", figure, caption)
 

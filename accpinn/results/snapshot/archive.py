@@ -177,12 +177,8 @@ def to_bytes(snapshot: Snapshot) -> bytes:
     for name in PARTS:
         if name in trees or name == "snapshot":
             entries[f"{name}.json"] = write_json(trees.get(name, tree))
-        own = {
-            rest: values
-            for path, values in arrays.items()
-            for owner, _, rest in [path.partition(".")]
-            if owner == name
-        }
+        start = f"{name}."
+        own = {path.removeprefix(start): arrays[path] for path in arrays if path.startswith(start)}
         if own:
             entries[f"{name}.npz"] = pack_arrays(own)
     data = seal(entries)

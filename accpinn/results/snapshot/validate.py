@@ -209,8 +209,8 @@ def _check_adequacy(adequacy: Adequacy) -> None:
     symbols = [quantity.symbol for quantity in PARAMETERS]
     posteriors = [form for one in adequacy.recommended for form in one.forms]
     posteriors += [one.posterior for one in adequacy.better]
-    every = [one.intervals for one in adequacy.recommended]
-    for intervals in every + [form.intervals for form in posteriors]:
+    stated = [one.intervals for one in adequacy.recommended]
+    for intervals in stated + [form.intervals for form in posteriors]:
         own = [parameter.symbol for parameter in intervals]
         _require(own == symbols, "a form of the model has other parameters")
     for form in posteriors:

@@ -249,14 +249,13 @@ class _Work:
                 source = recording
                 self.provenance(found.segment, recording)
         self.follows()
+        subjects = _subjects(snapshot)
         if segment is None:
             self.unchecked.append(Unchecked("errors", RECORDING))
         else:
             with self.attempt("quality"):
                 self.compare("quality", snapshot.quality, assess_quality(segment))
             self.forms(segment)
-        subjects = _subjects(snapshot)
-        if segment is not None:
             for subject in subjects:
                 self.intervals(subject, segment)
                 self.evaluation(subject, segment, source)
@@ -412,19 +411,17 @@ class _Work:
 
     def estimates(self, subjects: Sequence[_Subject], segment: Segment | None) -> None:
         """Run the methods again that can be and may be, and name the others."""
-        if segment is None:
-            for of in subjects:
-                kind = obstacle(of.fit) or "estimate"
-                cure = RECORDING if kind == "estimate" else ""
-                self.unchecked.append(Unchecked(kind, cure, name_of(of.fit)))
-            return
         known = []
         for of in subjects:
             if kind := obstacle(of.fit):
                 self.unchecked.append(Unchecked(kind, detail=name_of(of.fit)))
-                continue
-            with self.attempt("refit", of):
-                known.append((bool(of.name), of.expected_seconds(segment), of))
+            elif segment is None:
+                self.unchecked.append(Unchecked("estimate", RECORDING, name_of(of.fit)))
+            else:
+                with self.attempt("refit", of):
+                    known.append((bool(of.name), of.expected_seconds(segment), of))
+        if segment is None:
+            return
         for _, seconds, of in sorted(known, key=lambda one: one[:2]):
             if seconds > self.seconds_left:
                 self.unchecked.append(Unchecked("estimate", REFIT, name_of(of.fit), seconds))

@@ -170,8 +170,7 @@ def _estimate_cells(parameters: Parameters, uncertainty: Uncertainty) -> Iterato
     group = f"Estimate ({100 * uncertainty.level:.0f} % interval)"
     ends = uncertainty.lower.values.T, uncertainty.upper.values.T
     for column, *numbers in zip(PARAMETER_COLUMNS, parameters.values.T, *ends, strict=True):
-        triples = zip(*(values.tolist() for values in numbers), strict=True)
-        yield replace(column, group=group), [Estimate(*triple) for triple in triples]
+        yield replace(column, group=group), [*map(Estimate, *(k.tolist() for k in numbers))]
 
 
 def probability_cells(uncertainty: Uncertainty) -> Iterator[Filled]:
@@ -413,9 +412,7 @@ def supported_columns(uncertainty: Uncertainty | None) -> tuple[Column, ...]:
 
 
 def parameter_cells(
-    parameters: Parameters,
-    group: str = "",
-    columns: Sequence[Column] = PARAMETER_COLUMNS,
+    parameters: Parameters, group: str = "", columns: Sequence[Column] = PARAMETER_COLUMNS
 ) -> Iterator[Filled]:
     """α, β and τ (K, 3) as three columns."""
     for column, values in zip(columns, parameters.values.T, strict=True):
@@ -427,8 +424,7 @@ def interval_cells(uncertainty: Uncertainty) -> Iterator[Filled]:
     percent = f"{100 * uncertainty.level:.0f} % interval"
     lower, upper = uncertainty.lower.values.T, uncertainty.upper.values.T
     for column, low, high in zip(PARAMETER_COLUMNS, lower, upper, strict=True):
-        ends = zip(low.tolist(), high.tolist(), strict=True)
-        yield replace(column, group=percent), [Range(*pair) for pair in ends]
+        yield replace(column, group=percent), [*map(Range, low.tolist(), high.tolist())]
 
 
 def validation_table(info: SegmentInfo, other: SegmentInfo, found: Validation) -> Table:

@@ -7,7 +7,7 @@ from typing import Any
 from accpinn.channels import PARAMETERS
 from accpinn.results.tables.estimates import TITLES, number
 from accpinn.results.tables.table import ABSENT, Cell, Column, Estimate, Table
-from accpinn.study.groups import Groups, Share, Typical
+from accpinn.study.groups import Groups, Share
 from accpinn.study.journal import Failure
 from accpinn.study.pooling import SHARED
 
@@ -39,15 +39,15 @@ def group_table(found: Groups, with_spread: bool = True) -> Table:
     columns = _heads(found)
     for k, quantity in enumerate(PARAMETERS):
         typical = [one.parameters[k] for one in groups]
-        values = [*map(_estimate, typical)]
+        values = [_estimate(one.median, one.low, one.high) for one in typical]
         columns.append((Column.of(quantity), values))
         if with_spread:
             spread = [100 * one.between.deviation for one in typical]
             columns.append((Column(f"Spread of {quantity.symbol}", "%", 0), [*spread]))
     columns += [
         (Column("Mean time gap", "s", 2), [one.mean_time_gap.value for one in groups]),
-        (Column("L₂ stable", "%", 0), [_percent(one.l2_stable) for one in groups]),
-        (Column("L∞ stable", "%", 0), [_percent(one.linf_stable) for one in groups]),
+        (Column("L₂ stable", "%", 0), [_share(one.l2_stable) for one in groups]),
+        (Column("L∞ stable", "%", 0), [_share(one.linf_stable) for one in groups]),
     ]
     return Table.of(caption, columns)
 
@@ -61,12 +61,7 @@ def spread_table(found: Groups) -> Table:
     columns = _heads(found)
     for k, quantity in enumerate(PARAMETERS):
         between = [one.parameters[k].between for one in found.groups]
-        cells: list[Cell] = [
-            Estimate(100 * one.deviation, 100 * one.lower, 100 * one.upper)
-            if math.isfinite(one.deviation)
-            else None
-            for one in between
-        ]
+        cells = [_percent(one.deviation, one.lower, one.upper) for one in between]
         columns.append((Column(f"Spread of {quantity.symbol}", "%", 0), cells))
         shares: list[Cell] = [100 * one.i_squared for one in between]
         columns.append((Column(f"I² of {quantity.symbol}", "%", 0), shares))
@@ -87,14 +82,16 @@ def _heads(found: Groups) -> list[tuple[Column, list[Cell]]]:
     ]
 
 
-def _estimate(typical: Typical) -> Cell:
-    known = math.isfinite(typical.median)
-    return Estimate(typical.median, typical.low, typical.high) if known else None
+def _estimate(value: float, low: float, high: float) -> Cell:
+    return Estimate(value, low, high) if math.isfinite(value) else None
 
 
-def _percent(share: Share) -> Cell:
-    known = math.isfinite(share.value)
-    return Estimate(100 * share.value, 100 * share.low, 100 * share.high) if known else None
+def _percent(value: float, low: float, high: float) -> Cell:
+    return _estimate(100 * value, 100 * low, 100 * high)
+
+
+def _share(share: Share) -> Cell:
+    return _percent(share.value, share.low, share.high)
 
 
 def pooled_table(rows: Sequence[dict[str, Any]], level: float) -> Table:

@@ -129,8 +129,7 @@ def _with_ends(values: Sequence[float], ends: Interval | None) -> Sequence[Cell]
     """Values with their intervals, where these are known."""
     if ends is None:
         return values
-    rows = zip(values, ends.lower.tolist(), ends.upper.tolist(), strict=True)
-    return [Estimate(value, low, high) for value, low, high in rows]
+    return [*map(Estimate, values, ends.lower.tolist(), ends.upper.tolist())]
 
 
 def _decibels(gain: Interval) -> Interval:
@@ -204,5 +203,4 @@ def answer(verdict: Verdict) -> str:
 
 
 def _ranges(interval: Interval) -> list[Cell]:
-    pairs = zip(interval.lower.tolist(), interval.upper.tolist(), strict=True)
-    return [Range(low, high) for low, high in pairs]
+    return [*map(Range, interval.lower.tolist(), interval.upper.tolist())]

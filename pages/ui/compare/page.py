@@ -15,7 +15,6 @@ from accpinn.inference.identifiability import (
 from accpinn.inference.intervals import Uncertainty
 from accpinn.inference.multistart import summarise
 from accpinn.methods.fit import Fit, ParameterTrack
-from accpinn.methods.maximum_likelihood import disturbance_sizes
 from accpinn.methods.pinn.config import PRESETS
 from accpinn.methods.registry import METHODS
 from accpinn.model.cthp import Parameters
@@ -24,7 +23,7 @@ from accpinn.results.figures.style import vehicle_colours
 from accpinn.results.figures.training import tracking
 from accpinn.results.messages import messages
 from accpinn.results.messages.methods import agreement, colliding_methods
-from accpinn.results.messages.reliability import closed_loop_event, conditional
+from accpinn.results.messages.reliability import about_curves, closed_loop_event, conditional
 from accpinn.results.tables import estimates as tables
 from accpinn.results.tables.estimates import TITLES, name_of
 from accpinn.segment.quality import LARGE_CONDITION, assess_quality
@@ -384,12 +383,8 @@ def _show_disturbance(shown: _Shown) -> None:
     values = fit.arrays["disturbance"]
     figure = tracking(segment, shown.follower, None, None, disturbance=values)
     show.chart(figure, "compare_disturbance")
-    sizes = disturbance_sizes(segment.vehicles, fit)
-    said = [one for one in sizes if one.vehicle in (0, shown.vehicle)]
-    st.caption(
-        escape_markdown(" ".join(messages(said, segment)))
-        + " Shown is its most probable course, given all data."
-    )
+    said = " ".join(about_curves(segment.info, fit, shown.follower))
+    st.caption(f"{escape_markdown(said)} Shown is its most probable course, given all data.")
 
 
 def _show_repeatability(shown: _Shown) -> None:

@@ -13,7 +13,7 @@ from pages.ui.components import show
 from pages.ui.components.show import escape_markdown
 from pages.ui.components.sign_in import admit, sign_out_button
 from pages.ui.components.widgets import bound, segments
-from pages.ui.session.identity import is_asked
+from pages.ui.session.identity import user
 from pages.ui.session.sessions import SESSION, current
 from pages.ui.session.workspace import Workspace
 
@@ -191,7 +191,7 @@ def _sidebar(workspace: Workspace) -> None:
         st.caption(
             (
                 "Nobody else can open this session."
-                if is_asked()
+                if user().is_asked
                 else "Anyone with this address controls this session."
             )
             + " To show a result, send a snapshot's link instead."

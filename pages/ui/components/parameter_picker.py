@@ -98,8 +98,7 @@ def choose_parameters(workspace: Workspace, page: str, lead: str) -> Chosen | No
         workspace.choose_source(new)
 
     def choose(**choices: str) -> None:
-        for name, value in choices.items():
-            setattr(choice, name, value)
+        choice.set(**choices)
         workspace.platoon_choice.reset()
 
     with st.container(horizontal=True, vertical_alignment="center"):

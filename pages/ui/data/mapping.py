@@ -144,9 +144,7 @@ def _ask_for_mapping(workspace: Workspace, file: PendingFile, opened: Callable[[
     try:
         runs = files.trajectories(file.source, file.name, mapping=mapping)
         first = runs[0][0] if runs else None
-        recording = read_mapped(
-            file.source, mapping, name=file.name, trajectory=first
-        )  # fmt: skip
+        recording = read_mapped(file.source, mapping, name=file.name, trajectory=first)
         several = f"; {len(runs)} runs" if runs else ""
         step = 1 / recording.sample_time
         st.caption(
@@ -177,11 +175,8 @@ def _show_preview(seen: Preview) -> None:
         for k, name in enumerate(layout.names[:PREVIEWED])
     ]
     show.table(Table.of("", columns))
-    if hidden := len(layout.names) - PREVIEWED:
-        if hidden > 0:
-            st.caption(
-                f"{hidden} more columns: {escape_markdown(', '.join(layout.names[PREVIEWED:]))}"
-            )
+    if hidden := layout.names[PREVIEWED:]:
+        st.caption(f"{len(hidden)} more columns: {escape_markdown(', '.join(hidden))}")
 
 
 def _uploaded() -> CsvMapping | None:

@@ -188,5 +188,4 @@ def _choose_file(workspace: Workspace) -> None:
         key="data_file",
         help=f"The folder that `{FOLDER_VARIABLE}` names, with its subfolders.",
     )
-    if path:
-        _open_file(workspace, path, "Open this recording")
+    _open_file(workspace, path, "Open this recording")

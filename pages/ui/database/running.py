@@ -66,15 +66,12 @@ def show_batch(study: str) -> None:
     request = recall_request(folder_of(study))
     if task is not None and task.status is Status.FAILED:
         show.messages(task.error, "error")
-    said = ""
+    finished = request is not None and request.finished
     if task is not None and task.summary is not None:
         said = summary_line(task.summary)
-    elif request is not None and not request.finished:
+    elif request is not None and not finished:
         said = "The batch of this study did not come to its end; what it found is kept."
-    if not said and request is None:
-        return
-    finished = request is not None and request.finished
-    if finished and not (task and task.summary):
+    else:
         return
     line, button = st.columns((5, 1), vertical_alignment="center")
     icon = "check_circle" if finished else "stop_circle"

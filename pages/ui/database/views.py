@@ -51,9 +51,7 @@ def show_groups(found: ShownRows, choice: DatabaseChoice) -> None:
         "In brackets: intervals, of the shares that are string stable, too. The files have the"
         " spread between windows as well."
     )
-    show.downloads(
-        group_table(found.groups), f"{choice.study}_by_{choice.by}", "database_groups"
-    )  # fmt: skip
+    show.downloads(group_table(found.groups), f"{choice.study}_by_{choice.by}", "database_groups")
 
 
 def show_spread(found: ShownRows, choice: DatabaseChoice) -> None:

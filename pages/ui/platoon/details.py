@@ -74,10 +74,10 @@ def show_panels() -> None:
     vehicles = sorted({k for k, _ in PANELS})
     show.key([("Leader", LEADER)] + [(ASTAZERO.labels[k], colours(ASTAZERO)[k]) for k in vehicles])
     grid = (*st.columns(2), *st.columns(2))
-    for place, (panel, cell) in enumerate(zip(paper_panels(), grid, strict=True)):
+    for place, ((title, figure), cell) in enumerate(zip(paper_panels(), grid, strict=True)):
         with cell:
-            st.markdown(escape_markdown(panel.title))
-            show.chart(panel.figure, f"platoon_panel_{place}")
+            st.markdown(escape_markdown(title))
+            show.chart(figure, f"platoon_panel_{place}")
 
 
 def _seconds_shown(run: PlatoonRun, rows: NDArray[intp]) -> str:

@@ -16,6 +16,10 @@ from accpinn.units import Seconds
 from pages.ui.session.resources import KEPT
 from pages.ui.session.workspace import Workspace
 
+simulated = lru_cache(maxsize=KEPT)(closed_loop)
+"""The closed-loop simulation, kept as every run of a page shows it again."""
+_evaluated = lru_cache(maxsize=KEPT)(evaluate)
+
 
 @dataclass(frozen=True, eq=False)
 class Evaluated:
@@ -58,12 +62,3 @@ def of_snapshot(snapshot: Snapshot, segment: Segment | None) -> Evaluated:
         snapshot.uncertainty, snapshot.adequacy, snapshot.facts.get("duration"),
         segment, simulated(segment, snapshot.fit) if segment else None,
     )  # fmt: skip
-
-
-@lru_cache(maxsize=KEPT)
-def simulated(segment: Segment, fit: Fit) -> Trajectories | None:
-    """The closed-loop simulation, kept as every run of a page shows it again."""
-    return closed_loop(segment, fit)
-
-
-_evaluated = lru_cache(maxsize=KEPT)(evaluate)

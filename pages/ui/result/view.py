@@ -12,8 +12,7 @@ from accpinn.inference.model_adequacy import Adequacy
 from accpinn.inference.prediction import GapBand, gap_band
 from accpinn.methods import least_squares
 from accpinn.methods.fit import History, Outcome, headway_findings
-from accpinn.methods.maximum_likelihood import disturbance_sizes
-from accpinn.model.cthp import Case, Parameters
+from accpinn.model.cthp import Case
 from accpinn.results.bundle import bundle
 from accpinn.results.checks import Check, CheckName, checks
 from accpinn.results.figures import training as figures
@@ -21,7 +20,7 @@ from accpinn.results.figures.style import vehicle_colours
 from accpinn.results.messages import messages
 from accpinn.results.messages.checks import MEANING, failing_of, label_of
 from accpinn.results.messages.methods import outcome_message
-from accpinn.results.messages.reliability import BAND, conditional
+from accpinn.results.messages.reliability import BAND, about_curves, conditional
 from accpinn.results.snapshot import Snapshot
 from accpinn.results.tables import estimates as tables
 from accpinn.results.tables.estimates import name_of
@@ -76,12 +75,10 @@ def show_evaluated(
             next_step()
     with right:
         follower = pick_follower(info, f"{page}_follower", labelled=False)
-        _show_tracking(result, follower, f"{page}_tracking", BESIDE)
-    views: dict[str, Callable[[], None]] = {
-        "Fit": lambda: _show_fit(result, table, follower),
-    }
+        _show_tracking(result, follower, f"{page}_tracking")
+    views: dict[str, Callable[[], None]] = {"Fit": lambda: _show_fit(result, table, follower)}
     if history := fit.history:
-        views["Training"] = lambda: show_history(history, info, page, fit.case, result.truth)
+        views["Training"] = lambda: _show_history(result, history, page)
     views["Comparison"] = lambda: _show_comparison(workspace, result, page)
     tabs(workspace, f"{page}_tabs", views | dict(more or {}) | {
         "Export": lambda: _show_export(result, table, page, snapshot),
@@ -210,7 +207,7 @@ def show_form_intervals(
         show.messages(messages(adequacy.recommended, info), icon="lightbulb")
 
 
-def _show_tracking(result: Evaluated, follower: int, key: str, height: int | None = None) -> None:
+def _show_tracking(result: Evaluated, follower: int, key: str) -> None:
     """One follower's curves, with the band that the posterior predicts where the data are here."""
     fit, segment = result.fit, result.segment
     if segment is None and fit.surrogate is None:
@@ -218,7 +215,7 @@ def _show_tracking(result: Evaluated, follower: int, key: str, height: int | Non
         return
     figure = figures.tracking(
         segment or result.info, follower, fit.surrogate, result.driven, _own(result),
-        predicted=_band(result), disturbance=fit.arrays.get("disturbance"), height=height,
+        predicted=_band(result), disturbance=fit.arrays.get("disturbance"), height=BESIDE,
     )  # fmt: skip
     show.chart(figure, key)
 
@@ -236,31 +233,15 @@ def _band(result: Evaluated) -> GapBand | None:
 
 def _about_tracking(result: Evaluated, follower: int) -> str:
     """What the band is, how much it covers, and what disturbs the vehicle."""
-    info, band = result.info, _band(result)
-    vehicle = info.vehicles[follower + 1]
-    covered = [one for one in band.findings if one.vehicle == vehicle] if band else []
-    sizes = disturbance_sizes(info.vehicles, result.fit)
-    moved = [one for one in sizes if one.vehicle in (0, vehicle)]
-    return " ".join(((BAND,) if band else ()) + messages((*covered, *moved), info))
+    band = _band(result)
+    said = about_curves(result.info, result.fit, follower, band)
+    return " ".join(((BAND,) if band else ()) + said)
 
 
-def show_history(
-    history: History,
-    info: SegmentInfo,
-    page: str,
-    case: Case,
-    truth: Parameters | None = None,
-) -> None:
-    """Loss terms and parameters over iterations, two by two.
-
-    Args:
-        history: of a training.
-        info: of its segment.
-        page: begins the keys of the charts.
-        case: in Case I all followers share one line.
-        truth: the true parameters, where they are known.
-    """
-    show.vehicle_key(info, bool(truth), info.shares(case))
+def _show_history(result: Evaluated, history: History, page: str) -> None:
+    """Loss terms and parameters over iterations, two by two."""
+    info, truth = result.info, result.truth
+    show.vehicle_key(info, bool(truth), info.shares(result.fit.case))
     drawn = (
         ("loss", figures.loss_history(history)),
         *(
@@ -290,10 +271,7 @@ def _show_export(
 
 
 def show_intervals(
-    info: SegmentInfo,
-    uncertainty: Uncertainty | None,
-    more: str = "Pages Compare and Stability show more.",
-    case: Case = "II",
+    info: SegmentInfo, uncertainty: Uncertainty | None, more: str, case: Case
 ) -> None:
     """Intervals of the parameters and the probability of string stability.
 

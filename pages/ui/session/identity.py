@@ -54,24 +54,15 @@ def user() -> User:
     return found if isinstance(found, User) else User()
 
 
-def is_asked() -> bool:
-    """Whether this server asks its users to sign in."""
-    return user().is_asked
-
-
-def identity() -> str:
-    """Who is signed in; empty where nobody is, or nobody is asked."""
-    return user().name
-
-
 def mark() -> str:
     """What the names of this user's sessions begin with; empty where nobody is asked."""
-    return f"{sha256(identity().encode()).hexdigest()[:12]}-" if is_asked() else ""
+    found = user()
+    return f"{sha256(found.name.encode()).hexdigest()[:12]}-" if found.is_asked else ""
 
 
 def is_admin() -> bool:
     """Whether the user may delete what others saved."""
-    return is_asked() and _is_named(ADMINS_VARIABLE)
+    return user().is_asked and _is_named(ADMINS_VARIABLE)
 
 
 def is_shared() -> bool:
@@ -81,7 +72,7 @@ def is_shared() -> bool:
 
 def may_use() -> bool:
     """Whether the one who is signed in is among those for whom the server is."""
-    if not identity():
+    if not user().name:
         return False
     return not os.environ.get(USERS_VARIABLE) or _is_named(USERS_VARIABLE) or is_admin()
 
@@ -97,6 +88,6 @@ def _is_meant_to_ask() -> bool:
 def _is_named(variable: str) -> bool:
     """Whether the variable names the user's address, or its domain as "@school.edu"."""
     named = {part.strip().lower() for part in os.environ.get(variable, "").split(",")} - {""}
-    who = identity()
+    who = user().name
     local, at, domain = who.rpartition("@")
     return who in named or bool(local and at and f"@{domain}" in named)

@@ -45,13 +45,13 @@ def may_delete(workspace: Workspace, name: str) -> bool:
     On a server that only its own computer reaches everyone may, as all are one person; else whoever
     saved it, and an administrator.
     """
-    if not identity.is_asked() and not identity.is_shared():
+    if not identity.user().is_asked and not identity.is_shared():
         return True
     return identity.is_admin() or _owner(name) == _mark(workspace)
 
 
 def _mark(workspace: Workspace) -> str:
-    return sha256((identity.identity() or workspace.id).encode()).hexdigest()
+    return sha256((identity.user().name or workspace.id).encode()).hexdigest()
 
 
 def _owner(name: str) -> str:

@@ -15,7 +15,7 @@ from accpinn.inference.model_adequacy import Adequacy, model_forms
 from accpinn.inference.multistart import Trial
 from accpinn.methods.fit import Fit, Outcome
 from accpinn.methods.pinn.config import PinnConfig, PresetName
-from accpinn.methods.pinn.method import WarmStart
+from accpinn.methods.pinn.method import TrainingRequest, WarmStart
 from accpinn.methods.registry import METHODS
 from accpinn.model.cthp import Case, Parameters
 from accpinn.recordings.mapping import CsvMapping
@@ -34,7 +34,7 @@ from accpinn.study.comparison import (
     result_of,
     results_among,
 )
-from accpinn.tasks.task import Task, TrainingRequest, comparison_task, starts_task, training_task
+from accpinn.tasks.task import Task, comparison_task, starts_task, training_task
 from accpinn.units import Seconds
 from pages.ui.session.choices import (
     DatabaseChoice,
@@ -238,7 +238,7 @@ class Workspace:
             self.remember(self.recording, self.truth)
         self.segment = segment or snapshot.segment
         self.vehicles, self.case = info.vehicles, snapshot.fit.case
-        self.window = Window(info.window.start, info.window.end)
+        self.window = info.window
         self.excluded_regimes, self.fault, self.refusal = info.excluded_regimes, "", ""
         self._uncertainty = (snapshot.fit, snapshot.uncertainty) if snapshot.uncertainty else None
         self.choose_source("fit")

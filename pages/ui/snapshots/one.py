@@ -83,19 +83,13 @@ def _show_buttons(workspace: Workspace, snapshot: Snapshot, title: str) -> None:
     stem = "".join(c if c.isalnum() or c in "-_." else "_" for c in title)
     stem = stem.strip("._")[:60] or snapshot.id
 
-    def back() -> None:
-        workspace.viewed = ""
-        show.forget_flash()
-
     def open_it() -> None:
         with show.flashing():
             workspace.restore(snapshot)
             show.flash("success", "Opened: every page now shows this snapshot.")
 
     with st.container(horizontal=True):
-        st.button(
-            "All snapshots", icon=":material/arrow_back:", key="snapshots_back", on_click=back
-        )
+        back_button(workspace)
         if workspace.snapshot is None or workspace.snapshot.id != snapshot.id:
             st.button(
                 "Open on every page", type="primary", icon=":material/folder_open:",
@@ -118,6 +112,16 @@ def _show_buttons(workspace: Workspace, snapshot: Snapshot, title: str) -> None:
                 "application/zip", on_click="ignore", icon=":material/download:",
                 help="The file itself: it can be sent, kept, and imported on any server.",
             )  # fmt: skip
+
+
+def back_button(workspace: Workspace) -> None:
+    """Leads back to the list."""
+
+    def back() -> None:
+        workspace.viewed = ""
+        show.forget_flash()
+
+    st.button("All snapshots", icon=":material/arrow_back:", key="snapshots_back", on_click=back)
 
 
 def _again(snapshot: Snapshot) -> str:

@@ -13,7 +13,7 @@ from pages.ui.session import owners
 from pages.ui.session.resources import library, opened
 from pages.ui.session.workspace import Workspace
 from pages.ui.snapshots.listing import show_entries, title_of
-from pages.ui.snapshots.one import show_one
+from pages.ui.snapshots.one import back_button, show_one
 
 UNDO = "snapshots_undo"
 """The entry in Streamlit's session state with the snapshot that was deleted last."""
@@ -29,8 +29,7 @@ def show_page() -> None:
             show_one(workspace, opened(workspace.viewed))
         except SnapshotError as fault:  # deleted or damaged since the list was read
             show.messages(str(fault), "error")
-            st.button("All snapshots", icon=":material/arrow_back:", key="snapshots_back",
-                      on_click=_view, args=(workspace, ""))  # fmt: skip
+            back_button(workspace)
         return
     st.caption("Results as files: keep them, send them, open them again, compare them.")
     banner(workspace)

@@ -151,9 +151,7 @@ def _show_intervals(shown: ShownVehicles, known: Uncertainty) -> None:
 
 
 def _listed(
-    verdicts: tuple[Verdict, ...],
-    of: VehicleStability | StabilityReport,
-    names: Sequence[str] = (),
+    verdicts: tuple[Verdict, ...], of: VehicleStability | StabilityReport, names: Sequence[str] = ()
 ) -> str:
     return "".join(
         f"\n- {TITLES[verdict.criterion]}: **{answer(verdict)}**."

@@ -44,10 +44,10 @@ def show_options(workspace: Workspace) -> None:
         "learning_rate", "Learning rate", rows[0][2], step=0.001, format="%g",
         help="Adam's step. Larger is faster, until the loss no longer falls; the paper's is 0.001.",
     )  # fmt: skip
-    fields.several(
-        "weight_initial", ("R, weight of the first instant (Ψ_R)",), rows[0][3:],
-        "Of the squared error at the first instant; 0 leaves the term out, the authors' notebooks"
-        " use 1.",
+    fields.one(
+        "weight_initial", "R, weight of the first instant (Ψ_R)", rows[0][3], step=0.1, format="%g",
+        help="Of the squared error at the first instant; 0 leaves the term out, the authors'"
+        " notebooks use 1.",
     )  # fmt: skip
     fields.start(rows[1])
     fields.several(
@@ -121,15 +121,13 @@ class _Fields:
     def several(
         self, name: str, labels: Sequence[str], columns: Sequence[Any], explained: str
     ) -> None:
-        """A setting of several numbers, or of one that is a float."""
-        now = self._value(name)
-        single = not isinstance(now, list | tuple)
-        values = [float(now)] if single else [float(value) for value in now]
+        """A setting of several numbers."""
+        values = [float(value) for value in self._value(name)]
         for at, (label, column) in enumerate(zip(labels, columns, strict=True)):
 
             def changed(value: float, at: int = at) -> None:
                 values[at] = float(value)
-                self.changes[name] = values[0] if single else tuple(values)
+                self.changes[name] = tuple(values)
 
             shown = bound(f"train_{self._preset}_{name}_{at}", values[at], changed)
             column.number_input(label, **shown, step=0.1, format="%g", help=explained)

@@ -25,9 +25,10 @@ from accpinn.methods.fit import (
     Outcome,
     Progress,
 )
+from accpinn.methods.method import one_thread
 from accpinn.methods.pinn import training
 from accpinn.methods.pinn.config import FAST, PAPER, PinnConfig, preset
-from accpinn.methods.pinn.method import drop_checkpoints, request_keys, resume_iteration
+from accpinn.methods.pinn.method import TrainingRequest
 from accpinn.methods.store import Say, Store
 from accpinn.model.cthp import Case, Parameters
 from accpinn.segment.segment import Segment
@@ -305,20 +306,17 @@ class TestStore:
     def test_where_a_training_would_go_on_is_known_and_can_be_forgotten(
         self, tmp_path: Path
     ) -> None:
-        store = Store(tmp_path)
-        assert resume_iteration(store, noisy(), "II", SHORT) is None
+        store, request = Store(tmp_path), TrainingRequest(noisy(), "II", SHORT)
+        assert request.resume_iteration(store) is None
         stopped = train(noisy(), "II", SHORT, store=store, should_stop=after(2))
-        assert resume_iteration(store, noisy(), "II", SHORT) == stopped.iterations == 10
-        assert resume_iteration(store, noisy(), "II", replace(SHORT, iterations=5)) is None, (
-            "it is beyond"
-        )
-        drop_checkpoints(store, noisy(), "II", SHORT)
-        assert resume_iteration(store, noisy(), "II", SHORT) is None
+        assert request.resume_iteration(store) == stopped.iterations == 10
+        shorter = TrainingRequest(noisy(), "II", replace(SHORT, iterations=5))
+        assert shorter.resume_iteration(store) is None, "it is beyond"
+        request.drop_checkpoints(store)
+        assert request.resume_iteration(store) is None
         anew = train(noisy(), "II", SHORT, store=store)
         assert not any(isinstance(found, Continued) for found in anew.findings)
-        assert resume_iteration(store, noisy(), "II", SHORT) is None, (
-            "a finished one is answered at once"
-        )
+        assert request.resume_iteration(store) is None, "a finished one is answered at once"
 
     def test_a_shorter_training_leaves_a_longer_ones_checkpoint_alone(self, tmp_path: Path) -> None:
         store = Store(tmp_path)
@@ -371,15 +369,18 @@ class TestStore:
             (segment, "II", replace(FAST, weight_data=(1.0, 2.0))),
             (segment, "II", replace(FAST, iterations=601)),
         ]
-        addresses = [address for request in requests for address in set(request_keys(*request))]
+        addresses = [
+            address for request in requests for address in {*TrainingRequest(*request).keys}
+        ]
         assert len(set(addresses)) == len(addresses)
         renamed = replace(segment, names=("A", "B"), source="elsewhere.csv")
-        assert request_keys(renamed, "II", FAST) == request_keys(segment, "II", FAST)
+        one, other = (TrainingRequest(data, "II", FAST) for data in (renamed, segment))
+        assert one.keys == other.keys
 
     @pytest.mark.parametrize("name", ["fast", "paper"])
     def test_a_checkpoint_no_training_can_use_is_set_aside(self, tmp_path: Path, name: str) -> None:
         config = preset(name, iterations=20)
-        _, key = request_keys(noisy(), "II", config)
+        _, key = TrainingRequest(noisy(), "II", config).keys
         store = Store(tmp_path)
         for foreign in (
             {"anything": np.arange(3.0)},
@@ -396,9 +397,10 @@ class TestStore:
     def test_closing_it_keeps_a_checkpoint(self, tmp_path: Path) -> None:
         store = Store(tmp_path)
         run = training.training(noisy(), "II", SHORT, store=store)
-        assert [next(run).iteration for _ in range(3)] == [0, 5, 10]
+        steps = one_thread(lambda: [next(run).iteration for _ in range(3)])
+        assert steps() == [0, 5, 10]
         run.close()
-        assert resume_iteration(store, noisy(), "II", SHORT) == 10
+        assert TrainingRequest(noisy(), "II", SHORT).resume_iteration(store) == 10
         continued = train(noisy(), "II", SHORT, store=store)
         assert Continued(10) in continued.findings
         assert_same_result(continued, plain(SHORT))

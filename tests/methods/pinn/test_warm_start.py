@@ -10,7 +10,7 @@ import pytest
 from accpinn.errors import ConfigError
 from accpinn.methods.fit import Fit, StartedFrom
 from accpinn.methods.pinn.config import FAST, PAPER, PinnConfig
-from accpinn.methods.pinn.method import WarmStart, request_keys
+from accpinn.methods.pinn.method import TrainingRequest, WarmStart
 from accpinn.methods.store import Store
 from accpinn.model.cthp import Parameters
 from accpinn.segment.segment import Segment
@@ -70,8 +70,8 @@ def test_is_never_taken_for_a_cold_one(tmp_path: Path) -> None:
     assert again.cached
     assert again.parameters.values.tobytes() == after.parameters.values.tobytes()
     other = WarmStart(start.arrays, Parameters.of(start.parameters.values + 1e-9), start.origin)
-    requests = [request_keys(segment(), "II", config, begin) for begin in (None, start, other)]
-    keys = {key for request in requests for key in request}
+    requests = [TrainingRequest(segment(), "II", config, begin) for begin in (None, start, other)]
+    keys = {key for request in requests for key in request.keys}
     assert len(keys) == 6
 
 

@@ -230,11 +230,11 @@ class TestAnimation:
 
 def test_the_papers_panels_grow_and_fade_as_the_response_predicts() -> None:
     panels = paper_panels()
-    assert [panel.title[:3] for panel in panels] == ["(a)", "(c)", "(b)", "(d)"]
-    for panel, (k, omega) in zip(panels, PANELS, strict=True):
+    assert [title[:3] for title, _ in panels] == ["(a)", "(c)", "(b)", "(d)"]
+    for (title, figure), (k, omega) in zip(panels, PANELS, strict=True):
         last = abs(response(ASTAZERO.parameters[[k]], np.array([omega]))[0, 0]) ** 8
-        assert ("grows" in panel.title) == (last > 1)
-        assert float(panel.title.split(" to ")[1].split()[0]) == pytest.approx(last, rel=0.01)
-        assert size(panel.figure) <= 80_000
-    ranges = [panel.figure.layout.yaxis.range for panel in panels]
+        assert ("grows" in title) == (last > 1)
+        assert float(title.split(" to ")[1].split()[0]) == pytest.approx(last, rel=0.01)
+        assert size(figure) <= 80_000
+    ranges = [figure.layout.yaxis.range for _, figure in panels]
     assert ranges[0] == ranges[1] != ranges[2] == ranges[3]
