@@ -14,7 +14,7 @@ import json
 import os
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import asdict, astuple, dataclass, field
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from types import TracebackType
 from typing import Annotated, Any
@@ -194,7 +194,8 @@ class Journal:
         text = io.StringIO()
         writer = csv.writer(text, lineterminator="\n")
         writer.writerow(FAILURE_COLUMNS)
-        writer.writerows(map(astuple, self.known.failures.values()))
+        failures = [_sortable(asdict(one), FAILURE_COLUMNS) for one in self.known.failures.values()]
+        writer.writerows([cell for _, cell in cells] for cells in sorted(failures))
         replace_file(self.folder / FAILURES, text.getvalue().encode())
         schema = {
             "format": FORMAT,
@@ -251,6 +252,11 @@ def _take(known: Known, line: dict[str, Any]) -> None:
 
 def _lines(path: Path, repair: bool = False) -> Iterator[dict[str, Any]]:
     """The lines of a journal that count; a broken last one is cut off where that is asked for."""
+    return (line for _, line in _placed_lines(path, repair))
+
+
+def _placed_lines(path: Path, repair: bool = False) -> Iterator[tuple[int, dict[str, Any]]]:
+    """The same, each with the place in the file where it begins."""
     try:
         file = path.open("rb+" if repair else "rb")
     except FileNotFoundError:
@@ -260,10 +266,10 @@ def _lines(path: Path, repair: bool = False) -> Iterator[dict[str, Any]]:
         for raw in file:
             if not raw.endswith(b"\n"):  # only the last one
                 break
-            whole += len(raw)
             line = _line(raw)
             if line is not None:
-                yield line
+                yield whole, line
+            whole += len(raw)
         if repair:
             file.truncate(whole)
 
@@ -291,21 +297,37 @@ def damaged_lines(folder: Path) -> int:
 
 
 def read_rows(folder: Path) -> Iterator[dict[str, Any]]:
-    """All rows of a batch, also of one that is running; none twice."""
-    seen = set()
-    for line in _lines(folder / JOURNAL):
-        if line["kind"] == "result" and line["key"] not in seen:
-            seen.add(line["key"])
-            yield from line["rows"]
+    """All rows of a batch, also of one that is running; none twice.
+
+    They come in the order of files, windows, vehicles and methods, whatever ended first, so that a
+    batch computed again has the same table to the last digit.
+    """
+    found: dict[str, tuple[tuple[Any, ...], int]] = {}
+    for place, line in _placed_lines(folder / JOURNAL):
+        if line["kind"] == "result" and line["rows"]:
+            order = _sortable(line["rows"][0], ("file", "sha256", "start", "vehicle", "method"))
+            found.setdefault(line["key"], (order, place))
+    if not found:
+        return
+    with (folder / JOURNAL).open("rb") as file:
+        for _, place in sorted(found.values()):
+            file.seek(place)
+            again = _line(file.readline())
+            yield from again["rows"] if again else ()
 
 
 def read_pooled(folder: Path) -> Iterator[dict[str, Any]]:
-    """The vehicles' pooled parameters: for each vehicle and setting the latest."""
+    """The vehicles' pooled parameters: for each vehicle and setting the latest, in their order."""
     found: dict[tuple[Any, ...], dict[str, Any]] = {}
     for line in _lines(folder / JOURNAL):
         if line["kind"] == "pooled":
-            found[tuple(line["row"][name] for name in (*SHARED, *ONE_RECORDING))] = line["row"]
-    yield from found.values()
+            found[_sortable(line["row"], (*SHARED, *ONE_RECORDING))] = line["row"]
+    return (found[key] for key in sorted(found))
+
+
+def _sortable(row: dict[str, Any], names: Sequence[str]) -> tuple[Any, ...]:
+    """Some cells of a row; an empty one comes before any other."""
+    return tuple((row[name] is not None, row[name]) for name in names)
 
 
 def read_settings(folder: Path) -> dict[str, Any]:

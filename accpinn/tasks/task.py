@@ -26,7 +26,7 @@ from accpinn.inference.multistart import Trial, multistart
 from accpinn.methods.fit import Fit, History, Outcome, Progress, Recorder
 from accpinn.methods.method import TaskContext, relative_size
 from accpinn.methods.pinn.config import STARTS, PinnConfig
-from accpinn.methods.pinn.method import TrainingRequest
+from accpinn.methods.pinn.request import TrainingRequest
 from accpinn.methods.registry import METHODS
 from accpinn.methods.store import Store
 from accpinn.model.cthp import Case, Parameters, Trajectories
@@ -329,7 +329,7 @@ def get_ready() -> None:
     What is imported stays for good, and a search of it for garbage would hold up all threads, so it
     is kept from the collector. Linear algebra takes one thread each.
     """
-    from accpinn.methods.pinn import calibrated, fast, training  # noqa: F401
+    from accpinn.methods.pinn import calibrated, fast  # noqa: F401
 
     gc.collect()
     gc.freeze()

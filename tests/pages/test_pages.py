@@ -10,7 +10,7 @@ import pytest
 from accpinn.methods import least_squares
 from accpinn.methods.fit import Continued
 from accpinn.methods.pinn.config import CALIBRATED, preset
-from accpinn.methods.pinn.method import TrainingRequest
+from accpinn.methods.pinn.request import TrainingRequest
 from accpinn.model.cthp import Parameters, Trajectories
 from accpinn.model.published import ASTAZERO_ALIKE
 from accpinn.recordings.recording import Recording, Window

@@ -8,7 +8,7 @@ import pytest
 
 from accpinn.methods import least_squares
 from accpinn.methods.fit import Outcome
-from accpinn.methods.pinn.method import TrainingRequest
+from accpinn.methods.pinn.request import TrainingRequest
 from accpinn.recordings.files import read
 from accpinn.recordings.recording import Window
 from accpinn.tasks.task import training_task

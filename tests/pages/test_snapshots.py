@@ -6,7 +6,7 @@ import pytest
 
 from accpinn.methods.fit import Outcome, StartedFrom
 from accpinn.methods.pinn.config import PAPER, preset
-from accpinn.methods.pinn.method import WarmStart
+from accpinn.methods.pinn.request import WarmStart
 from accpinn.model.cthp import Parameters
 from accpinn.results.messages.snapshot import counted
 from accpinn.results.snapshot import Snapshot

@@ -38,7 +38,17 @@ from accpinn.study import cluster as clusters
 from accpinn.study.batch import batch
 from accpinn.study.batch_progress import BatchProgress
 from accpinn.study.batch_tasks import BatchTask, MethodRows
-from accpinn.study.journal import JOURNAL, Failure, Journal, read_failures, read_pooled, read_rows
+from accpinn.study.journal import (
+    FAILURES,
+    JOURNAL,
+    POOLED,
+    RESULTS,
+    Failure,
+    Journal,
+    read_failures,
+    read_pooled,
+    read_rows,
+)
 from accpinn.study.pooling import pools
 from accpinn.study.process import BatchSettings, run_batch
 from accpinn.study.rows import COLUMNS
@@ -399,6 +409,29 @@ def test_rows_and_failures_can_be_read_while_a_batch_runs(tmp_path: Path) -> Non
     )
     assert [(one["alpha"], one["beta"]) for one in read_rows(tmp_path)] == [(1.0, None)]
     assert read_failures(tmp_path) == (Failure("x.csv", None, None, "broken"),)
+
+
+def test_rows_have_one_order_whatever_ended_first(tmp_path: Path) -> None:
+    places = [
+        {"file": file, "start": start, "vehicle": vehicle, "method": method}
+        for file in ("a", "b") for start in (0, 50, 300) for vehicle in (2, None)
+        for method in ("least-squares", "splines")
+    ]  # fmt: skip
+    orders: tuple[list[Any], list[Any]] = ([], [])
+    for seed, order in enumerate(orders):
+        folder = tmp_path / str(seed)
+        with Journal(folder, {}) as journal:
+            for k in np.random.default_rng(seed).permutation(len(places)).tolist():
+                journal.add("result", str(k), rows=[places[k]])
+                where = {name: places[k][name] for name in ("file", "start", "vehicle")}
+                journal.add("failure", f"f{k}", **where, reason=str(k), final=True)
+                pooled = {"name": str(k), "windows": 1, "duration": 60.0}
+                journal.add("pooled", str(k), row=pooled)
+        order += [list(read_rows(folder)), list(read_pooled(folder))]
+        order += [(folder / name).read_bytes() for name in (FAILURES, RESULTS, POOLED)]
+    assert orders[0] == orders[1]
+    assert [one["start"] for one in orders[0][0]] == 2 * ([0] * 4 + [50] * 4 + [300] * 4)
+    assert orders[0][0][0]["vehicle"] is None
 
 
 def test_a_line_damaged_in_the_middle_costs_no_other(capsys: Capture, tmp_path: Path) -> None:

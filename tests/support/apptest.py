@@ -12,7 +12,7 @@ from streamlit.testing.v1 import AppTest
 
 from accpinn.methods import least_squares
 from accpinn.methods.pinn.config import FAST
-from accpinn.methods.pinn.method import TrainingRequest
+from accpinn.methods.pinn.request import TrainingRequest
 from accpinn.recordings.recording import Window
 from accpinn.tasks.task import training_task
 from pages.ui.session import sessions

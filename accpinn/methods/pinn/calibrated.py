@@ -24,8 +24,8 @@ from accpinn.methods.pinn.evidence import Evidence
 from accpinn.methods.pinn.evidence_output import OutputLayer
 from accpinn.methods.pinn.evidence_search import Ascent, begin, refine
 from accpinn.methods.pinn.loss import Learned, LossTerms, Training
-from accpinn.methods.pinn.method import WarmStart
 from accpinn.methods.pinn.network import HIDDEN_FREQUENCY, Descent, FourierFeatures, Numbers
+from accpinn.methods.pinn.request import WarmStart
 from accpinn.methods.regression import Regression, Solution
 from accpinn.methods.series import series_of, stride_of
 from accpinn.model.cthp import Case, Parameters

@@ -12,8 +12,7 @@ next one. Ψ is quadratic in W; the platoon's chain of blocks is that of `variab
 import numpy as np
 
 from accpinn.methods.pinn.evidence import ORDER, Physics, physics
-from accpinn.methods.pinn.method import output_columns
-from accpinn.methods.pinn.network import FourierFeatures, Numbers
+from accpinn.methods.pinn.network import FourierFeatures, Numbers, output_columns
 from accpinn.methods.pinn.variable_projection import RIDGE, Link, solve_chain
 from accpinn.units import FloatArray, Mask, Seconds
 

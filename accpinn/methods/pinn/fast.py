@@ -24,8 +24,8 @@ from numpy.typing import NDArray
 from accpinn.methods.fit import Checkpoint, Outcome, Progress
 from accpinn.methods.pinn.config import PinnConfig
 from accpinn.methods.pinn.loss import Learned, Training, loss_terms, residuals
-from accpinn.methods.pinn.method import WarmStart
 from accpinn.methods.pinn.network import Descent, FourierFeatures, HiddenLayers, Numbers
+from accpinn.methods.pinn.request import WarmStart
 from accpinn.methods.pinn.variable_projection import (
     RIDGE,
     GramMatrices,

@@ -26,7 +26,8 @@ from accpinn.methods.fit import (
     Progress,
 )
 from accpinn.methods.pinn.config import PinnConfig
-from accpinn.methods.pinn.method import WarmStart, output_columns, stack_outputs
+from accpinn.methods.pinn.network import output_columns, stack_outputs
+from accpinn.methods.pinn.request import WarmStart
 from accpinn.methods.regression import Solution
 from accpinn.model.cthp import Case, Parameters
 from accpinn.segment.segment import Segment

@@ -27,8 +27,8 @@ from torch.nn.utils import parameters_to_vector
 from accpinn.methods.fit import Checkpoint, HoldoutLoss, Outcome
 from accpinn.methods.pinn.config import PinnConfig
 from accpinn.methods.pinn.loss import Learned, LossTerms, Training, loss_terms
-from accpinn.methods.pinn.method import WarmStart, output_columns
-from accpinn.methods.pinn.network import Adam
+from accpinn.methods.pinn.network import Adam, output_columns
+from accpinn.methods.pinn.request import WarmStart
 from accpinn.methods.regression import Regression, Solution
 from accpinn.model.cthp import Case, Parameters
 from accpinn.segment.segment import Segment

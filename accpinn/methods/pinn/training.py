@@ -25,12 +25,8 @@ from accpinn.methods.fit import (
 )
 from accpinn.methods.pinn.config import FAST, PinnConfig, PresetName
 from accpinn.methods.pinn.loss import Training
-from accpinn.methods.pinn.method import (
-    TrainingRequest,
-    WarmStart,
-    output_columns,
-    require_memory,
-)
+from accpinn.methods.pinn.network import output_columns
+from accpinn.methods.pinn.request import TrainingRequest, WarmStart, require_memory
 from accpinn.methods.store import Store
 from accpinn.model.cthp import Case, Trajectories
 from accpinn.segment.segment import Segment

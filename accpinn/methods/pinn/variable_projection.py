@@ -19,7 +19,7 @@ import numpy as np
 from scipy.linalg import cho_solve, cholesky, solve_triangular
 
 from accpinn.methods.pinn.config import PinnConfig
-from accpinn.methods.pinn.method import output_columns
+from accpinn.methods.pinn.network import output_columns
 from accpinn.methods.regression import Solution, solve_platoon
 from accpinn.model.cthp import Case
 from accpinn.units import FloatArray

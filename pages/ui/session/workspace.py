@@ -15,7 +15,7 @@ from accpinn.inference.model_adequacy import Adequacy, model_forms
 from accpinn.inference.multistart import Trial
 from accpinn.methods.fit import Fit, Outcome
 from accpinn.methods.pinn.config import PinnConfig, PresetName
-from accpinn.methods.pinn.method import TrainingRequest, WarmStart
+from accpinn.methods.pinn.request import TrainingRequest, WarmStart
 from accpinn.methods.registry import METHODS
 from accpinn.model.cthp import Case, Parameters
 from accpinn.recordings.mapping import CsvMapping

@@ -9,7 +9,7 @@ from accpinn.errors import ConfigError
 from accpinn.methods import least_squares
 from accpinn.methods.fit import Fit
 from accpinn.methods.pinn.config import PinnConfig
-from accpinn.methods.pinn.method import WarmStart
+from accpinn.methods.pinn.request import WarmStart
 from accpinn.model.cthp import Parameters
 from accpinn.results.figures.live import TERMS, LiveChart, live_history, live_motion
 from accpinn.results.figures.style import LEADER, MODEL, SERIES

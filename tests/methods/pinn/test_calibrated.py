@@ -15,8 +15,8 @@ from accpinn.methods.pinn import training
 from accpinn.methods.pinn.calibrated import CalibratedTraining
 from accpinn.methods.pinn.config import CALIBRATED, PinnConfig, preset
 from accpinn.methods.pinn.evidence_output import OutputLayer
-from accpinn.methods.pinn.method import WarmStart, stack_outputs
-from accpinn.methods.pinn.network import FourierFeatures, HiddenLayers
+from accpinn.methods.pinn.network import FourierFeatures, HiddenLayers, stack_outputs
+from accpinn.methods.pinn.request import WarmStart
 from accpinn.methods.store import Store
 from accpinn.model.cthp import Case
 from accpinn.segment.segment import Segment

@@ -9,7 +9,7 @@ import torch
 
 from accpinn.methods.pinn.config import PinnConfig
 from accpinn.methods.pinn.loss import loss_terms
-from accpinn.methods.pinn.method import stack_outputs
+from accpinn.methods.pinn.network import stack_outputs
 from tests.support.methods import WEIGHTED
 
 

@@ -9,8 +9,13 @@ import torch
 
 from accpinn.errors import ConfigError
 from accpinn.methods.pinn.config import PresetName, preset
-from accpinn.methods.pinn.method import output_columns, stack_outputs
-from accpinn.methods.pinn.network import Adam, FourierFeatures, HiddenLayers
+from accpinn.methods.pinn.network import (
+    Adam,
+    FourierFeatures,
+    HiddenLayers,
+    output_columns,
+    stack_outputs,
+)
 from accpinn.methods.registry import METHODS
 from accpinn.units import FloatArray
 from tests.support.methods import train

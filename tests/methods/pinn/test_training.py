@@ -28,7 +28,7 @@ from accpinn.methods.fit import (
 from accpinn.methods.method import one_thread
 from accpinn.methods.pinn import training
 from accpinn.methods.pinn.config import FAST, PAPER, PinnConfig, preset
-from accpinn.methods.pinn.method import TrainingRequest
+from accpinn.methods.pinn.request import TrainingRequest
 from accpinn.methods.store import Say, Store
 from accpinn.model.cthp import Case, Parameters
 from accpinn.segment.segment import Segment

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from accpinn.methods.pinn.config import PinnConfig
 from accpinn.methods.pinn.fast import FastTraining
 from accpinn.methods.pinn.loss import loss_terms
-from accpinn.methods.pinn.method import output_columns
+from accpinn.methods.pinn.network import output_columns
 from accpinn.methods.pinn.variable_projection import NormalEquations, solve_output, solve_parameters
 from accpinn.model.cthp import Case, Parameters, regressors
 from accpinn.units import FloatArray

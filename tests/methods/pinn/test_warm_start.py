@@ -10,7 +10,7 @@ import pytest
 from accpinn.errors import ConfigError
 from accpinn.methods.fit import Fit, StartedFrom
 from accpinn.methods.pinn.config import FAST, PAPER, PinnConfig
-from accpinn.methods.pinn.method import TrainingRequest, WarmStart
+from accpinn.methods.pinn.request import TrainingRequest, WarmStart
 from accpinn.methods.store import Store
 from accpinn.model.cthp import Parameters
 from accpinn.segment.segment import Segment
