@@ -140,7 +140,7 @@ def test_a_row_opens_its_window(study: Path) -> None:
     page = opened().open_tab("database_tabs", "All rows")
     assert len(page.dataframe[0].value) == 3
     found = page.workspace()
-    found.database_choice.row = 2
+    found.database_choice.row = 0
     page.run()
     page.press("database_open")
     assert "gone.csv: this recording is not in the server's folder" in page.boxes("error")[0]
