@@ -145,7 +145,7 @@ def test_a_row_opens_its_window(study: Path) -> None:
     page.press("database_open")
     assert "gone.csv: this recording is not in the server's folder" in page.boxes("error")[0]
     page.choose("database_make", ["Tesla"])
-    found.database_choice.row = 0
+    found.database_choice.row = 1
     page.run()
     page.press("database_open")
     assert "Preview of the window" in page.texts(), "this is page Data"
