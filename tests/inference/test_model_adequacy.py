@@ -5,17 +5,9 @@ from functools import cache
 
 import numpy as np
 import pytest
-from scipy.stats import chi2, kstest
 
 from accpinn.inference.intervals import intervals
-from accpinn.inference.model_adequacy import (
-    Adequacy,
-    BetterForm,
-    Inadequate,
-    InnovationTests,
-    model_forms,
-    score_test,
-)
+from accpinn.inference.model_adequacy import Adequacy, BetterForm, Inadequate, model_forms
 from accpinn.inference.posterior import STAGES, sample
 from accpinn.methods import least_squares
 from accpinn.methods.maximum_likelihood import joint_maxima
@@ -142,14 +134,6 @@ def test_a_limited_acceleration_is_no_linear_response() -> None:
     assert not told.nonnormal
 
 
-def test_what_no_follower_shows_may_show_in_all() -> None:
-    """p-values of 0.02 are no reason for doubt; six of them are."""
-    each, none = np.full(6, 0.02), np.ones(6)
-    tests = InnovationTests(none, each, none, np.full(6, np.nan))
-    assert not tests.fails.any()
-    assert tests.united.fails.tolist() == [[False, True, False, False]]
-
-
 def test_followers_of_case_i_share_the_forms() -> None:
     segment = disturbed(Parameters.of([TRUE, TRUE]), 2, Disturbance(), duration=120.0)
     found = model_forms(segment, "I")
@@ -186,31 +170,3 @@ def test_the_table_has_a_row_a_form_and_each_extra_term_in_its_own_column() -> N
         extras = {name: row[names.index(name)] for name in ("s₀", "λ", "d")}
         given = [value for value in extras.values() if value is not None]
         assert given == ([] if form.form == "cthp" else [pytest.approx(form.extra[0])])
-
-
-def test_terms_that_share_nothing_are_tested_by_chi_squared() -> None:
-    terms, beside = np.eye(100)[:, :6], np.eye(100)[:, 6:10]
-    for length in (0.5, 2.0, 4.0, 10.0):
-        errors = np.full(100, length)
-        found = score_test(terms, beside, errors)
-        assert found == pytest.approx(chi2.sf(6 * length**2, 6), rel=0.05)
-
-
-def test_terms_that_resemble_each_other_reject_what_is_true_as_often_as_they_say() -> None:
-    rng = np.random.default_rng(0)
-    level = np.sin(np.arange(200) / 9)
-    terms = np.array([np.maximum(level - height, 0) for height in (0, 0.2, 0.5, 0.6)]).T
-    beside = np.array([level, np.ones(200)]).T
-    found = [score_test(terms, beside, errors) for errors in rng.standard_normal((2000, 200))]
-    assert kstest(found, "uniform").pvalue > 0.01
-    assert score_test(terms, beside, rng.standard_normal(200) + 2 * terms[:, 2]) < 1e-3
-
-
-def test_what_stands_beside_the_terms_explains_nothing_more() -> None:
-    rng = np.random.default_rng(0)
-    beside, errors = rng.standard_normal((50, 3)), rng.standard_normal(50)
-    assert score_test(beside @ rng.standard_normal((3, 2)), beside, errors) == 1.0
-    term = rng.standard_normal((50, 1))
-    alone = score_test(term, beside, errors)
-    both = score_test(np.hstack([term, term + beside[:, :1]]), beside, 1e6 * beside[:, 0] + errors)
-    assert both == pytest.approx(alone, rel=1e-6)
