@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING
 from accpinn.errors import ConfigError
 from accpinn.evaluation.evaluation import Evaluation, evaluate
 from accpinn.inference.intervals import Uncertainty, intervals
+from accpinn.inference.model_adequacy import Adequacy, model_forms
 from accpinn.methods.fit import Fit
 from accpinn.methods.method import TaskContext
 from accpinn.methods.pinn.config import preset as named_config
@@ -58,8 +59,16 @@ class Study:
 
     @cached_property
     def uncertainty(self) -> Uncertainty:
-        """Intervals of the parameters, and of what follows from them."""
+        """Intervals of the parameters, and of what follows from them, if the CTHP holds."""
         return intervals(self.segment, self.fit)
+
+    @cached_property
+    def adequacy(self) -> Adequacy:
+        """The forms of the model in one likelihood; `recommended` has the intervals to be used.
+
+        It takes about a second a follower. Once it was asked for, snapshot and report have it, too.
+        """
+        return model_forms(self.segment, self.fit.case)
 
     @cached_property
     def evaluation(self) -> Evaluation:
@@ -100,6 +109,7 @@ class Study:
             recording=self.recording,
             uncertainty=self.uncertainty,
             evaluation=self.evaluation,
+            adequacy=vars(self).get("adequacy"),
             name=name,
             note=note,
             with_data=with_data,

@@ -61,7 +61,10 @@ def test_a_study_computes_what_it_is_asked_for() -> None:
     peak = study.stability.vehicles[0].peak
     assert abs(transfer(1j * peak.omega)) == pytest.approx(peak.gain)
     snapshot = study.snapshot(name="mine", with_data=True)
-    assert snapshot.name == "mine"
+    assert (snapshot.name, snapshot.adequacy) == ("mine", None)
+    assert [one.vehicle for one in study.adequacy.recommended] == [2]
+    snapshot = study.snapshot(with_data=True)
+    assert snapshot.adequacy is study.adequacy
     assert verify(snapshot).ok
 
 
