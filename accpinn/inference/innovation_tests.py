@@ -170,13 +170,14 @@ def score_test(terms: FloatArray, beside: FloatArray, errors: FloatArray) -> flo
         errors: (n,) independent and standard normal if nothing explains them.
 
     Returns:
-        Within a tenth of its value; 1 where no term is more than the columns beside it.
+        Within a tenth of its value, a sixth in the far tail; 1 where no term is more than the
+        columns beside it.
     """
     left, values, _ = np.linalg.svd(_unit(beside), full_matrices=False)
     left = left[:, values > 1e-9 * values.max(initial=0.0)]
     own = _unit(terms)
     own = own - left @ (left.T @ own)
-    own = _unit(own[:, np.linalg.norm(own, axis=0) > 1e-6])
+    own = _unit(own[:, np.linalg.norm(own, axis=0) > 1e-9])
     weights = np.asarray(np.linalg.eigvalsh(own.T @ own), float)
     return _exceeds(float(((errors @ own) ** 2).sum()), weights)
 
@@ -193,7 +194,7 @@ def _exceeds(value: float, weights: FloatArray) -> float:
     weights = weights[weights > 1e-9]
     if value == 0.0 or not len(weights):
         return 1.0
-    share = weights / value
+    share = weights / min(value, 1e200)
     pole = 0.5 / share.max()
 
     def rest(below: float) -> FloatArray:

@@ -31,6 +31,7 @@ from accpinn.channels import PARAMETER_KEYS
 from accpinn.errors import ConfigError, RecordingError
 from accpinn.inference.intervals import LEVEL
 from accpinn.methods.maximum_likelihood import KEY
+from accpinn.methods.registry import METHODS
 from accpinn.study.journal import JOURNAL, read_rows
 from accpinn.study.rows import COLUMNS
 from accpinn.study.windows import RandomEffects, random_effects
@@ -162,7 +163,7 @@ def group(
 def _method(rows: pd.DataFrame, method: str | None) -> str | None:
     there = list(dict.fromkeys(rows["method"]))
     if method is None:
-        return KEY if KEY in there or not there else there[0]
+        return next((one for one in (KEY, *METHODS) if one in there), KEY)
     if there and method not in there:
         raise ConfigError(f"method: {method[:40]} has no rows; choose {', '.join(there)}.")
     return method

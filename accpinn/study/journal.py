@@ -252,26 +252,28 @@ def _take(known: Known, line: dict[str, Any]) -> None:
 
 def _lines(path: Path, repair: bool = False) -> Iterator[dict[str, Any]]:
     """The lines of a journal that count; a broken last one is cut off where that is asked for."""
-    return (line for _, line in _placed_lines(path, repair))
-
-
-def _placed_lines(path: Path, repair: bool = False) -> Iterator[tuple[int, dict[str, Any]]]:
-    """The same, each with the place in the file where it begins."""
     try:
         file = path.open("rb+" if repair else "rb")
     except FileNotFoundError:
         return
     with file:
         whole = 0
-        for raw in file:
-            if not raw.endswith(b"\n"):  # only the last one
-                break
+        for place, raw in _whole_lines(file):
+            whole = place + len(raw)
             line = _line(raw)
             if line is not None:
-                yield whole, line
-            whole += len(raw)
+                yield line
         if repair:
             file.truncate(whole)
+
+
+def _whole_lines(file: Iterable[bytes]) -> Iterator[tuple[int, bytes]]:
+    """Each with the place where it begins; only the last line of a journal may be broken."""
+    place = 0
+    for raw in file:
+        if raw.endswith(b"\n"):
+            yield place, raw
+        place += len(raw)
 
 
 def _line(raw: bytes) -> dict[str, Any] | None:
@@ -291,7 +293,7 @@ def damaged_lines(folder: Path) -> int:
     """How many whole lines of a batch's journal do not count, as they were damaged since."""
     try:
         with (folder / JOURNAL).open("rb") as file:
-            return sum(raw.endswith(b"\n") and _line(raw) is None for raw in file)
+            return sum(_line(raw) is None for _, raw in _whole_lines(file))
     except FileNotFoundError:
         return 0
 
@@ -299,17 +301,20 @@ def damaged_lines(folder: Path) -> int:
 def read_rows(folder: Path) -> Iterator[dict[str, Any]]:
     """All rows of a batch, also of one that is running; none twice.
 
-    They come in the order of files, windows, vehicles and methods, whatever ended first, so that a
-    batch computed again has the same table to the last digit.
+    They come in the order of files, windows and methods, whatever ended first, so that a batch that
+    is computed again has the same table but for the seconds it took.
     """
     found: dict[str, tuple[tuple[Any, ...], int]] = {}
-    for place, line in _placed_lines(folder / JOURNAL):
-        if line["kind"] == "result" and line["rows"]:
-            order = _sortable(line["rows"][0], ("file", "sha256", "start", "vehicle", "method"))
-            found.setdefault(line["key"], (order, place))
-    if not found:
+    try:
+        file = (folder / JOURNAL).open("rb")
+    except FileNotFoundError:
         return
-    with (folder / JOURNAL).open("rb") as file:
+    with file:
+        for place, raw in _whole_lines(file):
+            line = _line(raw)
+            if line is not None and line["kind"] == "result" and line["rows"]:
+                order = _sortable(line["rows"][0], ("file", "sha256", "start", "vehicle", "method"))
+                found.setdefault(line["key"], (order, place))
         for _, place in sorted(found.values()):
             file.seek(place)
             again = _line(file.readline())

@@ -90,9 +90,7 @@ def recordings() -> tuple[bytes, ...]:
 
 
 def draw_recording(draw: Random) -> bytes:
-    """A recording, spoilt; now and then bytes without any sense."""
-    if draw.random() < 0.05:
-        return draw.randbytes(draw.randrange(400))
+    """A recording, spoilt."""
     data = draw.choice(recordings())
     if draw.random() < 0.6:
         with suppress(UnicodeDecodeError):

@@ -8,6 +8,8 @@ from typing import TypeVar
 import numpy as np
 import pandas as pd
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from accpinn.errors import Finding, RecordingError
 from accpinn.recordings import recording as data
@@ -477,7 +479,56 @@ def test_an_interrupt_while_reading_is_not_blamed_on_the_file(
         read(with_cell(9, 1, b'"21.5"'), "run.csv")
 
 
-# The real recordings; whatever else a file may hold, see `tests.fuzz`
+# Whatever the bytes, a Recording or a sentence
+
+SMALL = csv(platoon(samples=14).assign(Driver2="ACC"))
+NASTY = [b",", b"\n", b'"', b"\0", b"\xff", b"-", b"e", b"nan", b"inf", b"Time", b"Speed99", b";"]
+PIECES = st.one_of(
+    st.binary(max_size=4),
+    st.sampled_from(NASTY),
+    st.text("0123456789.,-e", max_size=4).map(str.encode),
+)
+EDITS = st.lists(
+    st.tuples(st.integers(0, len(SMALL)), st.integers(0, 12), PIECES), min_size=1, max_size=4
+)
+
+
+def outcome_of(given: bytes) -> Recording | str:
+    """What comes of a file: the recording, or the sentence why not."""
+    try:
+        return read(given, "run.csv")
+    except RecordingError as error:
+        return str(error)
+
+
+@settings(max_examples=400, deadline=None, derandomize=True)
+@given(EDITS, st.integers(0, len(SMALL)))
+def test_any_edit_gives_a_recording_or_a_sentence(
+    edits: list[tuple[int, int, bytes]], keep: int
+) -> None:
+    raw = SMALL
+    for at, cut, piece in edits:
+        raw = raw[:at] + piece + raw[at + cut :]
+    for candidate in (raw, raw[:keep]):
+        outcome = outcome_of(candidate)
+        if isinstance(outcome, str):
+            assert outcome.startswith("run.csv")
+            assert outcome.endswith(".")
+            assert "\n" not in outcome
+        else:
+            assert (np.diff(outcome.time) > 0).all()
+            assert not np.isinf(outcome.speed).any()
+            assert len(outcome.vehicles) == outcome.speed.shape[1] == outcome.gap.shape[1] + 1
+
+
+@settings(max_examples=200, deadline=None, derandomize=True)
+@given(st.binary(max_size=400))
+def test_any_bytes_give_a_sentence(raw: bytes) -> None:
+    with pytest.raises(RecordingError):
+        read(raw, "run.csv")
+
+
+# The real recordings
 
 
 RUNS = {
