@@ -194,7 +194,7 @@ def _exceeds(value: float, weights: FloatArray) -> float:
     weights = weights[weights > 1e-9]
     if value == 0.0 or not len(weights):
         return 1.0
-    share = weights / min(value, 1e200)
+    share = weights / value
     pole = 0.5 / share.max()
 
     def rest(below: float) -> FloatArray:
