@@ -58,3 +58,10 @@ def joined(parts: Sequence[str]) -> str:
 def percent(share: float) -> str:
     """A share as a sentence has it: "35 %"."""
     return f"{100 * share:.0f} %"
+
+
+def probability(share: float) -> str:
+    """A share of draws; none of finitely many is neither impossible nor certain."""
+    if share < 0.005:
+        return "under 1 %"
+    return "over 99 %" if share > 0.995 else percent(share)

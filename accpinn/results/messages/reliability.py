@@ -121,8 +121,7 @@ def _(finding: AdequacyFinding, about: Labelled) -> str:
                 f"{about.label(finding.vehicle)}: a model with {EXTRA[own.form]} describes the"
                 f" data better than the CTHP (AIC {finding.aic:+.0f}, log density of held-out time"
                 f" {finding.holdout:+.1f}). With {_extra(own)}, α is {alpha}, β {beta} and"
-                f" τ {tau};"
-                f" {percent(finding.level)} intervals in brackets."
+                f" τ {tau}; {percent(finding.level)} intervals in brackets."
             )
         case WeightedForms():
             ends = joined([f"{one.symbol} {_ends(one)}" for one in finding.intervals])

@@ -10,7 +10,7 @@ from accpinn.inference.intervals import Uncertainty
 from accpinn.model.published import ParameterSet
 from accpinn.platoon import simulation
 from accpinn.platoon.simulation import PlatoonRun
-from accpinn.results.messages import Labelled, joined, message, percent
+from accpinn.results.messages import Labelled, joined, message, probability
 from accpinn.results.tables.table import between
 from accpinn.stability.report import (
     Assessment,
@@ -275,7 +275,7 @@ def _odds(stable: FloatArray) -> str:
     low, high = float(stable.min()), float(stable.max())
     if isnan(low):
         return ""
-    said = _chance(low) if _chance(low) == _chance(high) else f"{_chance(low)} to {_chance(high)}"
+    said = " to ".join(dict.fromkeys((probability(low), probability(high))))
     return f" (probability of L₂ string stability: {said})"
 
 
@@ -316,7 +316,7 @@ def criteria_differ(chosen: ParameterSet, report: StabilityReport) -> str:
 def probabilities(chosen: ParameterSet, uncertainty: Uncertainty) -> str:
     """Each vehicle's probability of L₂ string stability."""
     pairs = zip(chosen.labels, uncertainty.probability_l2.tolist(), strict=True)
-    each = (f"{label} {'not determined' if isnan(p) else _chance(p)}" for label, p in pairs)
+    each = (f"{label} {'not determined' if isnan(p) else probability(p)}" for label, p in pairs)
     return f"Probability of L₂ string stability: {', '.join(each)}."
 
 
@@ -341,13 +341,6 @@ def _outside(chosen: ParameterSet, uncertainty: Uncertainty) -> str:
             whose = f" of {name}" if len(chosen) > 1 else ""
             parts.append(f"{' and '.join(symbols)}{whose}")
     return f"Estimates outside their intervals: {'; '.join(parts)}." if parts else ""
-
-
-def _chance(share: float) -> str:
-    """A share; none of finitely many samples is neither impossible nor certain."""
-    if share < 0.005:
-        return "under 1 %"
-    return "over 99 %" if share > 0.995 else percent(share)
 
 
 def _capital(words: str) -> str:

@@ -12,7 +12,7 @@ from accpinn.inference.identifiability import narrower_intervals, weakly_identif
 from accpinn.inference.intervals import Uncertainty
 from accpinn.methods.registry import METHODS
 from accpinn.model.cthp import Parameters
-from accpinn.results.messages import joined, message, messages, percent
+from accpinn.results.messages import joined, message, messages, percent, probability
 from accpinn.results.messages.data import FLAGS
 from accpinn.results.messages.methods import unfinished
 from accpinn.results.messages.stability import headline
@@ -112,7 +112,7 @@ def _outside(snapshot: Snapshot, uncertainty: Uncertainty) -> str:
 def _probability(snapshot: Snapshot, uncertainty: Uncertainty) -> str:
     labels = snapshot.info.labels[1:]
     parts = [
-        f"{label} {percent(float(l2))} (L₂) and {percent(float(linf))} (L∞)"
+        f"{label} {probability(float(l2))} (L₂) and {probability(float(linf))} (L∞)"
         for label, l2, linf in zip(
             labels, uncertainty.probability_l2, uncertainty.probability_linf, strict=True
         )
