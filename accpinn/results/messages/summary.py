@@ -33,18 +33,13 @@ def summary(snapshot: Snapshot) -> tuple[str, ...]:
     kind = METHODS[fit.method]
     method = kind.description or kind.title
     columns = supported_columns(uncertainty)
-    estimates = [
-        _parameters(one, headway_words(uncertainty, k), columns)
-        for k, one in enumerate(fit.parameters)
-    ]
     who = _followers(snapshot)
-    if info.shares(fit.case):
-        learned = f"{who} as one set: {estimates[0]}"
-    elif info.followers == 1:
-        learned = f"{who}: {estimates[0]}"
+    if info.shares(fit.case) or info.followers == 1:
+        as_one = " as one set" if info.followers > 1 else ""
+        headway = headway_words(uncertainty, 0)
+        learned = f"{who}{as_one}: {_parameters(fit.parameters[0], headway, columns)}"
     else:
-        pairs = zip(info.labels[1:], estimates, strict=True)
-        learned = f"{who}. {'; '.join(f'{label}: {estimate}' for label, estimate in pairs)}"
+        learned = f"{who}: {_ranges(fit.parameters, columns)}"
     first = (
         f"From {info.window.duration:g} s of {info.source}, {method} learned the parameters of the"
         f" constant time-headway policy of {learned}."
@@ -56,7 +51,7 @@ def summary(snapshot: Snapshot) -> tuple[str, ...]:
         sentences.append(headline(chosen, snapshot.stability, uncertainty))
     if uncertainty and not unfinished(fit):
         sentences.append(_outside(snapshot, uncertainty))
-        sentences.append(_probability(snapshot, uncertainty))
+        sentences.append(_probability(uncertainty))
     if snapshot.evaluation:
         sentences += [
             _errors(snapshot, snapshot.evaluation),
@@ -74,6 +69,22 @@ def _parameters(parameters: Parameters, headway: str, columns: Sequence[Column])
     tau = f"{parameters.tau:.2f} s" if isfinite(parameters.tau) else "not determined"
     behind = f" ({headway})" if headway else ""
     return f"time headway τ {tau}{behind}, gains {alpha} and {beta}"
+
+
+def _ranges(parameters: Parameters, columns: Sequence[Column]) -> str:
+    """From the smallest to the largest of several followers; the table has each."""
+    alpha, beta, tau = (
+        f"{one.title} {_span([one.shown(value) for value in sorted(values)])} {one.unit}"
+        if (values := found[np.isfinite(found)].tolist())
+        else f"{one.title} not determined"
+        for one, found in zip(columns, parameters.values.T, strict=True)
+    )
+    return f"time headways {tau}, gains {alpha} and {beta}"
+
+
+def _span(ordered: list[str]) -> str:
+    """The first and the last, or one where they are the same; empty where there is none."""
+    return " to ".join(dict.fromkeys(ordered[:1] + ordered[-1:]))
 
 
 def headway_words(uncertainty: Uncertainty | None, follower: int) -> str:
@@ -109,28 +120,23 @@ def _outside(snapshot: Snapshot, uncertainty: Uncertainty) -> str:
     )
 
 
-def _probability(snapshot: Snapshot, uncertainty: Uncertainty) -> str:
-    labels = snapshot.info.labels[1:]
-    parts = [
-        f"{label} {probability(float(l2))} (L₂) and {probability(float(linf))} (L∞)"
-        for label, l2, linf in zip(
-            labels, uncertainty.probability_l2, uncertainty.probability_linf, strict=True
-        )
-        if isfinite(float(l2))
-    ]
-    if not parts:
+def _probability(uncertainty: Uncertainty) -> str:
+    """Of L∞ string stability; that of L₂ stands with the verdict."""
+    known = uncertainty.probability_linf[np.isfinite(uncertainty.probability_linf)]
+    if not len(known):
         return (
             "The data do not determine the parameters, so no probability of string stability is"
             " given."
         )
-    return f"Probability of string stability: {'; '.join(parts)}."
+    shares = [probability(share) for share in sorted(known.tolist())]
+    return f"Probability of L∞ string stability: {_span(shares)}."
 
 
 def _errors(snapshot: Snapshot, evaluation: Evaluation) -> str:
     if evaluation.closed_loop is None:
         return ""
     errors = [float(value) for value in evaluation.closed_loop.gap_mae]
-    gaps = ", ".join(f"{value:.1f}" for value in errors if isfinite(value))
+    gaps = _span([f"{value:.1f}" for value in sorted(filter(isfinite, errors))])
     who = zip(snapshot.info.labels[1:], errors, strict=True)
     without = ", ".join(label for label, value in who if not isfinite(value))
     sentence = "The closed-loop simulation behind the measured leader"
@@ -139,7 +145,7 @@ def _errors(snapshot: Snapshot, evaluation: Evaluation) -> str:
         sentence += f" (without {without}, whose simulation diverges)"
     if evaluation.surrogate is None:
         return f"{sentence}."
-    drawn = ", ".join(f"{value:.2f}" for value in evaluation.surrogate.gap_mae)
+    drawn = _span([f"{value:.2g}" for value in sorted(evaluation.surrogate.gap_mae)])
     curve = "the method's own curve misses the space-gap by"
     return f"{sentence}; {curve} {drawn} m (surrogate fit)."
 

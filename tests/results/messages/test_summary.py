@@ -1,5 +1,6 @@
 """A result in a few sentences: its numbers, their uncertainty, and what goes wrong."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -47,19 +48,25 @@ def test_estimates_outside_their_intervals_are_named_at_once() -> None:
 
 def test_summary_gives_parameters_with_intervals_and_probabilities() -> None:
     text, uncertainty = said(whole()), whole().uncertainty
-    for one in whole().fit.parameters:
-        assert f"τ {one.tau:.2f} s" in text
     values = whole().fit.parameters.values
+    headways = values[:, 2]
+    [ends] = re.findall(r"time headways τ ([\d.]+) to ([\d.]+) s", text)
+    np.testing.assert_allclose(np.array(ends, float), [headways.min(), headways.max()], atol=0.005)
     lower, upper = (Parameters.of(values + end) for end in (-0.5, 0.5))
     wide = said(replace(whole(), uncertainty=replace(uncertainty, lower=lower, upper=upper)))
-    assert f"β {values[0, 1]:.2f} 1/s" in wide, "no more digits than the interval supports"
-    low, high = uncertainty.lower.tau[0], uncertainty.upper.tau[0]
-    assert f"(90 % interval: {low:.2f} to {high:.2f} s)" in text
+    ends = f"{values[:, 1].min():.2f} to {values[:, 1].max():.2f}"
+    assert f"β {ends} 1/s" in wide, "no more digits than the intervals support"
+    known = small().uncertainty
+    low, high = known.lower.tau[0], known.upper.tau[0]
+    assert f"(90 % interval: {low:.2f} to {high:.2f} s)" in said(small())
     assert "All four vehicles amplify" in text
-    assert "Probability of string stability: " in text
+    assert "Probability of L∞ string stability: " in text
     assert "misses the space-gap by" in text
     shared = replace(whole(), fit=replace(whole().fit, case="I"))
     assert "4 vehicles as one set: time headway" in said(shared)
+    values = np.where(np.arange(3) == 2, np.nan, values)
+    unknown = replace(whole(), fit=replace(whole().fit, parameters=Parameters.of(values)))
+    assert "time headways τ not determined" in said(replace(unknown, stability=None))
 
 
 def test_undetermined_headways_and_probabilities_are_called_so() -> None:
