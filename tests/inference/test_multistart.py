@@ -58,8 +58,9 @@ def test_the_fast_preset_depends_on_its_seed_alone() -> None:
     assert messages(found.findings, segment)[0].startswith("All 4 trainings end within")
 
 
-def test_a_stop_ends_the_series() -> None:
-    asked = iter([False] + [True] * 1000)
+@pytest.mark.parametrize("before", [0, 1], ids=["first training", "its second step"])
+def test_a_stop_ends_the_series(before: int) -> None:
+    asked = iter([False] * before + [True] * 1000)
     context = TaskContext(threads=1, should_stop=lambda: next(asked))
     assert list(multistart(driven(), context=context)) == []
 
