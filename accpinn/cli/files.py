@@ -8,7 +8,7 @@ from typing import Any
 from accpinn.cli.options import add_refit_options, chosen_patience
 from accpinn.cli.output import complain, print_json, progress, show, show_result
 from accpinn.cli.recording import add_json_option
-from accpinn.errors import ConfigError
+from accpinn.errors import ConfigError, SnapshotError
 from accpinn.recordings.files import read
 from accpinn.recordings.recording import Recording
 from accpinn.results.export import SAMPLES, parameter_card, snapshot_types
@@ -54,7 +54,11 @@ def _data_of(options: argparse.Namespace) -> Recording | None:
 
 
 def run_verify(options: argparse.Namespace) -> int:
-    """Check, and print stored beside recomputed; 1 when something does not match."""
+    """Check, and print stored beside recomputed.
+
+    Raises:
+        SnapshotError: when something does not match.
+    """
     snapshot = load(options.file)
     recording = _data_of(options)
     result = verify(
@@ -64,7 +68,9 @@ def run_verify(options: argparse.Namespace) -> int:
         on_refit=lambda name, seconds: progress(refitting(name, seconds)),
     )
     show_result(options, _describe_verification, _verification_text, snapshot, result)
-    return 0 if result.ok else 1
+    if not result.ok:
+        raise SnapshotError(f"{options.file}: {verification_summary(result, snapshot.info)}")
+    return 0
 
 
 def _describe_verification(snapshot: Snapshot, result: Verification) -> dict[str, Any]:

@@ -40,7 +40,9 @@ def test_a_snapshot_that_does_not_agree_is_written_with_a_warning(
     forged = replace(fit, parameters=Parameters.of(fit.parameters.values * [1, 2, 1]))
     file = save(replace(small(), fit=forged), tmp_path / "forged.accpinn.zip")
     assert main(["verify", str(file)]) == 1
-    assert "stored" in capsys.readouterr().out
+    printed = capsys.readouterr()
+    assert "stored" in printed.out
+    assert printed.err.splitlines()[-1].startswith(f"error: {file}: ")
     assert main(["report", str(file)]) == 1
     printed = capsys.readouterr()
     assert Path(printed.out.strip()).exists()

@@ -158,9 +158,10 @@ def _(check: PartCheck, about: Labelled) -> str:
     if check.ok:
         return "1 value agrees." if check.count == 1 else f"All {check.count:,} values agree."
     if check.part == "recording":
+        digest = f" with the SHA-256 {check.stored}" if check.stored else ""
         return (
             "This is not the recording the result was learned from; that is"
-            f" {about.source} with the SHA-256 {check.stored}."
+            f" {about.source}{digest}."
         )
     if check.part == "window":
         return (
