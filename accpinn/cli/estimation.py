@@ -131,7 +131,7 @@ def run_fit(options: argparse.Namespace) -> int:
     show_result(options, describe_fit, fit_text, segment, fit, quality, uncertainty)
     if options.out is not None:
         about = {name: getattr(options, name) for name in ("name", "note", "with_data")}
-        snapshot = create(segment, fit, recording=recording, **about)
+        snapshot = create(segment, fit, recording=recording, uncertainty=uncertainty, **about)
         print(one_line(f"Saved as {save(snapshot, options.out)}."), file=sys.stderr)
     return 130 if fit.outcome is Outcome.STOPPED else 0
 

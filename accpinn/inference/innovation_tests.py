@@ -1,4 +1,4 @@
-"""Tests of a form's innovations: is what the filter did not expect what it would be by chance?
+"""Tests of a form's innovations: correlation, even variance, normality, linear response.
 
 If a form of the model holds, its standardised innovations ε are white, even and normal. Of those of
 gap and own speed (Bonferroni's correction unites the two) are tested the correlation over 10 s

@@ -1,4 +1,4 @@
-"""Model adequacy: does the CTHP with its disturbance explain the recording, or one term more?
+"""Model adequacy: the CTHP with its disturbance beside models with one term more.
 
 Three further forms of the model stand in the same exact likelihood (see `methods.state_space`):
 

@@ -163,7 +163,7 @@ def group(
 def _method(rows: pd.DataFrame, method: str | None) -> str | None:
     there = list(dict.fromkeys(rows["method"]))
     if method is None:
-        return next((one for one in (KEY, *METHODS) if one in there), KEY)
+        return next((one for one in (KEY, *METHODS, *there) if one in there), KEY)
     if there and method not in there:
         raise ConfigError(f"method: {method[:40]} has no rows; choose {', '.join(there)}.")
     return method

@@ -39,7 +39,7 @@ def summary(snapshot: Snapshot) -> tuple[str, ...]:
         headway = headway_words(uncertainty, 0)
         learned = f"{who}{as_one}: {_parameters(fit.parameters[0], headway, columns)}"
     else:
-        learned = f"{who}: {_ranges(fit.parameters, columns)}"
+        learned = f"{who}: {_ranges(fit.parameters, info.labels[1:], columns)}"
     first = (
         f"From {info.window.duration:g} s of {info.source}, {method} learned the parameters of the"
         f" constant time-headway policy of {learned}."
@@ -71,7 +71,7 @@ def _parameters(parameters: Parameters, headway: str, columns: Sequence[Column])
     return f"time headway τ {tau}{behind}, gains {alpha} and {beta}"
 
 
-def _ranges(parameters: Parameters, columns: Sequence[Column]) -> str:
+def _ranges(parameters: Parameters, labels: Sequence[str], columns: Sequence[Column]) -> str:
     """From the smallest to the largest of several followers; the table has each."""
     alpha, beta, tau = (
         f"{one.title} {_span([one.shown(value) for value in sorted(values)])} {one.unit}"
@@ -79,6 +79,10 @@ def _ranges(parameters: Parameters, columns: Sequence[Column]) -> str:
         else f"{one.title} not determined"
         for one, found in zip(columns, parameters.values.T, strict=True)
     )
+    without = np.isnan(parameters.tau)
+    if without.any() and not without.all():
+        who = [label for label, one in zip(labels, without, strict=True) if one]
+        tau += f" (not determined for {joined(who)})"
     return f"time headways {tau}, gains {alpha} and {beta}"
 
 

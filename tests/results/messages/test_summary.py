@@ -67,6 +67,10 @@ def test_summary_gives_parameters_with_intervals_and_probabilities() -> None:
     values = np.where(np.arange(3) == 2, np.nan, values)
     unknown = replace(whole(), fit=replace(whole().fit, parameters=Parameters.of(values)))
     assert "time headways τ not determined" in said(replace(unknown, stability=None))
+    values = np.where(np.arange(4)[:, None] == 1, values, whole().fit.parameters.values)
+    unknown = replace(whole(), fit=replace(whole().fit, parameters=Parameters.of(values)))
+    alone = f"(not determined for {whole().info.labels[2]}), gains"
+    assert alone in said(replace(unknown, stability=None))
 
 
 def test_undetermined_headways_and_probabilities_are_called_so() -> None:
