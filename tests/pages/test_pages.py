@@ -199,6 +199,20 @@ def test_open_a_sample_move_the_window_and_train() -> None:
     assert train.disabled
 
 
+def test_the_window_is_chosen_by_slider_and_by_fields_in_turns() -> None:
+    page = open_page(DATA).press("Open this sample")
+    chosen = page.workspace()
+    page.choose("data_ends", (50.0, 250.0))
+    assert chosen.window == Window(50.0, 250.0)
+    page.choose("data_start", 30.0)
+    assert chosen.window == Window(30.0, 230.0)
+    page.choose("data_ends", (60.0, 200.0))
+    page.choose("data_length", 100.0)
+    assert chosen.window == Window(60.0, 160.0)
+    page.choose("data_ends", (80.0, 300.0))
+    assert chosen.window == Window(80.0, 300.0)
+
+
 def test_regimes_are_left_out_when_ticked_and_said_everywhere() -> None:
     time = np.arange(400)
     run = recording(names="AB")

@@ -206,21 +206,23 @@ def _choose_window(workspace: Workspace, recording: Recording, columns: list[Any
     start, length = float(workspace.window.start), float(workspace.window.duration)
     longest = float(ceil(recording.duration))
 
-    def moved(_: float) -> None:
-        start, length = st.session_state["data_start"], st.session_state["data_length"]
-        if start is not None and length is not None:
-            workspace.choose(window=Window(start, start + length))
+    # The state, not a widget, has the other number: after a change elsewhere keys are new.
+    def begin_at(start: float) -> None:
+        workspace.choose(window=Window(start, start + workspace.window.duration))
+
+    def last(length: float) -> None:
+        workspace.choose(window=Window(workspace.window.start, workspace.window.start + length))
 
     fields = (
-        ("Window starts at [s]", "data_start", start, recording.duration,
+        ("Window starts at [s]", "data_start", start, recording.duration, begin_at,
          "In the recording's time, from its first sample."),
-        ("and lasts [s]", "data_length", length, longest,
+        ("and lasts [s]", "data_length", length, longest, last,
          "300 s are usual; a longer window narrows the intervals."),
     )  # fmt: skip
-    for column, (label, key, value, most, explained) in zip(columns, fields, strict=True):
+    for column, (label, key, value, most, moved, help_text) in zip(columns, fields, strict=True):
         column.number_input(
             label, **bound(key, value, moved), min_value=0.0, max_value=max(most, value),
-            step=10.0, format="%.1f", help=explained,
+            step=10.0, format="%.1f", help=help_text,
         )  # fmt: skip
 
 
