@@ -2,144 +2,62 @@
 
 import accpinn
 
-study = accpinn.fit("recording.csv", start=0, duration=300)
-study.save("result.accpinn.zip")
+result = accpinn.fit("recording.csv", start=0, duration=300)
+accpinn.save(result, "result.accpinn.zip")
 """
 
 import os
-from collections.abc import Sequence
-from dataclasses import dataclass
-from functools import cached_property
-from numbers import Integral, Real
+from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from accpinn.errors import ConfigError
-from accpinn.evaluation.evaluation import Evaluation, evaluate
-from accpinn.inference.intervals import Uncertainty, intervals
-from accpinn.inference.model_adequacy import Adequacy, model_forms
-from accpinn.methods.fit import Fit
 from accpinn.methods.method import TaskContext
 from accpinn.methods.pinn.config import preset as named_config
-from accpinn.methods.registry import method_of, segment_for
-from accpinn.methods.store import Store
-from accpinn.model.cthp import Case, Parameters
+from accpinn.methods.registry import METHODS, method_of
+from accpinn.model.cthp import Case
 from accpinn.recordings.files import read
-from accpinn.recordings.recording import Recording
-from accpinn.results.snapshot import Snapshot, create
-from accpinn.results.snapshot.archive import load
-from accpinn.results.snapshot.saved import save, writable_path, write_whole
-from accpinn.results.snapshot.verification import PATIENCE, Verification
-from accpinn.results.snapshot.verification import verify as verify_snapshot
-from accpinn.segment.cut import DURATION, parse_vehicles
-from accpinn.segment.quality import exclude_regimes, label_regimes
-from accpinn.segment.segment import Segment
-from accpinn.stability.frequency import transfer_function
-from accpinn.stability.report import StabilityReport, stability_report
+from accpinn.recordings.recording import Recording, Window
+from accpinn.segment.cut import DURATION, parse_windows
+from accpinn.study import comparison, snapshot, verification
+from accpinn.study.analysis import Analysis, single_window
+from accpinn.study.result import Result
+from accpinn.study.run import run
+from accpinn.study.store import Store
+from accpinn.study.verification import PATIENCE, Verification
 from accpinn.units import Seconds
 
-if TYPE_CHECKING:
-    from control import TransferFunction
-
-__all__ = ["Study", "fit", "load", "verify"]
+__all__ = ["analyse", "compare", "fit", "report", "save", "verify"]
 
 
-@dataclass(frozen=True, eq=False)
-class Study:
-    """A window of a recording and one method's fit; all else is computed when it is asked for."""
+def analyse(
+    recording: Recording,
+    start: Seconds = 0.0,
+    duration: Seconds = DURATION,
+    vehicles: str | Sequence[int] | None = None,
+    *,
+    windows: str | Sequence[tuple[Seconds, Seconds]] = (),
+    case: Case = "II",
+    method: str = "pinn",
+    preset: str = "fast",
+    seed: int = 0,
+    exclude: str | Sequence[str] = (),
+) -> Analysis:
+    """The analysis that `fit` runs; the arguments are the same.
 
-    recording: Recording
-    segment: Segment
-    fit: Fit
-
-    @property
-    def parameters(self) -> Parameters:
-        """α [1/s²], β [1/s], τ [s]: one entry a follower."""
-        return self.fit.parameters
-
-    @cached_property
-    def uncertainty(self) -> Uncertainty:
-        """Intervals of the parameters, and of what follows from them, if the CTHP holds."""
-        return intervals(self.segment, self.fit)
-
-    @cached_property
-    def adequacy(self) -> Adequacy:
-        """The forms of the model in one likelihood; `recommended` has the intervals to be used.
-
-        It takes about a second a follower. Once it was asked for, snapshot and report have it, too.
-        """
-        return model_forms(self.segment, self.fit.case)
-
-    @cached_property
-    def evaluation(self) -> Evaluation:
-        """Surrogate and closed-loop errors, on the window and outside it."""
-        return evaluate(self.segment, self.fit, recording=self.recording)
-
-    @cached_property
-    def stability(self) -> StabilityReport:
-        """String stability of each follower and of the platoon.
-
-        Raises:
-            ParameterError: where the parameters allow no answer.
-        """
-        return stability_report(self.parameters)
-
-    def transfer_function(self) -> tuple["TransferFunction", ...]:
-        """From the speed ahead to the own speed, one python-control object a follower.
-
-        Raises:
-            ParameterError: where the parameters allow no answer.
-        """
-        return tuple(transfer_function(follower) for follower in self.parameters)
-
-    def snapshot(self, name: str = "", note: str = "", with_data: bool = False) -> Snapshot:
-        """All of the study in one object, ready to be saved.
-
-        Args:
-            name: of the snapshot; may be empty.
-            note: of any length up to a few pages; may be empty.
-            with_data: whether the window's speeds and space-gaps go in.
-
-        Raises:
-            SnapshotError: for a training that diverged, or texts that are too long.
-        """
-        return create(
-            self.segment,
-            self.fit,
-            recording=self.recording,
-            uncertainty=self.uncertainty,
-            evaluation=self.evaluation,
-            adequacy=vars(self).get("adequacy"),
-            name=name,
-            note=note,
-            with_data=with_data,
-        )
-
-    def save(
-        self,
-        path: str | os.PathLike[str],
-        name: str = "",
-        note: str = "",
-        with_data: bool = False,
-    ) -> Path:
-        """Write a snapshot in one step; the arguments are those of `snapshot`.
-
-        Raises:
-            SnapshotError: when there is nothing to save, or no file can be written there.
-        """
-        return save(self.snapshot(name, note, with_data), path)
-
-    def report(self, path: str | os.PathLike[str]) -> Path:
-        """Write one web page that needs no network.
-
-        Raises:
-            SnapshotError: when there is nothing to report, or no file can be written there.
-        """
-        from accpinn.results.report import render_report  # plotly's script is read from disk
-
-        place = writable_path(Path(path), "report")
-        page = render_report(self.snapshot(with_data=True))
-        return write_whole(page.encode(), place, "report")
+    Raises:
+        AccpinnError: one sentence that names what is not allowed.
+    """
+    chosen: Sequence[Window] = single_window(start, duration)
+    if isinstance(windows, str):
+        chosen = parse_windows(windows)
+    elif windows:
+        chosen = [Window(float(first), float(last)) for first, last in windows]
+    if not isinstance(seed, int) or isinstance(seed, bool):
+        raise ConfigError(f"seed: {repr(seed)[:40]} is not allowed; choose a whole number, as 0.")
+    settings = named_config(preset, seed=seed) if method_of(method).settings else None
+    return Analysis.of(
+        recording, chosen, vehicles, case=case, excluded=exclude, method=method, settings=settings
+    )
 
 
 def fit(
@@ -148,6 +66,7 @@ def fit(
     duration: Seconds = DURATION,
     vehicles: str | Sequence[int] | None = None,
     *,
+    windows: str | Sequence[tuple[Seconds, Seconds]] = (),
     case: Case = "II",
     method: str = "pinn",
     preset: str = "fast",
@@ -155,39 +74,91 @@ def fit(
     exclude: str | Sequence[str] = (),
     store: Store | None = None,
     threads: int | None = None,
-) -> Study:
+) -> Result:
     """Estimate α, β and τ from a window of a recording.
 
     Args:
         recording: a CSV file, or what `read` made of it.
-        start: of the window, in s from the recording's first sample.
-        duration: of the window, in s.
+        start: start of the window, in s from the recording's first sample.
+        duration: length of the window, in s.
         vehicles: consecutive numbers, leader first, also as "1-5"; by default the longest run of
             vehicles with data from the first one on.
+        windows: several windows under one likelihood in place of one, as "0-300,600-900" or as
+            pairs of start and end in s; the method is then "maximum-likelihood".
         case: "I" for one parameter set, "II" for one per follower.
         method: a key of `METHODS`; with "maximum-likelihood" samples may be missing.
         preset: "fast", "calibrated" or "paper", for a method with presets.
-        seed: of a method with presets.
+        seed: seed of a method with presets.
         exclude: regimes whose instants do not count, as "catching-up" or ["catching up"].
-        store: where a method with presets keeps results and checkpoints; None keeps nothing.
+        store: where results and checkpoints are kept; None keeps nothing.
         threads: processor threads; by default the method's choice.
 
     Raises:
         AccpinnError: one sentence that names what is wrong with file, window or settings.
     """
-    estimator = method_of(method)
-    if case not in ("I", "II"):
-        raise ConfigError(f"case: {case} is not known; choose I or II.")
-    _require(start, Real, "start", "seconds, as 0")
-    _require(duration, Real, "duration", "seconds, as 300")
-    _require(seed, Integral, "seed", "a whole number, as 0")
     source = _recording(recording)
-    segment = segment_for([method], source, start, duration, _numbers(vehicles))
-    if exclude:
-        segment = exclude_regimes(segment, label_regimes(segment, source), exclude)
-    settings = named_config(preset, seed=int(seed)) if estimator.settings else None
-    context = TaskContext(store=store, threads=threads)
-    return Study(source, segment, estimator.fit(segment, case, settings, context))
+    analysis = analyse(
+        source, start, duration, vehicles, windows=windows, case=case, method=method,
+        preset=preset, seed=seed, exclude=exclude,
+    )  # fmt: skip
+    return run(analysis, source, store=store, context=TaskContext(threads=threads))
+
+
+def compare(
+    recording: str | os.PathLike[str] | Recording,
+    start: Seconds = 0.0,
+    duration: Seconds = DURATION,
+    vehicles: str | Sequence[int] | None = None,
+    *,
+    methods: Sequence[str] = tuple(METHODS),
+    case: Case = "II",
+    exclude: str | Sequence[str] = (),
+    threads: int | None = None,
+) -> Iterator[Result | comparison.Refused]:
+    """Run several methods on one window, and yield each result; the arguments are those of `fit`.
+
+    Raises:
+        AccpinnError: as `fit` does.
+    """
+    source = _recording(recording)
+    analysis = analyse(source, start, duration, vehicles, case=case, exclude=exclude)
+    context = TaskContext(threads=threads)
+    return comparison.compare(analysis, source, methods, context=context)
+
+
+def save(
+    result: Result,
+    path: str | os.PathLike[str],
+    name: str = "",
+    note: str = "",
+    with_data: bool = False,
+) -> Path:
+    """Write a result as a snapshot, in one step.
+
+    Args:
+        result: of `fit`.
+        path: where to; a snapshot that stands there is replaced.
+        name: name of the snapshot; may be empty.
+        note: a text of up to a few pages; may be empty.
+        with_data: whether the window's speeds and space-gaps go in.
+
+    Raises:
+        SnapshotError: when there is nothing to save, or no file can be written there.
+    """
+    return snapshot.save(snapshot.named(result, name, note, with_data), path)
+
+
+def report(result: Result, path: str | os.PathLike[str]) -> Path:
+    """Write one web page of a result that needs no network.
+
+    Raises:
+        SnapshotError: when there is nothing to report, or no file can be written there.
+    """
+    from accpinn.results.report import render_report  # plotly's script is read from disk
+
+    place = snapshot.writable_path(Path(path), "report")
+    page = render_report(snapshot.named(result, with_data=True))
+    return snapshot.write_file(page.encode(), place, "report")
 
 
 def verify(
@@ -196,7 +167,7 @@ def verify(
     *,
     refit_within: Seconds = PATIENCE,
 ) -> Verification:
-    """Read a snapshot, compute its results anew, run its methods again and compare.
+    """Read a snapshot, run its analysis again and compare.
 
     Args:
         content: the file's path, or its bytes.
@@ -209,7 +180,7 @@ def verify(
         AccpinnError: when one of them cannot be read.
     """
     source = None if recording is None else _recording(recording)
-    return verify_snapshot(load(content), source, refit_within=refit_within)
+    return verification.verify(snapshot.load(content), source, refit_within=refit_within)
 
 
 def _recording(source: str | os.PathLike[str] | Recording) -> Recording:
@@ -218,18 +189,3 @@ def _recording(source: str | os.PathLike[str] | Recording) -> Recording:
     if not isinstance(source, str | os.PathLike | bytes):
         raise ConfigError(f"recording: {repr(source)[:40]} is not allowed; choose a file's path.")
     return read(source)
-
-
-def _numbers(vehicles: str | Sequence[int] | None) -> Sequence[int] | None:
-    if vehicles is None:
-        return None
-    if isinstance(vehicles, str):
-        return parse_vehicles(vehicles)
-    for number in vehicles:
-        _require(number, Integral, "vehicles", "whole numbers, as (1, 2)")
-    return vehicles
-
-
-def _require(value: object, kind: type, name: str, allowed: str) -> None:
-    if not isinstance(value, kind) or isinstance(value, bool):
-        raise ConfigError(f"{name}: {repr(value)[:40]} is not allowed; choose {allowed}.")

@@ -19,8 +19,8 @@ from accpinn.cli.options import (
     add_run_options,
     add_segment_options,
     add_windows_option,
-    chosen_context,
-    chosen_segment,
+    chosen_analysis,
+    chosen_store,
     describe_errors,
     describe_interval_ends,
     describe_parameters,
@@ -33,11 +33,11 @@ from accpinn.cli.windows import run_windows
 from accpinn.errors import ConfigError
 from accpinn.evaluation.closed_loop import closed_loop_errors, surrogate_errors
 from accpinn.inference.identifiability import identifiability_warnings, narrower_intervals
-from accpinn.inference.intervals import ParameterInterval, Uncertainty, intervals
-from accpinn.inference.model_adequacy import Adequacy, model_forms
-from accpinn.inference.multistart import MultistartResult, multistart, summarise
-from accpinn.methods.fit import Fit, OnProgress, Outcome, Progress
+from accpinn.inference.intervals import ParameterInterval, Uncertainty
+from accpinn.inference.model_adequacy import Adequacy
+from accpinn.methods.fit import OnProgress, Outcome, Progress
 from accpinn.methods.maximum_likelihood import KEY, disturbance_sizes
+from accpinn.methods.method import TaskContext
 from accpinn.methods.pinn.config import PRESETS, STARTS, PinnConfig, preset
 from accpinn.methods.registry import METHODS
 from accpinn.methods.state_space import Form
@@ -45,27 +45,27 @@ from accpinn.model.cthp import Parameters
 from accpinn.model.published import ParameterSet
 from accpinn.results.messages import messages
 from accpinn.results.messages.methods import outcome_message
-from accpinn.results.snapshot import check_texts, create
-from accpinn.results.snapshot.saved import save, writable_path
 from accpinn.results.tables.estimates import (
     form_intervals_table,
     intervals_table,
     methods_table,
     model_form_table,
-    multistart_table,
     parameter_table,
+    starts_table,
 )
 from accpinn.results.tables.stability import stability_interval_table
-from accpinn.segment.quality import Quality, assess_quality
 from accpinn.segment.segment import Segment
 from accpinn.study.comparison import (
-    MethodFailure,
-    MethodResult,
+    Refused,
     compare,
-    failures_among,
     parse_methods,
+    refused_among,
     results_among,
 )
+from accpinn.study.result import Result
+from accpinn.study.run import run
+from accpinn.study.snapshot import check_texts, named, save, writable_path
+from accpinn.study.starts import Spread, spread_of, starts
 from accpinn.units import Seconds
 
 _SETTINGS = ("preset", "initial", "iterations", "lbfgs", "seed", "threads")
@@ -117,23 +117,19 @@ def run_fit(options: argparse.Namespace) -> int:
     if options.out is not None:  # training takes long; what would spoil its keeping is said first
         check_texts(options.name, options.note)
         writable_path(Path(options.out), "snapshot")
-    recording, segment = chosen_segment(options, [options.method])
+    analysis, recording = chosen_analysis(options, options.method, settings)
     with interruptible() as stopped, _progress_bar() as show_progress:
-        context = replace(
-            chosen_context(options), on_progress=show_progress, should_stop=stopped.is_set
-        )
-        fit = METHODS[options.method].fit(segment, options.case, settings, context)
+        context = TaskContext(None, options.threads, show_progress, stopped.is_set)
+        result = run(analysis, recording, store=chosen_store(options), context=context)
     # The likelihood has ended where intervals begin, and a snapshot holds them anyway.
-    with_intervals = options.intervals or options.out is not None or fit.method == KEY
-    finished = fit.outcome is not Outcome.STOPPED
-    uncertainty = intervals(segment, fit) if with_intervals and finished else None
-    quality = assess_quality(segment)
-    show_result(options, describe_fit, fit_text, segment, fit, quality, uncertainty)
+    asked = options.intervals or options.out is not None or options.method == KEY
+    with_intervals = asked and result.fit.outcome is not Outcome.STOPPED
+    show_result(options, describe_fit, fit_text, result, with_intervals)
     if options.out is not None:
         about = {name: getattr(options, name) for name in ("name", "note", "with_data")}
-        snapshot = create(segment, fit, recording=recording, uncertainty=uncertainty, **about)
-        print(one_line(f"Saved as {save(snapshot, options.out)}."), file=sys.stderr)
-    return 130 if fit.outcome is Outcome.STOPPED else 0
+        saved = save(named(result, **about), options.out)
+        print(one_line(f"Saved as {saved}."), file=sys.stderr)
+    return 130 if result.fit.outcome is Outcome.STOPPED else 0
 
 
 def _settings(options: argparse.Namespace) -> PinnConfig | None:
@@ -207,10 +203,10 @@ def _progress_bar() -> Iterator[OnProgress]:
         yield show_progress
 
 
-def describe_fit(
-    segment: Segment, fit: Fit, quality: Quality, uncertainty: Uncertainty | None = None
-) -> dict[str, Any]:
+def describe_fit(result: Result, with_intervals: bool) -> dict[str, Any]:
     """The result as the command-line contract has it; with intervals, and what lies outside."""
+    fit, segment = result.fit, result.segments[0]
+    uncertainty = result.uncertainty if with_intervals else None
     return {
         **fields(fit, "method", "case", "loss", "network_weights", "iterations"),
         **fields(fit, "seconds", "cached"),
@@ -223,35 +219,34 @@ def describe_fit(
         "mae": describe_errors(surrogate_errors(segment, fit)),
         "closed_loop_mae": describe_errors(closed_loop_errors(segment, fit)),
         "incidents": incidents(segment, fit),
-        "mean_time_gap": quality.mean_time_gap,
+        "mean_time_gap": result.quality.mean_time_gap,
         "outcome": fit.outcome.name.lower(),
         "outcome_sentence": outcome_message(fit),
         "intervals": uncertainty and _describe_intervals(segment, uncertainty),
         "level": uncertainty and uncertainty.level,
-        "notes": _notes(segment, fit, quality, uncertainty),
+        "notes": _notes(result, uncertainty),
     }
 
 
-def fit_text(
-    segment: Segment, fit: Fit, quality: Quality, uncertainty: Uncertainty | None = None
-) -> str:
+def fit_text(result: Result, with_intervals: bool) -> str:
     """The result as a table and sentences; with intervals, and what lies outside."""
+    fit, segment = result.fit, result.segments[0]
+    uncertainty = result.uncertainty if with_intervals else None
     errors = surrogate_errors(segment, fit), closed_loop_errors(segment, fit)
-    table = parameter_table(segment.info, fit, quality, *errors, uncertainty)
+    table = parameter_table(result.info, fit, result.quality, *errors, uncertainty)
     cached = ", answered from the cache" if fit.cached else ""
     effort = f"{fit.iterations} iterations in {fit.seconds:.1f} s{cached}"
     said = [f"{outcome_message(fit)} ({effort})", *incidents(segment, fit)]
-    notes = _notes(segment, fit, quality, uncertainty)
+    notes = _notes(result, uncertainty)
     return "\n".join([table.to_text(), "", *said, *(f"Note: {note}" for note in notes)])
 
 
-def _notes(
-    segment: Segment, fit: Fit, quality: Quality, uncertainty: Uncertainty | None
-) -> tuple[str, ...]:
-    sizes = disturbance_sizes(segment.vehicles, fit)
+def _notes(result: Result, uncertainty: Uncertainty | None) -> tuple[str, ...]:
+    info, fit = result.info, result.fit
+    sizes = disturbance_sizes(info.vehicles, fit)
     beyond = uncertainty.findings if uncertainty else ()
-    found = (*segment.findings, *quality.findings, *fit.findings, *sizes, *beyond)
-    return messages(found, segment)
+    findings = (*info.findings, *result.quality.findings, *fit.findings, *sizes, *beyond)
+    return messages(findings, info)
 
 
 def add_compare_options(parser: argparse.ArgumentParser) -> None:
@@ -273,32 +268,27 @@ def add_method_help(parser: argparse.ArgumentParser) -> None:
 def run_compare(options: argparse.Namespace) -> int:
     """Run the methods, and print a row for each, with intervals and errors of both kinds."""
     methods = parse_methods(options.methods)
-    recording, segment = chosen_segment(options, methods)
-    context = chosen_context(options)
-    found = compare(segment, options.case, methods, recording=recording, context=context)
+    analysis, recording = chosen_analysis(options)
+    found = compare(analysis, recording, methods, context=TaskContext(threads=options.threads))
     outcomes = list(tqdm(found, total=len(methods), unit="method", file=sys.stderr))
-    results, failures = results_among(outcomes), failures_among(outcomes)
+    results, refused = results_among(outcomes), refused_among(outcomes)
     if not results:
-        raise failures[0].fault
-    duration = recording.duration
+        raise refused[0].fault
     show_result(
-        options, _describe_comparison, _comparison_text, segment, results, failures, duration
+        options, _describe_comparison, _comparison_text, results, refused, recording.duration
     )
     return 0
 
 
 def _describe_comparison(
-    segment: Segment,
-    results: tuple[MethodResult, ...],
-    failures: tuple[MethodFailure, ...],
-    duration: Seconds,
+    results: tuple[Result, ...], refused: tuple[Refused, ...], duration: Seconds
 ) -> dict[str, Any]:
     """The comparison as the command-line contract has it."""
-    adequacy = model_forms(segment, results[0].fit.case)
+    adequacy, segment = results[0].adequacy, results[0].segments[0]
     return {
         "segment": describe_segment(segment),
         "rows": [_describe_result(segment, result) for result in results],
-        "refused": [{"method": one.method, "reason": str(one.fault)} for one in failures],
+        "refused": [{"method": one.method, "reason": str(one.fault)} for one in refused],
         "warnings": _warnings(segment, results[0], duration),
         "forms": [
             {
@@ -343,7 +333,7 @@ def _ends(intervals: Sequence[ParameterInterval]) -> dict[str, Any]:
     return by_key([one.lower, one.upper] for one in intervals)
 
 
-def _describe_result(segment: Segment, result: MethodResult) -> dict[str, Any]:
+def _describe_result(segment: Segment, result: Result) -> dict[str, Any]:
     fit, evaluation = result.fit, result.evaluation
     return {
         **fields(fit, "method", "case", "seconds", "cached"),
@@ -388,14 +378,11 @@ def _describe_intervals(segment: Segment, uncertainty: Uncertainty) -> list[dict
 
 
 def _comparison_text(
-    segment: Segment,
-    results: tuple[MethodResult, ...],
-    failures: tuple[MethodFailure, ...],
-    duration: Seconds,
+    results: tuple[Result, ...], refused: tuple[Refused, ...], duration: Seconds
 ) -> str:
-    info, uncertainty = segment.info, results[0].uncertainty
+    info, segment, uncertainty = results[0].info, results[0].segments[0], results[0].uncertainty
     followers = ParameterSet(info.source, info.labels[1:], results[0].fit.parameters)
-    adequacy, each = model_forms(segment, results[0].fit.case), range(segment.followers)
+    adequacy, each = results[0].adequacy, range(segment.followers)
     tables = [
         *(methods_table(info, results, k) for k in each),
         intervals_table(info, uncertainty),
@@ -405,7 +392,7 @@ def _comparison_text(
     if adequacy.recommended:
         tables.append(form_intervals_table(info, uncertainty, adequacy.recommended))
     said = [
-        *(f"{one.method} has no result: {one.fault}" for one in failures),
+        *(f"{one.method} has no result: {one.fault}" for one in refused),
         *messages(segment.findings, segment),
         *_warnings(segment, results[0], duration),
         *(
@@ -419,7 +406,7 @@ def _comparison_text(
     return "\n\n".join([*(table.to_text() for table in tables), "\n".join(said)])
 
 
-def _warnings(segment: Segment, result: MethodResult, duration: Seconds) -> tuple[str, ...]:
+def _warnings(segment: Segment, result: Result, duration: Seconds) -> tuple[str, ...]:
     """On identifiability, and what would improve it; the same for all methods."""
     found = identifiability_warnings(segment, result.uncertainty, result.fit.case)
     cure = narrower_intervals(segment.info, result.uncertainty, found, duration)
@@ -446,39 +433,41 @@ def run_starts(options: argparse.Namespace) -> int:
     config = preset(options.preset)
     if options.iterations is not None:
         config = replace(config, iterations=options.iterations)
-    _, segment = chosen_segment(options, ["pinn"])
-    trials = multistart(
-        segment, options.case, config, seeds=range(options.seeds), context=chosen_context(options)
-    )
-    total = options.seeds * len(STARTS)
-    found = summarise(segment, list(tqdm(trials, total=total, unit="training", file=sys.stderr)))
-    show_result(options, _describe_starts, _starts_text, segment, found)
+    analysis, recording = chosen_analysis(options, "pinn", config)
+    asked = list(starts(analysis, seeds=range(options.seeds)))
+    context, store = TaskContext(threads=options.threads), chosen_store(options)
+    bar = tqdm(asked, unit="training", file=sys.stderr)
+    results = [run(start, recording, store=store, context=context) for start in bar]
+    show_result(options, _describe_starts, _starts_text, results, spread_of(results))
     return 0
 
 
-def _describe_starts(segment: Segment, found: MultistartResult) -> dict[str, Any]:
+def _describe_starts(results: Sequence[Result], spread: Spread) -> dict[str, Any]:
+    segment = results[0].segments[0]
     return {
         "segment": describe_segment(segment),
         "trials": [
             {
-                "initial": trial.initial.values.tolist(),
-                "seed": trial.seed,
-                "parameters": describe_parameters(segment, trial.fit.parameters),
-                "surrogate_gap_mae": trial.surrogate and trial.surrogate.gap_mae.tolist(),
-                "outcome": trial.fit.outcome.name.lower(),
-                **fields(trial.fit, "iterations", "seconds"),
+                "initial": result.fit.config["initial"],
+                "seed": result.fit.config["seed"],
+                "parameters": describe_parameters(segment, result.parameters),
+                "surrogate_gap_mae": errors and errors.gap_mae.tolist(),
+                "outcome": result.fit.outcome.name.lower(),
+                **fields(result.fit, "iterations", "seconds"),
             }
-            for trial in found.trials
+            for result in results
+            for errors in [result.evaluation.surrogate]
         ],
         "spread_percent": [
             {"vehicle": vehicle, **by_key(row)}
-            for vehicle, row in zip(segment.vehicles[1:], found.spread.tolist(), strict=True)
+            for vehicle, row in zip(segment.vehicles[1:], spread.percent.tolist(), strict=True)
         ],
-        "notes": messages(found.findings, segment),
+        "notes": messages(spread.findings, segment),
     }
 
 
-def _starts_text(segment: Segment, found: MultistartResult) -> str:
-    tables = [multistart_table(segment.info, found, k) for k in range(segment.followers)]
-    said = messages((*segment.findings, *found.findings), segment)
+def _starts_text(results: Sequence[Result], spread: Spread) -> str:
+    info = results[0].info
+    tables = [starts_table(results, spread, k) for k in range(info.followers)]
+    said = messages((*info.findings, *spread.findings), info)
     return "\n".join(["\n\n".join(table.to_text() for table in tables), "", *said])

@@ -1,31 +1,20 @@
 """`verify`, `report` and `export`: what the file of a snapshot holds."""
 
 import argparse
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from accpinn.cli.options import add_refit_options, chosen_patience
+from accpinn.cli.options import add_refit_options, chosen_patience, fields
 from accpinn.cli.output import complain, print_json, progress, show, show_result
 from accpinn.cli.recording import add_json_option
 from accpinn.errors import ConfigError, SnapshotError
 from accpinn.recordings.files import read
 from accpinn.recordings.recording import Recording
 from accpinn.results.export import SAMPLES, parameter_card, snapshot_types
-from accpinn.results.messages import message
-from accpinn.results.messages.snapshot import (
-    WAYS,
-    check_rows,
-    refitting,
-    rests_on,
-    standing_rows,
-    verification_summary,
-)
-from accpinn.results.snapshot import SUFFIX, Snapshot
-from accpinn.results.snapshot.archive import load
-from accpinn.results.snapshot.saved import writable_path, write_whole
-from accpinn.results.snapshot.verification import PATIENCE, PROMPT, Verification, recover, verify
-from accpinn.results.tables.table import Column, Table
+from accpinn.results.tables.verification import verification_table
+from accpinn.study.result import Result
+from accpinn.study.snapshot import SUFFIX, load, writable_path, write_file
+from accpinn.study.verification import PATIENCE, PROMPT, Verification, verify
 from accpinn.units import Seconds
 
 
@@ -54,62 +43,58 @@ def _data_of(options: argparse.Namespace) -> Recording | None:
 
 
 def run_verify(options: argparse.Namespace) -> int:
-    """Check, and print stored beside recomputed.
+    """Check, and print stored beside found now.
 
     Raises:
         SnapshotError: when something does not match.
     """
     snapshot = load(options.file)
-    recording = _data_of(options)
-    result = verify(
+    verification = verify(
         snapshot,
-        recording,
+        _data_of(options),
         refit_within=chosen_patience(options, PATIENCE),
-        on_refit=lambda name, seconds: progress(refitting(name, seconds)),
+        on_refit=lambda name, seconds: progress(f"Running {name} again, about {seconds:.0f} s …"),
     )
-    show_result(options, _describe_verification, _verification_text, snapshot, result)
-    if not result.ok:
-        raise SnapshotError(f"{options.file}: {verification_summary(result, snapshot.info)}")
+    show_result(options, _describe_verification, _verification_text, snapshot, verification)
+    if not verification.ok:
+        raise SnapshotError(f"{options.file}: {verification.sentence}")
     return 0
 
 
-def _describe_verification(snapshot: Snapshot, result: Verification) -> dict[str, Any]:
+def _describe_verification(snapshot: Result, verification: Verification) -> dict[str, Any]:
     """The verification as the command-line contract has it."""
     return {
-        "id": snapshot.id,
-        "name": snapshot.name,
-        "created": snapshot.created,
-        "ok": result.ok,
-        "sentence": verification_summary(result, snapshot.info),
-        "rests_on": rests_on(result),
-        "figures": [row._asdict() for row in standing_rows(result.standings)],
-        "checks": [row._asdict() for row in check_rows(result, snapshot.info)],
+        **fields(snapshot, "id", "name", "created"),
+        **fields(verification, "ok", "sentence"),
+        "checks": [
+            {"name": check.title, "sentence": check.sentence}
+            | fields(
+                check, "part", "state", "ok", "numbers", "differing", "stored", "computed", "cure"
+            )
+            for check in verification.checks
+        ],
         "not_checked": [
-            {"what": message(one, snapshot.info), "cure": one.cure, "seconds": one.seconds}
-            for one in result.unchecked
+            {"what": check.title, "cure": check.cure, "seconds": check.seconds}
+            for check in verification.unchecked
         ],
     }
 
 
-def _verification_text(snapshot: Snapshot, result: Verification) -> str:
+def _verification_text(snapshot: Result, verification: Verification) -> str:
     info = snapshot.info
     about = [
         snapshot.name,
         f"{info.source}, {info.window}, {snapshot.fit.method}",
         snapshot.created,
     ]
-    checks = check_rows(result, info)
-    cells = tuple(
-        (c.name, WAYS[c.way], "yes" if c.ok else "NO", c.stored, c.recomputed) for c in checks
-    )
-    titles = ("What", "How", "Agrees", "Stored", "Found now")
-    table = Table("", tuple(map(Column, titles)), cells)
-    said = [f"{row.name}: {row.sentence}" for row in checks if not row.ok]
+    said = [check for check in verification.checks if not check.ok]
+    sentences = [f"{check.title}: {check.sentence}" for check in said]
     if not said:
-        options = dict.fromkeys(one.cure for one in result.unchecked if one.cure)
+        options = dict.fromkeys(check.cure for check in verification.unchecked if check.cure)
         more = [f"More is checked with {' and '.join(options)}."] if options else []
-        said = [verification_summary(result, info), *more]
-    return "\n".join([", ".join(filter(None, about)), "", table.to_text(), "", *said])
+        sentences = [verification.sentence, *more]
+    table = verification_table(verification).to_text()
+    return "\n".join([", ".join(filter(None, about)), "", table, "", *sentences])
 
 
 def add_report_options(parser: argparse.ArgumentParser) -> None:
@@ -128,18 +113,15 @@ def run_report(options: argparse.Namespace) -> int:
     snapshot = load(options.file)
     recording = _data_of(options)
     checked = verify(snapshot, recording, refit_within=chosen_patience(options, PROMPT))
-    if recording and snapshot.segment is None:
-        snapshot = replace(snapshot, segment=recover(snapshot, recording).segment)
-    page = render_report(snapshot, checked)
-    write_whole(page.encode(), real, "report")
+    page = render_report(snapshot.found_in(recording), checked)
+    write_file(page.encode(), real, "report")
     show(str(place))
     if checked.ok:
-        progress(rests_on(checked))
+        progress(checked.sentence)
         return 0
-    said = verification_summary(checked, snapshot.info)
     complain(
-        f"what the snapshot says does not follow from its contents. {said} The report was written,"
-        " with a warning at its top."
+        f"what the snapshot says does not follow from its contents. {checked.sentence} The report"
+        " was written, with a warning at its top."
     )
     return 1
 
@@ -169,7 +151,8 @@ def run_export(options: argparse.Namespace) -> int:
     place = writable_path(Path(options.sumo), "file for SUMO") if asked else None
     snapshot = load(options.file)
     if place:
-        write_whole(snapshot_types(snapshot, options.samples).encode(), place, "file for SUMO")
+        content = snapshot_types(snapshot, options.samples).encode()
+        write_file(content, place, "file for SUMO")
     if options.json:
         print_json(parameter_card(snapshot))
     else:

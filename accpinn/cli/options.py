@@ -14,26 +14,19 @@ from accpinn.errors import ConfigError, SegmentError
 from accpinn.evaluation.closed_loop import TrackingErrors, closed_loop, closed_loop_findings
 from accpinn.inference.intervals import Uncertainty
 from accpinn.methods.fit import Fit
-from accpinn.methods.method import TaskContext
-from accpinn.methods.registry import segment_for
-from accpinn.methods.store import Store
 from accpinn.model.cthp import Parameters
-from accpinn.recordings.recording import Recording
+from accpinn.recordings.recording import Recording, Window
 from accpinn.results.messages import messages
 from accpinn.segment.cut import DURATION, parse_vehicles, parse_windows
-from accpinn.segment.quality import (
-    EXCLUDABLE,
-    as_typed,
-    exclude_regimes,
-    label_regimes,
-    parse_regimes,
-)
+from accpinn.segment.quality import EXCLUDABLE, as_typed, parse_regimes
 from accpinn.segment.segment import Segment
+from accpinn.study.analysis import Analysis, single_window
+from accpinn.study.result import Result
+from accpinn.study.store import Store
 from accpinn.units import Seconds
 
 if TYPE_CHECKING:
-    from accpinn.results.snapshot import Snapshot
-    from accpinn.results.snapshot.verification import Verification
+    from accpinn.study.verification import Verification
 
 PROMPT: Seconds = 5.0
 """How long running a method again may take that only comes before something else."""
@@ -130,19 +123,29 @@ def _parsed(parse: Callable[[str], Any]) -> Callable[[str], Any]:
     return parsed
 
 
-def chosen_segment(
-    options: argparse.Namespace, methods: Sequence[str]
-) -> tuple[Recording, Segment]:
-    """The recording and the segment that the options name, for methods by their keys."""
+def chosen_analysis(
+    options: argparse.Namespace,
+    method: str = "pinn",
+    settings: Any = None,
+    windows: Sequence[Window] = (),
+) -> tuple[Analysis, Recording]:
+    """The analysis that the options name, and its recording."""
     recording = chosen_recording(options)
-    segment = segment_for(methods, recording, options.start, options.duration, options.vehicles)
-    regimes = label_regimes(segment, recording)
-    return recording, exclude_regimes(segment, regimes, options.leave_out)
+    asked = Analysis.of(
+        recording,
+        windows or single_window(options.start, options.duration),
+        options.vehicles,
+        case=options.case,
+        excluded=options.leave_out,
+        method=method,
+        settings=settings,
+    )
+    return asked, recording
 
 
-def chosen_context(options: argparse.Namespace) -> TaskContext:
-    """Store and threads as the options have them."""
-    return TaskContext(None if options.no_cache else Store(), options.threads)
+def chosen_store(options: argparse.Namespace) -> Store | None:
+    """Where results are kept; None where the options want none."""
+    return None if options.no_cache else Store()
 
 
 class Vehicles(NamedTuple):
@@ -150,7 +153,7 @@ class Vehicles(NamedTuple):
 
     parameters: Parameters
     """(V,)"""
-    snapshot: "Snapshot | None" = None
+    snapshot: Result | None = None
     verification: "Verification | None" = None
     """Of the snapshot's parameters."""
 
@@ -167,13 +170,13 @@ def chosen_vehicles(options: argparse.Namespace) -> Vehicles:
         if values:
             raise ConfigError(f"parameters: give --{next(iter(values))} or --snapshot, not both.")
         # Not needed for numbers given by hand.
-        from accpinn.results.snapshot.archive import load
-        from accpinn.results.snapshot.verification import verify_parameters
+        from accpinn.study.snapshot import load
+        from accpinn.study.verification import verify
 
         snapshot = load(options.snapshot)
         within = chosen_patience(options, PROMPT)
-        checked = verify_parameters(snapshot, refit_within=within)
-        return Vehicles(snapshot.fit.parameters, snapshot, checked)
+        checked = verify(snapshot, refit_within=within, parameters_only=True)
+        return Vehicles(snapshot.parameters, snapshot, checked)
     missing = [f"--{name}" for name in PARAMETER_KEYS if name not in values]
     if missing:
         listed = " and ".join(missing)
@@ -207,11 +210,9 @@ def show_vehicles(
     if vehicles.snapshot is None or vehicles.verification is None:
         show_result(options, describe, text, *result)
         return 0
-    from accpinn.results.messages.snapshot import parameters_rest_on
-
-    checked, info = vehicles.verification, vehicles.snapshot.info
-    said = parameters_rest_on(checked, info)
-    if any(one.cure == "--refit" for one in checked.unchecked):
+    checked = vehicles.verification
+    said = checked.sentence
+    if any(check.cure == "--refit" for check in checked.unchecked):
         said += " It is checked with --refit."
     rests = {"snapshot": {"id": vehicles.snapshot.id, "ok": checked.ok, "rests_on": said}}
     show_result(

@@ -8,6 +8,8 @@ import numpy as np
 
 from accpinn.channels import by_key
 from accpinn.cli.options import (
+    chosen_analysis,
+    chosen_store,
     describe_errors,
     describe_interval_ends,
     describe_parameters,
@@ -25,10 +27,17 @@ from accpinn.recordings.recording import Recording, Window
 from accpinn.results.messages import messages
 from accpinn.results.messages.methods import outcome_message
 from accpinn.results.tables.windows import between_table, joint_table, windows_table
-from accpinn.segment.cut import DURATION, cut, disjoint_windows
-from accpinn.segment.quality import assess_quality, exclude_regimes, label_regimes
-from accpinn.segment.segment import Segment
-from accpinn.study.windows import JointFit, RandomEffects, WindowEstimate, fit_windows
+from accpinn.segment.cut import DURATION, disjoint_windows
+from accpinn.segment.quality import assess_quality
+from accpinn.study.result import Result
+from accpinn.study.run import run
+from accpinn.study.windows import (
+    BetweenWindows,
+    RandomEffects,
+    between_windows,
+    differing_windows,
+    log_errors,
+)
 
 ALL = "all"
 EFFECTS = ("windows", "mean", "error", "deviation", "q", "probability", "i_squared")
@@ -37,10 +46,10 @@ EFFECTS = ("windows", "mean", "error", "deviation", "q", "probability", "i_squar
 def run_windows(options: argparse.Namespace) -> int:
     """Estimate from all windows together and from each, and print both."""
     _check(options)
-    recording = chosen_recording(options)
-    segments = [_segment(recording, window, options) for window in _windows(recording, options)]
-    joint = fit_windows(segments, options.case)
-    show_result(options, describe_joint, joint_text, joint)
+    windows = _windows(chosen_recording(options), options)
+    analysis, recording = chosen_analysis(options, KEY, windows=windows)
+    result = run(analysis, recording, store=chosen_store(options))
+    show_result(options, describe_joint, joint_text, result, between_windows(result))
     return 0
 
 
@@ -79,38 +88,29 @@ def _windows(recording: Recording, options: argparse.Namespace) -> Sequence[Wind
     return windows
 
 
-def _segment(recording: Recording, window: Window, options: argparse.Namespace) -> Segment:
-    try:
-        segment = cut(recording, window.start, window.duration, options.vehicles)
-        return exclude_regimes(segment, label_regimes(segment, recording), options.leave_out)
-    except SegmentError as fault:
-        raise SegmentError(f"--windows, {window}: {fault}") from fault
-
-
-def describe_joint(joint: JointFit) -> dict[str, Any]:
+def describe_joint(result: Result, between: Sequence[BetweenWindows]) -> dict[str, Any]:
     """The result with the keys of `fit`, and what each window says.
 
     Samples and durations of the segment are sums over the windows, errors are means over their
     samples.
     """
-    fit, first = joint.fits[0], joint.windows[0].segment
-    pairs = [(one.segment, fit) for one, fit in zip(joint.windows, joint.fits, strict=True)]
-    samples = [segment.samples for segment, _ in pairs]
-    quality = [assess_quality(segment) for segment, _ in pairs]
-    gaps = [one.mean_time_gap for one in quality]
+    fit, first = result.fit, result.segments[0]
+    pairs = list(zip(result.segments, result.fits, strict=True))
+    samples = [segment.samples for segment in result.segments]
+    gaps = [assess_quality(segment).mean_time_gap for segment in result.segments]
     return {
         **fields(fit, "method", "case", "loss", "network_weights", "iterations", "cached"),
-        "seconds": joint.seconds,
+        "seconds": fit.seconds,
         "preset": None,
         "seed": None,
         "segment": describe_segment(first)
         | {
-            "duration": round(sum(segment.window.duration for segment, _ in pairs), 6),
+            "duration": round(sum(info.window.duration for info in result.infos), 6),
             "samples": sum(samples),
         },
-        "parameters": describe_parameters(first, joint.parameters),
-        "intervals": describe_interval_ends(first, joint.uncertainty),
-        "level": joint.uncertainty.level,
+        "parameters": describe_parameters(first, result.parameters),
+        "intervals": describe_interval_ends(first, result.uncertainty),
+        "level": result.uncertainty.level,
         "unconstrained": describe_parameters(first, fit.unconstrained),
         "active_bounds": fit.active_bounds,
         "mae": _mean_errors(samples, [surrogate_errors(*pair) for pair in pairs]),
@@ -118,24 +118,31 @@ def describe_joint(joint: JointFit) -> dict[str, Any]:
         "mean_time_gap": np.average(gaps, axis=0, weights=samples).tolist(),
         "outcome": fit.outcome.name.lower(),
         "outcome_sentence": outcome_message(fit),
-        "windows": [_describe_window(*of) for of in zip(joint.windows, joint.fits, strict=True)],
-        "between_windows": [
-            {"vehicle": one.vehicle, "name": name, **by_key(map(_describe_effect, one.effects))}
-            for one, name in zip(joint.between, first.names[1:], strict=True)
+        "windows": [
+            _describe_window(window, together)
+            for window, together in zip(result.windows, result.fits, strict=True)
         ],
-        "notes": _notes(joint),
+        "between_windows": [
+            {
+                "vehicle": follower.vehicle,
+                "name": name,
+                **by_key(map(_describe_effect, follower.effects)),
+            }
+            for follower, name in zip(between, first.names[1:], strict=True)
+        ],
+        "notes": _notes(result, between),
     }
 
 
-def _describe_window(window: WindowEstimate, together: Fit) -> dict[str, Any]:
-    segment = window.segment
+def _describe_window(window: Result, together: Fit) -> dict[str, Any]:
+    (segment,) = window.segments
     return {
         **fields(segment.window, "start", "duration"),
         **fields(segment, "source", "samples"),
-        "parameters": describe_parameters(segment, window.fit.parameters),
+        "parameters": describe_parameters(segment, window.parameters),
         "standard_errors": [
             {"vehicle": vehicle, **by_key(row)}
-            for vehicle, row in zip(segment.vehicles[1:], window.errors.tolist(), strict=True)
+            for vehicle, row in zip(segment.vehicles[1:], log_errors(window).tolist(), strict=True)
         ],
         "intervals": describe_interval_ends(segment, window.uncertainty),
         "log_likelihood": window.fit.loss["log_likelihood"],
@@ -167,32 +174,31 @@ def _mean_errors(
     }
 
 
-def joint_text(joint: JointFit) -> str:
+def joint_text(result: Result, between: Sequence[BetweenWindows]) -> str:
     """The result as tables and sentences."""
-    followers = range(len(joint.between))
-    shown = followers[:1] if joint.case == "I" else followers
+    shown = between[:1] if result.fit.case == "I" else between
     tables = [
-        joint_table(joint),
-        *(windows_table(joint, k) for k in followers),
-        *(between_table(joint, k) for k in shown),
+        joint_table(result),
+        *(windows_table(result, k) for k in range(len(between))),
+        *(between_table(result, follower) for follower in shown),
     ]
-    effort = f"{joint.fits[0].iterations} iterations, {joint.seconds:.1f} s in all"
-    said = [f"{outcome_message(joint.fits[0])} ({effort})", *_incidents_of(joint)]
-    notes = [f"Note: {note}" for note in _notes(joint)]
+    effort = f"{result.fit.iterations} iterations, {result.fit.seconds:.1f} s in all"
+    said = [f"{outcome_message(result.fit)} ({effort})", *_incidents_of(result)]
+    notes = [f"Note: {note}" for note in _notes(result, between)]
     return "\n".join(["\n\n".join(table.to_text() for table in tables), "", *said, *notes])
 
 
-def _incidents_of(joint: JointFit) -> list[str]:
+def _incidents_of(result: Result) -> list[str]:
     return [
         sentence
-        for window, fit in zip(joint.windows, joint.fits, strict=True)
-        for sentence in incidents(window.segment, fit)
+        for segment, fit in zip(result.segments, result.fits, strict=True)
+        for sentence in incidents(segment, fit)
     ]
 
 
-def _notes(joint: JointFit) -> tuple[str, ...]:
+def _notes(result: Result, between: Sequence[BetweenWindows]) -> tuple[str, ...]:
     """What was done to the data, each sentence once, then what the windows show."""
-    first = joint.windows[0].segment
-    findings: list[Finding] = [*joint.uncertainty.findings, *joint.findings]
-    done = [said for one in joint.windows for said in messages(one.segment.findings, one.segment)]
-    return tuple(dict.fromkeys([*done, *messages(findings, first)]))
+    done = [said for info in result.infos for said in messages(info.findings, info)]
+    findings: list[Finding] = [*result.fit.findings, *result.uncertainty.findings]
+    findings += differing_windows(between, result.fit.case)
+    return tuple(dict.fromkeys([*done, *messages(findings, result.info)]))

@@ -329,6 +329,10 @@ class Recorder:
             self._beliefs = self._beliefs[::2]
             self._spacing *= 2
 
+    def __len__(self) -> int:
+        """How many moments are stored."""
+        return len(self._rows)
+
     def history(self) -> History:
         """The history so far."""
         columns = np.array(self._rows).reshape(-1, len(_SCALARS)).T

@@ -9,8 +9,7 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from accpinn.errors import SegmentError
-from accpinn.methods.fit import Fit, OnProgress, Run, ShouldStop, drive
-from accpinn.methods.store import Store
+from accpinn.methods.fit import Checkpoint, Fit, OnProgress, Run, ShouldStop, drive
 from accpinn.model.cthp import Case, Trajectories
 from accpinn.recordings.recording import Window
 from accpinn.segment.cut import MINIMUM_DURATION, WINDOWS_LISTED
@@ -35,20 +34,31 @@ def one_thread(work: Callable[P, R]) -> Callable[P, R]:
     return limited
 
 
+class Checkpoints(Protocol):
+    """Where a training keeps its state, to go on from there after a stop."""
+
+    def load(self, most: int) -> Checkpoint | None:
+        """The latest state with at most so many iterations; None where there is none."""
+
+    def save(self, state: Checkpoint) -> None:
+        """Keep a state in place of the former one."""
+
+    def reject(self, fault: Exception) -> None:
+        """Set the state aside, as no training can go on from it."""
+
+
 @dataclass(frozen=True)
 class TaskContext:
     """What a caller lends to a running estimation; by default nothing."""
 
-    store: Store | None = None
-    """Where results and checkpoints are kept."""
+    checkpoints: Checkpoints | None = None
+    """Where a long training keeps its state; None keeps nothing."""
     threads: int | None = None
     """Processor threads; None leaves the choice to the method."""
     on_progress: OnProgress | None = None
     """Called several times a second while an iterative method runs."""
     should_stop: ShouldStop | None = None
     """Asked several times a second; True ends an iterative method early."""
-    warm: Any = None
-    """An earlier fit to begin with, of the type that an iterative method defines."""
 
     @property
     def is_stopped(self) -> bool:
@@ -85,6 +95,8 @@ class Method:
     """What it does, in one line, for the help of the command line."""
     typical_seconds: Seconds
     """One follower over 300 s on two cores; two thirds of it are cross-validation."""
+    version: int = 1
+    """Raised whenever a change of the method changes its numbers; results then expire."""
     tolerance: float = 1e-6
     """Relative difference of parameters between two machines that run it alike."""
     settings: type[Settings] | None = None
@@ -101,6 +113,8 @@ class Method:
     """Whether blocks of samples may be missing for longer than a straight line may bridge."""
     duration: Callable[[Segment, Any], Seconds] | None = None
     """How long it takes on a segment with settings, where that depends on these."""
+    resumable_settings: Callable[[dict[str, Any]], dict[str, Any] | None] | None = None
+    """The settings that trainings with one checkpoint share; None where none is kept."""
     redraw: Callable[[Fit, FloatArray, Seconds], Trajectories] | None = None
     """The surrogate's curves at instants (N,) in s, from `Fit.arrays` alone, and the window's
     duration in s; None for a method whose curves cannot be drawn again."""
@@ -130,7 +144,7 @@ class Method:
             segment: speeds (N, M+1) in m/s and space-gaps (N, M) in m.
             case: "I" for one parameter set, "II" for one per follower.
             settings: of the method's own type; None for its defaults.
-            context: store, threads, progress and stop.
+            context: checkpoints, threads, progress and stop.
 
         Raises:
             AccpinnError: when the segment or the settings cannot serve the method.

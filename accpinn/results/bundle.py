@@ -12,16 +12,16 @@ from accpinn.evaluation.closed_loop import closed_loop
 from accpinn.methods.fit import History
 from accpinn.model.cthp import Trajectories
 from accpinn.results.report import render_report, tables_of
-from accpinn.results.snapshot import SUFFIX, Snapshot
-from accpinn.results.snapshot.archive import to_bytes
 from accpinn.segment.segment import SegmentInfo
+from accpinn.study.result import Result
+from accpinn.study.snapshot import SUFFIX, to_bytes
 from accpinn.units import FloatArray
 
 UNCHANGING = (2020, 1, 1, 0, 0, 0)
 """Date of every file, so that equal results make equal bundles."""
 
 
-def bundle(snapshot: Snapshot) -> bytes:
+def bundle(snapshot: Result) -> bytes:
     """The zip file of a snapshot.
 
     It holds report.html, the snapshot, each table as CSV and LaTeX, and as CSV the training's
@@ -34,7 +34,7 @@ def bundle(snapshot: Snapshot) -> bytes:
     return content.getvalue()
 
 
-def _files(snapshot: Snapshot) -> Iterator[tuple[str, str | bytes]]:
+def _files(snapshot: Result) -> Iterator[tuple[str, str | bytes]]:
     yield "report.html", render_report(snapshot)
     yield f"result{SUFFIX}", to_bytes(snapshot)
     for name, table in tables_of(snapshot).items():

@@ -24,7 +24,8 @@ from accpinn.channels import PARAMETERS
 from accpinn.errors import ConfigError, ParameterError
 from accpinn.model.cthp import Parameters
 from accpinn.recordings.makes import make_and_model
-from accpinn.results.snapshot import Snapshot
+from accpinn.study.result import Result
+from accpinn.study.snapshot import ATTRIBUTION_TEXT
 
 SAMPLES = 100
 """Of the posterior in a distribution of vehicle types."""
@@ -105,7 +106,7 @@ def _some(draws: Parameters, count: int) -> Parameters:
     return Parameters.of(draws.values[rows])
 
 
-def snapshot_types(snapshot: Snapshot, samples: int = SAMPLES) -> str:
+def snapshot_types(snapshot: Result, samples: int = SAMPLES) -> str:
     """The additional file for SUMO of a snapshot.
 
     Args:
@@ -121,7 +122,7 @@ def snapshot_types(snapshot: Snapshot, samples: int = SAMPLES) -> str:
     return sumo_types(snapshot.info.names[1:], snapshot.fit.parameters, draws)
 
 
-def parameter_card(snapshot: Snapshot) -> dict[str, Any]:
+def parameter_card(snapshot: Result) -> dict[str, Any]:
     """The parameters of a snapshot with intervals, provenance and attribution, ready for JSON."""
     info, fit, known = snapshot.info, snapshot.fit, snapshot.uncertainty
     return {
@@ -149,11 +150,11 @@ def parameter_card(snapshot: Snapshot) -> dict[str, Any]:
             "created": snapshot.created,
             "accpinn": snapshot.origin.accpinn,
         },
-        "attribution": snapshot.attribution,
+        "attribution": ATTRIBUTION_TEXT,
     }
 
 
-def _card_of(snapshot: Snapshot, k: int) -> dict[str, Any]:
+def _card_of(snapshot: Result, k: int) -> dict[str, Any]:
     known, name = snapshot.uncertainty, snapshot.info.names[k + 1]
     make, model = make_and_model(name)
     own = snapshot.fit.parameters[k].values.tolist()

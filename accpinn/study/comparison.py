@@ -1,117 +1,52 @@
-"""All methods on identical data, side by side, with errors and intervals that mean something."""
+"""All methods on identical data: results whose analyses differ in the method alone.
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
-from typing import Any
+Most methods are loops over small arrays, which threads would not run side by side. Where that saves
+time a second process takes the longest methods, while the caller works through its list from the
+quickest one on; an estimate is the same wherever it is made. The process is loky's: a fork is not
+safe beside threads, and the standard library's spawn would run the caller's script again.
+"""
 
-import numpy as np
+import os
+import threading
+import time
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
+
+from loky import ProcessPoolExecutor
 
 from accpinn.errors import AccpinnError, ConfigError
-from accpinn.evaluation.closed_loop import closed_loop_errors
-from accpinn.evaluation.evaluation import Evaluation, evaluate
-from accpinn.inference.intervals import Uncertainty, intervals
-from accpinn.inference.model_adequacy import Adequacy
-from accpinn.methods.fit import Fit, Outcome
+from accpinn.evaluation.evaluation import Evaluation
+from accpinn.methods.fit import Fit
 from accpinn.methods.method import TaskContext
-from accpinn.methods.registry import METHODS
-from accpinn.model.cthp import Case, Parameters
+from accpinn.methods.registry import METHODS, segment_for
 from accpinn.recordings.recording import Recording
-from accpinn.segment.segment import Segment, SegmentInfo
-from accpinn.study.worker import Answer, Job, Worker, helpful, is_worthwhile
-from accpinn.units import FloatArray
+from accpinn.segment.cut import DURATION
+from accpinn.segment.segment import Segment
+from accpinn.study.analysis import Analysis
+from accpinn.study.result import Result, result_of
+from accpinn.study.run import estimate
+from accpinn.units import Seconds
 
-
-@dataclass(frozen=True, eq=False)
-class MethodResult:
-    """One method's estimate on a segment, with its uncertainty and its errors."""
-
-    fit: Fit
-    uncertainty: Uncertainty
-    evaluation: Evaluation
+WORTH: Seconds = 4.0
+"""Typical time of the methods below which a second process would hardly have started."""
+POLL: Seconds = 0.1
 
 
 @dataclass(frozen=True)
-class MethodFailure:
-    """A method that could not serve the segment."""
+class Refused:
+    """A method that could not serve the data."""
 
-    method: str
-    """Its key in `METHODS`."""
+    analysis: Analysis
     fault: AccpinnError
 
-
-def result_of(segment: Segment, fit: Fit, recording: Recording | None = None) -> MethodResult:
-    """The result of a fit that exists already, without cross-validation, which would repeat it."""
-    return MethodResult(fit, intervals(segment, fit), evaluate(segment, fit, recording=recording))
-
-
-@dataclass(frozen=True, eq=False)
-class FitRecord:
-    """A fit that is no longer current, without its data: enough to compare it with another."""
-
-    info: SegmentInfo
-    method: str
-    case: Case
-    config: dict[str, Any]
-    outcome: Outcome
-    parameters: Parameters
-    """(M,) parameters of the followers."""
-    closed_loop: FloatArray
-    """(M,) MAE of the space-gap in closed loop, in m; nan where it has no meaning."""
-
-    @classmethod
-    def of(cls, segment: Segment, fit: Fit) -> "FitRecord":
-        """What is kept of a fit."""
-        errors = closed_loop_errors(segment, fit)
-        gaps = errors.gap_mae if errors else np.full(segment.followers, np.nan)
-        return cls(
-            segment.info,
-            fit.method,
-            fit.case,
-            fit.config,
-            fit.outcome,
-            fit.parameters,
-            gaps,
-        )
-
-    def same_as(self, other: "FitRecord") -> bool:
-        """Whether both come from the same request."""
-        return self.info.digest == other.info.digest and (
-            (self.method, self.case, self.config) == (other.method, other.case, other.config)
-        )
-
-    def of_vehicle(self, number: int) -> Parameters | None:
-        """Those of the follower with that number in the file; None if it has none."""
-        followers = self.info.vehicles[1:]
-        return self.parameters[followers.index(number)] if number in followers else None
+    @property
+    def method(self) -> str:
+        """Key of the method."""
+        return self.analysis.method
 
 
-def differences(one: FitRecord, other: FitRecord) -> tuple[str, ...]:
-    """The settings that differ between two fits, a few words each; empty where none does."""
-    return tuple(
-        f"{name.replace('_', ' ')}: {before} → {after}"
-        for name, before, after in (
-            *_pairs(_request(one), _request(other)),
-            *(_pairs(one.config, other.config) if one.method == other.method else ()),
-        )
-        if before != after
-    )
-
-
-def _request(run: FitRecord) -> dict[str, str]:
-    info = run.info
-    return {
-        "recording": info.source,
-        "window": str(info.window),
-        "vehicles": ", ".join(map(str, info.vehicles)),
-        "excluded": ", ".join(info.excluded_regimes) or "nothing",
-        "case": run.case,
-        "method": run.method,
-    }
-
-
-def _pairs(one: dict[str, Any], other: dict[str, Any]) -> Iterator[tuple[str, Any, Any]]:
-    for name in dict.fromkeys([*one, *other]):
-        yield name, one.get(name, "–"), other.get(name, "–")
+Answer = tuple[Fit, Evaluation] | AccpinnError
+"""A method's fit with its evaluation, or why it could not serve the data."""
 
 
 def parse_methods(text: str) -> tuple[str, ...]:
@@ -132,71 +67,137 @@ def parse_methods(text: str) -> tuple[str, ...]:
 
 
 def compare(
-    segment: Segment,
-    case: Case = "II",
+    analysis: Analysis,
+    recording: Recording,
     methods: Sequence[str] = tuple(METHODS),
     *,
-    recording: Recording | None = None,
-    settings: Mapping[str, Any] | None = None,
     context: TaskContext | None = None,
-) -> Iterator[MethodResult | MethodFailure]:
-    """Run the methods, and yield each result once it and those before it are known.
+) -> Iterator[Result | Refused]:
+    """Run methods on the same data, and yield each result once it and those before it are known.
 
-    A method that cannot serve the segment gives a `MethodFailure`, and the others run on. A second
-    process takes some of the methods where that saves time, and while its answer is the next one to
-    be told, later ones are run here; results are the same.
+    A method that cannot serve the data is `Refused`, and the others run on.
 
     Args:
-        segment: speeds (N, M+1) in m/s and space-gaps (N, M) in m.
-        case: "I" or "II".
-        methods: keys of `METHODS`.
-        recording: the segment's; with it the errors outside the window are computed as well.
-        settings: by method, for methods that have some; their defaults otherwise.
-        context: store, threads and progress; its ``should_stop`` ends the iteration, and a method
-            that was not finished has no result.
-    """
-    context = context or TaskContext()
-    job = Job(segment, case, recording, dict(settings or {}))
-    worker = None
-    if is_worthwhile(segment, methods, context):
-        worker, context = Worker(job, helpful(methods)), replace(context, threads=1)
+        analysis: what is asked; its own method and settings do not count.
+        recording: that it is asked of.
+        methods: keys of `METHODS`, with their default settings.
+        context: threads and stop; a method that was not finished has no result.
 
-    known: dict[str, Answer] = {}
+    Raises:
+        SegmentError: where samples are missing that one of the methods needs.
+    """
+    window = analysis.window
+    segment_for(methods, recording, window.start, window.duration, analysis.vehicles)
+    analyses = [analysis.with_method(key) for key in methods]
+    segments = analyses[0].segments(recording)
+    work = _Work(analyses, segments, recording, context or TaskContext())
     try:
-        for index, key in enumerate(methods):
-            for other in methods[index:]:
-                if context.is_stopped:
-                    return
-                if other not in known and (worker is None or worker.leaves(other)):
-                    found = job.run(other, context)
-                    if found is None:
-                        return
-                    known[other] = found
-                if not worker or not worker.is_busy_with(key):
-                    break
-            answer = known.get(key) or (worker.answer(key, context) if worker else None)
-            if answer is None and not context.is_stopped:  # the second process has failed
-                answer = job.run(key, context)
-            if answer is None or context.is_stopped:
+        for asked in analyses:
+            answer = work.answer(asked)
+            if answer is None:
                 return
             if isinstance(answer, AccpinnError):
-                yield MethodFailure(key, answer)
-            else:
-                fit, evaluation = answer
-                yield MethodResult(fit, intervals(segment, fit), evaluation)
+                yield Refused(asked, answer)
+                continue
+            fit, evaluation = answer
+            result = result_of(asked, segments, (fit,), recording)
+            result.parts.evaluation = evaluation
+            yield result
     finally:
-        if worker:
-            worker.close()
+        work.close()
 
 
-Outcomes = Iterable[MethodResult | MethodFailure | Adequacy]
-
-
-def results_among(outcomes: Outcomes) -> tuple[MethodResult, ...]:
+def results_among(outcomes: Iterable[object]) -> tuple[Result, ...]:
     """The methods that have a result."""
-    return tuple(one for one in outcomes if isinstance(one, MethodResult))
+    return tuple(outcome for outcome in outcomes if isinstance(outcome, Result))
 
 
-def failures_among(outcomes: Outcomes) -> tuple[MethodFailure, ...]:
-    """The methods that could not serve the segment."""
-    return tuple(one for one in outcomes if isinstance(one, MethodFailure))
+def refused_among(outcomes: Iterable[object]) -> tuple[Refused, ...]:
+    """The methods that could not serve the data."""
+    return tuple(outcome for outcome in outcomes if isinstance(outcome, Refused))
+
+
+def _run(
+    analysis: Analysis, segments: tuple[Segment, ...], recording: Recording, context: TaskContext
+) -> Answer | None:
+    """The answer of a method, blocks held out included; None once the context says stop."""
+    try:
+        result = estimate(analysis, segments, recording, context=context)
+        if context.is_stopped:
+            return None
+        evaluation = result.with_holdout(context).evaluation
+    except AccpinnError as fault:  # the others may well serve
+        return fault
+    return None if context.is_stopped else (result.fit, evaluation)
+
+
+@dataclass
+class _Work:
+    """Answers of methods, some from a second process."""
+
+    analyses: list[Analysis]
+    segments: tuple[Segment, ...]
+    recording: Recording
+    context: TaskContext
+    _answers: dict[str, Answer | None] = field(default_factory=dict)
+    _lock: threading.Lock = field(default_factory=threading.Lock)
+    _executor: ProcessPoolExecutor | None = None
+
+    def __post_init__(self) -> None:
+        """Start the second process where two processors and enough work are there."""
+        self._left = sorted(self.analyses, key=lambda one: METHODS[one.method].typical_seconds)
+        helpful = [METHODS[one.method] for one in self._left if _is_helpful(one)]
+        share = min(1.0, self.segments[0].window.duration / DURATION)
+        lasting = share * sum(method.typical_seconds for method in helpful)
+        if self.context.threads != 1 and (os.cpu_count() or 1) > 1 and lasting >= WORTH:
+            self.context = replace(self.context, threads=1)
+            self._executor = ProcessPoolExecutor(max_workers=1, env={"OMP_NUM_THREADS": "1"})
+            threading.Thread(target=self._help, daemon=True).start()
+
+    def answer(self, asked: Analysis) -> Answer | None:
+        """The answer of a method, once it is known; None once the context says stop."""
+        while not self.context.is_stopped:
+            with self._lock:
+                if asked.method in self._answers:
+                    return self._answers[asked.method]
+                mine = asked if asked in self._left else next(iter(self._left), None)
+                if mine:
+                    self._left.remove(mine)
+            if mine:
+                answer = _run(mine, self.segments, self.recording, self.context)
+                self._answers[mine.method] = answer
+            else:
+                time.sleep(POLL)
+        return None
+
+    def close(self) -> None:
+        """End the second process, whatever it is at."""
+        with self._lock:
+            self._left.clear()
+        if self._executor:
+            self._executor.shutdown(wait=False, kill_workers=True)
+
+    def _help(self) -> None:
+        """Hand the longest methods that are left to the second process, one at a time."""
+        assert self._executor
+        while True:
+            with self._lock:
+                helpful = [analysis for analysis in self._left if _is_helpful(analysis)]
+                if not helpful:
+                    return
+                asked = helpful[-1]
+                self._left.remove(asked)
+            try:
+                future = self._executor.submit(
+                    _run, asked, self.segments, self.recording, TaskContext(threads=1)
+                )
+                self._answers[asked.method] = future.result()
+            except Exception:  # killed, or it could not start: the caller runs the method
+                with self._lock:
+                    self._left.append(asked)
+                return
+
+
+def _is_helpful(analysis: Analysis) -> bool:
+    """Whether a second process can run a method: one without progress and checkpoints."""
+    return not METHODS[analysis.method].is_iterative

@@ -140,7 +140,7 @@ def pooled_row(pool: Pool, segments: tuple[Segment, ...]) -> dict[str, Any]:
         ConfigError: where the vehicle does not move.
     """
     segments = tuple(replace(one) for one in segments)
-    check_windows(segments)
+    check_windows(segments, "II")
     fit = fit_among(segments, segments[0], "II")
     known = intervals(segments, fit)
     if np.isnan(known.centre.alpha).any():

@@ -9,7 +9,7 @@ from accpinn.inference.identifiability import is_wide
 from accpinn.inference.intervals import ParameterInterval, parameter_intervals
 from accpinn.inference.model_adequacy import Adequacy, BetterForm, Inadequate, WeightedForms
 from accpinn.segment.segment import Segment
-from accpinn.study.comparison import MethodResult
+from accpinn.study.result import Result as MethodResult
 
 
 class Recommendation(Finding, frozen=True, kw_only=True):

@@ -31,7 +31,6 @@ Thompson and Spiegelhalter, Journal of the Royal Statistical Society A 172 (2009
 window).
 """
 
-import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import combinations
@@ -41,15 +40,15 @@ from numpy.typing import ArrayLike
 from scipy.special import chdtrc, chdtri, stdtrit
 
 from accpinn.channels import PARAMETERS
-from accpinn.errors import ConfigError, Finding, SegmentError
-from accpinn.inference.intervals import LEVEL, Uncertainty, intervals
-from accpinn.methods.fit import Fit
-from accpinn.methods.maximum_likelihood import fit_among, maxima_of
+from accpinn.errors import Finding, SegmentError
+from accpinn.inference.intervals import LEVEL
+from accpinn.methods.maximum_likelihood import maxima_of
 from accpinn.methods.series import series_of, stride_of
-from accpinn.model.cthp import Case, Parameters
+from accpinn.model.cthp import Case
 from accpinn.segment.cut import SLACK
 from accpinn.segment.segment import Segment
-from accpinn.units import FloatArray, Seconds
+from accpinn.study.result import Result
+from accpinn.units import FloatArray
 
 SIGNIFICANCE = 0.05
 """Below this probability of a larger Q, windows are said to differ."""
@@ -127,118 +126,49 @@ class BetweenWindows:
         return self.alpha, self.beta, self.tau
 
 
-@dataclass(frozen=True, eq=False)
-class WindowEstimate:
-    """What one window says by itself about its M followers."""
-
-    segment: Segment
-    fit: Fit
-    """The maximum of this window's likelihood."""
-    uncertainty: Uncertainty
-    """Given this window alone."""
-    errors: FloatArray
-    """(M, 3) standard errors of ln α, ln β, ln τ; nan where a bound is active."""
-
-
-@dataclass(frozen=True, eq=False)
-class JointFit:
-    """One parameter set for M followers over K windows, and how far the windows differ."""
-
-    case: Case
-    windows: tuple[WindowEstimate, ...]
-    """(K,) each window by itself."""
-    fits: tuple[Fit, ...]
-    """(K,) the joint estimate on each window: equal parameters, the window's smoothed motion."""
-    uncertainty: Uncertainty
-    """Of the joint estimate; it assumes that the windows share their parameters."""
-    between: tuple[BetweenWindows, ...]
-    """(M,) one a follower; equal ones in Case I."""
-    seconds: Seconds
-    """Duration of all estimates and intervals."""
-    findings: tuple[WindowsDiffer, ...]
-
-    @property
-    def parameters(self) -> Parameters:
-        """(M,) the joint estimate: α [1/s²], β [1/s], τ [s]."""
-        return self.fits[0].parameters
-
-
-def fit_windows(segments: Sequence[Segment], case: Case = "II", level: float = LEVEL) -> JointFit:
-    """One parameter set by the joint likelihood of several windows, and how far these differ.
+def log_errors(window: Result) -> FloatArray:
+    """(M, 3) standard errors of ln α, ln β, ln τ given one window; nan where a bound is active.
 
     Args:
-        segments: at least two, of the same vehicles in the same order: disjoint windows of one
-            recording, or windows of several recordings, with the same step in time. The first one's
-            numbers and names of vehicles serve for all.
-        case: "I" for one parameter set, "II" for one per follower.
+        window: the result of maximum likelihood on one window, with its data.
+    """
+    (segment,) = window.segments
+    times = segment.followers if window.fit.case == "I" else 1
+    by_curvature = np.tile([maximum.errors for maximum in maxima_of(segment, window.fit.case)],
+                           (times, 1))  # fmt: skip
+    return np.asarray(np.maximum(by_curvature, np.log(window.uncertainty.draws.values).std(axis=0)))
+
+
+def between_windows(result: Result, level: float = LEVEL) -> tuple[BetweenWindows, ...]:
+    """(M,) how far each follower's parameters vary between windows; equal ones in Case I.
+
+    Args:
+        result: of several windows, with their data.
         level: of all intervals, above 0 and below 1.
-
-    Raises:
-        ConfigError: for fewer than two segments, or a level that is not allowed.
-        SegmentError: when segments overlap or do not match, or one is too short.
     """
-    segments = tuple(segments)
-    check_windows(segments)
-    for segment in segments:
-        series_of([segment], case)  # refuses one that is too short before any search begins
-    started = time.perf_counter()
-    own = tuple(estimate(segment, case, level) for segment in segments)
-    fits = tuple(fit_among(segments, segment, case) for segment in segments)
-    uncertainty = intervals(segments, fits[0], level)
-    between = _between(own, level)
-    return JointFit(
-        case,
-        own,
-        fits,
-        uncertainty,
-        between,
-        time.perf_counter() - started,
-        _findings(between, case),
-    )
-
-
-def estimate(segment: Segment, case: Case = "II", level: float = LEVEL) -> WindowEstimate:
-    """What one window says by itself.
-
-    Args:
-        segment: with M followers.
-        case: "I" or "II".
-        level: of the intervals, above 0 and below 1.
-
-    Raises:
-        ConfigError: for a level that is not allowed.
-        SegmentError: when the window is too short.
-    """
-    fit = fit_among((segment,), segment, case)
-    uncertainty = intervals(segment, fit, level)
-    times = segment.followers if case == "I" else 1
-    by_curvature = np.tile([one.errors for one in maxima_of(segment, case)], (times, 1))
-    errors = np.maximum(by_curvature, np.log(uncertainty.draws.values).std(axis=0))
-    return WindowEstimate(segment, fit, uncertainty, errors)
-
-
-def _between(windows: Sequence[WindowEstimate], level: float) -> tuple[BetweenWindows, ...]:
-    values = np.array([one.fit.parameters.values for one in windows])
+    values = np.array([window.parameters.values for window in result.windows])
     logs = np.log(np.where(values > 0, values, np.nan))
-    errors = np.array([one.errors for one in windows])
+    errors = np.array([log_errors(window) for window in result.windows])
     return tuple(
         BetweenWindows(
             vehicle,
             *(random_effects(logs[:, k, i], errors[:, k, i], level) for i in range(3)),
         )
-        for k, vehicle in enumerate(windows[0].segment.vehicles[1:])
+        for k, vehicle in enumerate(result.info.vehicles[1:])
     )
 
 
-def _findings(between: Sequence[BetweenWindows], case: Case) -> tuple[WindowsDiffer, ...]:
-    found = []
-    for one in between[:1] if case == "I" else between:
-        pairs = zip(PARAMETERS, one.effects, strict=True)
+def differing_windows(between: Sequence[BetweenWindows], case: Case) -> tuple[WindowsDiffer, ...]:
+    """A finding for each follower whose windows differ by more than sampling error explains."""
+    findings = []
+    for follower in between[:1] if case == "I" else between:
+        pairs = zip(PARAMETERS, follower.effects, strict=True)
         symbols = tuple(p.symbol for p, effect in pairs if effect.probability < SIGNIFICANCE)
         if symbols:
-            windows = max(effect.windows for effect in one.effects)
-            found.append(WindowsDiffer(0 if case == "I" else one.vehicle, symbols, windows))
-    return tuple(found)
+            windows = max(effect.windows for effect in follower.effects)
+            vehicle = 0 if case == "I" else follower.vehicle
+            findings.append(WindowsDiffer(vehicle, symbols, windows))
+    return tuple(findings)
 
 
 def random_effects(estimates: ArrayLike, errors: ArrayLike, level: float = LEVEL) -> RandomEffects:
@@ -288,38 +218,31 @@ def random_effects(estimates: ArrayLike, errors: ArrayLike, level: float = LEVEL
     )
 
 
-def check_windows(segments: tuple[Segment, ...]) -> None:
+def check_windows(segments: tuple[Segment, ...], case: Case) -> None:
     """Refuse segments that cannot share one likelihood.
 
     Args:
-        segments: at least two.
+        segments: (K,) of the same vehicles.
+        case: "I" or "II".
 
     Raises:
-        ConfigError: for fewer.
-        SegmentError: when they overlap or do not match.
+        SegmentError: when they overlap or do not match, or one is too short.
     """
-    if len(segments) < 2:
-        raise ConfigError("windows: one is no comparison; give at least two, or use fit for one.")
     first = segments[0]
     for other in segments[1:]:
-        if other.followers != first.followers:
-            raise SegmentError(
-                f"{other.source}: {other.window} has {other.followers} followers and"
-                f" {first.window} of {first.source} has {first.followers}; take windows of the same"
-                " vehicles."
-            )
-        steps = [stride_of(one) * one.sample_time for one in (first, other)]
+        steps = [stride_of(segment) * segment.sample_time for segment in (first, other)]
         if abs(steps[1] - steps[0]) > SLACK:
             raise SegmentError(
                 f"{other.source}: its samples are {other.sample_time:g} s apart and those of"
                 f" {first.source} {first.sample_time:g} s, so one likelihood cannot hold both; take"
                 " recordings with equal steps."
             )
-    for one, other in combinations(segments, 2):
-        shared = min(one.window.end, other.window.end) - max(one.start, other.start)
-        same = one is other or (one.sha256 == other.sha256 != "" and one.vehicles == other.vehicles)
-        if same and shared > SLACK:
+    for earlier, later in combinations(segments, 2):
+        shared = min(earlier.window.end, later.window.end) - max(earlier.start, later.start)
+        if shared > SLACK:
             raise SegmentError(
-                f"{one.source}: the windows {one.window} and {other.window} overlap, so their data"
-                " would count twice; choose disjoint ones."
+                f"{first.source}: the windows {earlier.window} and {later.window} overlap, so their"
+                " data would count twice; choose disjoint ones."
             )
+    for segment in segments:
+        series_of([segment], case)  # refuses one that is too short before any search begins

@@ -8,8 +8,8 @@ from collections.abc import Callable
 from contextlib import suppress
 from typing import Any
 
-from accpinn.methods.store import Store
-from accpinn.tasks.task import Result, Status, Task, get_ready
+from accpinn.study.store import Store
+from accpinn.tasks.task import Found, Task, get_ready
 from accpinn.units import Seconds
 
 KEPT_TASKS = 100
@@ -58,34 +58,32 @@ class TaskQueue:
         self._worker = threading.Thread(target=self._serve, name="tasks", daemon=True)
         self._worker.start()
 
-    def submit(self, task: Task[Result], anew: bool = False) -> Task[Result]:
+    def submit(self, task: Task[Found], anew: bool = False) -> Task[Found]:
         """Queue a task; an active one of the same owner and kind is stopped.
 
-        An active task of an equal request is returned in its place. A stored result is the answer
-        at once. A stopped training of an equal request goes on from its checkpoint. Where too many
+        An active task of an equal analysis is returned in its place. A stored result is the answer
+        at once. A stopped training of an equal analysis goes on from its checkpoint. Where too many
         wait already, the task fails at once and says so.
 
         Args:
             task: not queued yet.
             anew: begin at the first iteration, whatever checkpoint there is.
         """
-        request, store = task.request, self._store
+        analysis, store = task.analysis, self._store
         known: Any = None
-        if request and store:  # before the lock: others need not wait for the disk
-            known = request.recall(store)
+        if analysis and store:  # before the lock: others need not wait for the disk
+            known = store.has(analysis.key) and task.recall()
         with self._changed:
             self._forget()
             earlier = self.of(task.owner, task.kind)
-            asked = earlier.request if earlier else None
-            if earlier and request and asked and request.key == asked.key:
+            asked = earlier.analysis if earlier else None
+            if earlier and analysis and asked and analysis.key == asked.key:
                 if earlier.is_active and not earlier.is_stopping:
                     return earlier
-                if earlier.status is not Status.DONE and not anew:
-                    task.earlier = earlier.history()
             elif earlier:
                 self.stop(earlier)
-            if anew and request and store:
-                request.drop_checkpoints(store)
+            if anew and analysis and analysis.checkpoint_keys and store:
+                store.checkpoints(analysis).drop()
             self._tasks.append(task)
             if known:
                 task.answer(known)
@@ -160,7 +158,7 @@ class TaskQueue:
                     self._forget()
                 self._tidy()
                 continue
-            task.work(self._store, self._threads)
+            task.work(self._threads)
             with self._changed:
                 self._running = None
                 task.ended_at = self._clock()

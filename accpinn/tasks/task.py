@@ -1,7 +1,7 @@
 """A piece of work in the background: its progress, its results, and a way to stop it.
 
-Three kinds are made here: a training, a comparison of all methods, and trainings from several
-starts.
+A task runs one analysis (a training), or several that differ in method (a comparison) or in
+initial values (a series of starts). Batches and downloads are tasks, too (see `tasks.batches`).
 """
 
 import gc
@@ -10,40 +10,38 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import suppress
 from dataclasses import replace
 from enum import Enum
 from functools import cache
 from typing import Generic, TypeVar
 
-import numpy as np
 from threadpoolctl import threadpool_limits
 
 from accpinn.errors import AccpinnError
-from accpinn.inference.intervals import intervals
-from accpinn.inference.model_adequacy import Adequacy, model_forms
-from accpinn.inference.multistart import Trial, multistart
-from accpinn.methods.fit import Fit, History, Outcome, Progress, Recorder
+from accpinn.inference.model_adequacy import Adequacy
+from accpinn.methods.fit import History, Outcome, Progress, Recorder
 from accpinn.methods.method import TaskContext, relative_size
-from accpinn.methods.pinn.config import STARTS, PinnConfig
-from accpinn.methods.pinn.request import TrainingRequest
+from accpinn.methods.pinn.config import STARTS
 from accpinn.methods.registry import METHODS
-from accpinn.methods.store import Store
-from accpinn.model.cthp import Case, Parameters, Trajectories
+from accpinn.model.cthp import Trajectories
 from accpinn.recordings.recording import Recording
 from accpinn.segment.segment import Segment
-from accpinn.study.comparison import MethodFailure, MethodResult, compare
+from accpinn.study.analysis import Analysis
+from accpinn.study.comparison import Refused, compare
+from accpinn.study.result import Result
+from accpinn.study.run import run
+from accpinn.study.starts import starts
+from accpinn.study.store import Store
 from accpinn.units import Seconds
 
 _log = logging.getLogger(__name__)
 
 RATE_WINDOW: Seconds = 3.0
 """The rate of iterations is that of the last seconds, as it can change with the phase."""
-
 FORMS_SECONDS: Seconds = 2.5
-"""Of the forms of the model for one follower, as the typical seconds of methods."""
-Result = TypeVar("Result")
-Steps = Callable[[TaskContext], Iterator[Result]]
+"""Typical time of the forms of the model for one follower, as the typical seconds of methods."""
+Found = TypeVar("Found")
+Steps = Callable[[TaskContext], Iterator[Found]]
 """The work: yields each result, reports progress between, and ends early once it should stop."""
 
 
@@ -57,17 +55,18 @@ class Status(Enum):
     FAILED = "failed"
 
 
-class Task(Generic[Result]):
-    """One or several estimations, one after the other; every method may be called in any thread."""
+class Task(Generic[Found]):
+    """A piece of work; every method may be called in any thread."""
 
     def __init__(
         self,
         owner: str,
         kind: str,
-        steps: Steps[Result],
+        steps: Steps[Found],
         names: tuple[str, ...] = ("",),
         weights: Sequence[float] = (),
-        request: TrainingRequest | None = None,
+        analysis: Analysis | None = None,
+        recall: Callable[[], Found | None] = lambda: None,
     ) -> None:
         """Queued.
 
@@ -75,29 +74,30 @@ class Task(Generic[Result]):
             owner: who asked; an owner has one active task of a kind.
             kind: its name in sentences, as "comparison".
             steps: the work.
-            names: of the results, in their order.
+            names: names of the results, in their order.
             weights: how long each result takes compared with the others, which the time left is
                 estimated from; empty for a task whose iterations have a rate.
-            request: what a training is to learn; a task of an equal request is not run twice.
+            analysis: what a training answers; a task of an equal analysis is not run twice.
+            recall: the answer where it is known already; None where it is not.
         """
-        self.owner, self.kind, self.names, self.request = owner, kind, names, request
+        self.recall = recall
+        self.owner, self.kind, self.names, self.analysis = owner, kind, names, analysis
         self._steps, self._weights = steps, tuple(weights)
         self._lock = threading.Lock()
         self._stop, self._ended = threading.Event(), threading.Event()
         self.status = Status.QUEUED
         self.error = ""
         """Why it failed, as a sentence; empty otherwise."""
-        self.results: tuple[Result, ...] = ()
+        self.results: tuple[Found, ...] = ()
         """All results so far, also those of a task that was stopped or failed."""
+        self.recorder = Recorder()
+        """The course of the running estimation, or of the latest one."""
         self._recent = deque[Progress](maxlen=200)
-        self._recorder: Recorder | None = None
         self._began: Seconds | None = None
         self.surrogate: Trajectories | None = None
         """The running estimation's latest curves."""
-        self.earlier: History | None = None
-        """The history of the training that this one continues."""
         self.ended_at: Seconds | None = None
-        """By the clock of the queue it belongs to."""
+        """When it ended, by the clock of the queue it belongs to."""
 
     @property
     def is_active(self) -> bool:
@@ -110,7 +110,7 @@ class Task(Generic[Result]):
         return self._stop.is_set() and self.is_active
 
     @property
-    def result(self) -> Result | None:
+    def result(self) -> Found | None:
         """The latest result, None before the first."""
         return self.results[-1] if self.results else None
 
@@ -144,13 +144,13 @@ class Task(Generic[Result]):
         if not recent:
             return None
         last = recent[-1]
-        first = next(p for p in recent if last.seconds - p.seconds <= RATE_WINDOW)
+        first = next(moment for moment in recent if last.seconds - moment.seconds <= RATE_WINDOW)
         elapsed = last.seconds - first.seconds
         return (last.iteration - first.iteration) / elapsed if elapsed > 0 else None
 
     @property
     def time_left(self) -> Seconds | None:
-        """Until its end at the latest; None where nothing is known of it."""
+        """Time until its end at the latest, in s; None where nothing is known of it."""
         if self._weights:
             share = self.share
             if self._began is None or share <= 0:
@@ -162,13 +162,9 @@ class Task(Generic[Result]):
     def history(self) -> History | None:
         """The history of the running or latest estimation, None before its first moment."""
         with self._lock:
-            last = self.results[-1] if self.results and not self._recent else None
-            if isinstance(last, Fit) and last.history:
-                return last.history
-            if self._recorder is None:
-                return self.earlier
-            history = self._recorder.history()
-        return _joined(self.earlier, history) if self.earlier else history
+            if isinstance(self.result, Result) and not self._recent:
+                return self.result.fit.history
+            return self.recorder.history() if self.recorder else None
 
     def stop(self) -> None:
         """Ask it to end soon; its results so far are kept."""
@@ -183,7 +179,7 @@ class Task(Generic[Result]):
         """End it before it has begun, for a reason that is given as a sentence."""
         self._end(Status.FAILED, reason)
 
-    def answer(self, result: Result) -> None:
+    def answer(self, result: Found) -> None:
         """End it with a result that is known already."""
         self._add(result)
         self._end(Status.DONE)
@@ -192,11 +188,10 @@ class Task(Generic[Result]):
         """Wait for its end; False if that did not come in time."""
         return self._ended.wait(timeout)
 
-    def work(self, store: Store | None, threads: int | None) -> None:
+    def work(self, threads: int | None) -> None:
         """Run it to its end, whatever that is; only the queue's worker calls this.
 
         Args:
-            store: where results and checkpoints are kept.
             threads: processor threads for an estimation.
         """
         if self._stop.is_set():
@@ -204,7 +199,7 @@ class Task(Generic[Result]):
             return
         self.status, self._began = Status.RUNNING, time.monotonic()
         try:
-            for result in self._steps(TaskContext(store, threads, self._note, self._stop.is_set)):
+            for result in self._steps(TaskContext(None, threads, self._note, self._stop.is_set)):
                 self._add(result)
         except AccpinnError as fault:
             self._end(Status.FAILED, str(fault))
@@ -220,77 +215,74 @@ class Task(Generic[Result]):
 
     def _note(self, progress: Progress) -> None:
         with self._lock:
-            if not self._recent or self._recorder is None:
-                self._recorder = Recorder()
+            if not self._recent and self.results:
+                self.recorder = Recorder()
             self._recent.append(progress)
-            self._recorder.add(progress)
+            self.recorder.add(progress)
             self.surrogate = progress.surrogate or self.surrogate
 
-    def _add(self, result: Result) -> None:
+    def _add(self, result: Found) -> None:
         with self._lock:
             self.results = (*self.results, result)
             self._recent.clear()
 
     def _is_complete(self) -> bool:
-        fits = [result for result in self.results if isinstance(result, Fit)]
-        stopped = any(fit.outcome is Outcome.STOPPED for fit in fits)
-        return len(self.results) == len(self.names) and not stopped
+        results = [result for result in self.results if isinstance(result, Result)]
+        is_stopped = any(result.fit.outcome is Outcome.STOPPED for result in results)
+        return len(self.results) == len(self.names) and not is_stopped
 
     def _end(self, status: Status, error: str = "") -> None:
         self.error, self.status = error, status  # whoever sees that it failed can ask why
         self._ended.set()
 
 
-def _joined(before: History, after: History) -> History:
-    """One history from two; what was repeated after a checkpoint is taken from the second."""
-    kept = before.iteration < after.iteration[0]
-    parts = {
-        name: np.concatenate([getattr(before, name)[kept], values])
-        for name, values in vars(after).items()
-        if name != "parameters" and values is not None and getattr(before, name) is not None
-    }
-    tables = np.concatenate([before.parameters.values[kept], after.parameters.values])
-    return History(**parts, parameters=Parameters.of(tables))
-
-
-def training_task(owner: str, request: TrainingRequest) -> Task[Fit]:
-    """A training of the PiNN.
+def training_task(
+    owner: str, analysis: Analysis, recording: Recording, store: Store | None
+) -> Task[Result]:
+    """The answer to one analysis, with its intervals.
 
     Args:
         owner: who asked.
-        request: what is to be learned.
+        analysis: what is asked.
+        recording: that it is asked of.
+        store: where results and checkpoints are kept.
     """
 
-    def steps(context: TaskContext) -> Iterator[Fit]:
+    def steps(context: TaskContext) -> Iterator[Result]:
         get_ready()
-        context = replace(context, warm=request.warm)
-        fit = METHODS["pinn"].fit(request.segment, request.case, request.config, context)
-        with suppress(AccpinnError):
-            intervals(request.segment, fit)  # remembered; else the page would compute them
-        yield fit
+        if store and (state := store.stopped_state(analysis)):
+            task.recorder.restore(state)
+        result = run(analysis, recording, store=store, context=context)
+        _ = result.uncertainty, result.evaluation  # else the page would compute them
+        yield result
 
-    return Task(owner, "training", steps, request=request)
+    def recall() -> Result | None:
+        return run(analysis, recording, store=store) if store and store.find(analysis) else None
+
+    task = Task(owner, "training", steps, analysis=analysis, recall=recall)
+    return task
 
 
 def comparison_task(
-    owner: str, segment: Segment, case: Case, recording: Recording | None = None
-) -> Task[MethodResult | MethodFailure | Adequacy]:
-    """All methods on one segment, those first that take least, and the forms of the model.
+    owner: str, analysis: Analysis, recording: Recording
+) -> Task[Result | Refused | Adequacy]:
+    """All methods on one window, those first that take least, and the forms of the model.
 
     Args:
         owner: who asked.
-        segment: the data.
-        case: "I" or "II".
-        recording: the segment's; with it the methods are also tested outside the window.
+        analysis: what is asked; its method does not count.
+        recording: that it is asked of.
     """
     methods = sorted(METHODS.values(), key=lambda method: method.typical_seconds)
 
-    def steps(context: TaskContext) -> Iterator[MethodResult | MethodFailure | Adequacy]:
+    def steps(context: TaskContext) -> Iterator[Result | Refused | Adequacy]:
         quiet = replace(context, on_progress=None)  # several fits make one result
-        keys = [method.key for method in methods]
-        yield from compare(segment, case, keys, recording=recording, context=quiet)
-        if not context.is_stopped:
-            yield model_forms(segment, case)
+        last: Result | None = None
+        for outcome in compare(analysis, recording, [m.key for m in methods], context=quiet):
+            last = outcome if isinstance(outcome, Result) else last
+            yield outcome
+        if last and not context.is_stopped:
+            yield last.adequacy
 
     names = (*(method.title for method in methods), "Forms of the model")
     weights = [*(method.typical_seconds for method in methods), FORMS_SECONDS]
@@ -303,23 +295,27 @@ def comparison_seconds(segment: Segment) -> Seconds:
     return relative_size(segment) * typical
 
 
-def starts_task(owner: str, segment: Segment, case: Case, config: PinnConfig) -> Task[Trial]:
-    """Trainings of one segment from five initial values.
+def starts_task(
+    owner: str, analysis: Analysis, recording: Recording, store: Store | None
+) -> Task[Result]:
+    """Trainings of one window from five initial values.
 
     Args:
         owner: who asked.
-        segment: the data.
-        case: "I" or "II".
-        config: of all trainings, but for the initial values.
+        analysis: whose settings serve all trainings, but for the initial values.
+        recording: that it is asked of.
+        store: where results and checkpoints are kept.
     """
+
+    def steps(context: TaskContext) -> Iterator[Result]:
+        for asked in starts(analysis):
+            result = run(asked, recording, store=store, context=context)
+            if context.is_stopped:
+                return
+            yield result
+
     names = tuple(f"start {k} of {len(STARTS)}" for k in range(1, len(STARTS) + 1))
-    return Task(
-        owner,
-        "series of starts",
-        lambda context: multistart(segment, case, config, context=context),
-        names,
-        (1.0,) * len(names),
-    )
+    return Task(owner, "series of starts", steps, names, (1.0,) * len(names))
 
 
 @cache

@@ -9,7 +9,7 @@ from accpinn.errors import ConfigError
 from accpinn.methods.fit import Fit, Run
 from accpinn.methods.method import Method, TaskContext
 from accpinn.methods.pinn import training
-from accpinn.methods.pinn.config import FAST, PRESETS, PinnConfig
+from accpinn.methods.pinn.config import FAST, METHOD_VERSION, PRESETS, PinnConfig
 from accpinn.methods.pinn.network import HIDDEN_FREQUENCY, FourierFeatures, output_columns
 from accpinn.methods.pinn.request import typical_seconds
 from accpinn.model.cthp import Case, Trajectories
@@ -78,11 +78,23 @@ def _run(segment: Segment, case: Case, settings: PinnConfig | None, context: Tas
         segment,
         case,
         settings or FAST,
-        store=context.store,
+        checkpoints=context.checkpoints,
         should_stop=context.should_stop,
         threads=context.threads,
-        warm=context.warm,
     )
+
+
+def _resumable(settings: dict[str, Any]) -> dict[str, Any] | None:
+    """The settings that trainings with one checkpoint share; None for presets of seconds.
+
+    A longer training of `paper` goes on where a shorter one ends, unless L-BFGS follows.
+    """
+    if settings["preset"] != "paper":
+        return None
+    shared = dict(settings)
+    if not settings["lbfgs_iterations"]:
+        del shared["iterations"]
+    return shared
 
 
 def _variant(config: Mapping[str, Any]) -> str:
@@ -98,6 +110,8 @@ METHOD = Method(
     run=_run,
     summary="physics-inspired neural network: trajectories and parameters learned together",
     typical_seconds=2.0,
+    version=METHOD_VERSION,
+    resumable_settings=_resumable,
     tolerance=1e-3,
     settings=PinnConfig,
     variant=_variant,

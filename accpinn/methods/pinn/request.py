@@ -6,10 +6,7 @@ a window that would need more memory than a server can spare is refused.
 """
 
 import hashlib
-import json
-from contextlib import suppress
-from dataclasses import dataclass, replace
-from functools import cached_property
+from dataclasses import dataclass
 from math import sqrt
 
 import numpy as np
@@ -20,13 +17,11 @@ from accpinn.methods.method import TYPICAL_SAMPLES
 from accpinn.methods.pinn.config import (
     CALIBRATED,
     FAST,
-    METHOD_VERSION,
     PAPER,
     PinnConfig,
     PresetName,
 )
 from accpinn.methods.pinn.network import STRETCH, FourierFeatures
-from accpinn.methods.store import Store
 from accpinn.model.cthp import Case, Parameters
 from accpinn.segment.segment import Segment
 from accpinn.units import FloatArray, Seconds
@@ -90,79 +85,6 @@ class WarmStart:
             return Parameters.of(values)
         alike = (values == values[0]).all()
         return Parameters.of(values[:1] if alike else values.mean(axis=0)[None])
-
-
-@dataclass(frozen=True, eq=False)
-class TrainingRequest:
-    """Everything that determines the result of a training."""
-
-    segment: Segment
-    case: Case
-    config: PinnConfig
-    warm: WarmStart | None = None
-    """The weights it begins with in place of random ones."""
-
-    @property
-    def typical_seconds(self) -> Seconds:
-        """How long it takes on two cores, to within a factor of two or so."""
-        return typical_seconds(self.segment, self.config)
-
-    @cached_property
-    def keys(self) -> tuple[str, str]:
-        """Content addresses of its result and of its checkpoint.
-
-        Equal addresses mean equal data, settings and method. Where a longer training only goes on
-        where a shorter one ends (`paper` without L-BFGS), both share a checkpoint.
-        """
-        settings: dict[str, object] = self.config.to_json()
-        if self.warm:
-            settings["started_from"] = self.warm.digest()
-        resumable = settings.copy()
-        if self.config.preset == "paper" and not self.config.lbfgs_iterations:
-            del resumable["iterations"]
-        return self._address(settings), self._address(resumable)
-
-    def _address(self, settings: dict[str, object]) -> str:
-        request = {
-            "method": METHOD_VERSION,
-            "segment": self.segment.info.digest,
-            "case": self.case,
-            "config": settings,
-        }
-        return hashlib.sha256(json.dumps(request, sort_keys=True).encode()).hexdigest()
-
-    @property
-    def key(self) -> str:
-        """The content address of its result: requests of equal keys have the same one."""
-        return self.keys[0]
-
-    def recall(self, store: Store) -> Fit | None:
-        """The stored result, None where there is none."""
-        known = store.load_fit(self.key, self.segment)
-        return replace(known, cached=True) if known else None
-
-    def resume_iteration(self, store: Store) -> int | None:
-        """The iteration from which a stopped training of it would go on; None where it is new.
-
-        So is one that was stopped before its first iteration, and a finished one is in the store.
-        """
-        result_key, resume_key = self.keys
-        if store.has_fit(result_key):
-            return None
-        for key in (resume_key, result_key):
-            state = store.load_state(key)
-            if state is None:
-                return None
-            with suppress(KeyError, IndexError, TypeError, ValueError):
-                last = int(state["history.rows"][-1][0])
-                if last <= self.config.iterations + self.config.lbfgs_iterations:
-                    return last or None
-        return None
-
-    def drop_checkpoints(self, store: Store) -> None:
-        """Let its next training begin anew."""
-        for key in self.keys:
-            store.drop_state(key)
 
 
 def require_memory(segment: Segment, config: PinnConfig) -> None:

@@ -1,7 +1,7 @@
-"""Training from request to result: cache, checkpoints, progress, stop and continue.
+"""Training from settings to fit: checkpoints, progress, stop and continue.
 
-All presets are driven the same way. An identical request is answered from the cache; a training
-that was stopped, or whose process died, goes on from its last checkpoint.
+All presets are driven the same way. A training that was stopped, or whose process died, goes on
+from its last checkpoint where its preset keeps one.
 """
 
 import os
@@ -12,7 +12,6 @@ import numpy as np
 
 from accpinn.errors import AccpinnError, ConfigError
 from accpinn.methods.fit import (
-    CacheProblem,
     Continued,
     Fit,
     MethodFinding,
@@ -21,13 +20,12 @@ from accpinn.methods.fit import (
     Recorder,
     Run,
     ShouldStop,
-    StartedFrom,
 )
+from accpinn.methods.method import Checkpoints
 from accpinn.methods.pinn.config import FAST, PinnConfig, PresetName
 from accpinn.methods.pinn.loss import Training
 from accpinn.methods.pinn.network import output_columns
-from accpinn.methods.pinn.request import TrainingRequest, WarmStart, require_memory
-from accpinn.methods.store import Store
+from accpinn.methods.pinn.request import require_memory
 from accpinn.model.cthp import Case, Trajectories
 from accpinn.segment.segment import Segment
 from accpinn.units import FloatArray, Seconds
@@ -44,24 +42,21 @@ def training(
     case: Case = "II",
     config: PinnConfig = FAST,
     *,
-    store: Store | None = None,
+    checkpoints: Checkpoints | None = None,
     should_stop: ShouldStop | None = None,
     threads: int | None = None,
-    warm: WarmStart | None = None,
 ) -> Run:
     """Learn the parameters of a segment with the physics-inspired neural network, step by step.
 
-    Closing it keeps a checkpoint; a training of the same request goes on from there.
+    Closing it keeps a checkpoint, from which a training with the same settings goes on.
 
     Args:
         segment: speeds (N, M+1) in m/s and space-gaps (N, M) in m.
         case: "I" for one parameter set, "II" for one per follower.
         config: preset and settings.
-        store: where results and checkpoints are kept; None keeps nothing.
+        checkpoints: where its state is kept; None keeps nothing.
         should_stop: asked several times a second; True ends with `Outcome.STOPPED`.
         threads: processor threads; by default as many as help, at most four.
-        warm: an earlier fit's weights and parameters to begin with, in place of random weights and
-            the initial values.
 
     Yields:
         The present moment, several times a second.
@@ -70,37 +65,26 @@ def training(
         The fit.
 
     Raises:
-        ConfigError: when ``warm`` is another network's, or ``threads`` no sensible number.
+        ConfigError: when ``threads`` is no sensible number.
         SegmentError: when the segment is too long to be trained on.
     """
     count = _default(config.preset) if threads is None else _allowed(threads)
 
     def begin() -> Training:
-        return _begun(_kind(config.preset)(segment, case, config, count), warm)
+        return _kind(config.preset)(segment, case, config, count)
 
-    result_key, resume_key = TrainingRequest(segment, case, config, warm).keys
-    faults: list[str] = []
-    if store and (known := store.load_fit(result_key, segment, faults.append)):
-        return replace(known, cached=True)
     require_memory(segment, config)
     started = saved = drawn = time.perf_counter()
     training, recorder, earlier = begin(), Recorder(), 0.0
-    # A checkpoint beyond the planned iterations is a longer training's and stays untouched; the
-    # shorter one then has its own under the result's key.
-    for key in (resume_key, result_key):
-        state = store.load_state(key, faults.append) if store else None
-        if store is None or state is None:
-            break
+    state = checkpoints.load(training.planned) if checkpoints else None
+    if checkpoints and state:
         try:
-            if state["history.rows"][-1][0] > training.planned:
-                continue
             training.restore(state)
             recorder.restore(state)
             earlier = float(state["seconds"])
         except (KeyError, IndexError, TypeError, ValueError, RuntimeError) as fault:
-            store.reject_state(key, fault, faults.append)
+            checkpoints.reject(fault)
             training, recorder = begin(), Recorder()
-        break
     outcome = training.outcome
     begun: list[MethodFinding] = [Continued(training.progress.iteration)] if earlier else []
 
@@ -122,9 +106,9 @@ def training(
         return now
 
     def save() -> None:
-        if store:
-            state = training.state() | recorder.state() | {"seconds": np.array(elapsed())}
-            store.save_state(key, state, faults.append)
+        if checkpoints:
+            seconds = {"seconds": np.array(elapsed())}
+            checkpoints.save(training.state() | recorder.state() | seconds)
 
     try:
         if not earlier:
@@ -143,7 +127,7 @@ def training(
         if outcome is not Outcome.DIVERGED:
             save()
     learned = training.learned()
-    fit = Fit.of(
+    return Fit.of(
         "pinn",
         segment,
         case,
@@ -151,19 +135,14 @@ def training(
         surrogate=motion(learned.outputs),
         outcome=outcome,
         seconds=elapsed(),
-        config=config.to_json() | ({"started_from": warm.digest()} if warm else {}),
+        config=config.to_json(),
         loss=learned.loss,
         history=recorder.history(),
         iterations=training.progress.iteration,
         network_weights=learned.network_weights,
         arrays=learned.arrays,
-        findings=[*([StartedFrom(warm.origin)] if warm else []), *learned.findings, *begun],
+        findings=[*learned.findings, *begun],
     )
-    if store and outcome in (Outcome.CONVERGED, Outcome.FINISHED):
-        store.save_fit(result_key, fit, faults.append)
-    # One may come at every checkpoint; they are about this run, so a kept result has none.
-    problems = tuple(CacheProblem(sentence) for sentence in dict.fromkeys(faults))
-    return replace(fit, findings=fit.findings + problems)
 
 
 def _kind(preset: PresetName) -> type[Training]:
@@ -207,16 +186,3 @@ def _allowed(threads: int) -> int:
             f"threads: {str(threads)[:20]} is not allowed; choose 1 to {MOST_THREADS}."
         )
     return threads
-
-
-def _begun(training: Training, warm: WarmStart | None) -> Training:
-    """A training at its beginning."""
-    if warm:
-        try:
-            training.begin_from(warm)
-        except ValueError:
-            raise ConfigError(
-                f"The weights of {warm.origin} do not fit this network; choose the preset, the"
-                " window and the highest frequency they were trained with, or start without them."
-            ) from None
-    return training

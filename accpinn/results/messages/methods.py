@@ -12,7 +12,7 @@ from accpinn.model.cthp import Parameters
 from accpinn.results.messages import Labelled, joined, message, percent
 from accpinn.results.tables.estimates import PARAMETER_COLUMNS, name_of
 from accpinn.segment.segment import SegmentInfo
-from accpinn.study.comparison import MethodResult
+from accpinn.study.result import Result
 from accpinn.units import FloatArray
 
 LITTLE_GAIN = 0.02
@@ -142,7 +142,7 @@ def _(finding: found.MethodFinding, about: Labelled) -> str:
             return finding.sentence
 
 
-def agreement(rows: Sequence[MethodResult], k: int) -> str:
+def agreement(rows: Sequence[Result], k: int) -> str:
     """Whether the methods' estimates lie within the intervals, and which differ most.
 
     Args:
@@ -190,7 +190,7 @@ def _largest_difference(estimates: FloatArray) -> str:
     return f"The estimates differ most in {column.title}: {low} to {high} {column.unit}."
 
 
-def colliding_methods(info: SegmentInfo, rows: Sequence[MethodResult]) -> tuple[str, ...]:
+def colliding_methods(info: SegmentInfo, rows: Sequence[Result]) -> tuple[str, ...]:
     """For each follower that collides in a closed-loop simulation, by whose parameters it does."""
     names = [name_of(row.fit) for row in rows]
     times = [row.evaluation.collision_times(info.vehicles) for row in rows]

@@ -8,7 +8,7 @@ from accpinn.channels import PARAMETERS
 from accpinn.evaluation import closed_loop, whiteness
 from accpinn.evaluation.closed_loop import ClosedLoopFinding
 from accpinn.evaluation.validation import OtherVehicles, ValidationOverlaps
-from accpinn.inference import intervals, multistart, prediction
+from accpinn.inference import intervals, prediction
 from accpinn.inference.identifiability import WIDE, NarrowerIntervals, WeakIdentification
 from accpinn.inference.intervals import Cause, ParameterInterval
 from accpinn.inference.model_adequacy import (
@@ -25,6 +25,7 @@ from accpinn.methods.registry import METHODS
 from accpinn.methods.state_space import Form
 from accpinn.results.messages import Labelled, joined, message, messages, percent
 from accpinn.segment.segment import SegmentInfo
+from accpinn.study import starts
 from accpinn.study.recommendation import Recommendation
 from accpinn.study.windows import WindowsDiffer
 
@@ -210,8 +211,8 @@ def _extra(finding: FormPosterior) -> str:
 
 
 @message.register
-def _(finding: multistart.TrainingSpread, about: Labelled) -> str:
-    if finding.largest <= multistart.NOTICED:
+def _(finding: starts.TrainingSpread, about: Labelled) -> str:
+    if finding.largest <= starts.NOTICED:
         where = "" if finding.every else " in the parameters that all of them determine"
         end = f"{max(finding.largest, 0.01):.2g} %"
         return f"All {finding.trainings} trainings end within {end} of each other{where}."
@@ -228,7 +229,7 @@ def _(finding: multistart.TrainingSpread, about: Labelled) -> str:
 
 
 @message.register
-def _(finding: multistart.SpreadUndetermined, about: Labelled) -> str:
+def _(finding: starts.SpreadUndetermined, about: Labelled) -> str:
     who = "all followers" if finding.vehicle == 0 else about.label(finding.vehicle)
     return (
         f"{finding.symbol} of {who} is undetermined in {finding.count} of {finding.trainings}"

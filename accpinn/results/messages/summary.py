@@ -16,18 +16,18 @@ from accpinn.results.messages import joined, message, messages, percent, probabi
 from accpinn.results.messages.data import FLAGS
 from accpinn.results.messages.methods import unfinished
 from accpinn.results.messages.stability import headline
-from accpinn.results.snapshot import Snapshot
 from accpinn.results.tables.estimates import learned_parameters, supported_columns
 from accpinn.results.tables.table import Column, between
+from accpinn.study.result import Result
 
 
-def title(snapshot: Snapshot) -> str:
+def title(snapshot: Result) -> str:
     """The user's name for the result, else what it is about."""
     verb = "follows" if snapshot.info.followers == 1 else "follow"
     return snapshot.name or f"How {_followers(snapshot)} {verb} the vehicle ahead"
 
 
-def summary(snapshot: Snapshot) -> tuple[str, ...]:
+def summary(snapshot: Result) -> tuple[str, ...]:
     """The answer first: headway and gains, string stability, and their uncertainty."""
     fit, info, uncertainty = snapshot.fit, snapshot.info, snapshot.uncertainty
     kind = METHODS[fit.method]
@@ -106,12 +106,12 @@ def headway_words(uncertainty: Uncertainty | None, follower: int) -> str:
     return f"{interval}: {between(low, high, 2)} s"
 
 
-def _followers(snapshot: Snapshot) -> str:
+def _followers(snapshot: Result) -> str:
     labels = snapshot.info.labels[1:]
     return labels[0] if len(labels) == 1 else f"{len(labels)} vehicles"
 
 
-def _outside(snapshot: Snapshot, uncertainty: Uncertainty) -> str:
+def _outside(snapshot: Result, uncertainty: Uncertainty) -> str:
     """Whose estimates lie outside their intervals; empty where none does."""
     labels = snapshot.info.labels[1:]
     outside: list[bool] = np.any(~uncertainty.inside, axis=1).tolist()
@@ -136,7 +136,7 @@ def _probability(uncertainty: Uncertainty) -> str:
     return f"Probability of L∞ string stability: {_span(shares)}."
 
 
-def _errors(snapshot: Snapshot, evaluation: Evaluation) -> str:
+def _errors(snapshot: Result, evaluation: Evaluation) -> str:
     if evaluation.closed_loop is None:
         return ""
     errors = [float(value) for value in evaluation.closed_loop.gap_mae]
@@ -154,7 +154,7 @@ def _errors(snapshot: Snapshot, evaluation: Evaluation) -> str:
     return f"{sentence}; {curve} {drawn} m (surrogate fit)."
 
 
-def _collisions(snapshot: Snapshot, evaluation: Evaluation) -> str:
+def _collisions(snapshot: Result, evaluation: Evaluation) -> str:
     labels = snapshot.info.labels[1:]
     times = evaluation.collision_times(snapshot.info.vehicles).tolist()
     when = [(label, time) for label, time in zip(labels, times, strict=True) if isfinite(time)]
@@ -175,7 +175,7 @@ def setting(value: Any) -> str:
     return f"{value:g}" if isinstance(value, float) else str(value)
 
 
-def about_data(snapshot: Snapshot) -> tuple[tuple[str, str], ...]:
+def about_data(snapshot: Result) -> tuple[tuple[str, str], ...]:
     """What is known of the recording and the window, as terms and descriptions."""
     info, facts = snapshot.info, snapshot.facts
     flag, excluded = facts.get("acc_flag"), "nothing: every instant counts"
@@ -202,7 +202,7 @@ def about_data(snapshot: Snapshot) -> tuple[tuple[str, str], ...]:
     return tuple((term, str(value)) for term, value in rows.items() if value)
 
 
-def cautions(snapshot: Snapshot) -> dict[str, tuple[str, ...]]:
+def cautions(snapshot: Result) -> dict[str, tuple[str, ...]]:
     """Cautions, by the part of the report they belong to."""
     info, evaluation, uncertainty = snapshot.info, snapshot.evaluation, snapshot.uncertainty
     of_parameters = (
@@ -218,7 +218,7 @@ def cautions(snapshot: Snapshot) -> dict[str, tuple[str, ...]]:
     }
 
 
-def _wide_intervals(snapshot: Snapshot, uncertainty: Uncertainty) -> tuple[Finding, ...]:
+def _wide_intervals(snapshot: Result, uncertainty: Uncertainty) -> tuple[Finding, ...]:
     """Which intervals are wide, and what would narrow them."""
     info = snapshot.info
     found = weakly_identified(info, snapshot.quality, uncertainty, snapshot.fit.case)

@@ -10,7 +10,7 @@ import html
 import json
 import re
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cache
 from math import isfinite
 from pathlib import Path
@@ -46,16 +46,7 @@ from accpinn.results.messages import messages
 from accpinn.results.messages import summary as words
 from accpinn.results.messages.methods import outcome_message
 from accpinn.results.messages.reliability import BAND, about_curves, conditional
-from accpinn.results.messages.snapshot import (
-    check_rows,
-    parameters_rest_on,
-    rests_on,
-    standing_rows,
-    verification_summary,
-)
 from accpinn.results.messages.stability import BY_ESTIMATES, PLACES, Places, reason
-from accpinn.results.snapshot import Snapshot, stability
-from accpinn.results.snapshot.verification import QUICK, Verification, verify
 from accpinn.results.tables.estimates import (
     TITLES,
     form_intervals_table,
@@ -71,6 +62,9 @@ from accpinn.results.tables.stability import (
     without_parameters,
 )
 from accpinn.results.tables.table import STYLE, Table
+from accpinn.results.tables.verification import verification_table
+from accpinn.study.result import Result
+from accpinn.study.verification import QUICK, Verification, verify
 
 HERE = Path(__file__).parent
 WIDE = 9
@@ -103,7 +97,7 @@ class Picture:
         return {"name": self.name, "data": _plain(traces), "layout": _plain(layout)}
 
 
-def render_report(snapshot: Snapshot, verification: Verification | None = None) -> str:
+def render_report(snapshot: Result, verification: Verification | None = None) -> str:
     """The whole page.
 
     Args:
@@ -112,8 +106,6 @@ def render_report(snapshot: Snapshot, verification: Verification | None = None) 
             without running its methods again.
     """
     verification = verification or verify(snapshot, refit_within=QUICK)
-    if snapshot.stability:  # shown as it follows from the parameters, whatever was stored
-        snapshot = replace(snapshot, stability=stability(snapshot.fit))
     script = (HERE / "page.js").read_text(encoding="utf-8")
     shown = list[Picture]()
     story = _story(snapshot, verification, shown)
@@ -131,10 +123,10 @@ def render_report(snapshot: Snapshot, verification: Verification | None = None) 
     )
 
 
-def tables_of(snapshot: Snapshot) -> dict[str, Table]:
+def tables_of(snapshot: Result) -> dict[str, Table]:
     """Every table of a report by its name, with the vehicles' colours."""
     info, evaluation, uncertainty = snapshot.info, snapshot.evaluation, snapshot.uncertainty
-    fit, report, adequacy = snapshot.fit, snapshot.stability, snapshot.adequacy
+    fit, report, adequacy = snapshot.fit, snapshot.stability, snapshot.parts.adequacy
     errors = (evaluation.surrogate, evaluation.closed_loop) if evaluation else (None, None)
     paints = vehicle_colours(info.vehicles)
     first = parameter_table(info, fit, snapshot.quality, *errors, uncertainty)
@@ -148,14 +140,15 @@ def tables_of(snapshot: Snapshot) -> dict[str, Table]:
         if uncertainty:
             table = stability_interval_table(vehicles, uncertainty)
             tables["stability_intervals"] = table.coloured(paints[1:])
-    for k in range(info.followers if snapshot.methods else 0):
-        tables[f"methods_{k + 1}"] = methods_table(info, snapshot.methods, k)
+    for k in range(info.followers if snapshot.compared else 0):
+        tables[f"methods_{k + 1}"] = methods_table(info, snapshot.compared, k)
     return tables
 
 
-def _story(snapshot: Snapshot, checked: Verification, shown: list[Picture]) -> dict[str, Any]:
+def _story(snapshot: Result, checked: Verification, shown: list[Picture]) -> dict[str, Any]:
     info, uncertainty, fit = snapshot.info, snapshot.uncertainty, snapshot.fit
-    motion, run, adequacy = motion_picture(snapshot), platoon_pictures(snapshot), snapshot.adequacy
+    motion, run = motion_picture(snapshot), platoon_pictures(snapshot)
+    adequacy = snapshot.parts.adequacy
     sheets = {name: _sheet(table, name) for name, table in tables_of(snapshot).items()}
     fits, responses = [*fit_pictures(snapshot)], [*stability_pictures(snapshot)]
     first_page = [*fits[:1], *responses[:1]]
@@ -183,11 +176,8 @@ def _story(snapshot: Snapshot, checked: Verification, shown: list[Picture]) -> d
         "repeated": run[2] if run else "",
         "methods": [sheet for name, sheet in sheets.items() if name.startswith("methods_")],
         "checked": checked,
-        "verdict": verification_summary(checked, info),
-        "rests_on": rests_on(checked),
-        "not_refitted": "" if checked.refitted else parameters_rest_on(checked, info),
-        "standings": standing_rows(checked.standings),
-        "checks": check_rows(checked, info),
+        "verdict": checked.sentence,
+        "checks": Markup(verification_table(checked).to_html()),
         "outcome": outcome_message(fit),
         "method": TITLES.get(fit.method, fit.method),
         "settings": [
@@ -197,7 +187,7 @@ def _story(snapshot: Snapshot, checked: Verification, shown: list[Picture]) -> d
     }
 
 
-def _reasons(snapshot: Snapshot) -> list[tuple[str, list[str]]]:
+def _reasons(snapshot: Result) -> list[tuple[str, list[str]]]:
     """Per vehicle, and for the platoon, a sentence for every verdict."""
     report = snapshot.stability
     if report is None:
@@ -263,7 +253,7 @@ def _template() -> Template:
     return made.get_template("page.html")
 
 
-def motion_picture(snapshot: Snapshot) -> Picture | None:
+def motion_picture(snapshot: Result) -> Picture | None:
     """Gaps and speeds of the window: the data, or else the method's own curves."""
     source = snapshot.segment.measured if snapshot.segment else snapshot.fit.surrogate
     if source is None:
@@ -291,7 +281,7 @@ def motion_picture(snapshot: Snapshot) -> Picture | None:
     return Picture("motion", with_legend(finished(figure, 460, "motion")), words)
 
 
-def fit_pictures(snapshot: Snapshot) -> Iterator[Picture]:
+def fit_pictures(snapshot: Result) -> Iterator[Picture]:
     """Per follower: the method's curve, with the data and the closed loop where these are known."""
     fit, segment, uncertainty = snapshot.fit, snapshot.segment, snapshot.uncertainty
     if segment is None and fit.surrogate is None:
@@ -309,7 +299,7 @@ def fit_pictures(snapshot: Snapshot) -> Iterator[Picture]:
         yield Picture(f"fit_{k + 1}", figure, caption)
 
 
-def training_pictures(snapshot: Snapshot) -> Iterator[Picture]:
+def training_pictures(snapshot: Result) -> Iterator[Picture]:
     """Loss and parameters over the iterations."""
     history = snapshot.fit.history
     if history is None:
@@ -319,7 +309,7 @@ def training_pictures(snapshot: Snapshot) -> Iterator[Picture]:
         yield Picture(name, parameter_history(history, which, snapshot.info), "")
 
 
-def stability_pictures(snapshot: Snapshot) -> Iterator[Picture]:
+def stability_pictures(snapshot: Result) -> Iterator[Picture]:
     """Bode magnitude, criteria along the platoon, and the map around the last vehicle."""
     report, uncertainty = snapshot.stability, snapshot.uncertainty
     if report is None:
@@ -351,13 +341,13 @@ def stability_pictures(snapshot: Snapshot) -> Iterator[Picture]:
     yield Picture("map", with_legend(chart), words)
 
 
-def _places(snapshot: Snapshot) -> Places:
+def _places(snapshot: Result) -> Places:
     """What sentences call the platoon's vehicles: their labels, or places among equal ones."""
     vehicles = learned_parameters(snapshot.info, snapshot.fit)
     return Places(vehicles.spoken) if len(vehicles) > 1 else PLACES
 
 
-def platoon_pictures(snapshot: Snapshot) -> tuple[PlatoonRun, tuple[Picture, Picture], str] | None:
+def platoon_pictures(snapshot: Result) -> tuple[PlatoonRun, tuple[Picture, Picture], str] | None:
     """The followers in their order, or eight like the only one, at the frequency amplified most."""
     report, vehicles = snapshot.stability, learned_parameters(snapshot.info, snapshot.fit)
     if report is None:

@@ -13,7 +13,6 @@ from accpinn.evaluation.closed_loop import TrackingErrors
 from accpinn.evaluation.validation import Validation
 from accpinn.inference.intervals import Uncertainty, parameter_intervals
 from accpinn.inference.model_adequacy import ModelForm, WeightedForms
-from accpinn.inference.multistart import MultistartResult
 from accpinn.methods.fit import Fit, Outcome
 from accpinn.methods.registry import METHODS
 from accpinn.methods.state_space import Form
@@ -22,8 +21,10 @@ from accpinn.model.published import ParameterSet
 from accpinn.results.tables.table import Cell, Column, Estimate, Range, Table, supported_digits
 from accpinn.segment.quality import Quality
 from accpinn.segment.segment import SegmentInfo
-from accpinn.study.comparison import FitRecord, MethodResult, differences
+from accpinn.study.analysis import differences
 from accpinn.study.recommendation import Recommendation
+from accpinn.study.result import Result
+from accpinn.study.starts import Spread
 from accpinn.units import FloatArray
 
 Filled = tuple[Column, Iterable[Cell]]
@@ -250,7 +251,7 @@ def number(value: float | None, otherwise: float = nan) -> float:
     return otherwise if value is None else value
 
 
-def methods_table(info: SegmentInfo, results: Sequence[MethodResult], follower: int) -> Table:
+def methods_table(info: SegmentInfo, results: Sequence[Result], follower: int) -> Table:
     """One row a method, for one follower (0 for the first)."""
     found = [result.evaluation for result in results]
     collisions = [one.collision_times(info.vehicles)[follower] for one in found]
@@ -273,23 +274,32 @@ def methods_table(info: SegmentInfo, results: Sequence[MethodResult], follower: 
     )
 
 
-def multistart_table(info: SegmentInfo, found: MultistartResult, follower: int) -> Table:
-    """One row a training of one follower (0 for the first), and the spread in the last."""
-    trials = found.trials
-    starts = [", ".join(f"{value:g}" for value in trial.initial.values) for trial in trials]
+def starts_table(results: Sequence[Result], spread: Spread, follower: int) -> Table:
+    """One row a training of one follower (0 for the first), and the spread in the last.
+
+    Args:
+        results: of analyses that differ in initial values and seed.
+        spread: how far apart they end.
+        follower: 0 for the first.
+    """
+    info, fits = results[0].info, [result.fit for result in results]
+    starts = [", ".join(f"{value:g}" for value in fit.config["initial"]) for fit in fits]
+    evaluations = [result.evaluation for result in results]
+    surrogate = _gaps([evaluation.surrogate for evaluation in evaluations], follower)
+    closed_loop = _gaps([evaluation.closed_loop for evaluation in evaluations], follower)
     filled: list[Filled] = [
         (Column("Start (α, β, τ)"), starts),
-        *parameter_cells(Parameters.stack(t.fit.parameters[follower] for t in trials), "Learned"),
-        (Column("Surrogate fit", "m", 3, GAP_MAE), _gaps([t.surrogate for t in trials], follower)),
-        (Column("Closed loop", "m", 2, GAP_MAE), _gaps([t.closed_loop for t in trials], follower)),
-        (Column("Iterations", "", 0), [float(t.fit.iterations) for t in trials]),
-        (Column("Time", "s", 1), [t.fit.seconds for t in trials]),
+        *parameter_cells(Parameters.stack(fit.parameters[follower] for fit in fits), "Learned"),
+        (Column("Surrogate fit", "m", 3, GAP_MAE), surrogate),
+        (Column("Closed loop", "m", 2, GAP_MAE), closed_loop),
+        (Column("Iterations", "", 0), [float(fit.iterations) for fit in fits]),
+        (Column("Time", "s", 1), [fit.seconds for fit in fits]),
     ]
     table = Table.of(f"{info.labels[follower + 1]}, {where(info)}", filled)
-    if len(trials) < 2:
+    if len(results) < 2:
         return table
-    spread = [f"{v:.2f} %" if np.isfinite(v) else None for v in found.spread[follower]]
-    last: tuple[Cell, ...] = ("Spread", *spread, None, None, None, None)
+    percent = [f"{v:.2f} %" if np.isfinite(v) else None for v in spread.percent[follower]]
+    last: tuple[Cell, ...] = ("Spread", *percent, None, None, None, None)
     return replace(table, rows=(*table.rows, last))
 
 
@@ -362,42 +372,53 @@ def _relative_errors(forms: Sequence[ModelForm], follower: int) -> Iterator[Fill
         yield Column(column.title, "%", 0, "Standard error"), errors
 
 
-def fit_record_table(
-    runs: Sequence[FitRecord], now: Mapping[str, FitRecord], vehicle: int
-) -> Table:
-    """One row an earlier fit that has the vehicle as a follower.
+def earlier_table(earlier: Sequence[Result], now: Mapping[str, Result], vehicle: int) -> Table:
+    """One row an earlier result that has the vehicle as a follower.
 
     Args:
-        runs: in the order of the rows.
-        now: the present fit of each method; where there is none, no differences are shown.
+        earlier: in the order of the rows.
+        now: the present result of each method; where there is none, no differences are shown.
         vehicle: its number in the file.
     """
-    kept = [(run, run.of_vehicle(vehicle)) for run in runs]
-    runs = [run for run, then in kept if then is not None]
-    then = Parameters.stack(value for _, value in kept if value is not None)
-    gaps = [run.closed_loop[run.info.vehicles[1:].index(vehicle)] for run in runs]
+    rows = [result for result in earlier if vehicle in result.info.vehicles[1:]]
+    then = Parameters.stack(_of_vehicle(result, vehicle) for result in rows)
     filled: list[Filled] = [
-        (Column("Earlier fit", prose=True), [fit_record_title(run) for run in runs]),
+        (Column("Earlier fit", prose=True), [earlier_title(result) for result in rows]),
         *parameter_cells(then),
-        (Column("Closed loop", "m", 2, GAP_MAE), gaps),
+        (Column("Closed loop", "m", 2, GAP_MAE), [_gap_error(row, vehicle) for row in rows]),
     ]
     if now:
-        present = [now.get(run.method) for run in runs]
-        values = [run.of_vehicle(vehicle) if run else None for run in present]
-        unknown = np.full(3, np.nan)
-        change = [unknown if v is None else v.values for v in values] - then.values
+        present = [now.get(result.fit.method) for result in rows]
+        known = [other and vehicle in other.info.vehicles[1:] for other in present]
+        change = [
+            _of_vehicle(other, vehicle).values if other and is_known else np.full(3, np.nan)
+            for other, is_known in zip(present, known, strict=True)
+        ] - then.values
         differs = [
-            "; ".join(differences(run, other)) or "nothing" if other and value is not None else None
-            for run, other, value in zip(runs, present, values, strict=True)
+            "; ".join(differences(row.analysis, other.analysis)) or "nothing"
+            if other and is_known
+            else None
+            for row, other, is_known in zip(rows, present, known, strict=True)
         ]
         filled += parameter_cells(Parameters.of(change), "Δ, now minus then")
         filled += [(Column("Differs now in", prose=True), differs)]
     return Table.of("", filled)
 
 
-def fit_record_title(run: FitRecord) -> str:
+def _of_vehicle(result: Result, vehicle: int) -> Parameters:
+    return result.parameters[result.info.vehicles[1:].index(vehicle)]
+
+
+def _gap_error(result: Result, vehicle: int) -> float:
+    """The closed-loop MAE of a vehicle's space-gap in m; nan where it was not computed."""
+    errors = result.parts.evaluation and result.parts.evaluation.closed_loop
+    follower = result.info.vehicles[1:].index(vehicle)
+    return float(errors.gap_mae[follower]) if errors else float("nan")
+
+
+def earlier_title(result: Result) -> str:
     """Method, file and window in a few words."""
-    return f"{method_name(run.method, run.config, run.outcome)}, {where(run.info, run.case)}"
+    return f"{name_of(result.fit)}, {where(result.info, result.fit.case)}"
 
 
 def supported_columns(uncertainty: Uncertainty | None) -> tuple[Column, ...]:

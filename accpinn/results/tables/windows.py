@@ -6,73 +6,64 @@ from accpinn.channels import PARAMETERS
 from accpinn.model.cthp import Parameters
 from accpinn.results.tables.estimates import interval_cells, name_of, parameter_cells
 from accpinn.results.tables.table import ABSENT, Column, Range, Table
-from accpinn.study.windows import JointFit, RandomEffects
+from accpinn.study.result import Result
+from accpinn.study.windows import BetweenWindows, RandomEffects
 
 TOGETHER = "all together"
 
 
-def sources(joint: JointFit) -> str:
-    """The recordings in a few words."""
-    return ", ".join(dict.fromkeys(one.segment.source for one in joint.windows))
-
-
-def joint_table(joint: JointFit) -> Table:
+def joint_table(result: Result) -> Table:
     """One row a follower: the parameters that all windows share, and their intervals."""
-    first, seconds = joint.windows[0].segment, sum(w.segment.window.duration for w in joint.windows)
-    case = f", Case {joint.case}" if first.followers > 1 else ""
+    info, seconds = result.info, sum(each.window.duration for each in result.infos)
+    case = f", Case {result.fit.case}" if info.followers > 1 else ""
     return Table.of(
-        f"{name_of(joint.fits[0])}, {sources(joint)}, {len(joint.windows)} windows,"
+        f"{name_of(result.fit)}, {info.source}, {len(result.infos)} windows,"
         f" {seconds:g} s together{case}",
         [
-            (Column("Vehicle"), first.labels[1:]),
-            *parameter_cells(joint.parameters),
-            *interval_cells(joint.uncertainty),
+            (Column("Vehicle"), info.labels[1:]),
+            *parameter_cells(result.parameters),
+            *interval_cells(result.uncertainty),
         ],
     )
 
 
-def windows_table(joint: JointFit, follower: int) -> Table:
+def windows_table(result: Result, follower: int) -> Table:
     """One row a window for one follower (0 for the first); the joint estimate in the last."""
-    several = len({one.segment.source for one in joint.windows}) > 1
-    names = [
-        f"{one.segment.source}, {one.segment.window}" if several else str(one.segment.window)
-        for one in joint.windows
-    ]
-    estimates = [one.fit.parameters[follower] for one in joint.windows]
-    known = [*(one.uncertainty for one in joint.windows), joint.uncertainty]
+    rows = [*result.windows, result]
+    known = [row.uncertainty for row in rows]
     return Table.of(
-        joint.windows[0].segment.labels[follower + 1],
+        result.info.labels[follower + 1],
         [
-            (Column("Window"), [*names, TOGETHER]),
-            *parameter_cells(Parameters.stack([*estimates, joint.parameters[follower]])),
+            (Column("Window"), [*(str(info.window) for info in result.infos), TOGETHER]),
+            *parameter_cells(Parameters.stack(row.parameters[follower] for row in rows)),
             *interval_cells(
                 replace(
-                    joint.uncertainty,
-                    lower=Parameters.stack(one.lower[follower] for one in known),
-                    upper=Parameters.stack(one.upper[follower] for one in known),
+                    result.uncertainty,
+                    lower=Parameters.stack(intervals.lower[follower] for intervals in known),
+                    upper=Parameters.stack(intervals.upper[follower] for intervals in known),
                 )
             ),
         ],
     )
 
 
-def between_table(joint: JointFit, follower: int) -> Table:
-    """One row a parameter of one follower (0 for the first): how far it differs between windows."""
-    effects = joint.between[follower].effects
-    percent = f"{100 * joint.uncertainty.level:.0f} % interval"
+def between_table(result: Result, between: BetweenWindows) -> Table:
+    """One row a parameter of one follower: how far it differs between windows."""
+    effects = between.effects
+    percent = f"{100 * result.uncertainty.level:.0f} % interval"
     return Table.of(
-        f"{joint.windows[0].segment.labels[follower + 1]}, differences between windows",
+        f"{result.info.label(between.vehicle)}, differences between windows",
         [
             (Column("Parameter"), [quantity.heading for quantity in PARAMETERS]),
-            (Column("Median"), [_text(k, one.typical) for k, one in enumerate(effects)]),
+            (Column("Median"), [_text(k, effect.typical) for k, effect in enumerate(effects)]),
             (Column("further window", group=percent),
-             [_further(k, one) for k, one in enumerate(effects)]),
-            (Column("Deviation", "%", 0), [100.0 * one.deviation for one in effects]),
+             [_further(k, effect) for k, effect in enumerate(effects)]),
+            (Column("Deviation", "%", 0), [100.0 * effect.deviation for effect in effects]),
             (Column("Deviation", "%", 0, percent),
-             [Range(100.0 * one.lower, 100.0 * one.upper) for one in effects]),
-            (Column("Q", "", 1), [one.q for one in effects]),
-            (Column("Probability", "", 3), [one.probability for one in effects]),
-            (Column("I²", "%", 0), [100.0 * one.i_squared for one in effects]),
+             [Range(100.0 * effect.lower, 100.0 * effect.upper) for effect in effects]),
+            (Column("Q", "", 1), [effect.q for effect in effects]),
+            (Column("Probability", "", 3), [effect.probability for effect in effects]),
+            (Column("I²", "%", 0), [100.0 * effect.i_squared for effect in effects]),
         ],
     )  # fmt: skip
 

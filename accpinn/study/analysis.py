@@ -1,0 +1,239 @@
+"""What is asked: an `Analysis` names data, model, method and settings; its key names the answer.
+
+An analysis is a few lines of JSON. Two analyses with equal keys have equal answers: the key is the
+SHA-256 of the data read from the recording, the vehicles, the windows, the Case, the excluded
+regimes, the model, the method with its version, and the settings. A renamed file keeps its key.
+"""
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from hashlib import sha256
+from numbers import Integral, Real
+from typing import Any, Literal, Self
+
+from accpinn.errors import ConfigError
+from accpinn.methods.registry import METHODS, method_of, segment_for
+from accpinn.model.cthp import Case
+from accpinn.recordings.recording import Recording, Window
+from accpinn.segment.cut import DURATION, default_vehicles, parse_vehicles
+from accpinn.segment.quality import EXCLUDABLE, exclude_regimes, label_regimes, parse_regimes
+from accpinn.segment.segment import Segment
+from accpinn.units import Seconds
+
+FORMAT = 1
+"""Raised whenever equal analyses would have other answers for a reason that no method's version
+tells, as a change in how windows are cut."""
+Model = Literal["cthp"]
+
+
+@dataclass(frozen=True)
+class Source:
+    """Which recording the data come from."""
+
+    name: str
+    """File name; it is no part of the key."""
+    sha256: str
+    """SHA-256 of the file's bytes, and of the trajectory's name where a file holds several."""
+    trajectory: str | None
+    """The trajectory of a table with several; None where the file holds one run."""
+    data: str
+    """SHA-256 of what was read: times, speeds, space-gaps and driver modes."""
+
+    @classmethod
+    def of(cls, recording: Recording) -> Self:
+        """The source that a recording is."""
+        content = sha256()
+        for values in (recording.time, recording.speed, recording.gap, recording.mode):
+            content.update(repr(values.shape).encode() + values.tobytes())
+        return cls(recording.source, recording.sha256, recording.trajectory, content.hexdigest())
+
+
+@dataclass(frozen=True)
+class Analysis:
+    """One question: the parameters of these vehicles in these windows, by this method."""
+
+    source: Source
+    vehicles: tuple[int, ...]
+    """(M+1,) consecutive numbers in the file (1 = first), leader first."""
+    windows: tuple[Window, ...]
+    """One window, or several that share one likelihood, in s from the recording's first sample."""
+    case: Case = "II"
+    excluded: tuple[str, ...] = ()
+    """Regimes whose instants do not count in the model's equation."""
+    model: Model = "cthp"
+    method: str = "pinn"
+    """Key of the method in `METHODS`."""
+    settings: dict[str, Any] = field(default_factory=dict)
+    """All settings of the method, seed included, ready for JSON; empty for one without any."""
+
+    @classmethod
+    def of(
+        cls,
+        recording: Recording,
+        windows: Sequence[Window] = (),
+        vehicles: str | Sequence[int] | None = None,
+        *,
+        case: Case = "II",
+        excluded: str | Sequence[str] = (),
+        method: str = "pinn",
+        settings: Any = None,
+    ) -> Self:
+        """The analysis of a recording, checked as far as that takes no data.
+
+        Args:
+            recording: the data.
+            windows: by default the first `DURATION`.
+            vehicles: consecutive numbers, leader first, also as "1-5"; by default the longest run
+                of vehicles with data from the first one on.
+            case: "I" for one parameter set, "II" for one per follower.
+            excluded: regimes, as `parse_regimes` takes them.
+            method: key of a method.
+            settings: an object of the method's own type, or its JSON; None for the defaults.
+
+        Raises:
+            AccpinnError: one sentence that names what is not allowed, and what is.
+        """
+        kind = method_of(method).settings
+        if case not in ("I", "II"):
+            raise ConfigError(f"case: {case} is not known; choose I or II.")
+        if kind is None:
+            settings = {}
+        else:
+            if settings is None or isinstance(settings, dict):
+                settings = kind.from_json(kind().to_json() | (settings or {}))
+            settings = settings.to_json()
+        named = parse_regimes(excluded) if excluded else ()
+        return cls(
+            Source.of(recording),
+            _numbers(recording, vehicles),
+            tuple(windows) or (Window(0.0, DURATION),),
+            case,
+            tuple(regime for regime in EXCLUDABLE if regime in named),
+            method=method,
+            settings=settings,
+        )
+
+    def with_method(self, method: str, settings: Any = None) -> Self:
+        """The same question to another method.
+
+        Args:
+            method: key of a method.
+            settings: an object of the method's own type; None for the defaults.
+        """
+        kind = method_of(method).settings
+        chosen = {} if kind is None else (settings or kind()).to_json()
+        return replace(self, method=method, settings=chosen)
+
+    @property
+    def window(self) -> Window:
+        """The first window, which is the only one but where several were asked for."""
+        return self.windows[0]
+
+    @cached_property
+    def key(self) -> str:
+        """The content address of the answer, 64 hexadecimal digits."""
+        return self._address(self.settings)
+
+    @cached_property
+    def checkpoint_keys(self) -> tuple[str, ...]:
+        """Content addresses of checkpoints that a training may go on from, the usual one first.
+
+        A longer training goes on where a shorter one ends, so the number of iterations is no part
+        of the first address; the second one is for a training that a longer one has overtaken.
+        """
+        resumable = METHODS[self.method].resumable_settings
+        shared = resumable(self.settings) if resumable else None
+        return (self._address(shared), self.key) if shared is not None else ()
+
+    def _address(self, settings: dict[str, Any]) -> str:
+        asked = {
+            "format": FORMAT,
+            "data": self.source.data,
+            "vehicles": self.vehicles,
+            "windows": [(float(window.start), float(window.end)) for window in self.windows],
+            "case": self.case,
+            "excluded": self.excluded,
+            "model": self.model,
+            "method": self.method,
+            "version": METHODS[self.method].version,
+            "settings": settings,
+        }
+        return sha256(json.dumps(asked, sort_keys=True).encode()).hexdigest()
+
+    @property
+    def config(self) -> Any:
+        """The settings as an object of the method's own type; None for a method without any.
+
+        Raises:
+            ConfigError: for settings that the method cannot have, as in somebody's file.
+        """
+        kind = METHODS[self.method].settings
+        return kind.from_json(self.settings) if kind else None
+
+    def segments(self, recording: Recording) -> tuple[Segment, ...]:
+        """(K,) the data of the windows, cut from the recording.
+
+        Raises:
+            SegmentError: one sentence of what is wrong with a window, and what would be possible.
+        """
+        return tuple(self._segment(recording, window) for window in self.windows)
+
+    def _segment(self, recording: Recording, window: Window) -> Segment:
+        segment = segment_for(
+            [self.method], recording, window.start, window.duration, self.vehicles
+        )
+        if not self.excluded:
+            return segment
+        return exclude_regimes(segment, label_regimes(segment, recording), self.excluded)
+
+
+def differences(then: Analysis, now: Analysis) -> tuple[str, ...]:
+    """What differs between two analyses, a few words each; empty where nothing does."""
+    before, after = _asked(then), _asked(now)
+    if then.method == now.method:
+        before |= then.settings
+        after |= now.settings
+    return tuple(
+        f"{name.replace('_', ' ')}: {before.get(name, '–')} → {after.get(name, '–')}"
+        for name in before | after
+        if before.get(name, "–") != after.get(name, "–")
+    )
+
+
+def _asked(analysis: Analysis) -> dict[str, Any]:
+    return {
+        "recording": analysis.source.name,
+        "window": ", ".join(map(str, analysis.windows)),
+        "vehicles": ", ".join(map(str, analysis.vehicles)),
+        "excluded": ", ".join(analysis.excluded) or "nothing",
+        "case": analysis.case,
+        "method": analysis.method,
+    }
+
+
+def single_window(start: Seconds = 0.0, duration: Seconds = DURATION) -> tuple[Window]:
+    """The window that begins at ``start`` and lasts ``duration``, both in s.
+
+    Raises:
+        ConfigError: for what are no numbers.
+    """
+    _require(start, Real, "start", "seconds, as 0")
+    _require(duration, Real, "duration", "seconds, as 300")
+    return (Window(start, start + duration),)
+
+
+def _numbers(recording: Recording, vehicles: str | Sequence[int] | None) -> tuple[int, ...]:
+    if vehicles is None:
+        return default_vehicles(recording)
+    if isinstance(vehicles, str):
+        return parse_vehicles(vehicles)
+    for number in vehicles:
+        _require(number, Integral, "vehicles", "whole numbers, as (1, 2)")
+    return tuple(int(number) for number in vehicles)
+
+
+def _require(value: object, kind: type, name: str, allowed: str) -> None:
+    if not isinstance(value, kind) or isinstance(value, bool):
+        raise ConfigError(f"{name}: {repr(value)[:40]} is not allowed; choose {allowed}.")

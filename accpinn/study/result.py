@@ -1,0 +1,322 @@
+"""What was found: a `Result` holds an analysis, its fit, and all that follows from both.
+
+Quality, intervals, errors and further forms of the model are computed when they are first asked
+for, and kept. A result read from a file has those that were stored with it; what else follows needs
+the data, which `with_data` brings back from the recording.
+"""
+
+import os
+import platform
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from datetime import UTC, datetime
+from functools import cached_property
+from importlib import metadata
+from typing import TYPE_CHECKING, Self, TypeVar
+
+import numpy as np
+
+from accpinn import __version__
+from accpinn.errors import AccpinnError, ParameterError, SegmentError
+from accpinn.evaluation.closed_loop import closed_loop
+from accpinn.evaluation.evaluation import Evaluation, evaluate
+from accpinn.inference.intervals import Uncertainty, intervals
+from accpinn.inference.model_adequacy import Adequacy, model_forms
+from accpinn.methods.fit import Fit, Outcome, ParameterTrack
+from accpinn.methods.method import TaskContext
+from accpinn.methods.registry import METHODS
+from accpinn.model.cthp import Parameters, Trajectories
+from accpinn.recordings.recording import Facts, Recording, facts_of
+from accpinn.segment.quality import Quality, assess_quality
+from accpinn.segment.segment import Segment, SegmentInfo
+from accpinn.stability.frequency import transfer_function
+from accpinn.stability.report import StabilityReport, stability_report
+from accpinn.study.analysis import Analysis
+
+if TYPE_CHECKING:
+    from control import TransferFunction
+
+T = TypeVar("T")
+PACKAGES = ("torch", "numpy", "scipy", "pandas", "plotly", "streamlit", "control")
+TRACK_INSTANTS = 500
+"""Instants of a compared method's track that are kept; more are not seen in a figure."""
+
+
+@dataclass(frozen=True)
+class Origin:
+    """The program and the machine that made a result; neither host nor user is named."""
+
+    accpinn: str
+    """Version."""
+    python: str
+    """Version."""
+    packages: dict[str, str]
+    """Versions by name: torch, numpy, scipy, pandas, plotly, streamlit, control."""
+    system: str
+    """"Linux", "Windows", "Darwin"."""
+    processor: str
+    """Architecture, as "x86_64"."""
+    cores: int
+
+
+@dataclass
+class Parts:
+    """What follows from a fit and its data, as far as it was computed."""
+
+    quality: Quality | None = None
+    uncertainty: Uncertainty | None = None
+    evaluation: Evaluation | None = None
+    adequacy: Adequacy | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Result:
+    """The answer to an analysis; see `run`. A snapshot is a result in a file."""
+
+    analysis: Analysis
+    infos: tuple[SegmentInfo, ...]
+    """(K,) the windows as they were cut, vehicles and origin of the data."""
+    facts: Facts
+    """What the recording says of itself; empty where it is not known."""
+    fits: tuple[Fit, ...]
+    """(K,) the fit on each window; parameters are the same on all."""
+    origin: Origin
+    created: str
+    """When it was found, or saved under a name: ISO 8601 in UTC to the second."""
+    name: str = ""
+    """Given by the user; may be empty."""
+    note: str = ""
+    """Given by the user; may be empty and may have several lines."""
+    parts: Parts = field(default_factory=Parts)
+    windows: tuple["Result", ...] = ()
+    """(K,) what each of several windows says by itself; empty for one window."""
+    compared: tuple["Result", ...] = ()
+    """Other methods' results on the same data, without curves."""
+    segments: tuple[Segment, ...] = ()
+    """(K,) the data; empty where they are not at hand."""
+    recording: Recording | None = None
+    """Where the data were cut from; never in a file."""
+    digest: str = ""
+    """SHA-256 of the file that it was read from, or was made into; empty before that."""
+
+    @property
+    def id(self) -> str:
+        """Short name of its file: the first 16 hexadecimal digits of the digest."""
+        return self.digest[:16]
+
+    @property
+    def fit(self) -> Fit:
+        """The fit on the window; on the first one of several."""
+        return self.fits[0]
+
+    @property
+    def info(self) -> SegmentInfo:
+        """The window, or the first one of several."""
+        return self.infos[0]
+
+    @property
+    def segment(self) -> Segment | None:
+        """The data of the window, or of the first one of several; None where not at hand."""
+        return self.segments[0] if self.segments else None
+
+    @property
+    def parameters(self) -> Parameters:
+        """α [1/s²], β [1/s], τ [s]: one entry a follower."""
+        return self.fit.parameters
+
+    @property
+    def quality(self) -> Quality:
+        """How well the data determine the parameters."""
+        return self._part("quality", lambda: assess_quality(self._data))
+
+    @property
+    def uncertainty(self) -> Uncertainty:
+        """Intervals of the parameters, and of what follows from them, if the CTHP holds."""
+        return self._part("uncertainty", lambda: intervals(self._every_window, self.fit))
+
+    @property
+    def evaluation(self) -> Evaluation:
+        """Surrogate and closed-loop errors, on the window and outside it."""
+        return self._part(
+            "evaluation", lambda: evaluate(self._data, self.fit, recording=self.recording)
+        )
+
+    @property
+    def adequacy(self) -> Adequacy:
+        """The CTHP beside further forms of the model, which takes about a second a follower."""
+        return self._part("adequacy", lambda: model_forms(self._data, self.fit.case))
+
+    @cached_property
+    def stability(self) -> StabilityReport | None:
+        """String stability of each follower and of the platoon.
+
+        It is None where τ is undetermined or the parameters allow no report.
+        """
+        try:
+            return stability_report(self.parameters)
+        except ParameterError:
+            return None
+
+    @cached_property
+    def simulated(self) -> Trajectories | None:
+        """The closed-loop simulation on the window; None where the data are not at hand."""
+        return closed_loop(self.segment, self.fit) if self.segment else None
+
+    def transfer_function(self) -> tuple["TransferFunction", ...]:
+        """From the speed ahead to the own speed, one python-control object a follower.
+
+        Raises:
+            ParameterError: where the parameters allow no answer.
+        """
+        return tuple(transfer_function(follower) for follower in self.parameters)
+
+    @property
+    def is_finished(self) -> bool:
+        """Whether the estimation came to its end: neither stopped nor diverged."""
+        return self.fit.outcome not in (Outcome.STOPPED, Outcome.DIVERGED)
+
+    def with_holdout(self, context: TaskContext | None = None) -> Self:
+        """The same, with errors on blocks of the window that the method did not see.
+
+        Args:
+            context: threads, and whether to stop.
+        """
+        config = self.analysis.config
+
+        def estimate(segment: Segment) -> Fit:
+            method = METHODS[self.analysis.method]
+            return method.fit(segment, self.analysis.case, config, context)
+
+        found = evaluate(self._data, self.fit, estimate, self.recording)
+        return replace(self, parts=replace(self.parts, evaluation=found))
+
+    def with_data(self, recording: Recording) -> Self:
+        """The same, with the data cut anew from the recording.
+
+        Raises:
+            SegmentError: where it is another recording, or what is cut from it differs.
+        """
+        if self.analysis.source.sha256 != recording.sha256:
+            digest = self.analysis.source.sha256
+            said = f" with the SHA-256 {digest}" if digest else ""
+            raise SegmentError(
+                "This is not the recording the result was learned from; that is"
+                f" {self.info.source}{said}."
+            )
+        segments = self.analysis.segments(recording)
+        kept = [info.digest for info in self.infos]
+        if [segment.info.digest for segment in segments] != kept:
+            raise SegmentError(
+                "The recording is the same, but the window cut from it differs, as if bridged or"
+                " resampled in another way."
+            )
+        return self.on(segments, recording)
+
+    def on(self, segments: tuple[Segment, ...], recording: Recording | None) -> Self:
+        """The same with data that are known to be those of its windows."""
+        windows = tuple(
+            replace(window, infos=(segment.info,), segments=(segment,), recording=recording)
+            for window, segment in zip(self.windows, segments, strict=False)
+        )
+        infos = tuple(segment.info for segment in segments)
+        return replace(self, infos=infos, segments=segments, recording=recording, windows=windows)
+
+    def found_in(self, recording: Recording | None) -> Self:
+        """The same with the recording's data, where it is this one; else as it is."""
+        try:
+            return self.with_data(recording) if recording else self
+        except AccpinnError:
+            return self
+
+    def without_data(self) -> Self:
+        """The same without the data, every part but the forms of the model computed before."""
+        parts = replace(
+            self.parts,
+            quality=self.quality,
+            uncertainty=self.uncertainty,
+            evaluation=self.evaluation,
+        )
+        windows = tuple(window.without_data() for window in self.windows)
+        return replace(self, parts=parts, windows=windows, segments=(), recording=None)
+
+    def as_row(self) -> Self:
+        """The same as a row of a list: without data, curves and weights, its track thinned."""
+        fit, track = self.fit, self.fit.track
+        if track and len(track.time) > TRACK_INSTANTS:
+            kept = np.linspace(0, len(track.time) - 1, TRACK_INSTANTS).round().astype(int)
+            deviation = None if track.deviation is None else track.deviation[kept]
+            track = ParameterTrack(track.time[kept], track.parameters[kept], deviation)
+        fit = replace(fit, surrogate=None, history=None, arrays={}, track=track)
+        return replace(self, fits=(fit,), compared=(), segments=(), recording=None)
+
+    def _part(self, name: str, compute: Callable[[], T]) -> T:
+        known: T | None = getattr(self.parts, name)
+        if known is None:
+            known = compute()
+            setattr(self.parts, name, known)
+        return known
+
+    @property
+    def _data(self) -> Segment:
+        return self._every_window[0]
+
+    @property
+    def _every_window(self) -> tuple[Segment, ...]:
+        if not self.segments:
+            raise SegmentError(
+                f"{self.info.source}: the data are not at hand; open the recording first."
+            )
+        return self.segments
+
+
+def result_of(
+    analysis: Analysis,
+    segments: tuple[Segment, ...],
+    fits: tuple[Fit, ...],
+    recording: Recording | None = None,
+    windows: tuple[Result, ...] = (),
+) -> Result:
+    """The result of fits that exist already.
+
+    Args:
+        analysis: what was asked.
+        segments: (K,) the data.
+        fits: (K,) the fit on each window.
+        recording: where the data were cut from.
+        windows: (K,) what each of several windows says by itself.
+    """
+    return Result(
+        analysis=analysis,
+        infos=tuple(segment.info for segment in segments),
+        facts=facts_of(recording),
+        fits=fits,
+        origin=origin(),
+        created=now(),
+        windows=windows,
+        segments=segments,
+        recording=recording,
+    )
+
+
+def now() -> str:
+    """The time in UTC, ISO 8601 to the second."""
+    return datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
+
+
+def origin() -> Origin:
+    """This program on this machine."""
+    return Origin(
+        accpinn=__version__,
+        python=platform.python_version(),
+        packages={package: _version(package) for package in PACKAGES},
+        system=platform.system(),
+        processor=platform.machine(),
+        cores=os.cpu_count() or 1,
+    )
+
+
+def _version(package: str) -> str:
+    try:
+        return metadata.version(package)
+    except metadata.PackageNotFoundError:
+        return "not installed"

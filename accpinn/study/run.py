@@ -1,0 +1,104 @@
+"""`run`: the only way from an `Analysis` to its `Result`."""
+
+from dataclasses import replace
+
+from accpinn.errors import ConfigError
+from accpinn.methods.fit import CacheProblem, Fit
+from accpinn.methods.maximum_likelihood import KEY, fit_among
+from accpinn.methods.method import TaskContext
+from accpinn.methods.registry import METHODS
+from accpinn.recordings.recording import Recording
+from accpinn.segment.segment import Segment
+from accpinn.study.analysis import Analysis
+from accpinn.study.result import Result, result_of
+from accpinn.study.store import Store
+from accpinn.study.windows import check_windows
+
+
+def run(
+    analysis: Analysis,
+    recording: Recording,
+    *,
+    store: Store | None = None,
+    context: TaskContext | None = None,
+) -> Result:
+    """Answer an analysis: from the store where it has the answer, else by its method.
+
+    Args:
+        analysis: what is asked.
+        recording: that it is asked of.
+        store: where results and checkpoints are kept; None keeps nothing.
+        context: threads, progress and stop.
+
+    Raises:
+        AccpinnError: one sentence that names what is wrong with window, data or settings.
+    """
+    problems: list[str] = []
+    segments = analysis.segments(recording)
+    known = store.find(analysis, problems.append) if store else None
+    if known:
+        cached = tuple(replace(fit, cached=True) for fit in known.fits)
+        result = replace(known, analysis=analysis, fits=cached).on(segments, recording)
+    else:
+        if store and analysis.checkpoint_keys:
+            checkpoints = store.checkpoints(analysis, problems.append)
+            context = replace(context or TaskContext(), checkpoints=checkpoints)
+        result = estimate(analysis, segments, recording, context=context)
+        if store and result.is_finished:
+            store.keep(result, problems.append)
+    if not problems:
+        return result
+    told = tuple(CacheProblem(sentence) for sentence in dict.fromkeys(problems))
+    first, *others = result.fits
+    return replace(result, fits=(replace(first, findings=(*first.findings, *told)), *others))
+
+
+def estimate(
+    analysis: Analysis,
+    segments: tuple[Segment, ...],
+    recording: Recording | None = None,
+    *,
+    context: TaskContext | None = None,
+) -> Result:
+    """The answer by the method itself, from data that were cut already.
+
+    Args:
+        analysis: what is asked.
+        segments: (K,) the data of its windows.
+        recording: where they were cut from.
+        context: checkpoints, threads, progress and stop.
+
+    Raises:
+        AccpinnError: as `run` does.
+    """
+    if len(segments) > 1:
+        return _together(analysis, segments, recording)
+    (segment,) = segments
+    method, config = METHODS[analysis.method], analysis.config
+    fit = method.fit(segment, analysis.case, config, context)
+    return result_of(analysis, segments, (fit,), recording)
+
+
+def _together(
+    analysis: Analysis, segments: tuple[Segment, ...], recording: Recording | None
+) -> Result:
+    """Several windows under one likelihood, and each by itself."""
+    if analysis.method != KEY:
+        raise ConfigError(
+            f"windows: only the method {KEY} estimates from several windows, {analysis.method} does"
+            " not; choose that method, or one window."
+        )
+    check_windows(segments, analysis.case)
+    windows = tuple(
+        result_of(
+            replace(analysis, windows=(asked,)),
+            (segment,),
+            (fit_among((segment,), segment, analysis.case),),
+            recording,
+        )
+        for asked, segment in zip(analysis.windows, segments, strict=True)
+    )
+    fits: tuple[Fit, ...] = tuple(
+        fit_among(segments, segment, analysis.case) for segment in segments
+    )
+    return result_of(analysis, segments, fits, recording, windows)

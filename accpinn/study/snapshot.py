@@ -1,0 +1,545 @@
+"""Snapshots: results in files, which are read without trust.
+
+A snapshot is a zip of
+
+    manifest.json      format, schema, and the SHA-256 of all that follows
+    result.json        the `Result` as a tree (see `accpinn.serial`)
+    arrays.npz         its larger arrays, as plain numbers
+    ATTRIBUTION.txt    whose data and whose method
+
+in SI units; times in s from the window's start, but the starts of windows and of blocks held out,
+and the times of collisions, from the recording's first sample. The digest is over contents, not
+over the zip's own bytes, so equal results have equal digests. Nothing in a file is executed;
+types, lengths and ranges are checked before anything reads it, and `verify` finds what was forged.
+"""
+
+import hashlib
+import io
+import os
+import re
+import tempfile
+import zipfile
+from dataclasses import replace
+from math import isfinite, prod
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
+from numpy.lib import format as npy
+from numpy.typing import NDArray
+
+from accpinn.channels import COMPUTABLE
+from accpinn.errors import AccpinnError, SnapshotError
+from accpinn.methods.fit import Fit, Outcome
+from accpinn.methods.registry import METHODS
+from accpinn.methods.series import stride_of
+from accpinn.segment.segment import SegmentInfo
+from accpinn.serial import Arrays, dump, flatten, restore
+from accpinn.stability.criteria import checked
+from accpinn.storage import reason_of, write_whole
+from accpinn.study.result import Result, now
+
+SUFFIX = ".accpinn.zip"
+FORMAT = "accpinn snapshot"
+SCHEMA = 4
+LARGEST = 24_000_000
+"""Largest file, and largest unpacked contents, in bytes; an hour of ten followers with its data
+stays below."""
+LARGEST_DOCUMENT = 2_000_000
+"""Largest result.json, in bytes."""
+MOST_COMPUTED = 100_000
+"""Largest number of samples of all followers together, one each half second at most, as the
+likelihood uses them: more than an hour of ten followers. All of a snapshot is then computed within
+a minute."""
+LONGEST_NAME, LONGEST_NOTE = 200, 10_000
+MANIFEST, DOCUMENT, ARRAYS, ATTRIBUTION = (
+    "manifest.json", "result.json", "arrays.npz", "ATTRIBUTION.txt",
+)  # fmt: skip
+MARKS = {
+    "snapshot": MANIFEST.encode(),
+    "report": b"<!doctype html",
+    "file for SUMO": b"car-following model acc as the cthp",
+}
+"""What stands among the first bytes of every such file, in lower case."""
+
+ATTRIBUTION_TEXT = """\
+Data
+
+If the recording named in result.json is one of the OpenACC database, then the figures, curves
+and, where they are included, the speeds and gaps in this file derive from it:
+"OpenACC. An open database of car-following experiments to study the properties of commercial ACC
+systems", (c) European Union, European Commission, Joint Research Centre, licensed under
+CC BY 4.0 (https://creativecommons.org/licenses/by/4.0/),
+DOI 10.2905/9702C950-C80F-4D2F-982F-44D06EA0009F. Described in M. Makridis, K. Mattas, A. Anesiadou
+and B. Ciuffo, Transportation Research Part C 125, 103047, 2021. Name both when you pass this file
+on or publish what is in it. What was changed is said in result.json under "infos": a window was
+cut, and samples may have been bridged, resampled or left out.
+
+Method
+
+T. Apostolakis and K. Ampountolas, "Physics-inspired neural networks for parameter learning of
+adaptive cruise control systems", IEEE Transactions on Vehicular Technology, 2024. Please cite that
+paper for the method.
+"""
+
+
+def named(result: Result, name: str = "", note: str = "", with_data: bool = False) -> Result:
+    """The result as it goes into a file, every part computed.
+
+    Args:
+        result: any that did not diverge.
+        name: of the user's choice; may be empty.
+        note: of any length up to a few pages; may be empty.
+        with_data: whether speeds and space-gaps of the window go in.
+
+    Raises:
+        SnapshotError: for a training that diverged, or texts that are too long.
+    """
+    if result.fit.outcome is Outcome.DIVERGED:
+        raise SnapshotError("A training that diverged has no result to keep; train again first.")
+    check_texts(name, note)
+    segments = result.segments if with_data else ()
+    if result.segments:
+        compared = tuple(
+            row.without_data().as_row() if row.segments else row for row in result.compared
+        )
+        result = replace(result.without_data(), segments=segments, compared=compared)
+    return replace(result, name=name, note=note, created=now(), digest="")
+
+
+def check_texts(name: str, note: str) -> None:
+    """Refuse what is too long, before work is done for it.
+
+    Raises:
+        SnapshotError: naming the text.
+    """
+    for text, what, most in ((name, "name", LONGEST_NAME), (note, "note", LONGEST_NOTE)):
+        try:
+            text.encode()
+        except (AttributeError, UnicodeEncodeError):  # half a character is none, either
+            raise SnapshotError(f"The {what} is no text; write it in letters.") from None
+        if len(text) > most:
+            raise SnapshotError(
+                f"The {what} is {len(text):,} characters long; choose one of {most:,} at most."
+            )
+
+
+# Writing
+
+
+def to_bytes(result: Result) -> bytes:
+    """The file of a result, as it is.
+
+    Raises:
+        SnapshotError: for a result that is too large.
+    """
+    tree, arrays = dump(replace(result, recording=None, digest=""))
+    document = msgspec.json.encode(tree)
+    manifest = {"format": FORMAT, "schema": SCHEMA, "sha256": _digest(document, arrays)}
+    packed = io.BytesIO()
+    np.savez(packed, allow_pickle=False, **arrays)
+    file = io.BytesIO()
+    with zipfile.ZipFile(file, "w") as archive:
+        archive.writestr(MANIFEST, msgspec.json.encode(manifest))
+        archive.writestr(DOCUMENT, document, zipfile.ZIP_DEFLATED)
+        archive.writestr(ARRAYS, packed.getvalue())
+        archive.writestr(ATTRIBUTION, ATTRIBUTION_TEXT)
+    content = file.getvalue()
+    if len(content) > LARGEST or len(document) > LARGEST_DOCUMENT:
+        raise SnapshotError(
+            f"The snapshot would be too large ({len(content) / 1e6:.0f} MB of"
+            f" {LARGEST / 1e6:.0f}); leave out the data, or take a shorter window."
+        )
+    return content
+
+
+def _digest(document: bytes, arrays: Arrays) -> str:
+    """SHA-256 over result.json and every array."""
+    content = hashlib.sha256(document)
+    for name, values in sorted(arrays.items()):
+        content.update(f"{name} {values.dtype.str} {values.shape} ".encode())
+        content.update(np.ascontiguousarray(values).tobytes())
+    return content.hexdigest()
+
+
+def save(result: Result, path: str | os.PathLike[str]) -> Path:
+    """Write a snapshot in one step: whoever looks sees the old file or the new one, never a part.
+
+    Args:
+        result: as `named` gives it.
+        path: where to; a snapshot that stands there is replaced.
+
+    Raises:
+        SnapshotError: when it cannot be written there, or what stands there is no snapshot.
+    """
+    target = writable_path(Path(path), "snapshot")
+    write_file(to_bytes(result), target, "snapshot")
+    return Path(path)
+
+
+def writable_path(target: Path, kind: str) -> Path:
+    """The file that is made, or replaced, by writing to ``target``; links are followed.
+
+    Args:
+        target: where a user wants the file.
+        kind: a key of `MARKS`; nothing is replaced but a file of its own kind.
+
+    Raises:
+        SnapshotError: where something else stands, or no file can be made.
+    """
+    try:
+        path = target.resolve() if target.is_symlink() else target
+        if path.is_dir():
+            raise SnapshotError(f"{path}: this is a folder; name a file in it for the {kind}.")
+        if path.exists():
+            _require_kind(path, kind)
+        with tempfile.TemporaryFile(dir=path.parent):
+            return path
+    except (OSError, ValueError, RuntimeError) as fault:  # also for links that run in a circle
+        raise _unwritten(target, kind, reason_of(fault)) from None
+
+
+def _require_kind(path: Path, kind: str) -> None:
+    if path.is_file():
+        with path.open("rb") as file:
+            beginning = file.read(200).lower()
+        if not beginning or MARKS[kind] in beginning:
+            return
+    raise SnapshotError(
+        f"{path}: this is something else than a {kind} and is not overwritten; choose another name."
+    )
+
+
+def write_file(content: bytes, target: Path, kind: str) -> Path:
+    """Write a file for the user in one step; ``kind`` names it where that fails.
+
+    Raises:
+        SnapshotError: when it cannot be written there.
+    """
+    try:
+        write_whole(target, content)
+    except OSError as fault:
+        raise _unwritten(target, kind, reason_of(fault)) from None
+    return target
+
+
+def _unwritten(target: Path, kind: str, reason: str) -> SnapshotError:
+    return SnapshotError(
+        f"{target}: the {kind} could not be written ({reason}); choose another place or"
+        " free some space."
+    )
+
+
+# Reading
+
+
+def load(content: str | os.PathLike[str] | bytes) -> Result:
+    """Read a snapshot; nothing in it is executed, and nothing is believed unchecked.
+
+    Args:
+        content: the file's path, or its bytes.
+
+    Raises:
+        SnapshotError: one sentence of what is wrong.
+    """
+    if isinstance(content, bytes):
+        return read(content)
+    path = Path(content)
+    data = read_file(path)
+    try:
+        return read(data)
+    except SnapshotError as fault:
+        raise SnapshotError(f"{path}: {fault}") from None
+
+
+def read_file(path: Path) -> bytes:
+    """The bytes of a file that may be a snapshot, no more of them than a snapshot can have.
+
+    Raises:
+        SnapshotError: when it is no file, or cannot be read.
+    """
+    try:
+        if path.exists() and not path.is_file():  # a pipe would be waited for without end
+            raise SnapshotError(f"{path}: this is no file; name a file that ends in {SUFFIX}.")
+        with path.open("rb") as file:
+            return file.read(LARGEST + 1)
+    except OSError as fault:
+        raise SnapshotError(
+            f"{path}: cannot be opened ({fault.strerror}); check its name and that you may read it."
+        ) from None
+    except ValueError:  # as with a zero character
+        raise SnapshotError("No file can have such a name; check it.") from None
+
+
+def read(data: bytes, is_complete: bool = True) -> Result:
+    """The result in the bytes of a file.
+
+    Args:
+        data: the whole file.
+        is_complete: whether every part must be there, as in a snapshot; the store keeps results
+            of which only the fit is known yet.
+
+    Raises:
+        SnapshotError: for anything but a whole and plausible file of this schema.
+    """
+    if len(data) > LARGEST:
+        raise SnapshotError(f"The snapshot is larger than {LARGEST / 1e6:.0f} MB; it is refused.")
+    try:
+        with zipfile.ZipFile(io.BytesIO(data)) as archive:
+            if sum(entry.file_size for entry in archive.infolist()) > 2 * LARGEST:
+                raise SnapshotError("The snapshot is refused: it would unpack to too much.")
+            manifest = msgspec.json.decode(archive.read(MANIFEST))
+            _check_schema(manifest)
+            document = archive.read(DOCUMENT)
+            arrays = _arrays(archive.read(ARRAYS))
+    except SnapshotError:
+        raise
+    except KeyError:
+        raise SnapshotError(
+            f"This is not an accpinn snapshot; choose a file that ends in {SUFFIX}."
+        ) from None
+    except Exception:  # zip, JSON and array parsers raise many kinds for foreign bytes
+        raise SnapshotError(
+            "This is not a snapshot, or it is damaged; choose a file that ends in"
+            f" {SUFFIX}, or get the file anew."
+        ) from None
+    if len(document) > LARGEST_DOCUMENT:
+        raise SnapshotError(f"The snapshot is refused: its {DOCUMENT} is too large.")
+    digest = _digest(document, arrays)
+    if manifest.get("sha256") != digest:
+        raise SnapshotError(
+            "The snapshot is damaged: its contents are not as they were saved; get the file anew."
+        )
+    try:
+        tree = sanitise(msgspec.json.decode(document))
+        _check_numbers(tree, arrays)
+        result = restore(Result, tree, arrays)
+        _check(result, is_complete)
+    except (ValueError, KeyError, IndexError, RecursionError, MemoryError, AccpinnError) as fault:
+        said = str(sanitise(str(fault))).rstrip(".")[:160]
+        raise SnapshotError(f"The snapshot is refused: {said}.") from None
+    return replace(result, digest=digest)
+
+
+def _check_schema(manifest: Any) -> None:
+    if not isinstance(manifest, dict) or manifest.get("format") != FORMAT:
+        raise SnapshotError(
+            "The snapshot has a foreign manifest; this is no file that accpinn wrote."
+        )
+    schema = manifest.get("schema")
+    if schema == SCHEMA:
+        return
+    is_newer = isinstance(schema, int) and schema > SCHEMA
+    age, cure = "an earlier", "learn and save it again"
+    if is_newer:
+        age, cure = "a newer", "update accpinn"
+    raise SnapshotError(
+        f"The snapshot was written by {age} accpinn (schema {str(schema)[:8]}, this one reads"
+        f" {SCHEMA}); {cure}."
+    )
+
+
+def _arrays(packed: bytes) -> Arrays:
+    """The arrays of an `.npz`; memory is taken only for what the file itself holds."""
+    arrays = {}
+    with zipfile.ZipFile(io.BytesIO(packed)) as archive:
+        if sum(entry.file_size for entry in archive.infolist()) > LARGEST:
+            raise SnapshotError("The snapshot is refused: its arrays would unpack to too much.")
+        for name in archive.namelist():
+            arrays[name.removesuffix(".npy")] = _array(archive.read(name))
+    return arrays
+
+
+def _array(member: bytes) -> NDArray[Any]:
+    file = io.BytesIO(member)
+    npy.read_magic(file)
+    shape, _, dtype = npy.read_array_header_1_0(file)
+    if dtype.kind not in "fb" or prod(shape) * dtype.itemsize != len(member) - file.tell():
+        raise ValueError("no plain array of numbers")
+    file.seek(0)
+    values: NDArray[Any] = npy.read_array(file, allow_pickle=False)
+    return values
+
+
+_UNSEEN = re.compile(
+    "[\x00-\x08\x0b-\x1f\x7f-\x9f\u2028\u2029"  # control characters but tabs and line breaks
+    "\u061c\u200e\u200f\u202a-\u202e\u2066-\u2069]"  # marks that turn the order of letters round
+)
+
+
+def sanitise(tree: Any, lines: bool = False) -> Any:
+    """A tree of plain values without characters that a terminal or a page obeys, not shows.
+
+    Args:
+        tree: as read from JSON.
+        lines: whether texts keep their line breaks, as notes do.
+    """
+    if isinstance(tree, str):
+        shown = _UNSEEN.sub("\ufffd", tree)
+        return shown if lines else re.sub(r"[\t\n]+", " ", shown)
+    if isinstance(tree, dict):
+        return {sanitise(key): sanitise(item, key == "note") for key, item in tree.items()}
+    if isinstance(tree, list):
+        return [sanitise(item, lines) for item in tree]
+    return tree
+
+
+def _check_numbers(tree: Any, arrays: Arrays) -> None:
+    """Refuse numbers that nothing can be computed with; nan and the infinities have their places.
+
+    Raises:
+        ValueError: naming the place.
+    """
+    for place, leaf in (*flatten(tree), *arrays.items()):
+        if isinstance(leaf, float | int | np.ndarray) and not isinstance(leaf, bool):
+            sizes = np.abs(np.asarray(leaf, np.float64))
+            if (np.isfinite(sizes) & (sizes > COMPUTABLE)).any():
+                raise ValueError(f"{place} has a number beyond {COMPUTABLE:g}")
+
+
+def _check(result: Result, is_complete: bool) -> None:
+    """Refuse a result that no run gives, though its types are right.
+
+    Raises:
+        ValueError, AccpinnError: with what is wrong and where.
+    """
+    method = result.analysis.method
+    _require(method in METHODS, f'the method "{method[:40]}" is not known')
+    counts = {len(result.analysis.windows), len(result.infos), len(result.fits)}
+    _require(len(counts) == 1 and result.infos != (), "its windows differ in number")
+    _require(len(result.segments) in (0, len(result.infos)), "its data are not its windows'")
+    _require(len(result.windows) in (0, len(result.infos)), "its windows differ in number")
+    _require(result.recording is None, "it holds a recording")
+    for text, most in ((result.name, LONGEST_NAME), (result.note, LONGEST_NOTE)):
+        _require(len(text) <= most, "its name or note is too long")
+    for info, fit in zip(result.infos, result.fits, strict=True):
+        _check_info(info)
+        _check_fit(fit, info)
+        _require(info.vehicles == result.analysis.vehicles, "its vehicles are not those asked for")
+    for info, segment in zip(result.infos, result.segments, strict=False):
+        _check_times(segment.time)
+        _require(segment.info == info, "its data are not the window that it was learned from")
+        samples = info.followers * info.samples // stride_of(segment)
+        _require(samples <= MOST_COMPUTED, "its data are longer than can be computed anew")
+    _check_parts(result, is_complete)
+    for part in (*result.windows, *result.compared):
+        _check(part, is_complete)
+        _require(not (part.windows or part.compared), "its results are nested too deep")
+        _require(part.info.vehicles == result.info.vehicles, "its results are of other vehicles")
+
+
+def _check_info(info: SegmentInfo) -> None:
+    count = len(info.vehicles)
+    _require(count > 1 and info.samples > 1, "its window has no followers or no data")
+    first = info.vehicles[0]
+    numbers = tuple(range(first, first + count))
+    _require(first > 0 and info.vehicles == numbers, "the vehicles are no consecutive numbers")
+    _require(len(info.names) == count, "its vehicles and their names differ in number")
+    _require(max(map(len, (info.source, *info.names))) <= LONGEST_NAME, "a name is too long")
+    times = (info.window.start, info.window.duration, info.sample_time)
+    _require(all(map(isfinite, times)) and min(times[1:]) > 0, "its window has no length")
+    _require(len(info.excluded_share) in (0, count - 1), "its shares differ in number")
+
+
+def _check_fit(fit: Fit, info: SegmentInfo) -> None:
+    _require(fit.method in METHODS, f'the method "{fit.method[:40]}" is not known')
+    _require(min(fit.iterations, fit.network_weights) >= 0, "a count is negative")
+    followers = info.followers
+    shape = _Shapes(N=info.samples, M=followers, V=followers + 1)
+    shape.check("parameters", fit.parameters.values, "M", 3)
+    checked(fit.parameters)
+    if fit.unconstrained:
+        shape.check("unconstrained parameters", fit.unconstrained.values, "M", 3)
+    _require(len(fit.active_bounds) in (0, followers), "its bounds differ in number")
+    if curves := fit.surrogate:
+        _check_times(curves.time)
+        shape.check("curves' speeds", curves.speeds, "N", "V", finite=True)
+        shape.check("curves' gaps", curves.gaps, "N", "M", finite=True)
+        shape.check("curves' time", curves.time, "N", finite=True)
+    if history := fit.history:
+        shape.check("history's parameters", history.parameters.values, "K", "P", 3, finite=True)
+        for name in ("iteration", "seconds", "total", "data", "physics", "initial", "evidence"):
+            shape.check(f"history's {name}", getattr(history, name), "K", finite=True)
+        shape.check("history's deviations", history.deviations, "K", "P", 3)
+    if track := fit.track:
+        shape = _Shapes(M=followers)
+        shape.check("track's time", track.time, "K", finite=True)
+        shape.check("track's parameters", track.parameters.values, "K", "M", 3)
+        shape.check("track's deviations", track.deviation, "K", "M", 3)
+    shape = _Shapes(N=info.samples, M=followers)
+    shape.check("disturbance", fit.arrays.get("disturbance"), "N", "M")
+
+
+def _check_times(time: NDArray[np.float64]) -> None:
+    ordered = time[0] >= 0 and (np.diff(time) > 0).all()
+    _require(bool(ordered), "the instants of a curve do not follow each other")
+
+
+def _check_parts(result: Result, is_complete: bool) -> None:
+    parts, shape = result.parts, _Shapes(M=result.info.followers, V=result.info.followers + 1)
+    needed = (parts.quality, parts.uncertainty, parts.evaluation)
+    _require(not is_complete or None not in needed, "a part of it is missing")
+    if quality := parts.quality:
+        for name in ("mean_time_gap", "relative_deviation", "acceleration_deviation",
+                     "condition", "car_following"):  # fmt: skip
+            shape.check(name, getattr(quality, name), "M")
+    if uncertainty := parts.uncertainty:
+        _require(0 < uncertainty.level < 1, "the intervals' level is not between 0 and 1")
+        for name in ("centre", "lower", "upper"):
+            shape.check(f"intervals' {name}", getattr(uncertainty, name).values, "M", 3)
+        shape.check("intervals' check", uncertainty.inside, "M", 3)
+        shape.check("draws", uncertainty.draws.values, "D", "M", 3)
+        for name in ("probability_l2", "probability_linf"):
+            shape.check(name, getattr(uncertainty, name), "M")
+        for name in ("peak_gain", "linf_gain", "crossover"):
+            shape.check(name, getattr(uncertainty, name).lower, "M")
+            shape.check(name, getattr(uncertainty, name).upper, "M")
+    if evaluation := parts.evaluation:
+        blocks = (block.errors for block in evaluation.blocks)
+        for errors in (evaluation.surrogate, evaluation.closed_loop, evaluation.holdout,
+                       evaluation.out_of_window, *blocks):  # fmt: skip
+            if errors:
+                shape.check("errors", errors.gap_mae, "M")
+                shape.check("errors", errors.gap_rmse, "M")
+                shape.check("errors", errors.speed_mae, "V")
+                shape.check("errors", errors.speed_rmse, "V")
+        for name in ("deviation", "correlation", "memory", "independent", "probability"):
+            shape.check(f"residual's {name}", getattr(evaluation.whiteness, name), "M")
+    if adequacy := parts.adequacy:
+        for form in adequacy.forms:
+            shape.check("forms' parameters", form.parameters.values, "M", 3)
+            shape.check("forms' deviations", form.deviation, "M", 3)
+            for name in ("extra", "aic", "holdout"):
+                shape.check(f"forms' {name}", getattr(form, name), "M")
+
+
+class _Shapes:
+    """Lengths of arrays by letter; a letter means the same number in all of them.
+
+    N instants, M followers, V = M + 1 vehicles, K entries, P parameter sets, D draws.
+    """
+
+    def __init__(self, **known: int) -> None:
+        self._known = known
+
+    def check(self, what: str, values: Any, *lengths: str | int, finite: bool = False) -> None:
+        """Refuse an array or tuple of other lengths; None has none."""
+        if values is None:
+            return
+        shape = np.shape(values)
+        expected = tuple(
+            self._known.setdefault(length, given) if isinstance(length, str) else length
+            for length, given in zip(lengths, shape, strict=False)
+        )
+        _require(
+            shape == expected and len(shape) == len(lengths),
+            f"its {what} have the shape {shape}, which does not fit the rest",
+        )
+        if finite:
+            _require(bool(np.isfinite(values).all()), f"its {what} are not finite")
+
+
+def _require(holds: bool, fault: str) -> None:
+    if not holds:
+        raise ValueError(fault)

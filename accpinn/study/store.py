@@ -1,0 +1,632 @@
+"""Results on disk: the cache, by the keys of analyses; the library of snapshots, by their digests.
+
+Both are folders of files in the snapshot's format, each beside one SQLite file that can be searched
+and made again from the files. The cache drops what was not used for the longest time once it
+exceeds its cap; it also holds the checkpoints of trainings, and what each session of the app shows.
+The library loses nothing: it refuses what it has no room for, and only a user deletes.
+"""
+
+import io
+import os
+import re
+import sqlite3
+import time
+import zipfile
+from collections.abc import Callable, Iterator
+from contextlib import closing, contextmanager, suppress
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import msgspec
+import numpy as np
+
+from accpinn.errors import SnapshotError
+from accpinn.methods.fit import Checkpoint
+from accpinn.model.cthp import Parameters
+from accpinn.serial import dump, restore
+from accpinn.storage import UNFINISHED, folder, reason_of, variable, written_whole
+from accpinn.study.analysis import Analysis
+from accpinn.study.result import Result
+from accpinn.study.snapshot import SUFFIX, load, read, read_file, to_bytes, write_file
+from accpinn.units import Seconds
+
+INDEX = "index.sqlite"
+STATE = ".state.npz"
+DAMAGED = ".damaged"
+DELETED = ".deleted"
+"""Ending of a snapshot that can still be brought back."""
+RESTORABLE: Seconds = 24 * 3600.0
+ABANDONED: Seconds = 3600.0
+"""A file that was begun so long ago is nobody's any more."""
+CACHE_BYTES = 500_000_000
+"""Cap on the cache; a result and its checkpoint for 300 s of data take about 0.5 MB."""
+LIBRARY_BYTES, LIBRARY_COUNT = 2_000_000_000, 1000
+"""Caps on the library; a result of 300 s without its data takes well below 1 MB."""
+CLOCK_SLACK: Seconds = 60.0
+"""Largest difference between the clocks of two machines that share a folder."""
+PATIENCE: Seconds = 10.0
+"""Longest wait for another process that writes the index."""
+SESSION_KEPT: Seconds = 30 * 24 * 3600.0
+"""Sessions that nobody used for so long are forgotten."""
+
+TABLES = """
+create table if not exists entries
+    (name text primary key, state text, created text, words text, entry blob, owner text);
+create table if not exists sessions (name text primary key, used real, document blob);
+create table if not exists shown
+    (session text, name text, at real, primary key (session, name));
+"""
+_ID = re.compile(r"[0-9a-f]{16}|[0-9a-f]{64}")
+
+Say = Callable[[str], object]
+"""Takes a sentence for the user: what was set aside, or could not be read or written."""
+
+
+@dataclass(frozen=True)
+class Entry:
+    """What a list of results shows of one."""
+
+    id: str
+    """Name of its file: a key in the cache, the first digits of the digest in the library."""
+    size: int
+    """Bytes."""
+    name: str = ""
+    note: str = ""
+    created: str = ""
+    """ISO 8601 in UTC."""
+    source: str = ""
+    """File name of the recording."""
+    sha256: str = ""
+    """SHA-256 of the recording."""
+    campaign: str = ""
+    """Campaign of the recording; empty where it is not known."""
+    window: str = ""
+    """As "0-300 s"."""
+    vehicles: tuple[str, ...] = ()
+    """Labels, leader first."""
+    numbers: tuple[int, ...] = ()
+    """The vehicles' numbers in the file."""
+    method: str = ""
+    preset: str = ""
+    """The method's preset; empty for a method without any."""
+    case: str = ""
+    parameters: tuple[tuple[float, float, float], ...] = ()
+    """α [1/s²], β [1/s], τ [s] of each follower."""
+    lower: tuple[tuple[float, float, float], ...] = ()
+    """Lower ends of their intervals; empty where these were not computed."""
+    upper: tuple[tuple[float, float, float], ...] = ()
+    with_data: bool = False
+    """Whether speeds and gaps of the window are in it."""
+    fault: str = ""
+    """Why it cannot be read; empty where it can."""
+
+    @classmethod
+    def of(cls, name: str, size: int, result: Result) -> "Entry":
+        """The entry of a result in a file of that name and size."""
+        info, intervals = result.info, result.parts.uncertainty
+        ends = (intervals.lower, intervals.upper) if intervals else ()
+        lower, upper = (_rows(end) for end in ends) if ends else ((), ())
+        return cls(
+            id=name,
+            size=size,
+            name=result.name,
+            note=result.note,
+            created=result.created,
+            source=info.source,
+            sha256=result.analysis.source.sha256,
+            campaign=result.facts.get("campaign") or "",
+            window=", ".join(str(info.window) for info in result.infos),
+            vehicles=info.labels,
+            numbers=info.vehicles,
+            method=result.fit.method,
+            preset=str(result.fit.config.get("preset", "")),
+            case=result.fit.case,
+            parameters=_rows(result.parameters),
+            lower=lower,
+            upper=upper,
+            with_data=bool(result.segments),
+        )
+
+    @property
+    def words(self) -> str:
+        """All that a search looks at, in lower case."""
+        parts = (self.name, self.note, self.source, self.campaign, self.window, self.method,
+                 self.preset, self.id, self.created[:10], *self.vehicles)  # fmt: skip
+        return " ".join(parts).casefold()
+
+
+def _rows(parameters: Parameters) -> tuple[tuple[float, float, float], ...]:
+    return tuple((one.alpha, one.beta, one.tau) for one in parameters)
+
+
+class Shelf:
+    """A folder of results with its index."""
+
+    def __init__(self, place: Path, cap_bytes: int) -> None:
+        """The folder is made when it is first written to."""
+        self.folder, self.cap_bytes = place, cap_bytes
+
+    def path(self, name: str) -> Path:
+        """Where a result lies; a name that is none never becomes a path.
+
+        Raises:
+            SnapshotError: for what is no name.
+        """
+        if not _ID.fullmatch(name):
+            raise unknown(name)
+        return self.folder / f"{name}{SUFFIX}"
+
+    def has(self, name: str) -> bool:
+        """Whether a file of that name is there, damaged or not."""
+        return bool(_ID.fullmatch(name)) and self.path(name).exists()
+
+    def entries(self, words: str = "", session: str = "") -> tuple[Entry, ...]:
+        """The results, the newest first, damaged ones last; each file is read once.
+
+        Args:
+            words: each of which must stand somewhere in an entry; all entries without any.
+            session: of the app; only what it has shown.
+        """
+        paths = {path.name.removesuffix(SUFFIX): path for path in self._files()}
+        entries: dict[str, Entry] = {}
+        kept: set[str] | None = None
+        with self.index() as index:
+            rows = index.execute("select name, state, entry from entries").fetchall()
+            known = {name: (state, entry) for name, state, entry in rows}
+            for name, path in paths.items():
+                with suppress(OSError):  # deleted by another process just now
+                    state = _state(path)
+                    then, content = known.get(name, ("", b""))
+                    entry = _decoded(content) if then == state else None
+                    entries[name] = entry or self._indexed(index, name, state)
+            for name in known.keys() - paths.keys():
+                index.execute("delete from entries where name = ?", (name,))
+            if session:
+                shown = index.execute("select name from shown where session = ?", (session,))
+                kept = {name for (name,) in shown}
+        asked = words.casefold().split()
+        chosen = [
+            entry
+            for name, entry in entries.items()
+            if (kept is None or name in kept) and all(word in entry.words for word in asked)
+        ]
+        return tuple(sorted(chosen, key=lambda entry: (entry.created, entry.id), reverse=True))
+
+    def _indexed(self, index: sqlite3.Connection, name: str, state: str) -> Entry:
+        """Read a file, and enter it."""
+        size = int(state.partition(" ")[2])
+        try:
+            entry = Entry.of(name, size, self.read(name))
+        except SnapshotError as fault:
+            entry = Entry(name, size, fault=str(fault))
+        self._enter(index, entry, state)
+        return entry
+
+    def _enter(self, index: sqlite3.Connection, entry: Entry, state: str) -> None:
+        index.execute(
+            "insert into entries (name, state, created, words, entry) values (?, ?, ?, ?, ?)"
+            " on conflict (name) do update set state = excluded.state, entry = excluded.entry",
+            (entry.id, state, entry.created, entry.words, msgspec.json.encode(dump(entry)[0])),
+        )
+
+    def read(self, name: str) -> Result:
+        """The result of that name.
+
+        Raises:
+            SnapshotError: for an unknown name, or a file that is damaged or another's.
+        """
+        raise NotImplementedError
+
+    def _files(self) -> list[Path]:
+        return [
+            path
+            for path in self.folder.glob(f"*{SUFFIX}")
+            if _ID.fullmatch(path.name.removesuffix(SUFFIX))
+        ]
+
+    @contextmanager
+    def index(self) -> Iterator[sqlite3.Connection]:
+        """The index, in one transaction; one that cannot be kept lasts for this call alone."""
+        place = self.folder / INDEX
+        try:
+            connection = _opened(place)
+        except sqlite3.DatabaseError:
+            with suppress(OSError):
+                os.replace(place, place.with_suffix(DAMAGED))
+            try:
+                connection = _opened(place)
+            except sqlite3.DatabaseError:  # a folder that cannot be written to
+                connection = sqlite3.connect(":memory:")
+                connection.executescript(TABLES)
+        with closing(connection), suppress(sqlite3.OperationalError), connection:
+            yield connection
+
+
+def _opened(place: Path) -> sqlite3.Connection:
+    connection = sqlite3.connect(place if place.parent.is_dir() else ":memory:", timeout=PATIENCE)
+    try:
+        connection.execute("pragma journal_mode = wal")
+        connection.execute("pragma synchronous = normal")
+        connection.executescript(TABLES)
+    except sqlite3.DatabaseError:
+        connection.close()
+        raise
+    return connection
+
+
+def _state(path: Path) -> str:
+    status = path.stat()
+    return f"{status.st_mtime_ns} {status.st_size}"
+
+
+def _decoded(content: bytes) -> Entry | None:
+    try:
+        return restore(Entry, msgspec.json.decode(content), {})
+    except (ValueError, TypeError):
+        return None
+
+
+def unknown(name: str) -> SnapshotError:
+    """The error for a name that nothing has."""
+    return SnapshotError(
+        f"There is no snapshot {name[:40]} on this server; it may have been deleted, or the link"
+        " belongs to another server."
+    )
+
+
+class Store(Shelf):
+    """The cache: results by the keys of their analyses, and checkpoints of trainings."""
+
+    def __init__(self, place: Path | None = None, cap_bytes: int = CACHE_BYTES) -> None:
+        """By default in the user's cache folder."""
+        super().__init__(place or folder("cache"), cap_bytes)
+
+    def find(self, analysis: Analysis, say: Say | None = None) -> Result | None:
+        """The answer to an analysis, without its data; None where there is none."""
+        path = self.path(analysis.key)
+        try:
+            content = path.read_bytes()
+        except (FileNotFoundError, NotADirectoryError):  # the latter is said when writing
+            return None
+        except OSError as fault:
+            self._tell_unread(path.name, reason_of(fault), say)
+            return None
+        try:
+            result = read(content, is_complete=False)
+            if result.analysis.key != analysis.key:
+                raise SnapshotError("it belongs to another analysis")
+        except SnapshotError as fault:
+            self._set_aside(path.name, str(fault), say)
+            return None
+        with suppress(OSError):  # another's folder may be read, but its files not touched
+            os.utime(path)
+        return result
+
+    def read(self, name: str) -> Result:
+        """The result of that key; see `Shelf.read`."""
+        path = self.path(name)
+        if not path.exists():
+            raise unknown(name)
+        return read(read_file(path), is_complete=False)
+
+    def keep(self, result: Result, say: Say | None = None) -> None:
+        """Keep a result, with the parts that were computed so far."""
+        key = result.analysis.key
+        fits = tuple(replace(fit, cached=False) for fit in result.fits)
+        bare = replace(result, fits=fits, segments=(), recording=None, windows=tuple(
+            replace(window, segments=(), recording=None) for window in result.windows
+        ))  # fmt: skip
+        try:
+            content = to_bytes(bare)
+        except SnapshotError as fault:
+            if say:
+                say(str(fault))
+            return
+        path = self.path(key)
+        if self._write(path, content, say):
+            with suppress(OSError), self.index() as index:
+                self._enter(index, Entry.of(key, len(content), bare), _state(path))
+            for name in result.analysis.checkpoint_keys[1:]:
+                (self.folder / f"{name}{STATE}").unlink(missing_ok=True)
+
+    def checkpoints(self, analysis: Analysis, say: Say | None = None) -> "StoredCheckpoints":
+        """The checkpoints of a training."""
+        return StoredCheckpoints(self, analysis.checkpoint_keys, say)
+
+    def stopped_state(self, analysis: Analysis) -> Checkpoint | None:
+        """The state from which a stopped training would go on; None where it is new."""
+        if not analysis.checkpoint_keys or self.has(analysis.key):
+            return None
+        config = analysis.config
+        return self.checkpoints(analysis).load(config.iterations + config.lbfgs_iterations)
+
+    def stopped_at(self, analysis: Analysis) -> int | None:
+        """The iteration of that state; None where there is none."""
+        state = self.stopped_state(analysis)
+        return int(state["history.rows"][-1][0]) or None if state else None
+
+    # Sessions of the app
+
+    def keep_session(self, session: str, document: bytes) -> None:
+        """Keep what a session of the app has open; sessions unused for long are forgotten."""
+        with suppress(OSError):
+            self.folder.mkdir(parents=True, exist_ok=True)
+        with self.index() as index:
+            now = time.time()
+            index.execute(
+                "insert into sessions values (?, ?, ?) on conflict (name)"
+                " do update set used = excluded.used, document = excluded.document",
+                (session, now, document),
+            )
+            old = "(select name from sessions where used < ?)"
+            index.execute(f"delete from shown where session in {old}", (now - SESSION_KEPT,))
+            index.execute("delete from sessions where used < ?", (now - SESSION_KEPT,))
+
+    def session(self, session: str) -> bytes | None:
+        """What a session had open; None for one that is not known."""
+        row = None
+        with self.index() as index:
+            row = index.execute(
+                "select document from sessions where name = ?", (session,)
+            ).fetchone()
+        return row[0] if row else None
+
+    def show(self, session: str, result: Result) -> None:
+        """Enter a result among those that a session has shown, with the parts known by now."""
+        self.keep(result)
+        with self.index() as index:
+            index.execute(
+                "insert or replace into shown values (?, ?, ?)",
+                (session, result.analysis.key, time.time()),
+            )
+
+    # Files
+
+    def _write(self, path: Path, content: bytes, say: Say | None) -> bool:
+        try:
+            self.folder.mkdir(parents=True, exist_ok=True)
+            with written_whole(path) as file:
+                file.write(content)
+        except OSError as fault:
+            is_file = isinstance(fault, FileExistsError | NotADirectoryError)
+            reason = "this is no folder" if is_file else reason_of(fault)
+            if say:
+                say(
+                    f"{self.folder}: the result could not be kept ({reason}); free some space"
+                    f" or name another folder in {variable('cache')}."
+                )
+            return False
+        self._make_room(keep=path.name)
+        return True
+
+    def _tell_unread(self, name: str, reason: str, say: Say | None) -> None:
+        if say:
+            said = f"{name} in {self.folder} could not be read ({reason}), so"
+            say(f"{said} {_consequence(name)}.")
+
+    def _set_aside(self, name: str, fault: str, say: Say | None) -> None:
+        """Move a damaged file away, and say so; without a way to say it, leave it."""
+        if say is None:
+            return
+        aside = f"{name}{DAMAGED}"
+        try:
+            os.replace(self.folder / name, self.folder / aside)
+            where = f"it has been set aside as {aside}"
+        except OSError:
+            where = "it is ignored"
+        say(
+            f"{name} in {self.folder} cannot be used ({fault.rstrip('.')[:80]}); {where}, and"
+            f" {_consequence(name)}."
+        )
+
+    def _make_room(self, keep: str) -> None:
+        """Delete what was not used for the longest time until the cap holds.
+
+        Entries dated in the future (the clock was set back) are removed first.
+        """
+        files, now = [], time.time() + CLOCK_SLACK
+        for pattern in (f"*{SUFFIX}*", f"*{STATE}*", f"*{UNFINISHED}"):
+            for path in self.folder.glob(pattern):
+                with suppress(OSError):  # another process was quicker
+                    status = path.stat()
+                    used = status.st_mtime
+                    files.append((used <= now, used, status.st_size, path))
+        total = sum(size for *_, size, _ in files)
+        for *_, size, path in sorted(files):
+            if total <= self.cap_bytes:
+                return
+            if path.name != keep:
+                with suppress(OSError):
+                    path.unlink()
+                    total -= size
+
+
+def _consequence(name: str) -> str:
+    is_state = name.endswith(STATE)
+    return "the training does not go on from there" if is_state else (
+        "what it held is computed again"
+    )  # fmt: skip
+
+
+class StoredCheckpoints:
+    """The checkpoints of one training in the store, as `methods.method.Checkpoints` asks."""
+
+    def __init__(self, store: Store, keys: tuple[str, ...], say: Say | None) -> None:
+        """Where they lie: under the first key, or under the second beside a longer training's."""
+        self._store, self._keys, self._say = store, keys, say
+        self._key = keys[0]
+
+    def _path(self, key: str) -> Path:
+        return self._store.folder / f"{key}{STATE}"
+
+    def load(self, most: int) -> Checkpoint | None:
+        """The latest state with at most so many iterations; later ones stay untouched."""
+        for key in self._keys:
+            self._key, path = key, self._path(key)
+            try:
+                state = _arrays(path, self._store.cap_bytes)
+                if int(state["history.rows"][-1][0]) <= most:
+                    return state
+            except (FileNotFoundError, NotADirectoryError):
+                return None
+            except OSError as fault:
+                self._store._tell_unread(path.name, reason_of(fault), self._say)
+                return None
+            except Exception as fault:  # array parsers raise many kinds for foreign bytes
+                self.reject(fault)
+                return None
+        return None
+
+    def save(self, state: Checkpoint) -> None:
+        """Keep a state in place of the former one."""
+        packed = io.BytesIO()
+        np.savez(packed, allow_pickle=False, **state)
+        self._store._write(self._path(self._key), packed.getvalue(), self._say)
+
+    def reject(self, fault: Exception) -> None:
+        """Set the state aside: no training can go on from it."""
+        self._store._set_aside(self._path(self._key).name, str(fault), self._say)
+
+    def drop(self) -> None:
+        """Let the next training begin anew."""
+        for key in self._keys:
+            with suppress(OSError):
+                self._path(key).unlink(missing_ok=True)
+
+
+def _arrays(path: Path, most: int) -> Checkpoint:
+    with zipfile.ZipFile(path) as archive:
+        if sum(entry.file_size for entry in archive.infolist()) > most:
+            raise ValueError("it would unpack to more than the whole store may hold")
+    with np.load(path, allow_pickle=False) as file:
+        return {key: file[key] for key in file.files}
+
+
+class Library(Shelf):
+    """The snapshots of a server, each under the first digits of its digest."""
+
+    def __init__(
+        self,
+        place: Path | None = None,
+        cap_bytes: int = LIBRARY_BYTES,
+        cap_count: int = LIBRARY_COUNT,
+    ) -> None:
+        """By default among the user's data."""
+        super().__init__(place or folder("snapshots"), cap_bytes)
+        self.cap_count = cap_count
+
+    def add(self, content: Result | bytes, owner: str = "") -> str:
+        """Keep a snapshot, or the bytes of one, once they are known to be whole.
+
+        Args:
+            content: of a snapshot.
+            owner: a digest of who saves it; one that is there already stays whose it was.
+
+        Returns:
+            Its short name.
+
+        Raises:
+            SnapshotError: for damaged bytes, a full library, or a folder that cannot be written to.
+        """
+        data = content if isinstance(content, bytes) else to_bytes(content)
+        result = load(data)
+        name, path = result.id, self.path(result.id)
+        with suppress(SnapshotError):  # a damaged one is mended
+            if path.exists() and self.read(name):
+                return name
+        try:
+            self.folder.mkdir(parents=True, exist_ok=True)
+        except OSError as fault:
+            raise SnapshotError(
+                f"{self.folder}: the snapshot cannot be kept there ({reason_of(fault)}); name"
+                f" another folder in {variable('snapshots')}."
+            ) from None
+        self._sweep()
+        self._check_room(len(data))
+        write_file(data, path, "snapshot")
+        with self.index() as index:
+            self._enter(index, Entry.of(name, len(data), result), _state(path))
+            index.execute("update entries set owner = ? where name = ?", (owner, name))
+        return name
+
+    def owner(self, name: str) -> str:
+        """A digest of who saved a snapshot; empty where that is not known."""
+        row = None
+        with self.index() as index:
+            row = index.execute("select owner from entries where name = ?", (name,)).fetchone()
+        return (row[0] or "") if row else ""
+
+    def readable(self, words: str = "") -> tuple[Entry, ...]:
+        """The snapshots that can be read, the newest first."""
+        return tuple(entry for entry in self.entries(words) if not entry.fault)
+
+    def read(self, name: str) -> Result:
+        """The snapshot of that short name; see `Shelf.read`."""
+        result = load(self.raw(name))
+        if result.id != name:
+            raise SnapshotError(
+                f"Snapshot {name} is damaged: its file holds {result.id}; get the file anew."
+            )
+        return result
+
+    def raw(self, name: str) -> bytes:
+        """The file of that short name, to be downloaded.
+
+        Raises:
+            SnapshotError: for an unknown name.
+        """
+        path = self.path(name)
+        if not path.exists():
+            raise unknown(name)
+        return read_file(path)
+
+    def delete(self, name: str) -> None:
+        """Remove one, damaged or not; nothing happens where another did so already.
+
+        For a day `restore` brings it back.
+        """
+        path = self.path(name)
+        try:
+            with suppress(FileNotFoundError):
+                os.replace(path, path.with_suffix(DELETED))
+                os.utime(path.with_suffix(DELETED))
+        except OSError as fault:
+            raise SnapshotError(
+                f"Snapshot {name} cannot be deleted ({fault.strerror}); check who may write to"
+                f" {self.folder}."
+            ) from None
+
+    def restore(self, name: str) -> None:
+        """Bring back one that was deleted.
+
+        Raises:
+            SnapshotError: where it is gone for good, or the library is full.
+        """
+        path = self.path(name)
+        deleted = path.with_suffix(DELETED)
+        if path.exists():
+            return
+        if not deleted.exists():
+            raise unknown(name)
+        self._check_room(deleted.stat().st_size)
+        os.replace(deleted, path)
+
+    def _sweep(self) -> None:
+        """Remove what was deleted long ago, and what killed processes have left behind."""
+        for ending, kept in ((UNFINISHED, ABANDONED), (DELETED, RESTORABLE)):
+            for path in self.folder.glob(f"*{ending}"):
+                with suppress(OSError):  # another process swept it just now
+                    if time.time() - path.stat().st_mtime > kept:
+                        path.unlink()
+
+    def _check_room(self, size: int) -> None:
+        sizes = []
+        for path in self._files():
+            with suppress(OSError):  # deleted just now
+                sizes.append(path.stat().st_size)
+        if len(sizes) >= self.cap_count or sum(sizes) + size > self.cap_bytes:
+            raise SnapshotError(
+                f"The server's library of snapshots is full ({len(sizes):,} snapshots,"
+                f" {sum(sizes) / 1e6:.0f} MB); delete some that are no longer needed, then save"
+                " again."
+            )

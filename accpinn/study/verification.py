@@ -1,0 +1,445 @@
+"""What a snapshot says, held against what its analysis gives when it is run again.
+
+The analysis is run again on the snapshot's data, or on those cut anew from the recording, and each
+part of both results is compared number by number. A part is then
+
+    reproduced     the method was run again and gives the same
+    recomputed     it follows from the stored fit and the data, or from the fit alone
+    not checked    neither was possible; the part rests on whoever wrote the file
+
+On one machine a method gives the same to the last digit. Another processor rounds otherwise, and an
+iterative training carries that on, so there its parameters count and no more (`Method.tolerance`).
+A whole file proves nothing, as anyone can write one with a digest that fits.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, fields, replace
+from functools import partial
+from math import inf
+from typing import Any, Literal
+
+import numpy as np
+
+from accpinn.errors import AccpinnError
+from accpinn.evaluation.evaluation import Evaluation, pooled_holdout_errors
+from accpinn.inference.intervals import SLACK, agree
+from accpinn.methods.fit import Outcome
+from accpinn.methods.registry import METHODS
+from accpinn.model.cthp import Trajectories
+from accpinn.recordings.recording import Recording, facts_of
+from accpinn.segment.segment import WindowMoved, WindowShortened
+from accpinn.serial import NOT_FINITE, dump, flatten
+from accpinn.study.result import Parts, Result
+from accpinn.study.run import estimate
+from accpinn.study.snapshot import sanitise
+from accpinn.units import Seconds
+
+State = Literal["reproduced", "recomputed", "not checked"]
+Cure = Literal["", "--recording", "--refit"]
+"""What checks more, as the command line has it; empty where nothing can."""
+
+PATIENCE: Seconds = 60.0
+"""Longest time that running the methods again may be expected to take by default."""
+PROMPT: Seconds = 5.0
+"""The same where the verification only comes before something else."""
+QUICK: Seconds = 0.0
+"""The same where no method is to be run again."""
+HOWEVER_LONG: Seconds = inf
+
+RELATIVE, ABSOLUTE = 1e-9, 1e-11
+"""Numbers closer than this are the same; other processors round differently."""
+SOLVED = 1e-6
+"""The same share for what a method finds, and for what follows from draws."""
+CURVES = 1e-4
+"""Largest difference, in m and m/s, of curves from those that the weights give."""
+INSTANTS = 300
+"""Instants at which curves are compared."""
+FAULTS = (AccpinnError, ValueError, ArithmeticError)
+"""What computing with numbers that no snapshot has can raise."""
+VARYING = {"seconds", "cached"}
+"""Fields that differ from run to run."""
+FEATURED = {
+    "parameters.0.2": "τ {} s", "centre.0.2": "τ {} s", "mean_time_gap.0": "mean time gap {} s",
+    "closed_loop.gap_mae.0": "gap MAE {} m", "0.errors.gap_mae.0": "gap MAE {} m",
+    "samples": "{} samples",
+}  # fmt: skip
+"""Places whose value stands for a part that agrees, and the value in words."""
+TITLES = {
+    "fit": "Estimate", "curves": "Network's curves", "quality": "Data quality",
+    "uncertainty": "Intervals", "evaluation": "Errors", "holdout": "Hold-out",
+    "adequacy": "Forms of the model", "info": "Window and names", "facts": "Facts of the recording",
+    "data": "Data",
+}  # fmt: skip
+"""Parts of a result, in the order in which they are listed."""
+
+
+@dataclass(frozen=True)
+class Check:
+    """One part of a snapshot, as stored and as found now."""
+
+    part: str
+    """A key of `TITLES`."""
+    state: State
+    ok: bool = True
+    """Whether the numbers agree; True for a part that was not checked."""
+    method: str = ""
+    """Title of the compared method whose part it is; empty for the snapshot's own result."""
+    numbers: int = 0
+    """Numbers compared."""
+    differing: int = 0
+    stored: str = ""
+    """A number that stands for the part, or the first that differs, in words."""
+    computed: str = ""
+    reason: str = ""
+    """Why it could not be checked or computed, as a clause."""
+    cure: Cure = ""
+    seconds: Seconds = 0.0
+    """How long the cure is expected to take, in s; 0 where that is not known."""
+
+    @property
+    def title(self) -> str:
+        """The name of the part."""
+        return ", ".join(filter(None, (TITLES[self.part], self.method)))
+
+    @property
+    def sentence(self) -> str:
+        """The outcome of the check."""
+        if self.state == "not checked":
+            return f"Not checked, as {self.reason}."
+        if self.reason:
+            return self.reason
+        if self.ok:
+            counted = "1 number agrees" if self.numbers == 1 else f"All {self.numbers:,} agree"
+            return f"{counted}, {self.state}."
+        many = "One number differs" if self.differing == 1 else f"{self.differing:,} numbers differ"
+        return f"{many}: stored {self.stored}, {self.state} {self.computed}."
+
+
+@dataclass(frozen=True)
+class Verification:
+    """All checks of a snapshot."""
+
+    checks: tuple[Check, ...]
+
+    @property
+    def ok(self) -> bool:
+        """Whether all that was checked agrees."""
+        return all(check.ok for check in self.checks)
+
+    @property
+    def is_reproduced(self) -> bool:
+        """Whether the snapshot's own method was run again and gives the same."""
+        return any(
+            check.part == "fit" and not check.method and check.state == "reproduced" and check.ok
+            for check in self.checks
+        )
+
+    @property
+    def unchecked(self) -> tuple[Check, ...]:
+        """The parts that were not checked."""
+        return tuple(check for check in self.checks if check.state == "not checked")
+
+    @property
+    def sentence(self) -> str:
+        """The first difference, or what agrees and what was not checked."""
+        for check in self.checks:
+            if not check.ok:
+                return f"{check.title}: {check.sentence}"
+        parts = []
+        for state in ("reproduced", "recomputed", "not checked"):
+            titles = [check.title for check in self.checks if check.state == state]
+            if titles:
+                parts.append(f"{state.capitalize()}: {', '.join(dict.fromkeys(titles))}.")
+        return " ".join(parts)
+
+    @property
+    def counted(self) -> str:
+        """How many of the stored numbers agree: "412 of 412 numbers agree"."""
+        numbers = sum(check.numbers for check in self.checks)
+        return f"{numbers - sum(check.differing for check in self.checks):,} of {numbers:,}" + (
+            " numbers agree"
+        )
+
+
+OnRefit = Callable[[str, Seconds], None]
+
+
+def verify(
+    result: Result,
+    recording: Recording | None = None,
+    *,
+    refit_within: Seconds = PATIENCE,
+    on_refit: OnRefit | None = None,
+    parameters_only: bool = False,
+) -> Verification:
+    """Run the analysis of a snapshot again as far as that is possible, and compare.
+
+    Args:
+        result: as `load` reads it.
+        recording: what it was learned from; needed where the data are not in the snapshot.
+        refit_within: how many seconds running the methods again may be expected to take, the
+            snapshot's own method first. See `PATIENCE`, `PROMPT`, `QUICK` and `HOWEVER_LONG`.
+        on_refit: called with the title and the expected seconds of each method before it is run.
+        parameters_only: whether what follows from the parameters is left out, and so are the
+            methods compared; that takes no time but the method's own.
+    """
+    checks: list[Check] = []
+    whole = result
+    with np.errstate(all="ignore"):  # forged numbers overflow, and then differ
+        if recording is not None:
+            try:
+                whole = result.with_data(recording)
+                checks += _provenance(result, whole, recording)
+            except AccpinnError as fault:
+                checks.append(Check("data", "recomputed", False, reason=str(fault)))
+        left = refit_within
+        rows = [replace(row, segments=whole.segments, recording=whole.recording)
+                for row in whole.compared]  # fmt: skip
+        for subject in (whole,) if parameters_only else (whole, *rows):
+            name = "" if subject is whole else METHODS[subject.analysis.method].title
+            seconds = refit_seconds(subject)
+            may_refit = seconds <= left
+            if may_refit and subject.segments and not _obstacle(subject):
+                left -= seconds
+                if on_refit:
+                    on_refit(METHODS[subject.analysis.method].title, seconds)
+            parts = () if parameters_only else ("quality", "uncertainty", "evaluation", "adequacy")
+            checks += _of_subject(subject, name, parts, may_refit, seconds)
+    if recording is None and not parameters_only and result.analysis.source.sha256:
+        digest = result.analysis.source.sha256
+        reason = f"that takes the recording {result.info.source} (SHA-256 {digest[:16]}…)"
+        checks.append(Check("data", "not checked", reason=reason, cure="--recording"))
+    return Verification(tuple(checks))
+
+
+def refit_seconds(result: Result) -> Seconds:
+    """How long running the method of a result again takes, hold-out included, in s."""
+    if not result.segment:
+        return 0.0
+    try:
+        method, config = METHODS[result.analysis.method], result.analysis.config
+        once = method.expected_seconds(result.segment, config)
+    except AccpinnError:
+        return 0.0
+    blocks = result.parts.evaluation.blocks if result.parts.evaluation else ()
+    return once * (1 + len(blocks))
+
+
+def _obstacle(result: Result) -> str:
+    """Why a method cannot be run again, as a clause; empty where it can."""
+    if result.fit.outcome is Outcome.STOPPED:
+        return "its training was stopped by hand"
+    return ""
+
+
+def _provenance(result: Result, whole: Result, recording: Recording) -> list[Check]:
+    """Names, findings and facts as the recording has them; its file may be called otherwise."""
+    infos = [
+        tuple(
+            replace(
+                info,
+                source="",
+                findings=tuple(
+                    finding
+                    for finding in info.findings
+                    if not isinstance(finding, WindowMoved | WindowShortened)
+                ),
+            )
+            for info in those
+        )
+        for those in (result.infos, tuple(segment.info for segment in whole.segments))
+    ]
+    checks = [_compare("info", infos[0], infos[1])]
+    if result.facts:
+        checks.append(_compare("facts", result.facts, facts_of(recording)))
+    return checks
+
+
+def _of_subject(
+    subject: Result, name: str, parts: Sequence[str], may_refit: bool, seconds: Seconds
+) -> list[Check]:
+    """The checks of the snapshot's own result, or of a compared one."""
+    checks = []
+    if not name:
+        checks += _attempt("curves", name, lambda: _curves(subject))
+    if not subject.segments:
+        reason = "the data are not at hand"
+        known = [part for part in parts if getattr(subject.parts, part) is not None]
+        return checks + [
+            Check(part, "not checked", True, name, reason=reason, cure="--recording")
+            for part in ("fit", *known)
+        ]
+    obstacle = _obstacle(subject)
+    if obstacle or not may_refit:
+        reason = obstacle or "running the method again takes time"
+        cure: Cure = "" if obstacle else "--refit"
+        checks.append(Check("fit", "not checked", True, name, reason=reason, cure=cure,
+                            seconds=seconds))  # fmt: skip
+    else:
+        checks = _attempt("fit", name, lambda: _refit(subject, name)) + checks
+    fresh = replace(subject, parts=Parts())
+    for part in parts:
+        stored = getattr(subject.parts, part)
+        if stored is not None:
+            checks += _attempt(part, name, partial(_part, fresh, part, stored, name))
+    return checks
+
+
+def _attempt(part: str, name: str, check: Callable[[], list[Check]]) -> list[Check]:
+    """What cannot be computed is a part that does not agree."""
+    try:
+        return check()
+    except FAULTS as fault:
+        return [Check(part, "recomputed", False, name, reason=str(fault))]
+
+
+def _refit(subject: Result, name: str) -> list[Check]:
+    """Run the method again on the data, and without the blocks held out."""
+    analysis, old = subject.analysis, subject.fit
+    method = METHODS[analysis.method]
+    again = estimate(analysis, subject.segments, subject.recording)
+    new = again.as_row().fit if name else again.fit
+    before, after = (replace(fit, config={}, findings=()) for fit in (old, new))
+    found = _compare("fit", before, after, name, state="reproduced", relative=SOLVED)
+    is_exact = found.ok
+    if not is_exact and method.tolerance > SOLVED:
+        found = _compare(
+            "fit", {"parameters": old.parameters}, {"parameters": new.parameters}, name,
+            state="reproduced", relative=method.tolerance,
+        )  # fmt: skip
+    checks = [found]
+    evaluation = subject.parts.evaluation
+    if evaluation and evaluation.blocks:
+        blocks = again.with_holdout().evaluation.blocks
+        checks.append(
+            _compare(
+                "holdout",
+                evaluation.blocks,
+                blocks,
+                name,
+                state="reproduced",
+                relative=method.tolerance,
+                numbers_only=not is_exact,
+            )
+        )
+    return checks
+
+
+def _part(fresh: Result, part: str, stored: Any, name: str) -> list[Check]:
+    """A part computed anew from the stored fit and the data."""
+    if part == "uncertainty":
+        found = fresh.uncertainty
+        check = _compare(part, stored, found, name, relative=SOLVED)
+        # On another processor draws differ, and the ends of intervals a little.
+        return [replace(check, ok=True, differing=0) if agree(stored, found) else check]
+    if part == "adequacy":
+        return [_compare(part, stored, fresh.adequacy, name, relative=SLACK, absolute=SLACK)]
+    if part == "evaluation":
+        return [_compare(part, *_comparable(stored, fresh), name)]
+    return [_compare(part, stored, getattr(fresh, part), name)]
+
+
+def _comparable(stored: Evaluation, fresh: Result) -> tuple[dict[str, Any], dict[str, Any]]:
+    """The errors that follow from fit and data; those of blocks follow from the method alone."""
+    found = replace(fresh.evaluation, holdout=pooled_holdout_errors(stored.blocks))
+    unknown = {"blocks"}
+    if fresh.fit.surrogate is None:
+        unknown.add("surrogate")
+    if fresh.recording is None or not fresh.facts:
+        unknown |= {"out_of_window", "out_of_window_seconds", "out_of_window_findings"}
+    names = [field.name for field in fields(Evaluation) if field.name not in unknown]
+    old, new = ({name: getattr(each, name) for name in names} for each in (stored, found))
+    return old, new
+
+
+def _curves(subject: Result) -> list[Check]:
+    """Whether the stored curves are what the method's stored state gives."""
+    fit, redraw = subject.fit, METHODS[subject.fit.method].redraw
+    if redraw is None or fit.surrogate is None:
+        return []
+    curves = fit.surrogate
+    rows = np.unique(np.linspace(0, len(curves.time) - 1, INSTANTS).round().astype(int))
+    stored = Trajectories(curves.time[rows], curves.speeds[rows], curves.gaps[rows])
+    found = redraw(fit, stored.time, float(curves.time[-1]))
+    return [_compare("curves", stored, found, absolute=CURVES)]
+
+
+def _compare(
+    part: str,
+    stored: Any,
+    found: Any,
+    name: str = "",
+    *,
+    state: State = "recomputed",
+    relative: float = RELATIVE,
+    absolute: float = ABSOLUTE,
+    numbers_only: bool = False,
+) -> Check:
+    """Two objects of one kind, number by number and text by text."""
+    old, new = (_leaves(value, numbers_only) for value in (stored, found))
+    places = sorted(old.keys() | new.keys())
+    differing = [
+        place for place in places if not _same(old.get(place), new.get(place), relative, absolute)
+    ]
+    shown = next(iter([*differing, *(place for place in FEATURED if place in old)]), "")
+    stored_words, computed_words = _shown(shown, old.get(shown), new.get(shown), bool(differing))
+    return Check(
+        part, state, not differing, name,
+        numbers=sum(np.size(leaf) for leaf in old.values()),
+        differing=len(differing),
+        stored=stored_words,
+        computed=computed_words,
+    )  # fmt: skip
+
+
+def _leaves(value: Any, numbers_only: bool) -> dict[str, Any]:
+    """Numbers, answers, texts and large arrays by their places, but what varies from run to run."""
+    tree, arrays = dump(value)
+    leaves = {}
+    for place, leaf in flatten(sanitise(tree)):
+        names = set(place.split("."))
+        if isinstance(leaf, str) and leaf in NOT_FINITE:
+            leaf = float(leaf)
+        leaf = arrays.get(leaf, leaf) if isinstance(leaf, str) else leaf
+        is_text = isinstance(leaf, str) or "findings" in names
+        if leaf is not None and not names & VARYING and not (is_text and numbers_only):
+            leaves[place] = leaf
+    return leaves
+
+
+def _same(stored: Any, found: Any, relative: float, absolute: float) -> bool:
+    if stored is None or found is None or isinstance(stored, str) or isinstance(found, str):
+        return isinstance(stored, str) and isinstance(found, str) and stored == found
+    a, b = np.asarray(stored, float), np.asarray(found, float)
+    if a.shape != b.shape:
+        return False
+    with np.errstate(invalid="ignore", over="ignore"):
+        near = np.abs(a - b) <= absolute + relative * np.minimum(np.abs(a), np.abs(b))
+    return bool((near | (a == b) | (np.isnan(a) & np.isnan(b))).all())
+
+
+def _shown(place: str, stored: Any, found: Any, differ: bool) -> tuple[str, str]:
+    """A leaf as stored and as found now, with the digits it takes to see a difference."""
+    if not place:
+        return "", ""
+    if isinstance(stored, np.ndarray) and isinstance(found, np.ndarray):
+        if stored.shape == found.shape:
+            first = np.unravel_index(np.argmax(np.abs(stored - found)), stored.shape)
+            stored, found = float(stored[first]), float(found[first])
+            place = ".".join([place, *map(str, first)])
+    words = FEATURED.get(place, f"{place}: {{}}" if differ else "{}")
+    if isinstance(stored, float | int) and isinstance(found, float | int):
+        pairs = [(f"{stored:.{digits}g}", f"{found:.{digits}g}") for digits in range(6, 18)]
+        pair = next((pair for pair in pairs if pair[0] != pair[1]), pairs[0])
+    else:
+        pair = (_brief(stored), _brief(found))
+    return words.format(pair[0]), words.format(pair[1])
+
+
+def _brief(leaf: Any) -> str:
+    if leaf is None:
+        return "nothing"
+    if isinstance(leaf, np.ndarray):
+        return f"{leaf.shape}"
+    text = str(leaf)
+    return text if len(text) <= 40 else f"{text[:39]}…"
