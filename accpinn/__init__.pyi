@@ -55,6 +55,7 @@ from .study.batch import batch as batch
 from .study.groups import group as group
 from .study.groups import read_study as read_study
 from .study.result import Result as Result
+from .study.run import fit_windows as fit_windows
 from .study.run import run as run
 from .study.snapshot import load as load
 from .study.starts import spread_of as spread_of

@@ -1,15 +1,18 @@
 """`run`: the only way from an `Analysis` to its `Result`."""
 
+from collections.abc import Sequence
 from dataclasses import replace
+from hashlib import sha256
 
 from accpinn.errors import ConfigError
 from accpinn.methods.fit import CacheProblem, Fit
 from accpinn.methods.maximum_likelihood import KEY, fit_among
 from accpinn.methods.method import TaskContext
 from accpinn.methods.registry import METHODS
+from accpinn.model.cthp import Case
 from accpinn.recordings.recording import Recording
 from accpinn.segment.segment import Segment
-from accpinn.study.analysis import Analysis
+from accpinn.study.analysis import Analysis, Source
 from accpinn.study.result import Result, result_of
 from accpinn.study.store import Store
 from accpinn.study.windows import check_windows
@@ -77,6 +80,33 @@ def estimate(
     method, config = METHODS[analysis.method], analysis.config
     fit = method.fit(segment, analysis.case, config, context)
     return result_of(analysis, segments, (fit,), recording)
+
+
+def fit_windows(segments: Sequence[Segment], case: Case = "II") -> Result:
+    """One parameter set over windows that were cut already, also of several recordings.
+
+    Args:
+        segments: at least two, of the same vehicles in the same order, with the same step in time.
+            The first one's numbers and names of vehicles serve for all.
+        case: "I" for one parameter set, "II" for one per follower.
+
+    Raises:
+        ConfigError: for fewer than two segments.
+        SegmentError: when segments overlap or do not match, or one is too short.
+    """
+    if len(segments) < 2:
+        raise ConfigError("windows: one is no comparison; give at least two, or use fit for one.")
+    first = segments[0].info
+    data = sha256(" ".join(segment.info.digest for segment in segments).encode())
+    analysis = Analysis(
+        Source(first.source, first.sha256, None, data.hexdigest()),
+        first.vehicles,
+        tuple(segment.window for segment in segments),
+        case,
+        first.excluded_regimes,
+        method=KEY,
+    )
+    return _together(analysis, tuple(segments), None)
 
 
 def _together(
