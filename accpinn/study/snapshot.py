@@ -458,7 +458,7 @@ def _check_fit(fit: Fit, info: SegmentInfo) -> None:
         shape.check("curves' gaps", curves.gaps, "N", "M", finite=True)
         shape.check("curves' time", curves.time, "N", finite=True)
     if history := fit.history:
-        shape.check("history's parameters", history.parameters.values, "K", "P", 3, finite=True)
+        shape.check("history's parameters", history.parameters.values, "K", "P", 3)
         for name in ("iteration", "seconds", "total", "data", "physics", "initial", "evidence"):
             shape.check(f"history's {name}", getattr(history, name), "K", finite=True)
         shape.check("history's deviations", history.deviations, "K", "P", 3)
