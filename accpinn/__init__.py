@@ -4,7 +4,7 @@
 
     study = accpinn.fit("recording.csv", start=0, duration=300)
     study.parameters.tau                   # array of time headways in s, one a follower
-    study.uncertainty.lower, study.adequacy.recommended, study.stability
+    study.uncertainty.lower, study.adequacy.forms, study.stability
     study.transfer_function()
     study.save("result.accpinn.zip")
 

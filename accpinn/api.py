@@ -64,9 +64,9 @@ class Study:
 
     @cached_property
     def adequacy(self) -> Adequacy:
-        """The forms of the model in one likelihood; `recommended` has the intervals to be used.
+        """Other forms of the model in the same likelihood, with their estimates and intervals.
 
-        It takes about a second a follower. Once it was asked for, snapshot and report have it, too.
+        It takes about a second a follower. Once computed, snapshot and report contain it, too.
         """
         return model_forms(self.segment, self.fit.case)
 

@@ -12,13 +12,13 @@ from accpinn.errors import ConfigError, SnapshotError
 from accpinn.recordings.files import read
 from accpinn.recordings.recording import Recording
 from accpinn.results.export import SAMPLES, parameter_card, snapshot_types
-from accpinn.results.messages import message
 from accpinn.results.messages.snapshot import (
     WAYS,
     check_rows,
     refitting,
     rests_on,
     standing_rows,
+    unchecked_sentence,
     verification_summary,
 )
 from accpinn.results.snapshot import SUFFIX, Snapshot
@@ -85,7 +85,11 @@ def _describe_verification(snapshot: Snapshot, result: Verification) -> dict[str
         "figures": [row._asdict() for row in standing_rows(result.standings)],
         "checks": [row._asdict() for row in check_rows(result, snapshot.info)],
         "not_checked": [
-            {"what": message(one, snapshot.info), "cure": one.cure, "seconds": one.seconds}
+            {
+                "what": unchecked_sentence(one, snapshot.info),
+                "cure": one.cure,
+                "seconds": one.seconds,
+            }
             for one in result.unchecked
         ],
     }

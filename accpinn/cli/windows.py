@@ -17,13 +17,13 @@ from accpinn.cli.options import (
 )
 from accpinn.cli.output import show_result
 from accpinn.cli.recording import chosen_recording
-from accpinn.errors import ConfigError, Finding, SegmentError
+from accpinn.errors import ConfigError, SegmentError
 from accpinn.evaluation.closed_loop import TrackingErrors, closed_loop_errors, surrogate_errors
+from accpinn.findings import Finding
 from accpinn.methods.fit import Fit
 from accpinn.methods.maximum_likelihood import KEY
 from accpinn.recordings.recording import Recording, Window
 from accpinn.results.messages import messages
-from accpinn.results.messages.methods import outcome_message
 from accpinn.results.tables.windows import between_table, joint_table, windows_table
 from accpinn.segment.cut import DURATION, cut, disjoint_windows
 from accpinn.segment.quality import assess_quality, exclude_regimes, label_regimes
@@ -117,7 +117,7 @@ def describe_joint(joint: JointFit) -> dict[str, Any]:
         "closed_loop_mae": _mean_errors(samples, [closed_loop_errors(*pair) for pair in pairs]),
         "mean_time_gap": np.average(gaps, axis=0, weights=samples).tolist(),
         "outcome": fit.outcome.name.lower(),
-        "outcome_sentence": outcome_message(fit),
+        "outcome_sentence": fit.outcome.value,
         "windows": [_describe_window(*of) for of in zip(joint.windows, joint.fits, strict=True)],
         "between_windows": [
             {"vehicle": one.vehicle, "name": name, **by_key(map(_describe_effect, one.effects))}
@@ -177,7 +177,7 @@ def joint_text(joint: JointFit) -> str:
         *(between_table(joint, k) for k in shown),
     ]
     effort = f"{joint.fits[0].iterations} iterations, {joint.seconds:.1f} s in all"
-    said = [f"{outcome_message(joint.fits[0])} ({effort})", *_incidents_of(joint)]
+    said = [f"{joint.fits[0].outcome.value} ({effort})", *_incidents_of(joint)]
     notes = [f"Note: {note}" for note in _notes(joint)]
     return "\n".join(["\n\n".join(table.to_text() for table in tables), "", *said, *notes])
 

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import pytest
+from accpinn.study.recommendation import recommend
 from markupsafe import escape
 
 from accpinn.errors import SegmentError
@@ -14,7 +15,6 @@ from accpinn.methods.registry import METHODS
 from accpinn.recordings.recording import Window
 from accpinn.results.messages import message
 from accpinn.study.comparison import MethodFailure, MethodResult, compare, result_of
-from accpinn.study.recommendation import recommend
 from accpinn.tasks.task import Status, Task
 from pages.ui.session.recordings import FIRST_SAMPLE, sample
 from pages.ui.session.resources import task_queue

@@ -4,13 +4,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from accpinn.results.messages.checks import MEANING, TITLES, failing_of, label_of
 
 from accpinn.evaluation.closed_loop import SimulatedCollision
 from accpinn.inference.intervals import Uncertainty
 from accpinn.methods.fit import IterationsExhausted, Outcome
 from accpinn.model.cthp import Parameters
 from accpinn.results.checks import Check, checks
-from accpinn.results.messages.checks import MEANING, TITLES, failing_of, label_of
 from tests.support.samples import PLATOON, sample
 from tests.support.snapshots import whole
 

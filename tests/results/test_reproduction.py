@@ -4,10 +4,10 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from accpinn.results.messages.reproduction import outcome, run_line
 
 from accpinn.model.published import VICOLUNGO
 from accpinn.recordings.openacc import read
-from accpinn.results.messages.reproduction import outcome, run_line
 from accpinn.results.reproduction import ITEMS, PrintedVerdicts
 from accpinn.results.tables.reproduction import reproduction_table
 from accpinn.segment.cut import cut

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Mapping, Sequence
 
-from accpinn.results.messages import percent
+from accpinn.findings import percent
 from accpinn.results.tables.table import between
 from accpinn.study.batch_progress import BatchProgress, BatchSummary
 from accpinn.study.estimate import BatchEstimate

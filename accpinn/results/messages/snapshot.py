@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from itertools import zip_longest
 from typing import NamedTuple
 
-from accpinn.results.messages import Labelled, joined, message, messages
+from accpinn.findings import Labelled, joined
 from accpinn.results.snapshot.places import PartCheck
 from accpinn.results.snapshot.standing import Standing, Way
 from accpinn.results.snapshot.verification import RECORDING, Unchecked, Verification
@@ -151,8 +151,8 @@ def _from(text: str, start: int) -> str:
     return " ".join((shown if len(shown) <= LONGEST else f"{shown[: LONGEST - 1]}…").split())
 
 
-@message.register
-def _(check: PartCheck, about: Labelled) -> str:
+def check_sentence(check: PartCheck, about: Labelled) -> str:
+    """The outcome of a check; ``about`` is the snapshot's `info`."""
     if check.reason:
         return check.reason
     if check.ok:
@@ -174,8 +174,8 @@ def _(check: PartCheck, about: Labelled) -> str:
     return f"{many}{place}: stored {stored}, {WAYS[check.way].lower()} {recomputed}."
 
 
-@message.register
-def _(unchecked: Unchecked, about: Labelled) -> str:
+def unchecked_sentence(unchecked: Unchecked, about: Labelled) -> str:
+    """What was not checked; ``about`` is the snapshot's `info`."""
     time = f" (about {duration(unchecked.seconds)})" if unchecked.seconds else ""
     if unchecked.cure == RECORDING:
         time = ", as the data are not at hand"
@@ -204,8 +204,8 @@ def verification_summary(verification: Verification, about: Labelled) -> str:
     """
     for check in verification.checks:
         if not check.ok:
-            return f"{_title(check)}: {message(check, about)}"
-    believed = dict.fromkeys(messages(verification.unchecked, about))
+            return f"{_title(check)}: {check_sentence(check, about)}"
+    believed = dict.fromkeys(unchecked_sentence(one, about) for one in verification.unchecked)
     return f"{rests_on(verification)} Not checked: {'; '.join(believed)}."
 
 
@@ -236,7 +236,7 @@ def parameters_rest_on(verification: Verification, about: Labelled) -> str:
     if verification.refitted:
         return "Refitted: α, β, τ agree."
     why = [one for one in verification.unchecked if one.kind in UNREFITTED][:1]
-    said = "; ".join(messages(why, about))
+    said = "; ".join(unchecked_sentence(one, about) for one in why)
     return f"Not refitted: α, β, τ are only told. Not checked: {said}." if why else ""
 
 
@@ -273,7 +273,7 @@ def check_rows(verification: Verification, about: Labelled) -> tuple[CheckRow, .
         about: the snapshot's `info`.
     """
     return tuple(
-        CheckRow(_title(check), *_values(check), check.ok, message(check, about), check.way)
+        CheckRow(_title(check), *_values(check), check.ok, check_sentence(check, about), check.way)
         for check in verification.checks
     )
 

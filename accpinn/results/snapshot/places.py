@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from accpinn.errors import Finding
+from accpinn.findings import Finding
 from accpinn.results.snapshot.standing import Way
 from accpinn.results.snapshot.validate import sanitise
 from accpinn.serial import NOT_FINITE, dump, flatten, join

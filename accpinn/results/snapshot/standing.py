@@ -7,7 +7,7 @@ Figures are known by their places in the snapshot's tree (see `accpinn.serial`),
 from collections.abc import Collection, Mapping
 from typing import Literal
 
-from accpinn.errors import Finding
+from accpinn.findings import Finding
 
 Way = Literal["refitted", "recomputed", "told"]
 """Found by the method run again; computed from parameters and data; compared with nothing."""

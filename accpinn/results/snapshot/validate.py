@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from accpinn.channels import COMPUTABLE, PARAMETERS
-from accpinn.errors import Finding
+from accpinn.channels import COMPUTABLE
+from accpinn.findings import Finding
 from accpinn.inference.intervals import Interval, Uncertainty
-from accpinn.inference.model_adequacy import Adequacy
+from accpinn.inference.model_adequacy import EXTRA, Adequacy
 from accpinn.methods.fit import Fit
 from accpinn.methods.maximum_likelihood import KEY
 from accpinn.methods.registry import METHODS
@@ -206,19 +206,13 @@ def _check_uncertainty(uncertainty: Uncertainty) -> None:
 
 
 def _check_adequacy(adequacy: Adequacy) -> None:
-    symbols = [quantity.symbol for quantity in PARAMETERS]
-    posteriors = [form for one in adequacy.recommended for form in one.forms]
-    posteriors += [one.posterior for one in adequacy.better]
-    stated = [one.intervals for one in adequacy.recommended]
-    for intervals in stated + [form.intervals for form in posteriors]:
-        own = [parameter.symbol for parameter in intervals]
-        _require(own == symbols, "a form of the model has other parameters")
-    for form in posteriors:
+    for form in adequacy.forms:
         _require(form.form in FORMS, "a form of the model is not known")
-        _require(0 <= form.probability <= 1, "a probability is not within 0 to 1")
-    for weighted in adequacy.recommended:
-        forms = [form.form for form in weighted.forms]
-        _require(forms == [*FORMS], "a form of the model is missing")
+        ends = (form.lower.values, form.upper.values), (form.extra[:, 1], form.extra[:, 2])
+        for lower, upper in ends:
+            _require(not (lower > upper).any(), "an interval is upside down")
+    for better in adequacy.better:
+        _require(better.form in EXTRA, "a form of the model is not known")
 
 
 def _check_stability(report: StabilityReport) -> None:

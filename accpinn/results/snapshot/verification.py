@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from accpinn import __version__
-from accpinn.errors import AccpinnError, Finding
+from accpinn.errors import AccpinnError
 from accpinn.evaluation.evaluation import (
     Block,
     Evaluation,
@@ -26,6 +26,7 @@ from accpinn.evaluation.evaluation import (
     evaluate,
     pooled_holdout_errors,
 )
+from accpinn.findings import Finding
 from accpinn.inference.intervals import SLACK, Uncertainty, agree, from_draws, intervals, judged
 from accpinn.inference.model_adequacy import model_forms
 from accpinn.methods.fit import Fit, Outcome

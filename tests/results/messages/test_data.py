@@ -4,7 +4,7 @@ from typing import get_args
 
 import pytest
 
-from accpinn.errors import Finding
+from accpinn.findings import Finding
 from accpinn.recordings import recording as recordings
 from accpinn.recordings.recording import RecordingFinding, Window
 from accpinn.results.messages import message, messages

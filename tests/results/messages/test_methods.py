@@ -4,10 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from accpinn.results.messages.methods import agreement, colliding_methods
 
 from accpinn.evaluation.closed_loop import SimulatedCollision
 from accpinn.model.cthp import Parameters
-from accpinn.results.messages.methods import agreement, colliding_methods
 from accpinn.segment.segment import Segment
 from accpinn.study.comparison import MethodResult, compare
 from accpinn.units import FloatArray

@@ -1,9 +1,9 @@
 """Sentences about a suggested window: each has its numbers, and says what is not known."""
 
 import pytest
+from accpinn.results.messages.window import suggestion_reasons
 
 from accpinn.recordings.recording import Window
-from accpinn.results.messages.window import suggestion_reasons
 from accpinn.segment.suggestion import Suggestion
 
 
