@@ -57,11 +57,11 @@ class Finding(msgspec.Struct, frozen=True, tag=True):
             about: names the recording and the vehicles.
         """
         values: dict[str, Any] = {"source": about.source, **msgspec.structs.asdict(self)}
-        if "vehicle" in values:
+        if "{vehicle}" in text:
             values["vehicle"] = who(values["vehicle"], about)
-        if "follower" in values:
+        if "{follower}" in text:
             values["follower"] = about.label(values["follower"])
-        if "vehicles" in values:
+        if "{vehicles}" in text:
             values["vehicles"] = tuple(map(about.label, values["vehicles"]))
         return _TEMPLATES.vformat(text, (), {**values, **self._words(about)})
 
