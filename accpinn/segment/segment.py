@@ -63,7 +63,7 @@ class BlocksMissing(Finding, frozen=True):
     """Samples are missing for longer than a straight line may bridge."""
 
     text = (
-        "Missing in {part} of the window, at {where}: {columns}. The likelihood leaves these"
+        "{columns} {are} missing in {part} of the window, at {where}; the likelihood leaves these"
         " samples out."
     )
 
@@ -76,7 +76,7 @@ class BlocksMissing(Finding, frozen=True):
 
     def _words(self, about: Labelled) -> Words:
         part, where = rounded_percent(self.share), longest(self.windows)
-        return {"part": part, "where": where}
+        return {"are": "is" if len(self.columns) == 1 else "are", "part": part, "where": where}
 
 
 class RegimesExcluded(Finding, frozen=True):

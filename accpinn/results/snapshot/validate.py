@@ -42,11 +42,14 @@ SHAPES = (
         StabilityReport="vehicles",
         PlatoonStability="peaks",
         Gains="gain error",
-        ModelForm="extra aic holdout",
+        ModelForm="aic holdout",
         InnovationTests="correlated uneven nonnormal nonlinear",
     )
-    | _of(Shape("M", 3), Uncertainty="centre lower upper inside")
-    | _of(Shape("M", 3), ModelForm="parameters deviation")
+    | _of(
+        Shape("M", 3),
+        Uncertainty="centre lower upper inside",
+        ModelForm="parameters lower upper extra",
+    )
     | _of(Shape("D", "M", 3), Uncertainty="draws")
     | _of(Shape("V"), SegmentInfo="vehicles names", TrackingErrors="speed_mae speed_rmse")
     | _of(Shape(3), VehicleStability="parameters")
