@@ -208,25 +208,25 @@ def judged(uncertainty: Uncertainty, segment: Segment, fit: Fit) -> Uncertainty:
     return replace(compared, findings=tuple(_findings(segment, fit, compared)))
 
 
-def agree(one: Uncertainty, other: Uncertainty) -> bool:
+def agree(old: Uncertainty, new: Uncertainty) -> bool:
     """Whether estimates, ends and probabilities agree up to `SLACK`, as for the same data.
 
     Processors round differently, and one draw more or less beyond an end moves it.
     """
-    if one.draws.values.shape != other.draws.values.shape or one.level != other.level:
+    if old.draws.values.shape != new.draws.values.shape or old.level != new.level:
         return False
-    spread = SLACK * (other.upper.values - other.lower.values)
-    pairs = [(getattr(one, n).values, getattr(other, n).values, spread) for n in ENDS]
+    spread = SLACK * (new.upper.values - new.lower.values)
+    pairs = [(getattr(old, n).values, getattr(new, n).values, spread) for n in ENDS]
     for name in ("peak_gain", "linf_gain", "crossover"):
-        old, new = getattr(one, name), getattr(other, name)
-        spread = SLACK * (new.upper - new.lower)
-        pairs += [(old.lower, new.lower, spread), (old.upper, new.upper, spread)]
+        before, after = getattr(old, name), getattr(new, name)
+        spread = SLACK * (after.upper - after.lower)
+        pairs += [(before.lower, after.lower, spread), (before.upper, after.upper, spread)]
     for name in ("probability_l2", "probability_linf"):
-        pairs.append((getattr(one, name), getattr(other, name), np.full(1, SLACK)))
+        pairs.append((getattr(old, name), getattr(new, name), np.full(1, SLACK)))
     return all(
-        np.shape(old) == np.shape(new)
-        and bool(np.all((np.abs(old - new) <= spread) | (np.isnan(old) & np.isnan(new))))
-        for old, new, spread in pairs
+        np.shape(before) == np.shape(after)
+        and bool(np.all((np.abs(before - after) <= spread) | (np.isnan(before) & np.isnan(after))))
+        for before, after, spread in pairs
     )
 
 
