@@ -137,36 +137,18 @@ class SimulatedInStretches(Finding, frozen=True):
     """Shorter stretches are left out too."""
 
 
-LITTLE_GAIN = 0.02
-"""Share of Ψ below which its decrease is called small."""
-
-
 class HiddenLayersGain(Finding, frozen=True):
     """What training the hidden layers contributed: Ψ before and after."""
 
     text = (
-        "Training the hidden layers lowered Ψ from {before:#.3g} to {after:#.3g} ({gain:.0%}"
-        " lower)."
-    )
-    text_if_little = (
-        "Training the hidden layers contributed little: Ψ was {before:#.4g} before and is"
-        " {after:#.4g} now; the exact solve determined the result."
+        "Training the hidden layers changed Ψ from {before:#.4g} to {after:#.4g} ({change:+.0%})."
     )
 
     before: float
     after: float
 
-    @property
-    def gain(self) -> float:
-        """Share by which Ψ decreased."""
-        return 1 - self.after / self.before
-
-    def sentence(self, about: Labelled) -> str:
-        """The finding as a sentence, which depends on how much was gained."""
-        return self.filled(self.text if self.gain >= LITTLE_GAIN else self.text_if_little, about)
-
     def _words(self, about: Labelled) -> Words:
-        return {"gain": self.gain}
+        return {"change": self.after / self.before - 1}
 
 
 class IterationsExhausted(Finding, frozen=True):
