@@ -4,7 +4,7 @@
 
     result = accpinn.fit("recording.csv", start=0, duration=300)
     result.parameters.tau                  # array of time headways in s, one a follower
-    result.uncertainty.lower, result.adequacy, result.stability
+    result.uncertainty.lower, result.adequacy.forms, result.stability
     result.transfer_function()
     accpinn.save(result, "result.accpinn.zip")
 

@@ -1,11 +1,4 @@
-"""Faults of what the user gave, and findings: what a computation noticed and a reader should know.
-
-The message of a fault is one sentence with place, fault and cure. Every room defines its own
-findings beside the code that makes them; `results.messages` turns each into its sentence. A finding
-holds numbers, names and vehicle numbers, never prose.
-"""
-
-import msgspec
+"""Faults of what the user gave: each message is one sentence with place, fault and cure."""
 
 
 class AccpinnError(Exception):
@@ -30,7 +23,3 @@ class SnapshotError(AccpinnError):
 
 class ParameterError(AccpinnError):
     """Parameters, or settings of a simulation, that no vehicle can have."""
-
-
-class Finding(msgspec.Struct, frozen=True, tag=True):
-    """The base of all findings; a subclass's name is its kind."""

@@ -8,6 +8,7 @@ import pytest
 
 import accpinn
 from accpinn.errors import AccpinnError, SnapshotError
+from accpinn.methods.state_space import FORMS
 from accpinn.results.snapshot.verification import verify
 from tests.support.command import ROOT
 from tests.support.openacc_files import platoon, recording
@@ -62,7 +63,7 @@ def test_a_study_computes_what_it_is_asked_for() -> None:
     assert abs(transfer(1j * peak.omega)) == pytest.approx(peak.gain)
     snapshot = study.snapshot(name="mine", with_data=True)
     assert (snapshot.name, snapshot.adequacy) == ("mine", None)
-    assert [one.vehicle for one in study.adequacy.recommended] == [2]
+    assert [form.form for form in study.adequacy.forms] == list(FORMS)
     snapshot = study.snapshot(with_data=True)
     assert snapshot.adequacy is study.adequacy
     assert verify(snapshot).ok

@@ -116,15 +116,15 @@ class TestDepartures:
             (None, 5, 3, False),
         ],
     )
-    def test_limits_are_of_the_recommended_form_or_of_the_findings(
+    def test_limits_are_of_the_true_form_or_of_the_findings(
         self, form: Form | None, covered: int, noticed: int, kept: bool
     ) -> None:
         """Five recordings of one follower."""
         found = []
         for k in range(5):
             inside: dict[Form, np.ndarray] = {"cthp": np.zeros((1, 3), bool)}
-            inside[form or "cthp"] = told = np.full((1, 3), k < covered)
-            found.append(departures.Noticed(inside, told, better=False, inadequate=k < noticed))
+            inside[form or "cthp"] = np.full((1, 3), k < covered)
+            found.append(departures.Noticed(inside, better=False, inadequate=k < noticed))
         line = departures.Line.of(departures.Departure("", form=form), found)
         assert (line.better, line.inadequate, line.noticed) == (0.0, noticed / 5, noticed / 5)
         assert line.covered[form or "cthp"] == pytest.approx(4 * [covered / 5])

@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from accpinn.errors import Finding
+from accpinn.findings import Finding
 from accpinn.methods.fit import Outcome
 from accpinn.model.cthp import Parameters
 from accpinn.serial import Shape, check_shapes, dump, read_json, restore, write_json

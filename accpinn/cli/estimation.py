@@ -11,7 +11,6 @@ from textwrap import fill
 from threading import Event
 from typing import Any
 
-import numpy as np
 from tqdm import tqdm
 
 from accpinn.channels import by_key
@@ -33,20 +32,17 @@ from accpinn.cli.windows import run_windows
 from accpinn.errors import ConfigError
 from accpinn.evaluation.closed_loop import closed_loop_errors, surrogate_errors
 from accpinn.inference.identifiability import identifiability_warnings, narrower_intervals
-from accpinn.inference.intervals import ParameterInterval, Uncertainty
-from accpinn.inference.model_adequacy import Adequacy
+from accpinn.inference.intervals import LEVEL, Uncertainty
+from accpinn.inference.model_adequacy import ModelForm
 from accpinn.methods.fit import OnProgress, Outcome, Progress
 from accpinn.methods.maximum_likelihood import KEY, disturbance_sizes
 from accpinn.methods.method import TaskContext
 from accpinn.methods.pinn.config import PRESETS, STARTS, PinnConfig, preset
 from accpinn.methods.registry import METHODS
-from accpinn.methods.state_space import Form
 from accpinn.model.cthp import Parameters
 from accpinn.model.published import ParameterSet
 from accpinn.results.messages import messages
-from accpinn.results.messages.methods import outcome_message
 from accpinn.results.tables.estimates import (
-    form_intervals_table,
     intervals_table,
     methods_table,
     model_form_table,
@@ -221,7 +217,7 @@ def describe_fit(result: Result, with_intervals: bool) -> dict[str, Any]:
         "incidents": incidents(segment, fit),
         "mean_time_gap": result.quality.mean_time_gap,
         "outcome": fit.outcome.name.lower(),
-        "outcome_sentence": outcome_message(fit),
+        "outcome_sentence": fit.outcome.value,
         "intervals": uncertainty and _describe_intervals(segment, uncertainty),
         "level": uncertainty and uncertainty.level,
         "notes": _notes(result, uncertainty),
@@ -236,7 +232,7 @@ def fit_text(result: Result, with_intervals: bool) -> str:
     table = parameter_table(result.info, fit, result.quality, *errors, uncertainty)
     cached = ", answered from the cache" if fit.cached else ""
     effort = f"{fit.iterations} iterations in {fit.seconds:.1f} s{cached}"
-    said = [f"{outcome_message(fit)} ({effort})", *incidents(segment, fit)]
+    said = [f"{fit.outcome.value} ({effort})", *incidents(segment, fit)]
     notes = _notes(result, uncertainty)
     return "\n".join([table.to_text(), "", *said, *(f"Note: {note}" for note in notes)])
 
@@ -295,42 +291,21 @@ def _describe_comparison(
                 "form": form.form,
                 "vehicle": vehicle,
                 **by_key(form.parameters.values[k]),
-                "deviation": [x if np.isfinite(x) else None for x in form.deviation[k].tolist()],
-                "extra": form.extra[k],
+                "extra": form.extra[k, 0],
                 "aic": form.aic[k],
                 "holdout": form.holdout[k],
-                **_describe_posterior(adequacy, form.form, vehicle),
+                "intervals": _describe_form_intervals(form, k),
             }
             for form in adequacy.forms
             for k, vehicle in enumerate(segment.vehicles[1:])
         ],
-        "weighted": [
-            {
-                "vehicle": vehicle,
-                **_ends(one.intervals),
-                "estimate": by_key(own.estimate for own in one.intervals),
-                "level": one.level,
-            }
-            for vehicle in segment.vehicles[1:]
-            for one in adequacy.recommended
-            if one.vehicle in (0, vehicle)
-        ],
     }
 
 
-def _describe_posterior(adequacy: Adequacy, form: Form, vehicle: int) -> dict[str, Any]:
-    """A form's probability, and the intervals under it."""
-    for one in adequacy.recommended:
-        if one.vehicle in (0, vehicle):
-            (own,) = (each for each in one.forms if each.form == form)
-            extra = {"extra": [own.extra_lower, own.extra_upper], "level": one.level}
-            return {"probability": own.probability, "intervals": _ends(own.intervals) | extra}
-    return {"probability": None, "intervals": None}
-
-
-def _ends(intervals: Sequence[ParameterInterval]) -> dict[str, Any]:
-    """Both ends of the intervals of α, β and τ, by name."""
-    return by_key([one.lower, one.upper] for one in intervals)
+def _describe_form_intervals(form: ModelForm, k: int) -> dict[str, Any]:
+    """Both ends of the intervals of α, β, τ and the further unknown under a form."""
+    ends = zip(form.lower[k].values.tolist(), form.upper[k].values.tolist(), strict=True)
+    return {**by_key(map(list, ends)), "extra": form.extra[k, 1:].tolist(), "level": LEVEL}
 
 
 def _describe_result(segment: Segment, result: Result) -> dict[str, Any]:
@@ -389,8 +364,6 @@ def _comparison_text(
         stability_interval_table(followers, uncertainty),
         *(model_form_table(info, adequacy.forms, k) for k in each if adequacy.forms),
     ]
-    if adequacy.recommended:
-        tables.append(form_intervals_table(info, uncertainty, adequacy.recommended))
     said = [
         *(f"{one.method} has no result: {one.fault}" for one in refused),
         *messages(segment.findings, segment),

@@ -19,13 +19,13 @@ from accpinn.cli.options import (
 )
 from accpinn.cli.output import show_result
 from accpinn.cli.recording import chosen_recording
-from accpinn.errors import ConfigError, Finding, SegmentError
+from accpinn.errors import ConfigError, SegmentError
 from accpinn.evaluation.closed_loop import TrackingErrors, closed_loop_errors, surrogate_errors
+from accpinn.findings import Finding
 from accpinn.methods.fit import Fit
 from accpinn.methods.maximum_likelihood import KEY
 from accpinn.recordings.recording import Recording, Window
 from accpinn.results.messages import messages
-from accpinn.results.messages.methods import outcome_message
 from accpinn.results.tables.windows import between_table, joint_table, windows_table
 from accpinn.segment.cut import DURATION, disjoint_windows
 from accpinn.segment.quality import assess_quality
@@ -117,7 +117,7 @@ def describe_joint(result: Result, between: Sequence[BetweenWindows]) -> dict[st
         "closed_loop_mae": _mean_errors(samples, [closed_loop_errors(*pair) for pair in pairs]),
         "mean_time_gap": np.average(gaps, axis=0, weights=samples).tolist(),
         "outcome": fit.outcome.name.lower(),
-        "outcome_sentence": outcome_message(fit),
+        "outcome_sentence": fit.outcome.value,
         "windows": [
             _describe_window(window, together)
             for window, together in zip(result.windows, result.fits, strict=True)
@@ -183,7 +183,7 @@ def joint_text(result: Result, between: Sequence[BetweenWindows]) -> str:
         *(between_table(result, follower) for follower in shown),
     ]
     effort = f"{result.fit.iterations} iterations, {result.fit.seconds:.1f} s in all"
-    said = [f"{outcome_message(result.fit)} ({effort})", *_incidents_of(result)]
+    said = [f"{result.fit.outcome.value} ({effort})", *_incidents_of(result)]
     notes = [f"Note: {note}" for note in _notes(result, between)]
     return "\n".join(["\n\n".join(table.to_text() for table in tables), "", *said, *notes])
 

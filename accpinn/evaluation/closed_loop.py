@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from accpinn.errors import Finding
+from accpinn.findings import Finding, Labelled, Words
 from accpinn.methods.fit import Fit
 from accpinn.methods.registry import METHODS
 from accpinn.model.cthp import Trajectories, simulate
@@ -31,9 +31,10 @@ from accpinn.units import (
 )
 
 DIVERGED: Metres = 1000.0
-"""A follower this far behind no longer follows; measured gaps stay below 200 m."""
+"""Gap beyond which a follower no longer follows; measured gaps stay below 200 m."""
 BACKWARDS: MetresPerSecond = -0.5
-"""The model has no standstill, and comes to rest in a creep backwards that is slower than this."""
+"""Speed below which a vehicle drives backwards: the model has no standstill and comes to rest with
+slower backward motion."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,29 +54,47 @@ class TrackingErrors:
 class SimulatedCollision(Finding, frozen=True):
     """A follower touches the vehicle ahead in the closed-loop simulation, but not in the data."""
 
+    text = (
+        "In the closed-loop simulation, {vehicle} collides with the vehicle ahead at {time:.1f} s;"
+        " its gap falls to {smallest_gap:z.1f} m."
+    )
+
     vehicle: int
     time: Seconds
-    """Of the first contact, from the recording's first sample."""
+    """Time of the first contact, from the recording's first sample."""
     smallest_gap: Metres
-    """Over the whole simulation, so below zero."""
+    """Smallest gap of the whole simulation; below zero."""
 
 
 class SimulatedReversing(Finding, frozen=True):
     """A follower drives backwards in the closed-loop simulation."""
 
+    text = (
+        "In the closed-loop simulation, {vehicle} drives backwards at {time:.1f} s, at up to"
+        " {speed:.1f} m/s."
+    )
+
     vehicle: int
     time: Seconds
-    """Of the first such instant, from the recording's first sample."""
+    """First such instant, from the recording's first sample."""
     speed: MetresPerSecond
-    """The largest, backwards."""
+    """Largest backward speed."""
 
 
 class SimulatedDivergence(Finding, frozen=True):
     """A follower's gap leaves ±`DIVERGED` in the closed-loop simulation."""
 
+    text = (
+        "In the closed-loop simulation, {vehicle} diverges: its gap leaves ±{limit:.0f} m at"
+        " {time:.1f} s, so neither it nor the vehicles behind it have closed-loop errors."
+    )
+
     vehicle: int
     time: Seconds
-    """From the recording's first sample."""
+    """First such instant, from the recording's first sample."""
+
+    def _words(self, about: Labelled) -> Words:
+        return {"limit": DIVERGED}
 
 
 ClosedLoopFinding = SimulatedCollision | SimulatedReversing | SimulatedDivergence
@@ -127,19 +146,22 @@ def closed_loop(segment: Segment, fit: Fit) -> Trajectories | None:
 
 
 def simulable(segment: Segment) -> list[Stretch]:
-    """Where the leader's speed is known, each stretch from where all vehicles are measured."""
+    """The stretches that can be simulated.
+
+    The leader's speed is known throughout; each begins where all vehicles are measured.
+    """
     if segment.missing is None:
         return [Stretch(0, segment.samples - 1)]
     leader: Mask = np.ones(segment.samples, bool)
     for block in stretches(segment.missing[:, 0]):
         leader[block.rows] = len(block) * segment.sample_time <= BRIDGE + SLACK
     complete: Mask = np.asarray(~segment.missing.any(axis=1))
-    found = []
+    pieces = []
     for stretch in stretches(leader):
         if complete[stretch.rows].any():
             first = stretch.first + int(complete[stretch.rows].argmax())
-            found.append(Stretch(first, stretch.last))
-    return [piece for piece in found if len(piece) > 1]
+            pieces.append(Stretch(first, stretch.last))
+    return [piece for piece in pieces if len(piece) > 1]
 
 
 def closed_loop_errors(segment: Segment, fit: Fit) -> TrackingErrors | None:
@@ -172,30 +194,31 @@ def closed_loop_findings(
     diverged = _diverged(segment, simulated)
     floor = np.minimum(BACKWARDS, segment.speeds[:, 1:].min(axis=0))
     backwards = (simulated.speeds[:, 1:] < floor) & ~diverged
-    found: list[ClosedLoopFinding] = []
+    events: list[ClosedLoopFinding] = []
     for k, vehicle in enumerate(segment.vehicles[1:]):
         if touching[:, k].any():
             smallest = float(np.nanmin(simulated.gaps[:, k]))
-            found.append(SimulatedCollision(vehicle, _first(segment, touching[:, k]), smallest))
+            events.append(SimulatedCollision(vehicle, _first(segment, touching[:, k]), smallest))
         if backwards[:, k].any():
             speed = -float(simulated.speeds[backwards[:, k], k + 1].min())
-            found.append(SimulatedReversing(vehicle, _first(segment, backwards[:, k]), speed))
+            events.append(SimulatedReversing(vehicle, _first(segment, backwards[:, k]), speed))
         if diverged[:, k].any():
-            found.append(SimulatedDivergence(vehicle, _first(segment, diverged[:, k])))
-    return tuple(found)
+            events.append(SimulatedDivergence(vehicle, _first(segment, diverged[:, k])))
+    return tuple(events)
 
 
 def collision_times(findings: Sequence[ClosedLoopFinding], vehicles: Sequence[int]) -> FloatArray:
-    """When each follower first collides.
+    """The time of each follower's first collision.
 
     Args:
-        findings: those of one closed-loop simulation.
+        findings: all findings of one closed-loop simulation.
         vehicles: (M+1,) numbers in the file, leader first.
 
     Returns:
         (M,) in s from the recording's first sample; nan for a follower that never collides.
     """
-    times = {one.vehicle: one.time for one in findings if isinstance(one, SimulatedCollision)}
+    collisions = [finding for finding in findings if isinstance(finding, SimulatedCollision)]
+    times = {collision.vehicle: collision.time for collision in collisions}
     return np.array([times.get(vehicle, np.nan) for vehicle in vehicles[1:]])
 
 
@@ -209,5 +232,5 @@ def _diverged(segment: Segment, simulated: Trajectories) -> Mask:
 
 
 def _first(segment: Segment, when: Mask) -> Seconds:
-    """The first instant at which ``when`` (N,) holds, from the recording's first sample."""
+    """The first instant at which ``when`` (N,) is True, from the recording's first sample."""
     return float(segment.start + segment.time[when.argmax()])

@@ -1,6 +1,6 @@
-"""How good one fit is: errors on its window, held out and outside the window, and the residual.
+"""How good a fit is: errors on its window, held out and outside the window, and the residual.
 
-Blocks of time are held out, as the neighbours of an instant would predict it all too well.
+Blocks of time are held out, because the neighbours of a single instant predict it too well.
 Each third of the window is simulated with the parameters fitted to the other two, from its own
 first measured instant on. No time is left out between a block and the rest, so disturbances that
 last for some seconds across a border make these errors slightly too small.
@@ -37,12 +37,12 @@ from accpinn.segment.segment import Segment
 from accpinn.units import FloatArray, Seconds
 
 BLOCKS = 3
-"""So many, of the same length, make up the window."""
+"""Number of blocks of the same length that make up the window."""
 
 
 @dataclass(frozen=True, eq=False)
 class Block:
-    """A block held out, and the errors on it of the parameters fitted to the rest of the window."""
+    """A held-out block, and the errors on it of parameters fitted to the rest of the window."""
 
     window: Window
     errors: TrackingErrors | None
@@ -53,34 +53,34 @@ class Block:
 
 @dataclass(frozen=True, eq=False)
 class Evaluation:
-    """How good one fit is on its segment and beyond."""
+    """How good a fit is on its segment and outside of it."""
 
     surrogate: TrackingErrors | None
-    """Of the method's own trajectories against the data; None where it has none."""
+    """Errors of the method's own trajectories; None where it has none."""
     closed_loop: TrackingErrors | None
-    """Of the closed-loop simulation on the segment; None where there is none."""
+    """Errors of the closed-loop simulation on the segment; None where nothing is simulated."""
     holdout: TrackingErrors | None
-    """Closed loop on all blocks together, each with parameters fitted to the others."""
+    """Closed-loop errors on all blocks together, each with parameters fitted to the others."""
     blocks: tuple[Block, ...]
     """The blocks one by one; empty where nothing was held out."""
     out_of_window: TrackingErrors | None
-    """Closed loop on the rest of the recording; None without a recording or a rest."""
+    """Closed-loop errors outside the window; None where nothing is simulated there."""
     out_of_window_seconds: Seconds
-    """How much of the recording that is."""
+    """Duration of what is simulated outside the window."""
     whiteness: Whiteness
-    """Of the residual."""
+    """Size and correlation of the model's residual."""
     findings: tuple[ClosedLoopFinding, ...]
     """Collisions, reversing and divergence in the closed-loop simulation on the segment."""
     out_of_window_findings: tuple[ClosedLoopFinding, ...]
-    """The same on the rest of the recording."""
+    """The same events outside the window."""
 
     @property
     def all_findings(self) -> tuple[ClosedLoopFinding, ...]:
-        """On the segment, then on the rest of the recording."""
+        """The events on the segment, then those outside the window."""
         return (*self.findings, *self.out_of_window_findings)
 
     def collision_times(self, vehicles: Sequence[int]) -> FloatArray:
-        """(M,) when each follower first collides on the segment, as `closed_loop` has it."""
+        """(M,) time of each follower's first collision on the segment, in s; nan without one."""
         return collision_times(self.findings, vehicles)
 
 
@@ -90,16 +90,16 @@ def evaluate(
     estimate: Callable[[Segment], Fit] | None = None,
     recording: Recording | None = None,
 ) -> Evaluation:
-    """Errors of both kinds, in the window, held out and outside the window, and the residual.
+    """Errors of a fit in the window, held out and outside the window, and its residual.
 
     Args:
         segment: the data that the parameters were fitted to.
-        fit: any method's.
+        fit: the fit of any method.
         estimate: the same method, from a segment to a fit; without it no block is held out.
-        recording: the segment's; without it nothing outside the window is simulated.
+        recording: what the segment was cut from; without it nothing outside is simulated.
     """
     blocks = cross_validate(segment, estimate) if estimate else ()
-    parts, found = _out_of_window(segment, fit, recording) if recording else ([], [])
+    parts, outside = _out_of_window(segment, fit, recording) if recording else ([], [])
     return Evaluation(
         surrogate=surrogate_errors(segment, fit),
         closed_loop=closed_loop_errors(segment, fit),
@@ -109,7 +109,7 @@ def evaluate(
         out_of_window_seconds=float(sum(seconds for seconds, _ in parts)),
         whiteness=whiteness(segment, fit),
         findings=closed_loop_findings(segment, closed_loop(segment, fit)),
-        out_of_window_findings=tuple(found),
+        out_of_window_findings=tuple(outside),
     )
 
 
@@ -121,7 +121,7 @@ def cross_validate(segment: Segment, estimate: Callable[[Segment], Fit]) -> tupl
 
     Args:
         segment: the data.
-        estimate: any method, from a segment to a fit.
+        estimate: a method, from a segment to a fit.
     """
     ends = [round(end) for end in np.linspace(0, segment.samples, BLOCKS + 1)]
     return tuple(
@@ -155,16 +155,16 @@ def _pooled(parts: Sequence[tuple[Seconds, TrackingErrors]]) -> TrackingErrors |
 def _out_of_window(
     segment: Segment, fit: Fit, recording: Recording
 ) -> tuple[list[tuple[Seconds, TrackingErrors]], list[ClosedLoopFinding]]:
-    """Closed loop on all that the recording has of these vehicles outside the window."""
+    """Durations, errors and events of the simulations outside the window."""
     parts: list[tuple[Seconds, TrackingErrors]] = []
-    found: list[ClosedLoopFinding] = []
+    events: list[ClosedLoopFinding] = []
     for window in _outside(segment, recording):
         piece = cut(recording, window.start, window.duration, segment.vehicles)
         errors = closed_loop_errors(piece, fit)
         if errors is not None:
             parts.append((piece.window.duration, errors))
-            found.extend(closed_loop_findings(piece, closed_loop(piece, fit)))
-    return parts, found
+            events.extend(closed_loop_findings(piece, closed_loop(piece, fit)))
+    return parts, events
 
 
 def without(segment: Segment, first: int, end: int) -> Segment:
@@ -181,7 +181,7 @@ def without(segment: Segment, first: int, end: int) -> Segment:
 
 
 def part(segment: Segment, first: int, end: int) -> Segment:
-    """Samples ``first`` to ``end`` - 1 of a segment, as a segment of its own."""
+    """Samples ``first`` to ``end`` - 1 of a segment, as a new segment."""
     rows = slice(first, end)
     return replace(
         segment,
@@ -200,12 +200,12 @@ def _block(segment: Segment, first: int, end: int, estimate: Callable[[Segment],
         fit = estimate(without(segment, first, end))
     except SegmentError:  # too little is left for this method
         return Block(held.window, None)
-    found = closed_loop_findings(held, closed_loop(held, fit))
-    return Block(held.window, closed_loop_errors(held, fit), found)
+    events = closed_loop_findings(held, closed_loop(held, fit))
+    return Block(held.window, closed_loop_errors(held, fit), events)
 
 
 def _outside(segment: Segment, recording: Recording) -> list[Window]:
-    """Complete windows before and after the segment's, each long enough to be simulated."""
+    """Complete windows before and after the segment, each long enough to be simulated."""
     end = segment.start + segment.window.duration
     pieces = []
     for window in complete_windows(recording, segment.vehicles):
@@ -215,16 +215,17 @@ def _outside(segment: Segment, recording: Recording) -> list[Window]:
 
 
 def _bridge(segment: Segment, near: int, far: int) -> tuple[FloatArray, FloatArray]:
-    """Speeds (K, M+1) and gaps (K, M) between two samples, from these two alone."""
+    """Speeds (K, M+1) and gaps (K, M) between two samples, computed from these two alone."""
     length = segment.time[far] - segment.time[near]
     s = ((segment.time[near + 1 : far] - segment.time[near]) / length)[:, None]
     relative = segment.speeds[:, :-1] - segment.speeds[:, 1:]
-    gap, other, slope, last = (
+    gap, last_gap, slope, last_slope = (
         values[at] for values in (segment.gaps, length * relative) for at in (near, far)
     )
-    rise = other - gap
+    rise = last_gap - gap
     # Hermite's cubic and its derivative.
-    gaps = gap + slope * s + (3 * rise - 2 * slope - last) * s**2 + (slope + last - 2 * rise) * s**3
-    rates = slope + 2 * (3 * rise - 2 * slope - last) * s + 3 * (slope + last - 2 * rise) * s**2
+    quadratic, cubic = 3 * rise - 2 * slope - last_slope, slope + last_slope - 2 * rise
+    gaps = gap + slope * s + quadratic * s**2 + cubic * s**3
+    rates = slope + 2 * quadratic * s + 3 * cubic * s**2
     leader = (1 - s) * segment.speeds[near, 0] + s * segment.speeds[far, 0]
     return np.hstack([leader, leader - np.cumsum(rates, axis=1) / length]), gaps

@@ -2,15 +2,16 @@
 
 Only the leader's measured speed of the other window is given; the model's own states are integrated
 from its first measured instant on (see `evaluation.closed_loop`). The same errors on the window
-that the parameters were learned from stand beside them: far larger ones on the other window mean
-that the parameters describe the first one only.
+that the parameters were learned from stand beside them. If the errors on the other window are far
+larger, the parameters describe only the first window.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 
-from accpinn.errors import Finding, SegmentError
+from accpinn.errors import SegmentError
 from accpinn.evaluation.closed_loop import (
     ClosedLoopFinding,
     TrackingErrors,
@@ -18,23 +19,41 @@ from accpinn.evaluation.closed_loop import (
     closed_loop_errors,
     closed_loop_findings,
 )
+from accpinn.findings import Finding, Labelled, Words
 from accpinn.methods.fit import Fit
 from accpinn.segment.segment import Segment
 from accpinn.units import Seconds
 
 
 class ValidationOverlaps(Finding, frozen=True):
-    """The window of the validation shares instants with the one that was learned from."""
+    """The window of the validation overlaps the one that was learned from."""
+
+    text = (
+        "The validation window shares {seconds:.0f} s with the one learned from, so its errors are"
+        " too small; choose one outside it."
+    )
 
     seconds: Seconds
+    """Duration of the overlap."""
 
 
 class OtherVehicles(Finding, frozen=True):
     """The vehicles of the validation have other names than those learned from."""
 
+    text = (
+        "The validation is on other vehicles: {pairs}. The errors show how well the parameters of"
+        " one car describe another."
+    )
+
     learned: tuple[str, ...]
-    """Their labels, followers only."""
+    """Labels of the followers that were learned from."""
     validated: tuple[str, ...]
+    """Labels of the followers of the validation, in the same order."""
+
+    def _words(self, about: Labelled) -> Words:
+        pairs = zip(self.learned, self.validated, strict=True)
+        replaced = (f"{new} instead of {old}" for old, new in pairs if old != new)
+        return {"pairs": "; ".join(replaced)}
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,11 +61,11 @@ class Validation:
     """Closed-loop errors of one parameter set on two windows."""
 
     learned: TrackingErrors | None
-    """On the window that it was learned from; None where nothing can be simulated."""
+    """Errors on the window that was learned from; None where nothing can be simulated."""
     validated: TrackingErrors | None
-    """On the other one."""
+    """Errors on the other window; None where nothing can be simulated."""
     events: tuple[ClosedLoopFinding, ...]
-    """Collisions, reversing and divergence on the other one."""
+    """Collisions, reversing and divergence on the other window."""
     findings: tuple[ValidationOverlaps | OtherVehicles, ...]
     """Why the errors may say less than they seem to."""
 
@@ -55,12 +74,12 @@ def validate(fit: Fit, segment: Segment, other: Segment) -> Validation:
     """Errors of the closed-loop simulation on the segment of a fit and on another one.
 
     Args:
-        fit: any method's, with M followers.
-        segment: what it was learned from.
-        other: as many followers, in the same order.
+        fit: the fit of any method, with M followers.
+        segment: the data that it was learned from.
+        other: data of M followers in the same order.
 
     Raises:
-        SegmentError: for another number of followers.
+        SegmentError: if the number of followers differs.
     """
     if other.followers != segment.followers:
         raise SegmentError(
@@ -75,17 +94,15 @@ def validate(fit: Fit, segment: Segment, other: Segment) -> Validation:
     )
 
 
-def _findings(segment: Segment, other: Segment) -> list[ValidationOverlaps | OtherVehicles]:
-    found: list[ValidationOverlaps | OtherVehicles] = []
+def _findings(segment: Segment, other: Segment) -> Iterator[ValidationOverlaps | OtherVehicles]:
     same_run = (segment.sha256, segment.source) == (other.sha256, other.source)
     if same_run:
-        one, two = segment.window, other.window
-        shared = min(one.end, two.end) - max(one.start, two.start)
+        learned_on, tried_on = segment.window, other.window
+        shared = min(learned_on.end, tried_on.end) - max(learned_on.start, tried_on.start)
         same = bool(np.isin(other.vehicles[1:], segment.vehicles[1:]).any())
         if shared > 0 and same:
-            found.append(ValidationOverlaps(float(shared)))
+            yield ValidationOverlaps(float(shared))
     # In another run the same car may have another place; in one run two may have the same name.
     learned, validated = ((s.labels if same_run else s.names)[1:] for s in (segment, other))
     if learned != validated:
-        found.append(OtherVehicles(segment.labels[1:], other.labels[1:]))
-    return found
+        yield OtherVehicles(segment.labels[1:], other.labels[1:])

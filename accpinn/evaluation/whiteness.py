@@ -1,19 +1,19 @@
-"""The residual of the model: how large it is, and how long it lasts.
+"""The residual of the model: its size and its correlation over time.
 
     e(t) = (v(t + T) - v(t)) / T - mean over [t, t + T] of α(p - τv) + βΔv,    T = 1 s
 
-Means over a second reduce the receivers' noise, of which differences between samples would consist.
-What is left of that noise alternates: neighbouring seconds share a speed, with opposite signs, so
-their correlation lies between -0.5 (noise alone) and 0. If the model held but for noise, seconds
-that are not neighbours would be independent. The statistic
+Means over a second reduce the receivers' noise, which would dominate differences between samples.
+The noise that remains alternates: neighbouring seconds share a speed, with opposite signs, so their
+correlation lies between -0.5 (noise alone) and 0. If the residual were noise alone, seconds that
+are not neighbours would be independent. The statistic
 
     z = √N (ρ₂ + .. + ρ₆) / √(Σ Σ c(j - k)),    c(0) = 1 + 2ρ₁², c(±1) = 2ρ₁, c(±2) = ρ₁²,
 
 is then standard normal (Bartlett, JRSS Suppl. 8, 1946), and large where disturbances last. The
 integrated autocorrelation time (Geyer's initial positive sequence, Statistical Science 7, 1992)
-measures how long.
+measures how long the residual lasts.
 
-Seconds in which a sample is missing do not count.
+Seconds with a missing sample do not count.
 """
 
 from dataclasses import dataclass
@@ -22,24 +22,26 @@ import numpy as np
 from scipy.linalg import toeplitz
 from scipy.special import ndtr
 
-from accpinn.errors import Finding
+from accpinn.findings import Finding, Labelled
 from accpinn.methods.fit import Fit
 from accpinn.methods.regression import STEP, one_second_means
 from accpinn.segment.segment import Segment
 from accpinn.units import FloatArray, Mask, Seconds
 
 LAGS = np.arange(2, 7)
-"""In s: those that the test sums over."""
+"""Lags in s that the test sums over."""
 FEWEST = 30
-"""Seconds below which no correlation is computed."""
+"""Fewest seconds from which a correlation is computed."""
 CORRELATED = 0.01
-"""Below this probability under independence, the residual is called correlated."""
+"""Level of the test: below it, the residual is called correlated."""
 NEGLIGIBLE = 0.02
-"""m/s²; as much comes from receivers' noise of 0.015 m/s, and from taking samples."""
+"""Residual in m/s² that receivers' noise of 0.015 m/s and sampling alone produce."""
 
 
 class ShortResidual(Finding, frozen=True):
     """The window is too short to test a follower's residual for correlation."""
+
+    text = "{vehicle}: the window is too short to test whether the model's residual is white."
 
     vehicle: int
 
@@ -47,13 +49,32 @@ class ShortResidual(Finding, frozen=True):
 class WhiteResidual(Finding, frozen=True):
     """A follower's residual is not correlated beyond a second."""
 
+    text = (
+        "{vehicle}: the model's residual ({deviation:.2f} m/s²) is not correlated beyond a second."
+    )
+    text_if_negligible = (
+        "{vehicle}: the model's residual ({deviation:.2f} m/s²) is no larger than noise and"
+        " rounding make it."
+    )
+
     vehicle: int
     deviation: float
     """Root mean square in m/s²."""
 
+    def sentence(self, about: Labelled) -> str:
+        """The finding as a sentence, which depends on the size of the residual."""
+        is_negligible = self.deviation < NEGLIGIBLE
+        return self.filled(self.text_if_negligible if is_negligible else self.text, about)
+
 
 class CorrelatedResidual(Finding, frozen=True):
-    """A follower's residual lasts, so its samples are not independent."""
+    """A follower's residual is correlated over time, so its samples are not independent."""
+
+    text = (
+        "{vehicle}: the model's residual ({deviation:.2f} m/s²) is correlated over about"
+        " {memory:.0f} s, so {samples:,} samples estimate its mean no better than some"
+        " {independent:.0f} independent ones."
+    )
 
     vehicle: int
     deviation: float
@@ -61,9 +82,9 @@ class CorrelatedResidual(Finding, frozen=True):
     memory: Seconds
     """The integrated autocorrelation time."""
     samples: int
-    """Samples of the window that count."""
+    """Number of samples of the window that count."""
     independent: float
-    """Independent samples that estimate the mean as well."""
+    """Number of independent samples that would estimate the mean equally well."""
 
 
 WhitenessFinding = ShortResidual | WhiteResidual | CorrelatedResidual
@@ -80,17 +101,21 @@ class Whiteness:
     memory: FloatArray
     """(M,) in s, the integrated autocorrelation time: 1 s where seconds are independent."""
     independent: FloatArray
-    """(M,) how many independent samples would estimate the residual's mean as well."""
+    """(M,) number of independent samples that would estimate the residual's mean equally well."""
     probability: FloatArray
-    """(M,) of a correlation this large, were all but neighbouring seconds independent."""
+    """(M,) p-value of the test that all but neighbouring seconds are independent."""
     findings: tuple[WhitenessFinding, ...]
-    """One a follower."""
+    """One finding per follower."""
 
 
 def whiteness(segment: Segment, fit: Fit) -> Whiteness:
-    """The residual of the model with the fit's parameters, over the instants that count.
+    """Compute the residual of the model with the fit's parameters.
 
     α = 0 with τ undetermined counts as ατ = 0.
+
+    Args:
+        segment: the data; instants that its mask excludes do not count.
+        fit: the fit of any method.
     """
     steps = one_second_means(segment)
     theta = np.nan_to_num(fit.parameters.theta)
@@ -114,7 +139,7 @@ def _finding(vehicle: int, samples: int, figures: list[float]) -> WhitenessFindi
 
 
 def _figures(residual: FloatArray, mask: Mask, second: Seconds) -> list[float]:
-    """Deviation, correlation, memory, independent samples, probability."""
+    """Deviation, correlation, memory, independent samples and p-value of one residual."""
     count = int(mask.sum())
     if not count:
         return 5 * [float("nan")]
@@ -125,11 +150,11 @@ def _figures(residual: FloatArray, mask: Mask, second: Seconds) -> list[float]:
     rho = _correlations(centred, mask)
     memory = second * _integrated(rho)
     independent = min(count * second / memory, float(count))
-    return [deviation, float(rho[1]), memory, independent, _by_chance(rho, count)]
+    return [deviation, float(rho[1]), memory, independent, _p_value(rho, count)]
 
 
 def _correlations(centred: FloatArray, mask: Mask) -> FloatArray:
-    """ρ_k over the pairs of seconds that both count, with far lags damped as usual."""
+    """ρ_k over the pairs of seconds that both count; far lags are damped as usual."""
     count = len(centred)
     products, pairs = (
         np.fft.irfft(np.abs(np.fft.rfft(series, 2 * count)) ** 2)[:count]
@@ -139,8 +164,8 @@ def _correlations(centred: FloatArray, mask: Mask) -> FloatArray:
     return np.asarray(covariance / covariance[0])
 
 
-def _by_chance(rho: FloatArray, count: int) -> float:
-    """The probability of so large a sum of ρ at `LAGS`; see the module's head."""
+def _p_value(rho: FloatArray, count: int) -> float:
+    """The p-value of the sum of ρ at `LAGS`; see the module's head."""
     neighbours = float(np.clip(rho[1], -0.5, 0.0))
     around = [1.0 + 2.0 * neighbours**2, 2.0 * neighbours, neighbours**2]
     covariance = toeplitz(np.pad(around, (0, len(LAGS) - len(around))))
@@ -148,7 +173,7 @@ def _by_chance(rho: FloatArray, count: int) -> float:
 
 
 def _integrated(rho: FloatArray) -> float:
-    """1 + 2 Σ ρ_k, over pairs of lags until one of them is not positive any more."""
+    """1 + 2 Σ ρ_k, summed over pairs of lags up to the first that is not positive."""
     even = rho[: len(rho) // 2 * 2].reshape(-1, 2).sum(axis=1)
     ended = even <= 0
     stop = int(ended.argmax()) if ended.any() else len(even)

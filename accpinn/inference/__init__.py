@@ -1,1 +1,1 @@
-"""How sure the parameters are: uncertainty, identifiability, model adequacy, and multistart."""
+"""Uncertainty, identifiability and model adequacy."""

@@ -4,10 +4,10 @@ The profile of a parameter is the least-squares criterion with that parameter he
 
     S(α, β, τ) = Σ_t (dv/dt - α(p - τv) - βΔv)²,      profile of x:  min over the other two of S
 
-within the rational driving constraints. With one parameter held the model is linear in what is
-left, so every point is the exact minimum of a quadratic. A flat profile is a parameter that these
-equations do not determine. A steep one proves less: S takes instants as independent and the model
-as true, so its minimum may be sharp and yet biased (see `methods.state_space`).
+within the rational driving constraints. With one parameter held the model is linear in the other
+two, so every point is the exact minimum of a quadratic. A flat profile means that these equations
+do not determine the parameter. A steep profile proves less: S takes the instants as independent and
+the model as true, so its minimum may be sharp and yet biased (see `methods.state_space`).
 
 Source: Raue et al., Bioinformatics 25 (2009) 1923-1929, for the use of profiles.
 """
@@ -18,7 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from accpinn.channels import PARAMETERS
-from accpinn.errors import Finding
+from accpinn.findings import Finding, Labelled, Words, joined
 from accpinn.inference.intervals import ParameterInterval, Uncertainty, parameter_intervals
 from accpinn.methods.regression import Regression, solve_bounded
 from accpinn.model.cthp import LARGEST, Case, Parameters
@@ -28,58 +28,100 @@ from accpinn.segment.segment import Segment, SegmentInfo
 from accpinn.units import FloatArray, MetresPerSecond, Seconds, frozen
 
 WIDE = 5.0
-"""An interval whose upper end is more than so many times its lower one gives little more than the
-order of magnitude."""
+"""Ratio of an interval's ends above which it gives little more than the order of magnitude."""
 LONGER = 1.2
-"""A recording so many times as long as the window would narrow intervals by a tenth or more."""
+"""Ratio of recording to window above which the whole recording would narrow intervals by a tenth or
+more."""
 INCREASE = 0.01
-"""Increase of S that a profile's ends belong to: 1 %, hardly visible in any plot."""
+"""Increase of S at a profile's ends: 1 %, hardly visible in any plot."""
 POINTS = 61
+"""Number of values of a profile."""
 FURTHER = 1.5
-"""The values reach so many times as far as the ends on either side."""
+"""Reach of a profile's values on either side, as a multiple of the distance to its ends."""
 
 
 class WeakIdentification(Finding, frozen=True):
     """A follower's intervals are wide, or its data have little excitation."""
 
+    text = "{vehicle}: {spans} more than a factor of {limit:g}{reasons}."
+    text_if_narrow = "{vehicle}: treat the intervals with caution{reasons}."
+
     vehicle: int
     """0 for all followers together."""
     wide: tuple[ParameterInterval, ...] = ()
+    """The wide intervals; empty if only the excitation is too small."""
     leader_deviation: MetresPerSecond | None = None
-    """Standard deviation of the leader's speed, if it is too small; so below."""
+    """Standard deviation of the leader's speed, if it is too small."""
     relative_deviation: MetresPerSecond | None = None
-    """Standard deviation of Δv."""
+    """Standard deviation of Δv, if it is too small."""
     condition: float | None = None
     """Condition number of the regressors, if it is too large."""
 
     @property
     def is_excited(self) -> bool:
-        """Whether nothing is wrong with the excitation."""
+        """Whether the excitation is sufficient."""
         return self.leader_deviation is self.relative_deviation is self.condition is None
+
+    def sentence(self, about: Labelled) -> str:
+        """The finding as a sentence, which depends on whether an interval is wide."""
+        return self.filled(self.text if self.wide else self.text_if_narrow, about)
+
+    def _words(self, about: Labelled) -> Words:
+        reasons = []
+        if self.leader_deviation is not None:
+            reasons.append(f"the leader's speed varies by only {self.leader_deviation:.2f} m/s")
+        if self.relative_deviation is not None:
+            reasons.append(f"Δv varies by only {self.relative_deviation:.2f} m/s")
+        if self.condition is not None:
+            number = f"condition number {self.condition:.0f}"
+            reasons.append(f"the model's terms are nearly proportional ({number})")
+        wide = joined([f"{interval.symbol} ({interval.ends})" for interval in self.wide])
+        return {
+            "spans": f"the interval of {wide} spans"
+            if len(self.wide) == 1
+            else f"the intervals of {wide} span",
+            "limit": WIDE,
+            "reasons": f", as {joined(reasons)}" if reasons else "",
+        }
 
 
 class NarrowerIntervals(Finding, frozen=True):
     """What would narrow the wide intervals of a segment."""
 
+    text = "These would narrow the intervals of {vehicles}: {ways}."
+
     vehicles: tuple[int, ...]
-    """The followers that have some, those included of which nothing is determined."""
+    """The followers with wide intervals or without any."""
     window: Seconds
-    """The window's duration."""
+    """Duration of the window."""
     recording: Seconds | None
-    """The recording's, where it is known and longer."""
+    """Duration of the recording, if it is known and longer than the window."""
     is_excited: bool
-    """Whether the vehicles move enough in the window, so that more of the same would do."""
+    """Whether the excitation is sufficient, so that a longer window alone would narrow them."""
+
+    def _words(self, about: Labelled) -> Words:
+        ways = [
+            "several windows or runs estimated together (fit --windows, or fit_windows in Python)"
+        ]
+        if not self.is_excited:
+            ways.insert(0, "a window in which the vehicle ahead brakes and accelerates more")
+        if self.recording is not None:
+            durations = f"{self.recording:,.0f} s; this window has {self.window:,.0f} s"
+            ways.insert(0, f"the whole recording ({durations})")
+        elif self.is_excited:
+            ways.insert(0, "a longer recording")
+        return {"ways": ", or ".join(ways)}
 
 
 def identifiability_warnings(
     segment: Segment, uncertainty: Uncertainty, case: Case = "II"
 ) -> tuple[WeakIdentification, ...]:
-    """A finding for each follower whose parameters the data determine only weakly.
+    """Find the followers whose parameters the data determine only weakly.
 
     Args:
         segment: the data.
-        uncertainty: of its parameters.
-        case: "II"; in Case I all followers share one finding.
+        uncertainty: the uncertainty of the segment's parameters.
+        case: "I", where all followers share one finding, or "II".
     """
     return weakly_identified(segment.info, assess_quality(segment), uncertainty, case)
 
@@ -87,12 +129,12 @@ def identifiability_warnings(
 def weakly_identified(
     info: SegmentInfo, quality: Quality, uncertainty: Uncertainty, case: Case = "II"
 ) -> tuple[WeakIdentification, ...]:
-    """The same where the data are not at hand, but their quality is."""
-    found = [
+    """The findings of `identifiability_warnings`, from the quality of data not at hand."""
+    findings = [
         _identification(uncertainty, quality, k, vehicle)
         for k, vehicle in enumerate((0,) if case == "I" else info.vehicles[1:])
     ]
-    return tuple(one for one in found if one.wide or not one.is_excited)
+    return tuple(finding for finding in findings if finding.wide or not finding.is_excited)
 
 
 def narrower_intervals(
@@ -101,76 +143,74 @@ def narrower_intervals(
     warnings: Sequence[WeakIdentification],
     recording: Seconds | None = None,
 ) -> tuple[NarrowerIntervals, ...]:
-    """What would narrow the wide intervals; nothing where there is none.
+    """What would narrow the wide intervals; empty if none is wide.
 
     Args:
-        info: of the segment.
-        uncertainty: of its parameters.
+        info: the segment's description.
+        uncertainty: the uncertainty of the segment's parameters.
         warnings: the segment's, by `identifiability_warnings`.
-        recording: duration of the recording that the window is of, where it is known.
+        recording: duration of the recording that the window was cut from, if it is known.
     """
-    wide = {one.vehicle for one in warnings if one.wide}
-    open_ones = np.isnan(uncertainty.centre.alpha)
+    wide = {warning.vehicle for warning in warnings if warning.wide}
+    unknown = np.isnan(uncertainty.centre.alpha)
     vehicles = tuple(
         vehicle
-        for vehicle, is_open in zip(info.vehicles[1:], open_ones, strict=True)
-        if is_open or vehicle in wide or 0 in wide
+        for vehicle, is_unknown in zip(info.vehicles[1:], unknown, strict=True)
+        if is_unknown or vehicle in wide or 0 in wide
     )
     if not vehicles:
         return ()
     duration = info.window.duration
     longer = recording if recording and recording > LONGER * duration else None
-    is_excited = all(one.is_excited for one in warnings if one.wide) and not open_ones.any()
+    is_excited = all(w.is_excited for w in warnings if w.wide) and not unknown.any()
     return (NarrowerIntervals(vehicles, duration, longer, is_excited),)
 
 
 def wide_intervals(uncertainty: Uncertainty, follower: int) -> tuple[ParameterInterval, ...]:
-    """Those of α, β, τ that give little more than the order of magnitude."""
-    return tuple(filter(is_wide, parameter_intervals(uncertainty, follower)))
+    """The intervals of α, β and τ that give little more than the order of magnitude."""
+    return tuple(filter(_is_wide, parameter_intervals(uncertainty, follower)))
 
 
-def is_wide(one: ParameterInterval) -> bool:
-    """Whether an interval gives little more than the order of magnitude; one without ends does not.
-
-    An interval that is 0 alone is narrow.
-    """
-    return np.isfinite(one.lower) and (one.upper is None or one.upper > WIDE * one.lower)
+def _is_wide(interval: ParameterInterval) -> bool:
+    """An interval that is not known is not wide, nor is one that contains only 0."""
+    lower, upper = interval.lower, interval.upper
+    return np.isfinite(lower) and (upper is None or upper > WIDE * lower)
 
 
 def _identification(
     uncertainty: Uncertainty, quality: Quality, k: int, vehicle: int
 ) -> WeakIdentification:
     leader, relative = quality.leader_deviation, quality.relative_deviation[k]
-    condition, alone = quality.condition[k], vehicle > 0
+    condition, is_alone = quality.condition[k], vehicle > 0
     return WeakIdentification(
         vehicle,
         wide_intervals(uncertainty, k),
         leader if leader < LITTLE_LEADER_MOTION else None,
-        relative if alone and relative < LITTLE_RELATIVE_MOTION else None,
-        condition if alone and condition > LARGE_CONDITION else None,
+        relative if is_alone and relative < LITTLE_RELATIVE_MOTION else None,
+        condition if is_alone and condition > LARGE_CONDITION else None,
     )
 
 
 @dataclass(frozen=True, eq=False)
 class Profile:
-    """One parameter of one follower held at K values, all else optimal."""
+    """S with one parameter of one follower held at K values and the others optimal."""
 
     parameter: str
-    """α, β or τ."""
+    """Symbol of the parameter: α, β or τ."""
     best: float
-    """Where S is least; nan for τ where α = 0."""
+    """Value at the minimum of S; nan for τ where α = 0."""
     values: FloatArray
-    """(K,) in the parameter's unit, ascending."""
+    """(K,) values in the parameter's unit, ascending."""
     increase: FloatArray
-    """(K,) S over its least value, minus one."""
+    """(K,) S over its minimum, minus one."""
     lower: float
-    """The smallest value at which S is at most `INCREASE` above its least."""
+    """Smallest value at which S is at most `INCREASE` above its minimum."""
     upper: float
-    """The largest; infinite where the data set no limit within the plausible range."""
+    """Largest such value; infinite where the data set no limit within the plausible range."""
 
 
 def profiles(segment: Segment, case: Case = "II") -> tuple[tuple[Profile, ...], ...]:
-    """Those of α, β and τ of each follower; in Case I the one set that all share."""
+    """The profiles of α, β and τ of each follower; in Case I one set, which all share."""
     return tuple(
         tuple(_profile(criterion, which) for which in range(3))
         for criterion in _criteria(segment, case)
@@ -188,13 +228,14 @@ class _Criterion:
     power: float
     """Σ (dv/dt)²."""
     best: FloatArray
-    """(3,) θ of the least S."""
+    """(3,) θ at the minimum of S."""
 
     def at(self, theta: FloatArray) -> float:
+        """S at θ (3,)."""
         return float(self.power + theta @ self.gram @ theta - 2 * self.moment @ theta)
 
     def held(self, symbol: str, value: float) -> float:
-        """The least S with one parameter at a value: θ = base + directions @ (two unknowns ≥ 0)."""
+        """Minimise S with one parameter held: θ = base + directions @ (two unknowns ≥ 0)."""
         base = np.zeros(3)
         if symbol == "τ":
             directions = np.array([[1.0, 0.0], [value, 0.0], [0.0, 1.0]])
@@ -227,13 +268,13 @@ def _profile(criterion: _Criterion, which: int) -> Profile:
 
     lower, upper = _ends(increase, best, limit)
     values = _grid(best, lower, upper, limit)
-    found = [increase(value) for value in values.tolist()]
-    return Profile(symbol, best, frozen(values), frozen(found), lower, upper)
+    increases = [increase(value) for value in values.tolist()]
+    return Profile(symbol, best, frozen(values), frozen(increases), lower, upper)
 
 
 def _ends(increase: Callable[[float], float], best: float, limit: float) -> tuple[float, float]:
-    """Where the profile crosses `INCREASE` on either side of the best value."""
-    from scipy.optimize import brentq  # takes a quarter of a second, which few commands need
+    """The values on either side of the best one at which the profile crosses `INCREASE`."""
+    from scipy.optimize import brentq  # imported late: it takes a quarter of a second
 
     if not np.isfinite(best):
         return 0.0, float("inf")

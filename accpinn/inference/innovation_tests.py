@@ -1,23 +1,23 @@
 """Tests of a form's innovations: correlation, even variance, normality, linear response.
 
-If a form of the model holds, its standardised innovations ε are white, even and normal. Of those of
-gap and own speed (Bonferroni's correction unites the two) are tested the correlation over 10 s
-(Ljung and Box, 1978), the variance against the speed (Breusch and Pagan, 1979), and skewness and
-kurtosis (Jarque and Bera, 1980). Holm's correction keeps the chance that a true model fails any
-test below the level. What no single follower shows may show in all of them: their p-values are
-united by Fisher's method (1925), and tested alike.
+If a form of the model holds, its standardised innovations ε are white, homoscedastic and normal.
+The tests examine the innovations of gap and own speed (Bonferroni's correction combines the two):
+their correlation over 10 s (Ljung and Box, 1978), their variance against the speed (Breusch and
+Pagan, 1979), and their skewness and kurtosis (Jarque and Bera, 1980). Holm's correction keeps the
+probability that a true model fails any test below the level. A fault too small to show in a single
+follower may show in all of them: Fisher's method (1925) combines their p-values.
 
-A response that is not linear, as where the controller limits its acceleration, would add to the
-acceleration a share of what of the command
+A response that is not linear, for example because the controller limits its acceleration, adds to
+the acceleration a share of the part of the command
 
     c = α(p - τv) + βΔv
 
-lies beyond some height. The heights ½, 1, 1½ and 2 standard deviations above and below its mean
-give eight such terms. ε is regressed on what each, so added, would do to it, beside p, v, u and 1
-(a score test; the filter is linear, so it turns a term's effects on p and v into those on ε). As
-the eight resemble each other, their squared statistics are added up, which is more powerful than to
-ask what they explain together; under the model, the sum is distributed as Σλχ², where λ are the
-eigenvalues of the terms' correlation. Source of its tail: Kuonen, Biometrika 86 (1999) 929-935.
+beyond some threshold. Thresholds ½, 1, 1½ and 2 standard deviations above and below its mean give
+eight such terms. ε is regressed on the effect that each term would have on it, beside p, v, u and 1
+(a score test; the filter is linear, so it turns a term's effects on p and v into those on ε).
+Because the eight terms are similar, their squared statistics are summed, which is more powerful
+than a joint test; under the model, the sum is distributed as Σλχ², where λ are the eigenvalues of
+the terms' correlation. Source of its tail: Kuonen, Biometrika 86 (1999) 929-935.
 """
 
 from collections.abc import Sequence
@@ -34,28 +34,36 @@ from accpinn.methods.state_space import StateSpace
 from accpinn.units import FloatArray, Mask, Seconds
 
 LEVEL = 0.01
-"""Of the test whether the model is adequate."""
+"""Level of the tests."""
 LAGS = 20
-"""Of the correlation, in samples of 0.5 s."""
+"""Largest lag of the correlation, in samples of 0.5 s."""
 SETTLING = 20
-"""Samples at the start of a series that the filter needs to forget that it knew nothing."""
-HEIGHTS = (0.5, 1.0, 1.5, 2.0)
-"""Of the command, in standard deviations off its mean, where the response may stop being linear."""
+"""Samples at the start of a series that are left out, as the filter's initial state decays."""
+THRESHOLDS = (0.5, 1.0, 1.5, 2.0)
+"""Thresholds of the command, in standard deviations from its mean."""
 
 
 @dataclass(frozen=True, eq=False)
 class InnovationTests:
-    """p-values of the tests of a form's innovations; (M,) each, not corrected, nan if untested."""
+    """p-values of the tests of a form's innovations: uncorrected, nan if untested."""
 
     correlated: FloatArray
+    """(M,) test of the correlation over time."""
     uneven: FloatArray
+    """(M,) test of the variance against the speed."""
     nonnormal: FloatArray
+    """(M,) test of skewness and kurtosis."""
     nonlinear: FloatArray
+    """(M,) test of a linear response."""
+
+    @property
+    def _all(self) -> tuple[FloatArray, ...]:
+        return self.correlated, self.uneven, self.nonnormal, self.nonlinear
 
     @property
     def fails(self) -> Mask:
-        """(M, 4) which of the four fail at `LEVEL`, by Holm's correction."""
-        values = np.stack([self.correlated, self.uneven, self.nonnormal, self.nonlinear], axis=1)
+        """(M, 4) whether each of the four fails at `LEVEL`, with Holm's correction."""
+        values = np.stack(self._all, axis=1)
         order = np.argsort(values, axis=1)
         ranked = np.take_along_axis(values, order, axis=1)
         below = np.logical_and.accumulate(ranked * (4, 3, 2, 1) < LEVEL, axis=1)
@@ -65,9 +73,8 @@ class InnovationTests:
 
     @property
     def united(self) -> "InnovationTests":
-        """(1,) of all followers together, by Fisher's method."""
-        each = (self.correlated, self.uneven, self.nonnormal, self.nonlinear)
-        return InnovationTests(*(_united(values[np.isfinite(values)]) for values in each))
+        """The tests (1,) of all followers together, by Fisher's method."""
+        return InnovationTests(*(_united(values[np.isfinite(values)]) for values in self._all))
 
 
 def _united(values: FloatArray) -> FloatArray:
@@ -77,12 +84,13 @@ def _united(values: FloatArray) -> FloatArray:
 
 def innovation_tests(series: Series, maxima: Sequence[Maximum]) -> tuple[FloatArray, ...]:
     """p-values (G,) of the four tests, in the order of `InnovationTests`."""
-    from scipy.stats import jarque_bera  # takes half a second, which most commands need not
+    from scipy.stats import jarque_bera  # imported late: it takes half a second
 
     z = np.array([maxima[g].coordinates for g in series.group])
     model = _gap_last(Criterion(series).model(z))
-    found = innovations(model, series.measured[:, ::-1])[1]
-    standard = np.where(found.known, found.errors / np.sqrt(found.variances), np.nan)[SETTLING:]
+    measured = innovations(model, series.measured[:, ::-1])[1]
+    scaled = measured.errors / np.sqrt(measured.variances)
+    standard = np.where(measured.known, scaled, np.nan)[SETTLING:]
     speeds = series.measured[SETTLING:, 1]
     rows = []
     for group in range(series.groups):
@@ -91,22 +99,22 @@ def innovation_tests(series: Series, maxima: Sequence[Maximum]) -> tuple[FloatAr
         values = []
         for errors in (standard[:, 1, members], standard[:, 2, members]):
             known = np.isfinite(errors) & np.isfinite(speed)
-            if known.sum() < LAGS:  # as of short stretches between masked instants
+            if known.sum() < LAGS:  # for example short stretches between masked instants
                 values.append((np.nan, np.nan, np.nan))
                 continue
             uneven = _uneven(errors[known], speed[known])
             values.append((_correlated(errors), uneven, jarque_bera(errors[known])[1]))
         rows.append(np.minimum(2.0 * np.min(values, axis=0), 1.0))
     correlated, uneven, nonnormal = np.array(rows).T
-    nonlinear = np.where(np.isnan(correlated), np.nan, _nonlinear(series, maxima, model, found))
+    nonlinear = np.where(np.isnan(correlated), np.nan, _nonlinear(series, maxima, model, measured))
     return correlated, uneven, nonnormal, nonlinear
 
 
 def _gap_last(model: StateSpace) -> StateSpace:
-    """The same with u, v, p in place of p, v, u, so that the filter takes in the gap last.
+    """The model with u, v, p in place of p, v, u, so that the filter processes the gap last.
 
-    The gap's innovation is then what neither speed of the same instant says, and is white even
-    though the speed ahead is not the simple process that the model takes it for.
+    The gap's innovation is then conditional on both speeds of the same instant. It is white even
+    though the speed ahead is not the simple process that the model assumes.
     """
     order = [2, 1, 0, *range(3, len(model.first))]
     swap = np.ix_(order, order)
@@ -121,24 +129,31 @@ def _gap_last(model: StateSpace) -> StateSpace:
 
 
 def _nonlinear(
-    series: Series, maxima: Sequence[Maximum], model: StateSpace, found: Innovations
+    series: Series, maxima: Sequence[Maximum], model: StateSpace, measured: Innovations
 ) -> FloatArray:
-    """(G,) p-values of the command beyond `HEIGHTS`; see above. Model and innovations: gap last."""
+    """(G,) p-values of the test of a linear response; see the module's head.
+
+    Args:
+        series: the series of G groups.
+        maxima: (G,) the maximum of each group.
+        model: the model with the gap last.
+        measured: the innovations of this model.
+    """
     theta = np.array([maxima[g].theta for g in series.group])
     alpha, alpha_tau, beta = theta.T
     p, v, u = series.measured.transpose(1, 0, 2)
     command = alpha * p - alpha_tau * v + beta * (u - v)
     around = command - np.nanmean(command, axis=0)
-    heights = np.multiply.outer(HEIGHTS, np.nanstd(command, axis=0))[:, None]
-    beyond = np.concatenate([np.maximum(around - heights, 0.0), np.minimum(around + heights, 0.0)])
+    limits = np.multiply.outer(THRESHOLDS, np.nanstd(command, axis=0))[:, None]
+    beyond = np.concatenate([np.maximum(around - limits, 0.0), np.minimum(around + limits, 0.0)])
     terms = np.nan_to_num([*beyond, p, v, u, np.ones_like(p)])
     count = len(terms)
-    effects = np.where(found.known[:, :, None], _effects(theta, terms, series.step), np.nan)
-    each = StateSpace(*(np.tile(getattr(model, one.name), count) for one in fields(model)))
-    filtered = innovations(each, effects.reshape(len(p), 3, -1))[1].errors.reshape(effects.shape)
-    deviations = np.sqrt(found.variances)[SETTLING:]
+    effects = np.where(measured.known[:, :, None], _effects(theta, terms, series.step), np.nan)
+    tiled = StateSpace(*(np.tile(getattr(model, part.name), count) for part in fields(model)))
+    filtered = innovations(tiled, effects.reshape(len(p), 3, -1))[1].errors.reshape(effects.shape)
+    deviations = np.sqrt(measured.variances)[SETTLING:]
     columns = np.moveaxis(filtered[SETTLING:] / deviations[:, :, None], 2, -1)
-    errors = found.errors[SETTLING:] / deviations
+    errors = measured.errors[SETTLING:] / deviations
     values = []
     for group in range(series.groups):
         members = series.members(group)
@@ -148,9 +163,9 @@ def _nonlinear(
 
 
 def _effects(theta: FloatArray, terms: FloatArray, step: Seconds) -> FloatArray:
-    """(N, 3, K, S): what accelerations (K, N, S), held over each step, change of u, v and p."""
+    """(N, 3, K, S) effects on u, v and p of accelerations (K, N, S) held over each step."""
     alpha, alpha_tau, beta = theta.T
-    rates = np.zeros((len(theta), 3, 3))  # of v, p, and the acceleration that is held
+    rates = np.zeros((len(theta), 3, 3))  # states: v, p and the held acceleration
     rates[:, 0, 0], rates[:, 0, 1], rates[:, 1, 0] = -alpha_tau - beta, alpha, -1.0
     rates[:, 0, 2] = 1.0
     held = expm(rates * step)[:, :2]
@@ -162,34 +177,34 @@ def _effects(theta: FloatArray, terms: FloatArray, step: Seconds) -> FloatArray:
 
 
 def score_test(terms: FloatArray, beside: FloatArray, errors: FloatArray) -> float:
-    """p-value of the summed squares of several terms' statistics, each term tried by itself.
+    """p-value of the summed squares of the statistics of several terms, each tested separately.
 
     Args:
-        terms: (n, K) that may explain the errors; they may resemble each other.
-        beside: (n, k) columns that the regression has in any case.
-        errors: (n,) independent and standard normal if nothing explains them.
+        terms: (n, K) terms that may explain the errors; they may be similar to each other.
+        beside: (n, k) columns that every regression contains.
+        errors: (n,) errors, independent and standard normal if no term explains them.
 
     Returns:
-        Within a tenth of its value, a sixth in the far tail; 1 where no term is more than the
-        columns beside it.
+        The p-value with a relative error of a tenth, a sixth in the far tail; 1 if the columns
+        beside them explain all terms.
     """
     left, values, _ = np.linalg.svd(_unit(beside), full_matrices=False)
     left = left[:, values > 1e-9 * values.max(initial=0.0)]
-    own = _unit(terms)
-    own = own - left @ (left.T @ own)
-    own = _unit(own[:, np.linalg.norm(own, axis=0) > 1e-9])
-    weights = np.asarray(np.linalg.eigvalsh(own.T @ own), float)
-    return _exceeds(float(((errors @ own) ** 2).sum()), weights)
+    columns = _unit(terms)
+    columns = columns - left @ (left.T @ columns)
+    columns = _unit(columns[:, np.linalg.norm(columns, axis=0) > 1e-9])
+    weights = np.asarray(np.linalg.eigvalsh(columns.T @ columns), float)
+    return _exceeds(float(((errors @ columns) ** 2).sum()), weights)
 
 
 def _unit(columns: FloatArray) -> FloatArray:
-    """Columns of length 1; those without any stay."""
+    """Columns scaled to length 1; columns of zeros stay."""
     return np.asarray(columns / np.maximum(np.linalg.norm(columns, axis=0), 1e-300))
 
 
 def _exceeds(value: float, weights: FloatArray) -> float:
     """P(Σ λχ² > value) of independent χ² of one degree of freedom: Kuonen's saddlepoint."""
-    from scipy.optimize import brentq  # takes a quarter of a second, which few commands need
+    from scipy.optimize import brentq  # imported late: it takes a quarter of a second
 
     weights = weights[weights > 1e-9]
     if value == 0.0 or not len(weights):
@@ -197,29 +212,29 @@ def _exceeds(value: float, weights: FloatArray) -> float:
     share = weights / value
     pole = 0.5 / share.max()
 
-    def rest(below: float) -> FloatArray:
+    def remainder(below: float) -> FloatArray:
         """1 - 2z·share at z = pole - below."""
         return np.asarray(1.0 - share / share.max() + 2.0 * below * share)
 
-    # Where the cumulants' generating function has slope 1. Each term of its slope is at most
-    # 1/(2·below), which is the largest's.
+    # The cumulant generating function has slope 1 there. Each term of the slope is at most
+    # 1/(2·below), and the largest term equals it.
     widened = 1.0 + 1e-9
     below = brentq(
-        lambda below: float((share / rest(below)).sum()) - 1.0,
+        lambda below: float((share / remainder(below)).sum()) - 1.0,
         0.5 / widened,
         0.5 * len(share) * widened,
     )
     z = pole - below
-    curvature = 2.0 * float(((share / rest(below)) ** 2).sum())
-    w = np.sign(z) * np.sqrt(max(2.0 * z + np.log(rest(below)).sum(), 0.0))
+    curvature = 2.0 * float(((share / remainder(below)) ** 2).sum())
+    w = np.sign(z) * np.sqrt(max(2.0 * z + np.log(remainder(below)).sum(), 0.0))
     u = z * np.sqrt(curvature)
-    if abs(u) < 1e-3:  # near the mean both tend to zero
+    if abs(u) < 1e-3:  # near the mean u and w tend to zero
         return float(ndtr(-8.0 * float((share**3).sum()) / curvature**1.5 / 6.0))
     return float(ndtr(-w - np.log(u / w) / w))
 
 
 def _correlated(errors: FloatArray) -> float:
-    """Ljung and Box's p-value of the columns (N, S) together; pairs with a missing one are left."""
+    """Ljung and Box's p-value of all columns (N, S); pairs with a missing error are left out."""
     known = np.isfinite(errors)
     errors = np.where(known, errors, 0.0)
     statistic = 0.0

@@ -1,13 +1,13 @@
 """The uncertainty of α, β, τ and of what follows from them; the probability of string stability.
 
-The intervals are those of the posterior distribution (see `inference.posterior`), whose model has
-disturbances that last and to which the vehicle itself responds. They depend on the recording alone,
-so one set of them serves every method: an estimate is judged by whether it lies inside. Least
-squares, splines and the PiNN's presets `fast` and `paper` minimise the residual of the model and
-are biased by disturbances, so their estimates may lie outside; a finding then says so.
+The intervals are those of the posterior distribution (see `inference.posterior`). Its model has
+disturbances that are correlated over time and to which the vehicle itself responds. The intervals
+depend on the recording alone, so the same intervals serve every method: an estimate lies inside or
+outside. Least squares, splines and the PiNN's presets `fast` and `paper` minimise the residual of
+the model and are biased by disturbances, so their estimates may lie outside; a finding says so.
 
-Draws are above zero, as the prior is one of logarithms. Where the likelihood is largest at zero,
-that is no reason to exclude it, and the interval begins there.
+Draws are above zero, because the prior is one of logarithms. If the likelihood is largest at zero,
+the interval begins there.
 """
 
 import time
@@ -20,7 +20,8 @@ import msgspec
 import numpy as np
 
 from accpinn.channels import PARAMETERS
-from accpinn.errors import ConfigError, Finding
+from accpinn.errors import ConfigError
+from accpinn.findings import Finding, Labelled, Words
 from accpinn.inference.posterior import sample
 from accpinn.methods.fit import Fit, Outcome
 from accpinn.methods.maximum_likelihood import KEY, joint_maxima
@@ -34,11 +35,13 @@ from accpinn.units import FloatArray, Mask, Seconds
 
 METHOD = "posterior of the exact likelihood, by importance sampling"
 LEVEL = 0.9
+"""Level of the intervals."""
 DRAWS = 2000
-"""Of equal weight, for ends of intervals, bands and clouds."""
+"""Number of draws of equal weight, for ends of intervals, bands and clouds."""
 SLACK = 0.04
-"""Of an interval's width: its ends are drawn, and move by up to as much from seed to seed."""
+"""Share of an interval's width by which its sampled ends vary from seed to seed."""
 ENDS = ("centre", "lower", "upper")
+"""Fields of `Uncertainty` that hold parameters of the followers."""
 
 Cause = Literal["disturbances", "apart", "unfinished", "stopped", "diverged"]
 CAUSES: dict[Outcome, Cause] = {
@@ -46,26 +49,53 @@ CAUSES: dict[Outcome, Cause] = {
     Outcome.DIVERGED: "diverged",
     Outcome.FINISHED: "unfinished",
 }
-"""Why an estimate may lie outside its interval, where it is not a converged one."""
+"""Why the estimate of a training that did not converge may lie outside its interval."""
 UNBIASED = "calibrated"
-"""The PiNN's preset that disturbances do not bias, either."""
+"""The PiNN's preset that disturbances do not bias."""
+
+
+_BIAS = (
+    "disturbances to which the vehicle itself responds bias what fits the accelerations best, so"
+    " prefer maximum likelihood"
+)
+WHY: dict[Cause, str] = {
+    "disturbances": _BIAS,
+    "apart": "the likelihood has a long tail or several maxima here, so rely on the interval",
+    "unfinished": f"more iterations may change it, or {_BIAS}",
+    "stopped": "training was stopped before its end",
+    "diverged": "training diverged",
+}
+"""Why an estimate lies outside its interval, as the sentence says it."""
+_QUANTITIES = {quantity.symbol: quantity for quantity in PARAMETERS}
 
 
 class ParameterInterval(msgspec.Struct, frozen=True):
-    """The interval of one parameter of one follower, and an estimate of it."""
+    """The interval of one parameter of one follower, and estimates of it."""
 
     symbol: str
-    """One of α, β, τ."""
+    """Symbol of the parameter: α, β or τ."""
     lower: float
     upper: float | None
     """None where nothing is known."""
     estimate: float | None = None
+    """The estimate that is compared with the interval."""
     likeliest: float | None = None
-    """By maximum likelihood, which disturbances do not bias."""
+    """The maximum-likelihood estimate, which disturbances do not bias."""
+
+    @property
+    def ends(self) -> str:
+        """Both ends in words: "0.08 to 0.12"."""
+        text = _QUANTITIES[self.symbol].text
+        return f"{text(self.lower)} {'or more' if self.upper is None else f'to {text(self.upper)}'}"
 
 
 class NotDetermined(Finding, frozen=True):
     """The window is too short for a follower's parameters, or nothing moves in it."""
+
+    text = (
+        "{vehicle}: these data determine none of α, β and τ; choose a longer window, or one in"
+        " which the vehicle ahead brakes and accelerates."
+    )
 
     vehicle: int
     """0 for all followers together."""
@@ -74,18 +104,35 @@ class NotDetermined(Finding, frozen=True):
 class OutsideInterval(Finding, frozen=True):
     """Some of a follower's estimates lie outside their intervals."""
 
+    text = "{vehicle}: the estimate's {estimates} {lie} outside the interval; {why}."
+
     vehicle: int
     """0 for all followers together."""
     parameters: tuple[ParameterInterval, ...]
+    """The intervals, with the estimates outside of them."""
     cause: Cause
+    """Most probable cause; a key of `WHY`."""
+
+    def _words(self, about: Labelled) -> Words:
+        estimates = " and ".join(map(_estimate, self.parameters))
+        lie = "lies" if len(self.parameters) == 1 else "lie"
+        return {"estimates": estimates, "lie": lie, "why": WHY[self.cause]}
 
 
 UncertaintyFinding = NotDetermined | OutsideInterval
 
 
+def _estimate(interval: ParameterInterval) -> str:
+    text = _QUANTITIES[interval.symbol].text
+    value = "undetermined" if interval.estimate is None else text(interval.estimate)
+    likeliest = interval.likeliest
+    best = "" if likeliest is None else f", maximum likelihood {text(likeliest)}"
+    return f"{interval.symbol} = {value} (interval {interval.ends}{best})"
+
+
 @dataclass(frozen=True, eq=False)
 class Interval:
-    """Ends of an interval, one for each of M followers or K frequencies."""
+    """Ends of the intervals of M followers or at K frequencies."""
 
     lower: FloatArray
     upper: FloatArray
@@ -96,8 +143,9 @@ class Uncertainty:
     """The uncertainty of the parameters of each of M followers, given a recording."""
 
     method: str
+    """Name of the computation."""
     level: float
-    """How often such intervals cover the truth, if the model holds."""
+    """Share of such intervals that cover the truth, if the model holds."""
     centre: Parameters
     """(M,) the maximum-likelihood estimate; nan where `NotDetermined`."""
     lower: Parameters
@@ -105,13 +153,13 @@ class Uncertainty:
     upper: Parameters
     """(M,)"""
     inside: Mask
-    """(M, 3) whether the fit's own estimate lies within, or no further outside than `SLACK`."""
+    """(M, 3) whether the fit's estimate lies in the interval, up to `SLACK`."""
     draws: Parameters
-    """(n, M) from the posterior, of equal weight; nan where `NotDetermined`."""
+    """(n, M) draws of equal weight from the posterior; nan where `NotDetermined`."""
     probability_l2: FloatArray
-    """(M,) of L₂ string stability; nan where `NotDetermined`."""
+    """(M,) probability of L₂ string stability; nan where `NotDetermined`."""
     probability_linf: FloatArray
-    """(M,) of L∞ string stability, by the exact criterion."""
+    """(M,) probability of L∞ string stability, by the exact criterion."""
     peak_gain: Interval
     """max |H|; 1 where no frequency is amplified."""
     linf_gain: Interval
@@ -126,13 +174,13 @@ class Uncertainty:
 def intervals(
     segment: Segment | Sequence[Segment], fit: Fit, level: float = LEVEL, draws: int = DRAWS
 ) -> Uncertainty:
-    """The uncertainty of the parameters, given a segment; takes about a second.
+    """Compute the uncertainty of the parameters, given a segment; takes about a second.
 
     Args:
-        segment: the data; several segments of the same vehicles are taken together.
-        fit: any method's estimate on them; its case counts, and its parameters are judged.
-        level: how often the intervals are to cover the truth, above 0 and below 1.
-        draws: how many are kept.
+        segment: the data; several segments of the same vehicles are estimated together.
+        fit: any method's estimate on them, which is compared with the intervals.
+        level: share of intervals that are to cover the truth, above 0 and below 1.
+        draws: number of draws.
 
     Raises:
         ConfigError: for a level or a number of draws that is not allowed.
@@ -143,42 +191,42 @@ def intervals(
         raise ConfigError(f"draws: {draws} is not allowed; choose at least 2, as {DRAWS}.")
     started = time.perf_counter()
     segments = (segment,) if isinstance(segment, Segment) else tuple(segment)
-    found = judged(_shared(segments, fit.case, level, draws), segments[0], fit)
-    return replace(found, seconds=time.perf_counter() - started)
+    uncertainty = judged(_shared(segments, fit.case, level, draws), segments[0], fit)
+    return replace(uncertainty, seconds=time.perf_counter() - started)
 
 
 def judged(uncertainty: Uncertainty, segment: Segment, fit: Fit) -> Uncertainty:
-    """The same, with a fit's estimates held against the intervals.
+    """The same uncertainty, with a fit's estimates compared with the intervals.
 
     Args:
-        uncertainty: of the segment's M followers.
+        uncertainty: the uncertainty of the segment's M followers.
         segment: the data.
         fit: any method's estimate on them.
     """
     inside = within(fit.parameters.values, uncertainty.lower.values, uncertainty.upper.values)
-    found = replace(uncertainty, inside=inside)
-    return replace(found, findings=tuple(_findings(segment, fit, found)))
+    compared = replace(uncertainty, inside=inside)
+    return replace(compared, findings=tuple(_findings(segment, fit, compared)))
 
 
-def agree(one: Uncertainty, other: Uncertainty) -> bool:
-    """Whether two may be of the same data: estimates, ends and probabilities differ by `SLACK`.
+def agree(old: Uncertainty, new: Uncertainty) -> bool:
+    """Whether estimates, ends and probabilities agree up to `SLACK`, as for the same data.
 
-    Processors round differently, and a draw more or less beyond an end moves it.
+    Processors round differently, and one draw more or less beyond an end moves it.
     """
-    if one.draws.values.shape != other.draws.values.shape or one.level != other.level:
+    if old.draws.values.shape != new.draws.values.shape or old.level != new.level:
         return False
-    spread = SLACK * (other.upper.values - other.lower.values)
-    pairs = [(getattr(one, n).values, getattr(other, n).values, spread) for n in ENDS]
+    spread = SLACK * (new.upper.values - new.lower.values)
+    pairs = [(getattr(old, n).values, getattr(new, n).values, spread) for n in ENDS]
     for name in ("peak_gain", "linf_gain", "crossover"):
-        old, new = getattr(one, name), getattr(other, name)
-        spread = SLACK * (new.upper - new.lower)
-        pairs += [(old.lower, new.lower, spread), (old.upper, new.upper, spread)]
+        before, after = getattr(old, name), getattr(new, name)
+        spread = SLACK * (after.upper - after.lower)
+        pairs += [(before.lower, after.lower, spread), (before.upper, after.upper, spread)]
     for name in ("probability_l2", "probability_linf"):
-        pairs.append((getattr(one, name), getattr(other, name), np.full(1, SLACK)))
+        pairs.append((getattr(old, name), getattr(new, name), np.full(1, SLACK)))
     return all(
-        np.shape(old) == np.shape(new)
-        and bool(np.all((np.abs(old - new) <= spread) | (np.isnan(old) & np.isnan(new))))
-        for old, new, spread in pairs
+        np.shape(before) == np.shape(after)
+        and bool(np.all((np.abs(before - after) <= spread) | (np.isnan(before) & np.isnan(after))))
+        for before, after, spread in pairs
     )
 
 
@@ -196,7 +244,7 @@ def within(estimate: FloatArray, lower: FloatArray, upper: FloatArray) -> Mask:
 
 
 def of_first(uncertainty: Uncertainty) -> Uncertainty:
-    """That of the first follower alone, which stands for all where they share their parameters."""
+    """The uncertainty of the first follower alone, who stands for all in Case I."""
     parts: dict[str, Any] = {"draws": uncertainty.draws[:, :1]}
     for name in ("centre", "lower", "upper", "inside", "probability_l2", "probability_linf"):
         parts[name] = getattr(uncertainty, name)[:1]
@@ -210,12 +258,12 @@ def gain_band(uncertainty: Uncertainty, follower: int, omega: FloatArray) -> Int
     """The interval of |H(jω)| at each frequency.
 
     Args:
-        uncertainty: of M followers.
-        follower: 0 for the first one.
-        omega: (K,) in rad/s, above zero.
+        uncertainty: the uncertainty of M followers.
+        follower: index of the follower, from 0.
+        omega: (K,) frequencies in rad/s, above zero.
 
     Returns:
-        (K,); nan where nothing is known.
+        (K,) ends; nan where nothing is known.
     """
     draws = uncertainty.draws[:, follower]
     if np.isnan(draws.alpha).any():
@@ -225,18 +273,18 @@ def gain_band(uncertainty: Uncertainty, follower: int, omega: FloatArray) -> Int
 
 @lru_cache(maxsize=64)
 def _shared(segments: tuple[Segment, ...], case: Case, level: float, draws: int) -> Uncertainty:
-    """What does not depend on the fit; many methods on one segment share it."""
+    """The part that does not depend on the fit, which all methods on a segment share."""
     centre, theta = _sample(segments, case, draws)
     return from_draws(centre, Parameters.from_theta(theta), level)
 
 
 def from_draws(centre: Parameters, sampled: Parameters, level: float) -> Uncertainty:
-    """All that follows from draws of the posterior.
+    """Compute the uncertainty from draws of the posterior.
 
     Args:
         centre: (M,) the maximum-likelihood estimate; nan for followers that are not determined.
-        sampled: (n, M) of equal weight; nan for these.
-        level: of the intervals.
+        sampled: (n, M) draws of equal weight; nan for these followers.
+        level: level of the intervals.
     """
     known = ~np.isnan(sampled.alpha[0])
     lower, upper = interval_ends(sampled.values, level)
@@ -260,7 +308,7 @@ def from_draws(centre: Parameters, sampled: Parameters, level: float) -> Uncerta
 
 
 def _sample(segments: tuple[Segment, ...], case: Case, count: int) -> tuple[Parameters, FloatArray]:
-    """The estimate (M,), and draws of θ (count, M, 3); equal followers in Case I."""
+    """The estimate (M,), and draws of θ (count, M, 3); the same for all followers in Case I."""
     known = determined_followers(segments, case)
     centre = np.full((segments[0].followers, 3), np.nan)
     theta = np.full((count, *centre.shape), np.nan)
@@ -273,26 +321,26 @@ def _sample(segments: tuple[Segment, ...], case: Case, count: int) -> tuple[Para
 
 
 def interval_ends(values: FloatArray, level: float) -> tuple[FloatArray, FloatArray]:
-    """Lower and upper quantiles over the first axis; nan where a value is."""
+    """Lower and upper quantiles over the first axis; nan where a value is nan."""
     tail = (1.0 - level) / 2.0
     lower, upper = np.quantile(values, (tail, 1.0 - tail), axis=0)
     return lower, upper
 
 
 def _findings(segment: Segment, fit: Fit, judged: Uncertainty) -> list[UncertaintyFinding]:
-    found: list[UncertaintyFinding] = []
+    findings: list[UncertaintyFinding] = []
     for k, vehicle in enumerate((0,) if fit.case == "I" else segment.vehicles[1:]):
         if np.isnan(judged.centre[k].alpha):
-            found.append(NotDetermined(vehicle))
+            findings.append(NotDetermined(vehicle))
         rows = parameter_intervals(judged, k, fit.parameters)
         outside = [row for row, yes in zip(rows, judged.inside[k], strict=True) if not yes]
         if outside:
-            found.append(OutsideInterval(vehicle, tuple(outside), _cause(fit)))
-    return found
+            findings.append(OutsideInterval(vehicle, tuple(outside), _cause(fit)))
+    return findings
 
 
 def _cause(fit: Fit) -> Cause:
-    """Why an estimate may lie outside; one without bias does where the likelihood is odd."""
+    """Why an estimate may lie outside: bias, or an irregular likelihood for unbiased methods."""
     unbiased = fit.method == KEY or fit.config.get("preset") == UNBIASED
     return "apart" if unbiased else CAUSES.get(fit.outcome, "disturbances")
 
@@ -300,12 +348,12 @@ def _cause(fit: Fit) -> Cause:
 def parameter_intervals(
     uncertainty: Uncertainty, follower: int, estimates: Parameters | None = None
 ) -> tuple[ParameterInterval, ...]:
-    """The intervals of α, β and τ of one follower, one object each.
+    """The intervals of α, β and τ of one follower.
 
     Args:
-        uncertainty: of M followers.
-        follower: 0 for the first one.
-        estimates: (M,) to be kept beside them.
+        uncertainty: the uncertainty of M followers.
+        follower: index of the follower, from 0.
+        estimates: (M,) estimates to be kept beside the intervals.
     """
     lower, upper = (
         ends[follower].values.tolist() for ends in (uncertainty.lower, uncertainty.upper)
@@ -314,8 +362,8 @@ def parameter_intervals(
     likeliest = uncertainty.centre[follower].values.tolist()
     rows = zip(PARAMETERS, lower, upper, values, likeliest, strict=True)
     return tuple(
-        ParameterInterval(one.symbol, low, _finite(high), _finite(value), _finite(best))
-        for one, low, high, value, best in rows
+        ParameterInterval(quantity.symbol, low, _finite(high), _finite(value), _finite(best))
+        for quantity, low, high, value, best in rows
     )
 
 

@@ -1,20 +1,20 @@
 """Bands of the space-gaps that the model predicts when only the leader's speed is given.
 
-Each of n simulations of the whole platoon takes one draw of α, β and τ from the posterior (see
-`inference.posterior`) and a disturbance r of its own, of each follower k = 1..M:
+Each of n simulations of the platoon takes one draw of α, β and τ from the posterior (see
+`inference.posterior`) and a random disturbance r for each follower k = 1..M:
 
     dp = (v_{k-1} - v) dt
     dv = (α (p - τ v) + β (v_{k-1} - v) + r) dt
     dr = (w - r)/T₂ dt,   dw = -w/T dt + s √(2 (T + T₂)) / T dW
 
 with the deviation s, memory T and rise T₂ of greatest likelihood (see `methods.state_space`). v_0
-is the leader's measured speed, straight between samples 0.5 s apart; the vehicle ahead of the other
-followers is the simulated one. The system is linear, so every step of it is exact, noise included.
-A simulation begins with the measured gaps and speeds, and with a disturbance of which nothing is
-known; where the leader's speed is missing for long, it begins anew.
+is the leader's measured speed, straight between samples 0.5 s apart; the other followers drive
+behind a simulated vehicle. The system is linear, so every step is exact, noise included. A
+simulation begins with the measured gaps and speeds and with a disturbance drawn from its stationary
+distribution; where the leader's speed is missing for long, it begins anew.
 
-The model knows no contact: a simulated gap may fall below zero. Such simulations go on and are part
-of the band, as in `evaluation.closed_loop`; their share is stated.
+The model has no collisions: a simulated gap may fall below zero. Such simulations continue and are
+part of the band, as in `evaluation.closed_loop`; their share is stated.
 """
 
 from dataclasses import dataclass
@@ -22,8 +22,8 @@ from functools import lru_cache
 
 import numpy as np
 
-from accpinn.errors import Finding
 from accpinn.evaluation.closed_loop import simulable
+from accpinn.findings import Finding, Labelled, Words, percent
 from accpinn.inference.intervals import Uncertainty, interval_ends
 from accpinn.methods.maximum_likelihood import DISTURBANCE, joint_maxima
 from accpinn.methods.series import determined_followers, stride_of
@@ -33,29 +33,44 @@ from accpinn.segment.segment import Segment
 from accpinn.units import FloatArray, Mask, Seconds, known_mean
 
 SIMULATIONS = 200
+"""Number of simulations."""
 SEED = 0
-OWN = 4
-"""States of a follower: p, v, r, w."""
+"""Seed of the disturbances."""
+STATES = 4
+"""Number of states of a follower: p, v, r and w."""
 ROUNDING = 1e-9
+"""Share of a variance that is added to it against rounding."""
 MOST_STEPS = 20_000
-"""Nearly three hours; a longer window has no band, which would take a page longer than seconds."""
+"""Longest window with a band, in steps: nearly three hours, which take some seconds."""
 CHUNK = 256
-"""Steps whose noise is drawn at once."""
+"""Number of steps whose noise is drawn at once."""
 TOO_FEW = 0.75
-"""A smaller share within a 90 % band speaks against the model: of 40 recordings of 300 s simulated
-with the published parameters it was 0.84 to 0.95."""
+"""Share within a 90 % band below which the model is doubtful: in 40 recordings of 300 s simulated
+with the published parameters the share was 0.84 to 0.95."""
 
 
 class BandCoverage(Finding, frozen=True):
-    """How much of a follower's measured space-gap lies within its band."""
+    """The share of a follower's measured space-gap that lies within its band."""
+
+    text = (
+        "{vehicle}: {share:.0%} of the measured space-gap lies within the {level:.0%} band,"
+        " {verdict}.{collisions}"
+    )
 
     vehicle: int
     share: float
-    """Of the instants, 0 to 1."""
+    """Share of the instants, 0 to 1."""
     level: float
-    """What is expected of a model that holds."""
+    """Share that is expected if the model holds."""
     colliding: float
-    """Share of the simulations in which the follower touches the vehicle ahead."""
+    """Share of the simulations in which the follower collides with the vehicle ahead."""
+
+    def _words(self, about: Labelled) -> Words:
+        verdict = f"in keeping with {percent(self.level)}"
+        if self.share < TOO_FEW:
+            verdict = "too little for a model that holds with the same parameters throughout"
+        collisions = f" The follower collides in {percent(self.colliding)} of the simulations."
+        return {"verdict": verdict, "collisions": collisions if self.colliding else ""}
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,28 +78,30 @@ class GapBand:
     """The band of each of M followers' space-gaps at K instants."""
 
     time: FloatArray
-    """(K,) in s from the segment's start."""
+    """(K,) time in s from the segment's start."""
     lower: FloatArray
-    """(K, M) in m; nan where nothing is simulated, and for followers that are not determined."""
+    """(K, M) lower ends in m; nan where nothing is simulated or the follower is not determined."""
     upper: FloatArray
-    """(K, M)"""
+    """(K, M) upper ends in m."""
     level: float
+    """Level of the band."""
     findings: tuple[BandCoverage, ...]
-    """One a follower that has a band."""
+    """One finding for each follower with a band."""
 
 
 @lru_cache(maxsize=4)
 def gap_band(segment: Segment, uncertainty: Uncertainty, case: Case) -> GapBand | None:
-    """The bands at the level of the intervals; takes some tenths of a second.
+    """Compute the bands at the level of the intervals; takes some tenths of a second.
 
     Args:
         segment: speeds (N, M+1) in m/s and space-gaps (N, M) in m.
-        uncertainty: of the segment's parameters.
-        case: "I" or "II", as the uncertainty's.
+        uncertainty: the uncertainty of the segment's parameters.
+        case: "I" or "II", the same as for the uncertainty.
 
     Returns:
-        None where no follower has draws, at no instant all vehicles are measured, or the window
-        has more than `MOST_STEPS`. A follower without draws has no band, nor has one behind it.
+        None if no follower has draws, if at no instant all vehicles are measured, or if the
+        window has more than `MOST_STEPS`. A follower without draws has no band, nor have those
+        behind it.
     """
     if segment.samples > MOST_STEPS * stride_of(segment):
         return None
@@ -98,8 +115,8 @@ def gap_band(segment: Segment, uncertainty: Uncertainty, case: Case) -> GapBand 
     steps = _Steps.of(uncertainty, sizes[:followers], step)
     gaps = np.full((SIMULATIONS, len(rows), segment.followers), np.nan)
     measured = segment.measured_gaps[rows]
-    every = np.hstack([measured, segment.measured_speeds[rows]])
-    complete: Mask = np.asarray(np.isfinite(every).all(axis=1))
+    samples = np.hstack([measured, segment.measured_speeds[rows]])
+    complete: Mask = np.asarray(np.isfinite(samples).all(axis=1))
     rng = np.random.default_rng(SEED)
     for piece in pieces:
         kept = np.flatnonzero((rows >= piece.first) & (rows <= piece.last))
@@ -122,55 +139,56 @@ def gap_band(segment: Segment, uncertainty: Uncertainty, case: Case) -> GapBand 
 
 
 def _disturbances(segment: Segment, case: Case) -> FloatArray:
-    """(M, 3) s, T and T₂ of each follower; nan for those without."""
+    """(M, 3) s, T and T₂ of each follower; nan for followers that are not determined."""
     known = determined_followers((segment,), case)
-    found = np.full((segment.followers, 3), np.nan)
+    sizes = np.full((segment.followers, 3), np.nan)
     if known:
         maxima = joint_maxima((segment,), case, followers=known)
-        found[list(known)] = [one.values[DISTURBANCE] for one in maxima]
-    return found
+        sizes[list(known)] = [maximum.values[DISTURBANCE] for maximum in maxima]
+    return sizes
 
 
 @dataclass(frozen=True, eq=False)
 class _Steps:
-    """A step of every simulation; states are p, v, r, w of F followers, then v_0 and its slope."""
+    """A step of n simulations; states are p, v, r, w of F followers, then v_0 and its slope."""
 
     transition: FloatArray
-    """(4F+2, 4F+2, n)."""
+    """(4F+2, 4F+2, n) transition matrices."""
     root: FloatArray
-    """(n, 4F, 4F) of the covariance of what is added."""
+    """(n, 4F, 4F) Cholesky roots of the covariance of the added noise."""
     deviations: FloatArray
-    """(F, 2) of r and w before the first step."""
+    """(F, 2) standard deviations of r and w before the first step."""
     step: Seconds
+    """Duration of a step."""
 
     @classmethod
     def of(cls, uncertainty: Uncertainty, disturbances: FloatArray, step: Seconds) -> "_Steps":
-        """Those of evenly chosen draws.
+        """The steps of evenly chosen draws.
 
         Args:
-            uncertainty: of at least F followers.
+            uncertainty: the uncertainty of at least F followers.
             disturbances: (F, 3) s, T and T₂.
-            step: in s.
+            step: duration in s.
         """
-        followers, own = len(disturbances), OWN * len(disturbances)
+        followers, size = len(disturbances), STATES * len(disturbances)
         deviation, memory, rise = disturbances.T
         white = deviation**2 * (memory + rise) / memory
         chosen = np.linspace(0, len(uncertainty.draws) - 1, SIMULATIONS).astype(int)
-        rates, density = np.zeros((2, SIMULATIONS, own + 2, own + 2))
-        p, v, r, w = (np.arange(followers) * OWN + k for k in range(OWN))
+        rates, density = np.zeros((2, SIMULATIONS, size + 2, size + 2))
+        p, v, r, w = (np.arange(followers) * STATES + k for k in range(STATES))
         motion = np.stack([p, v], axis=1).ravel()
-        driven = np.append(motion, own)
+        driven = np.append(motion, size)
         for at, draw in enumerate(uncertainty.draws.values[chosen, :followers]):
             rates[at][np.ix_(motion, driven)] = motion_matrix(Parameters.of(draw))
         rates[:, v, r] = 1.0
         rates[:, r, r], rates[:, r, w] = -1.0 / rise, 1.0 / rise
         rates[:, w, w] = -1.0 / memory
-        rates[:, own, own + 1] = 1.0
+        rates[:, size, size + 1] = 1.0
         density[:, w, w] = 2.0 * white / memory
         transition, process = discretise(rates, density, step)
-        covariance = process[:, :own, :own]
-        # What the noise adds to a gap in a step is next to nothing, and rounding may make it less.
-        covariance += ROUNDING * covariance * np.eye(own)
+        covariance = process[:, :size, :size]
+        # The variance that a step adds to a gap is so small that rounding may make it negative.
+        covariance += ROUNDING * covariance * np.eye(size)
         return cls(
             np.ascontiguousarray(np.moveaxis(transition, 0, -1)),
             np.asarray(np.linalg.cholesky(covariance)),
@@ -181,26 +199,26 @@ class _Steps:
     def simulate(
         self, leader: FloatArray, gaps: FloatArray, speeds: FloatArray, rng: np.random.Generator
     ) -> FloatArray:
-        """The gaps (n, K, F) behind a leader's speed (K,), from measured ones (F,) on."""
+        """Simulate the gaps (n, K, F) behind a leader's speed (K,), from gaps and speeds (F,)."""
         size, count = self.transition.shape[1:]
         followers = len(gaps)
         state = np.zeros((size, count))
-        state[0:-2:OWN], state[1:-2:OWN] = gaps[:, None], speeds[:, None]
+        state[0:-2:STATES], state[1:-2:STATES] = gaps[:, None], speeds[:, None]
         w = self.deviations[:, 1:] * rng.standard_normal((followers, count))
-        # r is what is left of w after its rise: their covariance is the variance of r.
+        # r follows w with the rise time, so that their covariance is the variance of r.
         share = (self.deviations[:, :1] / self.deviations[:, 1:]) ** 2
-        rest = self.deviations[:, :1] * np.sqrt(1.0 - share)
-        state[2:-2:OWN] = share * w + rest * rng.standard_normal((followers, count))
-        state[3:-2:OWN] = w
+        remainder = self.deviations[:, :1] * np.sqrt(1.0 - share)
+        state[2:-2:STATES] = share * w + remainder * rng.standard_normal((followers, count))
+        state[3:-2:STATES] = w
         slopes = np.append(np.diff(leader) / self.step, 0.0)
-        found = np.empty((count, len(leader), followers))
+        simulated = np.empty((count, len(leader), followers))
         for first in range(0, len(leader), CHUNK):
             part = range(first, min(first + CHUNK, len(leader)))
             normal = rng.standard_normal((count, size - 2, len(part)))
             added = np.moveaxis(self.root @ normal, 0, 1)
             for k in part:
-                found[:, k] = state[0:-2:OWN].T
+                simulated[:, k] = state[0:-2:STATES].T
                 state[-2], state[-1] = leader[k], slopes[k]
                 state = np.einsum("ijb,jb->ib", self.transition, state)
                 state[:-2] += added[:, :, k - first]
-        return found
+        return simulated

@@ -14,31 +14,31 @@ from accpinn.methods.likelihood import Maximum
 from accpinn.units import FloatArray, Mask
 
 FREEDOM = 5.0
-"""Of Student's t: its tails are wider than those of any posterior met so far."""
+"""Degrees of freedom of Student's t; its tails are wider than those of all posteriors so far."""
 INFLATION = 1.15
-"""Of the proposal's deviations, for the same reason."""
+"""Factor on the proposal's deviations, for the same reason."""
 TRUST = 10.0
-"""Effective draws at which a covariance of draws counts half."""
+"""Effective draws at which their covariance and the previous scale have equal weight."""
 LEAST_PRECISION = 0.25
-"""In any direction, of the first proposal: a flat criterion is no reason to look far away."""
+"""Least precision of the first proposal in any direction, against a flat criterion."""
 LEAST_SHARE = 0.02
-"""Of a part of a proposal."""
+"""Least share of a part of a mixture."""
 ROUNDING = 1e-12
-"""Share of a proposal's variance that stands for none."""
+"""Share of the largest variance below which a variance counts as zero."""
 
 
 @dataclass(frozen=True, eq=False)
 class Student:
-    """A multivariate Student's t."""
+    """A multivariate Student's t distribution."""
 
     centre: FloatArray
-    """(P,)"""
+    """(P,) centre."""
     scale: FloatArray
-    """(P, P); rows and columns of what a bound holds are zero."""
+    """(P, P) scale matrix; rows and columns of unknowns that a bound holds are zero."""
 
     @classmethod
     def of(cls, centre: FloatArray, curvature: FloatArray) -> "Student":
-        """With the curvature (P, P) of ln of its density at the centre."""
+        """The distribution whose log density has a curvature (P, P) at the centre."""
         free = np.diag(curvature) > 0
         free[:3] = True
         values, vectors = np.linalg.eigh(curvature[np.ix_(free, free)])
@@ -47,7 +47,7 @@ class Student:
         return cls(centre, scale)
 
     def adapted(self, drawn: FloatArray, weights: FloatArray) -> "Student":
-        """With mean and covariance of draws (n, P) that have weights (n,)."""
+        """The distribution with the mean and covariance of draws (n, P) with weights (n,)."""
         total = weights.sum()
         if not total > 0.0:
             return self
@@ -61,8 +61,8 @@ class Student:
 
     def root(self) -> tuple[Mask, FloatArray]:
         """Which coordinates are free (P,), and a root of their scale (f, f)."""
-        # Unlike a root by eigenvectors, Cholesky's hardly changes where the matrix hardly does, so
-        # that the draws are the same wherever they are made.
+        # Unlike eigenvectors, Cholesky's root is continuous in the matrix, so draws are the same
+        # on every processor.
         variances = np.diag(self.scale)
         free: Mask = np.asarray(variances > ROUNDING * variances.max())
         part = self.scale[np.ix_(free, free)] + np.diag(ROUNDING * variances[free])
@@ -78,7 +78,7 @@ class Student:
         return drawn
 
     def log_density(self, drawn: FloatArray) -> FloatArray:
-        """(n,) at (n, P), of the free coordinates."""
+        """(n,) log density of the free coordinates at (n, P)."""
         free, root = self.root()
         away = solve_triangular(root, (drawn - self.centre)[:, free].T, lower=True)
         distance = (away**2).sum(axis=0)
@@ -90,30 +90,31 @@ class Student:
 
 @dataclass(frozen=True, eq=False)
 class Proposal:
-    """A mixture of Student's t."""
+    """A mixture of Student's t distributions."""
 
     parts: tuple[Student, ...]
-    """K of them."""
+    """The K parts."""
     shares: FloatArray
-    """(K,) sum to one."""
+    """(K,) shares of the parts, which sum to one."""
 
     @classmethod
     def at(cls, maxima: Sequence[Maximum]) -> "Proposal":
-        """With a part at each maximum; several are those on the grid of the further unknown."""
-        curvatures = np.array([one.curvature for one in maxima])
+        """A mixture with a part at each maximum; several lie on the grid of the further unknown."""
+        curvatures = np.array([maximum.curvature for maximum in maxima])
         if len(maxima) > 1:
-            # What a bound holds in some parts has a spread there as well.
+            # An unknown that a bound holds in some parts varies in these as well.
             least = np.where(np.diagonal(curvatures, axis1=1, axis2=2) > 0, 0.0, 1.0)
             usual = np.diagonal(curvatures, axis1=1, axis2=2).max(axis=0)
             curvatures += np.einsum("kp,pq->kpq", least * usual, np.eye(len(usual)))
-            curvatures[:, -1, -1] += 1.0 / np.gradient([one.coordinates[-1] for one in maxima]) ** 2
+            grid = [maximum.coordinates[-1] for maximum in maxima]
+            curvatures[:, -1, -1] += 1.0 / np.gradient(grid) ** 2
         parts = tuple(
-            Student.of(one.coordinates, curvature)
-            for one, curvature in zip(maxima, curvatures, strict=True)
+            Student.of(maximum.coordinates, curvature)
+            for maximum, curvature in zip(maxima, curvatures, strict=True)
         )
         mass = [
-            one.criterion + np.log(np.diag(part.root()[1])).sum()
-            for one, part in zip(maxima, parts, strict=True)
+            maximum.criterion + np.log(np.diag(part.root()[1])).sum()
+            for maximum, part in zip(maxima, parts, strict=True)
         ]
         return cls(parts, _floored(normalised(np.array(mass))))
 
@@ -127,7 +128,7 @@ class Proposal:
         )
 
     def log_densities(self, drawn: FloatArray) -> FloatArray:
-        """(K, n): of each part at (n, P), its share included."""
+        """(K, n) log density of each part at (n, P), times its share."""
         return np.array(
             [
                 np.log(share) + part.log_density(drawn)
@@ -136,20 +137,21 @@ class Proposal:
         )
 
     def adapted(self, drawn: FloatArray, weights: FloatArray, densities: FloatArray) -> "Proposal":
-        """Each part with the weighted mean and covariance of the draws that it stands for.
+        """Adapt each part to the weighted draws that probably came from it.
 
         Args:
-            drawn: (n, P)
-            weights: (n,)
-            densities: (K, n) those of `log_densities`.
+            drawn: (n, P) draws.
+            weights: (n,) their weights.
+            densities: (K, n) their `log_densities`.
         """
         belongs = np.exp(densities - np.logaddexp.reduce(densities, axis=0)) * weights
-        parts = [part.adapted(drawn, own) for part, own in zip(self.parts, belongs, strict=True)]
+        pairs = zip(self.parts, belongs, strict=True)
+        parts = [part.adapted(drawn, own_weights) for part, own_weights in pairs]
         return Proposal(tuple(parts), _floored(belongs.sum(axis=1)))
 
 
 def _floored(shares: FloatArray) -> FloatArray:
-    """Shares of which none vanishes, as a part may lie where too few draws have been yet."""
+    """Shares of which none vanishes, because a part may have had too few draws so far."""
     return np.asarray((shares + LEAST_SHARE) / (1.0 + LEAST_SHARE * len(shares)))
 
 

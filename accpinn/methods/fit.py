@@ -8,7 +8,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from accpinn.errors import Finding
+from accpinn.findings import Finding, Labelled, Words
 from accpinn.methods.regression import Solution
 from accpinn.model.cthp import LONGEST_HEADWAY, Case, Parameters, Trajectories
 from accpinn.segment.segment import Segment
@@ -17,44 +17,62 @@ from accpinn.units import FloatArray, Seconds
 
 
 class Outcome(NamedEnum):
-    """How an estimation ended."""
+    """How an estimation ended; the values are the sentences that users read."""
 
-    SOLVED = "solved"
-    """No change of the estimate improves its criterion."""
-    CONVERGED = "converged"
-    """By the method's own rule, further iterations would change nothing."""
-    FILTERED = "filtered"
-    """Every instant was processed once, in the order of time."""
-    FINISHED = "finished"
-    """All planned iterations were run."""
-    STOPPED = "stopped"
-    """By the user."""
-    DIVERGED = "diverged"
-    """The numbers are no longer finite."""
+    SOLVED = "Solved: no change of the estimate improves its criterion."
+    CONVERGED = "Converged: further iterations would not noticeably change the estimate."
+    FILTERED = "Filtered: every instant was processed once, in the order of time."
+    FINISHED = "Finished: all planned iterations were run."
+    STOPPED = (
+        "Stopped by the user: the parameters are those of the last iteration; continue to go on."
+    )
+    DIVERGED = (
+        "Diverged: the numbers are no longer finite; choose another window, or train with a lower"
+        " learning rate or from other initial values."
+    )
 
 
 class BoundActive(Finding, frozen=True):
     """The rational driving constraints hold components of θ at zero."""
 
+    text = (
+        "{vehicle}: the rational driving constraints hold {names} at zero; without them the"
+        " estimate is α = {free.alpha:.4f}, β = {free.beta:.4f}, τ = {free.tau:.3f}, which suggests"
+        " a delay or a model that does not fit."
+    )
+
     vehicle: int
     names: tuple[str, ...]
-    """Of α, ατ, β."""
+    """The components: some of α, ατ and β."""
     unconstrained: tuple[float, float, float]
-    """θ without them."""
+    """The estimate of θ without the constraints."""
+
+    def _words(self, about: Labelled) -> Words:
+        return {"free": Parameters.from_theta(self.unconstrained)}
 
 
 class BoundActiveAtTimes(Finding, frozen=True):
     """A bound was active for a part of the time over which an online estimate is averaged."""
 
+    text = (
+        "{vehicle}: {name} was at its bound, zero, for {share:.0%} of the time over which the"
+        " parameters are averaged."
+    )
+
     vehicle: int
     name: str
-    """Of α, ατ, β."""
+    """The component: α, ατ or β."""
     share: float
-    """Of the time, 0 to 1."""
+    """Share of the time, 0 to 1."""
 
 
 class LongHeadway(Finding, frozen=True):
     """A time headway that no vehicle keeps: with α this small, τ is poorly determined."""
+
+    text = (
+        "{vehicle}: the window does not determine the time headway (τ = {tau:.1f} s, α ="
+        " {alpha:.4f} 1/s²), as the gain on spacing is too small."
+    )
 
     vehicle: int
     alpha: float
@@ -64,12 +82,22 @@ class LongHeadway(Finding, frozen=True):
 class WeaklyDetermined(Finding, frozen=True):
     """The recording does not determine α, β and τ; other sets reproduce it equally well."""
 
+    text = (
+        "{vehicle}: the recording does not determine α, β and τ; these parameters are one"
+        " possibility of many."
+    )
+
     vehicle: int | None
     """None for the one set that all followers share."""
 
 
 class FilterUncertain(Finding, frozen=True):
     """A filter's gain that is not significantly different from zero at the end."""
+
+    text = (
+        "{vehicle}: {name} = {value:.4f} has a standard deviation of {deviation:.4f} in the filter,"
+        " so it is not significantly different from zero."
+    )
 
     vehicle: int
     name: str
@@ -82,13 +110,28 @@ class FilterUncertain(Finding, frozen=True):
 class FilterDiverged(Finding, frozen=True):
     """The measurements jump by more than vehicles can, and a covariance lost its meaning."""
 
+    text = (
+        "{source}: the filter diverged, as speeds and space-gaps jump by more than vehicles can;"
+        " choose another window."
+    )
+
 
 class SimulatedSeparately(Finding, frozen=True):
     """Each follower was simulated behind its measured predecessor."""
 
+    text = (
+        "Each follower is fitted behind its measured predecessor; in a simulation of the platoon"
+        " behind its leader alone, the errors of the vehicles ahead add up."
+    )
+
 
 class SimulatedInStretches(Finding, frozen=True):
     """The simulation starts anew after each masked stretch."""
+
+    text = (
+        "Excluded instants were not simulated during the fit: each stretch between them starts anew"
+        " from its measured state, and stretches shorter than {least:g} s are excluded too."
+    )
 
     least: Seconds
     """Shorter stretches are left out too."""
@@ -97,18 +140,33 @@ class SimulatedInStretches(Finding, frozen=True):
 class HiddenLayersGain(Finding, frozen=True):
     """What training the hidden layers contributed: Ψ before and after."""
 
+    text = "Training hidden layers changed Ψ from {before:#.4g} to {after:#.4g} ({change:+.0%})."
+
     before: float
     after: float
+
+    def _words(self, about: Labelled) -> Words:
+        return {"change": self.after / self.before - 1}
 
 
 class IterationsExhausted(Finding, frozen=True):
     """Ψ or a parameter still moved when the planned iterations ended."""
+
+    text = (
+        "Ψ or a parameter was still changing when the {iterations:,} planned iterations ended; more"
+        " iterations, or other initial values, may improve the result."
+    )
 
     iterations: int
 
 
 class HoldoutLoss(Finding, frozen=True):
     """The loss at random instants that were kept out of training."""
+
+    text = (
+        "{instants} random instants were kept out of training; there Ψ_D is {data:#.4g} and Ψ_F"
+        " {physics:#.4g}, which is optimistic, as neighbouring instants are nearly equal."
+    )
 
     instants: int
     data: float
@@ -120,11 +178,15 @@ class HoldoutLoss(Finding, frozen=True):
 class Continued(Finding, frozen=True):
     """The training resumed from a checkpoint."""
 
+    text = "Continued from iteration {iteration:,} of an earlier training."
+
     iteration: int
 
 
 class StartedFrom(Finding, frozen=True):
     """The training began from another fit's weights."""
+
+    text = "Started from the weights of {origin}."
 
     origin: str
 
@@ -132,8 +194,10 @@ class StartedFrom(Finding, frozen=True):
 class CacheProblem(Finding, frozen=True):
     """A file of the cache that could not be used, read or written."""
 
-    sentence: str
-    """From the store; it names the file and the cure."""
+    text = "{problem}"
+
+    problem: str
+    """A sentence of the store, which names the file and the cure."""
 
 
 MethodFinding = (

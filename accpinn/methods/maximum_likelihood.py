@@ -13,7 +13,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from accpinn.errors import Finding
+from accpinn.findings import Finding
 from accpinn.methods.fit import Fit, Outcome, WeaklyDetermined
 from accpinn.methods.kalman import smooth
 from accpinn.methods.likelihood import Maximum, maximise
@@ -37,16 +37,21 @@ EXTRA_STARTS: dict[Form, tuple[float, ...]] = {
 
 
 class DisturbanceSize(Finding, frozen=True):
-    """What disturbs a follower: the stationary process that the likelihood finds."""
+    """The stationary disturbance of a follower that has the greatest likelihood."""
+
+    text = (
+        "{vehicle}: the disturbance has a standard deviation of {deviation:.2f} m/s²; it is"
+        " correlated over about {memory:.1f} s and builds up within about {rise:.1f} s."
+    )
 
     vehicle: int
     """0 for all followers together."""
     deviation: float
-    """s in m/s²."""
+    """Standard deviation s in m/s²."""
     memory: Seconds
-    """T."""
+    """Correlation time T."""
     rise: Seconds
-    """T₂."""
+    """Rise time T₂."""
 
 
 def maxima_of(segment: Segment, case: Case) -> tuple[Maximum, ...]:

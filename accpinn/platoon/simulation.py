@@ -26,7 +26,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import expm
 
-from accpinn.errors import Finding, ParameterError
+from accpinn.errors import ParameterError
+from accpinn.findings import Finding, Labelled, Words
 from accpinn.model import cthp
 from accpinn.model.cthp import Parameters, Trajectories, motion_matrix, orbit
 from accpinn.platoon.leader import Leader, Planned, Recorded, Sinusoid
@@ -56,8 +57,16 @@ FIRST_HORIZON = 10.0
 HORIZONS = 20
 
 
+AFTER_COLLISION = (
+    "The model has no collisions: what is simulated after one has no meaning for that vehicle and"
+    " those behind it, so they end there; those ahead of it drive on."
+)
+
+
 class Collision(Finding, frozen=True):
     """A follower's gap is used up; what it and those behind it do afterwards has no meaning."""
+
+    text = "{follower} collides with the vehicle ahead at {time:.1f} s. " + AFTER_COLLISION
 
     follower: int
     """1 = the one behind the leader."""
@@ -67,6 +76,8 @@ class Collision(Finding, frozen=True):
 class Reversal(Finding, frozen=True):
     """A vehicle drives backwards, the first one to do so, before any collision that concerns it."""
 
+    text = "{follower} drives backwards from {time:.1f} s on, as the model has no standstill."
+
     follower: int
     """0 = the leader."""
     time: Seconds
@@ -75,11 +86,18 @@ class Reversal(Finding, frozen=True):
 class NeverSettles(Finding, frozen=True):
     """A follower's transient never ends, so its amplitude never becomes constant."""
 
+    text = "{follower} never settles, so its amplitude never becomes constant."
+
     follower: int
 
 
 class TooShort(Finding, frozen=True):
     """The run holds no whole period after the transient."""
+
+    text = (
+        "The run is too short to measure amplitudes over a whole period of {period:.3g} s; a"
+        " duration of {duration:.0f} s is enough."
+    )
 
     period: Seconds
     duration: Seconds
@@ -89,9 +107,17 @@ class TooShort(Finding, frozen=True):
 class TransientLeft(Finding, frozen=True):
     """A transient is above `SETTLED` where the amplitude is measured."""
 
+    text = (
+        "{follower} is still in its transient, above {settled:.3g} % of its amplitude, where that"
+        " is measured; a duration of {duration:.0f} s is enough."
+    )
+
     follower: int
     duration: Seconds
     """That would be enough."""
+
+    def _words(self, about: Labelled) -> Words:
+        return {"settled": 100 * SETTLED}
 
 
 PlatoonFinding = Collision | Reversal | NeverSettles | TooShort | TransientLeft

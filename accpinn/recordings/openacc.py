@@ -256,7 +256,7 @@ def _date(cells: tuple[str, ...], findings: list[RecordingFinding]) -> date | No
         return date(year, month, day)
     except (ValueError, OverflowError):
         text = excerpt(", ".join(filter(None, cells)))
-        findings.append(MetadataUnreadable(key="Date", text=text))
+        findings.append(MetadataUnreadable(key="Date", content=text))
         return None
 
 
@@ -274,6 +274,6 @@ def _integer(
     except ValueError:
         value = float("nan")
     if value not in allowed:
-        findings.append(MetadataUnreadable(key=key, text=excerpt(cell)))
+        findings.append(MetadataUnreadable(key=key, content=excerpt(cell)))
         return None
     return int(value)

@@ -3,7 +3,7 @@
 import datetime
 import hashlib
 import re
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import IntEnum
 from functools import cached_property
@@ -12,8 +12,8 @@ from typing import TypedDict
 import numpy as np
 from numpy.typing import NDArray
 
-from accpinn.channels import GAP, SPEED, Quantity
-from accpinn.errors import Finding
+from accpinn.channels import DRIVER, GAP, RECORDED, SPEED, Quantity
+from accpinn.findings import Finding, Labelled, Words
 from accpinn.units import FloatArray, Mask, MetresPerSecond, Seconds, Stretch, frozen, stretches
 
 EVEN_TOLERANCE: Seconds = 1e-6
@@ -66,8 +66,28 @@ class Window:
         return f"{self.start:g} s" if self.end == self.start else f"{self.start:g}–{self.end:g} s"
 
 
+def rounded_percent(share: float) -> str:
+    """A share in percent; a share below 1 % with one significant digit."""
+    return f"{100 * share:.0f} %" if share >= 0.01 else f"{100 * share:.1g} %"
+
+
+def longest(windows: Sequence[Window], unlisted: int = 0) -> str:
+    """The longest windows in order of time, and how many others there are.
+
+    Args:
+        windows: in any order.
+        unlisted: further windows, to be counted only.
+    """
+    listed = sorted(windows, key=lambda window: -window.duration)[:BLOCKS_LISTED]
+    text = ", ".join(map(str, sorted(listed, key=lambda window: window.start)))
+    others = len(windows) - len(listed) + unlisted
+    return text + (f" and in {others} shorter block{'s' * (others > 1)}" if others else "")
+
+
 class MetadataMissing(Finding, frozen=True):
     """A row above the column names is missing."""
+
+    text = "The metadata row {key} is missing."
 
     key: str
 
@@ -75,12 +95,16 @@ class MetadataMissing(Finding, frozen=True):
 class MetadataUnreadable(Finding, frozen=True):
     """A row above the column names holds something that its key does not allow; it is ignored."""
 
+    text = 'The metadata row {key} cannot be read and is ignored: "{content}".'
+
     key: str
-    text: str
+    content: str
 
 
 class NamesWithoutData(Finding, frozen=True):
     """The header names vehicles that have no speed column."""
+
+    text = "The header names vehicles without data: {vehicles}."
 
     vehicles: tuple[int, ...]
 
@@ -88,11 +112,18 @@ class NamesWithoutData(Finding, frozen=True):
 class VehiclesWithoutName(Finding, frozen=True):
     """Vehicles with a speed column have no name in the header."""
 
+    text = "The header gives no name for {vehicles}."
+
     vehicles: tuple[int, ...]
 
 
 class VehicleCountMismatch(Finding, frozen=True):
     """Number_of_vehicles, the list of names and the speed columns disagree."""
+
+    text = (
+        "The header states {stated} vehicles and names {named}, and the columns hold {recorded}; a"
+        " name may belong to another vehicle."
+    )
 
     stated: int
     named: int
@@ -102,23 +133,37 @@ class VehicleCountMismatch(Finding, frozen=True):
 class GapsUnused(Finding, frozen=True):
     """Space-gaps (numbered by the vehicle ahead) beside a vehicle without a speed column."""
 
+    text = "{columns} cannot be used: one of the two vehicles has no speed column."
+
     gaps: tuple[int, ...]
+
+    def _words(self, about: Labelled) -> Words:
+        return {"columns": tuple(map(GAP.of, self.gaps))}
 
 
 class LineEndMissing(Finding, frozen=True):
     """The last row has no line end, so its last number may be cut short."""
 
+    text = "The last row has no line end; if the file was cut short, its last number is wrong."
+
 
 class ModesUnknown(Finding, frozen=True):
     """Cells of a Driver column hold neither ACC nor Human."""
+
+    text = '{column} holds neither ACC nor Human in {samples} samples (as "{example}").'
 
     vehicle: int
     samples: int
     example: str
 
+    def _words(self, about: Labelled) -> Words:
+        return {"column": DRIVER.of(self.vehicle)}
+
 
 class SamplesMissing(Finding, frozen=True):
     """A channel of a vehicle has no value; for gaps, only where both speeds are known."""
+
+    text = "{column} is missing in {part} of the samples{note}, at {where}."
 
     channel: str
     """Stem of the column's name in the file, as Speed or IVS; likewise below."""
@@ -130,17 +175,42 @@ class SamplesMissing(Finding, frozen=True):
     shorter: int
     """How many blocks there are besides."""
 
+    def _words(self, about: Labelled) -> Words:
+        column, is_gap = RECORDED[self.channel].of(self.vehicle), self.channel == GAP.column
+        return {
+            "column": column if is_gap else f"{column} ({about.label(self.vehicle)})",
+            "part": rounded_percent(self.share),
+            "note": " although both speeds are known" if is_gap else "",
+            "where": longest(self.windows, self.shorter),
+        }
+
 
 class GapContradictsSpeeds(Finding, frozen=True):
     """The space-gap behind a vehicle does not change as the two speeds demand."""
+
+    text = (
+        "{gap} contradicts the speeds of vehicles {ahead} and {behind}: its rate of change"
+        " correlates with their difference by {correlation:.2f} (sound data: 1); do not trust"
+        " results for vehicle {behind}."
+    )
 
     vehicle: int
     correlation: float
     """Of the gap's rate of change with the difference of the speeds; 1 for sound data."""
 
+    def _words(self, about: Labelled) -> Words:
+        ahead = self.vehicle
+        return {"gap": GAP.of(ahead), "ahead": ahead, "behind": ahead + 1}
+
 
 class ValuesOutOfRange(Finding, frozen=True):
     """A channel of a vehicle leaves its plausible range on one side."""
+
+    text = (
+        "{column} exceeds {limit:g} {unit} in {samples} samples, up to {extreme:.4g}; check its"
+        " unit."
+    )
+    text_below = "{column} is negative in {samples} samples, the lowest {extreme:.2g} {unit}."
 
     channel: str
     vehicle: int
@@ -148,9 +218,21 @@ class ValuesOutOfRange(Finding, frozen=True):
     extreme: float
     """The value furthest outside."""
 
+    def sentence(self, about: Labelled) -> str:
+        """The side on which the values lie outside decides."""
+        is_below = self.extreme < RECORDED[self.channel].lowest
+        return self.filled(self.text_below if is_below else self.text, about)
+
+    def _words(self, about: Labelled) -> Words:
+        channel = RECORDED[self.channel]
+        column = channel.of(self.vehicle)
+        return {"column": column, "limit": channel.highest, "unit": channel.unit}
+
 
 class ValuesFrozen(Finding, frozen=True):
     """A channel repeats one value while the vehicle behind the sensor moves."""
+
+    text = "The {name} of {vehicle} is frozen for {seconds:.1f} s while it moves, at {window}."
 
     channel: str
     vehicle: int
@@ -158,13 +240,24 @@ class ValuesFrozen(Finding, frozen=True):
     window: Window
     """The longest repetition."""
 
+    def _words(self, about: Labelled) -> Words:
+        name = RECORDED[self.channel].name.lower()
+        return {"name": name, "seconds": self.window.duration}
+
 
 class MappingRemembered(Finding, frozen=True):
     """The columns were read as a mapping says that an earlier file with the same columns had."""
 
+    text = "The columns were read by the mapping of an earlier file with the same columns."
+
 
 class LittleLeaderMotion(Finding, frozen=True):
     """The leader's speed varies so little that it excites nothing."""
+
+    text = (
+        "The speed of the leader, {vehicle}, varies by only {deviation:.2f} m/s (standard"
+        " deviation); this excitation may be too small to identify the parameters."
+    )
 
     vehicle: int
     deviation: MetresPerSecond

@@ -1,4 +1,4 @@
-"""What symbols and terms mean; tables and pages explain them by it."""
+"""Glossary of the symbols and terms of tables and pages."""
 
 from dataclasses import dataclass
 
@@ -26,13 +26,13 @@ GROUPS: dict[str, tuple[Term, ...]] = {
             "Constant time-headway policy: the acceleration is α(p - τv) + βΔv. The desired"
             " space-gap grows with the speed, by τ seconds of travel.",
         ),
-        _of(ALPHA, "How strongly the vehicle reacts to the spacing error p - τv."),
-        _of(BETA, "How strongly it reacts to the relative speed Δv."),
-        _of(TAU, "The space-gap that it wants, divided by its speed."),
-        _of(GAP, "Distance from its front to the rear of the vehicle ahead."),
-        _of(SPEED, "Of the vehicle itself."),
-        Term("Δv", "Relative speed: that of the vehicle ahead minus its own.", "m/s"),
-        Term("Time gap", "Space-gap divided by speed, as it was driven.", "s"),
+        _of(ALPHA, "Strength of the reaction to the spacing error p - τv."),
+        _of(BETA, "Strength of the reaction to the relative speed Δv."),
+        _of(TAU, "The desired space-gap divided by the speed."),
+        _of(GAP, "Distance from the vehicle's front to the rear of the vehicle ahead."),
+        _of(SPEED, "Speed of the vehicle itself."),
+        Term("Δv", "Relative speed: speed of the vehicle ahead minus the vehicle's own.", "m/s"),
+        Term("Time gap", "Measured space-gap divided by speed.", "s"),
         Term(
             "Case",
             "In Case I one set of α, β, τ serves the whole platoon; in Case II each follower has"
@@ -42,8 +42,8 @@ GROUPS: dict[str, tuple[Term, ...]] = {
     "Learning": (
         Term(
             "PiNN",
-            "Physics-inspired neural network: curves of speed and space-gap that are to pass"
-            " through the data and to obey the model, whose parameters are learned with them.",
+            "Physics-inspired neural network: curves of speed and space-gap that pass"
+            " through the data and obey the model, whose parameters are learned with them.",
         ),
         Term("Ψ", "The loss that training minimises: the sum of Ψ_D, Ψ_F and Ψ_R."),
         Term("Ψ_D", "Squared distance of the network's curves from the data."),
@@ -51,16 +51,16 @@ GROUPS: dict[str, tuple[Term, ...]] = {
         Term("Ψ_R", "Squared error at the first instant."),
         Term(
             "Maximum likelihood",
-            "The parameters under which the data are most probable, with disturbances that last"
-            " for seconds and noise estimated along with them.",
+            "The parameters under which the data are most probable; disturbances that last for"
+            " seconds and noise are estimated together with them.",
         ),
-        Term("Least squares", "The parameters that fit differences of the measured speeds best."),
+        Term("Least squares", "The parameters that fit the accelerations best."),
     ),
     "Errors": (
         Term("MAE", "Mean absolute error."),
         Term(
-            "Surrogate fit", "Error of the method's own curves, as in the paper's tables. It says"
-            " how well they follow the data, not how good the parameters are.",
+            "Surrogate fit", "Error of the method's own curves, as in the paper's tables. It"
+            " measures how well they follow the data, not how good the parameters are.",
         ),
         Term(
             "Closed loop", "Error of a simulation with the learned parameters in which only the"
@@ -71,7 +71,7 @@ GROUPS: dict[str, tuple[Term, ...]] = {
             " the other two.",
         ),
     ),
-    "How sure": (
+    "Uncertainty": (
         Term(
             "Interval", "The values of a parameter that are consistent with the data, at 90 %, if"
             " the model holds.",
@@ -82,10 +82,13 @@ GROUPS: dict[str, tuple[Term, ...]] = {
         ),
         Term("Identified", "An interval spans less than a factor of five."),
         Term(
-            "Condition number", "Of the model's terms on these data: where it is large, they move"
-            " so alike that their coefficients cannot be told apart.",
+            "Condition number", "A large condition number means that the model's terms are nearly"
+            " proportional on these data, so their coefficients cannot be distinguished.",
         ),
-        Term("AIC", "Akaike's information criterion: lower is better supported by the data."),
+        Term(
+            "AIC", "Akaike's information criterion: the data support a model with a lower AIC"
+            " better.",
+        ),
     ),
     "String stability": (
         Term(
@@ -96,19 +99,19 @@ GROUPS: dict[str, tuple[Term, ...]] = {
             "L∞", "The peak of a disturbance does not grow: ‖h‖₁ is at most 1. The paper tests"
             " instead whether the poles are real, which is necessary but not sufficient.",
         ),
-        _of(MAGNITUDE, "How much a vehicle amplifies a sinusoidal disturbance of the speed."),
+        _of(MAGNITUDE, "Amplification of a sinusoidal disturbance of the speed by a vehicle."),
         _of(LINF_GAIN, "The largest factor by which a peak can grow."),
-        _of(FREQUENCY, "Of a sinusoidal disturbance; 0.25 rad/s is a wave of 25 s."),
+        _of(FREQUENCY, "Frequency of a sinusoidal disturbance; 0.25 rad/s is a wave of 25 s."),
         Term("ω_c", "The frequency below which a vehicle amplifies.", "rad/s"),
-        Term("Strictly stable", "Nothing grows at any vehicle of the platoon."),
-        Term("Weakly stable", "Nothing has grown at the last vehicle."),
+        Term("Strictly stable", "No vehicle of the platoon amplifies anything."),
+        Term("Weakly stable", "Nothing grows from the leader to the last vehicle."),
     ),
 }  # fmt: skip
-"""By subject."""
+"""Terms by subject."""
 
 _KNOWN = {term.word: term.meaning for terms in GROUPS.values() for term in terms}
 
 
 def meaning_of(word: str) -> str:
-    """What a symbol or a term means; empty for one that is not in the glossary."""
+    """The meaning of a symbol or a term; empty if it is not in the glossary."""
     return _KNOWN.get(word, "")

@@ -1,4 +1,4 @@
-"""What the paper prints, table by table and figure by figure, and what comes out here.
+"""The paper's printed tables and figures, and the same verdicts computed here.
 
 Source of all printed values: Apostolakis and Ampountolas, IEEE TVT 2024, Tables I to III and
 Figures 2 to 8. Verdicts and peaks follow from the printed parameters alone, so they are computed
@@ -8,6 +8,7 @@ at once; what takes a recording names its run and window.
 from dataclasses import dataclass, replace
 from functools import cached_property
 
+from accpinn.findings import joined
 from accpinn.model.cthp import Case
 from accpinn.model.published import (
     ASTAZERO,
@@ -62,6 +63,12 @@ class PrintedRun:
     vehicles: tuple[int, ...]
     case: Case = "II"
 
+    def __str__(self) -> str:
+        """The recording, window and vehicles in a line."""
+        vehicles = f"vehicles {self.vehicles[0]}–{self.vehicles[-1]}"
+        case = f", Case {self.case}" if len(self.vehicles) > 2 else ""
+        return f"OpenACC {self.campaign}, {self.file}, {self.window}, {vehicles}{case}"
+
 
 @dataclass(frozen=True)
 class PrintedItem:
@@ -82,6 +89,22 @@ class PrintedItem:
     def starts(self) -> bool:
         """Whether it is about trainings from several initial values."""
         return any(one.vehicles is CASALE_STARTS for one in self.verdicts)
+
+    @property
+    def outcome(self) -> str:
+        """How the printed verdicts compare with those computed; empty where none are printed."""
+        if not self.verdicts:
+            return ""
+        count = sum(2 * len(printed.vehicles) for printed in self.verdicts)
+        agreeing = sum(printed.agreeing for printed in self.verdicts)
+        said = f"{agreeing} of {count} printed verdicts agree by the paper's criteria."
+        refuted = [name for printed in self.verdicts for name in printed.refuted]
+        if refuted:
+            said += (
+                f" By the exact criterion {joined(refuted)} {'is' if len(refuted) == 1 else 'are'}"
+                " not L∞ string stable: D > 0 is necessary, not sufficient."
+            )
+        return said
 
 
 def _no(vehicles: ParameterSet, *linf: bool) -> PrintedVerdicts:

@@ -34,7 +34,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from accpinn.errors import Finding, SegmentError
+from accpinn.errors import SegmentError
+from accpinn.findings import Finding, Labelled, Words, by_vehicle, percent
 from accpinn.model.cthp import regressors
 from accpinn.recordings.recording import (
     LITTLE_LEADER_MOTION,
@@ -73,27 +74,52 @@ EXCLUDABLE = REGIMES[CATCHING_UP:]
 class NearEquilibrium(Finding, frozen=True):
     """Followers whose regressors are nearly collinear, so that α, β and τ are poorly identified."""
 
+    text = "Near equilibrium, where α, β and τ are poorly identified: {listed}."
+
     vehicles: tuple[int, ...]
     deviations: tuple[MetresPerSecond, ...]
     """Standard deviation of each one's Δv."""
     conditions: tuple[float, ...]
     """Condition number of each one's regressors."""
 
+    def _words(self, about: Labelled) -> Words:
+        figures = (
+            f"Δv varies by {deviation:.2f} m/s, condition number {condition:.0f}"
+            for deviation, condition in zip(self.deviations, self.conditions, strict=True)
+        )
+        return {"listed": by_vehicle(self.vehicles, figures, about)}
+
 
 class LittleCarFollowing(Finding, frozen=True):
     """Followers that are in car-following for a small part of the window."""
+
+    text = (
+        "In car-following (moving, time gap at most {longest:g} s) for less than {least:.0%} of the"
+        " time, and elsewhere the model does not hold: {listed}."
+    )
 
     vehicles: tuple[int, ...]
     shares: tuple[float, ...]
     """The share of instants in car-following of each, 0 to 1."""
 
+    def _words(self, about: Labelled) -> Words:
+        listed = by_vehicle(self.vehicles, map(percent, self.shares), about)
+        limits = {"longest": CAR_FOLLOWING, "least": LITTLE_CAR_FOLLOWING}
+        return {"listed": listed, **limits}
+
 
 class GapsNegative(Finding, frozen=True):
     """Followers with negative space-gaps."""
 
+    text = "The space-gap is negative, which is impossible: {listed}."
+
     vehicles: tuple[int, ...]
     instants: tuple[int, ...]
     """How many instants of each."""
+
+    def _words(self, about: Labelled) -> Words:
+        counts = (f"at {count} instants" for count in self.instants)
+        return {"listed": by_vehicle(self.vehicles, counts, about)}
 
 
 QualityFinding = LittleLeaderMotion | NearEquilibrium | LittleCarFollowing | GapsNegative

@@ -16,7 +16,7 @@ from typing import Literal
 
 import numpy as np
 
-from accpinn.errors import Finding
+from accpinn.findings import Finding
 from accpinn.recordings.recording import (
     HUMAN_FLAG,
     GapContradictsSpeeds,

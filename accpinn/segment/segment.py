@@ -6,14 +6,17 @@ from functools import cached_property
 
 import numpy as np
 
-from accpinn.errors import Finding, SegmentError
+from accpinn.errors import SegmentError
+from accpinn.findings import Finding, Labelled, Words, by_vehicle, percent
 from accpinn.model.cthp import Case, Trajectories
-from accpinn.recordings.recording import Window, vehicle_label
+from accpinn.recordings.recording import Window, longest, rounded_percent, vehicle_label
 from accpinn.units import FloatArray, Mask, Seconds, frozen
 
 
 class WindowMoved(Finding, frozen=True):
     """The window starts at the sample nearest to the time that was asked for."""
+
+    text = "The window starts at {start:g} s, the sample nearest to {asked:g} s."
 
     asked: Seconds
     start: Seconds
@@ -22,6 +25,11 @@ class WindowMoved(Finding, frozen=True):
 class WindowShortened(Finding, frozen=True):
     """The window ends with the recording, before the duration that was asked for."""
 
+    text = (
+        "The window ends with the recording at {window.end:.1f} s: {window.duration:.1f} s instead"
+        " of {asked:g} s."
+    )
+
     asked: Seconds
     window: Window
 
@@ -29,11 +37,15 @@ class WindowShortened(Finding, frozen=True):
 class Resampled(Finding, frozen=True):
     """The file's steps vary, so the data were resampled linearly to even ones."""
 
+    text = "Resampled linearly to even steps of {step:g} s, as the file's steps vary."
+
     step: Seconds
 
 
 class Bridged(Finding, frozen=True):
     """Missing samples were bridged by straight lines."""
+
+    text = "Bridged {samples} of {column} at {where}."
 
     column: str
     """Its name in the file, as Speed2."""
@@ -41,9 +53,19 @@ class Bridged(Finding, frozen=True):
     windows: tuple[Window, ...]
     """Where, in the recording's time."""
 
+    def _words(self, about: Labelled) -> Words:
+        samples = "1 sample" if self.samples == 1 else f"{self.samples} samples"
+        where = ", ".join(map(str, self.windows))
+        return {"samples": samples, "where": where}
+
 
 class BlocksMissing(Finding, frozen=True):
     """Samples are missing for longer than a straight line may bridge."""
+
+    text = (
+        "{columns} {are} missing in {part} of the window, at {where}; the likelihood leaves these"
+        " samples out."
+    )
 
     columns: tuple[str, ...]
     """Names in the file of all that is missing at the same time, as Speed2 and IVS1."""
@@ -52,9 +74,15 @@ class BlocksMissing(Finding, frozen=True):
     windows: tuple[Window, ...]
     """Where, in the recording's time."""
 
+    def _words(self, about: Labelled) -> Words:
+        part, where = rounded_percent(self.share), longest(self.windows)
+        return {"are": "is" if len(self.columns) == 1 else "are", "part": part, "where": where}
+
 
 class RegimesExcluded(Finding, frozen=True):
     """Instants of some regimes do not count in the equations of the model."""
+
+    text = "Excluded from the equations of the model: {regimes} ({listed} of the instants)."
 
     regimes: tuple[str, ...]
     vehicles: tuple[int, ...]
@@ -62,21 +90,41 @@ class RegimesExcluded(Finding, frozen=True):
     shares: tuple[float, ...]
     """The share of each one's instants that is excluded, 0 to 1."""
 
+    def _words(self, about: Labelled) -> Words:
+        listed = by_vehicle(self.vehicles, map(percent, self.shares), about, "{}: {}")
+        return {"listed": listed}
+
 
 class NothingToExclude(Finding, frozen=True):
     """No instant has one of the regimes to exclude."""
 
+    text = "Nothing to exclude: no instant is {regimes}."
+
     regimes: tuple[str, ...]
+
+    def _words(self, about: Labelled) -> Words:
+        return {"regimes": " or ".join(self.regimes)}
 
 
 class DrivenByHand(Finding, frozen=True):
     """Followers that a driver, not ACC, controls, so that their parameters are not those of ACC."""
+
+    text = (
+        "These are not ACC parameters: by the file's {evidence}, a driver controls {listed}."
+        " α, β and τ then describe the driver."
+    )
 
     vehicles: tuple[int, ...]
     shares: tuple[float, ...]
     """The share of the window's samples of each, 0 to 1."""
     by_flag: bool = False
     """Whether the file says so by its flag for the whole run alone, as it gives no modes."""
+
+    def _words(self, about: Labelled) -> Words:
+        evidence = "flag (it gives no driver modes)" if self.by_flag else "driver modes"
+        shares = map(percent, self.shares)
+        listed = by_vehicle(self.vehicles, shares, about, "{} ({} of the time)")
+        return {"evidence": evidence, "listed": listed}
 
 
 SegmentFinding = (

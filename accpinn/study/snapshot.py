@@ -508,9 +508,10 @@ def _check_parts(result: Result, is_complete: bool) -> None:
             shape.check(f"residual's {name}", getattr(evaluation.whiteness, name), "M")
     if adequacy := parts.adequacy:
         for form in adequacy.forms:
-            shape.check("forms' parameters", form.parameters.values, "M", 3)
-            shape.check("forms' deviations", form.deviation, "M", 3)
-            for name in ("extra", "aic", "holdout"):
+            for name in ("parameters", "lower", "upper"):
+                shape.check(f"forms' {name}", getattr(form, name).values, "M", 3)
+            shape.check("forms' extra parameter", form.extra, "M", 3)
+            for name in ("aic", "holdout"):
                 shape.check(f"forms' {name}", getattr(form, name), "M")
 
 

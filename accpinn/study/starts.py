@@ -2,8 +2,7 @@
 
 The paper trains one recording from five initial values of (α, β, τ) and prints where each ends.
 The preset `fast` solves for α, β and τ, so its initial values have no effect after the first
-iteration and only seeds make a difference; the preset `paper` moves them step by step and depends
-on both.
+iteration and only the seed matters; the preset `paper` moves them step by step, so both matter.
 """
 
 from collections.abc import Iterator, Sequence
@@ -12,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from accpinn.channels import PARAMETERS
-from accpinn.errors import Finding
+from accpinn.findings import Finding, Labelled, Words
 from accpinn.methods.fit import Outcome
 from accpinn.methods.pinn.config import STARTS, PinnConfig
 from accpinn.model.cthp import Case, Parameters
@@ -22,29 +21,59 @@ from accpinn.study.result import Result
 from accpinn.units import FloatArray
 
 NOTICED = 1.0
-"""In percent: trainings with a larger spread of any parameter disagree."""
+"""Spread of a parameter, in percent, above which trainings disagree."""
 
 
 class TrainingSpread(Finding, frozen=True):
-    """How far the trainings end apart."""
+    """How far apart the trainings end."""
+
+    text = (
+        "The {trainings} trainings end up to {largest:.0f} % apart{why}. Do not quote a single one"
+        " of them."
+    )
+    text_if_close = "All {trainings} trainings end within {end:.2g} % of each other{where}."
 
     trainings: int
+    """Number of trainings."""
     largest: float
-    """Of any parameter's spread, in percent."""
+    """Largest spread of any parameter, in percent."""
     every: bool
     """Whether every parameter has a spread."""
     unconverged: int
-    """Trainings that had not converged when their iterations were over."""
+    """Number of trainings that had not converged when their iterations ended."""
+
+    def sentence(self, about: Labelled) -> str:
+        """The finding as a sentence, which depends on the spread."""
+        return self.filled(self.text_if_close if self.largest <= NOTICED else self.text, about)
+
+    def _words(self, about: Labelled) -> Words:
+        why = (
+            f"; {self.unconverged} of them had not converged when their iterations ended, so more"
+            " iterations may bring them together"
+        )
+        return {
+            "end": max(self.largest, 0.01),
+            "where": "" if self.every else " in the parameters that all of them determine",
+            "why": why if self.unconverged else "",
+        }
 
 
 class SpreadUndetermined(Finding, frozen=True):
     """A parameter has no spread, as some trainings leave it undetermined."""
 
+    text = (
+        "{vehicle}: {symbol} is undetermined in {count} of {trainings} trainings, so it has no"
+        " spread."
+    )
+
     vehicle: int
     """0 for all followers together."""
     symbol: str
+    """Symbol of the parameter."""
     count: int
+    """Number of trainings that leave it undetermined."""
     trainings: int
+    """Number of all trainings."""
 
 
 SpreadFinding = TrainingSpread | SpreadUndetermined

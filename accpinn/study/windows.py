@@ -40,7 +40,8 @@ from numpy.typing import ArrayLike
 from scipy.special import chdtrc, chdtri, stdtrit
 
 from accpinn.channels import PARAMETERS
-from accpinn.errors import Finding, SegmentError
+from accpinn.errors import SegmentError
+from accpinn.findings import Finding, Labelled, Words
 from accpinn.inference.intervals import LEVEL
 from accpinn.methods.maximum_likelihood import maxima_of
 from accpinn.methods.series import series_of, stride_of
@@ -60,11 +61,21 @@ nothing, as in a table that somebody has changed."""
 class WindowsDiffer(Finding, frozen=True):
     """A follower's parameters differ between windows by more than sampling error explains."""
 
+    text = (
+        "{vehicle}: {symbols} {differ} between the {windows} windows by more than sampling error"
+        " explains, so the intervals of the joint estimate are too narrow; where a further window"
+        " matters, use the interval for one."
+    )
+
     vehicle: int
     """0 for all followers together."""
     symbols: tuple[str, ...]
-    """Of α, β, τ."""
+    """Symbols of the parameters: some of α, β and τ."""
     windows: int
+    """Number of windows."""
+
+    def _words(self, about: Labelled) -> Words:
+        return {"differ": "differs" if len(self.symbols) == 1 else "differ"}
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,6 @@ import streamlit as st
 from accpinn.methods.pinn.config import FAST
 from accpinn.model.cthp import Parameters
 from accpinn.model.published import ParameterSet
-from accpinn.results.messages.reproduction import outcome, run_line
 from accpinn.results.reproduction import ITEMS, PrintedItem, PrintedRun, PrintedVerdicts
 from accpinn.results.snapshot.saved import Entry
 from accpinn.results.tables.reproduction import reproduction_table
@@ -52,8 +51,8 @@ def _show_item(workspace: Workspace, item: PrintedItem) -> None:
         at_once = item.verdicts or item.shown or not (item.run or item.sample)
         computed = at_once or bool(item.run and runs_of(workspace, item.run))
         title.markdown(f"{MARK if computed else NEEDS} **{item.title}**")
-        said = [item.subject + ".", outcome(item)]
-        said += [f"Takes {run_line(item.run)}."] if item.run else []
+        said = [item.subject + ".", item.outcome]
+        said += [f"Takes {item.run}."] if item.run else []
         words.caption(escape_markdown(" ".join(filter(None, said))))
         with buttons.container(horizontal=True, horizontal_alignment="right"):
             if item.starts:

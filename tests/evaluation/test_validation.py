@@ -11,7 +11,6 @@ from accpinn.methods import least_squares
 from accpinn.model.cthp import Parameters
 from accpinn.recordings.openacc import read
 from accpinn.recordings.recording import Recording
-from accpinn.results.messages import messages
 from accpinn.results.tables.estimates import validation_table
 from accpinn.segment.cut import cut
 from tests.support.driving import LAW, MIXED, driven
@@ -46,7 +45,6 @@ def test_overlap_and_other_vehicles_are_findings_and_another_number_is_refused()
     (found,) = others.findings
     assert isinstance(found, OtherVehicles)
     assert found.learned == segment.labels[1:]
-    assert all(messages((*overlapping.findings, found), segment))
     alike = [
         replace(s, names=("Car",) * 3) for s in (segment, cut(recording, 0.0, 90.0, (2, 3, 4)))
     ]

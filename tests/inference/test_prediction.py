@@ -13,7 +13,6 @@ from accpinn.methods import least_squares
 from accpinn.methods.series import stride_of
 from accpinn.model.cthp import Parameters
 from accpinn.results.figures.training import tracking
-from accpinn.results.messages import messages
 from accpinn.segment.segment import Segment
 from bench.disturbed import Disturbance, disturbed
 
@@ -64,7 +63,6 @@ def test_it_holds_most_of_what_is_measured_and_begins_there(
     names = [trace.name for trace in figure.data]
     assert names.count("90 % band") == 1
     assert names.count("disturbance") == 1
-    assert "%" in messages(found.findings, segment)[1]
 
 
 def test_the_disturbance_has_the_deviation_that_is_asked_for(

@@ -14,6 +14,7 @@ from accpinn.model.published import ASTAZERO, CASALE
 from accpinn.recordings.recording import Window
 from accpinn.results.figures.style import FOLLOWERS, LEADER, SHARED
 from accpinn.results.messages.stability import GIVEN_PARAMETERS, reason
+from accpinn.results.messages.summary import conditional
 from accpinn.results.snapshot import create
 from accpinn.results.snapshot.saved import Library
 from accpinn.results.tables.estimates import EVERY_FOLLOWER
@@ -90,13 +91,13 @@ def test_the_fit_is_shown_with_its_certainty_until_it_is_lost() -> None:
     assert curves[0]["line"]["color"] == "#d8660c"
     assert "Shaded: 90 % bands" in page.plain()
     assert "synthetic_astazero_like.csv · 0–300 s" in page.caption[0].value.replace("\\", "")
-    assert "They hold if it does" in page.plain(), "the verdict is conditional on the model"
+    assert conditional(None, found.segment) in page.plain()
     page.choose("stability_uncertainty", False)
     assert "Shaded" not in page.plain()
-    assert "Peak gain of vehicle" in page.plain(), "with and without the bands"
+    assert "In brackets: 90 % intervals" in page.plain(), "with and without the bands"
     page.choose("stability_source", "published")
     assert "Audi A6" in page.plain()
-    assert "Peak gain of vehicle" not in page.plain()
+    assert "In brackets" not in page.plain()
     assert headline(page).startswith("Published: AstaZero (paper, Table III)")
     found.training.results = (replace(found.fit),)
     assert headline(page.run()).startswith("Current fit: "), "a new fit takes its place"

@@ -11,7 +11,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from accpinn.errors import Finding, RecordingError
+from accpinn.errors import RecordingError
+from accpinn.findings import Finding
 from accpinn.recordings import recording as data
 from accpinn.recordings import samples
 from accpinn.recordings.openacc import read
@@ -313,9 +314,9 @@ def test_campaign_is_certain_or_none(
 @pytest.mark.parametrize(
     ("rows", "finding"),
     [
-        (metadata(acc="7"), data.MetadataUnreadable(key="ACC", text="7")),
-        (metadata(acc="yes"), data.MetadataUnreadable(key="ACC", text="yes")),
-        (metadata(day="31,2,2019"), data.MetadataUnreadable(key="Date", text="31, 2, 2019")),
+        (metadata(acc="7"), data.MetadataUnreadable(key="ACC", content="7")),
+        (metadata(acc="yes"), data.MetadataUnreadable(key="ACC", content="yes")),
+        (metadata(day="31,2,2019"), data.MetadataUnreadable(key="Date", content="31, 2, 2019")),
         (metadata()[:4], data.MetadataMissing(key="Distance_setting")),
         (metadata(number="5"), data.VehicleCountMismatch(stated=5, named=3, recorded=3)),
     ],

@@ -9,8 +9,7 @@ from accpinn.evaluation.closed_loop import SimulatedCollision
 from accpinn.inference.intervals import Uncertainty
 from accpinn.methods.fit import IterationsExhausted, Outcome
 from accpinn.model.cthp import Parameters
-from accpinn.results.checks import Check, checks
-from accpinn.results.messages.checks import MEANING, TITLES, failing_of, label_of
+from accpinn.results.checks import MEANING, TITLES, Check, checks, label_of
 from tests.support.samples import PLATOON, sample
 from tests.support.snapshots import whole
 
@@ -42,8 +41,8 @@ def test_each_check_names_the_followers_that_fail(known: Uncertainty) -> None:
         Check("explained", None),
     )
     assert label_of(found[2:5]).endswith(": α no, β yes, τ yes")
-    assert INFO.label(4) in failing_of(found[5], INFO)
-    assert failing_of(found[0], INFO) == ""
+    assert INFO.label(4) in found[5].reason(INFO)
+    assert found[0].reason(INFO) == ""
     assert {check.name for check in found} == set(TITLES) == set(MEANING)
 
 

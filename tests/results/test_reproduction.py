@@ -7,7 +7,6 @@ import pytest
 
 from accpinn.model.published import VICOLUNGO
 from accpinn.recordings.openacc import read
-from accpinn.results.messages.reproduction import outcome, run_line
 from accpinn.results.reproduction import ITEMS, PrintedVerdicts
 from accpinn.results.tables.reproduction import reproduction_table
 from accpinn.segment.cut import cut
@@ -25,8 +24,7 @@ def test_a_verdict_that_does_not_follow_is_counted() -> None:
     wrong = PrintedVerdicts(VICOLUNGO, (False, True, False), (False,) * 3)
     assert wrong.agreeing == 5
     (item,) = (item for item in ITEMS if item.title == "Table III")
-    said = outcome(replace(item, verdicts=(wrong,)))
-    assert said.startswith("5 of 6 printed")
+    assert replace(item, verdicts=(wrong,)).outcome.startswith("5 of 6 ")
 
 
 def test_peaks_stand_beside_the_printed_verdicts() -> None:
@@ -41,7 +39,7 @@ def test_runs_and_samples_exist(openacc_dir: Path) -> None:
     for item in ITEMS:
         assert not item.sample or (FOLDER / f"{item.sample}.csv").exists()
         if run := item.run:
-            assert run.file in run_line(run)
+            assert run.file in str(run)
             recording = read(openacc_dir / run.campaign / run.file)
             segment = cut(recording, run.window.start, run.window.duration, run.vehicles)
             assert segment.window == run.window

@@ -6,14 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from accpinn.inference.intervals import ParameterInterval, intervals
-from accpinn.inference.model_adequacy import (
-    Adequacy,
-    BetterForm,
-    FormPosterior,
-    ModelForm,
-    WeightedForms,
-)
+from accpinn.inference.intervals import intervals
+from accpinn.inference.model_adequacy import Adequacy, BetterForm, ModelForm
 from accpinn.methods.fit import Fit
 from accpinn.methods.pinn.config import preset
 from accpinn.methods.state_space import FORMS
@@ -62,25 +56,17 @@ def whole() -> Snapshot:
 
 def delayed(vehicle: int = 2) -> Adequacy:
     """One follower that a delay describes better."""
-    rows = (("cthp", 0.0, 0.0), ("delay", 0.9, -20.0))
+    estimate, lower, upper = (
+        Parameters.of([[factor * value for value in (0.1, 0.3, 1.2)]]) for factor in (1, 0.8, 1.2)
+    )
     forms = tuple(
-        ModelForm(form, Parameters.of([[0.1, 0.3, 1.2]]), np.full((1, 3), 0.1),
-                  np.array([extra]), np.array([aic]), np.array([1.0]))
-        for form, extra, aic in rows
+        ModelForm(form, estimate, lower, upper, np.array([[extra, 0.8 * extra, 1.2 * extra]]),
+                  np.array([aic]), np.array([1.0]))
+        for form, extra, aic in zip(FORMS, (0.0, 2.0, 0.5, 0.9), (0.0, -1.0, -2.0, -20.0),
+                                    strict=True)
     )  # fmt: skip
-    ends = (("α", 0.08, 0.12), ("β", 0.25, 0.4), ("τ", 1.1, 1.3))
-    intervals = tuple(ParameterInterval(*one, estimate=one[1], likeliest=one[1]) for one in ends)
-    under = tuple(
-        FormPosterior(
-            form=form, probability=probability, intervals=intervals, extra=extra,
-            extra_lower=0.9 * extra, extra_upper=1.1 * extra,
-        )
-        for form, probability, extra in zip(FORMS, (0.0, 0.0, 0.25, 0.75), (0, 1, 0.5, 0.9),
-                                            strict=True)
-    )  # fmt: skip
-    better = BetterForm(vehicle=vehicle, posterior=under[-1], aic=-20.0, holdout=1.0, level=0.9)
-    weighted = WeightedForms(vehicle=vehicle, intervals=intervals, forms=under, level=0.9)
-    return Adequacy(forms, None, (better, weighted))
+    better = BetterForm(vehicle=vehicle, form="delay", aic=-20.0, holdout=1.0)
+    return Adequacy(forms, None, (better,))
 
 
 def entries(data: bytes) -> dict[str, bytes]:

@@ -1,17 +1,14 @@
-"""String stability and simulated platoons in sentences: the answer, how certain, and why."""
+"""String stability and simulated platoons in sentences: the verdict, its probability and reason."""
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from math import isinf, isnan
 
-from accpinn.channels import PARAMETERS
+from accpinn.findings import joined, probability
 from accpinn.inference.intervals import Uncertainty
 from accpinn.model.published import ParameterSet
-from accpinn.platoon import simulation
-from accpinn.platoon.simulation import PlatoonRun
-from accpinn.results.messages import Labelled, joined, message, probability
-from accpinn.results.tables.table import between
+from accpinn.platoon.simulation import AFTER_COLLISION, PlatoonRun
 from accpinn.stability.report import (
     Assessment,
     Behaviour,
@@ -53,34 +50,30 @@ _ASSESSED: Mapping[Assessment, tuple[str, str]] = {
     "open": ("may or may not amplify disturbances", "may or may not amplify disturbances"),
     "not determined": ("is not determined by the data", "are not determined by the data"),
 }
-"""Of one vehicle, and of several."""
-AFTER_COLLISION = (
-    "The model has no collisions: what is simulated after one has no meaning for that vehicle and"
-    " those behind it, so they end there; those ahead of it drive on."
-)
+"""Verb for one vehicle, and for several."""
 GIVEN_PARAMETERS = (
     "The verdict is that of the CTHP with these parameters; a car whose actuator lags or whose"
     " controller responds with a delay may amplify more."
 )
-"""What a verdict on parameters without a recording takes for granted."""
+"""What a verdict on parameters without a recording assumes."""
 BY_ESTIMATES = (
     "The verdicts here are those of the estimates; the probability of string stability says how"
     " certain they are."
 )
-"""What stands over verdicts on an estimate whose posterior is known."""
+"""The caption of verdicts on an estimate whose posterior is known."""
 SAME_AMPLITUDE = 0.005
-"""An amplitude that differs by a smaller share is called as large as the leader's."""
+"""Relative difference up to which an amplitude is called as large as the leader's."""
 
 
 def reason(
     verdict: Verdict, of: VehicleStability | StabilityReport, names: Sequence[str] = ()
 ) -> str:
-    """Why a verdict is as it is, in one sentence.
+    """The reason for a verdict, in one sentence.
 
     Args:
-        verdict: one of those that ``of`` holds.
+        verdict: a verdict of ``of``.
         of: the vehicle; or the report, for a verdict on its platoon.
-        names: (M,) of the platoon's followers within a sentence; by default their places.
+        names: (M,) names of the followers within a sentence; by default their places.
     """
     if isinstance(of, StabilityReport):
         if verdict.criterion in (Criterion.L2_STRICT, Criterion.LINF_STRICT):
@@ -147,32 +140,33 @@ def _linf_exact(vehicle: VehicleStability) -> str:
 
 
 def _strict(verdict: Verdict, report: StabilityReport, names: Sequence[str]) -> str:
-    """Who amplifies."""
+    """The followers that amplify."""
     if verdict.criterion is Criterion.L2_STRICT:
-        what, own = "disturbances", [(v.l2, v.peak.gain) for v in report.vehicles]
+        what, verdicts = "disturbances", [(v.l2, v.peak.gain) for v in report.vehicles]
     else:
-        what, own = "peaks", [(v.linf_exact, v.linf_gain) for v in report.vehicles]
-    names = names or [f"follower {k}" for k in range(1, len(own) + 1)]
-    gains = {name: gain for name, (one, gain) in zip(names, own, strict=True) if not one.stable}
-    who = [*gains]
-    if not who:
+        what, verdicts = "peaks", [(v.linf_exact, v.linf_gain) for v in report.vehicles]
+    names = names or [f"follower {k}" for k in range(1, len(verdicts) + 1)]
+    pairs = zip(names, verdicts, strict=True)
+    gains = {name: gain for name, (own_verdict, gain) in pairs if not own_verdict.stable}
+    amplifying = [*gains]
+    if not amplifying:
         return f"No follower amplifies {what}."
     extent = _extent(verdict.value)
-    if len(who) == 1:
-        return f"{_capital(who[0])} amplifies {what} {extent}."
+    if len(amplifying) == 1:
+        return f"{_capital(amplifying[0])} amplifies {what} {extent}."
     worst = max(gains, key=lambda name: gains[name])
-    return f"{_capital(joined(who))} amplify {what}, {worst} the most, {extent}."
+    return f"{_capital(joined(amplifying))} amplify {what}, {worst} the most, {extent}."
 
 
 def _weak(verdict: Verdict, report: StabilityReport) -> str:
-    """What reaches the last follower."""
+    """The growth up to the last follower."""
     platoon = report.platoon
     if verdict.criterion is Criterion.L2_WEAK:
         if platoon.l2_strict.stable:
             return "No follower amplifies disturbances, so neither does the platoon."
         if verdict.stable:
             return (
-                "Some followers amplify, but others damp more: no frequency grows along the"
+                "Some followers amplify, but others damp more, so no frequency grows along the"
                 " platoon."
             )
         at = f"A disturbance at {platoon.peaks[-1].omega:.3g} rad/s grows"
@@ -200,26 +194,26 @@ def factor(gain: float) -> str:
 
 
 def _three(value: float) -> str:
-    """Three significant digits, of which a last zero is one."""
+    """Three significant digits, including zeros at the end."""
     return f"{value:#.3g}".rstrip(".")
 
 
 def amplification(chosen: ParameterSet, report: StabilityReport) -> str:
-    """How many vehicles amplify disturbances, and which most, in a sentence.
+    """The number of vehicles that amplify disturbances, and the one that amplifies most.
 
     Args:
         chosen: the vehicles' names and parameters.
-        report: theirs.
+        report: the stability report of these parameters.
     """
-    who = [k for k, vehicle in enumerate(report.vehicles) if not vehicle.l2.stable]
-    count, total = len(who), len(chosen)
-    if not who:
+    amplifying = [k for k, vehicle in enumerate(report.vehicles) if not vehicle.l2.stable]
+    count, total = len(amplifying), len(chosen)
+    if not amplifying:
         growing = any(not vehicle.linf_exact.stable for vehicle in report.vehicles)
         peaks = " But peaks can still grow: see the L∞ gain." if growing else ""
         if total == 1:
             return f"{_capital(chosen.spoken[0])} does not amplify any frequency.{peaks}"
         return f"None of the vehicles amplifies any frequency.{peaks}"
-    worst = max(who, key=lambda k: report.vehicles[k].peak.gain)
+    worst = max(amplifying, key=lambda k: report.vehicles[k].peak.gain)
     peak, name = report.vehicles[worst].peak, chosen.spoken[worst]
     extent = "without limit" if isinf(peak.gain) else f"up to {peak.gain:.3g} times"
     most = extent + (f" at {peak.omega:.3g} rad/s" if peak.omega > 0 else "")
@@ -232,12 +226,12 @@ def amplification(chosen: ParameterSet, report: StabilityReport) -> str:
 
 
 def headline(chosen: ParameterSet, report: StabilityReport, uncertainty: Uncertainty | None) -> str:
-    """The headline on L₂ string stability, by the posterior where it is known; and who drives.
+    """The headline on L₂ string stability, by the posterior where it is known, and who drives.
 
     Args:
         chosen: the vehicles' names and parameters.
-        report: theirs.
-        uncertainty: of the fit that the parameters are from; None for given parameters.
+        report: the stability report of these parameters.
+        uncertainty: the uncertainty of the fit; None for given parameters.
     """
     said = _verdict(chosen, uncertainty) if uncertainty else amplification(chosen, report)
     return f"{said} {not_acc(chosen)}".rstrip()
@@ -245,12 +239,12 @@ def headline(chosen: ParameterSet, report: StabilityReport, uncertainty: Uncerta
 
 def not_acc(chosen: ParameterSet) -> str:
     """The vehicles that a driver controls; empty where none does."""
-    who = [label for label, by in zip(chosen.labels, chosen.drivers, strict=False) if by]
-    if not who:
+    labels = [label for label, by in zip(chosen.labels, chosen.drivers, strict=False) if by]
+    if not labels:
         return ""
-    if len(who) == len(chosen):
+    if len(labels) == len(chosen):
         return "Driven by hand, not by ACC."
-    return f"Driven by hand, not by ACC: {', '.join(who)}."
+    return f"Driven by hand, not by ACC: {', '.join(labels)}."
 
 
 def _verdict(chosen: ParameterSet, uncertainty: Uncertainty) -> str:
@@ -263,15 +257,15 @@ def _verdict(chosen: ParameterSet, uncertainty: Uncertainty) -> str:
         (only,) = counts
         return f"All {total} vehicles {_ASSESSED[only][1]}{_odds(stable)}."
     parts = [
-        f"{_number(counts[one])} {_ASSESSED[one][counts[one] > 1]}"
-        for one in _ASSESSED
-        if counts[one]
+        f"{_number(counts[kind])} {verbs[counts[kind] > 1]}"
+        for kind, verbs in _ASSESSED.items()
+        if counts[kind]
     ]
     return f"Of {total} vehicles {joined(parts)}."
 
 
 def _odds(stable: FloatArray) -> str:
-    """The probability of each of M vehicles, or its range, in brackets."""
+    """The probability (M,), or its range, in brackets."""
     low, high = float(stable.min()), float(stable.max())
     if isnan(low):
         return ""
@@ -279,68 +273,31 @@ def _odds(stable: FloatArray) -> str:
     return f" (probability of L₂ string stability: {said})"
 
 
-def certainty(chosen: ParameterSet, report: StabilityReport, uncertainty: Uncertainty) -> str:
-    """The interval of the largest peak, and the estimates outside their intervals.
-
-    Args:
-        chosen: the vehicles' names and parameters.
-        report: theirs.
-        uncertainty: of the fit that the parameters are from.
-    """
-    worst = max(range(len(chosen)), key=lambda k: report.vehicles[k].peak.gain)
-    parts = (_peak_interval(chosen, report, uncertainty, worst), _outside(chosen, uncertainty))
-    return " ".join(part for part in parts if part)
-
-
 def criteria_differ(chosen: ParameterSet, report: StabilityReport) -> str:
-    """Which vehicles are L∞ stable by the paper's criterion only; empty where none is.
+    """The vehicles that are L∞ stable by the paper's criterion only; empty where none is.
 
     Args:
         chosen: the vehicles' names and parameters.
-        report: theirs.
+        report: the stability report of these parameters.
     """
-    who = [
+    names = [
         name
         for name, vehicle in zip(chosen.spoken, report.vehicles, strict=True)
         if vehicle.linf_paper.stable and not vehicle.linf_exact.stable
     ]
-    if not who:
+    if not names:
         return ""
-    verb = "meets" if len(who) == 1 else "meet"
     return (
-        f"{_capital(joined(who))} {verb} the paper's L∞ criterion, which is necessary but not"
-        " sufficient: by the exact criterion peaks grow."
+        f"{_capital(joined(names))} {'meets' if len(names) == 1 else 'meet'} the paper's L∞"
+        " criterion, which is necessary but not sufficient: by the exact criterion peaks grow."
     )
 
 
 def probabilities(chosen: ParameterSet, uncertainty: Uncertainty) -> str:
-    """Each vehicle's probability of L₂ string stability."""
+    """The probability of L₂ string stability of each vehicle."""
     pairs = zip(chosen.labels, uncertainty.probability_l2.tolist(), strict=True)
-    each = (f"{label} {'not determined' if isnan(p) else probability(p)}" for label, p in pairs)
-    return f"Probability of L₂ string stability: {', '.join(each)}."
-
-
-def _peak_interval(
-    chosen: ParameterSet, report: StabilityReport, uncertainty: Uncertainty, k: int
-) -> str:
-    if isnan(uncertainty.probability_l2[k]):
-        return f"The data do not determine whether {chosen.spoken[k]} amplifies disturbances."
-    peak = uncertainty.peak_gain
-    interval = between(float(peak.lower[k]), float(peak.upper[k]), 2)
-    gain, level = report.vehicles[k].peak.gain, 100 * uncertainty.level
-    whose = f" of {chosen.spoken[k]}" if len(chosen) > 1 else ""
-    return f"Peak gain{whose}: {gain:.3g} by the estimate, {level:.0f} % interval {interval}."
-
-
-def _outside(chosen: ParameterSet, uncertainty: Uncertainty) -> str:
-    """Which estimates lie outside their intervals."""
-    parts = []
-    for name, row in zip(chosen.spoken, uncertainty.inside, strict=True):
-        symbols = [one.symbol for one, inside in zip(PARAMETERS, row, strict=True) if not inside]
-        if symbols:
-            whose = f" of {name}" if len(chosen) > 1 else ""
-            parts.append(f"{' and '.join(symbols)}{whose}")
-    return f"Estimates outside their intervals: {'; '.join(parts)}." if parts else ""
+    parts = (f"{label} {'not determined' if isnan(p) else probability(p)}" for label, p in pairs)
+    return f"Probability of L₂ string stability: {', '.join(parts)}."
 
 
 def _capital(words: str) -> str:
@@ -356,63 +313,34 @@ class Places:
     """Names the vehicles of a platoon by their place, 0 for the leader."""
 
     names: tuple[str, ...] = ()
-    """(M,) of the followers within a sentence; by default their places."""
+    """(M,) names of the followers within a sentence; by default their places."""
     source: str = "platoon"
 
     def label(self, number: int) -> str:
-        """As at the beginning of a sentence."""
+        """The name at the beginning of a sentence."""
         return _capital(self.spoken(number))
 
     def spoken(self, number: int) -> str:
-        """As within a sentence."""
+        """The name within a sentence."""
         if not number:
             return "the leader"
         return self.names[number - 1] if self.names else f"follower {number}"
 
 
 PLACES = Places()
-"""What the findings of a `PlatoonRun` are about."""
-
-
-@message.register
-def _(finding: simulation.PlatoonFinding, about: Labelled) -> str:
-    match finding:
-        case simulation.Collision():
-            who = about.label(finding.follower)
-            return (
-                f"{who} collides with the vehicle ahead at {finding.time:.1f} s. {AFTER_COLLISION}"
-            )
-        case simulation.Reversal():
-            return (
-                f"{about.label(finding.follower)} drives backwards from {finding.time:.1f} s on, as"
-                " the model has no standstill."
-            )
-        case simulation.NeverSettles():
-            who = about.label(finding.follower)
-            return f"{who} never settles, so its amplitude never becomes constant."
-        case simulation.TooShort():
-            return (
-                "The run is too short to measure amplitudes over a whole period of"
-                f" {finding.period:.3g} s; a duration of {finding.duration:.0f} s is enough."
-            )
-        case simulation.TransientLeft():
-            return (
-                f"{about.label(finding.follower)} is still in its transient, above"
-                f" {100 * simulation.SETTLED:g} % of its amplitude, where that is measured; a"
-                f" duration of {finding.duration:.0f} s is enough."
-            )
+"""The vehicles of a `PlatoonRun` whose names are not known."""
 
 
 def disturbance(run: PlatoonRun, places: Places = PLACES) -> str:
-    """Whether the disturbance has grown at the last follower; ``places`` name the vehicles."""
+    """The growth of the disturbance up to the last follower; ``places`` name the vehicles."""
     wave, moved = run.amplitudes, run.largest_deviation
     what = "oscillation" if wave else "largest speed deviation"
     if run.collisions:
         first, *others = run.contacts
         end = f"{places.spoken(first.follower)} collides at {first.time:.0f} s"
         if others:
-            who = [f"{places.spoken(one.follower)} at {one.time:.0f} s" for one in others]
-            end += f", then {joined(who)}"
+            later = [f"{places.spoken(other.follower)} at {other.time:.0f} s" for other in others]
+            end += f", then {joined(later)}"
         if not moved[0] > 0:
             return f"{_capital(end)}."
         ratio = moved.max() / moved[0]
@@ -427,25 +355,13 @@ def disturbance(run: PlatoonRun, places: Places = PLACES) -> str:
     return f"The {what} {verb} to {ratio:.3g} times the leader's: {size}."
 
 
-def disturbance_details(run: PlatoonRun, places: Places = PLACES) -> str:
-    """The amplitude predicted for a sinusoid and the smallest gap; ``places`` name the vehicles."""
-    wave, parts = run.amplitudes, []
+def smallest_gap(run: PlatoonRun, places: Places = PLACES) -> str:
+    """The smallest gap of a run, or that a collision ends it; ``places`` name the vehicles."""
     if run.collisions:
-        parts.append(AFTER_COLLISION)
-        last = run.survivors - 1
-        if last:
-            size = run.largest_deviation[last]
-            parts.append(
-                f"The last one that drives on, {places.spoken(last)}, deviates by {size:.3g} m/s."
-            )
-    if wave:
-        would = "would reach" if run.collisions else "reaches"
-        parts.append(f"By |H| the last follower {would} {wave.predicted[-1]:.3g} m/s.")
-    if not run.collisions:
-        k = int(run.minimum_gap.argmin())
-        gap = round(run.minimum_gap[k], 1) + 0.0
-        parts.append(
-            f"The smallest gap is {gap:.1f} m, that of {places.spoken(k + 1)} at"
-            f" {run.minimum_gap_time[k]:.0f} s."
-        )
-    return " ".join(parts)
+        return AFTER_COLLISION
+    k = int(run.minimum_gap.argmin())
+    gap = round(run.minimum_gap[k], 1) + 0.0
+    return (
+        f"The smallest gap is {gap:.1f} m, that of {places.spoken(k + 1)} at"
+        f" {run.minimum_gap_time[k]:.0f} s."
+    )

@@ -1,4 +1,4 @@
-"""A result in a few sentences: what was found, with its numbers and their uncertainty."""
+"""A result in a few sentences, what its numbers assume, and the cautions about it."""
 
 from collections.abc import Sequence
 from math import isfinite, isinf, isnan
@@ -6,93 +6,156 @@ from typing import Any
 
 import numpy as np
 
-from accpinn.errors import Finding
-from accpinn.evaluation.evaluation import Evaluation
+from accpinn.findings import Finding, Labelled, joined, percent, who
 from accpinn.inference.identifiability import narrower_intervals, weakly_identified
 from accpinn.inference.intervals import Uncertainty
+from accpinn.inference.model_adequacy import Adequacy
+from accpinn.inference.prediction import GapBand
+from accpinn.methods.fit import Fit, Outcome
+from accpinn.methods.maximum_likelihood import disturbance_sizes
 from accpinn.methods.registry import METHODS
-from accpinn.model.cthp import Parameters
-from accpinn.results.messages import joined, message, messages, percent, probability
-from accpinn.results.messages.data import FLAGS
-from accpinn.results.messages.methods import unfinished
+from accpinn.results.messages import messages
+from accpinn.results.messages.recording import FLAGS
 from accpinn.results.messages.stability import headline
-from accpinn.results.tables.estimates import learned_parameters, supported_columns
-from accpinn.results.tables.table import Column, between
+from accpinn.results.tables.estimates import learned_parameters, name_of
+from accpinn.results.tables.table import between
+from accpinn.segment.segment import SegmentInfo
 from accpinn.study.result import Result
+
+BAND = (
+    "Band: the space-gaps that the model predicts from the leader's speed alone, with posterior"
+    " samples of the parameters and random disturbances of the estimated size."
+)
+"""What a predictive band is."""
 
 
 def title(snapshot: Result) -> str:
-    """The user's name for the result, else what it is about."""
+    """The user's name for the result, or else its subject."""
     verb = "follows" if snapshot.info.followers == 1 else "follow"
     return snapshot.name or f"How {_followers(snapshot)} {verb} the vehicle ahead"
 
 
 def summary(snapshot: Result) -> tuple[str, ...]:
-    """The answer first: headway and gains, string stability, and their uncertainty."""
+    """The answer first: time headway, string stability and collisions, with cautions before."""
     fit, info, uncertainty = snapshot.fit, snapshot.info, snapshot.uncertainty
-    kind = METHODS[fit.method]
-    method = kind.description or kind.title
-    columns = supported_columns(uncertainty)
-    who = _followers(snapshot)
-    if info.shares(fit.case) or info.followers == 1:
-        as_one = " as one set" if info.followers > 1 else ""
-        headway = headway_words(uncertainty, 0)
-        learned = f"{who}{as_one}: {_parameters(fit.parameters[0], headway, columns)}"
-    else:
-        learned = f"{who}: {_ranges(fit.parameters, info.labels[1:], columns)}"
-    first = (
-        f"From {info.window.duration:g} s of {info.source}, {method} learned the parameters of the"
-        f" constant time-headway policy of {learned}."
-    )
+    kind, preliminary = METHODS[fit.method], unfinished(fit)
     hand = info.driven_by_hand
-    sentences = [message(hand, info) if hand else "", unfinished(fit), first]
-    if snapshot.stability and not unfinished(fit):
-        chosen = learned_parameters(info, fit)
-        sentences.append(headline(chosen, snapshot.stability, uncertainty))
-    if uncertainty and not unfinished(fit):
-        sentences.append(_outside(snapshot, uncertainty))
-        sentences.append(_probability(uncertainty))
-    if snapshot.evaluation:
-        sentences += [
-            _errors(snapshot, snapshot.evaluation),
-            _collisions(snapshot, snapshot.evaluation),
-        ]
+    sentences = [
+        hand.sentence(info) if hand else "",
+        preliminary,
+        f"From {info.window.duration:g} s of {info.source}, {kind.description or kind.title}"
+        f" learned the parameters of the constant time-headway policy of {_headways(snapshot)}.",
+    ]
+    if snapshot.stability and not preliminary:
+        vehicles = learned_parameters(info, fit)
+        sentences.append(headline(vehicles, snapshot.stability, uncertainty))
+    sentences.append(_collisions(snapshot))
     return tuple(sentence for sentence in sentences if sentence)
 
 
-def _parameters(parameters: Parameters, headway: str, columns: Sequence[Column]) -> str:
-    """Headway first, as drivers know it, with what stands in brackets behind it."""
-    alpha, beta, _ = (
-        f"{one.title} {one.shown(value)} {one.unit}"
-        for one, value in zip(columns, parameters.values.tolist(), strict=True)
+def unfinished(fit: Fit) -> str:
+    """The warning beside parameters of a stopped training; empty for other fits."""
+    if fit.outcome is not Outcome.STOPPED:
+        return ""
+    planned = fit.config.get("iterations")
+    of_planned = f" of {planned:,}" if isinstance(planned, int) else ""
+    return (
+        f"Training was stopped at {fit.iterations:,}{of_planned} iterations; these parameters are"
+        " preliminary."
     )
-    tau = f"{parameters.tau:.2f} s" if isfinite(parameters.tau) else "not determined"
-    behind = f" ({headway})" if headway else ""
-    return f"time headway τ {tau}{behind}, gains {alpha} and {beta}"
 
 
-def _ranges(parameters: Parameters, labels: Sequence[str], columns: Sequence[Column]) -> str:
-    """From the smallest to the largest of several followers; the table has each."""
-    alpha, beta, tau = (
-        f"{one.title} {_span([one.shown(value) for value in sorted(values)])} {one.unit}"
-        if (values := found[np.isfinite(found)].tolist())
-        else f"{one.title} not determined"
-        for one, found in zip(columns, parameters.values.T, strict=True)
-    )
-    without = np.isnan(parameters.tau)
-    if without.any() and not without.all():
-        who = [label for label, one in zip(labels, without, strict=True) if one]
-        tau += f" (not determined for {joined(who)})"
-    return f"time headways {tau}, gains {alpha} and {beta}"
+def conditional(adequacy: Adequacy | None, about: Labelled) -> str:
+    """What estimates and intervals assume, and for whom another form of the model is better.
+
+    Args:
+        adequacy: the comparison of the forms on the segment, if there is one.
+        about: names the vehicles.
+    """
+    assumption = "Estimates and intervals assume the CTHP."
+    if adequacy is None or not adequacy.forms:
+        return (
+            f"{assumption} With a standstill distance, a lag or a delay in the model they would"
+            " differ."
+        )
+    if not adequacy.better:
+        return (
+            f"{assumption} No form with a standstill distance, a lag or a delay describes the data"
+            " clearly better, but a recording hardly distinguishes these forms from the CTHP."
+        )
+    labels = [who(better.vehicle, about) for better in adequacy.better]
+    return f"{assumption} Another form of the model describes the data better: {joined(labels)}."
 
 
-def _span(ordered: list[str]) -> str:
-    """The first and the last, or one where they are the same; empty where there is none."""
-    return " to ".join(dict.fromkeys(ordered[:1] + ordered[-1:]))
+def outside_intervals(rows: Sequence[Result], follower: int) -> str:
+    """The methods whose estimates lie outside the intervals, by parameter.
+
+    Args:
+        rows: the results of the methods.
+        follower: index of the follower, from 0.
+    """
+    uncertainty = rows[0].uncertainty
+    if np.isnan(uncertainty.lower[follower].values).all():
+        return "These data determine none of α, β and τ, so the methods cannot be compared."
+    outside = [
+        f"{symbol} of {joined(names)}"
+        for which, symbol in enumerate("αβτ")
+        if (names := [name_of(row.fit) for row in rows if _is_outside(row, follower, which)])
+    ]
+    intervals = f"the {percent(uncertainty.level)} intervals"
+    if not outside:
+        return f"All estimates lie within {intervals}."
+    return f"These estimates lie outside {intervals}: {'; '.join(outside)}."
 
 
-def headway_words(uncertainty: Uncertainty | None, follower: int) -> str:
-    """The interval of τ; empty where there is none."""
+def _is_outside(row: Result, follower: int, which: int) -> bool:
+    """Whether an estimate is known and lies outside its interval."""
+    is_known = np.isfinite(row.fit.parameters.values[follower, which])
+    return bool(is_known and not row.uncertainty.inside[follower, which])
+
+
+def about_curves(
+    info: SegmentInfo, fit: Fit, follower: int, band: GapBand | None = None
+) -> tuple[str, ...]:
+    """The coverage of a follower's band and the size of its disturbance.
+
+    Args:
+        info: names the vehicles.
+        fit: the fit of any method.
+        follower: index of the follower, from 0.
+        band: the band, if there is one.
+    """
+    vehicles = (0, info.vehicles[follower + 1])
+    coverage = [f for f in (band.findings if band else ()) if f.vehicle in vehicles]
+    sizes = [size for size in disturbance_sizes(info.vehicles, fit) if size.vehicle in vehicles]
+    return messages((*coverage, *sizes), info)
+
+
+def _followers(snapshot: Result) -> str:
+    labels = snapshot.info.labels[1:]
+    return labels[0] if len(labels) == 1 else f"{len(labels)} vehicles"
+
+
+def _headways(snapshot: Result) -> str:
+    """The followers with their time headway, or its range; the table has all parameters."""
+    info, fit, labels = snapshot.info, snapshot.fit, snapshot.info.labels[1:]
+    taus, followers = fit.parameters.tau, _followers(snapshot)
+    if info.shares(fit.case) or info.followers == 1:
+        as_one = " as one set" if info.followers > 1 else ""
+        tau = f"{taus[0]:.2f} s" if isfinite(taus[0]) else "not determined"
+        interval = headway_interval(snapshot.uncertainty, 0)
+        return f"{followers}{as_one}: time headway τ {tau}" + (f" ({interval})" if interval else "")
+    known = sorted(taus[np.isfinite(taus)].tolist())
+    unknown = [label for label, tau in zip(labels, taus, strict=True) if isnan(tau)]
+    if not known:
+        return f"{followers}: time headways τ not determined"
+    ends = dict.fromkeys(f"{tau:.2f}" for tau in (known[0], known[-1]))
+    without = f" (not determined for {joined(unknown)})" if unknown else ""
+    return f"{followers}: time headways τ {' to '.join(ends)} s{without}"
+
+
+def headway_interval(uncertainty: Uncertainty | None, follower: int) -> str:
+    """The interval of τ in words; empty if there is none."""
     if uncertainty is None:
         return ""
     low, high = (ends[follower].tau for ends in (uncertainty.lower, uncertainty.upper))
@@ -106,77 +169,26 @@ def headway_words(uncertainty: Uncertainty | None, follower: int) -> str:
     return f"{interval}: {between(low, high, 2)} s"
 
 
-def _followers(snapshot: Result) -> str:
-    labels = snapshot.info.labels[1:]
-    return labels[0] if len(labels) == 1 else f"{len(labels)} vehicles"
-
-
-def _outside(snapshot: Result, uncertainty: Uncertainty) -> str:
-    """Whose estimates lie outside their intervals; empty where none does."""
-    labels = snapshot.info.labels[1:]
-    outside: list[bool] = np.any(~uncertainty.inside, axis=1).tolist()
-    who = [label for label, yes in zip(labels, outside, strict=True) if yes]
-    if not who:
+def _collisions(snapshot: Result) -> str:
+    """How many followers collide in the closed-loop simulation; empty if none does."""
+    times = snapshot.evaluation.collision_times(snapshot.info.vehicles)
+    count, total = int(np.isfinite(times).sum()), len(times)
+    if not count:
         return ""
-    return (
-        f"Some estimates of {joined(who)} lie outside their {percent(uncertainty.level)} intervals;"
-        " the notes on the parameters say why, and give those of maximum likelihood."
-    )
-
-
-def _probability(uncertainty: Uncertainty) -> str:
-    """Of L∞ string stability; that of L₂ stands with the verdict."""
-    known = uncertainty.probability_linf[np.isfinite(uncertainty.probability_linf)]
-    if not len(known):
-        return (
-            "The data do not determine the parameters, so no probability of string stability is"
-            " given."
-        )
-    shares = [probability(share) for share in sorted(known.tolist())]
-    return f"Probability of L∞ string stability: {_span(shares)}."
-
-
-def _errors(snapshot: Result, evaluation: Evaluation) -> str:
-    if evaluation.closed_loop is None:
-        return ""
-    errors = [float(value) for value in evaluation.closed_loop.gap_mae]
-    gaps = _span([f"{value:.1f}" for value in sorted(filter(isfinite, errors))])
-    who = zip(snapshot.info.labels[1:], errors, strict=True)
-    without = ", ".join(label for label, value in who if not isfinite(value))
-    sentence = "The closed-loop simulation behind the measured leader"
-    sentence += f" misses the space-gap by {gaps} m on average" if gaps else " diverges"
-    if gaps and without:
-        sentence += f" (without {without}, whose simulation diverges)"
-    if evaluation.surrogate is None:
-        return f"{sentence}."
-    drawn = _span([f"{value:.2g}" for value in sorted(evaluation.surrogate.gap_mae)])
-    curve = "the method's own curve misses the space-gap by"
-    return f"{sentence}; {curve} {drawn} m (surrogate fit)."
-
-
-def _collisions(snapshot: Result, evaluation: Evaluation) -> str:
-    labels = snapshot.info.labels[1:]
-    times = evaluation.collision_times(snapshot.info.vehicles).tolist()
-    when = [(label, time) for label, time in zip(labels, times, strict=True) if isfinite(time)]
-    if not when:
-        return ""
-    verb = "collides" if len(when) == 1 else "collide"
-    what = f"{verb} with the vehicle ahead"
-    if len(labels) == 1:
-        return f"In that simulation the follower {what} at {when[0][1]:.1f} s."
-    listed = "; ".join(f"{label} at {time:.1f} s" for label, time in when)
-    return f"In that simulation {len(when)} of {len(labels)} vehicles {what}: {listed}."
+    verb = "collides" if count == 1 else "collide"
+    which = "the follower" if total == 1 else f"{count} of {total} vehicles"
+    return f"In the closed-loop simulation {which} {verb} with the vehicle ahead."
 
 
 def setting(value: Any) -> str:
-    """A setting's value; several in a row."""
+    """The value of a setting as text."""
     if isinstance(value, list):
         return ", ".join(map(setting, value))
     return f"{value:g}" if isinstance(value, float) else str(value)
 
 
 def about_data(snapshot: Result) -> tuple[tuple[str, str], ...]:
-    """What is known of the recording and the window, as terms and descriptions."""
+    """The recording and the window as terms and descriptions."""
     info, facts = snapshot.info, snapshot.facts
     flag, excluded = facts.get("acc_flag"), "nothing: every instant counts"
     if info.excluded_regimes:
@@ -190,8 +202,8 @@ def about_data(snapshot: Result) -> tuple[tuple[str, str], ...]:
         "Campaign": facts.get("campaign"),
         "Date": facts.get("date"),
         "ACC flag of the file": flag is not None
-        and f"{FLAGS.get(flag, flag)}, for the recording as a whole; not every vehicle need be"
-        " driven so",
+        and f"{FLAGS.get(flag, flag)}, for the recording as a whole; single vehicles may be driven"
+        " otherwise",
         "Distance setting": facts.get("distance_setting"),
         "Window": f"{info.window} of the recording,"
         f" {info.samples:,} samples every {info.sample_time:g} s",
@@ -205,7 +217,7 @@ def about_data(snapshot: Result) -> tuple[tuple[str, str], ...]:
 def cautions(snapshot: Result) -> dict[str, tuple[str, ...]]:
     """Cautions, by the part of the report they belong to."""
     info, evaluation, uncertainty = snapshot.info, snapshot.evaluation, snapshot.uncertainty
-    of_parameters = (
+    on_parameters = (
         *snapshot.fit.findings,
         *(uncertainty.findings if uncertainty else ()),
         *(_wide_intervals(snapshot, uncertainty) if uncertainty else ()),
@@ -213,14 +225,14 @@ def cautions(snapshot: Result) -> dict[str, tuple[str, ...]]:
     )
     return {
         "data": messages((*info.findings, *snapshot.quality.findings), info),
-        "parameters": tuple(dict.fromkeys(messages(of_parameters, info))),
+        "parameters": tuple(dict.fromkeys(messages(on_parameters, info))),
         "closed_loop": messages(evaluation.all_findings if evaluation else (), info),
     }
 
 
 def _wide_intervals(snapshot: Result, uncertainty: Uncertainty) -> tuple[Finding, ...]:
-    """Which intervals are wide, and what would narrow them."""
+    """The wide intervals, and what would narrow them."""
     info = snapshot.info
-    found = weakly_identified(info, snapshot.quality, uncertainty, snapshot.fit.case)
-    cure = narrower_intervals(info, uncertainty, found, snapshot.facts.get("duration"))
-    return (*found, *cure)
+    wide = weakly_identified(info, snapshot.quality, uncertainty, snapshot.fit.case)
+    cure = narrower_intervals(info, uncertainty, wide, snapshot.facts.get("duration"))
+    return (*wide, *cure)

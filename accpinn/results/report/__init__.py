@@ -44,14 +44,12 @@ from accpinn.results.figures.style import (
 from accpinn.results.figures.training import loss_history, parameter_history, tracking
 from accpinn.results.messages import messages
 from accpinn.results.messages import summary as words
-from accpinn.results.messages.methods import outcome_message
-from accpinn.results.messages.reliability import BAND, about_curves, conditional
 from accpinn.results.messages.stability import BY_ESTIMATES, PLACES, Places, reason
 from accpinn.results.tables.estimates import (
     TITLES,
-    form_intervals_table,
     learned_parameters,
     methods_table,
+    model_form_table,
     name_of,
     parameter_table,
     row_vehicles,
@@ -132,8 +130,9 @@ def tables_of(snapshot: Result) -> dict[str, Table]:
     first = parameter_table(info, fit, snapshot.quality, *errors, uncertainty)
     rows = vehicle_colours(info.vehicles, row_vehicles(info, fit.case))
     tables = {"parameters": first.coloured(rows)}
-    if uncertainty and adequacy and adequacy.recommended:
-        tables["forms"] = form_intervals_table(info, uncertainty, adequacy.recommended)
+    forms = adequacy.forms if adequacy else ()
+    for k in range(info.followers if forms else 0):
+        tables[f"forms_{k + 1}"] = model_form_table(info, forms, k)
     if report:
         vehicles = learned_parameters(info, fit)
         tables["stability"] = stability_table(vehicles, report, uncertainty).coloured(paints[1:])
@@ -162,10 +161,10 @@ def _story(snapshot: Result, checked: Verification, shown: list[Picture]) -> dic
         "motion": _placed([motion] if motion else [], shown),
         "sheets": sheets,
         "uncertainty": uncertainty,
-        "conditional": conditional(adequacy, info),
+        "conditional": words.conditional(adequacy, info),
         "forms": messages(adequacy.findings if adequacy else (), info),
         "fits": _placed(fits[1:], shown),
-        "band": BAND if snapshot.segment and uncertainty else "",
+        "band": words.BAND if snapshot.segment and uncertainty else "",
         "training": _placed(training_pictures(snapshot), shown),
         "by_estimates": BY_ESTIMATES if uncertainty else "",
         "reasons": _reasons(snapshot),
@@ -174,11 +173,12 @@ def _story(snapshot: Result, checked: Verification, shown: list[Picture]) -> dic
         "run": run[0] if run else None,
         "run_warnings": messages(run[0].findings, _places(snapshot)) if run else (),
         "repeated": run[2] if run else "",
+        "form_sheets": [sheet for name, sheet in sheets.items() if name.startswith("forms_")],
         "methods": [sheet for name, sheet in sheets.items() if name.startswith("methods_")],
         "checked": checked,
         "verdict": checked.sentence,
         "checks": Markup(verification_table(checked).to_html()),
-        "outcome": outcome_message(fit),
+        "outcome": fit.outcome.value,
         "method": TITLES.get(fit.method, fit.method),
         "settings": [
             (key.replace("_", " "), words.setting(value))
@@ -294,7 +294,7 @@ def fit_pictures(snapshot: Result) -> Iterator[Picture]:
             segment or info, k, fit.surrogate, driven, name_of(fit), predicted=predicted,
             disturbance=disturbance,
         )  # fmt: skip
-        said = about_curves(info, fit, k, predicted)
+        said = words.about_curves(info, fit, k, predicted)
         caption = " ".join(said) or f"{label}: space-gap and speed."
         yield Picture(f"fit_{k + 1}", figure, caption)
 

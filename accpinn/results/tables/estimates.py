@@ -3,7 +3,7 @@
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import repeat
-from math import inf, nan
+from math import nan
 from typing import Any
 
 import numpy as np
@@ -11,8 +11,8 @@ import numpy as np
 from accpinn.channels import GAP, PARAMETER_KEYS, PARAMETERS, SPEED
 from accpinn.evaluation.closed_loop import TrackingErrors
 from accpinn.evaluation.validation import Validation
-from accpinn.inference.intervals import Uncertainty, parameter_intervals
-from accpinn.inference.model_adequacy import ModelForm, WeightedForms
+from accpinn.inference.intervals import LEVEL, Uncertainty
+from accpinn.inference.model_adequacy import ModelForm
 from accpinn.methods.fit import Fit, Outcome
 from accpinn.methods.registry import METHODS
 from accpinn.methods.state_space import Form
@@ -22,7 +22,6 @@ from accpinn.results.tables.table import Cell, Column, Estimate, Range, Table, s
 from accpinn.segment.quality import Quality
 from accpinn.segment.segment import SegmentInfo
 from accpinn.study.analysis import differences
-from accpinn.study.recommendation import Recommendation
 from accpinn.study.result import Result
 from accpinn.study.starts import Spread
 from accpinn.units import FloatArray
@@ -166,9 +165,11 @@ def _labels(info: SegmentInfo, numbers: Sequence[int]) -> tuple[str, ...]:
     return tuple(info.label(number) if number else EVERY_FOLLOWER for number in numbers)
 
 
-def _estimate_cells(parameters: Parameters, uncertainty: Uncertainty) -> Iterator[Filled]:
+def _estimate_cells(
+    parameters: Parameters, uncertainty: Uncertainty, kind: str = "Estimate"
+) -> Iterator[Filled]:
     """α, β and τ of (M,) followers, each with its interval."""
-    group = f"Estimate ({100 * uncertainty.level:.0f} % interval)"
+    group = f"{kind} ({100 * uncertainty.level:.0f} % interval)"
     ends = uncertainty.lower.values.T, uncertainty.upper.values.T
     for column, *numbers in zip(PARAMETER_COLUMNS, parameters.values.T, *ends, strict=True):
         yield replace(column, group=group), [*map(Estimate, *(k.tolist() for k in numbers))]
@@ -205,9 +206,14 @@ def comparison_table(
 
 
 def intervals_table(info: SegmentInfo, uncertainty: Uncertainty, case: Case = "II") -> Table:
-    """One row a follower, or one for all that share: intervals, probability of string stability."""
+    """One row a follower, or one for all that share their parameters.
+
+    The columns are the maximum-likelihood estimates with their intervals and the probability of
+    string stability.
+    """
     numbers = parameter_rows(info, case)
-    filled = (*interval_cells(uncertainty), *probability_cells(uncertainty))
+    estimates = _estimate_cells(uncertainty.centre, uncertainty, "Maximum likelihood")
+    filled = (*estimates, *probability_cells(uncertainty))
     return Table.of(
         f"Uncertainty, {where(info)}",
         [
@@ -217,37 +223,8 @@ def intervals_table(info: SegmentInfo, uncertainty: Uncertainty, case: Case = "I
     )
 
 
-def recommendation_table(
-    info: SegmentInfo, found: Sequence[Recommendation], reasons: Sequence[str]
-) -> Table:
-    """One row a follower, or one for all that share: what to use, and how sure that is.
-
-    Args:
-        info: names the followers.
-        found: the recommendations, at least one.
-        reasons: for each, in words.
-    """
-    cells: list[list[Cell]] = [
-        [Estimate(number(k.estimate), k.lower, number(k.upper, inf)) for k in one.intervals]
-        for one in found
-    ]
-    cells = [row or [None] * len(PARAMETERS) for row in cells]
-    of = ["All forms, weighted" if one.weighted else "Maximum likelihood" for one in found]
-    group = f"Estimate ({100 * found[0].level:.0f} % interval)"
-    columns = (replace(column, group=group) for column in PARAMETER_COLUMNS)
-    return Table.of(
-        f"Recommended, {where(info)}",
-        [
-            (Column("Vehicle"), _labels(info, [one.vehicle for one in found])),
-            (Column("Use"), of),
-            *zip(columns, zip(*cells, strict=True), strict=True),
-            (Column("How sure", prose=True), reasons),
-        ],
-    )
-
-
 def number(value: float | None, otherwise: float = nan) -> float:
-    """A value, or what stands for one that is not known."""
+    """A value, or ``otherwise`` for None."""
     return otherwise if value is None else value
 
 
@@ -316,60 +293,38 @@ EXTRA_COLUMNS: dict[Form, Column] = {
     "lag": Column("λ", "s", 2),
     "delay": Column("d", "s", 2),
 }
-"""What each form adds."""
+"""The further unknown of each form."""
+
+
+def _form_cells(forms: Sequence[ModelForm], follower: int) -> Iterator[Filled]:
+    """The estimates of α, β, τ and the further unknown, with intervals."""
+    group = f"Estimate ({100 * LEVEL:.0f} % interval)"
+    ends = [
+        np.array([part[follower].values for part in (form.parameters, form.lower, form.upper)])
+        for form in forms
+    ]
+    for column, cells in zip(PARAMETER_COLUMNS, np.transpose(ends, (2, 0, 1)), strict=True):
+        yield replace(column, group=group), [Estimate(*cell) for cell in cells.tolist()]
+    for name, column in EXTRA_COLUMNS.items():
+        extras = [form.extra[follower].tolist() if form.form == name else None for form in forms]
+        yield (
+            replace(column, group=group),
+            [extra if extra is None else Estimate(*extra) for extra in extras],
+        )
 
 
 def model_form_table(info: SegmentInfo, forms: Sequence[ModelForm], follower: int) -> Table:
-    """One row a form of the model, for one follower (0 for the first)."""
+    """One row a form of the model, for one follower (0 for the first): estimates and intervals."""
     return Table.of(
         f"{info.labels[follower + 1]}, {where(info)}",
         [
             (Column("Form of the model"), [FORMS[form.form] for form in forms]),
-            *parameter_cells(Parameters.stack(form.parameters[follower] for form in forms)),
-            *_relative_errors(forms, follower),
-            *((column, _extra(forms, form, follower)) for form, column in EXTRA_COLUMNS.items()),
+            *_form_cells(forms, follower),
             (Column("AIC", "", 1, AGAINST), [form.aic[follower] for form in forms]),
             (Column("Held-out log density", "", 1, AGAINST),
              [form.holdout[follower] for form in forms]),
         ],
     )  # fmt: skip
-
-
-def form_intervals_table(
-    info: SegmentInfo, uncertainty: Uncertainty, weighted: Sequence[WeightedForms]
-) -> Table:
-    """The intervals under the CTHP and over all forms, two rows a follower.
-
-    Args:
-        info: of the segment.
-        uncertainty: the intervals under the CTHP.
-        weighted: over all forms; those of vehicle 0 are of all followers together.
-    """
-    names, forms, intervals = list[str](), list[str](), list[list[Range]]()
-    for one in weighted:
-        k = info.vehicles.index(one.vehicle) - 1 if one.vehicle else 0
-        names += 2 * [info.label(one.vehicle)]
-        forms += [FORMS["cthp"], "All forms, weighted"]
-        for each in (parameter_intervals(uncertainty, k), one.intervals):
-            intervals.append([Range(end.lower, number(end.upper, inf)) for end in each])
-    percent = f"{100 * uncertainty.level:.0f} % interval"
-    filled: list[Filled] = [(Column("Follower"), names), (Column("Form of the model"), forms)]
-    for column, ranges in zip(PARAMETER_COLUMNS, zip(*intervals, strict=True), strict=True):
-        filled.append((replace(column, group=percent), ranges))
-    for at, of in enumerate(one.form for one in weighted[0].forms):
-        title = EXTRA_COLUMNS[of].title if of in EXTRA_COLUMNS else FORMS[of]
-        cells: list[Cell] = []
-        for one in weighted:
-            cells += [None, 100 * one.forms[at].probability]
-        filled.append((Column(title, "%", 0, "Probability of the form"), cells))
-    return Table.of(f"Intervals by form of the model, {where(info)}", filled)
-
-
-def _relative_errors(forms: Sequence[ModelForm], follower: int) -> Iterator[Filled]:
-    """Standard errors of α, β and τ in percent."""
-    for which, column in enumerate(PARAMETER_COLUMNS):
-        errors = [100 * form.deviation[follower, which] for form in forms]
-        yield Column(column.title, "%", 0, "Standard error"), errors
 
 
 def earlier_table(earlier: Sequence[Result], now: Mapping[str, Result], vehicle: int) -> Table:
@@ -490,10 +445,6 @@ def _error_cells(
 
 def _gaps(errors: Sequence[TrackingErrors | None], follower: int) -> list[Cell]:
     return [float(one.gap_mae[follower]) if one else None for one in errors]
-
-
-def _extra(forms: Sequence[ModelForm], name: Form, follower: int) -> list[Cell]:
-    return [float(form.extra[follower]) if form.form == name else None for form in forms]
 
 
 def percent_cells(shares: Sequence[float] | FloatArray) -> list[Cell]:

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
 import streamlit as st
 
 from accpinn.inference.identifiability import (
@@ -22,14 +23,12 @@ from accpinn.results.figures import comparison as figures
 from accpinn.results.figures.style import vehicle_colours
 from accpinn.results.figures.training import tracking
 from accpinn.results.messages import messages
-from accpinn.results.messages.methods import agreement, colliding_methods
-from accpinn.results.messages.reliability import about_curves, closed_loop_event, conditional
+from accpinn.results.messages.summary import about_curves, conditional, outside_intervals
 from accpinn.results.tables import estimates as tables
 from accpinn.results.tables.estimates import TITLES, name_of
 from accpinn.segment.quality import LARGE_CONDITION, assess_quality
 from accpinn.segment.segment import Segment
 from accpinn.study.comparison import FitRecord, MethodFailure, MethodResult, failures_among
-from accpinn.study.recommendation import recommend
 from accpinn.tasks.task import comparison_seconds
 from accpinn.units import FloatArray, known_mean
 from pages.ui.components import frame, show
@@ -38,7 +37,7 @@ from pages.ui.components.show import escape_markdown
 from pages.ui.components.widgets import pick_follower, tabs
 from pages.ui.result.evaluated import simulated
 from pages.ui.result.saved import show_saved_rows
-from pages.ui.result.view import show_form_intervals, show_intervals
+from pages.ui.result.view import show_intervals
 from pages.ui.session.workspace import Workspace
 
 GAP_ERROR = "A constant error of the measured gap shifts τ: 0.1 m in 30 m by 0.3 %."
@@ -116,8 +115,8 @@ def _controls(workspace: Workspace, segment: Segment) -> None:
             first = own_task_line(training, training.time_left)
             st.caption(f"{first} The methods would run after it.")
         st.markdown(
-            f"{len(METHODS)} ways to estimate α, β and τ, each with its errors, and the forms of"
-            " the model: which parameters to use, and how sure they are."
+            f"{len(METHODS)} methods to estimate α, β and τ, each with its errors, beside the"
+            " maximum-likelihood intervals, and other forms of the model."
         )
     complete = task is not None and len(task.results) == len(task.names)
     takes = show.format_duration(comparison_seconds(segment))
@@ -153,37 +152,32 @@ def _show(workspace: Workspace, segment: Segment, running: bool) -> None:
 
 
 def _show_summary(shown: _Shown) -> None:
-    """What to use, how sure it is, and where each method's estimates lie."""
+    """The maximum-likelihood estimates with their intervals, and each method's estimates."""
     segment, rows = shown.segment, shown.rows
-    adequacy = shown.workspace.known_adequacy
-    found = recommend(segment, rows, adequacy)
-    colours = vehicle_colours(segment.vehicles, [one.vehicle for one in found])
-    table = tables.recommendation_table(segment.info, found, messages(found, segment))
-    show.table(table, colours)
+    case = rows[0].fit.case
+    show_intervals(segment.info, shown.uncertainty, GAP_ERROR, case)
     st.caption(
-        "Maximum likelihood estimates the disturbances together with the parameters; methods that"
-        " take them for noise, least squares and the PiNN's loss among them, are biased where"
-        " disturbances last for seconds. "
-        + (
-            "The values above are those over all forms of the model, each weighted by its"
-            " probability; the grey intervals below are those of the CTHP alone."
-            if adequacy and adequacy.recommended
-            else conditional(adequacy, segment)
-        )
+        "Methods that take the disturbances for noise, least squares and the PiNN's loss among"
+        " them, are biased where disturbances last for seconds."
+        f" {escape_markdown(conditional(shown.workspace.known_adequacy, segment))}"
     )
+    show.messages(messages(shown.uncertainty.findings, segment))
+    st.markdown(escape_markdown(outside_intervals(rows, shown.follower)))
     _show_collisions(shown)
     _show_estimates(shown)
-    show.downloads(table, f"{shown.stem}_recommended", "compare_recommended")
+    table = tables.intervals_table(segment.info, shown.uncertainty, case)
+    show.downloads(table, f"{shown.stem}_intervals", "compare_intervals")
 
 
 def _show_collisions(shown: _Shown) -> None:
-    """What happens in closed loop by any method's parameters, as one line that opens."""
-    segment, rows = shown.segment, shown.rows
+    """The events of the closed-loop simulations by method, as one line that opens."""
+    info, rows = shown.segment.info, shown.rows
     count = sum(len(row.evaluation.all_findings) for row in rows)
     if not count:
         return
-    colliding = colliding_methods(segment.info, rows)
-    title = f"{len(colliding)} of {segment.followers} followers collide" if colliding else (
+    times = [row.evaluation.collision_times(info.vehicles) for row in rows]
+    colliding = int(np.isfinite(times).any(axis=0).sum())
+    title = f"{colliding} of {info.followers} followers collide" if colliding else (
         "No follower collides on this window"
     )  # fmt: skip
     with st.expander(
@@ -191,17 +185,10 @@ def _show_collisions(shown: _Shown) -> None:
         " inside and outside the window",
         icon=":material/car_crash:",
     ):
-        if colliding:
-            st.markdown(f"On this window:\n\n{show.bullets(colliding)}")
-        for vehicle in segment.vehicles[1:]:
-            lines = []
-            for row in rows:
-                found = [one for one in row.evaluation.all_findings if one.vehicle == vehicle]
-                if said := " · ".join(map(closed_loop_event, found)):
-                    lines.append(f"- {escape_markdown(f'{name_of(row.fit)}: {said}')}")
-            if lines:
-                label = escape_markdown(segment.label(vehicle))
-                st.markdown("\n".join((f"**{label}**\n", *lines)))
+        for row in rows:
+            if sentences := messages(row.evaluation.all_findings, info):
+                bullets = "\n".join(f"- {escape_markdown(sentence)}" for sentence in sentences)
+                st.markdown(f"**{escape_markdown(name_of(row.fit))}**\n\n{bullets}")
 
 
 def _show_failures(failures: Sequence[MethodFailure]) -> None:
@@ -234,12 +221,6 @@ def _show_methods(shown: _Shown) -> None:
         + (" Hold-out is not computed for your own training." * own)
     )
     show.downloads(table, f"{shown.stem}_methods", "compare")
-    shared = segment.shares(rows[0].fit.case)
-    who = "All followers together" if shared else segment.labels[shown.follower + 1]
-    agreed = escape_markdown(agreement(rows, 0 if shared else shown.follower))
-    st.markdown(f"Do the methods agree on {escape_markdown(who)}? {agreed[:1].upper()}{agreed[1:]}")
-    show_intervals(segment.info, shown.uncertainty, GAP_ERROR, rows[0].fit.case)
-    show.messages(messages(shown.uncertainty.findings, segment))
     _show_course(shown)
 
 
@@ -343,7 +324,7 @@ def _show_identifiability(shown: _Shown) -> None:
     st.caption(
         "Profile of the loss: the misfit of the accelerations with one parameter held and the"
         f" others at their best. Dashed: {100 * INCREASE:.0f} % worse, hardly visible in any plot."
-        f" Grey: the {100 * uncertainty.level:.0f} % interval of the tab Methods. It may lie beside"
+        f" Grey: the {100 * uncertainty.level:.0f} % interval of the tab Summary. It may lie beside"
         " the curve: the curve takes all samples as independent, while the interval accounts for"
         " disturbances that last for seconds and bias the estimate."
     )
@@ -357,19 +338,17 @@ def _show_adequacy(shown: _Shown) -> None:
         st.caption("Too little is measured, or moves, for the likelihood of the model's forms.")
         return
     st.caption(conditional(found, segment))
-    show_form_intervals(segment.info, shown.uncertainty, found)
-    others = [one for one in found.findings if one not in found.recommended]
-    show.messages(messages(others, segment), icon="lightbulb")
+    show.messages(messages(found.findings, segment), icon="lightbulb")
     table = tables.model_form_table(segment.info, found.forms, shown.follower)
     show.table(table)
     show.downloads(table, f"{shown.stem}_model_forms", "compare_forms")
     st.caption(
-        "The intervals hold if the model does. Real controllers keep a distance at standstill and"
-        " act with a lag and a delay; a model without these terms shifts them into α, β and τ. AIC"
-        " and the log density of held-out time (the last third, by the form learned from the first"
-        " two) are those of the form minus those of the CTHP: a form with a clearly lower AIC and a"
-        " higher density is to be preferred. Where none is, the forms show how much α, β and τ"
-        " depend on the assumptions."
+        "In brackets: the interval under that form, which holds if the form does. Real controllers"
+        " keep a distance at standstill and act with a lag and a delay; a model without these terms"
+        " shifts them into α, β and τ. AIC and the log density of held-out time (the last third,"
+        " under the form learned from the first two) are those of the form minus those of the CTHP:"
+        " prefer a form with a clearly lower AIC and a higher density. If there is none, the forms"
+        " show how much α, β and τ depend on the assumptions."
     )
     _show_disturbance(shown)
 

@@ -14,7 +14,7 @@ from accpinn.inference.model_adequacy import Adequacy
 from accpinn.methods.fit import Fit
 from accpinn.model.cthp import Parameters
 from accpinn.model.published import ASTAZERO, PUBLISHED, ParameterSet
-from accpinn.results.messages.methods import unfinished
+from accpinn.results.messages.summary import unfinished
 from accpinn.results.snapshot.saved import Entry
 from accpinn.results.tables.estimates import EVERY_FOLLOWER, learned_parameters
 from accpinn.segment.segment import Segment, SegmentInfo

@@ -13,7 +13,6 @@ import streamlit as st
 
 from accpinn.errors import AccpinnError
 from accpinn.results.figures.style import SHARED, translucent, vehicle_colours, with_legend
-from accpinn.results.messages import message
 from accpinn.results.tables.estimates import EVERY_FOLLOWER
 from accpinn.results.tables.table import STYLE, Table
 from accpinn.segment.segment import Segment, SegmentInfo
@@ -72,7 +71,7 @@ def messages(
 def not_acc(about: Segment | SegmentInfo) -> None:
     """In red, which followers a driver controls; nothing where none."""
     if hand := about.driven_by_hand:
-        messages(message(hand, about), "error", "front_hand")
+        messages(hand.sentence(about), "error", "front_hand")
 
 
 def attempt(work: Callable[[], T]) -> T | None:

@@ -18,9 +18,9 @@ from accpinn.model.cthp import Case
 from accpinn.recordings.recording import MappingRemembered, Recording, Window
 from accpinn.results.figures import recording as figures
 from accpinn.results.figures.style import vehicle_colour
-from accpinn.results.messages.data import driver_summary
-from accpinn.results.messages.window import (
+from accpinn.results.messages.recording import (
     MEANING,
+    driver_summary,
     rating_label,
     rating_reasons,
     suggestion_reasons,

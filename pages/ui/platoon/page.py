@@ -15,9 +15,9 @@ from accpinn.results.messages.stability import (
     PLACES,
     Places,
     disturbance,
-    disturbance_details,
     not_acc,
     probabilities,
+    smallest_gap,
 )
 from accpinn.segment.segment import Segment
 from pages.ui.components import frame, show
@@ -132,7 +132,7 @@ def _show_answer(shown: ShownRun) -> None:
     with st.container(border=True):
         said = f"{disturbance(run, places)} {not_acc(chosen)}".rstrip()
         st.markdown(f"{escape_markdown(source.origin)}\n\n#### {escape_markdown(said)}")
-        details = disturbance_details(run, places)
+        details = smallest_gap(run, places)
         if recorded := shown.recorded:
             leader = f"{recorded.labels[0]} as recorded, {recorded.source}, {recorded.window}"
             details = f"The leader: {leader}; the platoon begins in equilibrium. {details}"

@@ -8,19 +8,16 @@ import streamlit as st
 
 from accpinn.inference.identifiability import narrower_intervals, weakly_identified
 from accpinn.inference.intervals import Uncertainty
-from accpinn.inference.model_adequacy import Adequacy
 from accpinn.inference.prediction import GapBand, gap_band
 from accpinn.methods import least_squares
 from accpinn.methods.fit import History, Outcome, headway_findings
 from accpinn.model.cthp import Case
 from accpinn.results.bundle import bundle
-from accpinn.results.checks import Check, CheckName, checks
+from accpinn.results.checks import MEANING, Check, CheckName, checks, label_of
 from accpinn.results.figures import training as figures
 from accpinn.results.figures.style import vehicle_colours
 from accpinn.results.messages import messages
-from accpinn.results.messages.checks import MEANING, failing_of, label_of
-from accpinn.results.messages.methods import outcome_message
-from accpinn.results.messages.reliability import BAND, about_curves, conditional
+from accpinn.results.messages.summary import BAND, about_curves, conditional
 from accpinn.results.snapshot import Snapshot
 from accpinn.results.tables import estimates as tables
 from accpinn.results.tables.estimates import name_of
@@ -79,7 +76,7 @@ def show_evaluated(
     views: dict[str, Callable[[], None]] = {"Fit": lambda: _show_fit(result, table, follower)}
     if history := fit.history:
         views["Training"] = lambda: _show_history(result, history, page)
-    views["Comparison"] = lambda: _show_comparison(workspace, result, page)
+    views["Comparison"] = lambda: _show_comparison(workspace, result, page, follower)
     tabs(workspace, f"{page}_tabs", views | dict(more or {}) | {
         "Export": lambda: _show_export(result, table, page, snapshot),
     })  # fmt: skip
@@ -88,9 +85,9 @@ def show_evaluated(
 def _show_outcome(result: Evaluated) -> None:
     """Before all else, a training that did not end by itself."""
     if result.fit.outcome is Outcome.DIVERGED:
-        st.error(outcome_message(result.fit), icon=":material/error:")
+        st.error(result.fit.outcome.value, icon=":material/error:")
     elif result.fit.outcome is Outcome.STOPPED:
-        st.warning(outcome_message(result.fit), icon=":material/pause_circle:")
+        st.warning(result.fit.outcome.value, icon=":material/pause_circle:")
 
 
 def _show_checks(result: Evaluated) -> None:
@@ -99,7 +96,7 @@ def _show_checks(result: Evaluated) -> None:
     events = result.evaluation.all_findings if result.evaluation else None
     residual = result.evaluation.whiteness if result.evaluation else None
     evidence: Mapping[CheckName, Sequence[str]] = {
-        "converged": (outcome_message(fit),),
+        "converged": (fit.outcome.value,),
         "inside": messages(uncertainty.findings if uncertainty else (), info),
         "identified": messages(headway_findings(info.vehicles, fit.parameters), info),
         "collision-free": messages(events or (), info),
@@ -119,7 +116,7 @@ def _show_check(
     colour, icon = MARKS[worst]
     with st.popover(f":{colour}[:material/{icon}:] {label_of(group)}"):
         st.markdown(escape_markdown(MEANING[name]))
-        failing = [said for check in group if (said := failing_of(check, info))]
+        failing = [reason for check in group if (reason := check.reason(info))]
         if reasons := (*failing, *evidence):
             st.markdown(show.bullets(reasons))
 
@@ -165,8 +162,8 @@ def _show_limits(result: Evaluated) -> None:
     show.messages(messages((*wide, *cure), info), "warning")
 
 
-def _show_comparison(workspace: Workspace, result: Evaluated, page: str) -> None:
-    """The same parameters by least squares and maximum likelihood, and under other forms."""
+def _show_comparison(workspace: Workspace, result: Evaluated, page: str, follower: int) -> None:
+    """The same parameters by least squares and maximum likelihood, and other forms of the model."""
     info, fit, segment, uncertainty = result.info, result.fit, result.segment, result.uncertainty
     estimates = {name_of(fit).partition(" (")[0]: fit.parameters}
     if segment:
@@ -195,16 +192,9 @@ def _show_comparison(workspace: Workspace, result: Evaluated, page: str) -> None
                 workspace.compare_forms()
             st.rerun()
     st.caption(conditional(adequacy, info))
-    show_form_intervals(info, uncertainty, adequacy)
-
-
-def show_form_intervals(
-    info: SegmentInfo, uncertainty: Uncertainty, adequacy: Adequacy | None
-) -> None:
-    """The intervals under the form of the model that is to be used for each vehicle."""
-    if adequacy and adequacy.recommended:
-        show.table(tables.form_intervals_table(info, uncertainty, adequacy.recommended))
-        show.messages(messages(adequacy.recommended, info), icon="lightbulb")
+    if adequacy and adequacy.forms:
+        show.table(tables.model_form_table(info, adequacy.forms, follower))
+        show.messages(messages(adequacy.findings, info), icon="lightbulb")
 
 
 def _show_tracking(result: Evaluated, follower: int, key: str) -> None:
@@ -273,7 +263,7 @@ def _show_export(
 def show_intervals(
     info: SegmentInfo, uncertainty: Uncertainty | None, more: str, case: Case
 ) -> None:
-    """Intervals of the parameters and the probability of string stability.
+    """Maximum-likelihood estimates with intervals, and the probability of string stability.
 
     Args:
         info: names the vehicles.
@@ -286,7 +276,7 @@ def show_intervals(
     colours = vehicle_colours(info.vehicles, tables.parameter_rows(info, case))
     show.table(tables.intervals_table(info, uncertainty, case), colours)
     st.caption(
-        "Interval: the values consistent with the data, with disturbances that last for seconds,"
-        " as on a road. Probability of string stability: the share of parameter sets consistent"
-        f" with the data (posterior samples) that are string stable. {more}"
+        "Maximum likelihood estimates the disturbances together with the parameters; in brackets,"
+        " the values consistent with the data. Probability of string stability: the share of"
+        f" parameter sets consistent with the data (posterior samples) that are stable. {more}"
     )

@@ -5,7 +5,6 @@ from dataclasses import replace
 import streamlit as st
 
 from accpinn.recordings.recording import Recording
-from accpinn.results.messages.methods import unfinished
 from accpinn.results.messages.snapshot import (
     check_rows,
     counted,
@@ -15,6 +14,7 @@ from accpinn.results.messages.snapshot import (
     verification_summary,
 )
 from accpinn.results.messages.stability import headline
+from accpinn.results.messages.summary import unfinished
 from accpinn.results.report import render_report
 from accpinn.results.snapshot import SUFFIX, Snapshot
 from accpinn.results.snapshot.saved import Entry

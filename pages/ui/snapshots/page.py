@@ -4,7 +4,7 @@ import streamlit as st
 
 from accpinn.errors import SnapshotError
 from accpinn.methods.fit import Outcome
-from accpinn.results.messages.methods import unfinished
+from accpinn.results.messages.summary import unfinished
 from accpinn.results.snapshot import LARGEST, LONGEST_NAME, LONGEST_NOTE
 from accpinn.results.snapshot.saved import Entry
 from pages.ui.components import frame, show

@@ -11,7 +11,6 @@ from accpinn.results.figures import stability as figures
 from accpinn.results.figures.stability import add_clouds, cloud_caption
 from accpinn.results.messages import messages
 from accpinn.results.messages.stability import BEHAVIOURS, BY_ESTIMATES, TITLES, reason
-from accpinn.results.tables.estimates import form_intervals_table
 from accpinn.results.tables.stability import (
     answer,
     stability_interval_table,
@@ -133,7 +132,7 @@ def show_reasons(shown: ShownVehicles) -> None:
 
 
 def _show_intervals(shown: ShownVehicles, known: Uncertainty) -> None:
-    """Of the measures of stability, and of the parameters over all forms of the model."""
+    """The intervals of the measures of stability."""
     source, chosen = shown.source, shown.chosen
     table = stability_interval_table(chosen, known)
     show.table(table, figures.colours(chosen))
@@ -144,10 +143,6 @@ def _show_intervals(shown: ShownVehicles, known: Uncertainty) -> None:
     show.downloads(table, f"uncertainty_{chosen.title}".lower(), "intervals")
     if source.info:
         show.messages(messages(known.findings, source.info))
-        if source.adequacy and source.adequacy.recommended:
-            forms = form_intervals_table(source.info, known, source.adequacy.recommended)
-            show.table(forms)
-            show.downloads(forms, f"forms_{chosen.title}".lower(), "forms")
 
 
 def _listed(

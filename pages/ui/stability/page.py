@@ -11,14 +11,13 @@ from accpinn.model.published import ParameterSet
 from accpinn.results.figures import stability as figures
 from accpinn.results.figures.stability import add_bands
 from accpinn.results.figures.style import LEADER
-from accpinn.results.messages.reliability import conditional
 from accpinn.results.messages.stability import (
     GIVEN_PARAMETERS,
-    certainty,
     criteria_differ,
     headline,
     reason,
 )
+from accpinn.results.messages.summary import conditional
 from accpinn.results.tables.stability import answer, verdict_table
 from accpinn.stability.report import CERTAIN
 from accpinn.units import RadiansPerSecond
@@ -72,13 +71,11 @@ def show_page() -> None:
 
 
 def _show_answer(shown: ShownVehicles) -> None:
-    """Who amplifies, how certain that is, the platoon, and what the verdict takes for granted."""
+    """Who amplifies, with its probability; the platoon; and what the verdict assumes."""
     chosen, report, source = shown.chosen, shown.report, shown.source
     with st.container(border=True):
         said = headline(chosen, report, shown.known).replace(" %", "\N{NO-BREAK SPACE}%")
         st.markdown(f"{escape_markdown(source.origin)}\n\n#### {escape_markdown(said)}")
-        if shown.known:
-            st.markdown(escape_markdown(certainty(chosen, report, shown.known)))
         if len(chosen) > 1:
             platoon = report.platoon
             verdicts = (

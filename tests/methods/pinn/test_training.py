@@ -390,7 +390,7 @@ class TestStore:
             fit = train(noisy(), "II", config, store=store)
             assert_same_result(fit, plain(config))
             (problem,) = [f for f in fit.findings if isinstance(f, CacheProblem)]
-            assert "set aside" in problem.sentence
+            assert "set aside" in problem.problem
             for path in tmp_path.glob("*.fit.npz"):
                 path.unlink()
 

@@ -4,22 +4,23 @@ import re
 from dataclasses import replace
 
 import numpy as np
-import pytest
 
 from accpinn.evaluation.closed_loop import SimulatedCollision
-from accpinn.inference.intervals import Uncertainty
 from accpinn.methods.fit import Outcome
 from accpinn.model.cthp import Parameters
 from accpinn.results.messages.summary import (
     about_data,
     cautions,
-    headway_words,
+    conditional,
+    headway_interval,
+    outside_intervals,
     setting,
     summary,
     title,
 )
 from accpinn.results.snapshot import Snapshot, stability
-from tests.support.snapshots import small, whole
+from accpinn.results.tables.estimates import name_of
+from tests.support.snapshots import delayed, small, whole
 
 
 def said(snapshot: Snapshot) -> str:
@@ -37,79 +38,71 @@ def test_title_agrees_in_number() -> None:
     assert "follows the vehicle ahead" in title(replace(small(), name=""))
 
 
-def test_estimates_outside_their_intervals_are_named_at_once() -> None:
-    uncertainty = whole().uncertainty
-    inside = np.ones_like(uncertainty.inside)
-    assert "outside" not in said(replace(whole(), uncertainty=replace(uncertainty, inside=inside)))
-    inside[1, 0] = False
-    text = said(replace(whole(), uncertainty=replace(uncertainty, inside=inside)))
-    assert f"Some estimates of {whole().info.labels[2]} lie outside" in text
-
-
-def test_summary_gives_parameters_with_intervals_and_probabilities() -> None:
-    text, uncertainty = said(whole()), whole().uncertainty
-    values = whole().fit.parameters.values
+def test_summary_gives_headways_with_their_interval_and_a_verdict() -> None:
+    text, values = said(whole()), whole().fit.parameters.values
     headways = values[:, 2]
     [ends] = re.findall(r"time headways τ ([\d.]+) to ([\d.]+) s", text)
     np.testing.assert_allclose(np.array(ends, float), [headways.min(), headways.max()], atol=0.005)
-    lower, upper = (Parameters.of(values + end) for end in (-0.5, 0.5))
-    wide = said(replace(whole(), uncertainty=replace(uncertainty, lower=lower, upper=upper)))
-    ends = f"{values[:, 1].min():.2f} to {values[:, 1].max():.2f}"
-    assert f"β {ends} 1/s" in wide, "no more digits than the intervals support"
+    assert "All four vehicles amplify" in text
     known = small().uncertainty
     low, high = known.lower.tau[0], known.upper.tau[0]
     assert f"(90 % interval: {low:.2f} to {high:.2f} s)" in said(small())
-    assert "All four vehicles amplify" in text
-    assert "Probability of L∞ string stability: " in text
-    assert "misses the space-gap by" in text
     shared = replace(whole(), fit=replace(whole().fit, case="I"))
     assert "4 vehicles as one set: time headway" in said(shared)
-    values = np.where(np.arange(3) == 2, np.nan, values)
-    unknown = replace(whole(), fit=replace(whole().fit, parameters=Parameters.of(values)))
-    assert "time headways τ not determined" in said(replace(unknown, stability=None))
-    values = np.where(np.arange(4)[:, None] == 1, values, whole().fit.parameters.values)
-    unknown = replace(whole(), fit=replace(whole().fit, parameters=Parameters.of(values)))
-    alone = f"(not determined for {whole().info.labels[2]}), gains"
-    assert alone in said(replace(unknown, stability=None))
+
+    def unknown(rows: list[int]) -> str:
+        lost = values.copy()
+        lost[rows, 2] = np.nan
+        fit = replace(whole().fit, parameters=Parameters.of(lost))
+        return said(replace(whole(), fit=fit, stability=None))
+
+    assert "τ not determined" in unknown([0, 1, 2, 3])
+    assert f"(not determined for {whole().info.labels[2]})" in unknown([1])
 
 
-def test_undetermined_headways_and_probabilities_are_called_so() -> None:
+def test_undetermined_headways_are_called_so() -> None:
     uncertainty = small().uncertainty
 
     def words(low: float, high: float) -> str:
         ends = Parameters.of([[0.1, 0.1, low]]), Parameters.of([[0.1, 0.1, high]])
-        return headway_words(replace(uncertainty, lower=ends[0], upper=ends[1]), 0)
+        return headway_interval(replace(uncertainty, lower=ends[0], upper=ends[1]), 0)
 
     assert words(1.0, np.inf) == "90 % interval: 1.00 s or more"
     assert words(0.0, np.inf) == "not determined by the data"
-    assert words(np.nan, np.nan) == headway_words(None, 0) == ""
-    nothing = np.full_like(uncertainty.probability_l2, np.nan)
-    unknown: Uncertainty = replace(uncertainty, probability_l2=nothing, probability_linf=nothing)
-    assert "no probability of string stability" in said(replace(small(), uncertainty=unknown))
+    assert words(np.nan, np.nan) == headway_interval(None, 0) == ""
 
 
-def test_collisions_are_named_with_vehicle_and_time() -> None:
+def test_collisions_are_counted_and_told() -> None:
     assert "collide" not in said(whole())
-    text = said(colliding(whole(), 3, 12.34))
-    assert "1 of 4 vehicles collides" in text
-    assert f"{whole().info.labels[2]} at 12.3 s." in text
-    assert "the follower collides with the vehicle ahead at 22.6 s." in said(
-        colliding(small(), 2, 22.6)
-    )
+    assert "1 of 4 vehicles collides" in said(colliding(whole(), 3, 12.34))
+    assert "the follower collides" in said(colliding(small(), 2, 22.6))
     assert len(cautions(colliding(whole(), 3, 12.34))["closed_loop"]) == 1
 
 
-@pytest.mark.parametrize("lost", [(3,), (2, 3), (0, 1, 2, 3)])
-def test_followers_without_closed_loop_errors_are_named(lost: tuple[int, ...]) -> None:
-    evaluation = whole().evaluation
-    gaps = np.array([1.23, 2.34, 3.45, 4.56])
-    gaps[list(lost)] = np.nan
-    errors = replace(evaluation.closed_loop, gap_mae=gaps)
-    text = said(replace(whole(), evaluation=replace(evaluation, closed_loop=errors)))
-    assert "nan" not in text
-    named = ", ".join(whole().info.labels[1 + k] for k in lost)
-    assert (f"(without {named}, whose simulation diverges)" in text) == (len(lost) < 4)
-    assert ("misses the space-gap by 1.2" in text) == (len(lost) < 4)
+def test_what_estimates_assume_names_those_with_a_better_form() -> None:
+    adequacy, info = delayed(), small().info
+    assert info.labels[1] in conditional(adequacy, info)
+    for other in (replace(adequacy, findings=()), None):
+        assert info.labels[1] not in conditional(other, info)
+
+
+def test_methods_outside_the_intervals_are_named_by_parameter() -> None:
+    first, second = whole().methods
+
+    def judged(which: list[int], **changes: object) -> str:
+        inside = np.ones_like(first.uncertainty.inside)
+        inside[0, which] = False
+        row = replace(first, uncertainty=replace(first.uncertainty, inside=inside, **changes))
+        inside = np.ones_like(inside)
+        return outside_intervals(
+            (row, replace(second, uncertainty=replace(row.uncertainty, inside=inside))), 0
+        )
+
+    name = name_of(first.fit)
+    assert f"α of {name}; β of {name}." in judged([0, 1])
+    assert name not in judged([])
+    nothing = Parameters.of(np.full((4, 3), np.nan))
+    assert name not in judged([0], lower=nothing, upper=nothing)
 
 
 def test_a_stopped_training_is_called_so_first() -> None:

@@ -26,7 +26,7 @@ from accpinn.results.tables.estimates import (
     parameter_table,
 )
 from accpinn.results.tables.recording import quality_table
-from accpinn.results.tables.table import Range, Table
+from accpinn.results.tables.table import Table
 from accpinn.segment.cut import cut
 from accpinn.segment.quality import Quality, assess_quality
 from accpinn.segment.segment import Segment
@@ -101,7 +101,8 @@ def test_intervals_stand_beside_the_parameters(
     assert len(set(head)) == len(head) == len(first)
     assert "0.072 (0.050--0.090)" in table.to_latex()
     alone = intervals_table(segment.info, uncertainty)
-    assert column(alone, "β", "90 % interval") == [Range(0.05, 0.09), Range(0.1, 0.2)]
+    likeliest = column(alone, "β", "Maximum likelihood (90 % interval)")
+    assert [cell[1:] for cell in likeliest] == [(0.05, 0.09), (0.1, 0.2)]
     shared = replace(fit, case="I", parameters=Parameters.stack([LEARNED[0]] * 2))
     once = parameter_table(segment.info, shared, quality, errors(0.01), errors(1.0), uncertainty)
     beside = comparison_table(segment.info, {"PiNN": LEARNED}, "II", uncertainty)

@@ -1,13 +1,16 @@
-"""A window's ratings, and the window that is suggested, in words."""
+"""Who drives in a recording, how a window is rated, and why one is suggested, in words."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 
-from accpinn.recordings.recording import Window
-from accpinn.results.messages import Labelled, messages, percent
+from accpinn.findings import Labelled, percent
+from accpinn.recordings.recording import HUMAN_FLAG, Recording, Window
+from accpinn.results.messages import messages
 from accpinn.segment.quality import CAR_FOLLOWING, LARGE_CONDITION
 from accpinn.segment.rating import Grade, Question, Rating
 from accpinn.segment.suggestion import Suggestion
 
+FLAGS = {HUMAN_FLAG: "human drivers", 1: "ACC", 2: "mixed"}
+"""Meaning of the file's ACC flag, which is for the recording as a whole."""
 WORDS: Mapping[Question, Mapping[Grade, str]] = {
     "complete": {
         Grade.GOOD: "Samples complete",
@@ -32,7 +35,7 @@ WORDS: Mapping[Question, Mapping[Grade, str]] = {
         Grade.UNKNOWN: "Consistency not known",
     },
 }
-"""What stands beside the mark of a grade."""
+"""Label of each grade."""
 MEANING: Mapping[Question, str] = {
     "complete": "Whether every speed and gap of the window was measured.",
     "excited": (
@@ -45,19 +48,33 @@ MEANING: Mapping[Question, str] = {
     ),
     "driver": "Whether ACC controls the followers, by the driver modes in the file.",
     "consistent": (
-        "Whether each measured space-gap (IVS) changes as the difference of the speeds demands, by"
+        "Whether the measured space-gaps (IVS) change as the differences of the speeds demand, by"
         " the correlation of the two over the whole recording; sound data reach 0.8 and more."
     ),
 }
+"""Meaning of each question."""
+
+
+def driver_summary(recording: Recording) -> str:
+    """Who drives, by name: "Human: 1; ACC: 2, 3"; by the file's flag where it gives no modes."""
+    by_mode: dict[str, list[str]] = {}
+    for vehicle in recording.vehicles:
+        if vehicle.modes and any(vehicle.modes.values()):
+            mode = " and ".join(name for name, samples in vehicle.modes.items() if samples)
+            by_mode.setdefault(mode, []).append(str(vehicle.index))
+    if by_mode:
+        return "; ".join(f"{mode}: {', '.join(numbers)}" for mode, numbers in by_mode.items())
+    flag = FLAGS.get(recording.acc_flag) if recording.acc_flag is not None else None
+    return "driver modes not recorded" + (f" (flagged as {flag})" if flag else "")
 
 
 def rating_label(rating: Rating) -> str:
-    """The answer in a few words."""
+    """The grade in a few words."""
     return WORDS[rating.question][rating.grade]
 
 
 def rating_reasons(rating: Rating, about: Labelled) -> tuple[str, ...]:
-    """What the answer rests on: a figure, and every finding."""
+    """The figure that a grade rests on, and the findings."""
     figure = _figure(rating)
     return (*((figure,) if figure else ()), *messages(rating.findings, about))
 
@@ -85,34 +102,35 @@ def _span(low: str, high: str) -> str:
 
 
 def suggestion_reasons(
-    found: Suggestion, present: Window | None = None, efficiency: float = 1.0
-) -> Sequence[str]:
-    """Why a window is suggested, and what the present one is worth beside it.
+    suggestion: Suggestion, present: Window | None = None, efficiency: float = 1.0
+) -> list[str]:
+    """Why a window is suggested, and how the present window compares.
 
     Args:
-        found: the suggestion.
+        suggestion: the suggested window.
         present: the window that is chosen now, if it can be used.
         efficiency: its relative D-efficiency against the suggested one.
     """
-    length = f"{found.window.duration:.0f} s"
-    among = "the only complete window" if found.candidates == 1 else (
-        f"of {found.candidates} complete windows of {length}, the one with the best excitation in"
-        " car-following"
-    )  # fmt: skip
-    who = "The file does not say who drives every follower."
-    if found.manual is not None:
-        by_hand = f"{percent(found.manual)} of the time by hand"
-        who = f"At most {by_hand}." if found.manual else "ACC throughout."
-    said = [
-        f"{found.window}: {among}.",
-        f"Every follower is in car-following for at least {percent(found.car_following)} of the"
-        f" time. {who}",
+    window, manual = suggestion.window, suggestion.manual
+    choice = "the only complete window"
+    if suggestion.candidates != 1:
+        choice = (
+            f"the best excitation in car-following among {suggestion.candidates} complete windows"
+            f" of {window.duration:.0f} s"
+        )
+    driver = "The file does not say who drives every follower."
+    if manual is not None:
+        driver = f"At most {percent(manual)} of the time by hand." if manual else "ACC throughout."
+    reasons = [
+        f"{window}: {choice}.",
+        f"Every follower is in car-following for at least {percent(suggestion.car_following)} of"
+        f" the time. {driver}",
     ]
-    if found.shortened:
-        said.append(f"Nothing longer is complete; {found.asked:.0f} s are usual.")
-    if present and present != found.window:
-        said.append(
-            f"The present window, {present}, holds {percent(efficiency)} of its information on"
+    if suggestion.shortened:
+        reasons.append(f"Nothing longer is complete; {suggestion.asked:.0f} s are usual.")
+    if present and present != window:
+        reasons.append(
+            f"The present window, {present}, contains {percent(efficiency)} of the information on"
             " α, β and τ (relative D-efficiency)."
         )
-    return said
+    return reasons

@@ -1,0 +1,107 @@
+"""Findings: what a computation noticed and a reader should know, as data with a sentence.
+
+Every room defines its findings beside the code that makes them. A finding holds numbers, names and
+vehicle numbers; `Finding.text` is the template of its sentence, in which each field stands in
+braces: "{vehicle}: α = {alpha:.4f} 1/s²". A finding adds further values by `_words`, and overrides
+`sentence` where the template itself depends on its values.
+"""
+
+from collections.abc import Iterable, Mapping, Sequence
+from string import Formatter
+from typing import Any, ClassVar, Protocol
+
+import msgspec
+
+Words = Mapping[str, object]
+"""Values for a template, by name."""
+
+
+class Labelled(Protocol):
+    """What a sentence is about: a recording, a segment or a segment's description."""
+
+    @property
+    def source(self) -> str:
+        """File name of the recording."""
+
+    def label(self, number: int) -> str:
+        """The label of the vehicle with that number in the file."""
+
+
+class Finding(msgspec.Struct, frozen=True, tag=True):
+    """The base of all findings; a subclass's name is its kind."""
+
+    text: ClassVar[str]
+    """Template of the sentence, filled as `filled` says."""
+
+    def sentence(self, about: Labelled) -> str:
+        """The finding as a sentence.
+
+        Args:
+            about: names the recording and the vehicles.
+        """
+        return self.filled(self.text, about)
+
+    def _words(self, about: Labelled) -> Words:
+        """The template's values that are not fields."""
+        return {}
+
+    def filled(self, text: str, about: Labelled) -> str:
+        """A template with the fields and `_words` of the finding.
+
+        The fields `vehicle`, `vehicles` and `follower` are filled in as labels; vehicle 0 and None
+        are "All followers". Tuples are listed as "α, β and τ", and the format "%" sets a space:
+        `{share:.0%}` becomes "35 %". `{source}` is the recording.
+
+        Args:
+            text: the template.
+            about: names the recording and the vehicles.
+        """
+        values: dict[str, Any] = {"source": about.source, **msgspec.structs.asdict(self)}
+        if "{vehicle}" in text:
+            values["vehicle"] = who(values["vehicle"], about)
+        if "{follower}" in text:
+            values["follower"] = about.label(values["follower"])
+        if "{vehicles}" in text:
+            values["vehicles"] = tuple(map(about.label, values["vehicles"]))
+        return _TEMPLATES.vformat(text, (), {**values, **self._words(about)})
+
+
+class _Templates(Formatter):
+    def format_field(self, value: Any, format_spec: str) -> str:
+        if isinstance(value, tuple):
+            return joined([str(part) for part in value])
+        text = format(value, format_spec)
+        return f"{text[:-1]} %" if format_spec.endswith("%") else text
+
+
+_TEMPLATES = _Templates()
+
+
+def who(vehicle: int | None, about: Labelled) -> str:
+    """The label of a vehicle; 0 and None stand for all followers."""
+    return about.label(vehicle) if vehicle else "All followers"
+
+
+def by_vehicle(
+    vehicles: Iterable[int], details: Iterable[str], about: Labelled, form: str = "{} ({})"
+) -> str:
+    """Each vehicle with a detail: "2 Audi (34 %), 3 BMW (12 %)"."""
+    pairs = zip(map(about.label, vehicles), details, strict=True)
+    return ", ".join(form.format(*pair) for pair in pairs)
+
+
+def joined(parts: Sequence[str]) -> str:
+    """Parts listed as in a sentence: "α, β and τ"."""
+    return " and ".join([", ".join(parts[:-1]), parts[-1]] if len(parts) > 1 else parts)
+
+
+def percent(share: float) -> str:
+    """A share as in a sentence: "35 %"."""
+    return f"{100 * share:.0f} %"
+
+
+def probability(share: float) -> str:
+    """A share of draws; a share of finitely many draws never proves 0 or 1."""
+    if share < 0.005:
+        return "under 1 %"
+    return "over 99 %" if share > 0.995 else percent(share)
