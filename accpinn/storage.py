@@ -1,0 +1,104 @@
+"""Where the package keeps its files, and how it writes them: whole or not at all.
+
+    with reported(lambda reason: SnapshotError(f"{path}: it could not be written ({reason}).")):
+        write_whole(path, content)
+
+A file is written beside its place under a name of its own and moved there in one step, so that a
+reader, or a process that is killed, sees the old file or the new one and never a part of either.
+"""
+
+import os
+import secrets
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import IO, Literal
+
+from platformdirs import user_cache_path, user_data_path
+
+UNFINISHED = ".part"
+"""Ending of a file that is being written; a killed process leaves it behind."""
+
+FolderName = Literal["cache", "snapshots", "recordings", "studies", "mappings"]
+
+
+def variable(name: FolderName) -> str:
+    """The environment variable that names a folder, as "ACCPINN_CACHE"."""
+    return f"ACCPINN_{name.upper()}"
+
+
+def folder(name: FolderName) -> Path:
+    """The folder that the environment names, or else one among the user's files.
+
+    Args:
+        name: what is kept there.
+
+    Returns:
+        Its path; the folder need not exist.
+    """
+    named = os.environ.get(variable(name))
+    if named:
+        return Path(named)
+    return user_cache_path("accpinn") if name == "cache" else user_data_path("accpinn") / name
+
+
+@contextmanager
+def written_whole(path: Path) -> Iterator[IO[bytes]]:
+    """Open a file to write that takes the place of ``path`` once the block has ended well.
+
+    The user's umask says who may read it. Where the block or the disk fails, the temporary file is
+    removed and the old one stays as it was.
+
+    Args:
+        path: the place; its folder exists.
+
+    Raises:
+        OSError: when it cannot be written.
+    """
+    temporary = path.with_name(f".{secrets.token_hex(8)}{UNFINISHED}")
+    try:
+        with temporary.open("xb") as file:
+            yield file
+            file.flush()
+            os.fsync(file.fileno())
+        os.replace(temporary, path)
+    except BaseException:
+        temporary.unlink(missing_ok=True)
+        raise
+
+
+def write_whole(path: Path, content: bytes) -> None:
+    """Write a file in one step.
+
+    Args:
+        path: the place; its folder exists.
+        content: the whole file.
+
+    Raises:
+        OSError: when it cannot be written; the old file is then as it was.
+    """
+    with written_whole(path) as file:
+        file.write(content)
+
+
+def reason_of(fault: BaseException) -> str:
+    """Why a file could not be opened, read or written, in the system's words."""
+    if isinstance(fault, ValueError):  # as a path with a NUL
+        return "no valid path"
+    return getattr(fault, "strerror", None) or "no reason given"
+
+
+@contextmanager
+def reported(sentence: Callable[[str], Exception]) -> Iterator[None]:
+    """Turn a fault of the file system within the block into a sentence for the user.
+
+    Args:
+        sentence: makes the error, as an AccpinnError, of the reason.
+
+    Raises:
+        Exception: that error, in place of an OSError.
+    """
+    try:
+        yield
+    except OSError as fault:
+        raise sentence(reason_of(fault)) from None

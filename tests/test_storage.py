@@ -1,0 +1,87 @@
+"""Folders by environment variable, and files that are written whole or not at all."""
+
+import os
+from pathlib import Path
+from typing import get_args
+
+import pytest
+
+from accpinn.errors import RecordingError
+from accpinn.storage import (
+    FolderName,
+    folder,
+    reason_of,
+    reported,
+    variable,
+    write_whole,
+    written_whole,
+)
+
+
+class TestFolder:
+    @pytest.mark.parametrize("name", get_args(FolderName))
+    def test_is_named_by_the_environment(
+        self, name: FolderName, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        monkeypatch.setenv(variable(name), "/elsewhere")
+        assert variable(name) == f"ACCPINN_{name.upper()}"
+        assert folder(name) == Path("/elsewhere")
+
+    @pytest.mark.parametrize("name", get_args(FolderName))
+    def test_is_among_the_users_files_otherwise(
+        self, name: FolderName, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        monkeypatch.delenv(variable(name), raising=False)
+        assert folder(name).is_absolute()
+        assert folder(name).name == ("accpinn" if name == "cache" else name)
+
+
+class TestWriteWhole:
+    def test_replaces_the_old_file_and_leaves_nothing_beside_it(self, tmp_path: Path) -> None:
+        path = tmp_path / f"{'a' * 240}.json"  # no longer name is made of it
+        for content in (b"old", b"new"):
+            write_whole(path, content)
+            assert path.read_bytes() == content
+        assert [*tmp_path.iterdir()] == [path]
+        assert path.stat().st_mode & 0o777 == 0o666 & ~_umask()
+
+    @pytest.mark.parametrize("moment", ["fsync", "replace"])
+    @pytest.mark.parametrize("fault", [OSError(28, "No space left"), KeyboardInterrupt()], ids=repr)
+    def test_a_failure_keeps_the_old_file(
+        self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, moment: str, fault: BaseException
+    ) -> None:
+        path = tmp_path / "file"
+        write_whole(path, b"old")
+
+        def fails(*_: object) -> None:
+            raise fault
+
+        monkeypatch.setattr(os, moment, fails)
+        with pytest.raises(type(fault)):
+            write_whole(path, b"new")
+        assert [*tmp_path.iterdir()] == [path]
+        assert path.read_bytes() == b"old"
+
+    def test_a_failure_within_the_block_keeps_the_old_file(self, tmp_path: Path) -> None:
+        path = tmp_path / "file"
+        write_whole(path, b"old")
+        with pytest.raises(ZeroDivisionError), written_whole(path) as file:
+            file.write(b"%f" % (1 / len(b"")))
+        assert [*tmp_path.iterdir()] == [path]
+        assert path.read_bytes() == b"old"
+
+
+def test_a_fault_is_reported_as_a_sentence(tmp_path: Path) -> None:
+    with (
+        pytest.raises(RecordingError, match=r"^it failed: No such file or directory$"),
+        reported(lambda reason: RecordingError(f"it failed: {reason}")),
+    ):
+        write_whole(tmp_path / "missing" / "file", b"")
+    assert reason_of(ValueError("embedded null byte")) == "no valid path"
+    assert reason_of(OSError()) == "no reason given"
+
+
+def _umask() -> int:
+    mask = os.umask(0)
+    os.umask(mask)
+    return mask
