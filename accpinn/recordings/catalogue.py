@@ -5,7 +5,6 @@ are known; it holds no recording.
 """
 
 import csv
-import os
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -13,12 +12,7 @@ from functools import cache
 from importlib.resources import files
 from pathlib import Path
 
-from platformdirs import user_data_path
-
 from accpinn.errors import ConfigError
-
-FOLDER_VARIABLE = "ACCPINN_RECORDINGS"
-"""Environment variable that names the folder of recordings."""
 
 
 @dataclass(frozen=True)
@@ -84,9 +78,3 @@ def find(names: Sequence[str]) -> tuple[Run, ...]:
             raise ConfigError(f'"{name[:60]}" is the name of several runs; choose {both}.')
         chosen |= dict.fromkeys(found)
     return tuple(chosen)
-
-
-def default_folder() -> Path:
-    """Where recordings are kept, by the environment variable or else among the user's data."""
-    named = os.environ.get(FOLDER_VARIABLE)
-    return Path(named) if named else user_data_path("accpinn") / "recordings"

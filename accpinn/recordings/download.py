@@ -23,7 +23,7 @@ import requests
 from accpinn.channels import METADATA
 from accpinn.errors import RecordingError
 from accpinn.recordings.catalogue import Run
-from accpinn.recordings.samples import LIMIT_BYTES
+from accpinn.recordings.source import LIMIT_BYTES
 from accpinn.units import Seconds
 
 PUBLISHED_AT = "https://jeodpp.jrc.ec.europa.eu/ftp/jrc-opendata/TransportExpData/JRCDBT0001/LATEST"

@@ -14,21 +14,25 @@ import hashlib
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
 from accpinn.channels import GAP, SPEED
-from accpinn.errors import RecordingError
 from accpinn.recordings.recording import Mode, Recording, completed
-from accpinn.recordings.samples import (
+from accpinn.recordings.source import SourceFile, excerpt
+from accpinn.recordings.tables import (
     MINIMUM_SAMPLES,
-    SourceFile,
-    excerpt,
+    Columns,
+    Layout,
+    TableRun,
+    read_columns,
     require_possible,
+    require_some,
     require_time,
 )
-from accpinn.recordings.tables import Layout, read_columns
 from accpinn.units import FloatArray, MetresPerSecond
 
 TRAJECTORY, TIME_INDEX = "Trajectory_ID", "Time_Index"
@@ -51,7 +55,6 @@ recording each."""
 MOST_COMPARED = 10_000
 """Speeds of two trajectories that may be the same vehicle's, in one table; each takes half a
 millisecond."""
-LISTED = 12
 DATA_SETS = (
     "AstaZero", "Casale", "Cherasco", "JRC low speed", "Vicolungo", "ZalaZone", "Vanderbilt",
     "CATS", "MicroSimACC", "Ohio", "Waymo", "Argoverse",
@@ -66,25 +69,17 @@ class Pair:
     trajectory: str
     leader: str
     follower: str
-    human_leader: bool
-    rows: FloatArray
+    has_human_leader: bool
+    values: FloatArray
     """(N, 4) time in s, speeds of leader and follower in m/s, space-gap in m."""
-    first_row: int
-    """Of the file's rows of numbers, 0 = first."""
+    rows: range
+    """Which N rows of the table they are, 0 = first."""
+    columns: Columns
+    """The table's."""
 
-
-@dataclass(frozen=True, eq=False)
-class PairPlatoon:
-    """Pairs in which each one's follower is the next one's leader."""
-
-    pairs: tuple[Pair, ...]
-    shifts: tuple[int, ...]
-    """At which sample of the first pair's time each begins."""
-
-    @property
-    def trajectories(self) -> tuple[str, ...]:
-        """The names of its pairs, first vehicle first."""
-        return tuple(pair.trajectory for pair in self.pairs)
+    def __len__(self) -> int:
+        """How many samples: N."""
+        return len(self.rows)
 
 
 def is_pair_table(layout: Layout) -> bool:
@@ -92,63 +87,68 @@ def is_pair_table(layout: Layout) -> bool:
     return {*NUMBERS, *WORDS} <= {*layout.names}
 
 
-def platoons(source_file: SourceFile, layout: Layout) -> tuple[PairPlatoon, ...]:
-    """All platoons of a table of pairs, in the order of their first rows.
+def runs_of(source_file: SourceFile, layout: Layout) -> tuple[TableRun, ...]:
+    """The platoons of a table of pairs, in the order of their first rows.
 
     Raises:
         RecordingError: when a cell is wrong.
     """
     pairs = _pairs(source_file, layout)
-    links = _links(source_file, pairs)
-    behind = {ahead: (follower, shift) for ahead, follower, shift in links}
-    followers = {follower for _, follower, _ in links}
-    found = []
-    for k in range(len(pairs)):
-        if k in followers:
+    behind = {ahead: (follower, shift) for ahead, follower, shift in _links(source_file, pairs)}
+    followers = {follower for follower, _ in behind.values()}
+    platoons = []
+    for first in range(len(pairs)):
+        if first in followers:
             continue
-        chain, shifts, at = [k], [0], k
+        chain, begins, at = [pairs[first]], [0], first
         while at in behind:
             at, shift = behind[at]
-            chain.append(at)
-            shifts.append(shifts[-1] + shift)
-        found.append(PairPlatoon(tuple(pairs[i] for i in chain), tuple(shifts)))
-    return tuple(found)
+            chain.append(pairs[at])
+            begins.append(begins[-1] + shift)
+        platoons.append((chain, begins))
+    is_only = len(platoons) == 1
+    return tuple(
+        TableRun(
+            tuple(pair.trajectory for pair in chain),
+            len(chain) + 1,
+            partial(_recording, source_file, chain, begins, is_only),
+        )
+        for chain, begins in platoons
+    )
 
 
 def _pairs(source_file: SourceFile, layout: Layout) -> list[Pair]:
     words = (*WORDS, LEADER_TYPE) if LEADER_TYPE in layout.names else WORDS
-    # Numbers first: words of millions of rows are not read for nothing.
-    numbers = read_columns(source_file, layout, NUMBERS)
+    columns = read_columns(source_file, layout, NUMBERS, words)
     for column in NUMBERS:
-        if numbers[column].isna().all():
-            raise source_file.refusal(
-                "all cells are empty", "choose another table", f"column {column}"
-            )
-    frame = read_columns(source_file, layout, (), words)
-    for name in words:
-        frame[name] = frame[name].str.removesuffix(".0")
+        require_some(columns.numbers[column], columns.refusing(column), "choose another table")
+    names = list(zip(*(map(_plain, columns.words[word]) for word in WORDS), strict=True))
     # A name that comes again after other rows is another stretch of rows out of order.
-    changes = np.zeros(len(frame), bool)
-    for column in WORDS:
-        changes |= (frame[column] != frame[column].shift()).to_numpy()
-    starts = np.flatnonzero(changes)
-    if len(starts) > max(SEVERAL, len(frame) / MINIMUM_SAMPLES):
-        fault = f"its {len(frame):,} rows change between trajectories {len(starts):,} times"
+    starts = [0, *(row for row in range(1, len(names)) if names[row] != names[row - 1])]
+    if len(starts) > max(SEVERAL, len(names) / MINIMUM_SAMPLES):
+        fault = f"its {len(names):,} rows change between trajectories {len(starts):,} times"
         raise source_file.refusal(fault, "sort the rows by trajectory and time")
-    heads = frame.iloc[starts][list(words)].astype(str).to_dict("records")
-    rows_of = np.split(numbers.to_numpy(dtype=float), starts[1:])
-    pairs: list[Pair] = []
-    names: set[tuple[str, ...]] = set()
-    for first, row, rows in zip(heads, starts.tolist(), rows_of, strict=True):
-        name, leader, follower = (first[column] for column in WORDS)
-        if (name, leader, follower) in names:
-            fault = f"trajectory {excerpt(name)} continues here, behind rows of another"
+    numbers = np.column_stack([columns.numbers[column] for column in NUMBERS])
+    pairs: dict[tuple[str, ...], Pair] = {}
+    for start, end in pairwise((*starts, len(names))):
+        trajectory, leader, follower = names[start]
+        if names[start] in pairs:
+            fault = f"trajectory {excerpt(trajectory)} continues here, behind rows of another"
             cure = "sort the rows by trajectory and time, one pair a trajectory"
-            raise source_file.refusal(fault, cure, f"row {layout.header_row + row + 1}")
-        names.add((name, leader, follower))
-        human = first.get(LEADER_TYPE) == HUMAN_LEADER
-        pairs.append(Pair(name, leader, follower, human, rows, row))
-    return pairs
+            place = f"row {layout.header_row + start + 1}"
+            raise source_file.refusal(fault, cure, place)
+        types = columns.words.get(LEADER_TYPE)
+        is_human = types is not None and _plain(types[start]) == HUMAN_LEADER
+        rows = range(start, end)
+        pairs[names[start]] = Pair(
+            trajectory, leader, follower, is_human, numbers[start:end], rows, columns
+        )
+    return list(pairs.values())
+
+
+def _plain(word: str) -> str:
+    """An identifier without the fraction that some programs write behind whole numbers."""
+    return word.removesuffix(".0")
 
 
 def _links(source_file: SourceFile, pairs: Sequence[Pair]) -> list[tuple[int, int, int]]:
@@ -166,7 +166,9 @@ def _links(source_file: SourceFile, pairs: Sequence[Pair]) -> list[tuple[int, in
     found = []
     for k, pair in enumerate(pairs):
         for other in by_leader.get(pair.follower, ()):
-            shared = _shared(pair.rows[:, 2], pairs[other].rows[:, 1]) if other != k else None
+            if other == k:
+                continue
+            shared = _shared(pair.values[:, 2], pairs[other].values[:, 1])
             if shared:
                 found.append((shared[0], k, other, shared[1]))
     links: list[tuple[int, int, int]] = []
@@ -234,36 +236,8 @@ def _differ(one: FloatArray, other: FloatArray) -> float:
     return float(np.sqrt((away**2).mean())) if len(away) else float("nan")
 
 
-def choose(
-    source_file: SourceFile, found: Sequence[PairPlatoon], trajectory: str | None
-) -> PairPlatoon:
-    """The platoon that holds a trajectory, or the only one.
-
-    Raises:
-        RecordingError: for a name that is not there, or where a choice has to be made.
-    """
-    if trajectory is None:
-        if len(found) == 1:
-            return found[0]
-        return _refuse_choice(source_file, found, f"the table holds {len(found)} platoons")
-    for platoon in found:
-        if trajectory.strip() in platoon.trajectories:
-            return platoon
-    fault = f'there is no trajectory "{excerpt(trajectory)}"'
-    return _refuse_choice(source_file, found, fault)
-
-
-def _refuse_choice(
-    source_file: SourceFile, found: Sequence[PairPlatoon], fault: str
-) -> PairPlatoon:
-    names = [excerpt(platoon.trajectories[0]) for platoon in found]
-    more = f" and {len(names) - LISTED} more" if len(names) > LISTED else ""
-    listed = ", ".join(names[:LISTED])
-    raise source_file.refusal(fault, f"choose a trajectory (--trajectory): {listed}{more}")
-
-
-def recording_of(
-    source_file: SourceFile, layout: Layout, platoon: PairPlatoon, only: bool
+def _recording(
+    source_file: SourceFile, pairs: Sequence[Pair], begins: Sequence[int], is_only: bool
 ) -> Recording:
     """The recording of a platoon; V vehicles are one more than its pairs.
 
@@ -272,48 +246,48 @@ def recording_of(
 
     Args:
         source_file: the file.
-        layout: its own.
-        platoon: one of the file's.
-        only: whether the file holds no other.
+        pairs: those of the platoon, first vehicle first.
+        begins: at which sample of the first pair's time each begins.
+        is_only: whether the file holds no other platoon.
 
     Raises:
         RecordingError: about the first row that is wrong.
     """
-    for pair in platoon.pairs:
-        _check(source_file, layout, pair)
-    starts = np.array(platoon.shifts) - min(platoon.shifts)
-    places = [slice(s, s + len(p.rows)) for s, p in zip(starts, platoon.pairs, strict=True)]
-    samples, vehicles = max(place.stop for place in places), len(platoon.pairs) + 1
+    for pair in pairs:
+        _check(pair)
+    starts = np.array(begins) - min(begins)
+    places = [slice(s, s + len(pair)) for s, pair in zip(starts, pairs, strict=True)]
+    samples, vehicles = max(place.stop for place in places), len(pairs) + 1
     time = np.full(samples, np.nan)
     speed = np.full((samples, vehicles), np.nan)
     gap = np.full((samples, vehicles - 1), np.nan)
     mode = np.full((samples, vehicles), Mode.UNKNOWN, np.int8)
-    for k, (place, pair) in enumerate(zip(places, platoon.pairs, strict=True)):
-        instants = pair.rows[:, 0]
+    for k, (place, pair) in enumerate(zip(places, pairs, strict=True)):
+        instants, leader, follower, gaps = pair.values.T
         known = np.flatnonzero(np.isfinite(time[place]))
         # The first pair's clock serves for all.
         offset = time[place][known[0]] - instants[known[0]] if len(known) else 0.0
         _fill(time[place], instants + offset)
-        _fill(speed[place, k], pair.rows[:, 1])
-        speed[place, k + 1] = pair.rows[:, 2]
-        gap[place, k] = pair.rows[:, 3]
+        _fill(speed[place, k], leader)
+        speed[place, k + 1] = follower
+        gap[place, k] = gaps
         mode[place, k + 1] = Mode.ACC
-        if k == 0 and pair.human_leader:
+        if k == 0 and pair.has_human_leader:
             mode[place, 0] = Mode.HUMAN
-    name, content = platoon.trajectories[0], hashlib.sha256(source_file.raw)
-    if not only:
+    name, content = pairs[0].trajectory, hashlib.sha256(source_file.raw)
+    if not is_only:
         content.update(name.encode())
-    ids = [platoon.pairs[0].leader, *(pair.follower for pair in platoon.pairs)]
     recording = Recording(
-        source=source_file.name if only else f"{source_file.name}, trajectory {excerpt(name)}",
+        source=source_file.name if is_only else f"{source_file.name}, trajectory {excerpt(name)}",
         sha256=content.hexdigest(),
         campaign=_data_set(source_file.name),
         time=time - time[0],
         speed=speed,
         gap=gap,
         mode=mode,
-        trajectory=None if only else name,
+        trajectory=None if is_only else name,
     )
+    ids = [pairs[0].leader, *(pair.follower for pair in pairs)]
     names = {k: f"ID {excerpt(identifier)}" for k, identifier in enumerate(ids, 1)}
     return completed(recording, names, ())
 
@@ -324,19 +298,14 @@ def _fill(place: NDArray[np.float64], values: FloatArray) -> None:
     place[empty] = values[empty]
 
 
-def _check(source_file: SourceFile, layout: Layout, pair: Pair) -> None:
-    def refuse(column: str, fault: str, cure: str, row: int | None) -> RecordingError:
-        number = "" if row is None else f"row {layout.header_row + pair.first_row + row + 1}, "
-        return source_file.refusal(fault, cure, f"{number}column {column}")
-
-    for k, channel in ((1, SPEED), (2, SPEED), (3, GAP)):
-        column = NUMBERS[k]
-        require_possible(channel, pair.rows[:, k], lambda *of, c=column: refuse(c, *of))
-        if np.isnan(pair.rows[:, k]).all():
-            raise refuse(column, "all cells are empty", "choose another trajectory", None)
-    if len(pair.rows) < 2:
-        raise refuse(TIME_INDEX, "the trajectory has one row", "choose another trajectory", 0)
-    require_time(pair.rows[:, 0], lambda *of: refuse(TIME_INDEX, *of))
+def _check(pair: Pair) -> None:
+    """Refuse a pair with a value that is none, or a time that does not go on evenly."""
+    refusing = {name: pair.columns.refusing(name, pair.rows) for name in NUMBERS}
+    channels = (SPEED, SPEED, GAP)
+    for name, channel, values in zip(NUMBERS[1:], channels, pair.values.T[1:], strict=True):
+        require_possible(channel, values, refusing[name])
+        require_some(values, refusing[name], "choose another trajectory")
+    require_time(pair.values[:, 0], refusing[TIME_INDEX])
 
 
 def _data_set(name: str) -> str | None:

@@ -10,7 +10,6 @@ import pytest
 from accpinn.errors import RecordingError
 from accpinn.recordings.files import is_unknown, read, read_all, trajectories
 from accpinn.recordings.mapping import (
-    FOLDER_VARIABLE,
     CsvMapping,
     load_mapping,
     parse_mapping,
@@ -29,7 +28,7 @@ MAPPING = """{"time": {"column": "clock", "unit": "ms"},
 @pytest.fixture(autouse=True)
 def mappings(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     folder = tmp_path / "mappings"
-    monkeypatch.setenv(FOLDER_VARIABLE, str(folder))
+    monkeypatch.setenv("ACCPINN_MAPPINGS", str(folder))
     return folder
 
 

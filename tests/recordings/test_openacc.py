@@ -6,14 +6,13 @@ from pathlib import Path
 from typing import TypeVar
 
 import numpy as np
-import pandas as pd
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from accpinn.errors import Finding, RecordingError
 from accpinn.recordings import recording as data
-from accpinn.recordings import samples
+from accpinn.recordings import source
 from accpinn.recordings.openacc import read
 from accpinn.recordings.recording import Mode, Recording, Window, agreement
 from tests.support.openacc_files import csv, metadata, platoon
@@ -377,6 +376,7 @@ def with_cell(row: int, column: int, text: bytes) -> bytes:
         (SOUND.replace(b"Speed", b"V"), ["row 6", "Speed1"]),
         (SOUND.replace(b"Speed2", b"Speed1"), ["row 6", '"Speed1"', "columns 2 and 3"]),
         (with_cell(57, 2, b"fast"), ["row 57", "column Speed2", '"fast"']),
+        (with_cell(57, 2, b"1_0"), ["row 57", "column Speed2", '"1_0"']),
         (with_cell(57, 3, b"-"), ["row 57", "column IVS1", '"-"']),
         (with_cell(57, 3, "\u00b5\u2028".encode()), ["row 57", "column IVS1"]),
         (with_cell(57, 2, b"inf"), ["row 57", "column Speed2", "inf"]),
@@ -412,7 +412,7 @@ def test_a_missing_last_line_end_is_reported() -> None:
 
 
 def test_a_file_over_the_limit_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(samples, "LIMIT_BYTES", 1000)
+    monkeypatch.setattr(source, "LIMIT_BYTES", 1000)
     assert "0.0 MB" in refusal(SOUND)
     (tmp_path / "run.csv").write_bytes(SOUND)
     with pytest.raises(RecordingError, match=r"limit is 0\.0 MB"):
@@ -460,23 +460,17 @@ def test_names_of_vehicles_are_short_and_printable(name: str) -> None:
     assert 1 < len(kept) <= 80
 
 
-def test_both_parsers_read_the_same_numbers() -> None:
-    """A quotation mark leaves the rows to pandas."""
+def test_quoted_numbers_are_numbers() -> None:
     rows = [b",".join([b'"%s"' % row.split(b",")[0], *row.split(b",")[1:]]) for row in LINES[6:-1]]
     plain, quoted = read(SOUND, "run.csv"), read(b"\r\n".join([*LINES[:6], *rows, b""]), "run.csv")
     for name in ("time", "speed", "gap", "mode"):
         np.testing.assert_array_equal(getattr(plain, name), getattr(quoted, name))
 
 
-def test_an_interrupt_while_reading_is_not_blamed_on_the_file(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    def interrupted(*_: object, **__: object) -> None:
-        raise pd.errors.ParserError("C error: Calling read(nbytes) on source failed. Try ..")
-
-    monkeypatch.setattr(pd, "read_csv", interrupted)
-    with pytest.raises(KeyboardInterrupt):
-        read(with_cell(9, 1, b'"21.5"'), "run.csv")
+@pytest.mark.parametrize("cell", ["", " ", "NaN", "nan", " NA", "N/A", "null", '""'])
+def test_an_empty_cell_may_be_written_in_several_ways(cell: str) -> None:
+    recording = read(with_cell(57, 2, cell.encode()), "run.csv")
+    assert np.flatnonzero(np.isnan(recording.speed_of(2))).tolist() == [50]
 
 
 # Whatever the bytes, a Recording or a sentence
