@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from itertools import islice
 
 import numpy as np
+from numpy.typing import NDArray
 
 from accpinn.channels import TIME, Quantity
 from accpinn.errors import RecordingError
@@ -118,7 +119,9 @@ class Columns:
     words: dict[str, list[str]]
     """N each, without white space around them; "" where a cell is empty."""
 
-    def refusing(self, column: str, rows: Sequence[int] | None = None) -> Refuse:
+    def refusing(
+        self, column: str, rows: Sequence[int] | NDArray[np.int64] | None = None
+    ) -> Refuse:
         """A maker of errors about a column.
 
         Args:
