@@ -47,7 +47,7 @@ _CHUNK = 1 << 13
 
 
 class DownloadState(Enum):
-    """How the download of one run ended."""
+    """The end of a run's download."""
 
     DOWNLOADED = "downloaded"
     PRESENT = "present"
@@ -59,24 +59,24 @@ class DownloadState(Enum):
 
 @dataclass(frozen=True)
 class Download:
-    """What became of one run."""
+    """A run that was, or was not, downloaded."""
 
     run: Run
     path: Path
     state: DownloadState
     size: int
-    """Bytes; 0 where there is no file."""
+    """Bytes of the file; 0 where there is none."""
     reason: str = ""
-    """Why it failed: one sentence."""
+    """One sentence why it failed."""
 
 
 @dataclass(frozen=True)
 class Transfer:
-    """How far a transfer has got."""
+    """The progress of a transfer."""
 
     run: Run
     received: int
-    """Bytes."""
+    """Bytes that have arrived."""
     size: int | None
     """Bytes of the whole file; None where the server does not say."""
 
@@ -107,7 +107,7 @@ def download(
     should_stop: Callable[[], bool] | None = None,
     stall: Seconds = STALL,
 ) -> Iterator[Download]:
-    """Download runs, and yield what became of each as it is known.
+    """Download runs, and yield each as it ends.
 
     Args:
         runs: runs of the catalogue.
@@ -124,27 +124,41 @@ def download(
     with reported(lambda reason: RecordingError(f"{folder}: no folder can be made ({reason}).")):
         folder.mkdir(parents=True, exist_ok=True)
     pooch.get_logger().setLevel(logging.WARNING)
-    with _Publisher(base, stall, should_stop or (lambda: False), on_transfer) as publisher:
-        checksums = _Checksums(folder)
-        fetcher = pooch.create(
-            path=folder,
-            base_url="",
-            registry={run.key: f"sha256:{s}" if (s := checksums.of(run)) else None for run in runs},
-            urls={run.key: f"{base.rstrip('/')}/{quote(run.key)}" for run in runs},
-            retry_if_failed=ATTEMPTS - 1,
-        )
-        with ThreadPoolExecutor(max(1, connections)) as pool:
-            futures: list[Future[Download]] = [
-                pool.submit(_fetch, fetcher, publisher, checksums, run) for run in runs
-            ]
-            for future in as_completed(futures):
-                yield future.result()
+    checksums = _Checksums(folder)
+    fetcher = pooch.create(
+        path=folder,
+        base_url="",
+        registry={run.key: f"sha256:{s}" if (s := checksums.of(run)) else None for run in runs},
+        urls={run.key: f"{base.rstrip('/')}/{quote(run.key)}" for run in runs},
+        retry_if_failed=ATTEMPTS - 1,
+    )
+    with _session() as session, ThreadPoolExecutor(max(1, connections)) as pool:
+        host, stops = urlsplit(base).netloc, should_stop or (lambda: False)
+        publisher = _Publisher(session, host, stall, stops, on_transfer, threading.Event())
+        futures: list[Future[Download]] = [
+            pool.submit(_fetch, fetcher, publisher, checksums, run) for run in runs
+        ]
+        for future in as_completed(futures):
+            yield future.result()
+
+
+def _session() -> requests.Session:
+    """A session that asks a busy server again, after longer and longer pauses."""
+    session = requests.Session()
+    again = Retry(
+        total=None, connect=0, read=0, status=ATTEMPTS - 1, status_forcelist=BUSY,
+        backoff_factor=0.5, backoff_max=LONGEST_PAUSE, retry_after_max=int(LONGEST_PAUSE),
+        raise_on_status=False,
+    )  # fmt: skip
+    for scheme in ("https://", "http://"):
+        session.mount(scheme, HTTPAdapter(max_retries=again))
+    return session
 
 
 def _fetch(
     fetcher: pooch.Pooch, publisher: "_Publisher", checksums: "_Checksums", run: Run
 ) -> Download:
-    """One run."""
+    """Download a run that is not there yet."""
     path, host = run.path(Path(fetcher.path)), publisher.host
 
     def failed(reason: str) -> Download:
@@ -177,34 +191,17 @@ def _fetch(
         return failed(f"{run.key}: the file cannot be written ({reason_of(fault)}).")
 
 
+@dataclass(frozen=True)
 class _Publisher:
     """The server that has the files; it delivers them to Pooch."""
 
-    def __init__(
-        self,
-        base: str,
-        stall: Seconds,
-        should_stop: Callable[[], bool],
-        on_transfer: OnTransfer | None,
-    ) -> None:
-        """A session with the server; see `download`."""
-        self.host, self.stall = urlsplit(base).netloc, stall
-        self._should_stop, self._on_transfer = should_stop, on_transfer
-        self._is_down = threading.Event()
-        self._session = requests.Session()
-        again = Retry(
-            total=None, connect=0, read=0, status=ATTEMPTS - 1, status_forcelist=BUSY,
-            backoff_factor=0.5, backoff_max=LONGEST_PAUSE, retry_after_max=int(LONGEST_PAUSE),
-            raise_on_status=False,
-        )  # fmt: skip
-        for scheme in ("https://", "http://"):
-            self._session.mount(scheme, HTTPAdapter(max_retries=again))
-
-    def __enter__(self) -> "_Publisher":
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._session.close()
+    session: requests.Session
+    host: str
+    stall: Seconds
+    should_stop: Callable[[], bool]
+    on_transfer: OnTransfer | None
+    is_down: threading.Event
+    """Set once the server cannot be reached, so that other runs need not wait for it."""
 
     def deliver(self, run: Run, url: str, place: str, known: str | None) -> None:
         """Transfer a file to a place, and check that it is the right one.
@@ -213,20 +210,20 @@ class _Publisher:
             RecordingError: where no further attempt would help.
             requests.RequestException: where one might.
         """
-        if self._is_down.is_set():
+        if self.is_down.is_set():
             raise _Unreachable
-        if self._should_stop():
+        if self.should_stop():
             raise _Stopped
         headers = {"Accept-Encoding": "identity"}  # so that lengths are those of the file
         timeout = (CONNECT, self.stall)
         try:
-            with self._session.get(url, headers=headers, stream=True, timeout=timeout) as answer:
+            with self.session.get(url, headers=headers, stream=True, timeout=timeout) as answer:
                 self._require_file(run, answer.status_code)
                 self._receive(run, answer, Path(place))
         except requests.ConnectionError as fault:
             is_timeout = isinstance(fault, requests.ConnectTimeout)
             if is_timeout or "NewConnectionError" in repr(fault) or "NameReso" in repr(fault):
-                self._is_down.set()  # the other runs need not wait for it
+                self.is_down.set()
                 raise _Unreachable from None
             raise
         if known is None:
@@ -262,9 +259,9 @@ class _Publisher:
                 received += len(chunk)
                 if received > LIMIT_BYTES:
                     raise _Refused(f"{run.key}: the file is far too large for a recording.")
-                if self._on_transfer:
-                    self._on_transfer(Transfer(run, received, size))
-                if self._should_stop():
+                if self.on_transfer:
+                    self.on_transfer(Transfer(run, received, size))
+                if self.should_stop():
                     raise _Stopped
 
 

@@ -112,7 +112,7 @@ def is_unknown(source: Source, name: str | None = None) -> bool:
 def trajectories(
     source: Source, name: str | None = None, *, mapping: CsvMapping | None = None
 ) -> tuple[tuple[str, int], ...]:
-    """The runs among which a table makes its reader choose: a name of each, and its vehicles.
+    """The runs of a table among which a choice has to be made: names and numbers of vehicles.
 
     Args:
         source: see `read`, as all others.

@@ -33,9 +33,6 @@ from accpinn.recordings.tables import (
     choose_run,
     layout_of,
     read_columns,
-    require_possible,
-    require_some,
-    require_time,
 )
 from accpinn.storage import folder, reason_of, write_whole
 from accpinn.units import FloatArray, Metres, Seconds
@@ -43,7 +40,7 @@ from accpinn.units import FloatArray, Metres, Seconds
 TIME_UNITS = {"s": 1.0, "ms": 1e-3, "µs": 1e-6, "us": 1e-6, "ns": 1e-9, "min": 60.0}
 SPEED_UNITS = {"m/s": 1.0, "km/h": 1 / 3.6, "mph": 0.44704, "ft/s": 0.3048, "kn": 1852 / 3600}
 GAP_UNITS = {"m": 1.0, "cm": 0.01, "mm": 1e-3, "ft": 0.3048}
-"""Each in the package's unit."""
+"""Units of each quantity, in the package's own."""
 
 
 class TimeColumn(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -61,7 +58,7 @@ class SpeedColumn(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     unit: str = "m/s"
     """A key of `SPEED_UNITS`."""
     name: str = ""
-    """The vehicle's, as make and model."""
+    """Name of the vehicle, as make and model."""
 
 
 class GapColumn(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -71,28 +68,28 @@ class GapColumn(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     unit: str = "m"
     """A key of `GAP_UNITS`."""
     subtract: Metres = 0.0
-    """In m: the length of the vehicle ahead where the column holds a distance of positions."""
+    """Length of the vehicle ahead in m, where the column holds a distance of positions."""
 
 
 class ModeColumn(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """The column that says who controls a vehicle."""
 
     vehicle: int
-    """1 = first."""
+    """Number of the vehicle, 1 = first."""
     column: str
     acc: tuple[str, ...] = ("ACC",)
-    """What it says under ACC."""
+    """Words for driving under ACC."""
     human: tuple[str, ...] = ("Human",)
-    """What it says under manual driving."""
+    """Words for manual driving."""
 
 
 class CsvMapping(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Which columns of a table hold what."""
+    """The columns of a table by what they hold."""
 
     speeds: tuple[SpeedColumn, ...]
-    """(V,) leader first."""
+    """(V,) columns of speed, leader first."""
     gaps: tuple[GapColumn, ...]
-    """(V-1,) first follower first."""
+    """(V-1,) columns of space-gap, first follower first."""
     time: TimeColumn | None = None
     sample_time: Seconds | None = None
     """The even step between rows, where no column holds the time."""
@@ -103,11 +100,11 @@ class CsvMapping(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 @dataclass(frozen=True)
 class Preview:
-    """What a page shows while a mapping is made."""
+    """A table's beginning, for a page on which a mapping is made."""
 
     layout: Layout
     mapping: CsvMapping | None
-    """Remembered from a file with the same columns."""
+    """Mapping remembered from a file with the same columns."""
 
 
 def preview(source: Source, name: str | None = None) -> Preview:
@@ -273,14 +270,20 @@ def _recording(
     """The recording of the rows of one run, 0 = first below the column names."""
 
     def channel(column: str, factor: float, quantity: Quantity, less: Metres = 0.0) -> FloatArray:
-        values = columns.numbers[column][rows] * factor - less
-        refuse = columns.refusing(column, rows)
-        require_possible(quantity, values, refuse)
-        require_some(values, refuse)
+        values = columns.measured(quantity, column, rows, factor, less)
+        if np.isnan(values).all():
+            raise columns.refusal("all cells are empty", "choose another column", column)
         return values
 
     speeds = [channel(c.column, SPEED_UNITS[c.unit], SPEED) for c in mapping.speeds]
     gaps = [channel(c.column, GAP_UNITS[c.unit], GAP, c.subtract) for c in mapping.gaps]
+    if mapping.time:
+        time = columns.time(mapping.time.column, rows, TIME_UNITS[mapping.time.unit])
+    elif len(rows) > 1:
+        time = np.arange(len(rows), dtype=np.float64) * (mapping.sample_time or 0.0)
+    else:
+        column = mapping.trajectory or mapping.speeds[0].column
+        raise columns.refusal("the trajectory has one row", "choose another trajectory", column)
     source_file, named = columns.source_file, ""
     content = hashlib.sha256(source_file.raw)
     if trajectory is not None:
@@ -289,7 +292,7 @@ def _recording(
     recording = Recording(
         source=source_file.name + named,
         sha256=content.hexdigest(),
-        time=_time(columns, mapping, rows),
+        time=time,
         speed=np.column_stack(speeds),
         gap=np.column_stack(gaps),
         mode=_modes(columns, mapping, rows),
@@ -297,17 +300,6 @@ def _recording(
     )
     names = {k: excerpt(speed.name, 80) for k, speed in enumerate(mapping.speeds, 1)}
     return completed(recording, names, findings)
-
-
-def _time(columns: Columns, mapping: CsvMapping, rows: NDArray[np.int64]) -> FloatArray:
-    """(N,) in s from the first sample."""
-    if mapping.time is None:
-        return np.arange(len(rows), dtype=np.float64) * (mapping.sample_time or 0.0)
-    # From the first sample on, so that a large origin costs no digits.
-    stamps = columns.numbers[mapping.time.column][rows]
-    time: FloatArray = (stamps - stamps[0]) * TIME_UNITS[mapping.time.unit]
-    require_time(time, columns.refusing(mapping.time.column, rows))
-    return time
 
 
 def _modes(columns: Columns, mapping: CsvMapping, rows: NDArray[np.int64]) -> NDArray[np.int8]:

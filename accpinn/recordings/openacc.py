@@ -33,14 +33,7 @@ from accpinn.recordings.recording import (
     completed,
 )
 from accpinn.recordings.source import Source, SourceFile, excerpt, read_bytes
-from accpinn.recordings.tables import (
-    HEADER_BYTES,
-    Layout,
-    cells_of,
-    read_columns,
-    require_possible,
-    require_time,
-)
+from accpinn.recordings.tables import HEADER_BYTES, Layout, cells_of, read_columns
 from accpinn.units import FloatArray
 
 LONGEST_NAME = 80
@@ -59,7 +52,7 @@ class Campaign:
     files: str
     """Regular expression of how the names of its files begin."""
     days: tuple[str, ...]
-    """As 2019-07-04."""
+    """Days of the campaign, as 2019-07-04."""
     unique: bool = True
     """Whether no other campaign names its files like this."""
 
@@ -132,7 +125,7 @@ def read(source: Source | SourceFile, name: str | None = None) -> Recording:
         date=day,
         acc_flag=acc_flag,
         distance_setting=distance_setting,
-        time=time - time[0],
+        time=time,
         speed=speed,
         gap=gap,
         mode=mode,
@@ -150,37 +143,28 @@ def _read_samples(
 
     Findings about the rows are appended to ``findings``.
     """
-    measured = [channels.time, *channels.speed.values(), *channels.gap.values()]
-    columns = read_columns(source_file, channels.layout, measured, [*channels.driver.values()])
-    numbers = columns.numbers
-    for quantity, names in (
-        (TIME, [channels.time]),
-        (SPEED, channels.speed.values()),
-        (GAP, channels.gap.values()),
-    ):
-        for name in names:
-            require_possible(quantity, numbers[name], columns.refusing(name))
-    time = numbers[channels.time]
-    require_time(time, columns.refusing(channels.time))
+    names = [channels.time, *channels.speed.values(), *channels.gap.values()]
+    columns = read_columns(source_file, channels.layout, names, [*channels.driver.values()])
+    samples = len(columns.measured(TIME, channels.time))
+    speed = np.full((samples, vehicles), np.nan)
+    gap = np.full((samples, vehicles - 1), np.nan)
+    mode = np.full((samples, MAX_VEHICLES), Mode.UNKNOWN, np.int8)
+    for number, name in channels.speed.items():
+        speed[:, number - 1] = columns.measured(SPEED, name)
+    for number, name in channels.gap.items():
+        values = columns.measured(GAP, name)
+        if number < vehicles:
+            gap[:, number - 1] = values
+    time = columns.time(channels.time)
     if not source_file.is_complete and channels.layout.names[-1] not in channels.driver.values():
         findings.append(LineEndMissing())
-    speed = np.full((len(time), vehicles), np.nan)
-    gap = np.full((len(time), vehicles - 1), np.nan)
-    mode = np.full((len(time), vehicles), Mode.UNKNOWN, np.int8)
-    for number, name in channels.speed.items():
-        speed[:, number - 1] = numbers[name]
-    for number, name in channels.gap.items():
-        if number < vehicles:
-            gap[:, number - 1] = numbers[name]
     for number, name in channels.driver.items():
-        modes = _modes(number, columns.words[name], findings)
-        if number <= vehicles:
-            mode[:, number - 1] = modes
+        mode[:, number - 1] = _modes(number, columns.words[name], findings)
     for values, kind in ((speed, "speed"), (gap, "space-gap")):
         if np.isnan(values).all():
             fault = f"all {kind} columns are empty"
             raise source_file.refusal(fault, "choose another recording")
-    return time, speed, gap, mode
+    return time, speed, gap, mode[:, :vehicles]
 
 
 def _modes(number: int, words: Sequence[str], findings: list[RecordingFinding]) -> NDArray[np.int8]:
@@ -197,7 +181,7 @@ def _modes(number: int, words: Sequence[str], findings: list[RecordingFinding]) 
 def _check_names(
     names: Mapping[int, str], stated: int | None, channels: _Channels
 ) -> Iterator[RecordingFinding]:
-    """Where names, number of vehicles and columns disagree."""
+    """Findings where names, number of vehicles and columns disagree."""
     speeds = channels.speed
     if absent := tuple(number for number in names if number not in speeds):
         yield NamesWithoutData(vehicles=absent)
@@ -224,9 +208,6 @@ def _campaign(source_file: SourceFile, day: date | None) -> str | None:
         or (re.match(campaign.files, source_file.name) and (campaign.unique or day is not None))
     ]
     return campaigns[0] if len(campaigns) == 1 else None
-
-
-# The rows above the numbers
 
 
 Metadata = dict[str, tuple[str, ...]]

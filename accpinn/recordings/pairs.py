@@ -20,18 +20,17 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from accpinn.channels import GAP, SPEED
+from accpinn.channels import GAP, SPEED, TIME
 from accpinn.recordings.recording import Mode, Recording, completed
 from accpinn.recordings.source import SourceFile, excerpt
 from accpinn.recordings.tables import (
+    ALL,
     MINIMUM_SAMPLES,
     Columns,
     Layout,
+    Rows,
     TableRun,
     read_columns,
-    require_possible,
-    require_some,
-    require_time,
 )
 from accpinn.units import FloatArray, MetresPerSecond
 
@@ -41,14 +40,14 @@ FOLLOWER, FOLLOWER_SPEED, PAIR_GAP = "ID_FAV", "Speed_FAV", "Spatial_Gap"
 NUMBERS = (TIME_INDEX, LEADER_SPEED, FOLLOWER_SPEED, PAIR_GAP)
 WORDS = (TRAJECTORY, LEADER, FOLLOWER)
 HUMAN_LEADER = "1"
-"""Of `Type_LV`; 0 stands for automated or unknown."""
+"""Value of `Type_LV` for a human leader; 0 stands for automated or unknown."""
 
 SAME: MetresPerSecond = 0.01
-"""Root mean square difference up to which two records of a vehicle's speed are the same."""
+"""Largest root mean square difference of two records of the same vehicle's speed."""
 VARIES: MetresPerSecond = 0.1
 """Least standard deviation of a speed by which a shift in time can be recognised."""
 OVERLAP = 100
-"""Samples that two pairs of one platoon share at least."""
+"""Least number of samples that two pairs of a platoon share."""
 SEVERAL = 1000
 """Stretches of rows that a table may have in any case; more are to have as many samples as a
 recording each."""
@@ -70,16 +69,16 @@ class Pair:
     leader: str
     follower: str
     has_human_leader: bool
-    values: FloatArray
-    """(N, 4) time in s, speeds of leader and follower in m/s, space-gap in m."""
-    rows: range
-    """Which N rows of the table they are, 0 = first."""
-    columns: Columns
-    """The table's."""
+    rows: slice
+    """The N rows of the table, 0 = first."""
+    leader_speed: FloatArray
+    """(N,) in m/s; not checked yet, as that below."""
+    follower_speed: FloatArray
+    """(N,) in m/s."""
 
     def __len__(self) -> int:
-        """How many samples: N."""
-        return len(self.rows)
+        """The number of samples, N."""
+        return len(self.leader_speed)
 
 
 def is_pair_table(layout: Layout) -> bool:
@@ -93,7 +92,9 @@ def runs_of(source_file: SourceFile, layout: Layout) -> tuple[TableRun, ...]:
     Raises:
         RecordingError: when a cell is wrong.
     """
-    pairs = _pairs(source_file, layout)
+    words = (*WORDS, LEADER_TYPE) if LEADER_TYPE in layout.names else WORDS
+    columns = read_columns(source_file, layout, NUMBERS, words)
+    pairs = _pairs(columns)
     behind = {ahead: (follower, shift) for ahead, follower, shift in _links(source_file, pairs)}
     followers = {follower for follower, _ in behind.values()}
     platoons = []
@@ -111,39 +112,43 @@ def runs_of(source_file: SourceFile, layout: Layout) -> tuple[TableRun, ...]:
         TableRun(
             tuple(pair.trajectory for pair in chain),
             len(chain) + 1,
-            partial(_recording, source_file, chain, begins, is_only),
+            partial(_recording, columns, chain, begins, is_only),
         )
         for chain, begins in platoons
     )
 
 
-def _pairs(source_file: SourceFile, layout: Layout) -> list[Pair]:
-    words = (*WORDS, LEADER_TYPE) if LEADER_TYPE in layout.names else WORDS
-    columns = read_columns(source_file, layout, NUMBERS, words)
+def _pairs(columns: Columns) -> list[Pair]:
+    source_file = columns.source_file
     for column in NUMBERS:
-        require_some(columns.numbers[column], columns.refusing(column), "choose another table")
+        _require_some(columns, column, ALL, "choose another table")
     names = list(zip(*(map(_plain, columns.words[word]) for word in WORDS), strict=True))
     # A name that comes again after other rows is another stretch of rows out of order.
     starts = [0, *(row for row in range(1, len(names)) if names[row] != names[row - 1])]
     if len(starts) > max(SEVERAL, len(names) / MINIMUM_SAMPLES):
         fault = f"its {len(names):,} rows change between trajectories {len(starts):,} times"
         raise source_file.refusal(fault, "sort the rows by trajectory and time")
-    numbers = np.column_stack([columns.numbers[column] for column in NUMBERS])
+    types = columns.words.get(LEADER_TYPE)
+    leading, following = columns.numbers[LEADER_SPEED], columns.numbers[FOLLOWER_SPEED]
     pairs: dict[tuple[str, ...], Pair] = {}
     for start, end in pairwise((*starts, len(names))):
         trajectory, leader, follower = names[start]
         if names[start] in pairs:
             fault = f"trajectory {excerpt(trajectory)} continues here, behind rows of another"
             cure = "sort the rows by trajectory and time, one pair a trajectory"
-            place = f"row {layout.header_row + start + 1}"
+            place = f"row {columns.layout.header_row + start + 1}"
             raise source_file.refusal(fault, cure, place)
-        types = columns.words.get(LEADER_TYPE)
         is_human = types is not None and _plain(types[start]) == HUMAN_LEADER
-        rows = range(start, end)
+        rows = slice(start, end)
         pairs[names[start]] = Pair(
-            trajectory, leader, follower, is_human, numbers[start:end], rows, columns
+            trajectory, leader, follower, is_human, rows, leading[rows], following[rows]
         )
     return list(pairs.values())
+
+
+def _require_some(columns: Columns, column: str, rows: Rows, cure: str) -> None:
+    if np.isnan(columns.numbers[column][rows]).all():
+        raise columns.refusal("all cells are empty", cure, column)
 
 
 def _plain(word: str) -> str:
@@ -163,18 +168,18 @@ def _links(source_file: SourceFile, pairs: Sequence[Pair]) -> list[tuple[int, in
     if met > MOST_COMPARED:
         fault = f"its {len(pairs):,} trajectories have so few vehicles that {met:,} may be one's"
         raise source_file.refusal(fault, "split the file, or name the vehicles of each run apart")
-    found = []
+    matches = []
     for k, pair in enumerate(pairs):
         for other in by_leader.get(pair.follower, ()):
             if other == k:
                 continue
-            shared = _shared(pair.values[:, 2], pairs[other].values[:, 1])
+            shared = _shared(pair.follower_speed, pairs[other].leader_speed)
             if shared:
-                found.append((shared[0], k, other, shared[1]))
+                matches.append((-shared[0], k, other, shared[1]))
     links: list[tuple[int, int, int]] = []
     ahead: set[int] = set()
     behind: dict[int, int] = {}
-    for _, k, other, shift in sorted(found, key=lambda one: (-one[0], one[1], one[2])):
+    for _, k, other, shift in sorted(matches):
         if k in ahead or other in behind or _leads(behind, other, k):
             continue
         ahead.add(k)
@@ -193,28 +198,32 @@ def _leads(behind: dict[int, int], pair: int, other: int) -> bool:
     return False
 
 
-def _shared(own: FloatArray, ahead: FloatArray) -> tuple[int, int] | None:
-    """Samples in common, and the sample of ``own`` at which ``ahead`` begins; None where none.
+def _shared(following: FloatArray, leading: FloatArray) -> tuple[int, int] | None:
+    """Match two records of a vehicle's speed in time.
 
     Args:
-        own: (N,) speed of a vehicle as the follower of one pair.
-        ahead: (K,) the same as the leader of another.
+        following: (N,) speed in m/s of the follower of one pair.
+        leading: (K,) speed in m/s of the leader of another.
+
+    Returns:
+        The number of samples in common, and the sample of ``following`` at which ``leading``
+        begins; None where they are not the same vehicle's.
     """
-    most = min(len(own), len(ahead))
-    if most < OVERLAP or any((np.abs(speed) > SPEED.possible).any() for speed in (own, ahead)):
+    most = min(len(following), len(leading))
+    speeds = (following, leading)
+    if most < OVERLAP or any((np.abs(speed) > SPEED.possible).any() for speed in speeds):
         return None
-    if _differ(own[:most], ahead[:most]) <= SAME:
+    if _difference(following[:most], leading[:most]) <= SAME:
         return most, 0
-    if np.isnan(own).any() or np.isnan(ahead).any():
+    if any(np.isnan(speed).any() for speed in speeds):
         return None
     from scipy.signal import fftconvolve  # takes a second to import, which few need
 
-    centre = own.mean()
-    a, b = own - centre, ahead - centre
+    centre = following.mean()
+    a, b = following - centre, leading - centre
     shifts = np.arange(-(len(b) - 1), len(a))
-    one = np.ones
     squares = (
-        fftconvolve(a**2, one(len(b))) + fftconvolve(one(len(a)), b[::-1] ** 2)
+        fftconvolve(a**2, np.ones(len(b))) + fftconvolve(np.ones(len(a)), b[::-1] ** 2)
         - 2.0 * fftconvolve(a, b[::-1])
     )  # fmt: skip
     counts = np.minimum(len(a), shifts + len(b)) - np.maximum(0, shifts)
@@ -223,21 +232,21 @@ def _shared(own: FloatArray, ahead: FloatArray) -> tuple[int, int] | None:
     shift, count = int(shifts[at]), int(counts[at])
     if count < OVERLAP:
         return None
-    part = own[max(0, shift) : max(0, shift) + count]
-    other = ahead[max(0, -shift) : max(0, -shift) + count]
-    varies = float(part.std()) >= VARIES
-    return (count, shift) if varies and _differ(part, other) <= SAME else None
+    first = following[max(0, shift) : max(0, shift) + count]
+    second = leading[max(0, -shift) : max(0, -shift) + count]
+    is_same = float(first.std()) >= VARIES and _difference(first, second) <= SAME
+    return (count, shift) if is_same else None
 
 
-def _differ(one: FloatArray, other: FloatArray) -> float:
+def _difference(first: FloatArray, second: FloatArray) -> float:
     """Root mean square of the difference where both are known; nan where nowhere."""
-    away = one - other
-    away = away[np.isfinite(away)]
-    return float(np.sqrt((away**2).mean())) if len(away) else float("nan")
+    difference = first - second
+    known = difference[np.isfinite(difference)]
+    return float(np.sqrt((known**2).mean())) if len(known) else float("nan")
 
 
 def _recording(
-    source_file: SourceFile, pairs: Sequence[Pair], begins: Sequence[int], is_only: bool
+    columns: Columns, pairs: Sequence[Pair], begins: Sequence[int], is_only: bool
 ) -> Recording:
     """The recording of a platoon; V vehicles are one more than its pairs.
 
@@ -245,7 +254,7 @@ def _recording(
     channels that only it knows are missing.
 
     Args:
-        source_file: the file.
+        columns: those of the table.
         pairs: those of the platoon, first vehicle first.
         begins: at which sample of the first pair's time each begins.
         is_only: whether the file holds no other platoon.
@@ -253,8 +262,8 @@ def _recording(
     Raises:
         RecordingError: about the first row that is wrong.
     """
-    for pair in pairs:
-        _check(pair)
+    source_file = columns.source_file
+    clocks = [_checked_time(columns, pair) for pair in pairs]
     starts = np.array(begins) - min(begins)
     places = [slice(s, s + len(pair)) for s, pair in zip(starts, pairs, strict=True)]
     samples, vehicles = max(place.stop for place in places), len(pairs) + 1
@@ -262,15 +271,14 @@ def _recording(
     speed = np.full((samples, vehicles), np.nan)
     gap = np.full((samples, vehicles - 1), np.nan)
     mode = np.full((samples, vehicles), Mode.UNKNOWN, np.int8)
-    for k, (place, pair) in enumerate(zip(places, pairs, strict=True)):
-        instants, leader, follower, gaps = pair.values.T
+    for k, (place, pair, instants) in enumerate(zip(places, pairs, clocks, strict=True)):
         known = np.flatnonzero(np.isfinite(time[place]))
         # The first pair's clock serves for all.
         offset = time[place][known[0]] - instants[known[0]] if len(known) else 0.0
         _fill(time[place], instants + offset)
-        _fill(speed[place, k], leader)
-        speed[place, k + 1] = follower
-        gap[place, k] = gaps
+        _fill(speed[place, k], pair.leader_speed)
+        speed[place, k + 1] = pair.follower_speed
+        gap[place, k] = columns.numbers[PAIR_GAP][pair.rows]
         mode[place, k + 1] = Mode.ACC
         if k == 0 and pair.has_human_leader:
             mode[place, 0] = Mode.HUMAN
@@ -298,17 +306,16 @@ def _fill(place: NDArray[np.float64], values: FloatArray) -> None:
     place[empty] = values[empty]
 
 
-def _check(pair: Pair) -> None:
-    """Refuse a pair with a value that is none, or a time that does not go on evenly."""
-    refusing = {name: pair.columns.refusing(name, pair.rows) for name in NUMBERS}
-    channels = (SPEED, SPEED, GAP)
-    for name, channel, values in zip(NUMBERS[1:], channels, pair.values.T[1:], strict=True):
-        require_possible(channel, values, refusing[name])
-        require_some(values, refusing[name], "choose another trajectory")
-    require_time(pair.values[:, 0], refusing[TIME_INDEX])
+def _checked_time(columns: Columns, pair: Pair) -> FloatArray:
+    """(N,) time of a pair in s, from its first sample on, once all its values are checked."""
+    for column, quantity in ((LEADER_SPEED, SPEED), (FOLLOWER_SPEED, SPEED), (PAIR_GAP, GAP)):
+        columns.measured(quantity, column, pair.rows)
+        _require_some(columns, column, pair.rows, "choose another trajectory")
+    columns.measured(TIME, TIME_INDEX, pair.rows)
+    return columns.time(TIME_INDEX, pair.rows)
 
 
 def _data_set(name: str) -> str | None:
-    """The data set that a file's name names."""
+    """The data set that is part of a file's name."""
     words = re.sub(r"[_\-]+", " ", name).lower()
-    return next((one for one in DATA_SETS if re.search(rf"\b{one.lower()}", words)), None)
+    return next((name for name in DATA_SETS if re.search(rf"\b{name.lower()}", words)), None)

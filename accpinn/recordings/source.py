@@ -11,7 +11,7 @@ from accpinn.errors import RecordingError
 from accpinn.storage import reason_of
 
 LIMIT_BYTES = 100_000_000
-"""Larger files are refused; the largest of the database is well below."""
+"""Largest file that is read, in bytes; the largest of the database is well below."""
 
 Source = str | os.PathLike[str] | bytes | bytearray | memoryview
 

@@ -1,4 +1,4 @@
-"""The one reader of tables: how a table is written, and its columns by name.
+"""The one reader of tables: their layout, and their columns by name.
 
 Cells are split by Python's `csv` and numbers read by `float`, which rounds correctly. A cell that
 is neither empty nor a number is refused with its place, and so is a row of another width.
@@ -12,7 +12,7 @@ from itertools import islice
 import numpy as np
 from numpy.typing import NDArray
 
-from accpinn.channels import TIME, Quantity
+from accpinn.channels import Quantity
 from accpinn.errors import RecordingError
 from accpinn.recordings.recording import Recording
 from accpinn.recordings.source import SourceFile, excerpt
@@ -28,25 +28,23 @@ PREVIEWED = 5
 LONGEST_NAME = 60
 """Characters of a column's name in a sentence."""
 MINIMUM_SAMPLES = 10
-"""A file with fewer rows is not a recording."""
+"""Least number of rows of a recording."""
 SHORTEST_STEP: Seconds = 1e-3
 LONGEST_STEP: Seconds = 5.0
-"""Rows closer or further apart suggest that the time is not in seconds."""
+"""Shortest and longest step of a recording; others suggest that the time is not in seconds."""
 GAP_STEPS = 10
-"""A time step longer than this many typical ones is a hole in the recording."""
+"""Longest step without a hole in the recording, in typical steps."""
 LISTED = 12
 """Runs that a sentence names."""
 MISSING = frozenset(("", "NaN", "nan", "NA", "N/A", "null"))
-"""How files write that there is no value."""
+"""Words of a cell that holds no value."""
 _BLOCK = 200_000
 """Cells that are held as texts at a time."""
-
-Rows = list[list[str]]
 
 
 @dataclass(frozen=True)
 class Layout:
-    """How a table is written, and its first rows."""
+    """The way in which a table is written, and its first rows."""
 
     names: tuple[str, ...]
     """Names of all columns, in their order; empty where a column has none."""
@@ -54,9 +52,9 @@ class Layout:
     """The first rows of cells, as they are written."""
     separator: str
     decimal: str
-    """What stands before the fraction of a number: a point or a comma."""
+    """Sign before the fraction of a number: a point or a comma."""
     header_row: int
-    """Which row has the column names, 1 = first."""
+    """Number of the row with the column names, 1 = first."""
 
 
 def layout_of(source_file: SourceFile) -> Layout:
@@ -104,8 +102,9 @@ def _is_number(cell: str) -> bool:
     return True
 
 
-Refuse = Callable[[str, str, int | None], RecordingError]
-"""The error from fault, cure and the row counted from 0; without a row about a whole column."""
+Rows = slice | NDArray[np.int64]
+"""Some rows of a table, 0 = first below the column names."""
+ALL = slice(None)
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,25 +114,88 @@ class Columns:
     source_file: SourceFile
     layout: Layout
     numbers: dict[str, FloatArray]
-    """(N,) each; nan where a cell is empty."""
+    """(N,) numbers by column; nan where a cell is empty."""
     words: dict[str, list[str]]
-    """N each, without white space around them; "" where a cell is empty."""
+    """N texts by column, without white space around them; "" where a cell is empty."""
 
-    def refusing(
-        self, column: str, rows: Sequence[int] | NDArray[np.int64] | None = None
-    ) -> Refuse:
-        """A maker of errors about a column.
+    def refusal(
+        self, fault: str, cure: str, column: str, rows: Rows = ALL, row: int | None = None
+    ) -> RecordingError:
+        """The error about a column, or about the cell in one of some rows."""
+        at = None if row is None else int(np.arange(len(self.numbers[column]))[rows][row])
+        return self.source_file.refusal(fault, cure, _place(self.layout, at, column))
+
+    def measured(
+        self,
+        quantity: Quantity,
+        column: str,
+        rows: Rows = ALL,
+        factor: float = 1.0,
+        less: float = 0.0,
+    ) -> FloatArray:
+        """Numbers of a size that measurements have, in the quantity's unit; missing ones are nan.
 
         Args:
-            column: its name.
-            rows: which rows of the table its samples are, 0 = first; all by default.
+            quantity: what they are.
+            column: where they stand.
+            rows: which of them.
+            factor: the column's unit in that of the quantity.
+            less: what to subtract from each, in the quantity's unit.
+
+        Raises:
+            RecordingError: about the first that cannot be a measurement.
+        """
+        values = self.numbers[column][rows] * factor - less
+        wrong = np.flatnonzero(np.abs(values) > quantity.possible)
+        if len(wrong):
+            row = int(wrong[0])
+            fault = (
+                f"{values[row]:g} cannot be a measurement, as at most"
+                f" {quantity.possible:,.0f} {quantity.unit} is possible"
+            )
+            cure = f"correct it, give it in {quantity.unit}, or leave the cell empty"
+            raise self.refusal(fault, cure, column, rows, row)
+        return values
+
+    def time(self, column: str, rows: Rows = ALL, factor: float = 1.0) -> FloatArray:
+        """The time from the first of some rows on, in s: increasing and without holes.
+
+        Args:
+            column: where it stands.
+            rows: which of its rows.
+            factor: the column's unit in s.
+
+        Raises:
+            RecordingError: about the first row that is wrong.
         """
 
-        def refuse(fault: str, cure: str, row: int | None) -> RecordingError:
-            at = row if row is None or rows is None else int(rows[row])
-            return self.source_file.refusal(fault, cure, _place(self.layout, at, column))
+        def refusal(fault: str, cure: str, row: int | None) -> RecordingError:
+            return self.refusal(fault, cure, column, rows, row)
 
-        return refuse
+        stamps = self.numbers[column][rows]
+        missing = np.flatnonzero(np.isnan(stamps))
+        if len(missing):
+            raise refusal("the time is missing", "fill it in or delete the row", int(missing[0]))
+        if len(stamps) < 2:
+            raise refusal("the trajectory has one row", "choose another trajectory", 0)
+        # From the first sample on, so that a large origin costs no digits.
+        steps = np.diff((stamps - stamps[0]) * factor)
+        backward = np.flatnonzero(steps <= 0)
+        if len(backward):
+            row = int(backward[0]) + 1
+            late, early = (f"{stamps[k] * factor:.10g} s" for k in (row, row - 1))
+            fault = f"the time does not increase, {late} follows {early}"
+            raise refusal(fault, "sort or delete the rows", row)
+        typical = float(np.median(steps))
+        if not SHORTEST_STEP <= typical <= LONGEST_STEP:
+            fault = f"the rows are {typical:g} s apart where 0.1 s is usual"
+            raise refusal(fault, "give the time in seconds", None)
+        holes = np.flatnonzero(steps > GAP_STEPS * typical)
+        if len(holes):
+            row = int(holes[0]) + 1
+            fault = f"the recording pauses for {steps[row - 1]:.1f} s before this row"
+            raise refusal(fault, "split the file here into two recordings", row)
+        return np.asarray((stamps - stamps[0]) * factor)
 
 
 def read_columns(
@@ -171,7 +233,7 @@ def read_columns(
 
 
 def _position(source_file: SourceFile, layout: Layout, column: str) -> int:
-    """Where a column stands, 0 = leftmost; one that is missing or there twice is refused."""
+    """Position of a column, 0 = leftmost; one that is missing or there twice is refused."""
     count = layout.names.count(column)
     if count == 1:
         return layout.names.index(column)
@@ -191,7 +253,7 @@ def _place(layout: Layout, row: int | None = None, column: str | None = None) ->
     return ", ".join(parts)
 
 
-def _blocks(source_file: SourceFile, layout: Layout) -> Iterator[tuple[int, Rows]]:
+def _blocks(source_file: SourceFile, layout: Layout) -> Iterator[tuple[int, list[list[str]]]]:
     """The rows below the column names, all as wide as these, with the number of the first."""
     lines = islice(source_file.lines(), layout.header_row, None)
     reader = csv.reader(lines, delimiter=layout.separator, skipinitialspace=True)
@@ -216,7 +278,7 @@ def _blocks(source_file: SourceFile, layout: Layout) -> Iterator[tuple[int, Rows
 
 
 def _ragged(
-    source_file: SourceFile, layout: Layout, first: int, rows: Rows, is_last: bool
+    source_file: SourceFile, layout: Layout, first: int, rows: list[list[str]], is_last: bool
 ) -> RecordingError:
     """The sentence about the first row of another width than the column names."""
     expected = len(layout.names)
@@ -278,7 +340,7 @@ def _not_a_number(
     source_file: SourceFile,
     layout: Layout,
     first: int,
-    rows: Rows,
+    rows: list[list[str]],
     positions: dict[str, int],
     values: dict[str, list[float] | int],
 ) -> RecordingError:
@@ -290,70 +352,9 @@ def _not_a_number(
     return source_file.refusal(fault, cure, _place(layout, first + row, name))
 
 
-def require_possible(channel: Quantity, values: FloatArray, refuse: Refuse) -> None:
-    """Refuse numbers of a size that no measurement has; missing ones are fine.
-
-    Args:
-        channel: what they are.
-        values: (N,) in the channel's unit.
-        refuse: makes the error.
-
-    Raises:
-        RecordingError: about the first that cannot be a measurement.
-    """
-    wrong = np.flatnonzero(np.abs(values) > channel.possible)
-    if len(wrong):
-        row = int(wrong[0])
-        fault = (
-            f"{values[row]:g} cannot be a measurement, as at most"
-            f" {channel.possible:,.0f} {channel.unit} is possible"
-        )
-        cure = f"correct it, give it in {channel.unit}, or leave the cell empty"
-        raise refuse(fault, cure, row)
-
-
-def require_some(values: FloatArray, refuse: Refuse, cure: str = "choose another column") -> None:
-    """Refuse a column of one row, or without a single value."""
-    if len(values) < 2:
-        raise refuse("the trajectory has one row", "choose another trajectory", 0)
-    if np.isnan(values).all():
-        raise refuse("all cells are empty", cure, None)
-
-
-def require_time(time: FloatArray, refuse: Refuse) -> None:
-    """Refuse a time that is missing somewhere, does not increase, or has holes.
-
-    Args:
-        time: (N,) in s.
-        refuse: makes the error.
-
-    Raises:
-        RecordingError: about the first row that is wrong.
-    """
-    missing = np.flatnonzero(np.isnan(time))
-    if len(missing):
-        raise refuse("the time is missing", "fill it in or delete the row", int(missing[0]))
-    require_possible(TIME, time, refuse)
-    steps = np.diff(time)
-    backward = np.flatnonzero(steps <= 0)
-    if len(backward):
-        row = int(backward[0]) + 1
-        fault = f"the time does not increase, {time[row]:.10g} s follows {time[row - 1]:.10g} s"
-        raise refuse(fault, "sort or delete the rows", row)
-    typical = float(np.median(steps))
-    if not SHORTEST_STEP <= typical <= LONGEST_STEP:
-        fault = f"the rows are {typical:g} s apart where 0.1 s is usual"
-        raise refuse(fault, "give the time in seconds", None)
-    holes = np.flatnonzero(steps > GAP_STEPS * typical)
-    if len(holes):
-        row = int(holes[0]) + 1
-        fault = f"the recording pauses for {steps[row - 1]:.1f} s before this row"
-        raise refuse(fault, "split the file here into two recordings", row)
-
-
 @dataclass(frozen=True, eq=False)
 class TableRun:
-    """One of the runs that a table holds."""
+    """A run of those that a table holds."""
 
     trajectories: tuple[str, ...]
     """The names that choose it; none where the table holds one run without a name."""
