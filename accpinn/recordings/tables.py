@@ -38,8 +38,8 @@ LISTED = 12
 """Runs that a sentence names."""
 MISSING = frozenset(("", "NaN", "nan", "NA", "N/A", "null"))
 """Words of a cell that holds no value."""
-_BLOCK = 200_000
-"""Cells that are held as texts at a time."""
+_BLOCK = 5_000
+"""Cells that are split at a time; larger blocks fit no processor's cache."""
 
 
 @dataclass(frozen=True)
