@@ -1,4 +1,4 @@
-"""What a segment is worth: how well it determines the parameters, and where the model should hold.
+"""Quality of a segment: how well it determines the parameters, and where the model should hold.
 
     mean time gap      mean of p/v over the instants in motion              [s]
     excitation         standard deviations of v_0, of Δv_i and of dv_i/dt
@@ -56,18 +56,19 @@ from accpinn.units import (
 )
 
 CAR_FOLLOWING: Seconds = 2.0
-"""With a longer time gap a vehicle catches up or drives freely, and the model does not hold."""
+"""Longest time gap of car-following; beyond it a vehicle catches up or drives freely."""
 LITTLE_RELATIVE_MOTION: MetresPerSecond = 0.15
-"""Smaller standard deviations come with the receivers' noise alone, or nearly so."""
+"""Least standard deviation of Δv beyond that of the receivers' noise alone."""
 LARGE_CONDITION = 100.0
-"""Windows with motion in them reach 5 to 25, windows near equilibrium several hundred."""
+"""Largest good condition number; windows with motion reach 5 to 25, near equilibrium hundreds."""
 LITTLE_CAR_FOLLOWING = 0.5
+"""Least share of a window in car-following that is not reported."""
 
 FOLLOWING, CATCHING_UP, MANUAL, STANDSTILL = range(4)
 REGIMES = ("car-following", "catching up", "manual", "standstill")
-"""Names by code."""
+"""Names of the regimes by code."""
 EXCLUDABLE = REGIMES[CATCHING_UP:]
-"""All but the first, for which the model is meant."""
+"""Regimes that can be excluded: all but the first, for which the model is meant."""
 
 
 class NearEquilibrium(Finding, frozen=True):
@@ -116,7 +117,7 @@ class Quality:
     car_following: tuple[float, ...]
     """(M,) share of instants, 0 to 1."""
     findings: tuple[QualityFinding, ...] = ()
-    """Why the parameters may be poorly identified."""
+    """Findings that say why the parameters may be poorly identified."""
 
 
 def time_gaps(segment: Segment) -> FloatArray:
@@ -146,14 +147,14 @@ def assess_quality(segment: Segment) -> Quality:
 
 
 def _conditions(segment: Segment) -> tuple[float, ...]:
-    """Of each follower's regressors, where its equation counts."""
+    """(M,) condition number of each follower's regressors, where its equation counts."""
     parts = regressors(segment.speeds, segment.gaps)
-    each = zip(parts, segment.counts.T, strict=True)
-    return tuple(_condition(part[counts]) for part, counts in each)
+    pairs = zip(parts, segment.counts.T, strict=True)
+    return tuple(_condition(part[counts]) for part, counts in pairs)
 
 
 def _condition(part: FloatArray) -> float:
-    """Of regressors (N, 3); inf where there are fewer instants than parameters."""
+    """Condition number of regressors (N, 3); inf with fewer instants than parameters."""
     lengths = np.linalg.norm(part, axis=0)
     return float(np.linalg.cond(part / lengths)) if len(part) > 2 and lengths.all() else np.inf
 
@@ -196,8 +197,8 @@ class Regimes:
     def shares(self) -> tuple[tuple[float, ...], ...]:
         """(M, 4) share of the measured instants in each regime, 0 to 1; nan without any."""
         measured = True if self.measured is None else self.measured
-        each = [np.where(measured, self.codes == k, np.nan) for k in range(len(self.names))]
-        return tuple(map(tuple, known_mean(np.stack(each, axis=-1)).tolist()))
+        holds = [np.where(measured, self.codes == k, np.nan) for k in range(len(self.names))]
+        return tuple(map(tuple, known_mean(np.stack(holds, axis=-1)).tolist()))
 
 
 def label_regimes(segment: Segment, recording: Recording | None = None) -> Regimes:
@@ -239,7 +240,7 @@ def parse_regimes(names: str | Sequence[str]) -> tuple[str, ...]:
 
 
 def as_typed(name: str) -> str:
-    """A regime's name as it is typed, without spaces."""
+    """The name of a regime as it is typed, without spaces."""
     return name.replace(" ", "-")
 
 
@@ -263,12 +264,12 @@ def exclude_regimes(segment: Segment, regimes: Regimes, names: str | Sequence[st
         return replace(segment, findings=(*segment.findings, NothingToExclude(chosen)))
     mask = ~excluded if segment.mask is None else segment.mask & ~excluded
     shares = tuple((~mask).mean(axis=0).tolist())
-    found = RegimesExcluded(regimes=chosen, vehicles=segment.vehicles[1:], shares=shares)
+    finding = RegimesExcluded(regimes=chosen, vehicles=segment.vehicles[1:], shares=shares)
     part = replace(
         segment,
         mask=mask,
         excluded_regimes=tuple(dict.fromkeys((*segment.excluded_regimes, *chosen))),
-        findings=(*segment.findings, found),
+        findings=(*segment.findings, finding),
     )
     _refuse_too_little(part, chosen)
     return part
@@ -294,7 +295,7 @@ def _modes(segment: Segment, recording: Recording) -> NDArray[np.int8]:
 
 
 def _refuse_too_little(segment: Segment, chosen: tuple[str, ...]) -> None:
-    """Few instants, like a short window, hardly identify three parameters."""
+    """Refuse a mask that leaves less of a follower than the shortest window."""
     left = segment.counts.sum(axis=0) * segment.sample_time
     worst = int(left.argmin())
     if left[worst] < MINIMUM_DURATION:

@@ -33,7 +33,7 @@ Question = Literal["complete", "excited", "following", "driver", "consistent"]
 
 
 class Grade(Enum):
-    """How a window stands to one question."""
+    """The grade of a window by one question."""
 
     GOOD = "good"
     FAIR = "fair"
@@ -48,11 +48,11 @@ class Rating:
     question: Question
     grade: Grade
     findings: tuple[Finding, ...] = ()
-    """Why it is not good."""
+    """Findings that say why it is not good."""
     values: tuple[float, ...] = ()
-    """What it rests on: the share of samples missing; each follower's condition number; each one's
-    share of car-following; the largest share driven by hand; each gap's correlation with the
-    speeds, nan where it is not known."""
+    """Figures behind the grade: the share of samples missing; each follower's condition number;
+    each follower's share of car-following; the largest share driven by hand; each gap's
+    correlation with the speeds, nan where it is not known."""
 
 
 def rate(segment: Segment, recording: Recording, quality: Quality) -> tuple[Rating, ...]:
@@ -73,52 +73,54 @@ def rate(segment: Segment, recording: Recording, quality: Quality) -> tuple[Rati
 
 
 def _complete(segment: Segment) -> Rating:
-    found = _of(segment.findings, BlocksMissing | Bridged)
+    findings = _of(segment.findings, BlocksMissing | Bridged)
     share = 0.0 if segment.missing is None else float(segment.missing.any(axis=1).mean())
-    grade = Grade.FAIR if found else Grade.GOOD
-    return Rating("complete", Grade.POOR if segment.blocks_missing else grade, found, (share,))
+    grade = Grade.FAIR if findings else Grade.GOOD
+    return Rating("complete", Grade.POOR if segment.blocks_missing else grade, findings, (share,))
 
 
 def _excited(quality: Quality) -> Rating:
-    found = _of(quality.findings, LittleLeaderMotion | NearEquilibrium)
-    near = any(isinstance(one, NearEquilibrium) for one in found)
-    grade = Grade.POOR if near else Grade.FAIR if found else Grade.GOOD
-    return Rating("excited", grade, found, quality.condition)
+    findings = _of(quality.findings, LittleLeaderMotion | NearEquilibrium)
+    is_near = any(isinstance(finding, NearEquilibrium) for finding in findings)
+    grade = Grade.POOR if is_near else Grade.FAIR if findings else Grade.GOOD
+    return Rating("excited", grade, findings, quality.condition)
 
 
 def _following(quality: Quality) -> Rating:
-    found = _of(quality.findings, LittleCarFollowing)
-    return Rating("following", Grade.POOR if found else Grade.GOOD, found, quality.car_following)
+    findings = _of(quality.findings, LittleCarFollowing)
+    grade = Grade.POOR if findings else Grade.GOOD
+    return Rating("following", grade, findings, quality.car_following)
 
 
 def _driver(segment: Segment, recording: Recording) -> Rating:
     within = recording.time + SLACK >= segment.window.start
     within &= recording.time - SLACK <= segment.window.end
     modes = recording.mode[within][:, np.array(segment.vehicles[1:]) - 1]
-    found = _of(segment.findings, DrivenByHand)
+    findings = _of(segment.findings, DrivenByHand)
     if (modes == Mode.UNKNOWN).all():
         by_flag = recording.acc_flag == HUMAN_FLAG
-        return Rating("driver", Grade.POOR if by_flag else Grade.UNKNOWN, found)
+        return Rating("driver", Grade.POOR if by_flag else Grade.UNKNOWN, findings)
     share = float((modes == Mode.HUMAN).mean(axis=0).max())
-    if found or share:
-        return Rating("driver", Grade.POOR if found else Grade.FAIR, found, (share,))
+    if findings or share:
+        return Rating("driver", Grade.POOR if findings else Grade.FAIR, findings, (share,))
     if (modes == Mode.UNKNOWN).any():
-        return Rating("driver", Grade.UNKNOWN, found)
-    return Rating("driver", Grade.GOOD, found, (share,))
+        return Rating("driver", Grade.UNKNOWN)
+    return Rating("driver", Grade.GOOD, values=(share,))
 
 
 def _consistent(segment: Segment, recording: Recording, quality: Quality) -> Rating:
-    """Over the whole recording, where the correlation has the most to go by."""
+    """Rate the gaps over the whole recording, where the correlation is most certain."""
     ahead = segment.vehicles[:-1]
-    contradicting = _of(recording.findings, GapContradictsSpeeds)
-    found = tuple(one for one in contradicting if getattr(one, "vehicle", 0) in ahead)
-    negative = _of(quality.findings, GapsNegative)
-    each = [agreement(recording, number) for number in ahead]
-    values = tuple(np.nan if value is None else value for value in each)
-    grade = Grade.UNKNOWN if None in each else Grade.GOOD
-    grade = Grade.POOR if found or negative else grade
-    return Rating("consistent", grade, (*found, *negative), values)
+    contradicting = (f for f in recording.findings if isinstance(f, GapContradictsSpeeds))
+    findings = (
+        *(finding for finding in contradicting if finding.vehicle in ahead),
+        *_of(quality.findings, GapsNegative),
+    )
+    correlations = [agreement(recording, number) for number in ahead]
+    values = tuple(np.nan if value is None else value for value in correlations)
+    grade = Grade.UNKNOWN if None in correlations else Grade.GOOD
+    return Rating("consistent", Grade.POOR if findings else grade, findings, values)
 
 
 def _of(findings: Iterable[Finding], kind: object) -> tuple[Finding, ...]:
-    return tuple(one for one in findings if isinstance(one, kind))  # type: ignore[arg-type]
+    return tuple(f for f in findings if isinstance(f, kind))  # type: ignore[arg-type]
