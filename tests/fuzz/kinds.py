@@ -38,8 +38,7 @@ from accpinn.results.snapshot.saved import Library
 from accpinn.results.snapshot.verification import QUICK, verify
 from accpinn.results.tables.groups import group_table, pooled_table
 from accpinn.segment.cut import cut
-from accpinn.segment.quality import assess_quality, label_regimes
-from accpinn.segment.rating import rate
+from accpinn.segment.quality import assess_quality, label_regimes, rate
 from accpinn.segment.suggestion import suggest_window
 from accpinn.serial import read_json, write_json
 from accpinn.study.comparison import MethodResult

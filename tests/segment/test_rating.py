@@ -10,8 +10,7 @@ from accpinn.recordings.openacc import read
 from accpinn.recordings.recording import Mode, Recording
 from accpinn.results.messages.window import MEANING, WORDS, rating_label, rating_reasons
 from accpinn.segment.cut import cut
-from accpinn.segment.quality import assess_quality
-from accpinn.segment.rating import Grade, Question, Rating, rate
+from accpinn.segment.quality import Grade, Question, Rating, assess_quality, rate
 from tests.support.samples import FOLDER, NOISY
 
 

@@ -4,8 +4,7 @@ from collections.abc import Mapping, Sequence
 
 from accpinn.recordings.recording import Window
 from accpinn.results.messages import Labelled, messages, percent
-from accpinn.segment.quality import CAR_FOLLOWING, LARGE_CONDITION
-from accpinn.segment.rating import Grade, Question, Rating
+from accpinn.segment.quality import CAR_FOLLOWING, LARGE_CONDITION, Grade, Question, Rating
 from accpinn.segment.suggestion import Suggestion
 
 WORDS: Mapping[Question, Mapping[Grade, str]] = {
