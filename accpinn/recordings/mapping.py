@@ -284,14 +284,10 @@ def _recording(
     else:
         column = mapping.trajectory or mapping.speeds[0].column
         raise columns.refusal("the trajectory has one row", "choose another trajectory", column)
-    source_file, named = columns.source_file, ""
-    content = hashlib.sha256(source_file.raw)
-    if trajectory is not None:
-        content.update(trajectory.encode())
-        named = f", trajectory {trajectory}"
+    source_file = columns.source_file
     recording = Recording(
-        source=source_file.name + named,
-        sha256=content.hexdigest(),
+        source=source_file.name + (f", trajectory {trajectory}" if mapping.trajectory else ""),
+        sha256=source_file.sha256(trajectory),
         time=time,
         speed=np.column_stack(speeds),
         gap=np.column_stack(gaps),

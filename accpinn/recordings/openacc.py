@@ -7,7 +7,6 @@ between vehicles i and i+1), Driver<i>. Positions are not read.
 Data format: Makridis et al., Transportation Research Part C 125, 2021, 103047.
 """
 
-import hashlib
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -120,7 +119,7 @@ def read(source: Source | SourceFile, name: str | None = None) -> Recording:
     time, speed, gap, mode = _read_samples(source_file, channels, vehicles, findings)
     recording = Recording(
         source=source_file.name,
-        sha256=hashlib.sha256(source_file.raw).hexdigest(),
+        sha256=source_file.sha256(),
         campaign=_campaign(source_file, day),
         date=day,
         acc_flag=acc_flag,

@@ -10,7 +10,6 @@ Sources: Zhou, Ma, Liang et al., "A unified longitudinal trajectory dataset for 
 Scientific Data 11, 1123, 2024 (ULTra-AV).
 """
 
-import hashlib
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -282,18 +281,16 @@ def _recording(
         mode[place, k + 1] = Mode.ACC
         if k == 0 and pair.has_human_leader:
             mode[place, 0] = Mode.HUMAN
-    name, content = pairs[0].trajectory, hashlib.sha256(source_file.raw)
-    if not is_only:
-        content.update(name.encode())
+    name = None if is_only else pairs[0].trajectory
     recording = Recording(
-        source=source_file.name if is_only else f"{source_file.name}, trajectory {excerpt(name)}",
-        sha256=content.hexdigest(),
+        source=source_file.name + (f", trajectory {excerpt(name)}" if name is not None else ""),
+        sha256=source_file.sha256(name),
         campaign=_data_set(source_file.name),
         time=time - time[0],
         speed=speed,
         gap=gap,
         mode=mode,
-        trajectory=None if is_only else name,
+        trajectory=name,
     )
     ids = [pairs[0].leader, *(pair.follower for pair in pairs)]
     names = {k: f"ID {excerpt(identifier)}" for k, identifier in enumerate(ids, 1)}

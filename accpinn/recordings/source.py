@@ -1,5 +1,6 @@
 """The bytes of a recording's file, from a path or an upload; what is no text is refused."""
 
+import hashlib
 import io
 import os
 from dataclasses import dataclass
@@ -54,6 +55,16 @@ class SourceFile:
         except UnicodeDecodeError:
             return "cp1252"
         return "utf-8"
+
+    @cached_property
+    def _content(self) -> "hashlib._Hash":
+        return hashlib.sha256(self.raw)
+
+    def sha256(self, trajectory: str | None = None) -> str:
+        """SHA-256 of the bytes and, where the file holds several runs, of a trajectory's name."""
+        content = self._content.copy()
+        content.update((trajectory or "").encode())
+        return content.hexdigest()
 
     @property
     def is_complete(self) -> bool:
